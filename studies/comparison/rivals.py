@@ -11,25 +11,15 @@ from numpy.typing import NDArray
 
 from phnn.comparison.models import MODELS, register_rival
 from phnn.recordings.recording import Campaign
-from studies.rival_models.names import NAMES, rival
+from studies.rival_models.names import TITLES, rival
 
-_TITLES = {
-    "prandtl_ishlinskii": "Prandtl–Ishlinskii",
-    "preisach": "Preisach",
-    "dahl": "Dahl",
-    "hammerstein": "Hammerstein",
-    "narx": "NARX",
-    "gru": "GRU",
-    "lstm": "LSTM",
-    "subnet": "SUBNET",
-}
-HEADS = {**{name: kind.title for name, kind in MODELS.items()}, **_TITLES}
+HEADS = {**{name: kind.title for name, kind in MODELS.items()}, **TITLES}
 
 
 def register_rivals() -> None:
     """Let ``models=`` of a comparison name every rival."""
-    for name in NAMES:
-        register_rival(name, partial(_fit, name), _TITLES.get(name, ""))
+    for name, title in TITLES.items():
+        register_rival(name, partial(_fit, name), title)
 
 
 def _fit(

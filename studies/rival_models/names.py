@@ -1,8 +1,9 @@
-"""Rivals by name; what a rival needs is loaded when it is asked for."""
+"""Rivals by name, and the third-party packages that they need; both are loaded when they are asked for."""
 
 from __future__ import annotations
 
 import importlib
+from types import ModuleType
 from typing import TYPE_CHECKING
 
 from phnn.errors import InputRefused
@@ -11,16 +12,17 @@ if TYPE_CHECKING:
     from studies.rival_models.rival import Rival
 
 _CLASSES = {
-    "prandtl_ishlinskii": "hysteresis.PrandtlIshlinskii",
-    "preisach": "hysteresis.Preisach",
-    "dahl": "hysteresis.Dahl",
-    "hammerstein": "hysteresis.Hammerstein",
-    "narx": "narx.Narx",
-    "gru": "networks.Gru",
-    "lstm": "networks.Lstm",
-    "subnet": "networks.Subnet",
+    "prandtl_ishlinskii": ("Prandtl–Ishlinskii", "hysteresis.PrandtlIshlinskii"),
+    "preisach": ("Preisach", "hysteresis.Preisach"),
+    "dahl": ("Dahl", "hysteresis.Dahl"),
+    "hammerstein": ("Hammerstein", "hysteresis.Hammerstein"),
+    "narx": ("NARX", "narx.Narx"),
+    "gru": ("GRU", "networks.Gru"),
+    "lstm": ("LSTM", "networks.Lstm"),
+    "subnet": ("SUBNET", "networks.Subnet"),
 }
 NAMES = tuple(_CLASSES)
+TITLES = {name: title for name, (title, _) in _CLASSES.items()}
 
 
 def rival(name: str) -> Rival:
@@ -31,6 +33,14 @@ def rival(name: str) -> Rival:
     """
     if name not in _CLASSES:
         raise InputRefused(f"models: nothing is called {name!r}: choose from {', '.join(NAMES)}")
-    module, _, kind = _CLASSES[name].partition(".")
+    module, _, kind = _CLASSES[name][1].partition(".")
     chosen: Rival = getattr(importlib.import_module(f"studies.rival_models.{module}"), kind)()
     return chosen
+
+
+def needed(package: str) -> ModuleType:
+    """Import a package that only rival methods need. Raises InputRefused where it is not installed."""
+    try:
+        return importlib.import_module(package)
+    except ImportError as error:
+        raise InputRefused(f"{package} is not installed: pip install 'phnn[rivals]'") from error

@@ -26,8 +26,8 @@ from scipy.optimize import least_squares
 from phnn.errors import SolverFailed
 from phnn.recordings.recording import Recording
 from studies.rival_models.grid import Data, Gridded, OnGrid, data_on, interval
+from studies.rival_models.names import needed
 from studies.rival_models.rival import Budget, Fitted, Mask, Rival, Spent, State, Stepper
-from studies.rivals import needed
 
 Array = NDArray[np.float64]
 Powers = NDArray[np.int64]

@@ -1,4 +1,4 @@
-"""Whole comparisons on small recordings: what is written, what is read back, what is refused, rivals of a user."""
+"""Whole comparisons on small recordings, rivals of a user, black boxes that begin linear."""
 
 from __future__ import annotations
 
@@ -12,14 +12,22 @@ from typing import Any
 import compare_example as example
 import numpy as np
 import pytest
+import torch
 
 from phnn.cli import main
 from phnn.comparison import models
 from phnn.comparison.models import MODELS, Bench, Result, Settings, register_rival
 from phnn.comparison.run import compare
+from phnn.comparison.training import _stride, _thinned, begin_linear
 from phnn.configuration import compose
 from phnn.errors import InputRefused
+from phnn.learn.plant import LatentPlant
+from phnn.learn.starts import scales_of, unfitted
+from phnn.models.actuator import hrc
+from phnn.models.fully_neural import FullyNeural
+from phnn.models.neural_ode import NeuralODE
 from phnn.models.store import load
+from phnn.network.system import PortHamiltonianSystem
 from phnn.recordings import Campaign, read
 
 QUICK = ("phs", "bouc_wen", "linear", "neural_ode")
@@ -152,16 +160,6 @@ def test_a_stopped_comparison_keeps_what_was_finished(
         compare(campaign, tmp_path, example.settings("models=[phs,linear]"))
 
 
-@pytest.mark.slow
-def test_beginning_anew_fits_every_model_once(campaign: Campaign, tmp_path: Path) -> None:
-    said: list[str] = []
-    for times in (1, 2):
-        compare(campaign, tmp_path, example.settings("models=[bouc_wen,linear]", "resume=false"), said.append)
-        assert [line.split()[1] for line in said if line.startswith("identify")] == [
-            "piezo_actuator", "bouc_wen", "linear",
-        ] * times  # fmt: skip
-
-
 @pytest.mark.parametrize(
     ("override", "words"),
     [
@@ -232,3 +230,32 @@ def test_a_rival_that_runs_away_is_scored_as_such(campaign: Campaign, tmp_path: 
     for _ in range(2):  # fitted, and read back
         results = compare(campaign, tmp_path, example.settings("models=wild"))
         assert all(p.residual_over_noise == np.inf for p in results["wild"].evaluation.parts)
+
+
+def test_a_fully_neural_model_begins_with_the_modes_of_linear_hysterons(campaign: Campaign) -> None:
+    core = FullyNeural(scales_of(campaign.recordings), 4, 8)
+    begin_linear(core, campaign, 0)
+    at, rest = torch.zeros(4, dtype=torch.float64), torch.zeros(1, dtype=torch.float64)
+    found = torch.linalg.eigvals(torch.func.jacfwd(lambda x: core.vector_field(x, rest))(at))
+    values = {n: 0.0 if n.startswith("d_") else v for n, v in unfitted(campaign, 2).items()}
+    system = PortHamiltonianSystem(hrc(2, values | {"d_1": 1e-9, "d_2": 1e-9}))
+    # Beyond the closed dead zones the network is linear.
+    x = system.efforts(at).new_tensor([1e-3, 1e-3, 1e-3, 1e-3])
+    both = torch.zeros(len(system.network.ports), dtype=torch.float64)
+    wanted = torch.linalg.eigvals(torch.func.jacfwd(lambda s: system.vector_field(s, both))(x))
+    sizes = [np.sort(np.abs(v.detach().numpy())) for v in (found, wanted)]
+    ratio = sizes[0] / sizes[1]
+    assert np.all(np.abs(np.log(ratio)) < 0.3)
+
+
+def test_a_thinned_recording_keeps_its_weight(campaign: Campaign) -> None:
+    recipe = replace(example.settings().recipes["neural_ode"], longest_step=0.2)
+    plant = LatentPlant(NeuralODE(scales_of(campaign.recordings), 2, 3))
+    chosen = [r for r in campaign.recordings if r.mask("identification").any()]
+    found = _thinned(chosen, recipe, plant)
+    assert len({f.t.size for f in found}) == 2
+    for f, r in zip(found, chosen, strict=True):
+        share = f.t.size / f.noise**2 / sum(x.t.size for x in found)
+        assert share == pytest.approx(r.t.size / r.noise**2 / sum(x.t.size for x in chosen), rel=1e-12)
+    assert _stride(chosen[0], 1.0, 20) * 20 <= chosen[0].period / chosen[0].dt
+    assert _stride(chosen[0], 0.5 * chosen[0].dt, 20) == 1

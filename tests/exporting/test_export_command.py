@@ -169,13 +169,6 @@ def test_a_backslash_in_a_name_or_a_unit_begins_no_escape(tmp_path: Path) -> Non
     assert path.read_text("utf-8").startswith('"""C:/users/x: exported by phnn.')
 
 
-def test_a_model_with_the_name_of_a_word_gets_a_longer_one(tmp_path: Path) -> None:
-    from dataclasses import replace
-
-    (path,) = phnn.export(replace(BASE, name="class"), "python", tmp_path)
-    assert path.name == "class_model.py"
-
-
 def test_numbers_that_are_not_finite_are_refused() -> None:
     program = Program("m", "m", 1.0, 1, "linear", (), ("y", "1"))
     with pytest.raises(InputRefused, match=r"H \(step\): inf is not finite"):

@@ -53,23 +53,12 @@ def test_the_list_of_what_is_refused_is_complete() -> None:
     assert refused == REFUSED
 
 
-@needs_compiler
+@pytest.mark.parametrize(("target", "samples"), [pytest.param("c", 2001, marks=needs_compiler), ("python", 151)])
 @pytest.mark.parametrize("effect", FORMS, ids=IDS)
-def test_c_takes_the_steps_of_the_simulation(effect: Effect, tmp_path: Path) -> None:
+def test_a_target_takes_the_steps_of_the_simulation(effect: Effect, target: str, samples: int, tmp_path: Path) -> None:
     if effect.name in REFUSED:
         pytest.skip("refused by name, see the list above")
-    where = home(effect)
-    t, u = drive(where, 2001)
-    setup = effect.add_to(where.setup, point(effect))
-    found = in_c(program_of(effect), u, tmp_path)
-    assert apart(found, reference(setup, t, u, SUBSTEPS)) < PROMISED
-
-
-@pytest.mark.parametrize("effect", FORMS, ids=IDS)
-def test_python_takes_the_steps_of_the_simulation(effect: Effect) -> None:
-    if effect.name in REFUSED:
-        pytest.skip("refused by name, see the list above")
-    where = home(effect)
-    t, u = drive(where, 151)
-    setup = effect.add_to(where.setup, point(effect))
-    assert apart(in_python(program_of(effect), u), reference(setup, t, u, SUBSTEPS)) < PROMISED
+    where, program = home(effect), program_of(effect)
+    t, u = drive(where, samples)
+    found = in_c(program, u, tmp_path) if target == "c" else in_python(program, u)
+    assert apart(found, reference(effect.add_to(where.setup, point(effect)), t, u, SUBSTEPS)) < PROMISED

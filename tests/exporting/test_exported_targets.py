@@ -117,19 +117,6 @@ def test_init_fills_all_that_is_read(name: str, tmp_path: Path) -> None:
     assert np.ptp(found[0]) > 0.0
 
 
-@pytest.mark.parametrize("to", ["c", "python", "matlab"])
-def test_derivatives_begin_at_zero(to: str, tmp_path: Path) -> None:
-    setup = Setup(load_network(config_folder() / "network" / "series_rc.yaml"))
-    paths = phnn.export(setup, to, tmp_path, name="stage")
-    text = "".join(p.read_text("utf-8") for p in paths)
-    begun = {
-        "c": "s->jacobian[i][j] = 0.0;",
-        "python": "s.jacobian[i][j] = 0.0",
-        "matlab": "jacobian(i_ + 1, j + 1) = 0",
-    }
-    assert begun[to] in text
-
-
 def test_a_compiler_that_fails_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     compiler = tmp_path / "bin" / "cc"
     compiler.parent.mkdir()
@@ -163,13 +150,6 @@ def test_ports_whose_names_are_one_identifier_are_told_apart(tmp_path: Path) -> 
     recording = unrecorded("drive", t, u, "linear", 0.0, loads)
     assert apart(y, simulate(setup, recording, 2).y) < PROMISED
     assert len({name for name, _ in program.inputs}) == 3
-
-
-@needs_compiler
-@pytest.mark.slow
-def test_a_million_steps(tmp_path: Path) -> None:
-    t, u = drive(1_000_001)
-    assert apart(in_c(exported(PIEZO, t, 1), u, tmp_path), reference(PIEZO, t, u, 1)) < PROMISED
 
 
 @needs_compiler

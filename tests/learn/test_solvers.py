@@ -16,7 +16,7 @@ from torch import Tensor
 from phnn.errors import InputRefused, SolverFailed
 from phnn.integrate import batched
 from phnn.learn.objective import Objective
-from phnn.learn.plant import LatentPlant, Plant
+from phnn.learn.plant import Plant
 from phnn.learn.solvers import Solver, Torchdiffeq, averaged, compiled, solver_for
 from phnn.learn.windows import thinned, windows_of
 
@@ -75,13 +75,6 @@ def test_power_preserving_marches_converge_with_the_square_of_the_step(kind: str
     assert 3.0 < coarse / fine < 5.5
 
 
-def test_runge_kutta_on_the_grid_is_close() -> None:
-    plant = example.neural_ode()
-    solver = Torchdiffeq(plant, "rk4", adjoint=False)
-    exact = adaptive("neural_ode")
-    assert error(whole(solver, plant, 2), exact) < 1e-4
-
-
 def test_the_step_under_torchdiffeq_is_that_of_the_compiled_march() -> None:
     plant = example.neural()
     with torch.no_grad():
@@ -129,18 +122,6 @@ def test_gradients_are_those_of_the_states_computed(kind: str, options: dict[str
             for p, d in pairs:
                 p.sub_(sign * size * d)
     assert slope == pytest.approx((values[0] - values[1]) / (2 * size), rel=2e-4)
-
-
-@pytest.mark.slow
-def test_continuous_adjoint_agrees_where_outputs_are_dense() -> None:
-    plant = example.fully_neural()
-    gradients = []
-    for adjoint in (True, False):
-        plant.zero_grad()
-        solver = Torchdiffeq(plant, "dopri5", adjoint, rtol=1e-6, atol=1e-8)
-        Objective(plant, solver, [thinned(example.recording(120.0, seed=1), 4)])().backward()
-        gradients.append(torch.cat([p.grad.reshape(-1) for p in plant.trained() if p.grad is not None]))
-    assert float((gradients[0] - gradients[1]).norm() / gradients[1].norm()) < 1e-4
 
 
 @pytest.mark.parametrize("kind", ["fully_neural", "neural_ode"])
@@ -202,8 +183,3 @@ def test_solvers_that_do_not_suit_are_refused(
 ) -> None:
     with pytest.raises(InputRefused, match=words):
         solver_for(options, plant())
-
-
-def test_plants_of_the_tests_are_what_they_are_called() -> None:
-    assert isinstance(example.fully_neural(), LatentPlant)
-    assert example.neural().names == ("k", "b", "alpha", "C_1")

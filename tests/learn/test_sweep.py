@@ -200,20 +200,3 @@ def test_a_killed_sweep_resumes_to_the_same_result(tmp_path: Path, launcher: str
     assert started(tmp_path, "killed", launcher, *overrides).wait(timeout=1800) == 0
     assert contents(tmp_path / "killed") == contents(tmp_path / "straight")
     assert set(pd.read_csv(tmp_path / "killed" / "runs.csv")["state"]) == {"finished"}
-
-
-@pytest.mark.slow
-def test_the_table_is_told_where_a_worker_was_killed(tmp_path: Path) -> None:
-    written(tmp_path / "recordings")
-    overrides = ("model=neural_hrc", "model.width=4", "model.start=none", "seed=0,1", "adam=500", "patience=500")
-    sweep = started(tmp_path, "sweep", "joblib", "hydra.launcher.n_jobs=2", *overrides)
-    while not list((tmp_path / "sweep").glob("*/checkpoint.pt")):
-        assert sweep.poll() is None
-        time.sleep(0.05)
-    workers = [p for p in psutil.Process(sweep.pid).children() if "LokyProcess" in " ".join(p.cmdline())]
-    assert len(workers) == 2
-    workers[0].kill()
-    assert sweep.wait(timeout=600) == 1
-    table = pd.read_csv(tmp_path / "sweep" / "runs.csv")
-    assert set(table["state"]) == {"interrupted"}
-    assert table["epochs"].max() >= 1

@@ -12,7 +12,6 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from phnn.errors import InputRefused
 from phnn.learn.windows import starts_at_zero, thinned, windows_of
 from phnn.recordings.recording import Part, Start
 
@@ -57,11 +56,6 @@ def test_thinning_keeps_samples_and_parts(stride: int) -> None:
     for use in ("nuisance", "confirmation"):
         np.testing.assert_array_equal(less.mask(use), r.mask(use)[kept])
     assert less.noise == r.noise
-
-
-def test_thinning_to_nothing_is_refused() -> None:
-    with pytest.raises(InputRefused, match=r"stride = 20 leaves 4 samples of sine_50"):
-        thinned(example.recording(), 20)
 
 
 def test_only_rest_without_input_is_a_known_start() -> None:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from phnn.modal.elements import DRAG, HARDENING, SLOW, SOFTENING, STOP
-from phnn.modal.march import Structure, march, propagator_of
+from phnn.modal.march import Structure, march
 from phnn.modal.step import Parts
 
 Array = NDArray[np.float64]
@@ -22,15 +22,6 @@ def structure(seed: int, modes: int, ports: int) -> tuple[Array, Array, Array]:
     rng = np.random.default_rng(seed)
     omega = np.sort(2.0 * np.pi * rng.uniform(20.0, 200.0, modes))
     return omega, rng.uniform(0.005, 0.05, modes), rng.standard_normal((modes, ports))
-
-
-def test_a_propagator_is_the_exponential_of_its_matrix() -> None:
-    from scipy.linalg import expm
-
-    omega, zeta, _ = structure(3, 4, 1)
-    for i, row in enumerate(propagator_of(omega, zeta, 1e-3).T):
-        a = np.array([[0.0, 1.0], [-(omega[i] ** 2), -2.0 * zeta[i] * omega[i]]])
-        assert np.allclose(row.reshape(2, 2), expm(a * 1e-3), rtol=1e-12, atol=1e-15)
 
 
 def elements_of(seed: int, ports: int) -> tuple[Array, Array]:

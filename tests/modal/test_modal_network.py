@@ -155,14 +155,6 @@ def test_network_and_march_tend_to_each_other_by_the_square_of_the_step(name: st
     assert differences[2] < 5e-3
 
 
-@pytest.mark.parametrize("name", [n for n in PARTS if n not in ("linear", "all")])
-def test_every_part_matters_in_that_comparison(name: str) -> None:
-    model, h = model_of(PARTS[name]), 5e-5
-    u = inputs(h * (np.arange(round(SPAN / h)) + 0.5))
-    x, linear = extensions_by_march(model, u, h), extensions_by_march(replace(model_of([])), u, h)
-    assert np.abs(x - linear).max() > 2e-2 * np.abs(x).max()
-
-
 def test_a_model_of_the_network_simulates() -> None:
     model = model_of(PARTS["all"])
     n, h = 1200, 5e-5
@@ -186,12 +178,6 @@ def test_a_slow_part_has_no_network() -> None:
     # A weight of zero pushes nothing.
     without = replace(model, k=model.k * [1.0, 0.0])
     assert "s_1_1" in without.to_network().storage_names
-
-
-def test_parts_of_no_weight_are_left_out() -> None:
-    model = model_of(PARTS["all"])
-    without, linear = replace(model, k=0.0 * model.k).to_network(), model_of([]).to_network()
-    assert without.state_names == linear.state_names and set(without.parameters) == set(linear.parameters)
 
 
 def test_names_of_ports() -> None:

@@ -15,9 +15,7 @@ from structure import write_folder
 import phnn
 from phnn.cli import main
 from phnn.errors import InputRefused
-from phnn.modal.experiment import study_of
 from phnn.modal.store import model_from
-from phnn.recordings import read
 
 MIDDLE = 1.2
 
@@ -162,9 +160,3 @@ def test_a_damaged_model_is_refused(middle: tuple[Path, Path], fault: str) -> No
     assert key in document
     with pytest.raises(InputRefused, match="phnn modes"):
         model_from({**document, key: value})
-
-
-def test_an_amplitude_that_is_held_out_is_no_level_of_the_study(middle: tuple[Path, Path]) -> None:
-    study = study_of(read(middle[0]))
-    assert [len(level) for level in study.levels] == [5, 5] and [len(level) for level in study.apart] == [5]
-    assert all(e.held_out for e in study.apart[0])

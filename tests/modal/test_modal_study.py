@@ -1,18 +1,21 @@
-"""Whole studies of structures in which something is concealed, or nothing."""
+"""Whole studies of structures in which something is concealed, or nothing; derivatives against differences."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from structure import OMEGA, ZETA, write_folder
 
 from phnn.cli import main
 from phnn.modal.judge import EQUIVALENT, NAMED, NONE
-from phnn.modal.store import MODEL_SCHEMA, channels_of, model_document, model_from
+from phnn.modal.model import ModalModel
+from phnn.modal.slopes import output_slopes
 from phnn.modal.study import Result
 
 
@@ -46,13 +49,6 @@ def test_a_concealed_element_is_named_and_one_model_serves(
             [result.held_out[fit].levels[level].rmse for fit in (result.candidates[0].fit, result.final.fit)]
         )
         assert (held[1] < 0.2 * held[0]).all()
-
-
-def test_a_model_survives_its_document(studied: Callable[[str, int], Result]) -> None:
-    result = studied("extra_hysteron", 7)
-    again = model_from(json.loads(json.dumps(model_document(result.final.fit, channels_of(result.study))))).fit
-    experiment = result.study.held_out(0)[0]
-    assert np.array_equal(again.predict(experiment), result.final.fit.predict(experiment))
 
 
 def test_the_command_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -126,20 +122,6 @@ def test_inputs_that_cannot_be_told_apart_are_refused(
     assert ("is not driven" if fault == "never driven" else "move together") in capsys.readouterr().err
 
 
-def test_what_is_partly_held_out_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    write_folder(tmp_path, "none", 3, levels=(0.7,))
-    manifest = tmp_path / "recordings.yaml"
-    lines = manifest.read_text().replace(", use: identification", "").replace(", use: confirmation", "")
-    manifest.write_text(lines)
-    status = main(["modes", str(tmp_path), "--out", str(tmp_path / "out")])
-    told = capsys.readouterr().err
-    if status:
-        assert "partly held out" in told
-    else:
-        document = json.loads((tmp_path / "out" / "modes.json").read_text())
-        assert all(level["held_out"] for level in document["levels"])
-
-
 @pytest.mark.slow
 def test_a_pure_element_is_not_mixed_with_others_where_amplitudes_are_far_apart(tmp_path: Path) -> None:
     write_folder(tmp_path, "cubic_stiffness", 5, levels=(0.2, 2.1))
@@ -147,16 +129,41 @@ def test_a_pure_element_is_not_mixed_with_others_where_amplitudes_are_far_apart(
     assert json.loads((tmp_path / "out" / "modes.json").read_text())["elements"] == ["cubic_stiffness"]
 
 
-def test_settings_below_one_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    write_folder(tmp_path, "none", 3, levels=(0.7,))
-    assert main(["modes", str(tmp_path), "--out", str(tmp_path / "out"), "stops=0"]) == 2
-    assert "stops=0" in capsys.readouterr().err
+Array = NDArray[np.float64]
 
 
-def test_what_is_no_model_is_refused() -> None:
-    from phnn.errors import InputRefused
+def moved(model: ModalModel, k: int, by: float, dt: float) -> ModalModel:
+    m, ports, outputs = model.omega.size, model.b.shape[1], model.delay.size
+    sizes = np.cumsum([m, m, m * ports, outputs])
+    if k < sizes[0]:
+        return replace(model, omega=model.omega * np.exp(by * (np.arange(m) == k)))
+    if k < sizes[1]:
+        return replace(model, zeta=model.zeta * np.exp(by * (np.arange(m) == k - sizes[0])))
+    if k < sizes[2]:
+        return replace(model, b=model.b + by * (np.arange(m * ports) == k - sizes[1]).reshape(m, ports))
+    if k < sizes[3]:
+        return replace(model, delay=model.delay + by * dt * (np.arange(outputs) == k - sizes[2]))
+    return replace(model, k=model.k * np.exp(by * (np.arange(model.k.size) == k - sizes[3]).reshape(model.k.shape)))
 
-    with pytest.raises(InputRefused, match="schema"):
-        model_from({"schema": "something"})
-    with pytest.raises(InputRefused, match="incomplete"):
-        model_from({"schema": MODEL_SCHEMA})
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "bound"), [("linear", 0.999999), ("extra_hysteron", 0.75)])
+def test_slopes_point_where_differences_do(studied: Callable[[str, int], Result], name: str, bound: float) -> None:
+    result = studied("extra_hysteron", 7)
+    study = result.study
+    fit = next(c.fit for c in result.candidates if c.element.name == name)
+    experiment, lines = study.identification(0)[0], study.lines
+
+    def outputs(model: ModalModel) -> Array:
+        seen = model.seen(experiment, study.dt).at(lines, 1.0)
+        return (seen.columns @ fit.shapes.T) * np.exp(-seen.s[:, None] * model.delay)
+
+    slopes = output_slopes(fit.model, fit.model.seen(experiment, study.dt).at(lines, 1.0), fit.shapes, study.dt)
+    sizes = np.linalg.norm(slopes.reshape(-1, slopes.shape[2]), axis=0)
+    for k in np.flatnonzero(sizes > 1e-3 * sizes.max()):
+        ahead, behind = (outputs(moved(fit.model, int(k), by, study.dt)) for by in (1e-5, -1e-5))
+        difference = (ahead - behind) / 2e-5
+        norms = np.linalg.norm(slopes[:, :, k]), np.linalg.norm(difference)
+        assert np.vdot(slopes[:, :, k], difference).real >= bound * norms[0] * norms[1], k
+        if name == "linear":
+            assert norms[0] == pytest.approx(norms[1], rel=1e-6)

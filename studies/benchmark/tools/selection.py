@@ -26,7 +26,7 @@ from phnn.identification.fit import Fit, fit
 from phnn.recordings import Campaign
 from studies.benchmark.bench import Answer
 from studies.benchmark.tools.common import base_of, fitted_with, library, places_of, predictions
-from studies.rivals import needed
+from studies.rival_models.names import needed
 
 Array = NDArray[np.float64]
 Support = tuple[int, ...]

@@ -107,14 +107,6 @@ def test_the_brier_score_counts_everything_that_may_be_missing() -> None:
     assert score(BESIDE, Answer({"creep": 1.0, "delay": 0.7}), "background").brier == 0.0
 
 
-def test_places_count_as_the_first_and_as_one_of_three() -> None:
-    places = ("sensor", "mechanical", "coupling")
-    assert score(TRUE, Answer({}, places=places[1:])).placed
-    found = score(TRUE, Answer({}, places=places))
-    assert (found.placed, found.placed_within) == (False, True)
-    assert not score(TRUE, Answer({}, places=("sensor",))).placed_within
-
-
 def test_a_prediction_is_scored_without_its_zero() -> None:
     y = 1e-6 * np.sin(T)
     noise = np.random.default_rng(0).normal(0.0, 1e-7, T.size)
@@ -142,13 +134,6 @@ def test_calibration_error_has_its_closed_form(stated: list[tuple[float, bool]],
     assert calibration_error([replace(one, confidence=p, confirmed=true) for p, true in stated]) == pytest.approx(error)
 
 
-def test_confidence_is_the_highest_probability() -> None:
-    found = score(TRUE, Answer({"creep": 0.3, "delay": 0.4}, none=0.1))
-    assert (found.confidence, found.confirmed) == (0.4, False)
-    assert score(NONE, NOTHING, "none").confirmed
-    assert score(OUTSIDE, Answer({}, unlisted=0.6), "outside").confirmed
-
-
 def test_two_tools_are_compared_case_by_case() -> None:
     right, silent = score(TRUE, Answer({"creep": 0.9})), score(TRUE, Answer({}))
     first, second = [right] * 9 + [silent], [right] * 2 + [silent] * 7 + [right]
@@ -167,14 +152,6 @@ def test_the_interval_of_a_difference_has_its_closed_form_where_one_tool_is_alwa
     assert paired_interval(0, 0, 0) == (-1.0, 1.0)
     with pytest.raises(ValueError, match="cannot differ"):
         paired_interval(3, 2, 2)
-
-
-def test_the_interval_of_a_difference_mirrors_when_tools_change_places() -> None:
-    low, high = paired_interval(30, 9, 2)
-    assert paired_interval(30, 2, 9) == (-high, -low)
-    assert low < 7 / 30 < high
-    # Equal answers of few cases prove little: 12 give plus or minus 30 points.
-    assert paired_interval(12, 0, 0) == pytest.approx((-0.302, 0.302), abs=0.002)
 
 
 @given(st.integers(4, 9), st.integers(0, 2**32 - 1))
@@ -201,15 +178,6 @@ def test_a_tool_without_an_answer_is_right_in_nothing() -> None:
     right = score(TRUE, Answer({"creep": 0.9}))
     assert calibration_error([right, found]) == pytest.approx(0.1)
     assert summary([right, found])["without an answer"] == 1.0
-
-
-def test_the_page_tells_wrong_answers_first() -> None:
-    right, silent = score(TRUE, Answer({"creep": 0.9})), score(TRUE, Answer({"delay": 0.6}))
-    lines = page({"mine": [right, silent], "other": [silent, right]}).splitlines()
-    assert lines[0] == "## Wrong answers of mine"
-    (wrong,) = (line for line in lines if line.endswith("| delay |"))
-    assert wrong.startswith(f"| {silent.case} | same |")
-    assert any(line.startswith("| other | +0 (") for line in lines)
 
 
 def test_balanced_accuracy_weighs_each_kind_alike() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,9 +20,7 @@ from studies.generator.noise import (
     PINK,
     PROCESS,
     Noise,
-    added_power,
     disturbed,
-    of_family,
 )
 from studies.generator.plans import Excitation, Piece, sine
 from studies.generator.world import FORCE_STEP, TABLE, Disturbance, simulate, simulate_all
@@ -47,12 +44,6 @@ def test_noise_has_its_deviation_and_its_colour(colour: float) -> None:
     n = Noise(50e-9, 10e-9, colour).drawn(COUNT, np.random.default_rng(0))
     assert n.std() == pytest.approx(50e-9, rel=0.02)
     assert np.mean(n[1:] * n[:-1]) / np.mean(n**2) == pytest.approx(colour, abs=0.01)
-
-
-def test_noise_is_stationary_from_its_first_sample() -> None:
-    noise = Noise(1.0, 0.0, 0.8)
-    first = [noise.drawn(2, np.random.default_rng(seed)) for seed in range(4000)]
-    assert np.std(first, axis=0) == pytest.approx([1.0, 1.0], rel=0.05)
 
 
 @pytest.mark.parametrize("colour", [0.0, 0.3, 0.8])
@@ -91,17 +82,6 @@ def test_heavy_tails_are_those_of_student_s_t_with_the_stated_deviation() -> Non
     # Ten per mille beyond 3.4 σ, where a Gaussian has 0.7.
     assert np.mean(np.abs(n) > 3.4) == pytest.approx(2.0 * student.sf(3.4 * math.sqrt(3.0), 3.0), rel=0.1)
     assert np.mean(n**4) > 6.0 * np.mean(n**2) ** 2
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_quantised_noise_has_steps_of_one_to_three_deviations(seed: int) -> None:
-    noise = of_family("quantised", Noise(43.7e-9, 9e-9), np.random.default_rng(seed))
-    assert 0.98 < noise.step / noise.deviation < 3.02
-    assert noise.amount == noise.step / noise.deviation
-    assert noise.step * 1e9 == pytest.approx(round(noise.step * 1e9), abs=1e-6)
-    y = np.round((1e-5 * np.sin(np.arange(COUNT)) + _drawn(noise)) / noise.step) * noise.step
-    total = np.std(y - 1e-5 * np.sin(np.arange(COUNT)))
-    assert total == pytest.approx(math.hypot(noise.deviation, noise.step / math.sqrt(12.0)), rel=0.02)
 
 
 def test_a_force_moves_the_actuator_as_a_linear_oscillator_would() -> None:
@@ -196,16 +176,6 @@ def test_a_family_changes_nothing_but_the_noise(tmp_path: Path, family: str, bri
     assert not any(
         name in path.read_text() for path in (tmp_path / "a").iterdir() for name in (JITTERED, PROCESS, PINK)
     )
-
-
-@pytest.mark.slow
-def test_a_concealed_effect_acts_under_process_noise_too(tmp_path: Path) -> None:
-    case = replace(draw_case(0, "same", "few", noise="process:0.3"), targets=(3.0,))
-    sealed = make_case(case, tmp_path)
-    with_effect = simulate_all({**sealed.base, **sealed.parameters}, case.recordings)
-    errors = _errors(tmp_path, with_effect, list(sealed.noise_rms))
-    assert np.sqrt(np.mean(np.concatenate(errors) ** 2)) == pytest.approx(sealed.noise_total, rel=0.01)
-    assert added_power(with_effect, simulate_all(sealed.base, case.recordings)) > sealed.noise_total**2
 
 
 @pytest.mark.parametrize("noise", ["violet", "process:1", "process:0", "process:much", "heavy:2", "white:1", "pink:"])

@@ -7,25 +7,14 @@ import math
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from scipy.signal import lsim, lti
 
-from studies.generator.plans import Excitation, Piece, sine, step
+from studies.generator.plans import Excitation, Piece, sine
 from studies.generator.world import NEUTRAL, TABLE, play, simulate
 
 # As far as the hysterons do not slip they are capacitors, and the actuator is linear.
 UNSLIPPED = {**TABLE, "d_1": 1e4, "d_2": 1e4}
 STIFFNESS = TABLE["k"] + TABLE["alpha"] ** 2 * (1 / TABLE["C_1"] + 1 / TABLE["C_2"])
 HALF_WIDTHS = 0.5 * (TABLE["d_1"] + TABLE["d_2"])
-
-
-def test_held_step_without_slip_rests_at_the_static_gain() -> None:
-    # Far inside the dead zones the hysterons are capacitors: q = α V / (k + α² Σ 1/C), see eq. (12).
-    short = step(amplitude=10.0, before=0.02, hold=0.05, after=0.02)
-    q = simulate(TABLE, short)
-    held = np.searchsorted(short.t, 0.069)
-    assert q[held] == pytest.approx(TABLE["alpha"] * 10.0 / STIFFNESS, rel=1e-6)
-    assert np.all(q[short.t < 0.02] == 0.0)
-    assert q[-1] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_slipped_hysterons_hold_half_their_widths() -> None:
@@ -35,15 +24,6 @@ def test_slipped_hysterons_hold_half_their_widths() -> None:
     assert quarter.voltage(quarter.t)[50] == pytest.approx(75.0)
     expected = TABLE["alpha"] * (75.0 - HALF_WIDTHS) / TABLE["k"]
     assert simulate(TABLE, quarter)[50] == pytest.approx(expected, rel=1e-5)
-
-
-def test_without_hysterons_it_is_a_linear_oscillator() -> None:
-    # With huge capacitances the hysterons vanish; a linear solver must then agree over the whole transient.
-    drive = sine(100.0, periods=2, samples=4000)
-    oscillator = lti([TABLE["alpha"]], [TABLE["m"], TABLE["b"], TABLE["k"]])
-    _, expected, _ = lsim(oscillator, drive.voltage(drive.t), drive.t)
-    q = simulate({**TABLE, "C_1": 1e3, "C_2": 1e3}, drive)
-    assert np.max(np.abs(q - expected)) < 2e-5 * np.max(np.abs(expected))
 
 
 # Parameters of effects, in groups that are switched on together.
@@ -182,23 +162,6 @@ def test_limits_of_effects(effect: dict[str, float], same: dict[str, float]) -> 
     assert np.max(np.abs(difference)) < 2e-9
 
 
-def test_a_saturation_without_an_edge_is_a_hyperbolic_tangent() -> None:
-    hold = step(amplitude=60.0, before=0.01, hold=0.1, after=0.01)
-    at = round(0.1 / hold.dt)
-    rounded = simulate({**UNSLIPPED, "V_max": 80.0, "s_V": 1.0}, hold)[at]
-    assert rounded / simulate(UNSLIPPED, hold)[at] == pytest.approx(80.0 * math.tanh(0.75) / 60.0, rel=1e-6)
-
-
-def test_bristles_shorter_than_the_motion_are_dry_friction() -> None:
-    drive = sine(50.0, periods=2, samples=1000)
-    plain, bristles, dry = (
-        simulate({**TABLE, **v}, drive) for v in ({}, {"F_l": 0.02, "z_l": 1e-8}, {"F_c": 0.02, "v_s": 1e-5})
-    )
-    later = slice(250, None)  # at first the bristles still have to bend
-    assert np.max(np.abs(dry - plain)[later]) > 3e-7
-    assert np.max(np.abs(bristles - dry)[later]) < 6e-8
-
-
 def test_samples_on_a_jump_see_the_later_voltage_and_the_earlier_state() -> None:
     pieces = (Piece(0.0, 0.01), Piece(0.01, 0.02, level=5.0))
     drive = Excitation("jump", pieces, 0.001, 20)
@@ -217,13 +180,6 @@ def test_delay_turns_the_phase_and_a_lag_lowers_the_gain_too() -> None:
     assert lagging / plain == pytest.approx(1.0 / (1.0 + 1j * omega * tau), rel=1e-5)
 
 
-def test_delayed_steps_are_the_step_later() -> None:
-    whole = 4  # samples
-    drive = step(before=0.01, hold=0.03, after=0.02)
-    late = simulate({**TABLE, "tau_d": whole * drive.dt}, drive)
-    np.testing.assert_allclose(late[whole:], simulate(TABLE, drive)[:-whole], atol=1e-11)
-
-
 def test_slew_limit_makes_a_triangle_of_a_steep_sine_and_leaves_a_flat_one() -> None:
     # Followed quasi-statically, in which the displacement shows the voltage itself.
     values = {**UNSLIPPED, "m": 1e-9, "b": 1e-3}
@@ -235,15 +191,6 @@ def test_slew_limit_makes_a_triangle_of_a_steep_sine_and_leaves_a_flat_one() -> 
     slopes = np.abs(np.diff(slow)) / drive.dt * STIFFNESS / TABLE["alpha"]
     assert np.median(slopes) == pytest.approx(0.2 * steepest, rel=1e-3)
     assert np.ptp(slow) * STIFFNESS / TABLE["alpha"] == pytest.approx(0.2 * steepest / 100.0, rel=1e-2)
-
-
-def test_a_coarse_converter_holds_its_nearest_level() -> None:
-    drive = sine(10.0, amplitude=10.0, periods=1, samples=500)
-    assert np.all(simulate({**TABLE, "Delta_u": 20.1}, drive) == 0.0)
-    hold = step(amplitude=7.0, before=0.01, hold=0.1, after=0.01)
-    rounded = step(amplitude=6.0, before=0.01, hold=0.1, after=0.01)
-    held = simulate({**TABLE, "Delta_u": 3.0}, hold)
-    np.testing.assert_allclose(held, simulate(TABLE, rounded), atol=1e-5 * np.max(held))
 
 
 def test_play_keeps_its_width_and_holds_after_reversals() -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import runpy
 import subprocess
@@ -14,7 +12,6 @@ from typing import Any
 
 import campaigns
 import numpy as np
-import pandas as pd
 import pytest
 
 from phnn.diagnosis.tested import score_on_all
@@ -25,21 +22,13 @@ from phnn.identification.options import Options
 from phnn.models.bouc_wen import bouc_wen
 from phnn.recordings import read
 from phnn.report.figures import Drawing
-from phnn.results import finite
 from studies.generator.world import TABLE, simulate_all
 from studies.paper import (
-    TABLE_3,
     Comparison,
     Scored,
-    cells,
-    compare,
-    document,
     draw_all,
-    heads,
-    markdown,
     panels,
     responses,
-    table_csv,
 )
 from studies.recordings import Conditions, paper_plan, write_recordings
 
@@ -74,12 +63,6 @@ def test_same_seed_same_bytes(tmp_path: Path) -> None:
     assert all(read_["a"][n] != read_["c"][n] for n in read_["a"] if n.endswith(".csv"))
 
 
-def test_the_least_step_is_the_sensors(tmp_path: Path) -> None:
-    write_recordings(tmp_path, Conditions(step_nm=20))
-    steps = np.diff(np.unique(pd.read_csv(tmp_path / "sine_010Hz_75V.csv")["displacement_um"]))
-    assert np.allclose(np.round(steps / 0.02), steps / 0.02, atol=1e-6)
-
-
 @pytest.mark.parametrize(
     ("wrong", "needle"),
     [
@@ -95,21 +78,6 @@ def test_the_least_step_is_the_sensors(tmp_path: Path) -> None:
 def test_conditions_out_of_range_are_refused(wrong: dict[str, Any], needle: str) -> None:
     with pytest.raises(InputRefused, match=needle):
         Conditions(**wrong)
-
-
-@pytest.mark.slow
-def test_no_model_is_exact_where_a_second_effect_is_concealed(tmp_path: Path) -> None:
-    made = write_recordings(tmp_path, Conditions(effect="creep", residual_um=0.5))
-    assert made.residual == pytest.approx(0.5e-6, rel=0.02)
-    assert set(made.parameters) == {"k_s", "tau_s"}
-    comparison = compare(read(tmp_path), Options(starts=2))
-    over = {m: s.evaluation.over_noise("confirmation") for m, s in comparison.models.items()}
-    assert 1.5 < over["phs"] < over["bouc_wen"]
-    assert comparison.models["phs"].evaluation.over_noise("identification") > 1.2
-    # Refitted, Bouc–Wen does not fall with frequency as it does with the parameters of Table 2.
-    fits = {row.line: {m: p.fit_percent for m, p in row.scores.items()} for row in comparison.rows()}
-    assert fits["1 Hz"]["bouc_wen"] < fits["150 Hz"]["bouc_wen"]
-    assert fits["1 Hz"]["bouc_wen_published"] > fits["150 Hz"]["bouc_wen_published"] + 10.0
 
 
 NOISE = 0.05e-6
@@ -183,51 +151,6 @@ def test_fit_percentage_is_that_of_matlab() -> None:
             spread = sum((a - mean) ** 2 for a in measured.tolist())
             assert score.fit_percent == pytest.approx(100.0 * (1.0 - (squares / spread) ** 0.5), rel=1e-9)
             assert score.rmse == pytest.approx((squares / len(measured)) ** 0.5, rel=1e-9)
-
-
-def test_rows_stand_beside_the_lines_that_they_repeat() -> None:
-    lines = {row.name: row.line for row in comparison().rows()}
-    assert lines == {
-        "sine_010Hz_75V": "10 Hz", "sine_100Hz_75V": "100 Hz", "sine_010Hz_50V": "10 Hz", "step_75V": "Step"
-    }  # fmt: skip
-    for row in comparison().rows():
-        assert row.line is not None
-        assert row.printed == TABLE_3[row.line]
-
-
-def test_csv_has_every_score() -> None:
-    rows = comparison().rows()
-    found = list(csv.DictReader(io.StringIO(table_csv(rows))))
-    assert len(found) == 2 * len(rows)
-    for line in found:
-        row = next(r for r in rows if r.name == line["recording"])
-        assert float(line["fit_percent"]) == row.scores[line["model"]].fit_percent
-        assert row.printed is not None
-        assert float(line["paper_rmse_m"]) == row.printed.of(line["model"])[1]
-
-
-def test_text_has_a_cell_for_every_column() -> None:
-    rows = comparison().rows()
-    head = heads(rows)
-    assert head[-2:] == ["PHS, paper", "Bouc–Wen, paper"]
-    for row in rows:
-        line = cells(row, len(head))
-        assert len(line) == len(head)
-        assert f"{row.scores['phs'].fit_percent:.2f}" in line[2]
-    text = markdown(comparison(), None, "mine", drawings())
-    assert all(f"| {row.name} |" in text for row in rows)
-    tables = [line for line in text.splitlines() if line.startswith("| ") and "---" not in line]
-    assert {line.count("|") for line in tables} == {len(head) + 1, 5}
-    assert "figures/fig10-responses.png" in text
-
-
-def test_document_tells_parameters_beside_the_published_ones() -> None:
-    content = finite(document(comparison(), None, "mine", 0, 1.0))
-    k = content["parameters"]["phs"]["k"]
-    assert k["published"] == 24579.0
-    assert k["value"] == campaigns.base().setup.values()["k"]
-    assert content["parameters"]["phs"]["m"]["held"].startswith("held at the stated")
-    assert content["made"] is None
 
 
 def test_figures_are_those_of_the_paper() -> None:

@@ -20,12 +20,10 @@ from studies.proof.grade import (
     Said,
     base_errors,
     effect_errors,
-    expected,
     grade,
     graded,
     group_error,
     noise_errors,
-    true_places,
 )
 
 TASK = Task("full", "same", 0, 1, "demo")
@@ -142,12 +140,6 @@ def test_grades(sealed: Sealed, answer: Said, wanted: str) -> None:
     assert CLASS == 4
 
 
-def test_what_is_expected_of_another_hysteresis() -> None:
-    assert expected(replace(OTHER, hysterons=3, stated_hysterons=2)) == ()
-    assert (true_places(OTHER), true_places(OTHER_CREEP)) == (("hysteron",), ("mechanical", "hysteron"))
-    assert true_places(CREEP) == ("mechanical",)
-
-
 def entry(name: str, *others: str, **parameters: tuple[float, float | None]) -> dict[str, Any]:
     values = {n: {"value": v, "std": s} for n, (v, s) in parameters.items()}
     return {"effect": name, "location": "mechanical", "equivalent_to": list(others), "parameters": values}
@@ -262,13 +254,3 @@ def test_effects_are_compared_at_one_reference_displacement() -> None:
     assert effect_errors(said, cubic) == pytest.approx({"kappa_3": 2.0})
     hysteron = replace(DRAWN, effects=("extra_hysteron",), parameters={"C_3": 1e-5, "rho_3": 0.1, "d_3": 3.0})
     assert effect_errors([entry("extra_hysteron", C_x=(1.1e-5, 1e-6))], hysteron) == pytest.approx({"C_x": 1.0})
-
-
-def test_neither_another_form_nor_another_effect_is_compared() -> None:
-    said = [entry("creep", k_s=(440.0, 20.0))]
-    assert effect_errors(said, replace(DRAWN, form="log_creep")) == {}
-    assert effect_errors(said, replace(DRAWN, effects=("delay",), parameters={"tau_d": 1e-4})) == {}
-    beside = replace(
-        DRAWN, effects=("delay",), parameters={"tau_d": 1e-4}, background={"k_s": 400.0}, background_effects=("creep",)
-    )
-    assert effect_errors(said, beside) == pytest.approx({"k_s": 2.0})

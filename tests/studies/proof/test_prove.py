@@ -18,7 +18,7 @@ from studies.generator import open_seal
 from studies.proof import prove
 from studies.proof.cases import STRATA, Settings, family, tasks
 from studies.proof.grade import EXACT, Outcome
-from studies.proof.page import counts, rates, write_proof
+from studies.proof.page import write_proof
 
 FEW = {"fast_none": 2, "fast_weak": 1, "executor": "serial", "fast_plan": "few"} | dict.fromkeys((*STRATA, "few"), 0)
 NULLS = {"only": ["nulls"], "executor": "serial", "null_families": ["white", "ramp+process:0.1"], "nulls": 2}
@@ -53,18 +53,6 @@ def test_a_family_is_an_input_a_noise_or_both() -> None:
     for wrong, needle in (("ramp+stair", "two inputs"), ("sawtooth", "is no family"), ("pink:2", "between 0 and 1")):
         with pytest.raises(InputRefused, match=needle):
             family(wrong, "full")
-
-
-def test_every_family_of_the_settings_can_be_made() -> None:
-    default = settings(nulls=2, only=["nulls"])
-    todo = tasks(default)
-    assert len(todo) == 2 * len(default.null_families) == 28
-    assert len({t.seed for t in todo}) == len({t.name for t in todo}) == len(todo)
-    for task in todo:
-        case = task.case()
-        assert case.effects == ()
-        assert len(case.recordings) == 4
-        assert task.noise.startswith(case.family)
 
 
 def test_conditions_reach_every_case_and_name_another_proof() -> None:
@@ -181,56 +169,3 @@ def test_a_diagnosis_that_fails_is_an_answer(tmp_path: Path, monkeypatch: pytest
     monkeypatch.setattr(prove, "score_folder", fail)
     outcomes, _ = proved(settings(**FEW | {"fast_none": 1, "fast_weak": 0}), tmp_path)
     assert (outcomes[0].grade, outcomes[0].failure, outcomes[0].reason) == ("wrong", "no root", "the diagnosis failed")
-
-
-@pytest.mark.slow
-def test_answers_are_counted_by_family(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    answers = iter(
-        [
-            {"verdict": "none", "seconds": 7.0},
-            {"verdict": "named", "missing": [{"effect": "second_mode", "location": "mechanical"}], "seconds": 9.0},
-            {"verdict": "unknown", "missing": [{"effect": "unknown", "location": "amplifier"}], "seconds": 30.0},
-            PhnnError("no root"),
-        ]
-    )
-    asked: list[tuple[str, dict[str, Any]]] = []
-
-    def answer(folder: Path, out: Path, without: Any, options: dict[str, Any], keep: bool) -> dict[str, Any]:
-        asked.append((folder.name, options))
-        said = next(answers)
-        if isinstance(said, PhnnError):
-            raise said
-        return said
-
-    monkeypatch.setattr(prove, "diagnose_folder", answer)
-    chosen = settings(**NULLS)
-    outcomes, digest = proved(chosen, tmp_path)
-    assert [name for name, _ in asked] == [
-        "full_nulls_white_0000", "full_nulls_white_0001",
-        "full_nulls_ramp+process-0.1_0000", "full_nulls_ramp+process-0.1_0001",
-    ]  # fmt: skip
-    assert all(options["max_effects"] == 3 for _, options in asked)
-    white, ramp = counts(outcomes)
-    assert (white.family, white.cases, white.right, white.named, white.unknown, white.failed) == (
-        "white",
-        2,
-        1,
-        1,
-        0,
-        0,
-    )
-    assert (white.false, white.seconds) == ("second_mode (1)", 8.0)
-    assert (ramp.right, ramp.named, ramp.unknown, ramp.failed, ramp.seconds) == (0, 0, 1, 1, 30.0)
-    everything = {r.label: r for r in rates(outcomes)}
-    assert everything["nothing missing: false alarms, nulls of all families"].hits == 3
-    assert everything["nothing missing: false alarms, whole command"].cases == 0
-    write_proof(outcomes, chosen, digest, Place(tmp_path))
-    page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert "Nulls by family" in page
-    assert "second_mode (1)" in page
-    assert (tmp_path / "nulls.csv").read_text(encoding="utf-8").splitlines()[1].startswith("white,2,1,1,0,0,")
-    # What is finished is not repeated, and another plan is another proof.
-    again, _ = proved(chosen, tmp_path)
-    assert [repr(o) for o in again] == [repr(o) for o in outcomes]
-    with pytest.raises(InputRefused, match="was made with other settings"):
-        proved(settings(**NULLS | {"null_plan": "full"}), tmp_path)

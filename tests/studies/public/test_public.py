@@ -127,11 +127,6 @@ def test_emps(tmp_path: Path) -> None:
     assert found["coulomb friction"]["decision"] == "withdrawn"
 
 
-def test_a_study_that_does_not_exist_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(KeyError):
-        figures("nothing", tmp_path, tmp_path)
-
-
 ROOT = Path(__file__).parents[3]
 Script = Callable[..., int]
 

@@ -25,15 +25,11 @@ from studies.rival_models.contest import (
     COUNTS,
     FOLDERS,
     contest,
-    held_out,
     one_to_one,
-    real,
     real_page,
     run,
     scarcity_page,
-    truths_page,
 )
-from studies.rival_models.names import NAMES
 from studies.rival_models.truths import TRUTHS, write_truth
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -67,11 +63,6 @@ def test_a_truth_is_drawn_by_its_seed(truth: str, tmp_path: Path) -> None:
     assert area > 10.0 * noise
 
 
-def test_an_unknown_truth_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputRefused, match="jiles_atherton"):
-        write_truth(tmp_path / "x", "jiles_atherton", 0, PLAN, 0.05)
-
-
 def test_the_study_of_truths_writes_its_table(tmp_path: Path) -> None:
     chosen = settings("models=[hammerstein,dahl]")
     rows = contest("truths", Place(tmp_path), chosen, ["prandtl_ishlinskii"], [4], 0.05)
@@ -95,17 +86,6 @@ def test_recordings_needed_are_the_fewest_from_which_on_all_stay_near_the_noise(
     lines = scarcity_page(pd.DataFrame(rows), settings("models=[phs]"), "").splitlines()
     assert next(x for x in lines if x.startswith("| PHS")).endswith("| 2 |")
     assert next(x for x in lines if x.startswith("| NARX")).endswith("| > 7 |")
-
-
-def test_scores_held_out_are_medians_over_seeds() -> None:
-    rows = [row("phs", 4, 3.0, 4.0, seed) for seed in (0, 1)] + [row("phs", 4, float("nan"), 100.0, 2)]
-    assert held_out(pd.DataFrame(rows)) == pytest.approx(np.sqrt(12.5))
-    assert held_out(pd.DataFrame([row("phs", 1, float("nan"), float("nan"))])) == float("inf")
-    lost = truths_page(pd.DataFrame([row("narx", 4, 2.0, float("inf"))]), settings("models=[phs]"), "")
-    assert "| phs | held out, outside | diverged |" in lost
-    lines = truths_page(pd.DataFrame(rows), settings("models=[phs]"), "").splitlines()
-    assert "| phs | processor seconds | 1.00 |" in lines
-    assert "| phs | held out, inside | 3.00 |" in lines and "| phs | held out, outside | 4.00 |" in lines
 
 
 def test_the_ratio_is_best_of_phnn_over_best_rival() -> None:
@@ -144,13 +124,6 @@ def test_studies_refuse_what_they_cannot_use(change: dict[str, object], needle: 
         run({**config, **change})
 
 
-def test_names_of_rivals_are_models_of_a_comparison() -> None:
-    assert settings("models=all").models[-len(NAMES) :] == NAMES
-    assert settings("models=[gru]").of("gru") == {"seed": 0, "budget": 1.5}
-    with pytest.raises(InputRefused, match="budget"):
-        settings("budget=0")
-
-
 def test_public_recordings_are_read_with_one_input_and_one_output() -> None:
     home = Path(os.environ.get("PHNN_RECORDINGS", Path(__file__).parents[4] / "shared" / "recordings"))
     there = [n for n in FOLDERS if (home / n).is_dir()]
@@ -163,40 +136,9 @@ def test_public_recordings_are_read_with_one_input_and_one_output() -> None:
         assert {"identification", "confirmation"} <= uses
 
 
-@pytest.mark.slow
-def test_rivals_and_the_base_model_on_the_tanks(tmp_path: Path) -> None:
-    home = Path(os.environ.get("PHNN_RECORDINGS", Path(__file__).parents[4] / "shared" / "recordings"))
-    if not (home / "tanks").is_dir():
-        pytest.skip(f"{home / 'tanks'}: is not there")
-    rows = real(Place(tmp_path), settings("models=[hammerstein,narx]"), home, ["tanks"], False)
-    assert list(rows["model"]) == ["base", "hammerstein", "narx"]
-    assert np.isfinite(rows["held_out"]).all()
-    assert (tmp_path / "real.md").read_text().count("| tanks") == 1
-
-
 def script(*arguments: str) -> None:
     done = subprocess.run([sys.executable, "scripts/rivals.py", *arguments], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-
-
-@pytest.mark.slow
-def test_no_passive_model_diverges_with_a_compliant_load(tmp_path: Path) -> None:
-    page = tmp_path / "page.md"
-    page.write_text("<!-- begin loops -->\n<!-- end loops -->\n")
-    models = "compare.models=[phs,hammerstein]"
-    script("study=loops", f"out={tmp_path / 'out'}", f"page={page}", "seeds=[1]", "runs=3", models, "compare.budget=4")
-    assert "| PHS | 3 | 0 | 0 | 0 |" in page.read_text()
-
-
-@pytest.mark.slow
-def test_one_recording_is_enough_for_a_network_that_is_the_truth(tmp_path: Path) -> None:
-    page = tmp_path / "page.md"
-    page.write_text("<!-- begin scarcity -->\n<!-- end scarcity -->\n")
-    small = ["seeds=[1]", "compare.models=[phs,linear]", "compare.starts=2"]
-    script("study=scarcity", f"out={tmp_path / 'out'}", f"page={page}", *small)
-    rows = [[cell.strip() for cell in line.split("|")] for line in page.read_text().splitlines()]
-    needed = {row[1]: row[-2] for row in rows if len(row) > 3}
-    assert needed["PHS"] == "1" and needed["linear"] == "> 7"
 
 
 @pytest.mark.slow

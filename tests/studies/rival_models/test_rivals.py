@@ -9,17 +9,57 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rival_example import DT, linear_recordings, recording, second_order, sweep
+from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
-from scipy.signal import lfilter, lfilter_zi
+from scipy.signal import cont2discrete, dlsim, lfilter
 
 from phnn.errors import InputRefused
 from phnn.recordings.recording import Part, Recording, Start
 from studies.rival_models import narx
 from studies.rival_models.grid import data_on
-from studies.rival_models.hysteresis import Duhem, Operator, Plane, Plays, Static, discretised, played
+from studies.rival_models.hysteresis import Duhem, Operator, Plane, Plays, discretised, played
 from studies.rival_models.names import NAMES, rival
-from studies.rival_models.rival import Stepper, split
+from studies.rival_models.rival import split
+
+Array = NDArray[np.float64]
+DT, NOISE = 1e-3, 1e-3
+
+
+def recording(name: str, u: Array, y: Array, use: str = "identification", dt: float = DT) -> Recording:
+    """A recording from rest at zero, whose output has a zero of its own and a little noise."""
+    rng = np.random.default_rng(len(name) + u.size)
+    return Recording(
+        name=name, t=np.arange(u.size) * dt, u=u, y=y + 0.3 + NOISE * rng.standard_normal(u.size), start=Start("rest"),
+        interpolation="linear", parts=(Part(name, 0, u.size, use),), noise=NOISE, noise_source="stated",
+        noise_correlation=np.ones(1), period=None, channels={}, source=f"{name}.csv",
+    )  # fmt: skip
+
+
+def sweep(amplitude: float, low: float, high: float, samples: int = 600) -> Array:
+    """A sine whose frequency rises, from zero."""
+    t = np.arange(samples) * DT
+    return np.asarray(amplitude * np.sin(2.0 * np.pi * (low * t + 0.5 * (high - low) / t[-1] * t * t)))
+
+
+def second_order(f: Array, omega: float = 150.0, zeta: float = 0.3) -> Array:
+    """``ÿ + 2ζω ẏ + ω² y = ω² f`` from rest, ``f`` linear between samples."""
+    a, b, c, d, _ = cont2discrete(
+        (
+            np.array([[0.0, 1.0], [-(omega**2), -2.0 * zeta * omega]]), np.array([[0.0], [omega**2]]),
+            np.array([[1.0, 0.0]]), np.zeros((1, 1)),
+        ),
+        DT, method="foh",
+    )  # fmt: skip
+    return np.asarray(dlsim((a, b, c, d, DT), f)[1][:, 0])
+
+
+DRIVES = {"slow": (2.0, 2.0, 6.0), "fast": (2.0, 8.0, 20.0), "weak": (0.9, 4.0, 12.0)}
+
+
+def linear_recordings() -> list[Recording]:
+    """Three recordings of a linear system."""
+    return [recording(name, u := sweep(*drive), second_order(u)) for name, drive in DRIVES.items()]
+
 
 FEW = 3  # evaluations or updates of each candidate
 
@@ -67,6 +107,7 @@ def test_a_sample_at_a_time_is_the_whole_recording(name: str) -> None:
         state, y = stepper.step(state, float(x))
         single.append(y)
     assert np.allclose(single, whole, atol=1e-8)
+    assert np.allclose(stepper.run(stepper.rest(0.0), u)[1], whole, atol=1e-8)
     if fitted.dt is not None:
         with pytest.raises(InputRefused, match="close the loop"):
             fitted.stepper(2.0 * fitted.dt)
@@ -91,11 +132,6 @@ def test_the_budget_is_kept(name: str) -> None:
     fitted = chosen.fit(recordings, 1.5, 0)
     assert time.process_time() - began < 3.0
     assert fitted.facts["processor_seconds"] < 3.0
-
-
-def test_an_unknown_rival_is_refused() -> None:
-    with pytest.raises(InputRefused, match="transformer"):
-        rival("transformer")
 
 
 def test_what_chooses_the_size_is_a_recording_or_the_end_of_each() -> None:
@@ -169,29 +205,6 @@ def test_networks_learn_a_linear_system(name: str) -> None:
     assert not np.allclose(other.outputs(recordings)[0], untrained.outputs(recordings)[0])
 
 
-@pytest.mark.parametrize("name", NAMES)
-def test_many_samples_of_a_rival_are_single_ones(name: str) -> None:
-    fitted = rival(name).fit(linear_recordings(), math.inf, 0, most=FEW)
-    stepper, u = fitted.stepper(fitted.dt or DT), sweep(1.5, 3.0, 9.0, 300)
-    wanted = Stepper.run(stepper, stepper.rest(0.7), u)[1]
-    begun = stepper.rest(0.7)
-    # In pieces, one of them a single sample; the state in front of them stays as it is.
-    for _ in range(2):
-        state, found = begun, []
-        for piece in np.split(u, [1, 150]):
-            state, y = stepper.run(state, piece)
-            found.append(y)
-        assert np.concatenate(found) == pytest.approx(wanted, rel=1e-9, abs=1e-9 * np.abs(wanted).max())
-
-
-def test_long_inputs_are_taken_in_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
-    fitted = rival("preisach").fit(linear_recordings(), math.inf, 0, most=FEW)
-    stepper, u = fitted.stepper(DT), sweep(1.5, 3.0, 9.0, 300)
-    whole = stepper.run(stepper.rest(0.0), u)[1]
-    monkeypatch.setattr("studies.rival_models.hysteresis._BLOCK", 70)
-    assert stepper.run(stepper.rest(0.0), u)[1] == pytest.approx(whole, rel=1e-9, abs=1e-15)
-
-
 # Up to 1, down to −1, up to 1: branches of a triangle.
 TRIANGLE = np.concatenate(
     [np.linspace(0.0, 1.0, 101), np.linspace(1.0, -1.0, 201)[1:], np.linspace(-1.0, 1.0, 201)[1:]]
@@ -210,22 +223,6 @@ def test_plays_on_a_triangle() -> None:
     assert np.allclose(columns[:, 0], TRIANGLE)
     for i, r in enumerate((0.0, 0.2, 0.4, 0.6, 0.8)):
         assert np.allclose(columns[:, 1 + i], closed_play(TRIANGLE, r), atol=1e-12)
-
-
-def test_thresholds_grow_with_the_rate() -> None:
-    columns = run(Plays(1, rate=True), TRIANGLE, np.array([0.4]), np.full(TRIANGLE.size, 0.5))
-    assert np.allclose(columns[:, 1], closed_play(TRIANGLE, 0.2), atol=1e-12)
-    assert np.allclose(columns[:, 2], closed_play(TRIANGLE, 0.7), atol=1e-12)
-
-
-def test_an_envelope_without_curvature_is_the_input() -> None:
-    columns = run(Plays(2, curved=True), TRIANGLE, np.zeros(3))
-    assert np.allclose(columns[:, 2], closed_play(TRIANGLE, 1.0 / 3.0), atol=1e-6)
-
-
-def test_the_static_operator_has_no_hysteresis() -> None:
-    columns = run(Static(3), np.array([0.0, 0.5, 1.0, 0.5, 0.0]))
-    assert np.array_equal(columns[1], columns[3])
 
 
 def test_a_single_relay_is_a_play_above_its_middle() -> None:
@@ -266,26 +263,10 @@ def test_dahl_is_the_solution_of_its_equation() -> None:
     assert np.allclose(columns[:, 1], np.concatenate(z), atol=1e-8)
 
 
-@pytest.mark.parametrize("operator", [Plays(3, True, True), Plane(4, 6), Duhem(3, 2, True)])
-def test_a_recording_in_pieces_is_the_whole(operator: Operator) -> None:
-    u, shape = sweep(1.0, 2.0, 20.0), operator.shape[0]
-    rates = np.abs(np.diff(u, prepend=0.0))
-    whole = run(operator, u, shape, rates)
-    head, state = operator.run(shape, operator.rest(shape, 0.0)[1], u[:250], rates[:250])
-    tail, _ = operator.run(shape, state, u[250:], rates[250:])
-    assert np.array_equal(whole, np.concatenate([head, tail]))
-
-
 def test_dynamics_against_state_space() -> None:
     u = sweep(1.0, 2.0, 20.0)
     b, a = discretised(np.array([np.log(1.5), np.log(0.3), 0.0]), 100.0, DT, held=False)
     assert np.allclose(lfilter(b, a, u), second_order(u), atol=1e-10)
-
-
-@pytest.mark.parametrize("held", [False, True])
-def test_dynamics_rest_at_a_constant_input(held: bool) -> None:
-    b, a = discretised(np.array([0.3, -1.0, 0.4, 1.0, 0.7, 4.0, 0.2]), 100.0, DT, held)
-    assert np.allclose(lfilter(b, a, np.full(50, 2.0), zi=2.0 * lfilter_zi(b, a))[0], 2.0, rtol=1e-8)
 
 
 @pytest.mark.parametrize(
@@ -294,7 +275,7 @@ def test_dynamics_rest_at_a_constant_input(held: bool) -> None:
 def test_an_unknown_start_is_estimated(name: str) -> None:
     """The recording begins in motion: what came before is cut off."""
     made = []
-    for key, drive in {"slow": (2.0, 2.0, 6.0), "fast": (2.0, 8.0, 20.0), "weak": (0.9, 4.0, 12.0)}.items():
+    for key, drive in DRIVES.items():
         u = sweep(*drive)
         whole = recording(key, u, second_order(u))
         cut = replace(whole.only(slice(100, 600)), t=whole.t[:500], start=Start("unknown"))
@@ -344,44 +325,3 @@ INPUT = np.concatenate([np.zeros(8), np.random.default_rng(2).uniform(-1.0, 1.0,
 
 def test_forward_regression_selects_the_terms_of_a_bilinear_system() -> None:
     assert selected(INPUT) == pytest.approx({(1, 0): 0.2 - 1.0, (0, 1): 0.9, (1, 1): 0.1}, abs=0.01)
-
-
-@pytest.mark.slow
-def test_forward_regression_selects_the_terms_that_sysidentpy_selects() -> None:
-    structure = pytest.importorskip("sysidentpy.model_structure_selection", reason="sysidentpy is not installed")
-    basis = pytest.importorskip("sysidentpy.basis_function")
-    methods = pytest.importorskip("sysidentpy.parameter_estimation")
-    found = structure.FROLS(
-        order_selection=False, n_terms=3, ylag=1, xlag=1, basis_function=basis.Polynomial(degree=2),
-        estimator=methods.LeastSquares(), err_tol=None,
-    )  # fmt: skip
-    # Its inputs lag by one sample: the present input is given as the past one.
-    found.fit(X=np.append(INPUT[1:], 0.0)[:, None], y=bilinear(INPUT)[:, None])
-    codes = {0: (0, 0), 1001: (1, 0), 2001: (0, 1)}
-    theirs = [tuple(map(sum, zip(*(codes[c] for c in row), strict=True))) for row in found.final_model.tolist()]
-    assert set(selected(INPUT)) == set(theirs)
-    own = [selected(INPUT)[term] + (term == (1, 0)) for term in theirs]
-    assert own == pytest.approx(found.theta.ravel(), abs=0.01)
-
-
-@pytest.mark.slow
-def test_the_encoder_network_is_no_worse_than_that_of_its_authors() -> None:
-    """The small example of deepSI, a static curve behind a lag: both are trained on 1,000 samples, 400 updates."""
-    deepsi = pytest.importorskip("deepSI", reason="deepSI is not installed")
-    rng = np.random.default_rng(0)
-
-    def made(name: str, use: str = "identification") -> Recording:
-        u = np.concatenate([[0.0], np.repeat(rng.uniform(-2.0, 2.0, 200), 5)])
-        return recording(name, u, second_order(np.tanh(u)), use)
-
-    train, check, held = made("train"), made("check"), made("held", "confirmation")
-    own = rival("subnet").fit([train, check], math.inf, 0, most=200)
-    pairs = [deepsi.Input_output_data(r.u, r.y, sampling_time=DT) for r in (train, check, held)]
-    nu, ny, norm = deepsi.get_nu_ny_and_auto_norm(pairs[0])
-    theirs = deepsi.SUBNET(nu, ny, norm, nx=6, nb=12, na=12)
-    deepsi.fit(theirs, pairs[0], pairs[1], n_its=400, T=64, batch_size=64, val_freq=50)
-    y = theirs.simulate(pairs[2]).y
-    # Without the zero and what begins deepSI's simulation.
-    rest = [(held.y - x)[12:] for x in (own.outputs([held])[0], y)]
-    ours, other = (float(np.std(x)) for x in rest)
-    assert ours < other < float(np.std(held.y))

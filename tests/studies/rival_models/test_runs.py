@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-import pandas as pd
 import pytest
 from scipy.linalg import expm
 
-from phnn.comparison.models import Settings
-from phnn.configuration import compose
 from phnn.errors import InputRefused, OutputFailed, SolverFailed
 from phnn.model import Model
 from phnn.models.actuator import hrc
 from phnn.setup import Setup
-from studies.rival_models import runs as module
 from studies.rival_models.rival import State, Stepper
 from studies.rival_models.runs import (
     DRIFTED,
@@ -27,7 +21,6 @@ from studies.rival_models.runs import (
     closed_path,
     drawn_drive,
     drawn_loops,
-    long_page,
     long_run,
 )
 
@@ -69,26 +62,6 @@ def test_a_model_that_gives_energy_is_found_out() -> None:
     assert slow.diverged + slow.gained == 5
 
 
-class Lost(Oscillator):
-    """Leaves the finite numbers, or fails, at the first sample."""
-
-    def __init__(self, fails: bool) -> None:
-        super().__init__(2.0)
-        self._fails = fails
-
-    def step(self, state: State, u: float) -> tuple[State, float]:
-        if self._fails:
-            raise ValueError("array must not contain infs or NaNs")
-        return state, 1e3
-
-
-@pytest.mark.parametrize(("fails", "unsolved"), [(True, 2), (False, 0)])
-def test_a_model_that_diverges_at_the_first_sample_is_counted(fails: bool, unsolved: int) -> None:
-    runs = [Loop(r.v, r.before, 0.0) for r in drawn_loops(2, (0.1, DT), 75.0, 150.0, K / ALPHA, 3)]
-    found = closed(Lost(fails), runs, ALPHA / K)
-    assert (found.diverged, found.unsolved, found.gained) == (2, unsolved, 0)
-
-
 def test_runs_end_without_drive_and_follow_the_seed() -> None:
     first, again, other = (drawn_loops(2, (0.1, DT), 75.0, 150.0, K / ALPHA, s) for s in (1, 1, 2))
     assert all(np.array_equal(a.v, b.v) for a, b in zip(first, again, strict=True))
@@ -118,12 +91,6 @@ def test_a_compiled_model_steps_as_it_is_simulated() -> None:
         assert stepper.run(state, u)[1] == pytest.approx(wanted, rel=1e-9, abs=1e-9 * np.abs(wanted).max())
     with pytest.raises(ArithmeticError, match="sample 1 of 2"):
         stepper.run(state, np.array([0.0, np.nan]))
-
-
-def test_a_model_without_a_compiler_is_not_stepped(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "compiled", lambda *_: None)
-    with pytest.raises(OutputFailed, match="install a C compiler"):
-        CompiledStepper(Model(Setup(hrc())), DT)
 
 
 INTERVAL, GAIN, SAMPLES, PERIOD = 1e-3, 1e-6, 2500, 100
@@ -167,33 +134,6 @@ def test_drift_is_the_difference_of_two_periods() -> None:
     assert found.drift > DRIFTED
 
 
-def test_motion_that_grows_without_drive_is_gained() -> None:
-    found = long_run(Lag(1.0005), SILENT, GAIN, SAMPLES)
-    # A rest of 300 samples: the last quarter is 225 samples behind the first.
-    rest = SAMPLES - 2200
-    assert found.motion == pytest.approx(1.0005 ** (0.75 * rest))
-    assert found.gained and not found.diverged
-
-
-class Grows(Lag):
-    """A constant output that creeps away once the drive has ended, by ``size`` times the square of the samples."""
-
-    def __init__(self, size: float) -> None:
-        super().__init__(0.0)
-        self._size = size
-
-    def step(self, state: State, u: float) -> tuple[State, float]:
-        _, n = state
-        return (0.0, n + 1), GAIN * (50.0 + self._size * max(0, n - 2200) ** 2)
-
-
-@pytest.mark.parametrize(("size", "gained"), [(1e-7, False), (1e-3, True)])
-def test_growth_that_is_small_beside_the_largest_output_is_not_counted(size: float, gained: bool) -> None:
-    found = long_run(Grows(size), SILENT, GAIN, SAMPLES)
-    assert found.motion > 5.0
-    assert found.gained is gained
-
-
 def test_a_model_that_leaves_the_range_has_diverged() -> None:
     found = long_run(Lag(1.01), SILENT, GAIN, SAMPLES)
     assert found.diverged and not found.gained and np.isnan(found.motion) and np.isnan(found.drift)
@@ -217,50 +157,9 @@ def test_a_step_without_a_solution_ends_a_run(error: Exception) -> None:
     assert found.diverged and found.samples == 0
 
 
-def test_chunks_leave_the_result_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
-    drive = drawn_drive(75.0, 3, 1)
-    whole = long_run(Lag(0.9, 1e-4), drive, GAIN, SAMPLES)
-    monkeypatch.setattr(module, "CHUNK", 137)
-    parts = long_run(Lag(0.9, 1e-4), drive, GAIN, SAMPLES)
-    assert parts.drift == pytest.approx(whole.drift, rel=1e-12)
-    assert parts.motion == pytest.approx(whole.motion, rel=1e-9)
-
-
-def test_drives_follow_the_seed_and_their_bounds() -> None:
-    first, again, other = (drawn_drive(75.0, 0, n) for n in (0, 0, 1))
-    assert np.array_equal(first.period(INTERVAL), again.period(INTERVAL))
-    assert not np.array_equal(first.period(INTERVAL), other.period(INTERVAL))
-    for number in range(20):
-        drive = drawn_drive(75.0, 5, number)
-        u = drive.period(1e-4)
-        assert u.size == 1000
-        assert 0.299 * 75.0 <= float(np.abs(u).max()) <= 0.951 * 75.0
-        assert drive.before * u[0] <= 0.0 and 7.5 <= abs(drive.before) <= 75.0
-        # Another interval samples the same voltage.
-        assert np.allclose(drive.period(5e-4), u[::5], atol=1e-9)
-        assert drive.peak == pytest.approx(max(np.abs(u).max(), abs(drive.before)), rel=1e-3)
-
-
 def test_short_runs_are_refused() -> None:
     with pytest.raises(InputRefused, match="samples = 1999"):
         long_run(Lag(0.5), SILENT, GAIN, 1999)
     for samples, drives, needle in ((19_999, 1, "samples"), (20_000, 0, "drives")):
         with pytest.raises(InputRefused, match=needle):
             Runs(samples, drives)
-
-
-def test_the_page_counts_runs() -> None:
-    def row(model: str, samples: int, **more: Any) -> dict[str, Any]:
-        good = {"seed": 0, "model": model, "dt_s": 1e-4, "why": "", "samples": samples, "diverged": False}
-        return good | {"drift": 1e-12, "late": 1e-13, "motion": 0.0, "gained": False, "seconds": 0.02} | more
-
-    nan = float("nan")
-    lost = {"dt_s": 2e-4, "diverged": True, "drift": nan, "late": nan, "motion": nan, "seconds": 0.01}
-    moved = {"dt_s": 2e-4, "drift": 0.5, "late": 0.2, "motion": 2.0, "gained": True}
-    rows = [row("phs", 20_000), row("phs", 20_000), row("narx", 1234, **lost), row("narx", 20_000, **moved)]
-    rows += [{"seed": 0, "model": "gru", "dt_s": nan, "why": "no"}]
-    settings = Settings.from_config(compose("compare", ["models=[phs]"]))
-    lines = long_page(pd.DataFrame(rows), settings, "9 processor seconds", Runs(20_000, 2)).splitlines()
-    assert "| PHS | 0.1 | 2 | 0 | – | 0 | 1e-12 | 1e-13 | 0 | 0 | 0.04 | 1 |" in lines
-    assert "| NARX | 0.2 | 2 | 1 | 1,234 | 1 | 0.5 | 0.2 | 1 | 2 | 0.03 | 1 |" in lines
-    assert "| GRU | – | 0 | 0 | – | 0 | – | – | 0 | – | 0 | – |" in lines

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from studies.trainers import Case, Outcome, Way, curves, figure, table
+from studies.trainers import Case, Outcome, Way, table
 
 SCRIPT = Path(__file__).resolve().parents[3] / "scripts" / "trainers.py"
 
@@ -36,14 +36,6 @@ def test_times_are_multiples_of_the_first_trainer() -> None:
     assert rows[0].endswith("| 1.01 | 1.02 | 10 | 200 | 1.0 |")
     assert rows[1].endswith("| 1.01 | – | 60 | 100 | 3.0 |")
     assert rows[2].endswith("| 6 | 7 | 30 | 2000 | > 30, stopped |")
-
-
-def test_curves_are_written_and_drawn() -> None:
-    lines = curves(OUTCOMES).splitlines()
-    assert lines[0] == "case,trainer,seconds,loss"
-    assert "dead,adjoint,6.0000,1" in lines
-    (axes,) = figure(OUTCOMES, CASES, WAYS).axes
-    assert [line.get_label() for line in axes.lines[:3]] == [w.words for w in WAYS.values()]
 
 
 @pytest.mark.parametrize(
