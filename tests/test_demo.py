@@ -15,7 +15,7 @@ import pandas as pd
 import pytest
 
 from phnn import demo
-from phnn.demo import EFFECTS, PLANS, TABLE, Made, generate, make, open_seal, seal, simulate
+from phnn.demo import EFFECTS, PLANS, TABLE, Drive, Made, generate, make, open_seal, seal, simulate
 from phnn.errors import InputRefused
 from phnn.recordings import read
 
@@ -33,7 +33,11 @@ _REFIT = demo._Refit
 @pytest.fixture(autouse=True)
 def _one_refit(monkeypatch: pytest.MonkeyPatch) -> None:
     """A seed has one base, whatever it conceals: what a refit of it can take is computed once."""
-    monkeypatch.setattr(demo, "_Refit", lambda base, plan: _refit(tuple(base.items())))
+
+    def refit(base: dict[str, float], plan: tuple[Drive, ...]) -> demo._Refit:
+        return _refit(tuple(base.items())) if len(plan) == len(SHORT) else _REFIT(base, plan)
+
+    monkeypatch.setattr(demo, "_Refit", refit)
 
 
 @cache
