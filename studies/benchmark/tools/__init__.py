@@ -22,7 +22,6 @@ Tool = Callable[[Path, int], "Answer"]
 _FUNCTIONS = {
     "phnn": "diagnosis:answer",
     "base": "diagnosis:nothing",
-    "stepwise": "selection:stepwise",
     "sindy": "selection:sindy",
     "lisdd": "lisdd:answer",
     "lfr": "lfr:answer",

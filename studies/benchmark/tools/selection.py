@@ -1,14 +1,13 @@
-"""Selection of effects by an information criterion and by sparse regression, as tools.
+"""Selection of effects by sparse regression, as a tool.
 
-Both take the catalogue of phnn and its base model. They have no learned element, no held-out recording and no location
-but that of the name.
+It takes the catalogue of phnn and its base model. It has no learned element, no held-out recording and no location but
+that of the name.
 """
 
 from __future__ import annotations
 
 import contextlib
 import itertools
-import math
 import warnings
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -20,10 +19,7 @@ from scipy.linalg import cholesky
 
 from phnn.diagnosis.diagnosis import available
 from phnn.diagnosis.linearised_fit import LinearisedFit, prepare
-from phnn.effects import Effect, Scales
 from phnn.errors import PhnnError
-from phnn.identification.fit import Fit, fit
-from phnn.recordings import Campaign
 from studies.benchmark.bench import Answer
 from studies.benchmark.tools.common import base_of, fitted_with, library, places_of, predictions
 from studies.rival_models.names import needed
@@ -33,9 +29,6 @@ Support = tuple[int, ...]
 # Blocks that estimate coefficients, and blocks that judge them.
 Fold = tuple[Sequence[int], Sequence[int]]
 
-# Stepwise: effects at most; tries that are refitted; points of an effect's grid that are tried; simulations of a try
-# and of a refit.
-_MOST, _REFITTED, _POINTS, _TRY, _REFIT = 3, 4, 3, 6, 30
 # SINDy: blocks of a recording at most, and their fewest samples; folds; draws of the ensemble; thresholds, between
 # these shares of the target's length, but at least so many standard deviations; the ridge; terms of a forward
 # regression.
@@ -47,71 +40,6 @@ _BLOCKS, _SAMPLES, _FOLDS, _DRAWS, _THRESHOLDS, _FIRST, _LAST, _DEVIATIONS, _RID
 _NEARLY, _CHANCE, _NOISE = 0.9, 30.0, 1.5
 # The most that is believed of anything, and the least; share of the excess that terms have to explain to be trusted.
 _BELIEVED, _LEAST, _EXPLAINED = 0.9, 0.05, 0.5
-
-
-def stepwise(folder: Path, seed: int) -> Answer:
-    """Add effects as long as Schwarz's criterion falls: the same catalogue, the same fits, no tests.
-
-    Every effect that can exist is added to the base model and refitted from the points of its grid. The one with the
-    least ``BIC = χ² + k ln N`` stays if it lowers the criterion, up to three effects (Schwarz 1978, Annals of
-    Statistics 6). The models of a step get the weights ``exp(−ΔBIC/2)`` (Burnham & Anderson 2002, Sec. 6.4), which are
-    the probabilities of their names.
-    """
-    base = base_of(folder, seed)
-    current, taken, none = base.fit, list[str](), 0.0
-    names: dict[str, float] = {}
-    for step in range(_MOST):
-        models = _step(current, base.campaign, taken)
-        without, *weights = _weights([_bic(current), *(_bic(f) for _, f in models)])
-        none = without if step == 0 else none
-        for (effect, _), weight in zip(models, weights, strict=True):
-            names[effect.canonical] = max(names.get(effect.canonical, 0.0), weight)
-        if not models or without >= max(weights):
-            break
-        effect, current = min(models, key=lambda pair: _bic(pair[1]))
-        taken.append(effect.canonical)
-    return Answer(names, none, places=places_of(names), predictions=predictions(current, folder))
-
-
-def _bic(fitted: Fit) -> float:
-    """Return Schwarz's criterion; residuals are in units of the noise."""
-    return fitted.cost + fitted.z.size * math.log(fitted.residual.size)
-
-
-def _weights(values: Sequence[float]) -> list[float]:
-    """Return weights of models by their criteria; they add up to one."""
-    relative = np.exp(-0.5 * (np.array(values) - min(values)))
-    return [float(w) for w in relative / relative.sum()]
-
-
-def _step(current: Fit, campaign: Campaign, taken: Sequence[str]) -> list[tuple[Effect, Fit]]:
-    """Return the best fit of each effect: all are tried briefly, the best are refitted."""
-    scales = prepare(current).scales
-    best: dict[str, tuple[Effect, Fit]] = {}
-    for effect in available(campaign, current.setup):
-        name = effect.canonical
-        found = _tried(current, effect, scales) if name not in taken else None
-        if found is not None and (name not in best or _bic(found) < _bic(best[name][1])):
-            best[name] = effect, found
-    ordered = sorted(best.values(), key=lambda pair: _bic(pair[1]))
-    return [(e, _refitted(current, f)) for e, f in ordered[:_REFITTED]] + ordered[_REFITTED:]
-
-
-def _tried(current: Fit, effect: Effect, scales: Scales) -> Fit | None:
-    """Return the best of a few iterations from the points of an effect's grid; None where none can be simulated."""
-    ends = []
-    for point in effect.grid(scales)[:_POINTS]:
-        with contextlib.suppress(PhnnError):
-            ends.append(fitted_with(current, effect, point, _TRY))
-    return min(ends, key=_bic, default=None)
-
-
-def _refitted(current: Fit, found: Fit) -> Fit:
-    """Return a try fitted to the end; the try itself where that cannot be simulated."""
-    try:
-        return fit(found.setup, current.plan, found.variables.names, current.held, _REFIT, origin=found)
-    except PhnnError:
-        return found
 
 
 def sindy(folder: Path, seed: int) -> Answer:
