@@ -18,9 +18,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from phnn.identification.covariance import output_spread
 from phnn.identification.evaluate import evaluate, score_part
 from phnn.identification.plan import Plan
+from phnn.identification.spread import output_spread
 from phnn.identification.start import likely_start
 from phnn.network.elements import Network
 from phnn.recordings.recording import Recording

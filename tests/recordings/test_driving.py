@@ -13,10 +13,10 @@ from phnn.configuration import config_folder
 from phnn.derivatives import output_derivatives
 from phnn.effects import effect
 from phnn.errors import InputRefused
-from phnn.identification.covariance import output_spread
 from phnn.identification.evaluate import evaluate, with_instants
 from phnn.identification.fit import fit
 from phnn.identification.plan import Plan
+from phnn.identification.spread import output_spread
 from phnn.models import from_paper
 from phnn.models.network_file import load_network
 from phnn.recordings.driving import driving_of, unknown_instants, with_declared
