@@ -14,7 +14,6 @@ from phnn.diagnosis.ledger import account
 from phnn.diagnosis.linearised_fit import direction
 from phnn.diagnosis.lines import drift_share, line_share
 from phnn.diagnosis.locate import Location, locate, recording_scores, strongest_frequencies, strongest_times
-from phnn.diagnosis.name import score
 from phnn.diagnosis.picture import missing_force, picture
 from phnn.effects import Effect, Kind, catalogue, kinds
 from phnn.effects.kinds import LOCATIONS
@@ -66,14 +65,6 @@ def test_static_picture_has_the_functions_of_the_group(group: Group) -> None:
         after = group.static(np.geomspace(1e-6, 10.0, 50), scales)
         assert after.shape[1] == functions.shape[1]
         assert (np.diff(after, axis=0) <= 0.0).all()
-
-
-def test_responses_are_normalised_and_the_owners_complete() -> None:
-    found = campaigns.generic()
-    norms = np.linalg.norm(found.columns, axis=0)
-    assert np.isfinite(found.columns).all()
-    assert np.allclose(norms[norms > 0.0], 1.0)
-    assert set(found.owner.tolist()) == set(range(len(GROUPS)))
 
 
 @pytest.mark.parametrize(
@@ -190,17 +181,6 @@ def test_a_mode_that_rings_like_a_line_lies_in_the_mechanics(ratio: float, share
     # A bank of slow filters does not turn its phase as quickly.
     assert found.details["mechanical/ringing mode"] > max(share, 2.0 * without.details["mechanical/mode"])
     assert without.details["mechanical/ringing mode"] == 0.0
-
-
-def test_what_takes_its_frequency_from_the_residual_is_no_test_of_it() -> None:
-    responses = campaigns.generic()
-    searched = [GROUPS[i].searched for i in responses.owner]
-    assert any(searched)
-    np.testing.assert_array_equal(responses.tests, responses.columns[:, np.logical_not(searched)])
-    linearised = campaigns.linearised()
-    scored = score(linearised, [], responses, 0)
-    alone = replace(responses, columns=responses.tests, owner=responses.owner[np.logical_not(searched)])
-    assert scored.statistic == score(linearised, [], alone, 0).statistic
 
 
 def test_a_drift_of_its_own_in_every_recording_lies_in_the_sensor() -> None:
