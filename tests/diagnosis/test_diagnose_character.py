@@ -6,11 +6,9 @@ import campaigns
 import numpy as np
 import pytest
 
-from phnn.diagnosis.character import character_of, forgetting, in_words, memory_in_words, shape_of, without_line
-from phnn.diagnosis.learn import learned_force, learned_setup
+from phnn.diagnosis.character import character_of, forgetting, in_words, memory_in_words, shape_of
 from phnn.diagnosis.locate import locate
 from phnn.diagnosis.words import fitted_in_words
-from phnn.effects import kinds
 
 X = np.linspace(-90.0, 90.0, 241)
 
@@ -37,11 +35,6 @@ def test_character_of_curves(curve: np.ndarray, even: float, side: int, kind: st
         assert found.shape.at == pytest.approx(at, rel=0.1)
 
 
-def test_a_straight_line_through_the_inner_part_is_no_character() -> None:
-    stop = np.maximum(X - 60.0, 0.0)
-    assert without_line(X, stop + 0.7 * X - 2.0) == pytest.approx(stop, abs=1e-9)
-
-
 def test_words_of_a_stop_and_of_an_odd_power() -> None:
     stop = in_words(character_of(X, np.maximum(X - 60.0, 0.0)), "displacement", "90 µm", "0.8 N", "60 µm")
     assert stop == (
@@ -62,25 +55,6 @@ def test_forgetting_of_one_time_constant_and_of_many() -> None:
     assert many is not None
     assert "over decades of time" in memory_in_words(many, ("1 ms", "30 ms", "1 s"))
     assert forgetting(t, np.sin(t)) is None
-
-
-def test_the_law_of_a_learned_spring_and_of_a_memory() -> None:
-    linearised = campaigns.linearised("none")
-    base, scales = linearised.fit.setup, linearised.scales
-    spring = learned_setup(base, kinds.ELASTIC, scales)
-    assert spring is not None
-    strengths = {n: 0.0 for n in spring.free if n not in base.parameters}
-    gap = spring.parameters["g_L3"].value
-    spring = spring.with_values(strengths | {"k_R3": 2e4})
-    q = np.linspace(-1.0, 1.0, 241) * scales.displacement
-    assert learned_force(base, spring, q, 1.0) == pytest.approx(-2e4 * np.maximum(q - gap, 0.0), abs=1e-9)
-    memory = learned_setup(base, kinds.MEMORY, scales)
-    assert memory is not None
-    k = memory.parameters["k_M2"].value
-    tau = memory.parameters["tau_M2"].value
-    others = {n: memory.parameters[n].lower for n in memory.free if n not in base.parameters}
-    alone = learned_force(base, memory.with_values(others | {"k_M2": 1e6 * k}), np.array([0.0, tau]), 1e-6)
-    assert alone[1] / alone[0] == pytest.approx(np.exp(-1.0), rel=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from phnn.diagnosis.exchange import exchanged
 from phnn.diagnosis.finding import Finding
 from phnn.diagnosis.rules import Record
 from phnn.diagnosis.search import Search
-from phnn.effects import catalogue, effect
+from phnn.effects import catalogue
 from phnn.identification.fit import Fit
 
 SEARCHED = ("quadratic_drag", "creep", "extra_hysteron")
@@ -73,11 +73,3 @@ def test_one_element_and_learned_ones_are_not_asked() -> None:
     learned = tuple(replace(f, learned=True) for f in two)
     assert exchanged(base, learned, left(whole), search, record, (0, 1)) == (learned, whole)
     assert record.asked == []
-
-
-def test_neighbours_are_mutual() -> None:
-    creep, hysteron, drag = (effect(n) for n in ("creep", "extra_hysteron", "quadratic_drag"))
-    assert creep.is_neighbour_of(hysteron) and hysteron.is_neighbour_of(creep)
-    assert not creep.is_neighbour_of(drag) and not creep.is_neighbour_of(creep)
-    slew = effect("slew_limit")
-    assert slew.is_neighbour_of(drag) and drag.is_neighbour_of(slew)

@@ -160,14 +160,6 @@ def test_the_menu_stays_within_what_is_in_use_and_says_all_that_is_needed() -> N
     assert 0.5 * at <= near.stretches[0].lines[0][1] < at
 
 
-def test_resonance_of_the_actuator_about_rest() -> None:
-    # No hysteron slips there: k + α² Σ 1/C_i.
-    stiffness = TABLE["k"] + TABLE["alpha"] ** 2 * (1.0 / TABLE["C_1"] + 1.0 / TABLE["C_2"])
-    decay = 0.5 * TABLE["b"] / TABLE["m"]
-    expected = math.sqrt(stiffness / TABLE["m"] - decay**2) / (2.0 * math.pi)
-    assert resonance(Setup(hrc(2, dict(TABLE)))) == pytest.approx(expected, rel=1e-6)
-
-
 def test_no_class_no_proposal() -> None:
     made = campaigns.diagnosis("quadratic_drag")
     g, fits = made.judgement.linearised, [made.base, made.judgement.final]

@@ -16,10 +16,8 @@ import pytest
 from phnn.configuration import compose
 from phnn.diagnosis import diagnosis as path
 from phnn.diagnosis.diagnosis import Diagnosis, diagnose
-from phnn.diagnosis.linearised_fit import prepare
 from phnn.diagnosis.name import Candidate
 from phnn.diagnosis.refit import refit
-from phnn.diagnosis.starts import has_large_starts, large_starts
 from phnn.diagnosis.trial import Trial
 from phnn.effects import Scales, catalogue, effect
 from phnn.errors import InputRefused
@@ -143,15 +141,6 @@ def test_of_two_forms_of_an_effect_the_better_one_is_kept() -> None:
     made = fit_identified(setup, replace(plan, recordings=clipped), base().held)
     trials = refit(made, [Candidate(e, v, (), 100.0, 1e-5) for e, v in ends.items()])
     assert [t.candidate.effect for t in trials] == [soft]
-
-
-def test_large_step_starts_are_of_different_shapes() -> None:
-    starts = large_starts(prepare(base()), effect("extra_hysteron"))
-    assert 2 <= len(starts) <= 4
-    assert len({(v["rho_x"] / v["C_x"], v["d_x"] * v["C_x"]) for v in starts}) == len(starts)
-    assert not has_large_starts(effect("amplifier_saturation"))
-    # Its frequency is that of a line in the residual, not one of its grid.
-    assert not has_large_starts(effect("base_motion"))
 
 
 def test_the_choice_is_a_setting() -> None:
