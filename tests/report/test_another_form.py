@@ -40,13 +40,6 @@ def test_the_entry_has_the_name_of_the_effect_and_the_form_of_the_element() -> N
     assert "It is coulomb friction or creep in another form" in entry["statement"]
 
 
-def test_the_test_is_that_of_the_effect_on_the_base_model() -> None:
-    found = diagnosis("coulomb_friction")
-    test = document(found)["test"]
-    assert test["candidate"] == "coulomb_friction"
-    assert test["statistic"] == found.judgement.naming.by_name["coulomb_friction"].score
-
-
 def test_without_a_claim_the_effect_is_the_nearest_one() -> None:
     found = diagnosis("coulomb_friction", provisional=True)
     (entry,) = document(found)["missing"]

@@ -12,7 +12,7 @@ import pytest
 
 from phnn.effects import Plausible, catalogue, in_all_forms
 from phnn.parameters import Parameter
-from phnn.report.fingerprint import binned, fingerprint, since_a_step, variable_of
+from phnn.report.fingerprint import binned, fingerprint, variable_of
 from phnn.report.named import plausible_row, supports
 from phnn.report.result import evidence, write
 
@@ -64,25 +64,6 @@ def test_means_over_bins_have_the_error_of_their_visits() -> None:
     assert np.std(errors) == pytest.approx(1.0, abs=0.12)
     mean, std = binned(y, np.where(place == 2, -1, place), np.zeros_like(place), 4, False)
     assert np.isnan(mean[2]) and np.isfinite(mean[[0, 1, 3]]).all()
-
-
-def test_a_bin_does_not_run_on_from_one_recording_to_the_next() -> None:
-    place, owner = np.zeros(30, dtype=int), np.repeat(np.arange(3), 10)
-    mean, std = binned(np.repeat([1.0, 2.0, 3.0], 10), place, owner, 1, False)
-    assert mean[0] == pytest.approx(2.0)
-    assert std[0] == pytest.approx(1.0 / math.sqrt(3.0))
-
-
-def test_time_since_a_step() -> None:
-    t = np.arange(100) * 0.1
-    u = np.where(t > 2.0, 10.0, 0.0)
-    u[60:] = 0.0
-    x, sign = since_a_step(t, u)
-    assert np.isnan(x[:22]).all() and np.isnan(x[60])
-    assert x[30] == pytest.approx(t[30] - t[21]) and sign[30] == 1.0
-    assert x[70] == pytest.approx(t[70] - t[60]) and sign[70] == -1.0
-    moving = since_a_step(t, np.sin(t))[0]
-    assert np.isnan(moving).all()
 
 
 @pytest.fixture(scope="module")

@@ -17,14 +17,11 @@ from torch import Tensor
 from phnn.derivatives import output_derivatives, output_gradient
 from phnn.errors import StructureViolated
 from phnn.integrate import kernel
-from phnn.integrate.dense import solve_dense
 from phnn.integrate.residual import check, power_balance
-from phnn.integrate.scheme import Scheme
 from phnn.models.actuator import hrc
 from phnn.models.thermal import thermal_hrc
 from phnn.network import ModulatorState, Network, PortHamiltonianSystem
 from phnn.network.lyapunov import forced_equilibrium, shifted_energy, shifted_rate
-from phnn.network.modulator_states import between, drives
 from phnn.network.thermal import ThermalBalance, thermal_balance, thermal_energy, total_energy
 from phnn.parameters import Parameter
 from phnn.setup import Block, Setup
@@ -113,17 +110,6 @@ def test_a_source_of_energy_in_a_resistor_shows_as_falling_entropy() -> None:
     assert (thermal.produced < 0.0).all()
 
 
-def test_heat_flows_from_hot_to_cold() -> None:
-    for ambient, rise in ((293.15, 40.0), (333.15, 0.0)):
-        network = thermal_hrc(0).with_values({"T_a": ambient})
-        trajectory = march(network, np.zeros((50, 2)), np.full(50, 10.0), np.array([0.0, 0.0, rise]))
-        _, thermal, _ = balances(trajectory)
-        assert (thermal.produced > 0.0).all()
-        assert (np.sign(thermal.released.numpy()) == np.sign(rise - ambient + 293.15)).all()
-        # 500 s are 6.4 time constants.
-        assert trajectory.states[-1, -1] == pytest.approx(ambient - 293.15, abs=0.1)
-
-
 def driven(seconds: float, frequency: float, h: float, amplitude: float = 75.0) -> tuple[Array, Array]:
     """Inputs and steps of a sine."""
     n = round(seconds / h)
@@ -196,42 +182,6 @@ def test_the_march_tends_to_the_irreversible_system() -> None:
     # Second order in the displacement, as far as the temperature, which is read half a step late, does not matter.
     assert q_fine < 0.3 * q_coarse
     assert rise_fine == pytest.approx(0.5 * rise_coarse, rel=0.1)
-
-
-def test_the_vector_field_is_that_of_the_march() -> None:
-    network = thermal_hrc(2, FAST)
-    system = PortHamiltonianSystem(network)
-    random = np.random.default_rng(0)
-    x = torch.from_numpy(random.normal(size=5) * np.array([1e-5, 1e-5, 1e-4, 1e-4, 5.0]))
-    u = torch.tensor([40.0, 0.3], dtype=torch.float64)
-    with torch.no_grad():
-        rate = system.vector_field(x, u)
-        balance = system.power_balance(x, u)
-    h = 1e-11
-    moved = march(network, u.numpy()[None], np.array([h]), x.numpy()).states
-    np.testing.assert_allclose((moved[1] - moved[0]) / h, rate.numpy(), rtol=1e-4, atol=1e-5 * float(rate.abs().max()))
-    # dH/dt is that at constant temperature; what is dissipated warms the body.
-    assert abs(balance.defect.item()) < 1e-14 * balance.dissipated.sum().item()
-    cooling = x[-1].item() / FAST["R_T"]
-    assert rate[-1].item() == pytest.approx((balance.dissipated.sum().item() - cooling) / FAST["C_T"], rel=1e-12)
-
-
-def test_the_torch_step_keeps_both_laws() -> None:
-    system = PortHamiltonianSystem(thermal_hrc(2, FAST))
-    u, h = driven(0.002, 500.0, 4e-5)
-    x0, inputs = torch.zeros(5, dtype=torch.float64), torch.from_numpy(u)
-    with torch.no_grad():
-        # Whose mean efforts are the discrete gradients that are written out here.
-        x = solve_dense(system, x0, inputs, 4e-5, Scheme.MIDPOINT)
-        efforts, middle = system.mean_efforts(x[:-1], x[1:]), between(system, x[:-1], x[1:])
-        thermal = thermal_balance(system, x, drives(system, efforts, middle, inputs), torch.from_numpy(h))
-        supplied = 4e-5 * (inputs * (efforts.unsqueeze(-2) @ system.incidences(middle)[1]).squeeze(-2)).sum(-1)
-        total = total_energy(system, x)
-    defect = total.diff() + thermal.released.sum(-1) - supplied
-    # As far as the torch step solves its equations.
-    assert defect.abs().max() < 1e-11 * supplied.abs().max()
-    assert (thermal.produced > 0.0).all()
-    assert thermal.stored.sum() > 0.5 * thermal.received.sum() > 0.0
 
 
 def setup() -> Setup:
