@@ -1,14 +1,18 @@
-"""Curves of known kind are described as what they are."""
+"""Curves of known kind are described as what they are, and are learned only where something was recorded."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import campaigns
 import numpy as np
 import pytest
 
 from phnn.diagnosis.character import character_of, forgetting, in_words, memory_in_words, shape_of
+from phnn.diagnosis.learn import learn, learned_setup
 from phnn.diagnosis.locate import locate
 from phnn.diagnosis.words import fitted_in_words
+from phnn.effects import kinds
 
 X = np.linspace(-90.0, 90.0, 241)
 
@@ -69,3 +73,19 @@ def test_what_was_fitted_at_the_location_in_words(effect: str, words: tuple[str,
     linearised = campaigns.linearised(effect)
     found = fitted_in_words(linearised, locate(linearised, campaigns.generic(effect)))
     assert all(w in found for w in words), found
+
+
+def test_springs_beyond_the_recorded_motion_stay_as_weak_as_they_begin() -> None:
+    linearised = campaigns.linearised("creep")
+    wide = replace(linearised, scales=replace(linearised.scales, displacement=2.0 * linearised.scales.displacement))
+    found = learn(wide, kinds.ELASTIC)
+    assert found is not None
+    reached = max(float(np.abs(t.states[:, t.program.output]).max()) for t in linearised.trajectories)
+    begun = learned_setup(linearised.fit.setup, kinds.ELASTIC, wide.scales)
+    assert begun is not None
+    values, stops = found.setup.values(), [f"{side}{i}" for i in range(1, 5) for side in "RL"]
+    beyond = [i for i in stops if values[f"g_L{i[1]}"] > 1.01 * reached]
+    assert len(beyond) >= 4
+    assert not {f"k_{i}" for i in beyond} & set(found.variables.names)
+    assert [values[f"k_{i}"] for i in beyond] == pytest.approx([begun.values()[f"k_{i}"] for i in beyond])
+    assert any(f"k_{i}" in found.variables.names for i in stops)

@@ -68,18 +68,6 @@ def test_the_spread_of_scores_under_noise_of_a_resonance() -> None:
     np.testing.assert_allclose(found, exact, rtol=0.2)
 
 
-def test_what_repeats_with_the_drive_is_no_noise() -> None:
-    rng = np.random.default_rng(3)
-    linearised = periodic(campaigns.linearised())
-    noise = rng.standard_normal(linearised.fit.residual.size)
-    repeating = np.concatenate(
-        [np.sin(2.0 * np.pi * 30.0 * np.arange(s.stop - s.start) / (s.stop - s.start)) for s in linearised.slices]
-    )
-    alone, both = (Colour(with_residual(linearised, r)).spectra[0] for r in (noise, noise + 20.0 * repeating))
-    np.testing.assert_allclose(both.density, alone.density, rtol=1e-6)
-    np.testing.assert_allclose(np.mean(alone.at(np.linspace(0.0, 0.5, 500))), 1.0, atol=0.1)
-
-
 def test_a_recording_alone_does_not_take_its_misfit_for_noise() -> None:
     linearised = campaigns.linearised()
     recordings = tuple(replace(r, period=None) for r in linearised.plan.recordings)

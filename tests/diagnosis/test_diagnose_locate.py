@@ -271,32 +271,6 @@ def test_energy_is_accounted_for_to_rounding() -> None:
             assert again.defect == found.defect
 
 
-@pytest.mark.slow
-def test_a_learned_spring_finds_the_stop() -> None:
-    effect = "contact_stop"
-    linearised, sealed = campaigns.linearised(effect), campaigns.concealed(effect)[1]
-    learned = learn(linearised, kinds.ELASTIC)
-    assert learned is not None
-    assert learned.cost < 0.5 * linearised.fit.cost
-    p = learned.setup.parameters
-    sides = {"R": 1.0, "L": -1.0}
-    stops = [(p[f"k_{s}{i}"].value, sign * p[f"g_L{i}"].value) for s, sign in sides.items() for i in range(1, 5)]
-    yielding = [(p[f"k_S{i}"].value, p[f"g_L{i}"].value) for i in (5, 6)]
-    assert all(k >= 0.0 for k, _ in (*stops, *yielding))
-
-    def stiffness(q: float) -> float:
-        beyond = sum(k for k, gap in stops if (q > gap if gap > 0 else q < gap))
-        return p["k"].value + beyond + sum(k for k, reach in yielding if abs(q) < reach)
-
-    reach = linearised.scales.displacement
-    stop = sealed.parameters["q_c"]
-    assert 0.4 * reach < stop < reach
-    softest = min(stiffness(s * stop) for s in (-0.6, 0.0, 0.6))
-    assert stiffness(reach) > softest + 0.3 * sealed.parameters["k_c"]
-    # The other side has no stop: nothing like it is learned there.
-    assert stiffness(-reach) - softest < 0.5 * (stiffness(reach) - softest)
-
-
 @pytest.mark.parametrize(("effect", "kind"), [("quadratic_drag", kinds.DISSIPATIVE), ("creep", kinds.MEMORY)])
 def test_learned_dampers_and_memories_follow_what_is_missing(effect: str, kind: Kind) -> None:
     linearised = campaigns.linearised(effect)

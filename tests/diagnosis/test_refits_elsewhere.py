@@ -19,7 +19,7 @@ from phnn.diagnosis.diagnosis import Diagnosis, diagnose
 from phnn.diagnosis.name import Candidate
 from phnn.diagnosis.refit import refit
 from phnn.diagnosis.trial import Trial
-from phnn.effects import Scales, catalogue, effect
+from phnn.effects import Scales, catalogue
 from phnn.errors import InputRefused
 from phnn.identification.fit import Fit
 from phnn.identification.numerics import numerical_error
@@ -28,9 +28,8 @@ from phnn.identification.plan import Plan
 from phnn.identification.staged import fit_identified
 from phnn.models.actuator import hrc
 from phnn.parallel import SERIAL, Executor, executor
-from phnn.recordings.recording import Recording, Start
+from phnn.recordings.recording import Start
 from phnn.setup import Setup
-from phnn.simulate import simulate
 
 SCALES = Scales(90.0, 1e-4, 0.1, 2.5e4, 0.046, 50.0, 150.0, 0.06, 1e-8)
 HELD = {"m": "held at the stated value"}
@@ -125,22 +124,6 @@ def test_refits_elsewhere_have_one_thread_and_come_back_to_the_plan_of_the_base(
 @pytest.mark.parametrize("choice", ["threads:2", pytest.param("processes:2", marks=pytest.mark.slow)])
 def test_refits_are_the_same_wherever_they_are_done(choice: str) -> None:
     assert_same(refit(base(), candidates(), executor(choice)), refit(base(), candidates()))
-
-
-def test_of_two_forms_of_an_effect_the_better_one_is_kept() -> None:
-    hard = effect("amplifier_saturation")
-    (soft,) = hard.forms
-    ends = {hard: {"V_max": 72.0}, soft: {"V_max": 72.0, "n_V": 8.0}}
-    plan, setup = base().plan, base().setup
-
-    def driven(with_limit: Setup, recording: Recording) -> Recording:
-        ends = [simulate(s, recording, plan.steps_of(recording)).y for s in (with_limit, setup)]
-        return replace(recording, y=recording.y + ends[0] - ends[1])
-
-    clipped = tuple(driven(soft.add_to(setup, ends[soft]), r) for r in plan.recordings)
-    made = fit_identified(setup, replace(plan, recordings=clipped), base().held)
-    trials = refit(made, [Candidate(e, v, (), 100.0, 1e-5) for e, v in ends.items()])
-    assert [t.candidate.effect for t in trials] == [soft]
 
 
 def test_the_choice_is_a_setting() -> None:

@@ -1,4 +1,4 @@
-"""What speaks for a named element: its fingerprint in the data, its rivals, the range of its parameters."""
+"""What speaks for a named element: its fingerprint, its rivals, plausible values, and whether forces are in newtons."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ import pytest
 
 from phnn.effects import Plausible, catalogue, in_all_forms
 from phnn.parameters import Parameter
+from phnn.recordings.recording import Anchor, Units
+from phnn.report.anchored import forces_known
 from phnn.report.fingerprint import binned, fingerprint, variable_of
 from phnn.report.named import plausible_row, supports
 from phnn.report.result import evidence, write
@@ -114,3 +116,28 @@ def test_the_page_shows_it(found: campaigns.Diagnosis, tmp_path: Path) -> None:
     for text in (effect.fingerprint, effect.separation, effect.references[0], "What might be taken for it"):
         assert text in page
     assert list((tmp_path / "figures").glob("*fingerprint-quadratic_drag.png"))
+
+
+@pytest.mark.parametrize(
+    ("known", "units", "expected"),
+    [
+        ({"m": Anchor(1e-3, 1e-5)}, Units("V", "m"), True),
+        ({"d_1": Anchor(10.0, 0.0)}, Units("V", "m"), False),
+        ({}, Units("V", "m"), False),
+        ({}, Units("N", "m"), True),
+        ({"rho_2": Anchor(1e-4, 0.0)}, Units("V", "m"), True),
+    ],
+)
+def test_a_stated_value_or_a_measured_force_fixes_the_common_factor(
+    known: dict[str, Anchor], units: Units, expected: bool
+) -> None:
+    found = campaigns.diagnosis("quadratic_drag", "quadratic_drag")
+    first, *others = found.campaign.recordings
+    campaign = replace(found.campaign, known=known, recordings=(replace(first, units=units), *others))
+    assert forces_known(replace(found, campaign=campaign)) is expected
+
+
+def test_a_force_of_unknown_gain_fixes_nothing() -> None:
+    found = campaigns.diagnosis("quadratic_drag", "quadratic_drag")
+    recordings = tuple(replace(r, units=Units("N", "m"), gain="unknown") for r in found.campaign.recordings)
+    assert not forces_known(replace(found, campaign=replace(found.campaign, known={}, recordings=recordings)))
