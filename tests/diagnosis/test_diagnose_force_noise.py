@@ -16,9 +16,7 @@ from phnn.diagnosis.lines import own_score
 from phnn.diagnosis.spectra import spectra_of
 from phnn.models.actuator import hrc
 from phnn.network import small_signal
-from phnn.network.elements import Coupling, Network, Port, Storage
 from phnn.network.small_signal import output_gain
-from phnn.parameters import Parameter, as_table, constant
 from phnn.recordings.recording import Start
 from phnn.setup import DRIFT_TERMS, Own
 from tests import campaigns
@@ -40,18 +38,6 @@ def test_the_response_about_rest_is_that_of_mass_spring_and_damper() -> None:
     s = 2j * np.pi * f
     expected = np.abs(1.0 / (p["m"] * s**2 + p["b"] * s + p["k"]))
     np.testing.assert_allclose(output_gain(network, f), expected, rtol=1e-9)
-
-
-def test_a_mass_alone_has_a_response() -> None:
-    # Its matrix has a double eigenvalue of zero and one eigenvector.
-    one = as_table((Parameter("m", 2.0, unit="kg"),))
-    network = Network(
-        storages=(Storage("q", "spring", ("none",), "m"), Storage("p", "capacitor", ("m",), "kg m/s")),
-        couplings=(Coupling("p", "q"),), resistors=(), ports=(Port("force", {"p": 1.0}, unit="N"),),
-        parameters=one | as_table((constant("none", 0.0, "N/m"),)),
-    )  # fmt: skip
-    f = np.array([0.5, 3.0])
-    np.testing.assert_allclose(output_gain(network, f), 1.0 / (2.0 * (2.0 * np.pi * f) ** 2), rtol=1e-9)
 
 
 def drawn(share: float, size: int, rng: np.random.Generator, damping: float = 0.1) -> np.ndarray:

@@ -89,26 +89,6 @@ def test_the_four_hysterons_are_one_system_in_other_coordinates(choice: str, hys
     assert (np.abs(rates - wanted) <= 1e-9 * size).all()
 
 
-def test_the_two_forms_of_a_relaxation_agree_for_any_law() -> None:
-    # λ h(λ e) of h = F tanh(e/V), which eq. (2) is not, has the parameters λF and V/λ.
-    part = (outer := ALPHA**2 / (SHARE * K)) / (outer + TABLE_1["C_1"])
-    laws = {"parallel_rc": (0.02, 9.0), "series_rc": (0.02 * part, 9.0 / part)}
-    systems = {}
-    for choice, (flow, effort) in laws.items():
-        drawn = hysteron_choice(choice, 1, share=SHARE)
-        elements = [
-            replace(e, law="coulomb") if isinstance(e, R) and e.name == "hysteron_1" else e for e in drawn.elements
-        ]
-        network = replace(drawn, elements=tuple(elements)).network().with_values({"rho_1": flow, "d_1": effort})
-        systems[choice] = PortHamiltonianSystem(network)
-    embed, onto = as_hrc("series_rc", 1)
-    x = (np.random.default_rng(0).normal(size=(20, 3)) * [1e-5, 3e-4, 1e-3]) @ embed.T
-    u = torch.tensor([[40.0, 0.2]], dtype=torch.float64).expand(20, 2)
-    rates = systems["series_rc"].vector_field(torch.from_numpy(x), u).detach().numpy() @ onto.T
-    wanted = systems["parallel_rc"].vector_field(torch.from_numpy(x @ onto.T), u).detach().numpy()
-    assert (np.abs(rates - wanted) <= 1e-11 * np.abs(wanted).max(0)).all()
-
-
 def test_the_four_hysterons_answer_alike_in_the_compiled_step() -> None:
     voltage, h = sine(150.0, 2.0, 4000)
     wanted = displacement(hrc(2), voltage, h)
