@@ -285,3 +285,16 @@ def test_learned_dampers_and_memories_follow_what_is_missing(effect: str, kind: 
 def test_every_effect_is_of_a_kind_that_the_dictionaries_have(effect: Effect) -> None:
     # A constant shows at once and everywhere: no function of time or state is needed to describe it.
     assert effect.kind in {g.kind for g in GROUPS} | {kinds.OFFSET, kinds.CONSTANT_FORCE}
+
+
+def test_ledger_of_a_network_with_a_creeping_spring_balances() -> None:
+    from phnn.effects import catalogue
+
+    linearised = campaigns.linearised()
+    entry = catalogue()["creep"]
+    setup = entry.add_to(linearised.fit.setup, entry.grid(linearised.scales)[0])
+    trajectory = simulate(setup, linearised.plan.recordings[0], 2)
+    found = account(trajectory)
+    assert abs(found.defect) < 1e-10 * sum(found.dissipated.values()) + 1e-10 * abs(found.supplied)
+    assert len(found.dissipated) == 4
+    assert all(d >= -1e-15 for d in found.dissipated.values())

@@ -144,24 +144,6 @@ def test_class_of() -> None:
     assert class_of([best, failed], True) == [best]
 
 
-@pytest.mark.parametrize("effect", ["quadratic_drag", pytest.param("sensor_drift", marks=pytest.mark.slow)])
-def test_a_missing_element_is_named_with_its_parameters(effect: str) -> None:
-    made = campaigns.diagnosis(effect)
-    j = made.judgement
-    assert j.verdict in ("named", "equivalent")
-    assert effect in [t.candidate.effect.name for t in j.findings[0].members]
-    assert j.findings[0].effect.name == effect
-    assert j.final.chi2 < 1.1
-    assert made.after.over_noise("confirmation") < 1.2
-    assert made.before.over_noise("confirmation") > 1.3
-    true, found = campaigns.concealed(effect)[1].parameters, j.final.setup.values()
-    if effect == "quadratic_drag":
-        assert found["c_2"] == pytest.approx(true["c_2"], rel=0.1)
-    else:
-        rates = {v for n, v in true.items() if n.startswith("rate_")}
-        assert found["drift_rate"] == pytest.approx(next(iter(rates)), rel=0.1)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [5, 7, 8, 9])
 def test_a_stop_that_no_catalogue_lists_is_unknown_and_learned(seed: int) -> None:

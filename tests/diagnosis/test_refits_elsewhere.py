@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cache, partial
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
 from unittest import mock
 
 import campaigns
@@ -27,7 +26,7 @@ from phnn.identification.options import Options
 from phnn.identification.plan import Plan
 from phnn.identification.staged import fit_identified
 from phnn.models.actuator import hrc
-from phnn.parallel import SERIAL, Executor, executor
+from phnn.parallel import executor
 from phnn.recordings.recording import Start
 from phnn.setup import Setup
 
@@ -95,30 +94,6 @@ def test_every_effect_survives_pickling(name: str) -> None:
         assert again.add_to(base().setup, values) == changed
         assert pickle.loads(pickle.dumps(changed)) == changed
         assert again.scaled(values, 2.0) == effect.scaled(values, 2.0)
-
-
-@dataclass(frozen=True)
-class Seen(Executor):
-    """Works here and notes on how many threads."""
-
-    threads: list[int] = field(default_factory=list)
-
-    def each(self, function: Callable[[Any], Any], items: Sequence[Any]) -> Iterator[tuple[int, Any]]:
-        assert isinstance(function, partial)
-        self.threads.append(function.args[0].plan.workers)
-        return SERIAL.each(function, items)
-
-
-def test_refits_elsewhere_have_one_thread_and_come_back_to_the_plan_of_the_base() -> None:
-    seen = Seen()
-    trials = refit(base(), candidates(), seen)
-    assert len(seen.threads) >= len(candidates())
-    assert set(seen.threads) == {1}
-    for trial in trials:
-        assert trial.fit is not None
-        assert trial.fit.plan.workers == 2
-        assert all(a is b for a, b in zip(trial.fit.plan.recordings, base().plan.recordings, strict=True))
-    assert trials[0].candidate.effect.name == "creep"
 
 
 @pytest.mark.parametrize("choice", ["threads:2", pytest.param("processes:2", marks=pytest.mark.slow)])

@@ -198,3 +198,21 @@ def test_unusable_arguments_are_refused() -> None:
         solve_dense(system, x0, torch.zeros(3, 2, dtype=torch.float64), 0.1)
     with pytest.raises(InputRefused, match="do not fit"):
         solve_dense(system, torch.zeros(4, 2, dtype=torch.float64), torch.zeros(3, 5, 1, dtype=torch.float64), 0.1)
+
+
+@pytest.mark.slow
+def test_steep_friction_is_solved_at_any_step() -> None:
+    network = Network(
+        (Storage("p", "capacitor", ("m",)),),
+        (Resistor("friction", "coulomb", {"p": 1.0}, ("f", "v")),),
+        (),
+        (Port("force", {"p": 1.0}),),
+        as_table([positive("m", 1.0, "kg"), positive("f", 1.0, "N"), positive("v", 1e-4, "m/s")]),
+        "p",
+    )
+    system = PortHamiltonianSystem(network)
+    u = 1.5 * torch.sin(0.3 * torch.arange(25, dtype=torch.float64))
+    for h in (1e-2, 1.0):
+        with torch.no_grad():
+            x = solve_dense(system, torch.zeros(1, dtype=torch.float64), u, h)
+        assert closes(system, x, u, h)

@@ -229,3 +229,10 @@ def test_importing_the_report_loads_no_drawing_and_no_torch() -> None:
     code = "import sys, phnn.report; print([m for m in ('matplotlib', 'torch', 'jinja2', 'scipy') if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_anchors_lead_somewhere(report: tuple[str, Path, Page]) -> None:
+    content = (report[1] / "report.html").read_text("utf-8")
+    for target in report[2].fetched:
+        if target.startswith("#"):
+            assert f'id="{target[1:]}"' in content

@@ -180,3 +180,10 @@ def test_beside_a_tie_stands_a_proposal_or_why_there_is_none(changes: dict[str, 
 def test_names_are_not_read_as_markup() -> None:
     fit = {"before": {"[red]x[/red]": {"fit_percent": 99.0}}}
     assert "[red]x[/red]" in _printed({"verdict": "none", "fit": fit}, EMPTY)
+
+
+@given(st.floats(allow_nan=True, allow_infinity=True), st.floats(allow_nan=True, allow_infinity=True))
+def test_every_float_has_a_text(value: float, std: float) -> None:
+    for text in (f.number(value), f.with_error(value, std), f.p_value(value), f.plain(value), f.change(value, std)):
+        assert text
+        assert not {"nan", "inf"} & set(text.split())

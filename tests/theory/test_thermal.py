@@ -17,11 +17,14 @@ from torch import Tensor
 from phnn.derivatives import output_derivatives, output_gradient
 from phnn.errors import StructureViolated
 from phnn.integrate import kernel
+from phnn.integrate.dense import solve_dense
 from phnn.integrate.residual import check, power_balance
+from phnn.integrate.scheme import Scheme
 from phnn.models.actuator import hrc
 from phnn.models.thermal import thermal_hrc
 from phnn.network import ModulatorState, Network, PortHamiltonianSystem
 from phnn.network.lyapunov import forced_equilibrium, shifted_energy, shifted_rate
+from phnn.network.modulator_states import between, drives
 from phnn.network.thermal import ThermalBalance, thermal_balance, thermal_energy, total_energy
 from phnn.parameters import Parameter
 from phnn.setup import Block, Setup
@@ -300,3 +303,21 @@ def test_gain_recovers_at_rest() -> None:
     straight = march(run.setup.network, u, h, np.append(again.states[4000, :4], hot))
     cooled, first, warm = (np.ptp(r.states[-200:, 2]) for r in (again, cold, straight))
     assert 0.0 < cooled / first - 1.0 < 0.25 * (warm / first - 1.0)
+
+
+def test_the_torch_step_keeps_both_laws() -> None:
+    system = PortHamiltonianSystem(thermal_hrc(2, FAST))
+    u, h = driven(0.002, 500.0, 4e-5)
+    x0, inputs = torch.zeros(5, dtype=torch.float64), torch.from_numpy(u)
+    with torch.no_grad():
+        # Whose mean efforts are the discrete gradients that are written out here.
+        x = solve_dense(system, x0, inputs, 4e-5, Scheme.MIDPOINT)
+        efforts, middle = system.mean_efforts(x[:-1], x[1:]), between(system, x[:-1], x[1:])
+        thermal = thermal_balance(system, x, drives(system, efforts, middle, inputs), torch.from_numpy(h))
+        supplied = 4e-5 * (inputs * (efforts.unsqueeze(-2) @ system.incidences(middle)[1]).squeeze(-2)).sum(-1)
+        total = total_energy(system, x)
+    defect = total.diff() + thermal.released.sum(-1) - supplied
+    # As far as the torch step solves its equations.
+    assert defect.abs().max() < 1e-11 * supplied.abs().max()
+    assert (thermal.produced > 0.0).all()
+    assert thermal.stored.sum() > 0.5 * thermal.received.sum() > 0.0
