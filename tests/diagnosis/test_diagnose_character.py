@@ -1,13 +1,15 @@
-"""Curves of known kind are described as what they are."""
+"""Curves of known kind are described as what they are, and are learned only where something was recorded."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import campaigns
 import numpy as np
 import pytest
 
-from phnn.diagnosis.character import character_of, forgetting, in_words, memory_in_words, shape_of, without_line
-from phnn.diagnosis.learn import learned_force, learned_setup
+from phnn.diagnosis.character import character_of, forgetting, in_words, memory_in_words, shape_of
+from phnn.diagnosis.learn import learn, learned_setup
 from phnn.diagnosis.locate import locate
 from phnn.diagnosis.words import fitted_in_words
 from phnn.effects import kinds
@@ -37,11 +39,6 @@ def test_character_of_curves(curve: np.ndarray, even: float, side: int, kind: st
         assert found.shape.at == pytest.approx(at, rel=0.1)
 
 
-def test_a_straight_line_through_the_inner_part_is_no_character() -> None:
-    stop = np.maximum(X - 60.0, 0.0)
-    assert without_line(X, stop + 0.7 * X - 2.0) == pytest.approx(stop, abs=1e-9)
-
-
 def test_words_of_a_stop_and_of_an_odd_power() -> None:
     stop = in_words(character_of(X, np.maximum(X - 60.0, 0.0)), "displacement", "90 µm", "0.8 N", "60 µm")
     assert stop == (
@@ -64,25 +61,6 @@ def test_forgetting_of_one_time_constant_and_of_many() -> None:
     assert forgetting(t, np.sin(t)) is None
 
 
-def test_the_law_of_a_learned_spring_and_of_a_memory() -> None:
-    linearised = campaigns.linearised("none")
-    base, scales = linearised.fit.setup, linearised.scales
-    spring = learned_setup(base, kinds.ELASTIC, scales)
-    assert spring is not None
-    strengths = {n: 0.0 for n in spring.free if n not in base.parameters}
-    gap = spring.parameters["g_L3"].value
-    spring = spring.with_values(strengths | {"k_R3": 2e4})
-    q = np.linspace(-1.0, 1.0, 241) * scales.displacement
-    assert learned_force(base, spring, q, 1.0) == pytest.approx(-2e4 * np.maximum(q - gap, 0.0), abs=1e-9)
-    memory = learned_setup(base, kinds.MEMORY, scales)
-    assert memory is not None
-    k = memory.parameters["k_M2"].value
-    tau = memory.parameters["tau_M2"].value
-    others = {n: memory.parameters[n].lower for n in memory.free if n not in base.parameters}
-    alone = learned_force(base, memory.with_values(others | {"k_M2": 1e6 * k}), np.array([0.0, tau]), 1e-6)
-    assert alone[1] / alone[0] == pytest.approx(np.exp(-1.0), rel=1e-6)
-
-
 @pytest.mark.parametrize(
     ("effect", "words"),
     [
@@ -95,3 +73,19 @@ def test_what_was_fitted_at_the_location_in_words(effect: str, words: tuple[str,
     linearised = campaigns.linearised(effect)
     found = fitted_in_words(linearised, locate(linearised, campaigns.generic(effect)))
     assert all(w in found for w in words), found
+
+
+def test_springs_beyond_the_recorded_motion_stay_as_weak_as_they_begin() -> None:
+    linearised = campaigns.linearised("creep")
+    wide = replace(linearised, scales=replace(linearised.scales, displacement=2.0 * linearised.scales.displacement))
+    found = learn(wide, kinds.ELASTIC)
+    assert found is not None
+    reached = max(float(np.abs(t.states[:, t.program.output]).max()) for t in linearised.trajectories)
+    begun = learned_setup(linearised.fit.setup, kinds.ELASTIC, wide.scales)
+    assert begun is not None
+    values, stops = found.setup.values(), [f"{side}{i}" for i in range(1, 5) for side in "RL"]
+    beyond = [i for i in stops if values[f"g_L{i[1]}"] > 1.01 * reached]
+    assert len(beyond) >= 4
+    assert not {f"k_{i}" for i in beyond} & set(found.variables.names)
+    assert [values[f"k_{i}"] for i in beyond] == pytest.approx([begun.values()[f"k_{i}"] for i in beyond])
+    assert any(f"k_{i}" in found.variables.names for i in stops)

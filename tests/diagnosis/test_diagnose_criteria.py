@@ -58,13 +58,6 @@ def test_one_override_changes_one_criterion(row: Criterion, factor: float) -> No
     assert changed.changed() == ({row.name: value} if value != row.default else {})
 
 
-def test_half_and_double_of_a_ratio_are_of_its_margin() -> None:
-    row = next(r for r in TABLE if r.name == "noise_doubt")
-    assert (row.times(0.5), row.times(2.0)) == (pytest.approx(1.01), pytest.approx(1.04))
-    count = next(r for r in TABLE if r.name == "retested")
-    assert (count.times(0.1), count.times(2.0)) == (1, 6)
-
-
 def test_an_override_on_the_command_line_reaches_the_options() -> None:
     given_ = compose("diagnose", ["criteria.material=0.2", "criteria.retested=2", "material_share=0.03"])
     options = Options.from_config(given_)

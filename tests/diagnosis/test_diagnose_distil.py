@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
-from unittest import mock
 
 import numpy as np
 import pytest
@@ -12,19 +10,15 @@ from campaigns import recorded
 from effect_homes import BASE, SCALES
 from matplotlib.mathtext import MathTextParser
 
-from phnn.diagnosis.distil import distil, refitted
+from phnn.diagnosis.distil import distil
 from phnn.diagnosis.distil.refitted import refitted_formula
-from phnn.diagnosis.distil.response import element_force
 from phnn.diagnosis.linearised_fit import LinearisedFit, prepare
-from phnn.diagnosis.name import Candidate
 from phnn.diagnosis.strengths import started
-from phnn.diagnosis.trial import Trial
 from phnn.effects import Effect, effect
 from phnn.effects.formulas import formulas, formulas_for
 from phnn.effects.learned import learned_elements
-from phnn.identification.fit import Fit, fit
+from phnn.identification.fit import fit
 from phnn.identification.plan import Plan
-from phnn.laws import RESISTOR_LAWS
 from phnn.setup import Setup
 
 NOISE = 2e-8
@@ -113,21 +107,6 @@ def test_a_spring_that_hardens_with_the_cube() -> None:
     MathTextParser("path").parse(f"${found.equation}$")
 
 
-def test_the_force_of_an_element_is_that_of_its_laws() -> None:
-    element, q, v = learned_elements()["learned_damper"], np.array([1e-5, -3e-5]), np.array([0.02, -0.05])
-    setup = damped({"F_q": 0.4, "F_b4": 0.3})
-    p = setup.values()
-    drag = RESISTOR_LAWS["power_damper"].flow(v, q, 0.0, 0.3, 2.0, p["v_D3"])
-    bowl = 0.4 * (q / p["q_D"]) ** 2 * v / p["v_Dq"]
-    np.testing.assert_allclose(element_force(setup, element, q, v), drag + bowl, rtol=1e-12)
-
-
-def test_only_springs_and_dampers_have_a_grammar() -> None:
-    element = learned_elements()["learned_relaxation"]
-    linearised = learned_linearised(BASE, learned_elements()["learned_spring"])
-    assert distil(linearised, element) is None
-
-
 @pytest.mark.parametrize("share", [1e-2, 10.0])
 def test_a_fit_of_strengths_needs_few_steps_wherever_they_begin(share: float) -> None:
     element = learned_elements()["learned_damper"]
@@ -171,25 +150,6 @@ def test_a_formula_of_the_measuring_chain_is_found_in_the_place_of_a_learned_ele
     assert said in found.words
     for name, (value, _) in found.parameters.items():
         assert value == pytest.approx(values[name], rel=0.03)
-
-
-@pytest.mark.parametrize(("takes", "described"), [(0.0, False), (0.5, False), (0.95, True)])
-def test_a_formula_describes_only_what_it_takes_most_of(takes: float, described: bool) -> None:
-    element, formula = learned_elements()["learned_sensor_over_time"], formulas()["sensor_gain_drift"]
-    point = formula.grid(SCALES)[0]
-    known = fit(formula.add_to(BASE, point), learned_linearised(BASE, element).fit.plan, NAMES, {"m": "held"}, 1)
-    # A weak element: it takes less than two fits in doubt differ by.
-    without, learned = 10.0, 9.9
-
-    def leaving(rms: float) -> Fit:
-        return replace(known, residual=np.full(known.residual.size, rms))
-
-    formed = leaving(float(np.sqrt(without**2 - takes * (without**2 - learned**2))))
-    trial = Trial(Candidate(formula, dict(point), (), 1.0, 1e-3), formed)
-    with mock.patch.object(refitted, "refit", lambda *a, **k: [trial]):
-        found = refitted_formula(leaving(learned), leaving(without), element)
-    assert found is not None
-    assert found.as_good == described
 
 
 def test_what_has_no_formula_stays_a_curve() -> None:

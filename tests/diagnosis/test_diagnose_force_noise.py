@@ -16,9 +16,7 @@ from phnn.diagnosis.lines import own_score
 from phnn.diagnosis.spectra import spectra_of
 from phnn.models.actuator import hrc
 from phnn.network import small_signal
-from phnn.network.elements import Coupling, Network, Port, Storage
-from phnn.network.small_signal import linearised_at_rest, output_gain
-from phnn.parameters import Parameter, as_table, constant
+from phnn.network.small_signal import output_gain
 from phnn.recordings.recording import Start
 from phnn.setup import DRIFT_TERMS, Own
 from tests import campaigns
@@ -40,28 +38,6 @@ def test_the_response_about_rest_is_that_of_mass_spring_and_damper() -> None:
     s = 2j * np.pi * f
     expected = np.abs(1.0 / (p["m"] * s**2 + p["b"] * s + p["k"]))
     np.testing.assert_allclose(output_gain(network, f), expected, rtol=1e-9)
-
-
-def test_hysterons_stick_about_rest() -> None:
-    network = hrc(2)
-    a, b = linearised_at_rest(network)
-    assert a.shape == (4, 4) and b.shape == (4, 2)
-    charges = [network.state_names.index(n) for n in ("Q_1", "Q_2")]
-    # They follow the motion, and nothing relaxes.
-    assert not a[np.ix_(charges, charges)].any()
-    assert np.abs(a[charges]).max(axis=1).min() > 0.0
-
-
-def test_a_mass_alone_has_a_response() -> None:
-    # Its matrix has a double eigenvalue of zero and one eigenvector.
-    one = as_table((Parameter("m", 2.0, unit="kg"),))
-    network = Network(
-        storages=(Storage("q", "spring", ("none",), "m"), Storage("p", "capacitor", ("m",), "kg m/s")),
-        couplings=(Coupling("p", "q"),), resistors=(), ports=(Port("force", {"p": 1.0}, unit="N"),),
-        parameters=one | as_table((constant("none", 0.0, "N/m"),)),
-    )  # fmt: skip
-    f = np.array([0.5, 3.0])
-    np.testing.assert_allclose(output_gain(network, f), 1.0 / (2.0 * (2.0 * np.pi * f) ** 2), rtol=1e-9)
 
 
 def drawn(share: float, size: int, rng: np.random.Generator, damping: float = 0.1) -> np.ndarray:
@@ -95,18 +71,6 @@ def test_a_model_that_is_exact_and_one_without_a_slope_at_rest_have_a_spectrum(m
     steep = np.full((4, 4), np.inf), np.zeros((4, 1))
     monkeypatch.setattr(small_signal, "linearised_at_rest", lambda _: steep)
     assert not output_gain(hrc(2), np.ones(3)).any()
-
-
-def test_a_line_hardly_raises_the_noise_that_it_is_compared_with() -> None:
-    rng, network = np.random.default_rng(0), hrc(0).with_values(linear(300.0, 0.1))
-    t = DT * np.arange(4000)
-    noise = drawn(0.5, t.size, rng)
-    alone, both = (
-        force_noise(x, DT, partial(output_gain, network))
-        for x in (noise, noise + 3.0 * np.sin(2.0 * np.pi * 310.0 * t))
-    )
-    f = np.linspace(1e-3, 0.5, 500)
-    np.testing.assert_allclose(both.at(f), alone.at(f), rtol=0.2)
 
 
 def test_a_resonance_in_a_short_recording_is_no_line() -> None:

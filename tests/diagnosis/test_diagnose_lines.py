@@ -7,14 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from junctions import recording
-from scipy.stats import norm
 
 from phnn.diagnosis import lines
 from phnn.diagnosis.colour import Colour
 from phnn.diagnosis.linearised_fit import LinearisedFit
-from phnn.diagnosis.lines import LineCandidate, LineScores, line_of_one, own_score, strongest_line
+from phnn.diagnosis.lines import line_of_one, own_score, strongest_line
 from phnn.diagnosis.spectra import Spectra, spectra_of
-from phnn.effects import effect
 from phnn.recordings.recording import Start
 from phnn.setup import DRIFT_TERMS, Own
 from tests import campaigns
@@ -61,14 +59,6 @@ def test_harmonics_of_what_drives_a_recording_are_no_line(driven: float, seen: b
     assert (min(deviates) > 5.0) if seen else deviates == (0.0, 0.0)
 
 
-@pytest.mark.parametrize("deviate", [0.5, 2.0, 6.0])
-def test_the_tail_is_that_of_the_largest_of_as_many_normal_variables(deviate: float) -> None:
-    drift = LineCandidate(effect("sensor_drift"), {}, 1.0, 0.8)
-    scores = LineScores((drift, drift, drift), (4.0, 3.0), 4)
-    assert scores.tail(deviate) == pytest.approx(-np.expm1(4 * norm.logcdf(deviate)), rel=1e-12)
-    assert (scores.statistic, scores.judged, scores.tail(0.0)) == (4.0, 3.0, 1.0)
-
-
 def test_what_lies_beside_a_line_is_that_of_recordings_that_can_show_it() -> None:
     """Of two recordings of other lengths and rates, within what each resolves, and beside what drives it."""
     rng = np.random.default_rng(0)
@@ -108,11 +98,3 @@ def test_noise_that_is_stronger_at_low_frequencies_is_neither_drift_nor_mains(ow
         stated.append(deviate)
     assert min(stated) > 3.0
     assert max(judged) < 3.0
-
-
-def test_degrees_of_freedom_of_one_band_are_those_of_a_sum_in_it() -> None:
-    linearised = coloured(0, 0.0, 0.0)
-    colour = Colour(linearised)
-    column = np.cos(2.0 * np.pi * 0.2 * np.arange(linearised.fit.residual.size))[:, None]
-    alone = colour.freedom(column)[0]
-    assert colour.freedom_of_sum(np.hstack([column, 2.0 * column])) == pytest.approx(alone, rel=1e-12)

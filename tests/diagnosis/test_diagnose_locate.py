@@ -14,7 +14,6 @@ from phnn.diagnosis.ledger import account
 from phnn.diagnosis.linearised_fit import direction
 from phnn.diagnosis.lines import drift_share, line_share
 from phnn.diagnosis.locate import Location, locate, recording_scores, strongest_frequencies, strongest_times
-from phnn.diagnosis.name import score
 from phnn.diagnosis.picture import missing_force, picture
 from phnn.effects import Effect, Kind, catalogue, kinds
 from phnn.effects.kinds import LOCATIONS
@@ -66,14 +65,6 @@ def test_static_picture_has_the_functions_of_the_group(group: Group) -> None:
         after = group.static(np.geomspace(1e-6, 10.0, 50), scales)
         assert after.shape[1] == functions.shape[1]
         assert (np.diff(after, axis=0) <= 0.0).all()
-
-
-def test_responses_are_normalised_and_the_owners_complete() -> None:
-    found = campaigns.generic()
-    norms = np.linalg.norm(found.columns, axis=0)
-    assert np.isfinite(found.columns).all()
-    assert np.allclose(norms[norms > 0.0], 1.0)
-    assert set(found.owner.tolist()) == set(range(len(GROUPS)))
 
 
 @pytest.mark.parametrize(
@@ -192,17 +183,6 @@ def test_a_mode_that_rings_like_a_line_lies_in_the_mechanics(ratio: float, share
     assert without.details["mechanical/ringing mode"] == 0.0
 
 
-def test_what_takes_its_frequency_from_the_residual_is_no_test_of_it() -> None:
-    responses = campaigns.generic()
-    searched = [GROUPS[i].searched for i in responses.owner]
-    assert any(searched)
-    np.testing.assert_array_equal(responses.tests, responses.columns[:, np.logical_not(searched)])
-    linearised = campaigns.linearised()
-    scored = score(linearised, [], responses, 0)
-    alone = replace(responses, columns=responses.tests, owner=responses.owner[np.logical_not(searched)])
-    assert scored.statistic == score(linearised, [], alone, 0).statistic
-
-
 def test_a_drift_of_its_own_in_every_recording_lies_in_the_sensor() -> None:
     linearised = campaigns.linearised()
     rng = np.random.default_rng(1)
@@ -291,6 +271,22 @@ def test_energy_is_accounted_for_to_rounding() -> None:
             assert again.defect == found.defect
 
 
+@pytest.mark.parametrize(("effect", "kind"), [("quadratic_drag", kinds.DISSIPATIVE), ("creep", kinds.MEMORY)])
+def test_learned_dampers_and_memories_follow_what_is_missing(effect: str, kind: Kind) -> None:
+    linearised = campaigns.linearised(effect)
+    learned = learn(linearised, kind)
+    assert learned is not None
+    assert learned.chi2 < 0.5 * linearised.fit.chi2
+    strengths = learned_elements()[kind.learned].strengths
+    assert all(learned.setup.values()[n] >= 0.0 for n in strengths)
+
+
+@pytest.mark.parametrize("effect", list(catalogue().values()), ids=lambda e: e.name)
+def test_every_effect_is_of_a_kind_that_the_dictionaries_have(effect: Effect) -> None:
+    # A constant shows at once and everywhere: no function of time or state is needed to describe it.
+    assert effect.kind in {g.kind for g in GROUPS} | {kinds.OFFSET, kinds.CONSTANT_FORCE}
+
+
 def test_ledger_of_a_network_with_a_creeping_spring_balances() -> None:
     from phnn.effects import catalogue
 
@@ -302,49 +298,3 @@ def test_ledger_of_a_network_with_a_creeping_spring_balances() -> None:
     assert abs(found.defect) < 1e-10 * sum(found.dissipated.values()) + 1e-10 * abs(found.supplied)
     assert len(found.dissipated) == 4
     assert all(d >= -1e-15 for d in found.dissipated.values())
-
-
-@pytest.mark.slow
-def test_a_learned_spring_finds_the_stop() -> None:
-    effect = "contact_stop"
-    linearised, sealed = campaigns.linearised(effect), campaigns.concealed(effect)[1]
-    learned = learn(linearised, kinds.ELASTIC)
-    assert learned is not None
-    assert learned.cost < 0.5 * linearised.fit.cost
-    p = learned.setup.parameters
-    sides = {"R": 1.0, "L": -1.0}
-    stops = [(p[f"k_{s}{i}"].value, sign * p[f"g_L{i}"].value) for s, sign in sides.items() for i in range(1, 5)]
-    yielding = [(p[f"k_S{i}"].value, p[f"g_L{i}"].value) for i in (5, 6)]
-    assert all(k >= 0.0 for k, _ in (*stops, *yielding))
-
-    def stiffness(q: float) -> float:
-        beyond = sum(k for k, gap in stops if (q > gap if gap > 0 else q < gap))
-        return p["k"].value + beyond + sum(k for k, reach in yielding if abs(q) < reach)
-
-    reach = linearised.scales.displacement
-    stop = sealed.parameters["q_c"]
-    assert 0.4 * reach < stop < reach
-    softest = min(stiffness(s * stop) for s in (-0.6, 0.0, 0.6))
-    assert stiffness(reach) > softest + 0.3 * sealed.parameters["k_c"]
-    # The other side has no stop: nothing like it is learned there.
-    assert stiffness(-reach) - softest < 0.5 * (stiffness(reach) - softest)
-
-
-@pytest.mark.parametrize(("effect", "kind"), [("quadratic_drag", kinds.DISSIPATIVE), ("creep", kinds.MEMORY)])
-def test_learned_dampers_and_memories_follow_what_is_missing(effect: str, kind: Kind) -> None:
-    linearised = campaigns.linearised(effect)
-    learned = learn(linearised, kind)
-    assert learned is not None
-    assert learned.chi2 < 0.5 * linearised.fit.chi2
-    strengths = learned_elements()[kind.learned].strengths
-    assert all(learned.setup.values()[n] >= 0.0 for n in strengths)
-
-
-def test_nothing_is_learned_where_there_is_no_one_port() -> None:
-    assert learn(campaigns.linearised(), kinds.LAG) is None
-
-
-@pytest.mark.parametrize("effect", list(catalogue().values()), ids=lambda e: e.name)
-def test_every_effect_is_of_a_kind_that_the_dictionaries_have(effect: Effect) -> None:
-    # A constant shows at once and everywhere: no function of time or state is needed to describe it.
-    assert effect.kind in {g.kind for g in GROUPS} | {kinds.OFFSET, kinds.CONSTANT_FORCE}

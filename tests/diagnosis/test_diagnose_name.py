@@ -14,12 +14,9 @@ from junctions import recording
 from scipy.stats import kstest
 
 from phnn.diagnosis import name as naming
-from phnn.diagnosis.judge import judge
 from phnn.diagnosis.name import Candidate, score, tail
-from phnn.diagnosis.search import Search
 from phnn.diagnosis.trial import Trial, class_of
 from phnn.effects import catalogue
-from phnn.identification.refinement import numerical_error
 from phnn.models.actuator import hrc
 from phnn.setup import NOTHING, Own, Setup
 
@@ -93,21 +90,6 @@ def test_the_concealed_effect_scores_highest(effect: str) -> None:
     assert found.candidates[0].p_value < 1e-4
 
 
-@pytest.mark.parametrize(
-    ("effect", "strength"),
-    [
-        ("quadratic_drag", "c_2"),
-        pytest.param("cubic_stiffness", "kappa_3", marks=pytest.mark.slow),
-        ("electrostriction", "epsilon"),
-    ],
-)
-def test_strength_is_estimated_from_the_score(effect: str, strength: str) -> None:
-    values = scored(effect).candidates[0].values
-    true = campaigns.concealed(effect)[1].parameters
-    size = values[strength] * ((true["q_0"] / values["q_0"]) ** 2 if "q_0" in values else 1.0)
-    assert size == pytest.approx(true[strength], rel=0.5)
-
-
 def test_the_null_is_that_of_the_seed() -> None:
     few = [catalogue()["coulomb_friction"]]
     one, again, other = (score(campaigns.linearised(), few, None, seed) for seed in (3, 3, 4))
@@ -124,15 +106,6 @@ def test_without_any_candidate_the_generic_functions_decide() -> None:
     assert found.p_value < 1e-4
     nothing = score(campaigns.linearised("none"), (), campaigns.generic("none"), 0)
     assert nothing.p_value > 0.01
-
-
-def test_numerical_error_is_scored_along_every_direction() -> None:
-    linearised = campaigns.linearised()
-    error = numerical_error(linearised.fit).error
-    few = [catalogue()["quadratic_drag"]]
-    one = score(linearised, few, campaigns.generic(), 0, error).numerical
-    assert score(linearised, few, campaigns.generic(), 0, 10.0 * error).numerical == pytest.approx(10.0 * one)
-    assert 0.0 < one < np.linalg.norm(error)
 
 
 def test_tail() -> None:
@@ -169,35 +142,6 @@ def test_class_of() -> None:
     assert class_of([best, trial("sensor_drift", 1003.0, own=Own(drift_terms=8))], False)[0] is best
     failed = Trial(Candidate(catalogue()["extra_hysteron"], {}, (), 9.0, 1e-5), None)
     assert class_of([best, failed], True) == [best]
-
-
-def test_nothing_missing_is_found_to_be_nothing() -> None:
-    fitted = campaigns.base()
-    search = Search(EVERY, max_effects=2, new_in_held_out=True)
-    found = judge(search.scored(fitted, numerical_error(fitted)), search)
-    assert found.verdict == "none"
-    assert found.findings == ()
-    assert found.location is None
-    assert found.final is fitted
-    assert found.remainder is None
-
-
-@pytest.mark.parametrize("effect", ["quadratic_drag", pytest.param("sensor_drift", marks=pytest.mark.slow)])
-def test_a_missing_element_is_named_with_its_parameters(effect: str) -> None:
-    made = campaigns.diagnosis(effect)
-    j = made.judgement
-    assert j.verdict in ("named", "equivalent")
-    assert effect in [t.candidate.effect.name for t in j.findings[0].members]
-    assert j.findings[0].effect.name == effect
-    assert j.final.chi2 < 1.1
-    assert made.after.over_noise("confirmation") < 1.2
-    assert made.before.over_noise("confirmation") > 1.3
-    true, found = campaigns.concealed(effect)[1].parameters, j.final.setup.values()
-    if effect == "quadratic_drag":
-        assert found["c_2"] == pytest.approx(true["c_2"], rel=0.1)
-    else:
-        rates = {v for n, v in true.items() if n.startswith("rate_")}
-        assert found["drift_rate"] == pytest.approx(next(iter(rates)), rel=0.1)
 
 
 @pytest.mark.slow

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from typing import Any
 
 import campaigns
 import numpy as np
 import pytest
 
-from phnn.criteria import REFITS, Refits
-from phnn.diagnosis import starts, steps
 from phnn.diagnosis.linearised_fit import direction, prepare
 from phnn.diagnosis.name import Candidate, score
 from phnn.diagnosis.refit import refit
-from phnn.diagnosis.starts import _strong, _stronger, has_large_starts, large_starts
+from phnn.diagnosis.starts import has_large_starts, large_starts
 from phnn.diagnosis.trial import Trial, class_of
 from phnn.effects import catalogue, effect
 from phnn.identification.fit import Fit
@@ -59,27 +56,6 @@ def test_a_strong_effect_without_a_score_is_found_where_nothing_else_explains_mu
     assert found.fit.setup.values()["kappa_v"] == pytest.approx(6.0, rel=0.05)
 
 
-def test_large_step_starts_race_on_few_recordings_and_the_best_go_on_on_all(monkeypatch: pytest.MonkeyPatch) -> None:
-    used: dict[str, set[int]] = {"from_large_starts": set(), "on_all_recordings": set()}
-    for name, counts in used.items():
-        work = getattr(steps, name)
-
-        def counted(*given: Any, limits: Refits, work: Any = work, counts: set[int] = counts) -> Fit | None:
-            found: Fit | None = work(*given, limits)
-            counts.add(len(found.plan.recordings) if found is not None else 0)
-            return found
-
-        monkeypatch.setattr(f"phnn.diagnosis.refit.{name}", counted)
-    base = fitted("rate_dependent_threshold", (50, 65, 80, 100, 130, 160, 200), kappa_v=6.0)
-    hidden = [candidate(base, n) for n in ("rate_dependent_threshold", "cubic_stiffness", "quadratic_drag")]
-    found = refit(base, [], hidden=hidden)[0]
-    assert used == {"from_large_starts": {5}, "on_all_recordings": {7}}
-    assert found.candidate is hidden[0]
-    assert found.fit is not None
-    assert found.fit.chi2 < 1.1
-    assert found.fit.setup.values()["kappa_v"] == pytest.approx(6.0, rel=0.05)
-
-
 @pytest.mark.parametrize("creep", [{}, {"rho_f": 5e-3}], ids=["slip", "creep too"])
 def test_friction_may_be_bristles(creep: dict[str, float]) -> None:
     rounded, forms = effect("coulomb_friction"), effect("coulomb_friction").forms
@@ -110,48 +86,6 @@ def test_large_step_starts_change_about_as_much_as_there_is_to_explain(name: str
     assert len({tuple(v.values()) for v in starts}) == len(starts)
     shares = [float(np.sum(linearised.project(direction(linearised, chosen, v)) ** 2)) / total for v in starts]
     assert all(0.0 < s <= 3.0 for s in shares)
-
-
-@pytest.mark.parametrize("name", ["cubic_stiffness", "quadratic_drag", "contact_stop", "self_heating"])
-def test_strengths_that_are_left_out_would_not_have_been_chosen(name: str) -> None:
-    # Of effects whose change grows with their strength.
-    linearised, chosen = prepare(strong()), effect(name)
-    total = float(np.sum(linearised.residual**2))
-    for sign in (1.0,) if chosen.one_sided else (1.0, -1.0):
-        for point in chosen.grid(linearised.scales):
-            found = _strong(linearised, chosen, point, sign, REFITS)
-            tried = []
-            for values in _stronger(chosen, point, sign):
-                share = float(np.sum(linearised.project(direction(linearised, chosen, values)) ** 2)) / total
-                if not share <= REFITS.large_start_most:
-                    break
-                if share > 0.0:
-                    tried.append((abs(np.log(share / REFITS.large_start_share)), values))
-            expected = min(tried, key=lambda t: t[0])[1] if tried else None
-            assert (found and found[1]) == expected
-
-
-@pytest.mark.parametrize("last", [1, 2, 3, 8])
-def test_strengths_that_cannot_be_simulated_are_not_passed_by(last: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    linearised, chosen = prepare(strong()), effect("cubic_stiffness")
-    point = chosen.grid(linearised.scales)[0]
-    stronger = _stronger(chosen, point, 1.0)
-    total = float(np.sum(linearised.residual**2))
-
-    def share(_: object, __: object, values: dict[str, float]) -> np.ndarray:
-        at = stronger.index(values)
-        size = 5e-5 * 10.0**at if at <= last else 0.0
-        return np.full(linearised.residual.size, np.sqrt(size * total / linearised.residual.size))
-
-    monkeypatch.setattr(starts, "direction", share)
-    monkeypatch.setattr(type(linearised), "project", lambda _, x: x)
-    found = _strong(linearised, chosen, point, 1.0, REFITS)
-    assert found is not None and found[1] == stronger[min(last, 4)]
-
-
-def test_both_signs_of_a_strength_are_tried() -> None:
-    starts = large_starts(prepare(strong()), effect("cubic_stiffness"))
-    assert {np.sign(v["kappa_3"]) for v in starts} == {1.0, -1.0}
 
 
 @pytest.mark.parametrize("name", sorted(n for n, e in catalogue().items() if e.special_cases))
@@ -240,13 +174,6 @@ def test_a_large_remainder_leaves_others_in_the_class() -> None:
     assert class_of([best, *others]) == [best, others[0]]
 
 
-def test_hidden_effects_are_tried_where_no_other_comes_into_question() -> None:
-    base = strong()
-    found = refit(base, [], hidden=[candidate(base, "rate_dependent_threshold")])[0]
-    assert found.fit is not None and found.fit.chi2 < 1.3
-    assert refit(base, []) == []
-
-
 def test_a_special_case_does_not_move_what_was_stated() -> None:
     base = fitted("creep", k_s=4e3, tau_s=5e-3)
     stated = {**base.held, "C_1": "held at the stated value", "C_2": "held at the stated value"}
@@ -257,20 +184,3 @@ def test_a_special_case_does_not_move_what_was_stated() -> None:
     for trial in trials:
         if trial.fit is not None:
             assert trial.fit.setup.values()["C_1"] == base.setup.values()["C_1"]
-
-
-def test_further_rounds_keep_one_trial_of_every_effect() -> None:
-    base = fitted("creep", k_s=4e3, tau_s=5e-3)
-    both = [candidate(base, "extra_hysteron", 10.0), candidate(base, "creep", 9.0)]
-    names = [t.candidate.effect.name for t in refit(base, both)]
-    assert sorted(names) == ["creep", "extra_hysteron"]
-
-
-def test_a_refit_that_fails_from_a_strong_start_begins_again_from_weaker_ones() -> None:
-    base = fitted("quadratic_drag", (50, 100), c_2=50.0)
-    strong_start = {"k_c": 1e9, "g_c": 1e-7}
-    failed = replace(candidate(base, "contact_stop"), values=strong_start, others=())
-    assert steps._weaker(base, Trial(failed, None)) == [
-        effect("contact_stop").scaled(strong_start, share) for share in (0.1, 0.01)
-    ]
-    assert steps._weaker(base, Trial(failed, base)) == []

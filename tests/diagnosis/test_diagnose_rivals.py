@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from functools import cache
 
 import campaigns
@@ -16,19 +15,16 @@ from phnn.diagnosis import propose as path
 from phnn.diagnosis.distil import Distilled, distil
 from phnn.diagnosis.linearised_fit import LinearisedFit, prepare
 from phnn.diagnosis.menu import Experiment, Stretch
-from phnn.diagnosis.name import Candidate
 from phnn.diagnosis.propose import propose, shrinkage, shrinks
-from phnn.diagnosis.questions import Question, of_trials, questions
+from phnn.diagnosis.questions import Question, questions
 from phnn.diagnosis.rival import Bench, Rival, refitted_rival
 from phnn.diagnosis.strengths import started
-from phnn.diagnosis.trial import Trial, tie
+from phnn.diagnosis.trial import tie
 from phnn.effects import effect
 from phnn.effects.learned import learned_elements
 from phnn.identification.fit import Fit, fit
 from phnn.identification.plan import Plan
 from phnn.recordings.recording import Recording
-from phnn.report.following import no_proposal
-from phnn.report.result import document
 from phnn.setup import Setup
 from phnn.simulate import simulate
 
@@ -184,31 +180,3 @@ def test_a_whole_diagnosis_without_a_name_says_what_to_record_next() -> None:
     assert asked[0].element.replace("_", " ") in made.proposal.why
     # Drag shows at speed, whatever it is called.
     assert made.proposal.experiment.kind == "near-resonance sine"
-
-
-@pytest.mark.slow
-def test_the_report_of_an_element_without_a_name_has_a_proposal_or_a_reason() -> None:
-    made = campaigns.diagnosis("quadratic_drag", "sensor_drift")
-    content = document(made)["next_experiment"]
-    assert content["aim"] in ("separate", "measure")
-    assert content["separates"] == [n for group in content["groups"] for n in group]
-    assert no_proposal(made) == ""
-    alone = tuple(replace(f, members=f.members[:1]) for f in made.judgement.findings)
-    bare = replace(made, judgement=replace(made.judgement, findings=alone), proposal=None)
-    assert no_proposal(bare).startswith("No two models are left")
-
-
-def test_what_fits_as_well_in_the_place_of_an_element_is_its_rival() -> None:
-    made = campaigns.diagnosis("quadratic_drag", "sensor_drift")
-    found, fitted = made.judgement.findings[0], made.judgement.final
-    known = [f for f in made.judgement.findings if f is not found]
-    if known:
-        pytest.skip("the model has several elements")
-    near, far = effect("quadratic_drag"), effect("creep")
-    excess = made.base.cost - fitted.cost
-    worse = replace(fitted, residual=fitted.residual * math.sqrt(1.0 + 0.5 * excess / fitted.cost))
-    trials = [Trial(Candidate(e, {}, (), 9.0, 1e-5), f) for e, f in ((near, fitted), (far, worse))]
-    changed = replace(found, trials=(found.trial, *trials), trial=replace(found.trial, fit=fitted), description=None)
-    (asked,) = questions(replace(made.judgement, findings=(changed,)))
-    assert [m.name for m in asked.models] == [found.effect.name, "quadratic_drag"]
-    assert of_trials([Trial(trials[0].candidate, None)]) == ()

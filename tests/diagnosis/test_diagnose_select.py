@@ -66,18 +66,6 @@ def test_effects_that_are_needed_are_kept_each_with_the_model_without_it() -> No
         assert not set(VALUES[name]) & set(alone.setup.parameters)
 
 
-def test_what_is_dropped_leaves_the_model_at_its_own_values_too() -> None:
-    base = campaigns.base()
-    (dropped,), grown = together(base, "creep")
-    # The model has followed the creep to where its own descent does not lead back.
-    far = {n: 20.0 * base.setup.values()[n] for n in ("d_1", "d_2")}
-    followed = replace(grown, setup=grown.setup.with_values(far))
-    stuck = retest.fit_with(base, (), followed.setup.values())
-    assert stuck is not None and stuck.cost > 100.0 * base.cost
-    alone = retest.without(base, (), dropped, followed)
-    assert alone is not None and alone.cost == pytest.approx(base.cost, rel=1e-3)
-
-
 def test_a_mismatch_without_a_catalogue_is_unknown() -> None:
     found = scored(campaigns.linearised("creep").fit, (), 0)
     assert found.significant

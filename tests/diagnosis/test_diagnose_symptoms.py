@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from phnn.diagnosis.corrected import told
-from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.diagnosis.seen import Seen, seen
 from phnn.diagnosis.symptoms import Symptoms, Trend, symptoms
 from phnn.report.symptoms import symptom_sentences
@@ -113,13 +112,6 @@ def test_noise_alone_has_no_symptoms() -> None:
     assert (np.mean(low, axis=0) <= 0.08).all()
 
 
-@pytest.mark.slow
-def test_of_noise_alone_almost_nothing_is_said() -> None:
-    said = [len(symptom_sentences(symptoms(seen_with(nothing, seed)))) > 0 for seed in range(100)]
-    # One per cent is meant; four of a hundred come by chance once in two hundred and ninety times.
-    assert sum(said) <= 3
-
-
 def test_correction_for_the_number_of_symptoms() -> None:
     def trend(p_value: float) -> Trend:
         return Trend(1.0, 0.1, p_value)
@@ -147,64 +139,11 @@ def test_a_transient_at_the_start_neither_drifts_nor_fails_to_repeat() -> None:
         assert of(found, "drift")[2] > 0.01
 
 
-def test_three_periods_that_miss_a_sample_by_rounding_are_three() -> None:
-    sine = seen_with(nothing, periods=3.0)[0]
-    period = round(1.0 / (sine.frequency * DT))
-    for slip in (-1e-9, 0.0, 1e-9):
-        found = replace(sine, frequency=sine.frequency * (1.0 + slip))
-        assert found.after_transient().start == period
-        rows = found.steady()
-        assert rows is not None and rows.start == period
-
-
-def test_periods_in_which_the_model_still_moves_are_left_out() -> None:
-    sine = seen_with(nothing)[0]
-    t = DT * np.arange(sine.model.size)
-    slow = replace(sine, model=sine.model + 5e-6 * np.exp(-t * sine.frequency))
-    first, later = sine.steady(), slow.steady()
-    assert first is not None and later is not None
-    period = 1.0 / (sine.frequency * DT)
-    assert first.start == round(period)
-    # The change from one period to the next falls below ten times the noise after the second.
-    assert later.start == round(2 * period)
-    # Nothing is left of a model that never comes to rest, and nothing is said.
-    assert replace(sine, model=sine.model + 1e-3 * t).steady() is None
-
-
-def test_a_zero_that_jumps_in_the_middle_does_not_repeat() -> None:
-    def jumps(t: np.ndarray, a: float, f: float) -> np.ndarray:
-        return np.where(t > 3.5 / f, 3.0 * NOISE, 0.0)
-
-    found = symptoms(seen_with(jumps))
-    assert of(found, "repetition")[2] < 1e-6
-    assert any("does not repeat" in s for s in symptom_sentences(found))
-
-
 @pytest.mark.parametrize("effect", ["none", "quadratic_drag"])
 def test_a_folder_that_neither_drifts_nor_fails_to_repeat(effect: str) -> None:
     words = " ".join(symptom_sentences(symptoms(seen(campaigns.linearised(effect)))))
     assert "drift" not in words and "period to period" not in words
     assert effect != "none" or not words
-
-
-def changed(by: Callable[[np.ndarray, float], np.ndarray], some: int | None = None) -> LinearisedFit:
-    """The linearised of a folder with nothing missing, something [noise] added to the residual of its sines, or one."""
-    linearised = campaigns.linearised("none")
-    residual = linearised.fit.residual.copy()
-    for i, (r, rows) in enumerate(zip(linearised.plan.recordings, linearised.slices, strict=True)):
-        if r.name.startswith("sine") and some in (None, i):
-            residual[rows] += by(r.t[r.mask("identification")], float(r.period or 1.0))
-    return replace(linearised, fit=replace(linearised.fit, residual=residual))
-
-
-def test_what_does_not_repeat_in_a_folder_is_told_with_the_noise_of_the_others() -> None:
-    sentences = symptom_sentences(symptoms(seen(changed(lambda t, period: np.where(t > 2.0 * period, 6.0, 0.0)))))
-    assert any("does not repeat" in s for s in sentences)
-
-
-def test_a_drift_of_a_folder_is_told() -> None:
-    sentences = symptom_sentences(symptoms(seen(changed(lambda t, period: 4.0 * t / t[-1]))))
-    assert any("drifts beneath the drive" in s for s in sentences)
 
 
 def test_what_recordings_cannot_show_is_not_said() -> None:

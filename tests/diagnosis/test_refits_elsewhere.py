@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cache, partial
-from typing import Any
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
 from unittest import mock
 
 import campaigns
@@ -16,12 +15,10 @@ import pytest
 from phnn.configuration import compose
 from phnn.diagnosis import diagnosis as path
 from phnn.diagnosis.diagnosis import Diagnosis, diagnose
-from phnn.diagnosis.linearised_fit import prepare
 from phnn.diagnosis.name import Candidate
 from phnn.diagnosis.refit import refit
-from phnn.diagnosis.starts import has_large_starts, large_starts
 from phnn.diagnosis.trial import Trial
-from phnn.effects import Scales, catalogue, effect
+from phnn.effects import Scales, catalogue
 from phnn.errors import InputRefused
 from phnn.identification.fit import Fit
 from phnn.identification.options import Options
@@ -29,10 +26,9 @@ from phnn.identification.plan import Plan
 from phnn.identification.refinement import numerical_error
 from phnn.identification.staged import fit_identified
 from phnn.models.actuator import hrc
-from phnn.parallel import SERIAL, Executor, executor
-from phnn.recordings.recording import Recording, Start
+from phnn.parallel import executor
+from phnn.recordings.recording import Start
 from phnn.setup import Setup
-from phnn.simulate import simulate
 
 SCALES = Scales(90.0, 1e-4, 0.1, 2.5e4, 0.046, 50.0, 150.0, 0.06, 1e-8)
 HELD = {"m": "held at the stated value"}
@@ -100,58 +96,9 @@ def test_every_effect_survives_pickling(name: str) -> None:
         assert again.scaled(values, 2.0) == effect.scaled(values, 2.0)
 
 
-@dataclass(frozen=True)
-class Seen(Executor):
-    """Works here and notes on how many threads."""
-
-    threads: list[int] = field(default_factory=list)
-
-    def each(self, function: Callable[[Any], Any], items: Sequence[Any]) -> Iterator[tuple[int, Any]]:
-        assert isinstance(function, partial)
-        self.threads.append(function.args[0].plan.workers)
-        return SERIAL.each(function, items)
-
-
-def test_refits_elsewhere_have_one_thread_and_come_back_to_the_plan_of_the_base() -> None:
-    seen = Seen()
-    trials = refit(base(), candidates(), seen)
-    assert len(seen.threads) >= len(candidates())
-    assert set(seen.threads) == {1}
-    for trial in trials:
-        assert trial.fit is not None
-        assert trial.fit.plan.workers == 2
-        assert all(a is b for a, b in zip(trial.fit.plan.recordings, base().plan.recordings, strict=True))
-    assert trials[0].candidate.effect.name == "creep"
-
-
 @pytest.mark.parametrize("choice", ["threads:2", pytest.param("processes:2", marks=pytest.mark.slow)])
 def test_refits_are_the_same_wherever_they_are_done(choice: str) -> None:
     assert_same(refit(base(), candidates(), executor(choice)), refit(base(), candidates()))
-
-
-def test_of_two_forms_of_an_effect_the_better_one_is_kept() -> None:
-    hard = effect("amplifier_saturation")
-    (soft,) = hard.forms
-    ends = {hard: {"V_max": 72.0}, soft: {"V_max": 72.0, "n_V": 8.0}}
-    plan, setup = base().plan, base().setup
-
-    def driven(with_limit: Setup, recording: Recording) -> Recording:
-        ends = [simulate(s, recording, plan.steps_of(recording)).y for s in (with_limit, setup)]
-        return replace(recording, y=recording.y + ends[0] - ends[1])
-
-    clipped = tuple(driven(soft.add_to(setup, ends[soft]), r) for r in plan.recordings)
-    made = fit_identified(setup, replace(plan, recordings=clipped), base().held)
-    trials = refit(made, [Candidate(e, v, (), 100.0, 1e-5) for e, v in ends.items()])
-    assert [t.candidate.effect for t in trials] == [soft]
-
-
-def test_large_step_starts_are_of_different_shapes() -> None:
-    starts = large_starts(prepare(base()), effect("extra_hysteron"))
-    assert 2 <= len(starts) <= 4
-    assert len({(v["rho_x"] / v["C_x"], v["d_x"] * v["C_x"]) for v in starts}) == len(starts)
-    assert not has_large_starts(effect("amplifier_saturation"))
-    # Its frequency is that of a line in the residual, not one of its grid.
-    assert not has_large_starts(effect("base_motion"))
 
 
 def test_the_choice_is_a_setting() -> None:

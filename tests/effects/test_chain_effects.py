@@ -49,13 +49,6 @@ def test_an_offset_of_the_amplifier_is_a_zero_of_the_plain_actuator_and_no_more(
     np.testing.assert_allclose(column, 0.046311 / 24579.0, rtol=1e-6)
 
 
-def test_an_offset_shows_where_the_voltage_acts_by_its_square() -> None:
-    bent = with_effect("electrostriction", {"epsilon": 2e-3})
-    base = simulate(bent, sine()).y
-    shifted = simulate(with_effect("amplifier_offset", {"V_0": 8.0}, bent), sine()).y
-    assert np.abs(moved(shifted, base)).max() > 1e-2 * np.abs(base).max()
-
-
 def test_an_offset_has_no_rest_without_a_spring() -> None:
     free = Setup(load_network(config_folder() / "network" / "mass_damper.yaml"))
     t = np.arange(50) * 1e-3
@@ -111,15 +104,6 @@ def test_what_has_no_sign_cannot_lose_it_again() -> None:
     assert effect("sensor_rectification").can_be_added_to(BASE)
     with pytest.raises(InputRefused, match=r"it can be where this holds: No block of the sensor rectifies already"):
         effect("sensor_rectification").add_to(rectified, {})
-
-
-def test_strengths_of_several_amplitudes_grow_together() -> None:
-    for name in ("sensor_nonlinearity", "base_motion"):
-        member = effect(name)
-        for point in member.grid(SCALES):
-            twice = member.scaled(point, -2.0)
-            kept = {"f_b"}
-            assert {n: v if n in kept else -2.0 * v for n, v in point.items()} == twice
 
 
 def test_base_motion_is_probed_in_both_phases_at_a_frequency_to_be_searched() -> None:

@@ -13,7 +13,6 @@ from phnn.errors import SolverFailed
 from phnn.integrate.program import compile_network
 from phnn.integrate.quick import serves
 from phnn.integrate.tables import EXACT, LOSSLESS
-from phnn.laws import STORAGE_LAWS
 from phnn.simulate import simulate
 
 torch.set_num_threads(1)
@@ -69,26 +68,6 @@ def test_leaks_keep_the_exact_flow_of_every_hysteron() -> None:
     assert serves(program)
     none = effect("charge_leakage").add_to(BASE, {"G": 1e-300})
     np.testing.assert_array_equal(run(none).y, base(ACTUATOR).y)
-
-
-def test_a_spring_with_both_bends_has_the_effort_of_both() -> None:
-    bends = {"quadratic_stiffness": {"kappa_2": 0.3, "q_2": 9e-5}, "cubic_stiffness": {"kappa_3": -0.2, "q_0": 7e-5}}
-    x, efforts = np.linspace(-1e-4, 1e-4, 21), {}
-    straight = BASE.parameters["k"].value * x
-    orders = [("quadratic_stiffness",), ("cubic_stiffness",), tuple(bends), tuple(bends)[::-1]]
-    for names in orders:
-        setup = BASE
-        for name in names:
-            setup = effect(name).add_to(setup, bends[name])
-        spring = next(s for s in setup.network.storages if s.name == "q")
-        values = [setup.parameters[n].value for n in spring.parameters]
-        efforts[names] = STORAGE_LAWS[spring.law].mean_effort(x, x, *values) - straight
-    one, other, both, reverse = (efforts[names] for names in orders)
-    np.testing.assert_array_equal(both, reverse)
-    # The term of fifth order that keeps the energy bounded below is larger with a slant beside the cubic bend.
-    fifth = np.polynomial.Polynomial.fit(x / 1e-4, (both - one - other) / np.abs(straight).max(), 5).convert().coef
-    assert fifth[5] > 0.0
-    np.testing.assert_allclose(fifth[:5], 0.0, atol=1e-10)
 
 
 def test_factors_of_one_ratio_multiply() -> None:

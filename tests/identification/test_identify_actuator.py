@@ -133,13 +133,6 @@ def test_substeps_grow_with_a_tighter_bound() -> None:
     assert max(tight.values()) <= MAX_SUBSTEPS
 
 
-def test_projection_only_lowers_the_numerical_error() -> None:
-    fitted = campaigns.base()
-    error = numerical_error(fitted)
-    assert error.sigma <= np.linalg.norm(error.error)
-    assert np.linalg.norm(list(error.shares.values())) == pytest.approx(float(np.linalg.norm(error.error)))
-
-
 def bouc_wen_campaign() -> Campaign:
     truth = bouc_wen()
     t = np.arange(1200) / 1200.0 * 0.12

@@ -12,7 +12,6 @@ from phnn.identification.fit import fit, unidentified, variables_from
 from phnn.identification.nuisances import without_nuisances
 from phnn.identification.plan import Plan
 from phnn.identification.problem import Problem
-from phnn.identification.variables import variables_of
 from phnn.recordings.recording import Part, Recording, Start
 from phnn.simulate import simulate
 
@@ -21,25 +20,6 @@ def problem() -> tuple[Problem, np.ndarray]:
     fitted = campaigns.base()
     found = Problem(fitted.setup, fitted.plan, fitted.variables)
     return found, fitted.z + 0.01
-
-
-def test_small_square_has_the_normal_equations_of_the_tall_problem() -> None:
-    p, z = problem()
-    tall = np.column_stack([p.jacobian(z), p.residual(z)])
-    square = np.column_stack([p.slopes(z), p.size(z)])
-    assert square.shape == (z.size + 1, z.size + 1)
-    expected = tall.T @ tall
-    size = np.sqrt(np.diag(expected))
-    np.testing.assert_allclose(square.T @ square / np.outer(size, size), expected / np.outer(size, size), atol=1e-10)
-
-
-def test_a_step_back_finds_residual_and_derivatives_of_where_it_was(monkeypatch: pytest.MonkeyPatch) -> None:
-    p, z = problem()
-    slopes, residual = p.slopes(z), p.residual(z)
-    assert p.size(z + 0.01)[-1] != p.size(z)[-1]
-    monkeypatch.setattr("phnn.identification.problem.simulate", None)
-    np.testing.assert_array_equal(p.slopes(z), slopes)
-    np.testing.assert_array_equal(p.residual(z), residual)
 
 
 def test_jacobian_is_the_derivative_of_the_residual() -> None:
@@ -69,13 +49,6 @@ def test_displacement_zero_is_projected_out_exactly() -> None:
         assert np.abs(fitted.jacobian[rows].mean(axis=0)).max() < 1e-9 * np.abs(fitted.jacobian[rows]).max()
         assert abs(fitted.residual[rows].mean()) < 1e-8
         first += int(mask.sum())
-
-
-def test_the_zero_is_the_mean_of_the_masked_rows_only() -> None:
-    recording = campaigns.base().plan.recordings[0]
-    mask = np.arange(recording.t.size) < 3
-    values = np.where(mask, np.arange(1.0, recording.t.size + 1.0), 100.0)
-    np.testing.assert_array_equal(without_nuisances(values, mask, recording), [-1.0, 0.0, 1.0])
 
 
 def test_unidentified() -> None:
@@ -133,12 +106,6 @@ def test_a_fit_of_other_recordings_begins_at_the_initial_states_of_those_it_shar
     mixed = variables_from(fitted.setup, found.plan, (), alone)
     np.testing.assert_array_equal(mixed.origin[first.name], alone.initial_states[first.name])
     np.testing.assert_array_equal(mixed.origin[second.name], found.variables.origin[second.name])
-
-
-def test_a_start_at_rest_has_no_initial_state_to_estimate() -> None:
-    fitted = campaigns.base()
-    assert variables_of(fitted.setup, fitted.plan, ("k",)).unknown == ()
-    assert fitted.initial("step_75V") is None
 
 
 def test_impossible_parameters_cost_much_and_do_not_raise() -> None:

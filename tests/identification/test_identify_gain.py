@@ -8,7 +8,7 @@ import pytest
 from scipy.signal import lfilter
 
 from phnn.identification.evaluate import Evaluation, score_part
-from phnn.identification.gain import correlation_length, gain
+from phnn.identification.gain import gain
 from phnn.recordings.recording import Part, Recording, Start
 from phnn.setup import Own
 
@@ -145,17 +145,6 @@ def test_what_is_coherent_over_a_recording_is_one_observation_and_no_test() -> N
     assert found is not None and found.blocks < 8
     assert found.falls is None and found.rises is None
     assert found.after < 0.5 * found.before
-
-
-@pytest.mark.parametrize(
-    ("colour", "low", "high"), [("white", 1.0, 1.3), ("slow", 15.0, 25.0), ("ringing", 10.0, 25.0)]
-)
-def test_correlation_length(colour: str, low: float, high: float) -> None:
-    rng = np.random.default_rng(16)
-    lengths = [correlation_length(noise(rng, 20_000, colour)) for _ in range(20)]
-    # (1 + a)/(1 − a) for first-order noise: 19.
-    assert low <= np.mean(lengths) <= high
-    assert correlation_length(np.zeros(100)) == 1.0
 
 
 def test_the_noise_of_a_campaign_is_the_unit() -> None:

@@ -16,7 +16,6 @@ from phnn.identification.nuisances import (
     drift_columns,
     line_columns,
     own_columns,
-    own_parts,
     own_size,
     without_nuisances,
 )
@@ -73,14 +72,6 @@ def test_nuisances_leave_nothing_of_themselves_and_the_rest_alone() -> None:
     assert without_nuisances(columns, np.zeros(T.size, dtype=bool), some, Own(lines)).shape == (0, 2)
 
 
-def test_lines_that_a_part_cannot_tell_apart_take_no_further_direction() -> None:
-    # At the lowest sampling that shows it, 100 Hz is 50 Hz twice over: ten samples hold ten directions at most.
-    some = recording(np.arange(40) * 1e-3, np.zeros(40))
-    mask = np.arange(40) < 3
-    left = without_nuisances(np.array([1.0, 2.0, 4.0, *np.zeros(37)]), mask, some, Own((50.0, 100.0, 150.0)))
-    np.testing.assert_allclose(left, 0.0, atol=1e-9)
-
-
 def test_a_slow_drift_has_nothing_as_fast_as_the_drive() -> None:
     # Almost eleven periods of the drive: no half-cosine with as many as 22 half-periods.
     some = recorded("slow", 36.6, 0.0)
@@ -98,13 +89,6 @@ def test_a_slow_drift_has_nothing_as_fast_as_the_drive() -> None:
     left = without_nuisances(walk, mask, some, Own(drift_terms=8))
     # Of a Wiener process all but Σ_{m>8} 1/m² of Σ 1/m² lies in the first eight half-cosines, on average.
     assert np.sum(left**2) < 0.2 * np.sum((walk - walk.mean()) ** 2)
-
-
-def test_lines_are_estimated_beside_the_zero() -> None:
-    some = recording(T, np.zeros(T.size))
-    error = pickup(T, 0.7) + 3e-6
-    rows = slice(200, 900)
-    np.testing.assert_allclose(own_parts(error, rows, some, Own((50.0, 150.0))), pickup(T, 0.7)[rows], atol=1e-15)
 
 
 def test_a_held_out_zero_from_less_than_a_period_is_not_that_of_the_lines() -> None:

@@ -12,15 +12,11 @@ from phnn.configuration import config_folder
 from phnn.derivatives import input_force, output_derivatives, output_gradient
 from phnn.effects import effect
 from phnn.errors import SolverFailed
-from phnn.integrate import cycle
-from phnn.integrate.program import Program
 from phnn.models.actuator import from_paper, hrc
 from phnn.models.network_file import load_network
 from phnn.recordings.recording import Recording, Start
 from phnn.setup import Setup
 from phnn.simulate import simulate
-
-Array = np.ndarray
 
 BASE = Setup(from_paper())
 PERIOD = 100
@@ -95,23 +91,6 @@ def test_every_actuator_has_one(seed: int) -> None:
     values = {n: p.value * np.exp(rng.normal(0.0, 0.7)) for n, p in BASE.parameters.items() if not p.fixed}
     y = simulate(BASE.with_values(values), wave()).y
     np.testing.assert_allclose(y[:PERIOD], y[PERIOD : 2 * PERIOD], atol=3e-5 * np.ptp(y))
-
-
-def test_a_search_that_makes_no_progress_ends_early(monkeypatch: pytest.MonkeyPatch) -> None:
-    # Rounding in every period, larger than the target and small enough to be kept.
-    rng, marched, marches = np.random.default_rng(0), cycle.kernel.march, []
-
-    def rough(program: Program, theta: Array, x: Array, u: Array, h: Array, states: Array, efforts: Array) -> int:
-        done = int(marched(program, theta, x, u, h, states, efforts))
-        marches.append(done)
-        states[-1] *= 1.0 + 1e-7 * rng.standard_normal(states.shape[1])
-        return done
-
-    exact = simulate(BASE, wave()).y
-    monkeypatch.setattr(cycle.kernel, "march", rough)
-    y = simulate(BASE, wave()).y
-    assert len(marches) < 40
-    np.testing.assert_allclose(y, exact, atol=1e-5 * np.ptp(exact))
 
 
 @pytest.mark.parametrize("size", [100.3, 37.4])

@@ -18,7 +18,6 @@ from phnn.integrate import method
 from phnn.integrate.dense import ledger, solve_dense
 from phnn.integrate.method import ADJOINT_METHOD, METHOD
 from phnn.laws.neural import DampingMLP, EnergyMLP, MonotoneMLP
-from phnn.models.actuator import from_paper
 from phnn.network import Coupling, DrivenSystem, Network, Port, PortHamiltonianSystem, Resistor, Storage
 from phnn.parameters import as_table, positive
 
@@ -149,19 +148,6 @@ def test_states_and_gradients_are_those_of_the_same_dense_steps(name: str) -> No
         x, found = gradients(solve, driven, x0, SPARSE)
         assert (x - expected).abs().max() <= 1e-13 * expected.abs().max()
         agree(found, wanted, 1e-12)
-
-
-@pytest.mark.slow
-def test_actuator_of_the_paper_between_sparse_outputs() -> None:
-    # 0.1 ms is a hundred relaxation times of the first hysteron; 30 steps lie between two outputs.
-    driven = PortHamiltonianSystem(from_paper()).with_input(Wave(1, 40.0), ("voltage",))
-    with torch.no_grad():
-        driven.u.frequency.fill_(2 * np.pi * 150.0)
-    x0, t = torch.zeros(4, dtype=torch.float64), torch.tensor([0.0, 3e-3, 6e-3], dtype=torch.float64)
-    expected, wanted = gradients(by_dense, driven, x0, t, 1e-4)
-    x, found = gradients(by_adjoint, driven, x0, t, 1e-4)
-    assert (x - expected).abs().max() <= 1e-13 * expected.abs().max()
-    agree(found, wanted, 1e-12)
 
 
 @pytest.mark.parametrize("name", ["rate times step 1e3", "frictional", "damping law"])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import weakref
 from collections.abc import Callable
 
@@ -10,12 +9,9 @@ import pytest
 import torch
 import torchdiffeq
 from torch import Tensor, nn
-from torchdiffeq._impl.fixed_grid import FixedGridODESolver
-from torchdiffeq._impl.odeint import SOLVERS
 
 from phnn.errors import InputRefused, SolverFailed
-from phnn.integrate import method, ode
-from phnn.integrate.dense import solve_dense
+from phnn.integrate import ode
 from phnn.integrate.method import ADJOINT_METHOD, METHOD
 from phnn.integrate.scheme import Scheme
 from phnn.network import Coupling, DrivenSystem, Network, Port, PortHamiltonianSystem, Resistor, Storage
@@ -86,65 +82,6 @@ def test_the_recording_is_dropped_after_backward_and_made_again_for_another() ->
     again = torch.autograd.grad(x[-1, 0], tuple(driven.parameters()))
     assert all(torch.equal(a, b) for a, b in zip(once, again, strict=True))
     assert x.grad_fn.func.solve.path is None  # type: ignore[union-attr]
-
-
-def test_the_recording_goes_with_a_result_that_is_dropped() -> None:
-    driven = oscillator()
-    x = by_adjoint(driven, start(), TIMES)
-    recording = recording_of(x)
-    del x
-    gc.collect()
-    assert recording() is None
-
-
-def test_without_gradients_nothing_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
-    kept: list[weakref.ref[object]] = []
-    record = method._Solve.recorded
-
-    def noted(solve: method._Solve) -> Tensor:
-        kept.append(weakref.ref(solve))
-        return record(solve)
-
-    monkeypatch.setattr(method._Solve, "recorded", noted)
-    driven = oscillator()
-    by_graph(driven, start(), TIMES).sum().backward()
-    with torch.no_grad():
-        by_graph(driven, start(), TIMES)
-    assert not kept
-    with torch.no_grad():
-        x = by_adjoint(driven, start(), TIMES)
-    gc.collect()
-    assert x.grad_fn is None
-    assert len(kept) == 1
-    assert kept[0]() is None
-
-
-class Naive(FixedGridODESolver):
-    """The step as a method of torchdiffeq is usually written, without an adjoint of its own."""
-
-    order = 2
-
-    def _step_func(self, func: nn.Module, t0: Tensor, dt: Tensor, t1: Tensor, y0: Tensor) -> tuple[Tensor, None]:
-        driven = func.base_func.base_func
-        u = driven.input(t0 + 0.5 * dt).reshape(1, 1)
-        return solve_dense(driven.system, y0, u, float(dt))[1] - y0, None
-
-
-def test_continuous_adjoint_of_a_stiff_step_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
-    # rate·h = 1.9 and an output every 20 steps: going back, errors of the state grow by exp(38).
-    monkeypatch.setitem(SOLVERS, "naive", Naive)
-    driven, h, t = oscillator("linear", 19.0), 0.1, torch.tensor([0.0, 2.0, 4.0], dtype=torch.float64)
-    options = {"step_size": h}
-    expected = slopes(driven, by_graph(driven, start(), t, h))
-    exact = slopes(driven, by_adjoint(driven, start(), t, h))
-    plain = torchdiffeq.odeint_adjoint(
-        driven, start(), t, method="naive", options=options, adjoint_method="rk4", adjoint_options=options
-    )
-    torch.testing.assert_close(plain.detach(), by_graph(driven, start(), t, h).detach(), rtol=1e-2, atol=1e-4)
-    wrong = slopes(driven, plain)
-    for k, value in enumerate(expected):
-        assert exact[k].item() == pytest.approx(value.item(), rel=1e-12)
-        assert abs(wrong[k] / value - 1.0) > 1e3
 
 
 def relaxation(rate: float) -> PortHamiltonianSystem:

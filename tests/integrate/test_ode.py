@@ -186,19 +186,6 @@ def test_jump_times_keep_a_short_pulse() -> None:
     assert kept[-1, 0].item() == pytest.approx(expected, rel=1e-4)
 
 
-def test_a_jump_that_torchdiffeq_forgot_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
-    import torchdiffeq
-
-    solve = torchdiffeq.odeint
-
-    def forgetful(func: nn.Module, x0: Tensor, t: Tensor, options: dict[str, object], **rest: object) -> Tensor:
-        return solve(func, x0, t, options=options | {"jump_t": None}, **rest)
-
-    monkeypatch.setattr(torchdiffeq, "odeint", forgetful)
-    with torch.no_grad(), pytest.raises(SolverFailed, match="jump at t = 3 s was stepped over"):
-        odeint(oscillator().with_input(pulse), rest(), times(6.0, 7), jump_t=torch.tensor([3.0, 3.0005]).double())
-
-
 @pytest.mark.parametrize("method", ["dopri8", "bosh3"])
 def test_outputs_are_not_spoiled_by_interpolation(method: str) -> None:
     t = times(2.0, 31)
@@ -207,16 +194,6 @@ def test_outputs_are_not_spoiled_by_interpolation(method: str) -> None:
         found = odeint(oscillator(), rest() + 0.1, t, method=method, rtol=1e-7)
     # torchdiffeq's own outputs are off by more than 1e-5 here.
     torch.testing.assert_close(found, fine, rtol=0.0, atol=3e-7)
-
-
-def test_batches_and_tolerances_for_each_component() -> None:
-    driven = oscillator().with_input(lambda t: torch.sin(t))
-    x0 = torch.randn(3, 2, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
-    atol = torch.tensor([1e-12, 1e-11], dtype=torch.float64)
-    x = odeint(driven, x0, times(1.0, 4), atol=atol, adjoint=True)
-    alone = torch.stack([odeint(driven, start, times(1.0, 4), atol=atol) for start in x0], dim=1)
-    torch.testing.assert_close(x, alone, rtol=1e-5, atol=1e-8)
-    x.sum().backward()
 
 
 @pytest.mark.parametrize(

@@ -12,12 +12,11 @@ from networks import remembering
 from torch import Tensor, nn
 
 from phnn.errors import InputRefused, SolverFailed
-from phnn.integrate.dense import solve_dense
 from phnn.integrate.differentiable import simulate_torch
 from phnn.integrate.ode import odeint
 from phnn.integrate.residual import check, march_residual, power_balance
 from phnn.models.actuator import from_paper, hrc
-from phnn.network import Network, PortHamiltonianSystem, Resistor
+from phnn.network import PortHamiltonianSystem, Resistor
 from phnn.setup import Setup
 from phnn.simulate import Trajectory, simulate
 
@@ -116,46 +115,10 @@ def test_gradcheck_by_parameters_inputs_steps_and_start(seed: int, window: int, 
     assert torch.equal(torch.autograd.grad(first.sum(), x0)[0], torch.ones_like(x0))
 
 
-def test_windows_change_nothing_but_the_memory() -> None:
-    system = PortHamiltonianSystem(random_junction(4))
-    u = torch.from_numpy(np.random.default_rng(4).normal(size=(37, len(system.network.ports)))).requires_grad_(True)
-    x0 = torch.ones(len(system.state_names), dtype=torch.float64, requires_grad=True)
-    whole = simulate_torch(system, u, 0.01, x0)
-    wanted = gradients(system, whole, u, x0)
-    for window in (1, 10, 36):
-        path = simulate_torch(system, u, 0.01, x0, window=window)
-        assert torch.allclose(path, whole, rtol=1e-11, atol=1e-13)
-        for a, b in zip(gradients(system, path, u, x0), wanted, strict=True):
-            assert torch.allclose(a, b, rtol=1e-9, atol=1e-11)
-    some = simulate_torch(system, u, 0.01, x0, only=("q",))
-    assert torch.equal(some[:, 0], whole[:, system.state_names.index("q")])
-
-
-def conservative() -> PortHamiltonianSystem:
-    """Without leaves that carry resistors, the compiled step and the torch step are the same equations."""
-    seeds = (s for s in range(1000) if all("p" in r.on for r in random_junction(s).resistors))
-    seed = next(s for s in seeds if len(random_junction(s).resistors) == 2)
-    return PortHamiltonianSystem(random_junction(seed))
-
-
 def gradients(system: PortHamiltonianSystem, path: Tensor, *others: Tensor) -> list[Tensor]:
     weights = torch.linspace(0.2, 1.0, path.numel(), dtype=torch.float64).reshape(path.shape)
     found = torch.autograd.grad((weights * path).sum(), [*system.parameters(), *others], allow_unused=True)
     return [torch.zeros(()) if g is None else g for g in found]
-
-
-@pytest.mark.parametrize("memories", [False, True])
-def test_gradient_is_that_of_the_torch_step(memories: bool) -> None:
-    system = conservative()
-    if memories:
-        system = PortHamiltonianSystem(remembering(system.network, 0))
-    random = np.random.default_rng(0)
-    u = torch.from_numpy(random.normal(size=(30, len(system.network.ports)))).requires_grad_(True)
-    x0 = torch.from_numpy(random.normal(size=len(system.state_names))).requires_grad_(True)
-    paths = (simulate_torch(system, u, 0.05, x0), solve_dense(system, x0, u, 0.05))
-    torch.testing.assert_close(*paths, rtol=1e-10, atol=1e-11)
-    for a, b in zip(*(gradients(system, p, u, x0) for p in paths), strict=True):
-        assert (a - b).abs().max() <= 1e-10 * (b.abs().max() + 1.0)
 
 
 def soft_actuator() -> PortHamiltonianSystem:
@@ -194,40 +157,6 @@ def test_gradient_tends_to_that_of_torchdiffeq() -> None:
         errors.append(float(((got - wanted).abs() / wanted.abs()).max()))
     assert errors[1] < 1e-6
     assert errors[1] == pytest.approx(errors[0] / 4.0, rel=0.1)
-
-
-class Cubic(nn.Module):
-    """A damper that the kernel does not know."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.strength = nn.Parameter(torch.tensor(3.7, dtype=torch.float64))
-
-    def forward(self, effort: Tensor) -> Tensor:
-        return self.strength * (effort + effort**3)
-
-
-def test_networks_without_a_kernel_take_the_torch_step() -> None:
-    base = from_paper()
-    learned = Network(
-        base.storages,
-        (*base.resistors[:2], Resistor("damper", Cubic(), {"p": 1.0})),
-        base.couplings,
-        base.ports,
-        base.parameters,
-    )
-    system = PortHamiltonianSystem(learned)
-    h = torch.tensor([1e-5] * 3 + [2e-5] * 2, dtype=torch.float64)
-    u = torch.full((5, 2), 0.5, dtype=torch.float64)
-    x0 = torch.zeros(4, dtype=torch.float64)
-    path = simulate_torch(system, u, h, x0)
-    first = solve_dense(system, x0, u[:3], 1e-5)
-    torch.testing.assert_close(path, torch.cat([first, solve_dense(system, first[-1], u[3:], 2e-5)[1:]]))
-    path[-1, 2].backward()
-    assert all(p.grad is not None for name, p in system.named_parameters() if name.startswith("laws"))
-    ends = [simulate_torch(system, u, h * (1.0 + d), x0)[-1, 2].item() for d in (1e-5, -1e-5)]
-    (by_h,) = torch.autograd.grad(simulate_torch(system, u, steps := h.requires_grad_(True), x0)[-1, 2], steps)
-    assert (by_h @ h).item() == pytest.approx((ends[0] - ends[1]) / 2e-5, rel=1e-6)
 
 
 def test_without_gradients_and_without_steps() -> None:

@@ -150,17 +150,6 @@ def test_a_damper_of_any_width_survives_a_high_rate_of_training(width: int) -> N
     assert train_in_steps(DampingMLP(SCALE, 3e4, width), effort, target, 3e4, rate=0.1) < 0.1
 
 
-def test_dry_friction_is_learned() -> None:
-    effort = SCALE * torch.linspace(-2.0, 2.0, 201, dtype=torch.float64)
-    assert train(MonotoneMLP(SCALE, 3e4), effort, 3e4 * torch.tanh(effort / (0.2 * SCALE)), 3e4) < 0.02
-
-
-def test_a_hardening_spring_is_learned() -> None:
-    x = SCALE * torch.linspace(-2.0, 2.0, 101, dtype=torch.float64)
-    z = x / SCALE
-    assert train(EnergyMLP(SCALE, 3e4), x, 3e4 * (z + 0.5 * z**3), 3e4) < 0.005
-
-
 def test_gradients_do_not_depend_on_the_units() -> None:
     large, small = DampingMLP(1.0, 1.0), DampingMLP(1e-7, 1e-5)
     z = torch.linspace(-2.0, 2.0, 11, dtype=torch.float64)

@@ -30,14 +30,6 @@ SPRING, STIFF = Storage("s", "spring", ("stiff",)), positive("stiff", 1e3, "N/m"
 FILE = config_folder() / "network" / "thermal_hrc.yaml"
 
 
-@pytest.mark.parametrize("hysterons", [0, 1, 3])
-def test_any_number_of_hysterons_runs(hysterons: int) -> None:
-    t = np.arange(200) * 1e-5
-    run = simulate(Setup(thermal_hrc(hysterons)), recording(t, 75.0 * np.sin(2 * np.pi * 500.0 * t)))
-    assert check(run) < 1e-12
-    assert run.states[-1, -1] > 0.0
-
-
 def test_values_are_those_given() -> None:
     network = thermal_hrc(1, {"C_T": 2.0, "T_a": 310.0, "k": 2e4})
     assert [network.parameters[n].value for n in ("C_T", "T_a", "k")] == [2.0, 310.0, 2e4]
@@ -118,15 +110,6 @@ def test_a_ratio_that_moves_is_not_merged_into_a_stiffness() -> None:
             graph.junctions, (*graph.elements, capacitor), graph.bonds, parameters, "q", True, graph.modulations,
             graph.memories,
         ).network()  # fmt: skip
-
-
-def test_round_trip_on_disk(tmp_path: Path) -> None:
-    setup = Setup(thermal_hrc(2, {"R_T": 120.0}), name="warm")
-    save(setup, tmp_path, 2)
-    again, steps = load(tmp_path)
-    assert (again.network, again.name, steps) == (setup.network, "warm", 2)
-    made = recording(np.arange(100) * 1e-5, np.linspace(0.0, 75.0, 100))
-    np.testing.assert_array_equal(simulate(again, made).states, simulate(setup, made).states)
 
 
 def test_a_ratio_that_follows_a_displacement_is_kept_on_disk(tmp_path: Path) -> None:

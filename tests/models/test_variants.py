@@ -89,26 +89,6 @@ def test_the_four_hysterons_are_one_system_in_other_coordinates(choice: str, hys
     assert (np.abs(rates - wanted) <= 1e-9 * size).all()
 
 
-def test_the_two_forms_of_a_relaxation_agree_for_any_law() -> None:
-    # λ h(λ e) of h = F tanh(e/V), which eq. (2) is not, has the parameters λF and V/λ.
-    part = (outer := ALPHA**2 / (SHARE * K)) / (outer + TABLE_1["C_1"])
-    laws = {"parallel_rc": (0.02, 9.0), "series_rc": (0.02 * part, 9.0 / part)}
-    systems = {}
-    for choice, (flow, effort) in laws.items():
-        drawn = hysteron_choice(choice, 1, share=SHARE)
-        elements = [
-            replace(e, law="coulomb") if isinstance(e, R) and e.name == "hysteron_1" else e for e in drawn.elements
-        ]
-        network = replace(drawn, elements=tuple(elements)).network().with_values({"rho_1": flow, "d_1": effort})
-        systems[choice] = PortHamiltonianSystem(network)
-    embed, onto = as_hrc("series_rc", 1)
-    x = (np.random.default_rng(0).normal(size=(20, 3)) * [1e-5, 3e-4, 1e-3]) @ embed.T
-    u = torch.tensor([[40.0, 0.2]], dtype=torch.float64).expand(20, 2)
-    rates = systems["series_rc"].vector_field(torch.from_numpy(x), u).detach().numpy() @ onto.T
-    wanted = systems["parallel_rc"].vector_field(torch.from_numpy(x @ onto.T), u).detach().numpy()
-    assert (np.abs(rates - wanted) <= 1e-11 * np.abs(wanted).max(0)).all()
-
-
 def test_the_four_hysterons_answer_alike_in_the_compiled_step() -> None:
     voltage, h = sine(150.0, 2.0, 4000)
     wanted = displacement(hrc(2), voltage, h)
@@ -208,30 +188,6 @@ def test_counterexample_several_series_rl_hysterons_are_not_several_parallel_rc_
     assert distance(two, displacement(other, voltage, h)) < 1e-3
 
 
-def test_counterexample_the_capacitor_across_the_transducer_is_not_like_hrc() -> None:
-    voltage, h = sine(1.0, 2.0, 4000)
-    found = displacement(hrlc(1, across="transducer").network(), voltage, h)
-    assert distance(found, displacement(hrc(1), voltage, h)) > 0.1
-    # After a turn it sticks until the voltage has come back by d: play, which HRC has in the limit C_1 → 0 only.
-    limit = displacement(hrc(1, {"C_1": 1e-11}), voltage, h)
-    assert distance(displacement(hrlc(1, {"C_1": 1e-11}, "transducer").network(), voltage, h), limit) < 1e-3
-    turn = int(0.25 / h)
-    back = turn + int(np.argmax(voltage[turn:] < 75.0 - 0.9 * TABLE_1["d_1"]))
-    assert np.ptp(found[turn:back]) < 0.02 * np.ptp(found)
-
-
-def test_series_rl_hysterons_leave_the_input_affine_where_series_rc_ones_do_not() -> None:
-    drawn = hrlc(1, across="transducer")
-    assert [p.on for p in derived(hrlc, 1, None, "transducer").ports] == [{"phi_1": 1.0}, {"p": -1.0}]
-    others = [e for e in drawn.elements if e.name not in ("phi_1", "viscous_1", "dry_1")]
-    law = R("hysteron", "hysteron_1", "dead_zone", ("rho_1", "V_1"))
-    left = {n: p for n, p in drawn.parameters.items() if n != "f_s"}
-    with pytest.raises(StructureViolated, match="the source voltage drives the resistor hysteron directly"):
-        replace(
-            drawn, elements=(C("Q_1", "hysteron_1", "capacitor", ("L_1",)), law, *others), parameters=left
-        ).network()
-
-
 @settings(max_examples=50, deadline=None)
 @given(st.integers(1, 4), seeds)
 def test_equilibria_of_hrcl_do_not_depend_on_the_voltage(hysterons: int, seed: int) -> None:
@@ -244,15 +200,6 @@ def test_equilibria_of_hrcl_do_not_depend_on_the_voltage(hysterons: int, seed: i
     # ṗ − α φ̇ = −k q − b v − F at every state: where both rates and v vanish, q = −F/k.
     pull = -K * q - TABLE_1["b"] * p / TABLE_1["m"] - u[:, 1]
     torch.testing.assert_close(rate["p"] - ALPHA * rate["phi"], pull, rtol=1e-9, atol=1e-9)
-
-
-def test_hrcl_forgets_a_step_that_hrc_follows() -> None:
-    voltage, h = np.full(20000, 50.0), 5e-5
-    followed = displacement(hrc(1), voltage, h)[-1]
-    assert followed == pytest.approx(ALPHA / K * 50.0, rel=0.2)
-    forgotten = displacement(hrcl(1).network(), voltage, h)
-    assert np.abs(forgotten).max() > 0.5 * followed
-    assert abs(forgotten[-1]) < 1e-3 * followed
 
 
 def test_what_cannot_be_built_is_refused() -> None:

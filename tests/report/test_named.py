@@ -1,4 +1,4 @@
-"""What speaks for a named element: its fingerprint in the data, its rivals, the range of its parameters."""
+"""What speaks for a named element: fingerprint, rivals, plausible values, known forces, and names in another form."""
 
 from __future__ import annotations
 
@@ -10,11 +10,18 @@ import campaigns
 import numpy as np
 import pytest
 
-from phnn.effects import Plausible, catalogue, in_all_forms
+from phnn.diagnosis.diagnosis import Diagnosis
+from phnn.diagnosis.questions import tied_members
+from phnn.diagnosis.trial import Trial
+from phnn.effects import Plausible, catalogue, effect, in_all_forms
 from phnn.parameters import Parameter
-from phnn.report.fingerprint import binned, fingerprint, since_a_step, variable_of
+from phnn.recordings.recording import Anchor, Units
+from phnn.report.anchored import forces_known
+from phnn.report.fingerprint import binned, fingerprint, variable_of
 from phnn.report.named import plausible_row, supports
-from phnn.report.result import evidence, write
+from phnn.report.result import document, evidence, write
+from phnn.report.sentence import sentence
+from phnn.report.tried import tried_rows
 
 DRAG = Plausible(0.0, 0.012, "drag in air", outside="it is not air")
 TABLE = {"k": Parameter("k", 2e4, "N/m")}
@@ -66,25 +73,6 @@ def test_means_over_bins_have_the_error_of_their_visits() -> None:
     assert np.isnan(mean[2]) and np.isfinite(mean[[0, 1, 3]]).all()
 
 
-def test_a_bin_does_not_run_on_from_one_recording_to_the_next() -> None:
-    place, owner = np.zeros(30, dtype=int), np.repeat(np.arange(3), 10)
-    mean, std = binned(np.repeat([1.0, 2.0, 3.0], 10), place, owner, 1, False)
-    assert mean[0] == pytest.approx(2.0)
-    assert std[0] == pytest.approx(1.0 / math.sqrt(3.0))
-
-
-def test_time_since_a_step() -> None:
-    t = np.arange(100) * 0.1
-    u = np.where(t > 2.0, 10.0, 0.0)
-    u[60:] = 0.0
-    x, sign = since_a_step(t, u)
-    assert np.isnan(x[:22]).all() and np.isnan(x[60])
-    assert x[30] == pytest.approx(t[30] - t[21]) and sign[30] == 1.0
-    assert x[70] == pytest.approx(t[70] - t[60]) and sign[70] == -1.0
-    moving = since_a_step(t, np.sin(t))[0]
-    assert np.isnan(moving).all()
-
-
 @pytest.fixture(scope="module")
 def found() -> campaigns.Diagnosis:
     return campaigns.diagnosis("quadratic_drag")
@@ -133,3 +121,70 @@ def test_the_page_shows_it(found: campaigns.Diagnosis, tmp_path: Path) -> None:
     for text in (effect.fingerprint, effect.separation, effect.references[0], "What might be taken for it"):
         assert text in page
     assert list((tmp_path / "figures").glob("*fingerprint-quadratic_drag.png"))
+
+
+@pytest.mark.parametrize(
+    ("known", "units", "expected"),
+    [
+        ({"m": Anchor(1e-3, 1e-5)}, Units("V", "m"), True),
+        ({"d_1": Anchor(10.0, 0.0)}, Units("V", "m"), False),
+        ({}, Units("V", "m"), False),
+        ({}, Units("N", "m"), True),
+        ({"rho_2": Anchor(1e-4, 0.0)}, Units("V", "m"), True),
+    ],
+)
+def test_a_stated_value_or_a_measured_force_fixes_the_common_factor(
+    known: dict[str, Anchor], units: Units, expected: bool
+) -> None:
+    found = campaigns.diagnosis("quadratic_drag", "quadratic_drag")
+    first, *others = found.campaign.recordings
+    campaign = replace(found.campaign, known=known, recordings=(replace(first, units=units), *others))
+    assert forces_known(replace(found, campaign=campaign)) is expected
+
+
+def test_a_force_of_unknown_gain_fixes_nothing() -> None:
+    found = campaigns.diagnosis("quadratic_drag", "quadratic_drag")
+    recordings = tuple(replace(r, units=Units("N", "m"), gain="unknown") for r in found.campaign.recordings)
+    assert not forces_known(replace(found, campaign=replace(found.campaign, known={}, recordings=recordings)))
+
+
+def diagnosis(*laws: str, provisional: bool = False) -> Diagnosis:
+    """A diagnosis whose one element counts as learned, and these effects can nearly replace it."""
+    found = campaigns.diagnosis("quadratic_drag")
+    (finding,) = found.judgement.findings
+    near = tuple(Trial(replace(finding.trial.candidate, effect=effect(n)), finding.trial.fit) for n in laws)
+    finding = replace(finding, learned=True, laws=near, provisional=provisional)
+    verdict = "unknown" if provisional else "equivalent"
+    return replace(found, judgement=replace(found.judgement, findings=(finding,), verdict=verdict))
+
+
+def test_the_sentence_names_the_effect_and_says_that_its_form_is_another() -> None:
+    assert "oulomb friction in another form" in sentence(diagnosis("coulomb_friction"))
+    both = sentence(diagnosis("coulomb_friction", "creep"))
+    assert "coulomb friction (or creep) in another form" in both
+    assert "cannot exclude" in both
+
+
+def test_the_entry_has_the_name_of_the_effect_and_the_form_of_the_element() -> None:
+    (entry,) = document(diagnosis("coulomb_friction", "creep"))["missing"]
+    assert (entry["effect"], entry["status"], entry["form"]) == ("coulomb_friction", "equivalent", "quadratic_drag")
+    assert entry["equivalent_to"] == ["creep"]
+    assert "It is coulomb friction or creep in another form" in entry["statement"]
+
+
+def test_without_a_claim_the_effect_is_the_nearest_one() -> None:
+    found = diagnosis("coulomb_friction", provisional=True)
+    (entry,) = document(found)["missing"]
+    assert (entry["effect"], entry["nearest"]) == ("unknown", "coulomb_friction")
+    assert "form" not in entry
+    assert supports(found)[0].effect == "quadratic_drag"
+
+
+def test_evidence_is_that_of_the_effect_and_no_recording_is_proposed_against_it() -> None:
+    found = diagnosis("coulomb_friction")
+    (support,) = supports(found)
+    assert support.effect == "coulomb_friction in another form"
+    assert support.expected == effect("coulomb_friction").fingerprint
+    outcomes = {row.effect: row.outcome for row in tried_rows(found)}
+    assert outcomes["coulomb_friction"].startswith("can nearly replace the learned element")
+    assert tied_members(found.judgement) == ()

@@ -53,13 +53,6 @@ def test_page_opens_offline_and_runs_only_its_own_scripts(report: tuple[str, Pat
     assert "The MIT License" in page.scripts[0] and "unsafe-inline" not in page.policy.partition("style-src")[0]
 
 
-def test_anchors_lead_somewhere(report: tuple[str, Path, Page]) -> None:
-    content = (report[1] / "report.html").read_text("utf-8")
-    for target in report[2].fetched:
-        if target.startswith("#"):
-            assert f'id="{target[1:]}"' in content
-
-
 def test_figures_are_written_as_png_and_inlined(report: tuple[str, Path, Page]) -> None:
     verdict, folder, page = report
     names = sorted(path.name for path in (folder / "figures").iterdir())
@@ -106,14 +99,6 @@ def test_verdict_decides_what_is_said(report: tuple[str, Path, Page]) -> None:
     assert ("Record next" in page.text) == (verdict in ("equivalent", "unknown"))
 
 
-def test_numbers_of_the_document_are_shown(report: tuple[str, Path, Page]) -> None:
-    verdict, _, page = report
-    assert "41.2" in page.text
-    assert "50.0" in page.text  # noise floor in nm
-    if verdict == "named":
-        assert "0.312 ± 0.021" in page.text
-
-
 @pytest.mark.parametrize("verdict", VERDICTS)
 @pytest.mark.parametrize("filler", ["absent", "null", "hollow"])
 def test_absent_and_null_entries_are_shown_as_absent(verdict: str, filler: str, tmp_path: Path) -> None:
@@ -135,12 +120,6 @@ def test_a_single_recording_without_curves_or_held_out_part(tmp_path: Path) -> N
     assert "No recording was held out" in page.text
     assert "No curve was learned" in page.text
     assert not any("overview" in path.name or "picture" in path.name for path in (tmp_path / "figures").iterdir())
-
-
-def test_held_out_rows_come_first_wherever_the_document_lists_them(tmp_path: Path) -> None:
-    fit = {"a_identified": {"rmse": 1e-6}, "z_confirmed": {"rmse": 2e-6}}
-    page = _write({"verdict": "none", "fit": {"before": fit, "held_out": ["z_confirmed"]}}, EMPTY, tmp_path)
-    assert page.text.index("z_confirmed") < page.text.index("a_identified")
 
 
 def test_names_from_outside_are_escaped(tmp_path: Path) -> None:
@@ -175,12 +154,6 @@ def test_a_model_that_failed_and_a_recording_without_noise_are_drawn(tmp_path: P
     evidence = replace(EMPTY, traces=(broken, silent, unscored, short))
     _write({"verdict": "unknown"}, evidence, tmp_path)
     assert len(list((tmp_path / "figures").iterdir())) == 4
-
-
-def test_a_long_recording_is_drawn_in_little_time_and_space(tmp_path: Path) -> None:
-    evidence = replace(EMPTY, traces=(make_trace("sine_150Hz_75V", 100_000),))
-    _write(make_document("named", evidence), evidence, tmp_path)
-    assert (tmp_path / "report.html").stat().st_size < 2_000_000
 
 
 def test_only_the_worst_recordings_get_a_figure_when_there_are_many(
@@ -256,3 +229,10 @@ def test_importing_the_report_loads_no_drawing_and_no_torch() -> None:
     code = "import sys, phnn.report; print([m for m in ('matplotlib', 'torch', 'jinja2', 'scipy') if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_anchors_lead_somewhere(report: tuple[str, Path, Page]) -> None:
+    content = (report[1] / "report.html").read_text("utf-8")
+    for target in report[2].fetched:
+        if target.startswith("#"):
+            assert f'id="{target[1:]}"' in content

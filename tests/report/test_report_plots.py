@@ -15,7 +15,7 @@ from report_example import NOISE, make_document, make_evidence, make_trace
 
 from phnn.report import write_report
 from phnn.report.document import FitRow, Score
-from phnn.report.plots import POINTS, binned, packed, plots, samples_per_bin
+from phnn.report.plots import binned, packed, plots
 from phnn.report.view import view_of
 from phnn.results import Place
 
@@ -50,13 +50,6 @@ def test_bins_keep_the_smallest_and_the_largest_in_their_order(count: int, width
         assert list(pair) == [block[min(first, last)], block[max(first, last)]]
 
 
-@pytest.mark.parametrize("count", [1, 5, POINTS, POINTS + 1, 100_000, 1_234_567])
-def test_no_trace_has_more_points_than_allowed(count: int) -> None:
-    width = samples_per_bin(count)
-    assert len(binned(np.zeros(count), width)) <= POINTS
-    assert (width == 1) == (count <= POINTS)
-
-
 def test_packed_values_are_within_half_a_step() -> None:
     y = np.concatenate((np.random.default_rng(1).standard_normal(500), [np.nan, np.inf, -np.inf]))
     series = packed(y)
@@ -64,11 +57,6 @@ def test_packed_values_are_within_half_a_step() -> None:
     assert np.nanmax(np.abs(found[:500] - y[:500])) <= 0.51 * series["step"]
     assert series["step"] == pytest.approx(np.ptp(y[:500]) / 65534)
     assert np.isnan(found[500:]).all()
-
-
-@pytest.mark.parametrize("y", [np.full(4, 3.0), np.full(4, np.nan), np.zeros(0)])
-def test_constant_and_empty_traces_are_packed(y: np.ndarray) -> None:
-    assert np.array_equal(unpacked(packed(y)), y, equal_nan=True)
 
 
 def test_plots_show_output_error_and_input_over_the_time_of_the_recording() -> None:

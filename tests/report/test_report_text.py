@@ -1,7 +1,9 @@
-"""Numbers as text, and the summary on a terminal."""
+"""Numbers as text, the summary on a terminal, and tables as csv with all digits."""
 
 from __future__ import annotations
 
+import base64
+import csv
 import io
 import math
 from dataclasses import replace
@@ -9,12 +11,14 @@ from dataclasses import replace
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from report_example import make_document, make_evidence
+from report_example import make_document, make_evidence, make_trace
 from rich.console import Console
 
 from phnn.report import Evidence, console_summary, verdicts
 from phnn.report import formatting as f
 from phnn.report.reading import read_document
+from phnn.report.shares import ledger_shares
+from phnn.report.tables import csv_text, table_links
 
 EMPTY = Evidence((), (), (), (), (), (), "")
 
@@ -53,13 +57,6 @@ def test_with_error(value: float | None, std: float | None, text: str) -> None:
     assert f.with_error(value, std) == text
 
 
-@given(st.floats(allow_nan=True, allow_infinity=True), st.floats(allow_nan=True, allow_infinity=True))
-def test_every_float_has_a_text(value: float, std: float) -> None:
-    for text in (f.number(value), f.with_error(value, std), f.p_value(value), f.plain(value), f.change(value, std)):
-        assert text
-        assert not {"nan", "inf"} & set(text.split())
-
-
 @given(st.floats(1e-12, 1e12))
 def test_number_keeps_three_digits(value: float) -> None:
     text = f.number(value)
@@ -85,22 +82,6 @@ def test_number_keeps_three_digits(value: float) -> None:
 )
 def test_p_value(p: float | None, text: str) -> None:
     assert f.p_value(p) == text
-
-
-def test_units_listing_and_change() -> None:
-    assert f.display_unit(2.3e-6).name == "nm"
-    assert f.display_unit(4e-5).name == "µm"
-    assert f.display_unit(0.3, "K") == f.Unit(1.0, "K")
-    assert f.display_unit(3.4e-7).show(5.03e-8) == "50.3"
-    assert f.listing(["a", "b", "c"], "or") == "a, b or c"
-    assert f.listing([]) == ""
-    assert f.change(2.0, 1.0) == "−50.0 %"
-    assert f.change(0.0, 1.0) == "–"
-    assert f.change(1.0, 1.0) == "0 %"
-    assert f.chance(math.nan) == "–"
-    assert f.chance(2.1e-5) == "2 × 10⁻⁵"
-    assert f.ratio(0.989) == "0.99"
-    assert f.ratio(9.999) == "10.0"
 
 
 def _printed(document: dict[str, object], evidence: Evidence, width: int = 100) -> str:
@@ -203,3 +184,51 @@ def test_beside_a_tie_stands_a_proposal_or_why_there_is_none(changes: dict[str, 
 def test_names_are_not_read_as_markup() -> None:
     fit = {"before": {"[red]x[/red]": {"fit_percent": 99.0}}}
     assert "[red]x[/red]" in _printed({"verdict": "none", "fit": fit}, EMPTY)
+
+
+@given(st.floats(allow_nan=True, allow_infinity=True), st.floats(allow_nan=True, allow_infinity=True))
+def test_every_float_has_a_text(value: float, std: float) -> None:
+    for text in (f.number(value), f.with_error(value, std), f.p_value(value), f.plain(value), f.change(value, std)):
+        assert text
+        assert not {"nan", "inf"} & set(text.split())
+
+
+def rows_of(link: str) -> list[dict[str, str]]:
+    head, _, data = link.partition(",")
+    assert head == "data:text/csv;charset=utf-8;base64"
+    text = base64.b64decode(data).decode("utf-8-sig")
+    return list(csv.DictReader(io.StringIO(text)))
+
+
+def test_tables_hold_the_numbers_of_the_document() -> None:
+    evidence = replace(make_evidence(("step_50V",)), traces=(make_trace("step_50V", 400),))
+    content = make_document("named", evidence)
+    links = table_links(read_document(content), evidence, ledger_shares(evidence.ledger)[0])
+    assert set(links) == {"fit", "parameters", "energy", "tried", "noise"}
+    (fit,) = rows_of(links["fit"])
+    assert (fit["recording"], fit["held out"]) == ("step_50V", "yes")
+    for which in ("before", "after"):
+        score = content["fit"][which]["step_50V"]
+        assert float(fit[f"{which}: RMSE (m)"]) == score["rmse"]
+        assert float(fit[f"{which}: residual over noise"]) == score["residual_over_noise"]
+    parameters = {row["parameter"]: row for row in rows_of(links["parameters"])}
+    assert float(parameters["b"]["after"]) == 38.94
+    assert parameters["tau"]["before"] == ""
+    assert parameters["rho_1"]["meaning"] == "conductance of hysteron 1 beyond its threshold"
+    assert float(rows_of(links["energy"])[0]["hysteron 1"]) == pytest.approx(0.6 / 2.1)
+
+
+def test_no_table_without_rows() -> None:
+    evidence = replace(make_evidence(()), parameters=(), candidates=())
+    assert table_links(read_document({"verdict": "none"}), evidence, ()) == {}
+
+
+@pytest.mark.parametrize("name", ['=cmd|"/C calc"!A1', "+1", "-2", "@SUM(A1)", "\t=1"])
+def test_a_name_is_no_formula(name: str) -> None:
+    ((found,),) = list(csv.reader(io.StringIO(csv_text(["a"], [[name]]))))[1:]
+    assert found == "'" + name
+
+
+def test_numbers_stay_numbers_and_undefined_ones_are_empty() -> None:
+    text = csv_text(["a", "b", "c", "d"], [[-1.5e-9, None, float("nan"), 'x,"y"']])
+    assert list(csv.reader(io.StringIO(text)))[1] == ["-1.5e-09", "", "", 'x,"y"']

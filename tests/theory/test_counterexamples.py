@@ -5,17 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from junctions import march
 from random_actuators import edge, window
-from scipy.integrate import solve_ivp
 from torch import Tensor, nn
 
 from phnn.effects.hysteresis_asymmetry import EFFECT as ASYMMETRY
-from phnn.integrate.dense import ledger, solve_dense
 from phnn.models.actuator import TABLE_1, from_paper, hrc
 from phnn.network import Network, PortHamiltonianSystem
 from phnn.network.lyapunov import forced_equilibrium, shifted_energy, shifted_losses, shifted_rate
@@ -75,26 +72,6 @@ def test_separated_zeros_are_passive_and_repel(seed: int, hysterons: int, rho: f
         # The sector condition alone makes the model passive, and (17) non-positive about an uncharged hysteron.
         assert (system.power_balance(anywhere, u.expand(200, 2)).dissipated >= 0.0).all()
         assert (shifted_losses(system, anywhere, other) >= 0.0).all()
-
-
-@pytest.mark.slow
-def test_a_state_beside_a_separated_zero_leaves_it() -> None:
-    rho, zero, h, steps = 1.0, 5.0, 0.25, 160
-    network, u = with_law(ThreeZeros(rho, zero)), torch.zeros(2, dtype=torch.float64)
-    system = PortHamiltonianSystem(network)
-    x0 = at_rest(network, u, torch.tensor([4.5], dtype=torch.float64))
-    with torch.no_grad():
-        x = solve_dense(system, x0, u.expand(steps, 2), h)
-        assert (ledger(system, x, u.expand(steps, 2), h).dissipated >= 0.0).all()
-    rises(network, x, u, zero)
-
-    def rate(t: float, x: np.ndarray) -> list[float]:
-        charge, q, p = x
-        return [p - rho * charge * (abs(charge) / zero - 1.0) ** 2, p, -charge - q - p]
-
-    exact = solve_ivp(rate, (0.0, steps * h), x0.numpy(), "Radau", h * np.arange(steps + 1), rtol=1e-9, atol=1e-9).y.T
-    np.testing.assert_allclose(x.numpy(), exact, rtol=0.0, atol=2e-3 * zero)
-    rises(network, torch.from_numpy(np.ascontiguousarray(exact)), u, zero)
 
 
 def test_learned_damping_may_have_separated_zeros() -> None:

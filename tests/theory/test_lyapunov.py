@@ -16,7 +16,6 @@ from torch import Tensor
 
 from phnn.errors import StructureViolated
 from phnn.integrate.dense import solve_dense
-from phnn.laws.neural import EnergyMLP
 from phnn.models.actuator import from_paper
 from phnn.network import Modulation, Network, PortHamiltonianSystem
 from phnn.network.lyapunov import forced_equilibrium, shifted_energy, shifted_losses, shifted_rate
@@ -132,18 +131,6 @@ def test_monotone_networks_lose_about_any_state(network: Network, seed: int) -> 
     with torch.no_grad():
         assert (shifted_losses(system, x, x.flip(0)) >= 0.0).all()
         assert (shifted_energy(system, x, x.flip(0)) >= -1e-12 * system.energy(x)).all()
-
-
-def test_convex_energies_shift_to_their_divergence() -> None:
-    law = EnergyMLP(1e-6, 2.0)
-    network = from_paper()
-    learned = replace(network.storages[2], law=law, parameters=())
-    network = replace(network, storages=(*network.storages[:2], learned, network.storages[3]))
-    system = PortHamiltonianSystem(network)
-    x, x_star = torch.tensor([[1e-6, -2e-6, 3e-6, 1e-6], [5e-7, 1e-6, -1e-6, 0.0]], dtype=torch.float64)
-    with torch.no_grad():
-        expected = system.energy(x) - system.energy(x_star) - system.efforts(x_star) @ (x - x_star)
-        assert shifted_energy(system, x, x_star).item() == pytest.approx(expected.item(), rel=1e-12)
 
 
 def test_a_modulated_ratio_has_no_shifted_balance() -> None:

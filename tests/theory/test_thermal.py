@@ -113,17 +113,6 @@ def test_a_source_of_energy_in_a_resistor_shows_as_falling_entropy() -> None:
     assert (thermal.produced < 0.0).all()
 
 
-def test_heat_flows_from_hot_to_cold() -> None:
-    for ambient, rise in ((293.15, 40.0), (333.15, 0.0)):
-        network = thermal_hrc(0).with_values({"T_a": ambient})
-        trajectory = march(network, np.zeros((50, 2)), np.full(50, 10.0), np.array([0.0, 0.0, rise]))
-        _, thermal, _ = balances(trajectory)
-        assert (thermal.produced > 0.0).all()
-        assert (np.sign(thermal.released.numpy()) == np.sign(rise - ambient + 293.15)).all()
-        # 500 s are 6.4 time constants.
-        assert trajectory.states[-1, -1] == pytest.approx(ambient - 293.15, abs=0.1)
-
-
 def driven(seconds: float, frequency: float, h: float, amplitude: float = 75.0) -> tuple[Array, Array]:
     """Inputs and steps of a sine."""
     n = round(seconds / h)
@@ -196,42 +185,6 @@ def test_the_march_tends_to_the_irreversible_system() -> None:
     # Second order in the displacement, as far as the temperature, which is read half a step late, does not matter.
     assert q_fine < 0.3 * q_coarse
     assert rise_fine == pytest.approx(0.5 * rise_coarse, rel=0.1)
-
-
-def test_the_vector_field_is_that_of_the_march() -> None:
-    network = thermal_hrc(2, FAST)
-    system = PortHamiltonianSystem(network)
-    random = np.random.default_rng(0)
-    x = torch.from_numpy(random.normal(size=5) * np.array([1e-5, 1e-5, 1e-4, 1e-4, 5.0]))
-    u = torch.tensor([40.0, 0.3], dtype=torch.float64)
-    with torch.no_grad():
-        rate = system.vector_field(x, u)
-        balance = system.power_balance(x, u)
-    h = 1e-11
-    moved = march(network, u.numpy()[None], np.array([h]), x.numpy()).states
-    np.testing.assert_allclose((moved[1] - moved[0]) / h, rate.numpy(), rtol=1e-4, atol=1e-5 * float(rate.abs().max()))
-    # dH/dt is that at constant temperature; what is dissipated warms the body.
-    assert abs(balance.defect.item()) < 1e-14 * balance.dissipated.sum().item()
-    cooling = x[-1].item() / FAST["R_T"]
-    assert rate[-1].item() == pytest.approx((balance.dissipated.sum().item() - cooling) / FAST["C_T"], rel=1e-12)
-
-
-def test_the_torch_step_keeps_both_laws() -> None:
-    system = PortHamiltonianSystem(thermal_hrc(2, FAST))
-    u, h = driven(0.002, 500.0, 4e-5)
-    x0, inputs = torch.zeros(5, dtype=torch.float64), torch.from_numpy(u)
-    with torch.no_grad():
-        # Whose mean efforts are the discrete gradients that are written out here.
-        x = solve_dense(system, x0, inputs, 4e-5, Scheme.MIDPOINT)
-        efforts, middle = system.mean_efforts(x[:-1], x[1:]), between(system, x[:-1], x[1:])
-        thermal = thermal_balance(system, x, drives(system, efforts, middle, inputs), torch.from_numpy(h))
-        supplied = 4e-5 * (inputs * (efforts.unsqueeze(-2) @ system.incidences(middle)[1]).squeeze(-2)).sum(-1)
-        total = total_energy(system, x)
-    defect = total.diff() + thermal.released.sum(-1) - supplied
-    # As far as the torch step solves its equations.
-    assert defect.abs().max() < 1e-11 * supplied.abs().max()
-    assert (thermal.produced > 0.0).all()
-    assert thermal.stored.sum() > 0.5 * thermal.received.sum() > 0.0
 
 
 def setup() -> Setup:
@@ -307,3 +260,64 @@ def test_shifted_energies_know_no_memory() -> None:
             call()
     with pytest.raises(StructureViolated, match="state 'theta' still moves"):
         forced_equilibrium(network, torch.zeros(2, dtype=torch.float64), torch.zeros(1, dtype=torch.float64))
+
+
+def gains(amplitude: float, frequency: float, periods: int, values: dict[str, float]) -> tuple[Array, Trajectory]:
+    """Amplitude of the displacement in every period of a sine."""
+    per_period = 1000
+    u, h = driven(periods / frequency, frequency, 1.0 / (per_period * frequency), amplitude)
+    run = march(thermal_hrc(2, values), u, h, np.zeros(5))
+    q = run.states[1:, 2].reshape(periods, per_period)
+    return 0.5 * np.ptp(q, axis=1), run
+
+
+def drift(amplitude: float, frequency: float, **values: float) -> float:
+    """Growth of the gain per second, relative to the same actuator at constant temperature."""
+    coefficients = {"kappa_alpha": 1e-3, "kappa_rho": 0.0, "kappa_d": 0.0}
+    thermal = {"C_T": 0.02, "R_T": 1e4}
+    warm, _ = gains(amplitude, frequency, 40, coefficients | thermal | values)
+    cold, _ = gains(amplitude, frequency, 40, coefficients | thermal | values | {"kappa_alpha": 0.0})
+    return float((warm[-1] / cold[-1] - 1.0) * frequency / 40.0)
+
+
+def test_gain_drifts_with_dissipated_power() -> None:
+    # Without dead zones hysterons are linear: what they lose grows with the square of the amplitude.
+    linear = {"d_1": 1e-9, "d_2": 1e-9}
+    assert drift(40.0, 20.0, **linear) == pytest.approx(4.0 * drift(20.0, 20.0, **linear), rel=0.02)
+    # Far below their relaxation dead zones lose the same in every cycle, so that power grows with frequency.
+    slow = {"rho_2": 0.1, "b": 1.0}
+    assert drift(75.0, 10.0, **slow) == pytest.approx(2.0 * drift(75.0, 5.0, **slow), rel=0.05)
+
+
+def test_gain_recovers_at_rest() -> None:
+    values = {"C_T": 1e-3, "R_T": 200.0, "kappa_alpha": 1e-3, "kappa_rho": 0.0, "kappa_d": 0.0}
+    _, run = gains(75.0, 100.0, 60, values)
+    hot = float(run.states[-1, 4])
+    # Two time constants R_T C_T = 0.2 s at rest, and the same sine again.
+    u, h = driven(0.03, 100.0, 5e-5)
+    pause, waiting = np.zeros((4000, 2)), np.full(4000, 1e-4)
+    again = march(run.setup.network, np.vstack([pause, u]), np.concatenate([waiting, h]), run.states[-1])
+    assert again.states[4000, 4] == pytest.approx(hot * np.exp(-2.0), rel=0.05)
+    # The charges that the first sine has left stay what they are, whatever the temperature.
+    cold = march(run.setup.network, u, h, np.append(again.states[4000, :4], 0.0))
+    straight = march(run.setup.network, u, h, np.append(again.states[4000, :4], hot))
+    cooled, first, warm = (np.ptp(r.states[-200:, 2]) for r in (again, cold, straight))
+    assert 0.0 < cooled / first - 1.0 < 0.25 * (warm / first - 1.0)
+
+
+def test_the_torch_step_keeps_both_laws() -> None:
+    system = PortHamiltonianSystem(thermal_hrc(2, FAST))
+    u, h = driven(0.002, 500.0, 4e-5)
+    x0, inputs = torch.zeros(5, dtype=torch.float64), torch.from_numpy(u)
+    with torch.no_grad():
+        # Whose mean efforts are the discrete gradients that are written out here.
+        x = solve_dense(system, x0, inputs, 4e-5, Scheme.MIDPOINT)
+        efforts, middle = system.mean_efforts(x[:-1], x[1:]), between(system, x[:-1], x[1:])
+        thermal = thermal_balance(system, x, drives(system, efforts, middle, inputs), torch.from_numpy(h))
+        supplied = 4e-5 * (inputs * (efforts.unsqueeze(-2) @ system.incidences(middle)[1]).squeeze(-2)).sum(-1)
+        total = total_energy(system, x)
+    defect = total.diff() + thermal.released.sum(-1) - supplied
+    # As far as the torch step solves its equations.
+    assert defect.abs().max() < 1e-11 * supplied.abs().max()
+    assert (thermal.produced > 0.0).all()
+    assert thermal.stored.sum() > 0.5 * thermal.received.sum() > 0.0
