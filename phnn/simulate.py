@@ -21,10 +21,9 @@ from phnn.integrate.program import Program, compile_network
 from phnn.integrate.rest import equilibrium
 from phnn.integrate.scheme import Scheme
 from phnn.network.elements import Network
-from phnn.passage import amplified, measured, place_of, sensed, source_input
+from phnn.passage import amplified, is_displacement, measured, place_of, sensed, sensing, source_input
 from phnn.recordings.driving import Driving, driving_of, input_before, made_periodic
 from phnn.recordings.recording import Recording
-from phnn.sensing import is_displacement, sensing
 from phnn.setup import Block, Setup
 from phnn.signals.reconstruct import mean_input
 

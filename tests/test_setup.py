@@ -12,8 +12,8 @@ from phnn.errors import InputRefused, StructureViolated
 from phnn.models.actuator import from_paper
 from phnn.network.elements import Port
 from phnn.parameters import Parameter, positive
+from phnn.passage import sensing
 from phnn.recordings.sensor import Sensor
-from phnn.sensing import sensing
 from phnn.setup import AMPLIFIERS, SENSORS, SOURCES, Block, Setup, Source
 
 

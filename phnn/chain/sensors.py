@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from phnn.chain.amplifiers import bent, kneed, rate
-from phnn.domain import ANY, NONNEGATIVE, POSITIVE, Domain
 from phnn.integrate.cache import entry
 from phnn.laws.namespace import absolute, maximum, minimum, real
+from phnn.parameters import ANY, NONNEGATIVE, POSITIVE, Domain
 
 Array = NDArray[Any]
 

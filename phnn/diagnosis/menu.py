@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.network.small_signal import linearised_at_rest
+from phnn.passage import is_displacement
 from phnn.recordings.recording import Part, Recording, Start, Units
-from phnn.sensing import is_displacement
 from phnn.setup import Setup
 from phnn.simulate import simulate
 from phnn.units import quantity

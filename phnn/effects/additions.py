@@ -1,7 +1,8 @@
 """The additions of effects to a setup: network parts, blocks of the measuring chain, or per-recording nuisances.
 
 An addition is called with the setup and the effect's parameters by name, and returns the changed setup. An effect that
-rewrites elements of the network uses a plain function.
+rewrites elements of the network uses a plain function. Of springs and ports an effect makes one nonlinear, or adds a
+term to one that is nonlinear already. The rim of a tank is a resistor that opens above a volume.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 from phnn.laws import STORAGE_LAWS
-from phnn.network.elements import Coupling, Modulation, ModulatorState, Network, Resistor, Storage
+from phnn.network.elements import Coupling, Modulation, ModulatorState, Network, Port, Ratio, Resistor, Storage
 from phnn.parameters import Parameter, as_table
 from phnn.setup import Block, Setup
 
@@ -122,3 +123,63 @@ def with_following_dead_zones(setup: Setup, law: str, state: str, names: tuple[s
         return replace(resistor, law=law, parameters=(*resistor.parameters, *names), modulated_by=state)
 
     return with_resistors(setup, following, parameters)
+
+
+def bent_spring(setup: Setup, law: str, parameters: Placed) -> Setup:
+    """The setup whose spring of ``q`` follows ``quadratic_spring`` or ``cubic_spring``, or both.
+
+    Args:
+        law: the law to add; the spring may have the other one already.
+        parameters: those of the law, its reference displacement last.
+    """
+    network, mine = setup.network, tuple(parameters)
+
+    def bent(spring: Storage) -> Storage:
+        stiffness, *before = spring.parameters
+        if spring.law == "spring":
+            return replace(spring, law=law, parameters=(stiffness, *mine))
+        # The combined law takes the quadratic parameters first.
+        names = (*mine, *before) if law == "quadratic_spring" else (*before, *mine)
+        return replace(spring, law="bent_spring", parameters=(stiffness, *names))
+
+    # First, as it refuses parameters that a law has already.
+    table = as_table((*network.parameters.values(), *parameters.values()))
+    storages = tuple(bent(s) if s.name == "q" else s for s in network.storages)
+    return with_network(setup, replace(network, storages=storages, parameters=table))
+
+
+def bent_port(setup: Setup, law: str, parameters: Placed) -> Setup:
+    """The setup whose voltage port follows ``electrostriction`` or ``polynomial``, or both.
+
+    Args:
+        law: the law to add; the port may have the other one already.
+        parameters: those of the law, its reference voltage last.
+    """
+    network, mine = setup.network, tuple(parameters)
+
+    def bent(port: Port) -> Port:
+        if port.name != "voltage":
+            return port
+        if port.law == "linear":
+            return replace(port, law=law, parameters=mine)
+        # The combined law takes the parameter of electrostriction first.
+        names = (*mine, *port.parameters) if law == "electrostriction" else (*port.parameters, *mine)
+        return replace(port, law="electrostrictive_polynomial", parameters=names)
+
+    # First, as it refuses parameters that a law has already.
+    table = as_table((*network.parameters.values(), *parameters.values()))
+    return with_network(setup, replace(network, ports=tuple(map(bent, network.ports)), parameters=table))
+
+
+def with_rim(setup: Setup, name: str, tank: str, on: Mapping[str, Ratio], parameters: Placed) -> Setup:
+    """The setup in which the volume above the rim of a tank flows off.
+
+    Args:
+        name: of the resistor.
+        tank: whose volume is compared with that of the rim.
+        on: storages on which the resistor acts, with their signs.
+        parameters: rate [1/s] and volume up to the rim [m³], in this order.
+    """
+    (capacity,) = next(s.parameters for s in setup.network.storages if s.name == tank)
+    rim = Resistor(name, "overflow", dict(on), (*parameters, capacity))
+    return Parts(resistors=(rim,))(setup, parameters)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from phnn.effects import Effect, Placed, Scales, bounded, constant, has_spring, kinds
-from phnn.effects.bent import bent_spring
+from phnn.effects.additions import bent_spring
 from phnn.setup import Setup
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from phnn.effects import Effect, Placed, Scales, has_transducer, kinds, signed
-from phnn.effects.bent import bent_port
+from phnn.effects.additions import bent_port
 from phnn.setup import Setup
 
 

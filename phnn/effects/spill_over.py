@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from phnn.effects import Effect, Placed, Scales, has_tanks, kinds, positive
-from phnn.effects.rim import with_rim
+from phnn.effects.additions import with_rim
 from phnn.network.elements import Network, Resistor
 from phnn.setup import Setup
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.sensing import is_displacement
+from phnn.passage import is_displacement
 from phnn.simulate import Trajectory
 
 Array = NDArray[np.float64]

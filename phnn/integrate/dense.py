@@ -23,7 +23,7 @@ from phnn.integrate.equations import jacobians, powers_of_steps, reducible_rules
 from phnn.integrate.inputs import check, port_inputs
 from phnn.integrate.scheme import Scheme
 from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
-from phnn.network.power import PowerBalance
+from phnn.network.checks import PowerBalance
 from phnn.network.system import PortHamiltonianSystem
 
 # Residuals are measured in units of the largest terms of their own equation.

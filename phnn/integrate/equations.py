@@ -17,9 +17,8 @@ from phnn.integrate.partition import reducible, resistors_of
 from phnn.integrate.reducible import Surroundings, advanced, shares
 from phnn.integrate.scheme import Scheme
 from phnn.network import modulator_states
-from phnn.network.evaluation import evaluation
+from phnn.network.checks import PowerBalance, evaluation
 from phnn.network.incidence import combined
-from phnn.network.power import PowerBalance
 from phnn.network.system import PortHamiltonianSystem
 
 _KNOWN: WeakKeyDictionary[PortHamiltonianSystem, dict[Scheme, dict[int, int]]] = WeakKeyDictionary()

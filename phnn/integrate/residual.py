@@ -23,9 +23,9 @@ from phnn.integrate.program import Program
 from phnn.integrate.reducible import Surroundings, advanced, shares
 from phnn.integrate.stages import gradient_defect
 from phnn.integrate.tables import GRADIENT, LOSSLESS
+from phnn.network.checks import PowerBalance
 from phnn.network.incidence import combined
 from phnn.network.modulator_states import ends
-from phnn.network.power import PowerBalance
 from phnn.network.system import PortHamiltonianSystem
 
 if TYPE_CHECKING:

@@ -34,7 +34,7 @@ from phnn.integrate.inputs import refuse_unfit_march
 from phnn.integrate.program import Program, compile_network
 from phnn.integrate.residual import steps_residual
 from phnn.integrate.scheme import Scheme
-from phnn.network.evaluation import evaluation
+from phnn.network.checks import evaluation
 from phnn.network.system import PortHamiltonianSystem
 
 Array = NDArray[np.float64]

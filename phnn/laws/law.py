@@ -14,8 +14,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from phnn.domain import POSITIVE, Domain
 from phnn.errors import StructureViolated
+from phnn.parameters import POSITIVE, Domain
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from phnn.domain import ANY, POSITIVE
 from phnn.laws.law import FactorLaw, Heat, MemoryLaw, PortLaw, register
 from phnn.laws.leaf import relaxation
 from phnn.laws.namespace import absolute, log1p, maximum, reciprocal, shared
+from phnn.parameters import ANY, POSITIVE
 
 
 def affine(q: Any, kappa: Any, q0: Any) -> Any:

@@ -8,9 +8,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from phnn.domain import ANY, NONNEGATIVE, POSITIVE
 from phnn.laws.law import ResistorLaw, register
 from phnn.laws.namespace import absolute, exp, log1p, maximum, minimum, real, reciprocal, shared, sqrt, tanh, where
+from phnn.parameters import ANY, NONNEGATIVE, POSITIVE
 
 
 @shared

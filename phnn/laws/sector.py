@@ -13,9 +13,9 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.domain import Domain
 from phnn.errors import StructureViolated
 from phnn.laws.law import Law, MemoryLaw, ResistorLaw, StorageLaw
+from phnn.parameters import Domain
 
 Array = NDArray[np.float64]
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from phnn.domain import ANY, NONNEGATIVE, POSITIVE
 from phnn.laws.law import StorageLaw, register
 from phnn.laws.namespace import absolute, maximum, minimum, real, reciprocal, shared, sqrt, where
+from phnn.parameters import ANY, NONNEGATIVE, POSITIVE
 
 
 def capacitor_energy(x: Any, capacitance: Any) -> Any:

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 from phnn.network.elements import Coupling, Modulation, ModulatorState, Network, Port, Ratio, Resistor, Storage
 
 if TYPE_CHECKING:
+    from phnn.network.checks import PowerBalance
     from phnn.network.driven import DrivenSystem
-    from phnn.network.power import PowerBalance
     from phnn.network.system import PortHamiltonianSystem
 
 __all__ = [

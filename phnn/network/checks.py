@@ -1,10 +1,14 @@
-"""Checks of the torch module of a network: names, learned laws, and the tensors that it is evaluated at."""
+"""Checks of the torch module of a network: names, learned laws, and the tensors that it is evaluated at.
+
+Here are also the terms of a power balance, and the one reading of all parameters for all that one call evaluates.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
-from typing import Any
+from functools import partial, wraps
+from threading import get_ident
+from typing import Any, Concatenate, NamedTuple, ParamSpec, TypeVar
 
 import numpy as np
 import torch
@@ -15,6 +19,52 @@ from phnn.errors import InputRefused, StructureViolated
 from phnn.laws.sector import READ, check_energy, check_sector
 from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES
 from phnn.network.elements import Port, Resistor, Storage
+
+
+class PowerBalance(NamedTuple):
+    """``dH/dt = Σ supplied − Σ dissipated``; the defect is a rounding error.
+
+    Attributes:
+        stored: (...) ``∇Hᵀ ẋ`` [W].
+        dissipated: (..., R) ``ε_r φ_r(ε_r) ≥ 0`` of every resistor [W].
+        supplied: (..., P) ``ψ(u) gᵀ∇H`` of every port [W].
+        defect: (...) ``stored − Σ supplied + Σ dissipated`` [W].
+    """
+
+    stored: Tensor
+    dissipated: Tensor
+    supplied: Tensor
+    defect: Tensor
+
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+# The thread that is evaluating a system, and the values that it has read.
+Present = tuple[int, dict[str, Tensor]] | None
+
+
+def present_of(system: Any) -> dict[str, Tensor] | None:
+    """Values read for the evaluation that is going on in this thread, None outside of one."""
+    present = system._present
+    return present[1] if present is not None and present[0] == get_ident() else None
+
+
+def evaluation(method: Callable[Concatenate[Any, P], R]) -> Callable[Concatenate[Any, P], R]:
+    """Make a method of a system read and check all parameters once, for itself and all that it calls."""
+
+    @wraps(method)
+    def evaluate(system: Any, *args: P.args, **kwargs: P.kwargs) -> R:
+        if present_of(system) is not None:
+            return method(system, *args, **kwargs)
+        system._present = (get_ident(), system.present_values())
+        try:
+            return method(system, *args, **kwargs)
+        finally:
+            system._present = None
+
+    return evaluate
+
 
 Array = NDArray[np.float64]
 

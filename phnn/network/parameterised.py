@@ -10,9 +10,8 @@ from torch import Tensor, nn
 from phnn.laws import FACTOR_LAWS
 from phnn.laws.diverged import check_weights
 from phnn.network.bounded import BoundedParameters
-from phnn.network.checks import check_module, check_name
+from phnn.network.checks import Present, check_module, check_name, present_of
 from phnn.network.elements import Network, check_laws
-from phnn.network.evaluation import Present, present_of
 
 
 class ParameterisedNetwork(nn.Module):

@@ -9,13 +9,11 @@ from torch import Tensor
 
 from phnn.laws import PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS, gradient
 from phnn.network import modulator_states
-from phnn.network.checks import check_input, check_state, is_learned
+from phnn.network.checks import PowerBalance, check_input, check_state, evaluation, is_learned
 from phnn.network.driven import DrivenSystem
 from phnn.network.elements import Network
-from phnn.network.evaluation import evaluation
 from phnn.network.incidence import Entry, Incidence, columns, combined
 from phnn.network.parameterised import ParameterisedNetwork
-from phnn.network.power import PowerBalance
 
 
 class PortHamiltonianSystem(ParameterisedNetwork):

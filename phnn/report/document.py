@@ -185,6 +185,10 @@ class Document:
         """Some recording was scored with a final model."""
         return any(not row.after.empty for row in self.fits)
 
+    def noise_of(self, name: str) -> NoiseRow | None:
+        """What the noise of a recording is."""
+        return next((row for row in self.noise if row.name == name), None)
+
     def fit(self, name: str) -> FitRow | None:
         """The row of a recording."""
         return next((row for row in self.fits if row.name == name), None)

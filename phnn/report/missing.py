@@ -14,7 +14,7 @@ from phnn.diagnosis.place import in_another_form
 from phnn.diagnosis.vocabulary import vocabulary_of
 from phnn.effects.places import place_of
 from phnn.identification.fit import Fit
-from phnn.report.anchored import forces_known
+from phnn.report.domain_words import forces_known
 from phnn.report.sentence import unknown_character, unknown_statement
 from phnn.units import FORCE_UNITS, quantity
 

@@ -11,7 +11,7 @@ from phnn.diagnosis.trial import Trial, tie
 from phnn.effects import Plausible
 from phnn.parameters import Parameter
 from phnn.recordings.recording import ACTUATOR
-from phnn.report.anchored import forces_known
+from phnn.report.domain_words import forces_known
 from phnn.report.fingerprint import fingerprint
 from phnn.report.formatting import number
 from phnn.report.support import PlausibleRow, RivalRow, Support

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Sequence
 from functools import cache
+from typing import TYPE_CHECKING
 
 from jinja2 import Environment, FunctionLoader, StrictUndefined
+from markupsafe import Markup
 
 from phnn.report import formatting, verdicts
 from phnn.report.document import Document, FitRow
@@ -14,11 +17,28 @@ from phnn.report.figures import Drawing
 from phnn.report.formatting import Unit, display_unit, finite
 from phnn.report.formula import formula, symbol
 from phnn.report.gallery import Gallery
-from phnn.report.inlined import image, svg_link
 from phnn.report.scripts import content, scripts
 from phnn.report.shares import Shares, base_note
 from phnn.report.tables import table_links
 from phnn.report.usage import usage
+
+if TYPE_CHECKING:
+    from phnn.report.figures import Drawing
+
+
+def image(drawing: Drawing) -> Markup:
+    """The picture as part of the page, sized so that a point of print is a point on the screen."""
+    width, height = (int.from_bytes(drawing.png[start : start + 4], "big") for start in (16, 20))
+    data = base64.b64encode(drawing.png).decode("ascii")
+    return Markup('<img src="data:image/png;base64,{}" alt="{}" width="{}" height="{}">').format(
+        data, drawing.alt, round(width * 96 / 150), round(height * 96 / 150)
+    )
+
+
+def svg_link(drawing: Drawing) -> str:
+    """The picture as SVG, in a link."""
+    return "data:image/svg+xml;base64," + base64.b64encode(drawing.svg).decode("ascii")
+
 
 _SHOWN = 8
 

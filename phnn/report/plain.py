@@ -9,7 +9,7 @@ from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
 from phnn.report.formatting import ratio
-from phnn.report.inlined import image
+from phnn.report.page import image
 
 
 def plain_page(package: str, template: str, **content: Any) -> bytes:

@@ -29,7 +29,7 @@ from phnn.diagnosis.symptoms import symptoms
 from phnn.identification.fit import Fit
 from phnn.identification.identified import save_fit
 from phnn.network.roles import auxiliary
-from phnn.report.anchored import forces_known
+from phnn.report.domain_words import forces_known
 from phnn.report.evidence import Curve, Evidence, LedgerRow, ParameterRow, Provenance, RuleRow, Trace
 from phnn.report.following import WAVEFORM, next_experiment, no_proposal, write_waveform
 from phnn.report.methods import methods

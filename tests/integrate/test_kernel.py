@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from phnn.effects import effect
-from phnn.effects.bent import bent_spring
+from phnn.effects.additions import bent_spring
 from phnn.errors import InputRefused, StructureViolated
 from phnn.integrate import kernel
 from phnn.integrate import sweep as sweeps

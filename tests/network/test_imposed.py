@@ -23,8 +23,8 @@ from phnn.network.elements import Network
 from phnn.network.roles import imposed, measured_displacement, motions
 from phnn.network.system import PortHamiltonianSystem
 from phnn.parameters import as_table, positive
+from phnn.passage import is_displacement
 from phnn.recordings.recording import Part, Recording, Start, Units
-from phnn.sensing import is_displacement
 from phnn.setup import Setup
 from phnn.simulate import simulate
 

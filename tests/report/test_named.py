@@ -16,7 +16,7 @@ from phnn.diagnosis.trial import Trial
 from phnn.effects import Plausible, catalogue, effect, in_all_forms
 from phnn.parameters import Parameter
 from phnn.recordings.recording import Anchor, Units
-from phnn.report.anchored import forces_known
+from phnn.report.domain_words import forces_known
 from phnn.report.fingerprint import binned, fingerprint, variable_of
 from phnn.report.named import plausible_row, supports
 from phnn.report.result import document, evidence, write

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from phnn.effects import Effect, Placed, Scales, constant, has_transducer, kinds
-from phnn.effects.bent import bent_port
+from phnn.effects.additions import bent_port
 from phnn.effects.learned.strengths import Within, each, either
 from phnn.setup import Setup
 
