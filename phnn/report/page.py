@@ -13,7 +13,6 @@ from markupsafe import Markup
 from phnn.report import formatting, verdicts
 from phnn.report.document import Document, FitRow
 from phnn.report.evidence import CandidateRow, Evidence, ParameterRow
-from phnn.report.figures import Drawing
 from phnn.report.formatting import Unit, display_unit, finite
 from phnn.report.formula import formula, symbol
 from phnn.report.gallery import Gallery
