@@ -5,10 +5,13 @@ absolute or known up to one common factor.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
-from phnn.diagnosis.diagnosis import Diagnosis
 from phnn.report.document import Document
 from phnn.units import FORCE_UNITS
+
+if TYPE_CHECKING:
+    from phnn.diagnosis.diagnosis import Diagnosis
 
 
 def forces_known(diagnosis: Diagnosis) -> bool:
