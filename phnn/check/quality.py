@@ -1,4 +1,4 @@
-"""What is to be said of one recording: the quality of its output, its gain, mains pickup, timing and noise.
+"""Remarks on one recording: the quality of its output, its gain, mains pickup, timing and noise.
 
 The output has steps, limits, and a start to which it may return. A gain that differs from other recordings by a factor
 of a thousand, or a stroke that no actuator has, tells of a wrong unit. Mains pickup is tones at 50 or 60 Hz and their
