@@ -1,0 +1,341 @@
+"""A finished diagnosis: the whole way from recordings to verdict, as one value."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+
+from scipy.special import ndtr
+
+from phnn.diagnose.criteria import Criteria
+from phnn.diagnose.number import Visited, Weighed, best_to_write
+from phnn.diagnose.screen import Candidate
+from phnn.diagnose.search import Search, begin, explore, linearised_of, material
+from phnn.diagnose.verdict import NONE, UNKNOWN, Claim, Verdict, conclude
+from phnn.diagnosis.distil import Distilled, distil, has_grammar
+from phnn.diagnosis.distil.refitted import refitted_formula
+from phnn.diagnosis.following import NextExperiment
+from phnn.diagnosis.linearised_fit import LinearisedFit, prepare
+from phnn.diagnosis.locate import Location, locate
+from phnn.diagnosis.propose import propose
+from phnn.diagnosis.questions import Question
+from phnn.diagnosis.rival import refitted_rival
+from phnn.effects import Effect, catalogue, effect, in_all_forms
+from phnn.effects.learned import learned_elements
+from phnn.effects.places import attached
+from phnn.identification.base import Progress, identify_base, quiet
+from phnn.identification.evaluate import Evaluation, evaluate
+from phnn.identification.fit import Fit
+from phnn.identification.gain import Gain, gain
+from phnn.identification.identified import Identified, model_of
+from phnn.identification.options import Options
+from phnn.identification.plan import Plan
+from phnn.identification.prepare import single
+from phnn.identification.refinement import NumericalError, numerical_error
+from phnn.integrate.residual import check
+from phnn.model import Model
+from phnn.recordings.recording import Campaign
+from phnn.rescue import Ended, accounted, deadline, extra, needed
+from phnn.setup import Setup
+
+# Largest numerical error of the base model over the norm of what it leaves beyond the noise: the steps of a model that
+# is far from the recordings need not be finer.
+_NUMERICAL = 0.001
+# Difference of χ² at which two models are told apart: 3.5 standard deviations of one parameter.
+TIE = 12.0
+# Nearly independent blocks of time below which a gain has no p-value.
+_BLOCKS = 8
+# Models that compete in the question for the next recording.
+_RIVALS = 4
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """A finished diagnosis.
+
+    Attributes:
+        campaign: what was diagnosed.
+        base: the fitted base model; error: its numerical error.
+        visited: all models that the search fitted, with their numbers; chosen: the one that is written.
+        outcome: the verdict with its probabilities.
+        screened: candidates in the residual of the base model, and those that the chosen model leaves, best first.
+        location: where the mismatch is; None for ``none`` and where it could not be found.
+        remaining: where what the chosen model leaves is; None where that is no more than chance.
+        linearised: base model and chosen model with their trajectories.
+        before, after: scores of both on all recordings, held-out ones among them.
+        gains: what each element of the chosen model gains on held-out recordings; None where nothing was held out.
+        formulas: of the learned elements, by name.
+        proposal: the next recording, where effects cannot be told apart or have no name.
+        kernel_residual: largest relative residual that the torch module finds in the compiled simulations of both
+            models; NaN where it finds a step that is not solved, which is then among the warnings.
+        options, seconds: how it was made; criteria: with which thresholds.
+        ended: how the search ended, what was not tried, and what failed.
+    """
+
+    campaign: Campaign
+    base: Fit
+    error: NumericalError
+    visited: Weighed
+    chosen: Visited
+    outcome: Verdict
+    screened: tuple[tuple[Candidate, ...], tuple[Candidate, ...]]
+    location: Location | None
+    remaining: Location | None
+    linearised: tuple[LinearisedFit, LinearisedFit]
+    before: Evaluation
+    after: Evaluation
+    gains: tuple[Gain | None, ...]
+    formulas: dict[str, Distilled]
+    proposal: NextExperiment | None
+    kernel_residual: float
+    options: Options
+    seconds: float
+    criteria: Criteria
+    ended: Ended = field(default_factory=Ended)
+
+    def __repr__(self) -> str:
+        names = ", ".join(claim.effect.name for claim in self.claims) or "nothing"
+        return f"<Diagnosis of {self.campaign.folder}: {self.verdict}, added to the model: {names}>"
+
+    @property
+    def verdict(self) -> str:
+        """``named``, ``equivalent``, ``unknown`` or ``none``."""
+        return self.outcome.word
+
+    @property
+    def probability(self) -> dict[str, float]:
+        """Probability of every effect that some model holds, and of ``none``; the largest first.
+
+        An effect has the probability of all models together that hold it, in any form and at any place.
+        """
+        return self.outcome.probability
+
+    @property
+    def claims(self) -> tuple[Claim, ...]:
+        """The elements of the final model, in the order in which they were added."""
+        return self.outcome.claims
+
+    @property
+    def final(self) -> Fit:
+        """The fit of the final model."""
+        return self.chosen.fit
+
+    @property
+    def model(self) -> Model:
+        """The final model: base and every element that helps, whatever the verdict."""
+        return model_of(self.final)
+
+    @cached_property
+    def places(self) -> tuple[str, ...]:
+        """Where the mismatch is, the likeliest place first; empty for ``none``.
+
+        Of elements whose names are given, and of one that explains nearly all, it is the element's: a refit knows
+        better than local functions did before it.
+        """
+        if self.verdict == NONE:
+            return ()
+        named = [c.effect.location for c in self.claims if c.claimed]
+        acting = named or [c.effect.location for c in sorted(self.claims, key=lambda c: -(c.share or 0.0))][:1]
+        tied = [e.location for c in self.claims if c.claimed for e in c.alike]
+        located = [] if self.location is None else [self.location.name, *self.location.tied]
+        return tuple(dict.fromkeys([*acting, *tied])) or tuple(located)
+
+    @property
+    def detail(self) -> str:
+        """Kind of what is missing at the first of the places; empty for ``none``."""
+        if not self.places:
+            return ""
+        acting = (c.effect for c in self.claims if c.effect.location == self.places[0])
+        kinds = (e.kind.name for e in acting)
+        return next(kinds, self.location.detail if self.location is not None else "")
+
+    def significance(self, after: bool = False) -> tuple[float, float, str]:
+        """Score, p-value and name of the best candidate in the residual of the base model, or of the final one.
+
+        The p-value is that of a normal deviate, times the number of candidates (Bonferroni).
+        """
+        candidates = self.screened[after]
+        if not candidates:
+            return 0.0, 1.0, ""
+        best = max(candidates, key=lambda c: c.score)
+        return best.score, min(1.0, 2.0 * len(candidates) * float(ndtr(-best.score))), best.effect.name
+
+
+def available(campaign: Campaign, setup: Setup, without: Sequence[Effect] = ()) -> list[Effect]:
+    """Return the effects of the catalogue that can exist in a setup, in all forms and at all places: with the input
+    measured where it acts, nothing before it is a culprit.
+
+    Args:
+        without: effects that are left out.
+    """
+    return _possible(campaign, setup, [e for e in catalogue().values() if e not in without])
+
+
+def _possible(campaign: Campaign, setup: Setup, effects: Iterable[Effect]) -> list[Effect]:
+    measured = campaign.voltage == "terminals" or bool(setup.network.senses)
+    every = in_all_forms(a for e in effects for a in attached(e, setup) if a.applies(setup))
+    return [e for e in every if not (e.needs_command and measured)]
+
+
+def diagnose(
+    recorded: Campaign | Identified,
+    options: Options | None = None,
+    progress: Progress = quiet,
+    effects: Sequence[Effect] | None = None,
+    on_base: Callable[[Fit], None] | None = None,
+    learned: Sequence[Effect] | None = None,
+    budget: float | None = None,
+    answers: bool = False,
+) -> Diagnosis:
+    """Fit the base model, search for what it misses, weigh all models, and conclude.
+
+    Nothing that was finished is lost: a model that cannot be fitted is no candidate, a part that fails is left out, and
+    when the budget is used up, the best model so far is the answer. `Diagnosis.ended` tells all that.
+
+    Args:
+        recorded: recordings with their identification and confirmation parts, or a base model identified from them.
+        options: how hard to try; those of the identification where it has been done, defaults otherwise.
+        progress: called with a line of text at every stage.
+        effects: the catalogue to use; all that can exist otherwise.
+        on_base: called with the base fit as soon as there is one, so that it can be kept whatever comes.
+        learned: elements without a name that may be added; all that can exist otherwise.
+        budget: seconds after which the search ends with the best so far: an emergency exit. The budget proper is
+            ``options.evaluations``.
+        answers: an interruption ends the search in the same way, and `Ended.interruption` holds it; it is raised
+            otherwise, as by a study of many diagnoses.
+
+    Raises:
+        InputRefused: a criterion is not known, an effect to do without is not in the catalogue, recordings have several
+            inputs or outputs, or the budget is not positive; nothing has been fitted yet then.
+    """
+    began, until = time.monotonic(), deadline(budget)
+    chosen = options or (recorded.options if isinstance(recorded, Identified) else Options())
+    criteria = Criteria().with_values(chosen.criteria)
+    left_out = [effect(name) for name in chosen.without]
+    with accounted(until, answers=answers) as account:
+        campaign, base, error = _base(recorded, chosen, progress)
+        (on_base or (lambda fitted: None))(base)
+        named = list(effects) if effects is not None else available(campaign, base.setup, left_out)
+        nameless = _possible(campaign, base.setup, learned_elements().values()) if learned is None else list(learned)
+        progress(f"base model: {base.chi2**0.5:.3g} × noise; look for what it misses")
+        search = begin(campaign, base, named, nameless, criteria, progress)
+        explore(search)
+        early = account.ended().early
+        diagnosis = _concluded(search, error, chosen, early)
+    return replace(diagnosis, seconds=time.monotonic() - began, ended=account.ended(budget))
+
+
+def _base(
+    recorded: Campaign | Identified, options: Options, progress: Progress
+) -> tuple[Campaign, Fit, NumericalError]:
+    """The recordings and their base model, fitted where that has not been done."""
+    campaign = recorded.campaign if isinstance(recorded, Identified) else recorded
+    single(campaign.recordings, "a diagnosis follows one input to one output")
+    if isinstance(recorded, Identified):
+        return campaign, recorded.fit, recorded.error
+    return campaign, *identify_base(campaign, options, progress, _NUMERICAL)
+
+
+def _concluded(search: Search, error: NumericalError, options: Options, early: bool) -> Diagnosis:
+    """The diagnosis of a search that has ended."""
+    campaign, criteria = search.campaign, search.criteria
+    weighed = search.weighed
+    base, model = search.visited[frozenset()], best_to_write(weighed.models, criteria)
+    screened = needed("scores of the base model", lambda: tuple(search.screen(linearised_of(search, base))), ())
+    left = screened
+    if model is not base:
+        left = needed("scores of the final model", lambda: tuple(search.screen(linearised_of(search, model))), ())
+    promising = [c for c in screened if material(c, base.fit.residual.size, criteria)]
+    outcome = conclude(weighed, model, campaign.held_out_is_new, len(promising), criteria, early)
+    if outcome.word == NONE and model.elements and not outcome.claims:
+        model = base
+    search.progress(f"verdict {outcome.word}")
+    bare = LinearisedFit(base.fit, (), search.scales)
+    first = needed("simulation of the base model", partial(prepare, base.fit), bare)
+    final = first
+    if model is not base:
+        bare = LinearisedFit(model.fit, (), search.scales)
+        final = needed("simulation of the final model", partial(prepare, model.fit), bare)
+    before = score_on_all(base.fit, campaign)
+    after = (
+        before
+        if model is base
+        else needed("scores of the final model", partial(score_on_all, model.fit, campaign), before)
+    )
+    location = remaining = None
+    if outcome.word != NONE:
+        location = needed("location of the mismatch", partial(locate, first), None)
+        rest = [c for c in left if material(c, base.fit.residual.size, criteria)]
+        if outcome.word == UNKNOWN and rest and model is not base:
+            remaining = needed("location of what remains", partial(locate, final), None)
+    gains = tuple(_gain(c, after, search) for c in outcome.claims)
+    formulas = {}
+    for claim in outcome.claims:
+        if claim.learned:
+            part = f"formula of the {claim.effect.name.replace('_', ' ')}"
+            formula = extra(part, partial(_formula, search, final, claim), None)
+            if formula is not None:
+                formulas[claim.effect.name] = formula
+    residual = max(
+        (needed("check of the simulations against the equations", partial(check, t), float("nan"))
+         for g in {id(g): g for g in (first, final)}.values() for t in g.trajectories), default=0.0,
+    )  # fmt: skip
+    proposal = extra("the next recording", lambda: propose(_questions(outcome, model, search), first, TIE), None)
+    if base.fit is not search.base.fit:
+        error = numerical_error(base.fit)
+    return Diagnosis(
+        campaign, base.fit, error, weighed, model, outcome, (screened, left), location, remaining, (first, final),
+        before, after, gains, formulas, proposal, residual, options, 0.0, criteria,
+    )  # fmt: skip
+
+
+def score_on_all(fitted: Fit, campaign: Campaign) -> Evaluation:
+    """Return a fit's scores on every recording of a campaign; held-out ones get the finest sub-steps of its plan."""
+    known = {r.name: r for r in fitted.plan.recordings}
+    recordings = tuple(known.get(r.name, r) for r in campaign.recordings)
+    steps = {r.name: fitted.plan.substeps.get(r.name, fitted.plan.finest) for r in recordings}
+    return evaluate(fitted.setup, Plan(recordings, steps, fitted.plan.workers), fitted.initial_states)
+
+
+def _gain(claim: Claim, after: Evaluation, search: Search) -> Gain | None:
+    """What an element gains on held-out recordings."""
+    if claim.without is None:
+        return None
+    without = claim.without
+
+    def compared() -> Gain | None:
+        before = score_on_all(without.fit, search.campaign)
+        own = without.fit.setup.own, search.visited[without.key].fit.setup.own
+        return gain(before, after, search.campaign.recordings, "confirmation", _BLOCKS, own)
+
+    return needed(f"gain of {claim.effect.name}", compared, None)
+
+
+def _formula(search: Search, final: LinearisedFit, claim: Claim) -> Distilled | None:
+    """A formula for a learned element of the final model, where there is one."""
+    if has_grammar(claim.effect.kind.name):
+        return distil(final, claim.effect)
+    return None if claim.without is None else refitted_formula(final.fit, claim.without.fit, claim.effect)
+
+
+def _questions(outcome: Verdict, model: Visited, search: Search) -> list[Question]:
+    """The models that compete for each element whose name is not proven alone."""
+    asked = []
+    for claim in outcome.claims:
+        others = [e for e in model.elements if e is not claim.effect]
+        rivals = [
+            m for m in search.weighed.models
+            if m.converged and len(m.elements) == len(model.elements) and m is not model
+            and all(e in m.elements for e in others) and m.fit.cost < model.fit.cost + TIE * max(1.0, model.left)
+        ]  # fmt: skip
+        own = refitted_rival(claim.effect.name, model.fit, claim.effect.parameters)
+        models = [own]
+        for rival in rivals[: _RIVALS - 1]:
+            other = next(e for e in rival.elements if e not in others)
+            models.append(refitted_rival(other.name, rival.fit, other.parameters))
+        if len(models) > 1 or not claim.claimed:
+            asked.append(Question(tuple(models), "" if claim.claimed else claim.effect.name))
+    several = [q for q in asked if len(q.models) > 1]
+    return several or [q for q in asked if q.models[0].own][:1]

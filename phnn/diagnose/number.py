@@ -1,0 +1,207 @@
+"""The number of a model: how probable it is among all models that a search has fitted.
+
+Over all recordings ``r``, fitted and held out alike, with χ²_r on n_r samples,
+
+    log w(M) = −½ Σ_r w_r χ²_r / n_r − Σ_e (½ k_e log Σ_r w_r + c_e),        w_r = n_r / (1 + n_r ρ_r)
+
+No model is exact. A model that is true up to a relative misfit ρ of the noise power cannot be told from the truth by
+more than 1/ρ samples, however many there are: the coarsened likelihood of Miller & Dunson (2019, J. Am. Stat. Assoc.
+114), recording by recording. ρ_r is half of what even the best model leaves there beyond the noise, and at least half
+the square of what is material. ``k_e`` counts the free parameters of an element, and the terms that each recording has
+of its own by it; the price ``½ k log n`` is Schwarz's (1978), ``c_e`` the odds of one element among the catalogue.
+
+A model that is far from all recordings makes nothing certain, because ρ is large then. The probability of an effect is
+the share of all models that hold it, in any form and at any place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from phnn.diagnose.criteria import Criteria
+from phnn.effects import Effect
+from phnn.identification.fit import Fit
+
+Array = NDArray[np.float64]
+
+Key = frozenset[str]
+
+
+class Misfit(NamedTuple):
+    """What a model leaves of one recording: the weighted sum of squares, and its number of samples."""
+
+    chi2: float
+    samples: int
+
+
+@dataclass(frozen=True, eq=False)
+class Visited:
+    """A model that a search has fitted.
+
+    Attributes:
+        elements: what it has beyond the base model, in the order in which it was added.
+        fit: to the identification recordings.
+        fitted, held_out: what it leaves, by recording.
+        nuisances: number of terms that its elements give each recording of its own, over all recordings.
+        converged: the fit was carried to its end, with the sub-steps of the search.
+    """
+
+    elements: tuple[Effect, ...]
+    fit: Fit
+    fitted: Mapping[str, Misfit]
+    held_out: Mapping[str, Misfit]
+    nuisances: int = 0
+    converged: bool = False
+
+    @property
+    def key(self) -> Key:
+        """Its elements, in any order."""
+        return key_of(self.elements)
+
+    @property
+    def families(self) -> tuple[str, ...]:
+        """What its elements are called, each once, in order of the alphabet."""
+        return tuple(sorted({family(e) for e in self.elements}))
+
+    @property
+    def words(self) -> str:
+        """Its elements for a line of progress."""
+        return " + ".join(e.name.replace("_", " ") for e in self.elements) or "base model"
+
+    @property
+    def left(self) -> float:
+        """Mean square of the residual over that of the noise, on the fitted recordings."""
+        return mean_square(self.fitted.values())
+
+    @property
+    def left_held_out(self) -> float:
+        """The same on held-out recordings; NaN where there are none."""
+        return mean_square(self.held_out.values())
+
+    @property
+    def misfits(self) -> dict[tuple[str, str], Misfit]:
+        """What it leaves, by use and recording."""
+        both = {"identification": self.fitted, "confirmation": self.held_out}
+        return {(use, name): m for use, each in both.items() for name, m in each.items()}
+
+    def parameters_of(self, element: Effect) -> int:
+        """How many free parameters an element has in this model."""
+        parameters = self.fit.setup.parameters
+        return sum(n in parameters and not parameters[n].fixed for n in element.parameters)
+
+
+def mean_square(misfits: Iterable[Misfit]) -> float:
+    """Return the weighted sum of squares over the number of samples; NaN without samples."""
+    each = list(misfits)
+    samples = sum(m.samples for m in each)
+    return sum(m.chi2 for m in each) / samples if samples else float("nan")
+
+
+def key_of(elements: Iterable[Effect]) -> Key:
+    """Return a key of some elements; two forms of an effect have different ones."""
+    return frozenset(uid(e) for e in elements)
+
+
+def uid(effect: Effect) -> str:
+    """Return the name of an effect with the number of its parameters, which tells its forms apart."""
+    return f"{effect.name}/{len(effect.parameters)}"
+
+
+def family(effect: Effect) -> str:
+    """Return the name under which all forms, places and copies of an effect count together."""
+    return effect.several_of or effect.canonical
+
+
+def is_learned(effect: Effect) -> bool:
+    """Whether an element is learned and stands for no effect of the catalogue."""
+    return effect.name.startswith("learned_") and not effect.several_of
+
+
+def tolerated(models: Sequence[Visited], criteria: Criteria) -> dict[tuple[str, str], float]:
+    """Return ρ by use and recording: half of what the best model leaves beyond the noise, and at least the floor."""
+    floor = 0.5 * criteria.material**2
+    best = max(models, key=lambda m: log_weight(m, {}, criteria))
+    return {r: max(floor, 0.5 * (m.chi2 / m.samples - criteria.slack)) for r, m in best.misfits.items()}
+
+
+def log_weight(model: Visited, rho: Mapping[tuple[str, str], float], criteria: Criteria) -> float:
+    """Return log w of a model, up to a constant; recordings without a ρ have the floor."""
+    floor = 0.5 * criteria.material**2
+    counts = {r: m.samples / (1.0 + m.samples * rho.get(r, floor)) for r, m in model.misfits.items()}
+    likelihood = sum(counts[r] * m.chi2 / m.samples for r, m in model.misfits.items())
+    per_parameter = 0.5 * float(np.log(max(sum(counts.values()), 2.0)))
+    free = sum(model.parameters_of(e) for e in model.elements) + model.nuisances
+    learned = sum(is_learned(e) for e in model.elements)
+    priced = learned * criteria.price_learned + (len(model.elements) - learned) * criteria.price_effect
+    return -0.5 * likelihood - per_parameter * free - priced
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """All visited models with their numbers.
+
+    Attributes:
+        models: most probable first; logs: (M,) their log weights.
+    """
+
+    models: tuple[Visited, ...]
+    logs: Array
+
+    @property
+    def best(self) -> Visited:
+        """The most probable model."""
+        return self.models[0]
+
+    @cached_property
+    def shares(self) -> Array:
+        """(M,) probabilities of the models."""
+        odds = np.exp(self.logs - self.logs[0])
+        return np.asarray(odds / odds.sum())
+
+    @cached_property
+    def probability(self) -> dict[str, float]:
+        """Probability of every family that some model holds, and of ``none``; the largest first."""
+        total: dict[str, float] = {"none": 0.0}
+        for model, share in zip(self.models, self.shares, strict=True):
+            for name in model.families or ("none",):
+                total[name] = total.get(name, 0.0) + float(share)
+        return dict(sorted(total.items(), key=lambda item: -item[1]))
+
+    @cached_property
+    def alternatives(self) -> list[tuple[tuple[str, ...], float]]:
+        """Sets of families with their probabilities, the largest first."""
+        total: dict[tuple[str, ...], float] = {}
+        for model, share in zip(self.models, self.shares, strict=True):
+            total[model.families] = total.get(model.families, 0.0) + float(share)
+        return sorted(total.items(), key=lambda item: -item[1])
+
+    def behind(self, model: Visited) -> float:
+        """By how many nats a model is behind the best one."""
+        return float(self.logs[0] - self.logs[self.models.index(model)])
+
+
+def weigh(models: Sequence[Visited], criteria: Criteria) -> Weighed:
+    """Return the models with their numbers."""
+    rho = tolerated(models, criteria)
+    logs = np.array([log_weight(m, rho, criteria) for m in models])
+    order = np.argsort(-logs, kind="stable")
+    return Weighed(tuple(models[i] for i in order), logs[order])
+
+
+def best_to_write(models: Sequence[Visited], criteria: Criteria) -> Visited:
+    """Return the model that predicts best for its size: ranked with the floor of ρ alone, so that small real gains
+    count; among those whose held-out error is no larger than the base model's.
+
+    Args:
+        models: the base model among them.
+    """
+    base = next(m for m in models if not m.elements)
+    most = base.left_held_out * (1.0 + criteria.material_share) ** 2
+    able = [m for m in models if not m.left_held_out > most]
+    return max(able, key=lambda m: log_weight(m, {}, criteria))

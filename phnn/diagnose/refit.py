@@ -1,0 +1,241 @@
+"""Refits of a model with one more element: short, further, and to the end.
+
+A short refit begins where the screen proposes, or at strengths far from there, with the base parameters moved to make
+room for the element, and takes a few steps with coarse sub-steps. What a search keeps goes further, and is at last
+carried to convergence with the sub-steps of the search.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
+
+from phnn.diagnosis.linearised_fit import LinearisedFit, direction
+from phnn.effects import Effect
+from phnn.errors import PhnnError, SolverFailed
+from phnn.identification.fit import Fit, fit, variables_from
+from phnn.identification.plan import Plan
+from phnn.identification.problem import Problem
+from phnn.identification.refinement import released, resumed
+from phnn.identification.staged import fit_identified, stated_only
+from phnn.rescue import attempt
+from phnn.setup import Setup
+
+Array = NDArray[np.float64]
+
+# Largest change of a base parameter before a refit begins: coordinates are logarithms, so 2 is a factor of seven.
+_LONGEST = 2.0
+# Shares of the step that makes room for an element.
+_SHARES = (1.0, 0.3)
+# Strengths that the linear problem puts on a bound begin this share of the largest one away from it, by their typical
+# sizes: from next to a bound the optimiser's first steps would all be short.
+_FAINT = 0.02
+# Multiples of the grid's strengths, which are small ones.
+_STRENGTHS = tuple(10.0 ** (0.5 * k) for k in range(1, 10))
+# Change of the output by a large strength, over the squares that are left: wanted, and most.
+_WANTED, _MOST = 0.5, 3.0
+_LARGE = 2
+# Evaluations of a refit that is carried to the end, and its tolerance near the noise and far from it.
+_LAST, _NEAR, _FAR = 25, 1e-5, 1e-4
+
+
+def short(base: Fit, effect: Effect, starts: Sequence[Mapping[str, float]], evaluations: int) -> Fit | None:
+    """Return the best fit after a few steps from some starts; None where none of them can be simulated."""
+    tried = [attempt("start", partial(_steps_from, base, effect, values, evaluations), None) for values in starts]
+    return min((f for f in tried if f is not None), key=lambda f: f.cost, default=None)
+
+
+def further(fitted: Fit, evaluations: int) -> Fit:
+    """Return the fit after further steps with its own sub-steps."""
+
+    def onwards() -> Fit:
+        names = fitted.variables.names
+        return resumed(fit(fitted.setup, fitted.plan, names, fitted.held, evaluations, _NEAR, fitted))
+
+    found = attempt("further steps", onwards, fitted)
+    return found if found.cost < fitted.cost else fitted
+
+
+def converged(fitted: Fit, plan: Plan, held: Mapping[str, str], own: Sequence[str]) -> Fit | None:
+    """Return the fit carried to its end on a plan; None where it cannot be simulated there.
+
+    Args:
+        plan: recordings and sub-steps of the search.
+        held: what the base model holds, and why.
+        own: parameters of the elements, which are estimated in any case.
+    """
+
+    def to_the_end() -> Fit:
+        tolerance = _NEAR if fitted.chi2 < 1.5 else _FAR
+        full = fit_identified(fitted.setup, plan, stated_only(held), _LAST, fitted, own, tolerance)
+        return released(resumed(full), own)
+
+    return attempt("refit to the end", to_the_end, None)
+
+
+def rebuilt(
+    base: Fit, elements: Sequence[Effect], values: Mapping[str, float], plan: Plan, evaluations: int
+) -> Fit | None:
+    """Return the base model with some elements, fitted from given values with coarse sub-steps."""
+
+    def build() -> Fit:
+        setup = base.setup.with_values({n: values[n] for n in base.setup.free if n in values})
+        for element in elements:
+            setup = element.add_to(setup, values)
+        own = [n for e in elements for n in e.parameters]
+        return fit_identified(setup, plan.coarse(), stated_only(base.held), evaluations, base, own, _FAR)
+
+    return attempt("refit without an element", build, None)
+
+
+def _steps_from(base: Fit, effect: Effect, values: Mapping[str, float], evaluations: int) -> Fit:
+    begun = clamped(effect, base.setup, values)
+    names = [*base.variables.names, *(n for n in effect.parameters if not begun.parameters[n].fixed)]
+    plan = base.plan.coarse()
+    begun, origin = _adjusted(base, begun, plan)
+    if effect.strengths:
+        begun = _started(begun, plan, names, effect.strengths, origin)
+    return fit(begun, plan, names, base.held, evaluations, origin=origin)
+
+
+def _adjusted(base: Fit, begun: Setup, plan: Plan) -> tuple[Setup, Fit]:
+    """A start whose base parameters and initial states make room for the effect, to first order; and where they are.
+
+    Without that a strong effect beside parameters that took its part before is further off than no effect at all.
+    """
+    if not base.z.size:
+        return begun, base
+
+    def moved(z: Array) -> Fit:
+        return replace(base, z=z, setup=base.variables.setup(base.setup, z))
+
+    def residual(z: Array) -> Array:
+        variables = variables_from(begun, plan, (), moved(z))
+        return Problem(base.variables.setup(begun, z), plan, variables).residual(variables.start(begun))
+
+    first = residual(base.z)
+    step, *_ = np.linalg.lstsq(base.jacobian, -first, rcond=1e-10)
+    for share in _SHARES:
+        z = base.z + share * np.clip(step, -_LONGEST, _LONGEST)
+        try:
+            cost = float(np.sum(residual(z) ** 2))
+        except SolverFailed:
+            continue
+        if cost < float(first @ first):
+            return base.variables.setup(begun, z), moved(z)
+    return base.variables.setup(begun, base.z), moved(base.z)
+
+
+def _started(setup: Setup, plan: Plan, names: Sequence[str], strengths: Sequence[str], origin: Fit) -> Setup:
+    """The setup with strengths and base parameters moved to where the linearised least-squares problem has its minimum.
+
+    From small strengths the bounded optimiser takes dozens of steps to where this single one leads: each ends where the
+    first of the strengths meets its bound. The setup stays as it was where no share of the step lowers χ².
+    """
+    problem = Problem(setup, plan, variables_from(setup, plan, names, origin))
+    start = problem.variables.start(setup)
+    least, most = problem.variables.bounds(setup)
+    own = np.array([n in strengths for n in names] + [False] * (start.size - len(names)))
+    reach = np.where(own, np.inf, _LONGEST)
+    lower, upper = np.maximum(least - start, -reach), np.minimum(most - start, reach)
+    jacobian, residual = problem.jacobian(start), problem.residual(start)
+    used = np.any(jacobian != 0.0, axis=0) & (lower < upper)
+    # The same problem in a small square.
+    square = np.asarray(np.linalg.qr(np.column_stack([jacobian[:, used], residual]), mode="r"))
+    step = np.zeros(start.size)
+    step[used] = lsq_linear(square[:, :-1], -square[:, -1], (lower[used], upper[used]), method="bvls").x
+    cost = float(residual @ residual)
+    for share in _SHARES:
+        z = start + share * step
+        room = np.minimum(_FAINT * float(np.abs(z[own]).max(initial=0.0)), 0.5 * (most - least))
+        z[own] = np.clip(z, least + room, most - room)[own]
+        # Initial states stay with the origin of the fit.
+        z[len(names) :] = start[len(names) :]
+        try:
+            after = problem.residual(z)
+        except SolverFailed:
+            continue
+        if float(after @ after) < cost:
+            return problem.variables.setup(setup, z)
+    return setup
+
+
+def clamped(effect: Effect, setup: Setup, values: Mapping[str, float]) -> Setup:
+    """The effect at starting values moved inside the bounds of its parameters."""
+    defaults = dict(values)
+    if not effect.one_sided:
+        # Zero lies within the bounds of every strength that has two signs.
+        defaults |= dict.fromkeys(effect.all_strengths, 0.0)
+    probe = effect.add_to(setup, defaults)
+    inside = {}
+    for name in effect.parameters:
+        p = probe.parameters[name]
+        inside[name] = p.value if p.fixed else min(max(values[name], p.lower), p.upper)
+    return effect.add_to(setup, inside)
+
+
+@dataclass(frozen=True)
+class _Strong:
+    """What an effect of some strength leaves: its square, and how far its change is from the wanted size."""
+
+    left: float
+    off: float
+    values: dict[str, float]
+
+
+def large_starts(model: LinearisedFit, effect: Effect) -> list[dict[str, float]]:
+    """Return values of an effect's parameters at strengths that change the output about as much as the residual.
+
+    A base model that has taken over much of a strong effect is so far off that a first derivative at strength zero
+    knows neither its strength nor its shape, and may even have the wrong sign.
+    """
+    signs = (1.0,) if effect.one_sided else (1.0, -1.0)
+    tried = [_strong(model, effect, p, sign) for p in effect.grid(model.scales) for sign in signs]
+    ranked = sorted((s for s in tried if s is not None), key=lambda s: s.left)
+    return [s.values for s in ranked[:_LARGE]]
+
+
+def _strong(model: LinearisedFit, effect: Effect, point: Mapping[str, float], sign: float) -> _Strong | None:
+    """The strength of one shape that suits the residual; None where it changes nothing that is not explained.
+
+    Two neighbouring strengths are searched, whose changes are smaller and larger than wanted. A change that is far too
+    small tells how many strengths to leave out, as it grows in proportion; a wrong guess is halved.
+    """
+    size = float(np.sum(model.residual**2))
+    stronger = _stronger(effect, point, sign)
+    best: _Strong | None = None
+    below, above, at, before = -1, len(stronger), 0, 0.0
+    while below < at < above:
+        try:
+            change: Array | None = model.project(direction(model, effect, stronger[at]))
+        except PhnnError:
+            change = None
+        share = np.inf if change is None else float(np.sum(change**2)) / size
+        if change is not None and 0.0 < share <= _MOST:
+            off = abs(np.log(share / _WANTED))
+            if best is None or off < best.off:
+                best = _Strong(float(np.sum((model.residual - change) ** 2)), off, stronger[at])
+        # What changes less than a weaker effect does cannot be simulated, or is saturated.
+        if before <= share < _WANTED:
+            # Shares are squares: half a decade of strength is a decade of them.
+            ahead = max(1, int(np.log10(_WANTED) - np.log10(share))) if share > 0.0 else 1
+            below, at, before = at, min(at + ahead, above - 1), share
+        else:
+            above, at = at, (below + at) // 2
+    return best
+
+
+def _stronger(effect: Effect, point: Mapping[str, float], sign: float) -> list[dict[str, float]]:
+    """Values of the effect at a point of its grid, ever stronger, as far as they can be."""
+    found = [dict(point)]
+    for strength in _STRENGTHS:
+        values = effect.scaled(point, sign * strength)
+        if values == found[-1]:
+            break
+        found.append(values)
+    return found[1:]

@@ -1,0 +1,278 @@
+"""The screen: how much χ² would fall with each candidate, from one linearisation of a fitted model.
+
+For a candidate at a point of its grid, the direction ``d`` is the change of the output when a little of it is added to
+the base model. With the sensitivities of a model projected out of ``d`` and of its residual ``r``,
+
+    strength  s = dᵀr / dᵀd,      fall of χ² = s dᵀr,      score  |dᵀr| / √(Σ_b (d_bᵀ r_b − s d_bᵀ d_b)²)
+
+where ``b`` are some twenty blocks of each recording: the residual itself shows how a score scatters, whatever the
+colour of the noise (White 1980). A learned element has one direction for each of its strengths; these are found
+together, inside their bounds.
+
+Directions are computed once, at the base model, and used again for every larger model, whose own sensitivities are
+projected out: what an element changes hardly depends on the others. One screen after the first is then one product of
+matrices.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
+
+from phnn.diagnose.refit import clamped
+from phnn.diagnosis.colour import Colour
+from phnn.diagnosis.linearised_fit import LinearisedFit, direction
+from phnn.diagnosis.lines import line_scores
+from phnn.effects import Effect
+from phnn.identification.fit import variables_from
+from phnn.identification.nuisances import without_nuisances
+from phnn.identification.problem import Problem
+from phnn.recordings.recording import Recording
+from phnn.rescue import attempt
+from phnn.setup import Own
+
+Array = NDArray[np.float64]
+
+# Blocks of a recording, and the fewest samples of one.
+_BLOCKS, _SAMPLES = 20, 50
+# A direction of which the model leaves no more than this share of its square is explained by it.
+_FREE = 1e-9
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An element that may be added to a model.
+
+    Attributes:
+        effect: which.
+        values: of its parameters, from which a refit begins; others: from further points of its grid.
+        fall: predicted fall of χ²; score: in standard deviations of what blocks of the recordings show.
+        share: predicted fall of χ² over the number of samples, mean over the recordings.
+    """
+
+    effect: Effect
+    values: dict[str, float]
+    others: tuple[dict[str, float], ...]
+    fall: float
+    score: float
+    share: float
+
+
+@dataclass(frozen=True)
+class _Directions:
+    """What one candidate changes: a column for each point of its grid, or for each of its strengths.
+
+    Attributes:
+        points: values of its parameters, by column; one for all columns of strengths.
+        columns: (N, C) weighted changes of the output, in single precision.
+        bounds: (2, C) of the strengths, from where they begin; None where columns are points.
+    """
+
+    effect: Effect
+    points: tuple[dict[str, float], ...]
+    columns: NDArray[np.float32]
+    bounds: Array | None = None
+
+
+@dataclass
+class Screen:
+    """All candidates with their directions at a base model.
+
+    Attributes:
+        base: the base model.
+        effects: all candidates, the learned elements among them.
+        least: mean square of the noise that a line or drift has to explain for its score to be computed.
+    """
+
+    base: LinearisedFit
+    effects: Sequence[Effect]
+    least: float
+    _known: dict[int, _Directions | None] = field(default_factory=dict)
+
+    def __call__(self, model: LinearisedFit) -> list[Candidate]:
+        """Return the candidates that can be added to a model, the largest predicted fall first."""
+        setup = model.fit.setup
+        able = [e for e in self.effects if e.can_be_added_to(setup)]
+        found = []
+        # Lines and drifts have no direction that is common to all recordings.
+        alone = [e for e in able if e.searched is not None or _is_of_recordings(e, model)]
+        strong = [e for e in alone if e.searched is not None or _taken(e, model) > self.least]
+        lines = attempt("scores of lines", lambda: line_scores(model, strong, Colour(model)).candidates, ())
+        for line in lines:
+            fall = line.deviate**2
+            found.append(Candidate(line.effect, line.values, (), fall, line.judged, fall / model.residual.size))
+        found += self._along_directions(model, [e for e in able if e not in alone])
+        return sorted(found, key=lambda c: -c.fall)
+
+    def _along_directions(self, model: LinearisedFit, effects: Sequence[Effect]) -> list[Candidate]:
+        known = [d for d in map(self._directions, effects) if d is not None]
+        if not known:
+            return []
+        blocks = _blocks(model.slices)
+        edges = np.cumsum([0, *(d.columns.shape[1] for d in known)])
+        basis, residual = model.basis, model.residual
+        both = np.column_stack([basis, residual])
+        along, squares, inside, squared = [], [], [], []
+        for b in blocks:
+            columns = np.concatenate([d.columns[b] for d in known], axis=1, dtype=np.float64)
+            products = both[b].T @ columns
+            inside.append(products[:-1])
+            along.append(products[-1])
+            squares.append(np.einsum("ij,ij->j", columns, columns))
+            squared.append(both[b].T @ both[b])
+        share = np.sum(inside, axis=0)
+        raw = np.sum(squares, axis=0)
+        # Of the projected columns d − Q Qᵀd, block by block.
+        along = np.array([a - share.T @ s[:-1, -1] for a, s in zip(along, squared, strict=True)])
+        squares = np.array(
+            [
+                q - 2.0 * np.einsum("kj,kj->j", share, i) + np.einsum("kj,kl,lj->j", share, s[:-1, :-1], share)
+                for q, i, s in zip(squares, inside, squared, strict=True)
+            ]
+        )
+        free = squares.sum(axis=0) > _FREE * np.maximum(raw, 1e-300)
+        owner = _owners(blocks, model.slices)
+        found = []
+        for directions, first, last in zip(known, edges[:-1], edges[1:], strict=True):
+            mine = slice(int(first), int(last))
+            if directions.bounds is not None:
+                found.append(self._together(model, directions, share[:, mine], blocks, owner))
+            elif free[mine].any():
+                found.append(_best_point(directions, along[:, mine], squares[:, mine], free[mine], model, owner))
+        return found
+
+    def _directions(self, effect: Effect) -> _Directions | None:
+        """Return the directions of a candidate, computed where they are not known."""
+        if id(effect) not in self._known:
+            several = len(effect.all_strengths) > 1
+            work = self._of_strengths if several else self._of_points
+            self._known[id(effect)] = attempt(f"directions of {effect.name}", lambda: work(effect), None)
+        return self._known[id(effect)]
+
+    def _of_points(self, effect: Effect) -> _Directions | None:
+        if not effect.can_be_added_to(self.base.fit.setup):
+            return None
+        points = tuple(effect.grid(self.base.scales))
+        columns = [direction(self.base, effect, v).astype(np.float32) for v in points]
+        return _Directions(effect, points, np.column_stack(columns))
+
+    def _of_strengths(self, effect: Effect) -> _Directions | None:
+        if not effect.can_be_added_to(self.base.fit.setup):
+            return None
+        fit, values = self.base.fit, effect.grid(self.base.scales)[0]
+        setup = clamped(effect, fit.setup, values)
+        names = [n for n in effect.all_strengths if not setup.parameters[n].fixed]
+        plan = self.base.plan.coarse()
+        problem = Problem(setup, plan, variables_from(setup, plan, names, fit))
+        start = problem.variables.start(setup)
+        columns = -problem.jacobian(start)[:, : len(names)].astype(np.float32)
+        zero = np.array([setup.parameters[n].to_coordinate(setup.parameters[n].value) for n in names])
+        lower, upper = (b[: len(names)] - zero for b in problem.variables.bounds(setup))
+        bounds = np.array([np.minimum(lower, -1e-12), np.maximum(upper, 1e-12)])
+        return _Directions(effect, (values,), columns, bounds)
+
+    def _together(
+        self, model: LinearisedFit, directions: _Directions, share: Array, blocks: Sequence[slice], owner: Array
+    ) -> Candidate:
+        """Return a learned element with all its strengths fitted inside their bounds."""
+        bounds = directions.bounds
+        assert bounds is not None
+        columns = directions.columns.astype(np.float64) - model.basis @ share
+        square = np.asarray(np.linalg.qr(np.column_stack([columns, model.residual]), mode="r"))
+        strengths = lsq_linear(square[:, :-1], square[:, -1], (bounds[0], bounds[1]), method="bvls").x
+        along, squares = _by_blocks(columns @ strengths, model.residual, blocks)
+        return _candidate(directions.effect, directions.points, along, squares, 1.0, model, owner)
+
+
+def _is_of_recordings(effect: Effect, model: LinearisedFit) -> bool:
+    """Whether an effect is a term that every recording has of its own."""
+    setup = model.fit.setup
+    return bool(effect.add_to(setup, effect.grid(model.scales)[0]).own != setup.own)
+
+
+def _taken(effect: Effect, model: LinearisedFit) -> float:
+    """Return the mean square that a term of every recording takes from the residual, at its best point."""
+
+    def left(values: Mapping[str, float]) -> float:
+        own = effect.add_to(model.fit.setup, values).own
+        rows = zip(model.plan.recordings, model.slices, strict=True)
+        return sum(float(np.sum(_beside(model.fit.residual[s], r, own) ** 2)) for r, s in rows)
+
+    return (model.fit.cost - min(map(left, effect.grid(model.scales)))) / model.fit.residual.size
+
+
+def _beside(residual: Array, recording: Recording, own: Own) -> Array:
+    """Return the residual (N,) of a recording's fitted samples without the terms that are its own."""
+    mask = recording.mask("identification")
+    values = np.zeros(mask.size)
+    values[mask] = residual
+    return without_nuisances(values, mask, recording, own)
+
+
+def _blocks(slices: Sequence[slice]) -> list[slice]:
+    """Some twenty blocks of neighbouring samples of each recording, none of them very short."""
+    found = []
+    for rows in slices:
+        count = min(_BLOCKS, max(1, (rows.stop - rows.start) // _SAMPLES))
+        edges = np.linspace(rows.start, rows.stop, count + 1).round().astype(int)
+        found += [slice(int(a), int(b)) for a, b in itertools.pairwise(edges)]
+    return found
+
+
+def _owners(blocks: Sequence[slice], slices: Sequence[slice]) -> Array:
+    """(B, R) one where a block belongs to a recording, over the recording's number of samples."""
+    starts = np.array([s.start for s in slices])
+    recording = np.searchsorted(starts, [b.start for b in blocks], side="right") - 1
+    lengths = np.array([s.stop - s.start for s in slices], dtype=float)
+    return np.eye(len(slices))[recording] / lengths
+
+
+def _by_blocks(column: Array, residual: Array, blocks: Sequence[slice]) -> tuple[Array, Array]:
+    """(B,) products of a column with a residual, and with itself."""
+    edges = [b.start for b in blocks]
+    return np.add.reduceat(column * residual, edges), np.add.reduceat(column**2, edges)
+
+
+def _best_point(
+    directions: _Directions, along: Array, squares: Array, free: NDArray[np.bool_], model: LinearisedFit, owner: Array
+) -> Candidate:
+    """Return the candidate at the point of its grid with the largest predicted fall."""
+    effect = directions.effect
+    total, size = along.sum(axis=0), np.maximum(squares.sum(axis=0), 1e-300)
+    strengths = total / size
+    if effect.strength is None:
+        # It is there or not.
+        strengths, falls = np.ones_like(total), np.maximum(2.0 * total - size, 0.0)
+    else:
+        falls = np.where((total > 0.0) | (not effect.one_sided), total * strengths, 0.0)
+    falls = np.where(free, falls, 0.0)
+    order = np.argsort(-falls, kind="stable")
+    points = [effect.scaled(directions.points[i], float(strengths[i])) for i in order[:3]]
+    best = int(order[0])
+    strength = float(strengths[best]) if falls[best] > 0.0 else 0.0
+    return _candidate(effect, points, along[:, best], squares[:, best], strength, model, owner)
+
+
+def _candidate(
+    effect: Effect,
+    points: Sequence[Mapping[str, float]],
+    along: Array,
+    squares: Array,
+    strength: float,
+    model: LinearisedFit,
+    owner: Array,
+) -> Candidate:
+    """Return a candidate that is added at some strength to one direction, given by its products (B,) with the
+    residual and with itself, block by block."""
+    falls = 2.0 * strength * along - strength**2 * squares
+    fall, total = float(falls.sum()), float(along.sum())
+    likeliest = total / max(float(squares.sum()), 1e-300)
+    scatter = float(np.sqrt(np.sum((along - likeliest * squares) ** 2)))
+    score = min(abs(total) / max(scatter, 1e-300), max(fall, 0.0) ** 0.5)
+    values, *others = (dict(p) for p in points)
+    return Candidate(effect, values, tuple(others), fall, score, float((falls @ owner).mean()))

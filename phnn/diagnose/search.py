@@ -1,0 +1,447 @@
+"""The search: models are grown from the base model, one element at a time, until nothing material is left to add.
+
+    screen   all candidates in the residual of a model, from one linearisation
+    heat     the likeliest ones, a few steps each; learned elements where the catalogue leaves something
+    race     the best of them go on, as long as they can still end near the best
+    forms    an effect that has several copies is compared in its best form
+    drop     each earlier element of a better model is left out once
+    converge what comes near the best is carried to its end
+
+Every model that is fitted on the way is kept with what it leaves of each recording; `phnn.diagnose.number` weighs them.
+The search goes on from the best three. Each step stands in its own account (`phnn.rescue`): one that fails, or comes
+too late, takes nothing away from what was finished.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+
+from phnn.diagnose.criteria import Criteria
+from phnn.diagnose.number import Key, Misfit, Visited, Weighed, family, is_learned, key_of, weigh
+from phnn.diagnose.refit import converged, further, large_starts, rebuilt, short
+from phnn.diagnose.screen import Candidate, Screen
+from phnn.diagnosis.linearised_fit import LinearisedFit, prepare
+from phnn.effects import Effect, Scales
+from phnn.identification.evaluate import evaluate
+from phnn.identification.fit import Fit
+from phnn.identification.nuisances import own_size
+from phnn.identification.plan import Plan
+from phnn.identification.refinement import numerical_error, substeps_for
+from phnn.recordings.recording import Campaign, Recording, dominant_frequency
+from phnn.rescue import attempt, late, move
+
+# Excess over the noise, over that of the best trial, at which another one still goes on: before and after the race.
+_RACE, _FINISH = 2.0, 1.5
+# The same in mean squares of the noise.
+_LEVEL = 0.02
+# Trials that enter the race, and learned elements that have a heat.
+_RACERS, _LEARNED = 5, 3
+# Nats behind the best at which a model is no longer grown, carried to its end, or refitted with finer steps.
+_GROWN, _ENDED, _FINER = 30.0, 20.0, 8.0
+# Sub-steps from which on directions are fine enough.
+_ENOUGH = 8
+# Mean square below which the numerical error of the best model is asked.
+_QUIET = 2.0
+
+
+@dataclass
+class Search:
+    """A search for missing elements.
+
+    Attributes:
+        campaign: recordings; base: the fitted base model; plan: recordings and sub-steps of every converged fit.
+        effects: catalogue entries that can exist in the setup; learned: elements without a name that can.
+        criteria: all numbers that decide something.
+        scales: sizes from which effects take their grids.
+        screen: directions of all candidates.
+        visited: all models, by their elements; grown: those from which the search has gone on.
+        progress: told what is tried.
+    """
+
+    campaign: Campaign
+    base: Visited
+    plan: Plan
+    effects: Sequence[Effect]
+    learned: Sequence[Effect]
+    criteria: Criteria
+    scales: Scales
+    screen: Screen
+    visited: dict[Key, Visited]
+    progress: Callable[[str], None]
+    grown: set[Key] = field(default_factory=set)
+    fine: bool = False
+
+    @property
+    def weighed(self) -> Weighed:
+        """All models so far with their numbers."""
+        return weigh(list(self.visited.values()), self.criteria)
+
+    @property
+    def best(self) -> Visited:
+        """The most probable model so far."""
+        return self.weighed.best
+
+    def left_of(self, fitted: Fit) -> tuple[dict[str, Misfit], dict[str, Misfit]]:
+        """What a fit leaves of the fitted and of the held-out recordings, by name."""
+        names = [r.name for r in fitted.plan.recordings]
+        edges = np.cumsum([0, *(int(r.mask("identification").sum()) for r in fitted.plan.recordings)])
+        r = fitted.residual
+        known = {
+            n: Misfit(float(r[a:b] @ r[a:b]), int(b - a)) for n, a, b in zip(names, edges[:-1], edges[1:], strict=True)
+        }
+        return known, held_out(fitted, self.campaign)
+
+    def model(self, elements: Sequence[Effect], fitted: Fit, done: bool = False) -> Visited:
+        """A model of a fit, with what it leaves."""
+        seen, unseen = self.left_of(fitted)
+        base, recordings = self.base.fit.setup.own, self.campaign.recordings
+        terms = sum(own_size(r, fitted.setup.own) - own_size(r, base) for r in recordings)
+        return Visited(tuple(elements), fitted, seen, unseen, terms, done)
+
+    def visit(self, model: Visited) -> Visited:
+        """Keep a model, unless a better fit of the same elements is known; returns the one that is kept."""
+        known = self.visited.get(model.key)
+        finer = known is not None and model.converged and _steps(model.fit) > _steps(known.fit)
+        ended = known is not None and model.converged and not known.converged
+        if known is None or finer or model.fit.cost < known.fit.cost - (0.0 if ended else 3.0):
+            self.visited[model.key] = model
+        elif ended:
+            # The same optimum, now with the steps of the search.
+            self.visited[model.key] = model if model.fit.cost < known.fit.cost + 100.0 else replace(known)
+        return self.visited[model.key]
+
+
+def begin(
+    campaign: Campaign,
+    fitted: Fit,
+    effects: Sequence[Effect],
+    learned: Sequence[Effect],
+    criteria: Criteria,
+    progress: Callable[[str], None],
+) -> Search:
+    """Return a search that knows the base model alone."""
+    linearised = prepare(fitted)
+    bare = Visited((), fitted, {}, {}, 0, True)
+    screen = Screen(_with_few_steps(linearised), [*effects, *learned], criteria.material**2)
+    search = Search(
+        campaign, bare, fitted.plan, effects, learned, criteria, linearised.scales, screen, {}, progress
+    )  # fmt: skip
+    search.base = search.visit(search.model((), fitted, done=True))
+    return search
+
+
+def explore(search: Search) -> None:
+    """Grow models until the best one has nothing material left to add, or the budget is used up."""
+    while (model := _next(search)) is not None:
+        search.grown.add(model.key)
+        part = f"what to add to {model.words}"
+        if late(part):
+            break
+        move(part, partial(_grow, search, model), None)
+        best = search.best
+        search.progress(f"best so far: {best.words}, {best.left**0.5:.3g} × noise")
+    _settle(search)
+
+
+def _next(search: Search) -> Visited | None:
+    """The model to grow next; None where the search has come to its end.
+
+    The best model is carried to its end, and its numerical error is bounded, before it is grown.
+    """
+    weighed = search.weighed
+    for model in weighed.models[: search.criteria.beam]:
+        if weighed.behind(model) > _GROWN:
+            break
+        if not model.converged:
+            if model is not weighed.best:
+                continue
+            move(f"fit of {model.words} to its end", partial(_converge, search, model), None)
+            if not search.visited[model.key].converged:
+                # It cannot be fitted with the steps of the search.
+                search.visited[model.key] = replace(model, converged=True)
+            return _next(search)
+        if model is weighed.best and model.elements and model.left < _QUIET and not search.fine:
+            search.fine = True
+            move("finer steps", partial(_refine, search), None)
+            return _next(search)
+        if model.key not in search.grown and len(model.elements) < search.criteria.elements:
+            return model
+    return None
+
+
+def _grow(search: Search, model: Visited) -> None:
+    """Fit the likeliest models with one more element."""
+    criteria, samples = search.criteria, model.fit.residual.size
+    worth = [c for c in search.screen(linearised_of(search, model)) if material(c, samples, criteria)]
+    if not worth:
+        return
+    far = model.left > criteria.far**2
+    least = (criteria.near_best_far if far else criteria.near_best) * worth[0].fall
+    named = [c for c in worth if not is_learned(c.effect) and c.fall > least][: criteria.refits]
+    trials = _heat(search, model, named, far)
+    enough = max(0.05 * (model.fit.cost - samples), criteria.material**2 * samples)
+    if not trials or trials[0].fit.beyond_noise > enough:
+        learned = [c for c in worth if is_learned(c.effect) and c.fall > criteria.near_best * worth[0].fall]
+        trials = sorted([*trials, *_heat(search, model, learned[:_LEARNED], far)], key=lambda t: t.fit.cost)
+    if not trials:
+        return
+    raced = _race(search, trials)
+    for trial in trials[_RACERS:]:
+        search.visit(trial)
+    raced = sorted([search.visit(t) for t in raced], key=lambda t: t.fit.cost)
+    if model.elements and search.weighed.behind(raced[0]) < search.weighed.behind(model):
+        _drop_each(search, raced[0], raced[0].elements[:-1])
+    _converge_near(search, model, raced)
+
+
+def material(candidate: Candidate, samples: int, criteria: Criteria) -> bool:
+    """Whether a candidate is worth a refit."""
+    size = max(candidate.fall / samples, candidate.share)
+    return candidate.score > criteria.score and size > criteria.material**2
+
+
+def _heat(search: Search, model: Visited, candidates: Sequence[Candidate], far: bool) -> list[Visited]:
+    """Short refits of candidates, the best first."""
+    trials = []
+    for candidate in candidates:
+        if late(f"{candidate.effect.name} beside {model.words}"):
+            break
+        best = short(model.fit, candidate.effect, [candidate.values], search.criteria.short)
+        helps = best is not None and best.cost < 0.98 * model.fit.cost
+        if far and not helps and candidate.effect.strength is not None and candidate.fall > 0.3 * candidates[0].fall:
+            ask = partial(large_starts, linearised_of(search, model), candidate.effect)
+            starts: list[dict[str, float]] = attempt("strong starts", ask, [])
+            again = short(model.fit, candidate.effect, starts, search.criteria.short)
+            best = min((f for f in (best, again) if f is not None), key=lambda f: f.cost, default=None)
+        if best is not None:
+            trials.append(search.model((*model.elements, candidate.effect), best))
+    return sorted(trials, key=lambda t: t.fit.cost)
+
+
+def _race(search: Search, trials: Sequence[Visited]) -> list[Visited]:
+    """The best trials after further steps, as long as each can still end near the best one, each in its best form."""
+    samples = trials[0].fit.residual.size
+    level, material = _LEVEL * samples, search.criteria.material**2 * samples
+    going: list[Visited] = []
+    for trial in trials[:_RACERS]:
+        if going and trial.fit.beyond_noise > _RACE * trials[0].fit.beyond_noise + 0.05 * samples:
+            continue
+        if late(f"further steps of {trial.words}"):
+            going.append(trial)
+            continue
+        onwards = further(trial.fit, search.criteria.further) if _moving(trial.fit, search.criteria) else trial.fit
+        going.append(search.model(trial.elements, onwards) if onwards is not trial.fit else trial)
+    least = min(t.fit.beyond_noise for t in going)
+    for trial in list(going):
+        near = trial.fit.beyond_noise < 4.0 * least + 0.05 * samples
+        if near and trial.fit.beyond_noise > max(material, level):
+            going += _further_forms(search, trial)
+    return [*going, *(s for t in going if t.fit.beyond_noise <= _FINISH * least + level for s in _special(search, t))]
+
+
+def _special(search: Search, trial: Visited) -> list[Visited]:
+    """The special cases of a trial's last element, from where the trial has led: they explain as much with less, and no
+    other start may lead there."""
+    *earlier, last = trial.elements
+    values, found = trial.fit.setup.values(), []
+    for case in last.special_cases:
+        for effect in (e for e in search.effects if e.name == case.name and not e.after):
+            given, own = values | case.values(values), (*earlier, effect)
+            if late(f"{effect.name} as a special case of {last.name}"):
+                return found
+            fitted = rebuilt(search.base.fit, own, given, search.plan, search.criteria.further)
+            if fitted is not None:
+                found.append(search.model(own, further(fitted, search.criteria.further)))
+    return found
+
+
+def _moving(fitted: Fit, criteria: Criteria) -> bool:
+    """Whether a short refit has ended before it converged."""
+    return fitted.evaluations >= criteria.short
+
+
+def _further_forms(search: Search, trial: Visited) -> list[Visited]:
+    """The trial with one more copy of its last element, and with two, as long as each of them pays."""
+    found: list[Visited] = []
+    while True:
+        last = found[-1] if found else trial
+        own = family(last.elements[-1])
+        copies = [
+            e for e in search.effects
+            if e.after and family(e) == own and e.can_be_added_to(last.fit.setup)
+        ]  # fmt: skip
+        if not copies or late(f"one more {own} in {trial.words}"):
+            return found
+        search.visit(last)
+        candidates = replace(search.screen, effects=copies)(linearised_of(search, last))
+        if not candidates or candidates[0].fall < search.criteria.material**2 * last.fit.residual.size:
+            return found
+        best = short(last.fit, candidates[0].effect, [candidates[0].values], search.criteria.further)
+        if best is None:
+            return found
+        found.append(search.model((*last.elements, candidates[0].effect), best))
+        weighed = weigh([*search.visited.values(), found[-1]], search.criteria)
+        if weighed.behind(found[-1]) > weighed.behind(search.visited[last.key]):
+            return found
+
+
+def _drop_each(search: Search, model: Visited, elements: Sequence[Effect]) -> None:
+    """Fit a model without each of some of its elements, from where it has ended."""
+    for gone in elements:
+        rest = tuple(e for e in model.elements if e is not gone and not set(gone.parameters) & set(e.after))
+        if late(f"{model.words} without {gone.name}"):
+            return
+        values = model.fit.setup.values()
+        starts = [values, *(values | v for v in (gone.equivalents(values) if gone.equivalents is not None else ()))]
+        tried = [rebuilt(search.base.fit, rest, v, search.plan, search.criteria.further) for v in starts]
+        fitted = min((f for f in tried if f is not None), key=lambda f: f.cost, default=None)
+        if fitted is None:
+            continue
+        known = search.visited.get(key_of(rest))
+        less = search.visit(search.model(rest, fitted))
+        if known is not None and less.fit.cost < known.fit.cost - 1.0:
+            # A better optimum of a model that was grown before.
+            search.grown.discard(less.key)
+        if less.converged is False and (known is None or less.fit.cost < known.fit.cost - 1.0):
+            near = less.fit.cost - model.fit.cost < search.criteria.material**2 * less.fit.residual.size
+            if near or not rest:
+                _converge(search, less)
+
+
+def _converge_near(search: Search, model: Visited, raced: Sequence[Visited]) -> None:
+    """Carry trials to their end that come near the best one and beat the model that they grew from."""
+    samples = raced[0].fit.residual.size
+    excess = min(raced[0].fit.cost, search.best.fit.cost) - samples
+    most = _FINISH * max(excess, 0.0) + _LEVEL * samples
+    for trial in raced[:4]:
+        weighed = search.weighed
+        if trial.key not in search.visited or trial.fit.cost - samples >= most:
+            continue
+        known = search.visited[trial.key]
+        helps = weighed.behind(known) < weighed.behind(search.visited[model.key])
+        if helps and weighed.behind(known) < _ENDED and not late(f"fit of {trial.words} to its end"):
+            _converge(search, known)
+
+
+def _converge(search: Search, model: Visited) -> None:
+    """Carry a model to its end with the sub-steps of the search."""
+    if model.converged and _steps(model.fit) >= sum(search.plan.steps_of(r) for r in search.plan.recordings):
+        return
+    own = [n for e in model.elements for n in e.parameters]
+    fitted = converged(model.fit, search.plan, search.base.fit.held, own)
+    if fitted is not None:
+        search.visit(search.model(model.elements, fitted, done=True))
+
+
+def _refine(search: Search) -> None:
+    """Bound the numerical error of the best model, and fit its rivals with the same steps: models are compared on the
+    same ones only."""
+    weighed = search.weighed
+    best, rivals = weighed.best, weighed.models[1:3]
+    if numerical_error(best.fit).sigma <= 1.0:
+        return
+    plan = substeps_for(best.fit.setup, search.plan, 1.0, best.fit.initial_states)
+    search.progress("numerical error above the noise: finer steps")
+    search.plan = plan
+    near = [m for m in rivals if m.elements and weighed.behind(m) < _FINER]
+    for model in [best, *near]:
+        _converge(search, replace(model, converged=False))
+        search.grown.discard(best.key)
+
+
+def _settle(search: Search) -> None:
+    """Carry to their end the models that a verdict compares: those near the best, and every member of the class of an
+    effect in it."""
+    weighed = search.weighed
+    for model in [m for m in weighed.models if not m.converged and weighed.behind(m) < 5.0][:3]:
+        move(f"fit of {model.words} to its end", partial(_converge, search, model), None)
+    best = search.best
+    move("the best model without each element", partial(_drop_each, search, best, best.elements), None)
+    for element in best.elements:
+        if not is_learned(element):
+            move(f"what may be taken for {element.name}", partial(_exchange, search, best, element), None)
+
+
+def _exchange(search: Search, best: Visited, element: Effect) -> None:
+    """Fit the best model with each neighbour of one of its elements in the place of it."""
+    rest = tuple(e for e in best.elements if e is not element)
+    if any(set(element.parameters) & set(e.after) for e in rest):
+        return
+    todo = [e for e in search.effects if e.is_neighbour_of(element) and not e.after]
+    known = {family(e) for m in search.visited.values() if m.converged for e in m.elements
+             if set(m.families) - {family(e)} == set(best.families) - {family(element)}}  # fmt: skip
+    todo = [e for e in todo if family(e) not in known]
+    if not todo:
+        return
+    less = search.visited.get(key_of(rest))
+    if less is None:
+        fitted = rebuilt(search.base.fit, rest, best.fit.setup.values(), search.plan, search.criteria.further)
+        if fitted is None:
+            return
+        less = search.visit(search.model(rest, fitted))
+    able = [e for e in todo if e.can_be_added_to(less.fit.setup)]
+    for candidate in replace(search.screen, effects=able)(linearised_of(search, less)):
+        if late(f"{candidate.effect.name} in the place of {element.name}"):
+            return
+        begun = short(less.fit, candidate.effect, [candidate.values, *candidate.others[:1]], search.criteria.short)
+        if begun is None:
+            continue
+        trial = search.model((*rest, candidate.effect), further(begun, search.criteria.further))
+        trial = search.visit(trial)
+        if search.weighed.behind(trial) < _GROWN:
+            _converge(search, trial)
+
+
+def linearised_of(search: Search, model: Visited) -> LinearisedFit:
+    """A model with its residual and sensitivities, as a screen needs it."""
+    return _with_few_steps(LinearisedFit(model.fit, (), search.scales))
+
+
+def _with_few_steps(linearised: LinearisedFit) -> LinearisedFit:
+    """The same with sub-steps that are fine enough for directions."""
+    fitted = linearised.fit
+    steps = {r.name: min(_ENOUGH, fitted.plan.steps_of(r)) for r in fitted.plan.recordings}
+    return replace(linearised, fit=replace(fitted, plan=replace(fitted.plan, substeps=steps)))
+
+
+def _steps(fitted: Fit) -> int:
+    """Sub-steps of all recordings together."""
+    return sum(fitted.plan.steps_of(r) for r in fitted.plan.recordings)
+
+
+def held_out(fitted: Fit, campaign: Campaign) -> dict[str, Misfit]:
+    """What a model leaves of the held-out samples, by recording; empty where there are none, or it cannot predict.
+
+    Each recording is simulated with the sub-steps of the fitted one whose frequency is nearest.
+    """
+    recordings = tuple(r for r in campaign.recordings if r.mask("confirmation").any())
+    if not recordings:
+        return {}
+    steps = {r.name: fitted.plan.steps_of(_nearest(r, fitted.plan)) for r in recordings}
+    plan = Plan(recordings, steps, fitted.plan.workers)
+    predict = partial(evaluate, fitted.setup, plan, fitted.initial_states)
+    predicted = attempt("prediction of held-out recordings", predict, None)
+    found = {}
+    for r in recordings:
+        mask = r.mask("confirmation")
+        if predicted is None:
+            found[r.name] = Misfit(1e12, int(mask.sum()))
+            continue
+        error = ((r.y - predicted.outputs[r.name]) / r.noise)[mask]
+        if r.offset == "own":
+            error = error - error.mean()
+        found[r.name] = Misfit(float(error @ error), error.size)
+    return found
+
+
+def _nearest(recording: Recording, plan: Plan) -> Recording:
+    """The recording of a plan whose frequency is nearest to that of another one."""
+    known = [r for r in plan.recordings if r.name == recording.name]
+    if known:
+        return known[0]
+    own = np.log(max(dominant_frequency(recording), 1e-3))
+    return min(plan.recordings, key=lambda r: abs(np.log(max(dominant_frequency(r), 1e-3)) - own))

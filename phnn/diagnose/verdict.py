@@ -1,0 +1,301 @@
+"""The verdict: the only place that turns probabilities into a word.
+
+Two results are kept apart. The model that is written is the one that predicts best. The word says what is proven of it:
+
+| word | when |
+|---|---|
+| ``none`` | no element: the base model is the most probable one, and near the noise |
+| ``named`` | every element is proven |
+| ``equivalent`` | a few alternatives together are |
+| ``unknown`` | otherwise: the model predicts better, and its physics is not proven |
+
+An element is proven if the models that hold it have together a probability of `Criteria.proven`, the error of held-out
+recordings falls with it, nothing more than the noise is left, and no learned element acts at its place. Rules are asked
+in order; each reads the facts and nothing of the other rules, and the first one that applies gives the word.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from phnn.diagnose.criteria import Criteria
+from phnn.diagnose.number import Visited, Weighed, family, is_learned, key_of
+from phnn.effects import Effect
+
+NAMED, EQUIVALENT, UNKNOWN, NONE = "named", "equivalent", "unknown", "none"
+# Status of an element beside the words of a verdict.
+LIKELY, LEARNED, PROVISIONAL = "likely", "learned", "provisional"
+# Alternatives that are still a class.
+_CLASS = 4
+# From this probability on an element is called likely, and the base model the most probable one.
+_HALF = 0.5
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One element of the model that is written, and what is said of it.
+
+    Attributes:
+        effect: which.
+        status: ``named``, ``equivalent``, ``likely``, ``learned`` or ``provisional``.
+        probability: of all models that hold its family; of a learned element, that of models with it.
+        alike: other effects of which one may stand in its place, the most probable first.
+        without: the best model that was visited with all other elements; None where none was.
+        share: of the excess over the noise without it, what it takes; None where nothing is in excess.
+    """
+
+    effect: Effect
+    status: str
+    probability: float
+    alike: tuple[Effect, ...]
+    without: Visited | None
+    share: float | None
+
+    @property
+    def learned(self) -> bool:
+        """Whether it is a learned element, which has no name."""
+        return is_learned(self.effect)
+
+    @property
+    def claimed(self) -> bool:
+        """Whether its name is given: alone, or as one of a class."""
+        return self.status in (NAMED, EQUIVALENT)
+
+    @property
+    def name(self) -> str:
+        """Name under which it counts."""
+        return family(self.effect)
+
+
+@dataclass(frozen=True)
+class Facts:
+    """What the rules of a verdict read.
+
+    Attributes:
+        elements: of the model that is written; learned: how many of them are learned.
+        none: probability that nothing is missing.
+        certain: probability of the least certain element of the most probable model.
+        alternatives: how many sets of effects together have the probability `Criteria.proven`.
+        left: mean square of the residual over that of the noise; base_left: of the base model.
+        falls: whether the held-out error falls with every element.
+        new: whether held-out recordings bring an amplitude or a frequency that the others lack.
+        promising: candidates that promised a material gain to the base model.
+        early: the search ended before it was done.
+        criteria: all thresholds.
+    """
+
+    elements: int
+    learned: int
+    none: float
+    certain: float
+    alternatives: int
+    left: float
+    base_left: float
+    falls: bool
+    new: bool
+    promising: int
+    early: bool
+    criteria: Criteria
+
+
+@dataclass(frozen=True)
+class Rule:
+    """A rule of the verdict.
+
+    Attributes:
+        name: what it says when it applies; applies: whether it does; word: the verdict then.
+        numbers: names of the facts that it reads.
+        needed: the case that goes wrong without it.
+    """
+
+    name: str
+    applies: Callable[[Facts], bool]
+    word: str
+    numbers: tuple[str, ...]
+    needed: str
+
+
+RULES: tuple[Rule, ...] = (
+    Rule(
+        "nothing_promises", lambda f: not f.promising and not f.early, NONE, ("promising", "base_left"),
+        "process noise of a tenth of the drive raises the residual above the floor, and no candidate explains it",
+    ),
+    Rule(
+        "the_base_model_is_enough",
+        lambda f: f.none >= _HALF and f.base_left <= f.criteria.explained and not f.early, NONE, ("none", "base_left"),
+        "a gain of a hundredth of the noise, which BIC would accept",
+    ),
+    Rule(
+        "nothing_helps", lambda f: not f.elements, UNKNOWN, ("elements", "base_left"),
+        "tanks with a valve that no element describes",
+    ),
+    Rule(
+        "the_search_ended_early", lambda f: f.early, UNKNOWN, ("early",),
+        "a pair of which one effect was tried when the time was up",
+    ),
+    Rule(
+        "something_is_left", lambda f: f.left > f.criteria.explained, UNKNOWN, ("left",),
+        "an effect beside physics that no catalogue lists",
+    ),
+    Rule(
+        "an_element_is_learned", lambda f: f.learned > 0, UNKNOWN, ("learned",),
+        "a friction beside a hysteresis of eight plays",
+    ),
+    Rule(
+        "held_out_recordings_deny_it", lambda f: not f.falls, UNKNOWN, ("falls",),
+        "a drift that one long recording has by chance",
+    ),
+    Rule(
+        "held_out_recordings_are_not_new", lambda f: f.certain >= f.criteria.proven and not f.new, EQUIVALENT, ("new",),
+        "one recording cut in blocks: what fits one block fits the next",
+    ),
+    Rule(
+        "every_element_is_proven", lambda f: f.certain >= f.criteria.proven, NAMED, ("certain",),
+        "all listed effects",
+    ),
+    Rule(
+        "a_class_is_proven", lambda f: f.alternatives <= _CLASS, EQUIVALENT, ("alternatives",),
+        "a delay of a hundredth of a period, which a lag of the sensor explains as well",
+    ),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Applied:
+    """A rule that was asked, with the facts that it read."""
+
+    rule: str
+    applies: bool
+    outcome: str
+    numbers: Mapping[str, float]
+
+    def document(self) -> dict[str, Any]:
+        """Return it as a row of ``diagnosis.json``."""
+        return {
+            "rule": self.rule, "element": "", "applies": self.applies,
+            "outcome": self.outcome if self.applies else "", "numbers": dict(self.numbers),
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Attributes:
+    word: ``named``, ``equivalent``, ``unknown`` or ``none``.
+    probability: of every effect that some model holds, and of ``none``; the largest first.
+    claims: the elements of the model that is written, in the order in which they were added.
+    rules: all that were asked, in order; the last one gave the word.
+    """
+
+    word: str
+    probability: dict[str, float]
+    claims: tuple[Claim, ...]
+    rules: tuple[Applied, ...]
+
+    @property
+    def claimed(self) -> tuple[Claim, ...]:
+        """The elements whose names are given."""
+        return tuple(c for c in self.claims if c.claimed)
+
+
+def conclude(
+    weighed: Weighed, model: Visited, new: bool, promising: int, criteria: Criteria, early: bool = False
+) -> Verdict:
+    """Return the verdict on the models of a search.
+
+    Args:
+        model: the one that is written.
+        new: held-out recordings bring an amplitude or a frequency that the others lack.
+        promising: candidates that promised a material gain to the base model.
+        early: the search ended before it was done.
+    """
+    base = next(m for m in weighed.models if not m.elements)
+    probability = weighed.probability
+    proven = _enough(weighed, criteria)
+    claims = [_claim(e, model, weighed, proven, base) for e in model.elements]
+    facts = Facts(
+        elements=len(claims),
+        learned=sum(c.learned for c in claims),
+        none=probability["none"],
+        certain=min((c.probability for c in claims), default=0.0),
+        alternatives=len(proven),
+        left=model.left,
+        base_left=base.left,
+        falls=all(_falls(c, model, criteria) for c in claims),
+        new=new,
+        promising=promising,
+        early=early,
+        criteria=criteria,
+    )
+    asked = []
+    word = UNKNOWN
+    for rule in RULES:
+        applies = rule.applies(facts)
+        asked.append(Applied(rule.name, applies, rule.word, {n: float(getattr(facts, n)) for n in rule.numbers}))
+        if applies:
+            word = rule.word
+            break
+    told = () if word == NONE else tuple(_with_status(c, word, claims, model, criteria) for c in claims)
+    return Verdict(word, probability, told, tuple(asked))
+
+
+def _enough(weighed: Weighed, criteria: Criteria) -> list[tuple[str, ...]]:
+    """Return the smallest number of alternatives that together are proven."""
+    together, chosen = 0.0, []
+    for families, share in weighed.alternatives:
+        chosen.append(families)
+        together += share
+        if together >= criteria.proven:
+            break
+    return chosen
+
+
+def _claim(effect: Effect, model: Visited, weighed: Weighed, proven: Sequence[tuple[str, ...]], base: Visited) -> Claim:
+    own = family(effect)
+    rest = tuple(e for e in model.elements if e is not effect)
+    without = next((m for m in weighed.models if m.key == key_of(rest)), None)
+    others = {f for families in proven if own not in families for f in families} - set(model.families)
+    holders = [e for m in weighed.models for e in m.elements if family(e) in others and not is_learned(e)]
+    alike = {family(e): e for e in reversed(holders)}
+    ranked = sorted(alike, key=lambda n: -weighed.probability[n])
+    return Claim(
+        effect, PROVISIONAL, weighed.probability.get(own, 0.0), tuple(alike[n] for n in ranked), without,
+        _share(model, without or base),
+    )  # fmt: skip
+
+
+def _share(model: Visited, without: Visited) -> float | None:
+    """Return the share of the excess over the noise that the difference of two models takes."""
+    if not without.left > 1.0:
+        return None
+    return (without.left - model.left) / (without.left - 1.0)
+
+
+def _falls(claim: Claim, model: Visited, criteria: Criteria) -> bool:
+    """Whether the held-out error falls with an element; true where nothing was held out, or the model without it was
+    never fitted because it came nowhere near."""
+    if claim.without is None or not model.held_out:
+        return True
+    return model.left_held_out < claim.without.left_held_out
+
+
+def _with_status(claim: Claim, word: str, claims: Sequence[Claim], model: Visited, criteria: Criteria) -> Claim:
+    """Return a claim with its status: inside an unknown whole a proven element is named all the same."""
+    if claim.learned:
+        status = LEARNED
+    elif word == NAMED or (word == EQUIVALENT and claim.probability < criteria.proven):
+        status = word
+    else:
+        beside = any(c.learned and c.effect.location == claim.effect.location for c in claims)
+        proven = claim.probability >= criteria.proven and _falls(claim, model, criteria)
+        named = proven and not beside and word == EQUIVALENT
+        status = NAMED if named else EQUIVALENT if word == EQUIVALENT else _inside_unknown(claim, proven and not beside)
+    return Claim(claim.effect, status, claim.probability, claim.alike, claim.without, claim.share)
+
+
+def _inside_unknown(claim: Claim, proven: bool) -> str:
+    """Return the status of an effect inside a whole that is not proven."""
+    if proven:
+        return NAMED
+    return LIKELY if claim.probability >= _HALF else PROVISIONAL
