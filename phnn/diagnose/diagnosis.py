@@ -247,8 +247,9 @@ def _concluded(search: Search, error: NumericalError, options: Options, early: b
     left = screened
     if model is not base:
         left = needed("scores of the final model", lambda: tuple(search.screen(linearised_of(search, model))), ())
-    promising = [c for c in screened if material(c, base.fit.residual.size, criteria)]
-    outcome = conclude(weighed, model, campaign.held_out_is_new, len(promising), criteria, early)
+    samples = base.fit.residual.size
+    promising = tuple(sum(material(c, samples, criteria) for c in each) for each in (screened, left))
+    outcome = conclude(weighed, model, campaign.held_out_is_new, promising, criteria, early)
     if outcome.word == NONE and model.elements and not outcome.claims:
         model = base
     search.progress(f"verdict {outcome.word}")
@@ -267,8 +268,7 @@ def _concluded(search: Search, error: NumericalError, options: Options, early: b
     location = remaining = None
     if outcome.word != NONE:
         location = needed("location of the mismatch", partial(locate, first), None)
-        rest = [c for c in left if material(c, base.fit.residual.size, criteria)]
-        if outcome.word == UNKNOWN and rest and model is not base:
+        if outcome.word == UNKNOWN and promising[1] and model is not base:
             remaining = needed("location of what remains", partial(locate, final), None)
     gains = tuple(_gain(c, after, search) for c in outcome.claims)
     formulas = {}
