@@ -138,7 +138,8 @@ RULES: tuple[Rule, ...] = (
         "a pair of which one effect was tried when the time was up",
     ),
     Rule(
-        "something_is_left", lambda f: f.left > f.criteria.explained and f.remaining > 0, UNKNOWN, ("left", "remaining"),
+        "something_is_left", lambda f: f.left > f.criteria.explained and f.remaining > 0, UNKNOWN,
+        ("left", "remaining"),
         "an effect beside physics that no catalogue lists",
     ),
     Rule(
