@@ -8,13 +8,13 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 from phnn.criteria import CRITERIA, Criteria
+from phnn.diagnose.linearised import LinearisedFit, prepare
 from phnn.diagnosis.confirm import confirmed, unconfirmed
 from phnn.diagnosis.distil import Distilled, distil, has_grammar
 from phnn.diagnosis.distil.refitted import refitted_formula
 from phnn.diagnosis.finding import Finding
 from phnn.diagnosis.following import NextExperiment
 from phnn.diagnosis.judge import Judgement, judge
-from phnn.diagnosis.linearised_fit import LinearisedFit, prepare
 from phnn.diagnosis.name import NOT_JUDGED
 from phnn.diagnosis.propose import propose
 from phnn.diagnosis.questions import questions

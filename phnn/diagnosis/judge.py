@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from phnn.criteria import SELECTION, Criteria
+from phnn.diagnose.linearised import LinearisedFit
 from phnn.diagnosis.compose import Material, compose
 from phnn.diagnosis.exchange import exchanged
 from phnn.diagnosis.finding import Finding, effects_of, own_parameters
 from phnn.diagnosis.learn import learn
-from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.diagnosis.locate import Location, group_of
 from phnn.diagnosis.name import Naming
 from phnn.diagnosis.place import in_another_form, located

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.criteria import REFITS
-from phnn.diagnosis.linearised_fit import LinearisedFit
+from phnn.diagnose.linearised import LinearisedFit
 from phnn.diagnosis.strengths import started
 from phnn.effects import Kind, Scales
 from phnn.effects.learned import learned_elements

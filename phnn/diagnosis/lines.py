@@ -17,9 +17,8 @@ from scipy.special import ndtr, ndtri_exp
 from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
-from phnn.diagnosis.colour import Colour, contradicts
-from phnn.diagnosis.linearised_fit import LinearisedFit, direction
-from phnn.diagnosis.spectra import FINER, FREEDOM, LEVEL_CELLS, Spectra, strongest
+from phnn.diagnose.linearised import LinearisedFit, direction
+from phnn.diagnose.noise import FINER, FREEDOM, LEVEL_CELLS, Colour, Spectra, contradicts, strongest
 from phnn.effects import Effect
 from phnn.identification.nuisances import drift_columns, line_columns, own_columns, without_nuisances
 from phnn.identification.residual_noise import most_excess

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from phnn.criteria import LOCATING, Locating
 from phnn.derivatives import input_force, output_derivatives
+from phnn.diagnose.linearised import LinearisedFit
 from phnn.diagnosis.dictionary import FORCE, GROUPS, OUTPUT, PARAMETER, VOLTAGE, Group
-from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.diagnosis.lines import drift_share, line_share
 from phnn.network.roles import hysterons, ratios
 from phnn.simulate import Trajectory

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.diagnosis.linearised_fit import LinearisedFit
+from phnn.diagnose.linearised import LinearisedFit
 from phnn.network.small_signal import linearised_at_rest
 from phnn.passage import is_displacement
 from phnn.recordings.recording import Part, Recording, Start, Units

@@ -18,8 +18,8 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.diagnosis.colour import Colour
-from phnn.diagnosis.linearised_fit import LinearisedFit, direction
+from phnn.diagnose.linearised import LinearisedFit, direction
+from phnn.diagnose.noise import Colour
 from phnn.diagnosis.lines import line_scores
 from phnn.diagnosis.locate import Responses
 from phnn.effects import Effect

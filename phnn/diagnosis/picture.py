@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from phnn.diagnose.linearised import LinearisedFit
 from phnn.diagnosis.dictionary import FORCE, GROUPS, OUTPUT, PARAMETER, VOLTAGE
 from phnn.diagnosis.learn import learned_force
-from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.diagnosis.locate import Location
 from phnn.diagnosis.vocabulary import Vocabulary, vocabulary_of
 from phnn.effects import Scales

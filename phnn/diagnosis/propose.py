@@ -27,8 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.criteria import SELECTION
+from phnn.diagnose.linearised import LinearisedFit
 from phnn.diagnosis.following import NextExperiment, why_it_measures, why_it_separates
-from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.diagnosis.menu import Experiment, menu
 from phnn.diagnosis.questions import Question
 from phnn.diagnosis.rival import Bench, Predicted, Rival

@@ -9,7 +9,7 @@ from operator import attrgetter
 from typing import Any
 
 from phnn.criteria import CRITERIA, Criteria, Race
-from phnn.diagnosis.linearised_fit import prepare
+from phnn.diagnose.linearised import prepare
 from phnn.diagnosis.name import Candidate, first_by_name
 from phnn.diagnosis.starts import has_large_starts
 from phnn.diagnosis.steps import (

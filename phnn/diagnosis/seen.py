@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.diagnosis.linearised_fit import LinearisedFit
+from phnn.diagnose.linearised import LinearisedFit
 from phnn.identification.residual_noise import NoiseSpectrum, noise_of_others
 from phnn.recordings.excitation import excitation_of
 

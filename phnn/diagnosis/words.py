@@ -7,9 +7,9 @@ from dataclasses import asdict
 import numpy as np
 from numpy.typing import NDArray
 
+from phnn.diagnose.linearised import LinearisedFit
 from phnn.diagnosis.character import character_of, forgetting, in_words, memory_in_words, without_line
 from phnn.diagnosis.dictionary import FORCE, OUTPUT, PARAMETER, VOLTAGE, Group
-from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.diagnosis.locate import Location, group_of
 from phnn.diagnosis.picture import Picture, picture
 from phnn.diagnosis.vocabulary import vocabulary_of

@@ -9,9 +9,9 @@ from scipy.signal import lfilter
 
 import phnn
 from phnn.criteria import NOISE
-from phnn.diagnosis.colour import Colour
+from phnn.diagnose.linearised import LinearisedFit
+from phnn.diagnose.noise import Colour
 from phnn.diagnosis.diagnosis import available
-from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.diagnosis.scored import scored
 from phnn.identification.residual_noise import most_excess, noise_spectra
 from phnn.recordings.recording import Campaign, unrecorded

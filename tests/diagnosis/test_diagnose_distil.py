@@ -10,9 +10,9 @@ from campaigns import recorded
 from effect_homes import BASE, SCALES
 from matplotlib.mathtext import MathTextParser
 
+from phnn.diagnose.linearised import LinearisedFit, prepare
 from phnn.diagnosis.distil import distil
 from phnn.diagnosis.distil.refitted import refitted_formula
-from phnn.diagnosis.linearised_fit import LinearisedFit, prepare
 from phnn.diagnosis.strengths import started
 from phnn.effects import Effect, effect
 from phnn.effects.formulas import formulas, formulas_for

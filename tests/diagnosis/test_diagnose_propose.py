@@ -11,8 +11,8 @@ import made_next
 import numpy as np
 import pytest
 
+from phnn.diagnose.linearised import LinearisedFit, prepare
 from phnn.diagnosis import diagnose
-from phnn.diagnosis.linearised_fit import LinearisedFit, prepare
 from phnn.diagnosis.menu import Experiment, Stretch, menu, resonance
 from phnn.diagnosis.name import Candidate
 from phnn.diagnosis.propose import left, propose

@@ -11,9 +11,9 @@ import pytest
 from campaigns import recorded
 from effect_homes import BASE, SCALES
 
+from phnn.diagnose.linearised import LinearisedFit, prepare
 from phnn.diagnosis import propose as path
 from phnn.diagnosis.distil import Distilled, distil
-from phnn.diagnosis.linearised_fit import LinearisedFit, prepare
 from phnn.diagnosis.menu import Experiment, Stretch
 from phnn.diagnosis.propose import propose, shrinkage, shrinks
 from phnn.diagnosis.questions import Question, questions

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from phnn.configuration import config_folder
+from phnn.diagnose.linearised import LinearisedFit
 from phnn.diagnosis.dictionary import GROUPS
-from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.diagnosis.locate import Location
 from phnn.diagnosis.picture import picture
 from phnn.diagnosis.vocabulary import vocabulary_of

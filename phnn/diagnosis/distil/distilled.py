@@ -9,12 +9,12 @@ from typing import NamedTuple
 import numpy as np
 
 from phnn.criteria import RACE
+from phnn.diagnose.linearised import LinearisedFit
 from phnn.diagnosis.distil.grammar import TERMS, has_grammar
 from phnn.diagnosis.distil.model import formula_rival
 from phnn.diagnosis.distil.response import Target, target
 from phnn.diagnosis.distil.search import Formula, best_formulas, tie_of, unit_responses
 from phnn.diagnosis.distil.words import in_words
-from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.diagnosis.rival import Rival
 from phnn.effects import Effect
 from phnn.network.roles import motions

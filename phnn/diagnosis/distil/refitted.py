@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from phnn.criteria import CRITERIA, Criteria
+from phnn.diagnose.linearised import prepare
 from phnn.diagnosis.distil.distilled import Distilled
-from phnn.diagnosis.linearised_fit import prepare
 from phnn.diagnosis.name import score
 from phnn.diagnosis.refit import refit
 from phnn.diagnosis.rival import refitted_rival

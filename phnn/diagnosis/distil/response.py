@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.derivatives import output_derivatives
-from phnn.diagnosis.linearised_fit import LinearisedFit
+from phnn.diagnose.linearised import LinearisedFit
 from phnn.effects import Effect
 from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
 from phnn.recordings.recording import Recording

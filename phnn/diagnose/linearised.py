@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.criteria import NOISE, Noise
-from phnn.diagnosis.force_noise import Response
-from phnn.diagnosis.spectra import Spectra, spectra_of
+from phnn.diagnose.noise import Response, Spectra, spectra_of
 from phnn.effects import Effect, Scales
 from phnn.effects.places import values_by_role
 from phnn.errors import SolverFailed
