@@ -30,7 +30,7 @@ from scipy.special import ndtri_exp
 from scipy.stats import chi2
 from scipy.stats import t as student
 
-from phnn.criteria import Noise
+from phnn.criteria import NOISE, Noise
 from phnn.identification.residual_noise import NoiseSpectrum, most_excess, noise_spectra
 from phnn.recordings.recording import Recording, dominant_frequency
 from phnn.signals.first_order import density_of
@@ -299,54 +299,6 @@ class Colour:
             parts[id(spectrum)] = (spectrum, found if before is None else before[1] + found)
         return list(parts.values())
 
-    @cached_property
-    def clipped(self) -> Array:
-        """(N,) residual whose outliers are cut off at four robust standard deviations of their recording."""
-        found = self.linearised.residual.copy()
-        for rows in self.linearised.slices:
-            most = self.linearised.noise.outlier * _ROBUST * float(np.median(np.abs(found[rows])))
-            np.clip(found[rows], -most, most, out=found[rows])
-        return found
-
-    def by_blocks(self, columns: Array) -> tuple[Array, Array]:
-        """(C,) scores ``dᵀr`` in their standard deviations as blocks of neighbouring samples show them, and the
-        degrees of freedom of these.
-
-            t = dᵀr / √(Σ_b (d_bᵀ r_b − ŝ d_bᵀ d_b)²),   ŝ = dᵀr / dᵀd
-
-        What the direction itself explains is taken out of the spread, so that a true effect does not hide itself. Noise
-        may have any colour that a block forgets, any variance and any tails (White 1980, Liang & Zeger 1986).
-        """
-        blocks = [b for rows in self.linearised.slices for b in _blocks(rows, self.linearised.noise)]
-        along = np.stack([columns[b].T @ self.clipped[b] for b in blocks])
-        squares = np.stack([np.einsum("ij,ij->j", columns[b], columns[b]) for b in blocks])
-        total, size = along.sum(axis=0), np.maximum(squares.sum(axis=0), 1e-300)
-        spread = np.sqrt(np.sum((along - total / size * squares) ** 2, axis=0))
-        freedom = np.maximum(size**2 / np.maximum(np.sum(squares**2, axis=0), 1e-300) - 1.0, 0.0)
-        # As of B values of which the mean was taken: the spread is that of B − 1.
-        return total / np.maximum(spread, 1e-300) * np.sqrt(freedom / (freedom + 1.0)), freedom
-
-    def deviates(self, columns: Array, covariance: Array, stated: Array | None = None) -> Array:
-        """(C,) normal deviates of the scores along columns (N, C), the smaller one of two: under stationary noise of
-        the residual's spectrum, and as blocks show it where there are enough of them.
-
-        Args:
-            covariance: `left` of the columns; stated: their `stated` variances, where they are known already.
-        """
-        stated = self.stated(columns) if stated is None else stated
-        left = np.diag(covariance)
-        spread = np.sqrt(np.maximum(left, stated))
-        stationary = columns.T @ self.clipped / np.maximum(spread, 1e-300)
-        size, more = np.abs(stationary), left > stated
-        known_by = self.freedom(columns[:, more])
-        contradicted = contradicts(left[more] / np.maximum(stated[more], 1e-300), known_by)
-        size[more] = np.where(contradicted, _as_normal(size[more], known_by), size[more])
-        t, freedom = (np.abs(x) for x in self.by_blocks(columns))
-        blocked = _as_normal(t, freedom)
-        rule = self.linearised.noise
-        believed = np.where(freedom >= rule.block_freedom, np.clip(blocked, size / rule.uneven, size), size)
-        return np.asarray(np.sign(stationary) * believed)
-
 
 def contradicts(ratio: Array | float, freedom: Array | float) -> NDArray[np.bool_]:
     """Whether estimates of a variance, of some degrees of freedom, contradict the variance that is stated.
@@ -364,8 +316,43 @@ def _satterthwaite(parts: Sequence[tuple[NoiseSpectrum, Array]]) -> Array:
     return np.asarray(total**2 / np.maximum(doubt, 1e-300))
 
 
-def _as_normal(t: Array, freedom: Array) -> Array:
-    """The normal deviates of the same tail probability as Student's ``t`` (C,), not negative, of as many degrees."""
+def clipped(residual: Array, slices: Sequence[slice], rule: Noise = NOISE) -> Array:
+    """Return a residual (N,) whose outliers are cut off at some robust standard deviations of their recording.
+
+    Args:
+        slices: rows of every recording.
+    """
+    cut = residual.copy()
+    for rows in slices:
+        most = rule.outlier * _ROBUST * float(np.median(np.abs(cut[rows])))
+        np.clip(cut[rows], -most, most, out=cut[rows])
+    return cut
+
+
+def by_blocks(columns: Array, residual: Array, slices: Sequence[slice], rule: Noise = NOISE) -> tuple[Array, Array]:
+    """Return (C,) scores ``dᵀr`` in their standard deviations as blocks of neighbouring samples show them, and the
+    degrees of freedom of these.
+
+        t = dᵀr / √(Σ_b (d_bᵀ r_b − ŝ d_bᵀ d_b)²),   ŝ = dᵀr / dᵀd
+
+    What the direction itself explains is taken out of the spread, so that a true effect does not hide itself. Noise
+    may have any colour that a block forgets, any variance and any tails (White 1980, Liang & Zeger 1986).
+
+    Args:
+        columns: (N, C); residual: (N,), `clipped`; slices: rows of every recording.
+    """
+    blocks = [b for rows in slices for b in _blocks(rows, rule)]
+    along = np.stack([columns[b].T @ residual[b] for b in blocks])
+    squares = np.stack([np.einsum("ij,ij->j", columns[b], columns[b]) for b in blocks])
+    total, size = along.sum(axis=0), np.maximum(squares.sum(axis=0), 1e-300)
+    spread = np.sqrt(np.sum((along - total / size * squares) ** 2, axis=0))
+    freedom = np.maximum(size**2 / np.maximum(np.sum(squares**2, axis=0), 1e-300) - 1.0, 0.0)
+    # As of B values of which the mean was taken: the spread is that of B − 1.
+    return total / np.maximum(spread, 1e-300) * np.sqrt(freedom / (freedom + 1.0)), freedom
+
+
+def as_normal(t: Array, freedom: Array) -> Array:
+    """Return the normal deviates of the same tail probability as Student's ``t`` (C,), not negative."""
     freedom = np.maximum(freedom, 1.0)
     tail = student.logsf(t, freedom)
     # Far out the tail underflows; its leading term does not.

@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.diagnose.linearised import LinearisedFit
-from phnn.diagnosis.dictionary import FORCE, GROUPS, OUTPUT, PARAMETER, VOLTAGE
+from phnn.diagnose.locations import FORCE, GROUPS, OUTPUT, PARAMETER, VOLTAGE, Location
 from phnn.diagnosis.learn import learned_force
-from phnn.diagnosis.locate import Location
 from phnn.diagnosis.vocabulary import Vocabulary, vocabulary_of
 from phnn.effects import Scales
 from phnn.setup import Setup

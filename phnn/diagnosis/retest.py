@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from phnn.criteria import CRITERIA, REFITS, Criteria, Refits
+from phnn.diagnose.locations import Location
 from phnn.diagnosis.finding import Finding, effects_of, own_parameters
-from phnn.diagnosis.locate import Location
 from phnn.diagnosis.place import in_place
 from phnn.diagnosis.refit import refit
 from phnn.diagnosis.steps import tolerance_of

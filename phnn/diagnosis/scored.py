@@ -8,7 +8,7 @@ from functools import cached_property
 
 from phnn.criteria import CRITERIA, Criteria, Noise
 from phnn.diagnose.linearised import LinearisedFit, prepare
-from phnn.diagnosis.locate import Location, Responses, locate, responses
+from phnn.diagnose.locations import Location, Responses, locate, responses
 from phnn.diagnosis.name import Naming, score
 from phnn.effects import Effect, Scales
 from phnn.identification.fit import Fit

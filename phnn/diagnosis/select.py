@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from phnn.criteria import CRITERIA, Criteria, Selection
+from phnn.diagnose.locations import Location
 from phnn.diagnosis.finding import Finding, effects_of, own_parameters
-from phnn.diagnosis.locate import Location
 from phnn.diagnosis.name import Candidate, Naming
 from phnn.diagnosis.place import elsewhere, in_place, located, may_lie, of_its_kinds
 from phnn.diagnosis.refit import refit

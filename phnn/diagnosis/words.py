@@ -8,9 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.diagnose.linearised import LinearisedFit
+from phnn.diagnose.locations import FORCE, GROUPS, OUTPUT, PARAMETER, VOLTAGE, Group, Location
 from phnn.diagnosis.character import character_of, forgetting, in_words, memory_in_words, without_line
-from phnn.diagnosis.dictionary import FORCE, OUTPUT, PARAMETER, VOLTAGE, Group
-from phnn.diagnosis.locate import Location, group_of
 from phnn.diagnosis.picture import Picture, picture
 from phnn.diagnosis.vocabulary import vocabulary_of
 from phnn.units import quantity
@@ -31,7 +30,7 @@ _LOSSY = 0.2
 
 def fitted_in_words(linearised: LinearisedFit, location: Location) -> str:
     """The fitted combination of the location's own functions; empty where none was fitted."""
-    drawn, group = picture(linearised, location), group_of(location)
+    drawn, group = picture(linearised, location), GROUPS[location.group]
     if not location.weights.size or not np.any(location.weights):
         return ""
     network = linearised.fit.setup.network

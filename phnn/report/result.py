@@ -13,15 +13,15 @@ from typing import Any
 import numpy as np
 
 from phnn.check.quality import doubts_of_units
-from phnn.diagnosis.diagnosis import Diagnosis
-from phnn.diagnosis.judge import Judgement
-from phnn.diagnosis.ledger import account
-from phnn.diagnosis.locate import (
-    group_of,
+from phnn.diagnose.locations import (
+    GROUPS,
     recording_scores,
     strongest_frequencies,
     strongest_times,
 )
+from phnn.diagnosis.diagnosis import Diagnosis
+from phnn.diagnosis.judge import Judgement
+from phnn.diagnosis.ledger import account
 from phnn.diagnosis.picture import Picture, is_effort, learned_picture, missing_force, picture
 from phnn.diagnosis.rules import Applied
 from phnn.diagnosis.seen import seen
@@ -314,7 +314,7 @@ def _ledger(j: Judgement) -> list[LedgerRow]:
     rows = []
     for index, trajectory in enumerate(j.linearised.trajectories):
         force = None
-        if j.location is not None and group_of(j.location).enters == "force":
+        if j.location is not None and GROUPS[j.location.group].enters == "force":
             force = missing_force(j.linearised, j.location, index)
         a = account(trajectory, force)
         rows.append(LedgerRow(trajectory.recording.name, a.supplied, a.stored, a.dissipated, a.unexplained))

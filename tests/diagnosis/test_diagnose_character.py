@@ -8,9 +8,9 @@ import campaigns
 import numpy as np
 import pytest
 
+from phnn.diagnose.locations import locate
 from phnn.diagnosis.character import character_of, forgetting, in_words, memory_in_words, shape_of
 from phnn.diagnosis.learn import learn, learned_setup
-from phnn.diagnosis.locate import locate
 from phnn.diagnosis.words import fitted_in_words
 from phnn.effects import kinds
 

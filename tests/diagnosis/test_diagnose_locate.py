@@ -9,11 +9,22 @@ import numpy as np
 import pytest
 
 from phnn.diagnose.linearised import direction
-from phnn.diagnosis.dictionary import FORCE, GROUPS, OUTPUT, PARAMETER, VOLTAGE, Group
+from phnn.diagnose.lines import drift_share, line_share
+from phnn.diagnose.locations import (
+    FORCE,
+    GROUPS,
+    OUTPUT,
+    PARAMETER,
+    VOLTAGE,
+    Group,
+    Location,
+    locate,
+    recording_scores,
+    strongest_frequencies,
+    strongest_times,
+)
 from phnn.diagnosis.learn import learn
 from phnn.diagnosis.ledger import account
-from phnn.diagnosis.lines import drift_share, line_share
-from phnn.diagnosis.locate import Location, locate, recording_scores, strongest_frequencies, strongest_times
 from phnn.diagnosis.picture import missing_force, picture
 from phnn.effects import Effect, Kind, catalogue, kinds
 from phnn.effects.kinds import LOCATIONS

@@ -10,8 +10,7 @@ import pytest
 
 from phnn.configuration import config_folder
 from phnn.diagnose.linearised import LinearisedFit
-from phnn.diagnosis.dictionary import GROUPS
-from phnn.diagnosis.locate import Location
+from phnn.diagnose.locations import GROUPS, Location
 from phnn.diagnosis.picture import picture
 from phnn.diagnosis.vocabulary import vocabulary_of
 from phnn.diagnosis.words import fitted_in_words
