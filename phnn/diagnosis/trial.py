@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.criteria import SELECTION, Selection
+from phnn.diagnose.linearised import tie
 from phnn.diagnosis.name import Candidate
 from phnn.identification.fit import Fit
 from phnn.identification.nuisances import own_size
@@ -111,14 +112,3 @@ def effective_samples(residual: Array) -> float:
     """
     power = np.abs(np.fft.rfft(residual)[1:]) ** 2
     return float(np.clip(4.0 * power.sum() ** 2 / max(float(power @ power), 1e-300), 4.0, residual.size))
-
-
-def tie(fitted: Fit, variances: float = SELECTION.tie) -> float:
-    """Difference of sums of squares below which two refits are not told apart.
-
-    Args:
-        variances: the difference in residual variances, for white noise.
-    """
-    # Coloured noise inflates such differences by the sum of its correlation.
-    colour = max(max(1.0, 2.0 * float(np.sum(r.noise_correlation)) - 1.0) for r in fitted.plan.recordings)
-    return variances * colour * max(1.0, fitted.chi2)

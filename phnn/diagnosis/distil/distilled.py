@@ -10,12 +10,12 @@ import numpy as np
 
 from phnn.criteria import RACE
 from phnn.diagnose.linearised import LinearisedFit
+from phnn.diagnose.proposal import Rival
 from phnn.diagnosis.distil.grammar import TERMS, has_grammar
 from phnn.diagnosis.distil.model import formula_rival
 from phnn.diagnosis.distil.response import Target, target
 from phnn.diagnosis.distil.search import Formula, best_formulas, tie_of, unit_responses
 from phnn.diagnosis.distil.words import in_words
-from phnn.diagnosis.rival import Rival
 from phnn.effects import Effect
 from phnn.network.roles import motions
 from phnn.units import quantity

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from phnn.diagnose.proposal import FAR, Bench, Predicted, Rival, bounded, everything
 from phnn.diagnosis.distil.response import Target, element_force, pushed
 from phnn.diagnosis.distil.search import Formula, forces_of, in_slopes
-from phnn.diagnosis.rival import FAR, Bench, Predicted, Rival, bounded, everything
 from phnn.effects import Effect, Scales
 
 Array = NDArray[np.float64]
@@ -39,7 +39,7 @@ class FormulaRival(Rival):
     shift: Array
 
     def predicted(self, bench: Bench) -> Predicted:
-        """See `phnn.diagnosis.rival.Rival.predicted`; coordinates are the kept variables, sizes and free shapes."""
+        """See `phnn.diagnose.proposal.Rival.predicted`; coordinates are the kept variables, sizes and free shapes."""
         trajectory, moved = bench.simulated(self.fit, self.variables)
         base = moved[:, list(self.kept)]
         setup, element = self.fit.setup, self.element

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from phnn.criteria import CRITERIA, Criteria
-from phnn.diagnose.linearised import prepare
+from phnn.diagnose.linearised import prepare, tie
+from phnn.diagnose.proposal import refitted_rival
 from phnn.diagnosis.distil.distilled import Distilled
 from phnn.diagnosis.name import score
 from phnn.diagnosis.refit import refit
-from phnn.diagnosis.rival import refitted_rival
-from phnn.diagnosis.trial import Trial, simplest_first, tie
+from phnn.diagnosis.trial import Trial, simplest_first
 from phnn.effects import Effect
 from phnn.effects.formulas import formulas_for
 from phnn.identification.fit import Fit

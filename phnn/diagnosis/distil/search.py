@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.stats import t as student
 
+from phnn.diagnose.linearised import tie
 from phnn.diagnosis.distil.grammar import NAMED, Term
 from phnn.diagnosis.distil.response import Columns, Target
-from phnn.diagnosis.trial import tie
 from phnn.effects import Scales
 from phnn.identification.covariance import scatter
 from phnn.laws.namespace import TINY

@@ -18,6 +18,7 @@ from phnn.units import quantity
 
 Array = NDArray[np.float64]
 
+
 _SAMPLES = 20_000
 _PER_PERIOD = 20  # samples of the fastest period
 _FASTER = 2.0  # how much higher than in use the rate may be
