@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
+from phnn.diagnose.formula import Distilled
 from phnn.diagnosis.diagnosis import Diagnosis
-from phnn.diagnosis.distil import Distilled
 from phnn.diagnosis.finding import Finding
 from phnn.diagnosis.judge import Judgement
 from phnn.diagnosis.picture import is_effort

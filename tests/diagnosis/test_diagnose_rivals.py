@@ -12,10 +12,10 @@ from campaigns import recorded
 from effect_homes import BASE, SCALES
 
 from phnn.diagnose import proposal as path
+from phnn.diagnose.formula import Distilled, distil
 from phnn.diagnose.linearised import LinearisedFit, prepare, tie
 from phnn.diagnose.menu import Experiment, Stretch
 from phnn.diagnose.proposal import Bench, Question, Rival, propose, refitted_rival, shrinkage, shrinks
-from phnn.diagnosis.distil import Distilled, distil
 from phnn.diagnosis.questions import questions
 from phnn.diagnosis.strengths import started
 from phnn.effects import effect
