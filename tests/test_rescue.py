@@ -44,7 +44,7 @@ PLACES: list[tuple[ModuleType, str]] = [
     *SIMULATIONS, (steps, "fit"), (steps, "fit_identified"), (retest, "fit_identified"), (scored, "score"),
     (scored, "responses"), (scored, "locate"), (scored, "prepare"), (select, "class_of"), (select, "numerical_error"),
     (left_out, "evaluate"), (tested, "evaluate"), (tested, "gain"), (confirm, "tested_elements"), (path, "distil"),
-    (path, "check"), (path, "questions"), (proposal, "menu"), (result, "account"), (result, "picture"),
+    (path, "check"), (path, "questions"), (proposal, "menu"), (result, "energy_ledger"), (result, "picture"),
     (result, "sentence"), (result, "missing_entries"), (result, "methods"), (gallery, "draw_recording"),
     (gallery, "draw_overview"), (gallery, "plots"), (page, "table_links"),
 ]  # fmt: skip

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from scipy.signal import periodogram
 
 from phnn.diagnose.locations import GROUPS
+from phnn.diagnose.words import vocabulary_of
 from phnn.diagnosis.diagnosis import Diagnosis
-from phnn.diagnosis.vocabulary import vocabulary_of
 from phnn.effects import Effect
 from phnn.effects.kinds import AFTER_A_STEP, ELAPSED
 from phnn.report.formatting import display_unit
