@@ -10,18 +10,14 @@ from functools import cached_property, partial
 from scipy.special import ndtr
 
 from phnn.diagnose.criteria import Criteria
+from phnn.diagnose.formula import Distilled, distil, has_grammar, refitted_formula
+from phnn.diagnose.linearised import LinearisedFit, prepare
+from phnn.diagnose.locations import Location, locate
 from phnn.diagnose.number import Visited, Weighed, best_to_write
+from phnn.diagnose.proposal import NextExperiment, Question, propose, refitted_rival
 from phnn.diagnose.screen import Candidate
-from phnn.diagnose.search import Search, begin, explore, linearised_of, material
+from phnn.diagnose.search import Search, begin, explore, linearised_of, material, refits
 from phnn.diagnose.verdict import NONE, UNKNOWN, Claim, Verdict, conclude
-from phnn.diagnosis.distil import Distilled, distil, has_grammar
-from phnn.diagnosis.distil.refitted import refitted_formula
-from phnn.diagnosis.following import NextExperiment
-from phnn.diagnosis.linearised_fit import LinearisedFit, prepare
-from phnn.diagnosis.locate import Location, locate
-from phnn.diagnosis.propose import propose
-from phnn.diagnosis.questions import Question
-from phnn.diagnosis.rival import refitted_rival
 from phnn.effects import Effect, catalogue, effect, in_all_forms
 from phnn.effects.learned import learned_elements
 from phnn.effects.places import attached
@@ -317,7 +313,9 @@ def _formula(search: Search, final: LinearisedFit, claim: Claim) -> Distilled | 
     """A formula for a learned element of the final model, where there is one."""
     if has_grammar(claim.effect.kind.name):
         return distil(final, claim.effect)
-    return None if claim.without is None else refitted_formula(final.fit, claim.without.fit, claim.effect)
+    if claim.without is None:
+        return None
+    return refitted_formula(final.fit, claim.without.fit, claim.effect, partial(refits, search))
 
 
 def _questions(outcome: Verdict, model: Visited, search: Search) -> list[Question]:

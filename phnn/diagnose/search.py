@@ -21,10 +21,10 @@ from functools import partial
 import numpy as np
 
 from phnn.diagnose.criteria import Criteria
+from phnn.diagnose.linearised import LinearisedFit, prepare
 from phnn.diagnose.number import Key, Misfit, Visited, Weighed, family, is_learned, key_of, weigh
 from phnn.diagnose.refit import converged, further, large_starts, rebuilt, short
 from phnn.diagnose.screen import Candidate, Screen
-from phnn.diagnosis.linearised_fit import LinearisedFit, prepare
 from phnn.effects import Effect, Scales
 from phnn.identification.evaluate import evaluate
 from phnn.identification.fit import Fit
@@ -126,7 +126,7 @@ def begin(
     """Return a search that knows the base model alone."""
     linearised = prepare(fitted)
     bare = Visited((), fitted, {}, {}, 0, True)
-    screen = Screen(_with_few_steps(linearised), [*effects, *learned], criteria.material**2)
+    screen = Screen(_with_few_steps(linearised), [*effects, *learned], criteria)
     search = Search(
         campaign, bare, fitted.plan, effects, learned, criteria, linearised.scales, screen, {}, progress
     )  # fmt: skip
@@ -228,7 +228,10 @@ def _race(search: Search, trials: Sequence[Visited]) -> list[Visited]:
     level, material = _LEVEL * samples, search.criteria.material**2 * samples
     going: list[Visited] = []
     for trial in trials[:_RACERS]:
-        if going and trial.fit.beyond_noise > _RACE * trials[0].fit.beyond_noise + 0.05 * samples:
+        # Near the noise what the best has reached counts; far from it six steps say little of where a refit ends.
+        quiet = trial.left < search.criteria.far**2
+        best = min(t.fit.beyond_noise for t in (going if quiet and going else trials[:1]))
+        if going and trial.fit.beyond_noise > _RACE * best + 0.05 * samples:
             continue
         if late(f"further steps of {trial.words}"):
             going.append(trial)
@@ -367,33 +370,50 @@ def _settle(search: Search) -> None:
 
 
 def _exchange(search: Search, best: Visited, element: Effect) -> None:
-    """Fit the best model with each neighbour of one of its elements in the place of it."""
+    """Fit the best model with each neighbour of one of its elements in the place of it.
+
+    A neighbour that a search has fitted already goes on from there, unless it has ended.
+    """
     rest = tuple(e for e in best.elements if e is not element)
     if any(set(element.parameters) & set(e.after) for e in rest):
         return
     todo = [e for e in search.effects if e.is_neighbour_of(element) and not e.after]
-    known = {family(e) for m in search.visited.values() if m.converged for e in m.elements
-             if set(m.families) - {family(e)} == set(best.families) - {family(element)}}  # fmt: skip
-    todo = [e for e in todo if family(e) not in known]
-    if not todo:
-        return
+    known = {e: m for e in todo if (m := search.visited.get(key_of((*rest, e)))) is not None}
+    begun = [known[e] for e in known if not known[e].converged]
+    ended = {family(e) for e in known}
+    new = [e for e in todo if family(e) not in ended]
     less = search.visited.get(key_of(rest))
-    if less is None:
-        fitted = rebuilt(search.base.fit, rest, best.fit.setup.values(), search.plan, search.criteria.further)
-        if fitted is None:
+    if new and less is None:
+        values = best.fit.setup.values()
+        fitted = rebuilt(search.base.fit, rest, values, search.plan, search.criteria.further)
+        less = None if fitted is None else search.visit(search.model(rest, fitted))
+    if new and less is not None:
+        able = [e for e in new if e.can_be_added_to(less.fit.setup)]
+        for candidate in replace(search.screen, effects=able)(linearised_of(search, less)):
+            if late(f"{candidate.effect.name} in the place of {element.name}"):
+                return
+            starts = [candidate.values, *candidate.others[:1]]
+            fitted = short(less.fit, candidate.effect, starts, search.criteria.short)
+            if fitted is not None:
+                begun.append(search.model((*rest, candidate.effect), fitted))
+    for trial in begun:
+        if late(f"{trial.words} in the place of {element.name}"):
             return
-        less = search.visit(search.model(rest, fitted))
-    able = [e for e in todo if e.can_be_added_to(less.fit.setup)]
-    for candidate in replace(search.screen, effects=able)(linearised_of(search, less)):
-        if late(f"{candidate.effect.name} in the place of {element.name}"):
-            return
-        begun = short(less.fit, candidate.effect, [candidate.values, *candidate.others[:1]], search.criteria.short)
-        if begun is None:
-            continue
-        trial = search.model((*rest, candidate.effect), further(begun, search.criteria.further))
-        trial = search.visit(trial)
-        if search.weighed.behind(trial) < _GROWN:
-            _converge(search, trial)
+        onwards = search.visit(search.model(trial.elements, further(trial.fit, search.criteria.further)))
+        if search.weighed.behind(onwards) < _GROWN:
+            _converge(search, onwards)
+
+
+def refits(search: Search, base: Fit, effects: Sequence[Effect]) -> list[tuple[Effect, Fit]]:
+    """Return a fit with each of some effects beside a model, as far as it can be simulated."""
+    screen = Screen(_with_few_steps(LinearisedFit(base, (), search.scales)), effects, search.criteria)
+    found = []
+    for candidate in screen(screen.base):
+        starts = [candidate.values, *candidate.others[:1]]
+        fitted = short(base, candidate.effect, starts, search.criteria.short)
+        if fitted is not None:
+            found.append((candidate.effect, further(fitted, search.criteria.further)))
+    return found
 
 
 def linearised_of(search: Search, model: Visited) -> LinearisedFit:

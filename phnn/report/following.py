@@ -7,8 +7,8 @@ from typing import Any
 import pandas as pd
 
 from phnn.check import check
+from phnn.diagnose.proposal import NextExperiment
 from phnn.diagnosis.diagnosis import Diagnosis
-from phnn.diagnosis.following import NextExperiment
 from phnn.diagnosis.questions import tied_members
 from phnn.report.formatting import listing
 from phnn.results import Place

@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
+from phnn.diagnose.formula import Distilled
+from phnn.diagnose.words import is_effort, vocabulary_of
 from phnn.diagnosis.diagnosis import Diagnosis
-from phnn.diagnosis.distil import Distilled
 from phnn.diagnosis.finding import Finding
 from phnn.diagnosis.judge import Judgement
-from phnn.diagnosis.picture import is_effort
 from phnn.diagnosis.place import in_another_form
-from phnn.diagnosis.vocabulary import vocabulary_of
 from phnn.effects.places import place_of
 from phnn.identification.fit import Fit
 from phnn.report.domain_words import forces_known

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from phnn.diagnose.words import fitted_in_words, vocabulary_of
 from phnn.diagnosis.diagnosis import Diagnosis
 from phnn.diagnosis.finding import Finding
 from phnn.diagnosis.judge import Immaterial, Judgement
@@ -12,8 +13,6 @@ from phnn.diagnosis.place import in_another_form
 from phnn.diagnosis.rules.composition import neighbour_acts_several_times
 from phnn.diagnosis.rules.held_out import numerical_error_may_confound
 from phnn.diagnosis.select import share_of
-from phnn.diagnosis.vocabulary import vocabulary_of
-from phnn.diagnosis.words import fitted_in_words
 from phnn.identification.evaluate import Evaluation
 from phnn.report.domain_words import MOVING, NETWORK
 from phnn.report.formatting import listing, percent, ratio

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from phnn.diagnose.linearised import tie
 from phnn.diagnosis.diagnosis import Diagnosis
 from phnn.diagnosis.name import Candidate
-from phnn.diagnosis.trial import tie
 from phnn.report.evidence import CandidateRow
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.diagnosis.linearised_fit import LinearisedFit
+from phnn.diagnose.linearised import LinearisedFit
 from phnn.network.small_signal import linearised_at_rest
 from phnn.passage import is_displacement
 from phnn.recordings.recording import Part, Recording, Start, Units
@@ -17,6 +17,7 @@ from phnn.simulate import simulate
 from phnn.units import quantity
 
 Array = NDArray[np.float64]
+
 
 _SAMPLES = 20_000
 _PER_PERIOD = 20  # samples of the fastest period

@@ -10,9 +10,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.criteria import NOISE, Noise
-from phnn.diagnosis.force_noise import Response
-from phnn.diagnosis.spectra import Spectra, spectra_of
+from phnn.criteria import NOISE, SELECTION, Noise
+from phnn.diagnose.noise import Response, Spectra, spectra_of
 from phnn.effects import Effect, Scales
 from phnn.effects.places import values_by_role
 from phnn.errors import SolverFailed
@@ -191,3 +190,14 @@ def direction(linearised: LinearisedFit, effect: Effect, values: Mapping[str, fl
         return linearised.stack(plan.each(one, linearised.coarse_outputs))
     except SolverFailed:
         return np.zeros(linearised.fit.residual.size)
+
+
+def tie(fitted: Fit, variances: float = SELECTION.tie) -> float:
+    """Return the difference of sums of squares below which two refits are not told apart.
+
+    Args:
+        variances: the difference in residual variances, for white noise.
+    """
+    # Coloured noise inflates such differences by the sum of its correlation.
+    colour = max(max(1.0, 2.0 * float(np.sum(r.noise_correlation)) - 1.0) for r in fitted.plan.recordings)
+    return variances * colour * max(1.0, fitted.chi2)
