@@ -239,12 +239,10 @@ def _concluded(search: Search, error: NumericalError, options: Options, early: b
     campaign, criteria = search.campaign, search.criteria
     weighed = search.weighed
     base, model = search.visited[frozenset()], best_to_write(weighed.models, criteria)
-    screened = needed("scores of the base model", lambda: tuple(search.screen(linearised_of(search, base))), ())
-    left = screened
-    if model is not base:
-        left = needed("scores of the final model", lambda: tuple(search.screen(linearised_of(search, model))), ())
+    screened = _screened(search, base)
+    left = screened if model is base else _screened(search, model)
     samples = base.fit.residual.size
-    promising = tuple(sum(material(c, samples, criteria) for c in each) for each in (screened, left))
+    promising = sum(material(c, samples, criteria) for c in screened), sum(material(c, samples, criteria) for c in left)
     outcome = conclude(weighed, model, campaign.held_out_is_new, promising, criteria, early)
     if outcome.word == NONE and model.elements and not outcome.claims:
         model = base
@@ -285,6 +283,12 @@ def _concluded(search: Search, error: NumericalError, options: Options, early: b
         campaign, base.fit, error, weighed, model, outcome, (screened, left), location, remaining, (first, final),
         before, after, gains, formulas, proposal, residual, options, 0.0, criteria,
     )  # fmt: skip
+
+
+def _screened(search: Search, model: Visited) -> tuple[Candidate, ...]:
+    """The candidates in the residual of a model."""
+    nothing: tuple[Candidate, ...] = ()
+    return needed(f"scores of {model.words}", lambda: tuple(search.screen(linearised_of(search, model))), nothing)
 
 
 def score_on_all(fitted: Fit, campaign: Campaign) -> Evaluation:

@@ -24,9 +24,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
+from phnn.diagnose.criteria import Criteria
+from phnn.diagnose.linearised import LinearisedFit, direction
+from phnn.diagnose.lines import own_score, strongest_line
+from phnn.diagnose.noise import Colour
 from phnn.diagnose.refit import clamped
-from phnn.diagnosis.colour import Colour
-from phnn.diagnosis.linearised_fit import LinearisedFit, direction
 from phnn.effects import Effect
 from phnn.identification.fit import variables_from
 from phnn.identification.nuisances import without_nuisances
@@ -139,22 +141,18 @@ class Screen:
         edges = np.cumsum([0, *(d.columns.shape[1] for d in known)])
         basis, residual = model.basis, model.residual
         both = np.column_stack([basis, residual])
-        along, squares, inside, squared = [], [], [], []
+        each: list[tuple[Array, Array, Array]] = []
         for b in blocks:
             columns = np.concatenate([d.columns[b] for d in known], axis=1, dtype=np.float64)
-            products = both[b].T @ columns
-            inside.append(products[:-1])
-            along.append(products[-1])
-            squares.append(np.einsum("ij,ij->j", columns, columns))
-            squared.append(both[b].T @ both[b])
-        share = np.sum(inside, axis=0)
-        raw = np.sum(squares, axis=0)
+            each.append((both[b].T @ columns, np.einsum("ij,ij->j", columns, columns), both[b].T @ both[b]))
+        share = np.sum([inside[:-1] for inside, _, _ in each], axis=0)
+        raw = np.sum([size for _, size, _ in each], axis=0)
         # Of the projected columns d − Q Qᵀd, block by block.
-        along = np.array([a - share.T @ s[:-1, -1] for a, s in zip(along, squared, strict=True)])
+        along = np.array([inside[-1] - share.T @ square[:-1, -1] for inside, _, square in each])
         squares = np.array(
             [
-                q - 2.0 * np.einsum("kj,kj->j", share, i) + np.einsum("kj,kl,lj->j", share, s[:-1, :-1], share)
-                for q, i, s in zip(squares, inside, squared, strict=True)
+                size - np.einsum("kj,kj->j", share, 2.0 * inside[:-1] - square[:-1, :-1] @ share)
+                for inside, size, square in each
             ]
         )
         free = squares.sum(axis=0) > _FREE * np.maximum(raw, 1e-300)

@@ -250,7 +250,8 @@ def _special(search: Search, trial: Visited) -> list[Visited]:
     """The special cases of a trial's last element, from where the trial has led: they explain as much with less, and no
     other start may lead there."""
     *earlier, last = trial.elements
-    values, found = trial.fit.setup.values(), []
+    values = trial.fit.setup.values()
+    found: list[Visited] = []
     for case in last.special_cases:
         for effect in (e for e in search.effects if e.name == case.name and not e.after):
             given, own = values | case.values(values), (*earlier, effect)
