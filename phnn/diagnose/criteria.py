@@ -114,5 +114,5 @@ class Criteria:
                 raise InputRefused(f"criteria.{name}={value} must be a positive number [{unit}]")
             if whole and value != int(value):
                 raise InputRefused(f"criteria.{name}={value} must be a whole number [{unit}]")
-        cast = {n: type(known[n].default)(v) for n, v in values.items()}
-        return replace(self, **cast)  # type: ignore[arg-type]
+        cast = {n: type(getattr(self, n))(v) for n, v in values.items()}
+        return replace(self, **cast)

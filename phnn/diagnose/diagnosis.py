@@ -241,8 +241,10 @@ def _concluded(search: Search, error: NumericalError, options: Options, early: b
     base, model = search.visited[frozenset()], best_to_write(weighed.models, criteria)
     screened = _screened(search, base)
     left = screened if model is base else _screened(search, model)
-    samples = base.fit.residual.size
-    promising = sum(material(c, samples, criteria) for c in screened), sum(material(c, samples, criteria) for c in left)
+    promising = (
+        sum(material(c, base.fit, criteria) for c in screened),
+        sum(material(c, model.fit, criteria) for c in left),
+    )
     outcome = conclude(weighed, model, campaign.held_out_is_new, promising, criteria, early)
     if outcome.word == NONE and model.elements and not outcome.claims:
         model = base

@@ -34,6 +34,8 @@ from phnn.identification.refinement import numerical_error, substeps_for
 from phnn.recordings.recording import Campaign, Recording, dominant_frequency
 from phnn.rescue import attempt, late, move
 
+# Share of the residual from which on a candidate is large, and over the usual score what it needs then.
+_LARGE_SHARE, _LARGE_SCORE = 0.1, 0.6
 # Excess over the noise, over that of the best trial, at which another one still goes on: before and after the race.
 _RACE, _FINISH = 2.0, 1.5
 # The same in mean squares of the noise.
@@ -176,7 +178,7 @@ def _next(search: Search) -> Visited | None:
 def _grow(search: Search, model: Visited) -> None:
     """Fit the likeliest models with one more element."""
     criteria, samples = search.criteria, model.fit.residual.size
-    worth = [c for c in search.screen(linearised_of(search, model)) if material(c, samples, criteria)]
+    worth = [c for c in search.screen(linearised_of(search, model)) if material(c, model.fit, criteria)]
     if not worth:
         return
     far = model.left > criteria.far**2
@@ -198,10 +200,16 @@ def _grow(search: Search, model: Visited) -> None:
     _converge_near(search, model, raced)
 
 
-def material(candidate: Candidate, samples: int, criteria: Criteria) -> bool:
-    """Whether a candidate is worth a refit."""
+def material(candidate: Candidate, fitted: Fit, criteria: Criteria) -> bool:
+    """Whether a candidate is worth a refit.
+
+    What takes a tenth of the residual need not stand out of its scatter as far: far from the noise the scatter is that
+    of the mismatch itself.
+    """
+    samples = fitted.residual.size
     size = max(candidate.fall / samples, candidate.share)
-    return candidate.score > criteria.score and size > criteria.material**2
+    large = candidate.fall > _LARGE_SHARE * fitted.cost
+    return size > criteria.material**2 and candidate.score > criteria.score * (_LARGE_SCORE if large else 1.0)
 
 
 def _heat(search: Search, model: Visited, candidates: Sequence[Candidate], far: bool) -> list[Visited]:
