@@ -60,10 +60,6 @@ class Criteria:
     further: int = criterion(
         12, "evaluations", "Length of the second stretch of a refit, with coarse sub-steps.", "of cost",
     )  # fmt: skip
-    elements: int = criterion(
-        4, "elements", "Most elements of a model.",
-        "creep and asymmetry beside an effect, and one more that is learned",
-    )  # fmt: skip
     price_effect: float = criterion(
         3.4, "nats", "Price of an effect beside that of its parameters.",
         "thirty effects: an equal chance of each",

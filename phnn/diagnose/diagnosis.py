@@ -32,8 +32,9 @@ from phnn.identification.prepare import single
 from phnn.identification.refinement import NumericalError, numerical_error
 from phnn.integrate.residual import check
 from phnn.model import Model
+from phnn.parallel import executor
 from phnn.recordings.recording import Campaign
-from phnn.rescue import Ended, accounted, deadline, extra, needed
+from phnn.rescue import Ended, accounted, allow, deadline, extra, needed
 from phnn.setup import Setup
 
 # Largest numerical error of the base model over the norm of what it leaves beyond the noise: the steps of a model that
@@ -203,20 +204,22 @@ def diagnose(
             otherwise, as by a study of many diagnoses.
 
     Raises:
-        InputRefused: a criterion is not known, an effect to do without is not in the catalogue, recordings have several
-            inputs or outputs, or the budget is not positive; nothing has been fitted yet then.
+        InputRefused: a criterion is not known, the executor is not understood or does not answer, an effect to do
+            without is not in the catalogue, recordings have several inputs or outputs, or the budget is not positive;
+            nothing has been fitted yet then.
     """
     began, until = time.monotonic(), deadline(budget)
     chosen = options or (recorded.options if isinstance(recorded, Identified) else Options())
     criteria = Criteria().with_values(chosen.criteria)
-    left_out = [effect(name) for name in chosen.without]
+    workers, left_out = executor(chosen.executor), [effect(name) for name in chosen.without]
     with accounted(until, answers=answers) as account:
         campaign, base, error = _base(recorded, chosen, progress)
         (on_base or (lambda fitted: None))(base)
         named = list(effects) if effects is not None else available(campaign, base.setup, left_out)
         nameless = _possible(campaign, base.setup, learned_elements().values()) if learned is None else list(learned)
         progress(f"base model: {base.chi2**0.5:.3g} × noise; look for what it misses")
-        search = begin(campaign, base, named, nameless, criteria, progress)
+        allow(chosen.evaluations, base.plan.size)
+        search = begin(campaign, base, named, nameless, criteria, progress, max(1, chosen.max_effects), workers)
         explore(search)
         early = account.ended().early
         diagnosis = _concluded(search, error, chosen, early)

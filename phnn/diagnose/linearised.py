@@ -103,7 +103,7 @@ class LinearisedFit:
             initial = self.fit.initial(recording.name)
             return simulate(self.fit.setup, recording, plan.steps_of(recording), initial=initial).y
 
-        return plan.each(run)
+        return plan.each(run, simulations=1.0)
 
     def on_subset(self) -> LinearisedFit:
         """The linearised as a few recordings show it that lie far apart, the fit as it is."""
@@ -149,7 +149,7 @@ def prepare(fit: Fit, terminals: bool = False, noise: Noise = NOISE, reach: Scal
     def run(recording: Recording) -> Trajectory:
         return simulate(fit.setup, recording, fit.plan.steps_of(recording), initial=fit.initial(recording.name))
 
-    trajectories = tuple(fit.plan.each(run))
+    trajectories = tuple(fit.plan.each(run, simulations=1.0))
     own = scales_of(fit, trajectories)
     linearised = LinearisedFit(fit, trajectories, own if reach is None else own.reaching(reach), terminals, noise)
     return replace(linearised, scales=replace(linearised.scales, peaks=linearised.spectra.peaks))
@@ -187,7 +187,7 @@ def direction(linearised: LinearisedFit, effect: Effect, values: Mapping[str, fl
         return simulate(setup, recording, plan.steps_of(recording), initial=initial).y - base
 
     try:
-        return linearised.stack(plan.each(one, linearised.coarse_outputs))
+        return linearised.stack(plan.each(one, linearised.coarse_outputs, simulations=1.0))
     except SolverFailed:
         return np.zeros(linearised.fit.residual.size)
 
