@@ -212,8 +212,8 @@ def _grow(search: Search, model: Visited) -> None:
 def material(candidate: Candidate, fitted: Fit, criteria: Criteria) -> bool:
     """Whether a candidate is worth a refit.
 
-    What takes a twentieth of the residual need not stand out of its scatter as far: far from the noise the scatter is that
-    of the mismatch itself.
+    What takes a twentieth of the residual need not stand out of its scatter as far: far from the noise the scatter is
+    that of the mismatch itself.
     """
     samples = fitted.residual.size
     size = max(candidate.fall / samples, candidate.share)
