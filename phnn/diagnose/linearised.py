@@ -62,7 +62,7 @@ class LinearisedFit:
         return self.project(self.fit.residual)
 
     def project(self, columns: Array) -> Array:
-        """Columns without their part in the span of the base sensitivities."""
+        """Return columns without their part in the span of the base sensitivities."""
         basis = self.basis
         share, out = basis.T @ columns, np.empty_like(columns)
         # Recording by recording: a copy of everything at once costs more than the arithmetic.
@@ -72,7 +72,7 @@ class LinearisedFit:
         return out
 
     def stack(self, outputs: Sequence[Array]) -> Array:
-        """Changes of the outputs, one array a recording, as weighted columns without nuisances."""
+        """Return changes of the outputs, one array a recording, as weighted columns without nuisances."""
         own = self.fit.setup.own
         rows = [
             without_nuisances(o, r.mask("identification"), r, own, hidden) / r.noise
@@ -106,7 +106,7 @@ class LinearisedFit:
         return plan.each(run, simulations=1.0)
 
     def on_subset(self) -> LinearisedFit:
-        """The linearised as a few recordings show it that lie far apart, the fit as it is."""
+        """Return the linearised fit on a few recordings that lie far apart; parameters stay as they are."""
         few = representative_subset(self.plan)
         if few is self.plan:
             return self
@@ -122,7 +122,7 @@ class LinearisedFit:
         return spectra_of([self.residual[rows] for rows in self.slices], self.plan.recordings, by_force)
 
     def response(self, recording: Recording) -> Response:
-        """Of what a recording measures to a force on the network about rest, by its stated sensor."""
+        """Return the response of the recorded output to a force on the network about rest, by its stated sensor."""
         network, sensor = measured_network(self.fit.setup.network, recording), recording.sensor
 
         def found(f: Array) -> Array:
@@ -156,7 +156,7 @@ def prepare(fit: Fit, terminals: bool = False, noise: Noise = NOISE, reach: Scal
 
 
 def scales_of(fit: Fit, trajectories: Sequence[Trajectory]) -> Scales:
-    """Sizes met in the recordings."""
+    """Return the sizes met in the recordings."""
     recordings = fit.plan.recordings
     frequencies = [f for r in recordings if (f := dominant_frequency(r)) > 0.0]
     known = values_by_role(fit.setup.network)
@@ -176,7 +176,7 @@ def scales_of(fit: Fit, trajectories: Sequence[Trajectory]) -> Scales:
 
 
 def direction(linearised: LinearisedFit, effect: Effect, values: Mapping[str, float]) -> Array:
-    """(N,) weighted change of the output by an effect; zero where the changed model cannot be simulated."""
+    """Return the weighted change (N,) of the output by an effect; zero where the changed model cannot be simulated."""
     setup = effect.add_to(linearised.fit.setup, values)
     plan = linearised.plan.coarse()
 

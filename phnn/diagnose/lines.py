@@ -32,8 +32,8 @@ _LINE = float(np.log(0.01))
 
 
 def own_score(linearised: LinearisedFit, own: Own, colour: Colour, spectra: Spectra) -> tuple[float, float]:
-    """Normal deviates of the residual's power along the recordings' nuisances, out of the noise as stated and as the
-    residual has it; zero where no recording can show them.
+    """Return normal deviates of the residual's power along the recordings' nuisances, out of the noise as stated and as
+    the residual has it; zero where no recording can show them.
 
     Lines are held against a force that nobody records too, and against what lies beside them.
     """
@@ -57,7 +57,7 @@ def own_score(linearised: LinearisedFit, own: Own, colour: Colour, spectra: Spec
     excess, deviate = max(float(np.mean(np.diag(left))) / stated, 1.0), _deviate(saved, q.shape[1], 1.0)
     if own.drift_terms > setup.own.drift_terms:
         judged = _deviate(saved / excess, q.shape[1], 1.0)
-        if contradicts(excess, freedom := colour.freedom_of_sum(q)):
+        if contradicts(excess, freedom := float(colour.freedom(q, summed=True)[0])):
             # It is compared with the few lowest ordinates, and the variances along it differ (Satterthwaite 1946).
             along = float(np.trace(left) ** 2 / np.sum(left**2))
             tail = float(f_distribution.logsf(saved / excess / q.shape[1], along, freedom))
@@ -74,7 +74,7 @@ def own_score(linearised: LinearisedFit, own: Own, colour: Colour, spectra: Spec
 
 
 def line_share(linearised: LinearisedFit) -> float:
-    """Sum of squares that lines take away, in units of the noise, at frequencies that other recordings tell.
+    """Return the sum of squares that lines take away, in units of the noise, at frequencies that other recordings tell.
 
     What drives a recording repeats at its own frequency and tells of no line: it is asked beside harmonics of it.
     """
@@ -90,7 +90,7 @@ def line_share(linearised: LinearisedFit) -> float:
 
 
 def drift_share(linearised: LinearisedFit) -> float:
-    """Sum of squares that a slow drift of each recording removes, in units of the noise.
+    """Return the sum of squares that a slow drift of each recording removes, in units of the noise.
 
     The drift is fitted to every other stretch of a recording and predicts the stretches between.
     """
@@ -106,7 +106,7 @@ def drift_share(linearised: LinearisedFit) -> float:
 
 
 def strongest_line(spectra: Spectra) -> tuple[float, float, float]:
-    """The frequency [Hz] at which the recordings' residuals hold most power together, and its normal deviates.
+    """Return the frequency [Hz] at which recordings' residuals hold most power together, and its normal deviates.
 
     The periodograms of all recordings, each over the spectrum of its stated noise, are added up; so are the levels
     around each frequency. The power is χ² under noise as stated, and its ratio to the level is F under noise of any
@@ -125,7 +125,7 @@ def strongest_line(spectra: Spectra) -> tuple[float, float, float]:
 
 
 def line_of_one(spectra: Spectra) -> tuple[float, float]:
-    """The normal deviates, as in `strongest_line`, of the line that stands out most in any one recording, beside
+    """Return the normal deviates, as in `strongest_line`, of the line that stands out most in any one recording, beside
     harmonics of what drives it.
 
     If what is missing varies by itself and multiplies the motion, the product has another frequency in every recording.

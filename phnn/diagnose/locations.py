@@ -96,7 +96,7 @@ def resonator(x: Array, h: Array, frequency: float, ratio: float) -> Array:
 
 
 def rate(x: Array, h: Array) -> Array:
-    """Derivative of a signal known at the mid-points of the steps."""
+    """Return the derivative of a signal known at the mid-points of the steps."""
     middle = np.concatenate([[0.0], np.cumsum(h)])
     middle = 0.5 * (middle[1:] + middle[:-1])
     return np.gradient(x, middle) if x.size > 2 else np.zeros_like(x)
@@ -136,7 +136,7 @@ class Group:
         return self.kind.name
 
     def varied(self, network: Network) -> list[str]:
-        """Names of the parameters that its functions scale in a network."""
+        """Return the names of the parameters that its functions scale in a network."""
         return self.varies(network) if self.varies is not None else []
 
 
@@ -425,8 +425,8 @@ class _Products:
         return self.error(np.arange(self.base))
 
     def error(self, use: NDArray[np.int64], ridges: Sequence[float] = (0.0,)) -> float:
-        """Sum of squares on the left-out folds, each predicted from all others by a few of the columns, with the best
-        of some ridges on those beside the base."""
+        """Return the sum of squares on the left-out folds, each predicted from all others by a few of the columns, with
+        the best of some ridges on those beside the base."""
         block = np.ix_(use, use)
         grams, rights = [g[block] for g in self.grams], [b[use] for b in self.rights]
         total_gram, total_right = np.sum(grams, axis=0), np.sum(rights, axis=0)
@@ -444,7 +444,7 @@ class _Products:
 
 
 def responses(linearised: LinearisedFit) -> Responses:
-    """One forward-sensitivity sweep a recording with all local functions as right-hand sides."""
+    """Return the responses of all local functions, by one forward-sensitivity sweep a recording."""
     parts = linearised.plan.each(lambda r, t: _responses_of(t, linearised), linearised.trajectories)
     columns = linearised.stack([p[0] for p in parts])
     norms = np.linalg.norm(columns, axis=0)
@@ -587,7 +587,7 @@ def _weights(linearised: LinearisedFit, found: Responses, group: int) -> tuple[A
 
 
 def recording_scores(linearised: LinearisedFit) -> dict[str, float]:
-    """Residual over noise of every identification recording."""
+    """Return the residual over noise of every identification recording."""
     return {
         r.name: float(np.sqrt(np.mean(linearised.fit.residual[s] ** 2)))
         for r, s in zip(linearised.plan.recordings, linearised.slices, strict=True)
@@ -595,7 +595,7 @@ def recording_scores(linearised: LinearisedFit) -> dict[str, float]:
 
 
 def strongest_frequencies(linearised: LinearisedFit, count: int = 5) -> list[float]:
-    """Frequencies [Hz] that carry most of the residual above the noise, over all recordings."""
+    """Return the frequencies [Hz] that carry most of the residual above the noise, over all recordings."""
     peaks: list[tuple[float, float]] = []
     for recording, rows in zip(linearised.plan.recordings, linearised.slices, strict=True):
         r = linearised.fit.residual[rows]
@@ -607,7 +607,7 @@ def strongest_frequencies(linearised: LinearisedFit, count: int = 5) -> list[flo
 
 
 def strongest_times(linearised: LinearisedFit, count: int = 3) -> list[float]:
-    """Instants [s] of the largest residuals in the recording that fits worst."""
+    """Return the instants [s] of the largest residuals in the recording that fits worst."""
     worst = max(recording_scores(linearised).items(), key=lambda item: item[1])[0]
     for recording, rows in zip(linearised.plan.recordings, linearised.slices, strict=True):
         if recording.name == worst:

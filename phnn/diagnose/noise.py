@@ -63,7 +63,7 @@ _CONTRADICTED = 0.05
 
 
 def force_noise(residual: Array, dt: float, response: Response, most: float = np.inf) -> NoiseSpectrum:
-    """The spectrum ``S`` of a residual.
+    """Return the spectrum ``S`` of a residual.
 
     Args:
         residual: (N,) weighted by the stated deviation of the noise; dt: sampling interval [s].
@@ -128,7 +128,7 @@ class Spectra:
     each: tuple[Spectrum, ...]
 
     def added(self, values: Callable[[Spectrum], Array]) -> Array:
-        """(F,) the sum of what the recordings have."""
+        """Return the sum (F,) over the recordings."""
         total = np.zeros_like(self.f)
         for spectrum in self.each:
             total[spectrum.rows] += values(spectrum)
@@ -259,7 +259,7 @@ class Colour:
 
     @cached_property
     def force_spectra(self) -> list[NoiseSpectrum]:
-        """Of white noise and of a white force in the residual, by recording; see `phnn.diagnose.noise`.
+        """Of white noise and of a white force in the residual, by recording; see `force_noise`.
 
         The white noise is bounded as in `most_excess`.
         """
@@ -276,44 +276,33 @@ class Colour:
         pairs = zip(self.force_spectra, self.linearised.slices, strict=True)
         return np.asarray(np.sum([s.by_band(columns[rows])[0] for s, rows in pairs], axis=0))
 
-    def freedom(self, columns: Array) -> Array:
-        """(C,) degrees of freedom of the variances that `left` has on its diagonal.
+    def freedom(self, columns: Array, summed: bool = False) -> Array:
+        """Return the degrees of freedom (C,) of the variances that `left` has on its diagonal, or (1,) of their sum.
 
             ν = 2 (Σ_b V_b)² / Σ_b 2 V_b²/ν_b,    V_b the part of band b of a spectrum, ν_b its degrees of freedom
 
         (Satterthwaite 1946). A slow change of the output is judged by the few lowest ordinates of a spectrum. The error
         of the slope by which a spectrum goes on below them is not counted.
         """
-        return _satterthwaite(self._by_spectrum(columns))
-
-    def freedom_of_sum(self, columns: Array) -> float:
-        """The same of the sum of these variances."""
-        return float(_satterthwaite([(s, v.sum(axis=1, keepdims=True)) for s, v in self._by_spectrum(columns)])[0])
-
-    def _by_spectrum(self, columns: Array) -> list[tuple[NoiseSpectrum, Array]]:
-        """Each spectrum once, with the variances (K, C) of `left` by its bands."""
-        parts: dict[int, tuple[NoiseSpectrum, Array]] = {}
+        # Recordings may share a spectrum: the errors of its bands are common to them.
+        parts: dict[int, Array] = {}
         for spectrum, rows in zip(self.spectra, self.linearised.slices, strict=True):
-            found = spectrum.by_band(columns[rows])
-            before = parts.get(id(spectrum))
-            parts[id(spectrum)] = (spectrum, found if before is None else before[1] + found)
-        return list(parts.values())
+            variances = spectrum.by_band(columns[rows])
+            parts[id(spectrum)] = parts.get(id(spectrum), 0.0) + variances
+        spectra = {id(s): s for s in self.spectra}
+        sums = [(spectra[i], v.sum(axis=1, keepdims=True) if summed else v) for i, v in parts.items()]
+        total = np.sum([v.sum(axis=0) for _, v in sums], axis=0)
+        doubt = np.sum([(1.0 / s.freedom) @ v**2 for s, v in sums], axis=0)
+        return np.asarray(total**2 / np.maximum(doubt, 1e-300))
 
 
 def contradicts(ratio: Array | float, freedom: Array | float) -> NDArray[np.bool_]:
-    """Whether estimates of a variance, of some degrees of freedom, contradict the variance that is stated.
+    """Return whether estimates of a variance, of some degrees of freedom, contradict the variance that is stated.
 
     Args:
         ratio: estimated variance over stated variance.
     """
     return np.asarray(chi2.sf(freedom * ratio, freedom) <= _CONTRADICTED)
-
-
-def _satterthwaite(parts: Sequence[tuple[NoiseSpectrum, Array]]) -> Array:
-    """(C,) degrees of freedom of sums of variances (K, C) by the bands of their spectra."""
-    total = np.sum([v.sum(axis=0) for _, v in parts], axis=0)
-    doubt = np.sum([(1.0 / s.freedom) @ v**2 for s, v in parts], axis=0)
-    return np.asarray(total**2 / np.maximum(doubt, 1e-300))
 
 
 def clipped(residual: Array, slices: Sequence[slice], rule: Noise = NOISE) -> Array:

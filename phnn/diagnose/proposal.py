@@ -153,7 +153,7 @@ def refitted_rival(name: str, fitted: Fit, parameters: tuple[str, ...] = ()) -> 
 
 
 def everything(fitted: Fit) -> tuple[Variables, Array]:
-    """All variables that no statement holds, and the derivatives (N, K) of the weighted residual by them."""
+    """Return all variables that no statement holds, and the derivatives (N, K) of the weighted residual by them."""
     held = [n for n in fitted.held if n not in stated_only(fitted.held)]
     variables = variables_from(fitted.setup, fitted.plan, (*fitted.variables.names, *held), fitted)
     if not held:
@@ -163,7 +163,7 @@ def everything(fitted: Fit) -> tuple[Variables, Array]:
 
 
 def bounded(slopes: Array) -> Array:
-    """(K + K, K) square root of the rise of the sum of squares, no coordinate beyond `FAR`.
+    """Return the square root (K + K, K) of the rise of the sum of squares, no coordinate beyond `FAR`.
 
     Args:
         slopes: (N, K) derivatives of the weighted residual.
@@ -203,7 +203,7 @@ class NextExperiment:
 def propose(
     questions: Sequence[Question], linearised: LinearisedFit, variances: float = SELECTION.tie
 ) -> NextExperiment | None:
-    """The experiment of the menu that tells most pairs of rivals apart; of several, the one that does so most clearly.
+    """Return the experiment of the menu that tells most pairs of rivals apart; of several, the clearest.
 
     None where nothing is asked, or nothing on the menu moves the rivals apart.
 
@@ -281,7 +281,7 @@ def _weighted(values: Array, bench: Bench, own: Own, noise: float) -> Array:
 
 
 def separations(questions: Sequence[Sequence[Rival]], experiment: Experiment, noise: float) -> Array | None:
-    """(P,) separations of all pairs of every question on an experiment; None where a model cannot be simulated there.
+    """Return the separations (P,) of all pairs of every question on an experiment; None where a simulation fails.
 
     Args:
         noise: standard deviation of the output's noise [m].
@@ -302,7 +302,7 @@ def separations(questions: Sequence[Sequence[Rival]], experiment: Experiment, no
 
 
 def left(difference: Array, moved: Array, known: Array) -> float:
-    """``√min ‖Δ − S δ‖² + ‖J δ‖²`` over ``δ``.
+    """Return ``√min ‖Δ − S δ‖² + ‖J δ‖²`` over ``δ``.
 
     Args:
         difference: (N,) ``Δ``; moved: (N, K) ``S``; known: (M, K) ``J``.
@@ -314,8 +314,8 @@ def left(difference: Array, moved: Array, known: Array) -> float:
 
 
 def shrinks(model: Rival, experiment: Experiment, noise: float) -> float | None:
-    """By what factor the standard errors of an element's numbers shrink when an experiment joins the recordings at
-    hand; None where the model cannot be simulated there.
+    """Return the factor by which the standard errors of an element's numbers shrink when an experiment joins the
+    recordings at hand; None where the model cannot be simulated there.
 
     Args:
         noise: standard deviation of the output's noise [m].
@@ -329,7 +329,7 @@ def shrinks(model: Rival, experiment: Experiment, noise: float) -> float | None:
 
 
 def shrinkage(moved: Array, known: Array, own: Sequence[int]) -> float:
-    """``(det P_ee / det P'_ee)^{1/2m}``, as the module says.
+    """Return ``(det P_ee / det P'_ee)^{1/2m}``, as the module says.
 
     Args:
         moved: (N, K) ``S``; known: (M, K) ``J``; own: which ``m`` of the K coordinates are ``e``.

@@ -63,26 +63,26 @@ class RecordingResidual:
     periodic_start: bool = False
 
     def density(self, frequency: float) -> float:
-        """Spectrum of the noise over that of white noise."""
+        """Return the spectrum of the noise over that of white noise."""
         return float(self.densities(np.array([frequency * self.dt]))[0])
 
     def densities(self, cycles: Array) -> Array:
-        """The same at frequencies in cycles a sample."""
+        """Return the same at frequencies in cycles a sample."""
         return np.ones_like(cycles) if self.spectrum is None else self.spectrum.at(cycles)
 
     def orders(self) -> list[int]:
-        """Harmonics of a sine that the sampling shows; none of any other input."""
+        """Return the harmonics of a sine that the sampling shows; none of any other input."""
         return [k for k in range(1, _HARMONICS + 1) if 0.0 < k * self.frequency * self.dt < 0.4]
 
     def after_transient(self) -> slice:
-        """The samples of a sine after the first period, or all where few periods were recorded."""
+        """Return the samples of a sine after the first period, or all where few periods were recorded."""
         if self.frequency == 0.0 or self.periodic_start:
             return slice(None)
         enough = self._periods() >= _SETTLING + _LEAST_PERIODS
         return slice(round(_SETTLING / (self.frequency * self.dt)) if enough else 0, None)
 
     def steady(self) -> slice | None:
-        """The samples of a sine from where the model repeats itself, the first period never among them; None where
+        """Return the samples of a sine from where the model repeats itself, without the first period; None where
         fewer than two periods are left, and of any other input: its answer is not told from a drift."""
         if self.frequency == 0.0:
             return slice(None) if self.amplitude == 0.0 else None
