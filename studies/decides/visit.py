@@ -65,11 +65,9 @@ def visit(group: Group, seed: int, plan: str, levels: tuple[float, float], optio
         case = draw_case(seed, group.stratum, plan, levels, noise=group.noise or None, conditions=group.conditions)
         sealed = make_case(case, Path(folder))
         campaign, began = read(Path(folder)), time.process_time()
-        without = [
-            e for n, e in catalogue().items() if n in sealed.withheld or set(sealed.withheld) & set(e.special_names)
-        ]
-        chosen = Options(**(vars(options) | {"without": tuple(e.name for e in without)}))
-        found = diagnose(campaign, chosen)
+        hidden = set(sealed.withheld)
+        without = tuple(n for n, e in catalogue().items() if n in hidden or hidden & set(e.special_names))
+        found = diagnose(campaign, replace(options, without=without))
         return {"group": group.name, "seed": seed, **_truth(sealed), **logged(found, time.process_time() - began)}
 
 
