@@ -21,7 +21,7 @@ from matplotlib.axes import Axes
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import norm
 
-from phnn.diagnosis.diagnosis import Diagnosis
+from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnosis.vocabulary import vocabulary_of
 from phnn.errors import InputRefused, SolverFailed
 from phnn.model import Model
