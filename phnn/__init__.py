@@ -14,6 +14,8 @@ Names are loaded when they are first used, so that importing the package costs l
 from __future__ import annotations
 
 import importlib
+import sys
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -87,6 +89,17 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module 'phnn' has no attribute {name!r}; it has {', '.join(__all__)}")
     module = _DEFINED_IN[name]
     return importlib.import_module(f"phnn.{name}") if module is None else getattr(importlib.import_module(module), name)
+
+
+class _Package(ModuleType):
+    """The package; a verb hides the folder of its name, which is imported by its full name all the same."""
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if not (isinstance(value, ModuleType) and _DEFINED_IN.get(name)):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package
 
 
 def __dir__() -> list[str]:

@@ -12,7 +12,7 @@ from phnn.effects.places import values_by_role
 from phnn.identification.residual_noise import difference
 from phnn.network.roles import capacitances
 from phnn.recordings.recording import Recording
-from phnn.report.tried import left_over
+from phnn.report.tried import remains
 from phnn.setup import Setup
 from phnn.signals.noise_statement import NoiseStatement, Sample, noise_statement
 from phnn.signals.quantisation import quantisation_step
@@ -25,7 +25,7 @@ def noise_statements(diagnosis: Diagnosis) -> dict[str, NoiseStatement]:
     have none."""
     outputs, setup = diagnosis.after.outputs, diagnosis.final.setup
     shown = [r for r in diagnosis.campaign.recordings if r.name in outputs]
-    return statements(shown, outputs, setup, not left_over(diagnosis))
+    return statements(shown, outputs, setup, not remains(diagnosis))
 
 
 def statements(

@@ -38,7 +38,7 @@ from phnn.report.noise import noise_statements
 from phnn.report.provenance import provenance, python_version
 from phnn.report.sentence import sentence
 from phnn.report.symptoms import symptom_sentences
-from phnn.report.tried import candidate_rows, immaterial, left_over, model_rows
+from phnn.report.tried import candidate_rows, immaterial, model_rows, remains
 from phnn.report.write import write_report
 from phnn.rescue import Failure, accounted, documents, needed
 from phnn.results import PROGRESS, Place, claim, finite
@@ -162,7 +162,7 @@ def _test(diagnosis: Diagnosis) -> dict[str, Any]:
 
 
 def _remainder(diagnosis: Diagnosis) -> dict[str, Any]:
-    left, small, where = bool(left_over(diagnosis)), immaterial(diagnosis, after=True), diagnosis.remaining
+    left, small, where = remains(diagnosis), immaterial(diagnosis, after=True), diagnosis.remaining
     remainder = {
         "verdict": UNKNOWN if left else NONE,
         "residual_over_noise": math.sqrt(diagnosis.final.chi2),

@@ -15,7 +15,7 @@ from phnn.identification.evaluate import Evaluation
 from phnn.report.document import Immaterial
 from phnn.report.domain_words import MOVING, NETWORK
 from phnn.report.formatting import likelihood, listing, percent, plain, ratio, words
-from phnn.report.tried import immaterial, left_over
+from phnn.report.tried import immaterial, remains
 from phnn.units import quantity
 
 # Share of the excess that is worth a word about what is not the answer.
@@ -65,7 +65,7 @@ def sentence(diagnosis: Diagnosis) -> str:
         start = f"{names[0].upper()}{names[1:]} {verb} the mismatch, but the held-out samples {why}."
     elif any(c.alike for c in claims):
         start = f"The model leaves out {names}; these recordings cannot tell which."
-    return f"{start} {change}{' A significant remainder is left.' if left_over(diagnosis) else ''}"
+    return f"{start} {change}{' A significant remainder is left.' if remains(diagnosis) else ''}"
 
 
 def sure(probability: float) -> str:
@@ -135,6 +135,9 @@ def unknown_statement(diagnosis: Diagnosis) -> str:
         )
     proven = [c for c in claims if c.claimed]
     names = f"The model leaves out {listing(map(_name, proven))}. " if proven else ""
+    if claims and len(proven) == len(claims):
+        rest = "More may be missing, because the search ended early."
+        return names + (rest if early else "What is left is more than the noise, and no element describes it.")
     real = f"{names}Something {'else ' if proven else ''}is missing{_place(diagnosis)}."
     if early and not claims:
         return f"{real} The search ended before it accepted an element. The model is still the base model."
@@ -142,8 +145,6 @@ def unknown_statement(diagnosis: Diagnosis) -> str:
         return f"{real} No effect or learned element describes it, so the model is still the base model."
     rule = diagnosis.outcome.rules[-1].rule if diagnosis.outcome.rules else ""
     why = _WHY.get(rule, "because several explanations are about as probable")
-    if len(proven) == len(claims):
-        return f"{real} The model has no element for it."
     rest = listing(_element(diagnosis, c) for c in claims if not c.claimed)
     return f"{real} No name for it is proven, {why}. The model describes it by {rest}."
 

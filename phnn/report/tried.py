@@ -52,12 +52,13 @@ def candidate_rows(diagnosis: Diagnosis) -> list[CandidateRow]:
     ]
 
 
-def left_over(diagnosis: Diagnosis) -> list[Candidate]:
-    """Return the candidates that matter in the residual of the final model; none where nothing is missing."""
+def remains(diagnosis: Diagnosis) -> bool:
+    """Return whether the final model leaves something that matters: to a candidate, or beside the noise."""
     if diagnosis.verdict == NONE:
-        return []
-    samples = diagnosis.final.residual.size
-    return [c for c in diagnosis.screened[1] if material(c, samples, diagnosis.criteria)]
+        return False
+    samples, criteria = diagnosis.final.residual.size, diagnosis.criteria
+    promising = any(material(c, samples, criteria) for c in diagnosis.screened[1])
+    return promising or diagnosis.chosen.left > criteria.explained
 
 
 def immaterial(diagnosis: Diagnosis, after: bool = False) -> Immaterial | None:
@@ -66,7 +67,7 @@ def immaterial(diagnosis: Diagnosis, after: bool = False) -> Immaterial | None:
     Args:
         after: of the final model, else of a base model that stands.
     """
-    if left_over(diagnosis) if after else diagnosis.verdict != NONE:
+    if remains(diagnosis) if after else diagnosis.verdict != NONE:
         return None
     best = max(diagnosis.screened[after], key=lambda c: c.score, default=None)
     if best is None or not best.score > diagnosis.criteria.score:
