@@ -11,8 +11,8 @@ from unittest import mock
 
 import numpy as np
 
-from phnn.diagnosis import diagnosis as path
-from phnn.diagnosis.diagnosis import Diagnosis
+from phnn.diagnose import diagnosis as path
+from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnosis.linearised_fit import LinearisedFit, prepare
 from phnn.diagnosis.locate import Responses, responses
 from phnn.effects import catalogue
