@@ -32,7 +32,8 @@ T = TypeVar("T")
 
 _STRICT = "PHNN_DEBUG"
 _PACKAGE = Path(__file__).resolve().parent
-NOTHING_LEFT, SECONDS, INTERRUPTED, FAILURE = "nothing left", "seconds", "interrupted", "failure"
+NOTHING_LEFT, EVALUATIONS, SECONDS = "nothing left", "evaluations", "seconds"
+INTERRUPTED, FAILURE = "interrupted", "failure"
 
 
 class Stopped(BaseException):
@@ -60,11 +61,12 @@ class Ended:
     """How a search ended, and what is missing in its answer.
 
     Attributes:
-        why: ``nothing left``, ``seconds``, ``interrupted`` or ``failure``.
+        why: ``nothing left``, ``evaluations``, ``seconds``, ``interrupted`` or ``failure``.
         not_tried: moves that were given up or not begun.
         failed: models that could not be simulated or fitted; they were no candidates.
         warnings: parts that failed otherwise, or that the answer lacks.
         budget: seconds that there were; None without a bound.
+        evaluations: what was spent, in simulations of all recordings.
         interruption: what interrupted it, to be raised again when the answer is written.
     """
 
@@ -73,6 +75,7 @@ class Ended:
     failed: tuple[Failure, ...] = ()
     warnings: tuple[Failure, ...] = ()
     budget: float | None = None
+    evaluations: float = 0.0
     interruption: KeyboardInterrupt | None = field(default=None, compare=False)
 
     @property
@@ -87,12 +90,15 @@ class Account:
     Attributes:
         until: time of day [s since the epoch] at which moves are given up.
         answers: an interruption ends the search with an answer; otherwise it ends everything.
+        spent: steps of all simulations so far; unit: steps of one evaluation; most: evaluations that may be spent.
         stopped: why no further move is begun; empty while they are.
     """
 
     def __init__(self, until: float = float("inf"), checked: bool = False, answers: bool = False) -> None:
         self.until = until
         self.answers = answers
+        self.spent = 0.0
+        self.unit = self.most = float("inf")
         self.stopped = ""
         self.interruption: KeyboardInterrupt | None = None
         self.failed: list[Failure] = []
@@ -106,7 +112,12 @@ class Account:
         """All of it."""
         why = self.stopped or (FAILURE if self._lost else NOTHING_LEFT)
         left, bad, warnings = tuple(dict.fromkeys(self.not_tried)), tuple(self.failed), tuple(self.warnings)
-        return Ended(why, left, bad, warnings, budget, self.interruption)
+        return Ended(why, left, bad, warnings, budget, self.evaluations, self.interruption)
+
+    @property
+    def evaluations(self) -> float:
+        """What was spent so far, in simulations of all recordings; 0 where the size of one is not known."""
+        return self.spent / self.unit
 
     def run(self, part: str, work: Callable[[], T], otherwise: T, checked: bool, ends: bool) -> T:
         """The result of a part; ``otherwise`` where it failed or was stopped.
@@ -181,12 +192,36 @@ def stop_if_late() -> None:
         raise Stopped
 
 
-def late(part: str) -> bool:
-    """Whether the time is up, so that a part is not begun and all moves after it neither."""
+def spend(steps: float) -> None:
+    """Count the steps of simulations."""
     account = _ACCOUNT.get()
-    if account is None or time.time() <= account.until:
+    if account is not None:
+        account.spent += steps
+
+
+def allow(evaluations: float, unit: float) -> None:
+    """Bound what may be spent.
+
+    Args:
+        evaluations: simulations of all recordings, those before among them; unit: steps of one.
+    """
+    account = _ACCOUNT.get()
+    if account is not None:
+        account.most, account.unit = evaluations, unit
+
+
+def spent() -> float:
+    """The share of the allowed evaluations that was spent so far."""
+    account = _ACCOUNT.get()
+    return 0.0 if account is None else account.evaluations / account.most
+
+
+def late(part: str) -> bool:
+    """Whether the budget is used up, so that a part is not begun and all moves after it neither."""
+    account = _ACCOUNT.get()
+    if account is None or (time.time() <= account.until and account.evaluations <= account.most):
         return False
-    account.stopped = account.stopped or SECONDS
+    account.stopped = account.stopped or (EVALUATIONS if time.time() <= account.until else SECONDS)
     account.not_tried.append(part)
     return True
 
@@ -255,6 +290,7 @@ class _Result(NamedTuple):
 
     result: Any
     stopped: bool
+    spent: float
     failed: Sequence[Failure]
     warnings: Sequence[Failure]
 
@@ -287,6 +323,7 @@ def results(
             named = {"candidate": names[index]}
             account.failed += [Failure(**(vars(f) | named)) for f in answer.failed]
             account.warnings += [Failure(**(vars(f) | named)) for f in answer.warnings]
+            account.spent += answer.spent
             if answer.stopped:
                 raise Stopped
             found[index] = answer.result
@@ -304,7 +341,7 @@ def _alone(work: Callable[[Any], Any], until: float, item: Any) -> _Result:
             result, stopped = attempt("refit", partial(work, item), None), False
         except Stopped:
             result, stopped = None, True
-    return _Result(result, stopped, account.failed, account.warnings)
+    return _Result(result, stopped, account.spent, account.failed, account.warnings)
 
 
 def warnings() -> tuple[Failure, ...]:

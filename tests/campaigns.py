@@ -13,8 +13,8 @@ import numpy as np
 
 from phnn.diagnose import diagnosis as path
 from phnn.diagnose.diagnosis import Diagnosis
-from phnn.diagnosis.linearised_fit import LinearisedFit, prepare
-from phnn.diagnosis.locate import Responses, responses
+from phnn.diagnose.linearised import LinearisedFit, prepare
+from phnn.diagnose.locations import Responses, responses
 from phnn.effects import catalogue
 from phnn.identification.fit import Fit
 from phnn.identification.options import Options

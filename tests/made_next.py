@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from phnn.diagnosis.menu import Experiment
+from phnn.diagnose.menu import Experiment
 from phnn.recordings import Campaign
 from studies.generator import Case, Sealed
 from studies.generator.plans import Excitation, Piece

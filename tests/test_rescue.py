@@ -21,7 +21,8 @@ import pytest
 import phnn
 from phnn.cli import main
 from phnn.commands import diagnose as command
-from phnn.diagnosis import confirm, linearised_fit, propose, retest, scored, select, steps, tested
+from phnn.diagnose import linearised, proposal
+from phnn.diagnosis import confirm, retest, scored, select, steps, tested
 from phnn.diagnosis import diagnosis as path
 from phnn.diagnosis.diagnosis import Diagnosis
 from phnn.effects import catalogue
@@ -38,12 +39,12 @@ from phnn.rescue import accounted, attempt, extra, kept, move, needed, results, 
 
 # Functions of numbers and pictures that a diagnosis calls after its base fit, in the modules that call them. For an
 # optimiser and for scores, a simulation that does not solve a step is an answer like others: it is no failure there.
-SIMULATIONS = [(problem, "simulate"), (linearised_fit, "simulate"), (evaluation, "simulate"), (steps, "started")]
+SIMULATIONS = [(problem, "simulate"), (linearised, "simulate"), (evaluation, "simulate"), (steps, "started")]
 PLACES: list[tuple[ModuleType, str]] = [
     *SIMULATIONS, (steps, "fit"), (steps, "fit_identified"), (retest, "fit_identified"), (scored, "score"),
     (scored, "responses"), (scored, "locate"), (scored, "prepare"), (select, "class_of"), (select, "numerical_error"),
     (left_out, "evaluate"), (tested, "evaluate"), (tested, "gain"), (confirm, "tested_elements"), (path, "distil"),
-    (path, "check"), (path, "questions"), (propose, "menu"), (result, "account"), (result, "picture"),
+    (path, "check"), (path, "questions"), (proposal, "menu"), (result, "energy_ledger"), (result, "picture"),
     (result, "sentence"), (result, "missing_entries"), (result, "methods"), (gallery, "draw_recording"),
     (gallery, "draw_overview"), (gallery, "plots"), (page, "table_links"),
 ]  # fmt: skip

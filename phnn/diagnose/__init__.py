@@ -8,4 +8,9 @@
 | `number` | weighs all models that were visited |
 | `verdict` | turns the weights into a word and the status of every element |
 | `diagnosis` | the whole way, as one value |
+| `locations` | whose local variables predict what a model leaves |
+| `lines`, `noise` | lines and drifts; the noise that scores are judged with |
+| `formula` | a formula for a learned element |
+| `proposal`, `menu` | the next recording |
+| `words`, `symptoms` | what is told of a learned element, and of a residual |
 """

@@ -60,10 +60,6 @@ class Criteria:
     further: int = criterion(
         12, "evaluations", "Length of the second stretch of a refit, with coarse sub-steps.", "of cost",
     )  # fmt: skip
-    elements: int = criterion(
-        4, "elements", "Most elements of a model.",
-        "creep and asymmetry beside an effect, and one more that is learned",
-    )  # fmt: skip
     price_effect: float = criterion(
         3.4, "nats", "Price of an effect beside that of its parameters.",
         "thirty effects: an equal chance of each",
@@ -114,5 +110,5 @@ class Criteria:
                 raise InputRefused(f"criteria.{name}={value} must be a positive number [{unit}]")
             if whole and value != int(value):
                 raise InputRefused(f"criteria.{name}={value} must be a whole number [{unit}]")
-        cast = {n: type(known[n].default)(v) for n, v in values.items()}
-        return replace(self, **cast)  # type: ignore[arg-type]
+        cast = {n: type(getattr(self, n))(v) for n, v in values.items()}
+        return replace(self, **cast)

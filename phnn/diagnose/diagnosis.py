@@ -10,18 +10,14 @@ from functools import cached_property, partial
 from scipy.special import ndtr
 
 from phnn.diagnose.criteria import Criteria
+from phnn.diagnose.formula import Distilled, distil, has_grammar, refitted_formula
+from phnn.diagnose.linearised import LinearisedFit, prepare
+from phnn.diagnose.locations import Location, locate
 from phnn.diagnose.number import Visited, Weighed, best_to_write
+from phnn.diagnose.proposal import NextExperiment, Question, propose, refitted_rival
 from phnn.diagnose.screen import Candidate
-from phnn.diagnose.search import Search, begin, explore, linearised_of, material
+from phnn.diagnose.search import Search, begin, explore, linearised_of, material, refits
 from phnn.diagnose.verdict import NONE, UNKNOWN, Claim, Verdict, conclude
-from phnn.diagnosis.distil import Distilled, distil, has_grammar
-from phnn.diagnosis.distil.refitted import refitted_formula
-from phnn.diagnosis.following import NextExperiment
-from phnn.diagnosis.linearised_fit import LinearisedFit, prepare
-from phnn.diagnosis.locate import Location, locate
-from phnn.diagnosis.propose import propose
-from phnn.diagnosis.questions import Question
-from phnn.diagnosis.rival import refitted_rival
 from phnn.effects import Effect, catalogue, effect, in_all_forms
 from phnn.effects.learned import learned_elements
 from phnn.effects.places import attached
@@ -36,8 +32,9 @@ from phnn.identification.prepare import single
 from phnn.identification.refinement import NumericalError, numerical_error
 from phnn.integrate.residual import check
 from phnn.model import Model
+from phnn.parallel import executor
 from phnn.recordings.recording import Campaign
-from phnn.rescue import Ended, accounted, deadline, extra, needed
+from phnn.rescue import Ended, accounted, allow, deadline, extra, needed
 from phnn.setup import Setup
 
 # Largest numerical error of the base model over the norm of what it leaves beyond the noise: the steps of a model that
@@ -207,20 +204,22 @@ def diagnose(
             otherwise, as by a study of many diagnoses.
 
     Raises:
-        InputRefused: a criterion is not known, an effect to do without is not in the catalogue, recordings have several
-            inputs or outputs, or the budget is not positive; nothing has been fitted yet then.
+        InputRefused: a criterion is not known, the executor is not understood or does not answer, an effect to do
+            without is not in the catalogue, recordings have several inputs or outputs, or the budget is not positive;
+            nothing has been fitted yet then.
     """
     began, until = time.monotonic(), deadline(budget)
     chosen = options or (recorded.options if isinstance(recorded, Identified) else Options())
     criteria = Criteria().with_values(chosen.criteria)
-    left_out = [effect(name) for name in chosen.without]
+    workers, left_out = executor(chosen.executor), [effect(name) for name in chosen.without]
     with accounted(until, answers=answers) as account:
         campaign, base, error = _base(recorded, chosen, progress)
         (on_base or (lambda fitted: None))(base)
         named = list(effects) if effects is not None else available(campaign, base.setup, left_out)
         nameless = _possible(campaign, base.setup, learned_elements().values()) if learned is None else list(learned)
         progress(f"base model: {base.chi2**0.5:.3g} × noise; look for what it misses")
-        search = begin(campaign, base, named, nameless, criteria, progress)
+        allow(chosen.evaluations, base.plan.size)
+        search = begin(campaign, base, named, nameless, criteria, progress, max(1, chosen.max_effects), workers)
         explore(search)
         early = account.ended().early
         diagnosis = _concluded(search, error, chosen, early)
@@ -243,12 +242,13 @@ def _concluded(search: Search, error: NumericalError, options: Options, early: b
     campaign, criteria = search.campaign, search.criteria
     weighed = search.weighed
     base, model = search.visited[frozenset()], best_to_write(weighed.models, criteria)
-    screened = needed("scores of the base model", lambda: tuple(search.screen(linearised_of(search, base))), ())
-    left = screened
-    if model is not base:
-        left = needed("scores of the final model", lambda: tuple(search.screen(linearised_of(search, model))), ())
-    promising = [c for c in screened if material(c, base.fit.residual.size, criteria)]
-    outcome = conclude(weighed, model, campaign.held_out_is_new, len(promising), criteria, early)
+    screened = _screened(search, base)
+    left = screened if model is base else _screened(search, model)
+    promising = (
+        sum(material(c, base.fit, criteria) for c in screened),
+        sum(material(c, model.fit, criteria) for c in left),
+    )
+    outcome = conclude(weighed, model, campaign.held_out_is_new, promising, criteria, early)
     if outcome.word == NONE and model.elements and not outcome.claims:
         model = base
     search.progress(f"verdict {outcome.word}")
@@ -267,8 +267,7 @@ def _concluded(search: Search, error: NumericalError, options: Options, early: b
     location = remaining = None
     if outcome.word != NONE:
         location = needed("location of the mismatch", partial(locate, first), None)
-        rest = [c for c in left if material(c, base.fit.residual.size, criteria)]
-        if outcome.word == UNKNOWN and rest and model is not base:
+        if outcome.word == UNKNOWN and promising[1] and model is not base:
             remaining = needed("location of what remains", partial(locate, final), None)
     gains = tuple(_gain(c, after, search) for c in outcome.claims)
     formulas = {}
@@ -289,6 +288,12 @@ def _concluded(search: Search, error: NumericalError, options: Options, early: b
         campaign, base.fit, error, weighed, model, outcome, (screened, left), location, remaining, (first, final),
         before, after, gains, formulas, proposal, residual, options, 0.0, criteria,
     )  # fmt: skip
+
+
+def _screened(search: Search, model: Visited) -> tuple[Candidate, ...]:
+    """The candidates in the residual of a model."""
+    nothing: tuple[Candidate, ...] = ()
+    return needed(f"scores of {model.words}", lambda: tuple(search.screen(linearised_of(search, model))), nothing)
 
 
 def score_on_all(fitted: Fit, campaign: Campaign) -> Evaluation:
@@ -317,7 +322,9 @@ def _formula(search: Search, final: LinearisedFit, claim: Claim) -> Distilled | 
     """A formula for a learned element of the final model, where there is one."""
     if has_grammar(claim.effect.kind.name):
         return distil(final, claim.effect)
-    return None if claim.without is None else refitted_formula(final.fit, claim.without.fit, claim.effect)
+    if claim.without is None:
+        return None
+    return refitted_formula(final.fit, claim.without.fit, claim.effect, partial(refits, search))
 
 
 def _questions(outcome: Verdict, model: Visited, search: Search) -> list[Question]:

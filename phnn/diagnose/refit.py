@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from phnn.diagnosis.linearised_fit import LinearisedFit, direction
+from phnn.diagnose.linearised import LinearisedFit, direction
 from phnn.effects import Effect
 from phnn.errors import PhnnError, SolverFailed
 from phnn.identification.fit import Fit, fit, variables_from

@@ -24,10 +24,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
+from phnn.diagnose.criteria import Criteria
+from phnn.diagnose.linearised import LinearisedFit, direction
+from phnn.diagnose.lines import own_score, strongest_line
+from phnn.diagnose.noise import Colour
 from phnn.diagnose.refit import clamped
-from phnn.diagnosis.colour import Colour
-from phnn.diagnosis.linearised_fit import LinearisedFit, direction
-from phnn.diagnosis.lines import line_scores
 from phnn.effects import Effect
 from phnn.identification.fit import variables_from
 from phnn.identification.nuisances import without_nuisances
@@ -86,28 +87,51 @@ class Screen:
     Attributes:
         base: the base model.
         effects: all candidates, the learned elements among them.
-        least: mean square of the noise that a line or drift has to explain for its score to be computed.
+        criteria: what is material.
     """
 
     base: LinearisedFit
     effects: Sequence[Effect]
-    least: float
+    criteria: Criteria
     _known: dict[int, _Directions | None] = field(default_factory=dict)
 
     def __call__(self, model: LinearisedFit) -> list[Candidate]:
         """Return the candidates that can be added to a model, the largest predicted fall first."""
         setup = model.fit.setup
         able = [e for e in self.effects if e.can_be_added_to(setup)]
-        found = []
         # Lines and drifts have no direction that is common to all recordings.
         alone = [e for e in able if e.searched is not None or _is_of_recordings(e, model)]
-        strong = [e for e in alone if e.searched is not None or _taken(e, model) > self.least]
-        lines = attempt("scores of lines", lambda: line_scores(model, strong, Colour(model)).candidates, ())
-        for line in lines:
-            fall = line.deviate**2
-            found.append(Candidate(line.effect, line.values, (), fall, line.judged, fall / model.residual.size))
+        found: list[Candidate] = attempt("scores of lines", lambda: self._of_recordings(model, alone), [])
         found += self._along_directions(model, [e for e in able if e not in alone])
         return sorted(found, key=lambda c: -c.fall)
+
+    def _of_recordings(self, model: LinearisedFit, effects: Sequence[Effect]) -> list[Candidate]:
+        """Return the lines and drifts that take something material from the residual.
+
+        A line, whose amplitude and phase each recording has of its own, is scored out of what lies beside it in the
+        spectrum, and so is the line of one source whose frequency is searched there.
+        """
+        spectra, found = model.spectra, []
+        for effect in effects:
+            points = effect.grid(model.scales)
+            if effect.searched is not None:
+                frequency, stated, judged = strongest_line(spectra)
+                if judged < self.criteria.score:
+                    continue
+                placed = [p | {effect.searched: frequency} for p in points]
+                columns = model.project(np.column_stack([direction(model, effect, v) for v in placed]))
+                weights = np.linalg.lstsq(columns, model.residual, rcond=_FREE)[0]
+                both = {n: float(sum(w * v[n] for w, v in zip(weights, placed, strict=True))) for n in points[0]}
+                scored = [(stated, judged, both | {effect.searched: frequency})]
+            else:
+                owns = [(v, effect.add_to(model.fit.setup, v).own) for v in points]
+                owns = [(v, own) for v, own in owns if _taken(own, model) > self.criteria.material**2]
+                colour = Colour(model)
+                scored = [(*own_score(model, own, colour, spectra), v) for v, own in owns]
+            if scored:
+                stated, judged, values = max(scored, key=lambda s: s[:2])
+                found.append(Candidate(effect, values, (), stated**2, judged, stated**2 / model.residual.size))
+        return found
 
     def _along_directions(self, model: LinearisedFit, effects: Sequence[Effect]) -> list[Candidate]:
         known = [d for d in map(self._directions, effects) if d is not None]
@@ -117,22 +141,18 @@ class Screen:
         edges = np.cumsum([0, *(d.columns.shape[1] for d in known)])
         basis, residual = model.basis, model.residual
         both = np.column_stack([basis, residual])
-        along, squares, inside, squared = [], [], [], []
+        each: list[tuple[Array, Array, Array]] = []
         for b in blocks:
             columns = np.concatenate([d.columns[b] for d in known], axis=1, dtype=np.float64)
-            products = both[b].T @ columns
-            inside.append(products[:-1])
-            along.append(products[-1])
-            squares.append(np.einsum("ij,ij->j", columns, columns))
-            squared.append(both[b].T @ both[b])
-        share = np.sum(inside, axis=0)
-        raw = np.sum(squares, axis=0)
+            each.append((both[b].T @ columns, np.einsum("ij,ij->j", columns, columns), both[b].T @ both[b]))
+        share = np.sum([inside[:-1] for inside, _, _ in each], axis=0)
+        raw = np.sum([size for _, size, _ in each], axis=0)
         # Of the projected columns d − Q Qᵀd, block by block.
-        along = np.array([a - share.T @ s[:-1, -1] for a, s in zip(along, squared, strict=True)])
+        along = np.array([inside[-1] - share.T @ square[:-1, -1] for inside, _, square in each])
         squares = np.array(
             [
-                q - 2.0 * np.einsum("kj,kj->j", share, i) + np.einsum("kj,kl,lj->j", share, s[:-1, :-1], share)
-                for q, i, s in zip(squares, inside, squared, strict=True)
+                size - np.einsum("kj,kj->j", share, 2.0 * inside[:-1] - square[:-1, :-1] @ share)
+                for inside, size, square in each
             ]
         )
         free = squares.sum(axis=0) > _FREE * np.maximum(raw, 1e-300)
@@ -195,15 +215,11 @@ def _is_of_recordings(effect: Effect, model: LinearisedFit) -> bool:
     return bool(effect.add_to(setup, effect.grid(model.scales)[0]).own != setup.own)
 
 
-def _taken(effect: Effect, model: LinearisedFit) -> float:
-    """Return the mean square that a term of every recording takes from the residual, at its best point."""
-
-    def left(values: Mapping[str, float]) -> float:
-        own = effect.add_to(model.fit.setup, values).own
-        rows = zip(model.plan.recordings, model.slices, strict=True)
-        return sum(float(np.sum(_beside(model.fit.residual[s], r, own) ** 2)) for r, s in rows)
-
-    return (model.fit.cost - min(map(left, effect.grid(model.scales)))) / model.fit.residual.size
+def _taken(own: Own, model: LinearisedFit) -> float:
+    """Return the mean square that terms of every recording take from the residual."""
+    rows = zip(model.plan.recordings, model.slices, strict=True)
+    left = sum(float(np.sum(_beside(model.fit.residual[s], r, own) ** 2)) for r, s in rows)
+    return (model.fit.cost - left) / model.fit.residual.size
 
 
 def _beside(residual: Array, recording: Recording, own: Own) -> Array:

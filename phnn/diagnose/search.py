@@ -14,26 +14,30 @@ too late, takes nothing away from what was finished.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
 
 from phnn.diagnose.criteria import Criteria
+from phnn.diagnose.linearised import LinearisedFit, prepare
 from phnn.diagnose.number import Key, Misfit, Visited, Weighed, family, is_learned, key_of, weigh
 from phnn.diagnose.refit import converged, further, large_starts, rebuilt, short
 from phnn.diagnose.screen import Candidate, Screen
-from phnn.diagnosis.linearised_fit import LinearisedFit, prepare
 from phnn.effects import Effect, Scales
+from phnn.identification.base import Progress, quiet
 from phnn.identification.evaluate import evaluate
 from phnn.identification.fit import Fit
 from phnn.identification.nuisances import own_size
 from phnn.identification.plan import Plan
 from phnn.identification.refinement import numerical_error, substeps_for
+from phnn.parallel import SERIAL, Executor
 from phnn.recordings.recording import Campaign, Recording, dominant_frequency
-from phnn.rescue import attempt, late, move
+from phnn.rescue import attempt, late, move, results, spent
 
+# Share of the residual from which on a candidate is large, and over the usual score what it needs then.
+_LARGE_SHARE, _LARGE_SCORE = 0.05, 0.6
 # Excess over the noise, over that of the best trial, at which another one still goes on: before and after the race.
 _RACE, _FINISH = 2.0, 1.5
 # The same in mean squares of the noise.
@@ -59,6 +63,7 @@ class Search:
         scales: sizes from which effects take their grids.
         screen: directions of all candidates.
         visited: all models, by their elements; grown: those from which the search has gone on.
+        most: elements of a model; executor: where refits are done, with the same results everywhere.
         progress: told what is tried.
     """
 
@@ -71,7 +76,9 @@ class Search:
     scales: Scales
     screen: Screen
     visited: dict[Key, Visited]
-    progress: Callable[[str], None]
+    most: int
+    executor: Executor
+    progress: Progress
     grown: set[Key] = field(default_factory=set)
     fine: bool = False
 
@@ -121,14 +128,16 @@ def begin(
     effects: Sequence[Effect],
     learned: Sequence[Effect],
     criteria: Criteria,
-    progress: Callable[[str], None],
+    progress: Progress = quiet,
+    most: int = 4,
+    executor: Executor = SERIAL,
 ) -> Search:
-    """Return a search that knows the base model alone."""
+    """Return a search that knows the base model alone; for the arguments see `Search`."""
     linearised = prepare(fitted)
     bare = Visited((), fitted, {}, {}, 0, True)
-    screen = Screen(_with_few_steps(linearised), [*effects, *learned], criteria.material**2)
+    screen = Screen(_with_few_steps(linearised), [*effects, *learned], criteria)
     search = Search(
-        campaign, bare, fitted.plan, effects, learned, criteria, linearised.scales, screen, {}, progress
+        campaign, bare, fitted.plan, effects, learned, criteria, linearised.scales, screen, {}, most, executor, progress
     )  # fmt: skip
     search.base = search.visit(search.model((), fitted, done=True))
     return search
@@ -141,9 +150,11 @@ def explore(search: Search) -> None:
         part = f"what to add to {model.words}"
         if late(part):
             break
+        search.progress(f"look for {part}")
         move(part, partial(_grow, search, model), None)
         best = search.best
-        search.progress(f"best so far: {best.words}, {best.left**0.5:.3g} × noise")
+        used = f"{100.0 * spent():.0f} % of the budget"
+        search.progress(f"best so far: {best.words}, {best.left**0.5:.3g} × noise ({used})")
     _settle(search)
 
 
@@ -168,7 +179,7 @@ def _next(search: Search) -> Visited | None:
             search.fine = True
             move("finer steps", partial(_refine, search), None)
             return _next(search)
-        if model.key not in search.grown and len(model.elements) < search.criteria.elements:
+        if model.key not in search.grown and len(model.elements) < search.most:
             return model
     return None
 
@@ -176,7 +187,7 @@ def _next(search: Search) -> Visited | None:
 def _grow(search: Search, model: Visited) -> None:
     """Fit the likeliest models with one more element."""
     criteria, samples = search.criteria, model.fit.residual.size
-    worth = [c for c in search.screen(linearised_of(search, model)) if material(c, samples, criteria)]
+    worth = [c for c in search.screen(linearised_of(search, model)) if material(c, model.fit, criteria)]
     if not worth:
         return
     far = model.left > criteria.far**2
@@ -198,43 +209,52 @@ def _grow(search: Search, model: Visited) -> None:
     _converge_near(search, model, raced)
 
 
-def material(candidate: Candidate, samples: int, criteria: Criteria) -> bool:
-    """Whether a candidate is worth a refit."""
+def material(candidate: Candidate, fitted: Fit, criteria: Criteria) -> bool:
+    """Whether a candidate is worth a refit.
+
+    What takes a twentieth of the residual need not stand out of its scatter as far: far from the noise the scatter is
+    that of the mismatch itself.
+    """
+    samples = fitted.residual.size
     size = max(candidate.fall / samples, candidate.share)
-    return candidate.score > criteria.score and size > criteria.material**2
+    large = candidate.fall > _LARGE_SHARE * fitted.cost
+    return size > criteria.material**2 and candidate.score > criteria.score * (_LARGE_SCORE if large else 1.0)
 
 
 def _heat(search: Search, model: Visited, candidates: Sequence[Candidate], far: bool) -> list[Visited]:
     """Short refits of candidates, the best first."""
-    trials = []
-    for candidate in candidates:
-        if late(f"{candidate.effect.name} beside {model.words}"):
-            break
-        best = short(model.fit, candidate.effect, [candidate.values], search.criteria.short)
-        helps = best is not None and best.cost < 0.98 * model.fit.cost
-        if far and not helps and candidate.effect.strength is not None and candidate.fall > 0.3 * candidates[0].fall:
-            ask = partial(large_starts, linearised_of(search, model), candidate.effect)
-            starts: list[dict[str, float]] = attempt("strong starts", ask, [])
-            again = short(model.fit, candidate.effect, starts, search.criteria.short)
-            best = min((f for f in (best, again) if f is not None), key=lambda f: f.cost, default=None)
-        if best is not None:
-            trials.append(search.model((*model.elements, candidate.effect), best))
+    if not candidates or late(f"refits beside {model.words}"):
+        return []
+    most = candidates[0].fall
+    linearised = replace(linearised_of(search, model), trajectories=())
+    work = partial(_tried, linearised, far, 0.3 * most, search.criteria.short)
+    fits = results(search.executor.each, work, candidates, [c.effect.name for c in candidates])
+    trials = [
+        search.model((*model.elements, c.effect), f) for c, f in zip(candidates, fits, strict=True) if f is not None
+    ]  # fmt: skip
     return sorted(trials, key=lambda t: t.fit.cost)
+
+
+def _tried(model: LinearisedFit, far: bool, promising: float, evaluations: int, candidate: Candidate) -> Fit | None:
+    """A short refit of a candidate; from large strengths too, where the model is far and the candidate has not helped
+    though it promised a lot."""
+    best = short(model.fit, candidate.effect, [candidate.values], evaluations)
+    helps = best is not None and best.cost < 0.98 * model.fit.cost
+    if not far or helps or candidate.effect.strength is None or candidate.fall < promising:
+        return best
+    again = short(model.fit, candidate.effect, large_starts(model, candidate.effect), evaluations)
+    return min((f for f in (best, again) if f is not None), key=lambda f: f.cost, default=None)
 
 
 def _race(search: Search, trials: Sequence[Visited]) -> list[Visited]:
     """The best trials after further steps, as long as each can still end near the best one, each in its best form."""
     samples = trials[0].fit.residual.size
     level, material = _LEVEL * samples, search.criteria.material**2 * samples
-    going: list[Visited] = []
-    for trial in trials[:_RACERS]:
-        if going and trial.fit.beyond_noise > _RACE * trials[0].fit.beyond_noise + 0.05 * samples:
-            continue
-        if late(f"further steps of {trial.words}"):
-            going.append(trial)
-            continue
-        onwards = further(trial.fit, search.criteria.further) if _moving(trial.fit, search.criteria) else trial.fit
-        going.append(search.model(trial.elements, onwards) if onwards is not trial.fit else trial)
+    first = _onwards(search, trials[:1])
+    # Near the noise what the best has reached counts; far from it six steps say little of where a refit ends.
+    quiet_now = trials[0].left < search.criteria.far**2
+    most = _RACE * (first if quiet_now else trials)[0].fit.beyond_noise + 0.05 * samples
+    going = [*first, *_onwards(search, [t for t in trials[1:_RACERS] if t.fit.beyond_noise <= most])]
     least = min(t.fit.beyond_noise for t in going)
     for trial in list(going):
         near = trial.fit.beyond_noise < 4.0 * least + 0.05 * samples
@@ -247,7 +267,8 @@ def _special(search: Search, trial: Visited) -> list[Visited]:
     """The special cases of a trial's last element, from where the trial has led: they explain as much with less, and no
     other start may lead there."""
     *earlier, last = trial.elements
-    values, found = trial.fit.setup.values(), []
+    values = trial.fit.setup.values()
+    found: list[Visited] = []
     for case in last.special_cases:
         for effect in (e for e in search.effects if e.name == case.name and not e.after):
             given, own = values | case.values(values), (*earlier, effect)
@@ -257,6 +278,18 @@ def _special(search: Search, trial: Visited) -> list[Visited]:
             if fitted is not None:
                 found.append(search.model(own, further(fitted, search.criteria.further)))
     return found
+
+
+def _onwards(search: Search, trials: Sequence[Visited]) -> list[Visited]:
+    """The trials after further steps, where they have not ended yet."""
+    moving = [t for t in trials if _moving(t.fit, search.criteria)]
+    if not moving or late("further steps of " + ", ".join(t.words for t in moving)):
+        return list(trials)
+    work = partial(further, evaluations=search.criteria.further)
+    names = [t.elements[-1].name for t in moving]
+    fits = results(search.executor.each, work, [t.fit for t in moving], names)
+    ended = {t.key: search.model(t.elements, f) for t, f in zip(moving, fits, strict=True) if f is not None}
+    return [ended.get(t.key, t) for t in trials]
 
 
 def _moving(fitted: Fit, criteria: Criteria) -> bool:
@@ -367,33 +400,50 @@ def _settle(search: Search) -> None:
 
 
 def _exchange(search: Search, best: Visited, element: Effect) -> None:
-    """Fit the best model with each neighbour of one of its elements in the place of it."""
+    """Fit the best model with each neighbour of one of its elements in the place of it.
+
+    A neighbour that a search has fitted already goes on from there, unless it has ended.
+    """
     rest = tuple(e for e in best.elements if e is not element)
     if any(set(element.parameters) & set(e.after) for e in rest):
         return
     todo = [e for e in search.effects if e.is_neighbour_of(element) and not e.after]
-    known = {family(e) for m in search.visited.values() if m.converged for e in m.elements
-             if set(m.families) - {family(e)} == set(best.families) - {family(element)}}  # fmt: skip
-    todo = [e for e in todo if family(e) not in known]
-    if not todo:
-        return
+    known = {e: m for e in todo if (m := search.visited.get(key_of((*rest, e)))) is not None}
+    begun = [known[e] for e in known if not known[e].converged]
+    ended = {family(e) for e in known}
+    new = [e for e in todo if family(e) not in ended]
     less = search.visited.get(key_of(rest))
-    if less is None:
-        fitted = rebuilt(search.base.fit, rest, best.fit.setup.values(), search.plan, search.criteria.further)
-        if fitted is None:
+    if new and less is None:
+        values = best.fit.setup.values()
+        fitted = rebuilt(search.base.fit, rest, values, search.plan, search.criteria.further)
+        less = None if fitted is None else search.visit(search.model(rest, fitted))
+    if new and less is not None:
+        able = [e for e in new if e.can_be_added_to(less.fit.setup)]
+        for candidate in replace(search.screen, effects=able)(linearised_of(search, less)):
+            if late(f"{candidate.effect.name} in the place of {element.name}"):
+                return
+            starts = [candidate.values, *candidate.others[:1]]
+            fitted = short(less.fit, candidate.effect, starts, search.criteria.short)
+            if fitted is not None:
+                begun.append(search.model((*rest, candidate.effect), fitted))
+    for trial in begun:
+        if late(f"{trial.words} in the place of {element.name}"):
             return
-        less = search.visit(search.model(rest, fitted))
-    able = [e for e in todo if e.can_be_added_to(less.fit.setup)]
-    for candidate in replace(search.screen, effects=able)(linearised_of(search, less)):
-        if late(f"{candidate.effect.name} in the place of {element.name}"):
-            return
-        begun = short(less.fit, candidate.effect, [candidate.values, *candidate.others[:1]], search.criteria.short)
-        if begun is None:
-            continue
-        trial = search.model((*rest, candidate.effect), further(begun, search.criteria.further))
-        trial = search.visit(trial)
-        if search.weighed.behind(trial) < _GROWN:
-            _converge(search, trial)
+        onwards = search.visit(search.model(trial.elements, further(trial.fit, search.criteria.further)))
+        if search.weighed.behind(onwards) < _GROWN:
+            _converge(search, onwards)
+
+
+def refits(search: Search, base: Fit, effects: Sequence[Effect]) -> list[tuple[Effect, Fit]]:
+    """Return a fit with each of some effects beside a model, as far as it can be simulated."""
+    screen = Screen(_with_few_steps(LinearisedFit(base, (), search.scales)), effects, search.criteria)
+    found = []
+    for candidate in screen(screen.base):
+        starts = [candidate.values, *candidate.others[:1]]
+        fitted = short(base, candidate.effect, starts, search.criteria.short)
+        if fitted is not None:
+            found.append((candidate.effect, further(fitted, search.criteria.further)))
+    return found
 
 
 def linearised_of(search: Search, model: Visited) -> LinearisedFit:

@@ -81,7 +81,8 @@ class Facts:
         left: mean square of the residual over that of the noise; base_left: of the base model.
         falls: whether the held-out error falls with every element.
         new: whether held-out recordings bring an amplitude or a frequency that the others lack.
-        promising: candidates that promised a material gain to the base model.
+        promising: candidates that promised a material gain to the base model; remaining: that still promise one to the
+            model that is written.
         early: the search ended before it was done.
         criteria: all thresholds.
     """
@@ -96,6 +97,7 @@ class Facts:
     falls: bool
     new: bool
     promising: int
+    remaining: int
     early: bool
     criteria: Criteria
 
@@ -136,7 +138,8 @@ RULES: tuple[Rule, ...] = (
         "a pair of which one effect was tried when the time was up",
     ),
     Rule(
-        "something_is_left", lambda f: f.left > f.criteria.explained, UNKNOWN, ("left",),
+        "something_is_left", lambda f: f.left > f.criteria.explained and f.remaining > 0, UNKNOWN,
+        ("left", "remaining"),
         "an effect beside physics that no catalogue lists",
     ),
     Rule(
@@ -200,14 +203,14 @@ class Verdict:
 
 
 def conclude(
-    weighed: Weighed, model: Visited, new: bool, promising: int, criteria: Criteria, early: bool = False
+    weighed: Weighed, model: Visited, new: bool, promising: tuple[int, int], criteria: Criteria, early: bool = False
 ) -> Verdict:
     """Return the verdict on the models of a search.
 
     Args:
         model: the one that is written.
         new: held-out recordings bring an amplitude or a frequency that the others lack.
-        promising: candidates that promised a material gain to the base model.
+        promising: candidates that promise a material gain to the base model, and to the one that is written.
         early: the search ended before it was done.
     """
     base = next(m for m in weighed.models if not m.elements)
@@ -224,7 +227,8 @@ def conclude(
         base_left=base.left,
         falls=all(_falls(c, model, criteria) for c in claims),
         new=new,
-        promising=promising,
+        promising=promising[0],
+        remaining=promising[1],
         early=early,
         criteria=criteria,
     )

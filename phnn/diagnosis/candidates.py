@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from phnn.criteria import Criteria
-from phnn.diagnosis.locate import Location
+from phnn.diagnose.locations import Location
 from phnn.diagnosis.name import Candidate
 from phnn.diagnosis.place import of_its_kinds
 from phnn.diagnosis.scored import Scored

@@ -30,9 +30,9 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 
 from phnn.criteria import Confirmation, Criteria
+from phnn.diagnose.linearised import LinearisedFit
 from phnn.diagnosis.finding import Finding, without_element
 from phnn.diagnosis.judge import Immaterial, Judgement, immaterial, unexplained
-from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.diagnosis.name import Naming
 from phnn.diagnosis.place import in_another_form, may_be_part_of
 from phnn.diagnosis.rules import Record

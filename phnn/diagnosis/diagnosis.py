@@ -8,22 +8,20 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 from phnn.criteria import CRITERIA, Criteria
+from phnn.diagnose.formula import Distilled, distil, has_grammar, refitted_formula
+from phnn.diagnose.linearised import LinearisedFit, prepare, tie
+from phnn.diagnose.proposal import NextExperiment, propose
 from phnn.diagnosis.confirm import confirmed, unconfirmed
-from phnn.diagnosis.distil import Distilled, distil, has_grammar
-from phnn.diagnosis.distil.refitted import refitted_formula
 from phnn.diagnosis.finding import Finding
-from phnn.diagnosis.following import NextExperiment
 from phnn.diagnosis.judge import Judgement, judge
-from phnn.diagnosis.linearised_fit import LinearisedFit, prepare
 from phnn.diagnosis.name import NOT_JUDGED
-from phnn.diagnosis.propose import propose
 from phnn.diagnosis.questions import questions
+from phnn.diagnosis.refit import refitted_effects
 from phnn.diagnosis.retest import better_base, fit_with
 from phnn.diagnosis.rules import Record
 from phnn.diagnosis.rules.held_out import NUMERICS, NumericsCase, numerical_limit
 from phnn.diagnosis.scored import Scored
 from phnn.diagnosis.search import Search, Visited
-from phnn.diagnosis.trial import tie
 from phnn.effects import Effect, Scales, catalogue, effect, in_all_forms
 from phnn.effects.learned import learned_elements
 from phnn.effects.places import attached
@@ -121,7 +119,8 @@ def _distilled(judgement: Judgement, executor: Executor, criteria: Criteria) -> 
             return distil(linearised, element)
         others = [f for f in found if f is not finding]
         alone = fit_with(judgement.linearised.fit, others, fit.setup.values()) if others else judgement.linearised.fit
-        return None if alone is None else refitted_formula(fit, alone, element, executor, criteria)
+        refits = partial(refitted_effects, executor=executor, criteria=criteria)
+        return None if alone is None else refitted_formula(fit, alone, element, refits, criteria)
 
     def described(finding: Finding) -> Finding:
         part = f"formula of the {finding.effect.name.replace('_', ' ')}"

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from phnn.criteria import Criteria
+from phnn.diagnose.linearised import tie
 from phnn.diagnosis.finding import Finding, without_element
 from phnn.diagnosis.name import Candidate
 from phnn.diagnosis.refit import refit
@@ -20,7 +21,7 @@ from phnn.diagnosis.rules import Record
 from phnn.diagnosis.rules.composition import ExchangeCase, is_exchanged
 from phnn.diagnosis.scored import Scored
 from phnn.diagnosis.search import Search
-from phnn.diagnosis.trial import Trial, class_of, criterion, tie
+from phnn.diagnosis.trial import Trial, class_of, criterion
 from phnn.effects import Effect
 from phnn.identification.fit import Fit
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from phnn.criteria import SELECTION
-from phnn.diagnosis.distil import Distilled
+from phnn.diagnose.formula import Distilled
 from phnn.diagnosis.name import Naming
 from phnn.diagnosis.trial import Trial
 from phnn.effects import Effect

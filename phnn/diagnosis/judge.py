@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from phnn.criteria import SELECTION, Criteria
+from phnn.diagnose.linearised import LinearisedFit
+from phnn.diagnose.locations import GROUPS, Location
 from phnn.diagnosis.compose import Material, compose
 from phnn.diagnosis.exchange import exchanged
 from phnn.diagnosis.finding import Finding, effects_of, own_parameters
 from phnn.diagnosis.learn import learn
-from phnn.diagnosis.linearised_fit import LinearisedFit
-from phnn.diagnosis.locate import Location, group_of
 from phnn.diagnosis.name import Naming
 from phnn.diagnosis.place import in_another_form, located
 from phnn.diagnosis.rules import Applied, Record
@@ -166,7 +166,7 @@ def _word(asked: _Asked, selected: Selected, record: Record, beside: Sequence[Fi
     share = share_of(linearised.fit, final, asked.found.naming)
     alone = None
     if location.name == "mechanical" and left is not None and share < rule.explains_well:
-        kind = group_of(location).kind
+        kind = GROUPS[location.group].kind
         alone = extra("a learned element at the location", lambda: learn(linearised, kind), None)
     case = VerdictCase(
         effects=len(selected.findings),

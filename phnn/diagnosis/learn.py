@@ -9,21 +9,17 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from phnn.criteria import REFITS
-from phnn.diagnosis.linearised_fit import LinearisedFit
+from phnn.diagnose.linearised import LinearisedFit
 from phnn.diagnosis.strengths import started
 from phnn.effects import Kind, Scales
 from phnn.effects.learned import learned_elements
 from phnn.effects.places import attached
 from phnn.identification.fit import Fit, fit, variables_from
 from phnn.identification.problem import Problem
-from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
 from phnn.rescue import attempt
 from phnn.setup import Setup
-
-Array = NDArray[np.float64]
 
 
 def learned_setup(setup: Setup, kind: Kind, scales: Scales) -> Setup | None:
@@ -69,26 +65,3 @@ def touched(base: Fit, setup: Setup, names: Sequence[str]) -> list[str]:
     problem = Problem(setup, base.plan, variables_from(setup, base.plan, names, base))
     slopes = problem.jacobian(problem.variables.start(setup))[:, : len(names)]
     return [n for n, used in zip(names, np.any(slopes != 0.0, axis=0), strict=True) if used]
-
-
-def learned_force(base: Setup, setup: Setup, x: Array, step: float) -> Array:
-    """(M,) force of the learned element on the junction [N], against its own variable.
-
-    Args:
-        base: the setup without it; setup: with it.
-        x: (M,) displacement [m] of a spring, velocity [m/s] of a damper, time [s] after a step of a memory.
-        step: height of that step [m].
-    """
-    values = setup.values()
-    force = np.zeros_like(x)
-    relaxing = {name for r in setup.network.resistors if r.law == "maxwell" for name in r.on}
-    for s in (s for s in setup.network.storages if s not in base.network.storages and s.name not in relaxing):
-        force -= np.asarray(STORAGE_LAWS[s.law].mean_effort(x, x, *(values[n] for n in s.parameters)))
-    for r in (r for r in setup.network.resistors if r not in base.network.resistors):
-        own = [values[n] for n in r.parameters]
-        if r.law == "maxwell":
-            stiffness, tau = own
-            force -= stiffness * step * np.exp(-x / tau)
-        else:
-            force -= np.asarray(RESISTOR_LAWS[r.law].flow(x, 0.0 * x, *own))
-    return force

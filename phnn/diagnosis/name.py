@@ -18,10 +18,10 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.diagnosis.colour import Colour
-from phnn.diagnosis.linearised_fit import LinearisedFit, direction
+from phnn.diagnose.linearised import LinearisedFit, direction
+from phnn.diagnose.locations import Responses
+from phnn.diagnose.noise import Colour, as_normal, by_blocks, clipped, contradicts
 from phnn.diagnosis.lines import line_scores
-from phnn.diagnosis.locate import Responses
 from phnn.effects import Effect
 
 Array = NDArray[np.float64]
@@ -119,9 +119,9 @@ def score(
     covariance = colour_left * np.outer(scale, scale)
     spread = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     null = _null_of_supremum(covariance / np.outer(spread, spread), sided, seed)
-    deviates = np.where(alive, colour.deviates(d, colour_left, power), 0.0)
+    judged_by = np.where(alive, deviates(colour, d, colour_left, power), 0.0)
     # Never more than the stated noise grants.
-    judged = np.minimum(np.where(sided, np.maximum(deviates, 0.0), np.abs(deviates)), value)
+    judged = np.minimum(np.where(sided, np.maximum(judged_by, 0.0), np.abs(judged_by)), value)
     squares = np.einsum("ij,ij->j", d, d)
     strengths = along / np.maximum(squares, 1e-300)
     # What changes nothing saves nothing either, but there is no way from there.
@@ -138,6 +138,30 @@ def score(
         generic=max(float(value[len(points) :].max(initial=0.0)), lines.single[0]),
         numerical=fake,
     )
+
+
+def deviates(colour: Colour, columns: Array, covariance: Array, stated: Array | None = None) -> Array:
+    """(C,) normal deviates of the scores along columns (N, C), the smaller one of two: under stationary noise of
+    the residual's spectrum, and as blocks show it where there are enough of them.
+
+    Args:
+        covariance: `left` of the columns; stated: their `stated` variances, where they are known already.
+    """
+    stated = colour.stated(columns) if stated is None else stated
+    left = np.diag(covariance)
+    linearised = colour.linearised
+    residual = clipped(linearised.residual, linearised.slices, linearised.noise)
+    spread = np.sqrt(np.maximum(left, stated))
+    stationary = columns.T @ residual / np.maximum(spread, 1e-300)
+    size, more = np.abs(stationary), left > stated
+    known_by = colour.freedom(columns[:, more])
+    contradicted = contradicts(left[more] / np.maximum(stated[more], 1e-300), known_by)
+    size[more] = np.where(contradicted, as_normal(size[more], known_by), size[more])
+    t, freedom = (np.abs(x) for x in by_blocks(columns, residual, linearised.slices, linearised.noise))
+    blocked = as_normal(t, freedom)
+    rule = linearised.noise
+    believed = np.where(freedom >= rule.block_freedom, np.clip(blocked, size / rule.uneven, size), size)
+    return np.asarray(np.sign(stationary) * believed)
 
 
 def _directions(

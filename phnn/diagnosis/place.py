@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from phnn.criteria import LOCATING, SELECTION, Locating, Selection
+from phnn.diagnose.locations import Location
 from phnn.diagnosis.finding import Finding
-from phnn.diagnosis.locate import Location
 from phnn.diagnosis.trial import Trial, class_of, simplest_first
 from phnn.effects import Effect
 

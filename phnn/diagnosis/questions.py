@@ -14,28 +14,16 @@ may favour either.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from phnn.criteria import CRITERIA, Criteria
+from phnn.diagnose.linearised import tie
+from phnn.diagnose.proposal import Question, Rival, refitted_rival
 from phnn.diagnosis.finding import Finding, effects_of
 from phnn.diagnosis.judge import Judgement
 from phnn.diagnosis.retest import fit_with
-from phnn.diagnosis.rival import Rival, refitted_rival
-from phnn.diagnosis.trial import Trial, tie
+from phnn.diagnosis.trial import Trial
 from phnn.identification.fit import Fit
-
-
-@dataclass(frozen=True)
-class Question:
-    """Models of which a recording shall tell the right one.
-
-    Attributes:
-        models: the first is the present model; a question with one model asks how large its element's numbers are.
-        element: canonical name of the element without a name; empty for a class of effects, or for places.
-    """
-
-    models: tuple[Rival, ...]
-    element: str = ""
 
 
 def questions(judgement: Judgement, criteria: Criteria = CRITERIA) -> tuple[Question, ...]:

@@ -9,8 +9,8 @@ from operator import attrgetter
 from typing import Any
 
 from phnn.criteria import CRITERIA, Criteria, Race
-from phnn.diagnosis.linearised_fit import prepare
-from phnn.diagnosis.name import Candidate, first_by_name
+from phnn.diagnose.linearised import prepare
+from phnn.diagnosis.name import Candidate, first_by_name, score
 from phnn.diagnosis.starts import has_large_starts
 from phnn.diagnosis.steps import (
     finished,
@@ -74,6 +74,15 @@ def refit(
     trials = _again(partial(finished, limits=criteria.refits), base, trials, last, executor)
     best = first_by_name(trials, lambda t: t.candidate.effect).values()
     return [replace(t, converged=t.fit is not None and t.candidate.effect in ended) for t in best]
+
+
+def refitted_effects(
+    alone: Fit, effects: Sequence[Effect], executor: Executor = SERIAL, criteria: Criteria = CRITERIA
+) -> list[tuple[Effect, Fit]]:
+    """Effects refitted beside a fit without them; their scores only give starts."""
+    naming = score(prepare(alone).on_subset(), effects, None, 0)
+    trials = refit(alone, naming.candidates, executor, criteria=criteria)
+    return [(t.candidate.effect, t.fit) for t in trials if t.fit is not None]
 
 
 def _again(

@@ -6,12 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from phnn.criteria import CRITERIA, REFITS, Criteria, Refits
+from phnn.diagnose.linearised import tie
+from phnn.diagnose.locations import Location
 from phnn.diagnosis.finding import Finding, effects_of, own_parameters
-from phnn.diagnosis.locate import Location
 from phnn.diagnosis.place import in_place
 from phnn.diagnosis.refit import refit
 from phnn.diagnosis.steps import tolerance_of
-from phnn.diagnosis.trial import Trial, class_of, fair_cost, tie
+from phnn.diagnosis.trial import Trial, class_of, fair_cost
 from phnn.identification.fit import Fit, distinct_optima
 from phnn.identification.staged import EVALUATIONS, fit_identified, stated_only
 from phnn.parallel import Executor

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from phnn.criteria import CRITERIA, Criteria, Noise
-from phnn.diagnosis.linearised_fit import LinearisedFit, prepare
-from phnn.diagnosis.locate import Location, Responses, locate, responses
+from phnn.diagnose.linearised import LinearisedFit, prepare
+from phnn.diagnose.locations import Location, Responses, locate, responses
 from phnn.diagnosis.name import Naming, score
 from phnn.effects import Effect, Scales
 from phnn.identification.fit import Fit

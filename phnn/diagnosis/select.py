@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from phnn.criteria import CRITERIA, Criteria, Selection
+from phnn.diagnose.linearised import tie
+from phnn.diagnose.locations import Location
 from phnn.diagnosis.finding import Finding, effects_of, own_parameters
-from phnn.diagnosis.locate import Location
 from phnn.diagnosis.name import Candidate, Naming
 from phnn.diagnosis.place import elsewhere, in_place, located, may_lie, of_its_kinds
 from phnn.diagnosis.refit import refit
@@ -17,7 +18,7 @@ from phnn.diagnosis.rules import Applied, Record
 from phnn.diagnosis.rules.search import DISCARD, FORM, KEEP, REFIT, STEP, STOP, KeepCase, StepCase
 from phnn.diagnosis.scored import Scored, excess
 from phnn.diagnosis.search import Search
-from phnn.diagnosis.trial import Trial, class_of, criterion, tie
+from phnn.diagnosis.trial import Trial, class_of, criterion
 from phnn.identification.fit import Fit
 from phnn.identification.options import Options
 from phnn.identification.refinement import numerical_error, with_bounded_error

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.criteria import REFITS, Refits
-from phnn.diagnosis.linearised_fit import LinearisedFit, direction
+from phnn.diagnose.linearised import LinearisedFit, direction
 from phnn.effects import Effect
 from phnn.errors import PhnnError
 from phnn.setup import Setup

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.criteria import REFITS, Refits
-from phnn.diagnosis.linearised_fit import LinearisedFit
+from phnn.diagnose.linearised import LinearisedFit
 from phnn.diagnosis.name import Candidate
 from phnn.diagnosis.starts import clamped, large_starts
 from phnn.diagnosis.strengths import started

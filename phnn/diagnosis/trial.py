@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.criteria import SELECTION, Selection
+from phnn.diagnose import formula
+from phnn.diagnose.formula import own_count
+from phnn.diagnose.linearised import tie
 from phnn.diagnosis.name import Candidate
 from phnn.identification.fit import Fit
-from phnn.identification.nuisances import own_size
 
 Array = NDArray[np.float64]
 
@@ -38,11 +40,6 @@ class Trial:
     def fair_cost(self) -> float:
         """The same, plus the reduction by noise alone along the recordings' nuisances."""
         return fair_cost(self.fit) if self.fit is not None else float("inf")
-
-
-def own_count(fit: Fit) -> int:
-    """Number of coefficients of the nuisances of all recordings."""
-    return sum(own_size(r, fit.setup.own) for r in fit.plan.recordings)
 
 
 def fair_cost(fit: Fit) -> float:
@@ -84,41 +81,8 @@ def class_of(trials: Sequence[Trial], unexplained: bool = False, rule: Selection
 
 
 def simplest_first(tied: Sequence[Trial]) -> list[Trial]:
-    """Trials that explain as much, ordered by the sum of squares with a penalty for every parameter, initial state
-    and nuisance of a recording.
-
-    The penalty is Schwarz's (1978), with as many samples as the residual is worth: where much is left it is no white
-    noise, and a tone, or a mode that rings on from an initial state of its own, takes more of it than parameters would
-    take of noise.
-    """
-    least = min(tied, key=lambda t: t.cost).fit
-    if least is None:
+    """Trials that explain as much, in the order of `phnn.diagnose.formula.simplest_first`."""
+    if min(tied, key=lambda t: t.cost).fit is None:
         return list(tied)
-    samples = effective_samples(least.residual)
-    price = least.cost / samples * float(np.log(samples))
-
-    def priced(trial: Trial) -> float:
-        return trial.cost + (price * (trial.fit.z.size + own_count(trial.fit)) if trial.fit is not None else 0.0)
-
-    return sorted(tied, key=priced)
-
-
-def effective_samples(residual: Array) -> float:
-    """How many independent samples have a mean square as certain as that of a coloured residual.
-
-    ``(Σλ)²/Σλ²`` over the eigenvalues of its covariance (Bayley & Hammersley 1946), from the periodogram, whose
-    ordinates scatter as ``χ²₂``.
-    """
-    power = np.abs(np.fft.rfft(residual)[1:]) ** 2
-    return float(np.clip(4.0 * power.sum() ** 2 / max(float(power @ power), 1e-300), 4.0, residual.size))
-
-
-def tie(fitted: Fit, variances: float = SELECTION.tie) -> float:
-    """Difference of sums of squares below which two refits are not told apart.
-
-    Args:
-        variances: the difference in residual variances, for white noise.
-    """
-    # Coloured noise inflates such differences by the sum of its correlation.
-    colour = max(max(1.0, 2.0 * float(np.sum(r.noise_correlation)) - 1.0) for r in fitted.plan.recordings)
-    return variances * colour * max(1.0, fitted.chi2)
+    order = [id(fit) for fit in formula.simplest_first([t.fit for t in tied if t.fit is not None])]
+    return sorted(tied, key=lambda t: order.index(id(t.fit)) if t.fit is not None else len(order))

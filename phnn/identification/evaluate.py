@@ -93,7 +93,7 @@ def evaluate(setup: Setup, plan: Plan, initial: Mapping[str, Array]) -> Evaluati
             y = y + np.mean((recording.y - y)[counted if counted.any() else mask])
         return recording.sensor.limited(np.asarray(y))
 
-    outputs = plan.each(one)
+    outputs = plan.each(one, simulations=1.0)
     parts = [
         score_part(recording, y, first, last, name, use)
         for recording, y in zip(plan.recordings, outputs, strict=True)

@@ -9,7 +9,7 @@ from functools import cache
 from typing import Any
 
 from phnn.recordings.recording import Recording
-from phnn.rescue import stop_if_late
+from phnn.rescue import spend, stop_if_late
 
 
 @dataclass(frozen=True)
@@ -43,13 +43,23 @@ class Plan:
         """The least and the largest input of the recordings, SI."""
         return min(float(r.u.min()) for r in self.recordings), max(float(r.u.max()) for r in self.recordings)
 
-    def each(self, function: Callable[..., Any], *sequences: Sequence[Any]) -> list[Any]:
+    @property
+    def size(self) -> int:
+        """Steps of one simulation of all recordings."""
+        return sum(r.t.size * self.steps_of(r) for r in self.recordings)
+
+    def each(self, function: Callable[..., Any], *sequences: Sequence[Any], simulations: float = 0.0) -> list[Any]:
         """Apply a function to every recording (and matching entries of the sequences), in threads.
+
+        Args:
+            simulations: of a recording to which the work of the function amounts; they are counted.
 
         Raises:
             Stopped: the time of a search is up.
         """
         stop_if_late()
+        if simulations:
+            spend(simulations * self.size)
         tasks = list(zip(self.recordings, *sequences, strict=True))
         if self.workers < 2 or len(tasks) < 2:
             return [function(*task) for task in tasks]

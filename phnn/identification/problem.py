@@ -27,6 +27,8 @@ from phnn.simulate import Trajectory, simulate
 Array = NDArray[np.float64]
 
 _FAILED = 1e6
+# Simulations that take about as long as all derivatives of one.
+_DERIVATIVES = 4.0
 # Weight of the present value of an instant, where the output of a seen jump weighs hundreds.
 _WEAK = 1e-3
 
@@ -60,7 +62,7 @@ class Problem:
                 initial, timed = self.variables.initial(recording, z), self.variables.timed(recording, z)
                 return simulate(setup, timed, self.plan.steps_of(recording), initial=initial)
 
-            self._marched = z.tobytes(), self.plan.each(run)
+            self._marched = z.tobytes(), self.plan.each(run, simulations=1.0)
         return self._marched[1]
 
     def residual(self, z: Array) -> Array:
@@ -130,7 +132,7 @@ class Problem:
                 inside /= -recording.noise
                 return inside
 
-            self._differentiated = z.tobytes(), self.plan.each(one, found, self.masks)
+            self._differentiated = z.tobytes(), self.plan.each(one, found, self.masks, simulations=_DERIVATIVES)
         return self._differentiated[1]
 
 

@@ -125,7 +125,7 @@ def substeps_for(setup: Setup, plan: Plan, bound: float, initial: Mapping[str, A
             steps, coarse = 2 * steps, fine
         return steps
 
-    for recording, steps in zip(plan.recordings, plan.each(enough), strict=True):
+    for recording, steps in zip(plan.recordings, plan.each(enough, simulations=3.0), strict=True):
         chosen[recording.name] = steps
     return replace(plan, substeps=chosen)
 
@@ -145,7 +145,7 @@ def numerical_error(fit: Fit) -> NumericalError:
         hidden = beyond_limit(recording, base, mask, fit.setup.own)
         return without_nuisances(solver + reconstruction, mask, recording, fit.setup.own, hidden) / recording.noise
 
-    parts = plan.each(one)
+    parts = plan.each(one, simulations=4.0)
     error = np.concatenate(parts)
     rest = error
     if fit.jacobian.shape[1]:

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.stats import norm
 
 from phnn.diagnose.diagnosis import Diagnosis
-from phnn.diagnosis.vocabulary import vocabulary_of
+from phnn.diagnose.words import vocabulary_of
 from phnn.errors import InputRefused, SolverFailed
 from phnn.model import Model
 from phnn.plot.panels import (

@@ -1,7 +1,7 @@
 """The fingerprint of an effect in the data: what a model leaves against the variable on which the effect acts.
 
 The variable follows from the location and kind of the effect: that of the generic functions there
-(`phnn.diagnosis.dictionary`), the time after a step for slow relaxation, or the frequency where
+(`phnn.diagnose.locations`), the time after a step for slow relaxation, or the frequency where
 nothing else is its own.
 """
 
@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from scipy.signal import periodogram
 
 from phnn.diagnose.diagnosis import Diagnosis
-from phnn.diagnosis.dictionary import GROUPS
-from phnn.diagnosis.vocabulary import vocabulary_of
+from phnn.diagnose.locations import GROUPS
+from phnn.diagnose.words import vocabulary_of
 from phnn.effects import Effect
 from phnn.effects.kinds import AFTER_A_STEP, ELAPSED
 from phnn.report.formatting import display_unit

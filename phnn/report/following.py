@@ -8,8 +8,8 @@ import pandas as pd
 
 from phnn.check import check
 from phnn.diagnose.diagnosis import Diagnosis
+from phnn.diagnose.proposal import NextExperiment
 from phnn.diagnose.verdict import NONE, UNKNOWN
-from phnn.diagnosis.following import NextExperiment
 from phnn.report.formatting import listing, words
 from phnn.results import Place
 from phnn.setup import Setup

@@ -8,11 +8,10 @@ from typing import Any
 from scipy.special import ndtr
 
 from phnn.diagnose.diagnosis import Diagnosis
+from phnn.diagnose.formula import Distilled
 from phnn.diagnose.number import family
 from phnn.diagnose.verdict import LEARNED, Claim
-from phnn.diagnosis.distil import Distilled
-from phnn.diagnosis.picture import is_effort
-from phnn.diagnosis.vocabulary import vocabulary_of
+from phnn.diagnose.words import is_effort, vocabulary_of
 from phnn.effects.places import place_of
 from phnn.identification.fit import Fit
 from phnn.report.domain_words import forces_known

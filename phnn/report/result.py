@@ -11,22 +11,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phnn.check.quality import doubts_of_units
 from phnn.diagnose.diagnosis import Diagnosis
-from phnn.diagnose.verdict import NONE, UNKNOWN, Applied
-from phnn.diagnosis.ledger import account
-from phnn.diagnosis.locate import (
-    group_of,
+from phnn.diagnose.locations import (
     recording_scores,
     strongest_frequencies,
     strongest_times,
 )
-from phnn.diagnosis.picture import Picture, is_effort, learned_picture, missing_force, picture
-from phnn.diagnosis.seen import seen
-from phnn.diagnosis.symptoms import symptoms
+from phnn.diagnose.symptoms import recording_residuals, symptoms
+from phnn.diagnose.verdict import NONE, UNKNOWN, Applied
+from phnn.diagnose.words import Picture, is_effort, learned_picture, missing_force, picture
 from phnn.identification.fit import Fit
 from phnn.identification.identified import save_fit
+from phnn.integrate.residual import power_balance
 from phnn.network.roles import auxiliary
 from phnn.report.domain_words import forces_known
 from phnn.report.evidence import Curve, Evidence, LedgerRow, ParameterRow, Provenance, RuleRow, Trace
@@ -42,6 +41,7 @@ from phnn.report.tried import candidate_rows, immaterial, model_rows, remains
 from phnn.report.write import write_report
 from phnn.rescue import Failure, accounted, documents, needed
 from phnn.results import PROGRESS, Place, claim, finite
+from phnn.simulate import Trajectory
 from phnn.units import FORCE_UNITS
 
 SCHEMA = "phnn.diagnosis/1"
@@ -105,7 +105,7 @@ def _told(diagnosis: Diagnosis, further: Sequence[Failure] = ()) -> dict[str, An
         "ended": {
             "why": ended.why,
             "budget": ended.budget,
-            "evaluations": getattr(ended, "evaluations", 0.0),
+            "evaluations": ended.evaluations,
             "not_tried": list(ended.not_tried),
             "failed": documents(ended.failed),
         },
@@ -247,7 +247,7 @@ def _symptoms(diagnosis: Diagnosis) -> tuple[str, ...]:
     if diagnosis.location is None:
         return ()
     unit = diagnosis.campaign.recordings[0].units.output
-    return symptom_sentences(symptoms(seen(diagnosis.linearised[0])), unit)
+    return symptom_sentences(symptoms(recording_residuals(diagnosis.linearised[0])), unit)
 
 
 def _curve(found: Picture, remainder: bool, free: bool = False) -> Curve:
@@ -299,11 +299,28 @@ def _unknown_before(base: Fit, name: str) -> str:
 
 
 def _ledger(diagnosis: Diagnosis) -> list[LedgerRow]:
-    rows, base, where = [], diagnosis.linearised[0], diagnosis.location
-    for index, trajectory in enumerate(base.trajectories):
-        force = None
-        if where is not None and group_of(where).enters == "force":
-            force = missing_force(base, where, index)
-        a = account(trajectory, force)
-        rows.append(LedgerRow(trajectory.recording.name, a.supplied, a.stored, a.dissipated, a.unexplained))
-    return rows
+    base, where = diagnosis.linearised[0], diagnosis.location
+    forces = [missing_force(base, where, i) if where is not None else None for i in range(len(base.trajectories))]
+    return [energy_ledger(t, f) for t, f in zip(base.trajectories, forces, strict=True)]
+
+
+def energy_ledger(trajectory: Trajectory, missing_force: NDArray[np.float64] | None = None) -> LedgerRow:
+    """Return the energies [J] of a simulated recording, on stage values; up to one common factor without an anchor.
+
+    They balance to rounding: supplied by the ports, stored at the end beyond the start, dissipated by each element. The
+    unexplained work of the missing effort, ``Σ h |f v̄|``, is 0 where none was located.
+
+    Args:
+        missing_force: (n,) effort that a located mismatch asks for [N].
+    """
+    balance = power_balance(trajectory)
+    names = [r.name for r in trajectory.setup.network.resistors]
+    losses = balance.dissipated.detach().sum(dim=0).tolist()
+    work = 0.0 if missing_force is None else np.sum(trajectory.h * np.abs(missing_force * trajectory.velocity))
+    return LedgerRow(
+        recording=trajectory.recording.name,
+        supplied=float(balance.supplied.detach().sum()),
+        stored=float(balance.stored.detach().sum()),
+        dissipated=dict(zip(names, losses, strict=True)),
+        unexplained=float(work),
+    )

@@ -6,11 +6,10 @@ import math
 from collections.abc import Sequence
 
 from phnn.diagnose.diagnosis import Diagnosis
+from phnn.diagnose.formula import Distilled
 from phnn.diagnose.number import Visited, is_learned
 from phnn.diagnose.verdict import NAMED, NONE, UNKNOWN, Claim
-from phnn.diagnosis.distil import Distilled
-from phnn.diagnosis.vocabulary import vocabulary_of
-from phnn.diagnosis.words import fitted_in_words
+from phnn.diagnose.words import fitted_in_words, vocabulary_of
 from phnn.identification.evaluate import Evaluation
 from phnn.report.document import Immaterial
 from phnn.report.domain_words import MOVING, NETWORK

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from phnn.diagnosis.corrected import told
-from phnn.diagnosis.symptoms import Symptoms, Trend
+from phnn.diagnose.symptoms import Symptoms, Trend, significant
 from phnn.report.formatting import p_value
 from phnn.units import quantity
 
@@ -25,7 +24,7 @@ def symptom_sentences(found: Symptoms, unit: str = "m") -> tuple[str, ...]:
     Args:
         unit: of the output.
     """
-    found = told(found, SIGNIFICANT)
+    found = significant(found, SIGNIFICANT)
     sentences = [_growth(found), _harmonics(found), _phase(found), _repetition(found), _drift(found, unit)]
     return tuple(s for s in sentences if s)
 

@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import Any
 
 from phnn.criteria import CRITERIA
+from phnn.diagnose.linearised import prepare
+from phnn.diagnose.locations import responses
 from phnn.diagnosis.diagnosis import available, diagnose
-from phnn.diagnosis.linearised_fit import prepare
-from phnn.diagnosis.locate import responses
 from phnn.diagnosis.name import score
 from phnn.diagnosis.scored import SIGNIFICANT
 from phnn.effects import catalogue

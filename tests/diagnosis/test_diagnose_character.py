@@ -8,10 +8,9 @@ import campaigns
 import numpy as np
 import pytest
 
-from phnn.diagnosis.character import character_of, forgetting, in_words, memory_in_words, shape_of
+from phnn.diagnose.locations import locate
+from phnn.diagnose.words import character_in_words, character_of, fitted_in_words, forgetting, memory_in_words, shape_of
 from phnn.diagnosis.learn import learn, learned_setup
-from phnn.diagnosis.locate import locate
-from phnn.diagnosis.words import fitted_in_words
 from phnn.effects import kinds
 
 X = np.linspace(-90.0, 90.0, 241)
@@ -40,11 +39,11 @@ def test_character_of_curves(curve: np.ndarray, even: float, side: int, kind: st
 
 
 def test_words_of_a_stop_and_of_an_odd_power() -> None:
-    stop = in_words(character_of(X, np.maximum(X - 60.0, 0.0)), "displacement", "90 µm", "0.8 N", "60 µm")
+    stop = character_in_words(character_of(X, np.maximum(X - 60.0, 0.0)), "displacement", "90 µm", "0.8 N", "60 µm")
     assert stop == (
         "It acts for positive displacement only, sets in at 60 µm and grows from there; at 90 µm it has reached 0.8 N."
     )
-    cube = in_words(character_of(X, X**3), "displacement", "90 µm", "0.8 N", "")
+    cube = character_in_words(character_of(X, X**3), "displacement", "90 µm", "0.8 N", "")
     assert "is odd in the displacement, is there from the start and grows with the cube" in cube
     assert shape_of(np.linspace(0.0, 1.0, 50), np.linspace(0.0, 1.0, 50)).at == 1.0
 
@@ -54,10 +53,10 @@ def test_forgetting_of_one_time_constant_and_of_many() -> None:
     one = forgetting(t, 3.0 * np.exp(-t / 0.1))
     assert one is not None
     assert one == pytest.approx((0.0105, 0.0693, 0.230), rel=0.06)
-    assert "as with one time constant" in memory_in_words(one, ("10 ms", "69 ms", "230 ms"))
+    assert "as with one time constant" in memory_in_words(one)
     many = forgetting(t, sum((np.exp(-t / tau) for tau in np.geomspace(1e-3, 1.0, 7)), np.zeros_like(t)))
     assert many is not None
-    assert "over decades of time" in memory_in_words(many, ("1 ms", "30 ms", "1 s"))
+    assert "over decades of time" in memory_in_words(many)
     assert forgetting(t, np.sin(t)) is None
 
 

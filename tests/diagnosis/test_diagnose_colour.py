@@ -9,9 +9,10 @@ from scipy.signal import lfilter
 
 import phnn
 from phnn.criteria import NOISE
-from phnn.diagnosis.colour import Colour
+from phnn.diagnose.linearised import LinearisedFit
+from phnn.diagnose.noise import Colour, clipped
 from phnn.diagnosis.diagnosis import available
-from phnn.diagnosis.linearised_fit import LinearisedFit
+from phnn.diagnosis.name import deviates
 from phnn.diagnosis.scored import scored
 from phnn.identification.residual_noise import most_excess, noise_spectra
 from phnn.recordings.recording import Campaign, unrecorded
@@ -86,9 +87,9 @@ def test_deviates_are_normal_under_heavy_tails_and_noise_that_grows_with_the_spe
     for noise in (rng.standard_t(3, n) / np.sqrt(3.0), 1.5 * speed * rng.standard_normal(n)):
         colour = Colour(with_residual(linearised, noise))
         columns = speed[:, None] ** 2 * rng.standard_normal((n, 400))
-        deviates = colour.deviates(columns, colour.left(columns))
-        assert np.std(deviates) < 1.15
-        assert np.abs(deviates).max() < 4.5
+        scores = deviates(colour, columns, colour.left(columns))
+        assert np.std(scores) < 1.15
+        assert np.abs(scores).max() < 4.5
 
 
 def test_a_true_effect_does_not_hide_in_its_own_spread() -> None:
@@ -100,7 +101,7 @@ def test_a_true_effect_does_not_hide_in_its_own_spread() -> None:
     for direction, least in ((rng.standard_normal((n, 1)), 0.4), (np.sin(0.2 * np.arange(n))[:, None], 0.3)):
         colour = Colour(with_residual(linearised, 0.3 * direction[:, 0] + rng.standard_normal(n)))
         white = 0.3 * np.linalg.norm(direction)
-        assert colour.deviates(direction, colour.left(direction))[0] > least * white
+        assert deviates(colour, direction, colour.left(direction))[0] > least * white
 
 
 def test_what_few_ordinates_judge_is_seldom_significant_by_chance() -> None:
@@ -116,8 +117,9 @@ def test_what_few_ordinates_judge_is_seldom_significant_by_chance() -> None:
     for _ in range(draws):
         colour = Colour(with_residual(linearised, np.sqrt(3.0) * rng.standard_normal(sum(sizes))))
         left = colour.left(column)
-        normal += abs((column[:, 0] @ colour.clipped) / np.sqrt(left[0, 0])) > 2.576
-        judged += abs(colour.deviates(column, left)[0]) > 2.576
+        residual = clipped(colour.linearised.residual, linearised.slices)
+        normal += abs((column[:, 0] @ residual) / np.sqrt(left[0, 0])) > 2.576
+        judged += abs(deviates(colour, column, left)[0]) > 2.576
     # A hundredth of all draws, give or take two and a half standard errors.
     assert judged <= 12 < normal
 

@@ -10,9 +10,9 @@ from campaigns import recorded
 from effect_homes import BASE, SCALES
 from matplotlib.mathtext import MathTextParser
 
-from phnn.diagnosis.distil import distil
-from phnn.diagnosis.distil.refitted import refitted_formula
-from phnn.diagnosis.linearised_fit import LinearisedFit, prepare
+from phnn.diagnose.formula import distil, refitted_formula
+from phnn.diagnose.linearised import LinearisedFit, prepare
+from phnn.diagnosis.refit import refitted_effects
 from phnn.diagnosis.strengths import started
 from phnn.effects import Effect, effect
 from phnn.effects.formulas import formulas, formulas_for
@@ -143,7 +143,7 @@ def test_a_formula_of_the_measuring_chain_is_found_in_the_place_of_a_learned_ele
     plant = formulas()[formula].add_to(BASE, values)
     final = learned_linearised(plant, element).fit
     alone = fit(BASE, final.plan, NAMES, {"m": "held"}, 20)
-    found = refitted_formula(final, alone, element)
+    found = refitted_formula(final, alone, element, refitted_effects)
     assert found is not None
     assert found.as_good
     assert found.formula == pytest.approx(1.0, abs=0.1)

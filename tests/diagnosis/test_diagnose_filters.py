@@ -8,14 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import cont2discrete, dlsim, lfilter
 
-from phnn.diagnosis.filters import (
+from phnn.diagnose.locations import (
     integral_while_within,
     low_pass,
     play_operator,
     rate,
     rate_limited,
     resonator,
-    stop_operator,
 )
 
 signals = st.integers(0, 10**6).map(lambda seed: np.cumsum(np.random.default_rng(seed).standard_normal(200)))
@@ -60,7 +59,6 @@ def test_play_follows_within_its_radius_and_knows_no_rate(x: np.ndarray, radius:
     assert np.abs(x - y).max() <= radius * (1 + 1e-12) + 1e-12
     np.testing.assert_array_equal(play_operator(np.repeat(x, 3), radius)[2::3], y)
     np.testing.assert_allclose(play_operator(-x, radius), -y, atol=0)
-    np.testing.assert_array_equal(stop_operator(x, radius), x - y)
     # It moves only with its input, and only while the input pushes it.
     moves, pushes = np.diff(y), np.diff(x)
     assert (moves * pushes >= 0.0).all()

@@ -10,10 +10,8 @@ import pytest
 from junctions import recording
 from scipy.signal import lfilter
 
-from phnn.diagnosis.colour import Colour
-from phnn.diagnosis.force_noise import force_noise
-from phnn.diagnosis.lines import own_score
-from phnn.diagnosis.spectra import spectra_of
+from phnn.diagnose.lines import own_score
+from phnn.diagnose.noise import Colour, force_noise, spectra_of
 from phnn.models.actuator import hrc
 from phnn.network import small_signal
 from phnn.network.small_signal import output_gain

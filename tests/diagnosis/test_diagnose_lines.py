@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from junctions import recording
 
-from phnn.diagnosis import lines
-from phnn.diagnosis.colour import Colour
-from phnn.diagnosis.linearised_fit import LinearisedFit
-from phnn.diagnosis.lines import line_of_one, own_score, strongest_line
-from phnn.diagnosis.spectra import Spectra, spectra_of
+from phnn.diagnose import lines
+from phnn.diagnose.linearised import LinearisedFit
+from phnn.diagnose.lines import line_of_one, own_score, strongest_line
+from phnn.diagnose.noise import Colour, Spectra, spectra_of
 from phnn.recordings.recording import Start
 from phnn.setup import DRIFT_TERMS, Own
 from tests import campaigns

@@ -155,7 +155,7 @@ def test_a_stop_that_no_catalogue_lists_is_unknown_and_learned(seed: int) -> Non
     assert j.location.name == "mechanical"
     assert j.findings and not j.claimed
     assert made.after.over_noise("confirmation") < made.before.over_noise("confirmation")
-    from phnn.diagnosis.picture import picture
+    from phnn.diagnose.words import picture
 
     drawn = picture(j.linearised, j.location)
     assert drawn is not None

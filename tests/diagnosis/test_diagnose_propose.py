@@ -11,12 +11,12 @@ import made_next
 import numpy as np
 import pytest
 
+from phnn.diagnose.linearised import LinearisedFit, prepare
+from phnn.diagnose.menu import Experiment, Stretch, menu, resonance
+from phnn.diagnose.proposal import Question, left, propose
 from phnn.diagnosis import diagnose
-from phnn.diagnosis.linearised_fit import LinearisedFit, prepare
-from phnn.diagnosis.menu import Experiment, Stretch, menu, resonance
 from phnn.diagnosis.name import Candidate
-from phnn.diagnosis.propose import left, propose
-from phnn.diagnosis.questions import Question, of_trials
+from phnn.diagnosis.questions import of_trials
 from phnn.diagnosis.trial import Trial
 from phnn.effects import catalogue
 from phnn.identification.options import Options

@@ -9,7 +9,7 @@ import campaigns
 import numpy as np
 import pytest
 
-from phnn.diagnosis.linearised_fit import direction, prepare
+from phnn.diagnose.linearised import direction, prepare
 from phnn.diagnosis.name import Candidate, score
 from phnn.diagnosis.refit import refit
 from phnn.diagnosis.starts import has_large_starts, large_starts

@@ -11,15 +11,13 @@ import pytest
 from campaigns import recorded
 from effect_homes import BASE, SCALES
 
-from phnn.diagnosis import propose as path
-from phnn.diagnosis.distil import Distilled, distil
-from phnn.diagnosis.linearised_fit import LinearisedFit, prepare
-from phnn.diagnosis.menu import Experiment, Stretch
-from phnn.diagnosis.propose import propose, shrinkage, shrinks
-from phnn.diagnosis.questions import Question, questions
-from phnn.diagnosis.rival import Bench, Rival, refitted_rival
+from phnn.diagnose import proposal as path
+from phnn.diagnose.formula import Distilled, distil
+from phnn.diagnose.linearised import LinearisedFit, prepare, tie
+from phnn.diagnose.menu import Experiment, Stretch
+from phnn.diagnose.proposal import Bench, Question, Rival, propose, refitted_rival, shrinkage, shrinks
+from phnn.diagnosis.questions import questions
 from phnn.diagnosis.strengths import started
-from phnn.diagnosis.trial import tie
 from phnn.effects import effect
 from phnn.effects.learned import learned_elements
 from phnn.identification.fit import Fit, fit

@@ -9,13 +9,13 @@ import pytest
 from effects_together import VALUES, lacking, together
 
 from phnn.criteria import CRITERIA
+from phnn.diagnose.linearised import tie
 from phnn.diagnosis import retest
 from phnn.diagnosis.finding import Finding
 from phnn.diagnosis.judge import judge
 from phnn.diagnosis.scored import scored
 from phnn.diagnosis.search import Search
 from phnn.diagnosis.select import select
-from phnn.diagnosis.trial import tie
 from phnn.effects import effect
 from phnn.identification.fit import Fit, fit
 from phnn.identification.options import Options

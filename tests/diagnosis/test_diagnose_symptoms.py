@@ -9,9 +9,7 @@ import campaigns
 import numpy as np
 import pytest
 
-from phnn.diagnosis.corrected import told
-from phnn.diagnosis.seen import Seen, seen
-from phnn.diagnosis.symptoms import Symptoms, Trend, symptoms
+from phnn.diagnose.symptoms import RecordingResidual, Symptoms, Trend, recording_residuals, significant, symptoms
 from phnn.report.symptoms import symptom_sentences
 
 NOISE, DT, MODEL = 5e-8, 1e-4, 1e-6
@@ -20,7 +18,7 @@ SINES = ((20.0, 5.0), (40.0, 5.0), (75.0, 5.0), (30.0, 40.0), (75.0, 40.0), (50.
 
 def seen_with(
     extra: Callable[[np.ndarray, float, float], np.ndarray], seed: int = 0, late: float = 0.0, periods: float = 6.0
-) -> list[Seen]:
+) -> list[RecordingResidual]:
     """Sines of several amplitudes [V] and frequencies [Hz] with noise and something else [m] in the residual."""
     rng, found = np.random.default_rng(seed), []
     for amplitude, f in SINES:
@@ -30,7 +28,7 @@ def seen_with(
         rest = extra(t, amplitude, f) + NOISE * rng.standard_normal(t.size)
         residual = (measured - model + rest) / NOISE
         found.append(
-            Seen(DT, residual - residual.mean(), measured + rest, model, f, amplitude, None, NOISE)
+            RecordingResidual(DT, residual - residual.mean(), measured + rest, model, f, amplitude, None, NOISE)
         )  # fmt: skip
     return found
 
@@ -117,15 +115,15 @@ def test_correction_for_the_number_of_symptoms() -> None:
         return Trend(1.0, 0.1, p_value)
 
     blank = Symptoms(None, None, None, None, None, 0.0, None, 0.0, None)
-    alone = told(replace(blank, drift=trend(0.009)), 0.01)
+    alone = significant(replace(blank, drift=trend(0.009)), 0.01)
     assert alone.drift is not None
     # Of four, the smallest has to lie below a quarter of the level, the next below a third.
     four = replace(blank, drift=trend(0.009), delay=trend(0.004), by_amplitude=trend(0.5), repetition=trend(0.6))
-    assert told(four, 0.01) == replace(four, drift=None, delay=None, by_amplitude=None, repetition=None)
-    two = told(replace(four, delay=trend(0.002), drift=trend(0.003)), 0.01)
+    assert significant(four, 0.01) == replace(four, drift=None, delay=None, by_amplitude=None, repetition=None)
+    two = significant(replace(four, delay=trend(0.002), drift=trend(0.003)), 0.01)
     assert two.delay is not None and two.drift is not None and two.repetition is None
     # Of the harmonics either kind is told beside the other.
-    both = told(replace(blank, even=trend(0.9), odd=trend(1e-9)), 0.01)
+    both = significant(replace(blank, even=trend(0.9), odd=trend(1e-9)), 0.01)
     assert both.even is not None and both.odd is not None
 
 
@@ -141,7 +139,7 @@ def test_a_transient_at_the_start_neither_drifts_nor_fails_to_repeat() -> None:
 
 @pytest.mark.parametrize("effect", ["none", "quadratic_drag"])
 def test_a_folder_that_neither_drifts_nor_fails_to_repeat(effect: str) -> None:
-    words = " ".join(symptom_sentences(symptoms(seen(campaigns.linearised(effect)))))
+    words = " ".join(symptom_sentences(symptoms(recording_residuals(campaigns.linearised(effect)))))
     assert "drift" not in words and "period to period" not in words
     assert effect != "none" or not words
 
@@ -155,6 +153,6 @@ def test_what_recordings_cannot_show_is_not_said() -> None:
 
 
 def test_symptoms_of_a_folder() -> None:
-    found = symptoms(seen(campaigns.linearised("cubic_stiffness")))
+    found = symptoms(recording_residuals(campaigns.linearised("cubic_stiffness")))
     assert of(found, "odd")[0] > 0.9
     assert of(found, "odd")[2] < 1e-6

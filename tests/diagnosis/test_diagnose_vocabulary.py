@@ -9,12 +9,9 @@ import numpy as np
 import pytest
 
 from phnn.configuration import config_folder
-from phnn.diagnosis.dictionary import GROUPS
-from phnn.diagnosis.linearised_fit import LinearisedFit
-from phnn.diagnosis.locate import Location
-from phnn.diagnosis.picture import picture
-from phnn.diagnosis.vocabulary import vocabulary_of
-from phnn.diagnosis.words import fitted_in_words
+from phnn.diagnose.linearised import LinearisedFit
+from phnn.diagnose.locations import GROUPS, Location
+from phnn.diagnose.words import fitted_in_words, picture, vocabulary_of
 from phnn.models.network_file import load_network
 from phnn.report.domain_words import in_own_words
 from phnn.report.reading import read_document

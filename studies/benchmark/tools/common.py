@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.diagnosis.linearised_fit import LinearisedFit, direction, prepare
+from phnn.diagnose.linearised import LinearisedFit, direction, prepare
 from phnn.diagnosis.starts import clamped
 from phnn.effects import Effect, catalogue
 from phnn.identification.fit import Fit, fit, fit_problem, variables_from

@@ -35,8 +35,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.derivatives import input_force, output_derivatives
-from phnn.diagnosis.filters import low_pass, play_operator, rate
-from phnn.diagnosis.linearised_fit import LinearisedFit, prepare
+from phnn.diagnose.linearised import LinearisedFit, prepare
+from phnn.diagnose.locations import low_pass, play_operator, rate
 from phnn.effects import Effect, Scales
 from phnn.effects.learned import learned_elements
 from phnn.errors import PhnnError

@@ -31,8 +31,8 @@ from scipy.signal import lfilter
 from scipy.stats import f as fisher
 from scipy.stats import false_discovery_control
 
+from phnn.diagnose.linearised import LinearisedFit
 from phnn.diagnosis.diagnosis import available
-from phnn.diagnosis.linearised_fit import LinearisedFit
 from phnn.diagnosis.starts import clamped
 from phnn.effects import Effect
 from phnn.errors import InputRefused, PhnnError

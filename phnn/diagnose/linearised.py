@@ -10,9 +10,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.criteria import NOISE, Noise
-from phnn.diagnosis.force_noise import Response
-from phnn.diagnosis.spectra import Spectra, spectra_of
+from phnn.criteria import NOISE, SELECTION, Noise
+from phnn.diagnose.noise import Response, Spectra, spectra_of
 from phnn.effects import Effect, Scales
 from phnn.effects.places import values_by_role
 from phnn.errors import SolverFailed
@@ -63,7 +62,7 @@ class LinearisedFit:
         return self.project(self.fit.residual)
 
     def project(self, columns: Array) -> Array:
-        """Columns without their part in the span of the base sensitivities."""
+        """Return columns without their part in the span of the base sensitivities."""
         basis = self.basis
         share, out = basis.T @ columns, np.empty_like(columns)
         # Recording by recording: a copy of everything at once costs more than the arithmetic.
@@ -73,7 +72,7 @@ class LinearisedFit:
         return out
 
     def stack(self, outputs: Sequence[Array]) -> Array:
-        """Changes of the outputs, one array a recording, as weighted columns without nuisances."""
+        """Return changes of the outputs, one array a recording, as weighted columns without nuisances."""
         own = self.fit.setup.own
         rows = [
             without_nuisances(o, r.mask("identification"), r, own, hidden) / r.noise
@@ -104,10 +103,10 @@ class LinearisedFit:
             initial = self.fit.initial(recording.name)
             return simulate(self.fit.setup, recording, plan.steps_of(recording), initial=initial).y
 
-        return plan.each(run)
+        return plan.each(run, simulations=1.0)
 
     def on_subset(self) -> LinearisedFit:
-        """The linearised as a few recordings show it that lie far apart, the fit as it is."""
+        """Return the linearised fit on a few recordings that lie far apart; parameters stay as they are."""
         few = representative_subset(self.plan)
         if few is self.plan:
             return self
@@ -123,7 +122,7 @@ class LinearisedFit:
         return spectra_of([self.residual[rows] for rows in self.slices], self.plan.recordings, by_force)
 
     def response(self, recording: Recording) -> Response:
-        """Of what a recording measures to a force on the network about rest, by its stated sensor."""
+        """Return the response of the recorded output to a force on the network about rest, by its stated sensor."""
         network, sensor = measured_network(self.fit.setup.network, recording), recording.sensor
 
         def found(f: Array) -> Array:
@@ -150,14 +149,14 @@ def prepare(fit: Fit, terminals: bool = False, noise: Noise = NOISE, reach: Scal
     def run(recording: Recording) -> Trajectory:
         return simulate(fit.setup, recording, fit.plan.steps_of(recording), initial=fit.initial(recording.name))
 
-    trajectories = tuple(fit.plan.each(run))
+    trajectories = tuple(fit.plan.each(run, simulations=1.0))
     own = scales_of(fit, trajectories)
     linearised = LinearisedFit(fit, trajectories, own if reach is None else own.reaching(reach), terminals, noise)
     return replace(linearised, scales=replace(linearised.scales, peaks=linearised.spectra.peaks))
 
 
 def scales_of(fit: Fit, trajectories: Sequence[Trajectory]) -> Scales:
-    """Sizes met in the recordings."""
+    """Return the sizes met in the recordings."""
     recordings = fit.plan.recordings
     frequencies = [f for r in recordings if (f := dominant_frequency(r)) > 0.0]
     known = values_by_role(fit.setup.network)
@@ -177,7 +176,7 @@ def scales_of(fit: Fit, trajectories: Sequence[Trajectory]) -> Scales:
 
 
 def direction(linearised: LinearisedFit, effect: Effect, values: Mapping[str, float]) -> Array:
-    """(N,) weighted change of the output by an effect; zero where the changed model cannot be simulated."""
+    """Return the weighted change (N,) of the output by an effect; zero where the changed model cannot be simulated."""
     setup = effect.add_to(linearised.fit.setup, values)
     plan = linearised.plan.coarse()
 
@@ -188,6 +187,17 @@ def direction(linearised: LinearisedFit, effect: Effect, values: Mapping[str, fl
         return simulate(setup, recording, plan.steps_of(recording), initial=initial).y - base
 
     try:
-        return linearised.stack(plan.each(one, linearised.coarse_outputs))
+        return linearised.stack(plan.each(one, linearised.coarse_outputs, simulations=1.0))
     except SolverFailed:
         return np.zeros(linearised.fit.residual.size)
+
+
+def tie(fitted: Fit, variances: float = SELECTION.tie) -> float:
+    """Return the difference of sums of squares below which two refits are not told apart.
+
+    Args:
+        variances: the difference in residual variances, for white noise.
+    """
+    # Coloured noise inflates such differences by the sum of its correlation.
+    colour = max(max(1.0, 2.0 * float(np.sum(r.noise_correlation)) - 1.0) for r in fitted.plan.recordings)
+    return variances * colour * max(1.0, fitted.chi2)

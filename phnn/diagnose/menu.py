@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.diagnosis.linearised_fit import LinearisedFit
+from phnn.diagnose.linearised import LinearisedFit
 from phnn.network.small_signal import linearised_at_rest
 from phnn.passage import is_displacement
 from phnn.recordings.recording import Part, Recording, Start, Units
@@ -17,6 +17,7 @@ from phnn.simulate import simulate
 from phnn.units import quantity
 
 Array = NDArray[np.float64]
+
 
 _SAMPLES = 20_000
 _PER_PERIOD = 20  # samples of the fastest period
@@ -36,7 +37,7 @@ class Stretch:
     lines: tuple[tuple[float, float, float], ...] = ()
 
     def input(self, t: Array) -> Array:
-        """The input at some times within the stretch, shape as ``t``."""
+        """Return the input at some times within the stretch, shape as ``t``."""
         waves = [a * np.sin(2.0 * np.pi * f * (t - self.start) + phase) for a, f, phase in self.lines]
         return np.asarray(self.level + sum(waves, np.zeros_like(t)))
 
@@ -81,7 +82,7 @@ class Experiment:
         return u
 
     def recording(self, noise: float, units: Units) -> Recording:
-        """It as a recording whose output is not known yet; white noise of standard deviation ``noise`` is expected."""
+        """Return it as a recording without an output; white noise of standard deviation ``noise`` is expected."""
         t = self.t
         name = f"menu: {self.kind}"
         part = Part(name, 0, t.size, "identification")
@@ -92,7 +93,7 @@ class Experiment:
 
 
 def menu(linearised: LinearisedFit) -> tuple[Experiment, ...]:
-    """Recordings that a laboratory can make: they differ in time, frequency, amplitude and offset."""
+    """Return recordings that a laboratory can make: they differ in time, frequency, amplitude and offset."""
     smooth = (_slow(linearised), _near_resonance(linearised), _sweep(linearised), _multisine(linearised))
     if is_displacement(linearised.fit.setup, linearised.plan.recordings[0]):
         # No rig moves at once from one place to another.
@@ -101,7 +102,7 @@ def menu(linearised: LinearisedFit) -> tuple[Experiment, ...]:
 
 
 def resonance(setup: Setup) -> float | None:
-    """The lowest resonance [Hz] of the network about rest, ``Im λ/2π`` of its linearisation; None where it has none."""
+    """Return the lowest resonance [Hz] of the network about rest, ``Im λ/2π`` linearised; None without one."""
     network = setup.network
     if network.senses:
         # What is held by an imposed motion does not ring.
