@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from phnn.diagnosis.diagnosis import Diagnosis as Finished
-from phnn.diagnosis.diagnosis import diagnose as run_diagnosis
+from phnn.diagnose.diagnosis import Diagnosis as Finished
+from phnn.diagnose.diagnosis import diagnose as run_diagnosis
 from phnn.effects import Effect
 from phnn.identification.base import Progress, quiet
 from phnn.identification.identified import Identified, identify
@@ -34,11 +34,12 @@ class Diagnosis(Finished):
 
         diagnosis = phnn.diagnose(phnn.read("recordings/"))
         diagnosis.verdict                                # named, equivalent, unknown or none
+        diagnosis.probability["creep"]                   # 0.97
         diagnosis.after.over_noise("confirmation")       # held-out residual over noise
         diagnosis.model.simulate(t, voltage)             # (N,) displacement [m]
         diagnosis.write("out/")                          # diagnosis.json, report.html, model/
 
-    All attributes are those of `phnn.diagnosis.diagnosis.Diagnosis`.
+    All attributes are those of `phnn.diagnose.diagnosis.Diagnosis`.
     """
 
     def write(self, out: str | Path, overwrite: bool = False) -> dict[str, Any]:
@@ -62,7 +63,7 @@ def diagnose(
     effects: Sequence[Effect] | None = None,
     budget: float | None = None,
 ) -> Diagnosis:
-    """Fit the base model, locate what it misses, name it, refit, judge and confirm.
+    """Fit the base model, search for what it misses, weigh all models, and conclude.
 
         diagnosis = phnn.diagnose(phnn.read("recordings/"))
 

@@ -11,10 +11,10 @@ from unittest import mock
 
 import numpy as np
 
+from phnn.diagnose import diagnosis as path
+from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.linearised import LinearisedFit, prepare
 from phnn.diagnose.locations import Responses, responses
-from phnn.diagnosis import diagnosis as path
-from phnn.diagnosis.diagnosis import Diagnosis
 from phnn.effects import catalogue
 from phnn.identification.fit import Fit
 from phnn.identification.options import Options

@@ -44,14 +44,13 @@ def demo(seed: int | None, out: Path, config: Mapping[str, Any], overwrite: bool
     if diagnosis.ended.interruption is not None:
         raise diagnosis.ended.interruption
     sealed = open_seal(sealed_file.path, digest)
-    j = diagnosis.judgement
-    claimed = j.claimed
-    named = [f.named_as.name for f in claimed]
-    members = list(dict.fromkeys(t.candidate.effect.name for f in claimed for t in f.alike))
+    claimed = diagnosis.outcome.claimed
+    named = list(dict.fromkeys(c.name for c in claimed))
+    members = list(dict.fromkeys([*named, *(e.title for c in claimed for e in c.alike)]))
     held = diagnosis.before.over_noise("confirmation"), diagnosis.after.over_noise("confirmation")
     print(f"opened the seal: {sealed.effect}, residual {sealed.strength_over_noise:.3g} × noise, {sealed.parameters}")
     print(f"held-out residual over noise: {held[0]:.3g} -> {held[1]:.3g}")
-    words = ("+".join(named) or j.verdict, ",".join(members) or "-")
-    print(f"sealed: {sealed.effect}  verdict: {j.verdict}  named: {words[0]}  class: {words[1]}", flush=True)
+    words = ("+".join(named) or diagnosis.verdict, ",".join(members) or "-")
+    print(f"sealed: {sealed.effect}  verdict: {diagnosis.verdict}  named: {words[0]}  class: {words[1]}", flush=True)
     if sealed.effect not in named and not (sealed.effect in members and len(members) <= _CLASS):
         raise PhnnError(f"the sealed effect {sealed.effect} was not found; see {out / 'diagnosis' / 'report.html'}")

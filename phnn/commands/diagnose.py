@@ -8,8 +8,8 @@ from pathlib import Path
 from rich.console import Console
 
 from phnn.commands.terminal import Config, doubt, status
-from phnn.diagnosis.diagnosis import Diagnosis
-from phnn.diagnosis.diagnosis import diagnose as run_diagnosis
+from phnn.diagnose.diagnosis import Diagnosis
+from phnn.diagnose.diagnosis import diagnose as run_diagnosis
 from phnn.identification.fit import Fit
 from phnn.identification.identified import save_fit
 from phnn.identification.options import Options

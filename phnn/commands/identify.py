@@ -12,7 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from phnn.commands.terminal import Config, doubt, status
-from phnn.diagnosis.tested import score_on_all
+from phnn.diagnose.diagnosis import score_on_all
 from phnn.identification.base import identify_base
 from phnn.identification.evaluate import Evaluation
 from phnn.identification.fit import Fit

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from phnn.comparison.training import Recipe, Training, train
 from phnn.configuration import check, positive
-from phnn.diagnosis.tested import score_on_all
+from phnn.diagnose.diagnosis import score_on_all
 from phnn.errors import InputRefused
 from phnn.identification.base import Progress, identify_base, identify_bouc_wen
 from phnn.identification.evaluate import Evaluation, PartScore, score_part

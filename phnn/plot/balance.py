@@ -13,7 +13,7 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from numpy.typing import ArrayLike
 
-from phnn.diagnosis.diagnosis import Diagnosis
+from phnn.diagnose.diagnosis import Diagnosis
 from phnn.integrate.residual import power_balance
 from phnn.model import Model
 from phnn.network.system import PortHamiltonianSystem

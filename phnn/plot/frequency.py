@@ -21,8 +21,8 @@ from matplotlib.axes import Axes
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import norm
 
+from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.words import vocabulary_of
-from phnn.diagnosis.diagnosis import Diagnosis
 from phnn.errors import InputRefused, SolverFailed
 from phnn.model import Model
 from phnn.plot.panels import (

@@ -15,7 +15,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from phnn.diagnosis.diagnosis import Diagnosis
+from phnn.diagnose.diagnosis import Diagnosis
 from phnn.errors import InputRefused
 from phnn.model import Model
 from phnn.prediction import Predicted

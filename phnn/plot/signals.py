@@ -16,7 +16,7 @@ import pandas as pd
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 
-from phnn.diagnosis.diagnosis import Diagnosis
+from phnn.diagnose.diagnosis import Diagnosis
 from phnn.errors import InputRefused
 from phnn.model import Model
 from phnn.plot.panels import MOST, Panels, chosen, column, grid, hide_unused, predictions, scaled, under_each_other
@@ -381,16 +381,15 @@ def located(diagnosis: Diagnosis) -> Locations:
     Raises:
         InputRefused: it is no diagnosis.
     """
-    if not hasattr(diagnosis, "judgement"):
+    if not hasattr(diagnosis, "places"):
         raise InputRefused(
             f"a {type(diagnosis).__name__} has no locations: give a diagnosis, what phnn.diagnose(folder) returns"
         )
-    judged = diagnosis.judgement
-    if judged.location is None:
+    if diagnosis.location is None:
         return Locations(None)
-    name, *tied = judged.places
-    scores = tuple(sorted(judged.location.scores.items(), key=lambda item: -item[1]))
-    return Locations(Location(name, judged.detail, tuple(tied), scores, (), (), ()))
+    name, *tied = diagnosis.places
+    scores = tuple(sorted(diagnosis.location.scores.items(), key=lambda item: -item[1]))
+    return Locations(Location(name, diagnosis.detail, tuple(tied), scores, (), (), ()))
 
 
 def _rank(found: Location | None, name: str) -> str:

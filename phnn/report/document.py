@@ -66,6 +66,7 @@ class Missing:
     status: str = ""
     nearest: str = ""
     held_out: HeldOut | None = None
+    probability: float | None = None
 
 
 @dataclass(frozen=True)
@@ -145,7 +146,8 @@ class Ending:
     """How the search ended.
 
     Attributes:
-        why: ``nothing left``, ``seconds``, ``interrupted`` or ``failure``; budget: seconds that there were.
+        why: ``nothing left``, ``evaluations``, ``seconds``, ``interrupted`` or ``failure``; budget: seconds that there
+            were; evaluations: of the whole plan of recordings that were used.
         not_tried: moves that were given up or not begun; failed: models that were no candidates.
     """
 
@@ -153,6 +155,7 @@ class Ending:
     budget: float | None = None
     not_tried: tuple[str, ...] = ()
     failed: tuple[Lost, ...] = ()
+    evaluations: float | None = None
 
 
 @dataclass(frozen=True)
@@ -179,6 +182,7 @@ class Document:
     noise: tuple[NoiseRow, ...] = ()
     ended: Ending = Ending()
     warnings: tuple[Lost, ...] = ()
+    probability: tuple[tuple[str, float | None], ...] = ()  # by effect, largest first; of ``none`` too
 
     @property
     def has_after(self) -> bool:

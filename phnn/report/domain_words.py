@@ -11,7 +11,7 @@ from phnn.report.document import Document
 from phnn.units import FORCE_UNITS
 
 if TYPE_CHECKING:
-    from phnn.diagnosis.diagnosis import Diagnosis
+    from phnn.diagnose.diagnosis import Diagnosis
 
 
 def forces_known(diagnosis: Diagnosis) -> bool:

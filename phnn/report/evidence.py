@@ -81,14 +81,32 @@ class ParameterRow:
 
 
 @dataclass(frozen=True)
+class ModelRow:
+    """A model that was fitted.
+
+    Attributes:
+        elements: beyond the base model, in words; parameters: how many of them are free.
+        left, left_held_out: mean square of the residual over that of the noise; NaN where nothing was held out.
+        probability: among all models that were fitted; converged: fitted to its end; chosen: the final model.
+    """
+
+    elements: str
+    left: float
+    left_held_out: float
+    parameters: int
+    probability: float
+    converged: bool
+    chosen: bool
+
+
+@dataclass(frozen=True)
 class CandidateRow:
-    """What was tried, and why it was kept or rejected."""
+    """An element that may be added to the base model; ``fall`` is the predicted fall of its χ²/N."""
 
     effect: str
     location: str
     score: float
-    p_value: float
-    refit_chi2: float | None
+    fall: float
     outcome: str
 
 
@@ -105,14 +123,9 @@ class LedgerRow:
 
 @dataclass(frozen=True)
 class RuleRow:
-    """A rule of the verdict: whether it applied, what it compared, and the outcome where it applied.
-
-    Attributes:
-        element: what it was asked of; empty for the whole model.
-    """
+    """A rule of the verdict: whether it applied, what it compared, and the outcome where it applied."""
 
     rule: str
-    element: str
     applies: bool
     outcome: str
     numbers: Mapping[str, float | None]
@@ -173,5 +186,6 @@ class Evidence:
     no_proposal: str = ""  # why no recording is proposed though something is tied
     symptoms: tuple[str, ...] = ()  # what the base model's residual looks like, in sentences
     rules: tuple[RuleRow, ...] = ()  # of the verdict, in the order in which they were asked
+    models: tuple[ModelRow, ...] = ()  # that were fitted, the most probable first
     methods: Methods | None = None
     provenance: Provenance | None = None

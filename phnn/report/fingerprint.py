@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import periodogram
 
+from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.locations import GROUPS
 from phnn.diagnose.words import vocabulary_of
-from phnn.diagnosis.diagnosis import Diagnosis
 from phnn.effects import Effect
 from phnn.effects.kinds import AFTER_A_STEP, ELAPSED
 from phnn.report.formatting import display_unit
@@ -45,7 +45,7 @@ def fingerprint(diagnosis: Diagnosis, effect: Effect) -> Fingerprint | None:
     variable = variable_of(effect)
     if variable == _FREQUENCY:
         return _over_frequency(diagnosis)
-    found = [_samples(diagnosis, t, variable) for t in diagnosis.judgement.final_linearised.trajectories]
+    found = [_samples(diagnosis, t, variable) for t in diagnosis.linearised[1].trajectories]
     picture = _over_variable(found, variable, diagnosis)
     # Without a hold there is no time after a step: the memory shows over frequency.
     return _over_frequency(diagnosis) if picture is None else picture

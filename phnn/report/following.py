@@ -7,10 +7,10 @@ from typing import Any
 import pandas as pd
 
 from phnn.check import check
+from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.proposal import NextExperiment
-from phnn.diagnosis.diagnosis import Diagnosis
-from phnn.diagnosis.questions import tied_members
-from phnn.report.formatting import listing
+from phnn.diagnose.verdict import NONE, UNKNOWN
+from phnn.report.formatting import listing, words
 from phnn.results import Place
 from phnn.setup import Setup
 
@@ -51,25 +51,25 @@ def next_experiment(proposal: NextExperiment | None) -> dict[str, Any] | None:
 
 def no_proposal(diagnosis: Diagnosis) -> str:
     """Say why no recording is proposed, which experiment would decide in principle, and what was not recorded."""
-    j = diagnosis.judgement
-    members = tied_members(j)
-    tied_places = not j.findings and j.location is not None and j.location.tied
-    if diagnosis.proposal is not None or j.verdict == "none":
+    if diagnosis.proposal is not None or diagnosis.verdict == NONE:
         return ""
-    if not (members or tied_places):
-        return _further(diagnosis) if j.verdict == "unknown" else ""
-    names = [t.candidate.effect.name.replace("_", " ") for t in members]
-    if len(members) < 2:
+    tied = next((c for c in diagnosis.claims if c.alike), None)
+    places = not diagnosis.claims and diagnosis.location is not None and diagnosis.location.tied
+    if tied is None and not places:
+        return _further(diagnosis) if diagnosis.verdict == UNKNOWN else ""
+    members = () if tied is None else (tied.effect, *tied.alike)
+    if members:
+        start = (
+            f"No recording is proposed for what is tied: on none of the menu do the refitted models of "
+            f"{listing(words(e.name) for e in members)} differ once their parameters adapt, or none of it can be "
+            "simulated."
+        )
+    else:
         start = (
             "No recording is proposed for what is tied: it takes two refitted models to compute where they differ, and "
             "the places that are tied have not two that fit better than the base model."
         )
-    else:
-        start = (
-            f"No recording is proposed for what is tied: on none of the menu do the refitted models of "
-            f"{listing(names)} differ once their parameters adapt, or none of it can be simulated."
-        )
-    told = [f"For {n}: {t.candidate.effect.separation}" for n, t in zip(names[:2], members, strict=False)]
+    told = [f"For {words(e.name)}: {e.separation}" for e in members[:2]]
     lacks = _lacks(diagnosis)
     also = f"These recordings also lack: {'; '.join(lacks)}." if lacks else ""
     return " ".join(x for x in (start, *told, also) if x)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 DASH = "–"
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-# Twice one over the number of draws from a null, and a little more for rounding.
+# The tails of residuals are not those of a normal deviate: smaller p-values are shown as smaller than this.
 _FLOOR = 2.0001e-5
 _LENGTHS = ((1e-9, "nm"), (1e-6, "µm"), (1e-3, "mm"), (1.0, "m"))
 
@@ -125,6 +125,14 @@ def at_floor(value: float | None) -> bool:
 def chance(value: float | None) -> str:
     """A p-value for a column headed *p*."""
     return DASH if finite(value) is None else p_value(value).removeprefix("p ").removeprefix("= ")
+
+
+def likelihood(value: float | None) -> str:
+    """A probability as a person reads it: ``97 %``, ``> 99 %``."""
+    value = finite(value)
+    if value is None:
+        return DASH
+    return "> 99 %" if value >= 0.995 else "< 1 %" if value < 0.005 else f"{100.0 * value:.0f} %"
 
 
 def percent(value: float | None, decimals: int = 1) -> str:

@@ -6,10 +6,10 @@ import re
 from collections.abc import Sequence
 from importlib.metadata import version
 
-from phnn.diagnosis.diagnosis import Diagnosis
+from phnn.diagnose.diagnosis import Diagnosis
 from phnn.network.roles import auxiliary
 from phnn.report.evidence import Methods
-from phnn.report.formatting import listing, number, percent, ratio, short, words
+from phnn.report.formatting import listing, number, ratio, short, words
 from phnn.report.provenance import python_version
 
 # Names of recordings that are listed; of more, the number is said.
@@ -18,6 +18,11 @@ _PAPER_SHORT = (
     "Díaz, Ramírez, Le Gorrec & Wu, Modular Passivity-Based Modeling of Piezoelectric Actuators, Mathematical and "
     "Computer Modelling of Dynamical Systems 31 (1), 2025, doi:10.1080/13873954.2025.2533294"
 )
+_COARSENED = (
+    "Miller & Dunson, Robust Bayesian inference via coarsening, Journal of the American Statistical Association 114, "
+    "2019, doi:10.1080/01621459.2018.1469995"
+)
+_SCHWARZ = "Schwarz, Estimating the dimension of a model, The Annals of Statistics 6 (2), 1978"
 _PAPER = """@article{diaz_modular,
   author  = {D{\\'i}az, Ignacio and Ram{\\'i}rez, H{\\'e}ctor and {Le Gorrec}, Yann and Wu, Yongxin},
   title   = {Modular Passivity-Based Modeling of Piezoelectric Actuators},
@@ -43,8 +48,13 @@ _ESCAPES = {
 def methods(diagnosis: Diagnosis) -> Methods:
     """Describe a finished diagnosis as the methods section of a paper would."""
     sentences = (*_fitted(diagnosis), *_held_out(diagnosis), *_decided(diagnosis), *_found(diagnosis), _software())
-    references = tuple(dict.fromkeys(r for f in diagnosis.judgement.findings for r in f.effect.references))
+    references = _references(diagnosis)
     return Methods(sentences, (f"phnn {version('phnn')}", _PAPER_SHORT, *references), bibtex(references))
+
+
+def _references(diagnosis: Diagnosis) -> tuple[str, ...]:
+    """Return those of the number of a model, and those of the elements."""
+    return (_COARSENED, _SCHWARZ, *dict.fromkeys(r for c in diagnosis.claims for r in c.effect.references))
 
 
 def bibtex(references: Sequence[str]) -> str:
@@ -105,41 +115,39 @@ def _held_out(diagnosis: Diagnosis) -> list[str]:
 
 
 def _decided(diagnosis: Diagnosis) -> list[str]:
-    c, naming = diagnosis.criteria, diagnosis.judgement.naming
-    changed, grown, kept = c.changed(), c.composition, c.confirmation
-    found = [
-        f"The residual was tested with the largest score over {len(naming.by_name)} effects and generic functions of "
-        "each location, base parameters projected out, against the null distribution of that largest score "
-        f"(level {short(c.selection.level)}).",
-        "Elements of a composed model were added where identification recordings that took no part in the fit were "
-        f"predicted better (p < {short(grown.composed_level)}, or {percent(100 * grown.composed_far, 0)} % "
-        f"of the excess with p < {short(grown.composed_far_level)}).",
-        "An element keeps its name only where the error of held-out recordings falls with it "
-        f"(p < {short(kept.held_out_level)}, paired over blocks of time) by at least "
-        f"{short(kept.named_gain)} of the noise and {percent(100 * kept.material_share, 0)} % of the error.",
+    c = diagnosis.criteria
+    sentences = [
+        f"For each of {len(diagnosis.screened[0])} candidate elements, the fall of χ² was predicted from one "
+        "linearisation of the model, with all fitted parameters projected out; its standard deviation was taken from "
+        "blocks of the residual, whatever the colour of the noise.",
+        f"Candidates above {short(c.score)} standard deviations that explain more than {short(c.material)} of the "
+        f"noise were added and refitted, one element at a time, {c.elements} at most; "
+        f"{len(diagnosis.visited.models)} models were fitted.",
+        "Models were weighed by a coarsened likelihood [3], in which no recording counts for more samples than the "
+        "misfit of the best model allows, and by the price of their parameters [4]; the probability of an effect is "
+        "the share of all models that hold it.",
+        f"An effect is named from a probability of {short(c.proven)} on, if the error of held-out recordings falls "
+        f"with it and the model leaves at most {short(c.explained)} times the power of the noise.",
     ]
-    if changed:
-        found.append(
+    if changed := c.changed():
+        sentences.append(
             f"Criteria changed from their defaults: {', '.join(f'{n} = {short(v)}' for n, v in changed.items())}."
         )
-    return found
+    return sentences
 
 
 def _found(diagnosis: Diagnosis) -> list[str]:
-    j = diagnosis.judgement
-    elements = [words(f.effect.name) + _cited(diagnosis, f.effect.references) for f in j.findings]
+    elements = [words(c.effect.name) + _cited(diagnosis, c.effect.references) for c in diagnosis.claims]
     added = f"the final model adds {listing(elements)}" if elements else "nothing was added to the base model"
     before, after = (e.over_noise("confirmation") for e in (diagnosis.before, diagnosis.after))
     change = f"; on held-out recordings the residual goes from {ratio(before)} to {ratio(after)} times the noise"
-    compared = (
-        change if elements and before == before and all(r.noise_found for r in diagnosis.campaign.recordings) else ""
-    )
-    return [f"The verdict is “{j.verdict}”: {added}{compared}."]
+    known = before == before and all(r.noise_found for r in diagnosis.campaign.recordings)
+    return [f"The verdict is “{diagnosis.verdict}”: {added}{change if elements and known else ''}."]
 
 
 def _cited(diagnosis: Diagnosis, references: Sequence[str]) -> str:
-    """The numbers of references in brackets: software and paper come before those of the elements."""
-    known = list(dict.fromkeys(r for f in diagnosis.judgement.findings for r in f.effect.references))
+    """The numbers of references in brackets, after those of software and paper."""
+    known = _references(diagnosis)
     numbers = [str(known.index(r) + 3) for r in references]
     return f" [{', '.join(numbers)}]" if numbers else ""
 

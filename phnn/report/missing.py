@@ -5,82 +5,69 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
+from scipy.special import ndtr
+
+from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.formula import Distilled
+from phnn.diagnose.number import family
+from phnn.diagnose.verdict import LEARNED, Claim
 from phnn.diagnose.words import is_effort, vocabulary_of
-from phnn.diagnosis.diagnosis import Diagnosis
-from phnn.diagnosis.finding import Finding
-from phnn.diagnosis.judge import Judgement
-from phnn.diagnosis.place import in_another_form
 from phnn.effects.places import place_of
 from phnn.identification.fit import Fit
 from phnn.report.domain_words import forces_known
-from phnn.report.sentence import unknown_character, unknown_statement
+from phnn.report.sentence import described, nearest, unknown_character, unknown_statement
 from phnn.units import FORCE_UNITS, quantity
 
 _UP_TO_FACTOR = " Absolute values are known up to one common factor, because nothing anchors them."
-_PROVISIONAL = " It is part of the model because it improves predictions; nothing proves that it is the physical cause."
+_NOT_PROVEN = " It is part of the model because it improves predictions; nothing proves that it is the physical cause."
 
 
 def missing_entries(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     """Return the entries: empty for ``none``, one without a name if no element explains the mismatch."""
-    j = diagnosis.judgement
-    if j.verdict == "none":
+    if diagnosis.verdict == "none":
         return []
-    if not j.findings:
-        return [_nameless(j, forces_known(diagnosis))]
-    return [_entry(diagnosis, f) for f in j.findings]
+    return [_entry(diagnosis, c) for c in diagnosis.claims] or [_nameless(diagnosis)]
 
 
-def _entry(diagnosis: Diagnosis, finding: Finding) -> dict[str, Any]:
-    final, anchored = diagnosis.judgement.final, forces_known(diagnosis)
-    effect = finding.effect
-    parameters = final.setup.parameters
+def _entry(diagnosis: Diagnosis, claim: Claim) -> dict[str, Any]:
+    effect, parameters = claim.effect, diagnosis.final.setup.parameters
     shown = {n: quantity(parameters[n].value, parameters[n].unit) for n in effect.parameters}
-    # A provisional element belongs to the model, and its name is not claimed.
-    claimed: dict[str, Any] = {"effect": finding.named_as.canonical, "status": _status(diagnosis, finding)}
-    if finding.provisional:
-        claimed = {
-            "effect": "unknown",
-            "status": "provisional",
-            "nearest": None if finding.nameless else finding.named_as.canonical,
-        }
-    found = finding.described
-    if found is not None:
-        status = "described" if finding.provisional else claimed["status"]
-        claimed |= {"status": status, "description": _description(found, effect.passive)}
-    said = effect.statement.format(**shown) if found is None else found.words
-    if finding.laws and not finding.provisional:
-        laws = dict.fromkeys(t.candidate.effect.canonical.replace("_", " ") for t in finding.laws)
-        said += f" It is {' or '.join(laws)} in another form than the catalogue gives it."
-        claimed["form"] = effect.name
-    names = effect.strengths if finding.learned else effect.parameters
-    return claimed | {
-        "held_out": _held_out(finding),
-        "share_explained": finding.share,
+    names = list(dict.fromkeys(e.title for e in claim.alike))
+    # An element whose name is not claimed belongs to the model all the same.
+    entry: dict[str, Any] = {"effect": claim.name, "status": claim.status}
+    if not claim.claimed:
+        entry["effect"] = "unknown"
+        entry["nearest"] = next(iter(names), None) if claim.learned else claim.name
+    formula = described(diagnosis, claim)
+    if formula is not None:
+        status = "described" if claim.status == LEARNED else claim.status
+        entry |= {"status": status, "description": _description(formula, effect.passive)}
+    free = not forces_known(diagnosis) and any(parameters[n].unit in FORCE_UNITS for n in effect.parameters)
+    statement = effect.statement.format(**shown) if formula is None else formula.words
+    return entry | {
+        "probability": round(claim.probability, 4),
+        "held_out": _held_out(diagnosis, claim),
+        "share_explained": claim.share,
         "location": effect.location,
         "place": place_of(effect, diagnosis.base.setup.network),
-        "equivalent_to": list(dict.fromkeys(t.candidate.effect.title for t in finding.alike[1:])),
-        "p_value": finding.evidence[1],
-        "statement": said
-        + ("" if anchored or not any(parameters[n].unit in FORCE_UNITS for n in effect.parameters) else _UP_TO_FACTOR)
-        + (_PROVISIONAL if finding.provisional else ""),
-        "equation": effect.equation if found is None else found.equation,
+        "equivalent_to": names,
+        "p_value": _p_value(diagnosis, claim),
+        "statement": statement + (_UP_TO_FACTOR if free else "") + ("" if claim.claimed else _NOT_PROVEN),
+        "equation": effect.equation if formula is None else formula.equation,
         "passive": effect.passive,
-        "parameters": _estimates(final, names),
+        "parameters": _estimates(diagnosis.final, effect.strengths if claim.learned else effect.parameters),
     }
 
 
-def _status(diagnosis: Diagnosis, finding: Finding) -> str:
-    """Status of a claimed element: the verdict, or ``named`` if this element alone is proven."""
-    held, level = finding.held_out, diagnosis.criteria.confirmation.held_out_level
-    proven = held is not None and held.falls is not None and held.falls < level
-    form = in_another_form(finding, diagnosis.judgement.findings)
-    alone = len(finding.alike) == 1 and not form and diagnosis.campaign.held_out_is_new
-    return "named" if alone and proven else diagnosis.judgement.verdict
+def _p_value(diagnosis: Diagnosis, claim: Claim) -> float:
+    """Return the p-value of an effect's own score in the residual of the base model, times the number of candidates."""
+    candidates = diagnosis.screened[0]
+    score = max((c.score for c in candidates if family(c.effect) == claim.name), default=0.0)
+    return min(1.0, 2.0 * len(candidates) * float(ndtr(-score))) if candidates else 1.0
 
 
 def _estimates(final: Fit, names: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """Value, standard error and 95 % interval of parameters, SI; null where they were not estimated."""
+    """Return value, standard error and 95 % interval of parameters, SI; null where they were not estimated."""
     parameters, std = final.setup.parameters, final.std()
     return {
         n: {
@@ -93,51 +80,44 @@ def _estimates(final: Fit, names: Iterable[str]) -> dict[str, dict[str, Any]]:
     }
 
 
-def _held_out(finding: Finding) -> dict[str, Any] | None:
-    """Describe the gain of an element on held-out recordings; null without held-out recordings."""
-    found = finding.held_out
-    if found is None:
+def _held_out(diagnosis: Diagnosis, claim: Claim) -> dict[str, Any] | None:
+    """Return the gain of an element on held-out recordings; null without held-out recordings."""
+    gain = diagnosis.gains[diagnosis.claims.index(claim)]
+    if gain is None:
         return None
-    return {"before": found.before, "after": found.after, "p_value": found.falls, "rms": found.rms}
+    return {"before": gain.before, "after": gain.after, "p_value": gain.falls, "rms": gain.rms}
 
 
-def _description(found: Distilled, passive: bool) -> dict[str, Any]:
-    """The formula of a learned element; exponents by their symbols, each with its 95 % interval."""
+def _description(formula: Distilled, passive: bool) -> dict[str, Any]:
+    """Return the formula of a learned element; exponents by their symbols, each with its 95 % interval."""
     return {
-        "kind": found.kind,
-        "formula": found.equation,
-        "words": found.words,
-        "parameters": {n: {"value": value, "unit": unit} for n, (value, unit) in found.parameters.items()},
-        "exponents": {n: list(interval) for n, (_, interval) in found.exponents.items()},
+        "kind": formula.kind,
+        "formula": formula.equation,
+        "words": formula.words,
+        "parameters": {n: {"value": value, "unit": unit} for n, (value, unit) in formula.parameters.items()},
+        "exponents": {n: list(interval) for n, (_, interval) in formula.exponents.items()},
         "passive": passive,
-        "others": list(found.others),
+        "others": list(formula.others),
     }
 
 
-def _nameless(j: Judgement, anchored: bool) -> dict[str, Any]:
-    """Describe the mismatch if no element improves predictions.
-
-    Args:
-        anchored: forces are known in newtons, not only up to one common factor.
-    """
-    best = min(j.tried, key=lambda t: t.cost, default=None)
-    # A refit that ended above the base model has failed, and is near to nothing.
-    helps = best is not None and best.cost < j.linearised.fit.cost
-    nearest = best.candidate.effect.name if best is not None and helps else None
-    where = j.location
-    free = where is not None and not anchored and is_effort(where)
-    factor = _UP_TO_FACTOR if free and vocabulary_of(j.linearised.fit.setup.network).mechanical else ""
+def _nameless(diagnosis: Diagnosis) -> dict[str, Any]:
+    """Return the entry of a mismatch that no element describes."""
+    where, model = diagnosis.location, nearest(diagnosis)
+    free = where is not None and is_effort(where) and not forces_known(diagnosis)
+    factor = _UP_TO_FACTOR if free and vocabulary_of(diagnosis.base.setup.network).mechanical else ""
     return {
         "effect": "unknown",
         "status": "provisional",
-        "nearest": nearest,
+        "nearest": None if model is None else family(model.elements[0]),
+        "probability": None,
         "held_out": None,
         "share_explained": None,
         "location": where.name if where else "mechanical",
         "place": None,
         "equivalent_to": [],
-        "p_value": j.naming.p_value,
-        "statement": f"{unknown_statement(j)} {unknown_character(j)}".strip() + factor,
+        "p_value": diagnosis.significance()[1],
+        "statement": f"{unknown_statement(diagnosis)} {unknown_character(diagnosis)}".strip() + factor,
         "equation": "",
         "passive": False,
         "parameters": {},

@@ -1,47 +1,43 @@
-"""Evidence for each element that a diagnosis has found."""
+"""Evidence for each element of the final model."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 
-from phnn.diagnose.linearised import tie
-from phnn.diagnosis.diagnosis import Diagnosis
-from phnn.diagnosis.finding import Finding
-from phnn.diagnosis.trial import Trial
-from phnn.effects import Plausible
+from phnn.diagnose.diagnosis import Diagnosis
+from phnn.diagnose.number import Visited, family, uid
+from phnn.diagnose.verdict import Claim
+from phnn.effects import Effect, Plausible
 from phnn.parameters import Parameter
 from phnn.recordings.recording import ACTUATOR
 from phnn.report.domain_words import forces_known
 from phnn.report.fingerprint import fingerprint
-from phnn.report.formatting import number
+from phnn.report.formatting import likelihood, number
 from phnn.report.support import PlausibleRow, RivalRow, Support
 from phnn.units import FORCE_UNITS, quantity
 
-# Rivals that are shown beside the neighbours.
-_RIVALS = 6
+# Rivals that are shown.
+_RIVALS = 8
 
 
 def supports(diagnosis: Diagnosis) -> tuple[Support, ...]:
     """Return one entry for each element, in the order of ``missing``."""
-    return tuple(_support(diagnosis, f) for f in diagnosis.judgement.findings)
+    return tuple(_support(diagnosis, c) for c in diagnosis.claims)
 
 
-def _support(diagnosis: Diagnosis, finding: Finding) -> Support:
-    effect, final = finding.effect, diagnosis.judgement.final
-    named = effect if finding.provisional else finding.named_as
-    before = final.setup.parameters
+def _support(diagnosis: Diagnosis, claim: Claim) -> Support:
+    effect, before = claim.effect, diagnosis.final.setup.parameters
     actuator = diagnosis.campaign.recordings[0].units == ACTUATOR
     anchored = forces_known(diagnosis)
-    fitted = finding.trial.fit
     return Support(
-        effect=named.name if named is effect else f"{named.name} in another form",
-        expected=named.fingerprint,
-        seen=fingerprint(diagnosis, named),
-        leaves=math.sqrt(fitted.chi2) if fitted is not None else math.nan,
-        rivals=_rivals(diagnosis, finding),
-        separation=named.separation,
-        references=named.references,
+        effect=effect.name,
+        expected=effect.fingerprint,
+        seen=fingerprint(diagnosis, effect),
+        leaves=math.sqrt(diagnosis.chosen.left),
+        rivals=_rivals(diagnosis, claim),
+        separation=effect.separation,
+        references=effect.references,
         plausible=tuple(
             plausible_row(before[n], effect.plausible[n], before, anchored, actuator)
             for n in effect.parameters
@@ -50,39 +46,35 @@ def _support(diagnosis: Diagnosis, finding: Finding) -> Support:
     )
 
 
-def _rivals(diagnosis: Diagnosis, finding: Finding) -> tuple[RivalRow, ...]:
-    """List the related effects and the next best ones, with the residual of each."""
-    effect = finding.effect
-    base = diagnosis.judgement.linearised.fit
-    members = {t.candidate.effect.name for t in finding.members}
-    refits: dict[str, Trial] = {}
-    for trial in sorted(finding.trials, key=lambda t: t.cost):
-        if trial.fit is not None and trial.candidate.effect.name != effect.name:
-            refits.setdefault(trial.candidate.effect.name, trial)
-    scores = finding.naming.by_name
-    neighbours = [n for n in effect.neighbours if n in refits or n in scores]
+def rivals_of(diagnosis: Diagnosis, claim: Claim) -> dict[str, tuple[Effect, Visited]]:
+    """Return the best visited model with each other effect in the place of an element, by name, the best first."""
+    others = diagnosis.chosen.key - {uid(claim.effect)}
+    rivals: dict[str, tuple[Effect, Visited]] = {}
+    for model in sorted(diagnosis.visited.models, key=lambda m: m.fit.cost):
+        instead = [e for e in model.elements if uid(e) not in others]
+        if others <= model.key and len(instead) == 1 and family(instead[0]) != claim.name:
+            rivals.setdefault(instead[0].name, (instead[0], model))
+    return rivals
+
+
+def _rivals(diagnosis: Diagnosis, claim: Claim) -> tuple[RivalRow, ...]:
+    """List what stood in the place of an element, and its neighbours that were not fitted there."""
+    alike = {family(e) for e in claim.alike}
     rows = []
-    for name in dict.fromkeys([*neighbours, *list(refits)[:_RIVALS]]):
-        found = refits.get(name)
-        if found is None or found.fit is None:
-            own, best = scores[name].score, scores[effect.name].score if effect.name in scores else math.nan
-            rows.append(RivalRow(name, None, f"not refitted: its score is {own:.3g}, the best is {best:.3g}"))
-        elif name in members:
-            rows.append(RivalRow(name, math.sqrt(found.fit.chi2), "not excluded: explains as much"))
-        elif found.cost > base.cost + tie(base):
-            rows.append(RivalRow(name, None, "not decided: its refit failed"))
-        else:
-            rows.append(RivalRow(name, math.sqrt(found.fit.chi2), _excluded(finding.trial, found)))
+    fitted = rivals_of(diagnosis, claim)
+    for name, (effect, model) in list(fitted.items())[:_RIVALS]:
+        more = model.fit.cost - diagnosis.final.cost
+        excluded = "not excluded: " if family(effect) in alike else "" if model.converged else "not fitted to its end: "
+        outcome = f"sum of squares {number(abs(more))} {'larger' if more > 0.0 else 'smaller'}"
+        share = likelihood(float(diagnosis.visited.shares[diagnosis.visited.models.index(model)]))
+        rows.append(RivalRow(name, math.sqrt(model.left), f"{excluded}{outcome}, probability of the model {share}"))
+    scores = {c.effect.name: c.score for c in diagnosis.screened[0]}
+    rows += [
+        RivalRow(n, None, f"not fitted: its score at the base model is {number(scores[n])}")
+        for n in claim.effect.neighbours
+        if n in scores and n not in fitted
+    ]
     return tuple(rows)
-
-
-def _excluded(best: Trial, rival: Trial) -> str:
-    """State by how much a rival fits worse, and the difference that would be a tie."""
-    more = rival.cost - best.cost
-    if best.fit is None or more <= 0.0:
-        return "fits as well, but with terms of each recording that no model predicts"
-    limit = number(tie(best.fit))
-    return f"excluded: its error is larger, by {number(more)} in the sum of squares; up to {limit} would be a tie"
 
 
 def plausible_row(

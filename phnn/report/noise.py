@@ -7,12 +7,12 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.diagnosis.diagnosis import Diagnosis
-from phnn.diagnosis.scored import SIGNIFICANT
+from phnn.diagnose.diagnosis import Diagnosis
 from phnn.effects.places import values_by_role
 from phnn.identification.residual_noise import difference
 from phnn.network.roles import capacitances
 from phnn.recordings.recording import Recording
+from phnn.report.tried import remains
 from phnn.setup import Setup
 from phnn.signals.noise_statement import NoiseStatement, Sample, noise_statement
 from phnn.signals.quantisation import quantisation_step
@@ -23,9 +23,9 @@ Array = NDArray[np.float64]
 def noise_statements(diagnosis: Diagnosis) -> dict[str, NoiseStatement]:
     """Return the noise by recording, held-out ones included: it decides nothing. Recordings that could not be simulated
     have none."""
-    j, outputs = diagnosis.judgement, diagnosis.after.outputs
-    complete = j.remainder is None or j.remainder.p_value >= SIGNIFICANT or j.remainder_immaterial is not None
-    return statements([r for r in diagnosis.campaign.recordings if r.name in outputs], outputs, j.final.setup, complete)
+    outputs, setup = diagnosis.after.outputs, diagnosis.final.setup
+    shown = [r for r in diagnosis.campaign.recordings if r.name in outputs]
+    return statements(shown, outputs, setup, not remains(diagnosis))
 
 
 def statements(
@@ -34,7 +34,7 @@ def statements(
     """The same from the outputs of a model.
 
     Args:
-        complete: the model leaves nothing significant.
+        complete: the model leaves nothing that matters.
     """
     plant, found = plant_gain(setup), {}
     for r in recordings:

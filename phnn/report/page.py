@@ -40,6 +40,8 @@ def svg_link(drawing: Drawing) -> str:
 
 
 _SHOWN = 8
+# Least probability of a bar.
+_LEAST = 0.01
 
 
 def plots_id(drawing: Drawing) -> str:
@@ -89,6 +91,13 @@ def _unit_of(row: ParameterRow) -> str:
     return "" if row.unit == "1" else row.unit
 
 
+def _chances(document: Document) -> list[tuple[str, float, str]]:
+    """Return the likeliest effects with length and label of their bars; that nothing is missing comes last."""
+    likely = [(formatting.words(n), p) for n, p in document.probability if n != "none" and (p or 0.0) >= _LEAST]
+    none = [("nothing is missing", p) for n, p in document.probability if n == "none"]
+    return [(name, round(100.0 * (p or 0.0), 1), formatting.likelihood(p)) for name, p in (*likely[:_SHOWN], *none)]
+
+
 @cache
 def _environment() -> Environment:
     environment = Environment(
@@ -102,6 +111,7 @@ def _environment() -> Environment:
         percent=formatting.percent,
         p_value=formatting.p_value,
         chance=formatting.chance,
+        likelihood=formatting.likelihood,
         words=formatting.words,
         listing=formatting.listing,
         image=image,
@@ -142,6 +152,7 @@ def render_page(
             remainder_sentence=verdicts.remainder_sentence(document.remainder, document.immaterial is not None),
             no_proposal=verdicts.no_proposal_sentence(document, evidence.no_proposal),
             headline_ratio=_headline_ratio(document),
+            chances=_chances(document),
             frequencies=_first(location.frequencies_hz, "Hz") if location else "",
             times=_first(location.times_s, "s") if location else "",
             error_unit=_error_unit(document.fits, document.output_unit),

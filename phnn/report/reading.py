@@ -85,6 +85,7 @@ def _missing(value: Any) -> Missing:
         status=_text(entry.get("status")),
         nearest=_text(entry.get("nearest")),
         held_out=_held_out(entry.get("held_out")),
+        probability=finite(entry.get("probability")),
     )
 
 
@@ -189,7 +190,8 @@ def lost_parts(value: Any) -> tuple[Lost, ...]:
 def _ended(value: Any) -> Ending:
     entry = _mapping(value)
     why, budget = _text(entry.get("why")), finite(entry.get("budget"))
-    return Ending(why or "nothing left", budget, _texts(entry.get("not_tried")), lost_parts(entry.get("failed")))
+    lost, evaluations = lost_parts(entry.get("failed")), finite(entry.get("evaluations"))
+    return Ending(why or "nothing left", budget, _texts(entry.get("not_tried")), lost, evaluations)
 
 
 def read_document(document: Mapping[str, Any]) -> Document:
@@ -226,4 +228,5 @@ def read_document(document: Mapping[str, Any]) -> Document:
         noise=noise,
         ended=_ended(document.get("ended")),
         warnings=lost_parts(document.get("warnings")),
+        probability=_descending({str(n): finite(p) for n, p in _mapping(document.get("probability")).items()}),
     )

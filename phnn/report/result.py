@@ -14,16 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.check.quality import doubts_of_units
+from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.locations import (
     recording_scores,
     strongest_frequencies,
     strongest_times,
 )
 from phnn.diagnose.symptoms import recording_residuals, symptoms
+from phnn.diagnose.verdict import NONE, UNKNOWN, Applied
 from phnn.diagnose.words import Picture, is_effort, learned_picture, missing_force, picture
-from phnn.diagnosis.diagnosis import Diagnosis
-from phnn.diagnosis.judge import Judgement
-from phnn.diagnosis.rules import Applied
 from phnn.identification.fit import Fit
 from phnn.identification.identified import save_fit
 from phnn.integrate.residual import power_balance
@@ -38,7 +37,7 @@ from phnn.report.noise import noise_statements
 from phnn.report.provenance import provenance, python_version
 from phnn.report.sentence import sentence
 from phnn.report.symptoms import symptom_sentences
-from phnn.report.tried import tried_rows
+from phnn.report.tried import candidate_rows, immaterial, model_rows, remains
 from phnn.report.write import write_report
 from phnn.rescue import Failure, accounted, documents, needed
 from phnn.results import PROGRESS, Place, claim, finite
@@ -48,6 +47,8 @@ from phnn.units import FORCE_UNITS
 SCHEMA = "phnn.diagnosis/1"
 # What a diagnosis writes into its folder.
 RESULTS = ("base", "model", "diagnosis.json", "figures", "report.html", WAVEFORM, PROGRESS)
+# Least probability that is told; that of nothing missing always is.
+_TOLD = 0.001
 _PACKAGES = ("phnn", "torch", "numpy", "scipy", "numba")
 
 
@@ -81,7 +82,7 @@ def write_into(
     """
     with accounted(answers=True) as account:
         save_fit(diagnosis.base, place / "base")
-        save_fit(diagnosis.judgement.final, place / "model")
+        save_fit(diagnosis.final, place / "model")
         content = document(diagnosis)
         (place / "diagnosis.json").write_json(content)
         inputs = diagnosis.base.plan.recordings[0].units.input
@@ -104,6 +105,7 @@ def _told(diagnosis: Diagnosis, further: Sequence[Failure] = ()) -> dict[str, An
         "ended": {
             "why": ended.why,
             "budget": ended.budget,
+            "evaluations": ended.evaluations,
             "not_tried": list(ended.not_tried),
             "failed": documents(ended.failed),
         },
@@ -113,11 +115,12 @@ def _told(diagnosis: Diagnosis, further: Sequence[Failure] = ()) -> dict[str, An
 
 def document(diagnosis: Diagnosis) -> dict[str, Any]:
     """``diagnosis.json`` as a mapping; numbers that are not finite become null, and so do parts that fail."""
-    j, campaign = diagnosis.judgement, diagnosis.campaign
+    campaign = diagnosis.campaign
     parts: dict[str, Callable[[], Any]] = {
-        "test": lambda: _test(j),
+        "test": lambda: _test(diagnosis),
+        "probability": lambda: {n: round(p, 4) for n, p in diagnosis.probability.items() if p >= _TOLD or n == NONE},
         "missing": lambda: missing_entries(diagnosis),
-        "remainder": lambda: _remainder(j, diagnosis.criteria.selection.level),
+        "remainder": lambda: _remainder(diagnosis),
         "location": lambda: _location(diagnosis),
         "noise": lambda: _noise(diagnosis),
         "noise_floor": lambda: {r.name: r.noise for r in campaign.recordings},
@@ -127,10 +130,10 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "fit": lambda: _fit(diagnosis),
         "next_experiment": lambda: next_experiment(diagnosis.proposal),
         "versions": lambda: {"python": python_version()} | {name: version(name) for name in _PACKAGES},
-        "rules": lambda: [r.document() for r in j.rules],
+        "rules": lambda: [r.document() for r in diagnosis.outcome.rules],
         "criteria": lambda: diagnosis.criteria.changed(),
     }
-    content: dict[str, Any] = {"schema": SCHEMA, "verdict": j.verdict}
+    content: dict[str, Any] = {"schema": SCHEMA, "verdict": diagnosis.verdict}
     content |= {name: needed(f"{name} of diagnosis.json", made, None) for name, made in parts.items()}
     content |= {"seed": diagnosis.options.seed, "seconds": round(diagnosis.seconds, 2)}
     whole: dict[str, Any] = finite(content | _told(diagnosis))
@@ -145,61 +148,45 @@ def _noise(diagnosis: Diagnosis) -> dict[str, Any]:
 def _fit(diagnosis: Diagnosis) -> dict[str, Any]:
     return {
         "before": diagnosis.before.table(),
-        "after": diagnosis.after.table() if diagnosis.judgement.final is not diagnosis.base else {},
+        "after": diagnosis.after.table() if diagnosis.final is not diagnosis.base else {},
         "held_out": [p.name for p in diagnosis.before.parts if p.use == "confirmation"],
     }
 
 
-def _test(j: Judgement) -> dict[str, Any]:
-    """Return the statistic of the named effect, else the largest score; its candidate is null for a generic function.
-
-    What is significant and immaterial is told with its size.
-    """
-    if j.claimed:
-        first = j.claimed[0]
-        statistic, p_value = first.evidence
-        own = j.naming.by_name.get(first.named_as.name) if first.laws else None
-        if own is not None:
-            statistic, p_value = own.score, own.p_value
-        return {"statistic": statistic, "p_value": p_value, "candidate": first.named_as.name}
-    best = j.naming.candidates[0] if j.naming.candidates else None
-    name = best.effect.name if best is not None and best.score >= j.naming.generic else None
-    test = {"statistic": j.naming.statistic, "p_value": j.naming.p_value, "candidate": name}
-    return test if j.immaterial is None else test | {"immaterial": asdict(j.immaterial)}
+def _test(diagnosis: Diagnosis) -> dict[str, Any]:
+    """Return the largest score in the residual of the base model; what is significant and immaterial has its size."""
+    statistic, p_value, name = diagnosis.significance()
+    small = immaterial(diagnosis)
+    test = {"statistic": statistic, "p_value": p_value, "candidate": name or None}
+    return test if small is None else test | {"immaterial": asdict(small)}
 
 
-def _remainder(j: Judgement, level: float) -> dict[str, Any]:
-    over = float(np.sqrt(j.final.chi2))
-    if j.remainder is None:
-        return {"verdict": "none", "residual_over_noise": over, "p_value": j.naming.p_value, "location": None}
-    small = j.remainder_immaterial
-    # Nobody has scored what the best model of a search that ended early leaves.
-    found = not j.remainder.p_value >= level and small is None
-    where = j.remainder_location.name if found and j.remainder_location else None
-    left = {
-        "verdict": "unknown" if found else "none",
-        "residual_over_noise": over,
-        "p_value": j.remainder.p_value,
-        "location": where,
+def _remainder(diagnosis: Diagnosis) -> dict[str, Any]:
+    left, small, where = remains(diagnosis), immaterial(diagnosis, after=True), diagnosis.remaining
+    remainder = {
+        "verdict": UNKNOWN if left else NONE,
+        "residual_over_noise": math.sqrt(diagnosis.final.chi2),
+        "p_value": diagnosis.significance(after=True)[1],
+        "location": where.name if left and where is not None else None,
     }
-    return left if small is None else left | {"immaterial": asdict(small)}
+    return remainder if small is None else remainder | {"immaterial": asdict(small)}
 
 
 def _location(diagnosis: Diagnosis) -> dict[str, Any] | None:
-    j = diagnosis.judgement
-    if j.location is None:
+    where, base = diagnosis.location, diagnosis.linearised[0]
+    if where is None:
         return None
-    name, *tied = j.places
+    name, *tied = diagnosis.places
     return {
         "name": name,
-        "detail": j.detail,
+        "detail": diagnosis.detail,
         "tied": tied,
-        "dictionary": [j.location.name, *j.location.tied],
-        "scores": {n: round(s, 4) for n, s in j.location.scores.items()},
-        "ranks": {n: round(j.location.ranks[n], 4) for n in j.location.scores},
-        "recordings": {n: {"residual_over_noise": v} for n, v in recording_scores(j.linearised).items()},
-        "frequencies_Hz": strongest_frequencies(j.linearised),
-        "times_s": strongest_times(j.linearised),
+        "dictionary": [where.name, *where.tied],
+        "scores": {n: round(s, 4) for n, s in where.scores.items()},
+        "ranks": {n: round(where.ranks[n], 4) for n in where.scores},
+        "recordings": {n: {"residual_over_noise": v} for n, v in recording_scores(base).items()},
+        "frequencies_Hz": strongest_frequencies(base),
+        "times_s": strongest_times(base),
     }
 
 
@@ -209,57 +196,58 @@ def evidence(diagnosis: Diagnosis, made_of: Provenance | None = None) -> Evidenc
     Args:
         made_of: how the run was started and what it read; hashed now if left out.
     """
-    j = diagnosis.judgement
     return Evidence(
         traces=needed("traces of the recordings", lambda: tuple(_traces(diagnosis)), ()),
         curves=needed("curves at the location", lambda: _curves(diagnosis), ()),
         parameters=needed("table of parameters", lambda: tuple(_parameters(diagnosis)), ()),
-        candidates=needed("table of candidates", lambda: tuple(tried_rows(diagnosis)), ()),
-        ledger=needed("energy ledger", lambda: tuple(_ledger(j)), ()),
+        models=needed("table of models", lambda: tuple(model_rows(diagnosis)), ()),
+        candidates=needed("table of candidates", lambda: tuple(candidate_rows(diagnosis)), ()),
+        ledger=needed("energy ledger", lambda: tuple(_ledger(diagnosis)), ()),
         notes=needed("notes", lambda: (*doubts_of_units(diagnosis.campaign), *diagnosis.campaign.notes), ()),
         verdict_sentence=needed("sentence of the verdict", lambda: sentence(diagnosis), ""),
         no_proposal=needed("reason why nothing is proposed", lambda: no_proposal(diagnosis), ""),
         supports=needed("support of the elements", lambda: supports(diagnosis), ()),
         symptoms=needed("symptoms", lambda: _symptoms(diagnosis), ()),
-        rules=tuple(_rule(r) for r in j.rules),
+        rules=tuple(map(_rule, diagnosis.outcome.rules)),
         methods=needed("methods", lambda: methods(diagnosis), None),
         provenance=made_of or needed("provenance", lambda: provenance(diagnosis.campaign), None),
     )
 
 
 def _curves(diagnosis: Diagnosis) -> tuple[Curve, ...]:
-    j = diagnosis.judgement
+    (base, final), located = diagnosis.linearised, diagnosis.location
+    # A refit knows the place better than local functions did before it.
+    located = located if located is not None and located.name in diagnosis.places else None
     curves = []
-    left = j.remainder_location if j.remainder_immaterial is None else None
-    for linearised, where in ((j.linearised, j.location), (j.final_linearised, left)):
-        found = picture(linearised, where) if where is not None else None
-        if where is not None and found is not None:
+    for linearised, where in ((base, located), (final, diagnosis.remaining)):
+        drawn = picture(linearised, where) if where is not None else None
+        if where is not None and drawn is not None:
             free = is_effort(where) and not forces_known(diagnosis)
-            curves.append(_curve(found, linearised is not j.linearised, free))
-    curves[1:1] = [_curve(law, False) for law in _learned_laws(j)]
-    return tuple(curves[:2] if j.findings else curves[:1])
+            curves.append(_curve(drawn, linearised is not base, free))
+    curves[1:1] = [_curve(law, False) for law in _learned_laws(diagnosis)]
+    return tuple(curves[:2] if diagnosis.claims else curves[:1])
 
 
-def _learned_laws(j: Judgement) -> list[Picture]:
+def _learned_laws(diagnosis: Diagnosis) -> list[Picture]:
     """The laws of learned one-ports of the kind that the location shows, on the axis of its functions."""
-    where, values = j.location, j.final.setup.values()
+    where, base, values = diagnosis.location, diagnosis.linearised[0], diagnosis.final.setup.values()
     if where is None or where.name != "mechanical":
         return []
-    effects = [f.effect for f in j.findings if f.learned]
-    here = [e for e in effects if (e.location, e.kind.name) == (where.name, where.detail)]
-    alone = [e.add_to(j.linearised.fit.setup, {n: values[n] for n in e.parameters}) for e in here]
-    return [learned_picture(j.linearised, where, setup) for setup in alone]
+    effects = [c.effect for c in diagnosis.claims if c.learned]
+    there = [e for e in effects if (e.location, e.kind.name) == (where.name, where.detail)]
+    alone = [e.add_to(base.fit.setup, {n: values[n] for n in e.parameters}) for e in there]
+    return [learned_picture(base, where, setup) for setup in alone]
 
 
-def _rule(found: Applied) -> RuleRow:
-    return RuleRow(found.rule, found.element, found.applies, found.outcome, found.numbers)
+def _rule(asked: Applied) -> RuleRow:
+    return RuleRow(asked.rule, asked.applies, asked.outcome, asked.numbers)
 
 
 def _symptoms(diagnosis: Diagnosis) -> tuple[str, ...]:
-    if diagnosis.judgement.location is None:
+    if diagnosis.location is None:
         return ()
     unit = diagnosis.campaign.recordings[0].units.output
-    return symptom_sentences(symptoms(recording_residuals(diagnosis.judgement.linearised)), unit)
+    return symptom_sentences(symptoms(recording_residuals(diagnosis.linearised[0])), unit)
 
 
 def _curve(found: Picture, remainder: bool, free: bool = False) -> Curve:
@@ -284,12 +272,12 @@ def _traces(diagnosis: Diagnosis) -> list[Trace]:
 
 
 def _parameters(diagnosis: Diagnosis) -> list[ParameterRow]:
-    j = diagnosis.judgement
-    before, after = diagnosis.base.setup.parameters, j.final.setup.parameters
-    std, held = j.final.std(), j.final.held
+    final = diagnosis.final
+    before, after = diagnosis.base.setup.parameters, final.setup.parameters
+    std, held = final.std(), final.held
     anchored = forces_known(diagnosis)
     rows = []
-    hidden = auxiliary(j.final.setup.network)
+    hidden = auxiliary(final.setup.network)
     for name, p in ((n, p) for n, p in after.items() if n not in hidden):
         note = held.get(name, "constant" if p.fixed else "")
         if not note and not anchored and p.unit in FORCE_UNITS:
@@ -298,7 +286,7 @@ def _parameters(diagnosis: Diagnosis) -> list[ParameterRow]:
             note = "not identified by these recordings"
         note = note or _unknown_before(diagnosis.base, name)
         old = before[name].value if name in before else None
-        ends = j.final.interval(name)
+        ends = final.interval(name)
         rows.append(ParameterRow(name, p.description, p.unit, old, p.value, finite(std.get(name)), note, ends))
     return rows
 
@@ -310,12 +298,10 @@ def _unknown_before(base: Fit, name: str) -> str:
     return f"base model: {base.held.get(name, 'not identified by these recordings')}"
 
 
-def _ledger(j: Judgement) -> list[LedgerRow]:
-    rows = []
-    for index, trajectory in enumerate(j.linearised.trajectories):
-        force = missing_force(j.linearised, j.location, index) if j.location is not None else None
-        rows.append(energy_ledger(trajectory, force))
-    return rows
+def _ledger(diagnosis: Diagnosis) -> list[LedgerRow]:
+    base, where = diagnosis.linearised[0], diagnosis.location
+    forces = [missing_force(base, where, i) if where is not None else None for i in range(len(base.trajectories))]
+    return [energy_ledger(t, f) for t, f in zip(base.trajectories, forces, strict=True)]
 
 
 def energy_ledger(trajectory: Trajectory, missing_force: NDArray[np.float64] | None = None) -> LedgerRow:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from phnn.diagnose.symptoms import Symptoms, Trend, significant
-from phnn.diagnosis.scored import SIGNIFICANT
 from phnn.report.formatting import p_value
 from phnn.units import quantity
 
+# Level of all sentences together.
+SIGNIFICANT = 0.01
 # An exponent above this is an onset rather than a power; a growth below this is none; exponents within this are alike.
 _ONSET, _FLAT, _ALIKE = 6.0, 0.5, 0.1
 # Share of the phases that a delay must explain to be called one.

@@ -8,7 +8,7 @@ import io
 from collections.abc import Iterable, Mapping, Sequence
 
 from phnn.report.document import Document, FitRow, Score
-from phnn.report.evidence import CandidateRow, Evidence, ParameterRow, RuleRow
+from phnn.report.evidence import CandidateRow, Evidence, ModelRow, ParameterRow, RuleRow
 from phnn.report.formatting import finite
 from phnn.report.shares import Shares
 
@@ -46,11 +46,12 @@ def data_link(text: str) -> str:
 
 
 def table_links(document: Document, evidence: Evidence, shares: Sequence[Shares]) -> Mapping[str, str]:
-    """A link for each table that has rows: ``fit``, ``parameters``, ``energy``, ``tried``, ``rules``, ``noise``."""
+    """A link for each table that has rows, by its name."""
     tables = {
         "fit": _fit(document.fits, document.output_unit),
         "parameters": _parameters(evidence.parameters),
         "energy": _energy(shares),
+        "models": _models(evidence.models),
         "tried": _tried(evidence.candidates),
         "rules": _rules(evidence.rules),
         "noise": (
@@ -86,15 +87,20 @@ def _energy(rows: Sequence[Shares]) -> _Table:
     return ["recording", "share of", *kinds], [[r.recording, r.base, *(r.parts[k] for k in kinds)] for r in rows]
 
 
+def _models(rows: Sequence[ModelRow]) -> _Table:
+    head = ["model", "chi2/N fitted", "chi2/N held out", "parameters", "probability", "converged", "final model"]
+    return head, [
+        [r.elements, r.left, r.left_held_out, r.parameters, r.probability, r.converged, r.chosen] for r in rows
+    ]
+
+
 def _tried(rows: Sequence[CandidateRow]) -> _Table:
-    head = ["effect", "location", "score", "p", "chi2/N refitted", "outcome"]
-    return head, [[r.effect, r.location, r.score, r.p_value, r.refit_chi2, r.outcome] for r in rows]
+    head = ["effect", "location", "score", "predicted fall of chi2/N", "outcome"]
+    return head, [[r.effect, r.location, r.score, r.fall, r.outcome] for r in rows]
 
 
 def _rules(rows: Sequence[RuleRow]) -> _Table:
     def numbers(row: RuleRow) -> str:
         return "; ".join(f"{name} {value}" for name, value in row.numbers.items())
 
-    return ["rule", "asked of", "numbers", "applies", "outcome"], [
-        [r.rule, r.element or "model", numbers(r), r.applies, r.outcome] for r in rows
-    ]
+    return ["rule", "numbers", "applies", "outcome"], [[r.rule, numbers(r), r.applies, r.outcome] for r in rows]

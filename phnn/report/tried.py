@@ -1,56 +1,78 @@
-"""The candidates that were tried for the model, each with the reason why it was kept or rejected."""
+"""What a diagnosis has tried: the models that it fitted, and the candidates in the residual of a model."""
 
 from __future__ import annotations
 
-from phnn.diagnose.linearised import tie
-from phnn.diagnosis.diagnosis import Diagnosis
-from phnn.diagnosis.name import Candidate
-from phnn.report.evidence import CandidateRow
+import math
+
+from phnn.diagnose.diagnosis import Diagnosis
+from phnn.diagnose.screen import Candidate
+from phnn.diagnose.search import material
+from phnn.diagnose.verdict import NONE
+from phnn.report.document import Immaterial
+from phnn.report.evidence import CandidateRow, ModelRow
+
+# Models that are listed.
+_MODELS = 25
 
 
-def tried_rows(diagnosis: Diagnosis) -> list[CandidateRow]:
-    """Every effect with its score, its refit and its outcome."""
-    j, level = diagnosis.judgement, diagnosis.criteria.selection.level
-    ended = diagnosis.ended
-    failed = {f.candidate: f"no candidate: {f.error}: {f.message}" for f in (*ended.failed, *ended.warnings)}
-    refits = {t.candidate.effect.name: t for t in j.tried if t.fit is not None}
-    added = {f.effect.name for f in j.findings}
-    members = {t.candidate.effect.name for f in j.findings for t in f.members} - added
-    forms = {t.candidate.effect.name for f in j.findings for t in f.laws} - added
-    samples = j.linearised.fit.residual.size
+def model_rows(diagnosis: Diagnosis) -> list[ModelRow]:
+    """Return the models that were fitted, the most probable first."""
+    pairs = zip(diagnosis.visited.models, diagnosis.visited.shares, strict=True)
+    return [
+        ModelRow(
+            m.words, m.left, m.left_held_out, sum(map(m.parameters_of, m.elements)), float(share), m.converged,
+            m.key == diagnosis.chosen.key,
+        )
+        for m, share in list(pairs)[:_MODELS]
+    ]  # fmt: skip
+
+
+def candidate_rows(diagnosis: Diagnosis) -> list[CandidateRow]:
+    """Return the candidates in the residual of the base model, the largest predicted fall of χ² first."""
+    ended, samples = diagnosis.ended, diagnosis.base.residual.size
+    failed = {f.candidate: f"{f.error}: {f.message}" for f in (*ended.failed, *ended.warnings) if f.candidate}
+    fitted = {e.name for m in diagnosis.visited.models for e in m.elements}
+    chosen = {c.effect.name for c in diagnosis.claims}
 
     def outcome(c: Candidate) -> str:
-        name = c.effect.name
-        if name in added:
-            return "added"
-        if name in forms:
-            return "can nearly replace the learned element: the same in another form"
-        if name in members:
-            return "explains as much as the one added"
-        if j.immaterial is not None and name == j.immaterial.candidate:
-            return "significant, but immaterial"
-        if name not in refits and name in failed:
-            return failed[name]
-        if name not in refits and diagnosis.ended.early and not j.tried and c.p_value < level:
-            return "not refitted to the end: the search ended early"
-        if name not in refits:
-            return "not significant" if c.p_value >= level else "others score higher: not refitted"
-        # With its strength at zero it is the base model, so that it cannot fit worse.
-        if refits[name].cost > j.linearised.fit.cost + tie(j.linearised.fit):
-            return "the refit failed: it ended above the base model, its special case"
-        if not j.findings:
-            moved = refits[name].cost < j.linearised.fit.cost - tie(j.linearised.fit)
-            return "refitted; explains too little" if moved else "refitted; leaves as much as the base model"
-        return "refitted; fits worse"
+        if c.effect.name in chosen:
+            return "in the final model"
+        if c.effect.name in fitted:
+            return "fitted"
+        if c.effect.name in failed:
+            return f"no candidate: {failed[c.effect.name]}"
+        if material(c, samples, diagnosis.criteria):
+            return "not fitted: others promise more, or are left when these are in the model"
+        significant = c.score > diagnosis.criteria.score
+        return "significant, but immaterial" if significant else "not significant"
 
     return [
-        CandidateRow(
-            c.effect.name,
-            c.effect.location,
-            c.score,
-            c.p_value,
-            refits[c.effect.name].cost / samples if c.effect.name in refits else None,
-            outcome(c),
-        )
-        for c in j.naming.by_name.values()
+        CandidateRow(c.effect.name, c.effect.location, c.score, c.fall / samples, outcome(c))
+        for c in diagnosis.screened[0]
     ]
+
+
+def remains(diagnosis: Diagnosis) -> bool:
+    """Return whether the final model leaves something that matters: to a candidate, or beside the noise."""
+    if diagnosis.verdict == NONE:
+        return False
+    samples, criteria = diagnosis.final.residual.size, diagnosis.criteria
+    promising = any(material(c, samples, criteria) for c in diagnosis.screened[1])
+    return promising or diagnosis.chosen.left > criteria.explained
+
+
+def immaterial(diagnosis: Diagnosis, after: bool = False) -> Immaterial | None:
+    """Return what is significant in the residual of a model that lacks nothing that matters; None where nothing is.
+
+    Args:
+        after: of the final model, else of a base model that stands.
+    """
+    if remains(diagnosis) if after else diagnosis.verdict != NONE:
+        return None
+    best = max(diagnosis.screened[after], key=lambda c: c.score, default=None)
+    if best is None or not best.score > diagnosis.criteria.score:
+        return None
+    fit = diagnosis.final if after else diagnosis.base
+    share = math.sqrt(max(best.fall / fit.residual.size, 0.0))
+    noise = [r.noise for r in fit.plan.recordings]
+    return Immaterial(best.effect.name, share * math.sqrt(sum(n**2 for n in noise) / len(noise)), share)

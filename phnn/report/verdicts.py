@@ -25,6 +25,8 @@ def ended_sentence(document: Document) -> str:
     if ended.why == "seconds":
         size = "" if ended.budget is None else f" of {ended.budget:g} s"
         return f"The search ended early, because its time{size} was used up. {best}{left}"
+    if ended.why == "evaluations":
+        return f"The search ended early, because its number of evaluations was used up. {best}{left}"
     if ended.why == "interrupted":
         return f"The search was interrupted. {best}{left}"
     if ended.why == "failure":
@@ -55,8 +57,8 @@ def test_sentence(document: Document) -> str:
         )
     if document.verdict == "none":
         return (
-            f"The largest score of all candidates{lead} is{statistic and f'{statistic},'} what chance alone would "
-            f"give: {p_value(document.p_value)}."
+            f"The largest score of all candidates{lead} is{statistic and f'{statistic},'} too small to be followed up "
+            f"({p_value(document.p_value)})."
         )
     return (
         f"The largest score of all candidates{lead} is{statistic or ' significant'}. If nothing were missing, chance "

@@ -69,11 +69,9 @@ def campaign() -> Campaign:
 def diagnosis(scores: dict[str, float] | None = None) -> Any:
     """What a location is taken from."""
     if scores is None:
-        return SimpleNamespace(judgement=SimpleNamespace(location=None, places=()))
+        return SimpleNamespace(location=None, places=())
     where = SimpleNamespace(detail="elastic", scores=scores)
-    return SimpleNamespace(
-        judgement=SimpleNamespace(location=where, places=("mechanical", "amplifier"), detail=where.detail)
-    )
+    return SimpleNamespace(location=where, places=("mechanical", "amplifier"), detail=where.detail)
 
 
 SCORES = {"sensor": 0.2, "mechanical": 0.95, "amplifier": 0.93, "thermal": 0.0}
