@@ -121,7 +121,7 @@ def _decided(diagnosis: Diagnosis) -> list[str]:
         "linearisation of the model, with all fitted parameters projected out; its standard deviation was taken from "
         "blocks of the residual, whatever the colour of the noise.",
         f"Candidates above {short(c.score)} standard deviations that explain more than {short(c.material)} of the "
-        f"noise were added and refitted, one element at a time, {c.elements} at most; "
+        f"noise were added and refitted, one element at a time, {diagnosis.options.max_effects} at most; "
         f"{len(diagnosis.visited.models)} models were fitted.",
         "Models were weighed by a coarsened likelihood [3], in which no recording counts for more samples than the "
         "misfit of the best model allows, and by the price of their parameters [4]; the probability of an effect is "
