@@ -33,7 +33,8 @@ Array = NDArray[np.float64]
 TOLERANCE = 3e-7
 # A parameter whose estimation coordinate is uncertain by more than this is not identified by the recordings.
 _UNIDENTIFIED = 1.5
-_NEARLY, _APART, _MOST = 1.3, 0.2, 2
+# Optima that cost at most this much more are worth keeping, where they are this far apart, and at most so many.
+NEARLY, _APART, _MOST = 1.3, 0.2, 2
 
 
 @dataclass(frozen=True)
@@ -235,7 +236,7 @@ def distinct_optima(fits: Sequence[Fit]) -> tuple[Fit, tuple[Setup, ...]]:
     ordered = sorted(fits, key=lambda f: f.cost)
     kept = ordered[:1]
     for other in ordered[1:]:
-        if other.cost <= _NEARLY * ordered[0].cost and all(_apart(other, k) for k in kept) and len(kept) <= _MOST:
+        if other.cost <= NEARLY * ordered[0].cost and all(_apart(other, k) for k in kept) and len(kept) <= _MOST:
             kept.append(other)
     return kept[0], tuple(f.setup for f in kept[1:])
 

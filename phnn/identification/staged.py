@@ -5,13 +5,23 @@ Mechanical → linear electrical part with ``d = 0`` → dead zones opened, nonl
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from phnn.errors import InputRefused, PhnnError
-from phnn.identification.fit import TOLERANCE, Fit, distinct_optima, fit, fit_problem, unidentified, variables_from
+from phnn.identification.fit import (
+    NEARLY,
+    TOLERANCE,
+    Fit,
+    distinct_optima,
+    fit,
+    fit_problem,
+    unidentified,
+    variables_from,
+)
 from phnn.identification.plan import Plan
 from phnn.identification.problem import Problem
 from phnn.identification.start import with_starts
@@ -35,9 +45,11 @@ from phnn.setup import Setup
 # Parameters that the common factor scales: any one of them, once known, fixes it.
 _SCALED = ("m", "k", "b", "alpha", "C_", "rho_")
 _UNIDENTIFIED = "these recordings do not identify it"
-_QUICK = 10
-_FULL = 50
-_FINALISTS = 5
+_SHORT, _FULL = 15, 50
+# Places and evaluations of the heats in which starting points race; relative change of the cost at which one stops.
+_HEATS, _ROUGH = ((100, 6), (6, 12), (3, 40)), 1e-4
+# Two that cost the same but for this share have met; a weighted mean square up to this one leaves nothing to gain.
+_MET, _NOISE = 1e-3, 1.2
 # Bound on the simulations of the whole plan in a fit.
 EVALUATIONS = 60
 # What is not tried of a base model when the time of a diagnosis is up.
@@ -70,27 +82,42 @@ def identify_actuator(
         *_linear_starts(mechanical.setup, subset, hysterons, anchored, held),
         *(s for p in points for s in random_starts(p, plan, hysterons, anchored, starts, seed)),
     ]
-    tried: list[Fit] = []
-    for candidate in candidates:
-        if tried and late(FURTHER_STARTS):
-            break
-        try:
-            tried.append(fit_identified(candidate, subset, held, max_evaluations=_QUICK))
-        except PhnnError:
-            continue
-    if not tried:
-        raise PhnnError("no starting point of the identification could be simulated: check units and sampling")
-    # The first steps say little about where a start ends: several of the best go on.
-    tried.sort(key=lambda f: f.cost)
     finished: list[Fit] = []
-    for first in tried[:_FINALISTS]:
+    for first in _raced(candidates, subset, held):
         if finished and late(FURTHER_STARTS):
             break
-        finished.append(fit_identified(first.setup, plan, held, _FULL, first))
+        finished.append(fit_identified(first.setup, plan, held, _SHORT, first, tolerance=_ROUGH))
     more = not late(FURTHER_STARTS)
     by_known_starts = _from_known_starts(plan, known, hysterons, starts, seed) if more else None
     best, alternatives = distinct_optima([f for f in (*finished, by_known_starts) if f is not None])
-    return replace(best, alternatives=alternatives)
+    return replace(fit_identified(best.setup, plan, held, _FULL, best), alternatives=alternatives)
+
+
+def _raced(candidates: Sequence[Setup], plan: Plan, held: Mapping[str, str]) -> list[Fit]:
+    """The best of several starting points and what is within reach of it, from heats on a few recordings.
+
+    The first steps say little about where a start ends: several of the best go on from where they are, one of those
+    that have met. A start that has reached the noise ends the race.
+    """
+    field: list[tuple[Setup, Fit | None]] = [(setup, None) for setup in candidates]
+    heat: list[Fit] = []
+    for places, evaluations in _HEATS:
+        heat = []
+        for setup, before in field[:places]:
+            if heat and late(FURTHER_STARTS):
+                break
+            try:
+                heat.append(fit_identified(setup, plan, held, evaluations, before, tolerance=_ROUGH))
+            except PhnnError:
+                continue
+            if heat[-1].chi2 <= _NOISE:
+                return heat[-1:]
+        if not heat:
+            raise PhnnError("no starting point of the identification could be simulated: check units and sampling")
+        heat.sort(key=lambda f: f.cost)
+        heat = heat[:1] + [f for g, f in itertools.pairwise(heat) if f.cost > (1.0 + _MET) * g.cost]
+        field = [(f.setup, f) for f in heat]
+    return [f for f in heat if f.cost <= NEARLY * heat[0].cost]
 
 
 def _from_known_starts(plan: Plan, known: Mapping[str, Anchor], hysterons: int, starts: int, seed: int) -> Fit | None:
@@ -197,7 +224,7 @@ def _mechanical(points: Sequence[Setup], plan: Plan, held: Mapping[str, str]) ->
     tried = []
     for setup in points:
         here = {n: why for n, why in held.items() if n in setup.parameters}
-        tried.append(fit_identified(setup, plan, here, max_evaluations=15))
+        tried.append(fit_identified(setup, plan, here, max_evaluations=15, tolerance=_ROUGH))
     return min(tried, key=lambda f: f.cost)
 
 
@@ -210,7 +237,7 @@ def _linear_starts(
     rates = [30.0 * omega if i == 0 else omega for i in range(hysterons)]
     closed = with_hysterons(linear, anchored, [0.15] * hysterons, rates, [1e-6 * drive] * hysterons)
     fixed = dict(held) | {f"d_{i + 1}": "closed in the linear stage" for i in range(hysterons)}
-    stage = fit_identified(closed, plan, fixed, max_evaluations=15).setup
+    stage = fit_identified(closed, plan, fixed, max_evaluations=15, tolerance=_ROUGH).setup
     starts = []
     for fraction in (0.05, 0.15, 0.3):
         widths = {f"d_{i + 1}": drive * fraction / (1 + i) for i in range(hysterons)}

@@ -1,0 +1,1 @@
+"""Which number decides between models: all visited models of sealed cases, weighed in several ways."""
