@@ -23,6 +23,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
+from scipy.special import ndtr
 
 from phnn.diagnose.criteria import Criteria
 from phnn.diagnose.linearised import LinearisedFit, direction
@@ -62,6 +63,11 @@ class Candidate:
     fall: float
     score: float
     share: float
+
+
+def chance(score: float, candidates: int) -> float:
+    """Return the p-value of the largest of some scores: that of a normal deviate, times their number (Bonferroni)."""
+    return min(1.0, 2.0 * candidates * float(ndtr(-score)))
 
 
 @dataclass(frozen=True)
