@@ -7,15 +7,13 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
-from scipy.special import ndtr
-
 from phnn.diagnose.criteria import Criteria
 from phnn.diagnose.formula import Distilled, distil, has_grammar, refitted_formula
 from phnn.diagnose.linearised import LinearisedFit, prepare
 from phnn.diagnose.locations import Location, locate
 from phnn.diagnose.number import Visited, Weighed, best_to_write
 from phnn.diagnose.proposal import NextExperiment, Question, propose, refitted_rival
-from phnn.diagnose.screen import Candidate
+from phnn.diagnose.screen import Candidate, chance
 from phnn.diagnose.search import Search, begin, explore, linearised_of, material, refits
 from phnn.diagnose.verdict import NONE, UNKNOWN, Claim, Verdict, conclude
 from phnn.effects import Effect, catalogue, effect, in_all_forms
@@ -158,7 +156,7 @@ class Diagnosis:
             return 0.0, 1.0, ""
         best = max(candidates, key=lambda c: c.score)
         tries = sum(c.tries for c in candidates)
-        return best.score, min(1.0, 2.0 * tries * float(ndtr(-best.score))), best.effect.name
+        return best.score, chance(best.score, tries), best.effect.name
 
 
 def available(campaign: Campaign, setup: Setup, without: Sequence[Effect] = ()) -> list[Effect]:
