@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from phnn.diagnose.locations import locate
+from phnn.diagnose.refit import short
 from phnn.diagnose.words import character_in_words, character_of, fitted_in_words, forgetting, memory_in_words, shape_of
-from phnn.diagnosis.learn import learn, learned_setup
-from phnn.effects import kinds
+from phnn.effects.learned import learned_elements
 
 X = np.linspace(-90.0, 90.0, 241)
 
