@@ -147,7 +147,7 @@ def test_a_formula_of_the_measuring_chain_is_found_in_the_place_of_a_learned_ele
     plant = formulas()[formula].add_to(BASE, values)
     final = learned_linearised(plant, element).fit
     alone = fit(BASE, final.plan, NAMES, {"m": "held"}, 20)
-    search: Any = SimpleNamespace(scales=SCALES, criteria=Criteria())
+    search: Any = SimpleNamespace(scales=prepare(alone).scales, criteria=Criteria())
     found = refitted_formula(final, alone, element, partial(refits, search))
     assert found is not None
     assert found.as_good
