@@ -110,7 +110,7 @@ def make_evidence(names: tuple[str, ...] = NAMES, creeps: bool = True, sentence:
             ParameterRow("k_s", "stiffness of the creep cell", "N/m", None, 9.21e3, 3.3e2, "new"),
         ),
         candidates=(
-            CandidateRow("creep", "mechanical", 41.2, 15.1, "in the final model"),
+            CandidateRow("creep", "mechanical", 41.2, 15.1, "in the final model" if creeps else "not significant"),
             CandidateRow("charge_leakage", "electrical", 38.7, 14.0, "fitted"),
             CandidateRow("extra_hysteron", "hysteron", 22.1, 9.3, "fitted"),
             CandidateRow("cubic_stiffness", "mechanical", 1.1, 0.01, "not significant"),
