@@ -124,8 +124,8 @@ def _decided(diagnosis: Diagnosis) -> list[str]:
         f"noise were added and refitted, one element at a time, {diagnosis.options.max_effects} at most; "
         f"{len(diagnosis.visited.models)} models were fitted.",
         "Models were weighed by a coarsened likelihood of all recordings, held-out ones among them [3], in which none "
-        "counts for more samples than the misfit of the best model allows, and by the price of their parameters [4]; the probability of an effect is "
-        "the share of all models that hold it.",
+        "counts for more samples than the misfit of the best model allows, and by the price of their parameters [4]; "
+        "the probability of an effect is the share of all models that hold it.",
         f"An effect is named from a probability of {short(c.proven)} on, if the error of held-out recordings falls "
         f"with it and the model leaves at most {short(c.explained)} times the power of the noise.",
     ]
