@@ -149,13 +149,18 @@ class Diagnosis:
     def significance(self, after: bool = False) -> tuple[float, float, str]:
         """Score, p-value and name of the best candidate in the residual of the base model, or of the final one.
 
-        The p-value is that of a normal deviate, times the number of candidates (Bonferroni).
+        The p-value is that of a normal deviate, times the number of directions that were tried (Bonferroni).
         """
         candidates = self.screened[after]
         if not candidates:
             return 0.0, 1.0, ""
         best = max(candidates, key=lambda c: c.score)
+<<<<<<< HEAD
         return best.score, chance(best.score, len(candidates)), best.effect.name
+=======
+        tries = sum(c.tries for c in candidates)
+        return best.score, min(1.0, 2.0 * tries * float(ndtr(-best.score))), best.effect.name
+>>>>>>> heart
 
 
 def available(campaign: Campaign, setup: Setup, without: Sequence[Effect] = ()) -> list[Effect]:

@@ -18,12 +18,13 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
-from scipy.special import ndtr
+from scipy.special import ndtr, ndtri_exp
+from scipy.stats import chi2
 
 from phnn.diagnose.criteria import Criteria
 from phnn.diagnose.linearised import LinearisedFit, direction
@@ -55,6 +56,7 @@ class Candidate:
         values: of its parameters, from which a refit begins; others: from further points of its grid.
         fall: predicted fall of χ²; score: in standard deviations of what blocks of the recordings show.
         share: predicted fall of χ² over the number of samples, mean over the recordings.
+        tries: directions of which it is the best.
     """
 
     effect: Effect
@@ -63,6 +65,7 @@ class Candidate:
     fall: float
     score: float
     share: float
+    tries: int = 1
 
 
 def chance(score: float, candidates: int) -> float:
@@ -169,7 +172,7 @@ class Screen:
             if directions.bounds is not None:
                 found.append(self._together(model, directions, share[:, mine], blocks, owner))
             elif free[mine].any():
-                found.append(_best_point(directions, along[:, mine], squares[:, mine], free[mine], model, owner))
+                found.append(_best_point(directions, along[:, mine], squares[:, mine], free[mine], owner))
         return found
 
     def _directions(self, effect: Effect) -> _Directions | None:
@@ -212,7 +215,10 @@ class Screen:
         square = np.asarray(np.linalg.qr(np.column_stack([columns, model.residual]), mode="r"))
         strengths = lsq_linear(square[:, :-1], square[:, -1], (bounds[0], bounds[1]), method="bvls").x
         along, squares = _by_blocks(columns @ strengths, model.residual, blocks)
-        return _candidate(directions.effect, directions.points, along, squares, 1.0, model, owner)
+        found = _candidate(directions.effect, directions.points, along, squares, 1.0, owner)
+        # Several strengths take more of pure noise than one.
+        tail = chi2.logsf(max(found.fall, 0.0), columns.shape[1])
+        return replace(found, score=min(found.score, max(0.0, float(-ndtri_exp(min(tail, -1e-12))))))
 
 
 def _is_of_recordings(effect: Effect, model: LinearisedFit) -> bool:
@@ -261,7 +267,7 @@ def _by_blocks(column: Array, residual: Array, blocks: Sequence[slice]) -> tuple
 
 
 def _best_point(
-    directions: _Directions, along: Array, squares: Array, free: NDArray[np.bool_], model: LinearisedFit, owner: Array
+    directions: _Directions, along: Array, squares: Array, free: NDArray[np.bool_], owner: Array
 ) -> Candidate:
     """Return the candidate at the point of its grid with the largest predicted fall."""
     effect = directions.effect
@@ -277,7 +283,8 @@ def _best_point(
     points = [effect.scaled(directions.points[i], float(strengths[i])) for i in order[:3]]
     best = int(order[0])
     strength = float(strengths[best]) if falls[best] > 0.0 else 0.0
-    return _candidate(effect, points, along[:, best], squares[:, best], strength, model, owner)
+    found = _candidate(effect, points, along[:, best], squares[:, best], strength, owner)
+    return replace(found, tries=len(directions.points))
 
 
 def _candidate(
@@ -286,7 +293,6 @@ def _candidate(
     along: Array,
     squares: Array,
     strength: float,
-    model: LinearisedFit,
     owner: Array,
 ) -> Candidate:
     """Return a candidate that is added at some strength to one direction, given by its products (B,) with the
