@@ -155,12 +155,7 @@ class Diagnosis:
         if not candidates:
             return 0.0, 1.0, ""
         best = max(candidates, key=lambda c: c.score)
-<<<<<<< HEAD
-        return best.score, chance(best.score, len(candidates)), best.effect.name
-=======
-        tries = sum(c.tries for c in candidates)
-        return best.score, min(1.0, 2.0 * tries * float(ndtr(-best.score))), best.effect.name
->>>>>>> heart
+        return best.score, chance(best.score, candidates), best.effect.name
 
 
 def available(campaign: Campaign, setup: Setup, without: Sequence[Effect] = ()) -> list[Effect]:

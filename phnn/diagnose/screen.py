@@ -68,9 +68,10 @@ class Candidate:
     tries: int = 1
 
 
-def chance(score: float, candidates: int) -> float:
-    """Return the p-value of the largest of some scores: that of a normal deviate, times their number (Bonferroni)."""
-    return min(1.0, 2.0 * candidates * float(ndtr(-score)))
+def chance(score: float, candidates: Sequence[Candidate]) -> float:
+    """Return the p-value of the largest score of candidates: that of a normal deviate, times what was tried for all of
+    them (Bonferroni)."""
+    return min(1.0, 2.0 * sum(c.tries for c in candidates) * float(ndtr(-score)))
 
 
 @dataclass(frozen=True)
