@@ -18,7 +18,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from phnn.diagnosis.tested import score_on_all
+from phnn.diagnose.diagnosis import score_on_all
 from phnn.identification.base import Progress, identify_base, identify_bouc_wen, quiet
 from phnn.identification.evaluate import Evaluation, PartScore
 from phnn.identification.fit import Fit, fit

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
 import numpy as np
-from scipy.special import ndtr
 
 from phnn.diagnose.criteria import Criteria
 from phnn.diagnose.formula import Distilled, distil, has_grammar, refitted_formula
@@ -16,7 +15,7 @@ from phnn.diagnose.linearised import LinearisedFit, prepare
 from phnn.diagnose.locations import Location, locate
 from phnn.diagnose.number import Visited, Weighed, best_to_write
 from phnn.diagnose.proposal import NextExperiment, Question, propose, refitted_rival
-from phnn.diagnose.screen import Candidate
+from phnn.diagnose.screen import Candidate, chance
 from phnn.diagnose.search import Search, begin, explore, linearised_of, material, refits
 from phnn.diagnose.verdict import NONE, UNKNOWN, Claim, Verdict, conclude
 from phnn.effects import Effect, catalogue, effect, in_all_forms
@@ -35,7 +34,7 @@ from phnn.integrate.residual import check
 from phnn.model import Model
 from phnn.parallel import executor
 from phnn.recordings.recording import Campaign
-from phnn.rescue import Ended, accounted, allow, deadline, extra, needed
+from phnn.rescue import Ended, accounted, allow, attempt, deadline, extra, needed
 from phnn.setup import Setup
 
 # Largest numerical error of the base model over the norm of what it leaves beyond the noise: the steps of a model that
@@ -160,8 +159,7 @@ class Diagnosis:
         if not candidates:
             return 0.0, 1.0, ""
         best = max(candidates, key=lambda c: c.score)
-        tries = sum(c.tries for c in candidates)
-        return best.score, min(1.0, 2.0 * tries * float(ndtr(-best.score))), best.effect.name
+        return best.score, chance(best.score, candidates), best.effect.name
 
 
 def available(campaign: Campaign, setup: Setup, without: Sequence[Effect] = ()) -> list[Effect]:
@@ -264,12 +262,8 @@ def _concluded(search: Search, error: NumericalError, options: Options, early: b
     if model is not base:
         bare = LinearisedFit(model.fit, (), search.scales)
         final = needed("simulation of the final model", partial(prepare, model.fit), bare)
-    before = score_on_all(base.fit, campaign)
-    after = (
-        before
-        if model is base
-        else needed("scores of the final model", partial(score_on_all, model.fit, campaign), before)
-    )
+    before = _scores(base.fit, campaign)
+    after = before if model is base else _scores(model.fit, campaign)
     location = remaining = None
     if outcome.word != NONE:
         location = needed("location of the mismatch", partial(locate, first), None)
@@ -308,6 +302,19 @@ def score_on_all(fitted: Fit, campaign: Campaign) -> Evaluation:
     recordings = tuple(known.get(r.name, r) for r in campaign.recordings)
     steps = {r.name: fitted.plan.substeps.get(r.name, fitted.plan.finest) for r in recordings}
     return evaluate(fitted.setup, Plan(recordings, steps, fitted.plan.workers), fitted.initial_states)
+
+
+def _scores(fitted: Fit, campaign: Campaign) -> Evaluation:
+    """The same, without the recordings that cannot be simulated."""
+    whole = attempt("scores on all recordings", partial(score_on_all, fitted, campaign), None)
+    if whole is not None:
+        return whole
+    nothing = Evaluation({}, ())
+    each = [
+        needed(f"scores on {r.name}", partial(score_on_all, fitted, replace(campaign, recordings=(r,))), nothing)
+        for r in campaign.recordings
+    ]
+    return Evaluation({n: y for e in each for n, y in e.outputs.items()}, tuple(p for e in each for p in e.parts))
 
 
 def _gain(claim: Claim, after: Evaluation, search: Search) -> Gain | None:

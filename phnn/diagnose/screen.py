@@ -23,7 +23,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
-from scipy.special import ndtri_exp
+from scipy.special import ndtr, ndtri_exp
 from scipy.stats import chi2
 
 from phnn.diagnose.criteria import Criteria
@@ -66,6 +66,12 @@ class Candidate:
     score: float
     share: float
     tries: int = 1
+
+
+def chance(score: float, candidates: Sequence[Candidate]) -> float:
+    """Return the p-value of the largest score of candidates: that of a normal deviate, times what was tried for all of
+    them (Bonferroni)."""
+    return min(1.0, 2.0 * sum(c.tries for c in candidates) * float(ndtr(-score)))
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,7 @@ def candidate_rows(diagnosis: Diagnosis) -> list[CandidateRow]:
             return "fitted"
         if c.effect.name in failed:
             return f"no candidate: {failed[c.effect.name]}"
-        if material(c, samples, diagnosis.criteria):
+        if material(c, diagnosis.base, diagnosis.criteria):
             return "not fitted: others promise more, or are left when these are in the model"
         significant = c.score > diagnosis.criteria.score
         return "significant, but immaterial" if significant else "not significant"
@@ -53,12 +53,10 @@ def candidate_rows(diagnosis: Diagnosis) -> list[CandidateRow]:
 
 
 def remains(diagnosis: Diagnosis) -> bool:
-    """Return whether the final model leaves something that matters: to a candidate, or beside the noise."""
+    """Return whether some candidate explains a part that matters of what the final model leaves."""
     if diagnosis.verdict == NONE:
         return False
-    samples, criteria = diagnosis.final.residual.size, diagnosis.criteria
-    promising = any(material(c, samples, criteria) for c in diagnosis.screened[1])
-    return promising or diagnosis.chosen.left > criteria.explained
+    return any(material(c, diagnosis.final, diagnosis.criteria) for c in diagnosis.screened[1])
 
 
 def immaterial(diagnosis: Diagnosis, after: bool = False) -> Immaterial | None:
