@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
+import numpy as np
+
 from phnn.diagnose.criteria import Criteria
 from phnn.diagnose.formula import Distilled, distil, has_grammar, refitted_formula
 from phnn.diagnose.linearised import LinearisedFit, prepare
@@ -42,6 +44,8 @@ _NUMERICAL = 0.001
 TIE = 12.0
 # Nearly independent blocks of time below which a gain has no p-value.
 _BLOCKS = 8
+# Steps of one evaluation of the budget, at least: of short recordings many simulations take no time.
+_LEAST_STEPS = 100_000
 # Models that compete in the question for the next recording.
 _RIVALS = 4
 
@@ -210,13 +214,15 @@ def diagnose(
     chosen = options or (recorded.options if isinstance(recorded, Identified) else Options())
     criteria = Criteria().with_values(chosen.criteria)
     workers, left_out = executor(chosen.executor), [effect(name) for name in chosen.without]
-    with accounted(until, answers=answers) as account:
+    # Models on the way may lie beyond all bounds.
+    beyond = np.errstate(over="ignore", divide="ignore", invalid="ignore")
+    with beyond, accounted(until, answers=answers) as account:
         campaign, base, error = _base(recorded, chosen, progress)
         (on_base or (lambda fitted: None))(base)
         named = list(effects) if effects is not None else available(campaign, base.setup, left_out)
         nameless = _possible(campaign, base.setup, learned_elements().values()) if learned is None else list(learned)
         progress(f"base model: {base.chi2**0.5:.3g} × noise; look for what it misses")
-        allow(chosen.evaluations, base.plan.size)
+        allow(chosen.evaluations, max(base.plan.size, _LEAST_STEPS))
         search = begin(campaign, base, named, nameless, criteria, progress, max(1, chosen.max_effects), workers)
         explore(search)
         early = account.ended().early
