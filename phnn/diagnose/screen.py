@@ -69,8 +69,8 @@ class Candidate:
 
 
 def chance(score: float, candidates: Sequence[Candidate]) -> float:
-    """Return the p-value of the largest score of candidates: that of a normal deviate, times what was tried for all of
-    them (Bonferroni)."""
+    """Return the p-value of the largest score of candidates: that of a normal deviate, times the directions that were
+    tried (Bonferroni)."""
     return min(1.0, 2.0 * sum(c.tries for c in candidates) * float(ndtr(-score)))
 
 
