@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
+import numpy as np
+
 from phnn.diagnose.criteria import Criteria
 from phnn.diagnose.formula import Distilled, distil, has_grammar, refitted_formula
 from phnn.diagnose.linearised import TIE, LinearisedFit, prepare
@@ -32,7 +34,7 @@ from phnn.integrate.residual import check
 from phnn.model import Model
 from phnn.parallel import executor
 from phnn.recordings.recording import Campaign
-from phnn.rescue import Ended, accounted, allow, deadline, extra, needed
+from phnn.rescue import Ended, accounted, allow, attempt, deadline, extra, needed
 from phnn.setup import Setup
 
 # Largest numerical error of the base model over the norm of what it leaves beyond the noise: the steps of a model that
@@ -40,6 +42,8 @@ from phnn.setup import Setup
 _NUMERICAL = 0.001
 # Nearly independent blocks of time below which a gain has no p-value.
 _BLOCKS = 8
+# Steps of one evaluation of the budget, at least: of short recordings many simulations take no time.
+_LEAST_STEPS = 100_000
 # Models that compete in the question for the next recording.
 _RIVALS = 4
 
@@ -153,8 +157,7 @@ class Diagnosis:
         if not candidates:
             return 0.0, 1.0, ""
         best = max(candidates, key=lambda c: c.score)
-        tries = sum(c.tries for c in candidates)
-        return best.score, chance(best.score, tries), best.effect.name
+        return best.score, chance(best.score, candidates), best.effect.name
 
 
 def available(campaign: Campaign, setup: Setup, without: Sequence[Effect] = ()) -> list[Effect]:
@@ -213,13 +216,15 @@ def diagnose(
     chosen = options or (recorded.options if isinstance(recorded, Identified) else Options())
     criteria = Criteria().with_values(chosen.criteria)
     workers, left_out = executor(chosen.executor), [effect(name) for name in chosen.without]
-    with accounted(until, answers=answers) as account:
+    # Models on the way may lie beyond all bounds.
+    beyond = np.errstate(over="ignore", divide="ignore", invalid="ignore")
+    with beyond, accounted(until, answers=answers) as account:
         campaign, base, error = _base(recorded, chosen, progress)
         (on_base or (lambda fitted: None))(base)
         named = list(effects) if effects is not None else available(campaign, base.setup, left_out)
         nameless = _possible(campaign, base.setup, learned_elements().values()) if learned is None else list(learned)
         progress(f"base model: {base.chi2**0.5:.3g} × noise; look for what it misses")
-        allow(chosen.evaluations, base.plan.size)
+        allow(chosen.evaluations, max(base.plan.size, _LEAST_STEPS))
         search = begin(campaign, base, named, nameless, criteria, progress, max(1, chosen.max_effects), workers)
         explore(search)
         early = account.ended().early
@@ -259,12 +264,8 @@ def _concluded(search: Search, error: NumericalError, options: Options, early: b
     if model is not base:
         bare = LinearisedFit(model.fit, (), search.scales)
         final = needed("simulation of the final model", partial(prepare, model.fit), bare)
-    before = score_on_all(base.fit, campaign)
-    after = (
-        before
-        if model is base
-        else needed("scores of the final model", partial(score_on_all, model.fit, campaign), before)
-    )
+    before = _scores(base.fit, campaign)
+    after = before if model is base else _scores(model.fit, campaign)
     location = remaining = None
     if outcome.word != NONE:
         measured = _input_measured(campaign, base.fit.setup)
@@ -304,6 +305,19 @@ def score_on_all(fitted: Fit, campaign: Campaign) -> Evaluation:
     recordings = tuple(known.get(r.name, r) for r in campaign.recordings)
     steps = {r.name: fitted.plan.substeps.get(r.name, fitted.plan.finest) for r in recordings}
     return evaluate(fitted.setup, Plan(recordings, steps, fitted.plan.workers), fitted.initial_states)
+
+
+def _scores(fitted: Fit, campaign: Campaign) -> Evaluation:
+    """The same, without the recordings that cannot be simulated."""
+    whole = attempt("scores on all recordings", partial(score_on_all, fitted, campaign), None)
+    if whole is not None:
+        return whole
+    nothing = Evaluation({}, ())
+    each = [
+        needed(f"scores on {r.name}", partial(score_on_all, fitted, replace(campaign, recordings=(r,))), nothing)
+        for r in campaign.recordings
+    ]
+    return Evaluation({n: y for e in each for n, y in e.outputs.items()}, tuple(p for e in each for p in e.parts))
 
 
 def _gain(claim: Claim, after: Evaluation, search: Search) -> Gain | None:

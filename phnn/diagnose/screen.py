@@ -67,9 +67,10 @@ class Candidate:
     tries: int = 1
 
 
-def chance(score: float, tries: int) -> float:
-    """Return the p-value of the largest of some scores: that of a normal deviate, times their number (Bonferroni)."""
-    return min(1.0, 2.0 * tries * float(ndtr(-score)))
+def chance(score: float, candidates: Sequence[Candidate]) -> float:
+    """Return the p-value of the largest score of candidates: that of a normal deviate, times the directions that were
+    tried (Bonferroni)."""
+    return min(1.0, 2.0 * sum(c.tries for c in candidates) * float(ndtr(-score)))
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ import numpy as np
 
 from phnn.diagnose.criteria import Criteria
 from phnn.diagnose.linearised import LinearisedFit, prepare
-from phnn.diagnose.number import Key, Misfit, Visited, Weighed, family, is_learned, key_of, weigh
+from phnn.diagnose.number import Key, Misfit, Visited, Weighed, best_to_write, family, is_learned, key_of, weigh
 from phnn.diagnose.refit import converged, further, large_starts, rebuilt, short
 from phnn.diagnose.screen import Candidate, Screen
 from phnn.effects import Effect, Scales
@@ -161,27 +161,28 @@ def explore(search: Search) -> None:
 def _next(search: Search) -> Visited | None:
     """The model to grow next; None where the search has come to its end.
 
-    The best model is carried to its end, and its numerical error is bounded, before it is grown.
+    First comes the model that would be written: far from the noise no name is sure, and the model can still be made
+    better. Then come the most probable ones. Either is carried to its end, and its numerical error is bounded, before
+    it is grown.
     """
-    weighed = search.weighed
-    for model in weighed.models[: search.criteria.beam]:
-        if weighed.behind(model) > _GROWN:
-            break
-        if not model.converged:
-            if model is not weighed.best:
-                continue
-            move(f"fit of {model.words} to its end", partial(_converge, search, model), None)
-            if not search.visited[model.key].converged:
+    while True:
+        weighed = search.weighed
+        written = best_to_write(weighed.models, search.criteria)
+        likely = [m for m in weighed.models[: search.criteria.beam] if weighed.behind(m) < _GROWN]
+        leading = [written, weighed.best]
+        todo = next((m for m in leading if not m.converged), None)
+        if todo is not None:
+            move(f"fit of {todo.words} to its end", partial(_converge, search, todo), None)
+            if search.visited[todo.key] is todo:
                 # It cannot be fitted with the steps of the search.
-                search.visited[model.key] = replace(model, converged=True)
-            return _next(search)
-        if model is weighed.best and model.elements and model.left < _QUIET and not search.fine:
+                search.visited[todo.key] = replace(todo, converged=True)
+            continue
+        if not search.fine and any(m.elements and m.left < _QUIET for m in leading):
             search.fine = True
             move("finer steps", partial(_refine, search), None)
-            return _next(search)
-        if model.key not in search.grown and len(model.elements) < search.most:
-            return model
-    return None
+            continue
+        able = (m for m in (*leading, *likely) if m.converged and len(m.elements) < search.most)
+        return next((m for m in able if m.key not in search.grown), None)
 
 
 def _grow(search: Search, model: Visited) -> None:

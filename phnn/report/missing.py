@@ -62,7 +62,7 @@ def _p_value(diagnosis: Diagnosis, claim: Claim) -> float:
     """Return the p-value of an effect's own score in the residual of the base model, times the number of candidates."""
     candidates = diagnosis.screened[0]
     score = max((c.score for c in candidates if family(c.effect) == claim.name), default=0.0)
-    return chance(score, len(candidates)) if candidates else 1.0
+    return chance(score, candidates) if candidates else 1.0
 
 
 def _estimates(final: Fit, names: Iterable[str]) -> dict[str, dict[str, Any]]:

@@ -171,7 +171,7 @@ def score_folder(folder: Path, seed: int) -> dict[str, Any]:
         "verdict": "named" if missing else "none",
         "test": {
             "statistic": best.score,
-            "p_value": chance(best.score, len(candidates)),
+            "p_value": chance(best.score, candidates),
             "candidate": best.effect.name,
         },
         "missing": missing,
