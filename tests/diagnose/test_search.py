@@ -49,7 +49,7 @@ def test_effects_that_are_needed_are_kept_each_with_the_model_without_it() -> No
 
 @pytest.mark.parametrize(
     ("true", "claimed"),
-    [("creep", "extra_hysteron"), pytest.param("extra_hysteron", "creep", marks=pytest.mark.slow)],
+    [("sensor_lag", "amplifier_lowpass"), pytest.param("extra_hysteron", "creep", marks=pytest.mark.slow)],
 )
 def test_the_true_neighbour_takes_the_place(true: str, claimed: str) -> None:
     search, model = together(lacking("quadratic_drag", true), "quadratic_drag", claimed, others=[true])
@@ -61,6 +61,16 @@ def test_the_true_neighbour_takes_the_place(true: str, claimed: str) -> None:
     assert not set(VALUES[claimed]) & set(best.fit.setup.parameters)
     # Compared with the same steps.
     assert best.fit.plan.substeps == model.fit.plan.substeps
+
+
+@pytest.mark.slow
+def test_of_a_special_case_and_the_general_one_a_search_finds_the_simpler() -> None:
+    base = lacking("quadratic_drag", "creep")
+    search = together(base, "quadratic_drag", others=["creep", "extra_hysteron"])[0]
+    search.visited = {frozenset(): search.base}
+    explore(search)
+    assert search.best.families == ("creep", "quadratic_drag")
+    assert search.best.fit.chi2 == pytest.approx(1.0, abs=0.05)
 
 
 def test_a_true_effect_keeps_its_place() -> None:
