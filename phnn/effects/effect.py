@@ -58,19 +58,6 @@ class Scales:
     peaks: tuple[float, ...] = ()
     effort: float = 0.0
 
-    def reaching(self, other: Scales) -> Scales:
-        """The same with ranges that hold those of other recordings too."""
-        return replace(
-            self,
-            voltage=max(self.voltage, other.voltage),
-            displacement=max(self.displacement, other.displacement),
-            velocity=max(self.velocity, other.velocity),
-            slowest=min(self.slowest, other.slowest),
-            fastest=max(self.fastest, other.fastest),
-            duration=max(self.duration, other.duration),
-            effort=max(self.effort, other.effort),
-        )
-
     @property
     def sensed(self) -> float:
         """Largest output: of the displacement, or of the force that an imposed motion requires."""
@@ -205,10 +192,6 @@ class Effect:
     def canonical(self) -> str:
         """Name in the catalogue, the same at all places."""
         return self.title.removesuffix(f" at {self.place}") if self.place else self.title
-
-    def is_more_of(self, other: Effect) -> bool:
-        """Whether a learned element is the same physics as another effect at the same place."""
-        return self.several_of == other.canonical and self.place == other.place
 
     def is_neighbour_of(self, other: Effect) -> bool:
         """Whether ordinary recordings cannot always tell the two apart, as one of them declares."""

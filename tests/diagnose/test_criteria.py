@@ -10,6 +10,7 @@ from unittest import mock
 
 import pytest
 
+from phnn.cli import main
 from phnn.configuration import compose
 from phnn.diagnose import diagnosis as path
 from phnn.diagnose.criteria import Criteria
@@ -45,9 +46,12 @@ def test_an_override_on_the_command_line_reaches_the_options() -> None:
         ("criteria=3", "write criteria.NAME=value"),
     ],
 )
-def test_what_is_no_criterion_is_refused(override: str, words: str) -> None:
-    with pytest.raises(InputRefused, match=words):
-        compose("diagnose", [override])
+def test_what_is_no_criterion_is_refused(
+    override: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # Before the recordings are looked for.
+    assert main(["diagnose", str(tmp_path / "nowhere"), "--out", str(tmp_path / "out"), override]) == 2
+    assert words in " ".join(capsys.readouterr().err.split())
 
 
 @pytest.mark.parametrize(
