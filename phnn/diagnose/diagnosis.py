@@ -11,7 +11,7 @@ import numpy as np
 
 from phnn.diagnose.criteria import Criteria
 from phnn.diagnose.formula import Distilled, distil, has_grammar, refitted_formula
-from phnn.diagnose.linearised import LinearisedFit, prepare
+from phnn.diagnose.linearised import TIE, LinearisedFit, prepare
 from phnn.diagnose.locations import Location, locate
 from phnn.diagnose.number import Visited, Weighed, best_to_write
 from phnn.diagnose.proposal import NextExperiment, Question, propose, refitted_rival
@@ -40,8 +40,6 @@ from phnn.setup import Setup
 # Largest numerical error of the base model over the norm of what it leaves beyond the noise: the steps of a model that
 # is far from the recordings need not be finer.
 _NUMERICAL = 0.001
-# Difference of χ² at which two models are told apart: 3.5 standard deviations of one parameter.
-TIE = 12.0
 # Nearly independent blocks of time below which a gain has no p-value.
 _BLOCKS = 8
 # Steps of one evaluation of the budget, at least: of short recordings many simulations take no time.
@@ -173,9 +171,13 @@ def available(campaign: Campaign, setup: Setup, without: Sequence[Effect] = ()) 
 
 
 def _possible(campaign: Campaign, setup: Setup, effects: Iterable[Effect]) -> list[Effect]:
-    measured = campaign.voltage == "terminals" or bool(setup.network.senses)
     every = in_all_forms(a for e in effects for a in attached(e, setup) if a.applies(setup))
-    return [e for e in every if not (e.needs_command and measured)]
+    return [e for e in every if not (e.needs_command and _input_measured(campaign, setup))]
+
+
+def _input_measured(campaign: Campaign, setup: Setup) -> bool:
+    """Whether what the input does to the network was recorded: at the terminals, or as the motion that is imposed."""
+    return campaign.voltage == "terminals" or bool(setup.network.senses)
 
 
 def diagnose(
@@ -266,9 +268,10 @@ def _concluded(search: Search, error: NumericalError, options: Options, early: b
     after = before if model is base else _scores(model.fit, campaign)
     location = remaining = None
     if outcome.word != NONE:
-        location = needed("location of the mismatch", partial(locate, first), None)
+        measured = _input_measured(campaign, base.fit.setup)
+        location = needed("location of the mismatch", partial(locate, first, measured=measured), None)
         if outcome.word == UNKNOWN and promising[1] and model is not base:
-            remaining = needed("location of what remains", partial(locate, final), None)
+            remaining = needed("location of what remains", partial(locate, final, measured=measured), None)
     gains = tuple(_gain(c, after, search) for c in outcome.claims)
     formulas = {}
     for claim in outcome.claims:
@@ -281,7 +284,7 @@ def _concluded(search: Search, error: NumericalError, options: Options, early: b
         (needed("check of the simulations against the equations", partial(check, t), float("nan"))
          for g in {id(g): g for g in (first, final)}.values() for t in g.trajectories), default=0.0,
     )  # fmt: skip
-    proposal = extra("the next recording", lambda: propose(_questions(outcome, model, search), first, TIE), None)
+    proposal = extra("the next recording", lambda: propose(_questions(outcome, model, search), first), None)
     if base.fit is not search.base.fit:
         error = numerical_error(base.fit)
     return Diagnosis(

@@ -99,7 +99,7 @@ def _steps_from(base: Fit, effect: Effect, values: Mapping[str, float], evaluati
     plan = base.plan.coarse()
     begun, origin = _adjusted(base, begun, plan)
     if effect.strengths:
-        begun = _started(begun, plan, names, effect.strengths, origin)
+        begun = started(begun, plan, names, effect.strengths, origin)
     return fit(begun, plan, names, base.held, evaluations, origin=origin)
 
 
@@ -131,8 +131,8 @@ def _adjusted(base: Fit, begun: Setup, plan: Plan) -> tuple[Setup, Fit]:
     return base.variables.setup(begun, base.z), moved(base.z)
 
 
-def _started(setup: Setup, plan: Plan, names: Sequence[str], strengths: Sequence[str], origin: Fit) -> Setup:
-    """The setup with strengths and base parameters moved to where the linearised least-squares problem has its minimum.
+def started(setup: Setup, plan: Plan, names: Sequence[str], strengths: Sequence[str], origin: Fit | None) -> Setup:
+    """Return the setup with strengths and base parameters moved to the minimum of the linearised least-squares problem.
 
     From small strengths the bounded optimiser takes dozens of steps to where this single one leads: each ends where the
     first of the strengths meets its bound. The setup stays as it was where no share of the step lowers χ².

@@ -29,7 +29,6 @@ from scipy.stats import chi2
 from phnn.diagnose.criteria import Criteria
 from phnn.diagnose.linearised import LinearisedFit, direction
 from phnn.diagnose.lines import own_score, strongest_line
-from phnn.diagnose.noise import Colour
 from phnn.diagnose.refit import clamped
 from phnn.effects import Effect
 from phnn.identification.fit import variables_from
@@ -136,8 +135,7 @@ class Screen:
             else:
                 owns = [(v, effect.add_to(model.fit.setup, v).own) for v in points]
                 owns = [(v, own) for v, own in owns if _taken(own, model) > self.criteria.material**2]
-                colour = Colour(model)
-                scored = [(*own_score(model, own, colour, spectra), v) for v, own in owns]
+                scored = [(*own_score(model, own, spectra), v) for v, own in owns]
             if scored:
                 stated, judged, values = max(scored, key=lambda s: s[:2])
                 found.append(Candidate(effect, values, (), stated**2, judged, stated**2 / model.residual.size))

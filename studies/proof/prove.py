@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import Any
 
 from phnn.diagnose.criteria import Criteria
-from phnn.diagnose.diagnosis import TIE, available, diagnose
-from phnn.diagnose.linearised import prepare
+from phnn.diagnose.diagnosis import available, diagnose
+from phnn.diagnose.linearised import TIE, prepare
 from phnn.diagnose.screen import Screen, chance
 from phnn.effects import catalogue
 from phnn.errors import OutputFailed, OutputRefused, PhnnError
@@ -159,7 +159,7 @@ def score_folder(folder: Path, seed: int) -> dict[str, Any]:
         Setup(network), identification_plan(campaign, 1), held_by_statement(campaign.known), max_evaluations=30
     )
     base, error = with_bounded_error(first, options.error_bound_sigma)
-    linearised, criteria = prepare(base, campaign.voltage == "terminals"), Criteria()
+    linearised, criteria = prepare(base), Criteria()
     candidates = Screen(linearised, available(campaign, base.setup), criteria)(linearised)
     best = max(candidates, key=lambda c: c.score)
     members = [c.effect for c in candidates if candidates[0].fall - c.fall < TIE and c.fall > 0.0]
