@@ -20,7 +20,7 @@ from functools import partial
 
 import numpy as np
 
-from phnn.diagnose.criteria import Criteria
+from phnn.criteria import Criteria
 from phnn.diagnose.linearised import LinearisedFit, prepare
 from phnn.diagnose.number import Key, Misfit, Visited, Weighed, best_to_write, family, is_learned, key_of, weigh
 from phnn.diagnose.refit import converged, further, large_starts, rebuilt, short
