@@ -436,14 +436,18 @@ def _exchange(search: Search, best: Visited, element: Effect) -> None:
 
 
 def refits(search: Search, base: Fit, effects: Sequence[Effect]) -> list[tuple[Effect, Fit]]:
-    """Return a fit with each of some effects beside a model, as far as it can be simulated."""
+    """Return a fit with each of some effects beside a model, carried to its end with the steps of that model, as far as
+    it can be simulated."""
     screen = Screen(_with_few_steps(LinearisedFit(base, (), search.scales)), effects, search.criteria)
     found = []
     for candidate in screen(screen.base):
         starts = [candidate.values, *candidate.others[:1]]
         fitted = short(base, candidate.effect, starts, search.criteria.short)
-        if fitted is not None:
-            found.append((candidate.effect, further(fitted, search.criteria.further)))
+        if fitted is None:
+            continue
+        ended = converged(fitted, base.plan, base.held, candidate.effect.parameters)
+        if ended is not None:
+            found.append((candidate.effect, ended))
     return found
 
 

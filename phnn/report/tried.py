@@ -1,4 +1,4 @@
-"""What a diagnosis has tried: the models that it fitted, and the candidates in the residual of a model."""
+"""Models that a diagnosis has fitted, and candidates in the residual of its base model and of its final one."""
 
 from __future__ import annotations
 
