@@ -67,7 +67,7 @@ def _rivals(diagnosis: Diagnosis, claim: Claim) -> tuple[RivalRow, ...]:
         excluded = "not excluded: " if family(effect) in alike else "" if model.converged else "not fitted to its end: "
         outcome = f"sum of squares {number(abs(more))} {'larger' if more > 0.0 else 'smaller'}"
         share = likelihood(float(diagnosis.visited.shares[diagnosis.visited.models.index(model)]))
-        rows.append(RivalRow(name, math.sqrt(model.left), f"{excluded}{outcome}, probability of the model {share}"))
+        rows.append(RivalRow(name, math.sqrt(model.left), f"{excluded}{outcome}, probability {share}"))
     scores = {c.effect.name: c.score for c in diagnosis.screened[0]}
     rows += [
         RivalRow(n, None, f"not fitted: its score at the base model is {number(scores[n])}")
