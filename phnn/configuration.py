@@ -181,7 +181,7 @@ def _checked(key: str, value: Any, default: Any) -> Any:
         InputRefused: wrong kind or out of range.
     """
     if key == "criteria":
-        from phnn.diagnose.criteria import Criteria
+        from phnn.criteria import Criteria
 
         if not isinstance(value, Mapping):
             raise InputRefused(f"setting {key}={value} must name criteria: write criteria.NAME=value")

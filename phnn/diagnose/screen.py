@@ -26,7 +26,7 @@ from scipy.optimize import lsq_linear
 from scipy.special import ndtr, ndtri_exp
 from scipy.stats import chi2
 
-from phnn.diagnose.criteria import Criteria
+from phnn.criteria import Criteria
 from phnn.diagnose.linearised import LinearisedFit, direction
 from phnn.diagnose.lines import own_score, strongest_line
 from phnn.diagnose.refit import clamped
@@ -272,12 +272,9 @@ def _best_point(
     effect = directions.effect
     total, size = along.sum(axis=0), np.maximum(squares.sum(axis=0), 1e-300)
     strengths = total / size
-    if effect.strength is None:
-        # It is there or not.
-        strengths, falls = np.ones_like(total), np.maximum(2.0 * total - size, 0.0)
-    else:
-        falls = np.where((total > 0.0) | (not effect.one_sided), total * strengths, 0.0)
-    falls = np.where(free, falls, 0.0)
+    # A limit is there or not, and one that is met too early has the right direction all the same.
+    positive = effect.one_sided or effect.strength is None
+    falls = np.where(free & ((total > 0.0) | (not positive)), total * strengths, 0.0)
     order = np.argsort(-falls, kind="stable")
     points = [effect.scaled(directions.points[i], float(strengths[i])) for i in order[:3]]
     best = int(order[0])

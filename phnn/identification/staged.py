@@ -179,7 +179,7 @@ def fit_identified(
     """Fit what the recordings identify; the rest is held at its value and reported.
 
     Args:
-        keep: parameters that are estimated in any case.
+        keep: parameters that are estimated wherever some output depends on them.
         tolerance: where to stop, as of `phnn.identification.fit.fit`.
     """
     free = [n for n in setup.free if n not in held]
@@ -188,7 +188,7 @@ def fit_identified(
     start = problem.variables.start(setup)
     jacobian = problem.jacobian(start)[:, : len(free)]
     for name in unidentified(jacobian, free):
-        if name not in keep:
+        if name not in keep or not jacobian[:, free.index(name)].any():
             reasons[name] = _reason(setup, name)
     names = [n for n in free if n not in reasons]
     if names != free:
