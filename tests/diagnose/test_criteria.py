@@ -11,8 +11,8 @@ from unittest import mock
 import pytest
 
 from phnn.configuration import compose
+from phnn.criteria import Criteria
 from phnn.diagnose import diagnosis as path
-from phnn.diagnose.criteria import Criteria
 from phnn.diagnose.diagnosis import diagnose
 from phnn.errors import InputRefused
 from phnn.identification.options import Options
