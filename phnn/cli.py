@@ -29,10 +29,6 @@ def _run(arguments: argparse.Namespace, settings: Sequence[str]) -> None:
     name = arguments.command
     # Settings are refused before torch and numba are loaded.
     config = compose(SETTINGS[name], settings) if name in SETTINGS else {}
-    if config.get("criteria"):
-        from phnn.diagnose.criteria import Criteria
-
-        Criteria().with_values(config["criteria"])
     if name == TRAIN:
         config = compose_groups(TRAIN, settings)
     # Sums over several threads round otherwise, so that a result would depend on the number of cores; recordings are

@@ -7,7 +7,7 @@ from functools import cache
 
 import campaigns
 
-from phnn.diagnose.criteria import Criteria
+from phnn.criteria import Criteria
 from phnn.diagnose.number import Visited
 from phnn.diagnose.refit import converged, rebuilt
 from phnn.diagnose.search import Search, begin

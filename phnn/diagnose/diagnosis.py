@@ -9,7 +9,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from phnn.diagnose.criteria import Criteria
+from phnn.criteria import Criteria
 from phnn.diagnose.formula import Distilled, distil, has_grammar, refitted_formula
 from phnn.diagnose.linearised import TIE, LinearisedFit, prepare
 from phnn.diagnose.locations import Location, locate

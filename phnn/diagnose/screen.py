@@ -26,7 +26,7 @@ from scipy.optimize import lsq_linear
 from scipy.special import ndtr, ndtri_exp
 from scipy.stats import chi2
 
-from phnn.diagnose.criteria import Criteria
+from phnn.criteria import Criteria
 from phnn.diagnose.linearised import LinearisedFit, direction
 from phnn.diagnose.lines import own_score, strongest_line
 from phnn.diagnose.refit import clamped

@@ -14,13 +14,14 @@ too late, takes nothing away from what was finished.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
-from phnn.diagnose.criteria import Criteria
+from phnn.criteria import Criteria
 from phnn.diagnose.linearised import LinearisedFit, prepare
 from phnn.diagnose.number import Key, Misfit, Visited, Weighed, best_to_write, family, is_learned, key_of, weigh
 from phnn.diagnose.refit import converged, further, large_starts, rebuilt, short
@@ -34,7 +35,7 @@ from phnn.identification.plan import Plan
 from phnn.identification.refinement import numerical_error, substeps_for
 from phnn.parallel import SERIAL, Executor
 from phnn.recordings.recording import Campaign, Recording, dominant_frequency
-from phnn.rescue import attempt, late, move, results, spent
+from phnn.rescue import attempt, late, move, needed, results, spent
 
 # Share of the residual from which on a candidate is large, and over the usual score what it needs then.
 _LARGE_SHARE, _LARGE_SCORE = 0.05, 0.6
@@ -44,6 +45,8 @@ _RACE, _FINISH = 2.0, 1.5
 _LEVEL = 0.02
 # Trials that enter the race, and learned elements that have a heat.
 _RACERS, _LEARNED = 5, 3
+# Differences of χ² of one optimum: fitted twice, and with coarse and full sub-steps.
+_SAME, _COARSE = 3.0, 100.0
 # Nats behind the best at which a model is no longer grown, carried to its end, or refitted with finer steps.
 _GROWN, _ENDED, _FINER = 30.0, 20.0, 8.0
 # Sub-steps from which on directions are fine enough.
@@ -112,13 +115,13 @@ class Search:
     def visit(self, model: Visited) -> Visited:
         """Keep a model, unless a better fit of the same elements is known; returns the one that is kept."""
         known = self.visited.get(model.key)
-        finer = known is not None and model.converged and _steps(model.fit) > _steps(known.fit)
-        ended = known is not None and model.converged and not known.converged
-        if known is None or finer or model.fit.cost < known.fit.cost - (0.0 if ended else 3.0):
+        better = known is None or model.fit.cost < known.fit.cost - _SAME
+        if known is not None and model.converged and not better:
+            # The same optimum with the steps of the search, or with finer ones.
+            ended = not known.converged and model.fit.cost < known.fit.cost + _COARSE
+            better = ended or _steps(model.fit) > _steps(known.fit)
+        if better:
             self.visited[model.key] = model
-        elif ended:
-            # The same optimum, now with the steps of the search.
-            self.visited[model.key] = model if model.fit.cost < known.fit.cost + 100.0 else replace(known)
         return self.visited[model.key]
 
 
@@ -133,7 +136,8 @@ def begin(
     executor: Executor = SERIAL,
 ) -> Search:
     """Return a search that knows the base model alone; for the arguments see `Search`."""
-    linearised = prepare(fitted)
+    unknown = LinearisedFit(fitted, (), Scales(*(float("nan"),) * 9))
+    linearised = needed("simulation of the base model", partial(prepare, fitted), unknown, ends=True)
     bare = Visited((), fitted, {}, {}, 0, True)
     screen = Screen(_with_few_steps(linearised), [*effects, *learned], criteria)
     search = Search(
@@ -173,9 +177,10 @@ def _next(search: Search) -> Visited | None:
         todo = next((m for m in leading if not m.converged), None)
         if todo is not None:
             move(f"fit of {todo.words} to its end", partial(_converge, search, todo), None)
-            if search.visited[todo.key] is todo:
+            kept = search.visited[todo.key]
+            if not kept.converged:
                 # It cannot be fitted with the steps of the search.
-                search.visited[todo.key] = replace(todo, converged=True)
+                search.visited[todo.key] = replace(kept, converged=True)
             continue
         if not search.fine and any(m.elements and m.left < _QUIET for m in leading):
             search.fine = True
@@ -227,9 +232,10 @@ def _heat(search: Search, model: Visited, candidates: Sequence[Candidate], far: 
     if not candidates or late(f"refits beside {model.words}"):
         return []
     most = candidates[0].fall
-    linearised = replace(linearised_of(search, model), trajectories=())
+    linearised = linearised_of(search, model)
+    linearised = replace(linearised, fit=_as_sent(search, linearised.fit))
     work = partial(_tried, linearised, far, 0.3 * most, search.criteria.short)
-    fits = results(search.executor.each, work, candidates, [c.effect.name for c in candidates])
+    fits = _fits(search, work, candidates, [c.effect.name for c in candidates])
     trials = [
         search.model((*model.elements, c.effect), f) for c, f in zip(candidates, fits, strict=True) if f is not None
     ]  # fmt: skip
@@ -287,10 +293,20 @@ def _onwards(search: Search, trials: Sequence[Visited]) -> list[Visited]:
     if not moving or late("further steps of " + ", ".join(t.words for t in moving)):
         return list(trials)
     work = partial(further, evaluations=search.criteria.further)
-    names = [t.elements[-1].name for t in moving]
-    fits = results(search.executor.each, work, [t.fit for t in moving], names)
+    fits = _fits(search, work, [_as_sent(search, t.fit) for t in moving], [t.elements[-1].name for t in moving])
     ended = {t.key: search.model(t.elements, f) for t, f in zip(moving, fits, strict=True) if f is not None}
     return [ended.get(t.key, t) for t in trials]
+
+
+def _as_sent(search: Search, fitted: Fit) -> Fit:
+    """The fit that a refit gets: threads of one that runs beside others would only get into each other's way."""
+    return fitted if search.executor == SERIAL else replace(fitted, plan=replace(fitted.plan, workers=1))
+
+
+def _fits(search: Search, work: Callable[[Any], Fit | None], items: Sequence[Any], names: Sequence[str]) -> list[Any]:
+    """``work(item)`` of every item, on the very recordings of the search wherever it was done."""
+    fits: list[Fit | None] = results(search.executor.each, work, items, names)
+    return [f if f is None else replace(f, plan=replace(search.plan, substeps=f.plan.substeps)) for f in fits]
 
 
 def _moving(fitted: Fit, criteria: Criteria) -> bool:

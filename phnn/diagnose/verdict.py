@@ -20,7 +20,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from phnn.diagnose.criteria import Criteria
+from phnn.criteria import Criteria
 from phnn.diagnose.number import Visited, Weighed, family, is_learned, key_of
 from phnn.effects import Effect
 

@@ -22,7 +22,7 @@ class Options:
         max_effects: how many elements a diagnosis may add.
         evaluations: what a diagnosis may spend, in simulations of all recordings; derivatives count as four.
         without: effects of the catalogue that a diagnosis must not use.
-        criteria: values of `phnn.diagnose.criteria.Criteria` that replace the defaults, by name.
+        criteria: values of `phnn.criteria.Criteria` that replace the defaults, by name.
         workers: threads of a fit.
         executor: where the refits of a diagnosis are done, for choices see `phnn.parallel.executor`; anywhere
             but in ``serial`` each refit has one thread.

@@ -20,7 +20,8 @@ def model_rows(diagnosis: Diagnosis) -> list[ModelRow]:
     pairs = zip(diagnosis.visited.models, diagnosis.visited.shares, strict=True)
     return [
         ModelRow(
-            m.words, m.left, m.left_held_out, sum(map(m.parameters_of, m.elements)), float(share), m.converged,
+            m.words, m.left, m.left_held_out, m.nuisances + sum(map(m.parameters_of, m.elements)), float(share),
+            m.converged,
             m.key == diagnosis.chosen.key,
         )
         for m, share in list(pairs)[:_MODELS]
@@ -42,7 +43,7 @@ def candidate_rows(diagnosis: Diagnosis) -> list[CandidateRow]:
         if c.effect.name in failed:
             return f"no candidate: {failed[c.effect.name]}"
         if material(c, diagnosis.base, diagnosis.criteria):
-            return "not fitted: others promise more, or are left when these are in the model"
+            return "not fitted: others promised more"
         significant = c.score > diagnosis.criteria.score
         return "significant, but immaterial" if significant else "not significant"
 

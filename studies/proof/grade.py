@@ -15,7 +15,7 @@ Another hysteresis and effects:
     their names or a class, beside which what acts on the hysteron may stand; ``unknown`` at the location of the effect
     or at the hysteron counts as a class.
 
-The held-out error really falls where it falls by more than the share that `phnn.diagnose.criteria` calls material.
+The held-out error really falls where it falls by more than the share that `phnn.criteria` calls material.
 
 An error of an estimate is a normal deviate of the stated 95 % interval: 1.96 where the truth lies at one of its ends,
 in proportion inside. Where no interval is stated the standard error takes its place.
@@ -37,7 +37,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import norm
 
-from phnn.diagnose.criteria import Criteria
+from phnn.criteria import Criteria
 from studies.generator import Sealed
 from studies.generator.cases import LOCATION
 from studies.proof.cases import FAST, Task

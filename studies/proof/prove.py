@@ -18,7 +18,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from phnn.diagnose.criteria import Criteria
+from phnn.criteria import Criteria
 from phnn.diagnose.diagnosis import available, diagnose
 from phnn.diagnose.linearised import TIE, prepare
 from phnn.diagnose.screen import Screen, chance

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from phnn.configuration import compose
+from phnn.criteria import Criteria
 from phnn.diagnose import diagnosis as path
-from phnn.diagnose.criteria import Criteria
 from phnn.diagnose.diagnosis import Diagnosis, diagnose
 from phnn.diagnose.number import Visited
 from phnn.diagnose.search import _heat, begin, explore

@@ -13,7 +13,7 @@ from campaigns import recorded
 from effect_homes import BASE, SCALES
 from matplotlib.mathtext import MathTextParser
 
-from phnn.diagnose.criteria import Criteria
+from phnn.criteria import Criteria
 from phnn.diagnose.formula import distil, refitted_formula
 from phnn.diagnose.linearised import LinearisedFit, prepare
 from phnn.diagnose.refit import started

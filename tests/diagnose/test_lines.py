@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from junctions import recording
 
-from phnn.diagnose.criteria import Criteria
+from phnn.criteria import Criteria
 from phnn.diagnose.linearised import LinearisedFit
 from phnn.diagnose.lines import own_score, strongest_line
 from phnn.diagnose.noise import Spectra, spectra_of

@@ -8,7 +8,7 @@ import campaigns
 import numpy as np
 import pytest
 
-from phnn.diagnose.criteria import Criteria
+from phnn.criteria import Criteria
 from phnn.diagnose.linearised import direction
 from phnn.diagnose.lines import drift_share, line_share
 from phnn.diagnose.locations import (

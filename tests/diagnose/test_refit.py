@@ -8,7 +8,7 @@ import campaigns
 import numpy as np
 import pytest
 
-from phnn.diagnose.criteria import Criteria
+from phnn.criteria import Criteria
 from phnn.diagnose.linearised import direction, prepare
 from phnn.diagnose.number import Visited
 from phnn.diagnose.refit import converged, further, large_starts, short

@@ -8,8 +8,8 @@ import pytest
 from scipy.signal import lfilter
 
 import phnn
+from phnn.criteria import Criteria
 from phnn.diagnose import screen
-from phnn.diagnose.criteria import Criteria
 from phnn.diagnose.diagnosis import available
 from phnn.diagnose.linearised import LinearisedFit, prepare
 from phnn.diagnose.noise import covariance, degrees_of_freedom, stated_variances

@@ -6,8 +6,8 @@ import campaigns
 import numpy as np
 import pytest
 
+from phnn.criteria import Criteria
 from phnn.diagnose import screen as module
-from phnn.diagnose.criteria import Criteria
 from phnn.diagnose.linearised import LinearisedFit, direction
 from phnn.diagnose.screen import Screen
 from phnn.effects import effect

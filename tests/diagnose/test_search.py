@@ -10,7 +10,7 @@ import campaigns
 import pytest
 from effects_together import VALUES, lacking, together
 
-from phnn.diagnose.criteria import Criteria
+from phnn.criteria import Criteria
 from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.linearised import tie
 from phnn.diagnose.search import _drop_each, _exchange, begin, explore

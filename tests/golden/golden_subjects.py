@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 import phnn
 from phnn.chain import AMPLIFIERS, SENSORS, SOURCES
+from phnn.criteria import Criteria
 from phnn.derivatives import output_derivatives
-from phnn.diagnose.criteria import Criteria
 from phnn.diagnose.linearised import prepare
 from phnn.diagnose.locations import Location, locate
 from phnn.diagnose.screen import Candidate, Screen

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from phnn.check import check
-from phnn.diagnose.criteria import Criteria
+from phnn.criteria import Criteria
 from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.verdict import conclude
 from phnn.effects import catalogue

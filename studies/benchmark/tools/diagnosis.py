@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from phnn.diagnose.criteria import Criteria
+from phnn.criteria import Criteria
 from phnn.diagnose.diagnosis import available, diagnose
 from phnn.diagnose.linearised import prepare
 from phnn.diagnose.screen import Screen

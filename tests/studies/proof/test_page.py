@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from test_grade import BESIDE, CREEP, FEWER, NOTHING, OTHER, OTHER_CREEP, TASK, entry
 
-from phnn.diagnose.criteria import Criteria
+from phnn.criteria import Criteria
 from studies.proof.cases import Task
 from studies.proof.grade import graded
 from studies.proof.page import Rate, confusion, counts, coverage, detection, half_point, rates, reliability
