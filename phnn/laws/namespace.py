@@ -25,9 +25,9 @@ from numba.extending import overload, register_jitable
 # died away, and its square vanishes.
 TINY = 1e-140
 
-INLINE = {"error_model": "numpy", "forceinline": True}
+_INLINE = {"error_model": "numpy", "forceinline": True}
 # Marks a helper that laws call, so that compiled code can call it too; in python it stays as it is.
-shared = register_jitable(**INLINE)
+shared = register_jitable(**_INLINE)
 
 
 def _torch_of(*values: Any) -> Any:
@@ -104,39 +104,39 @@ def absolute(x: Any) -> Any:
     return where(real(x) >= 0.0, x, -x)
 
 
-@overload(real, strict=False, jit_options=INLINE)
+@overload(real, strict=False, jit_options=_INLINE)
 def _real(x: Any) -> Any:
     if isinstance(x, types.Complex):
         return lambda x: x.real
     return lambda x: x
 
 
-@overload(where, strict=False, jit_options=INLINE)
+@overload(where, strict=False, jit_options=_INLINE)
 def _where(condition: Any, a: Any, b: Any) -> Any:
     return lambda condition, a, b: a if condition else b
 
 
-@overload(maximum, strict=False, jit_options=INLINE)
+@overload(maximum, strict=False, jit_options=_INLINE)
 def _maximum(a: Any, b: Any) -> Any:
     return lambda a, b: a if real(a) >= real(b) else b
 
 
-@overload(minimum, strict=False, jit_options=INLINE)
+@overload(minimum, strict=False, jit_options=_INLINE)
 def _minimum(a: Any, b: Any) -> Any:
     return lambda a, b: a if real(a) <= real(b) else b
 
 
-@overload(absolute, strict=False, jit_options=INLINE)
+@overload(absolute, strict=False, jit_options=_INLINE)
 def _absolute(x: Any) -> Any:
     return lambda x: x if real(x) >= 0.0 else -x
 
 
-@overload(certain, strict=False, jit_options=INLINE)
+@overload(certain, strict=False, jit_options=_INLINE)
 def _certain(condition: Any) -> Any:
     return lambda condition: condition
 
 
-@overload(reciprocal, strict=False, jit_options=INLINE)
+@overload(reciprocal, strict=False, jit_options=_INLINE)
 def _reciprocal(x: Any) -> Any:
     if not isinstance(x, types.Complex):
         return lambda x: 1.0 / x
@@ -148,7 +148,7 @@ def _reciprocal(x: Any) -> Any:
     return perturbed
 
 
-@overload(exp, strict=False, jit_options=INLINE)
+@overload(exp, strict=False, jit_options=_INLINE)
 def _exp(x: Any) -> Any:
     if not isinstance(x, types.Complex):
         return lambda x: math.exp(x)
@@ -160,7 +160,7 @@ def _exp(x: Any) -> Any:
     return perturbed
 
 
-@overload(sqrt, strict=False, jit_options=INLINE)
+@overload(sqrt, strict=False, jit_options=_INLINE)
 def _sqrt(x: Any) -> Any:
     if not isinstance(x, types.Complex):
         return lambda x: math.sqrt(x)
@@ -172,14 +172,14 @@ def _sqrt(x: Any) -> Any:
     return perturbed
 
 
-@overload(log1p, strict=False, jit_options=INLINE)
+@overload(log1p, strict=False, jit_options=_INLINE)
 def _log1p(x: Any) -> Any:
     if not isinstance(x, types.Complex):
         return lambda x: math.log1p(x)
     return lambda x: complex(math.log1p(x.real), x.imag / (1.0 + x.real))
 
 
-@overload(tanh, strict=False, jit_options=INLINE)
+@overload(tanh, strict=False, jit_options=_INLINE)
 def _tanh(x: Any) -> Any:
     if not isinstance(x, types.Complex):
         return lambda x: math.tanh(x)

@@ -11,20 +11,7 @@ from typing import Any
 from numba.extending import overload
 
 from phnn.laws.law import ResistorLaw, register
-from phnn.laws.namespace import (
-    INLINE,
-    absolute,
-    exp,
-    log1p,
-    maximum,
-    minimum,
-    real,
-    reciprocal,
-    shared,
-    sqrt,
-    tanh,
-    where,
-)
+from phnn.laws.namespace import absolute, exp, log1p, maximum, minimum, real, reciprocal, shared, sqrt, tanh, where
 from phnn.parameters import ANY, NONNEGATIVE, POSITIVE
 
 
@@ -218,7 +205,7 @@ def _power(speed: Any, exponent: Any, reference: Any) -> Any:
     return z * exp((n - 1.0) * (_LOG_SMOOTHED + 0.5 * log1p(finer * finer)))
 
 
-@overload(_power, strict=False, jit_options=INLINE)
+@overload(_power, strict=False, jit_options={"error_model": "numpy", "forceinline": True})
 def _quick_power(speed: Any, exponent: Any, reference: Any) -> Any:
     """Compile `_power` with roots in place of logarithms where the exponent is 0, 1 or 2."""
 
@@ -232,10 +219,9 @@ def _quick_power(speed: Any, exponent: Any, reference: Any) -> Any:
             value = math.sqrt(base) if power > 0.0 else 1.0 / math.sqrt(base)
         else:
             value = math.exp(0.5 * power * math.log(base))
-        by_base, by_power = 0.5 * power * value / base, 0.0
+        by_base = 0.5 * power * value / base
         # The logarithm is for a perturbed exponent alone.
-        if n.imag != 0.0:
-            by_power = 0.5 * value * math.log(base)
+        by_power = value * 0.5 * math.log(base) if n.imag != 0.0 else 0.0
         return z * (value + by_base * (square - base) + by_power * (n - 1.0 - power))
 
     return quick
