@@ -122,7 +122,7 @@ def test_what_is_significant_and_immaterial_is_told_with_its_size() -> None:
     content = read_document(document)
     told = verdicts.test_sentence(content)
     assert "second mode" in told and "0.600 nm, 0.0120 × the noise" in told
-    assert "chance alone" not in told
+    assert "too small to be followed up" not in told
     text = _printed(document, EMPTY)
     assert "significant, and too small to matter" in text and "Nothing significant" not in text
     inner = {"verdict": "named", "remainder": left | {"immaterial": small}}
@@ -156,8 +156,8 @@ def test_the_gain_on_held_out_recordings_is_told() -> None:
         assert "6.60 and 2.10 × the noise" in told and odds in told
 
 
-def test_a_floor_of_the_draws_is_no_probability() -> None:
-    for p, told in ((2.0 / 100_001.0, "with a probability below 2 × 10⁻⁵."), (3e-3, "with probability 0.003.")):
+def test_a_tail_that_nobody_knows_is_no_p_value() -> None:
+    for p, told in ((1e-75, "(p < 2 × 10⁻⁵)."), (3e-3, "(p = 0.003).")):
         content = read_document({"verdict": "named", "test": {"p_value": p, "statistic": 9.0}})
         assert verdicts.test_sentence(content).endswith(told)
 
