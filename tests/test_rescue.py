@@ -182,13 +182,13 @@ def test_a_failure_leaves_an_answer(number: int, folder: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", range(3, 11))
+@pytest.mark.parametrize("number", range(3, 16))
 def test_failures_anywhere_leave_an_answer(number: int, folder: Path) -> None:
     failing(QUICK, number, folder)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", range(9))
+@pytest.mark.parametrize("number", range(14))
 def test_failures_anywhere_in_a_composition_leave_an_answer(number: int, folder: Path) -> None:
     failing(COMPOSED, number, folder)
 
@@ -222,6 +222,24 @@ def test_a_budget_ends_the_search_with_the_best_so_far(tmp_path: Path, capsys: p
         assert "time of 0.001 s was used up" in shown
         assert "The search ended before it accepted an element." in shown
     assert "budget: 0 s: give a positive number of seconds" in streams.err
+    assert (out / "model").is_dir()
+
+
+def test_a_number_of_evaluations_ends_the_search_with_the_best_so_far(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    with _on_the_command_line(QUICK):
+        arguments = [str(campaigns.concealed("creep")[0]), "--out", str(out)]
+        assert main(["diagnose", *arguments, "evaluations=1"]) == 0
+    content = json.loads((out / "diagnosis.json").read_text())
+    assert content["verdict"] == "unknown"
+    assert content["ended"]["why"] == "evaluations"
+    assert content["ended"]["evaluations"] > 1.0
+    assert content["ended"]["not_tried"]
+    assert content["warnings"] == []
+    for shown in (" ".join(capsys.readouterr().out.split()), (out / "report.html").read_text()):
+        assert "its number of evaluations was used up" in shown
     assert (out / "model").is_dir()
 
 

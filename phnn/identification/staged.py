@@ -82,10 +82,10 @@ def identify_actuator(
 
 
 def _raced(points: Sequence[Setup], plan: Plan, held: Mapping[str, str]) -> list[Fit]:
-    """Fits of the best of several starting points and of what is within reach of it, the best first.
+    """Fits from the best of several starting points and from those that nearly equal it, the best first.
 
-    The first steps say little about where a start ends: several of the best go on from where they are, one of those
-    that have met. A start that has reached the noise ends the race.
+    The first steps say little about where a start ends: several of the best go on from where they are. Of starts that
+    have met only one goes on; a start that has reached the noise ends the race.
     """
     field: list[tuple[Setup, Fit | None]] = [(setup, None) for setup in points]
     heat: list[Fit] = []
