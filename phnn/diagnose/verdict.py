@@ -28,7 +28,7 @@ NAMED, EQUIVALENT, UNKNOWN, NONE = "named", "equivalent", "unknown", "none"
 # Status of an element beside the words of a verdict.
 LIKELY, LEARNED, PROVISIONAL = "likely", "learned", "provisional"
 # Alternatives that are still a class.
-_CLASS = 4
+CLASS = 4
 # From this probability on an element is called likely, and the base model the most probable one.
 _HALF = 0.5
 
@@ -159,7 +159,7 @@ RULES: tuple[Rule, ...] = (
         "all listed effects",
     ),
     Rule(
-        "a_class_is_proven", lambda f: f.alternatives <= _CLASS, EQUIVALENT, ("alternatives",),
+        "a_class_is_proven", lambda f: f.alternatives <= CLASS, EQUIVALENT, ("alternatives",),
         "a delay of a hundredth of a period, which a lag of the sensor explains as well",
     ),
 )  # fmt: skip
