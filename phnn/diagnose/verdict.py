@@ -1,6 +1,6 @@
 """The verdict: the only place that turns probabilities into a word.
 
-Two results are kept apart. The model that is written is the one that predicts best. The word says what is proven of it:
+Two results are kept apart. The model that is written is the one that predicts best. The word says how much of its physics is proven:
 
 | word | when |
 |---|---|
@@ -35,7 +35,7 @@ _HALF = 0.5
 
 @dataclass(frozen=True)
 class Claim:
-    """One element of the model that is written, and what is said of it.
+    """One element of the model that is written, and its status.
 
     Attributes:
         effect: which.

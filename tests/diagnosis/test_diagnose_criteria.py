@@ -93,11 +93,3 @@ def test_the_yaml_states_no_other_value_than_the_class(command: str) -> None:
     assert asdict(Options.from_config(stated)) == asdict(Options())
     own = asdict(Options())
     assert stated == {n: list(own[n]) if isinstance(own[n], tuple) else own[n] for n in stated}
-
-
-def test_the_page_lists_every_criterion_as_it_is() -> None:
-    page = (HOME.parent.parent / "docs" / "criteria.md").read_text(encoding="utf-8")
-    lines = {line.split("|")[1].strip(" `"): line for line in page.splitlines() if line.startswith("| `")}
-    for row in TABLE:
-        cells = [cell.strip() for cell in lines[row.name].strip("|").split("|")]
-        assert cells == [f"`{row.name}`", row.group, f"{row.default:g}", row.unit, row.meaning, row.evidence]
