@@ -6,7 +6,7 @@ from __future__ import annotations
 import itertools
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -107,7 +107,13 @@ class Setting:
         return Answer(weighed.alternatives, weighed.probability, "", ())
 
 
-SETTINGS = tuple(Setting(*values) for values in itertools.product(PRICES, LEARNED, SLACKS, FACTORS))
+# The defaults come first, then what differs least: of equally good ones the first is taken.
+SETTINGS = tuple(
+    sorted(
+        (Setting(*values) for values in itertools.product(PRICES, LEARNED, SLACKS, FACTORS)),
+        key=lambda s: sum(getattr(s, f.name) != f.default for f in fields(Setting)),
+    )
+)
 
 
 def compared(cases: Sequence[Case]) -> Table:
