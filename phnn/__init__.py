@@ -91,17 +91,6 @@ def __getattr__(name: str) -> Any:
     return importlib.import_module(f"phnn.{name}") if module is None else getattr(importlib.import_module(module), name)
 
 
-class _Package(ModuleType):
-    """The package; a verb hides the folder of its name, which is imported by its full name all the same."""
-
-    def __setattr__(self, name: str, value: object) -> None:
-        if not (isinstance(value, ModuleType) and _DEFINED_IN.get(name)):
-            super().__setattr__(name, value)
-
-
-sys.modules[__name__].__class__ = _Package
-
-
 def __dir__() -> list[str]:
     return sorted({*globals(), *__all__})
 

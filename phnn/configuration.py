@@ -181,11 +181,11 @@ def _checked(key: str, value: Any, default: Any) -> Any:
         InputRefused: wrong kind or out of range.
     """
     if key == "criteria":
-        from phnn.criteria import CRITERIA
+        from phnn.criteria import Criteria
 
         if not isinstance(value, Mapping):
             raise InputRefused(f"setting {key}={value} must name criteria: write criteria.NAME=value")
-        return CRITERIA.with_values(value).changed()
+        return Criteria().with_values(value).changed()
     if isinstance(default, Mapping) and isinstance(value, Mapping):
         return {str(k): _checked(f"{key}.{k}", v, default[k]) for k, v in value.items()}
     if isinstance(default, bool):

@@ -18,7 +18,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from phnn.diagnosis.tested import score_on_all
+from phnn.diagnose.diagnosis import score_on_all
 from phnn.identification.base import Progress, identify_base, identify_bouc_wen, quiet
 from phnn.identification.evaluate import Evaluation, PartScore
 from phnn.identification.fit import Fit, fit
@@ -184,8 +184,8 @@ def compare(
 ) -> Comparison:
     """Refit both models on the identification recordings by the flow of Fig. 9, and score them on all recordings.
 
-    The flow: mechanical part → linear electrical part with closed dead zones → dead zones opened, nonlinear least
-    squares from several starts (`phnn.identification.staged`). Bouc–Wen skips the linear part, as in the paper.
+    Nonlinear least squares begin from many starting points of hysterons with open dead zones, which do without the
+    paper's linear electrical part (`phnn.identification.staged`); Bouc–Wen skips it in the paper too.
 
     Args:
         campaign: recordings with their uses; a weighed mass, where it has one, is held.

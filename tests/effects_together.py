@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cache
-from unittest import mock
 
 import campaigns
 
-from phnn.diagnosis import retest
-from phnn.diagnosis.finding import Finding
-from phnn.diagnosis.name import Candidate
-from phnn.diagnosis.trial import Trial
+from phnn.diagnose.criteria import Criteria
+from phnn.diagnose.number import Visited
+from phnn.diagnose.refit import converged, rebuilt
+from phnn.diagnose.search import Search, begin
 from phnn.effects import effect
 from phnn.identification.fit import Fit
 from phnn.identification.plan import Plan
 from phnn.identification.staged import fit_identified
+from phnn.recordings import Campaign
 
 VALUES = {
     "amplifier_lowpass": {"tau_a": 1.5e-5},
@@ -40,12 +40,19 @@ def lacking(*names: str, recordings: Sequence[str] = ALL, substeps: int | None =
     return fit_identified(base.setup, Plan(made, steps, 1), {"m": "held at the stated value"})
 
 
-def together(base: Fit, *names: str) -> tuple[tuple[Finding, ...], Fit]:
-    """Effects as a search finds them, and the base model fitted with all of them."""
-    candidates = [Candidate(effect(n), VALUES[n], (), 10.0, 1e-3) for n in names]
-    blank = [Finding(Trial(c, None), (), (), mock.sentinel.naming) for c in candidates]
+def together(base: Fit, *names: str, others: Sequence[str] = ()) -> tuple[Search, Visited]:
+    """A search that knows a base model and a model with some effects, carried to its end.
+
+    Args:
+        others: names of further effects that it knows of.
+    """
+    campaign = Campaign(base.plan.recordings, {}, {}, "command", (), True, "made up")
+    elements = [effect(n) for n in names]
+    search = begin(campaign, base, [*elements, *(effect(n) for n in others)], [], Criteria())
     values = base.setup.values() | {n: v for name in names for n, v in VALUES[name].items()}
-    whole = retest.fit_with(base, blank, values)
+    begun = rebuilt(base, elements, values, base.plan, 12)
+    assert begun is not None
+    own = [n for e in elements for n in e.parameters]
+    whole = converged(begun, base.plan, base.held, own)
     assert whole is not None
-    trials = [Trial(c, whole) for c in candidates]
-    return tuple(Finding(t, (t,), (t,), mock.sentinel.naming) for t in trials), whole
+    return search, search.visit(search.model(elements, whole, done=True))

@@ -52,7 +52,7 @@ def test_arguments_reach_the_commands(calls: list[tuple[str, dict[str, Any]]]) -
     assert calls[1] == ("predict", into | options)
     assert calls[3] == ("template", {"folder": Path("data"), "out": None, "outside": False})
     name, given = calls[2]
-    assert (name, given["seed"], given["out"], given["config"]["max_effects"]) == ("demo", 3, Path("out/demo"), 3)
+    assert (name, given["seed"], given["out"], given["config"]["max_effects"]) == ("demo", 3, Path("out/demo"), 4)
 
 
 @pytest.mark.parametrize(
@@ -209,4 +209,4 @@ def test_help_is_quick_and_loads_nothing_heavy() -> None:
 def test_help_of_a_command_tells_its_settings(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         cli.main(["diagnose", "--help"])
-    assert "max_effects: 3" in capsys.readouterr().out
+    assert "max_effects: 4" in capsys.readouterr().out

@@ -58,11 +58,11 @@ for name, (value, error) in fit.parameters.items():
 # %%
 # The diagnosis
 # -------------
-# It locates the mismatch, names it, fits the extended model, and looks at the held-out recording at the end.
+# It fits models with more and more elements, weighs them against each other, and locates the mismatch.
 
 diagnosis = phnn.diagnose(fit)
-print(diagnosis.verdict, [found.effect.name for found in diagnosis.judgement.findings])
-print("location:", diagnosis.judgement.location.name)
+print(diagnosis.verdict, [claim.effect.name for claim in diagnosis.claims])
+print("location:", diagnosis.places[0])
 for use in ("identification", "confirmation"):
     before, after = diagnosis.before.over_noise(use), diagnosis.after.over_noise(use)
     print(f"{use}: residual over noise {before:.2f} before, {after:.2f} after")

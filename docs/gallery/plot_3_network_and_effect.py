@@ -132,7 +132,7 @@ guide = Effect(
 
 with registered(guide):
     after = phnn.diagnose(fit)
-print(after.verdict, [found.effect.name for found in after.judgement.findings])
+print(after.verdict, [claim.effect.name for claim in after.claims])
 values = after.model.parameters
 braking = values["F_w"] / values["v_w"] * (0.05 / values["q_w"]) ** 2
 print(f"braking at 5 cm: {braking:.2f} N s/m, true 6")

@@ -7,15 +7,15 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
-from scipy.special import ndtr
+import numpy as np
 
-from phnn.diagnose.criteria import Criteria
+from phnn.criteria import Criteria
 from phnn.diagnose.formula import Distilled, distil, has_grammar, refitted_formula
-from phnn.diagnose.linearised import LinearisedFit, prepare
+from phnn.diagnose.linearised import TIE, LinearisedFit, prepare
 from phnn.diagnose.locations import Location, locate
 from phnn.diagnose.number import Visited, Weighed, best_to_write
 from phnn.diagnose.proposal import NextExperiment, Question, propose, refitted_rival
-from phnn.diagnose.screen import Candidate
+from phnn.diagnose.screen import Candidate, chance
 from phnn.diagnose.search import Search, begin, explore, linearised_of, material, refits
 from phnn.diagnose.verdict import NONE, UNKNOWN, Claim, Verdict, conclude
 from phnn.effects import Effect, catalogue, effect, in_all_forms
@@ -34,16 +34,16 @@ from phnn.integrate.residual import check
 from phnn.model import Model
 from phnn.parallel import executor
 from phnn.recordings.recording import Campaign
-from phnn.rescue import Ended, accounted, allow, deadline, extra, needed
+from phnn.rescue import Ended, accounted, allow, attempt, deadline, extra, needed
 from phnn.setup import Setup
 
 # Largest numerical error of the base model over the norm of what it leaves beyond the noise: the steps of a model that
 # is far from the recordings need not be finer.
 _NUMERICAL = 0.001
-# Difference of χ² at which two models are told apart: 3.5 standard deviations of one parameter.
-TIE = 12.0
 # Nearly independent blocks of time below which a gain has no p-value.
 _BLOCKS = 8
+# Steps of one evaluation of the budget, at least: of short recordings many simulations take no time.
+_LEAST_STEPS = 100_000
 # Models that compete in the question for the next recording.
 _RIVALS = 4
 
@@ -157,8 +157,7 @@ class Diagnosis:
         if not candidates:
             return 0.0, 1.0, ""
         best = max(candidates, key=lambda c: c.score)
-        tries = sum(c.tries for c in candidates)
-        return best.score, min(1.0, 2.0 * tries * float(ndtr(-best.score))), best.effect.name
+        return best.score, chance(best.score, candidates), best.effect.name
 
 
 def available(campaign: Campaign, setup: Setup, without: Sequence[Effect] = ()) -> list[Effect]:
@@ -172,9 +171,13 @@ def available(campaign: Campaign, setup: Setup, without: Sequence[Effect] = ()) 
 
 
 def _possible(campaign: Campaign, setup: Setup, effects: Iterable[Effect]) -> list[Effect]:
-    measured = campaign.voltage == "terminals" or bool(setup.network.senses)
     every = in_all_forms(a for e in effects for a in attached(e, setup) if a.applies(setup))
-    return [e for e in every if not (e.needs_command and measured)]
+    return [e for e in every if not (e.needs_command and _input_measured(campaign, setup))]
+
+
+def _input_measured(campaign: Campaign, setup: Setup) -> bool:
+    """Whether what the input does to the network was recorded: at the terminals, or as the motion that is imposed."""
+    return campaign.voltage == "terminals" or bool(setup.network.senses)
 
 
 def diagnose(
@@ -213,13 +216,15 @@ def diagnose(
     chosen = options or (recorded.options if isinstance(recorded, Identified) else Options())
     criteria = Criteria().with_values(chosen.criteria)
     workers, left_out = executor(chosen.executor), [effect(name) for name in chosen.without]
-    with accounted(until, answers=answers) as account:
+    # Models on the way may lie beyond all bounds.
+    beyond = np.errstate(over="ignore", divide="ignore", invalid="ignore")
+    with beyond, accounted(until, answers=answers) as account:
         campaign, base, error = _base(recorded, chosen, progress)
         (on_base or (lambda fitted: None))(base)
         named = list(effects) if effects is not None else available(campaign, base.setup, left_out)
         nameless = _possible(campaign, base.setup, learned_elements().values()) if learned is None else list(learned)
         progress(f"base model: {base.chi2**0.5:.3g} × noise; look for what it misses")
-        allow(chosen.evaluations, base.plan.size)
+        allow(chosen.evaluations, max(base.plan.size, _LEAST_STEPS))
         search = begin(campaign, base, named, nameless, criteria, progress, max(1, chosen.max_effects), workers)
         explore(search)
         early = account.ended().early
@@ -259,17 +264,14 @@ def _concluded(search: Search, error: NumericalError, options: Options, early: b
     if model is not base:
         bare = LinearisedFit(model.fit, (), search.scales)
         final = needed("simulation of the final model", partial(prepare, model.fit), bare)
-    before = score_on_all(base.fit, campaign)
-    after = (
-        before
-        if model is base
-        else needed("scores of the final model", partial(score_on_all, model.fit, campaign), before)
-    )
+    before = _scores(base.fit, campaign)
+    after = before if model is base else _scores(model.fit, campaign)
     location = remaining = None
     if outcome.word != NONE:
-        location = needed("location of the mismatch", partial(locate, first), None)
+        measured = _input_measured(campaign, base.fit.setup)
+        location = needed("location of the mismatch", partial(locate, first, measured=measured), None)
         if outcome.word == UNKNOWN and promising[1] and model is not base:
-            remaining = needed("location of what remains", partial(locate, final), None)
+            remaining = needed("location of what remains", partial(locate, final, measured=measured), None)
     gains = tuple(_gain(c, after, search) for c in outcome.claims)
     formulas = {}
     for claim in outcome.claims:
@@ -282,7 +284,7 @@ def _concluded(search: Search, error: NumericalError, options: Options, early: b
         (needed("check of the simulations against the equations", partial(check, t), float("nan"))
          for g in {id(g): g for g in (first, final)}.values() for t in g.trajectories), default=0.0,
     )  # fmt: skip
-    proposal = extra("the next recording", lambda: propose(_questions(outcome, model, search), first, TIE), None)
+    proposal = extra("the next recording", lambda: propose(_questions(outcome, model, search), first), None)
     if base.fit is not search.base.fit:
         error = numerical_error(base.fit)
     return Diagnosis(
@@ -303,6 +305,19 @@ def score_on_all(fitted: Fit, campaign: Campaign) -> Evaluation:
     recordings = tuple(known.get(r.name, r) for r in campaign.recordings)
     steps = {r.name: fitted.plan.substeps.get(r.name, fitted.plan.finest) for r in recordings}
     return evaluate(fitted.setup, Plan(recordings, steps, fitted.plan.workers), fitted.initial_states)
+
+
+def _scores(fitted: Fit, campaign: Campaign) -> Evaluation:
+    """The same, without the recordings that cannot be simulated."""
+    whole = attempt("scores on all recordings", partial(score_on_all, fitted, campaign), None)
+    if whole is not None:
+        return whole
+    nothing = Evaluation({}, ())
+    each = [
+        needed(f"scores on {r.name}", partial(score_on_all, fitted, replace(campaign, recordings=(r,))), nothing)
+        for r in campaign.recordings
+    ]
+    return Evaluation({n: y for e in each for n, y in e.outputs.items()}, tuple(p for e in each for p in e.parts))
 
 
 def _gain(claim: Claim, after: Evaluation, search: Search) -> Gain | None:

@@ -18,7 +18,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.criteria import CRITERIA, RACE, Criteria
 from phnn.diagnose.formula_search import (
     TERMS,
     Formula,
@@ -47,6 +46,9 @@ Parameters = dict[str, tuple[float, str]]
 
 # A formula of the measuring chain has to take this share of what the learned element takes.
 _MOST = 0.8
+# What a fit may leave for first order to hold, and for its remainder to be noise [noise rms]; the share of a remainder
+# that is not, by which nothing is decided: it may favour either.
+_LARGE, _SMALL, _DOUBTFUL = 3.0, 1.1, 0.2
 _SPEED = {
     0.0: "friction that does not depend on the speed",
     0.5: "a damping force that grows with the root of the speed",
@@ -140,7 +142,7 @@ def distil(linearised: LinearisedFit, element: Effect) -> Distilled | None:
     rivals = [f for f in rest if f.price <= best.price + reach and len(f.terms) <= len(best.terms)]
     positive = fit.setup.parameters
     stays_passive = all(v > 0.0 for n, v in goal.base_values(best).items() if positive[n].positive)
-    as_good, first_order = best.cost <= fit.cost + reach and stays_passive, fit.chi2 <= RACE.large_residual**2
+    as_good, first_order = best.cost <= fit.cost + reach and stays_passive, fit.chi2 <= _LARGE**2
     models: tuple[Rival, ...] = ()
     if as_good and first_order:
         names = [words, *(_in_words(f, reference) for f in rivals)]
@@ -162,9 +164,7 @@ def distil(linearised: LinearisedFit, element: Effect) -> Distilled | None:
     )
 
 
-def refitted_formula(
-    final: Fit, alone: Fit, element: Effect, refits: Refits, criteria: Criteria = CRITERIA
-) -> Distilled | None:
+def refitted_formula(final: Fit, alone: Fit, element: Effect, refits: Refits) -> Distilled | None:
     """Return the formula that explains most in place of a learned element; among equals, the simplest.
 
     Args:
@@ -179,10 +179,8 @@ def refitted_formula(
     fits = refits(alone, effects) if effects else []
     if not fits:
         return None
-    rule, left = criteria.selection, final.beyond_noise
-    # A remainder that is not noise may favour either.
-    doubtful = rule.tie_of_remainder * left if final.chi2 > rule.small_residual**2 else 0.0
-    reach = max(tie(final, rule.tie), doubtful)
+    doubtful = _DOUBTFUL * final.beyond_noise if final.chi2 > _SMALL**2 else 0.0
+    reach = max(tie(final), doubtful)
     least = min(f.cost for _, f in fits)
     simplest = simplest_first([f for _, f in fits if f.cost <= least + reach])[0]
     effect, best = next((e, f) for e, f in fits if f is simplest)

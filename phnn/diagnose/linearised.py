@@ -10,7 +10,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.criteria import NOISE, SELECTION, Noise
 from phnn.diagnose.noise import Response, Spectra, spectra_of
 from phnn.effects import Effect, Scales
 from phnn.effects.places import values_by_role
@@ -25,6 +24,9 @@ from phnn.simulate import Trajectory, measured_network, simulate
 
 Array = NDArray[np.float64]
 
+# Difference of χ² in residual variances below which two fits are equally good: 3.5 standard deviations of a parameter.
+TIE = 12.0
+
 
 @dataclass(frozen=True)
 class LinearisedFit:
@@ -34,15 +36,11 @@ class LinearisedFit:
         fit: residual and Jacobian are stacked over the identification samples of ``fit.plan``.
         trajectories: of the recordings in the plan, in order.
         scales: sizes from which dictionaries and effects take their grids.
-        terminals: the input was measured at the port, so that nothing before it can be the culprit.
-        noise: criteria for the noise that scores are judged with.
     """
 
     fit: Fit
     trajectories: tuple[Trajectory, ...]
     scales: Scales
-    terminals: bool = False
-    noise: Noise = NOISE
 
     @property
     def plan(self) -> Plan:
@@ -139,19 +137,14 @@ class LinearisedFit:
         return [slice(int(a), int(b)) for a, b in itertools.pairwise(edges)]
 
 
-def prepare(fit: Fit, terminals: bool = False, noise: Noise = NOISE, reach: Scales | None = None) -> LinearisedFit:
-    """Simulate the fitted model on its plan and take the scales.
-
-    Args:
-        reach: scales of further recordings that a model has to predict; their ranges are held too.
-    """
+def prepare(fit: Fit) -> LinearisedFit:
+    """Simulate the fitted model on its plan and take the scales."""
 
     def run(recording: Recording) -> Trajectory:
         return simulate(fit.setup, recording, fit.plan.steps_of(recording), initial=fit.initial(recording.name))
 
     trajectories = tuple(fit.plan.each(run, simulations=1.0))
-    own = scales_of(fit, trajectories)
-    linearised = LinearisedFit(fit, trajectories, own if reach is None else own.reaching(reach), terminals, noise)
+    linearised = LinearisedFit(fit, trajectories, scales_of(fit, trajectories))
     return replace(linearised, scales=replace(linearised.scales, peaks=linearised.spectra.peaks))
 
 
@@ -192,12 +185,8 @@ def direction(linearised: LinearisedFit, effect: Effect, values: Mapping[str, fl
         return np.zeros(linearised.fit.residual.size)
 
 
-def tie(fitted: Fit, variances: float = SELECTION.tie) -> float:
-    """Return the difference of sums of squares below which two refits are not told apart.
-
-    Args:
-        variances: the difference in residual variances, for white noise.
-    """
+def tie(fitted: Fit) -> float:
+    """Return the difference of sums of squares below which two refits are not told apart."""
     # Coloured noise inflates such differences by the sum of its correlation.
     colour = max(max(1.0, 2.0 * float(np.sum(r.noise_correlation)) - 1.0) for r in fitted.plan.recordings)
-    return variances * colour * max(1.0, fitted.chi2)
+    return TIE * colour * max(1.0, fitted.chi2)

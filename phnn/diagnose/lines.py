@@ -15,9 +15,19 @@ from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
 from phnn.diagnose.linearised import LinearisedFit
-from phnn.diagnose.noise import FINER, FREEDOM, LEVEL_CELLS, Colour, Spectra, contradicts, strongest
+from phnn.diagnose.noise import (
+    FINER,
+    FREEDOM,
+    LEVEL_CELLS,
+    Spectra,
+    covariance,
+    degrees_of_freedom,
+    force_noise,
+    stated_variances,
+    strongest,
+)
 from phnn.identification.nuisances import drift_columns, line_columns, own_columns, without_nuisances
-from phnn.identification.residual_noise import most_excess
+from phnn.identification.residual_noise import most_excess, noise_spectra
 from phnn.setup import DRIFT_TERMS, Own
 
 Array = NDArray[np.float64]
@@ -29,15 +39,19 @@ _FREE = 1e-10
 _HARMONICS = (1, 2, 3)
 # Logarithm of the tail probability below which a line stands out of its surroundings.
 _LINE = float(np.log(0.01))
+# Probability below which an estimate of a variance contradicts the one that is stated.
+_CONTRADICTED = 0.05
 
 
-def own_score(linearised: LinearisedFit, own: Own, colour: Colour, spectra: Spectra) -> tuple[float, float]:
+def own_score(linearised: LinearisedFit, own: Own, spectra: Spectra) -> tuple[float, float]:
     """Return normal deviates of the residual's power along the recordings' nuisances, out of the noise as stated and as
     the residual has it; zero where no recording can show them.
 
-    Lines are held against a force that nobody records too, and against what lies beside them.
+    The floor of a recording is an estimate, its colour even more so. Where nothing is missing the residual is noise, so
+    it shows what the noise is. Lines are held against a force that nobody records too, and against what lies beside
+    them.
     """
-    setup, recordings = linearised.fit.setup, linearised.plan.recordings
+    setup, recordings, slices = linearised.fit.setup, linearised.plan.recordings, linearised.slices
     columns = [
         without_nuisances(own_columns(r, own), r.mask("identification"), r, setup.own, hidden)
         for r, hidden in zip(recordings, linearised.hidden, strict=True)
@@ -52,21 +66,27 @@ def own_score(linearised: LinearisedFit, own: Own, colour: Colour, spectra: Spec
     if not free.any():
         return 0.0, 0.0
     q = linearised.project(alone) @ (vectors[:, free] / np.sqrt(left_over[free]))
-    stated, left = float(np.mean(colour.stated(q))), colour.left(q)
+    residuals = [linearised.residual[rows] for rows in slices]
+    noise = noise_spectra(residuals, recordings)
+    stated, left = float(np.mean(stated_variances(recordings, slices, q))), covariance(noise, slices, q)
     saved = float(np.sum((q.T @ linearised.residual) ** 2) / stated)
     excess, deviate = max(float(np.mean(np.diag(left))) / stated, 1.0), _deviate(saved, q.shape[1], 1.0)
     if own.drift_terms > setup.own.drift_terms:
-        judged = _deviate(saved / excess, q.shape[1], 1.0)
-        if contradicts(excess, freedom := float(colour.freedom(q, summed=True)[0])):
+        judged, known = _deviate(saved / excess, q.shape[1], 1.0), degrees_of_freedom(noise, slices, q)
+        if chi2.sf(known * excess, known) <= _CONTRADICTED:
             # It is compared with the few lowest ordinates, and the variances along it differ (Satterthwaite 1946).
             along = float(np.trace(left) ** 2 / np.sum(left**2))
-            tail = float(f_distribution.logsf(saved / excess / q.shape[1], along, freedom))
-            judged = min(judged, _normal(tail))
+            judged = min(judged, _normal(float(f_distribution.logsf(saved / excess / q.shape[1], along, known))))
         return deviate, judged
     # A line raises the spectrum that it is compared with; a slow drift does not, it is slower than that spectrum.
-    excess = min(excess, most_excess(recordings, linearised.noise) ** 2)
-    excess = max(excess, float(np.mean(colour.forced(q))) / stated)
-    judged = _deviate(saved / excess, q.shape[1], 1.0)
+    excess = min(excess, most_excess(recordings) ** 2)
+    forces = [
+        force_noise(r, recording.dt, linearised.response(recording), most_excess([recording]) ** 2)
+        for r, recording in zip(residuals, recordings, strict=True)
+    ]
+    # Such a spectrum is one band.
+    forced = np.sum([s.by_band(q[rows])[0] for s, rows in zip(forces, slices, strict=True)], axis=0)
+    judged = _deviate(saved / max(excess, float(np.mean(forced)) / stated), q.shape[1], 1.0)
     power, level = spectra.around([f for f in own.lines if f not in setup.own.lines])
     if power.size:
         judged = min(judged, _normal(float(_over_level(np.mean(_ratio(power, level)), FREEDOM * power.size))))
@@ -122,24 +142,6 @@ def strongest_line(spectra: Spectra) -> tuple[float, float, float]:
         best = int(np.argmin(tails))
     stated = _deviate(float(power[best]), int(freedom[best]), tries)
     return float(spectra.f[best]), stated, min(_normal(float(tails.min(initial=0.0))), stated)
-
-
-def line_of_one(spectra: Spectra) -> tuple[float, float]:
-    """Return the normal deviates, as in `strongest_line`, of the line that stands out most in any one recording, beside
-    harmonics of what drives it.
-
-    If what is missing varies by itself and multiplies the motion, the product has another frequency in every recording.
-    In the sum of all spectra each recording hides the lines of the others.
-    """
-    found, tries = (0.0, 0.0), spectra.f.size * FINER * len(spectra.each)
-    for spectrum in spectra.each:
-        power, freedom = spectrum.undriven
-        tails = _out_of_surroundings(power, spectrum.level, freedom) + np.log(tries)
-        if tails.min(initial=0.0) < _LINE:
-            best = int(np.argmin(tails))
-            stated = _deviate(float(power[best]), int(freedom[best]), tries)
-            found = max(found, (stated, min(_normal(float(tails[best])), stated)), key=lambda deviates: deviates[1])
-    return found
 
 
 def _out_of_surroundings(power: Array, level: Array, freedom: Array) -> Array:

@@ -21,7 +21,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.criteria import LOCATING, Locating
 from phnn.derivatives import input_force, output_derivatives
 from phnn.diagnose.linearised import LinearisedFit
 from phnn.diagnose.lines import drift_share, line_share
@@ -38,6 +37,9 @@ Array = NDArray[np.float64]
 _RATIO = 0.01
 # Ridges of a regression; stretches of time that are left out in turn where there is one recording.
 _RIDGES, _FOLDS = (1e-6, 1e-4, 1e-2, 1e-1, 1.0), 6
+# Locations whose shares differ by less explain a residual equally well. No other recording can test a slow drift, whose
+# coefficients are free: its share counts less where locations are compared.
+_TIED, _DRIFT_WEIGHT = 0.03, 0.7
 FORCE, VOLTAGE, OUTPUT, PARAMETER = "force", "voltage", "output", "parameter"
 
 
@@ -114,7 +116,6 @@ class Group:
         axis: name of the variable against which the learned function is drawn, with its unit; empty where the
             functions have memory and no static picture.
         static: ``x -> (len(x), F)`` the same functions of the axis variable alone.
-        searched: the functions take frequencies from the residual itself: they tell where something is, not whether.
     """
 
     kind: Kind
@@ -123,7 +124,6 @@ class Group:
     axis: str = ""
     static: Callable[[Array, Scales], Array] | None = None
     varies: Callable[[Network], list[str]] | None = None
-    searched: bool = False
 
     @property
     def location(self) -> str:
@@ -337,7 +337,7 @@ GROUPS = (
     _static(kinds.DAMPING_BY_DISPLACEMENT, PARAMETER, _Q, _by_displacement, dampings),
     Group(kinds.MEMORY, FORCE, _memory, _AFTER_A_STEP, _after_a_step),
     Group(kinds.MODE, FORCE, _modes),
-    Group(kinds.RINGING_MODE, FORCE, _ringing, searched=True),
+    Group(kinds.RINGING_MODE, FORCE, _ringing),
     Group(kinds.SHAPE, FORCE, _hysteron),
     _static(kinds.THRESHOLD_BY_DISPLACEMENT, PARAMETER, _Q, _by_displacement, thresholds),
     _static(kinds.THRESHOLD_BY_RATE, PARAMETER, _V, _by_speed, thresholds),
@@ -372,11 +372,6 @@ class Responses:
     columns: Array
     norms: Array
     owner: NDArray[np.int64]
-
-    @property
-    def tests(self) -> Array:
-        """(N, F') those columns that do not depend on the residual they are held against."""
-        return self.columns[:, [not GROUPS[i].searched for i in self.owner]]
 
 
 @dataclass(frozen=True)
@@ -443,9 +438,13 @@ class _Products:
         return min(left(ridge) for ridge in ridges)
 
 
-def responses(linearised: LinearisedFit) -> Responses:
-    """Return the responses of all local functions, by one forward-sensitivity sweep a recording."""
-    parts = linearised.plan.each(lambda r, t: _responses_of(t, linearised), linearised.trajectories)
+def responses(linearised: LinearisedFit, measured: bool = False) -> Responses:
+    """Return the responses of all local functions, by one forward-sensitivity sweep a recording.
+
+    Args:
+        measured: the input was measured where it acts, so that nothing before it can be the culprit.
+    """
+    parts = linearised.plan.each(lambda r, t: _responses_of(t, linearised, measured), linearised.trajectories)
     columns = linearised.stack([p[0] for p in parts])
     norms = np.linalg.norm(columns, axis=0)
     usable = norms > 1e-12 * norms.max()
@@ -454,7 +453,7 @@ def responses(linearised: LinearisedFit) -> Responses:
     return Responses(columns / norms, norms, parts[0][1])
 
 
-def _responses_of(trajectory: Trajectory, linearised: LinearisedFit) -> tuple[Array, NDArray[np.int64]]:
+def _responses_of(trajectory: Trajectory, linearised: LinearisedFit, measured: bool) -> tuple[Array, NDArray[np.int64]]:
     """(N, F) responses of one recording and the owners of the columns: forces, varied parameters, outputs."""
     scales = linearised.scales
     owners: dict[str, list[int]] = {FORCE: [], PARAMETER: [], OUTPUT: []}
@@ -462,7 +461,7 @@ def _responses_of(trajectory: Trajectory, linearised: LinearisedFit) -> tuple[Ar
     network = trajectory.setup.network
     for index, group in enumerate(GROUPS):
         functions = group.functions(trajectory, scales)
-        if not _exists(group, linearised):
+        if not _exists(group, network, measured):
             functions = np.zeros_like(functions)
         if group.enters == OUTPUT:
             outputs.append(functions * scales.sensed)
@@ -480,31 +479,29 @@ def _responses_of(trajectory: Trajectory, linearised: LinearisedFit) -> tuple[Ar
     return np.hstack([through, *outputs]), np.array(owners[FORCE] + owners[PARAMETER] + owners[OUTPUT])
 
 
-def _exists(group: Group, linearised: LinearisedFit) -> bool:
+def _exists(group: Group, network: Network, measured: bool) -> bool:
     """Whether the system has such a place: hysterons, a transducer, an amplifier whose command was recorded."""
-    network = linearised.fit.setup.network
     if group.location in ("hysteron", "electrical"):
         return bool(hysterons(network))
     if group.location in ("coupling", "thermal"):
         return bool(ratios(network))
-    return not (group.location == "amplifier" and linearised.terminals)
+    return not (group.location == "amplifier" and measured)
 
 
-def locate(linearised: LinearisedFit, given: Responses | None = None, rule: Locating = LOCATING) -> Location:
+def locate(linearised: LinearisedFit, given: Responses | None = None, measured: bool = False) -> Location:
     """Score every location by generalisation to left-out recordings.
 
     Args:
         given: responses of the local functions, where they are known.
-        rule: when two locations explain a residual equally well.
+        measured: as in `responses`.
     """
-    found = given if given is not None else responses(linearised)
+    found = given if given is not None else responses(linearised, measured)
     folds = _products(linearised, found)
     details = {f"{g.location}/{g.detail}": _generalise(folds, found.owner == i) for i, g in enumerate(GROUPS)}
     # Lines have a phase of their own in every recording: only their frequency can be known from others. Nothing can of
     # a slow drift: functions that other recordings test come first where they explain much of the same.
     ranks = dict(details)
-    untested = rule.drift_weight
-    for detail, saved, worth in (("environment/lines", line_share, 1.0), ("sensor/drift", drift_share, untested)):
+    for detail, saved, worth in (("environment/lines", line_share, 1.0), ("sensor/drift", drift_share, _DRIFT_WEIGHT)):
         share = min(saved(linearised) / _explainable(linearised), 1.0)
         details[detail], ranks[detail] = max(details[detail], share), max(ranks[detail], worth * share)
     names = list(dict.fromkeys(g.location for g in GROUPS))
@@ -519,7 +516,7 @@ def locate(linearised: LinearisedFit, given: Responses | None = None, rule: Loca
     detail = max((g.detail for g in GROUPS if g.location == best), key=lambda d: ranks[f"{best}/{d}"])
     group = next(i for i, g in enumerate(GROUPS) if (g.location, g.detail) == (best, detail))
     weights, covariance = _weights(linearised, found, group)
-    tied = tuple(n for n in names if n != best and ranks[n] >= ranks[best] - rule.tied)
+    tied = tuple(n for n in names if n != best and ranks[n] >= ranks[best] - _TIED)
     return Location(best, detail, tied, scores, details, ranks, group, weights, covariance)
 
 

@@ -1,4 +1,4 @@
-"""Noise of a residual: its spectra, process noise by the response of the model, and the deviates of scores under it.
+"""Noise of a residual: its spectra, process noise by the response of the model, and variances under it.
 
 A force that nobody records and a white sensor make the spectrum
 
@@ -15,28 +15,19 @@ averaged.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter, uniform_filter1d
 from scipy.optimize import minimize_scalar
 from scipy.signal import periodogram
-from scipy.special import ndtri_exp
-from scipy.stats import chi2
-from scipy.stats import t as student
 
-from phnn.criteria import NOISE, Noise
-from phnn.identification.residual_noise import NoiseSpectrum, most_excess, noise_spectra
+from phnn.identification.residual_noise import NoiseSpectrum
 from phnn.recordings.recording import Recording, dominant_frequency
 from phnn.signals.first_order import density_of
-
-if TYPE_CHECKING:
-    from phnn.diagnose.linearised import LinearisedFit
 
 Array = NDArray[np.float64]
 # (F,) amplitude of the output over that of a force, in any unit, at frequencies (F,) [Hz].
@@ -56,10 +47,6 @@ _AROUND, _FILLED = 12, 3
 LEVEL_CELLS = _AROUND - _FILLED
 # Of the power at one frequency: a sine and a cosine.
 FREEDOM = 2.0
-# Standard deviation of a normal variable over its median absolute deviation.
-_ROBUST = 1.4826
-# Probability below which an estimate contradicts the variance that is stated.
-_CONTRADICTED = 0.05
 
 
 def force_noise(residual: Array, dt: float, response: Response, most: float = np.inf) -> NoiseSpectrum:
@@ -220,139 +207,42 @@ def _beside(recording: Recording, duration: float, f: Array) -> NDArray[np.bool_
     return np.asarray(np.abs(f - driven * np.round(f / driven)) * duration > 1.0)
 
 
-@dataclass(frozen=True)
-class Colour:
-    """The noise under which the scores of a linearised fit are judged.
-
-    The floor of a recording is an estimate, its colour even more so: noise that passes through the plant, drifts, has
-    heavy tails or grows with the speed looks like physics to a test that takes it for white. Under the null hypothesis
-    the residual is noise, so it shows what the noise is.
-    """
-
-    linearised: LinearisedFit
-
-    def stated(self, columns: Array) -> Array:
-        """(C,) variances along columns (N, C) of the noise that the recordings state."""
-
-        def one(recording: Recording, rows: slice) -> Array:
-            rho, block = recording.noise_correlation, columns[rows]
-            total = np.einsum("ij,ij->j", block, block)
-            for lag in range(1, min(rho.size, block.shape[0])):
-                if rho[lag] != 0.0:
-                    total += 2.0 * rho[lag] * np.einsum("ij,ij->j", block[lag:], block[:-lag])
-            return np.asarray(total)
-
-        return np.sum(self.linearised.plan.each(one, self.linearised.slices), axis=0)
-
-    @cached_property
-    def spectra(self) -> list[NoiseSpectrum]:
-        """Of the noise in the residual, by recording."""
-        linearised = self.linearised
-        return noise_spectra(
-            [linearised.residual[r] for r in linearised.slices], linearised.plan.recordings, linearised.noise
-        )
-
-    def left(self, columns: Array) -> Array:
-        """(C, C) covariance along columns (N, C) of stationary noise with the spectra of the residual."""
-        each = [s.covariance(columns[rows]) for s, rows in zip(self.spectra, self.linearised.slices, strict=True)]
-        return np.asarray(np.sum(each, axis=0))
-
-    @cached_property
-    def force_spectra(self) -> list[NoiseSpectrum]:
-        """Of white noise and of a white force in the residual, by recording; see `force_noise`.
-
-        The white noise is bounded as in `most_excess`.
-        """
-
-        def one(recording: Recording, rows: slice) -> NoiseSpectrum:
-            residual, most = self.linearised.residual[rows], most_excess([recording], self.linearised.noise)
-            return force_noise(residual, recording.dt, self.linearised.response(recording), most**2)
-
-        return self.linearised.plan.each(one, self.linearised.slices)
-
-    def forced(self, columns: Array) -> Array:
-        """(C,) variances along columns (N, C) of noise with `force_spectra`."""
-        # Such a spectrum is one band.
-        pairs = zip(self.force_spectra, self.linearised.slices, strict=True)
-        return np.asarray(np.sum([s.by_band(columns[rows])[0] for s, rows in pairs], axis=0))
-
-    def freedom(self, columns: Array, summed: bool = False) -> Array:
-        """Return the degrees of freedom (C,) of the variances that `left` has on its diagonal, or (1,) of their sum.
-
-            ν = 2 (Σ_b V_b)² / Σ_b 2 V_b²/ν_b,    V_b the part of band b of a spectrum, ν_b its degrees of freedom
-
-        (Satterthwaite 1946). A slow change of the output is judged by the few lowest ordinates of a spectrum. The error
-        of the slope by which a spectrum goes on below them is not counted.
-        """
-        # Recordings may share a spectrum: the errors of its bands are common to them.
-        parts: dict[int, Array] = {}
-        for spectrum, rows in zip(self.spectra, self.linearised.slices, strict=True):
-            variances = spectrum.by_band(columns[rows])
-            parts[id(spectrum)] = parts.get(id(spectrum), 0.0) + variances
-        spectra = {id(s): s for s in self.spectra}
-        sums = [(spectra[i], v.sum(axis=1, keepdims=True) if summed else v) for i, v in parts.items()]
-        total = np.sum([v.sum(axis=0) for _, v in sums], axis=0)
-        doubt = np.sum([(1.0 / s.freedom) @ v**2 for s, v in sums], axis=0)
-        return np.asarray(total**2 / np.maximum(doubt, 1e-300))
-
-
-def contradicts(ratio: Array | float, freedom: Array | float) -> NDArray[np.bool_]:
-    """Return whether estimates of a variance, of some degrees of freedom, contradict the variance that is stated.
-
-    Args:
-        ratio: estimated variance over stated variance.
-    """
-    return np.asarray(chi2.sf(freedom * ratio, freedom) <= _CONTRADICTED)
-
-
-def clipped(residual: Array, slices: Sequence[slice], rule: Noise = NOISE) -> Array:
-    """Return a residual (N,) whose outliers are cut off at some robust standard deviations of their recording.
+def stated_variances(recordings: Sequence[Recording], slices: Sequence[slice], columns: Array) -> Array:
+    """Return the variances (C,) along columns (N, C) of the noise that recordings state.
 
     Args:
         slices: rows of every recording.
     """
-    cut = residual.copy()
-    for rows in slices:
-        most = rule.outlier * _ROBUST * float(np.median(np.abs(cut[rows])))
-        np.clip(cut[rows], -most, most, out=cut[rows])
-    return cut
+    total = np.zeros(columns.shape[1])
+    for recording, rows in zip(recordings, slices, strict=True):
+        rho, block = recording.noise_correlation, columns[rows]
+        total += np.einsum("ij,ij->j", block, block)
+        for lag in range(1, min(rho.size, block.shape[0])):
+            if rho[lag] != 0.0:
+                total += 2.0 * rho[lag] * np.einsum("ij,ij->j", block[lag:], block[:-lag])
+    return total
 
 
-def by_blocks(columns: Array, residual: Array, slices: Sequence[slice], rule: Noise = NOISE) -> tuple[Array, Array]:
-    """Return (C,) scores ``dᵀr`` in their standard deviations as blocks of neighbouring samples show them, and the
-    degrees of freedom of these.
+def covariance(spectra: Sequence[NoiseSpectrum], slices: Sequence[slice], columns: Array) -> Array:
+    """Return the covariance (C, C) along columns (N, C) of stationary noise with a spectrum by recording."""
+    each = [s.covariance(columns[rows]) for s, rows in zip(spectra, slices, strict=True)]
+    return np.asarray(np.sum(each, axis=0))
 
-        t = dᵀr / √(Σ_b (d_bᵀ r_b − ŝ d_bᵀ d_b)²),   ŝ = dᵀr / dᵀd
 
-    What the direction itself explains is taken out of the spread, so that a true effect does not hide itself. Noise
-    may have any colour that a block forgets, any variance and any tails (White 1980, Liang & Zeger 1986).
+def degrees_of_freedom(spectra: Sequence[NoiseSpectrum], slices: Sequence[slice], columns: Array) -> float:
+    """Return the degrees of freedom of the sum of the variances that `covariance` has on its diagonal.
 
-    Args:
-        columns: (N, C); residual: (N,), `clipped`; slices: rows of every recording.
+        ν = 2 (Σ_b V_b)² / Σ_b 2 V_b²/ν_b,    V_b the part of band b of a spectrum, ν_b its degrees of freedom
+
+    (Satterthwaite 1946). A slow change of the output is judged by the few lowest ordinates of a spectrum. The error of
+    the slope by which a spectrum goes on below them is not counted.
     """
-    blocks = [b for rows in slices for b in _blocks(rows, rule)]
-    along = np.stack([columns[b].T @ residual[b] for b in blocks])
-    squares = np.stack([np.einsum("ij,ij->j", columns[b], columns[b]) for b in blocks])
-    total, size = along.sum(axis=0), np.maximum(squares.sum(axis=0), 1e-300)
-    spread = np.sqrt(np.sum((along - total / size * squares) ** 2, axis=0))
-    freedom = np.maximum(size**2 / np.maximum(np.sum(squares**2, axis=0), 1e-300) - 1.0, 0.0)
-    # As of B values of which the mean was taken: the spread is that of B − 1.
-    return total / np.maximum(spread, 1e-300) * np.sqrt(freedom / (freedom + 1.0)), freedom
-
-
-def as_normal(t: Array, freedom: Array) -> Array:
-    """Return the normal deviates of the same tail probability as Student's ``t`` (C,), not negative."""
-    freedom = np.maximum(freedom, 1.0)
-    tail = student.logsf(t, freedom)
-    # Far out the tail underflows; its leading term does not.
-    far = np.sqrt(freedom * np.log1p(t**2 / freedom))
-    return np.where(np.isfinite(tail), -ndtri_exp(np.where(np.isfinite(tail), tail, -1.0)), far)
-
-
-def _blocks(rows: slice, rule: Noise) -> list[slice]:
-    """Some twenty blocks of neighbouring samples, none of them very short."""
-    size = rows.stop - rows.start
-    edges = (
-        np.linspace(rows.start, rows.stop, min(rule.blocks, max(1, size // rule.block_samples)) + 1).round().astype(int)
-    )
-    return [slice(int(a), int(b)) for a, b in itertools.pairwise(edges)]
+    # Recordings may share a spectrum: the errors of its bands are common to them.
+    parts: dict[int, Array] = {}
+    for spectrum, rows in zip(spectra, slices, strict=True):
+        variances = spectrum.by_band(columns[rows]).sum(axis=1)
+        parts[id(spectrum)] = parts.get(id(spectrum), 0.0) + variances
+    bands = {id(s): s.freedom for s in spectra}
+    total = sum(float(v.sum()) for v in parts.values())
+    doubt = sum(float(np.sum(v**2 / bands[i])) for i, v in parts.items())
+    return total**2 / max(doubt, 1e-300)

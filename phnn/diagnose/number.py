@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.diagnose.criteria import Criteria
+from phnn.criteria import Criteria
 from phnn.effects import Effect
 from phnn.identification.fit import Fit
 

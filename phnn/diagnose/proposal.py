@@ -29,7 +29,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.criteria import SELECTION
 from phnn.derivatives import output_derivatives
 from phnn.diagnose.linearised import LinearisedFit, tie
 from phnn.diagnose.menu import Experiment, menu
@@ -200,9 +199,7 @@ class NextExperiment:
     groups: tuple[tuple[str, ...], ...] = ()
 
 
-def propose(
-    questions: Sequence[Question], linearised: LinearisedFit, variances: float = SELECTION.tie
-) -> NextExperiment | None:
+def propose(questions: Sequence[Question], linearised: LinearisedFit) -> NextExperiment | None:
     """Return the experiment of the menu that tells most pairs of rivals apart; of several, the clearest.
 
     None where nothing is asked, or nothing on the menu moves the rivals apart.
@@ -210,12 +207,11 @@ def propose(
     Args:
         questions: pairs are made within each of them.
         linearised: of the base model, for the menu and the noise.
-        variances: difference of χ² in residual variances below which two fits are equally good.
     """
     asked = [q for q in questions if len(q.models) > 1]
     if not asked:
         return _measure(questions[0], linearised) if questions else None
-    needed = math.sqrt(max(tie(q.models[0].fit, variances) for q in asked))
+    needed = math.sqrt(max(tie(q.models[0].fit) for q in asked))
     noise = linearised.scales.noise
     found = [(e, s) for e in menu(linearised) if (s := separations([q.models for q in asked], e, noise)) is not None]
     if not found:

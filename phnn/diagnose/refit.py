@@ -95,12 +95,25 @@ def rebuilt(
 
 def _steps_from(base: Fit, effect: Effect, values: Mapping[str, float], evaluations: int) -> Fit:
     begun = clamped(effect, base.setup, values)
-    names = [*base.variables.names, *(n for n in effect.parameters if not begun.parameters[n].fixed)]
+    own = [n for n in effect.parameters if not begun.parameters[n].fixed]
     plan = base.plan.coarse()
     begun, origin = _adjusted(base, begun, plan)
     if effect.strengths:
-        begun = _started(begun, plan, names, effect.strengths, origin)
+        own = _touched(begun, plan, own, origin)
+        begun = started(begun, plan, [*base.variables.names, *own], effect.strengths, origin)
+    names = [*base.variables.names, *own]
     return fit(begun, plan, names, base.held, evaluations, origin=origin)
+
+
+def _touched(setup: Setup, plan: Plan, names: Sequence[str], origin: Fit) -> list[str]:
+    """Those of some parameters on which an output depends.
+
+    A spring beyond the motion that was recorded has none. An optimiser may carry it anywhere within its bounds, and the
+    model would push with any force where nothing was recorded.
+    """
+    problem = Problem(setup, plan, variables_from(setup, plan, names, origin))
+    slopes = problem.jacobian(problem.variables.start(setup))[:, : len(names)]
+    return [n for n, used in zip(names, np.any(slopes != 0.0, axis=0), strict=True) if used]
 
 
 def _adjusted(base: Fit, begun: Setup, plan: Plan) -> tuple[Setup, Fit]:
@@ -131,8 +144,8 @@ def _adjusted(base: Fit, begun: Setup, plan: Plan) -> tuple[Setup, Fit]:
     return base.variables.setup(begun, base.z), moved(base.z)
 
 
-def _started(setup: Setup, plan: Plan, names: Sequence[str], strengths: Sequence[str], origin: Fit) -> Setup:
-    """The setup with strengths and base parameters moved to where the linearised least-squares problem has its minimum.
+def started(setup: Setup, plan: Plan, names: Sequence[str], strengths: Sequence[str], origin: Fit | None) -> Setup:
+    """Return the setup with strengths and base parameters moved to the minimum of the linearised least-squares problem.
 
     From small strengths the bounded optimiser takes dozens of steps to where this single one leads: each ends where the
     first of the strengths meets its bound. The setup stays as it was where no share of the step lowers χ².

@@ -23,13 +23,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
-from scipy.special import ndtri_exp
+from scipy.special import ndtr, ndtri_exp
 from scipy.stats import chi2
 
-from phnn.diagnose.criteria import Criteria
+from phnn.criteria import Criteria
 from phnn.diagnose.linearised import LinearisedFit, direction
 from phnn.diagnose.lines import own_score, strongest_line
-from phnn.diagnose.noise import Colour
 from phnn.diagnose.refit import clamped
 from phnn.effects import Effect
 from phnn.identification.fit import variables_from
@@ -66,6 +65,12 @@ class Candidate:
     score: float
     share: float
     tries: int = 1
+
+
+def chance(score: float, candidates: Sequence[Candidate]) -> float:
+    """Return the p-value of the largest score of candidates: that of a normal deviate, times the directions that were
+    tried (Bonferroni)."""
+    return min(1.0, 2.0 * sum(c.tries for c in candidates) * float(ndtr(-score)))
 
 
 @dataclass(frozen=True)
@@ -130,8 +135,7 @@ class Screen:
             else:
                 owns = [(v, effect.add_to(model.fit.setup, v).own) for v in points]
                 owns = [(v, own) for v, own in owns if _taken(own, model) > self.criteria.material**2]
-                colour = Colour(model)
-                scored = [(*own_score(model, own, colour, spectra), v) for v, own in owns]
+                scored = [(*own_score(model, own, spectra), v) for v, own in owns]
             if scored:
                 stated, judged, values = max(scored, key=lambda s: s[:2])
                 found.append(Candidate(effect, values, (), stated**2, judged, stated**2 / model.residual.size))
@@ -268,12 +272,9 @@ def _best_point(
     effect = directions.effect
     total, size = along.sum(axis=0), np.maximum(squares.sum(axis=0), 1e-300)
     strengths = total / size
-    if effect.strength is None:
-        # It is there or not.
-        strengths, falls = np.ones_like(total), np.maximum(2.0 * total - size, 0.0)
-    else:
-        falls = np.where((total > 0.0) | (not effect.one_sided), total * strengths, 0.0)
-    falls = np.where(free, falls, 0.0)
+    # A limit is there or not, and one that is met too early has the right direction all the same.
+    positive = effect.one_sided or effect.strength is None
+    falls = np.where(free & ((total > 0.0) | (not positive)), total * strengths, 0.0)
     order = np.argsort(-falls, kind="stable")
     points = [effect.scaled(directions.points[i], float(strengths[i])) for i in order[:3]]
     best = int(order[0])

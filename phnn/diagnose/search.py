@@ -20,9 +20,9 @@ from functools import partial
 
 import numpy as np
 
-from phnn.diagnose.criteria import Criteria
+from phnn.criteria import Criteria
 from phnn.diagnose.linearised import LinearisedFit, prepare
-from phnn.diagnose.number import Key, Misfit, Visited, Weighed, family, is_learned, key_of, weigh
+from phnn.diagnose.number import Key, Misfit, Visited, Weighed, best_to_write, family, is_learned, key_of, weigh
 from phnn.diagnose.refit import converged, further, large_starts, rebuilt, short
 from phnn.diagnose.screen import Candidate, Screen
 from phnn.effects import Effect, Scales
@@ -44,6 +44,8 @@ _RACE, _FINISH = 2.0, 1.5
 _LEVEL = 0.02
 # Trials that enter the race, and learned elements that have a heat.
 _RACERS, _LEARNED = 5, 3
+# Differences of χ² of one optimum: fitted twice, and with coarse and full sub-steps.
+_SAME, _COARSE = 3.0, 100.0
 # Nats behind the best at which a model is no longer grown, carried to its end, or refitted with finer steps.
 _GROWN, _ENDED, _FINER = 30.0, 20.0, 8.0
 # Sub-steps from which on directions are fine enough.
@@ -112,13 +114,13 @@ class Search:
     def visit(self, model: Visited) -> Visited:
         """Keep a model, unless a better fit of the same elements is known; returns the one that is kept."""
         known = self.visited.get(model.key)
-        finer = known is not None and model.converged and _steps(model.fit) > _steps(known.fit)
-        ended = known is not None and model.converged and not known.converged
-        if known is None or finer or model.fit.cost < known.fit.cost - (0.0 if ended else 3.0):
+        better = known is None or model.fit.cost < known.fit.cost - _SAME
+        if known is not None and model.converged and not better:
+            # The same optimum with the steps of the search, or with finer ones.
+            ended = not known.converged and model.fit.cost < known.fit.cost + _COARSE
+            better = ended or _steps(model.fit) > _steps(known.fit)
+        if better:
             self.visited[model.key] = model
-        elif ended:
-            # The same optimum, now with the steps of the search.
-            self.visited[model.key] = model if model.fit.cost < known.fit.cost + 100.0 else replace(known)
         return self.visited[model.key]
 
 
@@ -161,27 +163,29 @@ def explore(search: Search) -> None:
 def _next(search: Search) -> Visited | None:
     """The model to grow next; None where the search has come to its end.
 
-    The best model is carried to its end, and its numerical error is bounded, before it is grown.
+    First comes the model that would be written: far from the noise no name is sure, and the model can still be made
+    better. Then come the most probable ones. Either is carried to its end, and its numerical error is bounded, before
+    it is grown.
     """
-    weighed = search.weighed
-    for model in weighed.models[: search.criteria.beam]:
-        if weighed.behind(model) > _GROWN:
-            break
-        if not model.converged:
-            if model is not weighed.best:
-                continue
-            move(f"fit of {model.words} to its end", partial(_converge, search, model), None)
-            if not search.visited[model.key].converged:
+    while True:
+        weighed = search.weighed
+        written = best_to_write(weighed.models, search.criteria)
+        likely = [m for m in weighed.models[: search.criteria.beam] if weighed.behind(m) < _GROWN]
+        leading = [written, weighed.best]
+        todo = next((m for m in leading if not m.converged), None)
+        if todo is not None:
+            move(f"fit of {todo.words} to its end", partial(_converge, search, todo), None)
+            kept = search.visited[todo.key]
+            if not kept.converged:
                 # It cannot be fitted with the steps of the search.
-                search.visited[model.key] = replace(model, converged=True)
-            return _next(search)
-        if model is weighed.best and model.elements and model.left < _QUIET and not search.fine:
+                search.visited[todo.key] = replace(kept, converged=True)
+            continue
+        if not search.fine and any(m.elements and m.left < _QUIET for m in leading):
             search.fine = True
             move("finer steps", partial(_refine, search), None)
-            return _next(search)
-        if model.key not in search.grown and len(model.elements) < search.most:
-            return model
-    return None
+            continue
+        able = (m for m in (*leading, *likely) if m.converged and len(m.elements) < search.most)
+        return next((m for m in able if m.key not in search.grown), None)
 
 
 def _grow(search: Search, model: Visited) -> None:
@@ -435,14 +439,18 @@ def _exchange(search: Search, best: Visited, element: Effect) -> None:
 
 
 def refits(search: Search, base: Fit, effects: Sequence[Effect]) -> list[tuple[Effect, Fit]]:
-    """Return a fit with each of some effects beside a model, as far as it can be simulated."""
+    """Return a fit with each of some effects beside a model, carried to its end with the steps of that model, as far as
+    it can be simulated."""
     screen = Screen(_with_few_steps(LinearisedFit(base, (), search.scales)), effects, search.criteria)
     found = []
     for candidate in screen(screen.base):
         starts = [candidate.values, *candidate.others[:1]]
         fitted = short(base, candidate.effect, starts, search.criteria.short)
-        if fitted is not None:
-            found.append((candidate.effect, further(fitted, search.criteria.further)))
+        if fitted is None:
+            continue
+        ended = converged(fitted, base.plan, base.held, candidate.effect.parameters)
+        if ended is not None:
+            found.append((candidate.effect, ended))
     return found
 
 

@@ -20,7 +20,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from phnn.diagnose.criteria import Criteria
+from phnn.criteria import Criteria
 from phnn.diagnose.number import Visited, Weighed, family, is_learned, key_of
 from phnn.effects import Effect
 
@@ -138,7 +138,8 @@ RULES: tuple[Rule, ...] = (
         "a pair of which one effect was tried when the time was up",
     ),
     Rule(
-        "something_is_left", lambda f: f.left > f.criteria.explained and f.remaining > 0, UNKNOWN,
+        "something_is_left",
+        lambda f: f.left > (f.criteria.explained if f.remaining else f.criteria.far**2), UNKNOWN,
         ("left", "remaining"),
         "an effect beside physics that no catalogue lists",
     ),
@@ -240,7 +241,7 @@ def conclude(
         if applies:
             word = rule.word
             break
-    told = () if word == NONE else tuple(_with_status(c, word, claims, model, criteria) for c in claims)
+    told = () if word == NONE else tuple(_with_status(c, word, model, criteria) for c in claims)
     return Verdict(word, probability, told, tuple(asked))
 
 
@@ -284,22 +285,13 @@ def _falls(claim: Claim, model: Visited, criteria: Criteria) -> bool:
     return model.left_held_out < claim.without.left_held_out
 
 
-def _with_status(claim: Claim, word: str, claims: Sequence[Claim], model: Visited, criteria: Criteria) -> Claim:
-    """Return a claim with its status: inside an unknown whole a proven element is named all the same."""
+def _with_status(claim: Claim, word: str, model: Visited, criteria: Criteria) -> Claim:
+    """Return a claim with its status: inside an unknown whole an element is likely at most."""
+    proven = claim.probability >= criteria.proven and _falls(claim, model, criteria)
     if claim.learned:
         status = LEARNED
-    elif word == NAMED or (word == EQUIVALENT and claim.probability < criteria.proven):
-        status = word
+    elif word in (NAMED, EQUIVALENT):
+        status = NAMED if proven and (word == NAMED or not claim.alike) else word
     else:
-        beside = any(c.learned and c.effect.location == claim.effect.location for c in claims)
-        proven = claim.probability >= criteria.proven and _falls(claim, model, criteria)
-        named = proven and not beside and word == EQUIVALENT
-        status = NAMED if named else EQUIVALENT if word == EQUIVALENT else _inside_unknown(claim, proven and not beside)
+        status = LIKELY if claim.probability >= _HALF else PROVISIONAL
     return Claim(claim.effect, status, claim.probability, claim.alike, claim.without, claim.share)
-
-
-def _inside_unknown(claim: Claim, proven: bool) -> str:
-    """Return the status of an effect inside a whole that is not proven."""
-    if proven:
-        return NAMED
-    return LIKELY if claim.probability >= _HALF else PROVISIONAL

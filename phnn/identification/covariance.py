@@ -31,17 +31,16 @@ such as ``k/m`` keep their standard error.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.criteria import NOISE
 from phnn.derivatives import output_derivatives
 from phnn.identification.censoring import beyond_limit
 from phnn.identification.nuisances import without_nuisances
 from phnn.identification.problem import Problem
-from phnn.identification.residual_noise import noise_spectra
+from phnn.identification.residual_noise import MOST_EXCESS, noise_spectra
 from phnn.recordings.recording import Recording
 from phnn.simulate import Trajectory
 
@@ -131,8 +130,8 @@ def scatter(residual: Array, jacobian: Array, recordings: Sequence[Recording], s
     parts = [residual[r] for r in slices]
     # Without repetitions nothing tells noise from what the model misses. All of it counts, but a line is held against
     # what noise can be.
-    spectra = noise_spectra(parts, recordings, replace(NOISE, greatest_excess=np.inf, unseen_excess=np.inf))
-    bounded = noise_spectra(parts, recordings, replace(NOISE, unseen_excess=NOISE.greatest_excess))
+    spectra = noise_spectra(parts, recordings, np.inf, np.inf)
+    bounded = noise_spectra(parts, recordings, unseen=MOST_EXCESS)
     middle, doubt = np.zeros((count, count)), np.zeros(count)
     for part, rows, spectrum, least in zip(parts, slices, spectra, bounded, strict=True):
         q, cycles = basis[rows], np.arange(part.size // 2 + 1) / part.size

@@ -16,7 +16,6 @@ from scipy.ndimage import median_filter
 from scipy.signal import periodogram
 from scipy.sparse import csr_array
 
-from phnn.criteria import NOISE, Noise
 from phnn.recordings.recording import Recording
 
 Array = NDArray[np.float64]
@@ -29,6 +28,16 @@ _LOWEST, _HIGHEST = 4, 12
 _NEIGHBOURS, _MEDIAN = 31, float(np.log(2.0))
 # Recordings beside one that are enough to know its noise by.
 _BESIDE = 8
+# Lower bound of a density, over that of the stated noise: a band of four ordinates falls below by chance once in a
+# thousand times.
+_LEAST = 0.1
+# Fewest samples of the difference of two halves: 64 ordinates, which fill some seven bands.
+_FEWEST = 128
+# Largest ratio [rms] of noise to stated noise: a larger one is rather what a model misses.
+MOST_EXCESS = 2.0
+# The same where the noise is stated from its highest frequencies and nothing shows its colour: first-order noise with
+# coefficient 0.8 has 81 times their density at the lowest ones.
+MOST_UNSEEN = 9.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,39 +91,37 @@ class NoiseSpectrum:
 
 
 def noise_spectra(
-    residuals: Sequence[Array], recordings: Sequence[Recording], rule: Noise = NOISE
+    residuals: Sequence[Array], recordings: Sequence[Recording], most: float = MOST_EXCESS, unseen: float = MOST_UNSEEN
 ) -> list[NoiseSpectrum]:
     """The spectrum of every recording's noise, in units of its stated variance.
 
     Args:
         residuals: (N_r,) weighted, of the identification samples of each recording.
-        rule: when a spectrum is believed.
+        most, unseen: as in `most_excess`.
     """
-    return _spectra(residuals, recordings, rule, lambda _, alike: tuple(alike))
+    return _spectra(residuals, recordings, lambda _, alike: tuple(alike), most, unseen)
 
 
-def noise_of_others(
-    residuals: Sequence[Array], recordings: Sequence[Recording], rule: Noise = NOISE
-) -> list[NoiseSpectrum]:
+def noise_of_others(residuals: Sequence[Array], recordings: Sequence[Recording]) -> list[NoiseSpectrum]:
     """The spectrum of every recording's noise as others at its sampling rate show it, so that what one recording alone
     does not repeat is no noise of its own; its own where there are no others with periods.
 
     Args:
         residuals: (N_r,) weighted, of the identification samples of each recording.
-        rule: when a spectrum is believed.
     """
 
     def others(i: int, alike: Sequence[int]) -> tuple[int, ...]:
         return tuple([j for j in alike if j != i][:_BESIDE] or alike)
 
-    return _spectra(residuals, recordings, rule, others)
+    return _spectra(residuals, recordings, others)
 
 
 def _spectra(
     residuals: Sequence[Array],
     recordings: Sequence[Recording],
-    rule: Noise,
     chosen: Callable[[int, Sequence[int]], tuple[int, ...]],
+    most: float = MOST_EXCESS,
+    unseen: float = MOST_UNSEEN,
 ) -> list[NoiseSpectrum]:
     """The spectrum of every recording from some of the differences at its sampling rate, its own where there are none;
     one and the same where they come from the same differences.
@@ -122,9 +129,7 @@ def _spectra(
     Args:
         chosen: takes the number of a recording and those of the recordings at its rate that have a difference.
     """
-    differences = [
-        difference(r, recording, rule.difference_samples) for r, recording in zip(residuals, recordings, strict=True)
-    ]
+    differences = [difference(r, recording) for r, recording in zip(residuals, recordings, strict=True)]
     found: list[NoiseSpectrum] = []
     averaged: dict[tuple[int, ...], NoiseSpectrum] = {}
     for i, (residual, recording) in enumerate(zip(residuals, recordings, strict=True)):
@@ -134,15 +139,15 @@ def _spectra(
         ]  # fmt: skip
         shown = chosen(i, alike)
         if not shown:
-            found.append(_running_median(residual, rule.least_density, most_excess([recording], rule)))
+            found.append(_running_median(residual, most_excess([recording], most, unseen)))
             continue
         if shown not in averaged:
-            averaged[shown] = _averaged([d for j in shown if (d := differences[j]) is not None], rule)
+            averaged[shown] = _averaged([d for j in shown if (d := differences[j]) is not None])
         found.append(averaged[shown])
     return found
 
 
-def difference(residual: Array, recording: Recording, fewest: int = NOISE.difference_samples) -> Array | None:
+def difference(residual: Array, recording: Recording) -> Array | None:
     """What does not repeat: the difference over √2 of two halves of the residual, whole periods apart.
 
     The first period is left out, for it holds a transient. None where there are fewer than three periods.
@@ -157,10 +162,10 @@ def difference(residual: Array, recording: Recording, fewest: int = NOISE.differ
     first, lag = round(skip * period), round(whole // 2 * period)
     later = residual[first + lag :]
     difference = (later - residual[first : first + later.size]) / np.sqrt(2.0)
-    return difference - difference.mean() if difference.size >= fewest else None
+    return difference - difference.mean() if difference.size >= _FEWEST else None
 
 
-def _averaged(sequences: Sequence[Array], rule: Noise) -> NoiseSpectrum:
+def _averaged(sequences: Sequence[Array]) -> NoiseSpectrum:
     """Mean periodogram of all sequences in bands that widen from the lowest frequency on.
 
     Below the lowest frequency seen it goes on with the slope in the lowest decade, if that falls with frequency.
@@ -179,7 +184,7 @@ def _averaged(sequences: Sequence[Array], rule: Noise) -> NoiseSpectrum:
     edges = [*edges[:-2], cycles.size] if len(edges) > 2 else [0, cycles.size]
     sizes = np.diff(edges)
     at, density = (np.add.reduceat(x, edges[:-1]) / sizes for x in (cycles, power))
-    density = np.maximum(density, rule.least_density)
+    density = np.maximum(density, _LEAST)
     slope = _slope(at, density, sizes)
     below = at[0] / np.array([300.0, 100.0, 30.0, 10.0, 3.0])
     return NoiseSpectrum(
@@ -200,16 +205,15 @@ def _slope(at: Array, density: Array, sizes: NDArray[np.int64]) -> float:
     return float(np.clip(found, -2.0, 0.0))
 
 
-def _running_median(residual: Array, least: float, most: float) -> NoiseSpectrum:
+def _running_median(residual: Array, most: float) -> NoiseSpectrum:
     """The running median of a periodogram: what repeats stands in single lines, which a median passes over.
 
     Args:
-        least: lower bound of the density; most: largest ratio [rms] of noise to stated noise: what exceeds it is rather
-            what the model misses.
+        most: largest ratio [rms] of noise to stated noise.
     """
     cycles, power = periodogram(residual, detrend="constant")
     level = median_filter(0.5 * power[1:], min(_NEIGHBOURS, power.size - 1), mode="nearest") / _MEDIAN
-    density = np.clip(np.concatenate([level[:1], level]), least, most**2)
+    density = np.clip(np.concatenate([level[:1], level]), _LEAST, most**2)
     band = np.arange(cycles.size) // _NEIGHBOURS
     # The median of exponential variables has 1/ln²2 times the variance of their mean.
     freedom = np.full(int(band[-1]) + 1, 2.0 * _MEDIAN**2 * _NEIGHBOURS)
@@ -223,6 +227,7 @@ def _fast(size: int) -> int:
     return int(next_fast_len(size, real=True))
 
 
-def most_excess(recordings: Sequence[Recording], rule: Noise = NOISE) -> float:
-    """Largest ratio [rms] of noise to stated noise: more where no recording shows the colour of its noise."""
-    return rule.unseen_excess if all(r.colour_unseen for r in recordings) else rule.greatest_excess
+def most_excess(recordings: Sequence[Recording], most: float = MOST_EXCESS, unseen: float = MOST_UNSEEN) -> float:
+    """Return the largest ratio [rms] of noise to stated noise: ``unseen`` where no recording shows the colour of its
+    noise, ``most`` otherwise."""
+    return unseen if all(r.colour_unseen for r in recordings) else most

@@ -1,6 +1,7 @@
-"""Identify an actuator from nothing but recordings, in the stages of Fig. 9.
+"""Identify an actuator from nothing but recordings, as in Fig. 9 but from starting points that race.
 
-Mechanical → linear electrical part with ``d = 0`` → dead zones opened, nonlinear least squares, several starts.
+Mass–spring–dampers of several resonances → hysterons of many sizes added → heats of nonlinear least squares on a few
+recordings → the best on all recordings.
 """
 
 from __future__ import annotations
@@ -8,8 +9,6 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-
-import numpy as np
 
 from phnn.errors import InputRefused, PhnnError
 from phnn.identification.fit import (
@@ -25,14 +24,7 @@ from phnn.identification.fit import (
 from phnn.identification.plan import Plan
 from phnn.identification.problem import Problem
 from phnn.identification.start import with_starts
-from phnn.identification.starting_points import (
-    DEFAULT_MASS,
-    drive_amplitude,
-    mechanical_points,
-    middle_frequency,
-    random_starts,
-    with_hysterons,
-)
+from phnn.identification.starting_points import DEFAULT_MASS, mechanical_points, random_starts
 from phnn.identification.subset import representative_subset
 from phnn.identification.variables import starts_unknown
 from phnn.models.actuator import hrc
@@ -45,11 +37,12 @@ from phnn.setup import Setup
 # Parameters that the common factor scales: any one of them, once known, fixes it.
 _SCALED = ("m", "k", "b", "alpha", "C_", "rho_")
 _UNIDENTIFIED = "these recordings do not identify it"
+# Evaluations on all recordings by which the best is chosen, and of the best.
 _SHORT, _FULL = 15, 50
 # Places and evaluations of the heats in which starting points race; relative change of the cost at which one stops.
 _HEATS, _ROUGH = ((100, 6), (6, 12), (3, 40)), 1e-4
 # Two that cost the same but for this share have met; a weighted mean square up to this one leaves nothing to gain.
-_MET, _NOISE = 1e-3, 1.2
+_MET, _NOISE = 1e-3, 1.4
 # Bound on the simulations of the whole plan in a fit.
 EVALUATIONS = 60
 # What is not tried of a base model when the time of a diagnosis is up.
@@ -65,7 +58,7 @@ def identify_actuator(
         plan: recordings and sub-steps.
         known: anchors; a known parameter is held at its value.
         hysterons: number of hysterons.
-        starts: starting points of the nonlinear stage.
+        starts: starting points per resonance.
         seed: of the random starting points.
         setup: start from this setup alone instead.
     """
@@ -74,16 +67,11 @@ def identify_actuator(
         return fit_identified(setup, plan, held)
     anchored = {n: a.value for n, a in known.items()}
     check_known(known, hrc(hysterons).parameters)
-    points, subset = mechanical_points(plan, anchored), representative_subset(plan)
-    mechanical = _mechanical(points, subset, held)
-    if hysterons == 0:
-        return fit_identified(mechanical.setup, plan, held)
-    candidates = [
-        *_linear_starts(mechanical.setup, subset, hysterons, anchored, held),
-        *(s for p in points for s in random_starts(p, plan, hysterons, anchored, starts, seed)),
-    ]
+    points = mechanical_points(plan, anchored)
+    if hysterons:
+        points = [s for p in points for s in random_starts(p, plan, hysterons, anchored, starts, seed)]
     finished: list[Fit] = []
-    for first in _raced(candidates, subset, held):
+    for first in _raced(points, representative_subset(plan), held):
         if finished and late(FURTHER_STARTS):
             break
         finished.append(fit_identified(first.setup, plan, held, _SHORT, first, tolerance=_ROUGH))
@@ -93,13 +81,13 @@ def identify_actuator(
     return replace(fit_identified(best.setup, plan, held, _FULL, best), alternatives=alternatives)
 
 
-def _raced(candidates: Sequence[Setup], plan: Plan, held: Mapping[str, str]) -> list[Fit]:
-    """The best of several starting points and what is within reach of it, from heats on a few recordings.
+def _raced(points: Sequence[Setup], plan: Plan, held: Mapping[str, str]) -> list[Fit]:
+    """Fits from the best of several starting points and from those that nearly equal it, the best first.
 
-    The first steps say little about where a start ends: several of the best go on from where they are, one of those
-    that have met. A start that has reached the noise ends the race.
+    The first steps say little about where a start ends: several of the best go on from where they are. Of starts that
+    have met only one goes on; a start that has reached the noise ends the race.
     """
-    field: list[tuple[Setup, Fit | None]] = [(setup, None) for setup in candidates]
+    field: list[tuple[Setup, Fit | None]] = [(setup, None) for setup in points]
     heat: list[Fit] = []
     for places, evaluations in _HEATS:
         heat = []
@@ -191,7 +179,7 @@ def fit_identified(
     """Fit what the recordings identify; the rest is held at its value and reported.
 
     Args:
-        keep: parameters that are estimated in any case.
+        keep: parameters that are estimated wherever some output depends on them.
         tolerance: where to stop, as of `phnn.identification.fit.fit`.
     """
     free = [n for n in setup.free if n not in held]
@@ -200,7 +188,7 @@ def fit_identified(
     start = problem.variables.start(setup)
     jacobian = problem.jacobian(start)[:, : len(free)]
     for name in unidentified(jacobian, free):
-        if name not in keep:
+        if name not in keep or not jacobian[:, free.index(name)].any():
             reasons[name] = _reason(setup, name)
     names = [n for n in free if n not in reasons]
     if names != free:
@@ -217,39 +205,3 @@ def fit_identified(
 def _reason(setup: Setup, name: str) -> str:
     p = setup.parameters[name]
     return f"held at {p.value:.4g} {p.unit}: {_UNIDENTIFIED}"
-
-
-def _mechanical(points: Sequence[Setup], plan: Plan, held: Mapping[str, str]) -> Fit:
-    """First stage: a mass–spring–damper, the best of several resonances."""
-    tried = []
-    for setup in points:
-        here = {n: why for n, why in held.items() if n in setup.parameters}
-        tried.append(fit_identified(setup, plan, here, max_evaluations=15, tolerance=_ROUGH))
-    return min(tried, key=lambda f: f.cost)
-
-
-def _linear_starts(
-    linear: Setup, plan: Plan, hysterons: int, anchored: Mapping[str, float], held: Mapping[str, str]
-) -> list[Setup]:
-    """Second stage: hysterons with ``d = 0``; then dead zones opened at fractions of the drive."""
-    drive = drive_amplitude(plan.recordings)
-    omega = 2.0 * np.pi * middle_frequency(plan.recordings)
-    rates = [30.0 * omega if i == 0 else omega for i in range(hysterons)]
-    closed = with_hysterons(linear, anchored, [0.15] * hysterons, rates, [1e-6 * drive] * hysterons)
-    fixed = dict(held) | {f"d_{i + 1}": "closed in the linear stage" for i in range(hysterons)}
-    stage = fit_identified(closed, plan, fixed, max_evaluations=15, tolerance=_ROUGH).setup
-    starts = []
-    for fraction in (0.05, 0.15, 0.3):
-        widths = {f"d_{i + 1}": drive * fraction / (1 + i) for i in range(hysterons)}
-        starts.append(_rebound(stage, widths | {n: a for n, a in anchored.items() if n in widths}))
-    return starts
-
-
-def _rebound(setup: Setup, values: Mapping[str, float]) -> Setup:
-    """New values with bounds drawn around them again."""
-    blocks = setup.network.parameters
-    table = {
-        n: replace(p, value=values[n], lower=values[n] * 1e-6, upper=values[n] * 1e6) if n in values else p
-        for n, p in blocks.items()
-    }
-    return replace(setup, network=replace(setup.network, parameters=table))

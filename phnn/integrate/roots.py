@@ -16,6 +16,8 @@ TOLERANCE = 1e-14
 # Multiple of the rounding error that terms may leave whose cancellation the equation's size does not show.
 RELAXED = 1e-12
 _STRICT = 12
+# After a step that has left this share of the residual no kink is near, and the chord is as good as the derivative.
+_SMOOTH = 0.1
 # Halvings down to neighbouring floats; every other one follows a Newton step that did not help.
 _ITERATIONS = 300
 # A motion that dies away reaches subnormal numbers, where relative accuracy is lost.
@@ -42,7 +44,7 @@ def make_root(value_at: Callable[..., Any], slope_at: Callable[..., Any]) -> Cal
 
     def root(guess: Any, floor: Any, slope: Any, context: Any) -> Any:
         low, high, last, reach = -np.inf, np.inf, np.inf, 1.0
-        y = guess
+        y, at, before = guess, guess, 0.0
         exhausted = False
         for iteration in range(_ITERATIONS):
             value, size = value_at(y, context)
@@ -55,9 +57,11 @@ def make_root(value_at: Callable[..., Any], slope_at: Callable[..., Any]) -> Cal
             else:
                 low = y
             borrowed = iteration == 0 and slope > 0.0
-            if not borrowed:
+            if abs(value) <= _SMOOTH * abs(before):
+                slope = (value - before) / (y - at)
+            elif not borrowed:
                 slope = slope_at(y, context)
-            step = y - value / slope
+            step, at, before = y - value / slope, y, value
             # The comparison also fails for values that are not finite. Newton's method may hop between two kinks: a
             # step that did not halve the residual is followed by a bisection. A falling branch would lead to a root
             # that is not connected.

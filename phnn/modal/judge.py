@@ -1,4 +1,4 @@
-"""The verdict on what moves with amplitude, in the words of `phnn.diagnosis`.
+"""The verdict on what moves with amplitude, in the words of `phnn.diagnose`.
 
 ``none``: one linear model serves, or there is one amplitude alone. ``named``: one combination of elements explains
 what moves. ``equivalent``: several do, and the recordings cannot tell which. ``unknown``: no element explains half of

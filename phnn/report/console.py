@@ -13,7 +13,18 @@ from rich.text import Text
 from phnn.report.document import Document, Missing, Score
 from phnn.report.domain_words import in_own_words
 from phnn.report.evidence import Evidence
-from phnn.report.formatting import Unit, display_unit, interval, listing, p_value, percent, ratio, with_error, words
+from phnn.report.formatting import (
+    Unit,
+    display_unit,
+    interval,
+    likelihood,
+    listing,
+    p_value,
+    percent,
+    ratio,
+    with_error,
+    words,
+)
 from phnn.report.reading import read_document
 from phnn.report.verdicts import (
     ended_sentence,
@@ -31,7 +42,8 @@ _MOST_ROWS = 12
 
 def _missing_lines(missing: Missing) -> list[Text]:
     place = f" ({words(missing.location)})" if missing.location else ""
-    chance = f", {p_value(missing.p_value)}" if missing.p_value is not None else ""
+    chance = f", {likelihood(missing.probability)} probable" if missing.probability is not None else ""
+    chance += f", {p_value(missing.p_value)}" if missing.p_value is not None else ""
     lines = [Text.assemble("missing: ", (words(missing.effect), "bold"), f"{place}{chance}")]
     lines += [Text(f"  {missing.statement}")] if missing.statement else []
     for parameter in missing.parameters:

@@ -85,7 +85,8 @@ class ModelRow:
     """A model that was fitted.
 
     Attributes:
-        elements: beyond the base model, in words; parameters: how many of them are free.
+        elements: beyond the base model, in words; parameters: how many they have, terms of single
+            recordings among them.
         left, left_held_out: mean square of the residual over that of the noise; NaN where nothing was held out.
         probability: among all models that were fitted; converged: fitted to its end; chosen: the final model.
     """

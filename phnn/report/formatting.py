@@ -100,31 +100,17 @@ def interval(ends: tuple[float, float] | None) -> str:
 
 
 def p_value(value: float | None) -> str:
-    """``p = 0.041``, ``p = 3 × 10⁻⁵``, and ``p < 2 × 10⁻⁵`` from where no draw was as extreme.
-
-    Computed tails go further, but nobody knows the noise so well that they are to be believed there.
-    """
+    """``p = 0.041``, ``p = 3 × 10⁻⁵``, and ``p < 2 × 10⁻⁵`` below that: nobody knows the noise so well that smaller
+    tails are to be believed."""
     value = finite(value)
     if value is None:
         return "p not computed"
-    if at_floor(value):
+    if value <= _FLOOR:
         return f"p < 2 × {power_of_ten(-5)}"
     if value >= 0.001:
         return f"p = {value:.2g}"
     mantissa, _, exponent = f"{value:.0e}".partition("e")
     return f"p = {'' if mantissa == '1' else f'{mantissa} × '}{power_of_ten(int(exponent))}"
-
-
-def at_floor(value: float | None) -> bool:
-    """Whether a p-value is no more than what the fewest draws of a null would give: it is below, nobody knows by how
-    much."""
-    value = finite(value)
-    return value is not None and value <= _FLOOR
-
-
-def chance(value: float | None) -> str:
-    """A p-value for a column headed *p*."""
-    return DASH if finite(value) is None else p_value(value).removeprefix("p ").removeprefix("= ")
 
 
 def likelihood(value: float | None) -> str:

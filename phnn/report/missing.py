@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from scipy.special import ndtr
-
 from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.formula import Distilled
 from phnn.diagnose.number import family
+from phnn.diagnose.screen import chance
 from phnn.diagnose.verdict import LEARNED, Claim
 from phnn.diagnose.words import is_effort, vocabulary_of
 from phnn.effects.places import place_of
@@ -63,7 +62,7 @@ def _p_value(diagnosis: Diagnosis, claim: Claim) -> float:
     """Return the p-value of an effect's own score in the residual of the base model, times the number of candidates."""
     candidates = diagnosis.screened[0]
     score = max((c.score for c in candidates if family(c.effect) == claim.name), default=0.0)
-    return min(1.0, 2.0 * len(candidates) * float(ndtr(-score))) if candidates else 1.0
+    return chance(score, candidates) if candidates else 1.0
 
 
 def _estimates(final: Fit, names: Iterable[str]) -> dict[str, dict[str, Any]]:

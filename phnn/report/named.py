@@ -6,9 +6,9 @@ import math
 from collections.abc import Mapping
 
 from phnn.diagnose.diagnosis import Diagnosis
-from phnn.diagnose.number import Visited, family, uid
+from phnn.diagnose.number import family, uid
 from phnn.diagnose.verdict import Claim
-from phnn.effects import Effect, Plausible
+from phnn.effects import Plausible
 from phnn.parameters import Parameter
 from phnn.recordings.recording import ACTUATOR
 from phnn.report.domain_words import forces_known
@@ -46,35 +46,25 @@ def _support(diagnosis: Diagnosis, claim: Claim) -> Support:
     )
 
 
-def rivals_of(diagnosis: Diagnosis, claim: Claim) -> dict[str, tuple[Effect, Visited]]:
-    """Return the best visited model with each other effect in the place of an element, by name, the best first."""
-    others = diagnosis.chosen.key - {uid(claim.effect)}
-    rivals: dict[str, tuple[Effect, Visited]] = {}
-    for model in sorted(diagnosis.visited.models, key=lambda m: m.fit.cost):
-        instead = [e for e in model.elements if uid(e) not in others]
-        if others <= model.key and len(instead) == 1 and family(instead[0]) != claim.name:
-            rivals.setdefault(instead[0].name, (instead[0], model))
-    return rivals
-
-
 def _rivals(diagnosis: Diagnosis, claim: Claim) -> tuple[RivalRow, ...]:
-    """List what stood in the place of an element, and its neighbours that were not fitted there."""
-    alike = {family(e) for e in claim.alike}
-    rows = []
-    fitted = rivals_of(diagnosis, claim)
-    for name, (effect, model) in list(fitted.items())[:_RIVALS]:
+    """List the visited models with another element in the place of one, and neighbours that were not fitted there."""
+    others, alike = diagnosis.chosen.key - {uid(claim.effect)}, {family(e) for e in claim.alike}
+    pairs = zip(diagnosis.visited.models, diagnosis.visited.shares, strict=True)
+    rows: dict[str, RivalRow] = {}
+    for model, share in sorted(pairs, key=lambda p: p[0].fit.cost):
+        instead = [e for e in model.elements if uid(e) not in others]
+        if not others <= model.key or len(instead) != 1 or family(instead[0]) == claim.name:
+            continue
         more = model.fit.cost - diagnosis.final.cost
-        excluded = "not excluded: " if family(effect) in alike else "" if model.converged else "not fitted to its end: "
+        excluded = "not excluded: " if family(instead[0]) in alike else ""
+        excluded = excluded or ("" if model.converged else "not fitted to its end: ")
         outcome = f"sum of squares {number(abs(more))} {'larger' if more > 0.0 else 'smaller'}"
-        share = likelihood(float(diagnosis.visited.shares[diagnosis.visited.models.index(model)]))
-        rows.append(RivalRow(name, math.sqrt(model.left), f"{excluded}{outcome}, probability of the model {share}"))
+        told = f"{excluded}{outcome}, probability {likelihood(float(share))}"
+        rows.setdefault(instead[0].name, RivalRow(instead[0].name, math.sqrt(model.left), told))
     scores = {c.effect.name: c.score for c in diagnosis.screened[0]}
-    rows += [
-        RivalRow(n, None, f"not fitted: its score at the base model is {number(scores[n])}")
-        for n in claim.effect.neighbours
-        if n in scores and n not in fitted
-    ]
-    return tuple(rows)
+    unfitted = [n for n in claim.effect.neighbours if n in scores and n not in rows]
+    texts = [(n, f"not fitted: its score at the base model is {number(scores[n])}") for n in unfitted]
+    return (*list(rows.values())[:_RIVALS], *(RivalRow(n, None, text) for n, text in texts))
 
 
 def plausible_row(

@@ -110,7 +110,6 @@ def _environment() -> Environment:
         symbol=symbol,
         percent=formatting.percent,
         p_value=formatting.p_value,
-        chance=formatting.chance,
         likelihood=formatting.likelihood,
         words=formatting.words,
         listing=formatting.listing,

@@ -21,7 +21,7 @@ from phnn.diagnose.locations import (
     strongest_times,
 )
 from phnn.diagnose.symptoms import recording_residuals, symptoms
-from phnn.diagnose.verdict import NONE, UNKNOWN, Applied
+from phnn.diagnose.verdict import NONE, UNKNOWN
 from phnn.diagnose.words import Picture, is_effort, learned_picture, missing_force, picture
 from phnn.identification.fit import Fit
 from phnn.identification.identified import save_fit
@@ -208,7 +208,7 @@ def evidence(diagnosis: Diagnosis, made_of: Provenance | None = None) -> Evidenc
         no_proposal=needed("reason why nothing is proposed", lambda: no_proposal(diagnosis), ""),
         supports=needed("support of the elements", lambda: supports(diagnosis), ()),
         symptoms=needed("symptoms", lambda: _symptoms(diagnosis), ()),
-        rules=tuple(map(_rule, diagnosis.outcome.rules)),
+        rules=tuple(RuleRow(r.rule, r.applies, r.outcome, r.numbers) for r in diagnosis.outcome.rules),
         methods=needed("methods", lambda: methods(diagnosis), None),
         provenance=made_of or needed("provenance", lambda: provenance(diagnosis.campaign), None),
     )
@@ -237,10 +237,6 @@ def _learned_laws(diagnosis: Diagnosis) -> list[Picture]:
     there = [e for e in effects if (e.location, e.kind.name) == (where.name, where.detail)]
     alone = [e.add_to(base.fit.setup, {n: values[n] for n in e.parameters}) for e in there]
     return [learned_picture(base, where, setup) for setup in alone]
-
-
-def _rule(asked: Applied) -> RuleRow:
-    return RuleRow(asked.rule, asked.applies, asked.outcome, asked.numbers)
 
 
 def _symptoms(diagnosis: Diagnosis) -> tuple[str, ...]:

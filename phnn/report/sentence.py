@@ -97,9 +97,10 @@ def floorless(names: Sequence[str]) -> str:
 
 def immaterial_statement(small: Immaterial, unit: str) -> str:
     """State an effect that is significant and too small to matter."""
+    size = f"{quantity(small.rms or 0.0, unit)} ({plain(small.share_of_noise, 2)} × noise)"
     return (
         f"Nothing that matters is missing: {words(small.candidate) or 'something'} is statistically significant, but "
-        f"explains only {quantity(small.rms, unit)} ({plain(small.share_of_noise, 2)} × noise). The base model stands."
+        f"explains only {size}. The base model stands."
     )
 
 

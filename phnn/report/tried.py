@@ -1,4 +1,4 @@
-"""What a diagnosis has tried: the models that it fitted, and the candidates in the residual of a model."""
+"""Models that a diagnosis has fitted, and candidates in the residual of its base model and of its final one."""
 
 from __future__ import annotations
 
@@ -20,7 +20,8 @@ def model_rows(diagnosis: Diagnosis) -> list[ModelRow]:
     pairs = zip(diagnosis.visited.models, diagnosis.visited.shares, strict=True)
     return [
         ModelRow(
-            m.words, m.left, m.left_held_out, sum(map(m.parameters_of, m.elements)), float(share), m.converged,
+            m.words, m.left, m.left_held_out, m.nuisances + sum(map(m.parameters_of, m.elements)), float(share),
+            m.converged,
             m.key == diagnosis.chosen.key,
         )
         for m, share in list(pairs)[:_MODELS]
@@ -41,8 +42,8 @@ def candidate_rows(diagnosis: Diagnosis) -> list[CandidateRow]:
             return "fitted"
         if c.effect.name in failed:
             return f"no candidate: {failed[c.effect.name]}"
-        if material(c, samples, diagnosis.criteria):
-            return "not fitted: others promise more, or are left when these are in the model"
+        if material(c, diagnosis.base, diagnosis.criteria):
+            return "not fitted: others promised more"
         significant = c.score > diagnosis.criteria.score
         return "significant, but immaterial" if significant else "not significant"
 
@@ -53,12 +54,10 @@ def candidate_rows(diagnosis: Diagnosis) -> list[CandidateRow]:
 
 
 def remains(diagnosis: Diagnosis) -> bool:
-    """Return whether the final model leaves something that matters: to a candidate, or beside the noise."""
+    """Return whether some candidate explains a part that matters of what the final model leaves."""
     if diagnosis.verdict == NONE:
         return False
-    samples, criteria = diagnosis.final.residual.size, diagnosis.criteria
-    promising = any(material(c, samples, criteria) for c in diagnosis.screened[1])
-    return promising or diagnosis.chosen.left > criteria.explained
+    return any(material(c, diagnosis.final, diagnosis.criteria) for c in diagnosis.screened[1])
 
 
 def immaterial(diagnosis: Diagnosis, after: bool = False) -> Immaterial | None:

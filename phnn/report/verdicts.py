@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from phnn.report.document import Document, Lost, Missing, Remainder
-from phnn.report.formatting import at_floor, chance, finite, listing, number, p_value, quantity, ratio, words
+from phnn.report.formatting import finite, listing, number, p_value, quantity, ratio, words
 
 VERDICT_WORDS = {
     "named": "One missing effect was named.",
@@ -42,34 +42,20 @@ def lost_sentence(lost: Lost) -> str:
 
 
 def test_sentence(document: Document) -> str:
-    """Explain the p-value of this verdict."""
+    """Explain the largest score."""
     if document.p_value is None:
         return ""
     lead = f", that of {words(document.candidate)}," if document.candidate else ""
     statistic = "" if document.statistic is None else f" {number(document.statistic)}"
-    if document.immaterial is not None:
-        share = document.immaterial.share_of_noise
-        size = quantity(document.immaterial.rms, document.output_unit)
-        over = "" if share is None else f", {number(share)} × the noise"
-        return (
-            f"The largest score of all candidates{lead} is{statistic or ' there'}: significant "
-            f"({p_value(document.p_value)}) and immaterial. What it explains has a root mean square of {size}{over}."
-        )
+    start, odds = f"The largest score of all candidates{lead} is", f"({p_value(document.p_value)})"
+    if (small := document.immaterial) is not None:
+        over = "" if small.share_of_noise is None else f", {number(small.share_of_noise)} × the noise"
+        size = f"{quantity(small.rms, document.output_unit)}{over}"
+        explained = f"What it explains has a root mean square of {size}."
+        return f"{start}{statistic or ' there'}: significant {odds} and immaterial. {explained}"
     if document.verdict == "none":
-        return (
-            f"The largest score of all candidates{lead} is{statistic and f'{statistic},'} too small to be followed up "
-            f"({p_value(document.p_value)})."
-        )
-    return (
-        f"The largest score of all candidates{lead} is{statistic or ' significant'}. If nothing were missing, chance "
-        f"alone would give as much or more with {_probability(document.p_value)}."
-    )
-
-
-def _probability(value: float) -> str:
-    return (
-        f"a probability below {chance(value).removeprefix('< ')}" if at_floor(value) else f"probability {chance(value)}"
-    )
+        return f"{start}{statistic and f'{statistic},'} too small to be followed up {odds}."
+    return f"{start}{statistic or ' significant'} {odds}."
 
 
 def tied(document: Document) -> bool:

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.diagnose.criteria import Criteria
+from phnn.criteria import Criteria
 from phnn.diagnose.number import Misfit, Visited, Weighed, best_to_write, log_weight, weigh
 from phnn.diagnose.verdict import CLASS, EQUIVALENT, NAMED, NONE, UNKNOWN, conclude
 from phnn.errors import InputRefused

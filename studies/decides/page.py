@@ -16,8 +16,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch
 from numpy.typing import NDArray
 
-from phnn.diagnose.criteria import Criteria
-from phnn.diagnose.verdict import NAMED, RULES, UNKNOWN
+from phnn.criteria import Criteria
+from phnn.diagnose.verdict import RULES, UNKNOWN
 from phnn.report.figures import RC
 from phnn.report.figures.style import AFTER, INK
 from phnn.report.formatting import markdown_table
@@ -175,10 +175,9 @@ def inside_unknown(cases: Sequence[Case]) -> Table:
         (c, claim) for c in unknown for claim in c.row["claims"]
         if claim["probability"] >= CRITERIA.proven and not is_learned_name(claim["effect"])
     ]  # fmt: skip
-    kinds = {"status `named`": [k for k in claims if k[1]["status"] == NAMED]}
-    kinds["other status"] = [k for k in claims if k[1]["status"] != NAMED]
+    kinds = {"all": claims}
     for group in dict.fromkeys(c.row["group"] for c, _ in claims):
-        kinds[f"all: {group}"] = [k for k in claims if k[0].row["group"] == group]
+        kinds[group] = [k for k in claims if k[0].row["group"] == group]
     rows = []
     for name, own in kinds.items():
         true = sum(claim["effect"] in c.truth for c, claim in own)

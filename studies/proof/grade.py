@@ -37,7 +37,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import norm
 
-from phnn.criteria import CRITERIA
+from phnn.criteria import Criteria
 from studies.generator import Sealed
 from studies.generator.cases import LOCATION
 from studies.proof.cases import FAST, Task
@@ -79,7 +79,7 @@ class Said:
     @property
     def gains(self) -> bool:
         """Tell whether the held-out error falls by more than the share that counts as material."""
-        return self.after < (1.0 - CRITERIA.confirmation.material_share) * self.before
+        return self.after < (1.0 - Criteria().material_share) * self.before
 
     def located(self, places: Iterable[str]) -> str:
         """Tell whether the location is one of some places: ``alone``, ``tied`` or ``no``."""

@@ -15,7 +15,7 @@ from matplotlib.ticker import NullFormatter
 from numpy.typing import NDArray
 from scipy.stats import binomtest, norm
 
-from phnn.diagnosis.scored import SIGNIFICANT
+from phnn.criteria import Criteria
 from phnn.report.figures.style import AFTER, BEFORE, FAINT, INK, RC, Drawing, new_figure, png, quiet_grid
 from phnn.report.formatting import DASH, number
 from phnn.report.plain import plain_page
@@ -27,7 +27,7 @@ from studies.results import write_results
 Array = NDArray[np.float64]
 
 _STRONG = 2.0
-_THRESHOLD = float(norm.isf(SIGNIFICANT))
+_THRESHOLD = Criteria().score
 
 
 @dataclass(frozen=True)

@@ -18,12 +18,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from phnn.criteria import CRITERIA
-from phnn.diagnose.linearised import prepare
-from phnn.diagnose.locations import responses
-from phnn.diagnosis.diagnosis import available, diagnose
-from phnn.diagnosis.name import score
-from phnn.diagnosis.scored import SIGNIFICANT
+from phnn.criteria import Criteria
+from phnn.diagnose.diagnosis import available, diagnose
+from phnn.diagnose.linearised import TIE, prepare
+from phnn.diagnose.screen import Screen, chance
 from phnn.effects import catalogue
 from phnn.errors import OutputFailed, OutputRefused, PhnnError
 from phnn.identification.options import Options
@@ -161,18 +159,21 @@ def score_folder(folder: Path, seed: int) -> dict[str, Any]:
         Setup(network), identification_plan(campaign, 1), held_by_statement(campaign.known), max_evaluations=30
     )
     base, error = with_bounded_error(first, options.error_bound_sigma)
-    linearised = prepare(base, campaign.voltage == "terminals")
-    naming = score(linearised, available(campaign, base.setup), responses(linearised), seed, error.error)
-    best = naming.candidates[0]
-    # Squared scores are sums of squares that a refit would save.
-    level, tie = best.score**2, CRITERIA.selection.tie
-    members = [n for n, c in naming.by_name.items() if level - c.score**2 < tie and c.score > 0.0]
+    linearised, criteria = prepare(base), Criteria()
+    candidates = Screen(linearised, available(campaign, base.setup), criteria)(linearised)
+    best = max(candidates, key=lambda c: c.score)
+    members = [c.effect for c in candidates if candidates[0].fall - c.fall < TIE and c.fall > 0.0]
     missing = []
-    if naming.p_value < SIGNIFICANT:
-        missing = [{"effect": members[0], "location": best.effect.location, "equivalent_to": members[1:]}]
+    if best.score > criteria.score and members:
+        named, *others = members
+        missing = [{"effect": named.name, "location": named.location, "equivalent_to": [e.name for e in others]}]
     return {
         "verdict": "named" if missing else "none",
-        "test": {"statistic": naming.statistic, "p_value": naming.p_value, "candidate": best.effect.name},
+        "test": {
+            "statistic": best.score,
+            "p_value": chance(best.score, candidates),
+            "candidate": best.effect.name,
+        },
         "missing": missing,
         "base_residual_over_noise": base.chi2**0.5,
         "numerical_error_sigma": error.sigma,
@@ -196,7 +197,7 @@ def diagnose_folder(
     write_into(diagnosis, place)
     content: dict[str, Any] = json.loads((place / "diagnosis.json").path.read_text(encoding="utf-8"))
     content["models"] = {name: load((place / name).path)[0].values() for name in ("base", "model")}
-    final = diagnosis.judgement.final
+    final = diagnosis.final
     content["estimates"] = {
         n: {
             "value": final.setup.parameters[n].value,

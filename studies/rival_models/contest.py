@@ -20,8 +20,7 @@ import pandas as pd
 from phnn.comparison.models import Settings
 from phnn.comparison.run import compare
 from phnn.configuration import check, checked, config_folder, number, positive, whole
-from phnn.diagnosis.diagnosis import diagnose
-from phnn.diagnosis.tested import score_on_all
+from phnn.diagnose.diagnosis import diagnose, score_on_all
 from phnn.errors import InputRefused, SolverFailed
 from phnn.identification.base import Progress, identify_base, quiet
 from phnn.identification.evaluate import PartScore, score_part

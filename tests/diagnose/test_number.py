@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from phnn.diagnose.criteria import Criteria
+from phnn.criteria import Criteria
 from phnn.diagnose.number import Misfit, Visited, best_to_write, log_weight, tolerated, weigh
 from phnn.effects import Effect, effect
 from phnn.effects.learned import learned_elements

@@ -6,7 +6,8 @@ import campaigns
 import numpy as np
 import pytest
 
-from phnn.diagnose.criteria import Criteria
+from phnn.criteria import Criteria
+from phnn.diagnose import screen as module
 from phnn.diagnose.linearised import LinearisedFit, direction
 from phnn.diagnose.screen import Screen
 from phnn.effects import effect
@@ -69,6 +70,6 @@ def test_strengths_of_a_learned_element_stay_within_their_bounds(base: Linearise
 def test_directions_are_computed_once(base: LinearisedFit, monkeypatch: pytest.MonkeyPatch) -> None:
     screen = Screen(base, [effect("delay"), effect("creep")], Criteria())
     first = screen(base)
-    monkeypatch.setattr("phnn.diagnose.screen.direction", lambda *_: pytest.fail("computed again"))
+    monkeypatch.setattr(module, "direction", lambda *_: pytest.fail("computed again"))
     again = screen(base)
     assert [(c.effect.name, c.fall) for c in again] == [(c.effect.name, c.fall) for c in first]

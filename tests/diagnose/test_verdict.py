@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 from test_number import visited
 
-from phnn.diagnose.criteria import Criteria
+from phnn.criteria import Criteria
 from phnn.diagnose.number import Visited, weigh
 from phnn.diagnose.verdict import EQUIVALENT, NAMED, NONE, RULES, UNKNOWN, Facts, Verdict, conclude
 from phnn.effects import effect

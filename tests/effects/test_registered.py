@@ -12,7 +12,7 @@ from effect_homes import ACTUATOR, BASE
 from guided_rig import FORCE, REACH, SPEED, write_rig
 
 import phnn
-from phnn.diagnosis import diagnose
+from phnn.diagnose.diagnosis import diagnose
 from phnn.effects import (
     Effect,
     Kind,
@@ -174,12 +174,12 @@ def test_a_diagnosis_finds_locates_and_names_a_registered_effect(tmp_path: Path)
     campaign = phnn.read(tmp_path)
     with registered(GUIDE):
         diagnosis = diagnose(campaign)
-    judgement = diagnosis.judgement
-    assert judgement.location.name == "mechanical"
-    assert judgement.verdict == "named"
-    (finding,) = judgement.findings
-    assert finding.effect == GUIDE
-    values = judgement.final.setup.values()
+    assert diagnosis.places == ("mechanical",)
+    assert diagnosis.verdict == "named"
+    (claim,) = diagnosis.claims
+    assert claim.effect == GUIDE
+    assert diagnosis.probability["guide_damping"] == claim.probability
+    values = diagnosis.final.setup.values()
     assert values["F_h"] / values["v_h"] * values["c_right"] == pytest.approx(FORCE / SPEED / REACH, rel=0.05)
     (missing,) = document(diagnosis)["missing"]
     assert (missing["effect"], missing["location"], missing["place"]) == ("guide_damping", "mechanical", "q")

@@ -15,7 +15,10 @@ from numpy.typing import NDArray
 import phnn
 from phnn.chain import AMPLIFIERS, SENSORS, SOURCES
 from phnn.derivatives import output_derivatives
-from phnn.diagnosis.scored import Scored, scored
+from phnn.diagnose.criteria import Criteria
+from phnn.diagnose.linearised import prepare
+from phnn.diagnose.locations import Location, locate
+from phnn.diagnose.screen import Candidate, Screen
 from phnn.effects import Scales, catalogue, effect, in_all_forms
 from phnn.effects.formulas import formulas
 from phnn.effects.learned import learned_elements
@@ -372,7 +375,9 @@ def fitted(name: str, values: Mapping[str, float] | None = None) -> Fit:
     return fit(case.base.with_values(values or {}), plan, names, max_evaluations=most)
 
 
-def scores_of(base: Fit) -> Scored:
-    """Return the scores of the whole catalogue, and the location, of a fitted base model."""
-    possible = [a for e in catalogue().values() for a in attached(e, base.setup) if a.applies(base.setup)]
-    return scored(base, in_all_forms(possible), 0)
+def scores_of(base: Fit) -> tuple[list[Candidate], Location]:
+    """Return the scores of the whole catalogue and the learned elements, and the location, of a fitted base model."""
+    elements = [*catalogue().values(), *learned_elements().values()]
+    possible = [a for e in elements for a in attached(e, base.setup) if a.applies(base.setup)]
+    linearised = prepare(base)
+    return Screen(linearised, in_all_forms(possible), Criteria())(linearised), locate(linearised)

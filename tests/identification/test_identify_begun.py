@@ -12,7 +12,7 @@ import pytest
 import yaml
 from campaigns import recorded
 
-from phnn.diagnosis.tested import score_on_all
+from phnn.diagnose.diagnosis import score_on_all
 from phnn.errors import PhnnError
 from phnn.identification import staged
 from phnn.identification.base import identify_base

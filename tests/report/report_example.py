@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from functools import cache
 from typing import Any
 
 import numpy as np
 
 from phnn.report import CandidateRow, Curve, Evidence, LedgerRow, ParameterRow, Trace
+from phnn.report.evidence import ModelRow
 
 NOISE = 5e-8
 NAMES = ("sine_1Hz_75V", "sine_10Hz_75V", "step_50V", "sine_150Hz_75V", "triangle_2Hz_40V")
@@ -108,12 +110,16 @@ def make_evidence(names: tuple[str, ...] = NAMES, creeps: bool = True, sentence:
             ParameterRow("k_s", "stiffness of the creep cell", "N/m", None, 9.21e3, 3.3e2, "new"),
         ),
         candidates=(
-            CandidateRow("creep", "mechanical", 41.2, 1e-5, 1.01, "kept"),
-            CandidateRow("charge_leakage", "electrical", 38.7, 1e-5, 1.42, "rejected: loop width changes with it"),
-            CandidateRow("extra_hysteron", "hysteron", 22.1, 4e-4, 1.95, "rejected: fits worse by Δχ² = 9 400"),
-            CandidateRow("sensor_drift", "sensor", 9.3, 0.02, 3.1, "rejected: sign differs between recordings"),
-            CandidateRow("cubic_stiffness", "mechanical", 1.1, 0.61, None, "not refitted: score within chance"),
-            CandidateRow("delay", "amplifier", 0.2, 0.97, None, "not refitted: score within chance"),
+            CandidateRow("creep", "mechanical", 41.2, 15.1, "in the final model" if creeps else "not significant"),
+            CandidateRow("charge_leakage", "electrical", 38.7, 14.0, "fitted"),
+            CandidateRow("extra_hysteron", "hysteron", 22.1, 9.3, "fitted"),
+            CandidateRow("cubic_stiffness", "mechanical", 1.1, 0.01, "not significant"),
+        ),
+        models=(
+            ModelRow("creep", 1.01, 1.02, 2, 0.97, True, True),
+            ModelRow("charge leakage", 1.42, 1.61, 1, 0.03, True, False),
+            ModelRow("extra hysteron", 1.95, math.nan, 2, 0.0, False, False),
+            ModelRow("base model", 16.0, 17.2, 0, 0.0, True, False),
         ),
         ledger=tuple(
             LedgerRow(
@@ -189,6 +195,7 @@ def make_document(verdict: str, evidence: Evidence) -> dict[str, Any]:
         "schema": "phnn.diagnosis/1",
         "verdict": verdict,
         "test": {"statistic": 2.1 if none else 41.2, "p_value": 0.44 if none else 1e-5, "candidate": "creep"},
+        "probability": {"none": 1.0} if none else {"creep": 0.97, "charge_leakage": 0.03, "delay": 0.004, "none": 0.0},
         "missing": _missing(verdict),
         "remainder": remainder,
         "location": _location(verdict),

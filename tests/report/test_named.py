@@ -10,18 +10,13 @@ import campaigns
 import numpy as np
 import pytest
 
-from phnn.diagnosis.diagnosis import Diagnosis
-from phnn.diagnosis.questions import tied_members
-from phnn.diagnosis.trial import Trial
-from phnn.effects import Plausible, catalogue, effect, in_all_forms
+from phnn.effects import Plausible, catalogue, in_all_forms
 from phnn.parameters import Parameter
 from phnn.recordings.recording import Anchor, Units
 from phnn.report.domain_words import forces_known
 from phnn.report.fingerprint import binned, fingerprint, variable_of
 from phnn.report.named import plausible_row, supports
-from phnn.report.result import document, evidence, write
-from phnn.report.sentence import sentence
-from phnn.report.tried import tried_rows
+from phnn.report.result import write
 
 DRAG = Plausible(0.0, 0.012, "drag in air", outside="it is not air")
 TABLE = {"k": Parameter("k", 2e4, "N/m")}
@@ -94,28 +89,32 @@ def test_the_fingerprint_of_drag_is_a_residual_that_follows_the_velocity(found: 
 
 def test_rivals_are_told_with_what_they_leave(found: campaigns.Diagnosis) -> None:
     (support,) = supports(found)
-    (entry,) = found.judgement.findings
-    assert support.leaves == pytest.approx(math.sqrt(entry.trial.fit.chi2))
+    assert support.leaves == pytest.approx(math.sqrt(found.final.chi2))
     rows = {r.effect: r for r in support.rivals}
-    assert set(catalogue()["quadratic_drag"].neighbours) <= set(rows)
-    for row in rows.values():
-        assert row.leaves is None or row.leaves > 0.99 * support.leaves
-        if row.outcome.startswith("excluded"):
-            plain = row.outcome.replace(" × 10", "e").translate(str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹", "0123456789"))
-            more, most = (float(plain.split(word)[1].split()[0]) for word in ("larger, by", "up to"))
-            assert more > most > 0.0
-        assert (row.leaves is None) == (not row.outcome.startswith("excluded") and "as much" not in row.outcome)
+    visited = {m.elements[0].name: m for m in found.visited.models if len(m.elements) == 1}
+    assert set(visited) - {"quadratic_drag"} <= set(rows)
+    fitting = {n for n in catalogue()["quadratic_drag"].neighbours if n in {c.effect.name for c in found.screened[0]}}
+    assert fitting <= set(rows)
+    for name, row in rows.items():
+        if name not in visited:
+            assert row.leaves is None and row.outcome.startswith("not fitted: its score")
+            continue
+        assert row.leaves == pytest.approx(math.sqrt(visited[name].left)) and row.leaves > 0.99 * support.leaves
+        assert "sum of squares" in row.outcome and "larger, probability" in row.outcome
+    claim = replace(found.claims[0], status="equivalent", alike=(visited["slew_limit"].elements[0],))
+    (tied,) = supports(replace(found, outcome=replace(found.outcome, word="equivalent", claims=(claim,))))
+    assert next(r for r in tied.rivals if r.effect == "slew_limit").outcome.startswith("not excluded: ")
 
 
 def test_what_speaks_for_an_element_without_a_proven_name_is_shown_too(found: campaigns.Diagnosis) -> None:
-    (finding,) = found.judgement.findings
-    provisional = replace(found.judgement, verdict="unknown", findings=(replace(finding, provisional=True),))
-    assert [s.effect for s in supports(replace(found, judgement=provisional))] == ["quadratic_drag"]
-    assert supports(replace(found, judgement=replace(found.judgement, verdict="unknown", findings=()))) == ()
+    (claim,) = found.claims
+    likely = replace(found.outcome, word="unknown", claims=(replace(claim, status="likely"),))
+    assert [s.effect for s in supports(replace(found, outcome=likely))] == ["quadratic_drag"]
+    assert supports(replace(found, outcome=replace(found.outcome, word="unknown", claims=()))) == ()
 
 
 def test_the_page_shows_it(found: campaigns.Diagnosis, tmp_path: Path) -> None:
-    write(found, tmp_path, evidence(found))
+    write(found, tmp_path)
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
     effect = catalogue()["quadratic_drag"]
     for text in (effect.fingerprint, effect.separation, effect.references[0], "What might be taken for it"):
@@ -146,45 +145,3 @@ def test_a_force_of_unknown_gain_fixes_nothing() -> None:
     found = campaigns.diagnosis("quadratic_drag", "quadratic_drag")
     recordings = tuple(replace(r, units=Units("N", "m"), gain="unknown") for r in found.campaign.recordings)
     assert not forces_known(replace(found, campaign=replace(found.campaign, known={}, recordings=recordings)))
-
-
-def diagnosis(*laws: str, provisional: bool = False) -> Diagnosis:
-    """A diagnosis whose one element counts as learned, and these effects can nearly replace it."""
-    found = campaigns.diagnosis("quadratic_drag")
-    (finding,) = found.judgement.findings
-    near = tuple(Trial(replace(finding.trial.candidate, effect=effect(n)), finding.trial.fit) for n in laws)
-    finding = replace(finding, learned=True, laws=near, provisional=provisional)
-    verdict = "unknown" if provisional else "equivalent"
-    return replace(found, judgement=replace(found.judgement, findings=(finding,), verdict=verdict))
-
-
-def test_the_sentence_names_the_effect_and_says_that_its_form_is_another() -> None:
-    assert "oulomb friction in another form" in sentence(diagnosis("coulomb_friction"))
-    both = sentence(diagnosis("coulomb_friction", "creep"))
-    assert "coulomb friction (or creep) in another form" in both
-    assert "cannot exclude" in both
-
-
-def test_the_entry_has_the_name_of_the_effect_and_the_form_of_the_element() -> None:
-    (entry,) = document(diagnosis("coulomb_friction", "creep"))["missing"]
-    assert (entry["effect"], entry["status"], entry["form"]) == ("coulomb_friction", "equivalent", "quadratic_drag")
-    assert entry["equivalent_to"] == ["creep"]
-    assert "It is coulomb friction or creep in another form" in entry["statement"]
-
-
-def test_without_a_claim_the_effect_is_the_nearest_one() -> None:
-    found = diagnosis("coulomb_friction", provisional=True)
-    (entry,) = document(found)["missing"]
-    assert (entry["effect"], entry["nearest"]) == ("unknown", "coulomb_friction")
-    assert "form" not in entry
-    assert supports(found)[0].effect == "quadratic_drag"
-
-
-def test_evidence_is_that_of_the_effect_and_no_recording_is_proposed_against_it() -> None:
-    found = diagnosis("coulomb_friction")
-    (support,) = supports(found)
-    assert support.effect == "coulomb_friction in another form"
-    assert support.expected == effect("coulomb_friction").fingerprint
-    outcomes = {row.effect: row.outcome for row in tried_rows(found)}
-    assert outcomes["coulomb_friction"].startswith("can nearly replace the learned element")
-    assert tied_members(found.judgement) == ()

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from phnn.check import check
-from phnn.diagnosis.tested import score_on_all
+from phnn.diagnose.diagnosis import score_on_all
 from phnn.identification.plan import Plan
 from phnn.identification.prepare import identification_plan
 from phnn.identification.staged import fit_identified

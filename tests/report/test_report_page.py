@@ -20,6 +20,7 @@ from report_html import Page
 
 from phnn.errors import InputRefused, OutputFailed
 from phnn.report import CandidateRow, Curve, Evidence, LedgerRow, ParameterRow, Trace, write_report
+from phnn.report.evidence import ModelRow
 from phnn.results import Place, claim, file_name
 
 VERDICTS = ("named", "equivalent", "unknown", "none")
@@ -114,6 +115,16 @@ def test_absent_and_null_entries_are_shown_as_absent(verdict: str, filler: str, 
     assert "The remainder was not judged." in page.text
 
 
+def test_probabilities_are_bars_with_a_text_for_each(tmp_path: Path) -> None:
+    likely = {f"effect_{i}": 0.5 - 0.05 * i for i in range(10)} | {"delay": 0.004, "none": 0.001}
+    _write({"verdict": "unknown", "probability": likely}, EMPTY, tmp_path)
+    page = (tmp_path / "report.html").read_text("utf-8")
+    bars = re.findall(r'role="img" aria-label="([^"]+)"><i style="width:([0-9.]+)%">', page)
+    assert bars[0] == ("effect 0: 50 %", "50.0")
+    assert len(bars) == 9 and bars[-1] == ("nothing is missing: &lt; 1 %", "0.1")
+    assert "delay" not in page
+
+
 def test_a_single_recording_without_curves_or_held_out_part(tmp_path: Path) -> None:
     evidence = replace(make_evidence(("sine_1Hz_75V",)), curves=())
     page = _write(make_document("named", evidence), evidence, tmp_path)
@@ -129,7 +140,8 @@ def test_names_from_outside_are_escaped(tmp_path: Path) -> None:
         traces=(trace,),
         curves=(Curve(np.arange(3.0), np.arange(3.0), None, "$x", r"$\nonsense$", r"$\frac{$"),),
         parameters=(ParameterRow("<b>", "<i>", "<u>", 1.0, 2.0, None, "<img src=x>"),),
-        candidates=(CandidateRow("<b>", "", 1.0, 0.1, None, "<img src=x>"),),
+        candidates=(CandidateRow("<b>", "", 1.0, 0.1, "<img src=x>"),),
+        models=(ModelRow("<img src=x>", 1.0, 1.0, 1, 0.5, True, True),),
         ledger=(LedgerRow(name, 1.0, 0.0, {"<b>$": 1.0}, 0.0),),
         notes=("<script>",),
         verdict_sentence="<script>",

@@ -122,7 +122,7 @@ def test_what_is_significant_and_immaterial_is_told_with_its_size() -> None:
     content = read_document(document)
     told = verdicts.test_sentence(content)
     assert "second mode" in told and "0.600 nm, 0.0120 × the noise" in told
-    assert "chance alone" not in told
+    assert "too small to be followed up" not in told
     text = _printed(document, EMPTY)
     assert "significant, and too small to matter" in text and "Nothing significant" not in text
     inner = {"verdict": "named", "remainder": left | {"immaterial": small}}
@@ -156,8 +156,8 @@ def test_the_gain_on_held_out_recordings_is_told() -> None:
         assert "6.60 and 2.10 × the noise" in told and odds in told
 
 
-def test_a_floor_of_the_draws_is_no_probability() -> None:
-    for p, told in ((2.0 / 100_001.0, "with a probability below 2 × 10⁻⁵."), (3e-3, "with probability 0.003.")):
+def test_a_tail_that_nobody_knows_is_no_p_value() -> None:
+    for p, told in ((1e-75, "(p < 2 × 10⁻⁵)."), (3e-3, "(p = 0.003).")):
         content = read_document({"verdict": "named", "test": {"p_value": p, "statistic": 9.0}})
         assert verdicts.test_sentence(content).endswith(told)
 
@@ -204,7 +204,7 @@ def test_tables_hold_the_numbers_of_the_document() -> None:
     evidence = replace(make_evidence(("step_50V",)), traces=(make_trace("step_50V", 400),))
     content = make_document("named", evidence)
     links = table_links(read_document(content), evidence, ledger_shares(evidence.ledger)[0])
-    assert set(links) == {"fit", "parameters", "energy", "tried", "noise"}
+    assert set(links) == {"fit", "parameters", "energy", "models", "tried", "noise"}
     (fit,) = rows_of(links["fit"])
     assert (fit["recording"], fit["held out"]) == ("step_50V", "yes")
     for which in ("before", "after"):
@@ -216,10 +216,13 @@ def test_tables_hold_the_numbers_of_the_document() -> None:
     assert parameters["tau"]["before"] == ""
     assert parameters["rho_1"]["meaning"] == "conductance of hysteron 1 beyond its threshold"
     assert float(rows_of(links["energy"])[0]["hysteron 1"]) == pytest.approx(0.6 / 2.1)
+    models = rows_of(links["models"])
+    assert [m["model"] for m in models] == ["creep", "charge leakage", "extra hysteron", "base model"]
+    assert (models[0]["final model"], models[2]["converged"], models[2]["chi2/N held out"]) == ("yes", "no", "")
 
 
 def test_no_table_without_rows() -> None:
-    evidence = replace(make_evidence(()), parameters=(), candidates=())
+    evidence = replace(make_evidence(()), parameters=(), candidates=(), models=())
     assert table_links(read_document({"verdict": "none"}), evidence, ()) == {}
 
 
@@ -232,3 +235,11 @@ def test_a_name_is_no_formula(name: str) -> None:
 def test_numbers_stay_numbers_and_undefined_ones_are_empty() -> None:
     text = csv_text(["a", "b", "c", "d"], [[-1.5e-9, None, float("nan"), 'x,"y"']])
     assert list(csv.reader(io.StringIO(text)))[1] == ["-1.5e-09", "", "", 'x,"y"']
+
+
+def test_a_search_whose_evaluations_are_used_up_says_so() -> None:
+    told = {"verdict": "unknown", "ended": {"why": "evaluations", "evaluations": 3000.0, "not_tried": ["delay"]}}
+    content = read_document(told)
+    assert content.ended.evaluations == 3000.0
+    assert "its number of evaluations was used up" in _printed(told, EMPTY)
+    assert "Not tried, or not to the end: delay." in verdicts.ended_sentence(content)

@@ -8,17 +8,15 @@ import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
-from unittest import mock
 
 import campaigns
 import numpy as np
 import pytest
 
 from phnn.check import check
-from phnn.criteria import CRITERIA
-from phnn.diagnosis.confirm import confirmed
-from phnn.diagnosis.diagnosis import Diagnosis
-from phnn.diagnosis.questions import tied_members
+from phnn.criteria import Criteria
+from phnn.diagnose.diagnosis import Diagnosis
+from phnn.diagnose.verdict import conclude
 from phnn.effects import catalogue
 from phnn.effects.kinds import LOCATIONS
 from phnn.identification.evaluate import evaluate
@@ -34,10 +32,10 @@ KEYS = {
     "next_experiment", "versions", "seed", "seconds",
 }  # fmt: skip
 # Beyond what others rely on.
-FURTHER = {"units", "kernel_residual", "rules", "criteria", "noise", "ended", "warnings"}
+FURTHER = {"units", "kernel_residual", "rules", "criteria", "noise", "ended", "warnings", "probability"}
 MISSING = {
     "effect", "status", "held_out", "location", "equivalent_to", "p_value", "statement", "equation", "passive",
-    "parameters", "share_explained", "place",
+    "parameters", "share_explained", "place", "probability",
 }  # fmt: skip
 
 CASES = {
@@ -74,9 +72,13 @@ def test_document_has_the_keys_that_others_read(case: str) -> None:
         {"rule", "applies", "numbers", "outcome"} <= set(r) <= {"rule", "applies", "numbers", "outcome", "element"}
         for r in content["rules"]
     )
-    decided = [r["outcome"] for r in content["rules"] if r["applies"]]
-    assert decided[0] == ("none" if case == "none" else "search")
-    assert ("named" in decided or "equivalent" in decided) == (content["verdict"] in ("named", "equivalent"))
+    # The first rule that applies is the last one asked, and gives the verdict.
+    assert 1 <= len(content["rules"]) <= 10
+    assert [r["applies"] for r in content["rules"][:-1]] == [False] * (len(content["rules"]) - 1)
+    assert content["rules"][-1]["outcome"] in ("", content["verdict"])
+    assert content["probability"]["none"] == round(made(case).probability["none"], 4)
+    assert all(0.001 <= p <= 1.0 for n, p in content["probability"].items() if n != "none")
+    assert content["ended"]["why"] == "nothing left" and content["ended"]["evaluations"] > 0.0
     assert content["verdict"] in ("named", "equivalent", "unknown", "none")
     assert set(content["test"]) == {"statistic", "p_value", "candidate"}
     assert set(content["remainder"]) - {"immaterial"} == {"verdict", "residual_over_noise", "p_value", "location"}
@@ -92,7 +94,8 @@ def test_document_has_the_keys_that_others_read(case: str) -> None:
         assert set(entry) - {"nearest", "description"} == MISSING
         assert ("description" in entry) == (entry["status"] == "described")
         assert ("nearest" in entry) == (entry["effect"] == "unknown")
-        assert entry["status"] in ("named", "equivalent", "described", "provisional")
+        assert entry["status"] in ("named", "equivalent", "likely", "described", "learned", "provisional")
+        assert entry["probability"] is None or 0.0 <= entry["probability"] <= 1.0
         assert entry["held_out"] is None or set(entry["held_out"]) == {"before", "after", "p_value", "rms"}
         assert entry["location"] in LOCATIONS
         assert not re.search(r"[{}]", entry["statement"])
@@ -127,34 +130,75 @@ def test_what_is_missing() -> None:
     true = campaigns.concealed("quadratic_drag")[1].parameters["c_2"]
     found = entry["parameters"]["c_2"]
     assert abs(found["value"] - true) < 4.0 * found["std"] + 0.02 * true
-    assert content["test"]["candidate"] == "quadratic_drag"
+    assert content["probability"]["quadratic_drag"] == entry["probability"] > 0.95
+    assert made("found").probability["quadratic_drag"] == pytest.approx(entry["probability"], abs=1e-4)
+    assert content["test"]["p_value"] < 1e-6
     before, after = content["fit"]["before"], content["fit"]["after"]
     assert all(after[n]["residual_over_noise"] < before[n]["residual_over_noise"] for n in after)
 
 
-def test_a_provisional_element_is_in_the_model_and_has_no_name() -> None:
+def told(found: Diagnosis, **changes: Any) -> Diagnosis:
+    """The diagnosis with other claims or another word."""
+    return replace(found, outcome=replace(found.outcome, **changes))
+
+
+@pytest.mark.parametrize("status", ["likely", "provisional"])
+def test_an_element_that_is_not_proven_is_in_the_model_and_has_no_name(status: str) -> None:
     found = made("found")
-    finding = replace(found.judgement.findings[0], provisional=True)
-    content = document(replace(found, judgement=replace(found.judgement, findings=(finding,))))
-    entry = content["missing"][0]
-    assert (entry["effect"], entry["status"], entry["nearest"]) == ("unknown", "provisional", "quadratic_drag")
+    claim = replace(found.claims[0], status=status, probability=0.72)
+    unproven = told(found, word="unknown", claims=(claim,))
+    content = document(unproven)
+    (entry,) = content["missing"]
+    assert (entry["effect"], entry["status"], entry["nearest"]) == ("unknown", status, "quadratic_drag")
     assert "nothing proves" in entry["statement"] and "c_2" in entry["parameters"]
+    assert "an element that acts like quadratic drag (72 % sure)" in sentence(unproven)
 
 
-def test_with_a_high_bar_the_same_effect_is_immaterial(tmp_path: Path) -> None:
+def test_a_class_is_told_with_its_members() -> None:
     found = made("found")
-    base, campaign = found.base, found.campaign
-    rule = CRITERIA.with_values({"material": 1e3, "real_gain": 1e3})
-    judgement, before, after = confirmed(found.judgement, base, campaign, rule, lambda _: mock.Mock())
-    assert judgement.verdict == "none" and judgement.final is base and after is before
-    content = write(replace(found, judgement=judgement, after=after), tmp_path)
-    held = document(found)["missing"][0]["held_out"]
+    claim = replace(found.claims[0], status="equivalent", alike=(catalogue()["coulomb_friction"],))
+    tied = told(found, word="equivalent", claims=(claim,))
+    (entry,) = document(tied)["missing"]
+    assert (entry["effect"], entry["equivalent_to"]) == ("quadratic_drag", ["coulomb_friction"])
+    assert sentence(tied).startswith(
+        "The model leaves out quadratic drag or coulomb friction; these recordings cannot tell which."
+    )
+
+
+def test_a_named_effect_is_told_inside_an_unknown_whole() -> None:
+    named, learned = made("found"), made("unknown").claims[0]
+    whole = told(named, word="unknown", claims=(*named.claims, learned))
+    assert sentence(whole).startswith("The model leaves out quadratic drag (more than 99 % sure). Something else is")
+    assert "a learned damper" in sentence(whole)
+
+
+def test_without_new_held_out_recordings_a_name_is_not_confirmed() -> None:
+    found = made("found")
+    outcome = conclude(found.visited, found.chosen, False, (1, 0), found.criteria)
+    assert outcome.word == "equivalent"
+    assert "the held-out samples bring nothing new to confirm it" in sentence(replace(found, outcome=outcome))
+
+
+def test_what_is_significant_and_immaterial_is_told_with_its_size(tmp_path: Path) -> None:
+    found = made("found")
+    criteria, base = Criteria().with_values({"material": 1e3}), next(m for m in found.visited.models if not m.elements)
+    outcome = conclude(found.visited, found.chosen, True, (0, 0), criteria)
+    assert outcome.word == "none" and outcome.claims == ()
+    small = replace(
+        found, outcome=outcome, criteria=criteria, chosen=base, after=found.before, location=None, gains=(),
+        proposal=None, screened=(found.screened[0], found.screened[0]),
+    )  # fmt: skip
+    content = write(small, tmp_path)
     assert content["missing"] == [] and content["location"] is None and content["fit"]["after"] == {}
-    small = content["test"]["immaterial"]
-    assert small["candidate"] == "quadratic_drag"
-    assert small["rms"] == pytest.approx(held["rms"])
+    immaterial = content["test"]["immaterial"]
+    assert immaterial["candidate"] == content["test"]["candidate"]
+    best = max(found.screened[0], key=lambda c: c.score)
+    assert immaterial["share_of_noise"] == pytest.approx((best.fall / found.base.residual.size) ** 0.5)
+    assert immaterial["rms"] == pytest.approx(
+        immaterial["share_of_noise"] * found.campaign.recordings[0].noise, rel=0.2
+    )
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert "quadratic drag is statistically significant, but explains only" in page
+    assert "is statistically significant, but explains only" in page
     assert "significant, but immaterial" in page
 
 
@@ -163,11 +207,10 @@ def test_what_has_no_name_is_in_the_model_where_it_helps(case: str, place: str) 
     found = made(case)
     content = document(found)
     assert content["verdict"] == "unknown" and content["location"]["name"] == place
-    assert len(content["missing"]) == max(1, len(found.judgement.findings))
+    assert len(content["missing"]) == len(found.claims) > 0
     for entry in content["missing"]:
-        assert entry["effect"] == "unknown"
-        assert bool(entry["parameters"]) is bool(found.judgement.findings)
-    assert bool(content["fit"]["after"]) is bool(found.judgement.findings)
+        assert entry["effect"] == "unknown" and entry["status"] in ("described", "learned") and entry["parameters"]
+    assert content["fit"]["after"] and found_better(content)
 
 
 def test_drag_that_the_catalogue_lacks_is_described_by_its_law() -> None:
@@ -196,46 +239,42 @@ def found_better(content: dict[str, Any]) -> bool:
     return all(after[n]["residual_over_noise"] < before[n]["residual_over_noise"] for n in content["fit"]["held_out"])
 
 
-def test_a_refit_that_ended_above_the_base_model_has_failed() -> None:
-    found = made("found")
-    j = found.judgement
-    base = j.linearised.fit
-    first = j.tried[0]
-    assert first.fit is not None
-    for cost, outcome in ((900.0, "the refit failed"), (0.99, "explains too little")):
-        residual = base.residual * np.sqrt(cost)
-        stuck = replace(first, fit=replace(first.fit, residual=residual))
-        shown = evidence(replace(found, judgement=replace(j, findings=(), tried=(stuck,)))).candidates
-        (row,) = [c for c in shown if c.effect == first.candidate.effect.name]
-        assert outcome in row.outcome
-        content = document(replace(found, judgement=replace(j, verdict="unknown", findings=(), tried=(stuck,))))
-        assert (content["missing"][0]["nearest"] is None) is (cost > 1.0)
+def nameless(found: Diagnosis, tied: tuple[str, ...]) -> Diagnosis:
+    """The diagnosis where no element describes the mismatch, at one place or at several."""
+    assert found.location is not None
+    base = next(m for m in found.visited.models if not m.elements)
+    where = replace(found.location, tied=tied)
+    return replace(told(found, word="unknown", claims=()), chosen=base, location=where, gains=(), proposal=None)
 
 
-def test_places_that_are_tied_have_a_proposal_or_a_reason() -> None:
+def test_where_no_element_helps_one_entry_tells_the_place_and_the_nearest_effect() -> None:
+    bare = nameless(made("found"), ())
+    (entry,) = document(bare)["missing"]
+    assert (entry["effect"], entry["status"], entry["nearest"]) == ("unknown", "provisional", "quadratic_drag")
+    assert entry["location"] == "mechanical" and entry["parameters"] == {}
+    assert "No effect or learned element describes it" in entry["statement"]
+    assert "The nearest effect is quadratic drag: it would explain" in sentence(bare)
+
+
+def test_places_that_are_tied_have_a_reason_where_nothing_is_proposed() -> None:
+    assert "two refitted models" in no_proposal(nameless(made("found"), ("sensor",)))
+
+
+def test_effects_that_are_tied_have_a_reason_where_nothing_is_proposed() -> None:
     found = made("found")
-    j = found.judgement
-    assert j.location is not None
-    nameless = replace(j, verdict="unknown", findings=(), location=replace(j.location, tied=("sensor",)))
-    bare = replace(found, judgement=nameless, proposal=None)
-    why = no_proposal(bare)
-    assert "two refitted models" in why or "differ once" in why
-    members = tied_members(nameless)
-    assert all(t.cost < j.linearised.fit.cost for t in members)
-    places = [t.candidate.effect.location for t in members]
-    assert len(set(places)) == len(places) and set(places) <= {"mechanical", "sensor"}
+    friction = catalogue()["coulomb_friction"]
+    claim = replace(found.claims[0], status="equivalent", alike=(friction,))
+    why = no_proposal(replace(told(found, word="equivalent", claims=(claim,)), proposal=None))
+    assert "differ once" in why and friction.separation in why
 
 
 def test_an_unknown_without_a_tie_is_told_what_its_recordings_lack() -> None:
     found = made("found")
-    j = found.judgement
-    assert j.location is not None
-    nameless = replace(j, verdict="unknown", findings=(), tried=(), location=replace(j.location, tied=()))
-    lacking = replace(found, judgement=nameless, proposal=None)
+    lacking = nameless(found, ())
     lacks = [a.record for a in check(found.campaign).abilities if not a.able]
     assert lacks
     assert all(record in no_proposal(lacking) for record in lacks[:3])
-    assert no_proposal(replace(lacking, judgement=replace(nameless, verdict="none"))) == ""
+    assert no_proposal(told(lacking, word="none")) == ""
 
 
 def test_nothing_is_held_against_a_noise_floor_that_was_not_found(tmp_path: Path) -> None:
@@ -261,8 +300,12 @@ def test_evidence_covers_what_was_recorded(case: str) -> None:
     assert found.verdict_sentence
     assert "nan" not in found.verdict_sentence
     assert [row.recording for row in found.ledger] == [r.name for r in made(case).base.plan.recordings]
-    every = [n for n, e in catalogue().items() if e.can_be_added_to(made(case).base.setup)]
-    assert len(found.candidates) == len(CASES[case][1:] or every)
+    assert [c.fall for c in found.candidates] == sorted((c.fall for c in found.candidates), reverse=True)
+    assert {c.effect for c in found.candidates} >= set(CASES[case][1:])
+    shares = [m.probability for m in found.models]
+    assert shares == sorted(shares, reverse=True) and sum(shares) == pytest.approx(1.0)
+    assert [m.chosen for m in found.models].count(True) == 1
+    assert "base model" in [m.elements for m in found.models]
 
 
 @pytest.mark.parametrize("case", ["none", "found"])

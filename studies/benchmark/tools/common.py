@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.diagnose.linearised import LinearisedFit, direction, prepare
-from phnn.diagnosis.starts import clamped
+from phnn.diagnose.refit import clamped
 from phnn.effects import Effect, catalogue
 from phnn.identification.fit import Fit, fit, fit_problem, variables_from
 from phnn.identification.identified import Identified, identify

@@ -1,8 +1,7 @@
 """`phnn diagnose` as a tool, with all its parts and without one of them, and the base model alone.
 
-A verdict is no probability. The constants below translate verdicts. They are rounded shares of right answers in the
-43 first cases of the benchmark of seed 26117 and in 37 cases of seeds 40117 and 40118 (with more cases of another form
-than a benchmark has), and nothing of any other seed. The calibration error of a score says how good they are.
+Names that are claimed have the probabilities that the diagnosis gives them. An unknown cause has none: the constant
+below is the rounded share of right ones in cases of other seeds than those of a benchmark.
 """
 
 from __future__ import annotations
@@ -11,8 +10,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from phnn.diagnosis.diagnosis import available, diagnose, input_measured
-from phnn.diagnosis.scored import scored
+from phnn.criteria import Criteria
+from phnn.diagnose.diagnosis import available, diagnose
+from phnn.diagnose.linearised import prepare
+from phnn.diagnose.screen import Screen
 from phnn.effects import Effect
 from phnn.errors import PhnnError
 from phnn.identification.options import Options
@@ -22,23 +23,14 @@ from phnn.report.result import document
 from studies.benchmark.bench import Answer
 from studies.benchmark.tools.common import base_of, fitted_with, predictions
 
-# Probability that a verdict is right: a single name, a class of names, something without a name, nothing.
-_NAMED, _CLASS, _UNKNOWN, _NONE = 0.97, 0.95, 0.65, 0.97
-# Of a class, that its first member, which fits best, is the true one.
-_FIRST = 0.6
+# Probability that something without a name is missing, where the verdict is that it is.
+_UNKNOWN = 0.65
 # Elements with these claim a name.
 _CLAIMING = ("named", "equivalent")
-# Held-out recordings take out nothing but what makes their error clearly larger.
-_NO_VETO = {
-    **dict.fromkeys(("material", "material_share", "named_gain", "untested_fall"), 1e-9),
-    "held_out_level": 0.999,
-}
-# Every candidate of the catalogue is refitted until it converges.
-_NO_RACE = {
-    **dict.fromkeys(("enter_large", "enter_second", "enter_last"), 1000),
-    **dict.fromkeys(("least_saving", "least_score", "explained_left"), 1e-9),
-    **dict.fromkeys(("near_moving", "near_at_rest", "incomparable_left"), 1e9),
-}
+# The model is the best one by its fit, whatever it makes of held-out recordings.
+_NO_VETO = {"material_share": 1e9}
+# Every candidate of the catalogue is refitted.
+_NO_RACE = {"near_best": 1e-9, "near_best_far": 1e-9, "refits": 1000, "score": 1e-9}
 # Probability of the name with the highest score, and that nothing is missing where no score is significant.
 _HIGHEST, _NO_SCORE = 0.6, 0.95
 
@@ -49,12 +41,12 @@ def answer(folder: Path, seed: int) -> Answer:
 
 
 def without_veto(folder: Path, seed: int) -> Answer:
-    """Diagnose; names and models stand whatever held-out recordings say, unless they become clearly worse."""
+    """Diagnose; the model stands whatever held-out recordings say."""
     return _diagnosed(folder, Options(seed=seed, workers=1, criteria=_NO_VETO))
 
 
 def without_racing(folder: Path, seed: int) -> Answer:
-    """Diagnose; no candidate is dropped before its refit has converged."""
+    """Diagnose; no candidate is dropped before its refit, however little it promises."""
     return _diagnosed(folder, Options(seed=seed, workers=1, criteria=_NO_RACE))
 
 
@@ -64,13 +56,13 @@ def without_learned(folder: Path, seed: int) -> Answer:
 
 
 def scores_only(folder: Path, seed: int) -> Answer:
-    """Name the effect with the highest score on the base model, refitted once; no local functions."""
-    base = base_of(folder, seed)
-    effects = available(base.campaign, base.fit.setup)
-    found = scored(base.fit, effects, seed, terminals=input_measured(base.campaign, base.fit.setup))
-    if not found.significant or not found.naming.candidates:
+    """Name the effect with the largest predicted fall of χ² on the base model, refitted once."""
+    base, criteria = base_of(folder, seed), Criteria()
+    linearised = prepare(base.fit)
+    candidates = Screen(linearised, available(base.campaign, base.fit.setup), criteria)(linearised)
+    best = next((c for c in candidates if c.score > criteria.score), None)
+    if best is None:
         return Answer({}, none=_NO_SCORE, predictions=predictions(base.fit, folder))
-    best = found.naming.candidates[0]
     try:
         refitted = fitted_with(base.fit, best.effect, best.values)
     except PhnnError:
@@ -93,15 +85,10 @@ def _diagnosed(folder: Path, options: Options, learned: Sequence[Effect] | None 
 
 def as_answer(content: Mapping[str, Any], predicted: Mapping[str, Any]) -> Answer:
     """Return the answer that ``diagnosis.json`` gives, with predictions of the examination."""
-    names: dict[str, float] = {}
-    for entry in content["missing"]:
-        if entry["status"] in _CLAIMING and entry["effect"] != "unknown":
-            first, *others = dict.fromkeys((entry["effect"], *entry["equivalent_to"]))
-            names[first] = _FIRST if others else _NAMED
-            for name in others:
-                names.setdefault(name, (_CLASS - _FIRST) / len(others))
-    verdict, location = content["verdict"], content["location"]
+    probability, claimed = content["probability"], [e for e in content["missing"] if e["status"] in _CLAIMING]
+    stated = [n for e in claimed for n in (e["effect"], *e["equivalent_to"]) if n != "unknown"]
+    names = {n: probability.get(n, 0.0) for n in stated}
+    none = probability["none"] if content["verdict"] == "none" else 0.0
+    location = content["location"]
     places = () if location is None else (location["name"], *location["tied"])
-    return Answer(
-        names, _NONE if verdict == "none" else 0.0, _UNKNOWN if verdict == "unknown" else 0.0, places, predicted
-    )
+    return Answer(names, none, _UNKNOWN if content["verdict"] == "unknown" and not names else 0.0, places, predicted)

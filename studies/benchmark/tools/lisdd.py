@@ -31,9 +31,9 @@ from scipy.signal import lfilter
 from scipy.stats import f as fisher
 from scipy.stats import false_discovery_control
 
+from phnn.diagnose.diagnosis import available
 from phnn.diagnose.linearised import LinearisedFit
-from phnn.diagnosis.diagnosis import available
-from phnn.diagnosis.starts import clamped
+from phnn.diagnose.refit import clamped
 from phnn.effects import Effect
 from phnn.errors import InputRefused, PhnnError
 from phnn.identification.fit import Fit, fit, unidentified

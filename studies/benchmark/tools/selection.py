@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky
 
+from phnn.diagnose.diagnosis import available
 from phnn.diagnose.linearised import LinearisedFit, prepare
-from phnn.diagnosis.diagnosis import available
 from phnn.errors import PhnnError
 from studies.benchmark.bench import Answer
 from studies.benchmark.tools.common import base_of, fitted_with, library, places_of, predictions

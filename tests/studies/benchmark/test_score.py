@@ -233,13 +233,17 @@ def test_what_no_answer_can_say_is_refused(content: dict[str, Any], words: str, 
         ("named", [("creep", "named", [])], {"creep"}),
         ("equivalent", [("creep", "equivalent", ["delay", "sensor_lag"])], {"creep"}),
         ("unknown", [("unknown", "described", [])], {"unlisted"}),
-        ("unknown", [("creep", "provisional", [])], {"unlisted"}),
+        ("unknown", [("unknown", "likely", [])], {"unlisted"}),
+        ("unknown", [("creep", "named", []), ("unknown", "learned", [])], {"creep"}),
         ("none", [], {"none"}),
     ],
 )
 def test_a_diagnosis_is_translated(verdict: str, missing: list[tuple[str, str, list[str]]], claims: set[str]) -> None:
     entries = [{"effect": e, "status": s, "equivalent_to": others} for e, s, others in missing]
-    content = {"verdict": verdict, "missing": entries, "location": {"name": "mechanical", "tied": ["hysteron"]}}
+    content = {
+        "verdict": verdict, "missing": entries, "location": {"name": "mechanical", "tied": ["hysteron"]},
+        "probability": {"creep": 0.6, "delay": 0.2, "sensor_lag": 0.1, "none": 1.0 if verdict == "none" else 0.0},
+    }  # fmt: skip
     found = as_answer(content, {})
     assert found.claims == claims
     assert found.places == ("mechanical", "hysteron")

@@ -14,7 +14,7 @@ import campaigns
 import numpy as np
 import pytest
 
-from phnn.diagnosis.tested import score_on_all
+from phnn.diagnose.diagnosis import score_on_all
 from phnn.errors import InputRefused
 from phnn.identification.base import identify_base
 from phnn.identification.fit import Fit, fit

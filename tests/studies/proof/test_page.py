@@ -11,9 +11,9 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.stats import norm
 from test_grade import BESIDE, CREEP, FEWER, NOTHING, OTHER, OTHER_CREEP, TASK, entry
 
+from phnn.diagnose.criteria import Criteria
 from studies.proof.cases import Task
 from studies.proof.grade import graded
 from studies.proof.page import Rate, confusion, counts, coverage, detection, half_point, rates, reliability
@@ -89,7 +89,7 @@ def test_half_point_is_where_half_the_hits_are(half: float, seed: int) -> None:
 
 def test_detection_of_the_limit_itself_has_ratio_one() -> None:
     rng = np.random.default_rng(0)
-    z = float(norm.isf(0.01))
+    z = Criteria().score
     outcomes = []
     for number, delta in enumerate(np.exp(rng.uniform(0.0, np.log(30.0), 3000))):
         task = Task("fast", "fast_weak", number, number, "short")

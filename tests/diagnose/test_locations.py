@@ -8,6 +8,7 @@ import campaigns
 import numpy as np
 import pytest
 
+from phnn.diagnose.criteria import Criteria
 from phnn.diagnose.linearised import direction
 from phnn.diagnose.lines import drift_share, line_share
 from phnn.diagnose.locations import (
@@ -23,11 +24,13 @@ from phnn.diagnose.locations import (
     strongest_frequencies,
     strongest_times,
 )
+from phnn.diagnose.refit import short
+from phnn.diagnose.screen import Screen
 from phnn.diagnose.words import missing_force, picture
-from phnn.diagnosis.learn import learn
 from phnn.effects import Effect, Kind, catalogue, kinds
 from phnn.effects.kinds import LOCATIONS
 from phnn.effects.learned import learned_elements
+from phnn.effects.places import attached
 from phnn.report.result import energy_ledger
 from phnn.simulate import simulate
 
@@ -141,6 +144,14 @@ def test_true_location_comes_first_or_ties(effect: str) -> None:
     assert found.scores[TRUE[effect]] > 0.5
     assert set(found.scores) <= set(LOCATIONS)
     assert all(0.0 <= s <= 1.0 for s in found.scores.values())
+
+
+def test_an_amplifier_whose_output_was_measured_explains_nothing() -> None:
+    linearised = campaigns.linearised("amplifier_saturation")
+    assert locate(linearised, campaigns.generic("amplifier_saturation")).name == "amplifier"
+    found = locate(linearised, measured=True)
+    assert found.name != "amplifier"
+    assert found.scores["amplifier"] == 0.0
 
 
 def test_where_and_when_the_residual_is() -> None:
@@ -285,11 +296,12 @@ def test_energy_is_accounted_for_to_rounding() -> None:
 @pytest.mark.parametrize(("effect", "kind"), [("quadratic_drag", kinds.DISSIPATIVE), ("creep", kinds.MEMORY)])
 def test_learned_dampers_and_memories_follow_what_is_missing(effect: str, kind: Kind) -> None:
     linearised = campaigns.linearised(effect)
-    learned = learn(linearised, kind)
+    (element, *_) = attached(learned_elements()[kind.learned], linearised.fit.setup)
+    (candidate,) = Screen(linearised, [element], Criteria())(linearised)
+    learned = short(linearised.fit, element, [candidate.values], 12)
     assert learned is not None
     assert learned.chi2 < 0.5 * linearised.fit.chi2
-    strengths = learned_elements()[kind.learned].strengths
-    assert all(learned.setup.values()[n] >= 0.0 for n in strengths)
+    assert all(learned.setup.values()[n] >= 0.0 for n in element.strengths)
 
 
 @pytest.mark.parametrize("effect", list(catalogue().values()), ids=lambda e: e.name)

@@ -13,13 +13,12 @@ import numpy as np
 import pytest
 
 from phnn.configuration import compose
-from phnn.diagnosis import diagnosis as path
-from phnn.diagnosis.diagnosis import Diagnosis, diagnose
-from phnn.diagnosis.name import Candidate
-from phnn.diagnosis.refit import refit
-from phnn.diagnosis.trial import Trial
+from phnn.diagnose import diagnosis as path
+from phnn.diagnose.criteria import Criteria
+from phnn.diagnose.diagnosis import Diagnosis, diagnose
+from phnn.diagnose.number import Visited
+from phnn.diagnose.search import _heat, begin, explore
 from phnn.effects import Scales, catalogue
-from phnn.errors import InputRefused
 from phnn.identification.fit import Fit
 from phnn.identification.options import Options
 from phnn.identification.plan import Plan
@@ -27,6 +26,7 @@ from phnn.identification.refinement import numerical_error
 from phnn.identification.staged import fit_identified
 from phnn.models.actuator import hrc
 from phnn.parallel import executor
+from phnn.recordings import Campaign
 from phnn.recordings.recording import Start
 from phnn.setup import Setup
 
@@ -44,27 +44,26 @@ def base() -> Fit:
     return fit_identified(Setup(hrc(1)), plan, HELD, max_evaluations=10)
 
 
-def candidates() -> list[Candidate]:
-    chosen = [catalogue()[n] for n in ("creep", "quadratic_drag", "cubic_stiffness")]
-    grids = [e.grid(SCALES) for e in chosen]
-    return [
-        Candidate(e, g[len(g) // 2], tuple(g[:1]), 10.0 - i, 1e-5)
-        for i, (e, g) in enumerate(zip(chosen, grids, strict=True))
-    ]
+def visited(choice: str) -> list[Visited]:
+    """Short refits of three effects, and all models of a search, whose refits are done somewhere."""
+    campaign = Campaign(base().plan.recordings, {}, {}, "command", (), True, "made up")
+    effects = [catalogue()[n] for n in ("creep", "quadratic_drag", "cubic_stiffness")]
+    search = begin(campaign, base(), effects, [], Criteria(), most=1, executor=executor(choice))
+    heat = _heat(search, search.base, search.screen(search.screen.base), True)
+    explore(search)
+    return [*heat, *search.weighed.models]
 
 
-def assert_same(found: Sequence[Trial], expected: Sequence[Trial]) -> None:
-    """The same trials to the last bit, on the same recordings."""
-    assert [t.candidate for t in found] == [t.candidate for t in expected]
+def assert_same(found: Sequence[Visited], expected: Sequence[Visited]) -> None:
+    """The same models to the last bit, on the same recordings."""
+    assert [m.elements for m in found] == [m.elements for m in expected]
     for one, other in zip(found, expected, strict=True):
-        assert (one.fit is None) == (other.fit is None)
-        if one.fit is not None and other.fit is not None:
-            assert one.fit.setup.values() == other.fit.setup.values()
-            assert one.fit.held == other.fit.held
-            assert one.fit.plan == other.fit.plan
-            for name in ("z", "covariance", "residual", "jacobian"):
-                np.testing.assert_array_equal(getattr(one.fit, name), getattr(other.fit, name))
-            assert [s.values() for s in one.fit.alternatives] == [s.values() for s in other.fit.alternatives]
+        assert one.fit.setup.values() == other.fit.setup.values()
+        assert one.fit.held == other.fit.held
+        assert one.fit.plan == other.fit.plan
+        for name in ("z", "covariance", "residual", "jacobian"):
+            np.testing.assert_array_equal(getattr(one.fit, name), getattr(other.fit, name))
+        assert (one.fitted, one.held_out, one.converged) == (other.fitted, other.held_out, other.converged)
 
 
 def test_a_fit_survives_pickling() -> None:
@@ -98,7 +97,10 @@ def test_every_effect_survives_pickling(name: str) -> None:
 
 @pytest.mark.parametrize("choice", ["threads:2", pytest.param("processes:2", marks=pytest.mark.slow)])
 def test_refits_are_the_same_wherever_they_are_done(choice: str) -> None:
-    assert_same(refit(base(), candidates(), executor(choice)), refit(base(), candidates()))
+    expected = visited("serial")
+    assert expected[0].words == "creep"
+    assert len(expected) >= 5
+    assert_same(visited(choice), expected)
 
 
 def test_the_choice_is_a_setting() -> None:
@@ -106,14 +108,6 @@ def test_the_choice_is_a_setting() -> None:
     for choice in ("processes:2", "tcp://node1:8786", "runs/scheduler.json"):
         config = compose("diagnose", [f"executor={choice}"])
         assert Options.from_config(config).executor == choice
-
-
-def test_an_unknown_choice_is_refused_before_anything_is_fitted() -> None:
-    with (
-        mock.patch.object(path, "identify_base", side_effect=AssertionError("fitted")),
-        pytest.raises(InputRefused, match="executor=fork is not known"),
-    ):
-        diagnose(mock.sentinel.campaign, Options(executor="fork"))
 
 
 @pytest.mark.slow
@@ -127,14 +121,12 @@ def test_a_diagnosis_in_processes_is_that_of_one_thread() -> None:
             return diagnose(campaigns.campaign("creep"), Options(workers=2, executor=choice), effects=effects)
 
     serial, processes = found("serial"), found("processes:2")
-    assert len(serial.judgement.tried) == len(effects)
-    assert processes.judgement.verdict == serial.judgement.verdict
-    assert_same(processes.judgement.tried, serial.judgement.tried)
-    for one, other in zip(processes.judgement.findings, serial.judgement.findings, strict=True):
-        assert_same(one.trials, other.trials)
-        assert_same(one.members, other.members)
-    assert processes.judgement.final.setup.values() == serial.judgement.final.setup.values()
-    assert processes.judgement.naming.p_value == serial.judgement.naming.p_value
+    assert len(serial.visited.models) > 2
+    assert_same(processes.visited.models, serial.visited.models)
+    assert processes.verdict == serial.verdict
+    assert processes.probability == serial.probability
+    assert processes.final.setup.values() == serial.final.setup.values()
+    assert processes.significance() == serial.significance()
     assert processes.after.table() == serial.after.table()
     assert processes.kernel_residual == serial.kernel_residual
     assert processes.proposal == serial.proposal

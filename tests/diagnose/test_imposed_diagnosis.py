@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from phnn.diagnosis.diagnosis import diagnose
+from phnn.diagnose.diagnosis import diagnose
 from phnn.identification.options import Options
 from phnn.recordings import read
 from phnn.report.missing import missing_entries
@@ -73,7 +73,7 @@ def folder(home: Path, withheld: object) -> Path:
 )
 def test_friction_that_was_withheld_is_named(tmp_path: Path, withheld: object, known: dict[str, float]) -> None:
     found = diagnose(read(folder(tmp_path, withheld)), Options(workers=1))
-    assert found.judgement.verdict == "named"
+    assert found.verdict == "named"
     (entry,) = missing_entries(found)
     assert entry["effect"] == "coulomb_friction" and entry["location"] == "mechanical" and entry["place"] == "q"
     assert found.after.over_noise("confirmation") < 1.05

@@ -11,7 +11,7 @@ from junctions import recording
 from scipy.signal import lfilter
 
 from phnn.diagnose.lines import own_score
-from phnn.diagnose.noise import Colour, force_noise, spectra_of
+from phnn.diagnose.noise import force_noise, spectra_of
 from phnn.models.actuator import hrc
 from phnn.network import small_signal
 from phnn.network.small_signal import output_gain
@@ -100,5 +100,5 @@ def test_a_drift_is_not_taken_for_the_noise_of_a_force() -> None:
     scores = []
     for size in (0.0, 1.0, 5.0):
         drifting = replace(linearised, fit=replace(linearised.fit, residual=noise + size * ramp))
-        scores.append(own_score(drifting, own, Colour(drifting), drifting.spectra)[1])
+        scores.append(own_score(drifting, own, drifting.spectra)[1])
     assert scores[0] < 3.0 < scores[1] < scores[2]

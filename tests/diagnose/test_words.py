@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from phnn.diagnose.locations import locate
+from phnn.diagnose.refit import converged, short
 from phnn.diagnose.words import character_in_words, character_of, fitted_in_words, forgetting, memory_in_words, shape_of
-from phnn.diagnosis.learn import learn, learned_setup
-from phnn.effects import kinds
+from phnn.effects.learned import learned_elements
 
 X = np.linspace(-90.0, 90.0, 241)
 
@@ -77,14 +77,17 @@ def test_what_was_fitted_at_the_location_in_words(effect: str, words: tuple[str,
 def test_springs_beyond_the_recorded_motion_stay_as_weak_as_they_begin() -> None:
     linearised = campaigns.linearised("creep")
     wide = replace(linearised, scales=replace(linearised.scales, displacement=2.0 * linearised.scales.displacement))
-    found = learn(wide, kinds.ELASTIC)
-    assert found is not None
+    element, base = learned_elements()["learned_spring"], linearised.fit
+    values = element.grid(wide.scales)[0]
+    began = short(base, element, [values], 12)
+    assert began is not None and began.cost < base.cost
+    ended = converged(began, base.plan, base.held, element.parameters)
+    assert ended is not None
     reached = max(float(np.abs(t.states[:, t.program.output]).max()) for t in linearised.trajectories)
-    begun = learned_setup(linearised.fit.setup, kinds.ELASTIC, wide.scales)
-    assert begun is not None
-    values, stops = found.setup.values(), [f"{side}{i}" for i in range(1, 5) for side in "RL"]
-    beyond = [i for i in stops if values[f"g_L{i[1]}"] > 1.01 * reached]
-    assert len(beyond) >= 4
-    assert not {f"k_{i}" for i in beyond} & set(found.variables.names)
-    assert [values[f"k_{i}"] for i in beyond] == pytest.approx([begun.values()[f"k_{i}"] for i in beyond])
-    assert any(f"k_{i}" in found.variables.names for i in stops)
+    for found in (began, ended):
+        fitted, stops = found.setup.values(), [f"{side}{i}" for i in range(1, 5) for side in "RL"]
+        beyond = [i for i in stops if fitted[f"g_L{i[1]}"] > 1.01 * reached]
+        assert len(beyond) >= 4
+        assert not {f"k_{i}" for i in beyond} & set(found.variables.names)
+        assert [fitted[f"k_{i}"] for i in beyond] == pytest.approx([values[f"k_{i}"] for i in beyond])
+        assert any(f"k_{i}" in found.variables.names for i in stops)

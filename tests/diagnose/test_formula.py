@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,10 +13,11 @@ from campaigns import recorded
 from effect_homes import BASE, SCALES
 from matplotlib.mathtext import MathTextParser
 
+from phnn.diagnose.criteria import Criteria
 from phnn.diagnose.formula import distil, refitted_formula
 from phnn.diagnose.linearised import LinearisedFit, prepare
-from phnn.diagnosis.refit import refitted_effects
-from phnn.diagnosis.strengths import started
+from phnn.diagnose.refit import started
+from phnn.diagnose.search import refits
 from phnn.effects import Effect, effect
 from phnn.effects.formulas import formulas, formulas_for
 from phnn.effects.learned import learned_elements
@@ -45,7 +49,7 @@ def learned_linearised(plant: Setup, element: Effect) -> LinearisedFit:
     """The base model with a learned element, fitted to a plant's own recordings."""
     plan, names = recordings(plant), [*NAMES, *element.strengths]
     setup = element.add_to(BASE, element.grid(SCALES)[0])
-    begun = started(setup, plan, names, element.strengths, None, 2.0)
+    begun = started(setup, plan, names, element.strengths, None)
     return prepare(fit(begun, plan, names, {"m": "held"}, 20))
 
 
@@ -113,7 +117,7 @@ def test_a_fit_of_strengths_needs_few_steps_wherever_they_begin(share: float) ->
     plan, names = recordings(damped({"F_f3": 0.3})), [*NAMES, *element.strengths]
     setup = element.add_to(BASE, element.scaled(element.grid(SCALES)[0], share))
     before = fit(setup, plan, names, {}, 1)
-    begun = started(setup, plan, names, element.strengths, None, 2.0)
+    begun = started(setup, plan, names, element.strengths, None)
     found = fit(begun, plan, names, {}, 6)
     assert np.sqrt(before.chi2) > 20.0
     assert np.sqrt(found.chi2) < 2.0
@@ -123,7 +127,7 @@ def test_a_fit_of_strengths_needs_few_steps_wherever_they_begin(share: float) ->
     values = done.setup.values()
     assert values["F_f3"] - values["F_b3"] == pytest.approx(0.3, rel=0.05)
     # At the minimum there is no better start; a fit moves strengths off their bounds by its last digits.
-    again = fit(started(done.setup, plan, names, element.strengths, None, 2.0), plan, names, {}, 1)
+    again = fit(started(done.setup, plan, names, element.strengths, None), plan, names, {}, 1)
     assert again.cost <= done.cost * (1.0 + 1e-9)
 
 
@@ -143,7 +147,8 @@ def test_a_formula_of_the_measuring_chain_is_found_in_the_place_of_a_learned_ele
     plant = formulas()[formula].add_to(BASE, values)
     final = learned_linearised(plant, element).fit
     alone = fit(BASE, final.plan, NAMES, {"m": "held"}, 20)
-    found = refitted_formula(final, alone, element, refitted_effects)
+    search: Any = SimpleNamespace(scales=prepare(alone).scales, criteria=Criteria())
+    found = refitted_formula(final, alone, element, partial(refits, search))
     assert found is not None
     assert found.as_good
     assert found.formula == pytest.approx(1.0, abs=0.1)

@@ -11,14 +11,12 @@ import made_next
 import numpy as np
 import pytest
 
+from phnn.diagnose.diagnosis import Diagnosis, diagnose
 from phnn.diagnose.linearised import LinearisedFit, prepare
 from phnn.diagnose.menu import Experiment, Stretch, menu, resonance
-from phnn.diagnose.proposal import Question, left, propose
-from phnn.diagnosis import diagnose
-from phnn.diagnosis.name import Candidate
-from phnn.diagnosis.questions import of_trials
-from phnn.diagnosis.trial import Trial
-from phnn.effects import catalogue
+from phnn.diagnose.proposal import Question, left, propose, refitted_rival
+from phnn.diagnose.refit import short
+from phnn.effects import effect
 from phnn.identification.options import Options
 from phnn.identification.plan import Plan
 from phnn.identification.staged import fit_identified
@@ -69,17 +67,21 @@ def test_the_recording_that_is_proposed_resolves_the_class(seed: int, tmp_path: 
     answer = make_case(case, tmp_path / "recordings")
     campaign = read(tmp_path / "recordings")
     first = diagnose(campaign, Options(workers=2))
-    assert first.judgement.verdict == "equivalent"
-    before = [t.candidate.effect.name for f in first.judgement.findings for t in f.members]
+    assert first.verdict == "equivalent"
+    before = alternatives(first)
     assert answer.effect in before
     assert len(before) > 1
     assert first.proposal is not None
     assert first.proposal.separation > first.proposal.needed
     made_next.add(case, answer, campaign, first.proposal.experiment)
-    second = diagnose(read(tmp_path / "recordings"), Options(workers=2)).judgement
-    after = [t.candidate.effect.name for f in second.findings for t in f.members]
-    assert after == [answer.effect]
+    second = diagnose(read(tmp_path / "recordings"), Options(workers=2))
+    assert alternatives(second) == [answer.effect]
     assert second.verdict == "named"
+
+
+def alternatives(made: Diagnosis) -> list[str]:
+    """Names of the effects of a model, and of those that may stand in their place."""
+    return [e.canonical for c in made.claims for e in (c.effect, *c.alike)]
 
 
 def test_what_old_recordings_allow_to_move_does_not_count() -> None:
@@ -127,19 +129,17 @@ def test_the_menu_stays_within_what_is_in_use_and_says_all_that_is_needed() -> N
 
 
 def test_no_class_no_proposal() -> None:
-    made = campaigns.diagnosis("quadratic_drag")
-    g, fits = made.judgement.linearised, [made.base, made.judgement.final]
-    names = ("creep", "quadratic_drag")
-    members = [
-        Trial(Candidate(catalogue()[n], {}, (), 10.0, 1e-5), f) for n, f in zip(names, fits, strict=True)
-    ]  # fmt: skip
-    found = propose([Question(of_trials(members))], g)
+    g = campaigns.linearised("quadratic_drag")
+    drag = effect("quadratic_drag")
+    fitted = short(g.fit, drag, drag.grid(g.scales)[:1], 12)
+    assert fitted is not None
+    models = (refitted_rival("creep", g.fit), refitted_rival("quadratic_drag", fitted, drag.parameters))
+    found = propose([Question(models)], g)
     assert found is not None
     assert found.recording in [e.words for e in menu(g)]
     assert found.menu[found.experiment.kind] == max(found.menu.values())
     # Drag needs speed to show itself.
     assert found.experiment.kind == "near-resonance sine"
-    assert found.separates == names
+    assert found.separates == ("creep", "quadratic_drag")
     assert propose([], g) is None
-    assert len(of_trials([members[0], Trial(members[1].candidate, None)])) == 1
-    assert propose([Question(of_trials([members[0], members[0]]))], g) is None
+    assert propose([Question((models[0], models[0]))], g) is None

@@ -1,0 +1,144 @@
+"""Moves of the search: what is left out, what takes whose place, which steps models are compared with."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import campaigns
+import pytest
+from effects_together import VALUES, lacking, together
+
+from phnn.diagnose.criteria import Criteria
+from phnn.diagnose.diagnosis import Diagnosis
+from phnn.diagnose.linearised import tie
+from phnn.diagnose.search import _drop_each, _exchange, begin, explore
+from phnn.diagnose.verdict import NAMED, NONE, PROVISIONAL, UNKNOWN, Claim, conclude
+from phnn.effects import effect
+from phnn.identification.fit import fit
+from phnn.identification.options import Options
+from phnn.identification.refinement import numerical_error
+from phnn.recordings import Campaign
+
+
+def test_an_effect_that_the_others_do_not_need_is_dropped() -> None:
+    base = lacking("quadratic_drag")
+    search, whole = together(base, "creep", "quadratic_drag")
+    _drop_each(search, whole, whole.elements)
+    best = search.best
+    assert [e.name for e in best.elements] == ["quadratic_drag"]
+    assert "k_s" not in best.fit.setup.parameters
+    assert best.fit.cost < whole.fit.cost + tie(whole.fit)
+
+
+def test_effects_that_are_needed_are_kept_each_with_the_model_without_it() -> None:
+    base = lacking("quadratic_drag", "creep")
+    search, whole = together(base, "quadratic_drag", "creep")
+    _drop_each(search, whole, whole.elements)
+    assert search.best is whole
+    assert whole.fit.chi2 == pytest.approx(1.0, abs=0.05)
+    found = conclude(search.weighed, whole, True, (2, 0), search.criteria)
+    assert found.word == NAMED
+    for claim, other in zip(found.claims, ("k_s", "c_2"), strict=True):
+        alone = claim.without
+        assert alone is not None and alone.fit.cost > 2.0 * whole.fit.cost
+        assert other in alone.fit.setup.parameters
+        assert not set(VALUES[claim.effect.name]) & set(alone.fit.setup.parameters)
+
+
+@pytest.mark.parametrize(
+    ("true", "claimed"),
+    [("sensor_lag", "amplifier_lowpass"), pytest.param("extra_hysteron", "creep", marks=pytest.mark.slow)],
+)
+def test_the_true_neighbour_takes_the_place(true: str, claimed: str) -> None:
+    search, model = together(lacking("quadratic_drag", true), "quadratic_drag", claimed, others=[true])
+    _exchange(search, model, model.elements[1])
+    best = search.best
+    assert [e.name for e in best.elements] == ["quadratic_drag", true]
+    assert best.fit.chi2 == pytest.approx(1.0, abs=0.05)
+    assert set(VALUES[true]) <= set(best.fit.setup.parameters)
+    assert not set(VALUES[claimed]) & set(best.fit.setup.parameters)
+    # Compared with the same steps.
+    assert best.fit.plan.substeps == model.fit.plan.substeps
+
+
+@pytest.mark.slow
+def test_of_a_special_case_and_the_general_one_a_search_finds_the_simpler() -> None:
+    base = lacking("quadratic_drag", "creep")
+    search = together(base, "quadratic_drag", others=["creep", "extra_hysteron"])[0]
+    search.visited = {frozenset(): search.base}
+    explore(search)
+    assert search.best.families == ("creep", "quadratic_drag")
+    assert search.best.fit.chi2 == pytest.approx(1.0, abs=0.05)
+
+
+def test_a_true_effect_keeps_its_place() -> None:
+    search, model = together(
+        lacking("quadratic_drag", "creep"), "quadratic_drag", "creep", others=["extra_hysteron", "delay"]
+    )
+    _exchange(search, model, model.elements[1])
+    assert search.best is model
+    assert len(search.visited) > 2
+
+
+def test_models_that_end_close_together_are_compared_without_numerical_error() -> None:
+    base = lacking("sensor_lag", recordings=("sine_100Hz_75V", "step_75V"), substeps=1)
+    bound = Options.error_bound_sigma
+    assert numerical_error(base).sigma > 2.0 * bound
+    search, _ = together(base, "sensor_lag", others=["amplifier_lowpass"])
+    explore(search)
+    assert [e.name for e in search.best.elements] == ["sensor_lag"]
+    assert numerical_error(search.best.fit).sigma <= bound
+    near = [m for m in search.weighed.models if m.converged and search.weighed.behind(m) < 8.0]
+    assert {tuple(m.fit.plan.substeps.items()) for m in near} == {tuple(search.plan.substeps.items())}
+
+
+def test_a_base_model_at_a_local_optimum_is_told_from_one_that_lacks_physics() -> None:
+    """Swapped and narrowed dead zones stop a descent far above the noise; an element that vanishes led out of it."""
+    good = campaigns.base()
+    wrong = good.setup.with_values({n: 0.05 * good.setup.values()[n] for n in ("d_1", "d_2")})
+    stopped = fit(wrong, good.plan, good.variables.names, good.held, max_evaluations=2)
+    assert stopped.chi2 > 2.0
+    creep = effect("creep")
+    search = begin(campaigns.campaign(), stopped, [creep], [], Criteria())
+    vanishing = replace(good, setup=creep.add_to(good.setup, {"k_s": 1e-4, "tau_s": 1e-5}))
+    model = search.visit(search.model((creep,), vanishing, done=True))
+    _drop_each(search, model, model.elements)
+    assert search.best.elements == ()
+    assert search.best.fit.chi2 == pytest.approx(good.chi2, rel=1e-2)
+    assert set(search.best.fit.setup.parameters) == set(good.setup.parameters)
+
+
+def test_a_search_without_candidates_ends_with_the_base_model() -> None:
+    base = lacking("creep")
+    campaign = Campaign(base.plan.recordings, {}, {}, "command", (), True, "made up")
+    search = begin(campaign, base, [], [], Criteria())
+    explore(search)
+    assert search.best is search.base
+    assert list(search.visited) == [frozenset()]
+
+
+def claims(status: str, *shares: tuple[str, float]) -> tuple[Claim, ...]:
+    """Elements of a model with the shares of the excess that they take."""
+    return tuple(Claim(effect(n), status, 0.5, (), None, share) for n, share in shares)
+
+
+@pytest.mark.parametrize(
+    ("word", "told", "places", "detail"),
+    [
+        (UNKNOWN, claims(PROVISIONAL, ("coulomb_friction", 0.1), ("sensor_lag", 0.8)), ("sensor",), "lag or play"),
+        (NAMED, claims(NAMED, ("coulomb_friction", 0.2), ("creep", 0.8)), ("mechanical",), "dissipative"),
+        (NAMED, claims(NAMED, ("creep", 0.8), ("sensor_lag", 0.2)), ("mechanical", "sensor"), "memory"),
+        (UNKNOWN, (), ("coupling", "thermal"), "force against voltage"),
+        (NONE, (), (), ""),
+    ],
+)
+def test_elements_say_where_the_mismatch_is_and_functions_where_there_are_none(
+    word: str, told: tuple[Claim, ...], places: tuple[str, ...], detail: str
+) -> None:
+    location = SimpleNamespace(name="coupling", tied=("thermal",), detail="force against voltage")
+    stands: Any = SimpleNamespace(verdict=word, claims=told, location=None if word == NONE else location)
+    stands.places = Diagnosis.places.func(stands)
+    assert stands.places == places
+    assert Diagnosis.detail.fget(stands) == detail  # type: ignore[attr-defined]
