@@ -31,7 +31,7 @@ class Criteria:
         "a creep of a fiftieth of the stiffness, which no forecast would show",
     )  # fmt: skip
     material_share: float = criterion(
-        0.01, "share of the error", "A change of the held-out error below it is none.",
+        0.01, "share of the error", "A smaller change of the held-out error is no change.",
         "a model that fits as before is not refused for the fourth digit of its forecast",
     )  # fmt: skip
     score: float = criterion(

@@ -1,6 +1,8 @@
-"""Log the visited models of sealed cases: ``python scripts/decides.py visit --seed 1 --cases 150 --out log.jsonl``.
+"""Study what a diagnosis decides: ``python scripts/decides.py visit --seed 1 --cases 150 --out log.jsonl``.
 
-Cases that the log holds already are not made again. ``compare LOG`` prints the table of docs/decides.md.
+``visit`` diagnoses sealed cases and logs every model that was visited; cases that the log holds already are not made
+again. ``compare LOG`` prints what different ways to weigh these models say, offline. ``page [LOG]`` writes rules,
+criteria, the picture and, of a log, the tables of the study into docs/decides.md.
 """
 
 from __future__ import annotations
@@ -15,20 +17,42 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # studies/ is not 
 
 from phnn.errors import PhnnError
 from phnn.identification.options import Options
+from studies.decides.compare import cases_in
+from studies.decides.page import markdown, plain, study, write
 from studies.decides.visit import GROUPS, groups_in_turn, visit
+
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "decides.md"
 
 
 def main() -> None:
-    """Visit cases until there are as many as asked for."""
+    """Run one of the commands."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seed", type=int, required=True)
-    parser.add_argument("--cases", type=int, default=150)
-    parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--plan", default="full")
-    parser.add_argument("--levels", type=float, nargs=2, default=(1.5, 10.0))
-    parser.add_argument("--shares", type=int, nargs=len(GROUPS), default=[1, 1, 1, 1, 6, 3, 4, 3, 1, 2, 1, 1])
-    parser.add_argument("--workers", type=int, default=1)
+    commands = parser.add_subparsers(required=True)
+    visiting = commands.add_parser("visit", help="diagnose sealed cases and log every model that was visited")
+    visiting.add_argument("--seed", type=int, required=True)
+    visiting.add_argument("--cases", type=int, default=150)
+    visiting.add_argument("--out", type=Path, required=True)
+    visiting.add_argument("--plan", default="full")
+    visiting.add_argument("--levels", type=float, nargs=2, default=(1.5, 10.0))
+    visiting.add_argument("--shares", type=int, nargs=len(GROUPS), default=[1, 1, 1, 1, 6, 3, 4, 3, 1, 2, 1, 1])
+    visiting.add_argument("--workers", type=int, default=1)
+    visiting.set_defaults(run=visit_cases)
+    comparing = commands.add_parser("compare", help="compare ways to weigh the models of a log")
+    comparing.add_argument("log", type=Path)
+    comparing.add_argument("--markdown", action="store_true", help="tables in markdown")
+    comparing.set_defaults(run=compare)
+    writing = commands.add_parser("page", help="write the tables and the picture of docs/decides.md")
+    writing.add_argument("log", type=Path, nargs="?")
+    writing.set_defaults(run=lambda given: write(PAGE, given.log))
     given = parser.parse_args()
+    try:
+        given.run(given)
+    except PhnnError as error:
+        raise SystemExit(str(error)) from error
+
+
+def visit_cases(given: argparse.Namespace) -> None:
+    """Visit cases until there are as many as asked for."""
     known = set()
     if given.out.exists():
         rows = (json.loads(line) for line in given.out.read_text(encoding="utf-8").splitlines())
@@ -46,6 +70,14 @@ def main() -> None:
             log.write(json.dumps(row) + "\n")
         said = row.get("verdict", row.get("failure"))
         print(f"{group.name} {seed}: {'+'.join(row.get('effects', [])) or 'nothing'} -> {said} {row.get('claims', '')}")
+
+
+def compare(given: argparse.Namespace) -> None:
+    """Print the tables of a log."""
+    cases, failures = cases_in(given.log)
+    print(f"{len(cases)} cases, {failures} without an answer")
+    for title, table in study(cases).items():
+        print(f"\n{title}\n\n{(markdown if given.markdown else plain)(table)}")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """The verdict: the only place that turns probabilities into a word.
 
-Two results are kept apart. The model that is written is the one that predicts best. The word says what is proven of it:
+Two results are kept apart. The model that is written is the one that predicts best. The word says how much of its
+physics is proven:
 
 | word | when |
 |---|---|
@@ -28,14 +29,14 @@ NAMED, EQUIVALENT, UNKNOWN, NONE = "named", "equivalent", "unknown", "none"
 # Status of an element beside the words of a verdict.
 LIKELY, LEARNED, PROVISIONAL = "likely", "learned", "provisional"
 # Alternatives that are still a class.
-_CLASS = 4
+CLASS = 4
 # From this probability on an element is called likely, and the base model the most probable one.
 _HALF = 0.5
 
 
 @dataclass(frozen=True)
 class Claim:
-    """One element of the model that is written, and what is said of it.
+    """One element of the model that is written, and its status.
 
     Attributes:
         effect: which.
@@ -160,7 +161,7 @@ RULES: tuple[Rule, ...] = (
         "all listed effects",
     ),
     Rule(
-        "a_class_is_proven", lambda f: f.alternatives <= _CLASS, EQUIVALENT, ("alternatives",),
+        "a_class_is_proven", lambda f: f.alternatives <= CLASS, EQUIVALENT, ("alternatives",),
         "a delay of a hundredth of a period, which a lag of the sensor explains as well",
     ),
 )  # fmt: skip

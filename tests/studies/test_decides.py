@@ -1,0 +1,249 @@
+"""The study of what decides: models of a log are weighed as the product weighs them, and held against the truth."""
+
+from __future__ import annotations
+
+import json
+import math
+import runpy
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from phnn.criteria import Criteria
+from phnn.diagnose.number import Misfit, Visited, log_weight, tolerated, weigh
+from phnn.effects import Effect, effect
+from phnn.effects.learned import learned_elements
+from phnn.errors import InputRefused
+from studies.decides import page
+from studies.decides.compare import (
+    HALF,
+    WAYS,
+    Answer,
+    Case,
+    answered,
+    by_rules,
+    calibration_error,
+    cases_in,
+    log_score,
+    logged_answer,
+    numbered,
+    tolerance,
+)  # fmt: skip
+from studies.decides.visit import _model
+
+ROOT = Path(__file__).resolve().parents[2]
+CRITERIA = Criteria()
+SAMPLES = 2000
+SPRING, RELAXATION = learned_elements()["learned_spring"], learned_elements()["learned_relaxation"]
+CREEP, DELAY, HYSTERON = effect("creep"), effect("delay"), effect("extra_hysteron")
+
+
+def visited(*elements: Effect, left: tuple[float, float, float] = (1.0, 1.0, 1.0), nuisances: int = 0) -> Visited:
+    """A model that leaves some mean squares of two fitted recordings and a held-out one."""
+    parameters = {n: SimpleNamespace(fixed=n == "tau_s") for e in elements for n in e.parameters}
+    fit: Any = SimpleNamespace(setup=SimpleNamespace(parameters=parameters))
+    misfits = {f"r{i}": Misfit(v * SAMPLES, SAMPLES) for i, v in enumerate(left)}
+    return Visited(elements, fit, {n: misfits[n] for n in ("r0", "r1")}, {"r2": misfits["r2"]}, nuisances, True)
+
+
+BASE = visited(left=(9.0, 4.0, 5.0))
+
+
+def row(*models: Visited, group: str = "listed", effects: tuple[str, ...] = (), **changes: Any) -> dict[str, Any]:
+    """A row of the log as `visit` writes it."""
+    return {
+        "group": group, "seed": 1, "effects": list(effects), "withheld": [], "form": "canonical", "verdict": "unknown",
+        "probability": weigh(models, CRITERIA).probability, "claims": [], "ended": "nothing left",
+        "facts": {"promising": 3.0, "remaining": 0.0}, "models": [_model(m) for m in models],
+    } | changes  # fmt: skip
+
+
+def case(*models: Visited, **changes: Any) -> Case:
+    """A case that was logged and read again."""
+    return Case(json.loads(json.dumps(row(*models, **changes))))
+
+
+MODELS = (
+    BASE, visited(CREEP, left=(1.1, 1.0, 1.0)), visited(DELAY, left=(1.3, 1.2, 1.1), nuisances=4),
+    visited(RELAXATION), visited(CREEP, SPRING), visited(HYSTERON, left=(3.0, 2.0, 2.0)),
+)  # fmt: skip
+
+
+def test_a_logged_model_has_the_number_of_the_model_that_was_visited() -> None:
+    again = case(*MODELS).models
+    rho = tolerated(MODELS, CRITERIA)
+    for before, after in zip(MODELS, again, strict=True):
+        assert (after.key, after.families, after.left) == (before.key, before.families, before.left)
+        assert log_weight(after, rho, CRITERIA) == log_weight(before, rho, CRITERIA)
+    assert tolerance(again, CRITERIA, HALF) == rho
+    own = numbered(again, rho)
+    assert own.logs == pytest.approx(weigh(MODELS, CRITERIA).logs)
+    assert own.probability == weigh(MODELS, CRITERIA).probability
+
+
+def test_ways_differ_by_what_their_names_say() -> None:
+    models = [visited(left=(1.5, 1.0, 1.2)), visited(DELAY)]
+    odds = {name: float(abs(np.diff(way(models).logs)[0])) for name, way in WAYS.items()}
+    k = len(DELAY.parameters)
+    floor = SAMPLES / (1.0 + SAMPLES * 0.005)
+    together = 3 * SAMPLES / (1.0 + 3 * SAMPLES * 0.005)
+    wanted = {
+        "BIC on all samples": 0.5 * SAMPLES * 0.7 - 0.5 * k * math.log(3 * SAMPLES),
+        "coarsened over all recordings together": 0.5 * together * 0.7 / 3 - 0.5 * k * math.log(together),
+        "coarsened by recording, floor alone": 0.5 * floor * 0.7 - 0.5 * k * math.log(3 * floor),
+        "**coarsened by recording, with misfit**": 0.5 * floor * 0.7 - 0.5 * k * math.log(3 * floor),
+        "the same on identification recordings": 0.5 * floor * 0.5 - 0.5 * k * math.log(2 * floor),
+        "the same with unknown variance": 0.5 * floor * math.log(1.5 * 1.2) - 0.5 * k * math.log(3 * floor),
+    }
+    for name, value in wanted.items():
+        assert odds[name] == pytest.approx(value - CRITERIA.price_effect, abs=1e-6), name
+
+
+def answer(*alternatives: tuple[tuple[str, ...], float], word: str = "unknown", **claims: str) -> Answer:
+    """An answer with alternatives; claims by their status."""
+    probability: dict[str, float] = {}
+    for names, p in alternatives:
+        for n in names or ("none",):
+            probability[n] = probability.get(n, 0.0) + p
+    return Answer(list(alternatives), probability, word, tuple((s, (n,)) for n, s in claims.items()))
+
+
+@pytest.mark.parametrize(
+    ("changes", "alternatives", "right"),
+    [
+        ({"group": "none"}, [((), 0.7), (("creep",), 0.3)], 0.7),
+        ({"effects": ("creep",)}, [(("creep",), 0.6), (("creep", "learned_spring"), 0.4)], 0.6),
+        (
+            {"effects": ("creep",), "form": "log_creep", "group": "listed, another form"},
+            [(("creep",), 0.6), (("creep", "learned_spring"), 0.4)], 1.0,
+        ),
+        (
+            {"effects": ("delay",), "group": "listed, with a background"},
+            [(("creep", "delay"), 0.6), (("creep",), 0.3), (("delay", "sensor_lag"), 0.1)], 0.6,
+        ),
+        (
+            {"effects": ("delay",), "group": "listed, base of plays"},
+            [(("delay", "extra_hysteron"), 0.5), (("delay", "learned_spring"), 0.2), (("creep", "delay"), 0.3)], 0.7,
+        ),
+        ({"effects": ("regime_damper",), "form": "unlisted"}, [(("creep",), 0.4), (("delay",), 0.6)], 0.4),
+        ({"effects": ("creep",), "withheld": ["creep"]}, [(("learned_spring",), 1.0)], 1.0),
+        ({"effects": ("creep",), "withheld": ["creep"]}, [((), 0.9), (("delay",), 0.1)], 0.1),
+    ],
+)  # fmt: skip
+def test_the_probability_of_being_right(changes: dict[str, Any], alternatives: Any, right: float) -> None:
+    assert case(*MODELS, **changes).right(answer(*alternatives)) == pytest.approx(right)
+
+
+@pytest.mark.parametrize(
+    ("changes", "given", "outcome"),
+    [
+        ({"group": "none"}, answer(word="none"), "right"),
+        ({"group": "none"}, answer(word="unknown"), "open"),
+        ({"group": "none"}, answer(word="named", creep="named"), "wrong"),
+        ({"effects": ("creep",)}, answer(word="none"), "missed"),
+        ({"effects": ("creep",)}, answer(word="named", creep="named"), "right"),
+        ({"effects": ("creep", "delay")}, answer(word="named", creep="named"), "partly"),
+        ({"effects": ("creep",)}, answer(word="named", creep="named", delay="named"), "wrong"),
+        ({"effects": ("creep",), "withheld": ["creep"]}, answer(word="unknown"), "right"),
+        ({"effects": ("creep",), "withheld": ["creep"]}, answer(word="named", delay="named"), "wrong"),
+    ],
+)
+def test_the_outcome_of_a_verdict(changes: dict[str, Any], given: Answer, outcome: str) -> None:
+    assert case(*MODELS, **changes).outcome(given) == outcome
+
+
+def test_a_class_is_right_with_the_truth_in_it() -> None:
+    stated = answer((("delay",), 0.6), (("creep",), 0.37), (("sensor_lag",), 0.03))
+    assert case(*MODELS, effects=("creep",)).in_class(stated)
+    assert not case(*MODELS, effects=("sensor_lag",)).in_class(stated)
+    many = answer(*(((f"e{i}",), 0.2) for i in range(5)))
+    assert not case(*MODELS, effects=("e0",)).in_class(many)
+
+
+def test_statements_leave_out_learned_elements_and_what_acts_beside() -> None:
+    stated = answer((("creep", "delay"), 0.6), (("learned_spring",), 0.395), ((), 0.005))
+    own = case(*MODELS, effects=("delay",), group="listed, with a background").statements(stated)
+    assert own == [(0.6, True)]
+
+
+def test_calibration_error_and_log_score_by_hand() -> None:
+    assert calibration_error([(0.9, True), (0.9, False), (0.2, False), (0.2, False)]) == pytest.approx(0.3)
+    assert calibration_error([(1.0, True), (0.0, False)]) == 0.0
+    own = case(*MODELS, effects=("creep",))
+    assert log_score(own, answer((("creep",), 0.5))) == pytest.approx(math.log(0.5))
+    assert log_score(own, answer((("delay",), 1.0))) == pytest.approx(math.log(1e-3))
+
+
+def test_the_verdict_is_made_anew_by_the_rules_of_the_product() -> None:
+    own = case(*MODELS[:2], effects=("creep",))
+    assert answered(own, weigh(own.models, CRITERIA)).word == "named"
+    nothing = case(visited(), visited(CREEP), group="none")
+    assert answered(nothing, weigh(nothing.models, CRITERIA)).word == "none"
+    early = case(*MODELS[:2], effects=("creep",), ended="seconds")
+    assert answered(early, weigh(early.models, CRITERIA)).word == "unknown"
+
+
+def test_rules_alone_ask_for_a_lower_held_out_error_and_for_the_noise() -> None:
+    assert by_rules(case(*MODELS[:2], effects=("creep",))).word == "named"
+    assert by_rules(case(BASE, visited(CREEP, left=(1.0, 1.0, 5.0)))).word == "unknown"
+    assert by_rules(case(BASE, visited(CREEP, left=(3.0, 3.0, 1.0)))).word == "unknown"
+    assert by_rules(case(visited(), visited(CREEP))).word == "none"
+
+
+def test_proven_elements_of_an_unknown_whole_are_counted() -> None:
+    claims = [
+        {"effect": "creep", "status": "likely", "probability": 0.99, "alike": []},
+        {"effect": "delay", "status": "likely", "probability": 0.97, "alike": []},
+        {"effect": "learned_spring", "status": "learned", "probability": 1.0, "alike": []},
+    ]
+    _, rows = page.inside_unknown([case(*MODELS, effects=("creep",), claims=claims)])
+    assert rows == [["all", "2", "1", "0", "1"], ["listed", "2", "1", "0", "1"]]
+
+
+def test_each_half_of_the_cases_is_judged_by_values_of_the_other_one() -> None:
+    # A small gain that is real: the lower price is right.
+    weak = [visited(left=(1.05, 1.0, 1.0)), visited(CREEP)]
+    cases = [case(*weak, effects=("creep",), seed=s) for s in range(4)]
+    low, default = page.Setting(price_effect=1.0), page.Setting()
+    _, rows = page.halves(cases, [low, default])
+    assert [r[1] for r in rows] == [low.words] * 3
+    gain = log_score(cases[0], low.answer(cases[0])) - log_score(cases[0], default.answer(cases[0]))
+    assert gain > 0.0
+    assert rows[-1][4] == f"gain {gain:+.3f} ({gain:+.3f} to {gain:+.3f})"
+
+
+def test_the_command_prints_all_tables(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rows = [row(*MODELS, effects=("creep",)), row(visited(), visited(CREEP), group="none", seed=2, verdict="none")]
+    failed = {"group": "pair", "seed": 3, "failure": "no"}
+    log = tmp_path / "log.jsonl"
+    log.write_text("".join(json.dumps(r) + "\n" for r in [*rows, failed]), encoding="utf-8")
+    assert logged_answer(cases_in(log)[0][1]).word == "none"
+    monkeypatch.setattr(page, "SETTINGS", (page.Setting(),))
+    monkeypatch.setattr(sys, "argv", ["decides.py", "compare", str(log), "--markdown"])
+    runpy.run_path(str(ROOT / "scripts" / "decides.py"), run_name="__main__")
+    printed = capsys.readouterr().out
+    assert printed.startswith("2 cases, 1 without an answer")
+    assert all(f"| {name} | " in printed for name in WAYS)
+
+
+def test_a_log_without_a_case_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputRefused, match=r"no case in it: write one"):
+        cases_in(tmp_path / "log.jsonl")
+
+
+@pytest.mark.parametrize("table", [page.rules(), page.criteria()])
+def test_the_page_states_rules_and_criteria_as_they_are(table: page.Table) -> None:
+    text = (ROOT / "docs" / "decides.md").read_text(encoding="utf-8")
+    assert page.markdown(table) in text, "python scripts/decides.py page writes them anew"
+
+
+def test_the_picture_is_the_same_every_time(tmp_path: Path) -> None:
+    page.draw(tmp_path / "one.svg")
+    page.draw(tmp_path / "two.svg")
+    assert (tmp_path / "one.svg").read_bytes() == (tmp_path / "two.svg").read_bytes()
