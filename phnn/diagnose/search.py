@@ -45,6 +45,8 @@ _RACE, _FINISH = 2.0, 1.5
 _LEVEL = 0.02
 # Trials that enter the race, and learned elements that have a heat.
 _RACERS, _LEARNED = 5, 3
+# How often the search goes on from what was settled at its end.
+_SETTLED = 2
 # Differences of χ² of one optimum: fitted twice, and with coarse and full sub-steps.
 _SAME, _COARSE = 3.0, 100.0
 # Nats behind the best at which a model is no longer grown, carried to its end, or refitted with finer steps.
@@ -148,7 +150,16 @@ def begin(
 
 
 def explore(search: Search) -> None:
-    """Grow models until the best one has nothing material left to add, or the budget is used up."""
+    """Grow models until the best one has nothing material left to add, or the budget is used up; then settle what a
+    verdict compares, and go on where that has brought up a better model."""
+    for _ in range(_SETTLED):
+        _grow_all(search)
+        _settle(search)
+        if _next(search) is None:
+            break
+
+
+def _grow_all(search: Search) -> None:
     while (model := _next(search)) is not None:
         search.grown.add(model.key)
         part = f"what to add to {model.words}"
@@ -156,10 +167,8 @@ def explore(search: Search) -> None:
             break
         search.progress(f"look for {part}")
         move(part, partial(_grow, search, model), None)
-        best = search.best
-        used = f"{100.0 * spent():.0f} % of the budget"
+        best, used = search.best, f"{100.0 * spent():.0f} % of the budget"
         search.progress(f"best so far: {best.words}, {best.left**0.5:.3g} × noise ({used})")
-    _settle(search)
 
 
 def _next(search: Search) -> Visited | None:
@@ -412,19 +421,22 @@ def _settle(search: Search) -> None:
     best = search.best
     move("the best model without each element", partial(_drop_each, search, best, best.elements), None)
     for element in best.elements:
-        if not is_learned(element):
-            move(f"what may be taken for {element.name}", partial(_exchange, search, best, element), None)
+        move(f"what may be taken for {element.name}", partial(_exchange, search, best, element), None)
 
 
 def _exchange(search: Search, best: Visited, element: Effect) -> None:
     """Fit the best model with each neighbour of one of its elements in the place of it.
 
-    A neighbour that a search has fitted already goes on from there, unless it has ended.
+    Neighbours of a learned element are the laws of which it may be one. What the search has fitted already goes on from
+    there, unless it has ended.
     """
     rest = tuple(e for e in best.elements if e is not element)
     if any(set(element.parameters) & set(e.after) for e in rest):
         return
-    todo = [e for e in search.effects if e.is_neighbour_of(element) and not e.after]
+    alike = [
+        e for e in search.effects if e.is_neighbour_of(element) or (is_learned(element) and e.kind == element.kind)
+    ]
+    todo = [e for e in alike if not e.after]
     known = {e: m for e in todo if (m := search.visited.get(key_of((*rest, e)))) is not None}
     begun = [known[e] for e in known if not known[e].converged]
     ended = {family(e) for e in known}

@@ -242,7 +242,7 @@ def conclude(
         if applies:
             word = rule.word
             break
-    told = () if word == NONE else tuple(_with_status(c, word, model, criteria) for c in claims)
+    told = () if word == NONE else tuple(_with_status(c, word, new, model, criteria) for c in claims)
     return Verdict(word, probability, told, tuple(asked))
 
 
@@ -286,13 +286,13 @@ def _falls(claim: Claim, model: Visited, criteria: Criteria) -> bool:
     return model.left_held_out < claim.without.left_held_out
 
 
-def _with_status(claim: Claim, word: str, model: Visited, criteria: Criteria) -> Claim:
+def _with_status(claim: Claim, word: str, new: bool, model: Visited, criteria: Criteria) -> Claim:
     """Return a claim with its status: inside an unknown whole an element is likely at most."""
     proven = claim.probability >= criteria.proven and _falls(claim, model, criteria)
     if claim.learned:
         status = LEARNED
     elif word in (NAMED, EQUIVALENT):
-        status = NAMED if proven and (word == NAMED or not claim.alike) else word
+        status = NAMED if proven and (word == NAMED or (new and not claim.alike)) else word
     else:
         status = LIKELY if claim.probability >= _HALF else PROVISIONAL
     return Claim(claim.effect, status, claim.probability, claim.alike, claim.without, claim.share)

@@ -20,6 +20,7 @@ from phnn.diagnose.locations import (
     strongest_frequencies,
     strongest_times,
 )
+from phnn.diagnose.screen import chance
 from phnn.diagnose.symptoms import recording_residuals, symptoms
 from phnn.diagnose.verdict import NONE, UNKNOWN
 from phnn.diagnose.words import Picture, is_effort, learned_picture, missing_force, picture
@@ -154,8 +155,13 @@ def _fit(diagnosis: Diagnosis) -> dict[str, Any]:
 
 
 def _test(diagnosis: Diagnosis) -> dict[str, Any]:
-    """Return the largest score in the residual of the base model; what is significant and immaterial has its size."""
+    """Return the score of the first element of the model in the residual of the base model, else the largest one; what
+    is significant and immaterial has its size."""
     statistic, p_value, name = diagnosis.significance()
+    screened = diagnosis.screened[0]
+    first = next((c for c in screened if any(c.effect == claim.effect for claim in diagnosis.claims[:1])), None)
+    if first is not None:
+        statistic, p_value, name = first.score, chance(first.score, screened), first.effect.canonical
     small = immaterial(diagnosis)
     test = {"statistic": statistic, "p_value": p_value, "candidate": name or None}
     return test if small is None else test | {"immaterial": asdict(small)}
