@@ -226,7 +226,7 @@ def diagnose(
         progress(f"base model: {base.chi2**0.5:.3g} × noise; look for what it misses")
         allow(chosen.evaluations, max(base.plan.size, _LEAST_STEPS))
         search = begin(campaign, base, named, nameless, criteria, progress, max(1, chosen.max_effects), workers)
-        explore(search)
+        move("search", partial(explore, search), None)
         early = account.ended().early
         diagnosis = _concluded(search, error, chosen, early)
     return replace(diagnosis, seconds=time.monotonic() - began, ended=account.ended(budget))

@@ -1,6 +1,6 @@
 """The number of a model: how probable it is among all models that a search has fitted.
 
-Over all recordings ``r``, fitted and held out alike, with χ²_r on n_r samples,
+Over all recordings ``r`` that were fitted, with χ²_r on n_r samples,
 
     log w(M) = −½ Σ_r w_r χ²_r / n_r − Σ_e (½ k_e log Σ_r w_r + c_e),        w_r = n_r / (1 + n_r ρ_r)
 
@@ -12,6 +12,9 @@ of its own by it; the price ``½ k log n`` is Schwarz's (1978), ``c_e`` the odds
 
 A model that is far from all recordings makes nothing certain, because ρ is large then. The probability of an effect is
 the share of all models that hold it, in any form and at any place.
+
+Held-out recordings are no part of the number. They are a guard: a model that predicts them worse than the base model
+is not written (`best_to_write`), and an element with which their error does not fall has no name.
 """
 
 from __future__ import annotations
@@ -48,7 +51,7 @@ class Visited:
         elements: what it has beyond the base model, in the order in which it was added.
         fit: to the identification recordings.
         fitted, held_out: what it leaves, by recording.
-        nuisances: number of terms that its elements give each recording of its own, over all recordings.
+        nuisances: number of terms that its elements give each fitted recording of its own, over all of them.
         converged: the fit was carried to its end, with the sub-steps of the search.
     """
 
@@ -84,12 +87,6 @@ class Visited:
         """The same on held-out recordings; NaN where there are none."""
         return mean_square(self.held_out.values())
 
-    @property
-    def misfits(self) -> dict[tuple[str, str], Misfit]:
-        """What it leaves, by use and recording."""
-        both = {"identification": self.fitted, "confirmation": self.held_out}
-        return {(use, name): m for use, each in both.items() for name, m in each.items()}
-
     def parameters_of(self, element: Effect) -> int:
         """How many free parameters an element has in this model."""
         parameters = self.fit.setup.parameters
@@ -109,8 +106,8 @@ def key_of(elements: Iterable[Effect]) -> Key:
 
 
 def uid(effect: Effect) -> str:
-    """Return the name of an effect with the number of its parameters, which tells its forms apart."""
-    return f"{effect.name}/{len(effect.parameters)}"
+    """Return a name of an effect that tells its forms apart, by their laws."""
+    return f"{effect.name}: {effect.equation}"
 
 
 def family(effect: Effect) -> str:
@@ -123,18 +120,18 @@ def is_learned(effect: Effect) -> bool:
     return effect.name.startswith("learned_") and not effect.several_of
 
 
-def tolerated(models: Sequence[Visited], criteria: Criteria) -> dict[tuple[str, str], float]:
-    """Return ρ by use and recording: half of what the best model leaves beyond the noise, and at least the floor."""
+def tolerated(models: Sequence[Visited], criteria: Criteria) -> dict[str, float]:
+    """Return ρ by recording: half of what the best model leaves beyond the noise, and at least the floor."""
     floor = 0.5 * criteria.material**2
     best = max(models, key=lambda m: log_weight(m, {}, criteria))
-    return {r: max(floor, 0.5 * (m.chi2 / m.samples - criteria.slack)) for r, m in best.misfits.items()}
+    return {r: max(floor, 0.5 * (m.chi2 / m.samples - criteria.slack)) for r, m in best.fitted.items()}
 
 
-def log_weight(model: Visited, rho: Mapping[tuple[str, str], float], criteria: Criteria) -> float:
+def log_weight(model: Visited, rho: Mapping[str, float], criteria: Criteria) -> float:
     """Return log w of a model, up to a constant; recordings without a ρ have the floor."""
     floor = 0.5 * criteria.material**2
-    counts = {r: m.samples / (1.0 + m.samples * rho.get(r, floor)) for r, m in model.misfits.items()}
-    likelihood = sum(counts[r] * m.chi2 / m.samples for r, m in model.misfits.items())
+    counts = {r: m.samples / (1.0 + m.samples * rho.get(r, floor)) for r, m in model.fitted.items()}
+    likelihood = sum(counts[r] * m.chi2 / m.samples for r, m in model.fitted.items())
     per_parameter = 0.5 * float(np.log(max(sum(counts.values()), 2.0)))
     free = sum(model.parameters_of(e) for e in model.elements) + model.nuisances
     learned = sum(is_learned(e) for e in model.elements)

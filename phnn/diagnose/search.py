@@ -110,7 +110,7 @@ class Search:
     def model(self, elements: Sequence[Effect], fitted: Fit, done: bool = False) -> Visited:
         """A model of a fit, with what it leaves."""
         seen, unseen = self.left_of(fitted)
-        base, recordings = self.base.fit.setup.own, self.campaign.recordings
+        base, recordings = self.base.fit.setup.own, fitted.plan.recordings
         terms = sum(own_size(r, fitted.setup.own) - own_size(r, base) for r in recordings)
         return Visited(tuple(elements), fitted, seen, unseen, terms, done)
 
@@ -216,7 +216,7 @@ def _grow(search: Search, model: Visited) -> None:
     if not trials:
         return
     raced = _race(search, trials)
-    for trial in trials[_RACERS:]:
+    for trial in trials:
         search.visit(trial)
     raced = sorted([search.visit(t) for t in raced], key=lambda t: t.fit.cost)
     if model.elements and search.weighed.behind(raced[0]) < search.weighed.behind(model):

@@ -79,7 +79,8 @@ class Facts:
         none: probability that nothing is missing.
         certain: probability of the least certain element of the most probable model.
         alternatives: how many sets of effects together have the probability `Criteria.proven`.
-        left: mean square of the residual over that of the noise; base_left: of the base model.
+        left: mean square of the residual over that of the noise, the larger one of fitted and held-out recordings;
+            base_left: of the base model, on fitted ones.
         falls: whether the held-out error falls with every element.
         new: whether held-out recordings bring an amplitude or a frequency that the others lack.
         promising: candidates that promised a material gain to the base model; remaining: that still promise one to the
@@ -122,7 +123,8 @@ class Rule:
 
 RULES: tuple[Rule, ...] = (
     Rule(
-        "nothing_promises", lambda f: not f.promising and not f.early, NONE, ("promising", "base_left"),
+        "nothing_promises",
+        lambda f: not f.promising and not f.early and f.base_left <= f.criteria.far**2, NONE, ("promising", "base_left"),
         "process noise of a tenth of the drive raises the residual above the floor, and no candidate explains it",
     ),
     Rule(
@@ -225,7 +227,7 @@ def conclude(
         none=probability["none"],
         certain=min((c.probability for c in claims), default=0.0),
         alternatives=len(proven),
-        left=model.left,
+        left=max(model.left, model.left_held_out if model.held_out else 0.0),
         base_left=base.left,
         falls=all(_falls(c, model, criteria) for c in claims),
         new=new,
@@ -261,7 +263,8 @@ def _claim(effect: Effect, model: Visited, weighed: Weighed, proven: Sequence[tu
     own = family(effect)
     rest = tuple(e for e in model.elements if e is not effect)
     without = next((m for m in weighed.models if m.key == key_of(rest)), None)
-    others = {f for families in proven if own not in families for f in families} - set(model.families)
+    rest_families = set(model.families) - {own}
+    others = {f for families in proven for f in families if set(families) - {f} == rest_families} - {own}
     holders = [e for m in weighed.models for e in m.elements if family(e) in others and not is_learned(e)]
     alike = {family(e): e for e in reversed(holders)}
     ranked = sorted(alike, key=lambda n: -weighed.probability[n])
