@@ -1,6 +1,7 @@
 """The verdict: the only place that turns probabilities into a word.
 
-Two results are kept apart. The model that is written is the one that predicts best. The word says how much of its physics is proven:
+Two results are kept apart. The model that is written is the one that predicts best. The word says how much of its
+physics is proven:
 
 | word | when |
 |---|---|
