@@ -119,6 +119,17 @@ class Case:
             )
         return sum(p for families, p in answer.alternatives if self.counted(families) == self.truth)
 
+    @property
+    def visited(self) -> bool:
+        """Whether the search fitted a right model: without it no way to weigh models can be right."""
+        return any(not self.is_wrong_model(m.families) for m in self.models)
+
+    def is_wrong_model(self, families: Sequence[str]) -> bool:
+        """Whether a model is no right answer; outside the catalogue one that is all learned is right."""
+        if self.outside:
+            return not families or any(self.is_wrong(f) for f in families)
+        return self.counted(families) != self.truth
+
     def in_class(self, answer: Answer) -> bool:
         """Whether a few alternatives together are proven, and the right one is among them."""
         enough = np.cumsum([p for _, p in answer.alternatives[:CLASS]])

@@ -144,14 +144,25 @@ def _row(name: str, cases: Sequence[Case], answers: Sequence[Answer], probable: 
 
 def by_group(cases: Sequence[Case]) -> Table:
     """Return what the product said of every group of cases."""
-    head = ["concealed", "cases", "right", "partly", "no name", "wrong name", "`none`", "mean P(right)"]
+    head = [
+        "concealed",
+        "cases",
+        "right model visited",
+        "right",
+        "partly",
+        "no name",
+        "wrong name",
+        "`none`",
+        "mean P(right)",
+    ]
     rows = []
     for group in dict.fromkeys(c.row["group"] for c in cases):
         own = [c for c in cases if c.row["group"] == group]
         said = Counter(c.outcome(logged_answer(c)) for c in own)
         mean = np.mean([c.right(logged_answer(c)) for c in own])
         counts = [said[o] for o in (RIGHT, PARTLY, OPEN, WRONG, MISSED)]
-        rows.append([group, f"{len(own)}", *(f"{n}" for n in counts), f"{mean:.2f}"])
+        counts = [len(own), sum(c.visited for c in own), *counts]
+        rows.append([group, *(f"{n}" for n in counts), f"{mean:.2f}"])
     return head, rows
 
 

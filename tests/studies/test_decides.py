@@ -156,6 +156,21 @@ def test_the_outcome_of_a_verdict(changes: dict[str, Any], given: Answer, outcom
     assert case(*MODELS, **changes).outcome(given) == outcome
 
 
+@pytest.mark.parametrize(
+    ("changes", "fitted"),
+    [
+        ({"effects": ("creep",)}, True),
+        ({"effects": ("creep", "delay"), "group": "pair"}, False),
+        ({"effects": ("creep",), "group": "listed, another form", "form": "log_creep"}, True),
+        ({"effects": ("regime_damper",), "form": "unlisted"}, False),
+    ],
+)
+def test_a_right_model_that_was_never_fitted_is_told(changes: dict[str, Any], fitted: bool) -> None:
+    own = case(BASE, visited(CREEP), visited(CREEP, SPRING), **changes)
+    assert own.visited is fitted
+    assert case(BASE, visited(SPRING), effects=("regime_damper",), form="unlisted").visited
+
+
 def test_a_class_is_right_with_the_truth_in_it() -> None:
     stated = answer((("delay",), 0.6), (("creep",), 0.37), (("sensor_lag",), 0.03))
     assert case(*MODELS, effects=("creep",)).in_class(stated)
