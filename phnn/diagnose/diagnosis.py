@@ -34,7 +34,7 @@ from phnn.integrate.residual import check
 from phnn.model import Model
 from phnn.parallel import executor
 from phnn.recordings.recording import Campaign
-from phnn.rescue import Ended, accounted, allow, attempt, deadline, extra, needed
+from phnn.rescue import Account, Ended, accounted, allow, attempt, deadline, extra, move, needed
 from phnn.setup import Setup
 
 # Largest numerical error of the base model over the norm of what it leaves beyond the noise: the steps of a model that
@@ -227,8 +227,7 @@ def diagnose(
         allow(chosen.evaluations, max(base.plan.size, _LEAST_STEPS))
         search = begin(campaign, base, named, nameless, criteria, progress, max(1, chosen.max_effects), workers)
         move("search", partial(explore, search), None)
-        early = account.ended().early
-        diagnosis = _concluded(search, error, chosen, early)
+        diagnosis = _concluded(search, error, chosen, account)
     return replace(diagnosis, seconds=time.monotonic() - began, ended=account.ended(budget))
 
 
@@ -243,7 +242,7 @@ def _base(
     return campaign, *identify_base(campaign, options, progress, _NUMERICAL)
 
 
-def _concluded(search: Search, error: NumericalError, options: Options, early: bool) -> Diagnosis:
+def _concluded(search: Search, error: NumericalError, options: Options, account: Account) -> Diagnosis:
     """The diagnosis of a search that has ended."""
     campaign, criteria = search.campaign, search.criteria
     weighed = search.weighed
@@ -254,7 +253,7 @@ def _concluded(search: Search, error: NumericalError, options: Options, early: b
         sum(material(c, base.fit, criteria) for c in screened),
         sum(material(c, model.fit, criteria) for c in left),
     )
-    outcome = conclude(weighed, model, campaign.held_out_is_new, promising, criteria, early)
+    outcome = conclude(weighed, model, campaign.held_out_is_new, promising, criteria, account.ended().early)
     if outcome.word == NONE and model.elements and not outcome.claims:
         model = base
     search.progress(f"verdict {outcome.word}")
@@ -295,8 +294,9 @@ def _concluded(search: Search, error: NumericalError, options: Options, early: b
 
 def _screened(search: Search, model: Visited) -> tuple[Candidate, ...]:
     """The candidates in the residual of a model."""
-    nothing: tuple[Candidate, ...] = ()
-    return needed(f"scores of {model.words}", lambda: tuple(search.screen(linearised_of(search, model))), nothing)
+    nothing: list[Candidate] = []
+    work = partial(search.screen, linearised_of(search, model))
+    return tuple(needed(f"scores of {model.words}", work, nothing, ends=True))
 
 
 def score_on_all(fitted: Fit, campaign: Campaign) -> Evaluation:

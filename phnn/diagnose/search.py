@@ -45,8 +45,8 @@ _RACE, _FINISH = 2.0, 1.5
 _LEVEL = 0.02
 # Trials that enter the race, and learned elements that have a heat.
 _RACERS, _LEARNED = 5, 3
-# How often the search goes on from what was settled at its end.
-_SETTLED = 2
+# How often the search goes on from what it has compared at its end.
+_ROUNDS = 2
 # Differences of χ² of one optimum: fitted twice, and with coarse and full sub-steps.
 _SAME, _COARSE = 3.0, 100.0
 # Nats behind the best at which a model is no longer grown, carried to its end, or refitted with finer steps.
@@ -150,11 +150,11 @@ def begin(
 
 
 def explore(search: Search) -> None:
-    """Grow models until the best one has nothing material left to add, or the budget is used up; then settle what a
-    verdict compares, and go on where that has brought up a better model."""
-    for _ in range(_SETTLED):
+    """Grow models until the best one has nothing material left to add, or the budget is used up; then compare
+    what a verdict needs, and go on where that has brought up a better model."""
+    for _ in range(_ROUNDS):
         _grow_all(search)
-        _settle(search)
+        _compare(search)
         if _next(search) is None:
             break
 
@@ -412,7 +412,7 @@ def _refine(search: Search) -> None:
         search.grown.discard(best.key)
 
 
-def _settle(search: Search) -> None:
+def _compare(search: Search) -> None:
     """Carry to their end the models that a verdict compares: those near the best, and every member of the class of an
     effect in it."""
     weighed = search.weighed

@@ -124,7 +124,8 @@ class Rule:
 RULES: tuple[Rule, ...] = (
     Rule(
         "nothing_promises",
-        lambda f: not f.promising and not f.early and f.base_left <= f.criteria.far**2, NONE, ("promising", "base_left"),
+        lambda f: not f.promising and not f.early and f.base_left <= f.criteria.far**2, NONE,
+        ("promising", "base_left"),
         "process noise of a tenth of the drive raises the residual above the floor, and no candidate explains it",
     ),
     Rule(

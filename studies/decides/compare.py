@@ -200,7 +200,7 @@ def cases_in(log: Path) -> tuple[list[Case], int]:
 
 
 def numbered(
-    models: Models, rho: Mapping[tuple[str, str], float], criteria: Criteria = CRITERIA,
+    models: Models, rho: Mapping[str, float], criteria: Criteria = CRITERIA,
     change: Callable[[Visited], Visited] = lambda m: m,
 ) -> Weighed:  # fmt: skip
     """Return models with their numbers for a given ρ, computed from what a change makes of their misfits."""
@@ -209,37 +209,37 @@ def numbered(
     return Weighed(tuple(models[i] for i in order), logs[order])
 
 
-def tolerance(models: Models, criteria: Criteria, factor: float) -> dict[tuple[str, str], float]:
-    """Return ρ by use and recording with another share of the misfit than a half."""
+def tolerance(models: Models, criteria: Criteria, factor: float) -> dict[str, float]:
+    """Return ρ by recording with another share of the misfit than a half."""
     best, floor = numbered(models, {}, criteria).best, 0.5 * criteria.material**2
-    return {r: max(floor, factor * (m.chi2 / m.samples - criteria.slack)) for r, m in best.misfits.items()}
+    return {r: max(floor, factor * (m.chi2 / m.samples - criteria.slack)) for r, m in best.fitted.items()}
 
 
 def _pooled(model: Visited) -> Visited:
-    each = model.misfits.values()
-    return replace(model, fitted={"all": Misfit(sum(m.chi2 for m in each), sum(m.samples for m in each))}, held_out={})
+    each = model.fitted.values()
+    return replace(model, fitted={"all": Misfit(sum(m.chi2 for m in each), sum(m.samples for m in each))})
 
 
 def _unknown_variance(model: Visited) -> Visited:
     def log_of(misfits: Mapping[str, Misfit]) -> dict[str, Misfit]:
         return {n: Misfit(m.samples * float(np.log(m.chi2 / m.samples)), m.samples) for n, m in misfits.items()}
 
-    return replace(model, fitted=log_of(model.fitted), held_out=log_of(model.held_out))
+    return replace(model, fitted=log_of(model.fitted))
 
 
-def _identification(models: Models) -> Weighed:
-    own = [replace(m, held_out={}) for m in models]
+def _with_held_out(models: Models) -> Weighed:
+    every = [replace(m, fitted={**m.fitted, **{f"held out {n}": x for n, x in m.held_out.items()}}) for m in models]
     back = {m.key: m for m in models}
-    weighed = weigh(own, CRITERIA)
+    weighed = weigh(every, CRITERIA)
     return Weighed(tuple(back[m.key] for m in weighed.models), weighed.logs)
 
 
 WAYS: dict[str, Callable[[Models], Weighed]] = {
-    "BIC on all samples": lambda m: numbered(m, dict.fromkeys(m[0].misfits, 0.0)),
+    "BIC on all samples": lambda m: numbered(m, dict.fromkeys(m[0].fitted, 0.0)),
     "coarsened over all recordings together": lambda m: numbered(m, {}, change=_pooled),
     "coarsened by recording, floor alone": lambda m: numbered(m, {}),
     "**coarsened by recording, with misfit**": lambda m: weigh(m, CRITERIA),
-    "the same on identification recordings": _identification,
+    "the same with held-out recordings": _with_held_out,
     "the same with unknown variance": lambda m: numbered(m, tolerance(m, CRITERIA, HALF), change=_unknown_variance),
 }
 RULES_ALONE = "best BIC, named by rules"
