@@ -53,6 +53,7 @@ class Element:
     several_of: str
     location: str
     parameters: tuple[str, ...]
+    equation: str
 
 
 @dataclass(frozen=True)
@@ -162,18 +163,17 @@ class Case:
 
 def _model(logged: Mapping[str, Any]) -> Visited:
     elements: Any = tuple(map(_element, logged["elements"]))
-    free = {n for e, a in zip(elements, logged["elements"], strict=True) for n in e.parameters[: a["parameters"]]}
+    free = {n for e in elements for n in e.parameters}
     fit: Any = SimpleNamespace(setup=SimpleNamespace(parameters={n: SimpleNamespace(fixed=False) for n in free}))
     fitted, held_out = ({n: Misfit(*m) for n, m in logged[use].items()} for use in ("fitted", "held_out"))
     return Visited(elements, fit, fitted, held_out, logged["nuisances"], logged["converged"])
 
 
 def _element(logged: Mapping[str, Any]) -> Element:
-    name, _, count = logged["form"].rpartition("/")
+    name, equation = logged["form"].split(": ", 1)
     several = logged["name"] if is_learned_name(name) and not logged["learned"] else ""
-    return Element(
-        name, logged["name"], several, logged["location"], tuple(f"{name}.{i}" for i in range(int(count)))
-    )  # fmt: skip
+    parameters = tuple(f"{name}.{i}" for i in range(logged["parameters"]))
+    return Element(name, logged["name"], several, logged["location"], parameters, equation)
 
 
 def _family(element: Any) -> str:

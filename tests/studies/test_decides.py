@@ -90,14 +90,14 @@ def test_ways_differ_by_what_their_names_say() -> None:
     odds = {name: float(abs(np.diff(way(models).logs)[0])) for name, way in WAYS.items()}
     k = len(DELAY.parameters)
     floor = SAMPLES / (1.0 + SAMPLES * 0.005)
-    together = 3 * SAMPLES / (1.0 + 3 * SAMPLES * 0.005)
+    together = 2 * SAMPLES / (1.0 + 2 * SAMPLES * 0.005)
     wanted = {
-        "BIC on all samples": 0.5 * SAMPLES * 0.7 - 0.5 * k * math.log(3 * SAMPLES),
-        "coarsened over all recordings together": 0.5 * together * 0.7 / 3 - 0.5 * k * math.log(together),
-        "coarsened by recording, floor alone": 0.5 * floor * 0.7 - 0.5 * k * math.log(3 * floor),
-        "**coarsened by recording, with misfit**": 0.5 * floor * 0.7 - 0.5 * k * math.log(3 * floor),
-        "the same on identification recordings": 0.5 * floor * 0.5 - 0.5 * k * math.log(2 * floor),
-        "the same with unknown variance": 0.5 * floor * math.log(1.5 * 1.2) - 0.5 * k * math.log(3 * floor),
+        "BIC on all samples": 0.5 * SAMPLES * 0.5 - 0.5 * k * math.log(2 * SAMPLES),
+        "coarsened over all recordings together": 0.5 * together * 0.5 / 2 - 0.5 * k * math.log(together),
+        "coarsened by recording, floor alone": 0.5 * floor * 0.5 - 0.5 * k * math.log(2 * floor),
+        "**coarsened by recording, with misfit**": 0.5 * floor * 0.5 - 0.5 * k * math.log(2 * floor),
+        "the same with held-out recordings": 0.5 * floor * 0.7 - 0.5 * k * math.log(3 * floor),
+        "the same with unknown variance": 0.5 * floor * math.log(1.5) - 0.5 * k * math.log(2 * floor),
     }
     for name, value in wanted.items():
         assert odds[name] == pytest.approx(value - CRITERIA.price_effect, abs=1e-6), name
