@@ -108,8 +108,8 @@ def _held_out(diagnosis: Diagnosis) -> list[str]:
     negated = "do not bring" if len(names) > 1 else "does not bring"
     brought = new if diagnosis.campaign.held_out_is_new else negated
     return [
-        f"Held out were {_names(names)}: no model was fitted to them." if len(names) > 1
-        else f"Held out was {names[0]}: no model was fitted to it.",
+        f"Held out were {_names(names)}: no model was fitted to them or weighed by them." if len(names) > 1
+        else f"Held out was {names[0]}: no model was fitted to it or weighed by it.",
         f"{'They' if len(names) > 1 else 'It'} {brought} an amplitude or frequency that the others lack.",
     ]  # fmt: skip
 
@@ -123,7 +123,7 @@ def _decided(diagnosis: Diagnosis) -> list[str]:
         f"Candidates above {short(c.score)} standard deviations that explain more than {short(c.material)} of the "
         f"noise were added and refitted, one element at a time, {diagnosis.options.max_effects} at most; "
         f"{len(diagnosis.visited.models)} models were fitted.",
-        "Models were weighed by a coarsened likelihood of all recordings, held-out ones among them [3], in which none "
+        "Models were weighed by a coarsened likelihood of the fitted recordings [3], in which none "
         "counts for more samples than the misfit of the best model allows, and by the price of their parameters [4]; "
         "the probability of an effect is the share of all models that hold it.",
         f"An effect is named from a probability of {short(c.proven)} on, if the error of held-out recordings falls "

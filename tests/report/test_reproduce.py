@@ -26,7 +26,7 @@ def test_methods_say_what_was_fitted_held_out_and_decided() -> None:
     text = " ".join(said.sentences)
     for part in (p for r in found.campaign.recordings for p in r.parts if p.use != "nuisance"):
         assert part.name in text
-    assert "Held out was sine_010Hz_50V: no model was fitted to it." in text
+    assert "Held out was sine_010Hz_50V: no model was fitted to it or weighed by it." in text
     (fitted,) = re.findall(r"parameters \(([^)]*)\) were estimated", text)
     assert set(fitted.split(", ")) == set(found.base.variables.names)
     assert "The verdict is “named”: the final model adds quadratic drag [5]" in text
