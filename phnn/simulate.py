@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from phnn.chain import REMEMBERING
 from phnn.chain.amplifiers import rate
-from phnn.errors import InputRefused, SolverFailed
+from phnn.errors import InputRefused, SolverFailed, StructureViolated
 from phnn.integrate import kernel
 from phnn.integrate.cycle import steady_cycle
 from phnn.integrate.program import Program, compile_network
@@ -73,8 +73,12 @@ class Trajectory:
 
     @property
     def velocity(self) -> Array:
-        """(n,) mean flow through the output during the steps [m/s]."""
-        return self.efforts[:, self.program.flow]
+        """(n,) mean rate of the output during the steps [m/s]: the flow through it, or the change of a storage that no
+        other one drives."""
+        try:
+            return self.efforts[:, self.program.flow]
+        except StructureViolated:
+            return np.diff(self.states[:, self.program.output]) / self.h
 
     @property
     def signal(self) -> Array:

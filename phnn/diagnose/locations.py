@@ -475,7 +475,11 @@ def _responses_of(trajectory: Trajectory, linearised: LinearisedFit, measured: b
             volts = group.enters == VOLTAGE
             forces.append(input_force(trajectory, functions * scales.voltage) if volts else functions * unit)
             owners[FORCE] += [index] * functions.shape[1]
-    through = output_derivatives(trajectory, (), (), np.hstack(forces), varied)
+    if trajectory.program.junctions:
+        through = output_derivatives(trajectory, (), (), np.hstack(forces), varied)
+    else:
+        # Nothing moves that a force could act on.
+        through = np.zeros((trajectory.y.size, len(owners[FORCE]) + len(owners[PARAMETER])))
     return np.hstack([through, *outputs]), np.array(owners[FORCE] + owners[PARAMETER] + owners[OUTPUT])
 
 

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from phnn.errors import StructureViolated
 from phnn.integrate.actions import action_derivatives, actions
 from phnn.integrate.cache import loop_entry
 from phnn.integrate.pattern import Pattern, Run, pattern_of
@@ -130,6 +131,8 @@ def sensitivities(
     program, states, active, varied = march.program, march.states, perturbed.active, perturbed.varied
     pattern, run, memory = _prepared(march, active, perturbed.pushed)
     m, first_force = len(program.junctions), active.size + initial.size
+    if perturbed.forces.shape[1] and not m:
+        raise StructureViolated("no force acts in a network without a storage that others drive: ask for no forces")
     first_varied = first_force + perturbed.forces.shape[1]
     out = np.empty((nodes.size, first_varied + varied.size))
     known = np.zeros((states.shape[1] + m, out.shape[1]))
