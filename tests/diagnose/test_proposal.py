@@ -7,7 +7,6 @@ from functools import cache
 from pathlib import Path
 
 import campaigns
-import made_next
 import numpy as np
 import pytest
 
@@ -21,22 +20,58 @@ from phnn.identification.options import Options
 from phnn.identification.plan import Plan
 from phnn.identification.staged import fit_identified
 from phnn.models.actuator import hrc
-from phnn.recordings import read
+from phnn.recordings import Campaign, read
 from phnn.recordings.recording import Part, Recording, Start
 from phnn.setup import Setup
-from studies.generator import Sealed, draw_case, make_case
-from studies.generator.plans import sine
-from studies.generator.world import TABLE
+from studies.generator import Case, Sealed, draw_case, make_case
+from studies.generator.plans import Excitation, Piece, sine
+from studies.generator.seal import MANIFEST, reported, write_manifest, write_recording
+from studies.generator.world import NEUTRAL, TABLE
+from studies.generator.world import simulate as by_the_world
 
 NOISE = 5e-8
 HELD = {"m": "held at the stated mass"}
 
 
+def excitation(proposed: Experiment, name: str = "next") -> Excitation:
+    """The same input for the generator; of several lines at once its converter holds every sample."""
+    t = proposed.t
+    if all(len(s.lines) < 2 for s in proposed.stretches):
+        pieces = []
+        for s in proposed.stretches:
+            a, f, phase = s.lines[0] if s.lines else (0.0, 0.0, 0.0)
+            back = phase / (2.0 * math.pi * f) if f else 0.0
+            pieces.append(Piece(s.start, s.end, s.level, a, f, 0.0, s.start - back))
+        return Excitation(name, tuple(pieces), 1.0 / proposed.rate, t.size, proposed.interpolation == "zero_order")
+    ends = np.arange(1, t.size + 1) / proposed.rate
+    held = [Piece(*piece) for piece in zip(t.tolist(), ends.tolist(), proposed.u.tolist(), strict=True)]
+    return Excitation(name, tuple(held), 1.0 / proposed.rate, t.size, True)
+
+
+def made(answer: Sealed, driven: Excitation) -> np.ndarray:
+    """(N,) displacement [m] of the concealed actuator; its effect is stated in the generator's own parameters."""
+    assert set(answer.parameters) <= {*NEUTRAL, "q_0"}
+    law = {n: v for n, v in answer.parameters.items() if n in NEUTRAL}
+    return by_the_world({**answer.base, **law}, driven)
+
+
+def add(case: Case, answer: Sealed, campaign: Campaign, proposed: Experiment) -> None:
+    """Record it into the folder of the case, for identification; the others keep their use."""
+    folder = Path(campaign.folder)
+    driven = excitation(proposed)
+    y = reported(made(answer, driven), case.noise, case.stream("next"))
+    write_recording(folder / f"{driven.name}.csv", driven, y)
+    held = {r.name for r in campaign.recordings if r.mask("confirmation").any()}
+    plan = (*case.recordings, driven)
+    uses = {e.name: "confirmation" if e.name in held else "identification" for e in plan}
+    write_manifest(folder / MANIFEST, case.base["m"], plan, uses)
+
+
 def recorded(proposed: Experiment, law: dict[str, float], seed: int) -> Recording:
     """What the independent generator reports of Table 1's actuator with something concealed."""
-    driven = made_next.excitation(proposed, proposed.kind)
+    driven = excitation(proposed, proposed.kind)
     answer = Sealed("", law, dict(TABLE), 0.0, NOISE, 0.0, seed, "", (), "same")
-    y = made_next.output(answer, driven) + 2e-6
+    y = made(answer, driven) + 2e-6
     y += NOISE * np.random.default_rng(seed).standard_normal(y.size)
     part = Part(driven.name, 0, y.size, "identification")
     start, white = Start("rest", 0.0), np.array([1.0])
@@ -73,7 +108,7 @@ def test_the_recording_that_is_proposed_resolves_the_class(seed: int, tmp_path: 
     assert len(before) > 1
     assert first.proposal is not None
     assert first.proposal.separation > first.proposal.needed
-    made_next.add(case, answer, campaign, first.proposal.experiment)
+    add(case, answer, campaign, first.proposal.experiment)
     second = diagnose(read(tmp_path / "recordings"), Options(workers=2))
     assert alternatives(second) == [answer.effect]
     assert second.verdict == "named"
@@ -117,7 +152,7 @@ def test_the_menu_stays_within_what_is_in_use_and_says_all_that_is_needed() -> N
         for s in e.stretches:
             assert all(f"{f:.6g}" in e.words for _, f, _ in s.lines)
         assert e.u[0] == pytest.approx(e.stretches[0].level, abs=0.05)
-        driven = made_next.excitation(e)
+        driven = excitation(e)
         assert driven.t == pytest.approx(e.t)
         assert driven.voltage(driven.t) == pytest.approx(e.u, abs=1e-9)
     slow = next(e for e in made if e.kind == "slow sine")
