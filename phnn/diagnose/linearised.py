@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -129,12 +128,10 @@ class LinearisedFit:
 
         return found
 
-    @cached_property
+    @property
     def slices(self) -> list[slice]:
         """Rows of every recording in the stacked arrays."""
-        lengths = [int(r.mask("identification").sum()) for r in self.plan.recordings]
-        edges = np.concatenate([[0], np.cumsum(lengths)])
-        return [slice(int(a), int(b)) for a, b in itertools.pairwise(edges)]
+        return self.fit.slices
 
 
 def prepare(fit: Fit) -> LinearisedFit:

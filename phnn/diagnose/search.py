@@ -97,22 +97,13 @@ class Search:
         """The most probable model so far."""
         return self.weighed.best
 
-    def left_of(self, fitted: Fit) -> tuple[dict[str, Misfit], dict[str, Misfit]]:
-        """What a fit leaves of the fitted and of the held-out recordings, by name."""
-        names = [r.name for r in fitted.plan.recordings]
-        edges = np.cumsum([0, *(int(r.mask("identification").sum()) for r in fitted.plan.recordings)])
-        r = fitted.residual
-        known = {
-            n: Misfit(float(r[a:b] @ r[a:b]), int(b - a)) for n, a, b in zip(names, edges[:-1], edges[1:], strict=True)
-        }
-        return known, held_out(fitted, self.campaign)
-
     def model(self, elements: Sequence[Effect], fitted: Fit, done: bool = False) -> Visited:
         """A model of a fit, with what it leaves."""
-        seen, unseen = self.left_of(fitted)
         base, recordings = self.base.fit.setup.own, fitted.plan.recordings
+        each = [(r.name, fitted.residual[rows]) for r, rows in zip(recordings, fitted.slices, strict=True)]
+        left = {name: Misfit(float(r @ r), r.size) for name, r in each}
         terms = sum(own_size(r, fitted.setup.own) - own_size(r, base) for r in recordings)
-        return Visited(tuple(elements), fitted, seen, unseen, terms, done)
+        return Visited(tuple(elements), fitted, left, held_out(fitted, self.campaign), terms, done)
 
     def visit(self, model: Visited) -> Visited:
         """Keep a model, unless a better fit of the same elements is known; returns the one that is kept."""
@@ -121,7 +112,7 @@ class Search:
         if known is not None and model.converged and not better:
             # The same optimum with the steps of the search, or with finer ones.
             ended = not known.converged and model.fit.cost < known.fit.cost + _COARSE
-            better = ended or _steps(model.fit) > _steps(known.fit)
+            better = ended or _steps(model.fit.plan) > _steps(known.fit.plan)
         if better:
             self.visited[model.key] = model
         return self.visited[model.key]
@@ -362,10 +353,11 @@ def _drop_each(search: Search, model: Visited, elements: Sequence[Effect]) -> No
             continue
         known = search.visited.get(key_of(rest))
         less = search.visit(search.model(rest, fitted))
-        if known is not None and less.fit.cost < known.fit.cost - 1.0:
-            # A better optimum of a model that was grown before.
-            search.grown.discard(less.key)
-        if less.converged is False and (known is None or less.fit.cost < known.fit.cost - 1.0):
+        if known is not None and less.fit.cost >= known.fit.cost - 1.0:
+            continue
+        # It may be a better optimum of a model that was grown before.
+        search.grown.discard(less.key)
+        if not less.converged:
             near = less.fit.cost - model.fit.cost < search.criteria.material**2 * less.fit.residual.size
             if near or not rest:
                 _converge(search, less)
@@ -388,7 +380,7 @@ def _converge_near(search: Search, model: Visited, raced: Sequence[Visited]) -> 
 
 def _converge(search: Search, model: Visited) -> None:
     """Carry a model to its end with the sub-steps of the search."""
-    if model.converged and _steps(model.fit) >= sum(search.plan.steps_of(r) for r in search.plan.recordings):
+    if model.converged and _steps(model.fit.plan) >= _steps(search.plan):
         return
     own = [n for e in model.elements for n in e.parameters]
     fitted = converged(model.fit, search.plan, search.base.fit.held, own)
@@ -409,7 +401,7 @@ def _refine(search: Search) -> None:
     near = [m for m in rivals if m.elements and weighed.behind(m) < _FINER]
     for model in [best, *near]:
         _converge(search, replace(model, converged=False))
-        search.grown.discard(best.key)
+    search.grown.discard(best.key)
 
 
 def _compare(search: Search) -> None:
@@ -491,9 +483,9 @@ def _with_few_steps(linearised: LinearisedFit) -> LinearisedFit:
     return replace(linearised, fit=replace(fitted, plan=replace(fitted.plan, substeps=steps)))
 
 
-def _steps(fitted: Fit) -> int:
+def _steps(plan: Plan) -> int:
     """Sub-steps of all recordings together."""
-    return sum(fitted.plan.steps_of(r) for r in fitted.plan.recordings)
+    return sum(plan.steps_of(r) for r in plan.recordings)
 
 
 def held_out(fitted: Fit, campaign: Campaign) -> dict[str, Misfit]:

@@ -65,6 +65,12 @@ class Fit:
     anchors: Mapping[str, float] = field(default_factory=dict)
     use: str = "identification"
 
+    @cached_property
+    def slices(self) -> list[slice]:
+        """Rows of every recording in residual and Jacobian."""
+        ends = np.cumsum([0, *(int(r.mask(self.use).sum()) for r in self.plan.recordings)])
+        return [slice(int(a), int(b)) for a, b in itertools.pairwise(ends)]
+
     @property
     def chi2(self) -> float:
         """Weighted sum of squares over its number of samples; 1 at the noise floor."""
@@ -92,9 +98,7 @@ class Fit:
     @cached_property
     def scatter(self) -> Scatter:
         """Covariance of ``z`` by the noise and by what the model misses, and its degrees of freedom."""
-        ends = np.cumsum([0, *(int(r.mask(self.use).sum()) for r in self.plan.recordings)])
-        rows = [slice(int(a), int(b)) for a, b in itertools.pairwise(ends)]
-        return scatter(self.residual, self.jacobian, self.plan.recordings, rows)
+        return scatter(self.residual, self.jacobian, self.plan.recordings, self.slices)
 
     @cached_property
     def by_numerics(self) -> Array:
