@@ -340,7 +340,7 @@ def _formula(search: Search, final: LinearisedFit, claim: Claim) -> Distilled | 
         return distil(final, claim.effect)
     if claim.without is None:
         return None
-    return refitted_formula(final.fit, claim.without.fit, claim.effect, partial(refits, search))
+    return refitted_formula(final.fit, claim.without.fit, claim.effect, partial(refits, search, claim.without))
 
 
 def _questions(outcome: Verdict, model: Visited, search: Search) -> list[Question]:

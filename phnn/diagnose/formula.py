@@ -40,7 +40,7 @@ from phnn.units import quantity
 
 Array = NDArray[np.float64]
 # Fits of some effects beside a fit without them, those that can be fitted.
-Refits = Callable[[Fit, Sequence[Effect]], list[tuple[Effect, Fit]]]
+Refits = Callable[[Sequence[Effect]], list[tuple[Effect, Fit]]]
 # Value and unit by symbol.
 Parameters = dict[str, tuple[float, str]]
 
@@ -176,7 +176,7 @@ def refitted_formula(final: Fit, alone: Fit, element: Effect, refits: Refits) ->
         None where there is no formula for the element, or none can be fitted.
     """
     effects = [f for f in formulas_for(element) if f.can_be_added_to(alone.setup)]
-    fits = refits(alone, effects) if effects else []
+    fits = refits(effects) if effects else []
     if not fits:
         return None
     doubtful = _DOUBTFUL * final.beyond_noise if final.chi2 > _SMALL**2 else 0.0

@@ -13,8 +13,8 @@ of its own by it; the price ``½ k log n`` is Schwarz's (1978), ``c_e`` the odds
 A model that is far from all recordings makes nothing certain, because ρ is large then. The probability of an effect is
 the share of all models that hold it, in any form and at any place.
 
-Held-out recordings are no part of the number. They are a guard: a model that predicts them worse than the base model
-is not written (`best_to_write`), and an element with which their error does not fall has no name.
+Held-out recordings are no part of the number. They help to choose the model that is written (`best_to_write`), which
+never predicts them worse than the base model, and an element with which their error does not fall has no name.
 """
 
 from __future__ import annotations
@@ -122,21 +122,33 @@ def is_learned(effect: Effect) -> bool:
 
 def tolerated(models: Sequence[Visited], criteria: Criteria) -> dict[str, float]:
     """Return ρ by recording: half of what the best model leaves beyond the noise, and at least the floor."""
-    floor = 0.5 * criteria.material**2
+    floor = _floor(criteria)
     best = max(models, key=lambda m: log_weight(m, {}, criteria))
     return {r: max(floor, 0.5 * (m.chi2 / m.samples - criteria.slack)) for r, m in best.fitted.items()}
 
 
 def log_weight(model: Visited, rho: Mapping[str, float], criteria: Criteria) -> float:
     """Return log w of a model, up to a constant; recordings without a ρ have the floor."""
-    floor = 0.5 * criteria.material**2
-    counts = {r: m.samples / (1.0 + m.samples * rho.get(r, floor)) for r, m in model.fitted.items()}
+    counts = {r: _count(m, rho.get(r, _floor(criteria))) for r, m in model.fitted.items()}
     likelihood = sum(counts[r] * m.chi2 / m.samples for r, m in model.fitted.items())
-    per_parameter = 0.5 * float(np.log(max(sum(counts.values()), 2.0)))
+    return -0.5 * likelihood - _price(model, sum(counts.values()), criteria)
+
+
+def _floor(criteria: Criteria) -> float:
+    return 0.5 * criteria.material**2
+
+
+def _count(misfit: Misfit, rho: float) -> float:
+    """Samples for which a recording counts."""
+    return misfit.samples / (1.0 + misfit.samples * rho)
+
+
+def _price(model: Visited, count: float, criteria: Criteria) -> float:
+    """Of the elements of a model, and of their free parameters, in nats."""
     free = sum(model.parameters_of(e) for e in model.elements) + model.nuisances
     learned = sum(is_learned(e) for e in model.elements)
     priced = learned * criteria.price_learned + (len(model.elements) - learned) * criteria.price_effect
-    return -0.5 * likelihood - per_parameter * free - priced
+    return 0.5 * float(np.log(max(count, 2.0))) * free + priced
 
 
 @dataclass(frozen=True)
@@ -192,8 +204,12 @@ def weigh(models: Sequence[Visited], criteria: Criteria) -> Weighed:
 
 
 def best_to_write(models: Sequence[Visited], criteria: Criteria) -> Visited:
-    """Return the model that predicts best for its size: ranked with the floor of ρ alone, so that small real gains
-    count; among those whose held-out error is no larger than the base model's.
+    """Return the model that predicts best for its size, among those whose held-out error is no larger than the base
+    model's.
+
+    Models are ranked by ``−½ Σ_r w_r log(χ²_r / n_r)`` and the price of their elements, over fitted and held-out
+    recordings alike, with the floor of ρ: near the noise that is the number above, so that small real gains count; far
+    from it a gain counts by its share of what is left, as with a variance that is not known.
 
     Args:
         models: the base model among them.
@@ -201,4 +217,10 @@ def best_to_write(models: Sequence[Visited], criteria: Criteria) -> Visited:
     base = next(m for m in models if not m.elements)
     most = base.left_held_out * (1.0 + criteria.material_share) ** 2
     able = [m for m in models if not m.left_held_out > most]
-    return max(able, key=lambda m: log_weight(m, {}, criteria))
+    return max(able, key=lambda m: _forecast(m, criteria))
+
+
+def _forecast(model: Visited, criteria: Criteria) -> float:
+    each = [(_count(m, _floor(criteria)), m) for m in (*model.fitted.values(), *model.held_out.values())]
+    likelihood = sum(n * np.log(max(m.chi2 / m.samples, 1e-300)) for n, m in each)
+    return -0.5 * float(likelihood) - _price(model, sum(n for n, _ in each), criteria)

@@ -1,8 +1,8 @@
 """Refits of a model with one more element: short, further, and to the end.
 
 A short refit begins where the screen proposes, or at strengths far from there, with the base parameters moved to make
-room for the element, and takes a few steps with coarse sub-steps. What a search keeps goes further, and is at last
-carried to convergence with the sub-steps of the search.
+room for the element, and takes a few steps. What a search keeps goes further, and is at last carried to convergence.
+Sub-steps are those of the plan that is given: coarse ones at first, at the end those of the search.
 """
 
 from __future__ import annotations
@@ -30,6 +30,8 @@ Array = NDArray[np.float64]
 
 # Largest change of a base parameter before a refit begins: coordinates are logarithms, so 2 is a factor of seven.
 _LONGEST = 2.0
+# Shares of a strength that are tried, until one leaves less than the model without it.
+_STRONG = (1.0, 0.3, 0.1, 0.03)
 # Shares of the step that makes room for an element.
 _SHARES = (1.0, 0.3)
 # Strengths that the linear problem puts on a bound begin this share of the largest one away from it, by their typical
@@ -44,9 +46,9 @@ _LARGE = 2
 _LAST, _NEAR, _FAR = 25, 1e-5, 1e-4
 
 
-def short(base: Fit, effect: Effect, starts: Sequence[Mapping[str, float]], evaluations: int) -> Fit | None:
-    """Return the best fit after a few steps from some starts; None where none of them can be simulated."""
-    tried = [attempt("start", partial(_steps_from, base, effect, values, evaluations), None) for values in starts]
+def short(base: Fit, plan: Plan, effect: Effect, starts: Sequence[Mapping[str, float]], evaluations: int) -> Fit | None:
+    """Return the best fit on a plan after a few steps from some starts; None where none of them can be simulated."""
+    tried = [attempt("start", partial(_steps_from, base, plan, effect, values, evaluations), None) for values in starts]
     return min((f for f in tried if f is not None), key=lambda f: f.cost, default=None)
 
 
@@ -81,23 +83,21 @@ def converged(fitted: Fit, plan: Plan, held: Mapping[str, str], own: Sequence[st
 def rebuilt(
     base: Fit, elements: Sequence[Effect], values: Mapping[str, float], plan: Plan, evaluations: int
 ) -> Fit | None:
-    """Return the base model with some elements, fitted from given values with coarse sub-steps."""
+    """Return the base model with some elements, fitted on a plan from given values."""
 
     def build() -> Fit:
         setup = base.setup.with_values({n: values[n] for n in base.setup.free if n in values})
         for element in elements:
             setup = element.add_to(setup, values)
         own = [n for e in elements for n in e.parameters]
-        return fit_identified(setup, plan.coarse(), stated_only(base.held), evaluations, base, own, _FAR)
+        return fit_identified(setup, plan, stated_only(base.held), evaluations, base, own, _FAR)
 
     return attempt("refit without an element", build, None)
 
 
-def _steps_from(base: Fit, effect: Effect, values: Mapping[str, float], evaluations: int) -> Fit:
-    begun = clamped(effect, base.setup, values)
+def _steps_from(base: Fit, plan: Plan, effect: Effect, values: Mapping[str, float], evaluations: int) -> Fit:
+    begun, origin = _begun(base, plan, effect, values)
     own = [n for n in effect.parameters if not begun.parameters[n].fixed]
-    plan = base.plan.coarse()
-    begun, origin = _adjusted(base, begun, plan)
     if effect.strengths:
         own = _touched(begun, plan, own, origin)
         begun = started(begun, plan, [*base.variables.names, *own], effect.strengths, origin)
@@ -116,13 +116,27 @@ def _touched(setup: Setup, plan: Plan, names: Sequence[str], origin: Fit) -> lis
     return [n for n, used in zip(names, np.any(slopes != 0.0, axis=0), strict=True) if used]
 
 
-def _adjusted(base: Fit, begun: Setup, plan: Plan) -> tuple[Setup, Fit]:
-    """A start whose base parameters and initial states make room for the effect, to first order; and where they are.
+def _begun(base: Fit, plan: Plan, effect: Effect, values: Mapping[str, float]) -> tuple[Setup, Fit]:
+    """The strongest start that leaves less than the base: what is weak enough does, if its direction is right."""
+    best = None
+    for share in _STRONG if effect.strength is not None else _STRONG[:1]:
+        begun = clamped(effect, base.setup, effect.scaled(values, share))
+        start = attempt("start", partial(_adjusted, base, begun, plan), None)
+        if start is not None and (best is None or start[0] < best[0]):
+            best = start
+        if best is not None and best[0] < base.cost:
+            break
+    if best is None:
+        raise SolverFailed(f"{effect.name} cannot be simulated at the strengths from which a refit begins")
+    return best[1:]
+
+
+def _adjusted(base: Fit, begun: Setup, plan: Plan) -> tuple[float, Setup, Fit]:
+    """A start whose base parameters and initial states make room for the effect, to first order; where they are, and
+    what is left there first.
 
     Without that a strong effect beside parameters that took its part before is further off than no effect at all.
     """
-    if not base.z.size:
-        return begun, base
 
     def moved(z: Array) -> Fit:
         return replace(base, z=z, setup=base.variables.setup(base.setup, z))
@@ -131,17 +145,18 @@ def _adjusted(base: Fit, begun: Setup, plan: Plan) -> tuple[Setup, Fit]:
         variables = variables_from(begun, plan, (), moved(z))
         return Problem(base.variables.setup(begun, z), plan, variables).residual(variables.start(begun))
 
-    first = residual(base.z)
-    step, *_ = np.linalg.lstsq(base.jacobian, -first, rcond=1e-10)
-    for share in _SHARES:
-        z = base.z + share * np.clip(step, -_LONGEST, _LONGEST)
+    best, z = residual(base.z), base.z
+    step, *_ = np.linalg.lstsq(base.jacobian, -best, rcond=1e-10)
+    for share in _SHARES if z.size else ():
+        there = z + share * np.clip(step, -_LONGEST, _LONGEST)
         try:
-            cost = float(np.sum(residual(z) ** 2))
+            left = residual(there)
         except SolverFailed:
             continue
-        if cost < float(first @ first):
-            return base.variables.setup(begun, z), moved(z)
-    return base.variables.setup(begun, base.z), moved(base.z)
+        if left @ left < best @ best:
+            best, z = left, there
+            break
+    return float(best @ best), base.variables.setup(begun, z), moved(z)
 
 
 def started(setup: Setup, plan: Plan, names: Sequence[str], strengths: Sequence[str], origin: Fit | None) -> Setup:

@@ -102,7 +102,7 @@ class Screen:
     base: LinearisedFit
     effects: Sequence[Effect]
     criteria: Criteria
-    _known: dict[int, _Directions | None] = field(default_factory=dict)
+    _known: dict[int, tuple[Effect, _Directions | None]] = field(default_factory=dict)
 
     def __call__(self, model: LinearisedFit) -> list[Candidate]:
         """Return the candidates that can be added to a model, the largest predicted fall first."""
@@ -179,8 +179,8 @@ class Screen:
         if id(effect) not in self._known:
             several = len(effect.all_strengths) > 1
             work = self._of_strengths if several else self._of_points
-            self._known[id(effect)] = attempt(f"directions of {effect.name}", lambda: work(effect), None)
-        return self._known[id(effect)]
+            self._known[id(effect)] = effect, attempt(f"directions of {effect.name}", lambda: work(effect), None)
+        return self._known[id(effect)][1]
 
     def _of_points(self, effect: Effect) -> _Directions | None:
         if not effect.can_be_added_to(self.base.fit.setup):

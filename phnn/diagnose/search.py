@@ -14,7 +14,7 @@ too late, takes nothing away from what was finished.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -51,6 +51,8 @@ _ROUNDS = 2
 _SAME, _COARSE = 3.0, 100.0
 # Nats behind the best at which a model is no longer grown, carried to its end, or refitted with finer steps.
 _GROWN, _ENDED, _FINER = 30.0, 20.0, 8.0
+# The same for models that share the probability: each of them has to be fitted to its end.
+_ALIKE = 5.0
 # Sub-steps from which on directions are fine enough.
 _ENOUGH = 8
 # Mean square below which the numerical error of the best model is asked.
@@ -132,7 +134,7 @@ def begin(
     unknown = LinearisedFit(fitted, (), Scales(*(float("nan"),) * 9))
     linearised = needed("simulation of the base model", partial(prepare, fitted), unknown, ends=True)
     bare = Visited((), fitted, {}, {}, 0, True)
-    screen = Screen(_with_few_steps(linearised), [*effects, *learned], criteria)
+    screen = Screen(_with_few_steps(linearised, fitted.plan), [*effects, *learned], criteria)
     search = Search(
         campaign, bare, fitted.plan, effects, learned, criteria, linearised.scales, screen, {}, most, executor, progress
     )  # fmt: skip
@@ -199,11 +201,11 @@ def _grow(search: Search, model: Visited) -> None:
     far = model.left > criteria.far**2
     least = (criteria.near_best_far if far else criteria.near_best) * worth[0].fall
     named = [c for c in worth if not is_learned(c.effect) and c.fall > least][: criteria.refits]
-    trials = _heat(search, model, named, far)
+    trials = _heat(search, model, named)
     enough = max(0.05 * (model.fit.cost - samples), criteria.material**2 * samples)
     if not trials or trials[0].fit.beyond_noise > enough:
         learned = [c for c in worth if is_learned(c.effect) and c.fall > criteria.near_best * worth[0].fall]
-        trials = sorted([*trials, *_heat(search, model, learned[:_LEARNED], far)], key=lambda t: t.fit.cost)
+        trials = sorted([*trials, *_heat(search, model, learned[:_LEARNED])], key=lambda t: t.fit.cost)
     if not trials:
         return
     raced = _race(search, trials)
@@ -227,14 +229,13 @@ def material(candidate: Candidate, fitted: Fit, criteria: Criteria) -> bool:
     return size > criteria.material**2 and candidate.score > criteria.score * (_LARGE_SCORE if large else 1.0)
 
 
-def _heat(search: Search, model: Visited, candidates: Sequence[Candidate], far: bool) -> list[Visited]:
-    """Short refits of candidates, the best first."""
+def _heat(search: Search, model: Visited, candidates: Sequence[Candidate]) -> list[Visited]:
+    """Short refits of candidates beside a model, with coarse sub-steps, the best first."""
     if not candidates or late(f"refits beside {model.words}"):
         return []
-    most = candidates[0].fall
-    linearised = linearised_of(search, model)
-    linearised = replace(linearised, fit=_as_sent(search, linearised.fit))
-    work = partial(_tried, linearised, far, 0.3 * most, search.criteria.short)
+    far, promising = model.left > search.criteria.far**2, 0.3 * candidates[0].fall
+    begun = replace(linearised_of(search, model), fit=_as_sent(search, model.fit))
+    work = partial(_tried, begun, search.plan, promising if far else np.inf, search.criteria.short)
     fits = _fits(search, work, candidates, [c.effect.name for c in candidates])
     trials = [
         search.model((*model.elements, c.effect), f) for c, f in zip(candidates, fits, strict=True) if f is not None
@@ -242,14 +243,14 @@ def _heat(search: Search, model: Visited, candidates: Sequence[Candidate], far: 
     return sorted(trials, key=lambda t: t.fit.cost)
 
 
-def _tried(model: LinearisedFit, far: bool, promising: float, evaluations: int, candidate: Candidate) -> Fit | None:
-    """A short refit of a candidate; from large strengths too, where the model is far and the candidate has not helped
-    though it promised a lot."""
-    best = short(model.fit, candidate.effect, [candidate.values], evaluations)
+def _tried(model: LinearisedFit, plan: Plan, promising: float, evaluations: int, candidate: Candidate) -> Fit | None:
+    """A short refit of a candidate; from large strengths too, where it promised a lot and has not helped."""
+    best = short(model.fit, plan.coarse(), candidate.effect, [candidate.values], evaluations)
     helps = best is not None and best.cost < 0.98 * model.fit.cost
-    if not far or helps or candidate.effect.strength is None or candidate.fall < promising:
+    if helps or candidate.effect.strength is None or candidate.fall < promising:
         return best
-    again = short(model.fit, candidate.effect, large_starts(model, candidate.effect), evaluations)
+    starts = large_starts(_with_few_steps(model, plan), candidate.effect)
+    again = short(model.fit, plan.coarse(), candidate.effect, starts, evaluations)
     return min((f for f in (best, again) if f is not None), key=lambda f: f.cost, default=None)
 
 
@@ -281,9 +282,9 @@ def _special(search: Search, trial: Visited) -> list[Visited]:
             given, own = values | case.values(values), (*earlier, effect)
             if late(f"{effect.name} as a special case of {last.name}"):
                 return found
-            fitted = rebuilt(search.base.fit, own, given, search.plan, search.criteria.further)
-            if fitted is not None:
-                found.append(search.model(own, further(fitted, search.criteria.further)))
+            rebuild = _rebuilt(search, own, [given])
+            if rebuild is not None:
+                found.append(search.model(own, further(rebuild.fit, search.criteria.further)))
     return found
 
 
@@ -327,13 +328,14 @@ def _further_forms(search: Search, trial: Visited) -> list[Visited]:
         if not copies or late(f"one more {own} in {trial.words}"):
             return found
         search.visit(last)
-        candidates = replace(search.screen, effects=copies)(linearised_of(search, last))
+        candidates = _screened(search, last, copies)
         if not candidates or candidates[0].fall < search.criteria.material**2 * last.fit.residual.size:
             return found
-        best = short(last.fit, candidates[0].effect, [candidates[0].values], search.criteria.further)
+        first, plan = candidates[0], search.plan.coarse()
+        best = short(last.fit, plan, first.effect, [first.values], search.criteria.further)
         if best is None:
             return found
-        found.append(search.model((*last.elements, candidates[0].effect), best))
+        found.append(search.model((*last.elements, first.effect), best))
         weighed = weigh([*search.visited.values(), found[-1]], search.criteria)
         if weighed.behind(found[-1]) > weighed.behind(search.visited[last.key]):
             return found
@@ -347,12 +349,10 @@ def _drop_each(search: Search, model: Visited, elements: Sequence[Effect]) -> No
             return
         values = model.fit.setup.values()
         starts = [values, *(values | v for v in (gone.equivalents(values) if gone.equivalents is not None else ()))]
-        tried = [rebuilt(search.base.fit, rest, v, search.plan, search.criteria.further) for v in starts]
-        fitted = min((f for f in tried if f is not None), key=lambda f: f.cost, default=None)
-        if fitted is None:
+        known, rebuild = search.visited.get(key_of(rest)), _rebuilt(search, rest, starts)
+        if rebuild is None:
             continue
-        known = search.visited.get(key_of(rest))
-        less = search.visit(search.model(rest, fitted))
+        less = search.visit(rebuild)
         if known is not None and less.fit.cost >= known.fit.cost - 1.0:
             continue
         # It may be a better optimum of a model that was grown before.
@@ -361,6 +361,14 @@ def _drop_each(search: Search, model: Visited, elements: Sequence[Effect]) -> No
             near = less.fit.cost - model.fit.cost < search.criteria.material**2 * less.fit.residual.size
             if near or not rest:
                 _converge(search, less)
+
+
+def _rebuilt(search: Search, elements: Sequence[Effect], starts: Sequence[Mapping[str, float]]) -> Visited | None:
+    """The model of some elements, fitted with coarse sub-steps from the best of some values."""
+    plan, most = search.plan.coarse(), search.criteria.further
+    tried = [rebuilt(search.base.fit, elements, values, plan, most) for values in starts]
+    fitted = min((f for f in tried if f is not None), key=lambda f: f.cost, default=None)
+    return None if fitted is None else search.model(elements, fitted)
 
 
 def _converge_near(search: Search, model: Visited, raced: Sequence[Visited]) -> None:
@@ -382,10 +390,14 @@ def _converge(search: Search, model: Visited) -> None:
     """Carry a model to its end with the sub-steps of the search."""
     if model.converged and _steps(model.fit.plan) >= _steps(search.plan):
         return
-    own = [n for e in model.elements for n in e.parameters]
-    fitted = converged(model.fit, search.plan, search.base.fit.held, own)
+    fitted = _ended(search, model)
     if fitted is not None:
         search.visit(search.model(model.elements, fitted, done=True))
+
+
+def _ended(search: Search, model: Visited) -> Fit | None:
+    own = [n for e in model.elements for n in e.parameters]
+    return converged(model.fit, search.plan, search.base.fit.held, own)
 
 
 def _refine(search: Search) -> None:
@@ -408,7 +420,7 @@ def _compare(search: Search) -> None:
     """Carry to their end the models that a verdict compares: those near the best, and every member of the class of an
     effect in it."""
     weighed = search.weighed
-    for model in [m for m in weighed.models if not m.converged and weighed.behind(m) < 5.0][:3]:
+    for model in [m for m in weighed.models if not m.converged and weighed.behind(m) < _ALIKE]:
         move(f"fit of {model.words} to its end", partial(_converge, search, model), None)
     best = search.best
     move("the best model without each element", partial(_drop_each, search, best, best.elements), None)
@@ -435,18 +447,10 @@ def _exchange(search: Search, best: Visited, element: Effect) -> None:
     new = [e for e in todo if family(e) not in ended]
     less = search.visited.get(key_of(rest))
     if new and less is None:
-        values = best.fit.setup.values()
-        fitted = rebuilt(search.base.fit, rest, values, search.plan, search.criteria.further)
-        less = None if fitted is None else search.visit(search.model(rest, fitted))
+        rebuild = _rebuilt(search, rest, [best.fit.setup.values()])
+        less = None if rebuild is None else search.visit(rebuild)
     if new and less is not None:
-        able = [e for e in new if e.can_be_added_to(less.fit.setup)]
-        for candidate in replace(search.screen, effects=able)(linearised_of(search, less)):
-            if late(f"{candidate.effect.name} in the place of {element.name}"):
-                return
-            starts = [candidate.values, *candidate.others[:1]]
-            fitted = short(less.fit, candidate.effect, starts, search.criteria.short)
-            if fitted is not None:
-                begun.append(search.model((*rest, candidate.effect), fitted))
+        begun += _heat(search, less, _screened(search, less, new))
     for trial in begun:
         if late(f"{trial.words} in the place of {element.name}"):
             return
@@ -455,32 +459,26 @@ def _exchange(search: Search, best: Visited, element: Effect) -> None:
             _converge(search, onwards)
 
 
-def refits(search: Search, base: Fit, effects: Sequence[Effect]) -> list[tuple[Effect, Fit]]:
-    """Return a fit with each of some effects beside a model, carried to its end with the steps of that model, as far as
-    it can be simulated."""
-    screen = Screen(_with_few_steps(LinearisedFit(base, (), search.scales)), effects, search.criteria)
-    found = []
-    for candidate in screen(screen.base):
-        starts = [candidate.values, *candidate.others[:1]]
-        fitted = short(base, candidate.effect, starts, search.criteria.short)
-        if fitted is None:
-            continue
-        ended = converged(fitted, base.plan, base.held, candidate.effect.parameters)
-        if ended is not None:
-            found.append((candidate.effect, ended))
-    return found
+def refits(search: Search, base: Visited, effects: Sequence[Effect]) -> list[tuple[Effect, Fit]]:
+    """Return a fit with each of some effects beside a model, carried to its end, as far as it can be simulated."""
+    trials = _heat(search, base, _screened(search, base, effects))
+    return [(t.elements[-1], f) for t in trials if (f := _ended(search, t)) is not None]
+
+
+def _screened(search: Search, model: Visited, effects: Sequence[Effect]) -> list[Candidate]:
+    able = [e for e in effects if e.can_be_added_to(model.fit.setup)]
+    return replace(search.screen, effects=able)(linearised_of(search, model))
 
 
 def linearised_of(search: Search, model: Visited) -> LinearisedFit:
     """A model with its residual and sensitivities, as a screen needs it."""
-    return _with_few_steps(LinearisedFit(model.fit, (), search.scales))
+    return _with_few_steps(LinearisedFit(model.fit, (), search.scales), search.plan)
 
 
-def _with_few_steps(linearised: LinearisedFit) -> LinearisedFit:
+def _with_few_steps(linearised: LinearisedFit, plan: Plan) -> LinearisedFit:
     """The same with sub-steps that are fine enough for directions."""
-    fitted = linearised.fit
-    steps = {r.name: min(_ENOUGH, fitted.plan.steps_of(r)) for r in fitted.plan.recordings}
-    return replace(linearised, fit=replace(fitted, plan=replace(fitted.plan, substeps=steps)))
+    steps = {r.name: min(_ENOUGH, plan.steps_of(r)) for r in plan.recordings}
+    return replace(linearised, fit=replace(linearised.fit, plan=replace(linearised.fit.plan, substeps=steps)))
 
 
 def _steps(plan: Plan) -> int:
@@ -507,8 +505,6 @@ def held_out(fitted: Fit, campaign: Campaign) -> dict[str, Misfit]:
             found[r.name] = Misfit(1e12, int(mask.sum()))
             continue
         error = ((r.y - predicted.outputs[r.name]) / r.noise)[mask]
-        if r.offset == "own":
-            error = error - error.mean()
         found[r.name] = Misfit(float(error @ error), error.size)
     return found
 

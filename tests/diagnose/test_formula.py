@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import partial
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,12 +15,13 @@ from phnn.criteria import Criteria
 from phnn.diagnose.formula import distil, refitted_formula
 from phnn.diagnose.linearised import LinearisedFit, prepare
 from phnn.diagnose.refit import started
-from phnn.diagnose.search import refits
+from phnn.diagnose.search import begin, refits
 from phnn.effects import Effect, effect
 from phnn.effects.formulas import formulas, formulas_for
 from phnn.effects.learned import learned_elements
 from phnn.identification.fit import fit
 from phnn.identification.plan import Plan
+from phnn.recordings.recording import Campaign
 from phnn.setup import Setup
 
 NOISE = 2e-8
@@ -147,8 +146,8 @@ def test_a_formula_of_the_measuring_chain_is_found_in_the_place_of_a_learned_ele
     plant = formulas()[formula].add_to(BASE, values)
     final = learned_linearised(plant, element).fit
     alone = fit(BASE, final.plan, NAMES, {"m": "held"}, 20)
-    search: Any = SimpleNamespace(scales=prepare(alone).scales, criteria=Criteria())
-    found = refitted_formula(final, alone, element, partial(refits, search))
+    search = begin(Campaign(final.plan.recordings, {}, {}, "command", (), True, "made up"), alone, [], [], Criteria())
+    found = refitted_formula(final, alone, element, partial(refits, search, search.base))
     assert found is not None
     assert found.as_good
     assert found.formula == pytest.approx(1.0, abs=0.1)

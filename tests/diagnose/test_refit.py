@@ -46,7 +46,7 @@ def searching(base: Fit, *names: str) -> Search:
 
 def to_the_end(base: Fit, name: str, *starts: dict[str, float]) -> Fit:
     """An effect beside a base model, carried to its end from the best of some starts."""
-    begun = short(base, effect(name), starts, CRITERIA.short)
+    begun = short(base, base.plan.coarse(), effect(name), starts, CRITERIA.short)
     assert begun is not None
     ended = converged(further(begun, CRITERIA.further), base.plan, base.held, effect(name).parameters)
     assert ended is not None
@@ -177,7 +177,7 @@ def general(base: Fit) -> tuple[Search, Visited]:
     search = searching(base, "creep", "extra_hysteron")
     hysteron = effect("extra_hysteron")
     values = next(c.values for c in search.screen(search.screen.base) if c.effect == hysteron)
-    fitted = short(base, hysteron, [values], CRITERIA.short)
+    fitted = short(base, base.plan.coarse(), hysteron, [values], CRITERIA.short)
     assert fitted is not None
     return search, search.model((hysteron,), further(fitted, CRITERIA.further))
 

@@ -59,7 +59,7 @@ def together(base: Fit, *names: str, others: Sequence[str] = ()) -> tuple[Search
     elements = [effect(n) for n in names]
     search = begin(campaign, base, [*elements, *(effect(n) for n in others)], [], Criteria())
     values = base.setup.values() | {n: v for name in names for n, v in VALUES[name].items()}
-    begun = rebuilt(base, elements, values, base.plan, 12)
+    begun = rebuilt(base, elements, values, base.plan.coarse(), 12)
     assert begun is not None
     own = [n for e in elements for n in e.parameters]
     whole = converged(begun, base.plan, base.held, own)
