@@ -97,8 +97,7 @@ def distil(linearised: LinearisedFit, element: Effect, without: Fit | None, refi
 
 
 def _refitted(final: Fit, without: Fit, element: Effect, refits: Refits) -> Distilled | None:
-    """Return the formula of the measuring chain that explains most; of those that explain as much, the one with the
-    fewest numbers."""
+    """Return the formula of the measuring chain that explains most; where several do, one with the fewest numbers."""
     effects = [f for f in formulas_for(element) if f.can_be_added_to(without.setup)]
     fits = refits(without, effects) if effects else []
     if not fits:
