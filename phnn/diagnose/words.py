@@ -84,6 +84,11 @@ class Vocabulary:
         """SI unit of the rate."""
         return "1/s" if self.output_unit == "1" else f"{self.output_unit}/s"
 
+    def label(self, variable: str) -> str:
+        """Return what ``output``, ``rate``, ``effort`` or ``source`` is called, with its SI unit."""
+        name, unit = getattr(self, variable), getattr(self, f"{variable}_unit")
+        return f"{name} [{unit}]" if unit else name
+
 
 def vocabulary_of(network: Network) -> Vocabulary:
     """Return the words of a network; those of no domain where its units belong to none.
@@ -122,9 +127,9 @@ def picture(linearised: LinearisedFit, location: Location) -> Picture | None:
     words = vocabulary_of(network)
     length, small = (1e9, "nm") if words.mechanical else (1.0, words.output_unit)
     unit, label = {
-        FORCE: (scales.stiffness * scales.displacement, f"missing {_labelled(words.effort, words.effort_unit)}"),
-        VOLTAGE: (scales.voltage, f"missing {_labelled(words.source, words.source_unit)}"),
-        OUTPUT: (length * scales.displacement, f"missing {_labelled(words.output, small)}"),
+        FORCE: (scales.stiffness * scales.displacement, f"missing {words.label('effort')}"),
+        VOLTAGE: (scales.voltage, f"missing {words.label('source')}"),
+        OUTPUT: (length * scales.displacement, f"missing {words.output} [{small}]"),
         PARAMETER: (1.0, " of ".join(filter(None, ["relative change", ", ".join(group.varied(network))]))),
     }[group.enters]
     title = f"{location.name}: {location.detail}"
@@ -169,7 +174,7 @@ def learned_picture(linearised: LinearisedFit, location: Location, learned: Setu
             force -= np.asarray(RESISTOR_LAWS[r.law].flow(x, 0.0 * x, *own))
     words = vocabulary_of(base)
     shown, axis = _shown(x, group.axis, words)
-    label = "force on the mass [N]" if words.mechanical else _labelled(words.effort, words.effort_unit)
+    label = "force on the mass [N]" if words.mechanical else words.label("effort")
     return Picture(shown, force, None, axis, label, f"learned one-port: {location.detail}")
 
 
@@ -187,21 +192,13 @@ def missing_force(linearised: LinearisedFit, location: Location, index: int) -> 
     return np.asarray(linearised.scales.stiffness * linearised.scales.displacement * (functions @ location.weights))
 
 
-def _labelled(name: str, unit: str) -> str:
-    return f"{name} [{unit}]" if unit else name
-
-
 def _shown(x: Array, axis: str, words: Vocabulary) -> tuple[Array, str]:
     """An axis in the words and units of the system; displacements in micrometres."""
     name = axis.partition(" [")[0]
     if name == "displacement" and words.mechanical:
         return 1e6 * x, f"{words.output} [µm]"
-    labels = {
-        "displacement": _labelled(words.output, words.output_unit),
-        "velocity": _labelled(words.rate, words.rate_unit),
-        "voltage": _labelled(words.source, words.source_unit),
-    }
-    return x, labels.get(name, axis)
+    own = {"displacement": "output", "velocity": "rate", "voltage": "source"}
+    return x, words.label(own[name]) if name in own else axis
 
 
 def _axis(axis: str, scales: Scales) -> Array:
