@@ -14,7 +14,7 @@ import numpy as np
 from phnn.diagnose import diagnosis as path
 from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.linearised import LinearisedFit, prepare
-from phnn.diagnose.locations import Responses, responses
+from phnn.diagnose.locations import responses
 from phnn.effects import catalogue
 from phnn.identification.fit import Fit
 from phnn.identification.options import Options
@@ -80,8 +80,8 @@ def linearised(effect: str = "none", seed: int = SEED) -> LinearisedFit:
 
 
 @cache
-def generic(effect: str = "none", seed: int = SEED) -> Responses:
-    """Responses to all local functions."""
+def generic(effect: str = "none", seed: int = SEED) -> tuple[np.ndarray, np.ndarray]:
+    """Responses to all local functions, and their groups."""
     return responses(linearised(effect, seed))
 
 

@@ -10,7 +10,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from phnn.criteria import Criteria
-from phnn.diagnose.formula import Distilled, distil, has_grammar, refitted_formula
+from phnn.diagnose.formula import Distilled, distil
 from phnn.diagnose.linearised import TIE, LinearisedFit, prepare
 from phnn.diagnose.locations import Location, locate
 from phnn.diagnose.number import Visited, Weighed, best_to_write
@@ -276,7 +276,9 @@ def _concluded(search: Search, error: NumericalError, options: Options, account:
     for claim in outcome.claims:
         if claim.learned:
             part = f"formula of the {claim.effect.name.replace('_', ' ')}"
-            formula = extra(part, partial(_formula, search, final, claim), None)
+            without = None if claim.without is None else claim.without.fit
+            work = partial(distil, final, claim.effect, without, partial(refits, search))
+            formula: Distilled | None = extra(part, work, None)
             if formula is not None:
                 formulas[claim.effect.name] = formula
     residual = max(
@@ -332,15 +334,6 @@ def _gain(claim: Claim, after: Evaluation, search: Search) -> Gain | None:
         return gain(before, after, search.campaign.recordings, "confirmation", _BLOCKS, own)
 
     return needed(f"gain of {claim.effect.name}", compared, None)
-
-
-def _formula(search: Search, final: LinearisedFit, claim: Claim) -> Distilled | None:
-    """A formula for a learned element of the final model, where there is one."""
-    if has_grammar(claim.effect.kind.name):
-        return distil(final, claim.effect)
-    if claim.without is None:
-        return None
-    return refitted_formula(final.fit, claim.without.fit, claim.effect, partial(refits, search))
 
 
 def _questions(outcome: Verdict, model: Visited, search: Search) -> list[Question]:

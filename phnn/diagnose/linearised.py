@@ -16,7 +16,6 @@ from phnn.errors import SolverFailed
 from phnn.identification.fit import Fit, carried
 from phnn.identification.nuisances import without_nuisances
 from phnn.identification.plan import Plan
-from phnn.identification.subset import representative_subset
 from phnn.network.small_signal import output_gain
 from phnn.recordings.recording import Recording, dominant_frequency
 from phnn.simulate import Trajectory, measured_network, simulate
@@ -101,16 +100,6 @@ class LinearisedFit:
             return simulate(self.fit.setup, recording, plan.steps_of(recording), initial=initial).y
 
         return plan.each(run, simulations=1.0)
-
-    def on_subset(self) -> LinearisedFit:
-        """Return the linearised fit on a few recordings that lie far apart; parameters stay as they are."""
-        few = representative_subset(self.plan)
-        if few is self.plan:
-            return self
-        taken = [i for i, r in enumerate(self.plan.recordings) if r in few.recordings]
-        rows = np.concatenate([np.arange(s.start, s.stop) for s in (self.slices[i] for i in taken)])
-        fitted = replace(self.fit, plan=few, residual=self.fit.residual[rows], jacobian=self.fit.jacobian[rows])
-        return replace(self, fit=fitted, trajectories=tuple(self.trajectories[i] for i in taken))
 
     @property
     def spectra(self) -> Spectra:

@@ -23,10 +23,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from itertools import combinations
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,18 +43,18 @@ from phnn.network.small_signal import linearised_at_rest
 from phnn.passage import is_displacement
 from phnn.recordings.recording import Part, Recording, Start, Units
 from phnn.setup import Own, Setup
-from phnn.simulate import Trajectory, simulate
+from phnn.simulate import simulate
 from phnn.units import quantity
 
 Array = NDArray[np.float64]
 
 _SUBSTEPS = 2
 # Coordinates do not move further than this, a factor of twenty: beyond, a sensitivity at one place says nothing.
-FAR = 3.0
+_FAR = 3.0
 # Separations below this are nothing.
 _NOTHING = 1e-3
 # By this factor a repetition of all recordings at hand shrinks standard errors.
-REPEATED = math.sqrt(2.0)
+_REPEATED = math.sqrt(2.0)
 # A recording is not asked for more often.
 _OFTEN = 100
 # Most samples of a recording, samples of the fastest period, and how much higher than in use the rate may be.
@@ -244,37 +244,6 @@ def _multisine(linearised: LinearisedFit) -> Experiment:
     return Experiment("multisine", told, (stretch,), rate, units)
 
 
-class Predicted(NamedTuple):
-    """What a model predicts: outputs (N,) [m] and their derivatives (N, K) by its coordinates."""
-
-    y: Array
-    moved: Array
-
-
-class Bench:
-    """A recording that does not exist yet, on which each fit is simulated once.
-
-    Args:
-        recording: its input; the output is not read.
-    """
-
-    def __init__(self, recording: Recording) -> None:
-        self.recording = recording
-        self._known: dict[int, tuple[Fit, Trajectory, Array]] = {}
-
-    def simulated(self, fit: Fit, variables: Variables) -> tuple[Trajectory, Array]:
-        """Return the simulation of a fit, and the derivatives (N, K) of the output [m] by all its variables.
-
-        Raises:
-            SolverFailed: the model cannot be simulated there.
-        """
-        if id(fit) not in self._known:
-            trajectory = simulate(fit.setup, self.recording, _SUBSTEPS)
-            raw = output_derivatives(trajectory, variables.names)
-            self._known[id(fit)] = fit, trajectory, variables.columns(fit.setup, self.recording, raw)
-        return self._known[id(fit)][1:]
-
-
 @dataclass(frozen=True, eq=False)
 class Rival:
     """A model with what the recordings at hand know of its parameters.
@@ -282,7 +251,7 @@ class Rival:
     Attributes:
         name: canonical name of what it has beyond the others.
         fit: around which it is linear.
-        variables: everything that the recordings leave open, also what they do not identify.
+        variables: everything that the recordings leave open, also what they do not identify: its K coordinates.
         known: (M, K) rows ``J`` with ``‖J δ‖²`` the rise of their sum of squares when its coordinates move by ``δ``.
         own: which of the K coordinates belong to the element in question.
     """
@@ -292,15 +261,6 @@ class Rival:
     variables: Variables
     known: Array
     own: tuple[int, ...]
-
-    def predicted(self, bench: Bench) -> Predicted:
-        """Return output and sensitivities on a recording.
-
-        Raises:
-            SolverFailed: it cannot be simulated there.
-        """
-        trajectory, moved = bench.simulated(self.fit, self.variables)
-        return Predicted(trajectory.y, moved)
 
 
 @dataclass(frozen=True)
@@ -317,34 +277,20 @@ class Question:
 
 
 def refitted_rival(name: str, fitted: Fit, parameters: tuple[str, ...] = ()) -> Rival:
-    """Return a fit as a rival.
+    """Return a fit as a rival; what no statement holds may move, but no coordinate beyond `_FAR`.
 
     Args:
         name: of the element; parameters: of it.
         fitted: the fit with the element in its place.
     """
-    variables, slopes = everything(fitted)
-    own = tuple(i for i, n in enumerate(variables.names) if n in parameters)
-    return Rival(name, fitted, variables, bounded(slopes), own)
-
-
-def everything(fitted: Fit) -> tuple[Variables, Array]:
-    """Return all variables that no statement holds, and the derivatives (N, K) of the weighted residual by them."""
     held = [n for n in fitted.held if n not in stated_only(fitted.held)]
     variables = variables_from(fitted.setup, fitted.plan, (*fitted.variables.names, *held), fitted)
-    if not held:
-        return variables, fitted.jacobian
-    problem = Problem(fitted.setup, fitted.plan.coarse(), variables)
-    return variables, problem.jacobian(variables.start(fitted.setup))
-
-
-def bounded(slopes: Array) -> Array:
-    """Return the square root (K + K, K) of the rise of the sum of squares, no coordinate beyond `FAR`.
-
-    Args:
-        slopes: (N, K) derivatives of the weighted residual.
-    """
-    return np.concatenate([np.linalg.qr(slopes, mode="r"), np.eye(slopes.shape[1]) / FAR])
+    # (N, K) derivatives of the weighted residual.
+    slopes = fitted.jacobian
+    if held:
+        slopes = Problem(fitted.setup, fitted.plan.coarse(), variables).jacobian(variables.start(fitted.setup))
+    known = np.concatenate([np.linalg.qr(slopes, mode="r"), np.eye(slopes.shape[1]) / _FAR])
+    return Rival(name, fitted, variables, known, tuple(i for i, n in enumerate(variables.names) if n in parameters))
 
 
 @dataclass(frozen=True)
@@ -392,14 +338,11 @@ def propose(questions: Sequence[Question], linearised: LinearisedFit) -> NextExp
     asked = several or questions[:1]
     if not asked:
         return None
-    needed = math.sqrt(max(tie(q.models[0].fit) for q in asked)) if several else REPEATED
+    needed = math.sqrt(max(tie(q.models[0].fit) for q in asked)) if several else _REPEATED
     able = []
     for experiment in menu(linearised):
-        bench = Bench(experiment.recording(linearised.scales.noise))
-        try:
-            able.append((experiment, [foreseen(q.models, bench) for q in asked]))
-        except PhnnError:
-            continue
+        with suppress(PhnnError):
+            able.append((experiment, foreseen(asked, experiment.recording(linearised.scales.noise))))
     if not able:
         return None
 
@@ -424,23 +367,34 @@ def propose(questions: Sequence[Question], linearised: LinearisedFit) -> NextExp
     )
 
 
-def foreseen(models: Sequence[Rival], bench: Bench) -> Array:
-    """Return the separations of all pairs of models on a recording; of one model alone, the factor by which the
-    standard errors of its own numbers shrink when it joins the recordings at hand.
+def foreseen(questions: Sequence[Question], recording: Recording) -> list[Array]:
+    """Return the separations of all pairs of models of each question on a recording that does not exist yet; of one
+    model alone, the factor by which the standard errors of its own numbers shrink when it joins those at hand.
 
     Raises:
         SolverFailed: a model cannot be simulated there.
     """
-    recording, owns = bench.recording, [m.fit.setup.own for m in models]
-    own = Own(tuple(dict.fromkeys(f for o in owns for f in o.lines)), max(o.drift_terms for o in owns))
-    mask, raw = recording.mask("identification"), [m.predicted(bench) for m in models]
-    made = [Predicted(*(without_nuisances(x, mask, recording, own) / recording.noise for x in each)) for each in raw]
-    if len(models) == 1:
-        return np.array([shrinkage(made[0].moved, models[0].known, models[0].own)])
-    return np.array(
-        [min(left(made[a].y - made[b].y, made[i].moved, models[i].known) for i in (a, b))
-         for a, b in combinations(range(len(models)), 2)]
-    )  # fmt: skip
+    # Outputs (N,) and their derivatives (N, K) of each fit, which may stand in several questions.
+    made: dict[int, tuple[Array, Array]] = {}
+    for model in {id(m.fit): m for q in questions for m in q.models}.values():
+        trajectory = simulate(model.fit.setup, recording, _SUBSTEPS)
+        raw = output_derivatives(trajectory, model.variables.names)
+        made[id(model.fit)] = trajectory.y, model.variables.columns(model.fit.setup, recording, raw)
+    mask, figures = recording.mask("identification"), []
+    for models in (q.models for q in questions):
+        owns = [m.fit.setup.own for m in models]
+        own = Own(tuple(dict.fromkeys(f for o in owns for f in o.lines)), max(o.drift_terms for o in owns))
+        outputs, moved = zip(
+            *([without_nuisances(x, mask, recording, own) / recording.noise for x in made[id(m.fit)]] for m in models),
+            strict=True,
+        )
+        if len(models) == 1:
+            figures.append(np.array([shrinkage(moved[0], models[0].known, models[0].own)]))
+            continue
+        pairs = combinations(range(len(models)), 2)
+        apart = [min(left(outputs[a] - outputs[b], moved[i], models[i].known) for i in (a, b)) for a, b in pairs]
+        figures.append(np.array(apart))
+    return figures
 
 
 def left(difference: Array, moved: Array, known: Array) -> float:
@@ -503,12 +457,12 @@ def _why_it_separates(questions: Sequence[Question], apart: Sequence[Array], nee
 
 def _why_it_measures(question: Question, times: float) -> str:
     """Return that an element has no rival, and by which factor the standard errors of its numbers shrink."""
-    small = " only" if times < REPEATED else ""
+    small = " only" if times < _REPEATED else ""
     return (
         f"Nothing else that was tried explains these recordings nearly as well as the element "
         f"{_words(question.element)}. No two models are left to be told apart, so this recording measures the element "
         f"itself: beside the recordings at hand it makes the standard errors of its numbers smaller by a factor "
-        f"of{small} {_two(times)} (geometric mean). To repeat all recordings at hand would give {_two(REPEATED)}."
+        f"of{small} {_two(times)} (geometric mean). To repeat all recordings at hand would give {_two(_REPEATED)}."
     )
 
 

@@ -11,10 +11,11 @@ from phnn.diagnose.number import family
 from phnn.diagnose.screen import chance
 from phnn.diagnose.verdict import LEARNED, Claim
 from phnn.diagnose.words import fitted_in_words, is_effort, vocabulary_of
+from phnn.effects import Effect
 from phnn.effects.places import place_of
 from phnn.identification.fit import Fit
 from phnn.report.domain_words import forces_known
-from phnn.report.sentence import described, nearest, unknown_statement
+from phnn.report.sentence import nearest, unknown_statement
 from phnn.units import FORCE_UNITS, quantity
 
 _UP_TO_FACTOR = " Absolute values are known up to one common factor, because nothing anchors them."
@@ -37,10 +38,10 @@ def _entry(diagnosis: Diagnosis, claim: Claim) -> dict[str, Any]:
     if not claim.claimed:
         entry["effect"] = "unknown"
         entry["nearest"] = next(iter(names), None) if claim.learned else claim.name
-    formula = described(diagnosis, claim)
+    formula = diagnosis.formulas.get(effect.name)
     if formula is not None:
         status = "described" if claim.status == LEARNED else claim.status
-        entry |= {"status": status, "description": _description(formula, effect.passive)}
+        entry |= {"status": status, "description": _description(formula, effect)}
     free = not forces_known(diagnosis) and any(parameters[n].unit in FORCE_UNITS for n in effect.parameters)
     statement = effect.statement.format(**shown) if formula is None else formula.words
     return entry | {
@@ -87,15 +88,15 @@ def _held_out(diagnosis: Diagnosis, claim: Claim) -> dict[str, Any] | None:
     return {"before": gain.before, "after": gain.after, "p_value": gain.falls, "rms": gain.rms}
 
 
-def _description(formula: Distilled, passive: bool) -> dict[str, Any]:
+def _description(formula: Distilled, effect: Effect) -> dict[str, Any]:
     """Return the formula of a learned element; exponents by their symbols, each with its 95 % interval."""
     return {
-        "kind": formula.kind,
+        "kind": effect.kind.name,
         "formula": formula.equation,
         "words": formula.words,
         "parameters": {n: {"value": value, "unit": unit} for n, (value, unit) in formula.parameters.items()},
         "exponents": {n: list(interval) for n, (_, interval) in formula.exponents.items()},
-        "passive": passive,
+        "passive": effect.passive,
         "others": list(formula.others),
     }
 

@@ -15,11 +15,7 @@ from numpy.typing import NDArray
 
 from phnn.check.quality import doubts_of_units
 from phnn.diagnose.diagnosis import Diagnosis
-from phnn.diagnose.locations import (
-    recording_scores,
-    strongest_frequencies,
-    strongest_times,
-)
+from phnn.diagnose.locations import where_and_when
 from phnn.diagnose.screen import chance
 from phnn.diagnose.symptoms import recording_residuals, symptoms
 from phnn.diagnose.verdict import NONE, UNKNOWN
@@ -183,6 +179,7 @@ def _location(diagnosis: Diagnosis) -> dict[str, Any] | None:
     if where is None:
         return None
     name, *tied = diagnosis.places
+    scores, frequencies, times = where_and_when(base)
     return {
         "name": name,
         "detail": diagnosis.detail,
@@ -190,9 +187,9 @@ def _location(diagnosis: Diagnosis) -> dict[str, Any] | None:
         "dictionary": [where.name, *where.tied],
         "scores": {n: round(s, 4) for n, s in where.scores.items()},
         "ranks": {n: round(where.ranks[n], 4) for n in where.scores},
-        "recordings": {n: {"residual_over_noise": v} for n, v in recording_scores(base).items()},
-        "frequencies_Hz": strongest_frequencies(base),
-        "times_s": strongest_times(base),
+        "recordings": {n: {"residual_over_noise": v} for n, v in scores.items()},
+        "frequencies_Hz": frequencies,
+        "times_s": times,
     }
 
 

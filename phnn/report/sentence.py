@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 
 from phnn.diagnose.diagnosis import Diagnosis
-from phnn.diagnose.formula import Distilled
 from phnn.diagnose.number import Visited, is_learned
 from phnn.diagnose.verdict import NAMED, NONE, UNKNOWN, Claim
 from phnn.diagnose.words import vocabulary_of
@@ -159,15 +158,9 @@ def _place(diagnosis: Diagnosis) -> str:
     return f" at {place}{kind}"
 
 
-def described(diagnosis: Diagnosis, claim: Claim) -> Distilled | None:
-    """Return the formula of a learned element, if it explains as much as the element."""
-    formula = diagnosis.formulas.get(claim.effect.name)
-    return formula if formula is not None and formula.as_good and formula.first_order else None
-
-
 def _element(diagnosis: Diagnosis, claim: Claim) -> str:
     """Return an element of a model whose name is not claimed, in words."""
     if not claim.learned:
         return f"an element that acts like {words(claim.effect.name)} ({sure(claim.probability)})"
-    formula = described(diagnosis, claim)
+    formula = diagnosis.formulas.get(claim.effect.name)
     return f"a {words(claim.effect.name)}" + ("" if formula is None else f" ({formula.words.removesuffix('.')})")

@@ -12,27 +12,14 @@ from campaigns import recorded
 from effect_homes import BASE, SCALES
 
 from phnn.diagnose import proposal as path
-from phnn.diagnose.formula import Distilled, distil
 from phnn.diagnose.linearised import LinearisedFit, prepare, tie
-from phnn.diagnose.proposal import (
-    Bench,
-    Experiment,
-    Question,
-    Rival,
-    Stretch,
-    foreseen,
-    propose,
-    refitted_rival,
-    shrinkage,
-)
-from phnn.diagnose.refit import started
+from phnn.diagnose.proposal import Experiment, Question, Rival, Stretch, propose, refitted_rival, shrinkage
 from phnn.effects import effect
 from phnn.effects.learned import learned_elements
 from phnn.identification.fit import Fit, fit
 from phnn.identification.plan import Plan
 from phnn.recordings.recording import ACTUATOR, Recording
 from phnn.setup import Setup
-from phnn.simulate import simulate
 
 NOISE, LOUD = 2e-8, 2e-7  # metres
 NAMES = [n for n in BASE.free if n != "m"]
@@ -80,16 +67,6 @@ def at_hand() -> tuple[Rival, Rival, LinearisedFit]:
     return *models, prepare(position)
 
 
-def learned(plan: Plan) -> tuple[LinearisedFit, Distilled]:
-    """The learned damper fitted to what the plant does, and its formula."""
-    names = [*NAMES, *DAMPER.strengths]
-    begun = started(DAMPER.add_to(BASE, DAMPER.grid(SCALES)[0]), plan, names, DAMPER.strengths, None)
-    linearised = prepare(fit(begun, plan, names, HELD, 20))
-    found = distil(linearised, DAMPER)
-    assert found is not None
-    return linearised, found
-
-
 def test_a_larger_amplitude_tells_damping_of_the_position_from_that_of_the_speed(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -115,21 +92,6 @@ def test_a_larger_amplitude_tells_damping_of_the_position_from_that_of_the_speed
     assert seen[1] > 0.8 * found.separation
 
 
-def test_a_formula_predicts_new_recordings_as_the_plant_does() -> None:
-    linearised, found = learned(plan_of(sine(75.0), sine(40.0, 150.0), sine(75.0, 50.0, 3), noise=NOISE))
-    assert found.as_good
-    model = found.models[0]
-    assert model.name.startswith("viscous damping that grows with the square of the distance from zero")
-    asked = sine(60.0, 120.0)
-    bench = Bench(asked.recording(NOISE))
-    y = simulate(plant(), bench.recording, 4).y
-    linear = simulate(plant().with_values({"F_q": 0.0}), bench.recording, 4).y
-    assert np.std(model.predicted(bench).y - y) < 0.02 * np.std(linear - y)
-    # Moved by its own coordinates: the response to the force and to the base damper.
-    assert model.predicted(bench).moved.shape[1] == model.known.shape[1]
-    assert linearised.fit is model.fit
-
-
 def test_an_element_without_a_rival_is_measured_where_its_numbers_show_most(monkeypatch: pytest.MonkeyPatch) -> None:
     position, _, linearised = at_hand()
     offered = (sine(5.0), sine(75.0))
@@ -144,8 +106,6 @@ def test_an_element_without_a_rival_is_measured_where_its_numbers_show_most(monk
     name = joint.variables.names.index("F_q")
     before, after = (np.linalg.inv(f.jacobian.T @ f.jacobian)[name, name] for f in (position.fit, joint))
     assert found.separation == pytest.approx(math.sqrt(before / after), rel=0.3)
-    (times,) = foreseen([position], Bench(offered[0].recording(LOUD)))
-    assert times == pytest.approx(found.menu[offered[0].kind])
     assert "No two models are left to be told apart" in found.why
     assert "To repeat all recordings at hand would give 1.4." in found.why
 

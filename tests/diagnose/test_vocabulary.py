@@ -36,11 +36,21 @@ def at(group: int, linearised: LinearisedFit) -> Location:
     count = GROUPS[group].functions(linearised.trajectories[0], linearised.scales).shape[1]
     weights = np.random.default_rng(group).normal(size=count)
     return Location(
-        GROUPS[group].location, GROUPS[group].detail, (), {}, {}, {}, group, weights, np.diag(1e-4 * np.ones(count))
+        GROUPS[group].kind.location,
+        GROUPS[group].kind.name,
+        (),
+        {},
+        {},
+        {},
+        group,
+        weights,
+        np.diag(1e-4 * np.ones(count)),
     )
 
 
-@pytest.mark.parametrize("group", [i for i, g in enumerate(GROUPS) if g.detail in ("elastic", "dissipative", "shape")])
+@pytest.mark.parametrize(
+    "group", [i for i, g in enumerate(GROUPS) if g.kind.name in ("elastic", "dissipative", "shape")]
+)
 def test_tanks_in_volts_are_told_in_volts(group: int) -> None:
     linearised = in_unit("V", "V")
     told = fitted_in_words(linearised, at(group, linearised))
@@ -49,7 +59,7 @@ def test_tanks_in_volts_are_told_in_volts(group: int) -> None:
     drawn = picture(linearised, at(group, linearised))
     assert drawn is not None
     assert not any(word in f"{drawn.x_label} {drawn.y_label}" for word in MECHANICAL)
-    if GROUPS[group].detail == "dissipative":
+    if GROUPS[group].kind.name == "dissipative":
         assert drawn.x_label == "rate of the output [V/s]"
 
 

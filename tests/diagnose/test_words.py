@@ -82,7 +82,7 @@ def test_forgetting_of_one_time_constant_and_of_many() -> None:
 )
 def test_what_was_fitted_at_the_location_in_words(effect: str, words: tuple[str, ...]) -> None:
     linearised = campaigns.linearised(effect)
-    found = fitted_in_words(linearised, locate(linearised, campaigns.generic(effect)))
+    found = fitted_in_words(linearised, locate(linearised))
     assert all(w in found for w in words), found
 
 
