@@ -153,25 +153,19 @@ def picture(linearised: LinearisedFit, location: Location) -> Picture | None:
 
 
 def learned_picture(linearised: LinearisedFit, location: Location, learned: Setup) -> Picture:
-    """Return the law of a learned one-port, on the axis of the location's own functions.
+    """Return the law of a learned spring or damper, on the axis of the location's own functions.
 
     Args:
         learned: the setup with it.
     """
-    group, scales, base = GROUPS[location.group], linearised.scales, linearised.fit.setup.network
-    # (M,) displacement [m] of a spring, velocity [m/s] of a damper, time [s] after a step of a memory.
-    x, values = _axis(group.axis, scales), learned.values()
+    group, base, values = GROUPS[location.group], linearised.fit.setup.network, learned.values()
+    # (M,) displacement [m] of a spring, velocity [m/s] of a damper.
+    x = _axis(group.axis, linearised.scales)
     force = np.zeros_like(x)
-    relaxing = {name for r in learned.network.resistors if r.law == "maxwell" for name in r.on}
-    for s in (s for s in learned.network.storages if s not in base.storages and s.name not in relaxing):
+    for s in (s for s in learned.network.storages if s not in base.storages):
         force -= np.asarray(STORAGE_LAWS[s.law].mean_effort(x, x, *(values[n] for n in s.parameters)))
     for r in (r for r in learned.network.resistors if r not in base.resistors):
-        own = [values[n] for n in r.parameters]
-        if r.law == "maxwell":
-            stiffness, tau = own
-            force -= stiffness * scales.displacement * np.exp(-x / tau)
-        else:
-            force -= np.asarray(RESISTOR_LAWS[r.law].flow(x, 0.0 * x, *own))
+        force -= np.asarray(RESISTOR_LAWS[r.law].flow(x, 0.0 * x, *(values[n] for n in r.parameters)))
     words = vocabulary_of(base)
     shown, axis = _shown(x, group.axis, words)
     label = "force on the mass [N]" if words.mechanical else words.label("effort")

@@ -186,6 +186,7 @@ def make_document(verdict: str, evidence: Evidence) -> dict[str, Any]:
     following = {
         "recording": "hold at 60 V for 30 s, then at 0 V for 30 s",
         "separates": ["creep", "charge_leakage"],
+        "groups": [["creep", "charge_leakage"]],
         "why": "Leakage is bounded by the thresholds and stops; creep goes on for a decade of time longer.",
     }
     return {
