@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.diagnose.noise import Response, Spectra, spectra_of
+from phnn.diagnose.lines import Response, Spectra, spectra_of
 from phnn.effects import Effect, Scales
 from phnn.effects.places import values_by_role
 from phnn.errors import SolverFailed

@@ -1,46 +1,217 @@
-"""Score of lines and slow drifts: a subspace in place of a direction, because no other recording tells their size.
+"""Lines and slow drifts of a residual: its spectra, and the scores of terms that every recording has of its own.
 
-With an orthonormal basis ``Q`` of the nuisances of all recordings, base and nuisances projected out, ``‖Qᵀr‖²`` over
-the mean noise power along ``Q`` is χ² with as many degrees of freedom as columns, where nothing is missing. The
-standard normal deviate of the same tail probability makes it comparable to the score of a direction.
+No other recording tells the size of such a term: a subspace is scored in place of a direction. With an orthonormal
+basis ``Q`` of the nuisances of all recordings, base and nuisances projected out, ``‖Qᵀr‖²`` over the mean noise power
+along ``Q`` is χ² with as many degrees of freedom as columns, where nothing is missing. The standard normal deviate of
+the same tail probability makes it comparable to the score of a direction.
+
+A force that nobody records and a white sensor make the noise
+
+    S(f) = s (1 + κ |G(f)|²).
+
+Two numbers and the model's own response ``G`` about rest describe it, so that a line hardly raises the noise that it is
+compared with, and a short recording does not show its resonance as one. ``s`` and ``κ`` are those of greatest
+likelihood (Whittle 1953). Lines stand out of the neighbouring frequencies. A short recording resolves so few of them
+that an unrecorded force looks like a line where it makes the plant resonate: the shape of `force_noise` is divided out
+before neighbours are averaged.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
+from scipy.ndimage import median_filter, uniform_filter1d
+from scipy.optimize import minimize_scalar
+from scipy.signal import periodogram
 from scipy.special import ndtri_exp
 from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
-from phnn.diagnose.linearised import LinearisedFit
-from phnn.diagnose.noise import (
-    FINER,
-    FREEDOM,
-    LEVEL_CELLS,
-    Spectra,
-    covariance,
-    degrees_of_freedom,
-    force_noise,
-    stated_variances,
-    strongest,
-)
 from phnn.identification.nuisances import drift_columns, line_columns, own_columns, without_nuisances
-from phnn.identification.residual_noise import most_excess, noise_spectra
+from phnn.identification.residual_noise import NoiseSpectrum, most_excess, noise_spectra
+from phnn.recordings.recording import Recording, dominant_frequency
 from phnn.setup import DRIFT_TERMS, Own
+from phnn.signals.first_order import density_of
+
+if TYPE_CHECKING:
+    from phnn.diagnose.linearised import LinearisedFit
 
 Array = NDArray[np.float64]
+# (F,) amplitude of the output over that of a force, in any unit, at frequencies (F,) [Hz].
+Response = Callable[[Array], Array]
 
-_RANK = 1e-9
-# A direction of which the base leaves no more than this share is explained by it.
-_FREE = 1e-10
+# Bounds of log₁₀ κ, for a largest |G| of one: below, the force's part is lost in the sensor's.
+_LEAST, _MOST = -2.0, 7.0
+# Ordinates whose running median shows the noise beside a line, and multiples of it at which a line is cut off.
+_NEIGHBOURS, _CUT = 31, 8.0
+# Zero padding of the spectra that are searched; how many periods a recording must have to show a line; the spacing of
+# the frequencies in units of what the longest recording resolves, and the highest one in cycles a sample.
+_PADDING, _PERIODS, _FINER, _HIGHEST = 8, 2.0, 0.25, 0.45
+# What a recording resolves: the level around a line is that of so many cells on both sides, but for those in the middle
+# that the line itself fills.
+_AROUND, _FILLED = 12, 3
+_CELLS = _AROUND - _FILLED
+# Degrees of freedom of the power at one frequency: a sine and a cosine.
+_FREEDOM = 2.0
+# Directions weaker than this share of the strongest are rounding; a direction of which the base leaves no more than
+# this share of its square is explained by it.
+_RANK, _FREE = 1e-9, 1e-10
 # Multiples of a line's frequency that come with it.
 _HARMONICS = (1, 2, 3)
-# Logarithm of the tail probability below which a line stands out of its surroundings.
-_LINE = float(np.log(0.01))
-# Probability below which an estimate of a variance contradicts the one that is stated.
-_CONTRADICTED = 0.05
+# Logarithm of the tail probability below which a line stands out of its surroundings; probability below which an
+# estimate of a variance contradicts the one that is stated.
+_LINE, _CONTRADICTED = float(np.log(0.01)), 0.05
+
+
+def force_noise(residual: Array, dt: float, response: Response, most: float = np.inf) -> NoiseSpectrum:
+    """Return the spectrum ``S`` of a residual.
+
+    Args:
+        residual: (N,) weighted by the stated deviation of the noise; dt: sampling interval [s].
+        response: of the plant.
+        most: bound of the white part ``s``: a larger one is rather what the model misses.
+    """
+    cycles, power = periodogram(residual, detrend="constant")
+    # At rest for ever an integrating plant has no gain.
+    cycles, power = cycles[1:], 0.5 * power[1:]
+    passed = response(cycles / dt) ** 2
+    largest = passed.max()
+    passed = passed / largest if 0.0 < largest < np.inf else np.zeros_like(passed)
+    power = np.minimum(power, _CUT * median_filter(power, min(_NEIGHBOURS, power.size), mode="mirror"))
+
+    def cost(exponent: float) -> float:
+        shape = 1.0 + 10.0**exponent * passed
+        return float(np.mean(np.log(shape)) + np.log(max(np.mean(power / shape), 1e-300)))
+
+    shape = 1.0 + 10.0 ** minimize_scalar(cost, bounds=(_LEAST, _MOST), method="bounded").x * passed
+    # An exact model leaves nothing, by which others divide.
+    level = max(float(np.mean(power / shape)), 1e-300)
+    density = min(level, most) + level * (shape - 1.0)
+    band, freedom = np.zeros(cycles.size + 1, dtype=int), np.array([2.0 * cycles.size])
+    return NoiseSpectrum(np.append(0.0, cycles), np.append(density[:1], density), band, freedom)
+
+
+class Spectrum(NamedTuple):
+    """Power of one recording at those of the common frequencies at which it can show a line.
+
+    Attributes:
+        rows: (B,) which of them.
+        power: (B,) in units of half its mean under noise as stated.
+        level: (B,) the same around each frequency, as the residual shows it.
+        beside: (B,) whether the recording tells a line from harmonics of what drives it.
+    """
+
+    rows: slice
+    power: Array
+    level: Array
+    beside: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Spectra:
+    """Attributes:
+    f: (F,) common frequencies [Hz], as fine as the longest recording asks; each: by recording.
+    """
+
+    f: Array
+    each: tuple[Spectrum, ...]
+
+    def added(self, values: Callable[[Spectrum], Array], some: Iterable[Spectrum] | None = None) -> Array:
+        """Return the sum (F,) over the recordings, or some of them."""
+        total = np.zeros_like(self.f)
+        for spectrum in self.each if some is None else some:
+            total[spectrum.rows] += values(spectrum)
+        return total
+
+    @property
+    def together(self) -> tuple[Array, Array]:
+        """(F,) power and degrees of freedom of all recordings together."""
+        return self.added(lambda s: s.power), self.added(lambda s: np.full_like(s.power, _FREEDOM))
+
+    def undriven(self, without: int = -1) -> tuple[Array, Array]:
+        """Return power and degrees of freedom (F,) of every recording beside harmonics of what drives it.
+
+        Args:
+            without: number of a recording that is left out, unless it is the only one.
+        """
+        some = [s for i, s in enumerate(self.each) if i != without] or self.each
+        return self.added(lambda s: s.power * s.beside, some), self.added(
+            lambda s: np.where(s.beside, _FREEDOM, 0.0), some
+        )
+
+    def around(self, lines: Sequence[float]) -> tuple[Array, Array]:
+        """Return power (L,) at some frequencies [Hz] and the level around it, of every recording that can show the line
+        beside harmonics of what drives it."""
+        at = np.searchsorted(self.f, [f for f in lines if self.f.size and self.f[0] <= f <= self.f[-1]])
+        shown = [(s, i - s.rows.start) for s in self.each for i in at if s.rows.start <= i < s.rows.stop]
+        values = [(s.power[i], s.level[i]) for s, i in shown if s.beside[i]]
+        power, level = np.array(values).reshape(-1, 2).T
+        return power, level
+
+    @property
+    def peaks(self) -> tuple[float, ...]:
+        """Frequencies [Hz] that hold most power together, of all and off the harmonics of what drives a recording."""
+        return tuple(float(self.f[i]) for i in sorted({_strongest(*self.together), _strongest(*self.undriven())}))
+
+
+def spectra_of(residuals: Sequence[Array], recordings: Sequence[Recording], responses: Sequence[Response]) -> Spectra:
+    """Return the spectra of residuals, weighted by the noise.
+
+    Args:
+        residuals: by recording; responses: of the plant to a force, by recording.
+    """
+    pairs = list(zip(residuals, recordings, strict=True))
+    longest = max(r.size * recording.dt for r, recording in pairs)
+    f = np.arange(_PERIODS / longest, max(_HIGHEST / recording.dt for _, recording in pairs), _FINER / longest)
+    return Spectra(f, tuple(_spectrum(*pair, f, response) for pair, response in zip(pairs, responses, strict=True)))
+
+
+def _spectrum(residual: Array, recording: Recording, f: Array, response: Response) -> Spectrum:
+    n, dt = residual.size, recording.dt
+    own = np.asarray(np.fft.rfftfreq(_PADDING * n, dt), dtype=np.float64)
+    power = 2.0 / n * np.abs(np.fft.rfft(residual, _PADDING * n)) ** 2
+    rows = slice(*(int(i) for i in np.searchsorted(f, [_PERIODS / (n * dt) * (1.0 - 1e-12), _HIGHEST / dt])))
+    stated = density_of(recording.noise_correlation, dt * f[rows])
+    shape = force_noise(residual, dt, response).at(dt * own)
+    # The mean of the cells around each frequency, those in the middle left out.
+    sizes = ((_AROUND, _AROUND * _PADDING + 1), (-_FILLED, _FILLED * _PADDING + 1))
+    level = sum(cells / _CELLS * uniform_filter1d(power / shape, size, mode="reflect") for cells, size in sizes)
+    shown, around = (np.interp(f[rows], own, x) / stated for x in (power, shape * level))
+    driven = dominant_frequency(recording)
+    beside = np.ones(shown.shape, dtype=bool)
+    if driven * n * dt > _PERIODS:
+        beside = np.abs(f[rows] - driven * np.round(f[rows] / driven)) * n * dt > 1.0
+    return Spectrum(rows, shown, around, beside)
+
+
+def _strongest(power: Array, freedom: Array) -> int:
+    """Return where χ² is least probable, by its normal deviate (Wilson & Hilferty 1931), which never underflows."""
+    known = np.maximum(freedom, 1.0)
+    spread = 2.0 / (9.0 * known)
+    deviate = (np.cbrt(np.maximum(power, 0.0) / known) - (1.0 - spread)) / np.sqrt(spread)
+    return int(np.argmax(np.where(freedom > 0.5, deviate, -np.inf)))
+
+
+def strongest_line(spectra: Spectra) -> tuple[float, float, float]:
+    """Return the frequency [Hz] at which recordings' residuals hold most power together, and its normal deviates.
+
+    The periodograms of all recordings, each over the spectrum of its stated noise, are added up; so are the levels
+    around each frequency. The power is χ² under noise as stated, and its ratio to the level is F under noise of any
+    spectrum that is smooth over a dozen of the cells that a recording resolves, a resonance of the plant for instance.
+    The tail probability of the largest value is multiplied by the number of frequencies.
+    """
+    (power, freedom), level, tries = spectra.together, spectra.added(lambda s: s.level), spectra.f.size * _FINER
+    tails = np.where(freedom > 0.5, _over_level(_ratio(power, level), np.maximum(freedom, 1.0)), 0.0) + np.log(tries)
+    least = float(tails.min(initial=0.0))
+    # What stands out of its surroundings is the line, not what is strong because a resonance is.
+    best = int(np.argmin(tails)) if least < _LINE else _strongest(power, freedom)
+    stated = _deviate(float(power[best]), int(freedom[best]), tries)
+    return float(spectra.f[best]), stated, min(_normal(least), stated)
 
 
 def own_score(linearised: LinearisedFit, own: Own, spectra: Spectra) -> tuple[float, float]:
@@ -66,30 +237,28 @@ def own_score(linearised: LinearisedFit, own: Own, spectra: Spectra) -> tuple[fl
     if not free.any():
         return 0.0, 0.0
     q = linearised.project(alone) @ (vectors[:, free] / np.sqrt(left_over[free]))
-    residuals = [linearised.residual[rows] for rows in slices]
-    noise = noise_spectra(residuals, recordings)
-    stated, left = float(np.mean(stated_variances(recordings, slices, q))), covariance(noise, slices, q)
-    saved = float(np.sum((q.T @ linearised.residual) ** 2) / stated)
-    excess, deviate = max(float(np.mean(np.diag(left))) / stated, 1.0), _deviate(saved, q.shape[1], 1.0)
+    count, residuals = q.shape[1], [linearised.residual[rows] for rows in slices]
+    noise, stated = noise_spectra(residuals, recordings), float(np.mean(stated_variances(recordings, slices, q)))
+    left = np.sum([s.covariance(q[rows]) for s, rows in zip(noise, slices, strict=True)], axis=0)
+    saved, excess = float(np.sum((q.T @ linearised.residual) ** 2) / stated), max(np.trace(left) / count / stated, 1.0)
+    deviate = _deviate(saved, count)
     if own.drift_terms > setup.own.drift_terms:
-        judged, known = _deviate(saved / excess, q.shape[1], 1.0), degrees_of_freedom(noise, slices, q)
+        judged, known = _deviate(saved / excess, count), degrees_of_freedom(noise, slices, q)
         if chi2.sf(known * excess, known) <= _CONTRADICTED:
             # It is compared with the few lowest ordinates, and the variances along it differ (Satterthwaite 1946).
             along = float(np.trace(left) ** 2 / np.sum(left**2))
-            judged = min(judged, _normal(float(f_distribution.logsf(saved / excess / q.shape[1], along, known))))
+            judged = min(judged, _normal(float(f_distribution.logsf(saved / excess / count, along, known))))
         return deviate, judged
     # A line raises the spectrum that it is compared with; a slow drift does not, it is slower than that spectrum.
-    excess = min(excess, most_excess(recordings) ** 2)
-    forces = [
-        force_noise(r, recording.dt, linearised.response(recording), most_excess([recording]) ** 2)
-        for r, recording in zip(residuals, recordings, strict=True)
-    ]
-    # Such a spectrum is one band.
-    forced = np.sum([s.by_band(q[rows])[0] for s, rows in zip(forces, slices, strict=True)], axis=0)
-    judged = _deviate(saved / max(excess, float(np.mean(forced)) / stated), q.shape[1], 1.0)
+    excess, total = min(excess, most_excess(recordings) ** 2), np.zeros(count)
+    for r, recording, rows in zip(residuals, recordings, slices, strict=True):
+        forced = force_noise(r, recording.dt, linearised.response(recording), most_excess([recording]) ** 2)
+        # Such a spectrum is one band.
+        total += forced.by_band(q[rows])[0]
+    judged = _deviate(saved / max(excess, float(np.mean(total)) / stated), count)
     power, level = spectra.around([f for f in own.lines if f not in setup.own.lines])
     if power.size:
-        judged = min(judged, _normal(float(_over_level(np.mean(_ratio(power, level)), FREEDOM * power.size))))
+        judged = min(judged, _normal(float(_over_level(np.mean(_ratio(power, level)), _FREEDOM * power.size))))
     return deviate, judged
 
 
@@ -100,8 +269,8 @@ def line_share(linearised: LinearisedFit) -> float:
     """
     spectra, saved = linearised.spectra, 0.0
     for i, (recording, rows) in enumerate(zip(linearised.plan.recordings, linearised.slices, strict=True)):
-        power, freedom = spectra.of_others(i)
-        lines = [k * spectra.f[strongest(power, freedom)] for k in _HARMONICS]
+        power, freedom = spectra.undriven(without=i)
+        lines = [k * spectra.f[_strongest(power, freedom)] for k in _HARMONICS]
         columns = line_columns(recording, lines)[recording.mask("identification")]
         if columns.shape[1] and freedom.max() > 0.5:
             left = np.linalg.qr(columns)[0].T @ linearised.residual[rows]
@@ -125,48 +294,55 @@ def drift_share(linearised: LinearisedFit) -> float:
     return max(saved, 0.0)
 
 
-def strongest_line(spectra: Spectra) -> tuple[float, float, float]:
-    """Return the frequency [Hz] at which recordings' residuals hold most power together, and its normal deviates.
+def stated_variances(recordings: Sequence[Recording], slices: Sequence[slice], columns: Array) -> Array:
+    """Return the variances (C,) along columns (N, C) of the noise that recordings state.
 
-    The periodograms of all recordings, each over the spectrum of its stated noise, are added up; so are the levels
-    around each frequency. The power is χ² under noise as stated, and its ratio to the level is F under noise of any
-    spectrum that is smooth over a dozen of the cells that a recording resolves, a resonance of the plant for instance.
-    The tail probability of the largest value is multiplied by the number of frequencies.
+    Args:
+        slices: rows of every recording.
     """
-    power, level, freedom = spectra.added(lambda s: s.power), spectra.added(lambda s: s.level), spectra.freedom
-    tries = spectra.f.size * FINER
-    tails = _out_of_surroundings(power, level, freedom) + np.log(tries)
-    best = strongest(power, freedom)
-    if tails.min(initial=0.0) < _LINE:
-        # What stands out of its surroundings is the line, not what is strong because a resonance is.
-        best = int(np.argmin(tails))
-    stated = _deviate(float(power[best]), int(freedom[best]), tries)
-    return float(spectra.f[best]), stated, min(_normal(float(tails.min(initial=0.0))), stated)
+    total = np.zeros(columns.shape[1])
+    for recording, rows in zip(recordings, slices, strict=True):
+        rho, block = recording.noise_correlation, columns[rows]
+        total += np.einsum("ij,ij->j", block, block)
+        for lag in range(1, min(rho.size, block.shape[0])):
+            if rho[lag] != 0.0:
+                total += 2.0 * rho[lag] * np.einsum("ij,ij->j", block[lag:], block[:-lag])
+    return total
 
 
-def _out_of_surroundings(power: Array, level: Array, freedom: Array) -> Array:
-    """(F,) logarithms of the tail probabilities of powers over the levels around them; zero without freedom."""
-    known = np.maximum(freedom, 1.0)
-    return np.where(freedom > 0.5, _over_level(_ratio(power, level), known), 0.0)
+def degrees_of_freedom(spectra: Sequence[NoiseSpectrum], slices: Sequence[slice], columns: Array) -> float:
+    """Return the degrees of freedom of the sum of the variances along columns (N, C) by the spectra of recordings.
+
+        ν = 2 (Σ_b V_b)² / Σ_b 2 V_b²/ν_b,    V_b the part of band b of a spectrum, ν_b its degrees of freedom
+
+    (Satterthwaite 1946). A slow change of the output is judged by the few lowest ordinates of a spectrum. The error of
+    the slope by which a spectrum goes on below them is not counted.
+    """
+    total = doubt = 0.0
+    # Recordings may share a spectrum: the errors of its bands are common to them.
+    for spectrum in {id(s): s for s in spectra}.values():
+        own = [rows for s, rows in zip(spectra, slices, strict=True) if s is spectrum]
+        variances = np.sum([spectrum.by_band(columns[rows]).sum(axis=1) for rows in own], axis=0)
+        total, doubt = total + float(variances.sum()), doubt + float(np.sum(variances**2 / spectrum.freedom))
+    return total**2 / max(doubt, 1e-300)
 
 
 def _ratio(power: Array, level: Array) -> Array:
-    """Powers over the levels around them."""
+    """Return powers over the levels around them."""
     return np.asarray(power / np.maximum(level, 1e-300))
 
 
 def _over_level(ratio: Array | np.floating, freedom: Array | float) -> Array:
-    """Logarithms of the tail probabilities of ratios of powers, of some degrees of freedom, to their levels."""
-    return np.asarray(f_distribution.logsf(ratio, freedom, LEVEL_CELLS * freedom))
+    """Return logarithms of the tail probabilities of ratios of powers, of some degrees of freedom, to their levels."""
+    return np.asarray(f_distribution.logsf(ratio, freedom, _CELLS * freedom))
 
 
 def _normal(tail: float) -> float:
-    """The normal deviate, at least 0, of a logarithm of a tail probability."""
+    """Return the normal deviate, at least 0, of a logarithm of a tail probability."""
     return max(float(-ndtri_exp(min(tail, -1e-12))), 0.0)
 
 
-def _deviate(saved: float, freedom: int, tries: float) -> float:
-    """Normal deviate of a tail probability of χ² times a number of tries."""
-    tail = min(chi2.logsf(saved, max(freedom, 1)) + np.log(tries), -1e-12)
+def _deviate(saved: float, freedom: int, tries: float = 1.0) -> float:
+    """Return the normal deviate of a tail probability of χ² times a number of tries."""
     # Far out the tail underflows; what a score means, a sum of squares saved, bounds the deviate in any case.
-    return float(np.clip(-ndtri_exp(tail), 0.0, np.sqrt(saved)))
+    return min(_normal(float(chi2.logsf(saved, max(freedom, 1)) + np.log(tries))), float(np.sqrt(saved)))

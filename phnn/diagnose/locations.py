@@ -90,13 +90,9 @@ def integral_while_within(x: Array, h: Array, limit: float) -> Array:
 
 
 def resonator(x: Array, h: Array, frequency: float, ratio: float) -> Array:
-    """Return (N, 2) the two states of an oscillator that a signal drives, in phase and in quadrature, from rest.
-
-    ``ż = λ (z − x)``, ``λ = ω (−ζ + i √(1 − ζ²))``: real and imaginary part of ``z``.
-
-    Args:
-        frequency: undamped, ``ω / 2π``; ratio: of damping, ``ζ``.
-    """
+    """Return (N, 2) the two states of an oscillator that a signal drives, in phase and in quadrature, from rest: real
+    and imaginary part of ``z`` with ``ż = λ (z − x)``, ``λ = ω (−ζ + i √(1 − ζ²))``, undamped frequency ``ω/2π`` and
+    damping ratio ``ζ``."""
     tau = (ratio + 1j * np.sqrt(1.0 - ratio**2)) / (2.0 * np.pi * frequency)
     z = low_pass(x.astype(np.complex128), h, tau, 0j)
     return np.column_stack([z.real, z.imag])
@@ -140,8 +136,7 @@ def _elastic(q: Array, scales: Scales) -> Array:
 
 
 def _dissipative(v: Array, scales: Scales) -> Array:
-    w = v / scales.velocity
-    slow = scales.slowest / scales.fastest
+    w, slow = v / scales.velocity, scales.slowest / scales.fastest
     speeds = (0.03 * slow, 0.3 * slow, 0.03, 0.3)
     return np.column_stack([*(np.tanh(w / c) for c in speeds), np.abs(w) * w, w**3])
 
@@ -176,10 +171,6 @@ def _behind(signal: Signal, follow: Callable[..., Array], sizes: Sizes) -> Funct
         return np.column_stack([x - follow(x, trajectory.h, size, before) for size in sizes(scales)])
 
     return functions
-
-
-def _memory_times(scales: Scales) -> Array:
-    return np.geomspace(0.1 / scales.fastest, scales.duration, 8)
 
 
 def _lag_times(scales: Scales) -> Array:
@@ -268,23 +259,23 @@ def _static(kind: Kind, enters: str, variable: Axis, law: Law, varied: Names = l
     return Group(kind, enters, lambda trajectory, scales: law(along(trajectory), scales), axis, law, varied)
 
 
-def _after_a_step(kind: Kind, enters: str, functions: Functions, times: Sizes) -> Group:
-    """Return the group of functions that forget with some times, drawn as they decay after a step."""
-    return Group(
-        kind, enters, functions, "time after a step [s]", lambda t, scales: np.exp(-t[:, None] / times(scales))
-    )
+def _after_a_step(kind: Kind, enters: str, signal: Signal, times: Sizes) -> Group:
+    """Return the group of functions that forget a signal with some times, drawn as they decay after a step."""
+    functions = _behind(signal, low_pass, times)
+    return Group(kind, enters, functions, "time after a step [s]", lambda t, s: np.exp(-t[:, None] / times(s)))
 
 
 _Q, _V = ("displacement [m]", attrgetter("mid_displacement")), ("velocity [m/s]", attrgetter("velocity"))
 _Y, _T = (_Q[0], attrgetter("y")), ("time [s]", attrgetter("t"))
 _U = "voltage [V]", lambda trajectory: trajectory.u[:, 0]
 _BY_DISPLACEMENT = _powers("displacement", 1, 2)
+_SLEWS = 2.0 * np.pi * np.array([0.5, 0.9, 2.0, 10.0])
 
 GROUPS = (
     _static(kinds.ELASTIC, FORCE, _Q, _elastic),
     _static(kinds.DISSIPATIVE, FORCE, _V, _dissipative),
     _static(kinds.DAMPING_BY_DISPLACEMENT, PARAMETER, _Q, _BY_DISPLACEMENT, dampings),
-    _after_a_step(kinds.MEMORY, FORCE, _behind(_travel, low_pass, _memory_times), _memory_times),
+    _after_a_step(kinds.MEMORY, FORCE, _travel, lambda s: np.geomspace(0.1 / s.fastest, s.duration, 8)),
     Group(kinds.MODE, FORCE, _modes),
     Group(kinds.RINGING_MODE, FORCE, _ringing),
     Group(kinds.SHAPE, FORCE, _hysteron),
@@ -295,13 +286,9 @@ GROUPS = (
     _static(kinds.FORCE_BY_VOLTAGE, FORCE, _U, _powers("voltage", 2, 3)),
     _static(kinds.RATIO_BY_DISPLACEMENT, PARAMETER, _Q, _BY_DISPLACEMENT, ratios),
     Group(kinds.RATIO_BY_PAST_VOLTAGE, PARAMETER, _polarisation, varied=ratios),
-    _after_a_step(kinds.LAG, VOLTAGE, _behind(_command, low_pass, _lag_times), _lag_times),
+    _after_a_step(kinds.LAG, VOLTAGE, _command, _lag_times),
     _static(kinds.LIMIT, VOLTAGE, _U, _limit),
-    Group(
-        kinds.SLEW,
-        VOLTAGE,
-        _behind(_command, rate_limited, lambda s: 2.0 * np.pi * s.fastest * np.array([0.5, 0.9, 2.0, 10.0])),
-    ),
+    Group(kinds.SLEW, VOLTAGE, _behind(_command, rate_limited, lambda s: s.fastest * _SLEWS)),
     Group(kinds.RATIO_BY_WARMTH, PARAMETER, lambda t, s: _slowly(t, s, (t.velocity / s.velocity) ** 2), varied=ratios),
     _static(kinds.SENSOR_NONLINEAR, OUTPUT, _Y, _powers("sensed", 2, 3)),
     Group(kinds.LAG_OR_PLAY, OUTPUT, _lag_or_play),

@@ -10,8 +10,7 @@ import pytest
 from junctions import recording
 from scipy.signal import lfilter
 
-from phnn.diagnose.lines import own_score
-from phnn.diagnose.noise import force_noise, spectra_of
+from phnn.diagnose.lines import force_noise, own_score, spectra_of
 from phnn.models.actuator import hrc
 from phnn.network import small_signal
 from phnn.network.small_signal import output_gain

@@ -10,8 +10,7 @@ from junctions import recording
 
 from phnn.criteria import Criteria
 from phnn.diagnose.linearised import LinearisedFit
-from phnn.diagnose.lines import own_score, strongest_line
-from phnn.diagnose.noise import Spectra, spectra_of
+from phnn.diagnose.lines import Spectra, own_score, spectra_of, strongest_line
 from phnn.recordings.recording import Start
 from phnn.setup import DRIFT_TERMS, Own
 from tests import campaigns

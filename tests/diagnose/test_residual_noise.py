@@ -12,7 +12,7 @@ from phnn.criteria import Criteria
 from phnn.diagnose import screen
 from phnn.diagnose.diagnosis import available
 from phnn.diagnose.linearised import LinearisedFit, prepare
-from phnn.diagnose.noise import covariance, degrees_of_freedom, stated_variances
+from phnn.diagnose.lines import degrees_of_freedom, stated_variances
 from phnn.diagnose.search import material
 from phnn.effects import effect
 from phnn.identification.residual_noise import NoiseSpectrum, most_excess, noise_spectra
@@ -70,8 +70,10 @@ def test_the_spread_of_scores_under_noise_of_a_resonance() -> None:
     draws = np.stack([np.concatenate([resonant(s.stop - s.start, rng) for s in linearised.slices]) for _ in range(600)])
     exact = np.var(draws @ columns, axis=0)
     assert exact[0] > 2.0 * columns[:, 0] @ columns[:, 0]
-    each = [covariance(spectra_of(with_residual(linearised, r)), linearised.slices, columns) for r in draws[:20]]
-    found = np.mean([np.diag(c) for c in each], axis=0)
+    each = [zip(spectra_of(with_residual(linearised, r)), linearised.slices, strict=True) for r in draws[:20]]
+    found = np.mean(
+        [np.sum([np.diag(s.covariance(columns[rows])) for s, rows in pairs], axis=0) for pairs in each], axis=0
+    )
     np.testing.assert_allclose(found, exact, rtol=0.2)
 
 
