@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.stats import chi2, norm
 from scipy.stats import t as student
 
@@ -61,9 +61,10 @@ class RecordingResidual:
     noise: float
     periodic_start: bool = False
 
-    def densities(self, frequencies: Array) -> Array:
+    def densities(self, frequencies: ArrayLike) -> Array:
         """Return the spectrum of the noise over that of white noise, at frequencies [Hz]."""
-        return np.ones_like(frequencies) if self.spectrum is None else self.spectrum.at(frequencies * self.dt)
+        cycles = np.asarray(frequencies, dtype=np.float64) * self.dt
+        return np.ones_like(cycles) if self.spectrum is None else self.spectrum.at(cycles)
 
     def waves(self, rows: slice, orders: Sequence[int]) -> Array:
         """Return (N, 2 + 2K) a constant, a slope, and cosine and sine of some harmonics."""
@@ -183,7 +184,7 @@ def _harmonics(recordings: Sequence[RecordingResidual]) -> Iterator[tuple[str, T
         if s.frequency == 0.0 or r.size * s.dt * s.frequency < _LEAST_PERIODS * 0.99:
             continue
         pairs = np.linalg.lstsq(s.waves(rows, orders), r, rcond=None)[0][2:].reshape(-1, 2)
-        densities = s.densities(s.frequency * np.array(orders, dtype=np.float64))
+        densities = s.densities(s.frequency * np.array(orders))
         for k, power in zip(orders, 0.5 * r.size * np.sum(pairs**2, axis=1) / densities, strict=True):
             if k > 1:
                 powers[k % 2].append(float(power))
@@ -203,8 +204,7 @@ def _phase(recordings: Sequence[RecordingResidual]) -> Iterator[tuple[str, Trend
         waves = s.waves(inside, (1,))
         y, model = (np.linalg.lstsq(waves, x[inside], rcond=None)[0][2:] for x in (s.measured, s.model))
         ratio = complex(y[0], -y[1]) / complex(model[0], -model[1])
-        density = float(s.densities(np.array([s.frequency]))[0])
-        std = s.noise * np.sqrt(2.0 * density / waves.shape[0]) / float(np.hypot(*model))
+        std = s.noise * np.sqrt(2.0 * s.densities(s.frequency) / waves.shape[0]) / float(np.hypot(*model))
         rows.append((-2.0 * np.pi * s.frequency / std, np.angle(ratio) / std, s.frequency))
     if len(rows) < 2 or np.ptp([r[2] for r in rows]) == 0.0:
         return
@@ -265,7 +265,7 @@ def _drift(recordings: Sequence[RecordingResidual]) -> Iterator[tuple[str, Trend
         slope = waves[:, 1]
         parts = np.array_split(slope * (s.residual[rows] - waves @ w), _BLOCKS)
         missed = float(np.linalg.norm([p.sum() for p in parts])) / float(slope @ slope)
-        lowest = float(s.densities(np.array([1.0 / (slope.size * s.dt)]))[0])
+        lowest = s.densities(1.0 / (slope.size * s.dt))
         stds.append(s.noise * max(missed, float(np.sqrt(lowest) / np.linalg.norm(slope))))
     if rates:
         known = 1.0 / np.array(stds) ** 2

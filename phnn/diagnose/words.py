@@ -234,9 +234,8 @@ def _work(linearised: LinearisedFit, location: Location) -> str:
     group = GROUPS[location.group]
     if group.enters != FORCE:
         return ""
-    powers = np.concatenate(
-        [t.h * (group.functions(t, linearised.scales) @ location.weights) * t.velocity for t in linearised.trajectories]
-    )
+    forces = [(t, group.functions(t, linearised.scales) @ location.weights) for t in linearised.trajectories]
+    powers = np.concatenate([t.h * force * t.velocity for t, force in forces])
     share = float(powers.sum()) / max(float(np.abs(powers).sum()), 1e-300)
     if share < -_LOSSY:
         return " Over the recordings it takes energy away: it is dissipative."
@@ -296,16 +295,12 @@ def shape_of(s: Array, y: Array) -> tuple[str, float]:
     Args:
         s: (M,) from 0 to 1; y: (M,).
     """
-
-    def best(kind: str, functions: Mapping[float, Array]) -> tuple[float, tuple[str, float]]:
-        rests = {p: y - f * (f @ y) / max(float(f @ f), 1e-300) for p, f in functions.items()}
-        return min(((float(r @ r), (kind, p)) for p, r in rests.items()), key=lambda item: item[0])
-
-    power = best("power", {p: s**p for p in (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0)})
-    onset = best("onset", {float(p): np.maximum(s - p, 0.0) for p in np.arange(0.1, 0.96, 0.025)})
-    level = best("level", {float(p): np.tanh(s / p) for p in np.geomspace(1e-3, 0.5, 25)})
-    other = min((onset, level), key=lambda item: item[0])
-    return other[1] if other[0] < _CLEARLY * power[0] else power[1]
+    shapes = {("power", p): s**p for p in (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0)}
+    shapes |= {("onset", float(p)): np.maximum(s - p, 0.0) for p in np.arange(0.1, 0.96, 0.025)}
+    shapes |= {("level", float(p)): np.tanh(s / p) for p in np.geomspace(1e-3, 0.5, 25)}
+    left = {key: float(np.sum((y - f * (f @ y) / max(float(f @ f), 1e-300)) ** 2)) for key, f in shapes.items()}
+    power, other = (min((k for k in left if (k[0] == "power") is its), key=left.__getitem__) for its in (True, False))
+    return other if left[other] < _CLEARLY * left[power] else power
 
 
 def memory_in_words(t: Array, y: Array) -> str:
