@@ -11,6 +11,6 @@
 | `locations` | whose local variables predict what a model leaves |
 | `lines`, `noise` | lines and drifts; the noise that scores are judged with |
 | `formula` | a formula for a learned element |
-| `proposal`, `menu` | the next recording |
+| `proposal` | the next recording, from a menu |
 | `words`, `symptoms` | what is told of a learned element, and of a residual |
 """

@@ -1,5 +1,7 @@
 """The next recording: the one of a menu on which rival models differ most, whatever their parameters.
 
+The menu stays within the input, the displacement and nearly the rate that are in use already.
+
 Models ``a`` and ``b`` compete for one tie or one element. On a new recording, if ``a`` is right, ``b`` fails to explain
 
     min over δ of  ‖Δ − S δ‖² + ‖J δ‖²,    Δ = (y_a − y_b)/σ without the zero of the recording
@@ -21,71 +23,225 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from itertools import combinations
-from string import ascii_uppercase
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phnn.derivatives import output_derivatives
 from phnn.diagnose.linearised import LinearisedFit, tie
-from phnn.diagnose.menu import Experiment, menu
 from phnn.errors import PhnnError
 from phnn.identification.fit import Fit, variables_from
 from phnn.identification.nuisances import without_nuisances
 from phnn.identification.problem import Problem
 from phnn.identification.staged import stated_only
 from phnn.identification.variables import Variables
-from phnn.recordings.recording import Recording
-from phnn.setup import Own
-from phnn.simulate import Trajectory, simulate
+from phnn.network.small_signal import linearised_at_rest
+from phnn.passage import is_displacement
+from phnn.recordings.recording import Part, Recording, Start, Units
+from phnn.setup import Own, Setup
+from phnn.simulate import simulate
+from phnn.units import quantity
 
 Array = NDArray[np.float64]
 
-
 _SUBSTEPS = 2
 # Coordinates do not move further than this, a factor of twenty: beyond, a sensitivity at one place says nothing.
-FAR = 3.0
+_FAR = 3.0
 # Separations below this are nothing.
 _NOTHING = 1e-3
 # By this factor a repetition of all recordings at hand shrinks standard errors.
-REPEATED = math.sqrt(2.0)
+_REPEATED = math.sqrt(2.0)
 # A recording is not asked for more often.
 _OFTEN = 100
+# Most samples of a recording, samples of the fastest period, and how much higher than in use the rate may be.
+_SAMPLES, _PER_PERIOD, _FASTER = 20_000, 20, 2.0
+# Share of the resonance and periods of a sine near it; lines and periods of a multisine; amplitudes of a sweep and
+# periods of each.
+_BELOW_RESONANCE, _RING = 0.9, 200
+_LINES, _REPEATS = 10, 4
+_STEPS, _PERIODS_A_STEP = 5, 4
 
 
-class Predicted(NamedTuple):
-    """What a model predicts: outputs (N,) [m] and their derivatives (N, K) by its coordinates."""
+@dataclass(frozen=True)
+class Stretch:
+    """``u(t) = level + Σ A sin(2π f (t − start) + φ)`` for ``start ≤ t < end`` [s]; lines are ``(A, f [Hz], φ)``."""
 
-    y: Array
-    moved: Array
+    start: float
+    end: float
+    level: float = 0.0
+    lines: tuple[tuple[float, float, float], ...] = ()
+
+    def input(self, t: Array) -> Array:
+        """Return the input at some times within the stretch, shape as ``t``."""
+        waves = [a * np.sin(2.0 * np.pi * f * (t - self.start) + phase) for a, f, phase in self.lines]
+        return np.asarray(self.level + sum(waves, np.zeros_like(t)))
 
 
-class Bench:
-    """A recording that does not exist yet, with the simulations of the models that were asked; each fit is simulated
-    once.
+@dataclass(frozen=True)
+class Experiment:
+    """A recording to be made, from rest at zero input.
 
-    Args:
-        recording: its input; the output is not read.
+    Attributes:
+        kind: its name on the menu.
+        told: what to tell the generator beside duration and rate.
+        stretches: of the input, one after the other from 0 s on.
+        rate: samples per second.
+        units: of input and output.
+        interpolation: of the input between the samples.
     """
 
-    def __init__(self, recording: Recording) -> None:
-        self.recording = recording
-        self._known: dict[int, tuple[Fit, Trajectory, Array]] = {}
+    kind: str
+    told: str
+    stretches: tuple[Stretch, ...]
+    rate: float
+    units: Units
+    interpolation: str = "cubic"
 
-    def simulated(self, fit: Fit, variables: Variables) -> tuple[Trajectory, Array]:
-        """Return the simulation of a fit, and the derivatives (N, K) of the output [m] by all its variables.
+    @property
+    def duration(self) -> float:
+        """Its length [s]."""
+        return self.stretches[-1].end
 
-        Raises:
-            SolverFailed: the model cannot be simulated there.
-        """
-        if id(fit) not in self._known:
-            trajectory = simulate(fit.setup, self.recording, _SUBSTEPS)
-            raw = output_derivatives(trajectory, variables.names)
-            self._known[id(fit)] = fit, trajectory, variables.columns(fit.setup, self.recording, raw)
-        return self._known[id(fit)][1:]
+    @property
+    def words(self) -> str:
+        """All that is needed to make it."""
+        return f"{self.kind}: {self.told}; {quantity(self.duration, 's')} in all, {self.rate:.6g} samples/s"
+
+    @property
+    def t(self) -> Array:
+        """(N,) sampling times [s]."""
+        return np.arange(math.floor(self.duration * self.rate + 1e-6), dtype=np.float64) / self.rate
+
+    @property
+    def u(self) -> Array:
+        """(N,) input."""
+        t = self.t
+        u = np.empty_like(t)
+        for stretch in self.stretches:
+            # A sample on a border belongs to the later stretch, whatever the rounding of its time.
+            rows = t >= stretch.start - 1e-9 / self.rate
+            u[rows] = stretch.input(t[rows])
+        return u
+
+    def recording(self, noise: float) -> Recording:
+        """Return it as a recording without an output; white noise of standard deviation ``noise`` is expected."""
+        t, name = self.t, f"menu: {self.kind}"
+        part = Part(name, 0, t.size, "identification")
+        return Recording(
+            name, t, self.u, np.zeros_like(t), Start("rest", 0.0), self.interpolation, (part,), noise, "assumed",
+            np.array([1.0]), None, {}, "", self.units,
+        )  # fmt: skip
+
+
+def menu(linearised: LinearisedFit) -> tuple[Experiment, ...]:
+    """Return recordings that a laboratory can make: they differ in time, frequency, amplitude and offset."""
+    scales, recording = linearised.scales, linearised.plan.recordings[0]
+    rate, volts = partial(_rate, linearised), partial(quantity, unit=recording.units.input)
+    v, slow, middle = map(_three, (scales.voltage, 0.2 * scales.slowest, math.sqrt(scales.slowest * scales.fastest)))
+    each = _PERIODS_A_STEP / middle
+    rising = [_three(scales.voltage * (i + 1) / _STEPS) for i in range(_STEPS)]
+    told = f"{_PERIODS_A_STEP} periods of {middle:g} Hz at each of the amplitudes {', '.join(map(volts, rising))}"
+    sweep = tuple(Stretch(i * each, (i + 1) * each, lines=((a, middle, 0.0),)) for i, a in enumerate(rising))
+    smooth = (
+        _sine(linearised, "slow sine", v, slow, 3, rate(3.0 / slow)),
+        _near_resonance(linearised),
+        Experiment("amplitude sweep", told, sweep, rate(_STEPS * each), recording.units),
+        _multisine(linearised),
+    )
+    if is_displacement(linearised.fit.setup, recording):
+        # No rig moves at once from one place to another.
+        return smooth
+    long = _three(max(3.0 * scales.duration, 5.0))
+    held = min(rate(1.6 * long), 2_000.0)
+    up, off, end = (round(x * held) / held for x in (0.1 * long, 1.1 * long, 1.6 * long))
+    before, on, after = (quantity(x, "s") for x in (up, off - up, end - off))
+    told = f"0 for {before}, a step to {volts(v)} held for {on}, back to 0 for {after}"
+    hold = (Stretch(0.0, up), Stretch(up, off, v), Stretch(off, end))
+    # About half the largest input, even and odd effects no longer look alike.
+    level, amplitude = _three(0.6 * scales.voltage), _three(0.4 * scales.voltage)
+    offset = _sine(linearised, "offset sine", amplitude, middle, 10, rate(10.0 / middle), level)
+    return (Experiment("hold", told, hold, held, recording.units, "zero_order"), *smooth, offset)
+
+
+def resonance(setup: Setup) -> float | None:
+    """Return the lowest resonance [Hz] of the network about rest, ``Im λ/2π`` linearised; None without one."""
+    if setup.network.senses:
+        # What is held by an imposed motion does not ring.
+        return None
+    values = np.linalg.eigvals(linearised_at_rest(setup.network)[0])
+    ringing = values.imag[values.imag > 1e-6 * np.abs(values).max()]
+    return float(ringing.min()) / (2.0 * math.pi) if ringing.size else None
+
+
+def _rate(linearised: LinearisedFit, duration: float, faster: float = 1.0) -> float:
+    """Return the highest rate in use, times ``faster``, or what leaves few enough samples; rounded to 1, 2, 5, 10, …"""
+    used = max(1.0 / r.dt for r in linearised.plan.recordings)
+    most = min(faster * used, _SAMPLES / duration) * (1.0 + 1e-9)
+    decade = 10.0 ** math.floor(math.log10(most))
+    return max(step * decade for step in (1.0, 2.0, 5.0) if step * decade <= most)
+
+
+def _three(value: float) -> float:
+    """Return three digits, so that the words are exact."""
+    return float(f"{value:.3g}")
+
+
+def _sine(
+    linearised: LinearisedFit, kind: str, amplitude: float, frequency: float, periods: int, rate: float,
+    level: float = 0.0,
+) -> Experiment:  # fmt: skip
+    """Return whole periods of a sine about a level."""
+    units = linearised.plan.recordings[0].units
+    about = f" about {quantity(level, units.input)}, with a step to it" if level else ""
+    told = f"{periods} periods of {frequency:.6g} Hz at {quantity(amplitude, units.input)} amplitude{about}"
+    stretch = Stretch(0.0, periods / frequency, level, ((amplitude, frequency, 0.0),))
+    return Experiment(kind, told, (stretch,), rate, units)
+
+
+def _near_resonance(linearised: LinearisedFit) -> Experiment:
+    """Return a sine just below the resonance, or as near to it as the rate allows; no displacement beyond that in
+    use."""
+    scales, setup = linearised.scales, linearised.fit.setup
+    at = resonance(setup)
+    wanted = _BELOW_RESONANCE * at if at is not None else 2.0 * scales.fastest
+    rate = _rate(linearised, _RING / wanted)
+    if rate < _PER_PERIOD * wanted:
+        rate = _rate(linearised, _RING / wanted, _FASTER)
+    # Whole samples a period: noise is then seen in differences of periods, with nothing to interpolate.
+    frequency = rate / max(round(rate / wanted), _PER_PERIOD)
+    kind = "near-resonance sine" if at is not None and frequency >= 0.5 * at else "fast sine"
+    full = _sine(linearised, kind, _three(scales.voltage), frequency, _RING, rate)
+    peak = float(np.abs(simulate(setup, full.recording(scales.noise), _SUBSTEPS).y).max())
+    amplitude = _three(scales.voltage * min(1.0, scales.sensed / peak))
+    return _sine(linearised, kind, amplitude, frequency, _RING, rate)
+
+
+def _multisine(linearised: LinearisedFit) -> Experiment:
+    """Return harmonics of one frequency, spaced evenly on a logarithmic scale, with Schroeder's phases (1970)."""
+    scales = linearised.scales
+    first = _three(max(0.5 * scales.slowest, 0.02 * scales.fastest))
+    rate = _rate(linearised, _REPEATS / first)
+    last = min(2.0 * scales.fastest, rate / _PER_PERIOD, 0.5 * (resonance(linearised.fit.setup) or np.inf))
+    orders = np.unique(np.round(np.geomspace(1.0, max(last / first, 1.0), _LINES)))
+    phases = -np.pi * np.arange(orders.size) * np.arange(1, orders.size + 1) / orders.size
+    unit = Stretch(0.0, 1.0 / first, lines=tuple((1.0, f, p) for f, p in zip(first * orders, phases, strict=True)))
+    fine = np.linspace(0.0, unit.end, 20_001)
+    wave = unit.input(fine)
+    # It begins where the wave crosses zero, so that there is no step from rest.
+    begin = fine[int(np.argmin(np.abs(wave)))]
+    amplitude = _three(0.995 * scales.voltage / float(np.abs(wave).max()))
+    turned = np.angle(np.exp(1j * (phases + 2.0 * np.pi * first * orders * begin)))
+    lines = tuple((amplitude, f, p) for f, p in zip((first * orders).tolist(), turned.tolist(), strict=True))
+    units, stretch = linearised.plan.recordings[0].units, Stretch(0.0, _REPEATS / first, lines=lines)
+    told = (
+        f"{_REPEATS} periods of {quantity(unit.end, 's')} with lines of {quantity(amplitude, units.input)} each at "
+        f"{', '.join(f'{f:g}' for _, f, _ in lines)} Hz, phases {', '.join(f'{p:.2f}' for _, _, p in lines)} rad"
+    )
+    return Experiment("multisine", told, (stretch,), rate, units)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,9 +249,9 @@ class Rival:
     """A model with what the recordings at hand know of its parameters.
 
     Attributes:
-        name: canonical name of what it has beyond the others, or a formula in words.
+        name: canonical name of what it has beyond the others.
         fit: around which it is linear.
-        variables: everything that the recordings leave open, also what they do not identify.
+        variables: everything that the recordings leave open, also what they do not identify: its K coordinates.
         known: (M, K) rows ``J`` with ``‖J δ‖²`` the rise of their sum of squares when its coordinates move by ``δ``.
         own: which of the K coordinates belong to the element in question.
     """
@@ -106,25 +262,6 @@ class Rival:
     known: Array
     own: tuple[int, ...]
 
-    @property
-    def is_formula(self) -> bool:
-        """Whether its name is a formula in words."""
-        return " " in self.name
-
-    @property
-    def words(self) -> str:
-        """Its name in a sentence; a formula in quotation marks."""
-        return f"“{self.name}”" if self.is_formula else self.name.replace("_", " ")
-
-    def predicted(self, bench: Bench) -> Predicted:
-        """Return output and sensitivities on a recording.
-
-        Raises:
-            SolverFailed: it cannot be simulated there.
-        """
-        trajectory, moved = bench.simulated(self.fit, self.variables)
-        return Predicted(trajectory.y, moved)
-
 
 @dataclass(frozen=True)
 class Question:
@@ -132,7 +269,7 @@ class Question:
 
     Attributes:
         models: the first is the present model; a question with one model asks how large its element's numbers are.
-        element: canonical name of the element without a name; empty for a class of effects, or for places.
+        element: canonical name of the element without a name; empty for a class of effects.
     """
 
     models: tuple[Rival, ...]
@@ -140,34 +277,20 @@ class Question:
 
 
 def refitted_rival(name: str, fitted: Fit, parameters: tuple[str, ...] = ()) -> Rival:
-    """Return a fit as a rival.
+    """Return a fit as a rival; what no statement holds may move, but no coordinate beyond `_FAR`.
 
     Args:
         name: of the element; parameters: of it.
         fitted: the fit with the element in its place.
     """
-    variables, slopes = everything(fitted)
-    own = tuple(i for i, n in enumerate(variables.names) if n in parameters)
-    return Rival(name, fitted, variables, bounded(slopes), own)
-
-
-def everything(fitted: Fit) -> tuple[Variables, Array]:
-    """Return all variables that no statement holds, and the derivatives (N, K) of the weighted residual by them."""
     held = [n for n in fitted.held if n not in stated_only(fitted.held)]
     variables = variables_from(fitted.setup, fitted.plan, (*fitted.variables.names, *held), fitted)
-    if not held:
-        return variables, fitted.jacobian
-    problem = Problem(fitted.setup, fitted.plan.coarse(), variables)
-    return variables, problem.jacobian(variables.start(fitted.setup))
-
-
-def bounded(slopes: Array) -> Array:
-    """Return the square root (K + K, K) of the rise of the sum of squares, no coordinate beyond `FAR`.
-
-    Args:
-        slopes: (N, K) derivatives of the weighted residual.
-    """
-    return np.concatenate([np.linalg.qr(slopes, mode="r"), np.eye(slopes.shape[1]) / FAR])
+    # (N, K) derivatives of the weighted residual.
+    slopes = fitted.jacobian
+    if held:
+        slopes = Problem(fitted.setup, fitted.plan.coarse(), variables).jacobian(variables.start(fitted.setup))
+    known = np.concatenate([np.linalg.qr(slopes, mode="r"), np.eye(slopes.shape[1]) / _FAR])
+    return Rival(name, fitted, variables, known, tuple(i for i, n in enumerate(variables.names) if n in parameters))
 
 
 @dataclass(frozen=True)
@@ -175,126 +298,103 @@ class NextExperiment:
     """A recording to make.
 
     Attributes:
-        recording: all that is needed to make it, in words; experiment: the same for a program.
-        separates: models that it tells from another one, by the name of what each has beyond the others; all where it
-            tells none apart, and none where it measures.
+        experiment: what to record.
+        aim: ``separate`` or ``measure``.
+        groups: models that it tells from another one, by question, by the name of what each has beyond the others; all
+            where it tells none apart, and none where it measures.
         why: a sentence with the figures.
         separation: the smallest between models that it tells apart, in noise units over the whole recording; where it
             measures, the factor by which the standard errors of an element's numbers shrink.
         needed: the separation from which two models are told apart; where it measures, the factor that a repetition of
             all recordings at hand would give.
         menu: the smallest separation between any two, or that factor, by recording of the menu.
-        aim: ``separate`` or ``measure``.
-        groups: ``separates`` by question: a class of effects or places, or one element and what may stand in its place.
     """
 
-    recording: str
-    separates: tuple[str, ...]
+    experiment: Experiment
+    aim: str
+    groups: tuple[tuple[str, ...], ...]
     why: str
     separation: float
     needed: float
-    experiment: Experiment
     menu: Mapping[str, float]
-    aim: str = "separate"
-    groups: tuple[tuple[str, ...], ...] = ()
+
+    @property
+    def separates(self) -> tuple[str, ...]:
+        """The names in all groups."""
+        return tuple(dict.fromkeys(n for group in self.groups for n in group))
 
 
 def propose(questions: Sequence[Question], linearised: LinearisedFit) -> NextExperiment | None:
-    """Return the experiment of the menu that tells most pairs of rivals apart; of several, the clearest.
+    """Return the experiment of the menu that tells most pairs of rivals apart; of several, the clearest. Without rivals
+    it is the one on which the standard errors of the first element's numbers shrink most.
 
-    None where nothing is asked, or nothing on the menu moves the rivals apart.
+    None where nothing is asked, or no experiment moves the rivals apart or shrinks an error.
 
     Args:
         questions: pairs are made within each of them.
         linearised: of the base model, for the menu and the noise.
     """
-    asked = [q for q in questions if len(q.models) > 1]
+    several = [q for q in questions if len(q.models) > 1]
+    asked = several or questions[:1]
     if not asked:
-        return _measure(questions[0], linearised) if questions else None
-    needed = math.sqrt(max(tie(q.models[0].fit) for q in asked))
-    noise = linearised.scales.noise
-    found = [(e, s) for e in menu(linearised) if (s := separations([q.models for q in asked], e, noise)) is not None]
-    if not found:
         return None
-    experiment, apart = max(found, key=lambda item: _merit(item[1], needed))
-    if apart.max() < _NOTHING:
+    needed = math.sqrt(max(tie(q.models[0].fit) for q in asked)) if several else _REPEATED
+    able = []
+    for experiment in menu(linearised):
+        with suppress(PhnnError):
+            able.append((experiment, foreseen(asked, experiment.recording(linearised.scales.noise))))
+    if not able:
         return None
-    groups = _groups(asked, apart, needed)
+
+    def merit(figures: Sequence[Array]) -> tuple[int, float]:
+        each = np.concatenate(figures)
+        told = each[each >= needed]
+        return told.size, float(told.min() if told.size else each.min())
+
+    experiment, figures = max(able, key=lambda item: merit(item[1]))
+    told, separation = merit(figures)
+    if np.concatenate(figures).max() < _NOTHING + (0.0 if several else 1.0):
+        return None
+    groups = [_told_apart(q, apart, needed if told else 0.0) for q, apart in zip(several, figures, strict=False)]
     return NextExperiment(
-        recording=experiment.words,
-        separates=tuple(dict.fromkeys(n for group in groups for n in group)),
-        why=_why_it_separates(asked, apart, needed),
-        separation=_merit(apart, needed)[1],
+        experiment=experiment,
+        aim="separate" if several else "measure",
+        groups=tuple(g for g in groups if g),
+        why=_why_it_separates(several, figures, needed) if several else _why_it_measures(asked[0], separation),
+        separation=separation,
         needed=needed,
-        experiment=experiment,
-        menu={e.kind: float(s.min()) for e, s in found},
-        groups=groups,
+        menu={e.kind: float(np.concatenate(f).min()) for e, f in able},
     )
 
 
-def _groups(asked: Sequence[Question], apart: Array, needed: float) -> tuple[tuple[str, ...], ...]:
-    """Names of the models that are told from another one, by question; all where no two are told apart."""
-    least = needed if apart.max() >= needed else 0.0
-    groups, first = [], 0
-    for question in asked:
-        pairs = list(combinations([m.name for m in question.models], 2))
-        told = {n for pair, s in zip(pairs, apart[first:], strict=False) if s >= least for n in pair}
-        groups.append(tuple(dict.fromkeys(m.name for m in question.models if m.name in told)))
-        first += len(pairs)
-    return tuple(g for g in groups if g)
+def foreseen(questions: Sequence[Question], recording: Recording) -> list[Array]:
+    """Return the separations of all pairs of models of each question on a recording that does not exist yet; of one
+    model alone, the factor by which the standard errors of its own numbers shrink when it joins those at hand.
 
-
-def _merit(apart: Array, needed: float) -> tuple[int, float]:
-    """How many pairs are told apart, and the smallest separation of those; of all where there are none."""
-    told = apart[apart >= needed]
-    return told.size, float(told.min() if told.size else apart.min())
-
-
-def _measure(question: Question, linearised: LinearisedFit) -> NextExperiment | None:
-    """The experiment of the menu on which the standard errors of an element's numbers shrink most."""
-    model, noise = question.models[0], linearised.scales.noise
-    found = [(e, s) for e in menu(linearised) if (s := shrinks(model, e, noise)) is not None]
-    if not found:
-        return None
-    experiment, times = max(found, key=lambda item: item[1])
-    if times < 1.0 + _NOTHING:
-        return None
-    return NextExperiment(
-        recording=experiment.words,
-        separates=(),
-        why=_why_it_measures(question, times, REPEATED),
-        separation=times,
-        needed=REPEATED,
-        experiment=experiment,
-        menu={e.kind: s for e, s in found},
-        aim="measure",
-    )
-
-
-def _weighted(values: Array, bench: Bench, own: Own, noise: float) -> Array:
-    recording = bench.recording
-    return without_nuisances(values, recording.mask("identification"), recording, own) / noise
-
-
-def separations(questions: Sequence[Sequence[Rival]], experiment: Experiment, noise: float) -> Array | None:
-    """Return the separations (P,) of all pairs of every question on an experiment; None where a simulation fails.
-
-    Args:
-        noise: standard deviation of the output's noise [m].
+    Raises:
+        SolverFailed: a model cannot be simulated there.
     """
-    bench, apart = Bench(experiment.recording(noise, questions[0][0].fit.plan.recordings[0].units)), []
-    for rivals in questions:
-        owns = [r.fit.setup.own for r in rivals]
+    # Outputs (N,) and their derivatives (N, K) of each fit, which may stand in several questions.
+    made: dict[int, tuple[Array, Array]] = {}
+    for model in {id(m.fit): m for q in questions for m in q.models}.values():
+        trajectory = simulate(model.fit.setup, recording, _SUBSTEPS)
+        raw = output_derivatives(trajectory, model.variables.names)
+        made[id(model.fit)] = trajectory.y, model.variables.columns(model.fit.setup, recording, raw)
+    mask, figures = recording.mask("identification"), []
+    for models in (q.models for q in questions):
+        owns = [m.fit.setup.own for m in models]
         own = Own(tuple(dict.fromkeys(f for o in owns for f in o.lines)), max(o.drift_terms for o in owns))
-        try:
-            raw = [r.predicted(bench) for r in rivals]
-        except PhnnError:
-            return None
-        found = [Predicted(*(_weighted(x, bench, own, noise) for x in each)) for each in raw]
-        for a, b in combinations(range(len(rivals)), 2):
-            difference = found[a].y - found[b].y
-            apart.append(min(left(difference, found[i].moved, rivals[i].known) for i in (a, b)))
-    return np.array(apart)
+        outputs, moved = zip(
+            *([without_nuisances(x, mask, recording, own) / recording.noise for x in made[id(m.fit)]] for m in models),
+            strict=True,
+        )
+        if len(models) == 1:
+            figures.append(np.array([shrinkage(moved[0], models[0].known, models[0].own)]))
+            continue
+        pairs = combinations(range(len(models)), 2)
+        apart = [min(left(outputs[a] - outputs[b], moved[i], models[i].known) for i in (a, b)) for a, b in pairs]
+        figures.append(np.array(apart))
+    return figures
 
 
 def left(difference: Array, moved: Array, known: Array) -> float:
@@ -307,21 +407,6 @@ def left(difference: Array, moved: Array, known: Array) -> float:
     wanted = np.concatenate([difference, np.zeros(known.shape[0])])
     basis = np.linalg.qr(design)[0]
     return float(np.linalg.norm(wanted - basis @ (basis.T @ wanted)))
-
-
-def shrinks(model: Rival, experiment: Experiment, noise: float) -> float | None:
-    """Return the factor by which the standard errors of an element's numbers shrink when an experiment joins the
-    recordings at hand; None where the model cannot be simulated there.
-
-    Args:
-        noise: standard deviation of the output's noise [m].
-    """
-    bench = Bench(experiment.recording(noise, model.fit.plan.recordings[0].units))
-    try:
-        found = model.predicted(bench)
-    except PhnnError:
-        return None
-    return shrinkage(_weighted(found.moved, bench, model.fit.setup.own, noise), model.known, model.own)
 
 
 def shrinkage(moved: Array, known: Array, own: Sequence[int]) -> float:
@@ -337,66 +422,54 @@ def shrinkage(moved: Array, known: Array, own: Sequence[int]) -> float:
     return math.exp((sizes[0] - sizes[1]) / (2.0 * len(own)))
 
 
-def _why_it_separates(questions: Sequence[Question], apart: Array, needed: float) -> str:
-    """Which models compete, how far the recording moves them apart, and which it does not tell apart.
+def _told_apart(question: Question, apart: Array, least: float) -> tuple[str, ...]:
+    """Return the names of the models that are told from another one by a separation of at least ``least``."""
+    pairs = zip(combinations(question.models, 2), apart, strict=True)
+    told = {m.name for pair, s in pairs if s >= least for m in pair}
+    return tuple(dict.fromkeys(m.name for m in question.models if m.name in told))
 
-    Args:
-        apart: (P,) separations of all pairs of models, question by question.
-        needed: from where on they are told apart.
-    """
-    short = _short_names([m for q in questions for m in q.models])
-    competing = "".join(f"{_competing(q, short)} " for q in questions if q.element)
-    pairs = [f"{short[id(a)]} and {short[id(b)]}" for q in questions for a, b in combinations(q.models, 2)]
-    told = [(pair, s) for pair, s in zip(pairs, apart, strict=True) if s >= needed]
-    start = f"{competing}With their parameters refitted as far as the recordings at hand allow, the models of "
-    end = f"× noise over the whole recording; {_two(needed)} are needed to tell two models apart"
-    if not told:
-        pair, s = min(zip(pairs, apart, strict=True), key=lambda item: item[1])
-        times = math.ceil((needed / s) ** 2) if s > 0.0 else 0
-        often = f": make it {times} times" if 0 < times < _OFTEN else ""
-        return f"{start}{pair} differ there by {_two(s)} {end}{often}."
-    pair, s = min(told, key=lambda item: item[1])
-    rest = [pair for pair, value in zip(pairs, apart, strict=True) if value < needed]
-    but = f" It does not tell apart {'; '.join(rest)}." if rest else ""
+
+def _why_it_separates(questions: Sequence[Question], apart: Sequence[Array], needed: float) -> str:
+    """Return which models compete, how far the recording moves them apart, and which it does not tell apart."""
+    competing, pairs = "", []
+    for question, separations in zip(questions, apart, strict=True):
+        names = [_words(m.name) for m in question.models]
+        pairs += [(f"{a} and {b}", s) for (a, b), s in zip(combinations(names, 2), separations, strict=True)]
+        if question.element:
+            others = " or ".join(filter(None, [", ".join(names[1:-1]), names[-1]]))
+            competing += (
+                f"The element {_words(question.element)} has no proven name: in its place {others} explains these "
+                "recordings nearly as well. "
+            )
+    told = [pair for pair in pairs if pair[1] >= needed]
+    pair, s = min(told or pairs, key=lambda item: item[1])
     least = " least: by" if len(told) > 1 else " by"
-    return f"{start}{pair} differ there{least} {_two(s)} {end}.{but}"
-
-
-def _short_names(models: Sequence[Rival]) -> dict[int, str]:
-    """What a model is called after it was introduced, by its id: a formula by a letter."""
-    letters = iter(ascii_uppercase)
-    return {id(m): f"formula {next(letters)}" if m.is_formula else m.words for m in models}
-
-
-def _competing(question: Question, short: Mapping[int, str]) -> str:
-    """What may stand in the place of an element without a name."""
-    first, *others = [m.words + f" ({short[id(m)]})" * m.is_formula for m in question.models]
-    own = question.element.replace("_", " ")
-    element = f"The element {own}" if first == own else f"The element {own}, described as {first},"
-    return f"{element} has no proven name: in its place {_listed(others)} explains these recordings nearly as well."
-
-
-def _why_it_measures(question: Question, times: float, needed: float) -> str:
-    """That an element has no rival, and how much the recording says of its numbers.
-
-    Args:
-        times: the factor by which their standard errors shrink; needed: what a repetition of all recordings gives.
-    """
-    model, own = question.models[0], question.element.replace("_", " ")
-    element = own if model.words == own else f"{own}, described as {model.words}"
-    small = " only" if times < needed else ""
+    again = math.ceil((needed / s) ** 2) if s > 0.0 and not told else 0
+    often = f": make it {again} times" if 0 < again < _OFTEN else ""
+    rest = [name for name, value in pairs if told and value < needed]
+    but = f" It does not tell apart {'; '.join(rest)}." if rest else ""
     return (
-        f"Nothing else that was tried explains these recordings nearly as well as the element {element}. No two models "
-        f"are left to be told apart, so this recording measures the element itself: beside the recordings at hand it "
-        f"makes the standard errors of its numbers smaller by a factor of{small} {_two(times)} (geometric mean). To "
-        f"repeat all recordings at hand would give {_two(needed)}."
+        f"{competing}With their parameters refitted as far as the recordings at hand allow, the models of {pair} "
+        f"differ there{least} {_two(s)} × noise over the whole recording; {_two(needed)} are needed to tell two "
+        f"models apart{often}.{but}"
     )
 
 
-def _listed(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} or {names[-1]}"
+def _why_it_measures(question: Question, times: float) -> str:
+    """Return that an element has no rival, and by which factor the standard errors of its numbers shrink."""
+    small = " only" if times < _REPEATED else ""
+    return (
+        f"Nothing else that was tried explains these recordings nearly as well as the element "
+        f"{_words(question.element)}. No two models are left to be told apart, so this recording measures the element "
+        f"itself: beside the recordings at hand it makes the standard errors of its numbers smaller by a factor "
+        f"of{small} {_two(times)} (geometric mean). To repeat all recordings at hand would give {_two(_REPEATED)}."
+    )
+
+
+def _words(name: str) -> str:
+    return name.replace("_", " ")
 
 
 def _two(value: float) -> str:
-    """Two digits, and no exponent."""
+    """Return two digits, and no exponent."""
     return f"{float(f'{value:.2g}'):.10g}"

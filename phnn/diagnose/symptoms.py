@@ -7,12 +7,12 @@ left out: what is still on its way neither repeats nor stays level, whatever the
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.stats import chi2, norm
 from scipy.stats import t as student
 
@@ -26,10 +26,9 @@ _HARMONICS = 9
 _BLOCKS = 12
 # By how much a noise floor may be wrong: a recording estimates it from a few hundred to a few thousand samples.
 _FLOOR_DOUBT = 0.02
-# Recordings from which an exponent and its error can be estimated; excess below which there is nothing to grow.
-_FEW, _EXCESS = 4, 0.1
-# The symptoms that are tested.
-_TRENDS = ("by_amplitude", "by_frequency", "even", "odd", "delay", "repetition", "drift")
+# Recordings from which an exponent and its error can be estimated; excess below which there is nothing to grow; range
+# of a logarithm below which nothing was varied.
+_FEW, _EXCESS, _VARIED = 4, 0.1, 0.05
 # Periods that are left out at the start, during the transient, if enough others remain; by how much of a
 # period a recording may miss a whole number of them.
 _SETTLING, _LEAST_PERIODS, _WHOLE = 1, 2, 0.02
@@ -62,13 +61,16 @@ class RecordingResidual:
     noise: float
     periodic_start: bool = False
 
-    def density(self, frequency: float) -> float:
-        """Return the spectrum of the noise over that of white noise."""
-        return float(self.densities(np.array([frequency * self.dt]))[0])
-
-    def densities(self, cycles: Array) -> Array:
-        """Return the same at frequencies in cycles a sample."""
+    def densities(self, frequencies: ArrayLike) -> Array:
+        """Return the spectrum of the noise over that of white noise, at frequencies [Hz]."""
+        cycles = np.asarray(frequencies, dtype=np.float64) * self.dt
         return np.ones_like(cycles) if self.spectrum is None else self.spectrum.at(cycles)
+
+    def waves(self, rows: slice, orders: Sequence[int]) -> Array:
+        """Return (N, 2 + 2K) a constant, a slope, and cosine and sine of some harmonics."""
+        t = self.dt * np.arange(self.residual.size)[rows]
+        turns = [2.0 * np.pi * k * self.frequency * t for k in orders]
+        return np.column_stack([np.ones_like(t), t - t.mean(), *(f(x) for x in turns for f in (np.cos, np.sin))])
 
     def orders(self) -> list[int]:
         """Return the harmonics of a sine that the sampling shows; none of any other input."""
@@ -76,10 +78,9 @@ class RecordingResidual:
 
     def after_transient(self) -> slice:
         """Return the samples of a sine after the first period, or all where few periods were recorded."""
-        if self.frequency == 0.0 or self.periodic_start:
+        if self.frequency == 0.0 or self.periodic_start or self._periods() < _SETTLING + _LEAST_PERIODS:
             return slice(None)
-        enough = self._periods() >= _SETTLING + _LEAST_PERIODS
-        return slice(round(_SETTLING / (self.frequency * self.dt)) if enough else 0, None)
+        return slice(round(_SETTLING / (self.frequency * self.dt)), None)
 
     def steady(self) -> slice | None:
         """Return the samples of a sine from where the model repeats itself, without the first period; None where
@@ -96,7 +97,7 @@ class RecordingResidual:
         return int(self.residual.size * self.frequency * self.dt + _WHOLE)
 
     def _still_moves(self, count: int, period: float) -> bool:
-        """Whether the model's next period differs from that after it by more than the noise hides."""
+        """Return whether the model's next period differs from that after it by more than the noise hides."""
         at = np.arange(round(count * period), round((count + 1) * period))
         at = at[at + period <= self.model.size - 1]
         if at.size < 2:
@@ -107,157 +108,120 @@ class RecordingResidual:
 
 def recording_residuals(linearised: LinearisedFit) -> list[RecordingResidual]:
     """Return the residuals of the identification recordings of a linearised fit."""
-    found = []
+    residuals = []
     spectra = noise_of_others([linearised.residual[rows] for rows in linearised.slices], linearised.plan.recordings)
     for trajectory, rows, spectrum in zip(linearised.trajectories, linearised.slices, spectra, strict=True):
         r = trajectory.recording
-        mask = r.mask("identification")
-        drive = excitation_of(r.u, r.dt)
-        frequency = drive.low_Hz if drive.kind == "sine" else 0.0
+        mask, drive = r.mask("identification"), excitation_of(r.u, r.dt)
         y, model = r.y[mask], trajectory.y[mask]
-        found.append(
+        residuals.append(
             RecordingResidual(
-                r.dt, linearised.fit.residual[rows], y - y.mean(), model - model.mean(), frequency, drive.amplitude,
-                spectrum, r.noise, r.start.state == "periodic" and bool(mask[0]),
+                r.dt, linearised.fit.residual[rows], y - y.mean(), model - model.mean(),
+                drive.low_Hz if drive.kind == "sine" else 0.0, drive.amplitude, spectrum, r.noise,
+                r.start.state == "periodic" and bool(mask[0]),
             )
         )  # fmt: skip
-    return found
+    return residuals
 
 
-@dataclass(frozen=True)
-class Trend:
-    """An estimate with its standard error and the probability of one as far from zero by chance."""
+class Trend(NamedTuple):
+    """An estimate with its standard error, the probability of one as far from zero by chance, and for a delay and a
+    repetition the share that it explains."""
 
     value: float
     std: float
     p_value: float
+    share: float = 0.0
 
 
-@dataclass(frozen=True)
-class Symptoms:
-    """What was found; None where the recordings cannot show it.
-
-    Attributes:
-        by_amplitude, by_frequency: exponents of the residual's growth over sines.
-        even, odd: share of the power at the harmonics (without the first) and its p-value.
-        delay: what the phase of the output against the model asks for [s]; explained: share of the phases it explains.
-        repetition: root mean square of period-to-period differences over what noise gives; its p-value is one-sided.
-        unrepeated: share of what is unexplained in those periods that does not repeat.
-        drift: mean rate of the residual [m/s].
-    """
-
-    by_amplitude: Trend | None
-    by_frequency: Trend | None
-    even: Trend | None
-    odd: Trend | None
-    delay: Trend | None
-    explained: float
-    repetition: Trend | None
-    unrepeated: float
-    drift: Trend | None
+# By name, those that the recordings can show:
+# by_amplitude, by_frequency: exponents of the residual's growth over sines.
+# even, odd: share of the power at the harmonics (without the first).
+# delay: what the phase of the output against the model asks for [s]; its share is that of the phases.
+# repetition: root mean square of period-to-period differences over what noise gives; its p-value is one-sided, its
+# share that of what is unexplained in those periods and does not repeat.
+# drift: mean rate of the residual [m/s].
+Symptoms = Mapping[str, Trend]
 
 
 def symptoms(recordings: Sequence[RecordingResidual]) -> Symptoms:
     """Return all symptoms of the residuals of some recordings."""
-    return Symptoms(
-        *_growth(recordings), *_harmonics(recordings), *_phase(recordings), *_repetition(recordings), _drift(recordings)
-    )
+    parts = (_growth, _harmonics, _phase, _repetition, _drift)
+    return {name: trend for part in parts for name, trend in part(recordings)}
 
 
-def _growth(recordings: Sequence[RecordingResidual]) -> tuple[Trend | None, Trend | None]:
-    """Exponents ``n, m`` of ``√(r̄² − 1) ∝ Aⁿ fᵐ`` over the sines, each with the other one free."""
+def _growth(recordings: Sequence[RecordingResidual]) -> Iterator[tuple[str, Trend]]:
+    """Yield exponents ``n, m`` of ``√(r̄² − 1) ∝ Aⁿ fᵐ`` over the sines, each with the other one free."""
     rows = []
     for s in recordings:
         excess = float(np.mean(s.residual[s.after_transient()] ** 2)) - 1.0
         if s.frequency > 0.0 and excess > _EXCESS:
             rows.append((0.5 * np.log(excess), np.log(s.amplitude), np.log(s.frequency)))
     if len(rows) < _FEW:
-        return None, None
+        return
     level, *logs = np.array(rows).T
-    varied = [x for x in logs if np.ptp(x) > 0.05]
-    design = np.column_stack([np.ones_like(level), *varied])
+    varied = {n: x for n, x in zip(("by_amplitude", "by_frequency"), logs, strict=True) if np.ptp(x) > _VARIED}
+    design = np.column_stack([np.ones_like(level), *varied.values()])
     freedom = level.size - design.shape[1]
     if freedom < 1 or np.linalg.matrix_rank(design) < design.shape[1]:
-        return None, None
+        return
     weights = np.linalg.lstsq(design, level, rcond=None)[0]
     spread = float(np.sum((level - design @ weights) ** 2)) / freedom
-    std = np.sqrt(np.diag(np.linalg.inv(design.T @ design)) * spread)
-    trends = iter(
-        Trend(float(w), float(s), float(2.0 * student.sf(abs(w) / max(s, 1e-12), freedom)))
-        for w, s in zip(weights[1:], std[1:], strict=True)
-    )
-    first, second = (next(trends) if np.ptp(x) > 0.05 else None for x in logs)
-    return first, second
+    stds = np.sqrt(np.diag(np.linalg.inv(design.T @ design)) * spread)
+    for name, w, std in zip(varied, weights[1:].tolist(), stds[1:].tolist(), strict=True):
+        yield name, Trend(w, std, float(2.0 * student.sf(abs(w) / max(std, 1e-12), freedom)))
 
 
-def _waves(s: RecordingResidual, rows: slice, orders: Sequence[int]) -> Array:
-    """(N, 2 + 2K) a constant, a slope, and cosine and sine of some harmonics."""
-    t = s.dt * np.arange(s.residual.size)[rows]
-    columns = [np.ones_like(t), t - t.mean()]
-    for k in orders:
-        columns += [np.cos(2.0 * np.pi * k * s.frequency * t), np.sin(2.0 * np.pi * k * s.frequency * t)]
-    return np.column_stack(columns)
+def _harmonics(recordings: Sequence[RecordingResidual]) -> Iterator[tuple[str, Trend]]:
+    """Yield shares of even and of odd harmonics (the third and up), pooled over the sines.
+
+    The power at a harmonic is χ² of two degrees of freedom where there is noise.
+    """
+    powers: list[list[float]] = [[], []]
+    for s in recordings:
+        rows, orders = s.after_transient(), s.orders()
+        r = s.residual[rows]
+        if s.frequency == 0.0 or r.size * s.dt * s.frequency < _LEAST_PERIODS * 0.99:
+            continue
+        pairs = np.linalg.lstsq(s.waves(rows, orders), r, rcond=None)[0][2:].reshape(-1, 2)
+        densities = s.densities(s.frequency * np.array(orders))
+        for k, power in zip(orders, 0.5 * r.size * np.sum(pairs**2, axis=1) / densities, strict=True):
+            if k > 1:
+                powers[k % 2].append(float(power))
+    total = sum(max(sum(own) - 2 * len(own), 0.0) for own in powers)
+    for name, own in zip(("even", "odd"), powers, strict=True):
+        if own:
+            power, freedom = sum(own), 2 * len(own)
+            share = max(power - freedom, 0.0) / total if total > 0.0 else 0.0
+            yield name, Trend(share, np.sqrt(2.0 * freedom) / max(total, 1e-300), float(chi2.sf(power, freedom)))
 
 
-def _harmonic_powers(s: RecordingResidual) -> dict[int, float]:
-    """Power of the residual at the harmonics of a sine; each is χ² of two degrees of freedom where there is noise."""
-    rows = s.after_transient()
-    count = s.residual[rows].size
-    orders = s.orders()
-    if s.frequency == 0.0 or count * s.dt * s.frequency < _LEAST_PERIODS * 0.99:
-        return {}
-    w = np.linalg.lstsq(_waves(s, rows, orders), s.residual[rows], rcond=None)[0][2:]
-    return {k: 0.5 * count * float(w[2 * i] ** 2 + w[2 * i + 1] ** 2) / s.density(k * s.frequency)
-            for i, k in enumerate(orders)}  # fmt: skip
-
-
-def _harmonics(recordings: Sequence[RecordingResidual]) -> tuple[Trend | None, Trend | None]:
-    """Shares of even and of odd harmonics (the third and up), pooled over the sines."""
-    powers = [_harmonic_powers(s) for s in recordings]
-    groups = []
-    for parity in (0, 1):
-        found = [p for each in powers for k, p in each.items() if k > 1 and k % 2 == parity]
-        groups.append((sum(found), 2 * len(found)))
-    total = sum(max(power - freedom, 0.0) for power, freedom in groups)
-    trends = [
-        Trend(
-            max(power - freedom, 0.0) / total if total > 0.0 else 0.0,
-            np.sqrt(2.0 * freedom) / max(total, 1e-300),
-            float(chi2.sf(power, freedom)),
-        )
-        if freedom
-        else None
-        for power, freedom in groups
-    ]
-    return trends[0], trends[1]
-
-
-def _phase(recordings: Sequence[RecordingResidual]) -> tuple[Trend | None, float]:
-    """The delay ``τ`` of ``arg(Y/Ŷ) = −2π f τ`` over the sines, and the share of the phases that it explains."""
+def _phase(recordings: Sequence[RecordingResidual]) -> Iterator[tuple[str, Trend]]:
+    """Yield the delay ``τ`` of ``arg(Y/Ŷ) = −2π f τ`` over the sines."""
     rows = []
     for s in (s for s in recordings if s.frequency > 0.0):
         inside = s.after_transient()
-        waves = _waves(s, inside, (1,))
+        waves = s.waves(inside, (1,))
         y, model = (np.linalg.lstsq(waves, x[inside], rcond=None)[0][2:] for x in (s.measured, s.model))
         ratio = complex(y[0], -y[1]) / complex(model[0], -model[1])
-        std = s.noise * np.sqrt(2.0 * s.density(s.frequency) / waves.shape[0]) / float(np.hypot(*model))
+        std = s.noise * np.sqrt(2.0 * s.densities(s.frequency) / waves.shape[0]) / float(np.hypot(*model))
         rows.append((-2.0 * np.pi * s.frequency / std, np.angle(ratio) / std, s.frequency))
     if len(rows) < 2 or np.ptp([r[2] for r in rows]) == 0.0:
-        return None, 0.0
+        return
     slope, angle, _ = np.array(rows).T
     tau, std = float(slope @ angle / (slope @ slope)), float(1.0 / np.linalg.norm(slope))
     rest = angle - tau * slope
-    return Trend(tau, std, float(2.0 * norm.sf(abs(tau) / std))), 1.0 - float(rest @ rest) / float(angle @ angle)
+    yield "delay", Trend(tau, std, float(2.0 * norm.sf(abs(tau) / std)), 1.0 - float(rest @ rest / (angle @ angle)))
 
 
-def _repetition(recordings: Sequence[RecordingResidual]) -> tuple[Trend | None, float]:
-    """Period-to-period differences of the residual over what noise gives, over sines of two or more periodic periods.
+def _repetition(recordings: Sequence[RecordingResidual]) -> Iterator[tuple[str, Trend]]:
+    """Yield period-to-period differences of the residual over what noise gives, over sines of two or more periodic
+    periods.
 
     The doubt about the noise floor counts as few degrees of freedom: however many samples there are, differences that
-    exceed the noise by no more than that do not count. Second: the share of the residual's excess over the noise that
-    does not repeat.
+    exceed the noise by no more than that do not count.
     """
-    squares, expected, excess, samples, spread = 0.0, 0.0, 0.0, 0, 0.0
+    squares, expected, excess, spread = 0.0, 0.0, 0.0, 0.0
     for s in (s for s in recordings if s.frequency > 0.0):
         rows = s.steady()
         if rows is None:
@@ -269,26 +233,23 @@ def _repetition(recordings: Sequence[RecordingResidual]) -> tuple[Trend | None, 
         difference = later - r[: later.size]
         if difference.size < _FEW:
             continue
-        cycles: Array = np.fft.rfftfreq(r.size)[1:].astype(np.float64)
-        turn = np.exp(2j * np.pi * cycles)
-        power = s.densities(cycles) * np.abs(turn**whole * (1.0 - part + part * turn) - 1.0) ** 2
+        cycles = np.fft.rfftfreq(r.size)[1:].astype(np.float64)
+        turn, densities = np.exp(2j * np.pi * cycles), s.densities(cycles / s.dt)
+        power = densities * np.abs(turn**whole * (1.0 - part + part * turn) - 1.0) ** 2
         squares += float(difference @ difference)
         expected += difference.size * float(power.mean())
         # The sum of χ² of two degrees of freedom a frequency; samples that are counted twice make it no surer.
         spread += 2.0 * difference.size**2 * float(power @ power) / (2.0 * power.size**2)
-        samples += difference.size
-        excess += float(np.mean(r**2) - s.densities(cycles).mean()) * difference.size
-    if not samples:
-        return None, 0.0
-    power_ratio = squares / expected
-    freedom = 2.0 / (spread / expected**2 + (2.0 * _FLOOR_DOUBT) ** 2)
-    share = float(np.clip(0.5 * (squares - expected) / excess, 0.0, 1.0)) if excess > 0.0 else 0.0
-    p_value = float(chi2.sf(power_ratio * freedom, freedom))
-    return Trend(float(np.sqrt(power_ratio)), float(np.sqrt(0.5 / freedom)), p_value), share
+        excess += float(np.mean(r**2) - densities.mean()) * difference.size
+    if expected:
+        ratio, freedom = squares / expected, 2.0 / (spread / expected**2 + (2.0 * _FLOOR_DOUBT) ** 2)
+        share = float(np.clip(0.5 * (squares - expected) / excess, 0.0, 1.0)) if excess > 0.0 else 0.0
+        p_value = float(chi2.sf(ratio * freedom, freedom))
+        yield "repetition", Trend(float(np.sqrt(ratio)), float(np.sqrt(0.5 / freedom)), p_value, share)
 
 
-def _drift(recordings: Sequence[RecordingResidual]) -> Trend | None:
-    """Mean rate of the residual beside the harmonics [m/s], weighted by the information of each recording.
+def _drift(recordings: Sequence[RecordingResidual]) -> Iterator[tuple[str, Trend]]:
+    """Yield the mean rate of the residual beside the harmonics [m/s], weighted by the information of each recording.
 
     Only periodic sines and rests show it: in other recordings a slope may be part of the response to the drive.
     """
@@ -297,36 +258,33 @@ def _drift(recordings: Sequence[RecordingResidual]) -> Trend | None:
         rows = s.steady()
         if rows is None:
             continue
-        waves = _waves(s, rows, s.orders())
+        waves = s.waves(rows, s.orders())
         w = np.linalg.lstsq(waves, s.residual[rows], rcond=None)[0]
         rates.append(w[1] * s.noise)
         # Low frequencies are where a drift competes with the noise, and with what else the model misses.
         slope = waves[:, 1]
         parts = np.array_split(slope * (s.residual[rows] - waves @ w), _BLOCKS)
         missed = float(np.linalg.norm([p.sum() for p in parts])) / float(slope @ slope)
-        lowest = 1.0 / (slope.size * s.dt)
-        stds.append(s.noise * max(missed, float(np.sqrt(s.density(lowest)) / np.linalg.norm(slope))))
-    if not rates:
-        return None
-    known = 1.0 / np.array(stds) ** 2
-    rate, std = float(np.array(rates) @ known / known.sum()), float(1.0 / np.sqrt(known.sum()))
-    return Trend(rate, std, float(2.0 * norm.sf(abs(rate) / std)))
+        lowest = s.densities(1.0 / (slope.size * s.dt))
+        stds.append(s.noise * max(missed, float(np.sqrt(lowest) / np.linalg.norm(slope))))
+    if rates:
+        known = 1.0 / np.array(stds) ** 2
+        rate, std = float(np.array(rates) @ known / known.sum()), float(1.0 / np.sqrt(known.sum()))
+        yield "drift", Trend(rate, std, float(2.0 * norm.sf(abs(rate) / std)))
 
 
-def significant(found: Symptoms, level: float) -> Symptoms:
-    """Return the symptoms that are significant after correction for their number; the rest becomes None.
+def significant(every: Symptoms, level: float) -> Symptoms:
+    """Return the symptoms that are significant after correction for their number.
 
     Holm's (1979) step-down: the k-th smallest of n p-values has to lie below ``level/(n − k + 1)``. One false sentence
     misleads as much as five do, and the symptoms depend on each other: it bounds the chance of any, whatever their
     dependence. The harmonics come in pairs, of which one alone may be nothing: both stay if either is significant.
     """
-    trends = {n: t for n in _TRENDS if isinstance(t := getattr(found, n), Trend)}
     kept: set[str] = set()
-    for rank, name in enumerate(sorted(trends, key=lambda n: trends[n].p_value)):
-        if trends[name].p_value * (len(trends) - rank) >= level:
+    for rank, name in enumerate(sorted(every, key=lambda n: every[n].p_value)):
+        if every[name].p_value * (len(every) - rank) >= level:
             break
         kept.add(name)
     if kept & {"even", "odd"}:
         kept |= {"even", "odd"}
-    dropped: dict[str, Any] = {n: None for n in trends if n not in kept}
-    return replace(found, **dropped)
+    return {n: t for n, t in every.items() if n in kept}

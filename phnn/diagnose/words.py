@@ -7,13 +7,13 @@ character: odd or even, threshold, growth; a memory by the times in which it for
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phnn.diagnose.linearised import LinearisedFit
-from phnn.diagnose.locations import FORCE, GROUPS, OUTPUT, PARAMETER, VOLTAGE, Group, Location
+from phnn.diagnose.locations import FORCE, GROUPS, OUTPUT, PARAMETER, VOLTAGE, Location
 from phnn.effects import Scales
 from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
 from phnn.network.elements import Network
@@ -64,7 +64,6 @@ class Vocabulary:
     Attributes:
         output: what is measured; rate: its rate of change; effort: what acts on it; source: what drives the network.
         output_unit, source_unit: SI; effort_unit: SI, empty where it is not known.
-        mechanical: the output is a displacement [m].
     """
 
     output: str
@@ -74,12 +73,21 @@ class Vocabulary:
     output_unit: str
     effort_unit: str
     source_unit: str
-    mechanical: bool
+
+    @property
+    def mechanical(self) -> bool:
+        """Whether the output is a displacement [m]."""
+        return self.output_unit == "m"
 
     @property
     def rate_unit(self) -> str:
         """SI unit of the rate."""
         return "1/s" if self.output_unit == "1" else f"{self.output_unit}/s"
+
+    def label(self, variable: str) -> str:
+        """Return what ``output``, ``rate``, ``effort`` or ``source`` is called, with its SI unit."""
+        name, unit = getattr(self, variable), getattr(self, f"{variable}_unit")
+        return f"{name} [{unit}]" if unit else name
 
 
 def vocabulary_of(network: Network) -> Vocabulary:
@@ -92,8 +100,7 @@ def vocabulary_of(network: Network) -> Vocabulary:
     unit = next((s.unit for s in network.storages if s.name == moving), "1").replace("m3", "m³")
     output, rate, effort, effort_unit = _OUTPUTS.get(unit, _UNKNOWN)
     source_unit = network.ports[0].unit.replace("m3", "m³") if network.ports else "1"
-    source = _SOURCES.get(source_unit, "input")
-    return Vocabulary(output, rate, effort, source, unit, effort_unit, source_unit, unit == "m")
+    return Vocabulary(output, rate, effort, _SOURCES.get(source_unit, "input"), unit, effort_unit, source_unit)
 
 
 @dataclass(frozen=True)
@@ -114,21 +121,27 @@ class Picture:
 
 def picture(linearised: LinearisedFit, location: Location) -> Picture | None:
     """Return the learned function of the best group of a location; None where there is none to draw."""
-    group = GROUPS[location.group]
-    if not location.weights.size:
+    group, scales, network = GROUPS[location.group], linearised.scales, linearised.fit.setup.network
+    if not location.weights.size or (group.static is None and group.enters == OUTPUT):
         return None
-    scales, network = linearised.scales, linearised.fit.setup.network
-    varied, words = group.varied(network), vocabulary_of(network)
+    words = vocabulary_of(network)
     length, small = (1e9, "nm") if words.mechanical else (1.0, words.output_unit)
     unit, label = {
-        FORCE: (scales.stiffness * scales.displacement, f"missing {_labelled(words.effort, words.effort_unit)}"),
-        VOLTAGE: (scales.voltage, f"missing {_labelled(words.source, words.source_unit)}"),
-        OUTPUT: (length * scales.displacement, f"missing {_labelled(words.output, small)}"),
-        PARAMETER: (1.0, " ".join(["relative change", *(["of", ", ".join(varied)] if varied else [])])),
+        FORCE: (scales.stiffness * scales.displacement, f"missing {words.label('effort')}"),
+        VOLTAGE: (scales.voltage, f"missing {words.label('source')}"),
+        OUTPUT: (length * scales.displacement, f"missing {words.output} [{small}]"),
+        PARAMETER: (1.0, " of ".join(filter(None, ["relative change", ", ".join(group.varied(network))]))),
     }[group.enters]
     title = f"{location.name}: {location.detail}"
     if group.static is None:
-        return None if group.enters == OUTPUT else _cycle(linearised, location, unit, label, title)
+        # Along the recording with the largest motion, at most one period.
+        trajectory = max(linearised.trajectories, key=lambda t: float(np.ptp(t.y)))
+        functions = group.functions(trajectory, scales)
+        elapsed, period = np.cumsum(trajectory.h), trajectory.recording.period
+        first = int(np.searchsorted(elapsed, elapsed[-1] - period)) if period else 0
+        drawn = slice(first, functions.shape[0], max(1, (functions.shape[0] - first) // _CYCLE))
+        q, axis = _shown(trajectory.mid_displacement[drawn], "displacement", words)
+        return Picture(q, unit * (functions[drawn] @ location.weights[: functions.shape[1]]), None, axis, label, title)
     x = _axis(group.axis, scales)
     functions = group.static(x, scales)
     # A parameter group has one block of weights a parameter; the first one is drawn.
@@ -140,28 +153,22 @@ def picture(linearised: LinearisedFit, location: Location) -> Picture | None:
 
 
 def learned_picture(linearised: LinearisedFit, location: Location, learned: Setup) -> Picture:
-    """Return the law of a learned one-port, on the axis of the location's own functions.
+    """Return the law of a learned spring or damper, on the axis of the location's own functions.
 
     Args:
         learned: the setup with it.
     """
-    group, scales, base = GROUPS[location.group], linearised.scales, linearised.fit.setup.network
-    # (M,) displacement [m] of a spring, velocity [m/s] of a damper, time [s] after a step of a memory.
-    x, values = _axis(group.axis, scales), learned.values()
+    group, base, values = GROUPS[location.group], linearised.fit.setup.network, learned.values()
+    # (M,) displacement [m] of a spring, velocity [m/s] of a damper.
+    x = _axis(group.axis, linearised.scales)
     force = np.zeros_like(x)
-    relaxing = {name for r in learned.network.resistors if r.law == "maxwell" for name in r.on}
-    for s in (s for s in learned.network.storages if s not in base.storages and s.name not in relaxing):
+    for s in (s for s in learned.network.storages if s not in base.storages):
         force -= np.asarray(STORAGE_LAWS[s.law].mean_effort(x, x, *(values[n] for n in s.parameters)))
     for r in (r for r in learned.network.resistors if r not in base.resistors):
-        own = [values[n] for n in r.parameters]
-        if r.law == "maxwell":
-            stiffness, tau = own
-            force -= stiffness * scales.displacement * np.exp(-x / tau)
-        else:
-            force -= np.asarray(RESISTOR_LAWS[r.law].flow(x, 0.0 * x, *own))
+        force -= np.asarray(RESISTOR_LAWS[r.law].flow(x, 0.0 * x, *(values[n] for n in r.parameters)))
     words = vocabulary_of(base)
     shown, axis = _shown(x, group.axis, words)
-    label = "force on the mass [N]" if words.mechanical else _labelled(words.effort, words.effort_unit)
+    label = "force on the mass [N]" if words.mechanical else words.label("effort")
     return Picture(shown, force, None, axis, label, f"learned one-port: {location.detail}")
 
 
@@ -179,21 +186,13 @@ def missing_force(linearised: LinearisedFit, location: Location, index: int) -> 
     return np.asarray(linearised.scales.stiffness * linearised.scales.displacement * (functions @ location.weights))
 
 
-def _labelled(name: str, unit: str) -> str:
-    return f"{name} [{unit}]" if unit else name
-
-
 def _shown(x: Array, axis: str, words: Vocabulary) -> tuple[Array, str]:
     """An axis in the words and units of the system; displacements in micrometres."""
     name = axis.partition(" [")[0]
     if name == "displacement" and words.mechanical:
         return 1e6 * x, f"{words.output} [µm]"
-    labels = {
-        "displacement": _labelled(words.output, words.output_unit),
-        "velocity": _labelled(words.rate, words.rate_unit),
-        "voltage": _labelled(words.source, words.source_unit),
-    }
-    return x, labels.get(name, axis)
+    own = {"displacement": "output", "velocity": "rate", "voltage": "source"}
+    return x, words.label(own[name]) if name in own else axis
 
 
 def _axis(axis: str, scales: Scales) -> Array:
@@ -205,82 +204,39 @@ def _axis(axis: str, scales: Scales) -> Array:
     return np.linspace(-1.0, 1.0, _POINTS) * reach[axis.split()[0]]
 
 
-def _cycle(linearised: LinearisedFit, location: Location, unit: float, label: str, title: str) -> Picture:
-    """The missing signal against the displacement along the recording with the largest motion."""
-    trajectory = max(linearised.trajectories, key=lambda t: float(np.ptp(t.y)))
-    functions = GROUPS[location.group].functions(trajectory, linearised.scales)
-    signal = unit * (functions @ location.weights[: functions.shape[1]])
-    first = 0
-    if trajectory.recording.period:
-        elapsed = np.cumsum(trajectory.h)
-        first = int(np.searchsorted(elapsed, elapsed[-1] - trajectory.recording.period))
-    drawn = slice(first, signal.size, max(1, (signal.size - first) // _CYCLE))
-    q, axis = _shown(
-        trajectory.mid_displacement[drawn], "displacement [m]", vocabulary_of(linearised.fit.setup.network)
-    )
-    return Picture(q, signal[drawn], None, axis, label, title)
-
-
 def fitted_in_words(linearised: LinearisedFit, location: Location) -> str:
     """Return the fitted combination of the location's own functions in words; empty where none was fitted."""
-    drawn, group = picture(linearised, location), GROUPS[location.group]
-    if not location.weights.size or not np.any(location.weights):
+    group, network = GROUPS[location.group], linearised.fit.setup.network
+    if not np.any(location.weights):
         return ""
-    network = linearised.fit.setup.network
     own = asdict(vocabulary_of(network))
     acts = f"What the functions fitted there make is {_ACTS[group.enters].format(**own)}"
     if varied := group.varied(network):
         acts += f" {', '.join(varied)}"
+    drawn = picture(linearised, location)
     if group.static is None or drawn is None:
         past = (group.kind.history or "on the past").format(**own)
-        return f"{acts} that depends {past}.{_work(linearised, location, group)}"
+        return f"{acts} that depends {past}.{_work(linearised, location)}"
     if group.axis.startswith("time after"):
-        return f"{acts} that depends on the past. {_curve_in_words(drawn)}"
+        return f"{acts} that depends on the past. {memory_in_words(drawn.x, drawn.y)}"
     if group.axis.startswith("time"):
         return f"{acts} that depends on time alone, as a drift does."
-    variable = _split(drawn.x_label)[0]
+    y, variable = drawn.y, drawn.x_label.partition(" [")[0]
     if not group.axis.startswith("velocity"):
         # A straight line is a stiffness or a gain, and the base has these; a damper's line is part of its law.
         inner = np.abs(drawn.x) <= _INNER * np.abs(drawn.x).max()
-        line = np.polyval(np.polyfit(drawn.x[inner], drawn.y[inner], 1), drawn.x)
-        drawn = replace(drawn, y=np.asarray(drawn.y - line))
-    return f"{acts} that depends on the {variable}. {_curve_in_words(drawn)}"
+        y = np.asarray(y - np.polyval(np.polyfit(drawn.x[inner], y[inner], 1), drawn.x))
+    return f"{acts} that depends on the {variable}. {curve_in_words(drawn.x, y, drawn.x_label, drawn.y_label)}"
 
 
-def _split(label: str) -> tuple[str, str]:
-    """Name and unit of ``name [unit]``."""
-    name, _, unit = label.partition(" [")
-    return name, unit.rstrip("]")
-
-
-def _spoken(value: float, unit: str) -> str:
-    if unit in _LENGTHS:
-        return quantity(value * _LENGTHS[unit], "m")
-    return quantity(value, unit) if unit else f"{value:.3g}"
-
-
-def _curve_in_words(drawn: Picture) -> str:
-    """Character of a curve, or how a memory decays."""
-    if not np.any(drawn.y):
-        return "Its strengths are all zero."
-    (variable, unit), (_, y_unit) = _split(drawn.x_label), _split(drawn.y_label)
-    if variable.startswith("time"):
-        return memory_in_words(forgetting(drawn.x, drawn.y))
-    character, reach = character_of(drawn.x, drawn.y), float(drawn.x[-1])
-    spoken = _spoken(reach, unit), _spoken(character.size, y_unit), _spoken(character.shape.at * reach, unit)
-    return character_in_words(character, variable, *spoken)
-
-
-def _work(linearised: LinearisedFit, location: Location, group: Group) -> str:
-    """Whether the fitted force takes energy from the motion, over all recordings."""
+def _work(linearised: LinearisedFit, location: Location) -> str:
+    """Return whether the fitted force takes energy from the motion, over all recordings; empty for no force."""
+    group = GROUPS[location.group]
     if group.enters != FORCE:
         return ""
-    done, moved = 0.0, 0.0
-    for trajectory in linearised.trajectories:
-        force = group.functions(trajectory, linearised.scales) @ location.weights
-        power = trajectory.h * force * trajectory.velocity
-        done, moved = done + float(power.sum()), moved + float(np.abs(power).sum())
-    share = done / max(moved, 1e-300)
+    forces = [(t, group.functions(t, linearised.scales) @ location.weights) for t in linearised.trajectories]
+    powers = np.concatenate([t.h * force * t.velocity for t, force in forces])
+    share = float(powers.sum()) / max(float(np.abs(powers).sum()), 1e-300)
     if share < -_LOSSY:
         return " Over the recordings it takes energy away: it is dissipative."
     if share > _LOSSY:
@@ -288,116 +244,78 @@ def _work(linearised: LinearisedFit, location: Location, group: Group) -> str:
     return " Over the recordings it gives back about what it takes: it is nearly conservative."
 
 
-@dataclass(frozen=True)
-class Shape:
-    """``y ≈ a f(s)`` on ``0 ≤ s ≤ 1`` with the kind of ``f`` that leaves least.
-
-    Attributes:
-        kind: ``"power"``: ``s^p``; ``"onset"``: ``max(s − p, 0)``; ``"level"``: ``tanh(s/p)``.
-        at: the parameter ``p``.
-    """
-
-    kind: str
-    at: float
-
-
-@dataclass(frozen=True)
-class Character:
-    """What a function of one variable is like.
-
-    Attributes:
-        even: share of its square that is even.
-        side: 1 or −1 where it acts for one sign of the variable only, else 0.
-        shape: on the side, or of the odd or even part, over the range of the variable.
-        size: largest value.
-    """
-
-    even: float
-    side: int
-    shape: Shape
-    size: float
-
-
-def character_of(x: Array, y: Array) -> Character:
-    """Return the character of a curve.
+def curve_in_words(x: Array, y: Array, x_label: str, y_label: str) -> str:
+    """Return the character of a curve as a sentence: on which side it acts, odd or even, and how it grows.
 
     Args:
-        x: (M,) symmetric about zero, increasing; y: (M,), not zero everywhere.
+        x: (M,) symmetric about zero, increasing; y: (M,).
+        x_label, y_label: their names, each with its unit in brackets.
     """
+    if not np.any(y):
+        return "Its strengths are all zero."
+    right, variable = x >= 0.0, x_label.partition(" [")[0]
     odd, even = 0.5 * (y - y[::-1]), 0.5 * (y + y[::-1])
     share = float(even @ even / (y @ y))
-    up, down = y[x >= 0.0], y[::-1][x >= 0.0]
+    up, down = y[right], y[::-1][right]
     above, below = float(up @ up), float(down @ down)
-    least = _OTHER_SIDE * (above + below)
-    side = 1 if below < least else -1 if above < least else 0
-    half = down if side < 0 or (side == 0 and below > above) else up
-    if side == 0 and min(share, 1.0 - share) < _LITTLE:
-        half = (even if share > 0.5 else odd)[x >= 0.0]
-    return Character(share, side, shape_of(x[x >= 0.0] / x[-1], half), float(np.abs(y).max()))
+    if min(above, below) < _OTHER_SIDE * (above + below):
+        parity = f"acts for {'positive' if above > below else 'negative'} {variable} only"
+        half = up if above > below else down
+    elif share > 1.0 - _LITTLE:
+        parity, half = f"is even in the {variable}", even[right]
+    elif share < _LITTLE:
+        parity, half = f"is odd in the {variable}", odd[right]
+    else:
+        parity = f"is neither odd nor even in the {variable} ({100 * share:.0f} % of its square is even)"
+        half = down if below > above else up
+    kind, at = shape_of(x[right] / x[-1], half)
+    grows = {1.0: "in proportion", 2.0: "with the square", 3.0: "with the cube"}.get(at, f"with the power {at:g}")
+    reach, size = float(x[-1]), float(np.abs(y).max())
+    growth = {
+        "power": f"is there from the start and grows {grows}",
+        "onset": f"sets in at {_spoken(at * reach, x_label)} and grows from there",
+        "level": f"levels off beyond {_spoken(at * reach, x_label)}",
+    }[kind]
+    return f"It {parity}, {growth}; at {_spoken(reach, x_label)} it has reached {_spoken(size, y_label)}."
 
 
-def shape_of(s: Array, y: Array) -> Shape:
-    """Return the kind of function that a half curve follows best.
+def _spoken(value: float, label: str) -> str:
+    """Return a value of a curve with the unit in its label; lengths in the unit that suits."""
+    unit = label.partition(" [")[2].rstrip("]")
+    if unit in _LENGTHS:
+        return quantity(value * _LENGTHS[unit], "m")
+    return quantity(value, unit) if unit else f"{value:.3g}"
+
+
+def shape_of(s: Array, y: Array) -> tuple[str, float]:
+    """Return the kind of function ``f`` that a half curve ``y ≈ a f(s)`` follows best, with its parameter ``p``.
+
+    ``"power"``: ``s^p``; ``"onset"``: ``max(s − p, 0)``; ``"level"``: ``tanh(s/p)``.
 
     Args:
         s: (M,) from 0 to 1; y: (M,).
     """
-
-    def best(kind: str, functions: Mapping[float, Array]) -> tuple[float, Shape]:
-        rests = {p: y - f * (f @ y) / max(float(f @ f), 1e-300) for p, f in functions.items()}
-        return min(((float(r @ r), Shape(kind, p)) for p, r in rests.items()), key=lambda item: item[0])
-
-    power = best("power", {p: s**p for p in (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0)})
-    onset = best("onset", {float(p): np.maximum(s - p, 0.0) for p in np.arange(0.1, 0.96, 0.025)})
-    level = best("level", {float(p): np.tanh(s / p) for p in np.geomspace(1e-3, 0.5, 25)})
-    other = min((onset, level), key=lambda item: item[0])
-    return other[1] if other[0] < _CLEARLY * power[0] else power[1]
+    shapes = {("power", p): s**p for p in (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0)}
+    shapes |= {("onset", float(p)): np.maximum(s - p, 0.0) for p in np.arange(0.1, 0.96, 0.025)}
+    shapes |= {("level", float(p)): np.tanh(s / p) for p in np.geomspace(1e-3, 0.5, 25)}
+    left = {key: float(np.sum((y - f * (f @ y) / max(float(f @ f), 1e-300)) ** 2)) for key, f in shapes.items()}
+    power, other = (min((k for k in left if (k[0] == "power") is its), key=left.__getitem__) for its in (True, False))
+    return other if left[other] < _CLEARLY * left[power] else power
 
 
-def character_in_words(character: Character, variable: str, reach: str, size: str, at: str) -> str:
-    """Return the character as a sentence.
+def memory_in_words(t: Array, y: Array) -> str:
+    """Return how a response to a step decays, as a sentence: after which times a tenth, half and most of it are gone.
 
     Args:
-        variable: what it is a function of; reach: the largest value of that, with unit; size: of the curve, with unit.
-        at: the value of the variable at the shape's parameter, with unit.
+        t: (M,) [s], increasing; y: (M,).
     """
-    if character.side:
-        parity = f"acts for {'positive' if character.side > 0 else 'negative'} {variable} only"
-    elif character.even > 1.0 - _LITTLE:
-        parity = f"is even in the {variable}"
-    elif character.even < _LITTLE:
-        parity = f"is odd in the {variable}"
-    else:
-        parity = f"is neither odd nor even in the {variable} ({100 * character.even:.0f} % of its square is even)"
-    power = character.shape.at
-    grows = {1.0: "in proportion", 2.0: "with the square", 3.0: "with the cube"}.get(power, f"with the power {power:g}")
-    growth = {
-        "power": f"is there from the start and grows {grows}",
-        "onset": f"sets in at {at} and grows from there",
-        "level": f"levels off beyond {at}",
-    }[character.shape.kind]
-    return f"It {parity}, {growth}; at {reach} it has reached {size}."
-
-
-def forgetting(t: Array, y: Array) -> tuple[float, float, float] | None:
-    """Return the times [s] after which a tenth, a half and nine tenths of a response to a step are gone; None where it
-    does not decay.
-
-    Args:
-        t: (M,) increasing; y: (M,).
-    """
+    if not np.any(y):
+        return "Its strengths are all zero."
     left = np.abs(y) / max(float(np.abs(y[0])), 1e-300)
     if left.max() > 1.5 or left[-1] > 0.5:
-        return None
-    # What the recordings are too short to see forgotten counts as gone with their end.
-    gone = [int(np.argmax(left <= level)) if (left <= level).any() else t.size - 1 for level in (0.9, 0.5, 0.1)]
-    return float(t[gone[0]]), float(t[gone[1]]), float(t[gone[2]])
-
-
-def memory_in_words(times: tuple[float, float, float] | None) -> str:
-    """Return how a response to a step decays, as a sentence, from the times of `forgetting`."""
-    if times is None:
         return "Its response to a step does not simply decay within the recordings."
-    tenth, half, most = (quantity(t, "s") for t in times)
-    how = "over decades of time" if times[2] > _DECADES * times[0] else "as with one time constant"
+    # What the recordings are too short to see forgotten counts as gone with their end.
+    gone = [float(t[np.argmax(left <= level)] if (left <= level).any() else t[-1]) for level in (0.9, 0.5, 0.1)]
+    how = "over decades of time" if gone[2] > _DECADES * gone[0] else "as with one time constant"
+    tenth, half, most = (quantity(x, "s") for x in gone)
     return f"It forgets a step {how}: a tenth of it in {tenth}, half in {half}, most in {most}."

@@ -107,7 +107,6 @@ class NextExperiment:
     """The recording to make next."""
 
     recording: str
-    separates: tuple[str, ...]
     why: str
     needed: float | None = None  # separation from which two models are told apart, in noise units
     menu: tuple[tuple[str, float | None], ...] = ()  # smallest separation by recording of the menu, largest first

@@ -43,10 +43,10 @@ class Trace:
 
 @dataclass(frozen=True)
 class Curve:
-    """The picture at the location: a learned function and, where an element was named, its law.
+    """The picture at the location: a learned function.
 
     Raises:
-        ValueError: ``y``, ``y_std`` or ``named_y`` does not have the length of ``x``.
+        ValueError: ``y`` or ``y_std`` does not have the length of ``x``.
     """
 
     x: np.ndarray  # (M,)
@@ -55,10 +55,9 @@ class Curve:
     x_label: str
     y_label: str
     title: str
-    named_y: np.ndarray | None = None  # (M,) law of the named element
 
     def __post_init__(self) -> None:
-        for name in ("y", "y_std", "named_y"):
+        for name in ("y", "y_std"):
             value = getattr(self, name)
             if value is not None and value.shape != self.x.shape:
                 raise ValueError(

@@ -25,7 +25,7 @@ def next_experiment(proposal: NextExperiment | None) -> dict[str, Any] | None:
         return None
     e = proposal.experiment
     return {
-        "recording": proposal.recording,
+        "recording": proposal.experiment.words,
         "separates": list(proposal.separates),
         "why": proposal.why,
         "separation": proposal.separation,

@@ -10,12 +10,12 @@ from phnn.diagnose.formula import Distilled
 from phnn.diagnose.number import family
 from phnn.diagnose.screen import chance
 from phnn.diagnose.verdict import LEARNED, Claim
-from phnn.diagnose.words import is_effort, vocabulary_of
+from phnn.diagnose.words import fitted_in_words, is_effort, vocabulary_of
 from phnn.effects import Effect
 from phnn.effects.places import place_of
 from phnn.identification.fit import Fit
 from phnn.report.domain_words import forces_known
-from phnn.report.sentence import nearest, unknown_character, unknown_statement
+from phnn.report.sentence import nearest, unknown_statement
 from phnn.units import FORCE_UNITS, quantity
 
 _UP_TO_FACTOR = " Absolute values are known up to one common factor, because nothing anchors them."
@@ -104,6 +104,7 @@ def _description(formula: Distilled, effect: Effect) -> dict[str, Any]:
 def _nameless(diagnosis: Diagnosis) -> dict[str, Any]:
     """Return the entry of a mismatch that no element describes."""
     where, model = diagnosis.location, nearest(diagnosis)
+    fitted = "" if where is None else fitted_in_words(diagnosis.linearised[0], where)
     free = where is not None and is_effort(where) and not forces_known(diagnosis)
     factor = _UP_TO_FACTOR if free and vocabulary_of(diagnosis.base.setup.network).mechanical else ""
     return {
@@ -117,7 +118,7 @@ def _nameless(diagnosis: Diagnosis) -> dict[str, Any]:
         "place": None,
         "equivalent_to": [],
         "p_value": diagnosis.significance()[1],
-        "statement": f"{unknown_statement(diagnosis)} {unknown_character(diagnosis)}".strip() + factor,
+        "statement": f"{unknown_statement(diagnosis)} {fitted}".strip() + factor,
         "equation": "",
         "passive": False,
         "parameters": {},

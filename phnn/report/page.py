@@ -159,7 +159,6 @@ def render_page(
             with_error=formatting.with_error,
             change=formatting.change,
             unscored=any(not trace.scored.all() for trace in evidence.traces if trace.held_out),
-            named_law=any(curve.named_y is not None for curve in evidence.curves),
             bar=_bar,
             unit_of=_unit_of,
         )

@@ -155,22 +155,15 @@ def _immaterial(value: Any) -> Immaterial | None:
 def _next_experiment(value: Any) -> NextExperiment | None:
     if not isinstance(value, Mapping):
         return None
+    groups = value.get("groups")
     return NextExperiment(
         recording=_text(value.get("recording")),
-        separates=_texts(value.get("separates")),
         why=_text(value.get("why")),
         needed=finite(value.get("needed")),
         menu=_descending({str(n): finite(s) for n, s in _mapping(value.get("menu")).items()}),
-        groups=_groups(value),
+        groups=tuple(map(_texts, groups)) if isinstance(groups, Sequence) else (),
         aim=_text(value.get("aim")) or "separate",
     )
-
-
-def _groups(value: Mapping[str, Any]) -> tuple[tuple[str, ...], ...]:
-    """What a recording separates, by question; one group where only the names are known."""
-    given = value.get("groups")
-    groups = tuple(_texts(g) for g in given) if isinstance(given, Sequence) and not isinstance(given, str) else ()
-    return groups or tuple(g for g in (_texts(value.get("separates")),) if g)
 
 
 def lost_parts(value: Any) -> tuple[Lost, ...]:

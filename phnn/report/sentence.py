@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.number import Visited, is_learned
 from phnn.diagnose.verdict import NAMED, NONE, UNKNOWN, Claim
-from phnn.diagnose.words import fitted_in_words, vocabulary_of
+from phnn.diagnose.words import vocabulary_of
 from phnn.identification.evaluate import Evaluation
 from phnn.report.document import Immaterial
 from phnn.report.domain_words import MOVING, NETWORK
@@ -164,8 +164,3 @@ def _element(diagnosis: Diagnosis, claim: Claim) -> str:
         return f"an element that acts like {words(claim.effect.name)} ({sure(claim.probability)})"
     formula = diagnosis.formulas.get(claim.effect.name)
     return f"a {words(claim.effect.name)}" + ("" if formula is None else f" ({formula.words.removesuffix('.')})")
-
-
-def unknown_character(diagnosis: Diagnosis) -> str:
-    """Describe what is missing by the functions that were fitted at its location."""
-    return "" if diagnosis.location is None else fitted_in_words(diagnosis.linearised[0], diagnosis.location)

@@ -10,55 +10,54 @@ from phnn.units import quantity
 SIGNIFICANT = 0.01
 # An exponent above this is an onset rather than a power; a growth below this is none; exponents within this are alike.
 _ONSET, _FLAT, _ALIKE = 6.0, 0.5, 0.1
-# Share of the phases that a delay must explain to be called one.
-_LIKE_A_DELAY = 0.8
-_PURE = 0.9
+# Share of the phases that a delay must explain to be called one; share of harmonics that is nearly all.
+_LIKE_A_DELAY, _PURE = 0.8, 0.9
 # Share that does not repeat below which the rest decides.
 _MINOR = 0.1
 
 
-def symptom_sentences(found: Symptoms, unit: str = "m") -> tuple[str, ...]:
-    """What the residual of the base model looks like; nothing is said of what the recordings cannot show, nor of what
-    is not significant after correction for the number of symptoms.
+def symptom_sentences(every: Symptoms, unit: str = "m") -> tuple[str, ...]:
+    """Return what the residual of the base model looks like; nothing is said of what the recordings cannot show, nor of
+    what is not significant after correction for the number of symptoms.
 
     Args:
         unit: of the output.
     """
-    found = significant(found, SIGNIFICANT)
-    sentences = [_growth(found), _harmonics(found), _phase(found), _repetition(found), _drift(found, unit)]
+    shown = significant(every, SIGNIFICANT)
+    sentences = [_growth(shown)]
+    if "even" in shown and "odd" in shown:
+        sentences.append(_harmonics(shown["even"], shown["odd"]))
+    if "delay" in shown:
+        sentences.append(_phase(shown["delay"]))
+    # What is but a small part of the mismatch is no mark of it.
+    if "repetition" in shown and shown["repetition"].share >= _MINOR:
+        r = shown["repetition"]
+        sentences.append(
+            f"The residual does not repeat from period to period: differences are {r.value:.3g} × those of noise "
+            f"({p_value(r.p_value)}); {100.0 * r.share:.0f} % of the unexplained power does not repeat."
+        )
+    if "drift" in shown:
+        d = shown["drift"]
+        rate = f"{quantity(d.value, unit)}/s ± {quantity(d.std, unit)}/s"
+        sentences.append(f"The residual drifts beneath the drive, by {rate} on average ({p_value(d.p_value)}).")
     return tuple(s for s in sentences if s)
 
 
-def _odds(trend: Trend) -> str:
-    return p_value(trend.p_value)
+def _growth(shown: Symptoms) -> str:
+    a, f = shown.get("by_amplitude"), shown.get("by_frequency")
+    by = [
+        f"with the {name} to the power {trend.value:.2g} ± {trend.std:.1g} ({p_value(trend.p_value)})"
+        + ", steeply enough for an onset" * (trend is a and trend.value > _ONSET)
+        for name, trend in (("amplitude", a), ("frequency", f))
+        if trend is not None
+    ]
+    speed = a and f and f.value > _FLAT and abs(a.value - f.value) < max(2.0 * (a.std + f.std), _ALIKE)
+    together = ": it follows amplitude × frequency, that is the speed" if speed else ""
+    return f"Over the sines the residual grows {' and '.join(by)}{together}." if by else ""
 
 
-def _exponent(trend: Trend) -> str:
-    return f"{trend.value:.2g} ± {trend.std:.1g} ({_odds(trend)})"
-
-
-def _growth(found: Symptoms) -> str:
-    a, f = found.by_amplitude, found.by_frequency
-    said = []
-    if a is not None:
-        onset = ", steeply enough for an onset" if a.value > _ONSET else ""
-        said.append(f"with the amplitude to the power {_exponent(a)}{onset}")
-    if f is not None:
-        said.append(f"with the frequency to the power {_exponent(f)}")
-    if not said:
-        return ""
-    together = ""
-    if a is not None and f is not None:
-        close = abs(a.value - f.value) < max(2.0 * (a.std + f.std), _ALIKE) and f.value > _FLAT
-        together = ": it follows amplitude × frequency, that is the speed" if close else ""
-    return f"Over the sines the residual grows {' and '.join(said)}{together}."
-
-
-def _harmonics(found: Symptoms) -> str:
-    if found.even is None or found.odd is None:
-        return ""
-    even, odd = found.even, found.odd
-    odds = f"even {_odds(even)}, odd {_odds(odd)}"
+def _harmonics(even: Trend, odd: Trend) -> str:
+    odds = f"even {p_value(even.p_value)}, odd {p_value(odd.p_value)}"
     if odd.value > _PURE:
         return f"Of the harmonics above the first nearly all are odd ({odds}): the cause is symmetric in direction."
     if even.value > _PURE:
@@ -66,33 +65,9 @@ def _harmonics(found: Symptoms) -> str:
     return f"Even harmonics have {100.0 * even.value:.0f} % of the power above the first, odd ones the rest ({odds})."
 
 
-def _phase(found: Symptoms) -> str:
-    tau = found.delay
-    if tau is None:
-        return ""
+def _phase(tau: Trend) -> str:
     side = "lags behind" if tau.value > 0.0 else "runs ahead of"
-    size = f"{quantity(abs(tau.value), 's')} ± {quantity(tau.std, 's')}, {_odds(tau)}"
-    if found.explained > _LIKE_A_DELAY:
+    size = f"{quantity(abs(tau.value), 's')} ± {quantity(tau.std, 's')}, {p_value(tau.p_value)}"
+    if tau.share > _LIKE_A_DELAY:
         return f"The output {side} the model by a phase in proportion to frequency, like a delay ({size})."
     return f"The output {side} the model by a phase that is not in proportion to frequency (mean slope {size})."
-
-
-def _repetition(found: Symptoms) -> str:
-    r = found.repetition
-    # What is but a small part of the mismatch is no mark of it.
-    if r is None or found.unrepeated < _MINOR:
-        return ""
-    return (
-        f"The residual does not repeat from period to period: differences are {r.value:.3g} × those of noise "
-        f"({_odds(r)}); {100.0 * found.unrepeated:.0f} % of the unexplained power does not repeat."
-    )
-
-
-def _drift(found: Symptoms, unit: str) -> str:
-    d = found.drift
-    if d is None:
-        return ""
-    return (
-        f"The residual drifts beneath the drive, by {quantity(d.value, unit)}/s ± {quantity(d.std, unit)}/s on average "
-        f"({_odds(d)})."
-    )

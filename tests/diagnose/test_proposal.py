@@ -12,8 +12,7 @@ import pytest
 
 from phnn.diagnose.diagnosis import Diagnosis, diagnose
 from phnn.diagnose.linearised import LinearisedFit, prepare
-from phnn.diagnose.menu import Experiment, Stretch, menu, resonance
-from phnn.diagnose.proposal import Question, left, propose, refitted_rival
+from phnn.diagnose.proposal import Experiment, Question, Stretch, left, menu, propose, refitted_rival, resonance
 from phnn.diagnose.refit import short
 from phnn.effects import effect
 from phnn.identification.options import Options
@@ -21,7 +20,7 @@ from phnn.identification.plan import Plan
 from phnn.identification.staged import fit_identified
 from phnn.models.actuator import hrc
 from phnn.recordings import Campaign, read
-from phnn.recordings.recording import Part, Recording, Start
+from phnn.recordings.recording import ACTUATOR, Part, Recording, Start
 from phnn.setup import Setup
 from studies.generator import Case, Sealed, draw_case, make_case
 from studies.generator.plans import Excitation, Piece, sine
@@ -84,7 +83,8 @@ def recorded(proposed: Experiment, law: dict[str, float], seed: int) -> Recordin
 def at_hand(name: str, frequency: float, amplitude: float, periods: int) -> Experiment:
     made = sine(frequency, amplitude, periods)
     duration = made.pieces[0].end
-    return Experiment(name, name, (Stretch(0.0, duration, lines=((amplitude, frequency, 0.0),)),), 1.0 / made.dt)
+    stretch = Stretch(0.0, duration, lines=((amplitude, frequency, 0.0),))
+    return Experiment(name, name, (stretch,), 1.0 / made.dt, ACTUATOR)
 
 
 @cache
@@ -171,7 +171,7 @@ def test_no_class_no_proposal() -> None:
     models = (refitted_rival("creep", g.fit), refitted_rival("quadratic_drag", fitted, drag.parameters))
     found = propose([Question(models)], g)
     assert found is not None
-    assert found.recording in [e.words for e in menu(g)]
+    assert found.experiment.words in [e.words for e in menu(g)]
     assert found.menu[found.experiment.kind] == max(found.menu.values())
     # Drag needs speed to show itself.
     assert found.experiment.kind == "near-resonance sine"

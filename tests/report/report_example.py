@@ -67,8 +67,7 @@ def _score(trace: Trace, model: np.ndarray) -> dict[str, float]:
 def make_curves() -> tuple[Curve, ...]:
     """A learned spring force against the fading memory of the displacement, and a decay."""
     x = np.linspace(-6.0, 6.0, 121)
-    named = 0.9 * x
-    learned = named + 0.22 * np.sin(x) + 0.004 * x**2
+    learned = 0.9 * x + 0.22 * np.sin(x) + 0.004 * x**2
     lag = np.geomspace(0.002, 2.0, 80)
     relax = np.exp(-lag / 0.31)
     return (
@@ -79,7 +78,6 @@ def make_curves() -> tuple[Curve, ...]:
             "q − low-passed q (µm)",
             "missing force (N, up to one common factor)",
             "Missing force against memory",
-            named,
         ),
         Curve(
             lag,
@@ -88,7 +86,6 @@ def make_curves() -> tuple[Curve, ...]:
             "time after a step (s)",
             "relative force",
             "How the memory fades",
-            relax,
         ),
     )
 
@@ -189,6 +186,7 @@ def make_document(verdict: str, evidence: Evidence) -> dict[str, Any]:
     following = {
         "recording": "hold at 60 V for 30 s, then at 0 V for 30 s",
         "separates": ["creep", "charge_leakage"],
+        "groups": [["creep", "charge_leakage"]],
         "why": "Leakage is bounded by the thresholds and stops; creep goes on for a decade of time longer.",
     }
     return {

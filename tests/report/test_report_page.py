@@ -233,8 +233,8 @@ def test_lengths_that_differ_are_named() -> None:
     trace = make_trace("step_50V", 400)
     with pytest.raises(ValueError, match=r"trace step_50V: before has shape \(3,\), t has \(400,\)"):
         replace(trace, before=np.zeros(3))
-    with pytest.raises(ValueError, match="curve c: named_y"):
-        Curve(np.zeros(3), np.zeros(3), None, "x", "y", "c", np.zeros(2))
+    with pytest.raises(ValueError, match="curve c: y_std"):
+        Curve(np.zeros(3), np.zeros(3), np.zeros(2), "x", "y", "c")
 
 
 def test_importing_the_report_loads_no_drawing_and_no_torch() -> None:

@@ -1,4 +1,4 @@
-"""The picture at the location: what the recordings taught, and the law of what was named."""
+"""The picture at the location: what the recordings taught."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from phnn.report.evidence import Curve
-from phnn.report.figures.style import AFTER, BEFORE, label, new_figure, quiet_grid
+from phnn.report.figures.style import AFTER, label, new_figure, quiet_grid
 
 
 def _draw(axes: Axes, curve: Curve) -> None:
@@ -19,8 +19,6 @@ def _draw(axes: Axes, curve: Curve) -> None:
         spread = 2.0 * curve.y_std[order]
         axes.fill_between(x, y - spread, y + spread, color=AFTER, alpha=0.16, linewidth=0, label="± 2 standard errors")
     axes.plot(x, y, color=AFTER, linewidth=2.0, label="learned from the recordings")
-    if curve.named_y is not None:
-        axes.plot(x, curve.named_y[order], color=BEFORE, linewidth=1.8, dashes=(5, 2.5), label="law of what was named")
     axes.axhline(0.0, color="#8f969c", linewidth=0.7, zorder=0)
     if x.size and x[0] < 0.0 < x[-1]:
         axes.axvline(0.0, color="#8f969c", linewidth=0.7, zorder=0)
