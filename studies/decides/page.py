@@ -21,30 +21,22 @@ from phnn.diagnose.verdict import RULES, UNKNOWN
 from phnn.report.figures import RC
 from phnn.report.figures.style import AFTER, INK
 from phnn.report.formatting import markdown_table
-from studies.decides.compare import (
+from studies.decides.compare import HALF, LOGGED, RULES_ALONE, WAYS, answered, by_rules, numbered, tolerance
+from studies.results import fill
+from studies.sealed.grade import (
     CRITERIA,
-    HALF,
-    LOGGED,
     MISSED,
     OPEN,
     PARTLY,
     RIGHT,
-    RULES_ALONE,
-    WAYS,
     WRONG,
     Answer,
     Case,
-    answered,
-    by_rules,
     calibration_error,
     cases_in,
     is_learned_name,
     log_score,
-    logged_answer,
-    numbered,
-    tolerance,
-)
-from studies.results import fill
+)  # fmt: skip
 
 Array = NDArray[np.float64]
 
@@ -122,7 +114,7 @@ def compared(cases: Sequence[Case]) -> Table:
     for name, way in WAYS.items():
         rows.append(_row(name, cases, [answered(c, way(c.models)) for c in cases]))
     rows.append(_row(RULES_ALONE, cases, [by_rules(c) for c in cases], probable=False))
-    rows.append(_row(LOGGED, cases, [logged_answer(c) for c in cases]))
+    rows.append(_row(LOGGED, cases, [c.answer for c in cases]))
     return HEAD, rows
 
 
@@ -158,8 +150,8 @@ def by_group(cases: Sequence[Case]) -> Table:
     rows = []
     for group in dict.fromkeys(c.row["group"] for c in cases):
         own = [c for c in cases if c.row["group"] == group]
-        said = Counter(c.outcome(logged_answer(c)) for c in own)
-        mean = np.mean([c.right(logged_answer(c)) for c in own])
+        said = Counter(c.outcome(c.answer) for c in own)
+        mean = np.mean([c.right(c.answer) for c in own])
         counts = [said[o] for o in (RIGHT, PARTLY, OPEN, WRONG, MISSED)]
         counts = [len(own), sum(c.visited for c in own), *counts]
         rows.append([group, *(f"{n}" for n in counts), f"{mean:.2f}"])
@@ -168,7 +160,7 @@ def by_group(cases: Sequence[Case]) -> Table:
 
 def calibrated(cases: Sequence[Case]) -> Table:
     """Return how often effects are there to which the product gives a probability."""
-    statements = [s for c in cases for s in c.statements(logged_answer(c))]
+    statements = [s for c in cases for s in c.statements(c.answer)]
     edges = (0.01, 0.05, 0.2, 0.5, 0.8, 0.95, 0.99, 1.0 + 1e-9)
     rows = []
     for low, high in itertools.pairwise(edges):

@@ -19,21 +19,9 @@ from phnn.effects import Effect, effect
 from phnn.effects.learned import learned_elements
 from phnn.errors import InputRefused
 from studies.decides import page
-from studies.decides.compare import (
-    HALF,
-    WAYS,
-    Answer,
-    Case,
-    answered,
-    by_rules,
-    calibration_error,
-    cases_in,
-    log_score,
-    logged_answer,
-    numbered,
-    tolerance,
-)  # fmt: skip
-from studies.decides.visit import _model
+from studies.decides.compare import HALF, WAYS, answered, by_rules, numbered, tolerance
+from studies.sealed.grade import Answer, Case, calibration_error, cases_in, log_score
+from studies.sealed.run import _model
 
 ROOT = Path(__file__).resolve().parents[2]
 CRITERIA = Criteria()
@@ -238,7 +226,7 @@ def test_the_command_prints_all_tables(
     failed = {"group": "pair", "seed": 3, "failure": "no"}
     log = tmp_path / "log.jsonl"
     log.write_text("".join(json.dumps(r) + "\n" for r in [*rows, failed]), encoding="utf-8")
-    assert logged_answer(cases_in(log)[0][1]).word == "none"
+    assert cases_in(log)[0][1].answer.word == "none"
     monkeypatch.setattr(page, "SETTINGS", (page.Setting(),))
     monkeypatch.setattr(sys, "argv", ["decides.py", "compare", str(log), "--markdown"])
     runpy.run_path(str(ROOT / "scripts" / "decides.py"), run_name="__main__")

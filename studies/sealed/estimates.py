@@ -1,0 +1,139 @@
+"""Errors of estimated parameters against what was sealed.
+
+An error of an estimate is a normal deviate of the stated 95 % interval: 1.96 where the truth lies at one of its ends,
+in proportion inside. Where no interval is stated the standard error takes its place.
+
+Voltage and displacement leave one common factor of all impedances free, which the stated mass fixes. Where the stated
+mass is exact, errors of what scales with it say nothing of its stated deviation: those parameters are left out there.
+Where it is drawn, its error moves them all together, so that the base parameters of one case are hardly more than one
+draw. Errors by noise alone therefore compare with the truth at the stated mass, in intervals that take the mass as
+exact. The mass itself is left out always, for its interval is the anchor's own.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from scipy.stats import norm
+
+from studies.generator import Sealed
+from studies.generator.cases import CANONICAL
+
+_DEVIATE = float(norm.ppf(0.975))  # of the ends of the intervals that are stated
+_REFERENCE = 100e-6  # m, displacement that strengths of a seal refer to
+
+# The parameters of the catalogue that are compared, by effect. What the recordings know in products only, as of
+# self-heating, is not.
+_COMPARED = {
+    "creep": ("k_s", "tau_s"), "extra_hysteron": ("C_x", "rho_x", "d_x"), "cubic_stiffness": ("kappa_3",),
+    "coulomb_friction": ("F_c",), "quadratic_drag": ("c_2",), "hysteresis_asymmetry": ("kappa_d",),
+    "electrostriction": ("epsilon",), "amplifier_lowpass": ("tau_a",), "amplifier_saturation": ("V_max",),
+    "sensor_drift": ("drift_rate",), "contact_stop": ("k_c", "g_c"), "quadratic_stiffness": ("kappa_2",),
+    "charge_leakage": ("G",), "rate_dependent_threshold": ("kappa_v",), "displacement_coupling": ("kappa_a",),
+    "depolarisation": ("delta_z", "tau_z", "V_c"), "second_mode": ("m_2", "k_2", "b_2"), "delay": ("tau_d",),
+    "slew_limit": ("S",), "sensor_lag": ("tau_y",), "sensor_nonlinearity": ("a_2", "a_3"),
+    "output_backlash": ("delta_b",), "mains_pickup": ("f_m",), "base_motion": ("f_b",),
+}  # fmt: skip
+# Their names in a seal, where these are others.
+_IN_SEAL = {"C_x": "C_3", "rho_x": "rho_3", "d_x": "d_3", "tau_a": "tau_V", "drift_rate": "rate", "g_c": "q_c"}
+# The parameter that holds the reference displacement, and its power.
+_REFERRED = {"kappa_3": ("q_0", 2), "kappa_d": ("q_d", 1), "kappa_2": ("q_2", 1), "kappa_a": ("q_a", 1)}
+# Impedances, admittances and forces per volt: they scale with the common factor.
+_SCALED = {"k", "b", "alpha", "k_s", "F_c", "c_2", "k_c", "m_2", "k_2", "b_2", "G", "C_x", "rho_x"}
+
+# By name: value, and as far as known std, interval (95 %), and exact: the interval that takes anchors as exact.
+Estimates = Mapping[str, Mapping[str, Any]]
+
+
+def all_errors(estimates: Estimates, named: Iterable[str], sealed: Sealed) -> dict[str, dict[str, float]]:
+    """Return the errors of base and effect parameters as normal deviates, by name; of both also by the noise alone.
+
+    Args:
+        estimates: of the final model; named: the effects whose names are given.
+    """
+    pairs = {"base": _base_pairs(estimates, sealed), "effect": _effect_pairs(estimates, named, sealed)}
+    factor = sealed.stated_mass / sealed.base["m"] if sealed.stated_mass > 0.0 else 1.0
+    errors: dict[str, dict[str, float]] = {}
+    for kind, own in pairs.items():
+        errors[kind] = {n: e for n, true in own.items() if (e := _error(n, estimates[n], true, sealed)) is not None}
+        errors[f"{kind}_by_noise"] = {
+            n: _deviate(float(estimates[n]["value"]), ends, true * factor if _scaled(n) else true)
+            for n, true in own.items()
+            if (ends := estimates[n].get("exact")) is not None
+        }
+    return errors
+
+
+def _base_pairs(estimates: Estimates, sealed: Sealed) -> dict[str, float]:
+    """Return the truth by the name of the estimate; hysterons have no order, they are compared in that of their dead
+    zones, and nothing is compared where their numbers differ."""
+    own = _in_order({n: float(e["value"]) for n, e in estimates.items()})
+    true = _in_order(sealed.base)
+    if len(own) != len(true):
+        return {}
+    names = {n: n for n in ("k", "b", "alpha")}
+    names |= {f"{n}_{i}": f"{n}_{j}" for i, j in zip(own, true, strict=True) for n in ("C", "rho", "d")}
+    return {n: sealed.base[of] for n, of in names.items() if n in estimates}
+
+
+def _in_order(table: Mapping[str, float]) -> list[str]:
+    """Return the numbers of the hysterons among the names of parameters, in the order of their dead zones."""
+    return sorted(sorted(n[2:] for n in table if n.startswith("d_") and n[2:].isdigit()), key=lambda i: table[f"d_{i}"])
+
+
+def _effect_pairs(estimates: Estimates, named: Iterable[str], sealed: Sealed) -> dict[str, float]:
+    """Return the same of each rightly named effect whose law has the form of the catalogue.
+
+    Nothing where the actuator has another hysteresis: no model is right then, no interval has to hold.
+    """
+    canonical = sealed.form == CANONICAL
+    truth = {**sealed.background, **(sealed.parameters if canonical else {})}
+    concealed = (*(sealed.effects if canonical else ()), *sealed.background_effects)
+    pairs = {}
+    for effect in named if not sealed.base_family else ():
+        for name in _COMPARED.get(effect, ()) if effect in concealed else ():
+            of, (reference, power) = _IN_SEAL.get(name, name), _REFERRED.get(name, ("", 0))
+            if of in truth and name in estimates:
+                scale = (float(estimates[reference]["value"]) / _REFERENCE) ** power if power else 1.0
+                pairs[name] = truth[of] * scale
+    return pairs
+
+
+def _error(name: str, estimate: Mapping[str, Any], true: float, sealed: Sealed) -> float | None:
+    if sealed.stated_mass <= 0.0 and _scaled(name):
+        return None
+    std, value, ends = estimate.get("std"), float(estimate["value"]), estimate.get("interval")
+    if ends is not None:
+        return _deviate(value, ends, true)
+    return (value - true) / float(std) if std is not None and 0.0 < float(std) < math.inf else None
+
+
+def _deviate(value: float, ends: Sequence[float], true: float) -> float:
+    """Return the error over the part of a 95 % interval on the side of the truth, times 1.96."""
+    reach = value - float(ends[0]) if true < value else float(ends[1]) - value
+    return _DEVIATE * (value - true) / reach
+
+
+def _scaled(name: str) -> bool:
+    """Tell whether the common factor moves a parameter; hysterons are numbered."""
+    kind, _, number = name.partition("_")
+    return name in _SCALED or (kind in ("C", "rho") and number.isdigit())
+
+
+def group_error(values: Mapping[str, float], true: Mapping[str, float]) -> float:
+    """Return the largest relative error of what voltage and displacement determine, whatever the common factor.
+
+    Hysterons have no order of their own; they are compared in the order of their dead zones, where there are as many in
+    both. Slopes ``ϱ⁻¹`` are left out: the recordings hardly know that of a fast hysteron.
+    """
+    pairs = [(n, n) for n in ("m", "k", "b")]
+    own, other = _in_order(values), _in_order(true)
+    if len(own) == len(other):
+        pairs += [(f"{n}_{i}", f"{n}_{j}") for i, j in zip(own, other, strict=True) for n in ("C", "d")]
+
+    def size(table: Mapping[str, float], name: str) -> float:
+        return table[name] if name.startswith("d") else table[name] * table["alpha"] ** -1
+
+    return max(abs(float(size(values, a) / size(true, b)) - 1.0) for a, b in pairs)
