@@ -2,7 +2,7 @@
 
 ``visit`` diagnoses sealed cases and logs every model that was visited; cases that the log holds already are not made
 again. ``compare LOG`` prints what different ways to weigh these models say, offline. ``page [LOG]`` writes rules,
-criteria, the picture and, of a log, the tables of the study into docs/decides.md.
+criteria and, of a log, the tables of the study into docs/decides.md.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def main() -> None:
     comparing.add_argument("log", type=Path)
     comparing.add_argument("--markdown", action="store_true", help="tables in markdown")
     comparing.set_defaults(run=compare)
-    writing = commands.add_parser("page", help="write the tables and the picture of docs/decides.md")
+    writing = commands.add_parser("page", help="write the tables of docs/decides.md")
     writing.add_argument("log", type=Path, nargs="?")
     writing.set_defaults(run=lambda given: write(PAGE, given.log))
     given = parser.parse_args()

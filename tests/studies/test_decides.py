@@ -176,6 +176,12 @@ def test_statements_leave_out_learned_elements_and_what_acts_beside() -> None:
 def test_calibration_error_and_log_score_by_hand() -> None:
     assert calibration_error([(0.9, True), (0.9, False), (0.2, False), (0.2, False)]) == pytest.approx(0.3)
     assert calibration_error([(1.0, True), (0.0, False)]) == 0.0
+    # Of ten statements of 0.75, seven or eight should be true; in one bin too high and too low ones cancel.
+    assert calibration_error([(0.75, k < 7) for k in range(10)] + [(0.75, k < 8) for k in range(10)]) == 0.0
+    mixed = [(0.55, True), (0.55, False), (0.52, True), (0.58, False)]
+    assert calibration_error(mixed) == pytest.approx(0.05)
+    assert calibration_error([(0.95, True), (0.15, True)]) == pytest.approx(0.5 * (0.05 + 0.85))
+    assert math.isnan(calibration_error([]))
     own = case(*MODELS, effects=("creep",))
     assert log_score(own, answer((("creep",), 0.5))) == pytest.approx(math.log(0.5))
     assert log_score(own, answer((("delay",), 1.0))) == pytest.approx(math.log(1e-3))
@@ -244,9 +250,3 @@ def test_a_log_without_a_case_is_refused(tmp_path: Path) -> None:
 def test_the_page_states_rules_and_criteria_as_they_are(table: page.Table) -> None:
     text = (ROOT / "docs" / "decides.md").read_text(encoding="utf-8")
     assert page.markdown(table) in text, "python scripts/decides.py page writes them anew"
-
-
-def test_the_picture_is_the_same_every_time(tmp_path: Path) -> None:
-    page.draw(tmp_path / "one.svg")
-    page.draw(tmp_path / "two.svg")
-    assert (tmp_path / "one.svg").read_bytes() == (tmp_path / "two.svg").read_bytes()

@@ -19,9 +19,9 @@ from phnn.errors import PhnnError
 from phnn.identification.options import Options
 from phnn.predictor import of_network
 from phnn.recordings import read
-from phnn.report.result import document
 from studies.benchmark.bench import Answer
 from studies.benchmark.tools.common import base_of, fitted_with, predictions
+from studies.sealed.run import Row, logged
 
 # Probability that something without a name is missing, where the verdict is that it is.
 _UNKNOWN = 0.65
@@ -80,15 +80,13 @@ def _diagnosed(folder: Path, options: Options, learned: Sequence[Effect] | None 
     diagnosis = diagnose(read(folder), options, learned=learned)
     model, exam = diagnosis.model, read(folder / "exam", need_output=False)
     predicted = {p.recording.name: p.y for p in of_network(model.setup, model.substeps, exam)}
-    return as_answer(document(diagnosis), predicted)
+    return as_answer(logged(diagnosis, 0.0), predicted)
 
 
-def as_answer(content: Mapping[str, Any], predicted: Mapping[str, Any]) -> Answer:
-    """Return the answer that ``diagnosis.json`` gives, with predictions of the examination."""
-    probability, claimed = content["probability"], [e for e in content["missing"] if e["status"] in _CLAIMING]
-    stated = [n for e in claimed for n in (e["effect"], *e["equivalent_to"]) if n != "unknown"]
-    names = {n: probability.get(n, 0.0) for n in stated}
-    none = probability["none"] if content["verdict"] == "none" else 0.0
-    location = content["location"]
-    places = () if location is None else (location["name"], *location["tied"])
-    return Answer(names, none, _UNKNOWN if content["verdict"] == "unknown" and not names else 0.0, places, predicted)
+def as_answer(row: Row, predicted: Mapping[str, Any]) -> Answer:
+    """Return the answer that a row of a log gives, with predictions of the examination."""
+    claimed = [c for c in row["claims"] if c["status"] in _CLAIMING]
+    names = {n: row["probability"].get(n, 0.0) for c in claimed for n in (c["effect"], *c["alike"])}
+    none = row["probability"].get("none", 0.0) if row["verdict"] == "none" else 0.0
+    unlisted = _UNKNOWN if row["verdict"] == "unknown" and not names else 0.0
+    return Answer(names, none, unlisted, tuple(row["places"]), predicted)
