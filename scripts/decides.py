@@ -17,7 +17,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # studies/ is not 
 from phnn.errors import PhnnError
 from phnn.identification.options import Options
 from studies.decides.compare import GROUPS, tasks
-from studies.decides.page import markdown, plain, study, write
+from studies.decides.page import markdown, study, write
 from studies.sealed.grade import cases_in
 from studies.sealed.run import run
 
@@ -40,7 +40,6 @@ def main() -> None:
     visiting.set_defaults(run=visit_cases)
     comparing = commands.add_parser("compare", help="compare ways to weigh the models of a log")
     comparing.add_argument("log", type=Path)
-    comparing.add_argument("--markdown", action="store_true", help="tables in markdown")
     comparing.set_defaults(run=compare)
     writing = commands.add_parser("page", help="write the tables of docs/decides.md")
     writing.add_argument("log", type=Path, nargs="?")
@@ -63,7 +62,7 @@ def compare(given: argparse.Namespace) -> None:
     cases, failures = cases_in(given.log)
     print(f"{len(cases)} cases, {failures} without an answer")
     for title, table in study(cases).items():
-        print(f"\n{title}\n\n{(markdown if given.markdown else plain)(table)}")
+        print(f"\n{title}\n\n{markdown(table)}")
 
 
 if __name__ == "__main__":

@@ -13,10 +13,10 @@ from omegaconf import DictConfig
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # studies/ is not installed
 
-from phnn.commands.terminal import console, refusals, status
+from phnn.commands.terminal import refusals, status
 from phnn.configuration import checked
 from phnn.identification.options import Options
-from studies.paper import run_folder, run_paper, show
+from studies.paper import run_folder, run_paper
 from studies.recordings import Conditions
 
 
@@ -26,11 +26,11 @@ def run(config: DictConfig) -> None:
     out = Path(config.out)
     with status() as progress:
         if config.folder is None:
-            comparison = run_paper(out, Conditions(**config.recordings), options, progress)
+            run_paper(out, Conditions(**config.recordings), options, progress)
         else:
             manifest = Path(config.manifest) if config.manifest else None
-            comparison = run_folder(Path(config.folder), manifest, out, options, bool(config.published), progress)
-    show(comparison, console())
+            run_folder(Path(config.folder), manifest, out, options, bool(config.published), progress)
+    print((out / "experiment.md").read_text(encoding="utf-8"))
     print(f"results: {out / 'experiment.md'}")
 
 

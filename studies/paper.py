@@ -14,9 +14,6 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
 
 from phnn.diagnose.diagnosis import score_on_all
 from phnn.identification.base import Progress, identify_base, identify_bouc_wen, quiet
@@ -529,13 +526,3 @@ def _write(
     content = document(comparison, made, folder, seed, time.monotonic() - began)
     texts = {"table3.csv": table_csv(comparison.rows()), "experiment.md": markdown(comparison, made, folder, drawings)}
     write_results(place, texts, {"experiment.json": content}, drawings)
-
-
-def show(comparison: Comparison, console: Console) -> None:
-    """Print Table 3 beside the paper's own figures."""
-    rows = comparison.rows()
-    head = heads(rows)
-    table = Table(*head, title="Table 3: fit % (root mean square error in µm)")
-    for row in rows:
-        table.add_row(*(escape(cell) for cell in cells(row, len(head))))
-    console.print(table)

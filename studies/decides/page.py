@@ -226,12 +226,3 @@ def write(page: Path, log: Path | None = None) -> None:
 def markdown(table: Table) -> str:
     """Return a table in markdown."""
     return "\n".join(markdown_table(*table))
-
-
-def plain(table: Table) -> str:
-    """Return a table for a terminal."""
-    head, rows = table
-    widths = [max(len(line[i]) for line in [head, *rows]) for i in range(len(head))]
-    return "\n".join(
-        "  ".join(c.ljust(w) for c, w in zip(line, widths, strict=True)).rstrip() for line in [head, *rows]
-    )

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +27,28 @@ Array = NDArray[np.float64]
 RESULTS = ("log", "cases.csv", "rates.csv", "nulls.csv", "report.md")
 _STRONG = 2.0  # residual over noise of a base model that lacks something clearly
 _THRESHOLD = Criteria().score
+# What is counted where something is concealed, in the order of the targets below.
+_MEASURES: dict[str, Callable[[Case], bool]] = {
+    "right, or in a stated class of at most 4": lambda c: c.grade != WRONG,
+    "location among at most 3": lambda c: c.located != "no",
+    "location alone": lambda c: c.located == "alone",
+    "exactly right": lambda c: c.grade == "exact",
+    "location before naming, first": lambda c: next(iter(c.row.get("located", ())), "") in c.places,
+}
+_CONCEALED = {
+    "same": ("same form", "≥ 95 %", "≥ 95 %", "≥ 85 %", "≥ 85 %", DASH), "other": ("other form", "≥ 85 %"),
+    "outside": ("outside", "≥ 85 %", "≥ 85 %"), "pair": ("pairs", "≥ 80 %"), "triple": ("triples", "≥ 60 %"),
+    "few": ("few recordings", DASH),
+}  # fmt: skip
+_NOTHING = {
+    "fast_none": ("score stage", "≤ 2 %"), "none": ("whole command", "≤ 2 %"), NULLS: ("nulls of all families", "≤ 1 %"),
+}  # fmt: skip
+# Parameters by the kind of their errors. The interval of 68 % is the part of the stated one that it would be for a
+# normal variable.
+_INTERVALS = {
+    "base": "base parameters", "effect": "effect parameters", "base_by_noise": "base parameters, mass taken as exact,",
+    "effect_by_noise": "effect parameters, mass taken as exact,",
+}  # fmt: skip
 
 
 def claimed(out: Path, settings: Settings, overwrite: bool = False) -> AbstractContextManager[Place]:
@@ -52,100 +73,45 @@ def prove(settings: Settings, place: Place, say: Say) -> tuple[list[Case], str]:
     return [Case(row) for row in rows if "effects" in row], digest
 
 
-@dataclass(frozen=True)
-class Rate:
-    """``hits`` of ``cases``, with the exact 95 % interval."""
-
-    label: str
-    hits: int
-    cases: int
-    target: str
-
-    @property
-    def share(self) -> float:
-        """NaN without cases."""
-        return self.hits / self.cases if self.cases else float("nan")
-
-    @property
-    def interval(self) -> tuple[float, float]:
-        """Exact 95 % interval of the probability."""
-        return share_interval(self.hits, self.cases)
-
-
 def is_right(case: Case) -> bool:
     """Whether an answer is right, alone or as one of a stated class."""
     return case.grade != WRONG
 
 
-def _is_wrong(case: Case) -> bool:
-    return case.grade == WRONG
-
-
-def rates(cases: Sequence[Case]) -> list[Rate]:
-    """Return every rate that a proof is held against."""
-    another = [c for c in cases if c.another_base]
-    bare, concealed = ([c for c in another if bool(c.row["effects"]) == some] for some in (False, True))
+def rates(cases: Sequence[Case]) -> pd.DataFrame:
+    """Return every share that a proof is held against: what, target, hits, cases, share and its exact interval."""
     own = [c for c in cases if not c.another_base]
-    # A hysteron that the manifest leaves out is missing; a background may be named.
-    nothing = [c for c in own if c.row["stratum"] == "none" and not c.row["effects"]]
+    another = [c for c in cases if c.another_base]
+    rows: list[tuple[str, str, int, int]] = []
 
-    def of(group: str, among: Sequence[Case] = own) -> list[Case]:
-        return [c for c in among if c.row["group"] == group]
+    def count(what: str, chosen: Sequence[Case], hit: Callable[[Case], bool], target: str = DASH) -> None:
+        rows.append((what, target, sum(map(hit, chosen)), len(chosen)))
 
-    same = [c for c in of("same") if c.row.get("base", 0.0) >= _STRONG]
-    rows: list[tuple[str, Sequence[Case], Callable[[Case], bool], str]] = [
-        ("same form: right, or in a stated class of at most 4", same, is_right, "≥ 95 %"),
-        ("same form: exactly right", same, lambda c: c.grade == "exact", "≥ 85 %"),
-        ("same form: location among at most 3", same, lambda c: c.located != "no", "≥ 95 %"),
-        ("same form: location alone", same, lambda c: c.located == "alone", "≥ 85 %"),
-        ("same form: location before naming, first", same, lambda c: _first(c) in c.places, DASH),
-        ("other form: name or class", of("other"), is_right, "≥ 85 %"),
-        ("outside: unknown", of("outside"), is_right, DASH),
-        ("outside: unknown at the right location", of("outside"), _is_placed, "≥ 85 %"),
-        ("pairs: both", of("pair"), is_right, "≥ 80 %"),
-        ("triples: all three", of("triple"), is_right, "≥ 60 %"),
-        ("few recordings: right, or in a stated class", of("few"), is_right, DASH),
-        ("nothing missing: false alarms, score stage", of("fast_none", nothing), _is_wrong, "≤ 2 %"),
-        ("nothing missing: stated p-value at most 5 %", of("fast_none", nothing), _is_improbable, DASH),
-        ("nothing missing: false alarms, whole command", of("none", nothing), _is_wrong, "≤ 2 %"),
-        ("nothing missing: false alarms, nulls of all families", of(NULLS, nothing), _is_wrong, "≤ 1 %"),
-        ("another hysteresis, nothing concealed: at the hysteron, held-out error falls", bare, is_right, DASH),
-        ("another hysteresis, effect concealed: name or class, or unknown outside", concealed, is_right, DASH),
-    ]  # fmt: skip
-    found = [Rate(label, sum(map(hit, chosen)), len(chosen), target) for label, chosen, hit, target in rows]
-    return found + coverage([c for c in cases if is_right(c)])
+    for group, (words, *targets) in _CONCEALED.items():
+        chosen = [c for c in own if c.row["group"] == group and (group != "same" or _is_strong(c))]
+        for (measure, hit), target in zip(_MEASURES.items(), targets, strict=False):
+            count(f"{words}: {measure}", chosen, hit, target)
+    for group, (words, target) in _NOTHING.items():
+        # A hysteron that the manifest leaves out is missing; a background may be named.
+        chosen = [c for c in own if c.row["group"] == group and not c.row["effects"]]
+        count(f"nothing missing: false alarms, {words}", chosen, lambda c: not is_right(c), target)
+        if group == "fast_none":
+            count("nothing missing: stated p-value at most 5 %", chosen, lambda c: c.row.get("p_value", 1.0) <= 0.05)
+    for words, some in (("nothing concealed", False), ("effect concealed", True)):
+        count(f"another hysteresis, {words}: right", [c for c in another if bool(c.row["effects"]) is some], is_right)
+    for kind, words in _INTERVALS.items():
+        errors = _errors([c for c in cases if is_right(c)], kind)
+        for share, target in ((0.68, DASH), (0.95, "90–98 %")):
+            inside = sum(abs(e) <= norm.ppf(0.5 + 0.5 * share) for e in errors)
+            rows.append((f"{words} inside their {100 * share:.0f} % interval", target, inside, len(errors)))
+    table = pd.DataFrame(rows, columns=["what", "target", "hits", "cases"])
+    ends = [share_interval(hits, count) for _, _, hits, count in rows]
+    return table.assign(share=table["hits"] / table["cases"], low=[e[0] for e in ends], high=[e[1] for e in ends])
 
 
-def _is_placed(case: Case) -> bool:
-    return is_right(case) and case.located != "no"
-
-
-def _is_improbable(case: Case) -> bool:
-    return bool(case.row.get("p_value", 1.0) <= 0.05)
-
-
-def _first(case: Case) -> str:
-    return str(next(iter(case.row.get("located", ())), ""))
-
-
-def coverage(cases: Sequence[Case]) -> list[Rate]:
-    """Count how often intervals of 68 and 95 % contain the true parameter, where the answer is right.
-
-    The interval of 68 % is the part of the stated one that it would be for a normal variable.
-    """
-    words = {
-        "base": "base parameters", "effect": "effect parameters",
-        "base_by_noise": "base parameters, mass taken as exact,",
-        "effect_by_noise": "effect parameters, mass taken as exact,",
-    }  # fmt: skip
-    errors = {what: _errors(cases, kind) for kind, what in words.items()}
-    return [
-        Rate(
-            f"{what} inside their {100 * share:.0f} % interval",
-            sum(abs(e) <= norm.ppf(0.5 + 0.5 * share) for e in some), len(some), target,
-        )
-        for what, some in errors.items() for share, target in ((0.68, DASH), (0.95, "90–98 %"))
-    ]  # fmt: skip
+def _is_strong(case: Case) -> bool:
+    """Whether the base model leaves at least twice the noise."""
+    return float(case.row.get("base", 0.0)) >= _STRONG
 
 
 def _errors(cases: Iterable[Case], kind: str) -> list[float]:
@@ -196,21 +162,17 @@ def numbers(cases: Sequence[Case]) -> list[tuple[str, str, str]]:
             ("strength detected in half the cases, over the limit's", _shown(halves[0]), "≤ 2"),
             ("strength named rightly in half the cases, over the limit's", _shown(halves[1]), "≤ 3"),
         ]
-    same = [c for c in cases if c.row["group"] == "same" and c.row.get("base", 0.0) >= _STRONG]
-    if same:
+    if same := [c for c in cases if c.row["group"] == "same" and _is_strong(c)]:
         held = [[c.held_out[i] for c in same] for i in (0, 1)]
         worst = [[c.row["worst"][i] for c in same if is_right(c)] for i in (0, 1)]
         found += [
             ("held-out residual over noise before, median", _shown(quantile(held[0])), DASH),
             ("held-out residual over noise after, median", _shown(quantile(held[1])), "≤ 1.1"),
             ("held-out residual over noise after, 90th percentile", _shown(quantile(held[1], 0.9)), "≤ 1.5"),
-            ("worst scale-free group of the base model, median error", _percent(quantile(worst[0])), DASH),
-            ("worst scale-free group after a right diagnosis, median error", _percent(quantile(worst[1])), "≤ 1 %"),
-            (
-                "worst scale-free group after a right diagnosis, 90th percentile",
-                _percent(quantile(worst[1], 0.9)), "≤ 1 %",
-            ),
-        ]  # fmt: skip
+            ("worst scale-free group of the base model, error, median", _shown(quantile(worst[0])), DASH),
+            ("the same after a right diagnosis, median", _shown(quantile(worst[1])), "≤ 0.01"),
+            ("the same after a right diagnosis, 90th percentile", _shown(quantile(worst[1], 0.9)), "≤ 0.01"),
+        ]
     if spread := [abs(e) for e in _errors([c for c in cases if is_right(c)], "effect")]:
         found.append(("effect parameters: median error over its standard error", _shown(quantile(spread)), "≤ 1"))
     for tier, chosen in (("fast", True), ("full", False)):
@@ -224,10 +186,6 @@ def _shown(value: float) -> str:
     return number(value) if np.isfinite(value) else DASH
 
 
-def _percent(value: float) -> str:
-    return f"{100.0 * value:.2g} %" if np.isfinite(value) else DASH
-
-
 def nulls(cases: Sequence[Case]) -> pd.DataFrame:
     """Return a row for each family of nulls: whatever the noise and the input, the whole command must say ``none``.
 
@@ -237,7 +195,7 @@ def nulls(cases: Sequence[Case]) -> pd.DataFrame:
     rows = []
     for family in dict.fromkeys(c.row["family"] for c in cases if c.row["family"]):
         own = [c for c in cases if c.row["family"] == family]
-        wrong = [c for c in own if _is_wrong(c)]
+        wrong = [c for c in own if not is_right(c)]
         names = [_named(c) for c in wrong if c.answer.word not in ("", "none", UNKNOWN)]
         false = ", ".join(f"{n} ({names.count(n)})" for n in dict.fromkeys(names))
         unknown, failed = (sum(c.answer.word == word for c in wrong) for word in (UNKNOWN, ""))
@@ -267,42 +225,24 @@ def row(case: Case) -> dict[str, Any]:
 
 def write_proof(cases: Sequence[Case], settings: Settings, digest: str, place: Place) -> str:
     """Write tables and the page; return the page, markdown."""
-    each = rates(cases)
     rows = pd.DataFrame([row(c) for c in cases])
-    tables = {
-        "cases.csv": rows,
-        "rates.csv": pd.DataFrame(
-            [(r.label, r.target, r.hits, r.cases, *r.interval) for r in each],
-            columns=["what", "target", "hits", "cases", "low", "high"],
-        ),
-    }
-    if len(by_family := nulls(cases)):
-        tables["nulls.csv"] = by_family
+    tables = {"cases.csv": rows, "rates.csv": rates(cases), "nulls.csv": nulls(cases)}
+    counted = tables["rates.csv"][tables["rates.csv"]["cases"] > 0]
     wrong = rows[(rows["grade"] == WRONG) & (rows["group"] != "fast_weak")]
-    shown = wrong[["group", "seed", "truth", "level", "verdict", "members", "location", "places", "outcome", "failure"]]
-    shares = [
-        (r.label, r.target, f"{100 * r.share:.1f} %", f"{r.hits} of {r.cases}", "{:.1f} – {:.1f} %".format(*_ends(r)))
-        for r in each if r.cases
-    ]  # fmt: skip
+    listed = ["group", "seed", "truth", "level", "verdict", "members", "location", "places", "outcome", "failure"]
     parts = {
-        "Rates": (("what", "target", "share", "cases", "95 % interval"), shares),
-        "Numbers": (("what", "value", "target"), numbers(cases)),
-        "Nulls by family": (list(by_family), by_family.to_numpy().tolist()),
-        "Wrong answers": (list(shown), shown.to_numpy().tolist()),
-    }
+        "Rates": counted, "Numbers": pd.DataFrame(numbers(cases), columns=["what", "value", "target"]),
+        "Nulls by family": tables["nulls.csv"], "Wrong answers": wrong[listed],
+    }  # fmt: skip
     failed = sum("failure" in c.row for c in cases)
     lines = [
         "# Effects concealed in simulated recordings, and what the diagnosis says", "",
         f"{len(cases)} cases, all drawn from the seed {settings.seed}. The SHA-256 of what they conceal was printed "
         f"before the first diagnosis: {digest}. {failed} diagnoses ended without an answer.", "",
     ]  # fmt: skip
-    for title, (head, body) in parts.items():
-        text = [[number(v) if isinstance(v, float) else str(v) for v in line] for line in body]
-        lines += [f"## {title}", "", *(markdown_table(list(head), text) if text else ["None."]), ""]
-    texts: Mapping[str, str] = {name: table.to_csv(index=False) for name, table in tables.items()}
+    for title, part in parts.items():
+        body = [[number(v) if isinstance(v, float) else str(v) for v in line] for line in part.to_numpy().tolist()]
+        lines += [f"## {title}", "", *(markdown_table(list(part), body) if body else ["None."]), ""]
+    texts = {name: table.to_csv(index=False) for name, table in tables.items()}
     write_results(place, {**texts, "report.md": "\n".join(lines)})
     return "\n".join(lines)
-
-
-def _ends(rate: Rate) -> tuple[float, ...]:
-    return tuple(100 * end for end in rate.interval)

@@ -234,7 +234,7 @@ def test_the_command_prints_all_tables(
     log.write_text("".join(json.dumps(r) + "\n" for r in [*rows, failed]), encoding="utf-8")
     assert cases_in(log)[0][1].answer.word == "none"
     monkeypatch.setattr(page, "SETTINGS", (page.Setting(),))
-    monkeypatch.setattr(sys, "argv", ["decides.py", "compare", str(log), "--markdown"])
+    monkeypatch.setattr(sys, "argv", ["decides.py", "compare", str(log)])
     runpy.run_path(str(ROOT / "scripts" / "decides.py"), run_name="__main__")
     printed = capsys.readouterr().out
     assert printed.startswith("2 cases, 1 without an answer")

@@ -16,8 +16,8 @@ from test_grade import BESIDE, CREEP, FEWER, HERE, NOTHING, OTHER, OTHER_CREEP, 
 from phnn.criteria import Criteria
 from phnn.results import Place
 from studies.proof.cases import Settings
-from studies.proof.page import Rate, coverage, detection, half_point, nulls, rates, write_proof
-from studies.sealed.grade import Case
+from studies.proof.page import detection, half_point, nulls, rates, write_proof
+from studies.sealed.grade import Case, share_interval
 
 DOCS = Path(__file__).resolve().parents[3] / "docs"
 PAGE = (DOCS / "proof.md").read_text(encoding="utf-8")
@@ -32,16 +32,16 @@ def named(*names: str) -> dict[str, Any]:
     return answer | {"base": 3.0, "worst": [0.1, 0.01], "p_value": 0.01, "seconds": 1.0}
 
 
-def by_label(cases: list[Case]) -> dict[str, Rate]:
-    return {r.label: r for r in rates(cases)}
+def by_label(cases: list[Case]) -> dict[str, Any]:
+    return {r.what: r for r in rates(cases).itertuples()}
 
 
 def test_rates_have_exact_intervals() -> None:
-    assert Rate("", 0, 400, "").interval == pytest.approx((0.0, 0.00918), abs=1e-4)
-    assert np.isnan(Rate("", 0, 0, "").share)
+    assert share_interval(0, 400) == pytest.approx((0.0, 0.00918), abs=1e-4)
     found = by_label([case(CREEP, named(n)) for n in ("creep", "creep", "delay", "creep")])
-    assert found["same form: exactly right"].share == 0.75
-    assert found["pairs: both"].cases == 0
+    exactly, pairs = found["same form: exactly right"], found["pairs: right, or in a stated class of at most 4"]
+    assert (exactly.share, exactly.low) == (0.75, pytest.approx(0.194, abs=1e-3))
+    assert pairs.cases == 0 and np.isnan(pairs.share)
 
 
 def test_false_alarms_are_counted_by_grade() -> None:
@@ -72,7 +72,7 @@ def test_intervals_of_normal_errors_are_covered_as_stated() -> None:
         case(CREEP, named("creep"), errors={"base": dict(enumerate(rng.standard_normal(9))), "effect": {"k_s": 3.0}})
         for _ in range(1000)
     ]
-    found = {r.label: r for r in coverage(many)}
+    found = by_label(many)
     assert found["base parameters inside their 68 % interval"].share == pytest.approx(0.68, abs=0.02)
     assert found["base parameters inside their 95 % interval"].share == pytest.approx(0.95, abs=0.01)
     effect = found["effect parameters inside their 95 % interval"]
