@@ -41,7 +41,8 @@ _CONCEALED = {
     "few": ("few recordings", DASH),
 }  # fmt: skip
 _NOTHING = {
-    "fast_none": ("score stage", "≤ 2 %"), "none": ("whole command", "≤ 2 %"), NULLS: ("nulls of all families", "≤ 1 %"),
+    "fast_none": ("score stage", "≤ 2 %"), "none": ("whole command", "≤ 2 %"),
+    NULLS: ("nulls of all families", "≤ 1 %"),
 }  # fmt: skip
 # Parameters by the kind of their errors. The interval of 68 % is the part of the stated one that it would be for a
 # normal variable.
@@ -105,7 +106,7 @@ def rates(cases: Sequence[Case]) -> pd.DataFrame:
             inside = sum(abs(e) <= norm.ppf(0.5 + 0.5 * share) for e in errors)
             rows.append((f"{words} inside their {100 * share:.0f} % interval", target, inside, len(errors)))
     table = pd.DataFrame(rows, columns=["what", "target", "hits", "cases"])
-    ends = [share_interval(hits, count) for _, _, hits, count in rows]
+    ends = [share_interval(hits, total) for _, _, hits, total in rows]
     return table.assign(share=table["hits"] / table["cases"], low=[e[0] for e in ends], high=[e[1] for e in ends])
 
 
@@ -164,14 +165,10 @@ def numbers(cases: Sequence[Case]) -> list[tuple[str, str, str]]:
         ]
     if same := [c for c in cases if c.row["group"] == "same" and _is_strong(c)]:
         held = [[c.held_out[i] for c in same] for i in (0, 1)]
-        worst = [[c.row["worst"][i] for c in same if is_right(c)] for i in (0, 1)]
         found += [
             ("held-out residual over noise before, median", _shown(quantile(held[0])), DASH),
             ("held-out residual over noise after, median", _shown(quantile(held[1])), "≤ 1.1"),
             ("held-out residual over noise after, 90th percentile", _shown(quantile(held[1], 0.9)), "≤ 1.5"),
-            ("worst scale-free group of the base model, error, median", _shown(quantile(worst[0])), DASH),
-            ("the same after a right diagnosis, median", _shown(quantile(worst[1])), "≤ 0.01"),
-            ("the same after a right diagnosis, 90th percentile", _shown(quantile(worst[1], 0.9)), "≤ 0.01"),
         ]
     if spread := [abs(e) for e in _errors([c for c in cases if is_right(c)], "effect")]:
         found.append(("effect parameters: median error over its standard error", _shown(quantile(spread)), "≤ 1"))

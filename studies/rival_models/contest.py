@@ -29,11 +29,10 @@ from phnn.recordings import Campaign, read
 from phnn.report.formatting import DASH, markdown_table, ratio
 from phnn.report.result import document
 from phnn.results import Place
-from studies.comparison.rivals import HEADS, register_rivals
 from studies.comparison.uses import CONFIRMATION, OUTSIDE, USES, over_noise, uses
 from studies.generator.plans import sine
 from studies.recordings import comparison_plan
-from studies.rival_models.names import NAMES, rival
+from studies.rival_models.names import HEADS, NAMES, register_rivals, rival
 from studies.rival_models.runs import long, loops
 from studies.rival_models.truths import write_truth
 

@@ -39,10 +39,9 @@ from phnn.model import Model
 from phnn.recordings import Campaign, read
 from phnn.report.formatting import DASH, markdown_table
 from phnn.results import Place
-from studies.comparison.rivals import HEADS
 from studies.generator.plans import PEAK
 from studies.recordings import comparison_plan
-from studies.rival_models.names import NAMES, rival
+from studies.rival_models.names import HEADS, NAMES, rival
 from studies.rival_models.rival import State, Stepper
 from studies.rival_models.truths import PHS, base_of, write_truth
 

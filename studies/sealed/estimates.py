@@ -120,20 +120,3 @@ def _scaled(name: str) -> bool:
     """Tell whether the common factor moves a parameter; hysterons are numbered."""
     kind, _, number = name.partition("_")
     return name in _SCALED or (kind in ("C", "rho") and number.isdigit())
-
-
-def group_error(values: Mapping[str, float], true: Mapping[str, float]) -> float:
-    """Return the largest relative error of what voltage and displacement determine, whatever the common factor.
-
-    Hysterons have no order of their own; they are compared in the order of their dead zones, where there are as many in
-    both. Slopes ``ϱ⁻¹`` are left out: the recordings hardly know that of a fast hysteron.
-    """
-    pairs = [(n, n) for n in ("m", "k", "b")]
-    own, other = _in_order(values), _in_order(true)
-    if len(own) == len(other):
-        pairs += [(f"{n}_{i}", f"{n}_{j}") for i, j in zip(own, other, strict=True) for n in ("C", "d")]
-
-    def size(table: Mapping[str, float], name: str) -> float:
-        return table[name] if name.startswith("d") else table[name] * table["alpha"] ** -1
-
-    return max(abs(float(size(values, a) / size(true, b)) - 1.0) for a, b in pairs)

@@ -35,7 +35,7 @@ from phnn.recordings import Campaign, read
 from phnn.setup import Setup
 from studies.generator import Case, Conditions, Sealed, draw_case, make_case
 from studies.generator.cases import PLAIN
-from studies.sealed.estimates import all_errors, group_error
+from studies.sealed.estimates import all_errors
 
 Row = dict[str, Any]
 Say = Callable[[str], None]
@@ -190,8 +190,7 @@ def _errors(found: Diagnosis, sealed: Sealed) -> Row:
     estimates: dict[str, Row] = {n: {"value": v} for n, v in final.setup.values().items()}
     for n, std in final.std().items():
         estimates[n] |= {"std": std, "interval": final.interval(n), "exact": final.interval(n, anchored=False)}
-    worst = [group_error(fit.setup.values(), sealed.base) for fit in (found.base, final)]
-    return {"errors": all_errors(estimates, names, sealed), "worst": worst}
+    return {"errors": all_errors(estimates, names, sealed)}
 
 
 def scored(campaign: Campaign, seed: int) -> Row:

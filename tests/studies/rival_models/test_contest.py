@@ -19,7 +19,6 @@ from phnn.configuration import compose
 from phnn.errors import InputRefused
 from phnn.recordings import read
 from phnn.results import Place
-from studies.comparison.rivals import register_rivals
 from studies.generator.plans import sine
 from studies.rival_models.contest import (
     COUNTS,
@@ -30,6 +29,7 @@ from studies.rival_models.contest import (
     run,
     scarcity_page,
 )
+from studies.rival_models.names import register_rivals
 from studies.rival_models.truths import TRUTHS, write_truth
 
 ROOT = Path(__file__).resolve().parents[3]

@@ -10,7 +10,7 @@ import pytest
 
 from studies.generator import Sealed
 from studies.generator.world import TABLE
-from studies.sealed.estimates import all_errors, group_error
+from studies.sealed.estimates import all_errors
 from studies.sealed.grade import Case
 from studies.sealed.run import truth_of
 
@@ -140,19 +140,6 @@ def test_a_location_is_right_alone_or_with_two_others() -> None:
     rows = [case(CREEP, said("unknown", at=p[:1], tied=p[1:])) for p in places]
     assert [c.located for c in rows] == ["alone", "tied", "no", "no"]
     assert case(OTHER_CREEP, HERE).located == "alone"
-
-
-def test_groups_of_parameters_ignore_the_common_factor_and_the_order_of_hysterons() -> None:
-    scaled = {n: v * (1.0 if n.startswith("d") else 3.0) for n, v in TABLE.items()}
-    assert group_error(scaled, TABLE) < 1e-12
-    swapped = {n.translate(str.maketrans("12", "21")): v for n, v in TABLE.items()}
-    assert group_error(swapped, TABLE) < 1e-12
-    assert group_error(TABLE | {"d_2": 1.02 * TABLE["d_2"]}, TABLE) == pytest.approx(0.02)
-    one = {n: v for n, v in TABLE.items() if not n.endswith("_2")}
-    assert group_error(one, one) < 1e-12
-    # Of other hysterons only mass, stiffness and damping are left.
-    assert group_error(TABLE | {"d_2": 1.0, "k": 1.1 * TABLE["k"]}, one) == pytest.approx(0.1)
-    assert group_error(TABLE, WEN) < 1e-12
 
 
 def estimates(factor: float = 1.0, part: float = 0.01) -> dict[str, dict[str, Any]]:
