@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
+from scipy.optimize import minimize
 from scipy.stats import norm
 
 from phnn.criteria import Criteria
@@ -26,7 +27,7 @@ Array = NDArray[np.float64]
 
 RESULTS = ("log", "cases.csv", "rates.csv", "nulls.csv", "report.md")
 _STRONG = 2.0  # residual over noise of a base model that lacks something clearly
-_THRESHOLD = Criteria().score
+_THRESHOLD, _RIDGE = Criteria().score, 5e-4
 # What is counted where something is concealed, in the order of the targets below.
 _MEASURES: dict[str, Callable[[Case], bool]] = {
     "right, or in a stated class of at most 4": lambda c: c.grade != WRONG,
@@ -124,16 +125,13 @@ def half_point(delta: Array, hit: Array) -> float:
     x = np.log(delta)
     if hit.all() or not hit.any():
         return float("nan")
-    w = np.zeros(2)
-    design = np.column_stack([np.ones_like(x), x])
-    for _ in range(100):
-        p = 1.0 / (1.0 + np.exp(-np.clip(design @ w, -30.0, 30.0)))
+
+    def cost(w: Array) -> float:
         # A little ridge keeps the curve finite where hits and misses do not overlap.
-        hessian = (design * (p * (1.0 - p))[:, None]).T @ design + 1e-3 * np.eye(2)
-        step = np.linalg.solve(hessian, design.T @ (hit - p) - 1e-3 * w)
-        w = w + step
-        if np.abs(step).max() < 1e-10:
-            break
+        logit = w[0] + w[1] * x
+        return float(np.logaddexp(0.0, logit).sum() - hit @ logit + _RIDGE * (w @ w))
+
+    w = minimize(cost, np.zeros(2)).x
     return float(np.exp(-w[0] / w[1])) if w[1] > 0.0 else float("nan")
 
 

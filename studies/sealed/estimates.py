@@ -1,7 +1,7 @@
 """Errors of estimated parameters against what was sealed.
 
 An error of an estimate is a normal deviate of the stated 95 % interval: 1.96 where the truth lies at one of its ends,
-in proportion inside. Where no interval is stated the standard error takes its place.
+in proportion inside.
 
 Voltage and displacement leave one common factor of all impedances free, which the stated mass fixes. Where the stated
 mass is exact, errors of what scales with it say nothing of its stated deviation: those parameters are left out there.
@@ -12,8 +12,7 @@ exact. The mass itself is left out always, for its interval is the anchor's own.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from scipy.stats import norm
@@ -43,7 +42,7 @@ _REFERRED = {"kappa_3": ("q_0", 2), "kappa_d": ("q_d", 1), "kappa_2": ("q_2", 1)
 # Impedances, admittances and forces per volt: they scale with the common factor.
 _SCALED = {"k", "b", "alpha", "k_s", "F_c", "c_2", "k_c", "m_2", "k_2", "b_2", "G", "C_x", "rho_x"}
 
-# By name: value, and as far as known std, interval (95 %), and exact: the interval that takes anchors as exact.
+# By name: value, and as far as known the 95 % interval, and exact: the interval that takes anchors as exact.
 Estimates = Mapping[str, Mapping[str, Any]]
 
 
@@ -57,12 +56,20 @@ def all_errors(estimates: Estimates, named: Iterable[str], sealed: Sealed) -> di
     factor = sealed.stated_mass / sealed.base["m"] if sealed.stated_mass > 0.0 else 1.0
     errors: dict[str, dict[str, float]] = {}
     for kind, own in pairs.items():
-        errors[kind] = {n: e for n, true in own.items() if (e := _error(n, estimates[n], true, sealed)) is not None}
-        errors[f"{kind}_by_noise"] = {
-            n: _deviate(float(estimates[n]["value"]), ends, true * factor if _scaled(n) else true)
-            for n, true in own.items()
-            if (ends := estimates[n].get("exact")) is not None
-        }
+        stated = {n: t for n, t in own.items() if sealed.stated_mass > 0.0 or not _scaled(n)}
+        errors[kind] = _deviates(estimates, "interval", stated)
+        exact = {n: t * factor if _scaled(n) else t for n, t in own.items()}
+        errors[f"{kind}_by_noise"] = _deviates(estimates, "exact", exact)
+    return errors
+
+
+def _deviates(estimates: Estimates, kind: str, truth: Mapping[str, float]) -> dict[str, float]:
+    """Return errors over the part of an interval on the side of the truth, times 1.96, where there is one."""
+    errors = {}
+    for name, true in truth.items():
+        if (ends := estimates[name].get(kind)) is not None:
+            value = float(estimates[name]["value"])
+            errors[name] = _DEVIATE * (value - true) / abs(value - float(ends[0 if true < value else 1]))
     return errors
 
 
@@ -99,21 +106,6 @@ def _effect_pairs(estimates: Estimates, named: Iterable[str], sealed: Sealed) ->
                 scale = (float(estimates[reference]["value"]) / _REFERENCE) ** power if power else 1.0
                 pairs[name] = truth[of] * scale
     return pairs
-
-
-def _error(name: str, estimate: Mapping[str, Any], true: float, sealed: Sealed) -> float | None:
-    if sealed.stated_mass <= 0.0 and _scaled(name):
-        return None
-    std, value, ends = estimate.get("std"), float(estimate["value"]), estimate.get("interval")
-    if ends is not None:
-        return _deviate(value, ends, true)
-    return (value - true) / float(std) if std is not None and 0.0 < float(std) < math.inf else None
-
-
-def _deviate(value: float, ends: Sequence[float], true: float) -> float:
-    """Return the error over the part of a 95 % interval on the side of the truth, times 1.96."""
-    reach = value - float(ends[0]) if true < value else float(ends[1]) - value
-    return _DEVIATE * (value - true) / reach
 
 
 def _scaled(name: str) -> bool:

@@ -24,7 +24,7 @@ import numpy as np
 from scipy.stats import binomtest
 
 from phnn.criteria import Criteria
-from phnn.diagnose.number import Misfit, Visited, weigh
+from phnn.diagnose.number import Misfit, Visited, family, weigh
 from phnn.diagnose.verdict import CLASS, EQUIVALENT, NAMED, NONE, UNKNOWN
 from phnn.errors import InputRefused
 from studies.generator.cases import CANONICAL, LOCATION
@@ -103,7 +103,7 @@ class Case:
     @cached_property
     def beside(self) -> frozenset[str]:
         """Names that are not wrong beside the right ones."""
-        models = {_family(e) for m in self.models for e in m.elements if e.location == LOCATION}
+        models = {family(e) for m in self.models for e in m.elements if e.location == LOCATION}
         claimed = {c["effect"] for c in self.row.get("claims", ()) if c.get("location") == LOCATION}
         return (self.background | (models | claimed if self.another_base else frozenset())) - self.truth
 
@@ -226,10 +226,6 @@ def _element(logged: Mapping[str, Any]) -> Element:
     several = logged["name"] if is_learned_name(name) and not logged["learned"] else ""
     parameters = tuple(f"{name}.{i}" for i in range(logged["parameters"]))
     return Element(name, logged["name"], several, logged["location"], parameters, equation)
-
-
-def _family(element: Any) -> str:
-    return str(element.several_of or element.canonical)
 
 
 def is_learned_name(name: str) -> bool:

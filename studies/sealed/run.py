@@ -188,8 +188,8 @@ def _errors(found: Diagnosis, sealed: Sealed) -> Row:
     final, names = found.final, [c.name for c in found.claims if c.claimed]
     # What was not estimated belongs to the comparison too: reference displacements of effects.
     estimates: dict[str, Row] = {n: {"value": v} for n, v in final.setup.values().items()}
-    for n, std in final.std().items():
-        estimates[n] |= {"std": std, "interval": final.interval(n), "exact": final.interval(n, anchored=False)}
+    for n in final.std():
+        estimates[n] |= {"interval": final.interval(n), "exact": final.interval(n, anchored=False)}
     return {"errors": all_errors(estimates, names, sealed)}
 
 
