@@ -53,9 +53,9 @@ _INTERVALS = {
 }  # fmt: skip
 
 
-def claimed(out: Path, settings: Settings, overwrite: bool = False) -> AbstractContextManager[Place]:
+def claimed(out: Path, settings: Settings) -> AbstractContextManager[Place]:
     """Claim a folder for a proof; one that was begun there goes on if the same settings decide its cases."""
-    return claim(out, "prove", (), RESULTS, Origin(settings.changes_cases, resume=True), overwrite)
+    return claim(out, "prove", (), RESULTS, Origin(settings.changes_cases, resume=True))
 
 
 def prove(settings: Settings, place: Place, say: Say) -> tuple[list[Case], str]:

@@ -66,11 +66,6 @@ class Task:
     family: str = ""
     fast: bool = False
 
-    @property
-    def key(self) -> tuple[str, int]:
-        """What tells it from all others of a log."""
-        return self.group, self.seed
-
     def case(self) -> Case:
         """Return what is concealed; everything follows from the seed."""
         return draw_case(
@@ -92,20 +87,20 @@ def run(tasks: Sequence[Task], log: Path, options: Options, where: str, say: Say
         where: see `phnn.parallel.executor`; say: called with a line of progress.
     """
     known = {(row["group"], row["seed"]): row for row in rows_of(log)}
-    todo = [t for t in tasks if t.key not in known]
+    todo = [t for t in tasks if (t.group, t.seed) not in known]
     if log.exists():
         content = log.read_bytes()
         with log.open("r+b") as file:
             file.truncate(content.rfind(b"\n") + 1)
-    for count, (index, row) in enumerate(executor(where).each(partial(diagnosed, options), todo), start=1):
-        known[todo[index].key] = row
+    for count, (_, row) in enumerate(executor(where).each(partial(diagnosed, options), todo), start=1):
+        known[row["group"], row["seed"]] = row
         with log.open("a", encoding="utf-8") as file:
             file.write(json.dumps(row) + "\n")
         said = row.get("verdict", row.get("failure"))
         names = "+".join(c["effect"] for c in row.get("claims", ()))
         truth = "+".join(row.get("effects", ())) or "nothing"
         say(f"diagnosed {count} of {len(todo)}: {row['group']} {row['seed']}: {truth} -> {said} {names}".rstrip())
-    return [known[t.key] for t in tasks]
+    return [known[t.group, t.seed] for t in tasks]
 
 
 def diagnosed(options: Options, task: Task) -> Row:

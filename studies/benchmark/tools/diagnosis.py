@@ -7,6 +7,7 @@ below is the rounded share of right ones in cases of other seeds than those of a
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -35,24 +36,20 @@ _NO_RACE = {"near_best": 1e-9, "near_best_far": 1e-9, "refits": 1000, "score": 1
 _HIGHEST, _NO_SCORE = 0.6, 0.95
 
 
-def answer(folder: Path, seed: int) -> Answer:
-    """Diagnose a case."""
-    return _diagnosed(folder, Options(seed=seed, workers=1))
+def answer(
+    folder: Path, seed: int, criteria: Mapping[str, float] | None = None, learned: Sequence[Effect] | None = None
+) -> Answer:
+    """Diagnose a case, with other criteria or learned elements than those of phnn if some are given."""
+    diagnosis = diagnose(read(folder), Options(seed=seed, workers=1, criteria=criteria or {}), learned=learned)
+    model, exam = diagnosis.model, read(folder / "exam", need_output=False)
+    predicted = {p.recording.name: p.y for p in of_network(model.setup, model.substeps, exam)}
+    return as_answer(logged(diagnosis, 0.0), predicted)
 
 
-def without_veto(folder: Path, seed: int) -> Answer:
-    """Diagnose; the model stands whatever held-out recordings say."""
-    return _diagnosed(folder, Options(seed=seed, workers=1, criteria=_NO_VETO))
-
-
-def without_racing(folder: Path, seed: int) -> Answer:
-    """Diagnose; no candidate is dropped before its refit, however little it promises."""
-    return _diagnosed(folder, Options(seed=seed, workers=1, criteria=_NO_RACE))
-
-
-def without_learned(folder: Path, seed: int) -> Answer:
-    """Diagnose; no learned element is added for what no name explains."""
-    return _diagnosed(folder, Options(seed=seed, workers=1), learned=())
+# Held-out recordings decide nothing; no candidate is dropped before its refit; no learned element is added.
+without_veto = partial(answer, criteria=_NO_VETO)
+without_racing = partial(answer, criteria=_NO_RACE)
+without_learned = partial(answer, learned=())
 
 
 def scores_only(folder: Path, seed: int) -> Answer:
@@ -74,13 +71,6 @@ def scores_only(folder: Path, seed: int) -> Answer:
 def nothing(folder: Path, seed: int) -> Answer:
     """Say that nothing is missing, for certain, and predict with the base model."""
     return Answer({}, none=1.0, predictions=predictions(base_of(folder, seed).fit, folder))
-
-
-def _diagnosed(folder: Path, options: Options, learned: Sequence[Effect] | None = None) -> Answer:
-    diagnosis = diagnose(read(folder), options, learned=learned)
-    model, exam = diagnosis.model, read(folder / "exam", need_output=False)
-    predicted = {p.recording.name: p.y for p in of_network(model.setup, model.substeps, exam)}
-    return as_answer(logged(diagnosis, 0.0), predicted)
 
 
 def as_answer(row: Row, predicted: Mapping[str, Any]) -> Answer:

@@ -37,7 +37,7 @@ def proved(chosen: Settings, out: Path, say: run.Say = lambda line: None) -> tup
 def test_cases_stay_when_their_numbers_and_families_grow() -> None:
     few, many = tasks(settings(**FEW | {"same": 2})), tasks(settings(**FEW | {"same": 5, "other": 1}))
     assert set(few) <= set(many)
-    assert len({t.seed for t in many}) == len({t.key for t in many}) == len(many)
+    assert len({t.seed for t in many}) == len({(t.group, t.seed) for t in many}) == len(many)
     others = NULLS | {"nulls": 5, "null_families": ["stair", "ramp+process:0.1", "white"]}
     assert set(tasks(settings(**NULLS))) <= set(tasks(settings(**others)))
     # Nor do nulls move the cases of other groups.
