@@ -19,9 +19,9 @@ from phnn.commands.terminal import console, refusals, status
 from phnn.comparison.models import Settings
 from phnn.comparison.run import show
 from phnn.configuration import checked, number
-from studies.comparison.rivals import register_rivals
 from studies.comparison.run import compare_on_made
 from studies.recordings import Conditions
+from studies.rival_models.names import register_rivals
 
 
 def run(config: DictConfig) -> None:

@@ -2,24 +2,24 @@
 
 ``visit`` diagnoses sealed cases and logs every model that was visited; cases that the log holds already are not made
 again. ``compare LOG`` prints what different ways to weigh these models say, offline. ``page [LOG]`` writes rules,
-criteria, the picture and, of a log, the tables of the study into docs/decides.md.
+criteria and, of a log, the tables of the study into docs/decides.md.
 """
 
 from __future__ import annotations
 
 import argparse
-import itertools
-import json
 import sys
+from functools import partial
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # studies/ is not installed
 
 from phnn.errors import PhnnError
 from phnn.identification.options import Options
-from studies.decides.compare import cases_in
-from studies.decides.page import markdown, plain, study, write
-from studies.decides.visit import GROUPS, groups_in_turn, visit
+from studies.decides.compare import GROUPS, tasks
+from studies.decides.page import markdown, study, write
+from studies.sealed.grade import cases_in
+from studies.sealed.run import run
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "decides.md"
 
@@ -35,13 +35,13 @@ def main() -> None:
     visiting.add_argument("--plan", default="full")
     visiting.add_argument("--levels", type=float, nargs=2, default=(1.5, 10.0))
     visiting.add_argument("--shares", type=int, nargs=len(GROUPS), default=[1, 1, 1, 1, 6, 3, 4, 3, 1, 2, 1, 1])
-    visiting.add_argument("--workers", type=int, default=1)
+    visiting.add_argument("--workers", type=int, default=1, help="threads of a fit")
+    visiting.add_argument("--executor", default="serial", metavar="WHERE", help="where cases are worked on")
     visiting.set_defaults(run=visit_cases)
     comparing = commands.add_parser("compare", help="compare ways to weigh the models of a log")
     comparing.add_argument("log", type=Path)
-    comparing.add_argument("--markdown", action="store_true", help="tables in markdown")
     comparing.set_defaults(run=compare)
-    writing = commands.add_parser("page", help="write the tables and the picture of docs/decides.md")
+    writing = commands.add_parser("page", help="write the tables of docs/decides.md")
     writing.add_argument("log", type=Path, nargs="?")
     writing.set_defaults(run=lambda given: write(PAGE, given.log))
     given = parser.parse_args()
@@ -52,24 +52,9 @@ def main() -> None:
 
 
 def visit_cases(given: argparse.Namespace) -> None:
-    """Visit cases until there are as many as asked for."""
-    known = set()
-    if given.out.exists():
-        rows = (json.loads(line) for line in given.out.read_text(encoding="utf-8").splitlines())
-        known = {(row["group"], row["seed"]) for row in rows}
-    options = Options(workers=given.workers)
-    every = enumerate(groups_in_turn(given.shares), start=given.seed)
-    for seed, group in itertools.islice(every, given.cases):
-        if (group.name, seed) in known:
-            continue
-        try:
-            row = visit(group, seed, given.plan, tuple(given.levels), options)
-        except PhnnError as error:
-            row = {"group": group.name, "seed": seed, "failure": str(error)}
-        with given.out.open("a", encoding="utf-8") as log:
-            log.write(json.dumps(row) + "\n")
-        said = row.get("verdict", row.get("failure"))
-        print(f"{group.name} {seed}: {'+'.join(row.get('effects', [])) or 'nothing'} -> {said} {row.get('claims', '')}")
+    """Visit cases until the log has as many as asked for."""
+    cases = tasks(given.seed, given.cases, given.shares, given.plan, tuple(given.levels))
+    run(cases, given.out, Options(workers=given.workers), given.executor, partial(print, flush=True))
 
 
 def compare(given: argparse.Namespace) -> None:
@@ -77,7 +62,7 @@ def compare(given: argparse.Namespace) -> None:
     cases, failures = cases_in(given.log)
     print(f"{len(cases)} cases, {failures} without an answer")
     for title, table in study(cases).items():
-        print(f"\n{title}\n\n{(markdown if given.markdown else plain)(table)}")
+        print(f"\n{title}\n\n{markdown(table)}")
 
 
 if __name__ == "__main__":

@@ -13,24 +13,22 @@ from omegaconf import DictConfig
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # studies/ is not installed
 
-from phnn.commands.terminal import console, refusals, status
+from phnn.commands.terminal import refusals, status
 from phnn.configuration import checked
 from phnn.identification.options import Options
-from studies.paper import run_folder, run_paper, show
+from studies import paper
 from studies.recordings import Conditions
 
 
 def run(config: DictConfig) -> None:
     """Run one experiment from a composed configuration."""
     options = Options.from_config(checked("identify", config.fit))
-    out = Path(config.out)
+    out, manifest = Path(config.out), Path(config.manifest) if config.manifest else None
+    folder = None if config.folder is None else (Path(config.folder), manifest)
     with status() as progress:
-        if config.folder is None:
-            comparison = run_paper(out, Conditions(**config.recordings), options, progress)
-        else:
-            manifest = Path(config.manifest) if config.manifest else None
-            comparison = run_folder(Path(config.folder), manifest, out, options, bool(config.published), progress)
-    show(comparison, console())
+        recorded, published = folder or Conditions(**config.recordings), folder is None or bool(config.published)
+        paper.run(recorded, out, options, published, progress)
+    print((out / "experiment.md").read_text(encoding="utf-8"))
     print(f"results: {out / 'experiment.md'}")
 
 

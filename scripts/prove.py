@@ -1,7 +1,7 @@
 """Conceal many effects, seal the answers, diagnose all, count: ``python scripts/prove.py out=DIR [same=60]``.
 
-Settings are those of configs/prove.yaml. Writes ``report.html``, tables and figures; repeated in the same place, a
-proof goes on where it stopped.
+Settings are those of configs/prove.yaml. Writes ``report.md``, tables, and a log with a row for each case; repeated in
+the same place, a proof goes on where it stopped.
 """
 
 from __future__ import annotations
@@ -24,35 +24,17 @@ os.environ.update({name: os.environ.get(name, count) for name, count in ONE_THRE
 
 
 def run(out: Path, given: Mapping[str, Any]) -> None:
-    """Carry a proof out and print its rates and numbers."""
-    from rich.table import Table
-
-    from phnn.commands.terminal import console
+    """Carry a proof out and print its page."""
     from phnn.configuration import checked
     from studies.proof.cases import Settings
-    from studies.proof.page import counts, numbers, write_proof
-    from studies.proof.prove import claimed, prove
+    from studies.proof.page import claimed, prove, write_proof
 
     settings = Settings.from_config(checked("prove", given))
     print(f"seed {settings.seed}", flush=True)
     with claimed(out, settings) as place:
-        outcomes, digest = prove(settings, place, lambda message: print(message, flush=True))
-        rates = write_proof(outcomes, settings, digest, place)
-    table = Table("what", "share", "cases", "95 % interval", "target", title="proof")
-    for r in (r for r in rates if r.cases):
-        low, high = (f"{100 * v:.1f}" for v in r.interval)
-        table.add_row(r.label, f"{100 * r.share:.1f} %", f"{r.hits} of {r.cases}", f"{low} – {high} %", r.target)
-    console().print(table)
-    if nulls := counts(outcomes):
-        names = ("nulls of", "cases", "right", "false names", "unknown", "failed", "seconds")
-        table = Table(*names, title="nulls by family")
-        for c in nulls:
-            named = f"{c.named}: {c.false}" if c.named else "0"
-            table.add_row(c.family, *map(str, (c.cases, c.right, named, c.unknown, c.failed)), f"{c.seconds:.0f}")
-        console().print(table)
-    for label, value, target in numbers(outcomes):
-        print(f"{label}: {value} (target {target})")
-    print(f"report: {out / 'report.html'}")
+        cases, digest = prove(settings, place, lambda message: print(message, flush=True))
+        print(write_proof(cases, settings, digest, place))
+    print(f"report: {out / 'report.md'}")
 
 
 @hydra.main(version_base=None, config_path="../configs", config_name="experiment/prove")

@@ -19,15 +19,18 @@ from phnn.commands.diagnose import diagnose
 from phnn.commands.terminal import refusals
 from phnn.configuration import checked, config_folder
 from studies.proof.cases import NULLS, Settings
-from studies.proof.grade import WRONG, Outcome
-from studies.proof.prove import claimed, prove
+from studies.proof.page import claimed, is_right, prove, row
+from studies.sealed.grade import Case
 
 
-def said(outcome: Outcome) -> str:
+def said(case: Case) -> str:
     """One line on a case."""
-    truth, named = "+".join(outcome.truth) or "none", "+".join(outcome.named) or "–"
-    held = f"{outcome.held_before:.3g} → {outcome.held_after:.3g} × noise"
-    return f"{outcome.name}: concealed {truth}; {outcome.verdict}: {named}; held out {held}; {outcome.grade}"
+    r = row(case)
+    held = f"{r['held_before']:.3g} → {r['held_after']:.3g} × noise"
+    return (
+        f"{r['group']} {r['seed']}: concealed {r['truth'] or 'none'}; {r['verdict']}: {r['named'] or '–'}; "
+        f"held out {held}; {r['grade']}"
+    )
 
 
 def proof(config: DictConfig) -> list[str]:
@@ -37,16 +40,14 @@ def proof(config: DictConfig) -> list[str]:
     print(f"seed {stated['seed']}", flush=True)
     settings = Settings.from_config(stated)
     with claimed(Path(config.out) / "proof", settings) as place:
-        outcomes, _ = prove(settings, place, lambda _: None)
-    print("\n".join(said(o) for o in outcomes), flush=True)
-    nulls = [o for o in outcomes if o.group == NULLS]
-    right = sum(o.grade != WRONG for o in outcomes if o.group != NULLS)
-    false = sum(o.grade == WRONG for o in nulls)
+        cases, _ = prove(settings, place, lambda _: None)
+    print("\n".join(said(c) for c in cases), flush=True)
+    nulls = [c for c in cases if c.row["group"] == NULLS]
+    right = sum(is_right(c) for c in cases if c not in nulls)
+    false = sum(not is_right(c) for c in nulls)
     wrong = []
     if right < config.fewest_right:
-        wrong.append(
-            f"{right} of {len(outcomes) - len(nulls)} effects were found, at least {config.fewest_right} wanted"
-        )
+        wrong.append(f"{right} of {len(cases) - len(nulls)} effects were found, at least {config.fewest_right} wanted")
     if false > config.most_false:
         wrong.append(f"{false} of {len(nulls)} nulls were taken for physics, at most {config.most_false} may be")
     return wrong

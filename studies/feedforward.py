@@ -65,14 +65,10 @@ _FAST, _MICRO = 100.0, 1e-6
 @dataclass(frozen=True)
 class Commands:
     """Attributes:
-    t: (N,) time [s]; scored: the samples that count.
-    reference: (N,) [m].
-    voltages: (N,) commands [V] by name.
-    full: the inverse of the identified model.
+    scored: the samples that count; voltages: (N,) commands [V] by name.
+    full: the inverse of the identified model, with time and reference.
     """
 
-    t: Array
-    reference: Array
     scored: slice
     voltages: Mapping[str, Array]
     full: Inverse
@@ -133,7 +129,7 @@ def commands(models: Models, frequency: float) -> Commands:
         m.model.inverse(t, wave, hold="zero_order", lead_in=LEAD_IN / frequency) for m in (models.full, models.linear)
     )
     voltages = {"none": full.reference / models.static_gain, "linear": linear.voltage, "full": full.voltage}
-    return Commands(full.t, full.reference, slice(full.t.size - t.size, full.t.size), voltages, full)
+    return Commands(slice(full.t.size - t.size, full.t.size), voltages, full)
 
 
 def row(models: Models, frequency: float, noise: float, draws: int, rng: np.random.Generator) -> Row:
@@ -146,7 +142,7 @@ def row(models: Models, frequency: float, noise: float, draws: int, rng: np.rand
     given = commands(models, frequency)
 
     def noisy(y: Array) -> float:
-        return error(given, y + noise * rng.standard_normal(given.t.size))
+        return error(given, y + noise * rng.standard_normal(given.full.t.size))
 
     errors: dict[str, list[float]] = {name: [] for name in (*COMMANDS, "clean")}
     for plant in drawn_plants(models.full, draws, rng):
@@ -162,7 +158,7 @@ def row(models: Models, frequency: float, noise: float, draws: int, rng: np.rand
 
 def error(found: Commands, y: Array) -> float:
     """Return the root mean square of a tracking error (N,) over the scored samples [m]."""
-    return float(np.sqrt(np.mean((y - found.reference)[found.scored] ** 2)))
+    return float(np.sqrt(np.mean((y - found.full.reference)[found.scored] ** 2)))
 
 
 def output(plant: Setup, found: Commands, name: str) -> Array:
@@ -171,14 +167,15 @@ def output(plant: Setup, found: Commands, name: str) -> Array:
 
 
 def _held(found: Commands, name: str) -> Recording:
-    return unrecorded(name, found.t - found.t[0], found.voltages[name], "zero_order", found.full.voltage_before)
+    t, before = found.full.t, found.full.voltage_before
+    return unrecorded(name, t - t[0], found.voltages[name], "zero_order", before)
 
 
 def by_equations(found: Commands, name: str) -> Array:
     """Return the same of the paper's actuator, by the equations and the solver of `studies.generator`."""
-    dt = float(found.t[1] - found.t[0])
+    dt = float(found.full.t[1] - found.full.t[0])
     pieces = tuple(Piece(n * dt, (n + 1) * dt, level=float(v)) for n, v in enumerate(found.voltages[name]))
-    return simulate_equations(TABLE, Excitation(name, pieces, dt, found.t.size, held=True))
+    return simulate_equations(TABLE, Excitation(name, pieces, dt, found.full.t.size, held=True))
 
 
 def drawn_plants(found: Identified, draws: int, rng: np.random.Generator) -> list[Setup]:
@@ -254,9 +251,9 @@ def _drawn(models: Models, found: Commands) -> Figure:
     figure = new_figure(9.6, 5.4)
     voltages, errors = figure.subplots(2, 1, sharex=True)
     for name in COMMANDS:
-        missed = output(models.full.fit.setup, found, name) - found.reference
-        voltages.step(found.t, found.voltages[name], where="post", color=_COLOURS[name], label=_TITLES[name], lw=1.0)
-        errors.plot(found.t, missed / _MICRO, color=_COLOURS[name], linewidth=1.0)
+        missed = output(models.full.fit.setup, found, name) - found.full.reference
+        voltages.step(found.full.t, found.voltages[name], color=_COLOURS[name], label=_TITLES[name], where="post", lw=1)
+        errors.plot(found.full.t, missed / _MICRO, color=_COLOURS[name], linewidth=1.0)
     voltages.set_ylabel("command (V)")
     errors.set(xlabel="time (s)", ylabel="tracking error (µm)")
     figure.legend(*voltages.get_legend_handles_labels(), loc="outside upper right", ncols=len(COMMANDS))

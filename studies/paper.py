@@ -14,9 +14,6 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
 
 from phnn.diagnose.diagnosis import score_on_all
 from phnn.identification.base import Progress, identify_base, identify_bouc_wen, quiet
@@ -33,7 +30,7 @@ from phnn.report.figures.style import AFTER, BEFORE, CATEGORIES, MEASURED, RC, D
 from phnn.report.figures.style import quiet_grid as grid
 from phnn.report.formatting import markdown_table, number, percent, with_error
 from phnn.report.reduction import envelope
-from phnn.results import Place, claim
+from phnn.results import claim
 from phnn.setup import Setup
 from phnn.simulate import simulate
 from studies.recordings import Conditions, Made, write_recordings
@@ -483,59 +480,34 @@ def markdown(comparison: Comparison, made: Made | None, folder: str, drawings: S
     return "\n".join([*lines, *figure_lines(drawings)])
 
 
-def run_paper(out: Path, conditions: Conditions, options: Options, progress: Progress = quiet) -> Comparison:
-    """Make the paper's recordings in ``out/recordings`` and run the experiment on them.
-
-    Raises:
-        InputRefused: settings, or a folder that holds files of others.
-        SolverFailed: the second effect cannot be made as strong as asked.
-    """
-    began = time.monotonic()
-    with claim(out, "experiment", (), RESULTS) as place:
-        progress("make recordings")
-        folder = (place / "recordings").own_folder()
-        made = write_recordings(folder, conditions)
-        comparison = compare(read(folder), options, True, progress)
-        _write(comparison, place, made, options.seed, began, progress)
-    return comparison
-
-
-def run_folder(
-    folder: Path, manifest: Path | None, out: Path, options: Options, published: bool, progress: Progress = quiet
-) -> Comparison:
-    """Run the experiment on a folder of recordings.
+def run(
+    recorded: Conditions | tuple[Path, Path | None], out: Path, options: Options, published: bool, progress: Progress
+) -> None:
+    """Run the experiment and write `RESULTS` into ``out``.
 
     Args:
+        recorded: how the paper's recordings are made, in ``out/recordings``; or a folder and its manifest, if any.
         published: score the published parameters too; they are those of the paper's own actuator.
 
     Raises:
-        InputRefused: the recordings cannot be used.
+        InputRefused: the recordings or settings cannot be used, or ``out`` holds files of others.
+        SolverFailed: the second effect cannot be made as strong as asked.
     """
-    began = time.monotonic()
-    campaign = read(folder, manifest)
-    with claim(out, "experiment", [folder], RESULTS) as place:
-        comparison = compare(campaign, options, published, progress)
-        _write(comparison, place, None, options.seed, began, progress)
-    return comparison
-
-
-def _write(
-    comparison: Comparison, place: Place, made: Made | None, seed: int, began: float, progress: Progress
-) -> None:
-    progress("draw")
-    drawings, folder = draw_all(comparison), comparison.campaign.folder
-    for model in REFITTED:
-        save_fit(comparison.models[model].fit, place / model)
-    content = document(comparison, made, folder, seed, time.monotonic() - began)
-    texts = {"table3.csv": table_csv(comparison.rows()), "experiment.md": markdown(comparison, made, folder, drawings)}
-    write_results(place, texts, {"experiment.json": content}, drawings)
-
-
-def show(comparison: Comparison, console: Console) -> None:
-    """Print Table 3 beside the paper's own figures."""
-    rows = comparison.rows()
-    head = heads(rows)
-    table = Table(*head, title="Table 3: fit % (root mean square error in µm)")
-    for row in rows:
-        table.add_row(*(escape(cell) for cell in cells(row, len(head))))
-    console.print(table)
+    began, made = time.monotonic(), None
+    campaign = None if isinstance(recorded, Conditions) else read(*recorded)
+    with claim(out, "experiment", () if isinstance(recorded, Conditions) else recorded[:1], RESULTS) as place:
+        if isinstance(recorded, Conditions):
+            progress("make recordings")
+            folder = (place / "recordings").own_folder()
+            made = write_recordings(folder, recorded)
+            campaign = read(folder)
+        assert campaign is not None
+        comparison, name = compare(campaign, options, published, progress), campaign.folder
+        progress("draw")
+        drawings = draw_all(comparison)
+        for model in REFITTED:
+            save_fit(comparison.models[model].fit, place / model)
+        content = document(comparison, made, name, options.seed, time.monotonic() - began)
+        page = markdown(comparison, made, name, drawings)
+        texts = {"table3.csv": table_csv(comparison.rows()), "experiment.md": page}
+        write_results(place, texts, {"experiment.json": content}, drawings)

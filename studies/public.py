@@ -71,8 +71,6 @@ Cell = float | tuple[float, float] | str
 Figures = dict[str, dict[str, Cell]]
 
 _MILLI, _MICRO = 1e3, 1e6
-# Outcomes of the rules that end a search, as the pages say them.
-_DECISIONS = {"keep": "kept", "withdraw": "withdrawn"}
 
 
 def figures(name: str, folder: Path, out: Path) -> Figures:
@@ -136,25 +134,6 @@ def _emps(folder: Path, out: Path) -> Figures:
         found[row] = {column: _MILLI * scores[part]["rmse"] for column, part in parts.items()}
     whole = next(iter(fits["all 25 s"]["fit"].values()))
     found["load and dry friction, all 25 s"] = {"identified [mm]": _MILLI * whole["rmse"]}
-    return found | _search(diagnosis, diagnosis["noise_floor"]["trajectory"])
-
-
-def _search(diagnosis: Mapping[str, Any], noise: float) -> Figures:
-    """What the search added one after the other: share of the excess, what it left [mm], and whether it stayed.
-
-    Args:
-        noise: floor of the noise, m.
-    """
-    found: Figures = {}
-    for asked in diagnosis["rules"]:
-        name, numbers = words(asked.get("element")), asked["numbers"]
-        if asked["rule"] == "effect_explains_too_little":
-            found[name] = {"share [%]": 100.0 * numbers["share"]}
-        elif asked["rule"] == "model_leaves_little":
-            found[name]["left [mm]"] = _MILLI * noise * numbers["residual_over_noise"]
-        elif asked["outcome"] in _DECISIONS:
-            # Composing, which asks later, has the last word on the model and not on the search.
-            found[name].setdefault("decision", _DECISIONS[asked["outcome"]])
     return found
 
 

@@ -30,7 +30,7 @@ from phnn.recordings import Campaign, read
 from phnn.report.figures.style import CATEGORIES, RC, literal, new_figure, png, quiet_grid
 from phnn.report.formatting import markdown_table
 from phnn.results import Place, write_atomic
-from studies.comparison.uses import CONFIRMATION, OUTSIDE, uses
+from studies.comparison.uses import CONFIRMATION, OUTSIDE, over_noise, uses
 from studies.generator.cases import with_hysterons
 from studies.generator.noise import Noise
 from studies.generator.plans import sine
@@ -199,10 +199,8 @@ def _trained(name: str, case: Case, label: str, way: Way, campaign: Campaign, se
     curve, stopped = _epochs(trained, way, settings, case, progress)
     scores = evaluate(trained.plant, compiled, campaign.recordings, 1, {})
     kinds = uses(campaign.recordings)
-    held = []
-    for kind in (CONFIRMATION, OUTSIDE):
-        squares = [p.residual_over_noise**2 for p in scores.parts if kinds[p.name] == kind]
-        held.append(float(np.sqrt(np.mean(squares))) if squares else None)
+    over = (over_noise(scores, kinds, kind) for kind in (CONFIRMATION, OUTSIDE))
+    held = [None if np.isnan(value) else value for value in over]
     progress(f"held out {held[0]} inside, {held[1]} beyond the identified range")
     return Outcome(name, label, tuple(curve), trained.solved, stopped, held[0], held[1])
 

@@ -119,7 +119,7 @@ def _touched(setup: Setup, plan: Plan, names: Sequence[str], origin: Fit) -> lis
 def _begun(base: Fit, plan: Plan, effect: Effect, values: Mapping[str, float]) -> tuple[Setup, Fit]:
     """The strongest start that leaves less than the base: what is weak enough does, if its direction is right."""
     best = None
-    for share in _STRONG if effect.strength is not None else _STRONG[:1]:
+    for share in _STRONG if len(effect.all_strengths) == 1 else _STRONG[:1]:
         begun = clamped(effect, base.setup, effect.scaled(values, share))
         start = attempt("start", partial(_adjusted, base, begun, plan), None)
         if start is not None and (best is None or start[0] < best[0]):

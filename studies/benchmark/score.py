@@ -11,7 +11,6 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from scipy.special import gammaln, xlogy
-from scipy.stats import binomtest
 
 from phnn.effects import catalogue
 from phnn.errors import InputRefused
@@ -37,12 +36,14 @@ from studies.benchmark.bench import (
 )
 from studies.generator import Sealed
 from studies.results import write_results
+from studies.sealed.grade import NAMED, RIGHT, Case, calibration_error, share_interval
+from studies.sealed.grade import Answer as Verdict
+from studies.sealed.run import truth_of
 
 Array = NDArray[np.float64]
 
 SCORES = ("scores.csv", "groups.csv", "leaderboard.csv", "leaderboard.md")
 _NAMED = ("same", "other", "pair")  # groups with listed effects and nothing beside them
-_BINS = 10  # of probability, for the calibration error
 # Of an interval of a difference: level of each side; values of q; differences that are tried; halvings; rounding.
 _LEVEL, _NUISANCE, _COARSE, _HALVINGS, _ROUNDING = 0.025, 101, 0.02, 8, 1e-9
 
@@ -103,8 +104,8 @@ def scored(entry: Entry, sealed: Sealed, exam: Mapping[str, pd.DataFrame], answe
     Raises:
         InputRefused: a prediction has another length than its recording.
     """
-    truth = frozenset({"none": (NONE,), "outside": (UNLISTED,)}.get(entry.group, sealed.effects))
-    beside = frozenset(sealed.background_effects) - truth
+    case = Case({"group": entry.group, **truth_of(sealed)})
+    truth, beside = case.truth or frozenset([UNLISTED if case.outside else NONE]), case.beside
     stated, places = answer.probabilities, tuple(dict.fromkeys(sealed.location))
     best = max(stated, key=lambda name: stated[name])
     names = {**dict.fromkeys((*catalogue(), NONE, UNLISTED), 0.0), **stated}
@@ -114,11 +115,18 @@ def scored(entry: Entry, sealed: Sealed, exam: Mapping[str, pd.DataFrame], answe
     without = replace(answer, names={n: p for n, p in answer.names.items() if n not in beside})
     return Score(
         entry.name, entry.group, entry.strength, entry.plan, tuple(sorted(truth)), places,
-        tuple(sorted(answer.claims)), answered and answer.claims - beside == truth,
+        tuple(sorted(answer.claims)), answered and case.outcome(_verdict(answer, beside)) == RIGHT,
         answered and without.first(len(truth)) == truth, bool(set(among[:1]) & set(places)),
         bool(set(among[:3]) & set(places)), stated[best], answered and best in truth | beside, brier,
         _prediction_error(exam, answer.predictions, sealed), answer.seconds, bool(answer.failed),
     )  # fmt: skip
+
+
+def _verdict(answer: Answer, beside: frozenset[str]) -> Verdict:
+    """Return what an answer claims as a verdict: with a name beside them, neither `NONE` nor `UNLISTED` is one."""
+    words = {frozenset([NONE]): "none", frozenset([UNLISTED]): "unknown"}
+    claims = answer.claims if NONE in answer.claims else answer.claims - beside
+    return Verdict([], {}, words.get(claims, NAMED), tuple((NAMED, (name,)) for name in answer.claims))
 
 
 def _prediction_error(exam: Mapping[str, pd.DataFrame], predictions: Mapping[str, Array], sealed: Sealed) -> float:
@@ -175,22 +183,6 @@ def balanced_accuracy(scores: Sequence[Score]) -> float:
     return _mean(float(np.mean(right)) for right in kinds.values())
 
 
-def calibration_error(scores: Sequence[Score]) -> float:
-    """Return the expected calibration error of the highest probability that each answer states: the mean distance of
-    probability and frequency in ten bins, weighted by their numbers (Naeini, Cooper & Hauskrecht 2015).
-
-    NaN without answers; cases without an answer do not count. It asks only whether probabilities are honest: a tool
-    that states in every case how often it is right on average is calibrated. The Brier score asks also whether they
-    tell cases apart.
-    """
-    scores = [s for s in scores if not s.failed]
-    if not scores:
-        return float("nan")
-    stated, true = (np.array([getattr(s, n) for s in scores], dtype=float) for n in ("confidence", "confirmed"))
-    bins = np.minimum((_BINS * stated).astype(int), _BINS - 1)
-    return float(sum(abs(float(np.sum(stated[bins == b] - true[bins == b]))) for b in np.unique(bins)) / len(scores))
-
-
 def listed(scores: Sequence[Score]) -> list[Score]:
     """Return those with listed effects and nothing beside them: groups same, other and pair."""
     return [s for s in scores if s.group in _NAMED]
@@ -208,7 +200,7 @@ def summary(scores: Sequence[Score]) -> dict[str, float]:
         "location right": _mean(s.placed for s in concealing),
         "location among three": _mean(s.placed_within for s in concealing),
         "false alarms": _mean(s.false_alarm for s in scores if s.group == "none"),
-        "calibration error": calibration_error(scores),
+        "calibration error": calibration_error([(s.confidence, s.confirmed) for s in scores if not s.failed]),
         "Brier score": _mean(s.brier for s in scores),
         "prediction error / noise, median": _median(s.error for s in scores),
         "prediction error / noise in `outside` and `background`, median": _median(
@@ -238,14 +230,8 @@ def by_group(scores: Sequence[Score]) -> pd.DataFrame:
         chosen = [s for s in among if value in (s.group, s.strength, s.plan)]
         if chosen:
             right = sum(s.right for s in chosen)
-            rows.append((what, value, len(chosen), right, right / len(chosen), *_interval(right, len(chosen))))
+            rows.append((what, value, len(chosen), right, right / len(chosen), *share_interval(right, len(chosen))))
     return pd.DataFrame(rows, columns=["of", "value", "cases", "right", "share", "low", "high"])
-
-
-def _interval(right: int, cases: int) -> tuple[float, float]:
-    """Return the exact 95 % interval of a probability (Clopper & Pearson 1934)."""
-    interval = binomtest(right, cases).proportion_ci(0.95)
-    return float(interval.low), float(interval.high)
 
 
 @cache
@@ -383,7 +369,7 @@ def _groups(found: Mapping[str, Sequence[Score]]) -> list[str]:
         own = [s.right for s in scores if s.group in groups]
         if not own:
             return DASH
-        low, high = _interval(sum(own), len(own))
+        low, high = share_interval(sum(own), len(own))
         return f"{100 * sum(own) / len(own):.0f} % ({100 * low:.0f} to {100 * high:.0f})"
 
     first = next(iter(found.values()))

@@ -26,14 +26,12 @@ class CycleErrors:
     """Attributes:
     area: relative error ``(Â − A)/|A|`` of the signed loop area; area_noise: its standard deviation by the noise.
     harmonics: ``|Ŷ_k − Y_k|`` for k = 1…5, m; harmonic_noise: root mean square of each by the noise, m.
-    fundamental: ``|Y_1|``, m.
     """
 
     area: float
     area_noise: float
     harmonics: tuple[float, ...]
     harmonic_noise: float
-    fundamental: float
 
 
 def cycle_errors(recording: Recording, part: Part, model: Array) -> CycleErrors | None:
@@ -64,7 +62,6 @@ def cycle_errors(recording: Recording, part: Part, model: Array) -> CycleErrors 
         area_noise=recording.noise * deviation(loop, recording.noise_correlation) / abs(area),
         harmonics=tuple(np.abs(waves @ error[rows_whole]).tolist()),
         harmonic_noise=recording.noise * deviation(waves[0], recording.noise_correlation),
-        fundamental=float(np.abs(waves[0] @ recording.y[rows_whole])),
     )
 
 

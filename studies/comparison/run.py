@@ -23,10 +23,10 @@ from phnn.recordings import Campaign, read
 from phnn.report.formatting import DASH, markdown_table, number, percent, ratio
 from phnn.results import claim
 from studies.comparison.cycles import CycleErrors, cycle_errors
-from studies.comparison.rivals import HEADS
 from studies.comparison.supply import Response, of_plant, of_setup, supply
 from studies.comparison.uses import USES, over_noise, uses
 from studies.recordings import Conditions, comparison_plan, write_recordings
+from studies.rival_models.names import HEADS
 
 _SIGNALS = "sines from rest, three periods of 2500 samples"
 _STATES = 10_000
@@ -118,8 +118,7 @@ def _models(
             response, plant = _loaded(model, campaign, home / model, settings)
             count = None if plant is None else violations(plant, voltage, _STATES, seed)
             counted = "no energy" if count is None else f"{count} of {_STATES}"
-            found = supply(response, recordings, inputs, seed)
-            supplied = f"{found.violations} of {found.inputs}"
+            supplied = "{} of {}".format(*supply(response, recordings, inputs, seed))
         facts = result.facts
         about = [facts["kind"], str(facts["parameters"]), number(facts["seconds"])]
         body.append([HEADS[model], *about, counted, supplied, facts["gradient"]])

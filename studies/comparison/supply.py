@@ -13,7 +13,7 @@ pair of port variables than voltage and displacement may well violate it.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
 
 import numpy as np
 import torch
@@ -37,22 +37,7 @@ _TOLERANCE = 1e-3
 _BATCH = 1000
 
 
-@dataclass(frozen=True)
-class Supply:
-    """Attributes:
-    inputs: how many were simulated; failed: could not be.
-    violations: inputs under which ``W`` fell below zero by more than a thousandth of ``∫|V q̇| dt``, or the output
-        left the finite numbers.
-    worst: the largest such share of energy extracted, 0 where none was.
-    """
-
-    inputs: int
-    failed: int
-    violations: int
-    worst: float
-
-
-def supply(respond: Response, recordings: Sequence[Recording], count: int, seed: int = 0) -> Supply:
+def supply(respond: Response, recordings: Sequence[Recording], count: int, seed: int = 0) -> tuple[int, int]:
     """Simulate a model from rest under random inputs and account for the energy that it was supplied with.
 
     Args:
@@ -60,17 +45,17 @@ def supply(respond: Response, recordings: Sequence[Recording], count: int, seed:
         recordings: give frequencies and largest input: those for identification.
         count: how many inputs.
         seed: of the inputs.
+
+    Returns:
+        Under how many inputs ``W`` falls below zero by more than a thousandth of ``∫|V q̇| dt``, or the output leaves
+        the finite numbers; and how many could be simulated.
     """
-    inputs = random_inputs(recordings, count, seed)
-    shares, failed = [], 0
+    inputs, shares = random_inputs(recordings, count, seed), list[float]()
     for first in range(0, count, _BATCH):
         batch = inputs[first : first + _BATCH]
-        try:
+        with suppress(SolverFailed):
             shares += [extracted(r.u, q) for r, q in zip(batch, respond(batch), strict=True)]
-        except SolverFailed:
-            failed += len(batch)
-    worst = max(shares, default=0.0)
-    return Supply(len(shares), failed, sum(s > _TOLERANCE for s in shares), worst if worst > _TOLERANCE else 0.0)
+    return sum(s > _TOLERANCE for s in shares), len(shares)
 
 
 def extracted(u: Array, q: Array) -> float:

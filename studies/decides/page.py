@@ -1,4 +1,4 @@
-"""Tables of docs/decides.md, and its picture: what the study of `studies.decides.compare` comes to, halves against
+"""Tables of docs/decides.md: what the study of `studies.decides.compare` comes to, halves against
 halves, and the rules and criteria as they are in the code."""
 
 from __future__ import annotations
@@ -10,74 +10,36 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
-from matplotlib import rc_context
-from matplotlib.backends.backend_svg import FigureCanvasSVG
-from matplotlib.figure import Figure
-from matplotlib.patches import FancyBboxPatch
 from numpy.typing import NDArray
 
 from phnn.criteria import Criteria
 from phnn.diagnose.verdict import RULES, UNKNOWN
-from phnn.report.figures import RC
-from phnn.report.figures.style import AFTER, INK
 from phnn.report.formatting import markdown_table
-from studies.decides.compare import (
+from studies.decides.compare import HALF, LOGGED, RULES_ALONE, WAYS, answered, by_rules, numbered, tolerance
+from studies.results import fill
+from studies.sealed.grade import (
     CRITERIA,
-    HALF,
-    LOGGED,
     MISSED,
     OPEN,
     PARTLY,
     RIGHT,
-    RULES_ALONE,
-    WAYS,
     WRONG,
     Answer,
     Case,
-    answered,
-    by_rules,
     calibration_error,
     cases_in,
     is_learned_name,
     log_score,
-    logged_answer,
-    numbered,
-    tolerance,
-)
-from studies.results import fill
+)  # fmt: skip
 
 Array = NDArray[np.float64]
 
-IMAGE = Path("images") / "decides.svg"
 Table = tuple[list[str], list[list[str]]]
 
 HEAD = [
     "how models are weighed", "P(right), mean", "right, P ≥ 0.95", "in a class", "wrong name, P ≥ 0.95",
     "calibration error", "log score", "verdict right", "verdict wrong",
 ]  # fmt: skip
-# The picture: boxes of the loop by their centres, with text and colours; what leads from one to the next.
-_BLUE, _ORANGE, _GREEN = ("#eef3f8", AFTER), ("#fbf3ec", "#d55e00"), ("#e6f4ee", "#009e73")
-_BOXES: dict[str, tuple[float, float, str, tuple[str, str]]] = {
-    "recordings": (1.5, 1.0, "Recordings:\nfitted and held out", _ORANGE),
-    "base": (1.5, 4.0, "Fit of the base model,\nthe first that is visited", _BLUE),
-    "screen": (5.0, 4.0, "Screen: how much would\neach candidate lower χ²?\n(one linearisation)", _BLUE),
-    "refit": (8.3, 4.0, "Refit the likeliest ones:\na few steps each,\nthe best to their end", _BLUE),
-    "weigh": (8.3, 1.0, "Weigh all models\nthat were visited:\none number each", _BLUE),
-    "grow": (5.0, 1.0, "Grow the best three;\nleave out each\nearlier element", _BLUE),
-    "probability": (11.7, 1.0, "Probability of each effect:\nof all models that hold it", _GREEN),
-    "verdict": (11.7, 2.5, "Ten rules, in order:\nnamed, equivalent,\nunknown or none", _GREEN),
-    "model": (11.7, 4.0, "The model that is written:\nof all that were visited\nthe one that predicts best", _GREEN),
-}
-_WIDTH, _HEIGHT = 2.5, 0.95
-# From a side of one box to a side of another: left, right, top or bottom.
-_ARROWS = (
-    ("recordings", "t", "base", "b"), ("base", "r", "screen", "l"), ("screen", "r", "refit", "l"),
-    ("refit", "b", "weigh", "t"), ("weigh", "l", "grow", "r"), ("grow", "t", "screen", "b"),
-    ("weigh", "r", "probability", "l"), ("refit", "r", "model", "l"),
-    ("probability", "t", "verdict", "b"), ("model", "b", "verdict", "t"),
-)  # fmt: skip
-_SIDES = {"l": (-0.5, 0.0), "r": (0.5, 0.0), "t": (0.0, 0.5), "b": (0.0, -0.5)}
-_LOOP = "until nothing material\nis left to add, or the\nevaluations are used up"
 # What each half of the cases may choose.
 PRICES, LEARNED, SLACKS, FACTORS = (1.0, 2.0, 3.4, 5.0, 7.0), (3.4, 6.0, 9.0), (1.05, 1.1, 1.2), (0.25, 0.5, 1.0, 2.0)
 _RESAMPLED = 4000
@@ -100,9 +62,8 @@ class Setting:
 
     def answer(self, case: Case) -> Answer:
         """Return what a case comes to with these values, without a verdict."""
-        criteria = replace(
-            CRITERIA, price_effect=self.price_effect, price_learned=self.price_learned, slack=self.slack
-        )  # fmt: skip
+        own = {n: getattr(self, n) for n in ("price_effect", "price_learned", "slack")}
+        criteria = replace(CRITERIA, **own)
         weighed = numbered(case.models, tolerance(case.models, criteria, self.factor), criteria)
         return Answer(weighed.alternatives, weighed.probability, "", ())
 
@@ -122,7 +83,7 @@ def compared(cases: Sequence[Case]) -> Table:
     for name, way in WAYS.items():
         rows.append(_row(name, cases, [answered(c, way(c.models)) for c in cases]))
     rows.append(_row(RULES_ALONE, cases, [by_rules(c) for c in cases], probable=False))
-    rows.append(_row(LOGGED, cases, [logged_answer(c) for c in cases]))
+    rows.append(_row(LOGGED, cases, [c.answer for c in cases]))
     return HEAD, rows
 
 
@@ -145,21 +106,14 @@ def _row(name: str, cases: Sequence[Case], answers: Sequence[Answer], probable: 
 def by_group(cases: Sequence[Case]) -> Table:
     """Return what the product said of every group of cases."""
     head = [
-        "concealed",
-        "cases",
-        "right model visited",
-        "right",
-        "partly",
-        "no name",
-        "wrong name",
-        "`none`",
+        "concealed", "cases", "right model visited", "right", "partly", "no name", "wrong name", "`none`",
         "mean P(right)",
-    ]
+    ]  # fmt: skip
     rows = []
     for group in dict.fromkeys(c.row["group"] for c in cases):
         own = [c for c in cases if c.row["group"] == group]
-        said = Counter(c.outcome(logged_answer(c)) for c in own)
-        mean = np.mean([c.right(logged_answer(c)) for c in own])
+        said = Counter(c.outcome(c.answer) for c in own)
+        mean = np.mean([c.right(c.answer) for c in own])
         counts = [said[o] for o in (RIGHT, PARTLY, OPEN, WRONG, MISSED)]
         counts = [len(own), sum(c.visited for c in own), *counts]
         rows.append([group, *(f"{n}" for n in counts), f"{mean:.2f}"])
@@ -168,7 +122,7 @@ def by_group(cases: Sequence[Case]) -> Table:
 
 def calibrated(cases: Sequence[Case]) -> Table:
     """Return how often effects are there to which the product gives a probability."""
-    statements = [s for c in cases for s in c.statements(logged_answer(c))]
+    statements = [s for c in cases for s in c.statements(c.answer)]
     edges = (0.01, 0.05, 0.2, 0.5, 0.8, 0.95, 0.99, 1.0 + 1e-9)
     rows = []
     for low, high in itertools.pairwise(edges):
@@ -201,13 +155,8 @@ def halves(cases: Sequence[Case], settings: Sequence[Setting] | None = None) -> 
     """Return for each half of the cases, by parity of their seeds, the values that give it the best log score, and what
     they are worth on the other half; last, both together."""
     head = [
-        "chosen on",
-        "price, price learned, slack, share",
-        "there",
-        "defaults there",
-        "on the other half",
-        "defaults",
-    ]
+        "chosen on", "price, price learned, slack, share", "there", "defaults there", "on the other half", "defaults",
+    ]  # fmt: skip
     settings = SETTINGS if settings is None else settings
     default = settings.index(Setting())
     scores = np.array([[log_score(c, s.answer(c)) for c in cases] for s in settings])
@@ -259,12 +208,11 @@ def study(cases: Sequence[Case]) -> dict[str, Table]:
 
 
 def write(page: Path, log: Path | None = None) -> None:
-    """Write rules, criteria and picture of the page, and the tables of the study if there is a log.
+    """Write rules and criteria of the page, and the tables of the study if there is a log.
 
     Raises:
         InputRefused: the page has no place for a table, or the log no case.
     """
-    draw(page.parent / IMAGE)
     fill(page, "rules", markdown(rules()))
     fill(page, "criteria", markdown(criteria()))
     if log is not None:
@@ -278,41 +226,3 @@ def write(page: Path, log: Path | None = None) -> None:
 def markdown(table: Table) -> str:
     """Return a table in markdown."""
     return "\n".join(markdown_table(*table))
-
-
-def plain(table: Table) -> str:
-    """Return a table for a terminal."""
-    head, rows = table
-    widths = [max(len(line[i]) for line in [head, *rows]) for i in range(len(head))]
-    return "\n".join(
-        "  ".join(c.ljust(w) for c, w in zip(line, widths, strict=True)).rstrip() for line in [head, *rows]
-    )
-
-
-def draw(path: Path) -> None:
-    """Draw the loop of a diagnosis; the same file every time."""
-    with rc_context({**RC, "svg.hashsalt": "phnn", "figure.constrained_layout.use": False}):
-        figure = Figure((11.0, 3.7))
-        axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
-        axes.set_axis_off()
-        axes.set(xlim=(0.0, 13.2), ylim=(0.35, 4.65))
-        for x, y, text, (face, edge) in _BOXES.values():
-            corner = x - 0.5 * _WIDTH, y - 0.5 * _HEIGHT
-            box = FancyBboxPatch(
-                corner, _WIDTH, _HEIGHT, "round,pad=0.05", facecolor=face, edgecolor=edge, linewidth=1.2
-            )
-            axes.add_patch(box)
-            axes.text(x, y, text, ha="center", va="center", fontsize=9.5, color=INK)
-        for start, out, end, into in _ARROWS:
-            style = {"arrowstyle": "-|>", "color": INK, "shrinkA": 4, "shrinkB": 4}
-            axes.annotate("", _side(end, into), _side(start, out), arrowprops=style)
-        axes.text(6.65, 2.5, _LOOP, ha="center", va="center", fontsize=9.5, color=INK, style="italic")
-        FigureCanvasSVG(figure)
-        path.parent.mkdir(exist_ok=True)
-        figure.savefig(path, metadata={"Date": None})
-
-
-def _side(box: str, side: str) -> tuple[float, float]:
-    x, y, *_ = _BOXES[box]
-    right, up = _SIDES[side]
-    return x + right * _WIDTH, y + up * _HEIGHT

@@ -7,23 +7,24 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from phnn.configuration import check, whole
 from phnn.errors import InputRefused
-from studies.generator.cases import PLAIN, Case, Conditions, draw_case
+from studies.generator.cases import PLAIN, Conditions
 from studies.generator.noise import asked
 from studies.generator.plans import KINKED
+from studies.sealed.run import Task
 
 # Residual over noise of what is concealed in the full tier; noncentrality in the fast tier.
 LEVELS = (2.0, 10.0)
 DELTAS = (1.0, 30.0)
 _ROOM = 100_000  # seeds of a group
 
-FAST, FULL = "fast", "full"
+FAST = ("fast_none", "fast_weak")
 STRATA = ("none", "same", "other", "outside", "pair", "triple")
-GROUPS = ("fast_none", "fast_weak", *STRATA, "few")
+GROUPS = (*FAST, *STRATA, "few")
 NULLS = "nulls"
 # Of the nulls, see `family`.
 FAMILIES = (
@@ -65,7 +66,6 @@ class Settings:
     executor: str = "processes:2"
     starts: int = whole(4, least=1)
     max_effects: int = whole(3)
-    keep: bool = False
 
     def __post_init__(self) -> None:
         check(self)
@@ -150,53 +150,22 @@ def seed_of(seed: int, name: str, number: int) -> int:
     return int.from_bytes(word[:6], "big")
 
 
-@dataclass(frozen=True)
-class Task:
-    """One case of a proof.
-
-    Attributes:
-        tier: ``fast`` or ``full``; group: which count of the settings it belongs to; number: in its group.
-        seed: of the case; plan: its set of recordings.
-        family: of a null; noise: what is asked for, empty for that of the seed; conditions: what else is asked for.
-    """
-
-    tier: str
-    group: str
-    number: int
-    seed: int
-    plan: str
-    family: str = ""
-    noise: str = ""
-    conditions: Conditions = PLAIN
-
-    @property
-    def name(self) -> str:
-        """Unique in a proof; names files."""
-        parts = (self.tier, self.group, *([self.family.replace(":", "-")] if self.family else []))
-        return f"{'_'.join(parts)}_{self.number:04d}"
-
-    def case(self) -> Case:
-        """Return what is concealed; everything follows from the seed."""
-        asked: dict[str, Any] = {"noise": self.noise or None, "conditions": self.conditions}
-        if self.group == "fast_weak":
-            return draw_case(self.seed, "same", self.plan, deltas=DELTAS, **asked)
-        stratum = {"fast_none": "none", "few": "same", NULLS: "none"}.get(self.group, self.group)
-        return draw_case(self.seed, stratum, self.plan, levels=LEVELS, **asked)
-
-
 def tasks(settings: Settings) -> list[Task]:
     """Return all cases; those of a group stay the same when its number grows."""
     plans = {"fast_none": settings.fast_plan, "fast_weak": settings.fast_plan, "few": "few"}
-    noise, conditions = settings.noise, settings.conditions
+    strata = {"fast_none": "none", "fast_weak": "same", "few": "same"}
     cases = []
     for index, group in enumerate(GROUPS):
         # Consecutive seeds, so that every effect has its turn; which one comes first is drawn.
         first = _ROOM * (settings.seed * len(GROUPS) + index) + seed_of(settings.seed, group, 0) % (_ROOM // 2)
-        tier, plan = FAST if group.startswith(FAST) else FULL, plans.get(group, settings.plan)
-        numbers = range(settings.count(group))
-        cases += [Task(tier, group, n, first + n, plan, noise=noise, conditions=conditions) for n in numbers]
+        task = Task(
+            group, first, strata.get(group, group), plans.get(group, settings.plan), LEVELS,
+            DELTAS if group == "fast_weak" else None, settings.noise, settings.conditions, fast=group in FAST,
+        )  # fmt: skip
+        cases += [replace(task, seed=first + n) for n in range(settings.count(group))]
     for name in settings.null_families:
         plan, noise = family(name, settings.null_plan)
         for n in range(settings.count(NULLS)):
-            cases.append(Task(FULL, NULLS, n, seed_of(settings.seed, name, n), plan, name, noise, conditions))
+            seed, conditions = seed_of(settings.seed, name, n), settings.conditions
+            cases.append(Task(NULLS, seed, "none", plan, LEVELS, None, noise, conditions, family=name))
     return cases

@@ -23,18 +23,17 @@ from phnn.configuration import check, checked, config_folder, number, positive, 
 from phnn.diagnose.diagnosis import diagnose, score_on_all
 from phnn.errors import InputRefused, SolverFailed
 from phnn.identification.base import Progress, identify_base, quiet
-from phnn.identification.evaluate import PartScore, score_part
+from phnn.identification.evaluate import Evaluation, PartScore, score_part
 from phnn.identification.zero import own_zeros
 from phnn.recordings import Campaign, read
 from phnn.report.formatting import DASH, markdown_table, ratio
 from phnn.report.result import document
 from phnn.results import Place
-from studies.comparison.rivals import HEADS, register_rivals
 from studies.comparison.uses import CONFIRMATION, OUTSIDE, USES, over_noise, uses
 from studies.generator.plans import sine
 from studies.recordings import comparison_plan
-from studies.rival_models.names import NAMES, rival
-from studies.rival_models.runs import Runs, long, loops
+from studies.rival_models.names import HEADS, NAMES, register_rivals, rival
+from studies.rival_models.runs import long, loops
 from studies.rival_models.truths import write_truth
 
 STUDIES = ("truths", "scarcity", "real", "loops", "long")
@@ -119,7 +118,7 @@ def run(config: Mapping[str, Any], progress: Progress = quiet) -> Path:
     elif c.study == "loops":
         loops(place, settings, c.seeds, c.noise_um, c.runs, progress)
     else:
-        long(place, settings, c.seeds, c.noise_um, Runs(c.samples, c.drives), progress)
+        long(place, settings, c.seeds, c.noise_um, (c.samples, c.drives), progress)
     return place.path / f"{c.study}.md"
 
 
@@ -256,7 +255,7 @@ def real(
             except (InputRefused, SolverFailed) as error:
                 # A model that cannot be fitted states the reason in the place of its score.
                 parts, why = (), str(error)
-            held, identified = (_over_noise(parts, use) for use in ("confirmation", "identification"))
+            held, identified = (Evaluation({}, parts).over_noise(use) for use in ("confirmation", "identification"))
             seconds, given = time.process_time() - began, float("nan") if model in _OWN else budget
             row = {"recordings": name, "model": model, "held_out": held, "identified": identified}
             rows.append(row | {"processor_seconds": seconds, "budget": given, "why_not": why})
@@ -295,11 +294,6 @@ def _parts(
         for p in r.parts
         if p.use != "nuisance"
     )
-
-
-def _over_noise(parts: Sequence[PartScore], use: str) -> float:
-    scores = [p.residual_over_noise for p in parts if p.use == use]
-    return float(np.sqrt(np.mean(np.square(scores)))) if scores else float("nan")
 
 
 def real_page(table: pd.DataFrame, settings: Settings) -> str:

@@ -350,10 +350,6 @@ class _Stepper(Stepper):
         columns, state = self._operator.rest(self._shape, u / self._scales.u)
         return state, lfilter_zi(self._b, self._a) * float(columns[0] @ self._weights)
 
-    def step(self, state: State, u: float) -> tuple[State, float]:
-        state, y = self.run(state, np.array([u]))
-        return state, float(y[0])
-
     def run(self, state: State, u: Array) -> tuple[State, Array]:
         (inner, kept), outputs = state, []
         for first in range(0, u.size, _BLOCK):

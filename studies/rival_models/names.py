@@ -1,12 +1,19 @@
-"""Rivals by name, and the third-party packages that they need; both are loaded when they are asked for."""
+"""Rivals by name, in the comparisons of ``phnn compare`` too; they and their packages are loaded when asked for."""
 
 from __future__ import annotations
 
 import importlib
+from collections.abc import Mapping
+from functools import partial
 from types import ModuleType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from phnn.comparison.models import MODELS, register_rival
 from phnn.errors import InputRefused
+from phnn.recordings import Campaign
 
 if TYPE_CHECKING:
     from studies.rival_models.rival import Rival
@@ -22,7 +29,7 @@ _CLASSES = {
     "subnet": ("SUBNET", "networks.Subnet"),
 }
 NAMES = tuple(_CLASSES)
-TITLES = {name: title for name, (title, _) in _CLASSES.items()}
+HEADS = {n: kind.title for n, kind in MODELS.items()} | {n: title for n, (title, _) in _CLASSES.items()}
 
 
 def rival(name: str) -> Rival:
@@ -44,3 +51,20 @@ def needed(package: str) -> ModuleType:
         return importlib.import_module(package)
     except ImportError as error:
         raise InputRefused(f"{package} is not installed: pip install 'phnn[rivals]'") from error
+
+
+def register_rivals() -> None:
+    """Let ``models=`` of a comparison name every rival."""
+    for name in NAMES:
+        register_rival(name, partial(_fit, name), HEADS[name])
+
+
+def _fit(
+    name: str, campaign: Campaign, seed: int, budget: float
+) -> tuple[dict[str, NDArray[np.float64]], Mapping[str, Any]]:
+    """Fit a rival within its budget; return outputs by recording, and facts."""
+    chosen = rival(name)
+    fitted = chosen.fit(campaign.recordings, budget, seed)
+    outputs = zip((r.name for r in campaign.recordings), fitted.outputs(campaign.recordings), strict=True)
+    about = {"kind": f"{chosen.words} ({chosen.source})", "parameters": fitted.parameters, "gradient": chosen.how}
+    return dict(outputs), about | dict(fitted.facts)

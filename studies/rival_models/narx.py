@@ -107,10 +107,6 @@ class _Stepper(Stepper):
         x = u / self._fitted.scales.u
         return self.run(np.array([x, x, 0.0, 0.0]), np.full(_REST, u))[0] if x else np.zeros(4)
 
-    def step(self, state: State, u: float) -> tuple[State, float]:
-        state, y = self.run(state, np.array([u]))
-        return state, float(y[0])
-
     def run(self, state: State, u: Array) -> tuple[State, Array]:
         f, x, y = self._fitted, u / self._fitted.scales.u, np.full(u.size, np.nan)
         _simulate(x, state, y, f.powers, f.weights, np.inf)

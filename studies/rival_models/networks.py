@@ -240,10 +240,6 @@ class _Stepper(Stepper):
         x = u / self._fitted.scales.u
         return self._fitted.rested(x), self._fitted.linear.rest(x), x
 
-    def step(self, state: State, u: float) -> tuple[State, float]:
-        state, y = self.run(state, np.array([u]))
-        return state, float(y[0])
-
     @torch.no_grad()
     def run(self, state: State, u: Array) -> tuple[State, Array]:
         inner, kept, last = state

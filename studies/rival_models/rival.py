@@ -75,6 +75,8 @@ class Budget:
 class Stepper(ABC):
     """A model that takes one input sample and gives one output sample, for a loop that is closed around it.
 
+    It has `step` or `run`, whichever is faster; each of them follows from the other.
+
     Attributes:
         dt: sampling interval, s.
     """
@@ -85,14 +87,15 @@ class Stepper(ABC):
     def rest(self, u: float) -> State:
         """Return the state after a long rest at the input ``u`` [SI]."""
 
-    @abstractmethod
     def step(self, state: State, u: float) -> tuple[State, float]:
         """Return the next state, and the output [SI] at the sample whose input is ``u`` [SI]."""
+        state, y = self.run(state, np.array([u]))
+        return state, float(y[0])
 
     def run(self, state: State, u: Array) -> tuple[State, Array]:
         """Step through (N,) inputs [SI]; return the state behind the last one, and (N,) outputs [SI].
 
-        The state in front of the first sample stays as it is. A model with a faster way than `step` overrides this.
+        The state in front of the first sample stays as it is.
         """
         y = np.empty(u.size)
         for n, x in enumerate(u):

@@ -39,10 +39,9 @@ from phnn.model import Model
 from phnn.recordings import Campaign, read
 from phnn.report.formatting import DASH, markdown_table
 from phnn.results import Place
-from studies.comparison.rivals import HEADS
 from studies.generator.plans import PEAK
 from studies.recordings import comparison_plan
-from studies.rival_models.names import NAMES, rival
+from studies.rival_models.names import HEADS, NAMES, rival
 from studies.rival_models.rival import State, Stepper
 from studies.rival_models.truths import PHS, base_of, write_truth
 
@@ -117,10 +116,6 @@ class CompiledStepper(Stepper):
         state = np.zeros(self._library.words())
         self._library.begin(_pointer(state))
         return self.run(state, np.full(max(1, round(_REST / self.dt)), u))[0]
-
-    def step(self, state: State, u: float) -> tuple[State, float]:
-        state, y = self.run(state, np.array([u]))
-        return state, float(y[0])
 
     def run(self, state: State, u: Array) -> tuple[State, Array]:
         """Step through many samples; see `Stepper.run`. Raises ArithmeticError where a step has no solution."""
@@ -358,26 +353,6 @@ def _over(value: float, size: float) -> float:
     return 0.0 if value == 0.0 else value / size if size != 0.0 else math.inf
 
 
-@dataclass(frozen=True)
-class Runs:
-    """Size of a study of long runs.
-
-    Attributes:
-        samples: of a run; drives: how many runs of each model.
-    """
-
-    samples: int
-    drives: int
-
-    def __post_init__(self) -> None:
-        # Models on a grid of their own have longer intervals.
-        least = LEAST * round(PERIOD / DT)
-        if self.samples < least:
-            raise InputRefused(f"samples = {self.samples}: give {least} or more, {LEAST} periods of the voltage")
-        if self.drives < 1:
-            raise InputRefused(f"drives = {self.drives}: give 1 or more")
-
-
 def loops(
     place: Place, settings: Settings, seeds: Sequence[int], noise_um: float, runs: int, progress: Progress = quiet
 ) -> pd.DataFrame:
@@ -399,18 +374,28 @@ def loops(
 
 
 def long(
-    place: Place, settings: Settings, seeds: Sequence[int], noise_um: float, runs: Runs, progress: Progress = quiet
-) -> pd.DataFrame:
-    """Run each model of the paper's actuator freely; write ``long.csv`` and ``long.md``, as `loops` does."""
+    place: Place, settings: Settings, seeds: Sequence[int], noise_um: float, size: tuple[int, int],
+    progress: Progress = quiet,
+) -> pd.DataFrame:  # fmt: skip
+    """Run each model of the paper's actuator freely; write ``long.csv`` and ``long.md``, as `loops` does.
+
+    Args:
+        size: samples of a run, and how many runs of each model.
+    """
+    samples, drives = size
+    # Models on a grid of their own have longer intervals.
+    least = LEAST * round(PERIOD / DT)
+    if samples < least:
+        raise InputRefused(f"samples = {samples}: give {least} or more, {LEAST} periods of the voltage")
 
     def run(stepper: Stepper, base: dict[str, float], seed: int) -> Iterator[dict[str, Any]]:
-        for drive in range(runs.drives):
+        for drive in range(drives):
             # Outputs of a model that diverges may overflow before they are counted.
             with np.errstate(over="ignore", invalid="ignore"):
-                done = long_run(stepper, drawn_drive(PEAK, seed, drive), base["alpha"] / base["k"], runs.samples)
+                done = long_run(stepper, drawn_drive(PEAK, seed, drive), base["alpha"] / base["k"], samples)
             yield {"drive": drive, **asdict(done)}
 
-    return _each(place, "long", settings, (seeds, noise_um), run, partial(long_page, runs=runs), progress)
+    return _each(place, "long", settings, (seeds, noise_um), run, partial(long_page, size=size), progress)
 
 
 def _each(
@@ -480,12 +465,12 @@ def loops_page(table: pd.DataFrame, settings: Settings, spent: str) -> str:
     return "\n".join(["# Models in a loop with a compliant load", "", words, "", *markdown_table(heads, body), ""])
 
 
-def long_page(table: pd.DataFrame, settings: Settings, spent: str, runs: Runs) -> str:
+def long_page(table: pd.DataFrame, settings: Settings, spent: str, size: tuple[int, int]) -> str:
     """Return the page of counts, largest drift and motion, and processor time by model."""
     body = [_line(str(model), own) for model, own in table.groupby("model", sort=False)]
     words = (
-        f"{_how_fitted(table, settings)} and then ran freely over {runs.samples:,} samples, "
-        f"{'once under a' if runs.drives == 1 else f'{runs.drives} times under another'} periodic voltage, from rest "
+        f"{_how_fitted(table, settings)} and then ran freely over {size[0]:,} samples, "
+        f"{'once under a' if size[1] == 1 else f'{size[1]} times under another'} periodic voltage, from rest "
         f"under another voltage, which jumps to the drive at the first sample. For the last tenth the voltage is zero. "
         f"Drift: r.m.s. difference between the periods of {PERIOD:g} s at a hundredth of the run and at the end of the "
         f"drive, over the output's r.m.s.; above {DRIFTED:g}, ten times what the port-Hamiltonian model leaves in "

@@ -49,7 +49,7 @@ def visited(choice: str) -> list[Visited]:
     campaign = Campaign(base().plan.recordings, {}, {}, "command", (), True, "made up")
     effects = [catalogue()[n] for n in ("creep", "quadratic_drag", "cubic_stiffness")]
     search = begin(campaign, base(), effects, [], Criteria(), most=1, executor=executor(choice))
-    heat = _heat(search, search.base, search.screen(search.screen.base), True)
+    heat = _heat(search, search.base, search.screen(search.screen.base))
     explore(search)
     return [*heat, *search.weighed.models]
 

@@ -53,7 +53,7 @@ RUNS: dict[str, tuple[list[str], list[str] | None]] = {
 # Loads everything once and forks for each run, so that stops fall into the work and not into imports.
 SERVER = """
 import json, os, runpy, signal, sys
-import importlib, pkgutil, phnn.cli, phnn.commands, studies.proof.page, studies.proof.prove
+import importlib, pkgutil, phnn.cli, phnn.commands, studies.proof.page
 for command in pkgutil.iter_modules(phnn.commands.__path__):
     importlib.import_module(f"phnn.commands.{command.name}")
 def run(arguments):
@@ -139,7 +139,9 @@ def results(folder: Path) -> dict[str, object]:
         name = path.relative_to(folder).as_posix()
         if not path.is_file() or name.startswith(".phnn/") or path.name == "checkpoint.pt":
             continue
-        if path.suffix == ".json":
+        if path.suffix == ".jsonl":
+            found[name] = [plain(json.loads(line)) for line in path.read_text().splitlines()]
+        elif path.suffix == ".json":
             found[name] = plain(json.loads(path.read_text()))
         elif path.suffix == ".csv":
             table = pd.read_csv(path)

@@ -19,21 +19,9 @@ from phnn.effects import Effect, effect
 from phnn.effects.learned import learned_elements
 from phnn.errors import InputRefused
 from studies.decides import page
-from studies.decides.compare import (
-    HALF,
-    WAYS,
-    Answer,
-    Case,
-    answered,
-    by_rules,
-    calibration_error,
-    cases_in,
-    log_score,
-    logged_answer,
-    numbered,
-    tolerance,
-)  # fmt: skip
-from studies.decides.visit import _model
+from studies.decides.compare import HALF, WAYS, answered, by_rules, numbered, tolerance
+from studies.sealed.grade import Answer, Case, calibration_error, cases_in, log_score
+from studies.sealed.run import _model
 
 ROOT = Path(__file__).resolve().parents[2]
 CRITERIA = Criteria()
@@ -188,6 +176,12 @@ def test_statements_leave_out_learned_elements_and_what_acts_beside() -> None:
 def test_calibration_error_and_log_score_by_hand() -> None:
     assert calibration_error([(0.9, True), (0.9, False), (0.2, False), (0.2, False)]) == pytest.approx(0.3)
     assert calibration_error([(1.0, True), (0.0, False)]) == 0.0
+    # Of ten statements of 0.75, seven or eight should be true; in one bin too high and too low ones cancel.
+    assert calibration_error([(0.75, k < 7) for k in range(10)] + [(0.75, k < 8) for k in range(10)]) == 0.0
+    mixed = [(0.55, True), (0.55, False), (0.52, True), (0.58, False)]
+    assert calibration_error(mixed) == pytest.approx(0.05)
+    assert calibration_error([(0.95, True), (0.15, True)]) == pytest.approx(0.5 * (0.05 + 0.85))
+    assert math.isnan(calibration_error([]))
     own = case(*MODELS, effects=("creep",))
     assert log_score(own, answer((("creep",), 0.5))) == pytest.approx(math.log(0.5))
     assert log_score(own, answer((("delay",), 1.0))) == pytest.approx(math.log(1e-3))
@@ -238,9 +232,9 @@ def test_the_command_prints_all_tables(
     failed = {"group": "pair", "seed": 3, "failure": "no"}
     log = tmp_path / "log.jsonl"
     log.write_text("".join(json.dumps(r) + "\n" for r in [*rows, failed]), encoding="utf-8")
-    assert logged_answer(cases_in(log)[0][1]).word == "none"
+    assert cases_in(log)[0][1].answer.word == "none"
     monkeypatch.setattr(page, "SETTINGS", (page.Setting(),))
-    monkeypatch.setattr(sys, "argv", ["decides.py", "compare", str(log), "--markdown"])
+    monkeypatch.setattr(sys, "argv", ["decides.py", "compare", str(log)])
     runpy.run_path(str(ROOT / "scripts" / "decides.py"), run_name="__main__")
     printed = capsys.readouterr().out
     assert printed.startswith("2 cases, 1 without an answer")
@@ -256,9 +250,3 @@ def test_a_log_without_a_case_is_refused(tmp_path: Path) -> None:
 def test_the_page_states_rules_and_criteria_as_they_are(table: page.Table) -> None:
     text = (ROOT / "docs" / "decides.md").read_text(encoding="utf-8")
     assert page.markdown(table) in text, "python scripts/decides.py page writes them anew"
-
-
-def test_the_picture_is_the_same_every_time(tmp_path: Path) -> None:
-    page.draw(tmp_path / "one.svg")
-    page.draw(tmp_path / "two.svg")
-    assert (tmp_path / "one.svg").read_bytes() == (tmp_path / "two.svg").read_bytes()

@@ -97,6 +97,19 @@ def left(fitted: Fit, use: str) -> float:
     return float(residual @ residual)
 
 
+def orthonormal(columns: Array, sizes: Array | None = None, rank: float = 1e-3, least: float = 0.0) -> Array:
+    """Return an (N, p) basis of columns, each of them counted in units of its size, its length if left out.
+
+    Directions weaker than the share ``rank`` of the strongest one, or of ``least``, are left out.
+    """
+    sizes = np.linalg.norm(columns, axis=0) if sizes is None else sizes
+    used = sizes > 0.0
+    if not used.any():
+        return np.zeros((columns.shape[0], 0))
+    basis, singular, _ = np.linalg.svd(columns[:, used] / sizes[used], full_matrices=False)
+    return np.asarray(basis[:, singular > rank * max(least, singular[0])])
+
+
 @dataclass(frozen=True)
 class Candidate:
     """An effect at a point of its grid, where its coefficient is one; ``column``: its number in the library."""

@@ -7,6 +7,7 @@ below is the rounded share of right ones in cases of other seeds than those of a
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +20,9 @@ from phnn.errors import PhnnError
 from phnn.identification.options import Options
 from phnn.predictor import of_network
 from phnn.recordings import read
-from phnn.report.result import document
 from studies.benchmark.bench import Answer
 from studies.benchmark.tools.common import base_of, fitted_with, predictions
+from studies.sealed.run import Row, logged
 
 # Probability that something without a name is missing, where the verdict is that it is.
 _UNKNOWN = 0.65
@@ -35,24 +36,20 @@ _NO_RACE = {"near_best": 1e-9, "near_best_far": 1e-9, "refits": 1000, "score": 1
 _HIGHEST, _NO_SCORE = 0.6, 0.95
 
 
-def answer(folder: Path, seed: int) -> Answer:
-    """Diagnose a case."""
-    return _diagnosed(folder, Options(seed=seed, workers=1))
+def answer(
+    folder: Path, seed: int, criteria: Mapping[str, float] | None = None, learned: Sequence[Effect] | None = None
+) -> Answer:
+    """Diagnose a case, with other criteria or learned elements than those of phnn if some are given."""
+    diagnosis = diagnose(read(folder), Options(seed=seed, workers=1, criteria=criteria or {}), learned=learned)
+    model, exam = diagnosis.model, read(folder / "exam", need_output=False)
+    predicted = {p.recording.name: p.y for p in of_network(model.setup, model.substeps, exam)}
+    return as_answer(logged(diagnosis, 0.0), predicted)
 
 
-def without_veto(folder: Path, seed: int) -> Answer:
-    """Diagnose; the model stands whatever held-out recordings say."""
-    return _diagnosed(folder, Options(seed=seed, workers=1, criteria=_NO_VETO))
-
-
-def without_racing(folder: Path, seed: int) -> Answer:
-    """Diagnose; no candidate is dropped before its refit, however little it promises."""
-    return _diagnosed(folder, Options(seed=seed, workers=1, criteria=_NO_RACE))
-
-
-def without_learned(folder: Path, seed: int) -> Answer:
-    """Diagnose; no learned element is added for what no name explains."""
-    return _diagnosed(folder, Options(seed=seed, workers=1), learned=())
+# Held-out recordings decide nothing; no candidate is dropped before its refit; no learned element is added.
+without_veto = partial(answer, criteria=_NO_VETO)
+without_racing = partial(answer, criteria=_NO_RACE)
+without_learned = partial(answer, learned=())
 
 
 def scores_only(folder: Path, seed: int) -> Answer:
@@ -76,19 +73,10 @@ def nothing(folder: Path, seed: int) -> Answer:
     return Answer({}, none=1.0, predictions=predictions(base_of(folder, seed).fit, folder))
 
 
-def _diagnosed(folder: Path, options: Options, learned: Sequence[Effect] | None = None) -> Answer:
-    diagnosis = diagnose(read(folder), options, learned=learned)
-    model, exam = diagnosis.model, read(folder / "exam", need_output=False)
-    predicted = {p.recording.name: p.y for p in of_network(model.setup, model.substeps, exam)}
-    return as_answer(document(diagnosis), predicted)
-
-
-def as_answer(content: Mapping[str, Any], predicted: Mapping[str, Any]) -> Answer:
-    """Return the answer that ``diagnosis.json`` gives, with predictions of the examination."""
-    probability, claimed = content["probability"], [e for e in content["missing"] if e["status"] in _CLAIMING]
-    stated = [n for e in claimed for n in (e["effect"], *e["equivalent_to"]) if n != "unknown"]
-    names = {n: probability.get(n, 0.0) for n in stated}
-    none = probability["none"] if content["verdict"] == "none" else 0.0
-    location = content["location"]
-    places = () if location is None else (location["name"], *location["tied"])
-    return Answer(names, none, _UNKNOWN if content["verdict"] == "unknown" and not names else 0.0, places, predicted)
+def as_answer(row: Row, predicted: Mapping[str, Any]) -> Answer:
+    """Return the answer that a row of a log gives, with predictions of the examination."""
+    claimed = [c for c in row["claims"] if c["status"] in _CLAIMING]
+    names = {n: row["probability"].get(n, 0.0) for c in claimed for n in (c["effect"], *c["alike"])}
+    none = row["probability"].get("none", 0.0) if row["verdict"] == "none" else 0.0
+    unlisted = _UNKNOWN if row["verdict"] == "unknown" and not names else 0.0
+    return Answer(names, none, unlisted, tuple(row["places"]), predicted)

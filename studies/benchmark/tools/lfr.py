@@ -53,6 +53,7 @@ from studies.benchmark.tools.common import (
     fitted_with,
     in_turns,
     left,
+    orthonormal,
     predictions,
     whole,
 )
@@ -92,9 +93,8 @@ _RAMPS, _RADII = (0.3, 0.6, 0.8), (0.05, 0.15, 0.3, 0.6)
 # Time constants of fast and of slow first-order states, in periods of the slowest and the fastest excitation; widths of
 # smoothed friction.
 _FAST, _SLOW, _SMOOTH = (0.02, 0.1), (0.1, 0.5, 2.5), (0.02, 0.1)
-# Of the group lasso: rounds, tolerance, penalties and the last one over the first; directions of a group weaker than
-# this share of its strongest one are left out.
-_ROUNDS, _TOLERANCE, _PENALTIES, _LAST, _RANK = 500, 1e-6, 30, 1e-3, 1e-3
+# Of the group lasso: rounds, tolerance, penalties and the last one over the first.
+_ROUNDS, _TOLERANCE, _PENALTIES, _LAST = 500, 1e-6, 30, 1e-3
 # Stretches of each recording that take turns to be left out; simulations of a learned element's fit.
 _STRETCHES, _USES, _SIMULATIONS = 10, ("identification", "held"), 15
 _RIDGE = 1e-6  # keeps normal matrices regular
@@ -229,16 +229,6 @@ def _sensor(s: _Signals, scales: Scales) -> Iterator[tuple[Channel, Array]]:
     yield from ((("sensor", "drift"), np.exp(-s.t / (x * max(scales.duration, 1e-300)))) for x in (0.3, 3.0))
 
 
-def orthonormal(columns: Array) -> Array:
-    """Return an (N, p) basis of a group of columns, each of them counted at unit length."""
-    sizes = np.linalg.norm(columns, axis=0)
-    used = sizes > 0.0
-    if not used.any():
-        return np.zeros((columns.shape[0], 0))
-    basis, singular, _ = np.linalg.svd(columns[:, used] / sizes[used], full_matrices=False)
-    return np.asarray(basis[:, singular > _RANK * singular[0]])
-
-
 def group_lasso(r: Array, groups: Sequence[Array], steps: int = _PENALTIES, least: float = _LAST) -> Array:
     """Return (steps, 1 + G) penalties that fall from the one at which all groups are zero, and the groups' norms.
 
@@ -330,7 +320,8 @@ class Folds:
         joined = np.hstack([base, found.columns])
         self.sizes = np.maximum(np.linalg.norm(joined, axis=0), 1e-300)
         joined = joined / self.sizes
-        halves = _halves(linearised)
+        stretches = in_turns(linearised.plan, _STRETCHES, _USES).recordings
+        halves = [np.concatenate([x.mask(use) for x in stretches]) for use in _USES]
         self.base, self.size = base.shape[1], r.size
         self._grams = [joined[h].T @ joined[h] for h in halves]
         self._rights = [joined[h].T @ r[h] for h in halves]
@@ -414,16 +405,6 @@ def read_off(evidence: Evidence, predicted: dict[str, Array]) -> Answer:
         name = NAMES[channel]
         names[name] = names.get(name, 0.0) + (listed * g**_SHARP / total if total > 0.0 else 0.0)
     return Answer(names, 1.0 - _FOUND, unlisted, places, predicted)
-
-
-def _halves(linearised: LinearisedFit) -> list[NDArray[np.bool_]]:
-    """Return (N,) which rows belong to the even and to the odd stretches of their recordings."""
-    odd = np.zeros(linearised.fit.residual.size, dtype=bool)
-    for rows in linearised.slices:
-        edges = np.linspace(rows.start, rows.stop, _STRETCHES + 1).astype(int)
-        for i, (a, b) in enumerate(itertools.pairwise(edges)):
-            odd[a:b] = i % 2 == 1
-    return [~odd, odd]
 
 
 def _augmented(

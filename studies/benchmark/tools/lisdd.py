@@ -48,6 +48,7 @@ from studies.benchmark.tools.common import (
     in_turns,
     left,
     library,
+    orthonormal,
     places_of,
     predictions,
     whole,
@@ -302,8 +303,8 @@ def f_test(r: Array, smaller: Array, more: Array) -> float:
     Raises:
         InputRefused: the columns leave no degree of freedom.
     """
-    base = _span(smaller, np.linalg.norm(smaller, axis=0))
-    further = _span(more - base @ (base.T @ more), np.linalg.norm(more, axis=0))
+    base = orthonormal(smaller, np.linalg.norm(smaller, axis=0), _RANK, 1.0)
+    further = orthonormal(more - base @ (base.T @ more), np.linalg.norm(more, axis=0), _RANK, 1.0)
     q, freedom = further.shape[1], r.size - base.shape[1] - further.shape[1]
     if freedom < 1:
         raise InputRefused(f"f_test: {r.size} samples for {r.size - freedom} columns: give more samples")
@@ -311,15 +312,6 @@ def f_test(r: Array, smaller: Array, more: Array) -> float:
     explained = float(np.sum((further.T @ rest) ** 2))
     within = max(float(rest @ rest) - explained, 1e-300)
     return float(fisher.sf(explained / q / (within / freedom), q, freedom)) if q else 1.0
-
-
-def _span(columns: Array, sizes: Array) -> Array:
-    """Return an orthonormal basis of columns, each counted in units of its size."""
-    used = sizes > 0.0
-    if not used.any():
-        return np.zeros((columns.shape[0], 0))
-    basis, singular, _ = np.linalg.svd(columns[:, used] / sizes[used], full_matrices=False)
-    return np.asarray(basis[:, singular > _RANK * max(1.0, singular[0])])
 
 
 def autoregression(residual: Array, rows: Sequence[slice], order: int = 4) -> Array:

@@ -16,8 +16,8 @@ from phnn.effects import catalogue
 from phnn.errors import InputRefused
 from phnn.recordings.recording import unrecorded
 from studies.benchmark.tools import TOOLS, tool
-from studies.benchmark.tools.common import Candidate
-from studies.benchmark.tools.lfr import Evidence, group_lasso, orthonormal, read_off
+from studies.benchmark.tools.common import Candidate, orthonormal
+from studies.benchmark.tools.lfr import Evidence, group_lasso, read_off
 from studies.benchmark.tools.lisdd import autoregression, clean, f_test, whitened, winners
 from studies.benchmark.tools.selection import _fewest, _grams, _supports
 from studies.generator import generate

@@ -30,10 +30,10 @@ from phnn.recordings.recording import Part, Recording, Start
 from phnn.setup import Setup
 from phnn.signals.harmonics import harmonic_weights
 from studies.comparison.cycles import area_weights, cycle_errors
-from studies.comparison.rivals import register_rivals
 from studies.comparison.supply import extracted, of_plant, of_setup, random_inputs, supply
 from studies.comparison.uses import uses
 from studies.recordings import comparison_plan
+from studies.rival_models.names import register_rivals
 
 Array = NDArray[np.float64]
 
@@ -76,7 +76,6 @@ def test_errors_of_a_model_of_another_size_and_phase() -> None:
     found = cycle_errors(r, r.parts[0], 1.1 * b * np.sin(phase - 0.2) + 2e-6)
     assert found is not None
     assert found.area == pytest.approx(-0.1, rel=1e-4)
-    assert found.fundamental == pytest.approx(b, rel=1e-9)
     assert np.allclose(found.harmonics, [0.1 * b, 0.0, 1e-6, 0.0, 0.0], atol=1e-15)
 
 
@@ -143,34 +142,29 @@ def test_inputs_begin_at_rest_and_stay_within_the_recorded() -> None:
 
 def test_networks_extract_nothing() -> None:
     for setup in (Setup(from_paper()), Setup(hrc(0, {"m": 1e-3, "k": 2e4, "b": 3.0, "alpha": 0.04}))):
-        found = supply(of_setup(setup), RECORDINGS, COUNT)
-        assert (found.inputs, found.failed, found.violations, found.worst) == (COUNT, 0, 0, 0.0)
+        assert supply(of_setup(setup), RECORDINGS, COUNT) == (0, COUNT)
 
 
 def test_a_block_before_the_network_may_extract() -> None:
     # A Bouc–Wen block of the wrong sign adds to the voltage what it should take away.
-    found = supply(of_setup(bouc_wen({"w": -400.0, "gamma": 0.0})), RECORDINGS, COUNT)
-    assert found.violations > COUNT // 10
-    assert found.worst > 0.01
+    violations, _ = supply(of_setup(bouc_wen({"w": -400.0, "gamma": 0.0})), RECORDINGS, COUNT)
+    assert violations > COUNT // 10
 
 
 def test_models_without_a_guarantee_are_counted() -> None:
     with torch.no_grad():
         tame, wild = (LatentPlant(core(scales_of(RECORDINGS), 3, 4)) for core in (FullyNeural, NeuralODE))
-        found = supply(of_plant(tame, averaged), RECORDINGS, COUNT)
-        assert found.inputs == COUNT
+        assert supply(of_plant(tame, averaged), RECORDINGS, COUNT)[1] == COUNT
         responses = of_plant(wild, Torchdiffeq(wild, "rk4", adjoint=False))
-        assert supply(responses, RECORDINGS, COUNT).violations > 0
+        assert supply(responses, RECORDINGS, COUNT)[0] > 0
 
 
 def test_what_cannot_be_simulated_is_not_counted_as_passive() -> None:
     def refuse(inputs: Sequence[Recording]) -> list[Array]:
         raise SolverFailed("no step")
 
-    found = supply(refuse, RECORDINGS, COUNT)
-    assert (found.inputs, found.failed) == (0, COUNT)
-    diverged = supply(lambda inputs: [np.full(r.t.size, np.inf) for r in inputs], RECORDINGS, COUNT)
-    assert diverged.violations == COUNT
+    assert supply(refuse, RECORDINGS, COUNT) == (0, 0)
+    assert supply(lambda inputs: [np.full(r.t.size, np.inf) for r in inputs], RECORDINGS, COUNT) == (COUNT, COUNT)
 
 
 def used(name: str, use: str, u: Array, dt: float) -> Recording:

@@ -81,10 +81,6 @@ def test_a_mean_that_the_training_samples_do_not_have_is_an_error(made: tuple[Se
 PARTS = ("trajectory[identification]", "trajectory[confirmation]")
 
 
-def rule(name: str, element: str, outcome: str | None = None, **numbers: float) -> dict[str, Any]:
-    return {"rule": name, "element": element, "outcome": outcome, "numbers": numbers}
-
-
 def scores(*rmse: float) -> dict[str, Any]:
     return {part: {"rmse": value} for part, value in zip(PARTS, rmse, strict=True)}
 
@@ -95,14 +91,6 @@ def write(path: Path, content: dict[str, Any]) -> None:
 
 
 def test_emps(tmp_path: Path) -> None:
-    rules = [
-        rule("effect_explains_too_little", "constant_load", share=0.97),
-        rule("model_leaves_little", "constant_load", residual_over_noise=1e4),
-        rule("effect_explains_too_little", "coulomb_friction", share=0.8),
-        rule("model_leaves_little", "coulomb_friction", residual_over_noise=5e3),
-        rule("effect_is_not_needed", "coulomb_friction", "withdraw", share=0.8),
-        rule("first_effect_explains_enough", "constant_load", "keep", share=0.97),
-    ]
     load = {"effect": "constant_load", "equivalent_to": ["sensor_drift"]}
     diagnosis = {
         "verdict": "equivalent",
@@ -110,7 +98,6 @@ def test_emps(tmp_path: Path) -> None:
         "location": {"name": "mechanical", "tied": ["sensor"]},
         "fit": {"before": scores(0.026, 0.083), "after": scores(0.004, 0.006)},
         "noise_floor": {"trajectory": 2.5e-7},
-        "rules": rules,
     }
     parameters = {n: {"value": v, "std": 0.1 * v} for n, v in {"m": 95.0, "b": 200.0, "F_c": 20.0, "F_0": 3.2}.items()}
     write(tmp_path / "diagnose" / "diagnosis.json", diagnosis)
@@ -123,8 +110,6 @@ def test_emps(tmp_path: Path) -> None:
     assert found["M [kg]"] == {"first 60 %": (95.0, 9.5), "all 25 s": (95.0, 9.5)}
     assert found["F_0 [N]"]["diagnosis"] == (3.0, 0.1)
     assert found["load and dry friction"]["held out [mm]"] == pytest.approx(8.0)
-    assert found["constant load"]["left [mm]"] == pytest.approx(2.5) and found["constant load"]["decision"] == "kept"
-    assert found["coulomb friction"]["decision"] == "withdrawn"
 
 
 ROOT = Path(__file__).parents[3]

@@ -19,7 +19,6 @@ from phnn.configuration import compose
 from phnn.errors import InputRefused
 from phnn.recordings import read
 from phnn.results import Place
-from studies.comparison.rivals import register_rivals
 from studies.generator.plans import sine
 from studies.rival_models.contest import (
     COUNTS,
@@ -30,6 +29,7 @@ from studies.rival_models.contest import (
     run,
     scarcity_page,
 )
+from studies.rival_models.names import register_rivals
 from studies.rival_models.truths import TRUTHS, write_truth
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -112,6 +112,7 @@ def test_the_ratio_is_best_of_phnn_over_best_rival() -> None:
         ({"study": "real", "folder": "x", "diagnoses": "no"}, "neither true nor false"),
         ({"noise_um": "x"}, "noise_um=x"), ({"noise_um": -1}, "noise_um=-1"), ({"seeds": [-1]}, "seeds=-1"),
         ({"seeds": "x"}, "seeds=x"), ({"study": "loops", "runs": "x"}, "runs=x"), ({"samples": 0.5}, "samples=0.5"),
+        ({"drives": 0}, "drives=0"),
     ],
 )  # fmt: skip
 def test_studies_refuse_what_they_cannot_use(change: dict[str, object], needle: str, tmp_path: Path) -> None:

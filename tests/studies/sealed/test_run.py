@@ -1,9 +1,8 @@
-"""A proof decides its cases, seals first, keeps what is finished and notices a broken seal."""
+"""A runner decides its cases, diagnoses each once, and keeps a row of each; a proof tells first what it conceals."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,13 +11,14 @@ import pytest
 
 from phnn.configuration import compose
 from phnn.errors import InputRefused, PhnnError
-from phnn.parallel import Executor
+from phnn.identification.options import Options
 from phnn.results import Place
-from studies.generator import open_seal
-from studies.proof import prove
+from studies.decides.compare import GROUPS
+from studies.decides.compare import tasks as visits
 from studies.proof.cases import STRATA, Settings, family, tasks
-from studies.proof.grade import EXACT, Outcome
-from studies.proof.page import write_proof
+from studies.proof.page import claimed, prove, write_proof
+from studies.sealed import run
+from studies.sealed.grade import Case, cases_in
 
 FEW = {"fast_none": 2, "fast_weak": 1, "executor": "serial", "fast_plan": "few"} | dict.fromkeys((*STRATA, "few"), 0)
 NULLS = {"only": ["nulls"], "executor": "serial", "null_families": ["white", "ramp+process:0.1"], "nulls": 2}
@@ -28,16 +28,16 @@ def settings(**changes: Any) -> Settings:
     return Settings.from_config(compose("prove") | changes)
 
 
-def proved(chosen: Settings, out: Path, say: prove.Say = lambda line: None) -> tuple[list[Outcome], str]:
+def proved(chosen: Settings, out: Path, say: run.Say = lambda line: None) -> tuple[list[Case], str]:
     """A proof in a folder that is claimed for it."""
-    with prove.claimed(out, chosen) as place:
-        return prove.prove(chosen, place, say)
+    with claimed(out, chosen) as place:
+        return prove(chosen, place, say)
 
 
 def test_cases_stay_when_their_numbers_and_families_grow() -> None:
     few, many = tasks(settings(**FEW | {"same": 2})), tasks(settings(**FEW | {"same": 5, "other": 1}))
     assert set(few) <= set(many)
-    assert len({t.seed for t in many}) == len({t.name for t in many}) == len(many)
+    assert len({t.seed for t in many}) == len({(t.group, t.seed) for t in many}) == len(many)
     others = NULLS | {"nulls": 5, "null_families": ["stair", "ramp+process:0.1", "white"]}
     assert set(tasks(settings(**NULLS))) <= set(tasks(settings(**others)))
     # Nor do nulls move the cases of other groups.
@@ -91,29 +91,41 @@ def test_settings_that_make_no_sense_are_refused(wrong: dict[str, Any], needle: 
         settings(**wrong)
 
 
-def test_a_proof_of_three_cases(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    said: list[str] = []
-    chosen = settings(**FEW)
-    outcomes, digest = proved(chosen, tmp_path, said.append)
-    order = [line.split()[0] for line in said]
-    assert order == ["sealed"] * 4 + ["diagnosed"] * 3
-    assert digest in said[3]
-    assert [o.verdict for o in outcomes[:2]] == ["none", "none"]
-    assert all(o.grade == EXACT for o in outcomes[:2])
-    assert outcomes[2].delta > 0.9
-    assert not list((tmp_path / "recordings").iterdir())
+def test_groups_of_the_study_take_turns() -> None:
+    shares = [2, 1, *[0] * (len(GROUPS) - 2)]
+    found = visits(7, 5, shares, "short", (2.0, 3.0))
+    assert [(t.group, t.seed) for t in found] == [
+        ("none", 7), ("none", 8), ("none, process noise", 9), ("none", 10), ("none", 11)
+    ]  # fmt: skip
+    assert {(t.plan, t.levels) for t in found} == {("short", (2.0, 3.0))}
 
-    # Nothing is done twice, and one more case does only itself.
+
+def test_a_proof_of_three_cases(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    lines: list[str] = []
+    chosen = settings(**FEW)
+    cases, digest = proved(chosen, tmp_path, lines.append)
+    assert [line.split()[0] for line in lines] == ["sealed"] + ["diagnosed"] * 3
+    assert digest in lines[0]
+    assert [c.answer.word for c in cases[:2]] == ["none", "none"]
+    assert all(c.grade == "exact" for c in cases[:2])
+    assert cases[2].row["delta"] > 0.9
+
+    # Nothing is done twice, and one more case does only itself, also after a kill within a line.
     made: list[str] = []
-    monkeypatch.setattr(prove, "score_folder", lambda folder, seed: made.append(folder.name) or {"verdict": "none"})
+    monkeypatch.setattr(run, "scored", lambda campaign, seed: made.append(campaign) or {"verdict": "none"})
     proved(chosen, tmp_path)
     assert made == []
-    again, _ = proved(settings(**FEW | {"fast_none": 3}), tmp_path)
-    assert made == ["fast_fast_none_0002"]
-    assert [repr(o) for o in again[:2]] == [repr(o) for o in outcomes[:2]]
+    log = tmp_path / "log" / "cases.jsonl"
+    whole = log.read_bytes()
+    log.write_bytes(whole + whole[:50])
+    again, other = proved(settings(**FEW | {"fast_none": 3}), tmp_path)
+    assert len(made) == 1
+    assert other != digest
+    assert [again[i].row for i in (0, 1, 3)] == [c.row for c in cases]
+    assert log.read_bytes().startswith(whole + b"{")
+    assert len(cases_in(log)[0]) == 4
 
-    write_proof(outcomes, chosen, digest, Place(tmp_path))
-    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    page = write_proof(cases, chosen, digest, Place(tmp_path))
     assert digest in page
     assert "false alarms" in page
     assert len((tmp_path / "cases.csv").read_text(encoding="utf-8").splitlines()) == 4
@@ -122,50 +134,24 @@ def test_a_proof_of_three_cases(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
         proved(settings(**FEW | {"seed": 1}), tmp_path)
 
 
-@pytest.mark.slow
-def test_work_that_is_done_twice_counts_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    # A cluster does again what a worker had finished, but not handed over, when it died.
-    class Twice(Executor):
-        def each(self, function: Any, items: Any) -> Iterator[tuple[int, Any]]:
-            for index, item in enumerate(items):
-                function(item)
-                if (tmp_path / "twice" / "answers" / f"{item.name}.json").exists():
-                    # It died while it removed the recordings.
-                    left = tmp_path / "twice" / "recordings" / item.name
-                    left.mkdir()
-                    (left / "left.csv").touch()
-                yield index, function(item)
-
-    def count(folder: Path, seed: int) -> dict[str, Any]:
-        return {"verdict": "none", "seconds": len(list(folder.iterdir()))}
-
-    monkeypatch.setattr(prove, "score_folder", count)
-    once, seals = proved(settings(**FEW), tmp_path / "once")
-    monkeypatch.setattr(prove, "executor", lambda choice: Twice())
-    twice, same_seals = proved(settings(**FEW), tmp_path / "twice")
-    assert seals == same_seals
-    assert [repr(o) for o in twice] == [repr(o) for o in once]
-    assert all(not o.failure for o in twice)
-    assert not list((tmp_path / "twice" / "recordings").iterdir())
-
-
-def test_a_seal_broken_during_the_diagnosis_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def cheat(folder: Path, seed: int) -> dict[str, Any]:
-        path = tmp_path / "sealed" / f"{folder.name}.json"
-        content = json.loads(path.read_text(encoding="utf-8"))
-        assert open_seal(path).effects == ()
-        path.write_text(json.dumps(content | {"noise": 1.0}), encoding="utf-8")
-        return {"verdict": "none"}
-
-    monkeypatch.setattr(prove, "score_folder", cheat)
-    with pytest.raises(PhnnError, match="an answer was changed"):
-        proved(settings(**FEW | {"fast_none": 1, "fast_weak": 0}), tmp_path)
-
-
 def test_a_diagnosis_that_fails_is_an_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(folder: Path, seed: int) -> dict[str, Any]:
+    def fail(campaign: object, seed: int) -> dict[str, Any]:
         raise PhnnError("no root")
 
-    monkeypatch.setattr(prove, "score_folder", fail)
-    outcomes, _ = proved(settings(**FEW | {"fast_none": 1, "fast_weak": 0}), tmp_path)
-    assert (outcomes[0].grade, outcomes[0].failure, outcomes[0].reason) == ("wrong", "no root", "the diagnosis failed")
+    monkeypatch.setattr(run, "scored", fail)
+    cases, _ = proved(settings(**FEW | {"fast_none": 1, "fast_weak": 0}), tmp_path)
+    assert (cases[0].grade, cases[0].row["failure"]) == ("wrong", "no root")
+
+
+@pytest.mark.slow
+def test_a_row_has_all_that_its_readers_need(tmp_path: Path) -> None:
+    (task,) = tasks(settings(**FEW | {"fast_none": 0, "fast_weak": 0, "same": 1, "plan": "short"}))
+    (row,) = run.run([task], tmp_path / "log.jsonl", Options(starts=1), "serial", lambda line: None)
+    (own,), failures = cases_in(tmp_path / "log.jsonl")
+    assert failures == 0
+    assert json.loads(json.dumps(row)) == own.row
+    assert own.answer.alternatives
+    assert own.answer.word in ("named", "equivalent", "unknown")
+    assert all(m.fitted and m.held_out for m in own.models)
+    assert set(own.row["errors"]) == {"base", "base_by_noise", "effect", "effect_by_noise"}
+    assert len(own.row["held_out"]) == 2

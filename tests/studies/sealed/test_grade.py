@@ -1,0 +1,217 @@
+"""What counts as right: grades of answers, and errors of estimates in their own intervals."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from studies.generator import Sealed
+from studies.generator.world import TABLE
+from studies.sealed.estimates import all_errors
+from studies.sealed.grade import Case
+from studies.sealed.run import truth_of
+
+CREEP = Sealed(
+    effect="creep", parameters={"k_s": 400.0, "tau_s": 0.1}, base=dict(TABLE), strength_over_noise=4.0, noise=5e-8,
+    quantisation=1e-8, seed=1, plan="demo", effects=("creep",), stratum="same", location=("mechanical",),
+)  # fmt: skip
+DRAWN = replace(CREEP, stated_mass=1.01 * TABLE["m"])
+PAIR = replace(CREEP, effects=("creep", "delay"), stratum="pair", location=("mechanical", "amplifier"))
+OUTSIDE = replace(CREEP, stratum="outside", withheld=("creep",))
+NOTHING = replace(CREEP, effect="none", effects=(), parameters={}, stratum="none", location=())
+BESIDE = replace(NOTHING, background_effects=("creep", "hysteresis_asymmetry"))
+CREEP_BESIDE = replace(CREEP, background_effects=("hysteresis_asymmetry",))
+FEWER, MORE = (replace(NOTHING, hysterons=h, stated_hysterons=s) for h, s in ((3, 2), (2, 3)))
+WEN = {n: TABLE[n] for n in ("m", "k", "b", "alpha")} | {"c_bouc": 1e5, "z_bouc": 5e-5, "n_bouc": 1.5, "beta_bouc": 0.7}
+OTHER = replace(NOTHING, base_family="bouc_wen", base=WEN)
+OTHER_CREEP = replace(CREEP, base_family="bouc_wen", base=WEN)
+OTHER_OUTSIDE = replace(OTHER_CREEP, stratum="outside", withheld=("creep",))
+
+
+def said(
+    verdict: str,
+    *entries: tuple[str, ...],
+    at: tuple[str, ...] = ("mechanical",),
+    tied: tuple[str, ...] = (),
+    held: tuple[float, float] = (2.0, 1.0),
+) -> dict[str, Any]:
+    """What a row says; each entry is a name and its equivalents, ``at`` its location (the last for others)."""
+    places = (*at, *[at[-1]] * len(entries))[: len(entries)]
+    claims = [
+        {
+            "effect": name, "alike": list(alike), "location": where,
+            "status": "learned" if name == "learned_spring" else "equivalent" if alike else verdict,
+        }
+        for (name, *alike), where in zip(entries, places, strict=True)
+    ]  # fmt: skip
+    return {"verdict": verdict, "claims": claims, "places": [at[0], *tied], "held_out": list(held)}
+
+
+def case(sealed: Sealed, answer: dict[str, Any], **changes: Any) -> Case:
+    """A row of the log."""
+    return Case({"group": sealed.stratum, "seed": 1, "family": "", **truth_of(sealed), **answer, **changes})
+
+
+UNKNOWN = said("unknown", ("learned_spring",))
+HERE, LARGE = said("unknown", at=("hysteron",)), said("equivalent", ("a", "b", "c", "d", "creep"))
+ELSEWHERE = said("unknown", at=("sensor",))
+FAILED = {"failure": "it broke"}
+
+
+@pytest.mark.parametrize(
+    ("sealed", "answer", "outcome", "grade"),
+    [
+        # One effect: by name, or in a class of at most four; an element without a name claims nothing beside names.
+        (CREEP, said("named", ("creep",)), "right", "exact"),
+        (CREEP, said("equivalent", ("creep", "charge_leakage")), "right", "class"),
+        (CREEP, said("equivalent", ("charge_leakage", "creep")), "right", "class"),
+        (CREEP, LARGE, "wrong", "wrong"),
+        (CREEP, said("named", ("charge_leakage",)), "wrong", "wrong"),
+        (CREEP, said("named", ("creep",), ("delay",)), "wrong", "wrong"),
+        (CREEP, UNKNOWN, "open", "wrong"),
+        (CREEP, said("none"), "missed", "wrong"),
+        (CREEP, FAILED, "open", "wrong"),
+        (CREEP, said("named", ("creep",), ("learned_spring",)), "right", "exact"),
+        (PAIR, said("named", ("delay",), ("creep",)), "right", "exact"),
+        (PAIR, said("equivalent", ("amplifier_lowpass", "delay"), ("creep",)), "right", "class"),
+        (PAIR, said("named", ("delay",)), "partly", "wrong"),
+        (OUTSIDE, ELSEWHERE, "right", "exact"),
+        (OUTSIDE, said("named", ("charge_leakage",)), "wrong", "wrong"),
+        (OUTSIDE, FAILED, "open", "wrong"),
+        # Nothing but a background: it may be named, or unknown where the held-out error falls.
+        (NOTHING, said("none"), "right", "exact"),
+        (NOTHING, UNKNOWN, "open", "wrong"),
+        (NOTHING, said("named", ("creep",)), "wrong", "wrong"),
+        (BESIDE, said("none"), "right", "exact"),
+        (BESIDE, said("named", ("creep",)), "right", "exact"),
+        (BESIDE, said("named", ("creep",), ("hysteresis_asymmetry",), at=("mechanical", "hysteron")), "right", "exact"),
+        (BESIDE, said("equivalent", ("charge_leakage", "creep"), at=("electrical",)), "right", "class"),
+        (BESIDE, LARGE, "wrong", "wrong"),
+        (BESIDE, said("named", ("creep",), ("delay",)), "wrong", "wrong"),
+        (BESIDE, said("named", ("delay",)), "wrong", "wrong"),
+        (BESIDE, UNKNOWN, "right", "class"),
+        (BESIDE, said("unknown", held=(2.0, 1.99)), "open", "wrong"),
+        (BESIDE, said("unknown", held=(math.nan, math.nan)), "open", "wrong"),
+        (BESIDE, FAILED, "open", "wrong"),
+        (CREEP_BESIDE, said("named", ("creep",), ("hysteresis_asymmetry",)), "right", "exact"),
+        (CREEP_BESIDE, said("named", ("hysteresis_asymmetry",)), "partly", "wrong"),
+        (CREEP_BESIDE, said("equivalent", ("hysteresis_asymmetry", "creep")), "right", "class"),
+        (CREEP_BESIDE, said("none"), "missed", "wrong"),
+        (CREEP_BESIDE, UNKNOWN, "open", "wrong"),
+        # A hysteron that the manifest leaves out is missing; one too many is not.
+        (FEWER, said("named", ("extra_hysteron",)), "right", "exact"),
+        (FEWER, said("none"), "missed", "wrong"),
+        (MORE, said("none"), "right", "exact"),
+        (MORE, said("named", ("extra_hysteron",)), "wrong", "wrong"),
+        # Another hysteresis: by place and held-out gain.
+        (OTHER, HERE, "right", "exact"),
+        (OTHER, said("unknown", at=("coupling",), tied=("hysteron",)), "right", "class"),
+        (OTHER, said("unknown", at=("coupling",), tied=("hysteron", "sensor", "mechanical")), "open", "wrong"),
+        (OTHER, UNKNOWN, "open", "wrong"),
+        (OTHER, said("unknown", at=("hysteron",), held=(2.0, 2.0)), "open", "wrong"),
+        (OTHER, said("named", ("extra_hysteron",), at=("hysteron",)), "right", "exact"),
+        (OTHER, said("named", ("extra_hysteron",), at=("hysteron",), held=(2.0, 2.0)), "wrong", "wrong"),
+        (OTHER, said("named", ("extra_hysteron",), ("creep",), at=("hysteron", "mechanical")), "wrong", "wrong"),
+        (OTHER, said("named", ("creep",)), "wrong", "wrong"),
+        (OTHER, said("none", held=(3.0, 3.0)), "missed", "wrong"),
+        (OTHER, said("none", held=(1.05, 1.05)), "right", "exact"),
+        (OTHER, FAILED, "open", "wrong"),
+        # Effects in another hysteresis: by name alone.
+        (OTHER_CREEP, said("named", ("creep",)), "right", "exact"),
+        (OTHER_CREEP, said("named", ("creep",), ("extra_hysteron",), at=("mechanical", "hysteron")), "right", "exact"),
+        (OTHER_CREEP, said("equivalent", ("charge_leakage", "creep"), at=("electrical",)), "right", "class"),
+        (OTHER_CREEP, HERE, "open", "wrong"),
+        (OTHER_CREEP, said("named", ("extra_hysteron",), at=("hysteron",)), "partly", "wrong"),
+        (OTHER_CREEP, said("named", ("creep",), ("delay",), at=("mechanical", "amplifier")), "wrong", "wrong"),
+        (OTHER_CREEP, said("none"), "missed", "wrong"),
+        (OTHER_OUTSIDE, HERE, "right", "exact"),
+    ],
+)
+def test_grades(sealed: Sealed, answer: dict[str, Any], outcome: str, grade: str) -> None:
+    own = case(sealed, answer)
+    assert (own.outcome(own.answer), own.grade) == (outcome, grade)
+
+
+def test_a_location_is_right_alone_or_with_two_others() -> None:
+    places = [("mechanical",), ("sensor", "mechanical"), ("a", "b", "c", "mechanical"), ("sensor",)]
+    rows = [case(CREEP, said("unknown", at=p[:1], tied=p[1:])) for p in places]
+    assert [c.located for c in rows] == ["alone", "tied", "no", "no"]
+    assert case(OTHER_CREEP, HERE).located == "alone"
+
+
+def estimates(factor: float = 1.0, part: float = 0.01) -> dict[str, dict[str, Any]]:
+    ends = dict.fromkeys(TABLE, (factor - 1.96 * part, factor + 1.96 * part))
+    return {n: {"value": factor * v, "interval": (ends[n][0] * v, ends[n][1] * v)} for n, v in TABLE.items()}
+
+
+def base_errors(found: dict[str, dict[str, Any]], sealed: Sealed = DRAWN) -> dict[str, float]:
+    return all_errors(found, (), sealed)["base"]
+
+
+def test_base_parameters_are_compared_hysteron_by_hysteron() -> None:
+    found = base_errors(estimates(1.02))
+    # Not the mass, which is the anchor itself.
+    assert found == pytest.approx(dict.fromkeys(set(TABLE) - {"m"}, 2.0), rel=1e-4)
+    swapped = {n.translate(str.maketrans("12", "21")): v for n, v in estimates(1.02).items()}
+    assert sorted(base_errors(swapped).values()) == pytest.approx([2.0] * 9, rel=1e-4)
+    unknown = estimates() | {"rho_1": {"value": 1.0}, "b": {"value": 1.0, "interval": None}}
+    assert set(base_errors(unknown)) == set(TABLE) - {"m", "rho_1", "b"}
+    assert base_errors({}) == {}
+    fewer = {n: v for n, v in estimates().items() if not n.endswith("_2")}
+    assert base_errors(fewer) == {}
+
+
+def test_the_stated_interval_is_what_is_graded() -> None:
+    wide = {n: e | {"interval": (0.5 * e["value"], 3.0 * e["value"])} for n, e in estimates(2.0).items()}
+    # The truth is the lower end, whatever the standard error says.
+    assert base_errors(wide) == pytest.approx(dict.fromkeys(set(TABLE) - {"m"}, 1.96), abs=1e-3)
+    low = {n: e | {"interval": (0.25 * e["value"], 4.0 * e["value"])} for n, e in estimates(0.5).items()}
+    assert base_errors(low) == pytest.approx(dict.fromkeys(set(TABLE) - {"m"}, -1.96 / 3.0), abs=1e-3)
+
+
+def test_errors_by_noise_alone_leave_out_that_of_the_mass() -> None:
+    # All that scales with the mass is wrong by its error, and by nothing else.
+    right = {
+        n: {"value": v, "exact": (0.99 * v, 1.01 * v)}
+        for n, v in TABLE.items()
+        for v in [v if n[0] == "d" else 1.01 * v]
+    }
+    right |= {
+        "k_s": {"value": 1.01 * 404.0, "exact": (400.0, 416.0)},
+        "tau_s": {"value": 0.1, "exact": (0.08, 0.12)},
+    }
+    errors = all_errors(right, ["creep"], DRAWN)
+    assert errors["base_by_noise"] == pytest.approx(dict.fromkeys(set(TABLE) - {"m"}, 0.0), abs=1e-6)
+    assert errors["effect_by_noise"] == pytest.approx({"k_s": 1.96 * 4.04 / 8.04, "tau_s": 0.0}, abs=1e-3)
+    without = all_errors(estimates(), ["creep"], DRAWN)
+    assert without["base_by_noise"] == without["effect_by_noise"] == {}
+    # An exact mass says nothing of its own interval, but all of the noise.
+    assert len(all_errors(right, ["creep"], replace(DRAWN, stated_mass=0.0))["base_by_noise"]) == 9
+
+
+def of_effects(sealed: Sealed, *names: str, **parameters: tuple[float, float | None]) -> dict[str, float]:
+    """Errors of the parameters of named effects, given as value and standard error."""
+    own = {n: {"value": v, "interval": s and (v - 1.96 * s, v + 1.96 * s)} for n, (v, s) in parameters.items()}
+    return all_errors(estimates() | own, names, sealed)["effect"]
+
+
+def test_what_scales_with_an_exact_mass_is_left_out() -> None:
+    exact = replace(DRAWN, stated_mass=0.0)
+    assert set(base_errors(estimates(), exact)) == {"d_1", "d_2"}
+    creep = {"k_s": (440.0, 20.0), "tau_s": (0.12, 0.01)}
+    assert of_effects(exact, "creep", **creep) == pytest.approx({"tau_s": 2.0}, rel=1e-4)
+    assert of_effects(DRAWN, "creep", **creep) == pytest.approx({"k_s": 2.0, "tau_s": 2.0}, rel=1e-4)
+    # No model of another hysteresis is right, and no other name.
+    assert of_effects(OTHER_CREEP, "creep", **creep) == of_effects(DRAWN, "delay", **creep) == {}
+
+
+def test_effects_are_compared_at_one_reference_displacement() -> None:
+    cubic = replace(DRAWN, effects=("cubic_stiffness",), parameters={"kappa_3": 0.1, "q_0": 1e-4})
+    # κ₃ (q/q₀)² with twice the reference: four times the strength.
+    found = of_effects(cubic, "cubic_stiffness", kappa_3=(0.42, 0.01), q_0=(2e-4, None))
+    assert found == pytest.approx({"kappa_3": 2.0}, rel=1e-4)
+    hysteron = replace(DRAWN, effects=("extra_hysteron",), parameters={"C_3": 1e-5, "rho_3": 0.1, "d_3": 3.0})
+    assert of_effects(hysteron, "extra_hysteron", C_x=(1.1e-5, 1e-6)) == pytest.approx({"C_x": 1.0}, rel=1e-4)
