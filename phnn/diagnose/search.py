@@ -99,6 +99,16 @@ class Search:
         """The most probable model so far."""
         return self.weighed.best
 
+    @property
+    def written(self) -> Visited:
+        """The model that would be written."""
+        return best_to_write(list(self.visited.values()), self.criteria)
+
+    @property
+    def nameable(self) -> Visited:
+        """The most probable model without learned elements."""
+        return next(m for m in self.weighed.models if not any(map(is_learned, m.elements)))
+
     def model(self, elements: Sequence[Effect], fitted: Fit, done: bool = False) -> Visited:
         """A model of a fit, with what it leaves."""
         base, recordings = self.base.fit.setup.own, fitted.plan.recordings
@@ -168,14 +178,14 @@ def _next(search: Search) -> Visited | None:
     """The model to grow next; None where the search has come to its end.
 
     First comes the model that would be written: far from the noise no name is sure, and the model can still be made
-    better. Then come the most probable ones. Either is carried to its end, and its numerical error is bounded, before
-    it is grown.
+    better. Then come the most probable one and the most probable one of effects alone, for a learned element may stand
+    for two of them; then others that are likely. The first three are carried to their end, and numerical errors are
+    bounded, before they are grown.
     """
     while True:
         weighed = search.weighed
-        written = best_to_write(weighed.models, search.criteria)
         likely = [m for m in weighed.models[: search.criteria.beam] if weighed.behind(m) < _GROWN]
-        leading = [written, weighed.best]
+        leading = [search.written, weighed.best, search.nameable]
         todo = next((m for m in leading if not m.converged), None)
         if todo is not None:
             move(f"fit of {todo.words} to its end", partial(_converge, search, todo), None)
@@ -422,10 +432,10 @@ def _compare(search: Search) -> None:
     weighed = search.weighed
     for model in [m for m in weighed.models if not m.converged and weighed.behind(m) < _ALIKE]:
         move(f"fit of {model.words} to its end", partial(_converge, search, model), None)
-    best = search.best
-    move("the best model without each element", partial(_drop_each, search, best, best.elements), None)
-    for element in best.elements:
-        move(f"what may be taken for {element.name}", partial(_exchange, search, best, element), None)
+    for model in dict.fromkeys((search.best, search.written)):
+        move(f"{model.words} without each element", partial(_drop_each, search, model, model.elements), None)
+        for element in model.elements:
+            move(f"what may be taken for {element.name}", partial(_exchange, search, model, element), None)
 
 
 def _exchange(search: Search, best: Visited, element: Effect) -> None:
