@@ -207,20 +207,22 @@ def best_to_write(models: Sequence[Visited], criteria: Criteria) -> Visited:
     """Return the model that predicts best for its size, among those whose held-out error is no larger than the base
     model's.
 
-    Models are ranked by ``−½ Σ_r w_r log(χ²_r / n_r)`` and the price of their elements, over fitted and held-out
-    recordings alike, with the floor of ρ: near the noise that is the number above, so that small real gains count; far
-    from it a gain counts by its share of what is left, as with a variance that is not known.
-
     Args:
         models: the base model among them.
     """
     base = next(m for m in models if not m.elements)
     most = base.left_held_out * (1.0 + criteria.material_share) ** 2
     able = [m for m in models if not m.left_held_out > most]
-    return max(able, key=lambda m: _forecast(m, criteria))
+    return max(able, key=lambda m: forecast(m, criteria))
 
 
-def _forecast(model: Visited, criteria: Criteria) -> float:
+def forecast(model: Visited, criteria: Criteria) -> float:
+    """Return how well a model predicts for its size: ``−½ Σ_r w_r log(χ²_r / n_r)`` less the price of its elements.
+
+    The sum is over fitted and held-out recordings alike, with the floor of ρ. Near the noise that is log w, so that
+    small real gains count; far from it a gain counts by its share of what is left, as with a variance that is not
+    known.
+    """
     each = [(_count(m, _floor(criteria)), m) for m in (*model.fitted.values(), *model.held_out.values())]
     likelihood = sum(n * np.log(max(m.chi2 / m.samples, 1e-300)) for n, m in each)
     return -0.5 * float(likelihood) - _price(model, sum(n for n, _ in each), criteria)

@@ -23,7 +23,18 @@ import numpy as np
 
 from phnn.criteria import Criteria
 from phnn.diagnose.linearised import LinearisedFit, prepare
-from phnn.diagnose.number import Key, Misfit, Visited, Weighed, best_to_write, family, is_learned, key_of, weigh
+from phnn.diagnose.number import (
+    Key,
+    Misfit,
+    Visited,
+    Weighed,
+    best_to_write,
+    family,
+    forecast,
+    is_learned,
+    key_of,
+    weigh,
+)
 from phnn.diagnose.refit import converged, further, large_starts, rebuilt, short
 from phnn.diagnose.screen import Candidate, Screen
 from phnn.effects import Effect, Scales
@@ -104,10 +115,9 @@ class Search:
         """The model that would be written."""
         return best_to_write(list(self.visited.values()), self.criteria)
 
-    @property
-    def nameable(self) -> Visited:
-        """The most probable model without learned elements."""
-        return next(m for m in self.weighed.models if not any(map(is_learned, m.elements)))
+    def forecast(self, model: Visited) -> float:
+        """How well a model predicts for its size, in nats."""
+        return forecast(model, self.criteria)
 
     def model(self, elements: Sequence[Effect], fitted: Fit, done: bool = False) -> Visited:
         """A model of a fit, with what it leaves."""
@@ -178,14 +188,15 @@ def _next(search: Search) -> Visited | None:
     """The model to grow next; None where the search has come to its end.
 
     First comes the model that would be written: far from the noise no name is sure, and the model can still be made
-    better. Then come the most probable one and the most probable one of effects alone, for a learned element may stand
-    for two of them; then others that are likely. The first three are carried to their end, and numerical errors are
+    better. Then come the most probable one and the best one of effects alone, for a learned element may stand for two
+    of them; then others that predict about as well. The first three are carried to their end, and numerical errors are
     bounded, before they are grown.
     """
     while True:
-        weighed = search.weighed
-        likely = [m for m in weighed.models[: search.criteria.beam] if weighed.behind(m) < _GROWN]
-        leading = [search.written, weighed.best, search.nameable]
+        ranked = sorted(search.visited.values(), key=search.forecast, reverse=True)
+        likely = [m for m in ranked[: search.criteria.beam] if search.forecast(ranked[0]) - search.forecast(m) < _GROWN]
+        nameable = next(m for m in ranked if not any(map(is_learned, m.elements)))
+        leading = [search.written, search.best, nameable]
         todo = next((m for m in leading if not m.converged), None)
         if todo is not None:
             move(f"fit of {todo.words} to its end", partial(_converge, search, todo), None)
@@ -434,6 +445,9 @@ def _compare(search: Search) -> None:
         move(f"fit of {model.words} to its end", partial(_converge, search, model), None)
     for model in dict.fromkeys((search.best, search.written)):
         move(f"{model.words} without each element", partial(_drop_each, search, model, model.elements), None)
+        if model.left > search.criteria.far**2:
+            # No name is given there.
+            continue
         for element in model.elements:
             move(f"what may be taken for {element.name}", partial(_exchange, search, model, element), None)
 

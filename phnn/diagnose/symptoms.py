@@ -1,8 +1,8 @@
-"""Symptoms of a residual before anything is named: growth, harmonics, phase, repetition, drift.
+"""Symptoms of a residual before anything is named: growth, harmonics, phase.
 
 Every figure comes with the probability that noise alone would give it, noise as the residual shows it
 (`phnn.identification.residual_noise`); residuals are in units of the noise. Periods with a transient are
-left out: what is still on its way neither repeats nor stays level, whatever the model misses.
+left out: what is still on its way has no harmonics, whatever the model misses.
 """
 
 from __future__ import annotations
@@ -23,18 +23,12 @@ from phnn.recordings.excitation import excitation_of
 Array = NDArray[np.float64]
 
 _HARMONICS = 9
-_BLOCKS = 12
-# By how much a noise floor may be wrong: a recording estimates it from a few hundred to a few thousand samples.
-_FLOOR_DOUBT = 0.02
 # Recordings from which an exponent and its error can be estimated; excess below which there is nothing to grow; range
 # of a logarithm below which nothing was varied.
 _FEW, _EXCESS, _VARIED = 4, 0.1, 0.05
 # Periods that are left out at the start, during the transient, if enough others remain; by how much of a
 # period a recording may miss a whole number of them.
 _SETTLING, _LEAST_PERIODS, _WHOLE = 1, 2, 0.02
-# Share of a transient that a base model may miss: while the model changes from period to period by so much that this
-# share exceeds the noise, the motion is not yet periodic.
-_MISSED = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,32 +72,13 @@ class RecordingResidual:
 
     def after_transient(self) -> slice:
         """Return the samples of a sine after the first period, or all where few periods were recorded."""
-        if self.frequency == 0.0 or self.periodic_start or self._periods() < _SETTLING + _LEAST_PERIODS:
+        if (
+            self.frequency == 0.0
+            or self.periodic_start
+            or int(self.residual.size * self.frequency * self.dt + _WHOLE) < _SETTLING + _LEAST_PERIODS
+        ):
             return slice(None)
         return slice(round(_SETTLING / (self.frequency * self.dt)), None)
-
-    def steady(self) -> slice | None:
-        """Return the samples of a sine from where the model repeats itself, without the first period; None where
-        fewer than two periods are left, and of any other input: its answer is not told from a drift."""
-        if self.frequency == 0.0:
-            return slice(None) if self.amplitude == 0.0 else None
-        period, first = 1.0 / (self.frequency * self.dt), 0 if self.periodic_start else _SETTLING
-        whole = self._periods()
-        while not self.periodic_start and first < whole and self._still_moves(first, period):
-            first += 1
-        return slice(round(first * period), None) if whole - first >= _LEAST_PERIODS else None
-
-    def _periods(self) -> int:
-        return int(self.residual.size * self.frequency * self.dt + _WHOLE)
-
-    def _still_moves(self, count: int, period: float) -> bool:
-        """Return whether the model's next period differs from that after it by more than the noise hides."""
-        at = np.arange(round(count * period), round((count + 1) * period))
-        at = at[at + period <= self.model.size - 1]
-        if at.size < 2:
-            return False
-        change = np.interp(at + period, np.arange(self.model.size), self.model) - self.model[at]
-        return _MISSED * float(np.sqrt(np.mean(change**2))) > self.noise
 
 
 def recording_residuals(linearised: LinearisedFit) -> list[RecordingResidual]:
@@ -125,8 +100,8 @@ def recording_residuals(linearised: LinearisedFit) -> list[RecordingResidual]:
 
 
 class Trend(NamedTuple):
-    """An estimate with its standard error, the probability of one as far from zero by chance, and for a delay and a
-    repetition the share that it explains."""
+    """An estimate with its standard error, the probability of one as far from zero by chance, and for a delay the share
+    of the phases that it explains."""
 
     value: float
     std: float
@@ -138,15 +113,12 @@ class Trend(NamedTuple):
 # by_amplitude, by_frequency: exponents of the residual's growth over sines.
 # even, odd: share of the power at the harmonics (without the first).
 # delay: what the phase of the output against the model asks for [s]; its share is that of the phases.
-# repetition: root mean square of period-to-period differences over what noise gives; its p-value is one-sided, its
-# share that of what is unexplained in those periods and does not repeat.
-# drift: mean rate of the residual [m/s].
 Symptoms = Mapping[str, Trend]
 
 
 def symptoms(recordings: Sequence[RecordingResidual]) -> Symptoms:
     """Return all symptoms of the residuals of some recordings."""
-    parts = (_growth, _harmonics, _phase, _repetition, _drift)
+    parts = (_growth, _harmonics, _phase)
     return {name: trend for part in parts for name, trend in part(recordings)}
 
 
@@ -212,65 +184,6 @@ def _phase(recordings: Sequence[RecordingResidual]) -> Iterator[tuple[str, Trend
     tau, std = float(slope @ angle / (slope @ slope)), float(1.0 / np.linalg.norm(slope))
     rest = angle - tau * slope
     yield "delay", Trend(tau, std, float(2.0 * norm.sf(abs(tau) / std)), 1.0 - float(rest @ rest / (angle @ angle)))
-
-
-def _repetition(recordings: Sequence[RecordingResidual]) -> Iterator[tuple[str, Trend]]:
-    """Yield period-to-period differences of the residual over what noise gives, over sines of two or more periodic
-    periods.
-
-    The doubt about the noise floor counts as few degrees of freedom: however many samples there are, differences that
-    exceed the noise by no more than that do not count.
-    """
-    squares, expected, excess, spread = 0.0, 0.0, 0.0, 0.0
-    for s in (s for s in recordings if s.frequency > 0.0):
-        rows = s.steady()
-        if rows is None:
-            continue
-        r = s.residual[rows]
-        lag = 1.0 / (s.frequency * s.dt)
-        whole, part = int(lag), lag - int(lag)
-        later = (1.0 - part) * r[whole:-1] + part * r[whole + 1 :]
-        difference = later - r[: later.size]
-        if difference.size < _FEW:
-            continue
-        cycles = np.fft.rfftfreq(r.size)[1:].astype(np.float64)
-        turn, densities = np.exp(2j * np.pi * cycles), s.densities(cycles / s.dt)
-        power = densities * np.abs(turn**whole * (1.0 - part + part * turn) - 1.0) ** 2
-        squares += float(difference @ difference)
-        expected += difference.size * float(power.mean())
-        # The sum of χ² of two degrees of freedom a frequency; samples that are counted twice make it no surer.
-        spread += 2.0 * difference.size**2 * float(power @ power) / (2.0 * power.size**2)
-        excess += float(np.mean(r**2) - densities.mean()) * difference.size
-    if expected:
-        ratio, freedom = squares / expected, 2.0 / (spread / expected**2 + (2.0 * _FLOOR_DOUBT) ** 2)
-        share = float(np.clip(0.5 * (squares - expected) / excess, 0.0, 1.0)) if excess > 0.0 else 0.0
-        p_value = float(chi2.sf(ratio * freedom, freedom))
-        yield "repetition", Trend(float(np.sqrt(ratio)), float(np.sqrt(0.5 / freedom)), p_value, share)
-
-
-def _drift(recordings: Sequence[RecordingResidual]) -> Iterator[tuple[str, Trend]]:
-    """Yield the mean rate of the residual beside the harmonics [m/s], weighted by the information of each recording.
-
-    Only periodic sines and rests show it: in other recordings a slope may be part of the response to the drive.
-    """
-    rates, stds = [], []
-    for s in recordings:
-        rows = s.steady()
-        if rows is None:
-            continue
-        waves = s.waves(rows, s.orders())
-        w = np.linalg.lstsq(waves, s.residual[rows], rcond=None)[0]
-        rates.append(w[1] * s.noise)
-        # Low frequencies are where a drift competes with the noise, and with what else the model misses.
-        slope = waves[:, 1]
-        parts = np.array_split(slope * (s.residual[rows] - waves @ w), _BLOCKS)
-        missed = float(np.linalg.norm([p.sum() for p in parts])) / float(slope @ slope)
-        lowest = s.densities(1.0 / (slope.size * s.dt))
-        stds.append(s.noise * max(missed, float(np.sqrt(lowest) / np.linalg.norm(slope))))
-    if rates:
-        known = 1.0 / np.array(stds) ** 2
-        rate, std = float(np.array(rates) @ known / known.sum()), float(1.0 / np.sqrt(known.sum()))
-        yield "drift", Trend(rate, std, float(2.0 * norm.sf(abs(rate) / std)))
 
 
 def significant(every: Symptoms, level: float) -> Symptoms:

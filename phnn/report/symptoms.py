@@ -12,8 +12,6 @@ SIGNIFICANT = 0.01
 _ONSET, _FLAT, _ALIKE = 6.0, 0.5, 0.1
 # Share of the phases that a delay must explain to be called one; share of harmonics that is nearly all.
 _LIKE_A_DELAY, _PURE = 0.8, 0.9
-# Share that does not repeat below which the rest decides.
-_MINOR = 0.1
 
 
 def symptom_sentences(every: Symptoms, unit: str = "m") -> tuple[str, ...]:
@@ -29,17 +27,6 @@ def symptom_sentences(every: Symptoms, unit: str = "m") -> tuple[str, ...]:
         sentences.append(_harmonics(shown["even"], shown["odd"]))
     if "delay" in shown:
         sentences.append(_phase(shown["delay"]))
-    # What is but a small part of the mismatch is no mark of it.
-    if "repetition" in shown and shown["repetition"].share >= _MINOR:
-        r = shown["repetition"]
-        sentences.append(
-            f"The residual does not repeat from period to period: differences are {r.value:.3g} × those of noise "
-            f"({p_value(r.p_value)}); {100.0 * r.share:.0f} % of the unexplained power does not repeat."
-        )
-    if "drift" in shown:
-        d = shown["drift"]
-        rate = f"{quantity(d.value, unit)}/s ± {quantity(d.std, unit)}/s"
-        sentences.append(f"The residual drifts beneath the drive, by {rate} on average ({p_value(d.p_value)}).")
     return tuple(s for s in sentences if s)
 
 

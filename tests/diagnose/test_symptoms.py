@@ -54,9 +54,6 @@ def test_a_cubic_effect_gives_odd_harmonics_that_grow_with_the_square_of_the_amp
     assert of(found, "even")[2] > 0.01
     words = " ".join(symptom_sentences(found))
     assert "nearly all are odd" in words
-    # What is not there is not spoken of.
-    assert "drift" not in words
-    assert "period to period" not in words
 
 
 def test_an_even_effect_gives_even_harmonics() -> None:
@@ -83,28 +80,12 @@ def test_a_delay_is_a_phase_in_proportion_to_frequency() -> None:
     assert any("in proportion to frequency, like a delay" in s for s in symptom_sentences(found))
 
 
-def test_a_drift_is_found_with_its_rate() -> None:
-    found = symptoms(seen_with(lambda t, a, f: 2e-7 * t))
-    value, std, p = of(found, "drift")
-    assert value == pytest.approx(2e-7, abs=4.0 * std)
-    assert p < 1e-6
-    assert any("drifts beneath the drive" in s for s in symptom_sentences(found))
-
-
-def test_what_does_not_follow_the_drive_does_not_repeat() -> None:
-    found = symptoms(seen_with(lambda t, a, f: 1e-7 * np.sin(2.0 * np.pi * 0.37 * f * t)))
-    value, _, p = of(found, "repetition")
-    assert value > 1.3
-    assert p < 1e-6
-    assert any("does not repeat" in s for s in symptom_sentences(found))
-
-
 def test_noise_alone_has_no_symptoms() -> None:
     low = []
     for seed in range(50):
         found = symptoms(seen_with(nothing, seed))
         assert "by_amplitude" not in found
-        low.append([of(found, n)[2] < 0.01 for n in ("even", "odd", "delay", "repetition", "drift")])
+        low.append([of(found, n)[2] < 0.01 for n in ("even", "odd", "delay")])
     assert (np.mean(low, axis=0) <= 0.08).all()
 
 
@@ -112,35 +93,17 @@ def test_correction_for_the_number_of_symptoms() -> None:
     def kept(**p_values: float) -> set[str]:
         return set(significant({n: Trend(1.0, 0.1, p) for n, p in p_values.items()}, 0.01))
 
-    assert kept(drift=0.009) == {"drift"}
+    assert kept(by_frequency=0.009) == {"by_frequency"}
     # Of four, the smallest has to lie below a quarter of the level, the next below a third.
-    assert kept(drift=0.009, delay=0.004, by_amplitude=0.5, repetition=0.6) == set()
-    assert kept(drift=0.003, delay=0.002, by_amplitude=0.5, repetition=0.6) == {"delay", "drift"}
+    assert kept(by_frequency=0.009, delay=0.004, by_amplitude=0.5, odd=0.7) == set()
+    assert kept(by_frequency=0.003, delay=0.002, by_amplitude=0.5, odd=0.7) == {"delay", "by_frequency"}
     # Of the harmonics either kind is told beside the other.
     assert kept(even=0.9, odd=1e-9) == {"even", "odd"}
-
-
-def test_a_transient_at_the_start_neither_drifts_nor_fails_to_repeat() -> None:
-    def dies_away(t: np.ndarray, a: float, f: float) -> np.ndarray:
-        return np.asarray(2e-6 * np.exp(-8.0 * f * t))
-
-    for periods in (3.0, 6.0):
-        found = symptoms(seen_with(dies_away, periods=periods))
-        assert of(found, "repetition")[2] > 0.01
-        assert of(found, "drift")[2] > 0.01
-
-
-@pytest.mark.parametrize("effect", ["none", "quadratic_drag"])
-def test_a_folder_that_neither_drifts_nor_fails_to_repeat(effect: str) -> None:
-    words = " ".join(symptom_sentences(symptoms(recording_residuals(campaigns.linearised(effect)))))
-    assert "drift" not in words and "period to period" not in words
-    assert effect != "none" or not words
 
 
 def test_what_recordings_cannot_show_is_not_said() -> None:
     steps = [replace(s, frequency=0.0) for s in seen_with(nothing)]
     found = symptoms(steps)
-    # Nor a drift: the answer to a step goes on like one.
     assert found == {} and symptom_sentences(found) == ()
 
 
