@@ -254,8 +254,8 @@ def _concluded(search: Search, error: NumericalError, options: Options, account:
         sum(material(c, model.fit, criteria) for c in left),
     )
     outcome = conclude(weighed, model, campaign.held_out_is_new, promising, criteria, account.ended().early)
-    if outcome.word == NONE and model.elements and not outcome.claims:
-        model = base
+    if outcome.word == NONE:
+        model, left = base, screened
     search.progress(f"verdict {outcome.word}")
     bare = LinearisedFit(base.fit, (), search.scales)
     first = needed("simulation of the base model", partial(prepare, base.fit), bare)

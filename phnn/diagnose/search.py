@@ -158,7 +158,9 @@ def begin(
     search = Search(
         campaign, bare, fitted.plan, effects, learned, criteria, linearised.scales, screen, {}, most, executor, progress
     )  # fmt: skip
-    search.base = search.visit(search.model((), fitted, done=True))
+    work = partial(search.model, (), fitted, True)
+    # An interruption is for the search: the base model is needed whatever comes.
+    search.base = search.visit(needed("prediction by the base model", work, None) or work())
     return search
 
 

@@ -1,7 +1,7 @@
 """Words and pictures of the function that was fitted at the location of a mismatch, in the system's own units.
 
-The words and units of a system's domain come from the units of its output and its input. A curve is described by its
-character: odd or even, threshold, growth; a memory by the times in which it forgets.
+The words and units of a system's domain come from the units of its output and its input. What it is like, its picture
+shows.
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
 from phnn.network.elements import Network
 from phnn.network.roles import measured_displacement
 from phnn.setup import Setup
-from phnn.units import quantity
 
 Array = NDArray[np.float64]
 
@@ -41,18 +40,8 @@ _ACTS = {
     OUTPUT: "a missing {output} at the sensor",
     PARAMETER: "a change of parameters",
 }
-# Units of pictures whose sizes are said in the unit that suits.
-_LENGTHS = {"µm": 1e-6, "nm": 1e-9}
 # Share of the work done either way that must be left over for a force to be called dissipative, or active.
 _LOSSY = 0.2
-# Below this part of the range a curve is taken as the straight line that base parameters can absorb.
-_INNER = 0.3
-# Share of a curve's square that the lesser of its odd and even parts, or of its sides, may have and be left out.
-_LITTLE, _OTHER_SIDE = 0.1, 0.05
-# How much less an onset or a levelling off must leave than a power, which has no scale of its own.
-_CLEARLY = 0.5
-# A memory that forgets from a tenth to nine tenths over more than this factor of time has no one time constant.
-_DECADES = 100.0
 # Points of a curve, and at most of a cycle.
 _POINTS, _CYCLE = 241, 600
 
@@ -218,15 +207,10 @@ def fitted_in_words(linearised: LinearisedFit, location: Location) -> str:
         past = (group.kind.history or "on the past").format(**own)
         return f"{acts} that depends {past}.{_work(linearised, location)}"
     if group.axis.startswith("time after"):
-        return f"{acts} that depends on the past. {memory_in_words(drawn.x, drawn.y)}"
+        return f"{acts} that depends on the past."
     if group.axis.startswith("time"):
         return f"{acts} that depends on time alone, as a drift does."
-    y, variable = drawn.y, drawn.x_label.partition(" [")[0]
-    if not group.axis.startswith("velocity"):
-        # A straight line is a stiffness or a gain, and the base has these; a damper's line is part of its law.
-        inner = np.abs(drawn.x) <= _INNER * np.abs(drawn.x).max()
-        y = np.asarray(y - np.polyval(np.polyfit(drawn.x[inner], y[inner], 1), drawn.x))
-    return f"{acts} that depends on the {variable}. {curve_in_words(drawn.x, y, drawn.x_label, drawn.y_label)}"
+    return f"{acts} that depends on the {drawn.x_label.partition(' [')[0]}."
 
 
 def _work(linearised: LinearisedFit, location: Location) -> str:
@@ -242,80 +226,3 @@ def _work(linearised: LinearisedFit, location: Location) -> str:
     if share > _LOSSY:
         return " Over the recordings it feeds energy in: no passive element does that by itself."
     return " Over the recordings it gives back about what it takes: it is nearly conservative."
-
-
-def curve_in_words(x: Array, y: Array, x_label: str, y_label: str) -> str:
-    """Return the character of a curve as a sentence: on which side it acts, odd or even, and how it grows.
-
-    Args:
-        x: (M,) symmetric about zero, increasing; y: (M,).
-        x_label, y_label: their names, each with its unit in brackets.
-    """
-    if not np.any(y):
-        return "Its strengths are all zero."
-    right, variable = x >= 0.0, x_label.partition(" [")[0]
-    odd, even = 0.5 * (y - y[::-1]), 0.5 * (y + y[::-1])
-    share = float(even @ even / (y @ y))
-    up, down = y[right], y[::-1][right]
-    above, below = float(up @ up), float(down @ down)
-    if min(above, below) < _OTHER_SIDE * (above + below):
-        parity = f"acts for {'positive' if above > below else 'negative'} {variable} only"
-        half = up if above > below else down
-    elif share > 1.0 - _LITTLE:
-        parity, half = f"is even in the {variable}", even[right]
-    elif share < _LITTLE:
-        parity, half = f"is odd in the {variable}", odd[right]
-    else:
-        parity = f"is neither odd nor even in the {variable} ({100 * share:.0f} % of its square is even)"
-        half = down if below > above else up
-    kind, at = shape_of(x[right] / x[-1], half)
-    grows = {1.0: "in proportion", 2.0: "with the square", 3.0: "with the cube"}.get(at, f"with the power {at:g}")
-    reach, size = float(x[-1]), float(np.abs(y).max())
-    growth = {
-        "power": f"is there from the start and grows {grows}",
-        "onset": f"sets in at {_spoken(at * reach, x_label)} and grows from there",
-        "level": f"levels off beyond {_spoken(at * reach, x_label)}",
-    }[kind]
-    return f"It {parity}, {growth}; at {_spoken(reach, x_label)} it has reached {_spoken(size, y_label)}."
-
-
-def _spoken(value: float, label: str) -> str:
-    """Return a value of a curve with the unit in its label; lengths in the unit that suits."""
-    unit = label.partition(" [")[2].rstrip("]")
-    if unit in _LENGTHS:
-        return quantity(value * _LENGTHS[unit], "m")
-    return quantity(value, unit) if unit else f"{value:.3g}"
-
-
-def shape_of(s: Array, y: Array) -> tuple[str, float]:
-    """Return the kind of function ``f`` that a half curve ``y ≈ a f(s)`` follows best, with its parameter ``p``.
-
-    ``"power"``: ``s^p``; ``"onset"``: ``max(s − p, 0)``; ``"level"``: ``tanh(s/p)``.
-
-    Args:
-        s: (M,) from 0 to 1; y: (M,).
-    """
-    shapes = {("power", p): s**p for p in (1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0)}
-    shapes |= {("onset", float(p)): np.maximum(s - p, 0.0) for p in np.arange(0.1, 0.96, 0.025)}
-    shapes |= {("level", float(p)): np.tanh(s / p) for p in np.geomspace(1e-3, 0.5, 25)}
-    left = {key: float(np.sum((y - f * (f @ y) / max(float(f @ f), 1e-300)) ** 2)) for key, f in shapes.items()}
-    power, other = (min((k for k in left if (k[0] == "power") is its), key=left.__getitem__) for its in (True, False))
-    return other if left[other] < _CLEARLY * left[power] else power
-
-
-def memory_in_words(t: Array, y: Array) -> str:
-    """Return how a response to a step decays, as a sentence: after which times a tenth, half and most of it are gone.
-
-    Args:
-        t: (M,) [s], increasing; y: (M,).
-    """
-    if not np.any(y):
-        return "Its strengths are all zero."
-    left = np.abs(y) / max(float(np.abs(y[0])), 1e-300)
-    if left.max() > 1.5 or left[-1] > 0.5:
-        return "Its response to a step does not simply decay within the recordings."
-    # What the recordings are too short to see forgotten counts as gone with their end.
-    gone = [float(t[np.argmax(left <= level)] if (left <= level).any() else t[-1]) for level in (0.9, 0.5, 0.1)]
-    how = "over decades of time" if gone[2] > _DECADES * gone[0] else "as with one time constant"
-    tenth, half, most = (quantity(x, "s") for x in gone)
-    return f"It forgets a step {how}: a tenth of it in {tenth}, half in {half}, most in {most}."

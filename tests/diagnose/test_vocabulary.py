@@ -63,14 +63,6 @@ def test_tanks_in_volts_are_told_in_volts(group: int) -> None:
         assert drawn.x_label == "rate of the output [V/s]"
 
 
-def test_sizes_have_the_prefix_that_suits() -> None:
-    linearised = campaigns.linearised("none")
-    large = replace(linearised, scales=replace(linearised.scales, displacement=19.1))
-    told = fitted_in_words(large, at(0, linearised))
-    assert "at 19.1 m it has reached" in told
-    assert "µm" not in told
-
-
 def test_a_place_where_nothing_moves_is_not_called_mechanical() -> None:
     told = {
         "verdict": "unknown",
