@@ -18,9 +18,8 @@ from phnn.laws.namespace import TINY
 from phnn.models.actuator import hrc
 from phnn.passage import measured_changes, place_of, sensed, source_input
 from phnn.recordings.driving import input_before, made_periodic
-from phnn.setup import Block
 from phnn.signals.reconstruct import mean_input
-from phnn.simulate import Trajectory, driven, with_earlier_cycles
+from phnn.simulate import Trajectory, driven, driven_changes, with_earlier_cycles
 
 Array = NDArray[np.float64]
 
@@ -158,7 +157,7 @@ class _Acting(NamedTuple):
 def _acting(trajectory: Trajectory, names: Sequence[str]) -> list[_Acting]:
     """By every named parameter of an amplifier block or a source."""
     setup, unmoved = trajectory.setup, np.zeros(trajectory.states.shape[1])
-    found = [_by_amplifier(trajectory, b, n) for b in setup.amplifier for n in b.parameters if n in names]
+    found = _by_amplifier(trajectory, names)
     lead = trajectory.lead * trajectory.recording.dt
     for source in setup.sources:
         place = place_of(setup, source)
@@ -168,15 +167,16 @@ def _acting(trajectory: Trajectory, names: Sequence[str]) -> list[_Acting]:
     return found
 
 
-def _by_amplifier(trajectory: Trajectory, block: Block, name: str) -> _Acting:
+def _by_amplifier(trajectory: Trajectory, names: Sequence[str]) -> list[_Acting]:
     setup, recording = trajectory.setup, trajectory.recording
+    if not any(n in names for b in setup.amplifier for n in b.parameters):
+        return []
     command, before = trajectory.driving.fine(recording), input_before(recording, recording.u)
-    fine, before = driven(setup, command, trajectory.h, before, trajectory.run_in, (block, name))
-    rest = np.zeros(trajectory.states.shape[1])
-    if trajectory.rest is not None and np.imag(before) != 0.0:
+    changes = driven_changes(setup, command, trajectory.h, before, trajectory.run_in, names)
+    slope = np.zeros(trajectory.states.shape[1])
+    if trajectory.rest is not None and any(b != 0.0 for _, b in changes.values()):
         slope = equilibrium_slope(trajectory.program, setup.network, trajectory.rest, 0)
-        rest = slope * (np.imag(before) / TINY)
-    return _Acting(name, 0, _action(trajectory, 0, mean_input(np.imag(fine)) / TINY), rest)
+    return [_Acting(n, 0, _action(trajectory, 0, mean_input(c)), slope * b) for n, (c, b) in changes.items()]
 
 
 def _by_instants(trajectory: Trajectory) -> list[_Acting]:

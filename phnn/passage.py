@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.chain import AMPLIFIERS, LINEAR, REMEMBERING, SENSORS, SOURCES
+from phnn.chain import AMPLIFIERS, LINEAR, MEMORYLESS, REMEMBERING, SENSORS, SOURCES
 from phnn.errors import InputRefused
 from phnn.laws.namespace import TINY
 from phnn.network.bondgraph.description import integral_unit
@@ -73,19 +73,46 @@ def _moved(setup: Setup, recording: Recording) -> Setup:
 Array = NDArray[np.float64]
 
 
-def amplified(setup: Setup, fine: Any, h: Array, before: Any, perturbed: tuple[Block, str] | None = None) -> Any:
+def amplified(setup: Setup, fine: Any, h: Array, before: Any) -> tuple[Any, Any]:
     """Through all amplifier blocks: the voltage at the port (n, 3), and what it was before the first step.
 
     Args:
         fine: (n, 3) command at the start, middle and end of the steps ``h`` (n,).
         before: the constant command before them, under which all blocks are in equilibrium.
-        perturbed: a block and its parameter that takes a complex step; the result is complex then.
     """
     for block in setup.amplifier:
-        values = _values(setup, block, perturbed[1] if perturbed and perturbed[0] is block else "")
-        law = AMPLIFIERS[block.kind]
-        fine, before = law(fine, h, before, *values), law(np.full((1, 3), before), np.ones(1), before, *values)[0, 0]
+        fine, before = _through(block, fine, h, before, _values(setup, block))
     return fine, before
+
+
+def amplifier_changes(
+    setup: Setup, fine: Array, h: Array, before: float, names: Sequence[str]
+) -> dict[str, tuple[Array, float]]:
+    """Changes (n, 3) of the voltage at the port, and of what it was before, by the named parameters of the blocks."""
+    changes: dict[str, tuple[Array, float]] = {}
+    for block in setup.amplifier:
+        values = _values(setup, block)
+        if block.kind in MEMORYLESS and changes:
+            slope, earlier = _through(block, fine + 1j * TINY, h, before + 1j * TINY, values)
+            slopes = np.imag(slope) / TINY, np.imag(earlier) / TINY
+            changes = {n: (slopes[0] * c, slopes[1] * b) for n, (c, b) in changes.items()}
+        else:
+            moved = {n: (fine + 1j * TINY * c, before + 1j * TINY * b) for n, (c, b) in changes.items()}
+            changes = {n: _change(_through(block, f, h, b, values)) for n, (f, b) in moved.items()}
+        for n in (n for n in block.parameters if n in names):
+            own, known = _change(_through(block, fine, h, before, _values(setup, block, n))), changes.get(n)
+            changes[n] = own if known is None else (own[0] + known[0], own[1] + known[1])
+        fine, before = _through(block, fine, h, before, values)
+    return changes
+
+
+def _through(block: Block, fine: Any, h: Array, before: Any, values: Sequence[Any]) -> tuple[Any, Any]:
+    law = AMPLIFIERS[block.kind]
+    return law(fine, h, before, *values), law(np.full((1, 3), before), np.ones(1), before, *values)[0, 0]
+
+
+def _change(moved: tuple[Any, Any]) -> tuple[Array, float]:
+    return np.imag(moved[0]) / TINY, float(np.imag(moved[1])) / TINY
 
 
 def place_of(setup: Setup, source: Source) -> int:
@@ -144,6 +171,8 @@ def measured_changes(setup: Setup, q: Array, times: Array, changes: Array, names
         own = {n: np.imag(law(y, times, *_values(setup, block, n))) / TINY for n in block.parameters if n in names}
         if block.kind in LINEAR:
             changes = law(changes, times, *values)
+        elif block.kind not in REMEMBERING:
+            changes = changes * (np.imag(law(y + 1j * TINY, times, *values)) / TINY)
         else:
             changes = np.imag(law(y + 1j * TINY * changes, times, *values)) / TINY
         for name, change in own.items():

@@ -21,10 +21,19 @@ from phnn.integrate.program import Program, compile_network
 from phnn.integrate.rest import equilibrium
 from phnn.integrate.scheme import Scheme
 from phnn.network.elements import Network
-from phnn.passage import amplified, is_displacement, measured, place_of, sensed, sensing, source_input
+from phnn.passage import (
+    amplified,
+    amplifier_changes,
+    is_displacement,
+    measured,
+    place_of,
+    sensed,
+    sensing,
+    source_input,
+)
 from phnn.recordings.driving import Driving, driving_of, input_before, made_periodic
 from phnn.recordings.recording import Recording
-from phnn.setup import Block, Setup
+from phnn.setup import Setup
 from phnn.signals.reconstruct import mean_input
 
 Array = NDArray[np.float64]
@@ -239,14 +248,27 @@ def check_names(network: Network, recordings: Sequence[Recording]) -> None:
                 )
 
 
-def driven(
-    setup: Setup, fine: Any, h: Array, before: Any, cycle: int, perturbed: tuple[Block, str] | None = None
-) -> tuple[Any, Any]:
+def driven(setup: Setup, fine: Any, h: Array, before: Any, cycle: int) -> tuple[Any, Any]:
     """The voltage at the port (n, 3), periodic if there is a cycle, and the one before; see `amplified`."""
+    longer, steps, first = _with_run_in(setup, fine, h, cycle)
+    found, before = amplified(setup, longer, steps, before)
+    return made_periodic(found[first:], cycle), before
+
+
+def driven_changes(
+    setup: Setup, fine: Array, h: Array, before: float, cycle: int, names: Sequence[str]
+) -> dict[str, tuple[Array, float]]:
+    """The same for changes by parameters of the amplifier; see `amplifier_changes`."""
+    longer, steps, first = _with_run_in(setup, fine, h, cycle)
+    changes = amplifier_changes(setup, longer, steps, before, names)
+    return {n: (made_periodic(c[first:], cycle), b) for n, (c, b) in changes.items()}
+
+
+def _with_run_in(setup: Setup, fine: Any, h: Array, cycle: int) -> tuple[Any, Array, int]:
+    """The command and its steps after some cycles in which the blocks come to theirs, and how many steps those are."""
     copies = _AMPLIFIED if cycle and setup.amplifier else 0
     longer = np.concatenate([*[made_periodic(fine, cycle)[:cycle]] * copies, fine])
-    found, before = amplified(setup, longer, np.concatenate([*[h[:cycle]] * copies, h]), before, perturbed)
-    return made_periodic(found[copies * cycle :], cycle), before
+    return longer, np.concatenate([*[h[:cycle]] * copies, h]), copies * cycle
 
 
 def with_earlier_cycles(

@@ -75,8 +75,8 @@ def bent(u: Array, square: Any, cube: Any, level: Any) -> Array:
     return np.asarray(u + level * (inner * inner * (square + cube * inner) + slope * (s - inner)))
 
 
-# Share of a step by which a point counts as inside it: the node of a jump is hit to rounding only.
-_INSIDE = 1e-6
+# Share of a step by which a point counts as inside it: the node of a jump is hit to rounding only, of 1e6 steps at most.
+_INSIDE = 1e-9
 _JUMP = 1e-9
 
 
@@ -367,3 +367,5 @@ AMPLIFIERS: dict[str, Callable[..., Array]] = {
     "dead_band": dead_band,
     "rate": imposed_rate,
 }
+MEMORYLESS = ("saturation", "soft_saturation", "gain", "offset", "knee", "dead_band")
+"""Blocks whose output at an instant follows from their input at that instant alone."""
