@@ -75,7 +75,7 @@ def bent(u: Array, square: Any, cube: Any, level: Any) -> Array:
     return np.asarray(u + level * (inner * inner * (square + cube * inner) + slope * (s - inner)))
 
 
-# Share of a step by which a point counts as inside it: the node of a jump is hit to rounding only, of 1e6 steps at most.
+# Share of a step by which a point counts as inside it: the node of a jump is hit to rounding only, of a million steps.
 _INSIDE = 1e-9
 _JUMP = 1e-9
 

@@ -27,8 +27,8 @@ from phnn.simulate import Trajectory, simulate
 Array = NDArray[np.float64]
 
 _FAILED = 1e6
-# Simulations that take about as long as all derivatives of one.
-_DERIVATIVES = 4.0
+# Simulations that take about as long as the derivatives of one by a variable, and by a few of them.
+_DERIVATIVE, _FEW = 0.5, 4.0
 # Weight of the present value of an instant, where the output of a seen jump weighs hundreds.
 _WEAK = 1e-3
 
@@ -132,7 +132,8 @@ class Problem:
                 inside /= -recording.noise
                 return inside
 
-            self._differentiated = z.tobytes(), self.plan.each(one, found, self.masks, simulations=_DERIVATIVES)
+            count = max(_FEW, _DERIVATIVE * z.size)
+            self._differentiated = z.tobytes(), self.plan.each(one, found, self.masks, simulations=count)
         return self._differentiated[1]
 
 
