@@ -93,9 +93,8 @@ def amplifier_changes(
     for block in setup.amplifier:
         values = _values(setup, block)
         if block.kind in MEMORYLESS and changes:
-            slope, earlier = _through(block, fine + 1j * TINY, h, before + 1j * TINY, values)
-            slopes = np.imag(slope) / TINY, np.imag(earlier) / TINY
-            changes = {n: (slopes[0] * c, slopes[1] * b) for n, (c, b) in changes.items()}
+            slope, earlier = _change(_through(block, fine + 1j * TINY, h, before + 1j * TINY, values))
+            changes = {n: (slope * c, earlier * b) for n, (c, b) in changes.items()}
         else:
             moved = {n: (fine + 1j * TINY * c, before + 1j * TINY * b) for n, (c, b) in changes.items()}
             changes = {n: _change(_through(block, f, h, b, values)) for n, (f, b) in moved.items()}

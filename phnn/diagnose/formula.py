@@ -279,7 +279,7 @@ def _of_terms(linearised: LinearisedFit, element: Effect) -> Distilled | None:
         return None
     names = (*fit.variables.names, *[""] * (fit.jacobian.shape[1] - len(fit.variables.names)))
     kept = [n not in element.strengths for n in names]
-    # The same fit without the element: a formula has to explain what the element does, and what it leaves.
+    # The same fit without the element: a formula has to explain what the element does, and the residual beside it.
     learned = _response(linearised, _element_force(fit.setup, element))[:, 0]
     target = replace(linearised, fit=replace(fit, residual=fit.residual + learned, jacobian=fit.jacobian[:, kept]))
     refined = [_refined(target, f) for f in _on_grid(target, TERMS[element.kind.name])]

@@ -50,7 +50,7 @@ class Visited:
     Attributes:
         elements: what it has beyond the base model, in the order in which it was added.
         fit: to the identification recordings.
-        fitted, held_out: what it leaves, by recording.
+        fitted, held_out: its misfit, by recording.
         nuisances: number of terms that its elements give each fitted recording of its own, over all of them.
         converged: the fit was carried to its end, with the sub-steps of the search.
     """

@@ -52,7 +52,7 @@ class Candidate:
 
     Attributes:
         effect: which.
-        values: of its parameters, from which a refit begins; others: from further points of its grid.
+        values: of its parameters, from which a refit begins.
         fall: predicted fall of χ²; score: in standard deviations of what blocks of the recordings show.
         share: predicted fall of χ² over the number of samples, mean over the recordings.
         tries: directions of which it is the best.
@@ -60,7 +60,6 @@ class Candidate:
 
     effect: Effect
     values: dict[str, float]
-    others: tuple[dict[str, float], ...]
     fall: float
     score: float
     share: float
@@ -138,7 +137,7 @@ class Screen:
                 scored = [(*own_score(model, own, spectra), v) for v, own in owns]
             if scored:
                 stated, judged, values = max(scored, key=lambda s: s[:2])
-                found.append(Candidate(effect, values, (), stated**2, judged, stated**2 / model.residual.size))
+                found.append(Candidate(effect, values, stated**2, judged, stated**2 / model.residual.size))
         return found
 
     def _along_directions(self, model: LinearisedFit, effects: Sequence[Effect]) -> list[Candidate]:
@@ -214,7 +213,7 @@ class Screen:
         square = np.asarray(np.linalg.qr(np.column_stack([columns, model.residual]), mode="r"))
         strengths = lsq_linear(square[:, :-1], square[:, -1], (bounds[0], bounds[1]), method="bvls").x
         along, squares = _by_blocks(columns @ strengths, model.residual, blocks)
-        found = _candidate(directions.effect, directions.points, along, squares, 1.0, owner)
+        found = _candidate(directions.effect, directions.points[0], along, squares, 1.0, owner)
         # Several strengths take more of pure noise than one.
         tail = chi2.logsf(max(found.fall, 0.0), columns.shape[1])
         return replace(found, score=min(found.score, max(0.0, float(-ndtri_exp(min(tail, -1e-12))))))
@@ -275,17 +274,16 @@ def _best_point(
     # A limit is there or not, and one that is met too early has the right direction all the same.
     positive = effect.one_sided or effect.strength is None
     falls = np.where(free & ((total > 0.0) | (not positive)), total * strengths, 0.0)
-    order = np.argsort(-falls, kind="stable")
-    points = [effect.scaled(directions.points[i], float(strengths[i])) for i in order[:3]]
-    best = int(order[0])
+    best = int(np.argmax(falls))
+    values = effect.scaled(directions.points[best], float(strengths[best]))
     strength = float(strengths[best]) if falls[best] > 0.0 else 0.0
-    found = _candidate(effect, points, along[:, best], squares[:, best], strength, owner)
+    found = _candidate(effect, values, along[:, best], squares[:, best], strength, owner)
     return replace(found, tries=len(directions.points))
 
 
 def _candidate(
     effect: Effect,
-    points: Sequence[Mapping[str, float]],
+    values: Mapping[str, float],
     along: Array,
     squares: Array,
     strength: float,
@@ -298,5 +296,4 @@ def _candidate(
     likeliest = total / max(float(squares.sum()), 1e-300)
     scatter = float(np.sqrt(np.sum((along - likeliest * squares) ** 2)))
     score = min(abs(total) / max(scatter, 1e-300), max(fall, 0.0) ** 0.5)
-    values, *others = (dict(p) for p in points)
-    return Candidate(effect, values, tuple(others), fall, score, float((falls @ owner).mean()))
+    return Candidate(effect, dict(values), fall, score, float((falls @ owner).mean()))

@@ -7,7 +7,7 @@
     drop     each earlier element of a better model is left out once
     converge what comes near the best is carried to its end
 
-Every model that is fitted on the way is kept with what it leaves of each recording; `phnn.diagnose.number` weighs them.
+Every model that is fitted on the way is kept with its χ² in each recording; `phnn.diagnose.number` weighs them.
 The search goes on from the best three. Each step stands in its own account (`phnn.rescue`): one that fails, or comes
 too late, takes nothing away from what was finished.
 """
@@ -120,7 +120,7 @@ class Search:
         return forecast(model, self.criteria)
 
     def model(self, elements: Sequence[Effect], fitted: Fit, done: bool = False) -> Visited:
-        """A model of a fit, with what it leaves."""
+        """A model of a fit, with its χ² in each recording."""
         base, recordings = self.base.fit.setup.own, fitted.plan.recordings
         each = [(r.name, fitted.residual[rows]) for r, rows in zip(recordings, fitted.slices, strict=True)]
         left = {name: Misfit(float(r @ r), r.size) for name, r in each}
@@ -257,7 +257,7 @@ def _heat(search: Search, model: Visited, candidates: Sequence[Candidate]) -> li
     if not candidates or late(f"refits beside {model.words}"):
         return []
     far, promising = model.left > search.criteria.far**2, 0.3 * candidates[0].fall
-    begun = replace(linearised_of(search, model), fit=_as_sent(search, model.fit))
+    begun = LinearisedFit(_as_sent(search, model.fit), (), search.scales)
     work = partial(_tried, begun, search.plan, promising if far else np.inf, search.criteria.short)
     fits = _fits(search, work, candidates, [c.effect.name for c in candidates])
     trials = [
@@ -492,8 +492,7 @@ def refits(search: Search, base: Visited, effects: Sequence[Effect]) -> list[tup
 
 
 def _screened(search: Search, model: Visited, effects: Sequence[Effect]) -> list[Candidate]:
-    able = [e for e in effects if e.can_be_added_to(model.fit.setup)]
-    return replace(search.screen, effects=able)(linearised_of(search, model))
+    return replace(search.screen, effects=effects)(linearised_of(search, model))
 
 
 def linearised_of(search: Search, model: Visited) -> LinearisedFit:

@@ -198,19 +198,20 @@ def fitted_in_words(linearised: LinearisedFit, location: Location) -> str:
     group, network = GROUPS[location.group], linearised.fit.setup.network
     if not np.any(location.weights):
         return ""
-    own = asdict(vocabulary_of(network))
+    words = vocabulary_of(network)
+    own = asdict(words)
     acts = f"What the functions fitted there make is {_ACTS[group.enters].format(**own)}"
     if varied := group.varied(network):
         acts += f" {', '.join(varied)}"
-    drawn = picture(linearised, location)
-    if group.static is None or drawn is None:
+    if group.static is None:
         past = (group.kind.history or "on the past").format(**own)
         return f"{acts} that depends {past}.{_work(linearised, location)}"
     if group.axis.startswith("time after"):
         return f"{acts} that depends on the past."
     if group.axis.startswith("time"):
         return f"{acts} that depends on time alone, as a drift does."
-    return f"{acts} that depends on the {drawn.x_label.partition(' [')[0]}."
+    variable = _shown(_axis(group.axis, linearised.scales), group.axis, words)[1].partition(" [")[0]
+    return f"{acts} that depends on the {variable}."
 
 
 def _work(linearised: LinearisedFit, location: Location) -> str:

@@ -11,7 +11,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from phnn.chain import AMPLIFIERS, SENSORS, SOURCES
+from phnn.chain import AMPLIFIERS, MEMORYLESS, REMEMBERING, SENSORS, SOURCES
 from phnn.chain.amplifiers import (
     bouc_wen_step,
     first_order_step,
@@ -24,8 +24,6 @@ from phnn.chain.amplifiers import (
 from phnn.exporting.laws import Elements, refuse
 from phnn.setup import Block, Setup, Source
 
-_STATIC_AMPLIFIERS = ("saturation", "soft_saturation", "offset", "gain", "knee", "dead_band")
-_STATIC_SENSORS = ("drift", "polynomial", "zero", "rectification", "knee", "cubic", "drifting_gain")
 _LOOKS_AHEAD = "it needs the output after the instant that it is asked for"
 _POINTS = ("u_start", "u_middle", "u_end")
 # Longest delay in steps: the state holds as many rows of the input.
@@ -54,7 +52,7 @@ class Chain:
         }  # fmt: skip
         for k, block in enumerate(setup.amplifier):
             what = f"amplifier {block.kind}"
-            if block.kind in _STATIC_AMPLIFIERS:
+            if block.kind in MEMORYLESS:
                 for lines, points in ((self.begin, ("u",)), (self.step, _POINTS)):
                     lines += [f"{u} = {self._static(AMPLIFIERS, block, what, u, '0.0', '0.0')}" for u in points]
             elif block.kind in dynamic:
@@ -63,7 +61,7 @@ class Chain:
                 raise refuse(what, "it has no step of its own", "export a model without it")
         for block in setup.sensor:
             what = f"sensor {block.kind}"
-            if block.kind not in _STATIC_SENSORS:
+            if block.kind in REMEMBERING:
                 raise refuse(
                     what, _LOOKS_AHEAD, "leave the sensor out (--no-sensor), the output is then what it senses"
                 )

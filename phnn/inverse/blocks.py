@@ -35,7 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
-from phnn.chain import AMPLIFIERS, SENSORS
+from phnn.chain import AMPLIFIERS, MEMORYLESS, SENSORS
 from phnn.errors import InputRefused
 from phnn.setup import Block, Setup
 from phnn.signals.long_spline import spline
@@ -165,8 +165,6 @@ def _short(function: Callable[[Array], Array], side: Array, size: Array, target:
     return np.asarray(side * (function(side * size) - target) < 0.0)
 
 
-# Blocks whose output at an instant is a function of the input at that instant.
-STATIC_AMPLIFIERS = ("saturation", "soft_saturation", "gain", "offset", "knee", "dead_band")
 # Share of a limit by which a signal may exceed it in rounding; share of a signal's range that counts as reached.
 _ROUNDING, _REACHED = 1e-9, 1e-6
 
@@ -182,7 +180,7 @@ def command(setup: Setup, voltage: Signal, h: float) -> Signal:
     """
     for block in reversed(setup.amplifier):
         values = [setup.parameters[name].value for name in block.parameters]
-        if block.kind in STATIC_AMPLIFIERS:
+        if block.kind in MEMORYLESS:
             voltage = _static_amplifier(block, voltage, values)
         elif block.kind in _AMPLIFIER_INVERSES:
             voltage = _AMPLIFIER_INVERSES[block.kind](voltage, h, *values)

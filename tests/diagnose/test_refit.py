@@ -62,7 +62,7 @@ def test_a_strong_effect_that_the_screen_hardly_sees_is_found_from_large_starts(
     assert base.chi2 > 4.0
     threshold, linearised = effect("rate_dependent_threshold"), prepare(base)
     grid = threshold.grid(linearised.scales)
-    hidden = Candidate(threshold, grid[len(grid) // 2], (), 0.0, 0.0, 0.0)
+    hidden = Candidate(threshold, grid[len(grid) // 2], 0.0, 0.0, 0.0)
     near = _tried(linearised, base.plan, np.inf, CRITERIA.short, hidden)
     far = _tried(linearised, base.plan, 0.0, CRITERIA.short, hidden)
     assert near is not None and far is not None and far.cost <= near.cost

@@ -94,7 +94,7 @@ def scores_of(linearised: LinearisedFit, columns: np.ndarray) -> np.ndarray:
     for column in columns.T:
         along, squares = screen._by_blocks(column, linearised.residual, blocks)
         strength = float(along.sum() / squares.sum())
-        candidate = screen._candidate(effect("delay"), [{"tau_d": 1.0}], along, squares, strength, owner)
+        candidate = screen._candidate(effect("delay"), {"tau_d": 1.0}, along, squares, strength, owner)
         found.append(np.copysign(candidate.score, strength))
     return np.array(found)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from effect_homes import EFFECTS, FORMULAS, LEARNED, home, point
 
-from phnn.chain import AMPLIFIERS, SENSORS
+from phnn.chain import AMPLIFIERS, MEMORYLESS, SENSORS
 from phnn.effects import Effect, in_all_forms
 from phnn.errors import InputRefused
 from phnn.inverse import blocks
@@ -55,5 +55,5 @@ def test_a_strong_effect_changes_the_voltage() -> None:
 
 
 def test_every_block_of_the_chain_has_an_inverse_or_is_refused() -> None:
-    assert set(AMPLIFIERS) - set(blocks.STATIC_AMPLIFIERS) - set(blocks._AMPLIFIER_INVERSES) == {"rate"}
+    assert set(AMPLIFIERS) - set(MEMORYLESS) - set(blocks._AMPLIFIER_INVERSES) == {"rate"}
     assert set(SENSORS) - set(blocks.STATIC_SENSORS) - set(blocks._SENSOR_INVERSES) == {"rate"}
