@@ -218,7 +218,8 @@ def _next(search: Search) -> Visited | None:
 def _grow(search: Search, model: Visited) -> None:
     """Fit the likeliest models with one more element."""
     criteria, samples = search.criteria, model.fit.residual.size
-    worth = [c for c in search.screen(linearised_of(search, model)) if material(c, model.fit, criteria)]
+    screened = search.screen(linearised_of(search, model))
+    worth = [c for c in screened if material(c, model.fit, criteria)]
     if not worth:
         return
     far = model.left > criteria.far**2
@@ -229,6 +230,10 @@ def _grow(search: Search, model: Visited) -> None:
     if not trials or trials[0].fit.beyond_noise > enough:
         learned = [c for c in worth if is_learned(c.effect) and c.fall > criteria.near_best * worth[0].fall]
         trials = sorted([*trials, *_heat(search, model, learned[:_LEARNED])], key=lambda t: t.fit.cost)
+    if trials and trials[0].left > criteria.far**2 and is_learned(trials[0].elements[-1]):
+        # A law that is far from linear may promise nothing, and still be what the learned element stands for.
+        alike = [c for c in screened if _may_be(c.effect, trials[0].elements[-1]) and c not in named]
+        trials = sorted([*trials, *_heat(search, model, alike, large=True)], key=lambda t: t.fit.cost)
     if not trials:
         return
     raced = _race(search, trials)
@@ -252,11 +257,14 @@ def material(candidate: Candidate, fitted: Fit, criteria: Criteria) -> bool:
     return size > criteria.material**2 and candidate.score > criteria.score * (_LARGE_SCORE if large else 1.0)
 
 
-def _heat(search: Search, model: Visited, candidates: Sequence[Candidate]) -> list[Visited]:
-    """Short refits of candidates beside a model, with coarse sub-steps, the best first."""
+def _heat(
+    search: Search, model: Visited, candidates: Sequence[Candidate], large: bool = False
+) -> list[Visited]:  # fmt: skip
+    """Short refits of candidates beside a model, with coarse sub-steps, the best first; from large strengths too where
+    one that promises a lot has not helped, or where that is asked."""
     if not candidates or late(f"refits beside {model.words}"):
         return []
-    far, promising = model.left > search.criteria.far**2, 0.3 * candidates[0].fall
+    far, promising = model.left > search.criteria.far**2, 0.0 if large else 0.3 * candidates[0].fall
     begun = LinearisedFit(_as_sent(search, model.fit), (), search.scales)
     work = partial(_tried, begun, search.plan, promising if far else np.inf, search.criteria.short)
     fits = _fits(search, work, candidates, [c.effect.name for c in candidates])
@@ -454,6 +462,13 @@ def _compare(search: Search) -> None:
             move(f"what may be taken for {element.name}", partial(_exchange, search, model, element), None)
 
 
+def _may_be(effect: Effect, element: Effect) -> bool:
+    """Whether one may be taken for the other: an effect for its neighbours, a learned element for laws of its kind."""
+    return not is_learned(effect) and (
+        effect.is_neighbour_of(element) or (is_learned(element) and effect.kind == element.kind)
+    )
+
+
 def _exchange(search: Search, best: Visited, element: Effect) -> None:
     """Fit the best model with each neighbour of one of its elements in the place of it.
 
@@ -463,10 +478,7 @@ def _exchange(search: Search, best: Visited, element: Effect) -> None:
     rest = tuple(e for e in best.elements if e is not element)
     if any(set(element.parameters) & set(e.after) for e in rest):
         return
-    alike = [
-        e for e in search.effects if e.is_neighbour_of(element) or (is_learned(element) and e.kind == element.kind)
-    ]
-    todo = [e for e in alike if not e.after]
+    todo = [e for e in search.effects if _may_be(e, element) and not e.after]
     known = {e: m for e in todo if (m := search.visited.get(key_of((*rest, e)))) is not None}
     begun = [known[e] for e in known if not known[e].converged]
     ended = {family(e) for e in known}
