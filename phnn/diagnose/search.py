@@ -198,8 +198,10 @@ def _next(search: Search) -> Visited | None:
         ranked = sorted(search.visited.values(), key=search.forecast, reverse=True)
         likely = [m for m in ranked[: search.criteria.beam] if search.forecast(ranked[0]) - search.forecast(m) < _GROWN]
         nameable = next(m for m in ranked if not any(map(is_learned, m.elements)))
-        leading = [search.written, search.best, nameable]
-        todo = next((m for m in leading if not m.converged), None)
+        leading = [search.best, nameable, search.written]
+        if search.best.left > search.criteria.far**2:
+            leading = [nameable, search.written, search.best]
+        todo = next((m for m in leading if not m.converged and m.left < search.criteria.far**2), None)
         if todo is not None:
             move(f"fit of {todo.words} to its end", partial(_converge, search, todo), None)
             kept = search.visited[todo.key]
@@ -211,7 +213,8 @@ def _next(search: Search) -> Visited | None:
             search.fine = True
             move("finer steps", partial(_refine, search), None)
             continue
-        able = (m for m in (*leading, *likely) if m.converged and len(m.elements) < search.most)
+        far = search.criteria.far**2
+        able = (m for m in (*leading, *likely) if (m.converged or m.left > far) and len(m.elements) < search.most)
         return next((m for m in able if m.key not in search.grown), None)
 
 
@@ -405,6 +408,9 @@ def _rebuilt(search: Search, elements: Sequence[Effect], starts: Sequence[Mappin
 def _converge_near(search: Search, model: Visited, raced: Sequence[Visited]) -> None:
     """Carry trials to their end that come near the best one and beat the model that they grew from."""
     samples = raced[0].fit.residual.size
+    if raced[0].left > search.criteria.far**2:
+        # What is far from the noise is carried to its end once it leads.
+        return
     excess = min(raced[0].fit.cost, search.best.fit.cost) - samples
     most = _FINISH * max(excess, 0.0) + _LEVEL * samples
     for trial in raced[:4]:
