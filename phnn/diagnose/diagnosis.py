@@ -42,8 +42,9 @@ from phnn.setup import Setup
 _NUMERICAL = 0.001
 # Nearly independent blocks of time below which a gain has no p-value.
 _BLOCKS = 8
-# Steps of one evaluation of the budget, at least: of short recordings many simulations take no time.
-_LEAST_STEPS = 100_000
+# Steps of one evaluation of the budget, at least and at most: many simulations of short recordings take no time, and
+# one of long recordings counts as several.
+_LEAST_STEPS, _MOST_STEPS = 100_000, 400_000
 # Models that compete in the question for the next recording.
 _RIVALS = 4
 
@@ -224,7 +225,7 @@ def diagnose(
         named = list(effects) if effects is not None else available(campaign, base.setup, left_out)
         nameless = _possible(campaign, base.setup, learned_elements().values()) if learned is None else list(learned)
         progress(f"base model: {base.chi2**0.5:.3g} × noise; look for what it misses")
-        allow(chosen.evaluations, max(base.plan.size, _LEAST_STEPS))
+        allow(chosen.evaluations, min(max(base.plan.size, _LEAST_STEPS), _MOST_STEPS))
         search = begin(campaign, base, named, nameless, criteria, progress, max(1, chosen.max_effects), workers)
         move("search", partial(explore, search), None)
         diagnosis = _concluded(search, error, chosen, account)
