@@ -13,10 +13,10 @@ from phnn.criteria import Criteria
 from phnn.diagnose.formula import Distilled, distil
 from phnn.diagnose.linearised import TIE, LinearisedFit, prepare
 from phnn.diagnose.locations import Location, locate
-from phnn.diagnose.number import Visited, Weighed, best_to_write
+from phnn.diagnose.number import Visited, Weighed
 from phnn.diagnose.proposal import NextExperiment, Question, propose, refitted_rival
 from phnn.diagnose.screen import Candidate, chance
-from phnn.diagnose.search import Search, begin, explore, linearised_of, material, refits
+from phnn.diagnose.search import Search, begin, explore, finished, linearised_of, material, refits
 from phnn.diagnose.verdict import NONE, UNKNOWN, Claim, Verdict, conclude
 from phnn.effects import Effect, catalogue, effect, in_all_forms
 from phnn.effects.learned import learned_elements
@@ -221,12 +221,18 @@ def diagnose(
     beyond = np.errstate(over="ignore", divide="ignore", invalid="ignore")
     with beyond, accounted(until, answers=answers) as account:
         campaign, base, error = _base(recorded, chosen, progress)
-        (on_base or (lambda fitted: None))(base)
-        named = list(effects) if effects is not None else available(campaign, base.setup, left_out)
-        nameless = _possible(campaign, base.setup, learned_elements().values()) if learned is None else list(learned)
+        if on_base is not None:
+            needed("files of the base model", partial(on_base, base), None)
         progress(f"base model: {base.chi2**0.5:.3g} × noise; look for what it misses")
         allow(chosen.evaluations, min(max(base.plan.size, _LEAST_STEPS), _MOST_STEPS))
-        search = begin(campaign, base, named, nameless, criteria, progress, max(1, chosen.max_effects), workers)
+
+        def begun() -> Search:
+            named = list(effects) if effects is not None else available(campaign, base.setup, left_out)
+            nameless = _possible(campaign, base.setup, learned_elements().values()) if learned is None else learned
+            return begin(campaign, base, named, list(nameless), criteria, progress, max(1, chosen.max_effects), workers)
+
+        # An interruption is for the search: what the answer needs is done whatever comes.
+        search = needed("candidates", begun, None) or begun()
         move("search", partial(explore, search), None)
         diagnosis = _concluded(search, error, chosen, account)
     return replace(diagnosis, seconds=time.monotonic() - began, ended=account.ended(budget))
@@ -246,8 +252,8 @@ def _base(
 def _concluded(search: Search, error: NumericalError, options: Options, account: Account) -> Diagnosis:
     """The diagnosis of a search that has ended."""
     campaign, criteria = search.campaign, search.criteria
+    model, base = finished(search), search.visited[frozenset()]
     weighed = search.weighed
-    base, model = search.visited[frozenset()], best_to_write(weighed.models, criteria)
     screened = _screened(search, base)
     left = screened if model is base else _screened(search, model)
     promising = (

@@ -35,7 +35,7 @@ from phnn.diagnose.number import (
     key_of,
     weigh,
 )
-from phnn.diagnose.refit import converged, further, large_starts, rebuilt, short
+from phnn.diagnose.refit import LAST, converged, further, large_starts, rebuilt, short
 from phnn.diagnose.screen import Candidate, Screen
 from phnn.effects import Effect, Scales
 from phnn.identification.base import Progress, quiet
@@ -64,6 +64,8 @@ _SAME, _COARSE = 3.0, 100.0
 _GROWN, _ENDED, _FINER = 30.0, 20.0, 8.0
 # The same for models that share the probability: each of them has to be fitted to its end.
 _ALIKE = 5.0
+# Evaluations of the model that is written, where the search has ended before it came to its end.
+_BRIEF = 3
 # Sub-steps from which on directions are fine enough.
 _ENOUGH = 8
 # Mean square below which the numerical error of the best model is asked.
@@ -158,9 +160,7 @@ def begin(
     search = Search(
         campaign, bare, fitted.plan, effects, learned, criteria, linearised.scales, screen, {}, most, executor, progress
     )  # fmt: skip
-    work = partial(search.model, (), fitted, True)
-    # An interruption is for the search: the base model is needed whatever comes.
-    search.base = search.visit(needed("prediction by the base model", work, None) or work())
+    search.base = search.visit(search.model((), fitted, True))
     return search
 
 
@@ -189,33 +189,33 @@ def _grow_all(search: Search) -> None:
 def _next(search: Search) -> Visited | None:
     """The model to grow next; None where the search has come to its end.
 
-    First comes the model that would be written: far from the noise no name is sure, and the model can still be made
-    better. Then come the most probable one and the best one of effects alone, for a learned element may stand for two
-    of them; then others that predict about as well. The first three are carried to their end, and numerical errors are
-    bounded, before they are grown.
+    First comes the most probable model; then the best one of effects alone, for a learned element may stand for two of
+    them; then the one that would be written; then others that predict about as well. Far from the noise probabilities
+    say little, and the most probable one comes third. Near the noise the first three are carried to their end, and
+    numerical errors are bounded, before they are grown.
     """
     while True:
         ranked = sorted(search.visited.values(), key=search.forecast, reverse=True)
         likely = [m for m in ranked[: search.criteria.beam] if search.forecast(ranked[0]) - search.forecast(m) < _GROWN]
         nameable = next(m for m in ranked if not any(map(is_learned, m.elements)))
-        leading = [search.best, nameable, search.written]
-        if search.best.left > search.criteria.far**2:
-            leading = [nameable, search.written, search.best]
-        todo = next((m for m in leading if not m.converged and m.left < search.criteria.far**2), None)
+        best, far = search.best, search.criteria.far**2
+        leading = [nameable, search.written, best] if best.left > far else [best, nameable, search.written]
+        todo = next((m for m in leading if not m.converged and m.left < far), None)
         if todo is not None:
-            move(f"fit of {todo.words} to its end", partial(_converge, search, todo), None)
-            kept = search.visited[todo.key]
-            if not kept.converged:
-                # It cannot be fitted with the steps of the search.
-                search.visited[todo.key] = replace(kept, converged=True)
+            _carry(search, todo)
             continue
         if not search.fine and any(m.elements and m.left < _QUIET for m in leading):
             search.fine = True
             move("finer steps", partial(_refine, search), None)
             continue
-        far = search.criteria.far**2
         able = (m for m in (*leading, *likely) if (m.converged or m.left > far) and len(m.elements) < search.most)
         return next((m for m in able if m.key not in search.grown), None)
+
+
+def _carry(search: Search, model: Visited) -> None:
+    """Carry a model to its end; one that cannot be fitted with the steps of the search has come to it."""
+    move(f"fit of {model.words} to its end", partial(_converge, search, model), None)
+    search.visited[model.key] = replace(search.visited[model.key], converged=True)
 
 
 def _grow(search: Search, model: Visited) -> None:
@@ -423,18 +423,18 @@ def _converge_near(search: Search, model: Visited, raced: Sequence[Visited]) -> 
             _converge(search, known)
 
 
-def _converge(search: Search, model: Visited) -> None:
+def _converge(search: Search, model: Visited, evaluations: int = LAST) -> None:
     """Carry a model to its end with the sub-steps of the search."""
     if model.converged and _steps(model.fit.plan) >= _steps(search.plan):
         return
-    fitted = _ended(search, model)
+    fitted = _ended(search, model, evaluations)
     if fitted is not None:
         search.visit(search.model(model.elements, fitted, done=True))
 
 
-def _ended(search: Search, model: Visited) -> Fit | None:
+def _ended(search: Search, model: Visited, evaluations: int = LAST) -> Fit | None:
     own = [n for e in model.elements for n in e.parameters]
-    return converged(model.fit, search.plan, search.base.fit.held, own)
+    return converged(model.fit, search.plan, search.base.fit.held, own, evaluations)
 
 
 def _refine(search: Search) -> None:
@@ -456,6 +456,8 @@ def _refine(search: Search) -> None:
 def _compare(search: Search) -> None:
     """Carry to their end the models that a verdict compares: those near the best, and every member of the class of an
     effect in it."""
+    while not (written := search.written).converged:
+        _carry(search, written)
     weighed = search.weighed
     for model in [m for m in weighed.models if not m.converged and weighed.behind(m) < _ALIKE]:
         move(f"fit of {model.words} to its end", partial(_converge, search, model), None)
@@ -473,6 +475,13 @@ def _may_be(effect: Effect, element: Effect) -> bool:
     return not is_learned(effect) and (
         effect.is_neighbour_of(element) or (is_learned(element) and effect.kind == element.kind)
     )
+
+
+def finished(search: Search) -> Visited:
+    """Return the model to write, with the sub-steps of the search, whatever has ended it."""
+    if not (model := search.written).converged:
+        needed(f"fit of {model.words} with all sub-steps", partial(_converge, search, model, _BRIEF), None)
+    return best_to_write([m for m in search.visited.values() if m.converged], search.criteria)
 
 
 def _exchange(search: Search, best: Visited, element: Effect) -> None:
