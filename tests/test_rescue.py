@@ -7,7 +7,7 @@ import random
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, nullcontext
 from functools import cache
 from pathlib import Path
 from types import ModuleType
@@ -245,7 +245,7 @@ def test_a_number_of_evaluations_ends_the_search_with_the_best_so_far(
 
 def test_an_interrupted_search_leaves_its_answer(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     def on_call(name: str, call: int) -> None:
-        if name == "phnn.diagnose.search.converged":
+        if (name, call) == ("phnn.diagnose.search.converged", 1):
             # Short refits are done, and none is carried to its end yet.
             raise KeyboardInterrupt
 
@@ -263,6 +263,32 @@ def test_an_interrupted_search_leaves_its_answer(tmp_path: Path, capsys: pytest.
     assert ends[1] < 1.2
     assert "The search was interrupted." in (out / "report.html").read_text()
     assert "interrupted; what was finished is in" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["files", "available", "begin", "prepare"])
+def test_an_interruption_before_the_search_leaves_an_answer(name: str) -> None:
+    """Ctrl-C while files of the base model are written, or the candidates are put together."""
+    calls: list[str] = []
+
+    def interrupted_once(do: Callable[..., Any]) -> Callable[..., Any]:
+        def call(*args: Any, **kwargs: Any) -> Any:
+            calls.append(name)
+            if len(calls) == 1:
+                raise KeyboardInterrupt
+            return do(*args, **kwargs)
+
+        return call
+
+    on_base = interrupted_once(lambda fitted: None) if name == "files" else None
+    campaign, place = campaigns.campaign("creep"), search if name == "prepare" else path
+    watched = (
+        mock.patch.object(place, name, interrupted_once(getattr(place, name))) if on_base is None else nullcontext()
+    )
+    with watched, mock.patch.object(path, "identify_base", return_value=base("creep")):
+        found = path.diagnose(campaign, Options(workers=1), on_base=on_base, learned=[], answers=True)
+    assert calls
+    assert (found.verdict, found.ended.why) == ("unknown", "interrupted")
+    assert found.chosen.key == frozenset()
 
 
 def test_a_second_interruption_ends_at_once(tmp_path: Path) -> None:

@@ -16,9 +16,10 @@ from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.linearised import tie
 from phnn.diagnose.number import Visited
 from phnn.diagnose.refit import converged, rebuilt
-from phnn.diagnose.search import Search, _drop_each, _exchange, begin, explore
+from phnn.diagnose.search import Search, _drop_each, _exchange, begin, explore, finished
 from phnn.diagnose.verdict import NAMED, NONE, PROVISIONAL, UNKNOWN, Claim, conclude
 from phnn.effects import effect
+from phnn.effects.learned import learned_elements
 from phnn.identification.fit import Fit, fit
 from phnn.identification.options import Options
 from phnn.identification.plan import Plan
@@ -31,6 +32,7 @@ VALUES = {
     "sensor_lag": {"tau_y": 1.5e-5},
     "creep": {"k_s": 4e3, "tau_s": 5e-3},
     "quadratic_drag": {"c_2": 10.0},
+    "coulomb_friction": {"F_c": 0.5, "v_s": 1e-4},
     "extra_hysteron": {"C_x": 3e-7, "rho_x": 0.3, "d_x": 5.0},
 }
 ALL = tuple(campaigns.STEPS)
@@ -106,6 +108,32 @@ def test_the_true_neighbour_takes_the_place(true: str, claimed: str) -> None:
     assert not set(VALUES[claimed]) & set(best.fit.setup.parameters)
     # Compared with the same steps.
     assert best.fit.plan.substeps == model.fit.plan.substeps
+
+
+def test_the_written_model_has_all_sub_steps_where_the_search_has_ended_early() -> None:
+    base = lacking("quadratic_drag", "creep", substeps=4)
+    search, _ = together(base, "creep", others=["quadratic_drag"])
+    values = base.setup.values() | VALUES["creep"] | VALUES["quadratic_drag"]
+    elements = [effect("creep"), effect("quadratic_drag")]
+    coarse = rebuilt(base, elements, values, base.plan.coarse(), 12)
+    assert coarse is not None
+    best = search.visit(search.model(elements, coarse))
+    assert search.written is best and not best.converged
+    written = finished(search)
+    assert written.key == best.key
+    assert dict(written.fit.plan.substeps) == dict(search.plan.substeps) != dict(coarse.plan.substeps)
+
+
+def test_laws_are_tried_where_a_learned_element_leads_far_from_the_noise() -> None:
+    """Of friction a first derivative at rest promises nothing."""
+    base = lacking("coulomb_friction")
+    campaign = Campaign(base.plan.recordings, {}, {}, "command", (), True, "made up")
+    law, learned = effect("coulomb_friction"), learned_elements()["learned_damper"]
+    # Every law is below the score that is asked of a candidate.
+    search = begin(campaign, base, [law], [learned], Criteria(near_best_far=1e9))
+    assert search.base.left > search.criteria.far**2
+    explore(search)
+    assert ("coulomb_friction",) in {m.families for m in search.visited.values()}
 
 
 @pytest.mark.slow
