@@ -217,11 +217,14 @@ def spent() -> float:
 
 
 def late(part: str) -> bool:
-    """Whether the budget is used up, so that a part is not begun and all moves after it neither."""
+    """Whether the search is stopped or its budget used up, so that neither a part nor a move after it is begun."""
     account = _ACCOUNT.get()
-    if account is None or (time.time() <= account.until and account.evaluations <= account.most):
+    if account is None:
         return False
-    account.stopped = account.stopped or (EVALUATIONS if time.time() <= account.until else SECONDS)
+    if not account.stopped:
+        if time.time() <= account.until and account.evaluations <= account.most:
+            return False
+        account.stopped = EVALUATIONS if time.time() <= account.until else SECONDS
     account.not_tried.append(part)
     return True
 

@@ -202,7 +202,8 @@ def _next(search: Search) -> Visited | None:
         leading = [nameable, search.written, best] if best.left > far else [best, nameable, search.written]
         todo = next((m for m in leading if not m.converged and m.left < far), None)
         if todo is not None:
-            _carry(search, todo)
+            if not _carry(search, todo):
+                return None
             continue
         if not search.fine and any(m.elements and m.left < _QUIET for m in leading):
             search.fine = True
@@ -212,10 +213,15 @@ def _next(search: Search) -> Visited | None:
         return next((m for m in able if m.key not in search.grown), None)
 
 
-def _carry(search: Search, model: Visited) -> None:
-    """Carry a model to its end; one that cannot be fitted with the steps of the search has come to it."""
-    move(f"fit of {model.words} to its end", partial(_converge, search, model), None)
+def _carry(search: Search, model: Visited) -> bool:
+    """Carry a model to its end, if there is time for it; one that cannot be fitted with the steps of the search has
+    come to it."""
+    part = f"fit of {model.words} to its end"
+    move(part, partial(_converge, search, model), None)
+    if not search.visited[model.key].converged and late(part):
+        return False
     search.visited[model.key] = replace(search.visited[model.key], converged=True)
+    return True
 
 
 def _grow(search: Search, model: Visited) -> None:
@@ -456,8 +462,8 @@ def _refine(search: Search) -> None:
 def _compare(search: Search) -> None:
     """Carry to their end the models that a verdict compares: those near the best, and every member of the class of an
     effect in it."""
-    while not (written := search.written).converged:
-        _carry(search, written)
+    while not (written := search.written).converged and _carry(search, written):
+        pass
     weighed = search.weighed
     for model in [m for m in weighed.models if not m.converged and weighed.behind(m) < _ALIKE]:
         move(f"fit of {model.words} to its end", partial(_converge, search, model), None)
