@@ -164,7 +164,8 @@ RULES: tuple[Rule, ...] = (
         "all listed effects",
     ),
     Rule(
-        "a_class_is_proven", lambda f: f.alternatives <= CLASS, EQUIVALENT, ("alternatives",),
+        "a_class_is_proven",
+        lambda f: f.alternatives <= CLASS and f.none <= 1.0 - f.criteria.proven, EQUIVALENT, ("alternatives", "none"),
         "a delay of a hundredth of a period, which a lag of the sensor explains as well",
     ),
 )  # fmt: skip

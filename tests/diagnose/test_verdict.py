@@ -55,6 +55,11 @@ def test_noise_above_its_floor_that_nothing_explains_is_no_mismatch() -> None:
     assert decided(replace(PROVEN, left=3.0, remaining=0))[1] == NAMED
 
 
+def test_alternatives_of_which_one_is_that_nothing_is_missing_are_no_class() -> None:
+    facts = replace(PROVEN, certain=0.1, alternatives=3, base_left=18.0, none=0.84)
+    assert all(not rule.applies(facts) for rule in RULES)
+
+
 def concluded(*models: Visited, chosen: int = 0, new: bool = True) -> Verdict:
     """The verdict on some models of which one is written."""
     return conclude(weigh(models, CRITERIA), models[chosen], new, (3, 0), CRITERIA)
