@@ -36,6 +36,7 @@ GROUPS: tuple[Task, ...] = (
     Task("listed, with a background", 0, "same", conditions=Conditions(background=True)),
     Task("listed, base of plays", 0, "same", conditions=Conditions(base=PRANDTL_ISHLINSKII)),
     Task("listed, base of Bouc-Wen", 0, "same", conditions=Conditions(base=BOUC_WEN)),
+    Task("unlisted", 0, "unlisted"),
 )
 
 

@@ -26,6 +26,7 @@ import numpy as np
 from phnn.errors import InputRefused
 from studies.generator.effects import (
     FORMS,
+    FURTHER_UNLISTED,
     LISTED,
     LOCATIONS,
     UNLISTED,
@@ -57,7 +58,7 @@ _MOVED = {
 # Effects that act on hysterons, and have no meaning where there are none.
 ON_HYSTERONS = (
     *("extra_hysteron", "hysteresis_asymmetry", "rate_dependent_threshold", "charge_leakage"),
-    "curved_capacitance",
+    *("curved_capacitance", "threshold_drift"),
 )
 
 _SPREAD = 0.2  # each parameter of Table 1 moves by up to this part of itself
@@ -263,6 +264,7 @@ _ROUNDS: dict[str, Callable[[], tuple[Choice, ...]]] = {
     ),
     "pair": lambda: _together(2),
     "triple": lambda: _mixed(_together(3)),
+    "unlisted": lambda: tuple(Choice((name,), "unlisted") for name in FURTHER_UNLISTED),
 }
 STRATA = tuple(_ROUNDS)
 
@@ -368,7 +370,8 @@ def draw_case(
         stratum: "none": nothing; "same": one listed effect in the form the catalogue gives it;
             "other": one listed effect in another form;
             "pair", "triple": two or three listed effects that differ in kind;
-            "outside": one that no catalogue lists, or a listed one whose name is withheld.
+            "outside": one that no catalogue lists, or a listed one whose name is withheld;
+            "unlisted": one of ten further ones that no catalogue lists.
         plan: see `studies.generator.plans.plan_of`.
         levels: residual over noise that an effect alone leaves beyond a refit of the base model; log-uniform. Each
             effect of a pair or triple leaves at least twice the noise.

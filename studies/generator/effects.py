@@ -151,13 +151,16 @@ def _depolarisation(rng: Rng, base: Base, plan: Plan) -> Concealed:
     return Concealed("depolarisation", 0.01 * most, most, lambda z: {"delta_z": z, "tau_z": tau, "V_c": critical})
 
 
-def _self_heating(rng: Rng, base: Base, plan: Plan) -> Concealed:
-    """Return ``α (1 + κ_T T)``, ``C_T Ṫ = P − T/R_T``."""
-    # Only κ_T/C_T and R_T C_T are in the recordings: R_T is set so that temperatures are of the order of a kelvin.
-    sign, tau = either_sign(rng), log_uniform(rng, 0.1, 2.0)
-    resistance = _WARMTH / _LOSS
-    shape = {"C_T": tau / resistance, "R_T": resistance}
-    return Concealed("self_heating", 0.05, 5.0, lambda z: {"kappa_T": sign * z, **shape})
+def _heated(name: str, guess: float, most: float, parameter: str) -> Draw:
+    """Return how an effect of the temperature ``T``, ``C_T Ṫ = P − T/R_T``, is drawn; it has either sign."""
+
+    def drawn(rng: Rng, base: Base, plan: Plan) -> Concealed:
+        # Only κ_T/C_T and R_T C_T are in the recordings: R_T is set so that temperatures are of the order of a kelvin.
+        sign, tau, resistance = either_sign(rng), log_uniform(rng, 0.1, 2.0), _WARMTH / _LOSS
+        shape = {"C_T": tau / resistance, "R_T": resistance}
+        return Concealed(name, guess, most, lambda z: {parameter: sign * z, **shape})
+
+    return drawn
 
 
 def _slew_limit(rng: Rng, base: Base, plan: Plan) -> Concealed:
@@ -228,7 +231,8 @@ _LISTED: dict[str, tuple[str, Draw]] = {
     "displacement_coupling": ("coupling", _one("displacement_coupling", 5e-3, 0.5, "kappa_a", signed=True)),
     "depolarisation": ("coupling", _depolarisation),
     "second_mode": ("mechanical", _second_mode),
-    "self_heating": ("thermal", _self_heating),
+    # α (1 + κ_T T)
+    "self_heating": ("thermal", _heated("self_heating", 0.05, 5.0, "kappa_T")),
     # V(t) = u(t − τ)
     "delay": ("amplifier", _one("delay", 1e-5, 1e-2, "tau_d")),
     "slew_limit": ("amplifier", _slew_limit),
@@ -288,12 +292,66 @@ _UNLISTED: dict[str, tuple[str, Draw]] = {
     "sensor_clock": ("sensor", _one("sensor_clock", 1e-5, 0.05, "kappa_t")),
 }
 UNLISTED = tuple(_UNLISTED)
-LOCATIONS = {name: location for name, (location, _) in {**_LISTED, **_UNLISTED}.items()}
+
+
+def _amplifier_ripple(rng: Rng, base: Base, plan: Plan) -> Concealed:
+    """Return ``V = u (1 + κ sin(2π f t + φ))``: the rectified mains, 100 or 120 Hz, move the gain."""
+    frequency, phase = float(rng.choice([100.0, 120.0])), float(rng.uniform(0.0, 2.0 * math.pi))
+    return Concealed("amplifier_ripple", 2e-3, 0.5, lambda z: {"kappa_u": z, "f_u": frequency, "phi_u": phase})
+
+
+def _cogging(rng: Rng, base: Base, plan: Plan) -> Concealed:
+    """Return ``A sin(2π q/λ)``, too weak to make a second rest position."""
+    length = log_uniform(rng, 2e-5, 8e-5)
+    most = 0.9 * base["k"] * length / (2.0 * math.pi)
+    return Concealed("cogging", 0.02 * most, most, lambda z: {"A_g": z, "lambda_g": length})
+
+
+def _end_cushion(rng: Rng, base: Base, plan: Plan) -> Concealed:
+    """Return ``c max(±q − q_e, 0) v`` on either side."""
+    q_e, side = float(rng.uniform(0.1, 0.6)) * quasi_static_peak(base), either_sign(rng)
+    return Concealed("end_cushion", 2e4, 1e8, lambda z: {"c_e": z, "q_e": q_e, "side_e": side})
+
+
+def _cyclic_error(rng: Rng, base: Base, plan: Plan) -> Concealed:
+    """Return ``y = q + A sin(2π q/λ)``: a scale of period λ, read so that y still grows with q."""
+    period = log_uniform(rng, 1e-5, 4e-5)
+    return Concealed("cyclic_error", 1e-7, 0.9 * period / (2.0 * math.pi), lambda z: {"A_y": z, "lambda_y": period})
+
+
+def _scale_stitch(rng: Rng, base: Base, plan: Plan) -> Concealed:
+    """Return ``y = q + ½ δ tanh((q − q_y)/w)``: two parts of a scale meet at q_y, too far apart or too close."""
+    seam, sign = float(rng.uniform(-0.6, 0.6)) * quasi_static_peak(base), either_sign(rng)
+    width = log_uniform(rng, 3e-6, 1e-5)
+    return Concealed("scale_stitch", 1e-7, 1.8 * width, lambda z: {"delta_y": sign * z, "q_y": seam, "w_y": width})
+
+
+# Kinds of a stratum of their own, so that the cases of the others stay as they are.
+_FURTHER_UNLISTED: dict[str, tuple[str, Draw]] = {
+    "amplifier_ripple": ("amplifier", _amplifier_ripple),
+    # V = u − z, ż = ω V: a capacitor in series
+    "amplifier_high_pass": ("amplifier", _one("amplifier_high_pass", 0.02, 50.0, "omega_u")),
+    "cogging": ("mechanical", _cogging),
+    "end_cushion": ("mechanical", _end_cushion),
+    # κ k |q| tanh(v/v_s): friction in proportion to the deflection
+    "reid_damper": ("mechanical", _one("reid_damper", 2e-3, 0.5, "kappa_r")),
+    # d_i exp(κ t/3 s) in every recording
+    "threshold_drift": ("hysteron", _one("threshold_drift", 0.01, 2.0, "kappa_w", signed=True)),
+    # α (1 − κ lg(1 + t/5 ms)), lg to the base of ten, in every recording
+    "coupling_ageing": ("coupling", _one("coupling_ageing", 2e-3, 0.2, "kappa_l")),
+    # a force k x T: losses make the actuator longer, or shorter
+    "thermal_expansion": ("thermal", _heated("thermal_expansion", 5e-6, 2e-4, "x_T")),
+    "cyclic_error": ("sensor", _cyclic_error),
+    "scale_stitch": ("sensor", _scale_stitch),
+}
+FURTHER_UNLISTED = tuple(_FURTHER_UNLISTED)
+_EVERY = {**_LISTED, **_UNLISTED, **_FURTHER_UNLISTED}
+LOCATIONS = {name: location for name, (location, _) in _EVERY.items()}
 
 
 def drawn(name: str, rng: Rng, base: Base, plan: Plan) -> Concealed:
     """Draw the shape of a listed effect in its catalogue form, or of an unlisted one."""
-    return {**_LISTED, **_UNLISTED}[name][1](rng, base, plan)
+    return _EVERY[name][1](rng, base, plan)
 
 
 # What a seed of the demonstration may draw, in the order in which it draws; the others are there to be asked for.

@@ -35,6 +35,7 @@ _STEP = 1.5e-6  # s, with which the fast hysteron of any draw (0.6 µs) is stabl
 _SAME = 1e-12  # s; LSODA refuses times as close as that
 _FINE = 5e-6  # s; a play turns between the samples, where the displacement does
 _GAIN_TIME = 3.0  # s, in which a slow change of the gain reaches κ_y
+_AGES = 5e-3  # s, after which ageing follows the logarithm of time
 
 # Table 1 of the paper, SI; rho is the conductance ϱ⁻¹.
 TABLE = {
@@ -61,10 +62,11 @@ _ZERO = """
     inv_C_3 rho_3 rho_4 k_w kappa_d kappa_v kappa_C G inv_C_5 rho_5 inv_C_6 rho_6
     c_play_1 c_play_2 c_play_3 c_play_4 lean_play gape_play c_bouc epsilon kappa_a kappa_e delta_z kappa_T
     tau_d Delta_u delta_V tau_V zeta_V s_V tau_y a_2 a_3 delta_b kappa_y kappa_t
+    kappa_u f_u phi_u omega_u A_g c_e kappa_r kappa_w kappa_l x_T A_y delta_y
 """
 _ONE = """
     tau_s tau_l r_s v_st z_l n_c2 q_c n_c side d_3 d_4 z_w n_w d_5 d_6
-    r_play_1 r_play_2 r_play_3 r_play_4 q_play z_bouc n_bouc tau_z V_c C_T R_T
+    r_play_1 r_play_2 r_play_3 r_play_4 q_play z_bouc n_bouc tau_z V_c C_T R_T lambda_g q_e side_e lambda_y q_y w_y
 """
 NEUTRAL: dict[str, float] = {
     **dict.fromkeys(_ZERO.split(), 0.0),
@@ -83,7 +85,7 @@ _EXTRA: dict[str, tuple[str, tuple[float, ...]]] = {
     "at_slew": ("S", (75.0,)),
     "at_filter": ("zeta_V", (75.0,)),
     "at_polarisation": ("delta_z", (1.0,)),
-    "at_warmth": ("kappa_T", (1.0,)),
+    "at_warmth": ("C_T", (1.0,)),
     "at_mode": ("m_2", (1e-4, 1e-2)),
     "at_cells": ("k_l", (1e-4,) * 8),
     "at_bristle": ("F_l", (1e-6,)),
@@ -93,6 +95,7 @@ _EXTRA: dict[str, tuple[str, tuple[float, ...]]] = {
     "at_hysteron_6": ("inv_C_6", (4e-6,)),
     "at_plays": ("c_play_1", (1e-4,) * 4),
     "at_bouc": ("c_bouc", (1e-4,)),
+    "at_blocked": ("omega_u", (75.0,)),
 }
 _RECORD = np.dtype([(n, np.float64) for n in (*TABLE, *NEUTRAL)] + [(n, np.int64) for n in _EXTRA])
 
@@ -167,12 +170,18 @@ def _clipped(voltage: float, most: float, softness: float) -> float:
 
 @njit(cache=True)
 def _amplifier(t: float, x: Array, w: Any, drive: Array, out: Array) -> float:
-    """Terminal voltage: steps of the converter, dead band, slew limit, low-pass, saturation, in this order.
+    """Terminal voltage: high-pass, ripple, converter, dead band, slew limit, low-pass, saturation, in this order.
 
+    High-pass: ``V = u − z``, ``ż = ω V``. Ripple: ``u (1 + κ_u sin(2π f t + φ))``.
     Slew limit: ``V̇ = u̇ + (u − V)/ε`` within ``±S``, so that without a limit there is no lag. Low-pass:
     ``τ V̇ = u − V``, or of second order ``τ V̇ = W``, ``τ Ẇ = u − V − 2ζ W``.
     """
     voltage, slope = _commanded(t, drive)
+    if w.at_blocked > 0:
+        voltage -= x[w.at_blocked]
+        out[w.at_blocked] = w.omega_u * voltage
+    if w.kappa_u != 0.0:
+        voltage *= 1.0 + w.kappa_u * math.sin(2.0 * math.pi * w.f_u * t + w.phi_u)
     if w.Delta_u > 0.0:
         voltage = math.floor(voltage / w.Delta_u + 0.5) * w.Delta_u
     voltage = math.copysign(max(abs(voltage) - w.delta_V, 0.0), voltage)
@@ -192,11 +201,13 @@ def _amplifier(t: float, x: Array, w: Any, drive: Array, out: Array) -> float:
 
 
 @njit(cache=True)
-def _coupling(x: Array, w: Any, voltage: float, out: Array) -> float:
-    """``A``: ``(1 + κ q/q₀) exp(κ_e q/q₀) (1 − δ z) (1 + κ_T T)`` with ``τ_z ż = max(|V|/V_c − 1, 0) − z``."""
+def _coupling(t: float, x: Array, w: Any, voltage: float, out: Array) -> float:
+    """``(1 + κ s) exp(κ_e s) (1 − κ_l lg(1 + t/5 ms)) (1 − δ z) (1 + κ_T T)``, ``τ_z ż = max(|V|/V_c − 1, 0) − z``."""
     factor = 1.0 + w.kappa_a * x[2] / Q_0
     if w.kappa_e != 0.0:
         factor *= math.exp(w.kappa_e * x[2] / Q_0)
+    if w.kappa_l != 0.0:
+        factor *= 1.0 - w.kappa_l * math.log10(1.0 + t / _AGES)
     if w.at_polarisation > 0:
         z = x[w.at_polarisation]
         out[w.at_polarisation] = (max(abs(voltage) / w.V_c - 1.0, 0.0) - z) / w.tau_z
@@ -246,12 +257,13 @@ def _other_hysteresis(x: Array, v: float, w: Any, out: Array) -> tuple[float, fl
 
 
 @njit(cache=True)
-def _hysterons(x: Array, w: Any, flow: float, v: float, out: Array) -> tuple[float, float, float, float]:
+def _hysterons(t: float, x: Array, w: Any, flow: float, v: float, out: Array) -> tuple[float, float, float, float]:
     """``e_1, e_2``, the sum of all others [V] and the power [W] lost in the dead zones, at the current ``flow`` [A].
 
-    Thresholds: ``½ d_i max(0, 1 + κ_d q/q₀) (1 + κ_v |v|)``. Hysteron 3 can have a second slope beyond ``½ d_4``.
+    Thresholds: ``½ d_i max(0, 1 + κ_d q/q₀) (1 + κ_v |v|) exp(κ_w t/3 s)``. Hysteron 3 may slip more past ``½ d_4``.
     """
     width = max(0.0, 1.0 + w.kappa_d * x[2] / Q_0) * (1.0 + w.kappa_v * abs(v))
+    width *= math.exp(w.kappa_w * t / _GAIN_TIME)
     e_1, e_2, e_3 = _effort(x[0] / w.C_1, w.kappa_C), _effort(x[1] / w.C_2, w.kappa_C), x[5] * w.inv_C_3
     h_1, h_2 = _dead_zone(e_1, w.rho_1, 0.5 * w.d_1 * width), _dead_zone(e_2, w.rho_2, 0.5 * w.d_2 * width)
     out[0] = flow - h_1 - w.G * e_1
@@ -284,6 +296,17 @@ def _spring_and_damper(t: float, q: float, v: float, w: Any) -> float:
         stiffness *= 1.0 + w.kappa_p * math.sin(2.0 * math.pi * w.f_p * t + w.phi_p)
     drag = w.c_2 * abs(v) if w.n_c2 == 1.0 else w.c_2 * abs(v) ** w.n_c2
     return stiffness * q * shape + (w.b * (1.0 + w.kappa_b * s**2) * (1.0 + w.kappa_f * (v > 0.0)) + drag) * v
+
+
+@njit(cache=True)
+def _guide(q: float, v: float, w: Any) -> float:
+    """Cogging ``A_g sin(2π q/λ_g)``, cushion ``c_e max(±q − q_e, 0) v``, Reid's damper ``κ_r k |q| tanh(v/v_s)``."""
+    force = w.c_e * max(w.side_e * q - w.q_e, 0.0) * v
+    if w.A_g != 0.0:
+        force += w.A_g * math.sin(2.0 * math.pi * q / w.lambda_g)
+    if w.kappa_r != 0.0:
+        force += w.kappa_r * w.k * abs(q) * math.tanh(v / w.v_s)
+    return force
 
 
 @njit(cache=True)
@@ -353,10 +376,11 @@ def rates(t: float, x: Array, w: Any, drive: Array) -> Array:
     q, v = x[2], x[3] / w.m
     out = np.zeros(x.size)
     voltage = _amplifier(t, x, w, drive, out)
-    alpha = w.alpha * _coupling(x, w, voltage, out)
-    e_1, e_2, others, loss = _hysterons(x, w, alpha * v, v, out)
+    alpha = w.alpha * _coupling(t, x, w, voltage, out)
+    e_1, e_2, others, loss = _hysterons(t, x, w, alpha * v, v, out)
     force = alpha * (voltage * (1.0 + 0.5 * w.epsilon * voltage) - e_1 - e_2 - others)
     force -= _spring_and_damper(t, q, v, w)
+    force -= _guide(q, v, w)
     force -= _friction(x, v, w, out)
     force -= _memory(x, v, w, out)
     force -= _contact(q, w)
@@ -365,7 +389,8 @@ def rates(t: float, x: Array, w: Any, drive: Array) -> Array:
     if w.A_b != 0.0:
         force += w.A_b * math.sin(2.0 * math.pi * w.f_b * t + w.phi_b)
     if w.at_warmth > 0:
-        # Above ambient: C_T Ṫ = losses − T/R_T.
+        # Above ambient: C_T Ṫ = losses − T/R_T; the free length grows by x_T T.
+        force += w.k * w.x_T * x[w.at_warmth]
         out[w.at_warmth] = (loss + w.b * v * v - x[w.at_warmth] / w.R_T) / w.C_T
     if w.at_sensor > 0:
         out[w.at_sensor] = (q - x[w.at_sensor]) / w.tau_y
@@ -419,8 +444,10 @@ def play(q: Array, half: float) -> Array:
 
 
 def scaled(q: Array, t: Array, values: Mapping[str, float]) -> Array:
-    """``(1 + κ_y t/3 s) (q + a₂ q² + a₃ q³)``, shape as ``q``, m; ``t`` in s from the start of the recording."""
+    """``(1 + κ_y t/3 s) (q + a₂ q² + a₃ q³ + A sin(2π q/λ) + ½ δ tanh((q − q_y)/w))``, m; ``t`` from the start, s."""
     curved = q + values["a_2"] * q**2 + values["a_3"] * q**3
+    curved += values["A_y"] * np.sin(2.0 * math.pi * q / values["lambda_y"])
+    curved += 0.5 * values["delta_y"] * np.tanh((q - values["q_y"]) / values["w_y"])
     return curved * (1.0 + values["kappa_y"] * t / _GAIN_TIME)
 
 

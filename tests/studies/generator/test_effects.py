@@ -7,24 +7,15 @@ from functools import cache
 import numpy as np
 import pytest
 
-from studies.generator.effects import (
-    ALIKE,
-    FORMS,
-    LISTED,
-    LOCATIONS,
-    UNLISTED,
-    Concealed,
-    described,
-    draw,
-    drawn,
-    may_be_paired,
-)
+from studies.generator import effects
+from studies.generator.cases import STRATA, choices
+from studies.generator.effects import FORMS, FURTHER_UNLISTED, LISTED, UNLISTED, Concealed, may_be_paired
 from studies.generator.make import concealing
 from studies.generator.plans import plan_of
 from studies.generator.world import NEUTRAL, TABLE, simulate_all
 
 PLAN = plan_of("short")
-ALL = [*LISTED, *UNLISTED, *FORMS, "stop of the demonstration", "drift of the demonstration"]
+ALL = [*LISTED, *UNLISTED, *FURTHER_UNLISTED, *FORMS, "stop of the demonstration", "drift of the demonstration"]
 
 
 def _effect(chosen: str) -> tuple[str, Concealed]:
@@ -33,10 +24,10 @@ def _effect(chosen: str) -> tuple[str, Concealed]:
         name, drawn_in_form = FORMS[chosen]
         assert name in LISTED
         return name, drawn_in_form(rng, TABLE, PLAN)
-    if chosen not in LOCATIONS:
+    if chosen not in effects.LOCATIONS:
         name = "contact_stop" if chosen.startswith("stop") else "sensor_drift"
-        return name, draw(name, rng, TABLE, PLAN)
-    return chosen, drawn(chosen, rng, TABLE, PLAN)
+        return name, effects.draw(name, rng, TABLE, PLAN)
+    return chosen, effects.drawn(chosen, rng, TABLE, PLAN)
 
 
 @cache
@@ -51,7 +42,7 @@ def test_it_changes_the_output_and_vanishes_with_its_strength(chosen: str) -> No
     assert effect.name == name
     assert set(effect.law(effect.guess)) <= set(NEUTRAL)
     # A seal is JSON, which has no infinity.
-    stated = described(effect, effect.guess)
+    stated = effects.described(effect, effect.guess)
     assert stated and all(np.isfinite(value) for value in stated.values())
 
     def change(strength: float) -> float:
@@ -68,8 +59,14 @@ def test_pairs_are_of_different_kinds() -> None:
     assert not may_be_paired("delay", "delay")
     assert not may_be_paired("delay", "sensor_lag")
     assert not may_be_paired("slew_limit", "amplifier_saturation")
-    assert set().union(*ALIKE) <= set(LISTED)
-    assert not set(LISTED) & set(UNLISTED)
-    assert set(LOCATIONS.values()) == {
+    assert set().union(*effects.ALIKE) <= set(LISTED)
+    assert len({*LISTED, *UNLISTED, *FURTHER_UNLISTED}) == len(LISTED) + len(UNLISTED) + len(FURTHER_UNLISTED)
+    assert set(effects.LOCATIONS.values()) == {
         "amplifier", "electrical", "hysteron", "coupling", "mechanical", "thermal", "sensor", "environment"
     }  # fmt: skip
+
+
+def test_further_unlisted_effects_have_a_stratum_of_their_own() -> None:
+    own = choices("unlisted")
+    assert [(c.effects, c.form) for c in own] == [((name,), "unlisted") for name in FURTHER_UNLISTED]
+    assert [c for s in STRATA for c in choices(s) if {*c.effects, *c.withheld} & {*FURTHER_UNLISTED}] == [*own]
