@@ -183,10 +183,6 @@ class PortHamiltonianSystem(ParameterisedNetwork):
         # Training may carry a module of unknown form out of its sector.
         return flow if is_learned(resistor.law) else torch.where(epsilon * flow < 0.0, 0.0 * flow, flow)
 
-    def resistor_flows(self, x: Tensor) -> Tensor:  # x: (..., n)
-        """(..., R) flow through every resistor at a state."""
-        return self.branch_flows(self.branch_efforts(self.efforts(x), x), x)
-
     @evaluation
     def actions(
         self,

@@ -11,7 +11,7 @@ from phnn.recordings.describe import facts
 from phnn.recordings.recording import Recording
 from phnn.report.figures.recorded import draw_recorded
 from phnn.report.figures.style import RC, Drawing, png
-from phnn.report.plain import plain_page
+from phnn.report.page import plain_page
 from phnn.results import Place
 
 

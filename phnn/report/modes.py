@@ -22,7 +22,7 @@ from phnn.models.store import FILE
 from phnn.report.figures.modes import draw_left, draw_resonance, resonance_title
 from phnn.report.figures.style import RC, Drawing, png
 from phnn.report.formatting import DASH, display_unit, plain, short, words
-from phnn.report.plain import plain_page
+from phnn.report.page import plain_page
 from phnn.results import Place
 
 Array = NDArray[np.float64]

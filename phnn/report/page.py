@@ -5,24 +5,29 @@ from __future__ import annotations
 import base64
 from collections.abc import Sequence
 from functools import cache
-from typing import TYPE_CHECKING
+from importlib.resources import files
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from jinja2 import Environment, FunctionLoader, StrictUndefined
 from markupsafe import Markup
 
 from phnn.report import formatting, verdicts
 from phnn.report.document import Document, FitRow
-from phnn.report.evidence import CandidateRow, Evidence, ParameterRow
+from phnn.report.evidence import CandidateRow, Evidence, ParameterRow, Trace
 from phnn.report.formatting import Unit, display_unit, finite
 from phnn.report.formula import formula, symbol
 from phnn.report.gallery import Gallery
 from phnn.report.scripts import content, scripts
 from phnn.report.shares import Shares, base_note
 from phnn.report.tables import table_links
-from phnn.report.usage import usage
 
 if TYPE_CHECKING:
     from phnn.report.figures import Drawing
+
+
+# What the example simulates where no recording says anything.
+_PERIODS, _SAMPLES = 3.0, 2000
 
 
 def image(drawing: Drawing) -> Markup:
@@ -32,6 +37,15 @@ def image(drawing: Drawing) -> Markup:
     return Markup('<img src="data:image/png;base64,{}" alt="{}" width="{}" height="{}">').format(
         data, drawing.alt, round(width * 96 / 150), round(height * 96 / 150)
     )
+
+
+def plain_page(package: str, template: str, **content: Any) -> bytes:
+    """A template of a package filled in; every name and sentence from outside is escaped."""
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment.filters.update(image=image, ratio=formatting.ratio)
+    style = Markup(files("phnn.report").joinpath("plain.css").read_text("utf-8"))
+    filled = environment.from_string(files(package).joinpath(template).read_text("utf-8"))
+    return filled.render(style=style, **content).encode()
 
 
 def svg_link(drawing: Drawing) -> str:
@@ -163,3 +177,27 @@ def render_page(
             unit_of=_unit_of,
         )
     )
+
+
+def usage(traces: Sequence[Trace], input_unit: str, output_unit: str) -> str:
+    """A short program: a sine as large and as long as the first recording, simulated with the model beside the page."""
+    amplitude, seconds = _size(traces)
+    lines = (
+        ('model = phnn.load("model")', "the folder model/ beside this page"),
+        (f"t = np.linspace(0.0, {seconds:.4g}, {_SAMPLES + 1})", "time [s]"),
+        (f"u = {amplitude:.4g} * np.sin(2.0 * np.pi * {_PERIODS / seconds:.4g} * t)", f"input [{input_unit}]"),
+        ("y = model.simulate(t, u)", f"output [{output_unit}]"),
+    )
+    width = max(len(code) for code, _ in lines)
+    shown = "".join(f"{code:{width}}  # {remark}\n" for code, remark in lines)
+    return f"import numpy as np\nimport phnn\n\n{shown}print(y.min(), y.max())\n"
+
+
+def _size(traces: Sequence[Trace]) -> tuple[float, float]:
+    """Largest input and duration of the first recording; 1 and 1 s where there is none."""
+    if not traces or len(traces[0].t) < 2:
+        return 1.0, 1.0
+    first = traces[0]
+    amplitude = finite(np.nanmax(np.abs(first.u))) if np.isfinite(first.u).any() else None
+    seconds = finite(first.t[-1] - first.t[0])
+    return amplitude or 1.0, seconds or 1.0

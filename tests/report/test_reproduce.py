@@ -15,9 +15,9 @@ import pytest
 
 from phnn.recordings import read
 from phnn.report.methods import bibtex, methods
+from phnn.report.page import usage
 from phnn.report.provenance import command_line, provenance
 from phnn.report.result import evidence
-from phnn.report.usage import usage
 
 
 def test_methods_say_what_was_fitted_held_out_and_decided() -> None:

@@ -6,13 +6,15 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from phnn.errors import InputRefused
 from phnn.intake.limits import LIMITS
-from phnn.recordings.adapters.arrays import given_arrays, is_arrays, is_numbers
 from phnn.recordings.adapters.benchmark import given_benchmark, is_benchmark
 from phnn.recordings.adapters.frames import given_frame, is_frame
-from phnn.recordings.adapters.given import Given
+from phnn.recordings.adapters.given import Given, where_of
 from phnn.recordings.adapters.labelled import given_labelled, is_labelled
+from phnn.recordings.array_files import stored_arrays, table_of
 from phnn.recordings.manifest import Manifest
 from phnn.recordings.recording import is_actuator
 from phnn.results import printable
@@ -102,3 +104,28 @@ def _named_apart(found: list[Given]) -> list[Given]:
     digits = len(str(len(found)))
     numbered = (f"recording_{i:0{digits}d}" if len(found) > 1 else "recording" for i in range(1, len(found) + 1))
     return [replace(one, name=one.name or name) for one, name in zip(found, numbered, strict=True)]
+
+
+def is_arrays(data: object) -> bool:
+    """Whether an object maps names to numbers, arrays or lists."""
+    return isinstance(data, Mapping) and bool(data) and all(map(is_numbers, data.values()))
+
+
+def given_arrays(data: Mapping[str, Any], name: str = "") -> Given:
+    """The arrays by name, the columns of a matrix as ``name[0]``, ….
+
+    Raises:
+        InputRefused: there are no arrays of numbers.
+    """
+    where = where_of(data, name)
+    return Given(name, table_of(where, stored_arrays({str(k): v for k, v in data.items()})))
+
+
+def is_numbers(value: Any) -> bool:
+    """Whether an object is an array of real numbers, or a list of some."""
+    try:
+        array = np.asarray(value)
+    except (TypeError, ValueError, RuntimeError):
+        # Lists of unequal lengths, tensors on another device or with gradients.
+        return False
+    return array.dtype.kind in "iufb" and array.ndim > 0
