@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 
 from rich.console import Console
@@ -62,6 +63,8 @@ def diagnose_into(
     def on_base(fitted: Fit) -> None:
         save_fit(fitted, place / "base")
 
+    # What draws the report is loaded now: an interruption in the middle of an import would leave half a module.
+    import_module("phnn.report.gallery")
     with status() as tell, watched(place, "diagnose", tell) as progress:
         if compile_ahead():
             progress("compile the simulation, once on this machine")

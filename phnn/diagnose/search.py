@@ -266,9 +266,7 @@ def material(candidate: Candidate, fitted: Fit, criteria: Criteria) -> bool:
     return size > criteria.material**2 and candidate.score > criteria.score * (_LARGE_SCORE if large else 1.0)
 
 
-def _heat(
-    search: Search, model: Visited, candidates: Sequence[Candidate], large: bool = False
-) -> list[Visited]:  # fmt: skip
+def _heat(search: Search, model: Visited, candidates: Sequence[Candidate], large: bool = False) -> list[Visited]:
     """Short refits of candidates beside a model, with coarse sub-steps, the best first; from large strengths too where
     one that promises a lot has not helped, or where that is asked."""
     if not candidates or late(f"refits beside {model.words}"):
