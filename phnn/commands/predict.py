@@ -38,13 +38,13 @@ def predict(
             print(out / name)
         content = document(found, files, printable(str(model)))
         (place / "predict.json").write_json(content)
-    table = score_table(content)
+    table = _score_table(content)
     if table is not None:
         console().print(table)
     print(f"results: {out / 'predict.json'}")
 
 
-def score_table(content: Mapping[str, Any]) -> Table | None:
+def _score_table(content: Mapping[str, Any]) -> Table | None:
     """Fit %, RMSE with its unit and residual over noise, recording by recording and in total; a dash where one is
     undefined. None where no output was recorded.
 

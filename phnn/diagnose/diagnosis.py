@@ -226,13 +226,13 @@ def diagnose(
         progress(f"base model: {base.chi2**0.5:.3g} × noise; look for what it misses")
         allow(chosen.evaluations, min(max(base.plan.size, _LEAST_STEPS), _MOST_STEPS))
 
-        def begun() -> Search:
+        def ready() -> Search:
             named = list(effects) if effects is not None else available(campaign, base.setup, left_out)
             nameless = _possible(campaign, base.setup, learned_elements().values()) if learned is None else learned
             return begin(campaign, base, named, list(nameless), criteria, progress, max(1, chosen.max_effects), workers)
 
         # An interruption is for the search: what the answer needs is done whatever comes.
-        search = needed("candidates", begun, None) or begun()
+        search = needed("candidates", ready, None) or ready()
         move("search", partial(explore, search), None)
         diagnosis = _concluded(search, error, chosen, account)
     return replace(diagnosis, seconds=time.monotonic() - began, ended=account.ended(budget))

@@ -43,7 +43,9 @@ _STRENGTHS = tuple(10.0 ** (0.5 * k) for k in range(1, 10))
 _WANTED, _MOST = 0.5, 3.0
 _LARGE = 2
 # Evaluations of a refit that is carried to the end, and its tolerance near the noise and far from it.
-LAST, _NEAR, _FAR = 25, 1e-5, 1e-4
+_LAST, _NEAR, _FAR = 25, 1e-5, 1e-4
+# Evaluations where a search has ended before a fit came to its end.
+_BRIEF = 3
 
 
 def short(base: Fit, plan: Plan, effect: Effect, starts: Sequence[Mapping[str, float]], evaluations: int) -> Fit | None:
@@ -63,22 +65,21 @@ def further(fitted: Fit, evaluations: int) -> Fit:
     return found if found.cost < fitted.cost else fitted
 
 
-def converged(
-    fitted: Fit, plan: Plan, held: Mapping[str, str], own: Sequence[str], evaluations: int = LAST
-) -> Fit | None:
+def converged(fitted: Fit, plan: Plan, held: Mapping[str, str], own: Sequence[str], brief: bool = False) -> Fit | None:
     """Return the fit carried to its end on a plan; None where it cannot be simulated there.
 
     Args:
         plan: recordings and sub-steps of the search.
         held: what the base model holds, and why.
         own: parameters of the elements, which are estimated in any case.
-        evaluations: most of a fit that has not converged before.
+        brief: a few steps instead, where there is no time left.
     """
 
     def to_the_end() -> Fit:
         tolerance = _NEAR if fitted.chi2 < 1.5 else _FAR
-        full = fit_identified(fitted.setup, plan, stated_only(held), evaluations, fitted, own, tolerance)
-        return released(resumed(full), own) if evaluations == LAST else full
+        most = _BRIEF if brief else _LAST
+        full = fit_identified(fitted.setup, plan, stated_only(held), most, fitted, own, tolerance)
+        return full if brief else released(resumed(full), own)
 
     return attempt("refit to the end", to_the_end, None)
 

@@ -35,7 +35,7 @@ from phnn.diagnose.number import (
     key_of,
     weigh,
 )
-from phnn.diagnose.refit import LAST, converged, further, large_starts, rebuilt, short
+from phnn.diagnose.refit import converged, further, large_starts, rebuilt, short
 from phnn.diagnose.screen import Candidate, Screen
 from phnn.effects import Effect, Scales
 from phnn.identification.base import Progress, quiet
@@ -64,8 +64,6 @@ _SAME, _COARSE = 3.0, 100.0
 _GROWN, _ENDED, _FINER = 30.0, 20.0, 8.0
 # The same for models that share the probability: each of them has to be fitted to its end.
 _ALIKE = 5.0
-# Evaluations of the model that is written, where the search has ended before it came to its end.
-_BRIEF = 3
 # Sub-steps from which on directions are fine enough.
 _ENOUGH = 8
 # Mean square below which the numerical error of the best model is asked.
@@ -427,18 +425,18 @@ def _converge_near(search: Search, model: Visited, raced: Sequence[Visited]) -> 
             _converge(search, known)
 
 
-def _converge(search: Search, model: Visited, evaluations: int = LAST) -> None:
+def _converge(search: Search, model: Visited, brief: bool = False) -> None:
     """Carry a model to its end with the sub-steps of the search."""
     if model.converged and _steps(model.fit.plan) >= _steps(search.plan):
         return
-    fitted = _ended(search, model, evaluations)
+    fitted = _ended(search, model, brief)
     if fitted is not None:
         search.visit(search.model(model.elements, fitted, done=True))
 
 
-def _ended(search: Search, model: Visited, evaluations: int = LAST) -> Fit | None:
+def _ended(search: Search, model: Visited, brief: bool = False) -> Fit | None:
     own = [n for e in model.elements for n in e.parameters]
-    return converged(model.fit, search.plan, search.base.fit.held, own, evaluations)
+    return converged(model.fit, search.plan, search.base.fit.held, own, brief)
 
 
 def _refine(search: Search) -> None:
@@ -484,7 +482,7 @@ def _may_be(effect: Effect, element: Effect) -> bool:
 def finished(search: Search) -> Visited:
     """Return the model to write, with the sub-steps of the search, whatever has ended it."""
     if not (model := search.written).converged:
-        needed(f"fit of {model.words} with all sub-steps", partial(_converge, search, model, _BRIEF), None)
+        needed(f"fit of {model.words} with all sub-steps", partial(_converge, search, model, brief=True), None)
     return best_to_write([m for m in search.visited.values() if m.converged], search.criteria)
 
 

@@ -194,7 +194,7 @@ def usage(traces: Sequence[Trace], input_unit: str, output_unit: str) -> str:
 
 
 def _size(traces: Sequence[Trace]) -> tuple[float, float]:
-    """Largest input and duration of the first recording; 1 and 1 s where there is none."""
+    """Largest input and duration of the first recording; 1 and 1 s without one."""
     if not traces or len(traces[0].t) < 2:
         return 1.0, 1.0
     first = traces[0]

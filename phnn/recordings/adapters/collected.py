@@ -61,8 +61,8 @@ def _collected(data: Any, name: str, names: tuple[str, str]) -> Iterator[Given]:
     elif isinstance(data, Mapping) and any(map(_is_recording, data.values())):
         for key, one in data.items():
             yield from _collected(one, _joined(name, key), names)
-    elif is_arrays(data):
-        yield given_arrays(data, name)
+    elif _is_arrays(data):
+        yield _given_arrays(data, name)
     elif isinstance(data, list | tuple) and not name:
         for one in data:
             yield from _collected(one, name, names)
@@ -70,7 +70,7 @@ def _collected(data: Any, name: str, names: tuple[str, str]) -> Iterator[Given]:
         label = f"{name}: " if name else ""
         kind = type(data).__name__
         if isinstance(data, Mapping):
-            wrong = [f"{printable(str(key))} ({type(v).__name__})" for key, v in data.items() if not is_numbers(v)]
+            wrong = [f"{printable(str(key))} ({type(v).__name__})" for key, v in data.items() if not _is_numbers(v)]
             kind = f"a {kind} with {', '.join(wrong[:_SHOWN]) or 'nothing in it'}"
         raise InputRefused(f"{label}{kind} is not known as a recording: give {_ACCEPTED}")
 
@@ -106,12 +106,12 @@ def _named_apart(found: list[Given]) -> list[Given]:
     return [replace(one, name=one.name or name) for one, name in zip(found, numbered, strict=True)]
 
 
-def is_arrays(data: object) -> bool:
+def _is_arrays(data: object) -> bool:
     """Whether an object maps names to numbers, arrays or lists."""
-    return isinstance(data, Mapping) and bool(data) and all(map(is_numbers, data.values()))
+    return isinstance(data, Mapping) and bool(data) and all(map(_is_numbers, data.values()))
 
 
-def given_arrays(data: Mapping[str, Any], name: str = "") -> Given:
+def _given_arrays(data: Mapping[str, Any], name: str = "") -> Given:
     """The arrays by name, the columns of a matrix as ``name[0]``, ….
 
     Raises:
@@ -121,7 +121,7 @@ def given_arrays(data: Mapping[str, Any], name: str = "") -> Given:
     return Given(name, table_of(where, stored_arrays({str(k): v for k, v in data.items()})))
 
 
-def is_numbers(value: Any) -> bool:
+def _is_numbers(value: Any) -> bool:
     """Whether an object is an array of real numbers, or a list of some."""
     try:
         array = np.asarray(value)
