@@ -24,9 +24,14 @@ from contextvars import ContextVar
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+
+import numpy as np
 
 from phnn.errors import InputRefused, OutputFailed, OutputRefused, PhnnError
+
+if TYPE_CHECKING:
+    from phnn.parallel import Executor
 
 T = TypeVar("T")
 
@@ -92,6 +97,7 @@ class Account:
         answers: an interruption ends the search with an answer; otherwise it ends everything.
         spent: steps of all simulations so far; unit: steps of one evaluation; most: evaluations that may be spent.
         stopped: why no further move is begun; empty while they are.
+        among: this is one of several items of work side by side.
     """
 
     def __init__(self, until: float = float("inf"), checked: bool = False, answers: bool = False) -> None:
@@ -104,7 +110,7 @@ class Account:
         self.failed: list[Failure] = []
         self.warnings: list[Failure] = []
         self.not_tried: list[str] = []
-        self.keep: Callable[[Any, Any], None] = lambda item, result: None
+        self.among = False
         self.checked = checked
         self._lost = False
 
@@ -165,7 +171,9 @@ def accounted(until: float = float("inf"), checked: bool = False, answers: bool 
     account = Account(until, checked, answers)
     token = _ACCOUNT.set(account)
     try:
-        yield account
+        # Models on the way may lie beyond all bounds.
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+            yield account
     finally:
         _ACCOUNT.reset(token)
 
@@ -274,20 +282,6 @@ def needed(part: str, work: Callable[[], T], otherwise: T, ends: bool = False) -
     return work() if account is None else account.run(part, work, otherwise, checked=False, ends=ends)
 
 
-@contextmanager
-def kept(keep: Callable[[Any, Any], None]) -> Iterator[None]:
-    """Hand every result of `results` over as soon as it is there, with its item."""
-    account = _ACCOUNT.get()
-    if account is None:
-        yield
-        return
-    before, account.keep = account.keep, keep
-    try:
-        yield
-    finally:
-        account.keep = before
-
-
 class _Result(NamedTuple):
     """What became of an item, wherever it was at work."""
 
@@ -298,53 +292,50 @@ class _Result(NamedTuple):
     warnings: Sequence[Failure]
 
 
-def results(
-    each: Callable[[Callable[[Any], Any], Sequence[Any]], Iterator[tuple[int, Any]]],
-    work: Callable[[Any], Any],
-    items: Sequence[Any],
-    names: Sequence[str],
-) -> list[Any]:
-    """``work(item)`` of every item, done by an executor; None where an item failed.
+def results(executor: Executor, work: Callable[[Any], Any], items: Sequence[Any], names: Sequence[str]) -> list[Any]:
+    """``work(item)`` of every item, done by an executor; None where an item failed, or the time was up before.
 
     Args:
-        each: of the executor, see `phnn.parallel.Executor.each`.
-        work: on one item.
+        executor: where it is done; work: on one item.
         items: candidates; names: of their effects.
-
-    Raises:
-        Stopped: the time is up; what was finished has been kept.
     """
-    found: list[Any] = [None] * len(items)
     account = _ACCOUNT.get()
     if account is None:
-        for index, result in each(work, items):
-            found[index] = result
-        return found
+        return executor.run(work, items)
+    found: list[Any] = [None] * len(items)
     until = account.until if account.checked and not account.stopped else float("inf")
+    among = executor.kind != "serial" and len(items) > 1
     try:
-        for index, answer in each(partial(_alone, work, until), items):
+        for index, answer in executor.each(partial(_one, work, until, among), items):
             named = {"candidate": names[index]}
             account.failed += [Failure(**(vars(f) | named)) for f in answer.failed]
             account.warnings += [Failure(**(vars(f) | named)) for f in answer.warnings]
             account.spent += answer.spent
-            if answer.stopped:
-                raise Stopped
             found[index] = answer.result
-            account.keep(items[index], answer.result)
+            if answer.stopped:
+                account.stopped = account.stopped or SECONDS
+                account.not_tried.append(names[index])
     except PhnnError as error:
         # Workers that were killed; all other items are done.
         account.failed.append(_failure("refit", error))
     return found
 
 
-def _alone(work: Callable[[Any], Any], until: float, item: Any) -> _Result:
+def _one(work: Callable[[Any], Any], until: float, among: bool, item: Any) -> _Result:
     """One item, accounted for by itself: it may be at work in another process."""
     with accounted(until, checked=True) as account:
+        account.among = among
         try:
             result, stopped = attempt("refit", partial(work, item), None), False
         except Stopped:
             result, stopped = None, True
     return _Result(result, stopped, account.spent, account.failed, account.warnings)
+
+
+def among_others() -> bool:
+    """Whether this work is one of several items side by side: threads of its own would only get into their way."""
+    account = _ACCOUNT.get()
+    return account is not None and account.among
 
 
 def warnings() -> tuple[Failure, ...]:

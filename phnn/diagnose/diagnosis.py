@@ -7,8 +7,6 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 
-import numpy as np
-
 from phnn.criteria import Criteria
 from phnn.diagnose.formula import Distilled, distil
 from phnn.diagnose.linearised import TIE, LinearisedFit, prepare
@@ -32,7 +30,7 @@ from phnn.identification.prepare import single
 from phnn.identification.refinement import NumericalError, numerical_error
 from phnn.integrate.residual import check
 from phnn.model import Model
-from phnn.parallel import executor
+from phnn.parallel import SERIAL, Executor, executor
 from phnn.recordings.recording import Campaign
 from phnn.rescue import Account, Ended, accounted, allow, attempt, deadline, extra, move, needed
 from phnn.setup import Setup
@@ -217,9 +215,10 @@ def diagnose(
     chosen = options or (recorded.options if isinstance(recorded, Identified) else Options())
     criteria = Criteria().with_values(chosen.criteria)
     workers, left_out = executor(chosen.executor), [effect(name) for name in chosen.without]
-    # Models on the way may lie beyond all bounds.
-    beyond = np.errstate(over="ignore", divide="ignore", invalid="ignore")
-    with beyond, accounted(until, answers=answers) as account:
+    if workers == SERIAL and chosen.workers > 1:
+        # Refits side by side use two cores better than the recordings of one.
+        workers = Executor("threads", chosen.workers)
+    with accounted(until, answers=answers) as account:
         campaign, base, error = _base(recorded, chosen, progress)
         if on_base is not None:
             needed("files of the base model", partial(on_base, base), None)

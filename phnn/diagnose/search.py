@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -60,8 +60,8 @@ _RACERS, _LEARNED = 5, 3
 _ROUNDS = 2
 # Differences of χ² of one optimum: fitted twice, and with coarse and full sub-steps.
 _SAME, _COARSE = 3.0, 100.0
-# Nats behind the best at which a model is no longer grown, carried to its end, or refitted with finer steps.
-_GROWN, _ENDED, _FINER = 30.0, 20.0, 8.0
+# Nats behind the best at which a model is no longer grown, or refitted with finer steps.
+_GROWN, _FINER = 30.0, 8.0
 # The same for models that share the probability: each of them has to be fitted to its end.
 _ALIKE = 5.0
 # Sub-steps from which on directions are fine enough.
@@ -115,6 +115,10 @@ class Search:
         """The model that would be written."""
         return best_to_write(list(self.visited.values()), self.criteria)
 
+    def far(self, model: Visited) -> bool:
+        """Whether a model is far from the noise."""
+        return model.left > self.criteria.far**2
+
     def forecast(self, model: Visited) -> float:
         """How well a model predicts for its size, in nats."""
         return forecast(model, self.criteria)
@@ -138,6 +142,13 @@ class Search:
         if better:
             self.visited[model.key] = model
         return self.visited[model.key]
+
+
+class _Wanted(NamedTuple):
+    """Elements of a model that is to be fitted, and the values of all parameters to begin from."""
+
+    elements: tuple[Effect, ...]
+    starts: Sequence[Mapping[str, float]]
 
 
 def begin(
@@ -189,33 +200,32 @@ def _next(search: Search) -> Visited | None:
 
     First comes the most probable model; then the best one of effects alone, for a learned element may stand for two of
     them; then the one that would be written; then others that predict about as well. Far from the noise probabilities
-    say little, and the most probable one comes third. Near the noise the first three are carried to their end, and
-    numerical errors are bounded, before they are grown.
+    say little, and the most probable one comes third. Near the noise a model is carried to its end, and its numerical
+    error bounded, before it is grown.
     """
     while True:
         ranked = sorted(search.visited.values(), key=search.forecast, reverse=True)
         likely = [m for m in ranked[: search.criteria.beam] if search.forecast(ranked[0]) - search.forecast(m) < _GROWN]
         nameable = next(m for m in ranked if not any(map(is_learned, m.elements)))
-        best, far = search.best, search.criteria.far**2
-        leading = [nameable, search.written, best] if best.left > far else [best, nameable, search.written]
-        todo = next((m for m in leading if not m.converged and m.left < far), None)
+        best = search.best
+        leading = [nameable, search.written, best] if search.far(best) else [best, nameable, search.written]
+        able = [m for m in (*leading, *likely) if len(m.elements) < search.most and m.key not in search.grown]
+        todo = next((m for m in (*leading, *able[:1]) if not m.converged and not search.far(m)), None)
         if todo is not None:
             if not _carry(search, todo):
                 return None
-            continue
-        if not search.fine and any(m.elements and m.left < _QUIET for m in leading):
+        elif not search.fine and any(m.elements and m.left < _QUIET for m in leading):
             search.fine = True
             move("finer steps", partial(_refine, search), None)
-            continue
-        able = (m for m in (*leading, *likely) if (m.converged or m.left > far) and len(m.elements) < search.most)
-        return next((m for m in able if m.key not in search.grown), None)
+        else:
+            return able[0] if able else None
 
 
 def _carry(search: Search, model: Visited) -> bool:
     """Carry a model to its end, if there is time for it; one that cannot be fitted with the steps of the search has
     come to it."""
     part = f"fit of {model.words} to its end"
-    move(part, partial(_converge, search, model), None)
+    move(part, partial(_converge, search, [model]), None)
     if not search.visited[model.key].converged and late(part):
         return False
     search.visited[model.key] = replace(search.visited[model.key], converged=True)
@@ -229,15 +239,14 @@ def _grow(search: Search, model: Visited) -> None:
     worth = [c for c in screened if material(c, model.fit, criteria)]
     if not worth:
         return
-    far = model.left > criteria.far**2
-    least = (criteria.near_best_far if far else criteria.near_best) * worth[0].fall
+    least = (criteria.near_best_far if search.far(model) else criteria.near_best) * worth[0].fall
     named = [c for c in worth if not is_learned(c.effect) and c.fall > least][: criteria.refits]
     trials = _heat(search, model, named)
     enough = max(0.05 * (model.fit.cost - samples), criteria.material**2 * samples)
     if not trials or trials[0].fit.beyond_noise > enough:
         learned = [c for c in worth if is_learned(c.effect) and c.fall > criteria.near_best * worth[0].fall]
         trials = sorted([*trials, *_heat(search, model, learned[:_LEARNED])], key=lambda t: t.fit.cost)
-    if trials and trials[0].left > criteria.far**2 and is_learned(trials[0].elements[-1]):
+    if trials and search.far(trials[0]) and is_learned(trials[0].elements[-1]):
         # A law that is far from linear may promise nothing, and still be what the learned element stands for.
         alike = [c for c in screened if _may_be(c.effect, trials[0].elements[-1]) and c not in named]
         trials = sorted([*trials, *_heat(search, model, alike, large=True)], key=lambda t: t.fit.cost)
@@ -249,7 +258,6 @@ def _grow(search: Search, model: Visited) -> None:
     raced = sorted([search.visit(t) for t in raced], key=lambda t: t.fit.cost)
     if model.elements and search.weighed.behind(raced[0]) < search.weighed.behind(model):
         _drop_each(search, raced[0], raced[0].elements[:-1])
-    _converge_near(search, model, raced)
 
 
 def material(candidate: Candidate, fitted: Fit, criteria: Criteria) -> bool:
@@ -269,8 +277,8 @@ def _heat(search: Search, model: Visited, candidates: Sequence[Candidate], large
     one that promises a lot has not helped, or where that is asked."""
     if not candidates or late(f"refits beside {model.words}"):
         return []
-    far, promising = model.left > search.criteria.far**2, 0.0 if large else 0.3 * candidates[0].fall
-    begun = LinearisedFit(_as_sent(search, model.fit), (), search.scales)
+    far, promising = search.far(model), 0.0 if large else 0.3 * candidates[0].fall
+    begun = LinearisedFit(model.fit, (), search.scales)
     work = partial(_tried, begun, search.plan, promising if far else np.inf, search.criteria.short)
     fits = _fits(search, work, candidates, [c.effect.name for c in candidates])
     trials = [
@@ -296,8 +304,7 @@ def _race(search: Search, trials: Sequence[Visited]) -> list[Visited]:
     level, material = _LEVEL * samples, search.criteria.material**2 * samples
     first = _onwards(search, trials[:1])
     # Near the noise what the best has reached counts; far from it six steps say little of where a refit ends.
-    quiet_now = trials[0].left < search.criteria.far**2
-    most = _RACE * (first if quiet_now else trials)[0].fit.beyond_noise + 0.05 * samples
+    most = _RACE * (trials if search.far(trials[0]) else first)[0].fit.beyond_noise + 0.05 * samples
     going = [*first, *_onwards(search, [t for t in trials[1:_RACERS] if t.fit.beyond_noise <= most])]
     least = min(t.fit.beyond_noise for t in going)
     for trial in list(going):
@@ -315,12 +322,9 @@ def _special(search: Search, trial: Visited) -> list[Visited]:
     found: list[Visited] = []
     for case in last.special_cases:
         for effect in (e for e in search.effects if e.name == case.name and not e.after):
-            given, own = values | case.values(values), (*earlier, effect)
-            if late(f"{effect.name} as a special case of {last.name}"):
-                return found
-            rebuild = _rebuilt(search, own, [given])
-            if rebuild is not None:
-                found.append(search.model(own, further(rebuild.fit, search.criteria.further)))
+            wanted = _Wanted((*earlier, effect), [values | case.values(values)])
+            fitted = _rebuilt(search, [wanted], f"{effect.name} as a special case of {last.name}")
+            found += [search.model(m.elements, further(m.fit, search.criteria.further)) for m in fitted]
     return found
 
 
@@ -330,19 +334,14 @@ def _onwards(search: Search, trials: Sequence[Visited]) -> list[Visited]:
     if not moving or late("further steps of " + ", ".join(t.words for t in moving)):
         return list(trials)
     work = partial(further, evaluations=search.criteria.further)
-    fits = _fits(search, work, [_as_sent(search, t.fit) for t in moving], [t.elements[-1].name for t in moving])
+    fits = _fits(search, work, [t.fit for t in moving], [t.elements[-1].name for t in moving])
     ended = {t.key: search.model(t.elements, f) for t, f in zip(moving, fits, strict=True) if f is not None}
     return [ended.get(t.key, t) for t in trials]
 
 
-def _as_sent(search: Search, fitted: Fit) -> Fit:
-    """The fit that a refit gets: threads of one that runs beside others would only get into each other's way."""
-    return fitted if search.executor == SERIAL else replace(fitted, plan=replace(fitted.plan, workers=1))
-
-
 def _fits(search: Search, work: Callable[[Any], Fit | None], items: Sequence[Any], names: Sequence[str]) -> list[Any]:
     """``work(item)`` of every item, on the very recordings of the search wherever it was done."""
-    fits: list[Fit | None] = results(search.executor.each, work, items, names)
+    fits: list[Fit | None] = results(search.executor, work, items, names)
     return [f if f is None else replace(f, plan=replace(search.plan, substeps=f.plan.substeps)) for f in fits]
 
 
@@ -379,64 +378,56 @@ def _further_forms(search: Search, trial: Visited) -> list[Visited]:
 
 def _drop_each(search: Search, model: Visited, elements: Sequence[Effect]) -> None:
     """Fit a model without each of some of its elements, from where it has ended."""
+    values = model.fit.setup.values()
+    wanted: list[_Wanted] = []
     for gone in elements:
         rest = tuple(e for e in model.elements if e is not gone and not set(gone.parameters) & set(e.after))
-        if late(f"{model.words} without {gone.name}"):
-            return
-        values = model.fit.setup.values()
-        starts = [values, *(values | v for v in (gone.equivalents(values) if gone.equivalents is not None else ()))]
-        known, rebuild = search.visited.get(key_of(rest)), _rebuilt(search, rest, starts)
-        if rebuild is None:
-            continue
-        less = search.visit(rebuild)
-        if known is not None and less.fit.cost >= known.fit.cost - 1.0:
-            continue
-        # It may be a better optimum of a model that was grown before.
-        search.grown.discard(less.key)
-        if not less.converged:
+        equal = gone.equivalents(values) if gone.equivalents is not None else ()
+        wanted.append(_Wanted(rest, [values, *(values | v for v in equal)]))
+    better = []
+    for less in _rebuilt(search, wanted, f"{model.words} without each element"):
+        known = search.visited.get(less.key)
+        if known is None or less.fit.cost < known.fit.cost - 1.0:
+            # It may be a better optimum of a model that was grown before.
+            search.grown.discard(less.key)
             near = less.fit.cost - model.fit.cost < search.criteria.material**2 * less.fit.residual.size
-            if near or not rest:
-                _converge(search, less)
+            better += [less] if near or not less.elements else []
+        if less.elements:
+            search.visit(less)
+    _converge(search, better)
 
 
-def _rebuilt(search: Search, elements: Sequence[Effect], starts: Sequence[Mapping[str, float]]) -> Visited | None:
-    """The model of some elements, fitted with coarse sub-steps from the best of some values."""
-    plan, most = search.plan.coarse(), search.criteria.further
-    tried = [rebuilt(search.base.fit, elements, values, plan, most) for values in starts]
-    fitted = min((f for f in tried if f is not None), key=lambda f: f.cost, default=None)
-    return None if fitted is None else search.model(elements, fitted)
+def _rebuilt(search: Search, wanted: Sequence[_Wanted], part: str) -> list[Visited]:
+    """Models of some elements, each fitted with coarse sub-steps from the best of some values, as far as they can be
+    simulated and there is time for them."""
+    if not wanted or late(part):
+        return []
+    work = partial(_rebuild, search.base.fit, search.plan.coarse(), search.criteria.further)
+    fits = _fits(search, work, wanted, [" + ".join(e.name for e in w.elements) for w in wanted])
+    return [search.model(w.elements, f) for w, f in zip(wanted, fits, strict=True) if f is not None]
 
 
-def _converge_near(search: Search, model: Visited, raced: Sequence[Visited]) -> None:
-    """Carry trials to their end that come near the best one and beat the model that they grew from."""
-    samples = raced[0].fit.residual.size
-    if raced[0].left > search.criteria.far**2:
-        # What is far from the noise is carried to its end once it leads.
-        return
-    excess = min(raced[0].fit.cost, search.best.fit.cost) - samples
-    most = _FINISH * max(excess, 0.0) + _LEVEL * samples
-    for trial in raced[:4]:
-        weighed = search.weighed
-        if trial.key not in search.visited or trial.fit.cost - samples >= most:
-            continue
-        known = search.visited[trial.key]
-        helps = weighed.behind(known) < weighed.behind(search.visited[model.key])
-        if helps and weighed.behind(known) < _ENDED and not late(f"fit of {trial.words} to its end"):
-            _converge(search, known)
+def _rebuild(base: Fit, plan: Plan, evaluations: int, wanted: _Wanted) -> Fit | None:
+    tried = [rebuilt(base, wanted.elements, values, plan, evaluations) for values in wanted.starts]
+    return min((f for f in tried if f is not None), key=lambda f: f.cost, default=None)
 
 
-def _converge(search: Search, model: Visited, brief: bool = False) -> None:
-    """Carry a model to its end with the sub-steps of the search."""
-    if model.converged and _steps(model.fit.plan) >= _steps(search.plan):
-        return
-    fitted = _ended(search, model, brief)
-    if fitted is not None:
-        search.visit(search.model(model.elements, fitted, done=True))
+def _converge(search: Search, models: Sequence[Visited], brief: bool = False) -> None:
+    """Carry models to their end with the sub-steps of the search."""
+    todo = [m for m in models if not (m.converged and _steps(m.fit.plan) >= _steps(search.plan))]
+    for model, fitted in zip(todo, _ended(search, todo, brief), strict=True):
+        if fitted is not None:
+            search.visit(search.model(model.elements, fitted, done=True))
 
 
-def _ended(search: Search, model: Visited, brief: bool = False) -> Fit | None:
-    own = [n for e in model.elements for n in e.parameters]
-    return converged(model.fit, search.plan, search.base.fit.held, own, brief)
+def _ended(search: Search, models: Sequence[Visited], brief: bool = False) -> list[Fit | None]:
+    work = partial(_to_the_end, search.plan, search.base.fit.held, brief)
+    items = [(m.fit, [n for e in m.elements for n in e.parameters]) for m in models]
+    return _fits(search, work, items, [m.words for m in models])
+
+
+def _to_the_end(plan: Plan, held: Mapping[str, str], brief: bool, item: tuple[Fit, Sequence[str]]) -> Fit | None:
+    return converged(item[0], plan, held, item[1], brief)
 
 
 def _refine(search: Search) -> None:
@@ -450,8 +441,7 @@ def _refine(search: Search) -> None:
     search.progress("numerical error above the noise: finer steps")
     search.plan = plan
     near = [m for m in rivals if m.elements and weighed.behind(m) < _FINER]
-    for model in [best, *near]:
-        _converge(search, replace(model, converged=False))
+    _converge(search, [replace(m, converged=False) for m in (best, *near)])
     search.grown.discard(best.key)
 
 
@@ -461,14 +451,12 @@ def _compare(search: Search) -> None:
     while not (written := search.written).converged and _carry(search, written):
         pass
     weighed = search.weighed
-    for model in [m for m in weighed.models if not m.converged and weighed.behind(m) < _ALIKE]:
-        move(f"fit of {model.words} to its end", partial(_converge, search, model), None)
+    alike = [m for m in weighed.models if not m.converged and weighed.behind(m) < _ALIKE]
+    move("fits of what is as likely to their end", partial(_converge, search, alike), None)
     for model in dict.fromkeys((search.best, search.written)):
         move(f"{model.words} without each element", partial(_drop_each, search, model, model.elements), None)
-        if model.left > search.criteria.far**2:
-            # No name is given there.
-            continue
-        for element in model.elements:
+        # No name is given far from the noise.
+        for element in () if search.far(model) else model.elements:
             move(f"what may be taken for {element.name}", partial(_exchange, search, model, element), None)
 
 
@@ -482,7 +470,7 @@ def _may_be(effect: Effect, element: Effect) -> bool:
 def finished(search: Search) -> Visited:
     """Return the model to write, with the sub-steps of the search, whatever has ended it."""
     if not (model := search.written).converged:
-        needed(f"fit of {model.words} with all sub-steps", partial(_converge, search, model, brief=True), None)
+        needed(f"fit of {model.words} with all sub-steps", partial(_converge, search, [model], brief=True), None)
     return best_to_write([m for m in search.visited.values() if m.converged], search.criteria)
 
 
@@ -502,22 +490,21 @@ def _exchange(search: Search, best: Visited, element: Effect) -> None:
     new = [e for e in todo if family(e) not in ended]
     less = search.visited.get(key_of(rest))
     if new and less is None:
-        rebuild = _rebuilt(search, rest, [best.fit.setup.values()])
-        less = None if rebuild is None else search.visit(rebuild)
+        found = _rebuilt(search, [_Wanted(rest, [best.fit.setup.values()])], f"{best.words} without {element.name}")
+        less = search.visit(found[0]) if found else None
     if new and less is not None:
         begun += _heat(search, less, _screened(search, less, new))
-    for trial in begun:
-        if late(f"{trial.words} in the place of {element.name}"):
-            return
-        onwards = search.visit(search.model(trial.elements, further(trial.fit, search.criteria.further)))
-        if search.weighed.behind(onwards) < _GROWN:
-            _converge(search, onwards)
+    onwards = [search.visit(t) for t in _onwards(search, begun)]
+    weighed, part = search.weighed, f"what may be taken for {element.name}"
+    near = [m for m in onwards if weighed.behind(m) < _GROWN]
+    if near and not late(part):
+        _converge(search, near)
 
 
 def refits(search: Search, base: Visited, effects: Sequence[Effect]) -> list[tuple[Effect, Fit]]:
     """Return a fit with each of some effects beside a model, carried to its end, as far as it can be simulated."""
     trials = _heat(search, base, _screened(search, base, effects))
-    return [(t.elements[-1], f) for t in trials if (f := _ended(search, t)) is not None]
+    return [(t.elements[-1], f) for t, f in zip(trials, _ended(search, trials), strict=True) if f is not None]
 
 
 def _screened(search: Search, model: Visited, effects: Sequence[Effect]) -> list[Candidate]:

@@ -9,7 +9,7 @@ from functools import cache
 from typing import Any
 
 from phnn.recordings.recording import Recording
-from phnn.rescue import spend, stop_if_late
+from phnn.rescue import among_others, spend, stop_if_late
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Plan:
         if simulations:
             spend(simulations * self.size)
         tasks = list(zip(self.recordings, *sequences, strict=True))
-        if self.workers < 2 or len(tasks) < 2:
+        if self.workers < 2 or len(tasks) < 2 or among_others():
             return [function(*task) for task in tasks]
         # The longest first: one that comes last would leave the other threads idle.
         order = sorted(range(len(tasks)), key=lambda i: -self.recordings[i].t.size * self.steps_of(self.recordings[i]))
