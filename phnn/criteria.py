@@ -76,7 +76,7 @@ class Criteria:
         0.95, "probability", "A name is given above it.", "the convention",
     )  # fmt: skip
     explained: float = criterion(
-        2.0, "noise power", "What a model may leave for its names to stand for the whole mismatch.",
+        1.2, "noise power", "What a model may leave for its names to stand for the whole mismatch.",
         "an effect beside physics that no catalogue lists",
     )  # fmt: skip
     beam: int = criterion(

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from phnn.criteria import Criteria
-from phnn.diagnose.number import Visited, Weighed, family, is_learned, key_of
+from phnn.diagnose.number import Visited, Weighed, family, forecast, is_learned, key_of
 from phnn.effects import Effect
 
 NAMED, EQUIVALENT, UNKNOWN, NONE = "named", "equivalent", "unknown", "none"
@@ -142,12 +142,6 @@ RULES: tuple[Rule, ...] = (
         "a pair of which one effect was tried when the time was up",
     ),
     Rule(
-        "something_is_left",
-        lambda f: f.left > (f.criteria.explained if f.remaining else f.criteria.far**2), UNKNOWN,
-        ("left", "remaining"),
-        "an effect beside physics that no catalogue lists",
-    ),
-    Rule(
         "an_element_is_learned", lambda f: f.learned > 0, UNKNOWN, ("learned",),
         "a friction beside a hysteresis of eight plays",
     ),
@@ -220,16 +214,17 @@ def conclude(
         early: the search ended before it was done.
     """
     base = next(m for m in weighed.models if not m.elements)
-    probability = weighed.probability
-    proven = _enough(weighed, criteria)
-    claims = [_claim(e, model, weighed, proven, base) for e in model.elements]
+    share = _complete(weighed, model, promising[1], criteria)
+    probability = {n: share * p for n, p in weighed.probability.items()}
+    proven = _enough(weighed, share, criteria)
+    claims = [_claim(e, model, weighed, probability, proven, base) for e in model.elements]
     facts = Facts(
         elements=len(claims),
         learned=sum(c.learned for c in claims),
         none=probability["none"],
         certain=min((c.probability for c in claims), default=0.0),
         alternatives=len(proven),
-        left=max(model.left, model.left_held_out if model.held_out else 0.0),
+        left=_left(model),
         base_left=base.left,
         falls=all(_falls(c, model, criteria) for c in claims),
         new=new,
@@ -250,18 +245,40 @@ def conclude(
     return Verdict(word, probability, told, tuple(asked))
 
 
-def _enough(weighed: Weighed, criteria: Criteria) -> list[tuple[str, ...]]:
-    """Return the smallest number of alternatives that together are proven."""
+def _complete(weighed: Weighed, model: Visited, remaining: int, criteria: Criteria) -> float:
+    """Return the probability that the catalogue holds all physics of the recordings.
+
+    No weight of models can tell it: they compare what was tried. It is taken as ``min(1, √(e/χ²))`` of the best model
+    of effects alone, with its mean square χ² over that of the noise, and e what a model may leave: `Criteria.explained`
+    where a learned element is written, or something still promises a gain; the square of `Criteria.far` where nothing
+    does, for then it may be noise that was stated too low.
+    """
+    nameable = (m for m in weighed.models if not any(map(is_learned, m.elements)))
+    best = max(nameable, key=lambda m: forecast(m, criteria))
+    more = remaining or any(map(is_learned, model.elements))
+    return float(min(1.0, ((criteria.explained if more else criteria.far**2) / _left(best)) ** 0.5))
+
+
+def _left(model: Visited) -> float:
+    """Return the mean square of the residual over that of the noise, the larger one of fitted and held-out parts."""
+    return max(model.left, model.left_held_out if model.held_out else 0.0)
+
+
+def _enough(weighed: Weighed, share: float, criteria: Criteria) -> list[tuple[str, ...]]:
+    """Return the smallest number of alternatives that together are proven, each with a share of its probability."""
     together, chosen = 0.0, []
-    for families, share in weighed.alternatives:
+    for families, probability in weighed.alternatives:
         chosen.append(families)
-        together += share
+        together += share * probability
         if together >= criteria.proven:
             break
     return chosen
 
 
-def _claim(effect: Effect, model: Visited, weighed: Weighed, proven: Sequence[tuple[str, ...]], base: Visited) -> Claim:
+def _claim(
+    effect: Effect, model: Visited, weighed: Weighed, probability: Mapping[str, float],
+    proven: Sequence[tuple[str, ...]], base: Visited,
+) -> Claim:  # fmt: skip
     own = family(effect)
     rest = tuple(e for e in model.elements if e is not effect)
     without = next((m for m in weighed.models if m.key == key_of(rest)), None)
@@ -269,9 +286,9 @@ def _claim(effect: Effect, model: Visited, weighed: Weighed, proven: Sequence[tu
     others = {f for families in proven for f in families if set(families) - {f} == rest_families} - {own}
     holders = [e for m in weighed.models for e in m.elements if family(e) in others and not is_learned(e)]
     alike = {family(e): e for e in reversed(holders)}
-    ranked = sorted(alike, key=lambda n: -weighed.probability[n])
+    ranked = sorted(alike, key=lambda n: -probability[n])
     return Claim(
-        effect, PROVISIONAL, weighed.probability.get(own, 0.0), tuple(alike[n] for n in ranked), without,
+        effect, PROVISIONAL, probability.get(own, 0.0), tuple(alike[n] for n in ranked), without,
         _share(model, without or base),
     )  # fmt: skip
 
