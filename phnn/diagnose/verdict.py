@@ -11,8 +11,9 @@ physics is proven:
 | ``unknown`` | otherwise: the model predicts better, and its physics is not proven |
 
 An element is proven if the models that hold it have together a probability of `Criteria.proven`, the error of held-out
-recordings falls with it, nothing more than the noise is left, and no learned element acts at its place. Rules are asked
-in order; each reads the facts and nothing of the other rules, and the first one that applies gives the word.
+recordings falls with it, and no learned element is part of the model. Models are weighed among each other; that the
+catalogue may lack what acts is a probability of its own, which lowers all others. Rules are asked in order; each reads
+the facts and nothing of the other rules, and the first one that applies gives the word.
 """
 
 from __future__ import annotations
@@ -79,8 +80,8 @@ class Facts:
         none: probability that nothing is missing.
         certain: probability of the least certain element of the most probable model.
         alternatives: how many sets of effects together have the probability `Criteria.proven`.
-        left: mean square of the residual over that of the noise, the larger one of fitted and held-out recordings;
-            base_left: of the base model, on fitted ones.
+        complete: probability that the catalogue holds all physics of the recordings; it bounds all others.
+        base_left: mean square of the residual of the base model over that of the noise, on fitted recordings.
         falls: whether the held-out error falls with every element.
         new: whether held-out recordings bring an amplitude or a frequency that the others lack.
         promising: candidates that promised a material gain to the base model; remaining: that still promise one to the
@@ -94,7 +95,7 @@ class Facts:
     none: float
     certain: float
     alternatives: int
-    left: float
+    complete: float
     base_left: float
     falls: bool
     new: bool
@@ -144,6 +145,10 @@ RULES: tuple[Rule, ...] = (
     Rule(
         "an_element_is_learned", lambda f: f.learned > 0, UNKNOWN, ("learned",),
         "a friction beside a hysteresis of eight plays",
+    ),
+    Rule(
+        "something_is_left", lambda f: f.complete < f.criteria.proven, UNKNOWN, ("complete", "remaining"),
+        "an effect beside physics that no catalogue lists",
     ),
     Rule(
         "held_out_recordings_deny_it", lambda f: not f.falls, UNKNOWN, ("falls",),
@@ -214,9 +219,9 @@ def conclude(
         early: the search ended before it was done.
     """
     base = next(m for m in weighed.models if not m.elements)
-    share = _complete(weighed, model, promising[1], criteria)
-    probability = {n: share * p for n, p in weighed.probability.items()}
-    proven = _enough(weighed, share, criteria)
+    complete = _complete(weighed, model, promising[1], criteria)
+    probability = {n: complete * p for n, p in weighed.probability.items()}
+    proven = _enough(weighed, complete, criteria)
     claims = [_claim(e, model, weighed, probability, proven, base) for e in model.elements]
     facts = Facts(
         elements=len(claims),
@@ -224,7 +229,7 @@ def conclude(
         none=probability["none"],
         certain=min((c.probability for c in claims), default=0.0),
         alternatives=len(proven),
-        left=_left(model),
+        complete=complete,
         base_left=base.left,
         falls=all(_falls(c, model, criteria) for c in claims),
         new=new,
@@ -264,12 +269,12 @@ def _left(model: Visited) -> float:
     return max(model.left, model.left_held_out if model.held_out else 0.0)
 
 
-def _enough(weighed: Weighed, share: float, criteria: Criteria) -> list[tuple[str, ...]]:
-    """Return the smallest number of alternatives that together are proven, each with a share of its probability."""
+def _enough(weighed: Weighed, complete: float, criteria: Criteria) -> list[tuple[str, ...]]:
+    """Return the smallest number of alternatives that together are proven."""
     together, chosen = 0.0, []
-    for families, probability in weighed.alternatives:
+    for families, share in weighed.alternatives:
         chosen.append(families)
-        together += share * probability
+        together += complete * share
         if together >= criteria.proven:
             break
     return chosen

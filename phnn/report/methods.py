@@ -125,9 +125,11 @@ def _decided(diagnosis: Diagnosis) -> list[str]:
         f"{len(diagnosis.visited.models)} models were fitted.",
         "Models were weighed by a coarsened likelihood of the fitted recordings [3], in which none "
         "counts for more samples than the misfit of the best model allows, and by the price of their parameters [4]; "
-        "the probability of an effect is the share of all models that hold it.",
+        "the probability of an effect is the share of all models that hold it, times the probability that the "
+        "catalogue holds all physics.",
         f"An effect is named from a probability of {short(c.proven)} on, if the error of held-out recordings falls "
-        f"with it and the model leaves at most {short(c.explained)} times the power of the noise.",
+        f"with it. The catalogue is taken to be complete where a model of effects alone leaves at most "
+        f"{short(c.explained)} times the power of the noise, or where no candidate promises a gain.",
     ]
     if changed := c.changed():
         sentences.append(

@@ -15,7 +15,7 @@ from phnn.effects.learned import learned_elements
 
 CRITERIA = Criteria()
 PROVEN = Facts(
-    elements=1, learned=0, none=0.0, certain=0.99, alternatives=1, left=1.0, base_left=9.0, falls=True, new=True,
+    elements=1, learned=0, none=0.0, certain=0.99, alternatives=1, complete=1.0, base_left=9.0, falls=True, new=True,
     promising=5, remaining=0, early=False, criteria=CRITERIA,
 )  # fmt: skip
 
@@ -34,8 +34,8 @@ def decided(facts: Facts) -> tuple[str, str]:
         ({"none": 0.7, "base_left": 1.1}, "the_base_model_is_enough", NONE),
         ({"none": 1.0, "elements": 0}, "nothing_helps", UNKNOWN),
         ({"early": True}, "the_search_ended_early", UNKNOWN),
-        ({"left": 3.0, "remaining": 2}, "something_is_left", UNKNOWN),
-        ({"learned": 1}, "an_element_is_learned", UNKNOWN),
+        ({"learned": 1, "complete": 0.5}, "an_element_is_learned", UNKNOWN),
+        ({"complete": 0.7}, "something_is_left", UNKNOWN),
         ({"falls": False}, "held_out_recordings_deny_it", UNKNOWN),
         ({"new": False}, "held_out_recordings_are_not_new", EQUIVALENT),
         ({"certain": 0.6, "alternatives": 3}, "a_class_is_proven", EQUIVALENT),
@@ -51,8 +51,14 @@ def test_rules_are_few_and_none_is_without_its_case() -> None:
     assert len({r.name for r in RULES}) == len(RULES)
 
 
-def test_noise_above_its_floor_that_nothing_explains_is_no_mismatch() -> None:
-    assert decided(replace(PROVEN, left=3.0, remaining=0))[1] == NAMED
+def test_what_a_model_leaves_lowers_all_probabilities_unless_nothing_explains_it() -> None:
+    models = [visited(effect("creep"), left=(4.8, 4.8), held_out=(4.8,)), visited(left=(90.0, 90.0), held_out=(90.0,))]
+    found = [conclude(weigh(models, CRITERIA), models[0], True, (3, remaining), CRITERIA) for remaining in (0, 1)]
+    assert [f.word for f in found] == [NAMED, UNKNOWN]
+    assert found[0].probability["creep"] > 0.95
+    # √(1.2/4.8)
+    assert found[1].probability["creep"] == pytest.approx(0.5, rel=0.01)
+    assert found[1].claims[0].status == "likely"
 
 
 def test_alternatives_of_which_one_is_that_nothing_is_missing_are_no_class() -> None:
@@ -97,7 +103,8 @@ def test_a_learned_element_leaves_the_whole_unknown() -> None:
     found = concluded(model, BASE)
     assert found.word == UNKNOWN
     assert [c.claimed for c in found.claims] == [False, False]
-    assert found.probability["creep"] > 0.95
+    # Effects alone leave nine times the noise: √(1.2/9).
+    assert found.probability["creep"] == pytest.approx(0.365, rel=0.01)
 
 
 def test_held_out_recordings_that_deny_an_element_take_its_name() -> None:
