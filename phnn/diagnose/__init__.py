@@ -9,8 +9,8 @@
 | `verdict` | turns the weights into a word and the status of every element |
 | `diagnosis` | the whole way, as one value |
 | `locations` | whose local variables predict what a model leaves |
-| `lines`, `noise` | lines and drifts; the noise that scores are judged with |
+| `lines` | lines and drifts, in the spectrum of a residual |
 | `formula` | a formula for a learned element |
 | `proposal` | the next recording, from a menu |
-| `words`, `symptoms` | what is told of a learned element, and of a residual |
+| `words` | what is told of a learned element |
 """

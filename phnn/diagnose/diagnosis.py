@@ -11,7 +11,7 @@ from phnn.criteria import Criteria
 from phnn.diagnose.formula import Distilled, distil
 from phnn.diagnose.linearised import TIE, LinearisedFit, prepare
 from phnn.diagnose.locations import Location, locate
-from phnn.diagnose.number import Visited, Weighed
+from phnn.diagnose.number import Visited, Weighed, weigh
 from phnn.diagnose.proposal import NextExperiment, Question, propose, refitted_rival
 from phnn.diagnose.screen import Candidate, chance
 from phnn.diagnose.search import Search, begin, explore, finished, linearised_of, material, refits
@@ -252,14 +252,16 @@ def _concluded(search: Search, error: NumericalError, options: Options, account:
     """The diagnosis of a search that has ended."""
     campaign, criteria = search.campaign, search.criteria
     model, base = finished(search), search.visited[frozenset()]
-    weighed = search.weighed
     screened = _screened(search, base)
     left = screened if model is base else _screened(search, model)
     promising = (
         sum(material(c, base.fit, criteria) for c in screened),
         sum(material(c, model.fit, criteria) for c in left),
     )
-    outcome = conclude(weighed, model, campaign.held_out_is_new, promising, criteria, account.ended().early)
+    early = account.ended().early
+    exact = None if promising[1] or early else model
+    weighed = weigh(list(search.visited.values()), criteria, exact)
+    outcome = conclude(weighed, model, campaign.held_out_is_new, promising, criteria, early)
     if outcome.word == NONE:
         model, left = base, screened
     search.progress(f"verdict {outcome.word}")

@@ -127,10 +127,18 @@ def tolerated(models: Sequence[Visited], criteria: Criteria) -> dict[str, float]
     return {r: max(floor, 0.5 * (m.chi2 / m.samples - criteria.slack)) for r, m in best.fitted.items()}
 
 
-def log_weight(model: Visited, rho: Mapping[str, float], criteria: Criteria) -> float:
-    """Return log w of a model, up to a constant; recordings without a ρ have the floor."""
+def log_weight(
+    model: Visited, rho: Mapping[str, float], criteria: Criteria, noise: Mapping[str, float] | None = None
+) -> float:
+    """Return log w of a model, up to a constant.
+
+    Args:
+        rho: by recording; the floor where one has none.
+        noise: power of the noise by recording, over that which was stated; 1 where one has none.
+    """
     counts = {r: _count(m, rho.get(r, _floor(criteria))) for r, m in model.fitted.items()}
-    likelihood = sum(counts[r] * m.chi2 / m.samples for r, m in model.fitted.items())
+    powers = noise or {}
+    likelihood = sum(counts[r] * m.chi2 / m.samples / powers.get(r, 1.0) for r, m in model.fitted.items())
     return -0.5 * likelihood - _price(model, sum(counts.values()), criteria)
 
 
@@ -195,10 +203,17 @@ class Weighed:
         return float(self.logs[0] - self.logs[self.models.index(model)])
 
 
-def weigh(models: Sequence[Visited], criteria: Criteria) -> Weighed:
-    """Return the models with their numbers."""
-    rho = tolerated(models, criteria)
-    logs = np.array([log_weight(m, rho, criteria) for m in models])
+def weigh(models: Sequence[Visited], criteria: Criteria, exact: Visited | None = None) -> Weighed:
+    """Return the models with their numbers.
+
+    Args:
+        exact: a model that leaves nothing but noise, as far as anything can tell. Where that is more than the stated
+            noise, it was stated too low, as it may be where a recording repeats nothing and rests nowhere; no misfit is
+            tolerated beyond it then.
+    """
+    noise = {} if exact is None else {r: max(1.0, m.chi2 / m.samples / criteria.slack) for r, m in exact.fitted.items()}
+    rho = {} if noise else tolerated(models, criteria)
+    logs = np.array([log_weight(m, rho, criteria, noise) for m in models])
     order = np.argsort(-logs, kind="stable")
     return Weighed(tuple(models[i] for i in order), logs[order])
 

@@ -5,7 +5,7 @@
     race     the best of them go on, as long as they can still end near the best
     forms    an effect that has several copies is compared in its best form
     drop     each earlier element of a better model is left out once
-    converge what comes near the best is carried to its end
+    converge a model that is grown near the noise, and what a verdict compares, is carried to its end
 
 Every model that is fitted on the way is kept with its χ² in each recording; `phnn.diagnose.number` weighs them.
 The search goes on from the best three. Each step stands in its own account (`phnn.rescue`): one that fails, or comes
@@ -539,15 +539,10 @@ def held_out(fitted: Fit, campaign: Campaign) -> dict[str, Misfit]:
     plan = Plan(recordings, steps, fitted.plan.workers)
     predict = partial(evaluate, fitted.setup, plan, fitted.initial_states)
     predicted = attempt("prediction of held-out recordings", predict, None)
-    found = {}
-    for r in recordings:
-        mask = r.mask("confirmation")
-        if predicted is None:
-            found[r.name] = Misfit(1e12, int(mask.sum()))
-            continue
-        error = ((r.y - predicted.outputs[r.name]) / r.noise)[mask]
-        found[r.name] = Misfit(float(error @ error), error.size)
-    return found
+    if predicted is None:
+        return {r.name: Misfit(1e12, int(r.mask("confirmation").sum())) for r in recordings}
+    errors = {r.name: ((r.y - predicted.outputs[r.name]) / r.noise)[r.mask("confirmation")] for r in recordings}
+    return {name: Misfit(float(e @ e), e.size) for name, e in errors.items()}
 
 
 def _nearest(recording: Recording, plan: Plan) -> Recording:

@@ -7,7 +7,7 @@ sampling rate share a spectrum; one that has no period and no such neighbours gi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,8 +26,6 @@ _CORRELATED = 512
 _LOWEST, _HIGHEST = 4, 12
 # Neighbouring frequencies of a running median, and the median of what scatters as χ²₂ over its mean.
 _NEIGHBOURS, _MEDIAN = 31, float(np.log(2.0))
-# Recordings beside one that are enough to know its noise by.
-_BESIDE = 8
 # Lower bound of a density, over that of the stated noise: a band of four ordinates falls below by chance once in a
 # thousand times.
 _LEAST = 0.1
@@ -93,57 +91,24 @@ class NoiseSpectrum:
 def noise_spectra(
     residuals: Sequence[Array], recordings: Sequence[Recording], most: float = MOST_EXCESS, unseen: float = MOST_UNSEEN
 ) -> list[NoiseSpectrum]:
-    """The spectrum of every recording's noise, in units of its stated variance.
+    """Return the spectrum of every recording's noise, in units of its stated variance: the mean over all recordings at
+    its sampling rate that repeat, its own where none does.
 
     Args:
         residuals: (N_r,) weighted, of the identification samples of each recording.
         most, unseen: as in `most_excess`.
     """
-    return _spectra(residuals, recordings, lambda _, alike: tuple(alike), most, unseen)
-
-
-def noise_of_others(residuals: Sequence[Array], recordings: Sequence[Recording]) -> list[NoiseSpectrum]:
-    """The spectrum of every recording's noise as others at its sampling rate show it, so that what one recording alone
-    does not repeat is no noise of its own; its own where there are no others with periods.
-
-    Args:
-        residuals: (N_r,) weighted, of the identification samples of each recording.
-    """
-
-    def others(i: int, alike: Sequence[int]) -> tuple[int, ...]:
-        return tuple([j for j in alike if j != i][:_BESIDE] or alike)
-
-    return _spectra(residuals, recordings, others)
-
-
-def _spectra(
-    residuals: Sequence[Array],
-    recordings: Sequence[Recording],
-    chosen: Callable[[int, Sequence[int]], tuple[int, ...]],
-    most: float = MOST_EXCESS,
-    unseen: float = MOST_UNSEEN,
-) -> list[NoiseSpectrum]:
-    """The spectrum of every recording from some of the differences at its sampling rate, its own where there are none;
-    one and the same where they come from the same differences.
-
-    Args:
-        chosen: takes the number of a recording and those of the recordings at its rate that have a difference.
-    """
     differences = [difference(r, recording) for r, recording in zip(residuals, recordings, strict=True)]
     found: list[NoiseSpectrum] = []
     averaged: dict[tuple[int, ...], NoiseSpectrum] = {}
-    for i, (residual, recording) in enumerate(zip(residuals, recordings, strict=True)):
-        alike = [
+    for residual, recording in zip(residuals, recordings, strict=True):
+        alike = tuple(
             j for j, (d, other) in enumerate(zip(differences, recordings, strict=True))
             if d is not None and abs(other.dt / recording.dt - 1.0) < 1e-6
-        ]  # fmt: skip
-        shown = chosen(i, alike)
-        if not shown:
-            found.append(_running_median(residual, most_excess([recording], most, unseen)))
-            continue
-        if shown not in averaged:
-            averaged[shown] = _averaged([d for j in shown if (d := differences[j]) is not None])
-        found.append(averaged[shown])
+        )  # fmt: skip
+        if alike and alike not in averaged:
+            averaged[alike] = _averaged([d for j in alike if (d := differences[j]) is not None])
+        found.append(averaged[alike] if alike else _running_median(residual, most_excess([recording], most, unseen)))
     return found
 
 

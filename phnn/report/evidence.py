@@ -184,7 +184,6 @@ class Evidence:
     verdict_sentence: str
     supports: tuple[Support, ...] = ()  # what speaks for each entry of ``missing``, in order
     no_proposal: str = ""  # why no recording is proposed though something is tied
-    symptoms: tuple[str, ...] = ()  # what the base model's residual looks like, in sentences
     rules: tuple[RuleRow, ...] = ()  # of the verdict, in the order in which they were asked
     models: tuple[ModelRow, ...] = ()  # that were fitted, the most probable first
     methods: Methods | None = None

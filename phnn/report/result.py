@@ -17,7 +17,6 @@ from phnn.check.quality import doubts_of_units
 from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.locations import where_and_when
 from phnn.diagnose.screen import chance
-from phnn.diagnose.symptoms import recording_residuals, symptoms
 from phnn.diagnose.verdict import NONE, UNKNOWN
 from phnn.diagnose.words import Picture, is_effort, learned_picture, missing_force, picture
 from phnn.identification.fit import Fit
@@ -33,7 +32,6 @@ from phnn.report.named import supports
 from phnn.report.noise import noise_statements
 from phnn.report.provenance import provenance, python_version
 from phnn.report.sentence import sentence
-from phnn.report.symptoms import symptom_sentences
 from phnn.report.tried import candidate_rows, immaterial, model_rows, remains
 from phnn.report.write import write_report
 from phnn.rescue import Failure, accounted, documents, needed
@@ -210,7 +208,6 @@ def evidence(diagnosis: Diagnosis, made_of: Provenance | None = None) -> Evidenc
         verdict_sentence=needed("sentence of the verdict", lambda: sentence(diagnosis), ""),
         no_proposal=needed("reason why nothing is proposed", lambda: no_proposal(diagnosis), ""),
         supports=needed("support of the elements", lambda: supports(diagnosis), ()),
-        symptoms=needed("symptoms", lambda: _symptoms(diagnosis), ()),
         rules=tuple(RuleRow(r.rule, r.applies, r.outcome, r.numbers) for r in diagnosis.outcome.rules),
         methods=needed("methods", lambda: methods(diagnosis), None),
         provenance=made_of or needed("provenance", lambda: provenance(diagnosis.campaign), None),
@@ -240,13 +237,6 @@ def _learned_laws(diagnosis: Diagnosis) -> list[Picture]:
     there = [e for e in effects if (e.location, e.kind.name) == (where.name, where.detail)]
     alone = [e.add_to(base.fit.setup, {n: values[n] for n in e.parameters}) for e in there]
     return [learned_picture(base, where, setup) for setup in alone]
-
-
-def _symptoms(diagnosis: Diagnosis) -> tuple[str, ...]:
-    if diagnosis.location is None:
-        return ()
-    unit = diagnosis.campaign.recordings[0].units.output
-    return symptom_sentences(symptoms(recording_residuals(diagnosis.linearised[0])), unit)
 
 
 def _curve(found: Picture, remainder: bool, free: bool = False) -> Curve:

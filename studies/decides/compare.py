@@ -21,8 +21,6 @@ from studies.sealed.run import Task
 
 Models = Sequence[Visited]
 
-# Share of its misfit that the product tolerates.
-HALF = 0.5
 GROUPS: tuple[Task, ...] = (
     Task("none", 0, "none"),
     Task("none, process noise", 0, "none", noise="process:0.1"),
@@ -56,7 +54,7 @@ def numbered(
     return Weighed(tuple(models[i] for i in order), logs[order])
 
 
-def tolerance(models: Models, criteria: Criteria, factor: float) -> dict[str, float]:
+def tolerance(models: Models, criteria: Criteria = CRITERIA, factor: float = 0.5) -> dict[str, float]:
     """Return ρ by recording with another share of the misfit than a half."""
     best, floor = numbered(models, {}, criteria).best, 0.5 * criteria.material**2
     return {r: max(floor, factor * (m.chi2 / m.samples - criteria.slack)) for r, m in best.fitted.items()}
@@ -68,10 +66,8 @@ def _pooled(model: Visited) -> Visited:
 
 
 def _unknown_variance(model: Visited) -> Visited:
-    def log_of(misfits: Mapping[str, Misfit]) -> dict[str, Misfit]:
-        return {n: Misfit(m.samples * float(np.log(m.chi2 / m.samples)), m.samples) for n, m in misfits.items()}
-
-    return replace(model, fitted=log_of(model.fitted))
+    each = model.fitted.items()
+    return replace(model, fitted={n: Misfit(m.samples * float(np.log(m.chi2 / m.samples)), m.samples) for n, m in each})
 
 
 def _with_held_out(models: Models) -> Weighed:
@@ -81,16 +77,15 @@ def _with_held_out(models: Models) -> Weighed:
     return Weighed(tuple(back[m.key] for m in weighed.models), weighed.logs)
 
 
-WAYS: dict[str, Callable[[Models], Weighed]] = {
-    "BIC on all samples": lambda m: numbered(m, dict.fromkeys(m[0].fitted, 0.0)),
-    "coarsened over all recordings together": lambda m: numbered(m, {}, change=_pooled),
-    "coarsened by recording, floor alone": lambda m: numbered(m, {}),
-    "**coarsened by recording, with misfit**": lambda m: weigh(m, CRITERIA),
-    "the same with held-out recordings": _with_held_out,
-    "the same with unknown variance": lambda m: numbered(m, tolerance(m, CRITERIA, HALF), change=_unknown_variance),
+WAYS: dict[str, Callable[[Case], Weighed]] = {
+    "BIC on all samples": lambda c: numbered(c.models, dict.fromkeys(c.models[0].fitted, 0.0)),
+    "coarsened over all recordings together": lambda c: numbered(c.models, {}, change=_pooled),
+    "coarsened by recording, with misfit": lambda c: weigh(c.models, CRITERIA),
+    "the same with held-out recordings": lambda c: _with_held_out(c.models),
+    "the same with unknown variance": lambda c: numbered(c.models, tolerance(c.models), change=_unknown_variance),
+    "**with misfit; noise where nothing promises**": lambda c: c.weighed,
 }
 RULES_ALONE = "best BIC, named by rules"
-LOGGED = "the product when it visited"
 
 
 def answered(case: Case, weighed: Weighed, criteria: Criteria = CRITERIA) -> Answer:
@@ -106,7 +101,7 @@ def answered(case: Case, weighed: Weighed, criteria: Criteria = CRITERIA) -> Ans
 def by_rules(case: Case) -> Answer:
     """Return the answer of a table of rules: the model with the best BIC is certain, if the held-out error falls by 1 %
     with it and no more than the noise is left."""
-    best = WAYS["BIC on all samples"](case.models).best
+    best = WAYS["BIC on all samples"](case).best
     base = next(m for m in case.models if not m.elements)
     falls = not best.held_out or best.left_held_out**0.5 < 0.99 * base.left_held_out**0.5
     if best.left > CRITERIA.explained or (best.elements and not falls):

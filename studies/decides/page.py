@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from phnn.criteria import Criteria
 from phnn.diagnose.verdict import RULES, UNKNOWN
 from phnn.report.formatting import markdown_table
-from studies.decides.compare import HALF, LOGGED, RULES_ALONE, WAYS, answered, by_rules, numbered, tolerance
+from studies.decides.compare import RULES_ALONE, WAYS, answered, by_rules, numbered, tolerance
 from studies.results import fill
 from studies.sealed.grade import (
     CRITERIA,
@@ -53,7 +53,7 @@ class Setting:
     price_effect: float = CRITERIA.price_effect
     price_learned: float = CRITERIA.price_learned
     slack: float = CRITERIA.slack
-    factor: float = HALF
+    factor: float = 0.5
 
     @property
     def words(self) -> str:
@@ -81,9 +81,8 @@ def compared(cases: Sequence[Case]) -> Table:
     """Return a row for every way to weigh models, with what it says of all cases."""
     rows = []
     for name, way in WAYS.items():
-        rows.append(_row(name, cases, [answered(c, way(c.models)) for c in cases]))
+        rows.append(_row(name, cases, [answered(c, way(c)) for c in cases]))
     rows.append(_row(RULES_ALONE, cases, [by_rules(c) for c in cases], probable=False))
-    rows.append(_row(LOGGED, cases, [c.answer for c in cases]))
     return HEAD, rows
 
 

@@ -24,7 +24,7 @@ import numpy as np
 from scipy.stats import binomtest
 
 from phnn.criteria import Criteria
-from phnn.diagnose.number import Misfit, Visited, family, weigh
+from phnn.diagnose.number import Misfit, Visited, Weighed, best_to_write, family, weigh
 from phnn.diagnose.verdict import CLASS, EQUIVALENT, NAMED, NONE, UNKNOWN
 from phnn.errors import InputRefused
 from studies.generator.cases import CANONICAL, LOCATION
@@ -172,10 +172,16 @@ class Case:
         return RIGHT if self.truth <= set().union(*classes) else PARTLY
 
     @cached_property
+    def weighed(self) -> Weighed:
+        """All models with the numbers that the product gives them."""
+        more = self.row["facts"].get("remaining", 1) or self.row["ended"] != "nothing left"
+        return weigh(self.models, CRITERIA, None if more else best_to_write(self.models, CRITERIA))
+
+    @cached_property
     def answer(self) -> Answer:
         """What the product said when it visited the models; no word where the diagnosis failed."""
         claims = tuple((c["status"], (c["effect"], *c["alike"])) for c in self.row.get("claims", ()))
-        weighed = weigh(self.models, CRITERIA).alternatives if self.models else []
+        weighed = self.weighed.alternatives if self.models else []
         return Answer(weighed, self.row.get("probability", {}), self.row.get("verdict", ""), claims)
 
     @cached_property

@@ -19,7 +19,7 @@ from phnn.effects import Effect, effect
 from phnn.effects.learned import learned_elements
 from phnn.errors import InputRefused
 from studies.decides import page
-from studies.decides.compare import HALF, WAYS, answered, by_rules, numbered, tolerance
+from studies.decides.compare import WAYS, answered, by_rules, numbered, tolerance
 from studies.sealed.grade import Answer, Case, calibration_error, cases_in, log_score
 from studies.sealed.run import _model
 
@@ -67,7 +67,7 @@ def test_a_logged_model_has_the_number_of_the_model_that_was_visited() -> None:
     for before, after in zip(MODELS, again, strict=True):
         assert (after.key, after.families, after.left) == (before.key, before.families, before.left)
         assert log_weight(after, rho, CRITERIA) == log_weight(before, rho, CRITERIA)
-    assert tolerance(again, CRITERIA, HALF) == rho
+    assert tolerance(again) == rho
     own = numbered(again, rho)
     assert own.logs == pytest.approx(weigh(MODELS, CRITERIA).logs)
     assert own.probability == weigh(MODELS, CRITERIA).probability
@@ -75,15 +75,15 @@ def test_a_logged_model_has_the_number_of_the_model_that_was_visited() -> None:
 
 def test_ways_differ_by_what_their_names_say() -> None:
     models = [visited(left=(1.5, 1.0, 1.2)), visited(DELAY)]
-    odds = {name: float(abs(np.diff(way(models).logs)[0])) for name, way in WAYS.items()}
+    odds = {name: float(abs(np.diff(way(case(*models)).logs)[0])) for name, way in WAYS.items()}
     k = len(DELAY.parameters)
     floor = SAMPLES / (1.0 + SAMPLES * 0.005)
     together = 2 * SAMPLES / (1.0 + 2 * SAMPLES * 0.005)
     wanted = {
         "BIC on all samples": 0.5 * SAMPLES * 0.5 - 0.5 * k * math.log(2 * SAMPLES),
         "coarsened over all recordings together": 0.5 * together * 0.5 / 2 - 0.5 * k * math.log(together),
-        "coarsened by recording, floor alone": 0.5 * floor * 0.5 - 0.5 * k * math.log(2 * floor),
-        "**coarsened by recording, with misfit**": 0.5 * floor * 0.5 - 0.5 * k * math.log(2 * floor),
+        "coarsened by recording, with misfit": 0.5 * floor * 0.5 - 0.5 * k * math.log(2 * floor),
+        "**with misfit; noise where nothing promises**": 0.5 * floor * 0.5 - 0.5 * k * math.log(2 * floor),
         "the same with held-out recordings": 0.5 * floor * 0.7 - 0.5 * k * math.log(3 * floor),
         "the same with unknown variance": 0.5 * floor * math.log(1.5) - 0.5 * k * math.log(2 * floor),
     }
