@@ -307,10 +307,13 @@ def _share(model: Visited, without: Visited) -> float | None:
 
 def _falls(claim: Claim, model: Visited, criteria: Criteria) -> bool:
     """Whether the held-out error falls with an element; true where nothing was held out, or the model without it was
-    never fitted because it came nowhere near."""
-    if claim.without is None or not model.held_out:
-        return True
-    return model.left_held_out < claim.without.left_held_out
+    never fitted because it came nowhere near.
+
+    What has no parameter, but terms of its own in every recording, is fitted anew to each of them: it predicts nothing.
+    """
+    if not claim.effect.parameters and model.nuisances:
+        return False
+    return claim.without is None or not model.held_out or model.left_held_out < claim.without.left_held_out
 
 
 def _with_status(claim: Claim, word: str, new: bool, model: Visited, criteria: Criteria) -> Claim:

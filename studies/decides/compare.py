@@ -20,7 +20,6 @@ from studies.sealed.grade import CRITERIA, Answer, Case, is_learned_name
 from studies.sealed.run import Task
 
 Models = Sequence[Visited]
-
 GROUPS: tuple[Task, ...] = (
     Task("none", 0, "none"),
     Task("none, process noise", 0, "none", noise="process:0.1"),

@@ -1,5 +1,4 @@
-"""Tables of docs/decides.md: what the study of `studies.decides.compare` comes to, halves against
-halves, and the rules and criteria as they are in the code."""
+"""Tables of docs/decides.md: the study of `studies.decides.compare`, halves against halves; rules and criteria."""
 
 from __future__ import annotations
 

@@ -24,13 +24,15 @@ import numpy as np
 from scipy.stats import binomtest
 
 from phnn.criteria import Criteria
-from phnn.diagnose.number import Misfit, Visited, Weighed, best_to_write, family, weigh
+from phnn.diagnose.number import Misfit, Visited, Weighed, best_to_write, family, uid, weigh
 from phnn.diagnose.verdict import CLASS, EQUIVALENT, NAMED, NONE, UNKNOWN
+from phnn.effects import catalogue, in_all_forms
 from phnn.errors import InputRefused
 from studies.generator.cases import CANONICAL, LOCATION
 from studies.sealed.run import Row, rows_of
 
 CRITERIA = Criteria()
+_HELD, _DECLARED = "held", {uid(e) for e in in_all_forms(catalogue().values()) if e.parameters}
 # What a background consists of.
 BACKGROUND = ("creep", "hysteresis_asymmetry")
 # Least probability of a statement that enters the calibration, and least one of the logarithmic score.
@@ -221,7 +223,7 @@ class Case:
 
 def _model(logged: Mapping[str, Any]) -> Visited:
     elements: Any = tuple(map(_element, logged["elements"]))
-    free = {n for e in elements for n in e.parameters}
+    free = {n for e in elements for n in e.parameters} - {_HELD}
     fit: Any = SimpleNamespace(setup=SimpleNamespace(parameters={n: SimpleNamespace(fixed=False) for n in free}))
     fitted, held_out = ({n: Misfit(*m) for n, m in logged[use].items()} for use in ("fitted", "held_out"))
     return Visited(elements, fit, fitted, held_out, logged["nuisances"], logged["converged"])
@@ -230,7 +232,7 @@ def _model(logged: Mapping[str, Any]) -> Visited:
 def _element(logged: Mapping[str, Any]) -> Element:
     name, equation = logged["form"].split(": ", 1)
     several = logged["name"] if is_learned_name(name) and not logged["learned"] else ""
-    parameters = tuple(f"{name}.{i}" for i in range(logged["parameters"]))
+    parameters = tuple(f"{name}.{i}" for i in range(logged["parameters"])) or (_HELD,) * (logged["form"] in _DECLARED)
     return Element(name, logged["name"], several, logged["location"], parameters, equation)
 
 

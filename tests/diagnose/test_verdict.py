@@ -10,7 +10,7 @@ from test_number import visited
 from phnn.criteria import Criteria
 from phnn.diagnose.number import Visited, weigh
 from phnn.diagnose.verdict import EQUIVALENT, NAMED, NONE, RULES, UNKNOWN, Facts, Verdict, conclude
-from phnn.effects import effect
+from phnn.effects import effect, in_all_forms
 from phnn.effects.learned import learned_elements
 
 CRITERIA = Criteria()
@@ -110,6 +110,12 @@ def test_a_learned_element_leaves_the_whole_unknown() -> None:
 def test_held_out_recordings_that_deny_an_element_take_its_name() -> None:
     worse = visited(effect("creep"), held_out=(9.0,))
     assert concluded(worse, visited(left=(9.0, 9.0), held_out=(1.0,))).word == UNKNOWN
+
+
+def test_what_is_fitted_anew_to_every_recording_predicts_nothing() -> None:
+    ramp, wandering = in_all_forms([effect("sensor_drift")])
+    assert concluded(replace(visited(wandering), nuisances=16), BASE).word == UNKNOWN
+    assert concluded(visited(ramp), BASE).word == NAMED
 
 
 def test_nothing_is_claimed_where_the_base_model_is_enough() -> None:
