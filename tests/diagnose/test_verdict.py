@@ -84,8 +84,7 @@ def test_one_proven_effect_is_named() -> None:
 
 
 def test_effects_that_explain_as_much_are_a_class() -> None:
-    lag = visited(effect("sensor_lag"))
-    found = concluded(visited(effect("delay")), BASE, lag)
+    found = concluded(visited(effect("delay")), BASE, visited(effect("sensor_lag")))
     assert found.word == EQUIVALENT
     assert [e.name for e in found.claims[0].alike] == ["sensor_lag"]
     assert found.claims[0].status == EQUIVALENT
@@ -99,8 +98,7 @@ def test_of_two_elements_the_proven_one_is_named_inside_a_class() -> None:
 
 
 def test_a_learned_element_leaves_the_whole_unknown() -> None:
-    model = visited(effect("creep"), learned_elements()["learned_spring"])
-    found = concluded(model, BASE)
+    found = concluded(visited(effect("creep"), learned_elements()["learned_spring"]), BASE)
     assert found.word == UNKNOWN
     assert [c.claimed for c in found.claims] == [False, False]
     # Effects alone leave nine times the noise: √(1.2/9).
