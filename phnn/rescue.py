@@ -139,11 +139,7 @@ class Account:
             self.stopped = self.stopped or SECONDS
             self.not_tried.append(part)
         except KeyboardInterrupt as interruption:
-            if self.interruption is not None or not self.answers:
-                raise
-            self.interruption = interruption.with_traceback(None)
-            self.stopped = self.stopped or INTERRUPTED
-            self.not_tried.append(part)
+            self.interrupt(interruption, part)
         except (OutputRefused, OutputFailed):
             raise
         except Exception as error:
@@ -154,6 +150,14 @@ class Account:
         finally:
             self.checked = before
         return otherwise
+
+    def interrupt(self, interruption: KeyboardInterrupt, part: str) -> None:
+        """Let an interruption end the search with an answer; a second one, or one without an answer, is raised."""
+        if self.interruption is not None or not self.answers:
+            raise interruption
+        self.interruption = interruption.with_traceback(None)
+        self.stopped = self.stopped or INTERRUPTED
+        self.not_tried.append(part)
 
 
 _ACCOUNT: ContextVar[Account | None] = ContextVar("account", default=None)
@@ -293,7 +297,7 @@ class _Result(NamedTuple):
 
 
 def results(executor: Executor, work: Callable[[Any], Any], items: Sequence[Any], names: Sequence[str]) -> list[Any]:
-    """``work(item)`` of every item, done by an executor; None where an item failed, or the time was up before.
+    """``work(item)`` of every item, done by an executor; None where an item failed, or the search was ended.
 
     Args:
         executor: where it is done; work: on one item.
@@ -315,6 +319,8 @@ def results(executor: Executor, work: Callable[[Any], Any], items: Sequence[Any]
             if answer.stopped:
                 account.stopped = account.stopped or SECONDS
                 account.not_tried.append(names[index])
+    except KeyboardInterrupt as interruption:
+        account.interrupt(interruption, "refits of " + ", ".join(names))
     except PhnnError as error:
         # Workers that were killed; all other items are done.
         account.failed.append(_failure("refit", error))

@@ -137,8 +137,7 @@ def log_weight(
         noise: power of the noise by recording, over that which was stated; 1 where one has none.
     """
     counts = {r: _count(m, rho.get(r, _floor(criteria))) for r, m in model.fitted.items()}
-    powers = noise or {}
-    likelihood = sum(counts[r] * m.chi2 / m.samples / powers.get(r, 1.0) for r, m in model.fitted.items())
+    likelihood = sum(counts[r] * m.chi2 / m.samples / (noise or {}).get(r, 1.0) for r, m in model.fitted.items())
     return -0.5 * likelihood - _price(model, sum(counts.values()), criteria)
 
 
@@ -207,9 +206,8 @@ def weigh(models: Sequence[Visited], criteria: Criteria, exact: Visited | None =
     """Return the models with their numbers.
 
     Args:
-        exact: a model that leaves nothing but noise, as far as anything can tell. Where that is more than the stated
-            noise, it was stated too low, as it may be where a recording repeats nothing and rests nowhere; no misfit is
-            tolerated beyond it then.
+        exact: a model that leaves nothing but noise, as far as anything can tell. Where that is more than was stated,
+            as it may be of a recording that repeats nothing, it is the noise, and no misfit is tolerated beyond it.
     """
     noise = {} if exact is None else {r: max(1.0, m.chi2 / m.samples / criteria.slack) for r, m in exact.fitted.items()}
     rho = {} if noise else tolerated(models, criteria)
