@@ -252,10 +252,9 @@ def _grow(search: Search, model: Visited) -> None:
         trials = sorted([*trials, *_heat(search, model, alike, large=True)], key=lambda t: t.fit.cost)
     if not trials:
         return
-    raced = _race(search, trials)
     for trial in trials:
         search.visit(trial)
-    raced = sorted([search.visit(t) for t in raced], key=lambda t: t.fit.cost)
+    raced = sorted([search.visit(t) for t in _race(search, trials)], key=lambda t: t.fit.cost)
     if model.elements and search.weighed.behind(raced[0]) < search.weighed.behind(model):
         _drop_each(search, raced[0], raced[0].elements[:-1])
 
