@@ -31,7 +31,7 @@ NAMED, EQUIVALENT, UNKNOWN, NONE = "named", "equivalent", "unknown", "none"
 LIKELY, LEARNED, PROVISIONAL = "likely", "learned", "provisional"
 # Alternatives that are still a class.
 CLASS = 4
-# From this probability on an element is called likely, and the base model the most probable one.
+# From this probability on an element is likely among what is listed, and the base model the most probable one.
 _HALF = 0.5
 
 
@@ -292,8 +292,9 @@ def _claim(
     holders = [e for m in weighed.models for e in m.elements if family(e) in others and not is_learned(e)]
     alike = {family(e): e for e in reversed(holders)}
     ranked = sorted(alike, key=lambda n: -probability[n])
+    status = LIKELY if weighed.probability.get(own, 0.0) >= _HALF else PROVISIONAL
     return Claim(
-        effect, PROVISIONAL, probability.get(own, 0.0), tuple(alike[n] for n in ranked), without,
+        effect, status, probability.get(own, 0.0), tuple(alike[n] for n in ranked), without,
         _share(model, without or base),
     )  # fmt: skip
 
@@ -324,5 +325,5 @@ def _with_status(claim: Claim, word: str, new: bool, model: Visited, criteria: C
     elif word in (NAMED, EQUIVALENT):
         status = NAMED if proven and (word == NAMED or (new and not claim.alike)) else word
     else:
-        status = LIKELY if claim.probability >= _HALF else PROVISIONAL
+        status = claim.status
     return Claim(claim.effect, status, claim.probability, claim.alike, claim.without, claim.share)
