@@ -79,7 +79,7 @@ class Facts:
         elements: of the model that is written; learned: how many of them are learned.
         none: probability that nothing is missing.
         certain: probability of the least certain element of the most probable model.
-        alternatives: how many sets of effects together have the probability `Criteria.proven`.
+        alternatives: how many sets of effects together have `Criteria.proven` of the weight.
         complete: probability that the catalogue holds all physics of the recordings; it bounds all others.
         base_left: mean square of the residual of the base model over that of the noise, on fitted recordings.
         falls: whether the held-out error falls with every element.
@@ -221,7 +221,7 @@ def conclude(
     base = next(m for m in weighed.models if not m.elements)
     complete = _complete(weighed, model, promising[1], criteria)
     probability = {n: complete * p for n, p in weighed.probability.items()}
-    proven = _enough(weighed, complete, criteria)
+    proven = _enough(weighed, criteria)
     claims = [_claim(e, model, weighed, probability, proven, base) for e in model.elements]
     facts = Facts(
         elements=len(claims),
@@ -269,12 +269,12 @@ def _left(model: Visited) -> float:
     return max(model.left, model.left_held_out if model.held_out else 0.0)
 
 
-def _enough(weighed: Weighed, complete: float, criteria: Criteria) -> list[tuple[str, ...]]:
+def _enough(weighed: Weighed, criteria: Criteria) -> list[tuple[str, ...]]:
     """Return the smallest number of alternatives that together are proven."""
     together, chosen = 0.0, []
     for families, share in weighed.alternatives:
         chosen.append(families)
-        together += complete * share
+        together += share
         if together >= criteria.proven:
             break
     return chosen
