@@ -329,7 +329,7 @@ def _special(search: Search, trial: Visited) -> list[Visited]:
 
 def _onwards(search: Search, trials: Sequence[Visited]) -> list[Visited]:
     """The trials after further steps, where they have not ended yet."""
-    moving = [t for t in trials if _moving(t.fit, search.criteria)]
+    moving = [t for t in trials if t.fit.evaluations >= search.criteria.short]
     if not moving or late("further steps of " + ", ".join(t.words for t in moving)):
         return list(trials)
     work = partial(further, evaluations=search.criteria.further)
@@ -342,11 +342,6 @@ def _fits(search: Search, work: Callable[[Any], Fit | None], items: Sequence[Any
     """``work(item)`` of every item, on the very recordings of the search wherever it was done."""
     fits: list[Fit | None] = results(search.executor, work, items, names)
     return [f if f is None else replace(f, plan=replace(search.plan, substeps=f.plan.substeps)) for f in fits]
-
-
-def _moving(fitted: Fit, criteria: Criteria) -> bool:
-    """Whether a short refit has ended before it converged."""
-    return fitted.evaluations >= criteria.short
 
 
 def _further_forms(search: Search, trial: Visited) -> list[Visited]:
