@@ -97,22 +97,21 @@ class Account:
         answers: an interruption ends the search with an answer; otherwise it ends everything.
         spent: steps of all simulations so far; unit: steps of one evaluation; most: evaluations that may be spent.
         stopped: why no further move is begun; empty while they are.
-        among: this is one of several items of work side by side.
+        among: this is one of several items of work side by side; above: the account of all of them, in threads.
     """
 
     def __init__(self, until: float = float("inf"), checked: bool = False, answers: bool = False) -> None:
         self.until = until
         self.answers = answers
-        self.spent = 0.0
         self.unit = self.most = float("inf")
-        self.stopped = ""
+        self.spent, self.stopped = 0.0, ""
         self.interruption: KeyboardInterrupt | None = None
         self.failed: list[Failure] = []
         self.warnings: list[Failure] = []
         self.not_tried: list[str] = []
-        self.among = False
+        self.among = self._lost = False
+        self.above: Account | None = None
         self.checked = checked
-        self._lost = False
 
     def ended(self, budget: float | None = None) -> Ended:
         """All of it."""
@@ -200,7 +199,9 @@ def stop_if_late() -> None:
         Stopped: it is.
     """
     account = _ACCOUNT.get()
-    if account is not None and account.checked and not account.stopped and time.time() > account.until:
+    if account is None or not account.checked or account.stopped:
+        return
+    if time.time() > account.until or (account.above is not None and account.above.stopped):
         raise Stopped
 
 
@@ -307,10 +308,12 @@ def results(executor: Executor, work: Callable[[Any], Any], items: Sequence[Any]
     if account is None:
         return executor.run(work, items)
     found: list[Any] = [None] * len(items)
-    until = account.until if account.checked and not account.stopped else float("inf")
-    among = executor.kind != "serial" and len(items) > 1
+    if not items or (account.checked and account.stopped):
+        return found
+    until, among = account.until if account.checked else float("inf"), executor.kind != "serial" and len(items) > 1
+    above = account if account.checked and executor.kind == "threads" else None
     try:
-        for index, answer in executor.each(partial(_one, work, until, among), items):
+        for index, answer in executor.each(partial(_one, work, until, among, above), items):
             named = {"candidate": names[index]}
             account.failed += [Failure(**(vars(f) | named)) for f in answer.failed]
             account.warnings += [Failure(**(vars(f) | named)) for f in answer.warnings]
@@ -327,10 +330,10 @@ def results(executor: Executor, work: Callable[[Any], Any], items: Sequence[Any]
     return found
 
 
-def _one(work: Callable[[Any], Any], until: float, among: bool, item: Any) -> _Result:
+def _one(work: Callable[[Any], Any], until: float, among: bool, above: Account | None, item: Any) -> _Result:
     """One item, accounted for by itself: it may be at work in another process."""
     with accounted(until, checked=True) as account:
-        account.among = among
+        account.among, account.above = among, above
         try:
             result, stopped = attempt("refit", partial(work, item), None), False
         except Stopped:

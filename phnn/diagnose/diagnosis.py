@@ -293,7 +293,7 @@ def _concluded(search: Search, error: NumericalError, options: Options, account:
         (needed("check of the simulations against the equations", partial(check, t), float("nan"))
          for g in {id(g): g for g in (first, final)}.values() for t in g.trajectories), default=0.0,
     )  # fmt: skip
-    proposal = extra("the next recording", lambda: propose(_questions(outcome, model, search), first), None)
+    proposal = extra("the next recording", lambda: propose(_questions(outcome, model, weighed), first), None)
     if base.fit is not search.base.fit:
         error = numerical_error(base.fit)
     return Diagnosis(
@@ -344,13 +344,13 @@ def _gain(claim: Claim, after: Evaluation, search: Search) -> Gain | None:
     return needed(f"gain of {claim.effect.name}", compared, None)
 
 
-def _questions(outcome: Verdict, model: Visited, search: Search) -> list[Question]:
+def _questions(outcome: Verdict, model: Visited, weighed: Weighed) -> list[Question]:
     """The models that compete for each element whose name is not proven alone."""
     asked = []
     for claim in outcome.claims:
         others = [e for e in model.elements if e is not claim.effect]
         rivals = [
-            m for m in search.weighed.models
+            m for m in weighed.models
             if m.converged and len(m.elements) == len(model.elements) and m is not model
             and all(e in m.elements for e in others) and m.fit.cost < model.fit.cost + TIE * max(1.0, model.left)
         ]  # fmt: skip

@@ -380,14 +380,13 @@ def _drop_each(search: Search, model: Visited, elements: Sequence[Effect]) -> No
         wanted.append(_Wanted(rest, [values, *(values | v for v in equal)]))
     better = []
     for less in _rebuilt(search, wanted, f"{model.words} without each element"):
-        known = search.visited.get(less.key)
-        if known is None or less.fit.cost < known.fit.cost - 1.0:
+        near = less.fit.cost - model.fit.cost < search.criteria.material**2 * less.fit.residual.size
+        if not less.elements:
+            better += [less] if less.fit.cost < search.visited[less.key].fit.cost - _SAME else []
+        elif search.visit(less) is less:
             # It may be a better optimum of a model that was grown before.
             search.grown.discard(less.key)
-            near = less.fit.cost - model.fit.cost < search.criteria.material**2 * less.fit.residual.size
-            better += [less] if near or not less.elements else []
-        if less.elements:
-            search.visit(less)
+            better += [less] if near else []
     _converge(search, better)
 
 

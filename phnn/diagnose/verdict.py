@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from phnn.criteria import Criteria
-from phnn.diagnose.number import Visited, Weighed, family, forecast, is_learned, key_of
+from phnn.diagnose.number import Visited, Weighed, best_to_write, family, is_learned, key_of
 from phnn.effects import Effect
 
 NAMED, EQUIVALENT, UNKNOWN, NONE = "named", "equivalent", "unknown", "none"
@@ -126,7 +126,7 @@ RULES: tuple[Rule, ...] = (
     Rule(
         "nothing_promises",
         lambda f: not f.promising and not f.early and f.base_left <= f.criteria.far**2, NONE,
-        ("promising", "base_left"),
+        ("promising", "remaining", "base_left"),
         "process noise of a tenth of the drive raises the residual above the floor, and no candidate explains it",
     ),
     Rule(
@@ -147,7 +147,7 @@ RULES: tuple[Rule, ...] = (
         "a friction beside a hysteresis of eight plays",
     ),
     Rule(
-        "something_is_left", lambda f: f.complete < f.criteria.proven, UNKNOWN, ("complete", "remaining"),
+        "something_is_left", lambda f: f.complete < f.criteria.proven, UNKNOWN, ("complete",),
         "an effect beside physics that no catalogue lists",
     ),
     Rule(
@@ -231,7 +231,7 @@ def conclude(
         alternatives=len(proven),
         complete=complete,
         base_left=base.left,
-        falls=all(_falls(c, model, criteria) for c in claims),
+        falls=all(_falls(c, model) for c in claims),
         new=new,
         promising=promising[0],
         remaining=promising[1],
@@ -253,15 +253,15 @@ def conclude(
 def _complete(weighed: Weighed, model: Visited, remaining: int, criteria: Criteria) -> float:
     """Return the probability that the catalogue holds all physics of the recordings.
 
-    No weight of models can tell it: they compare what was tried. It is taken as ``min(1, √(e/χ²))`` of the best model
-    of effects alone, with its mean square χ² over that of the noise, and e what a model may leave: `Criteria.explained`
-    where a learned element is written, or something still promises a gain; the square of `Criteria.far` where nothing
-    does, for then it may be noise that was stated too low.
+    No weight of models can tell it: they compare what was tried. It is taken as ``min(1, √(e/χ²))``, with the mean
+    square χ², over that of the noise, of the model to write without learned elements. e is what a model may leave:
+    `Criteria.explained` where a learned element is written, or something still promises a gain; the square of
+    `Criteria.far` where nothing does, for then it may be noise that was stated too low.
     """
-    nameable = (m for m in weighed.models if not any(map(is_learned, m.elements)))
-    best = max(nameable, key=lambda m: forecast(m, criteria))
-    more = remaining or any(map(is_learned, model.elements))
-    return float(min(1.0, ((criteria.explained if more else criteria.far**2) / _left(best)) ** 0.5))
+    nameable = [m for m in weighed.models if not any(map(is_learned, m.elements))]
+    best = model if model in nameable else best_to_write(nameable, criteria)
+    most = criteria.explained if remaining or best is not model else criteria.far**2
+    return float(min(1.0, (most / max(_left(best), 1e-300)) ** 0.5))
 
 
 def _left(model: Visited) -> float:
@@ -306,11 +306,9 @@ def _share(model: Visited, without: Visited) -> float | None:
     return (without.left - model.left) / (without.left - 1.0)
 
 
-def _falls(claim: Claim, model: Visited, criteria: Criteria) -> bool:
-    """Whether the held-out error falls with an element; true where nothing was held out, or the model without it was
-    never fitted because it came nowhere near.
-
-    What has no parameter, but terms of its own in every recording, is fitted anew to each of them: it predicts nothing.
+def _falls(claim: Claim, model: Visited) -> bool:
+    """Whether the held-out error falls with an element, or nothing is known against that: nothing was held out, or the
+    model without it came nowhere near. What has no parameter, but terms of each recording, predicts nothing.
     """
     if not claim.effect.parameters and model.nuisances:
         return False
@@ -319,7 +317,7 @@ def _falls(claim: Claim, model: Visited, criteria: Criteria) -> bool:
 
 def _with_status(claim: Claim, word: str, new: bool, model: Visited, criteria: Criteria) -> Claim:
     """Return a claim with its status: inside an unknown whole an element is likely at most."""
-    proven = claim.probability >= criteria.proven and _falls(claim, model, criteria)
+    proven = claim.probability >= criteria.proven and _falls(claim, model)
     if claim.learned:
         status = LEARNED
     elif word in (NAMED, EQUIVALENT):

@@ -90,7 +90,7 @@ RULES_ALONE = "best BIC, named by rules"
 def answered(case: Case, weighed: Weighed, criteria: Criteria = CRITERIA) -> Answer:
     """Return the answer of a case whose models have other numbers, with the facts of the search as they were logged."""
     facts, early = case.row["facts"], case.row["ended"] != "nothing left"
-    promising = int(facts.get("promising", 1)), int(facts.get("remaining", 0))
+    promising = int(facts.get("promising", 1)), int(facts.get("remaining", 1))
     model = best_to_write(weighed.models, criteria)
     verdict = conclude(weighed, model, bool(facts.get("new", 1)), promising, criteria, early)
     claims = tuple((c.status, (c.name, *(e.canonical for e in c.alike))) for c in verdict.claims)
