@@ -177,7 +177,7 @@ def study(group: str, name: str) -> None:
 
 STUDIES = ("emps", "piezo-stack", "silverbox", "steering-mirror")
 # Folders with a manifest and no page in the documentation.
-FOLDERS = ("mr-damper", "shaking-table", "tanks")
+FOLDERS = ("bouc-wen", "mr-damper", "shaking-table", "tanks")
 USES: dict[str, Callable[[str], None]] = {
     "": command, "model": model, "solver": solver, "network": network, "experiment": experiment, "launcher": launcher,
     **{f"recordings/{name}": partial(study, f"recordings/{name}") for name in (*STUDIES, *FOLDERS)},
