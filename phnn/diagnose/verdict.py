@@ -19,7 +19,7 @@ the facts and nothing of the other rules, and the first one that applies gives t
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from phnn.criteria import Criteria
@@ -308,7 +308,7 @@ def _share(model: Visited, without: Visited) -> float | None:
 
 def _falls(claim: Claim, model: Visited) -> bool:
     """Whether the held-out error falls with an element, or nothing is known against that: nothing was held out, or the
-    model without it came nowhere near. What has no parameter, but terms of each recording, predicts nothing.
+    model without it was far from the recordings. What has no parameter, but terms of each recording, predicts nothing.
     """
     if not claim.effect.parameters and model.nuisances:
         return False
@@ -319,9 +319,7 @@ def _with_status(claim: Claim, word: str, new: bool, model: Visited, criteria: C
     """Return a claim with its status: inside an unknown whole an element is likely at most."""
     proven = claim.probability >= criteria.proven and _falls(claim, model)
     if claim.learned:
-        status = LEARNED
-    elif word in (NAMED, EQUIVALENT):
-        status = NAMED if proven and (word == NAMED or (new and not claim.alike)) else word
-    else:
-        status = claim.status
-    return Claim(claim.effect, status, claim.probability, claim.alike, claim.without, claim.share)
+        return replace(claim, status=LEARNED)
+    if word not in (NAMED, EQUIVALENT):
+        return claim
+    return replace(claim, status=NAMED if proven and (word == NAMED or (new and not claim.alike)) else word)
