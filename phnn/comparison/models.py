@@ -324,8 +324,8 @@ def _trained(bench: Bench, model: str) -> Result:
     if model in NETWORKS:
         substeps = bench.plan().finest
         base = bench.home("phs").path if model == "phs_neural" else None
-        hysterons = int(bench.campaign.setup.get("hysterons", 2))
-        recipe = replace(recipe, model={**recipe.model, "hysterons": hysterons})
+        stated = bench.campaign.setup.get("hysterons", 2)
+        recipe = replace(recipe, model={**recipe.model, "hysterons": stated if isinstance(stated, int) else 2})
     training = Training(model, recipe, bench.campaign, bench.home(model), options.seed, bench.settings.resume)
     plant, scores, facts = train(training, substeps, base, bench.progress)
     if isinstance(plant, NetworkPlant):

@@ -22,7 +22,8 @@ from phnn.integrate.partition import (
     rule_of,
 )
 from phnn.integrate.scheme import Scheme
-from phnn.integrate.tables import EXACT, LOSSLESS, RADAU
+from phnn.integrate.table_access import NEAR_REST
+from phnn.integrate.tables import EXACT, LOSSLESS, PATH, RADAU
 from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.leaf import rc_flow, relaxation
 from phnn.network.elements import ModulatorState, Network, Ratio, Resistor, Storage
@@ -267,10 +268,10 @@ class Balance:
         return self.e.derived(f"capacity_{self.e.states.of(name)}", value, f"1/s of {name}, effort = s state")
 
     def stiffness_of(self, name: str) -> float:
-        """``s`` of a linear storage."""
+        """``s`` of a linear storage, or of another one at rest."""
         storage = self.storage(name)
         law = STORAGE_LAWS[storage.law]
-        return float(law.mean_effort(1.0, 1.0, *self.e.values(storage.parameters)))
+        return float(law.mean_effort(NEAR_REST, NEAR_REST, *self.e.values(storage.parameters))) / NEAR_REST
 
     def write(self) -> list[str]:
         """The lines of the function."""
@@ -389,6 +390,12 @@ class Balance:
             return f"{x} + H * {current}, {self.e.mean_effort(storage, x, f'{x} + H * {current}')}"
         if rule == EXACT:
             return self._exact(name)
+        if rule == PATH:
+            (r,) = resistors_of(self.network, name)
+            resistor = self.network.resistors[r]
+            leading = (x, current, "H", self.stiffness(name))
+            what = f"resistor {resistor.name}"
+            return self.e.law(RESISTOR_LAWS[resistor.law], "path", what, leading, resistor.parameters)
         # It needs the balance's expressions.
 
         return searched(self, name)

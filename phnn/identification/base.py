@@ -8,7 +8,7 @@ from dataclasses import replace
 from phnn.identification.described import identify_network
 from phnn.identification.fit import Fit
 from phnn.identification.options import Options
-from phnn.identification.order import hysterons_needed
+from phnn.identification.order import hysteresis_needed
 from phnn.identification.plan import Plan
 from phnn.identification.prepare import Prepared, prepare
 from phnn.identification.refinement import NumericalError, with_bounded_error
@@ -60,8 +60,8 @@ def _begun(prepared: Prepared, campaign: Campaign, options: Options, progress: P
     if model == "bouc_wen":
         return identify_bouc_wen(plan, campaign, options, progress)
     if hysterons is None:
-        hysterons = hysterons_needed(plan, campaign.known, options.starts, options.seed, progress)
-    progress(f"identify {model} with {hysterons} hysterons")
+        hysterons = hysteresis_needed(plan, campaign.known, options.starts, options.seed, progress)
+    progress(f"identify {model} with {hysterons}" + (" hysterons" if isinstance(hysterons, int) else ""))
     return identify_actuator(plan, campaign.known, hysterons, options.starts, options.seed)
 
 

@@ -1,7 +1,8 @@
-"""The number of hysterons that an actuator needs, if the user does not state it.
+"""The hysteresis that an actuator needs, if the user leaves it to the recordings.
 
-Models with one, two, three, … hysterons are fitted to some of the identification recordings; the others choose
-(`phnn.identification.left_out`). A further hysteron is taken as long as they are predicted clearly better with it.
+Models with one and two hysterons, with another form of hysteresis, and with more hysterons are fitted to some of the
+identification recordings; the others choose (`phnn.identification.left_out`). One that predicts them clearly better
+takes the place of the one before.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from phnn.identification.fit import Fit
 from phnn.identification.left_out import LeftOut, leave_out
 from phnn.identification.plan import Plan
 from phnn.identification.staged import identify_actuator
+from phnn.identification.starting_points import FORMS
 from phnn.recordings.recording import Anchor
 
 MOST_HYSTERONS = 4
@@ -22,46 +24,55 @@ DEFAULT_HYSTERONS = 2
 # A further hysteron has to take this share of the excess over the noise, and with such a p-value: three parameters
 # more, chosen among few models. Too few independent blocks of time for a p-value leave the default.
 _SHARE, _LEVEL, _FEWEST_BLOCKS = 0.05, 0.00135, 8
+# Residual over noise at which nothing further is tried.
+_NOISE = 1.1
 
 
-def hysterons_needed(
+def hysteresis_needed(
     plan: Plan, known: Mapping[str, Anchor], starts: int, seed: int, progress: Callable[[str], None]
-) -> int:
-    """The number of hysterons beyond which recordings that were left out are predicted no better, at most
-    `MOST_HYSTERONS`.
+) -> int | str:
+    """The number of hysterons, at most `MOST_HYSTERONS`, or the form of hysteresis, beyond which recordings that were
+    left out are predicted no better.
 
     Args:
         plan: identification recordings.
-        known: anchors; one of hysteron ``i`` asks for ``i`` hysterons at least.
+        known: anchors; one of hysteron ``i`` asks for ``i`` hysterons at least, and for no other form.
         starts, seed: of every fit.
         progress: told what is tried.
     """
-    least = max((int(n.rpartition("_")[2]) for n in known if n.startswith(("C_", "rho_", "d_"))), default=1)
+    stated = max((int(n.rpartition("_")[2]) for n in known if n.startswith(("C_", "rho_", "d_"))), default=0)
     held = leave_out(plan, _FEWEST_BLOCKS)
     best: tuple[Fit, Evaluation] | None = None
-    chosen = max(least, DEFAULT_HYSTERONS)
-    for count in range(least, max(least, MOST_HYSTERONS) + 1):
-        progress(f"how many hysterons: try {count}")
+    chosen: int | str = max(stated, DEFAULT_HYSTERONS)
+    counts = list(range(max(stated, 1), max(stated, MOST_HYSTERONS) + 1))
+    usual = counts[:DEFAULT_HYSTERONS]
+    left: list[int | str] = [*usual, *(() if stated else FORMS), *counts[len(usual) :]]
+    while left:
+        tried = left.pop(0)
+        progress(f"which hysteresis: try {tried}" + (" hysterons" if isinstance(tried, int) else ""))
         try:
-            fitted = identify_actuator(held.growth, known, count, starts, seed)
+            fitted = identify_actuator(held.growth, known, tried, starts, seed)
         except PhnnError:
-            break
-        further = fitted, held.scores(fitted)
-        if best is not None and not _better(held, best, further, count):
-            break
-        best, chosen = further, count
-        if held.over_noise(further[1]) <= 1.0:
-            break
+            further = None
+        else:
+            further = fitted, held.scores(fitted)
+        if further is not None and (best is None or _better(held, best, further, tried)):
+            best, chosen = further, tried
+            if held.over_noise(further[1]) <= _NOISE:
+                break
+        elif isinstance(tried, int):
+            # One more is no better: no further ones are tried.
+            left = [f for f in left if isinstance(f, str)]
     return chosen
 
 
-def _better(held: LeftOut, fewer: tuple[Fit, Evaluation], more: tuple[Fit, Evaluation], count: int) -> bool:
-    """Whether one more hysteron, ``count`` of them then, predicts what was left out clearly better.
+def _better(held: LeftOut, before: tuple[Fit, Evaluation], after: tuple[Fit, Evaluation], tried: int | str) -> bool:
+    """Whether what was left out is predicted clearly better with one more hysteron, or with another form.
 
     Recordings too short for a test decide nothing: there the default stays, if it predicts no worse.
     """
-    found = held.gain(fewer, more)
+    found = held.gain(before, after)
     taken, excess = found.takes, max(found.before**2 - 1.0, 0.0)
     if found.falls is None:
-        return count <= DEFAULT_HYSTERONS and taken >= 0.0
-    return taken > _SHARE * excess and found.falls is not None and found.falls < _LEVEL
+        return isinstance(tried, int) and tried <= DEFAULT_HYSTERONS and taken >= 0.0
+    return taken > _SHARE * excess and found.falls < _LEVEL

@@ -41,13 +41,13 @@ class Prepared:
     Attributes:
         plan: the recordings with identification samples.
         model: by name; ``network`` where a file describes it.
-        hysterons: of an actuator; None where nobody says how many.
+        hysterons: of an actuator, or the form of another hysteresis; None where the recordings are to say.
         described: the network of that file.
     """
 
     plan: Plan
     model: str
-    hysterons: int | None
+    hysterons: int | str | None
     described: Setup | None = None
 
 
@@ -68,8 +68,8 @@ def prepare(campaign: Campaign, workers: int = 1) -> Prepared:
     displacement_shown(campaign.recordings)
     model = str(campaign.setup.get("model", "piezo_actuator"))
     stated = campaign.setup.get("hysterons") if model in ("piezo_actuator", "hrc") else 0
-    hysterons = None if stated is None else int(stated)
-    most = MOST_HYSTERONS if hysterons is None else hysterons
+    hysterons = None if stated in (None, "auto") else stated
+    most = hysterons if isinstance(hysterons, int) else MOST_HYSTERONS if hysterons is None else 0
     parameters = bouc_wen().parameters if model == "bouc_wen" else hrc(most).parameters
     check_known(campaign.known, parameters)
     held_by_statement(campaign.known)

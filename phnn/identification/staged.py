@@ -24,7 +24,7 @@ from phnn.identification.fit import (
 from phnn.identification.plan import Plan
 from phnn.identification.problem import Problem
 from phnn.identification.start import with_starts
-from phnn.identification.starting_points import DEFAULT_MASS, mechanical_points, random_starts
+from phnn.identification.starting_points import DEFAULT_MASS, mechanical_points, random_starts, with_form
 from phnn.identification.subset import representative_subset
 from phnn.identification.variables import starts_unknown
 from phnn.models.actuator import hrc
@@ -50,14 +50,14 @@ FURTHER_STARTS = "further starts of the base model"
 
 
 def identify_actuator(
-    plan: Plan, known: Mapping[str, Anchor], hysterons: int, starts: int, seed: int, setup: Setup | None = None
+    plan: Plan, known: Mapping[str, Anchor], hysterons: int | str, starts: int, seed: int, setup: Setup | None = None
 ) -> Fit:
     """The HRC actuator fitted to the identification samples of a plan, no starting values needed.
 
     Args:
         plan: recordings and sub-steps.
         known: anchors; a known parameter is held at its value.
-        hysterons: number of hysterons.
+        hysterons: number of hysterons, or one of `FORMS` in their place.
         starts: starting points per resonance.
         seed: of the random starting points.
         setup: start from this setup alone instead.
@@ -66,9 +66,11 @@ def identify_actuator(
     if setup is not None:
         return fit_identified(setup, plan, held)
     anchored = {n: a.value for n, a in known.items()}
-    check_known(known, hrc(hysterons).parameters)
+    check_known(known, hrc(0 if isinstance(hysterons, str) else hysterons).parameters)
     points = mechanical_points(plan, anchored)
-    if hysterons:
+    if isinstance(hysterons, str):
+        points = [s for p in points for s in with_form(p, plan, hysterons)]
+    elif hysterons:
         points = [s for p in points for s in random_starts(p, plan, hysterons, anchored, starts, seed)]
     finished: list[Fit] = []
     for first in _raced(points, representative_subset(plan), held):
@@ -108,7 +110,9 @@ def _raced(points: Sequence[Setup], plan: Plan, held: Mapping[str, str]) -> list
     return [f for f in heat if f.cost <= NEARLY * heat[0].cost]
 
 
-def _from_known_starts(plan: Plan, known: Mapping[str, Anchor], hysterons: int, starts: int, seed: int) -> Fit | None:
+def _from_known_starts(
+    plan: Plan, known: Mapping[str, Anchor], hysterons: int | str, starts: int, seed: int
+) -> Fit | None:
     """A fit whose parameters come from the recordings of known start, and then the unknown initial states.
 
     Unknown initial states make many local optima. None where all starts are known, or none, and where the recordings

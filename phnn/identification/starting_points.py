@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from phnn.effects import Effect, Scales, effect
 from phnn.errors import InputRefused
 from phnn.identification.plan import Plan
 from phnn.models.actuator import hrc
@@ -20,6 +21,13 @@ DEFAULT_MASS = 1.0e-3
 _RESONANCES_HZ = (200.0, 800.0, 3000.0)
 # Bins of the input over which an output is averaged; share of its way that leads down where it falls throughout.
 _GAIN_BINS, _DOWNHILL = 12, 0.8
+# Forms of hysteresis that may take the place of hysterons in a base model, and their strength over that of their grids.
+FORMS: dict[str, Effect] = {
+    "bouc_wen": effect("bouc_wen_hysteresis").forms[0],
+    "duhem": effect("bouc_wen_hysteresis"),
+    "distributed": effect("distributed_hysteresis"),
+}
+_OF_GRID = 300.0
 
 
 def mechanical_points(plan: Plan, anchored: Mapping[str, float]) -> list[Setup]:
@@ -117,6 +125,19 @@ def random_starts(
         widths = drive * 0.2 / (1.0 + 0.7 * np.arange(hysterons)) * np.exp(spread * rng.standard_normal(hysterons))
         found.append(with_hysterons(linear, anchored, shares.tolist(), rates.tolist(), widths.tolist()))
     return found
+
+
+def with_form(linear: Setup, plan: Plan, form: str) -> list[Setup]:
+    """Starting points of another hysteresis in the place of hysterons, one for each point of its effect's grid."""
+    stiffness = linear.values()["k"]
+    moved = 0.5 * max(float(np.ptp(r.y)) for r in plan.recordings)
+    fastest = max((dominant_frequency(r) for r in plan.recordings), default=1.0)
+    scales = Scales(
+        drive_amplitude(plan.recordings), moved, moved * fastest, stiffness, linear.values()["alpha"], fastest, fastest,
+        max(float(r.t[-1] - r.t[0]) for r in plan.recordings), 0.0,
+    )  # fmt: skip
+    own = FORMS[form]
+    return [own.add_to(linear, own.scaled(point, _OF_GRID)) for point in own.grid(scales)]
 
 
 def drive_amplitude(recordings: Sequence[Recording]) -> float:

@@ -29,6 +29,7 @@ from phnn.integrate.tables import (
     LAST_RESISTOR,
     LEAVES,
     OWN_STORAGE,
+    PATH,
     RATIO,
     READ,
     RULE,
@@ -48,7 +49,7 @@ def fill_constants(t: Any, theta: Any, h: Any, c: Any) -> None:
     leaves = count(t, LEAVES)
     for leaf in range(leaves):
         row = t[0, LEAVES] + leaf
-        if t[row, IS_LINEAR] > 0:
+        if t[row, IS_LINEAR] > 0 or t[row, RULE] == PATH:
             c[leaf, STIFFNESS] = stiffness(t, t[row, OWN_STORAGE], theta)
         r, none = t[row, FIRST_RESISTOR], 0.0 * theta[0]
         leak = none

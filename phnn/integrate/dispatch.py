@@ -60,6 +60,11 @@ def threshold_table() -> Any:
     return look_up("thresholds", [(x.thresholds, len(x.example), False) for x in RESISTOR_LAWS.values()], 1)
 
 
+def path_table() -> Any:
+    """``path(code, x, i, h, s, theta, i0…i3)``."""
+    return look_up("path", [(x.path, len(x.example), False) for x in RESISTOR_LAWS.values()], 4)
+
+
 def flow_table() -> Any:
     """``flow(code, effort, q, theta, i0…i3)``; neural laws read no state."""
     scalar: list[Entry] = [(x.flow, len(x.example), False) for x in RESISTOR_LAWS.values()]

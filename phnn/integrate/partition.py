@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from phnn.integrate.scheme import Scheme
-from phnn.integrate.tables import EXACT, GRADIENT, LOSSLESS, RADAU
+from phnn.integrate.tables import EXACT, GRADIENT, LOSSLESS, PATH, RADAU
 from phnn.laws import RESISTOR_LAWS
 from phnn.network.elements import Network, Ratio, Resistor, Storage
 from phnn.network.roles import imposed
@@ -76,10 +76,12 @@ def resistors_of(network: Network, storage: str) -> list[int]:
 
 
 def rule_of(network: Network, storage: str, scheme: Scheme) -> int:
-    """The rule that advances a reducible storage: ``LOSSLESS``, ``EXACT``, ``RADAU`` or ``GRADIENT`` of the tables."""
+    """The rule that advances a reducible storage, one of the tables'."""
     resistors = [network.resistors[k] for k in resistors_of(network, storage)]
     if not resistors:
         return LOSSLESS
+    if scheme is Scheme.DISCRETE_GRADIENT and len(resistors) == 1 and _follows_the_path(network, storage, resistors[0]):
+        return PATH
     if not is_linear(network.storages[network.storage_names.index(storage)]) or scheme is Scheme.MIDPOINT:
         return GRADIENT
     first, others = resistors[0].law, resistors[1:]
@@ -88,11 +90,33 @@ def rule_of(network: Network, storage: str, scheme: Scheme) -> int:
     return EXACT if scheme is Scheme.DISCRETE_GRADIENT and piecewise and plain else RADAU
 
 
+def _follows_the_path(network: Network, storage: str, resistor: Resistor) -> bool:
+    """Whether a step of a storage has the closed form of a law of the path.
+
+    The velocity that the law reads must be all of the current into the storage, whose law must be the right one.
+    """
+    law = RESISTOR_LAWS.get(resistor.law) if isinstance(resistor.law, str) else None
+    if law is None or law.path is None or resistor.on[storage] != 1.0:
+        return False
+    own = {s.name: s for s in network.storages}
+    momentum, spring, given = own.get(resistor.modulated_by or ""), own[storage], resistor.parameters
+    curved = (spring.law, spring.parameters[1:]) == (law.spring, (given[0], given[2]))
+    ways = [(c.of, c.ratio) for c in network.couplings if c.to == storage]
+    ways += [(c.to, None) for c in network.couplings if c.of == storage]
+    return (
+        (curved if law.spring else is_linear(spring))
+        and momentum is not None
+        and (momentum.law, momentum.parameters) == ("capacitor", given[-1:])
+        and ways == [(momentum.name, 1.0)]
+        and not any(storage in p.on for p in network.ports)
+    )
+
+
 def reducible(network: Network, scheme: Scheme) -> dict[str, int]:
     """The reducible storages that a scheme advances by another rule than the discrete gradient, and this rule."""
     junctions = junctions_of(network)
     rules = {name: rule_of(network, name, scheme) for name in network.storage_names if name not in junctions}
-    return {name: rule for name, rule in rules.items() if rule in (EXACT, RADAU)}
+    return {name: rule for name, rule in rules.items() if rule in (EXACT, RADAU, PATH)}
 
 
 def merged_couplings(network: Network) -> dict[tuple[str, str, Ratio], int]:

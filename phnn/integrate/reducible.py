@@ -18,7 +18,8 @@ from phnn.errors import SolverFailed
 from phnn.integrate.partition import resistors_of
 from phnn.integrate.roots import NOTHING, TOLERANCE
 from phnn.integrate.stages import radau_defects
-from phnn.integrate.tables import EXACT
+from phnn.integrate.table_access import NEAR_REST
+from phnn.integrate.tables import EXACT, PATH
 from phnn.laws import RESISTOR_LAWS
 from phnn.laws.leaf import rc_flow, relaxation
 from phnn.network.system import PortHamiltonianSystem
@@ -71,13 +72,18 @@ def advanced(
     """(...) end state and mean effort of storage ``k``.
 
     Args:
-        rule: ``EXACT`` or ``RADAU``.
+        rule: ``EXACT``, ``PATH`` or ``RADAU``.
         stages: the stages of Radau IIA, if they are known.
     """
-    one = torch.ones_like(current)
-    stiffness = around.system.mean_effort(k, one, one)
+    small = torch.full_like(current, NEAR_REST)
+    stiffness = around.system.mean_effort(k, small, small) / NEAR_REST
     if rule == EXACT:
         return _exact_flow(around, k, stiffness, x, current)
+    if rule == PATH:
+        (r,) = resistors_of(around.system.network, around.system.state_names[k])
+        resistor = around.system.network.resistors[r]
+        path = RESISTOR_LAWS[resistor.law].path
+        return path(x + 0.0 * current, current, around.h, stiffness, *map(around.system.value, resistor.parameters))
     if stages is None:
         with torch.no_grad():
             stages = _radau_stages(around, k, stiffness, x, current)

@@ -38,6 +38,7 @@ from phnn.integrate.table_access import (
     junction_storage,
     mean_effort,
     resistor_flow,
+    resistor_path,
     resistor_thresholds,
 )
 from phnn.integrate.tables import (
@@ -52,6 +53,7 @@ from phnn.integrate.tables import (
     LEAVES,
     LOSSLESS,
     OWN_STORAGE,
+    PATH,
     RADAU,
     RATIO_PLACE,
     READ,
@@ -141,7 +143,7 @@ _gradient_search, _gradient_moved = make_gradient(_between_states(_lost), _betwe
 def is_closed(t: Any, leaf: Any) -> Any:
     """Whether the equations of a reducible storage have a closed solution."""
     rule = t[t[0, LEAVES] + leaf, RULE]
-    return (rule == LOSSLESS) | (rule == EXACT)
+    return (rule == LOSSLESS) | (rule == EXACT) | (rule == PATH)
 
 
 @plain
@@ -183,6 +185,8 @@ def leaf_closed(t: Any, leaf: Any, step: Step) -> Any:
         if t[row, IS_LINEAR] > 0:
             return x[k] + gain, c[leaf, STIFFNESS] * (x[k] + 0.5 * gain)
         return x[k] + gain, mean_effort(t, k, x[k], x[k] + gain, theta)
+    if rule == PATH:
+        return resistor_path(t, t[row, FIRST_RESISTOR], x[k], current, h, c[leaf, STIFFNESS], theta)
     rho, low, high = c[leaf, RHO], c[leaf, LOW], c[leaf, HIGH]
     one, two, leak = c[leaf, ONE], c[leaf, TWO], c[leaf, LEAK]
     r = t[row, FIRST_RESISTOR]

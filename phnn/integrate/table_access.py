@@ -9,6 +9,7 @@ from phnn.integrate.dispatch import (
     decay_table,
     factor_table,
     flow_table,
+    path_table,
     rate_table,
     storage_table,
     threshold_table,
@@ -26,8 +27,12 @@ from phnn.integrate.tables import (
     STORAGES,
 )
 
+# A state so small that every spring is linear up to it; a power of two, so that a linear one is divided exactly.
+NEAR_REST = 2.0**-80
+
 _mean_effort = storage_table()
 _thresholds = threshold_table()
+_path = path_table()
 _flow = flow_table()
 _factor = factor_table()
 _rate = rate_table()
@@ -51,9 +56,9 @@ def mean_effort(t: Any, k: Any, a: Any, b: Any, theta: Any) -> Any:
 
 @inline
 def stiffness(t: Any, k: Any, theta: Any) -> Any:
-    """``s`` of a linear storage, ``E = s x``."""
-    one = 1.0 + 0.0 * theta[0]
-    return mean_effort(t, k, one, one, theta)
+    """``s`` of a linear storage, ``E = s x``, or of another one at rest."""
+    small = NEAR_REST + 0.0 * theta[0]
+    return mean_effort(t, k, small, small, theta) / NEAR_REST
 
 
 @inline
@@ -66,6 +71,12 @@ def resistor_flow(t: Any, r: Any, effort: Any, q: Any, theta: Any) -> Any:
 def resistor_thresholds(t: Any, r: Any, q: Any, theta: Any) -> Any:
     """``(ρ, lo, hi)(q)`` of the piecewise linear resistor in row ``r``."""
     return _thresholds(t[r, LAW], q, theta, t[r, PLACE_1], t[r, PLACE_2], t[r, PLACE_3], t[r, PLACE_4])
+
+
+@inline
+def resistor_path(t: Any, r: Any, x: Any, current: Any, h: Any, s: Any, theta: Any) -> Any:
+    """``(x⁺, ē)`` of the storage ``E = s x`` of the resistor in row ``r``, which depends on the path alone."""
+    return _path(t[r, LAW], x, current, h, s, theta, t[r, PLACE_1], t[r, PLACE_2], t[r, PLACE_3], t[r, PLACE_4])
 
 
 @inline

@@ -53,7 +53,7 @@ RATIO, SIGN = 16, 17
 _COLUMNS = 18
 
 # Rules of a reducible storage: without resistors; exact flow; two-stage Radau IIA; discrete gradient.
-LOSSLESS, EXACT, RADAU, GRADIENT = range(4)
+LOSSLESS, EXACT, RADAU, GRADIENT, PATH = range(5)
 NONE = -1
 
 

@@ -56,6 +56,10 @@ class ResistorLaw:
         thresholds: for piecewise linear laws ``(ρ, lo, hi)(q, *θ)`` with
             ``φ = ρ (max(ε − hi, 0) + min(ε − lo, 0))``, ``lo ≤ 0 ≤ hi``; such a law on a linear capacitor has
             the exact flow of `phnn.laws.leaf`.
+        path: for laws that depend on the path alone, ``(x⁺, ē) = path(x, i, h, s, *θ)`` of a step of a storage
+            ``E = s x`` under the current ``i``, where ``i`` is the velocity ``q/m`` that the law reads.
+        spring: law of the nonlinear storage for which ``path`` is written, ``s`` being its stiffness at rest; its
+            further parameters are the first and the third of the law. Empty for a linear storage.
         monotone: whether ``φ`` is non-decreasing in ``ε``.
         domains: of the parameters; all positive where left out.
     """
@@ -64,6 +68,8 @@ class ResistorLaw:
     flow: Callable[..., Any]
     example: tuple[float, ...]
     thresholds: Callable[..., Any] | None = None
+    path: Callable[..., Any] | None = None
+    spring: str = ""
     monotone: bool = True
     domains: tuple[Domain, ...] = ()
 

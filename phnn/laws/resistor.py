@@ -11,7 +11,9 @@ from typing import Any
 from numba.extending import overload
 
 from phnn.laws.law import ResistorLaw, register
-from phnn.laws.namespace import absolute, exp, log1p, maximum, minimum, real, reciprocal, shared, sqrt, tanh, where
+from phnn.laws.leaf import relaxation
+from phnn.laws.namespace import absolute, certain, exp, log1p, maximum, minimum, real, reciprocal, shared, sqrt, tanh, where
+from phnn.laws.storage import MOST_BENT, exponential_spring_mean_effort
 from phnn.parameters import ANY, NONNEGATIVE, POSITIVE
 
 
@@ -195,6 +197,12 @@ SMOOTHED = 1e-2
 # Largest exponent: more would leave the range of 32 bits at the ends of the parameters' ranges.
 _STEEPEST = 3.0
 _LOG_SMOOTHED = math.log(SMOOTHED)
+# Largest force over the force of slip: beyond it the share that slips grows no more.
+_FAR = 30.0
+# Strain below which a slip counts as linear in it.
+_AT_REST = 1e-9
+# Rate [1/s] at which a cell yields that follows the path alone.
+_AT_ONCE = 1e9
 
 
 def _power(speed: Any, exponent: Any, reference: Any) -> Any:
@@ -249,8 +257,139 @@ def ramp_damper(effort: Any, q: Any, force: Any, exponent: Any, reference: Any, 
     return force * maximum(s, 0.0 * s) * _power(effort, exponent, reference)
 
 
+def bouc_wen(effort: Any, q: Any, force: Any, exponent: Any, back: Any, mass: Any) -> Any:
+    """Bouc–Wen beside a spring of the force ``E``: ``v e`` while ``v = p/m`` loads it, else ``−c v e``; ``e = |E/F|ⁿ``.
+
+    With ``c ≥ 0`` both take energy: ``Ė = k (v − β |v| e sgn E − γ v e)``, ``β = (1 + c)/2`` and ``γ = (1 − c)/2``.
+    What slips depends on the path alone, not on the time. ``p = q`` is the momentum that is read, ``n ≥ 1``.
+    """
+    speed = q * reciprocal(mass)
+    return where(real(q) * real(effort) > 0.0, speed, -back * speed) * _strained(effort / force, exponent)
+
+
+@shared
+def _strained(strain: Any, exponent: Any) -> Any:
+    """``|s|ⁿ``, ``n ≥ 1``, and no more than for a strain far beyond one."""
+    size = minimum(absolute(strain), _FAR + 0.0 * strain)
+    return _power(size, maximum(exponent, 1.0 + 0.0 * exponent), 1.0 + 0.0 * size)
+
+
+def bouc_wen_path(
+    x: Any, current: Any, h: Any, stiffness: Any, force: Any, exponent: Any, back: Any, mass: Any
+) -> tuple[Any, Any]:
+    """End state and mean effort of a step along the path ``h i``, of second order and passive for every length.
+
+    In strains ``a = ±E/F``, positive on the way forth, ``da/dl = 1 + c |a|ⁿ`` up to rest and ``1 − aⁿ`` beyond, with the
+    length ``l = s h |i|/F``. The way back follows the midpoint rule, the way forth its linearisation at the start.
+    With the mean rate ``g``, the mean strain ``m`` of a part and ``m̃ = g (a + a⁺)/2 + (1 − g) m``, it takes the energy
+    ``l (m̃ − g (a + a⁺)/2) = l m (1 − g) ≥ 0``.
+    """
+    side = where(real(current) < 0.0, -1.0 + 0.0 * current, 1.0 + 0.0 * current)
+    scale = side * stiffness / force
+    strain, length = x * scale, h * current * scale
+    behind = minimum(strain, 0.0 * strain)
+    way, middle, rate = length, behind, 1.0 + 0.0 * strain
+    if not certain(real(strain) >= 0.0):
+        first = 1.0 + back * _strained(behind, exponent)
+        half = minimum(behind + 0.5 * minimum(length, -behind) * first, 0.0 * behind)
+        rate = 1.0 + back * _strained(half, exponent)
+        way = minimum(length, -behind / rate)
+        middle = behind + 0.5 * way * rate
+        if certain(real(way) == real(length)):
+            return (behind + way * rate) / scale, middle * force * side
+    way = where(real(strain) < 0.0, way, 0.0 * way)
+    rest, begin = length - way, maximum(strain, 0.0 * strain)
+    taken = _strained(begin, exponent)
+    size = maximum(begin, _AT_REST + 0.0 * begin)
+    one, two = relaxation(maximum(exponent, 1.0 + 0.0 * exponent) * rest * _strained(size, exponent) / size)
+    slow = one * (1.0 - taken)
+    end = begin + rest * slow
+    forth = 0.5 * slow * (begin + end) + (1.0 - slow) * (begin + rest * two * (1.0 - taken))
+    moves = real(length) > 0.0
+    share = where(moves, way / where(moves, length, 1.0 + 0.0 * length), 0.0 * way)
+    alone = real(strain) < 0.0
+    short = real(way) >= real(length)
+    mean = share * middle + (1.0 - share) * forth
+    return (
+        where(alone & short, behind + way * rate, end) / scale,
+        where(alone & short, middle, mean) * force * side,
+    )
+
+
+@shared
+def duhem(effort: Any, q: Any, force: Any, exponent: Any, bend: Any, mass: Any) -> Any:
+    """Slip beside the spring ``E' = k (1 + b |E|/F)``: ``v |E/F|ⁿ/(1 + b |E|/F)`` while ``v = p/m`` loads it, else none.
+
+    As of `bouc_wen`; the force may grow without end.
+    """
+    size = minimum(absolute(effort) / force, _FAR + 0.0 * effort)
+    bent = maximum(minimum(1.0 + bend * size, MOST_BENT + 0.0 * size), 1.0 / MOST_BENT + 0.0 * size)
+    return where(real(q) * real(effort) > 0.0, q * reciprocal(mass), 0.0 * q) * _strained(size, exponent) / bent
+
+
+def duhem_path(
+    x: Any, current: Any, h: Any, stiffness: Any, force: Any, exponent: Any, bend: Any, mass: Any
+) -> tuple[Any, Any]:
+    """As `bouc_wen_path`, on the spring that `duhem` stands beside: its way back is elastic, hence exact."""
+    side = where(real(current) < 0.0, -1.0 + 0.0 * current, 1.0 + 0.0 * current)
+    start, length = side * x, side * h * current
+    way = minimum(length, maximum(-start, 0.0 * start))
+    begin, rest = start + way, length - way
+    if certain(real(rest) <= 0.0):
+        return side * begin, side * exponential_spring_mean_effort(start, begin, stiffness, force, bend)
+    effort = exponential_spring_mean_effort(begin, begin, stiffness, force, bend)
+    taken = duhem(effort, 1.0 + 0.0 * effort, force, exponent, bend, 1.0 + 0.0 * effort)
+    size = maximum(effort / force, _AT_REST + 0.0 * effort)
+    steep = maximum(exponent, 1.0 + 0.0 * exponent) - bend * size / (1.0 + bend * size)
+    rise = maximum(_strained(size, exponent) / size * steep, 0.0 * size)
+    one, two = relaxation(rest * stiffness / force * rise)
+    slow = one * (1.0 - taken)
+    end = begin + rest * slow
+    within = maximum(begin + rest * two * (1.0 - taken), 0.0 * begin)
+    slipping = exponential_spring_mean_effort(within, within, stiffness, force, bend)
+    forth = slow * exponential_spring_mean_effort(begin, end, stiffness, force, bend) + (1.0 - slow) * slipping
+    moves = real(length) > 0.0
+    share = where(moves, way / where(moves, length, 1.0 + 0.0 * length), 0.0 * way)
+    back = exponential_spring_mean_effort(start, begin, stiffness, force, bend)
+    return side * end, side * (share * back + (1.0 - share) * forth)
+
+
+@shared
+def plastic_thresholds(q: Any, stiffness: Any, travel: Any, gape: Any, lean: Any) -> Any:
+    """Thresholds that follow the displacement, and a slope so steep that nothing but the path matters."""
+    gape, lean = gape * q * q, lean * q * q
+    high, low = travel + gape + lean, travel + gape - lean
+    return (
+        _AT_ONCE * reciprocal(stiffness) + 0.0 * high,
+        -stiffness * maximum(low, 0.0 * low), stiffness * maximum(high, 0.0 * high),
+    )
+
+
+def plastic(effort: Any, q: Any, stiffness: Any, travel: Any, gape: Any, lean: Any) -> Any:
+    """A spring that yields at once beyond ``x_s + (g ± a) q²``."""
+    slope, low, high = plastic_thresholds(q, stiffness, travel, gape, lean)
+    return piecewise_linear(effort, slope, low, high)
+
+
 _POWER = (NONNEGATIVE, POSITIVE)
 
 register(ResistorLaw("power_damper", power_damper, (0.7, 0.5, 1.6, 0.8), domains=(NONNEGATIVE, NONNEGATIVE, *_POWER)))
 register(ResistorLaw("square_damper", square_damper, (0.7, 0.6, 0.8, 0.9), domains=(NONNEGATIVE, *_POWER, POSITIVE)))
 register(ResistorLaw("ramp_damper", ramp_damper, (0.7, 1.3, 0.8, 1.1), domains=(NONNEGATIVE, *_POWER, ANY)))
+_PATH = (POSITIVE, NONNEGATIVE)
+register(
+    ResistorLaw(
+        "bouc_wen", bouc_wen, (0.7, 1.4, 0.3, 0.9), domains=(*_PATH, NONNEGATIVE, POSITIVE), path=bouc_wen_path
+    )
+)
+register(
+    ResistorLaw(
+        "duhem", duhem, (0.7, 1.4, 0.3, 0.9), domains=(*_PATH, ANY, POSITIVE), path=duhem_path,
+        spring="exponential_spring",
+    )
+)  # fmt: skip
+register(
+    ResistorLaw(
+        "plastic", plastic, (0.7, 0.5, 0.2, 0.1), plastic_thresholds, domains=(POSITIVE, NONNEGATIVE, ANY, ANY)
+    )
+)

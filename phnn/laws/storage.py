@@ -6,10 +6,12 @@ polynomial in ``a`` and ``b`` or as a difference of like terms, so that nothing 
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from phnn.laws.law import StorageLaw, register
-from phnn.laws.namespace import absolute, maximum, minimum, real, reciprocal, shared, sqrt, where
+from phnn.laws.leaf import relaxation
+from phnn.laws.namespace import absolute, exp, maximum, minimum, real, reciprocal, shared, sqrt, where
 from phnn.parameters import ANY, NONNEGATIVE, POSITIVE
 
 
@@ -191,6 +193,68 @@ def hardening_spring_mean_effort(a: Any, b: Any, coefficient: Any) -> Any:
     return 0.25 * coefficient * (a + b) * (a * a + b * b)
 
 
+# The stiffness of an exponential spring changes by at most this factor; beyond, it is constant.
+MOST_BENT = 100.0
+_FARTHEST = math.log(MOST_BENT)
+_NEVER = 1e150
+
+
+@shared
+def _last(rate: Any, stiffness: Any, bend: Any) -> tuple[Any, Any, Any]:
+    """Where an exponential spring becomes straight, and its force and stiffness there."""
+    bends = real(rate) > 0.0
+    bent = where(bends, rate, 1.0 + 0.0 * rate)
+    factor = where(real(bend) > 0.0, MOST_BENT + 0.0 * rate, 1.0 / MOST_BENT + 0.0 * rate)
+    reach = where(bends, _FARTHEST / bent, _NEVER + 0.0 * rate)
+    return reach, stiffness * absolute(factor - 1.0) / bent, stiffness * where(bends, factor, 1.0 + 0.0 * rate)
+
+
+@shared
+def _grown(size: Any, bend: Any) -> Any:
+    """``e^w`` where the spring stiffens, else 1: so the `relaxation` of ``w`` becomes that of ``−w``."""
+    return where(real(bend) > 0.0, exp(size), 1.0 + 0.0 * size)
+
+
+def exponential_spring_energy(x: Any, stiffness: Any, force: Any, bend: Any) -> Any:
+    """A spring whose stiffness follows its force, ``E' = k (1 + b |E|/F)``: ``E = ± (e^{bk|x|/F} − 1) F/b``, convex.
+
+    The stiffness stays within a factor 100 of ``k``, so that no number overflows.
+    """
+    size, rate = absolute(x), absolute(bend) * stiffness / force
+    reach, last, steepest = _last(rate, stiffness, bend)
+    inner = minimum(size, reach + 0.0 * size)
+    one, two = relaxation(rate * inner)
+    share = where(real(bend) > 0.0, one - two, two) * _grown(rate * inner, bend)
+    beyond = size - inner
+    return stiffness * inner * inner * share + beyond * (last + 0.5 * steepest * beyond)
+
+
+@shared
+def exponential_spring_mean_effort(a: Any, b: Any, stiffness: Any, force: Any, bend: Any) -> Any:
+    """``(a + b)/(|a| + |b|)`` times the mean force between the sizes ``|a|`` and ``|b|``."""
+    size_a, size_b = absolute(a + 0.0 * b), absolute(b + 0.0 * a)
+    rate = absolute(bend) * stiffness / force
+    reach, last, steepest = _last(rate, stiffness, bend)
+    inner_a, inner_b = minimum(size_a, reach + 0.0 * size_a), minimum(size_b, reach + 0.0 * size_b)
+    # From the end where the spring is stiffer, so that exponentials only fall.
+    first = where(real(bend) > 0.0, maximum(inner_a, inner_b), minimum(inner_a, inner_b))
+    change = inner_a + inner_b - first - first
+    one, two = relaxation(rate * absolute(change))
+    there = relaxation(rate * first)[0] * _grown(rate * first, bend)
+    inside = stiffness * (first * there * one + change * two)
+    outer_a, outer_b = size_a - inner_a, size_b - inner_b
+    outside = last + 0.5 * steepest * (outer_a + outer_b)
+    # Where both ends lie on one side, no difference of theirs is divided by itself: its derivative would be rounding.
+    mixed = (real(outer_a) > 0.0) != (real(outer_b) > 0.0)
+    span = where(mixed, size_b - size_a, 1.0 + 0.0 * size_a)
+    one_side = where(real(outer_a) > 0.0, 0.0 * span, 1.0 + 0.0 * span)
+    share = where(mixed, (inner_b - inner_a) / span, one_side)
+    total = size_a + size_b
+    moved = real(total) > 0.0
+    mean = (share * inside + (1.0 - share) * outside) / where(moved, total, 1.0 + 0.0 * total)
+    return (a + b) * where(moved, mean, 0.5 * stiffness + 0.0 * mean)
+
+
 _BENT = (NONNEGATIVE, ANY, POSITIVE)
 
 register(StorageLaw("capacitor", capacitor_energy, capacitor_mean_effort, (0.7,), domains=(POSITIVE,)))
@@ -227,3 +291,9 @@ register(
         "hardening_spring", hardening_spring_energy, hardening_spring_mean_effort, (0.9,), domains=(NONNEGATIVE,)
     )
 )
+register(
+    StorageLaw(
+        "exponential_spring", exponential_spring_energy, exponential_spring_mean_effort, (1.3, 0.7, 0.4),
+        domains=(NONNEGATIVE, POSITIVE, ANY),
+    )
+)  # fmt: skip

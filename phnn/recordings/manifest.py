@@ -84,6 +84,8 @@ class Manifest:
     path: Path | None
 
 
+# What may stand in the place of a number of hysterons: the recordings choose, or another form of hysteresis.
+HYSTERESES = ("auto", "distributed", "bouc_wen", "duhem")
 DEFAULT_SETUP: Mapping[str, Any] = {"model": "piezo_actuator", "hysterons": 2}
 # What a manifest may say of the whole folder.
 TOP_KEYS = frozenset(_TOP)
@@ -280,9 +282,10 @@ def _setup(value: Any, name: str, homes: Sequence[Path], outside: bool) -> Mappi
     if content["model"] in ("piezo_actuator", "hrc"):
         content.setdefault("hysterons", DEFAULT_SETUP["hysterons"])
     count = content.get("hysterons", 0)
-    if type(count) is not int or not 0 <= count <= LIMITS.hysterons:
+    if count not in HYSTERESES and (type(count) is not int or not 0 <= count <= LIMITS.hysterons):
         raise InputRefused(
-            f"{where}: hysterons {shown(count)} is no whole number from 0 to {LIMITS.hysterons}: give one"
+            f"{where}: hysterons {shown(count)} is neither a whole number from 0 to {LIMITS.hysterons} nor one of "
+            f"{', '.join(HYSTERESES)}: give one"
         )
     return content
 

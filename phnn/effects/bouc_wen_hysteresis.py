@@ -1,0 +1,94 @@
+"""A hysteresis of Bouc–Wen's form beside the spring: an elastic spring that slips along the path."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import product
+
+from phnn.effects import Effect, Parts, Placed, Scales, between, bounded, has_motion, kinds, positive
+from phnn.models.actuator import slipping
+from phnn.setup import Setup
+
+# Displacements after which the spring slips, over the largest one.
+_TRAVELS = (0.05, 0.2, 0.6, 2.0)
+_SMALL = 1e-3
+
+
+@dataclass(frozen=True)
+class _Slipping:
+    """``F += −E(z)``, ``ż = v − φ``: a storage whose slip reads the momentum."""
+
+    form: str
+    passive = True
+
+    def __call__(self, setup: Setup, parameters: Placed) -> Setup:
+        (mass,) = next(s.parameters for s in setup.network.storages if s.name == "p")
+        spring, slip, coupling = slipping(self.form, "B", mass)
+        return Parts((spring,), (slip,), (coupling,))(setup, parameters)
+
+
+def applies(setup: Setup) -> bool:
+    """A mass of constant inertia moves the displacement ``q``."""
+    return has_motion(setup) and any(s.name == "p" and s.law == "capacitor" for s in setup.network.storages)
+
+
+def _grid(scales: Scales, backs: tuple[float, ...]) -> list[dict[str, float]]:
+    stiffness = _SMALL * scales.stiffness
+    return [
+        {"k_B": stiffness, "F_B": stiffness * share * scales.displacement, "n_B": 1.3, "c_B": back}
+        for share, back in product(_TRAVELS, backs)
+    ]
+
+
+def grid(scales: Scales) -> list[dict[str, float]]:
+    """Slip after shares of the displacement and beyond it; half as much on the way back."""
+    return _grid(scales, (0.5,))
+
+
+def grid_duhem(scales: Scales) -> list[dict[str, float]]:
+    """The same with a way back that is softer, and much stiffer, the larger the force."""
+    return _grid(scales, (-0.3, 2.0))
+
+
+def rescale(values: Mapping[str, float], factor: float) -> dict[str, float]:
+    """Scale stiffness and force; the displacement to slip does not change."""
+    weight = max(factor, 1e-3)
+    return {**values, "k_B": weight * values["k_B"], "F_B": weight * values["F_B"]}
+
+
+_SPRING = (
+    positive("k_B", "N/m", "stiffness of the spring that slips", 1e8, strength=True),
+    positive("F_B", "N", "force at which it slips", 1e8),
+    between("n_B", "1", "exponent of the slip", 1.0, 3.0),
+)
+_DUHEM = Effect(
+    name="bouc_wen_hysteresis",
+    kind=kinds.SHAPE,
+    equation=r"\dot{E} = k_B v\,(1 + c\,|E|/F_B - |E/F_B|^n [vE > 0])",
+    statement="A hysteresis acts beside the spring: a spring of {k_B} slips the more the nearer its force comes to "
+    "{F_B}, with an exponent of {n_B}; by that force its stiffness has changed by a share of {c_B}.",
+    fingerprint="Loops with rounded corners whose width depends on the amplitude and not on the frequency.",
+    separation="Slow triangles of several amplitudes at two rates: this hysteresis depends on the path alone.",
+    references=(
+        "Wen 1976, J. Eng. Mech. Div. 102",
+        "Ikhouane & Rodellar 2005, J. Sound Vib. 282 (passivity)",
+        "Visintin 1994, Differential Models of Hysteresis (Duhem)",
+    ),
+    declares=(*_SPRING, bounded("c_B", "1", "change of its stiffness by that force", -0.95, 20.0, 0.1)),
+    adds=_Slipping("duhem"),
+    grid=grid_duhem,
+    applies=applies,
+    neighbours=("extra_hysteron", "coulomb_friction", "creep"),
+    related_kinds=(kinds.THRESHOLD_BY_DISPLACEMENT, kinds.THRESHOLD_BY_RATE),
+    rescale=rescale,
+)
+EFFECT = _DUHEM.or_as(
+    equation=r"\dot{E} = k_B\,(v - \beta\,|v|\,e\,\mathrm{sgn}\,E - \gamma\,v\,e), \quad e = |E/F_B|^n,"
+    r" \quad \beta, \gamma = (1 \pm c)/2",
+    statement="A hysteresis acts beside the spring: a spring of {k_B} slips the more the nearer its force comes to "
+    "{F_B}, with an exponent of {n_B}, and on the way back {c_B} times as much.",
+    declares=(*_SPRING, bounded("c_B", "1", "slip on the way back over that on the way forth", 0.0, 5.0, 0.1)),
+    adds=_Slipping("bouc_wen"),
+    grid=grid,
+)
