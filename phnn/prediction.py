@@ -11,22 +11,79 @@ are not scored. ``σ`` is the noise floor of the recording itself.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from phnn.identification.evaluate import evaluate, score_part
+from phnn.derivatives import output_derivatives
+from phnn.identification.evaluate import evaluate, score_part, with_instants
 from phnn.identification.plan import Plan
-from phnn.identification.spread import output_spread
 from phnn.identification.start import likely_start
 from phnn.network.elements import Network
+from phnn.recordings.driving import unknown_instants
 from phnn.recordings.recording import Recording
 from phnn.setup import Setup
-from phnn.signals.error_indices import ErrorIndices, error_indices
 from phnn.simulate import measured_network, simulate
+
+_UNDEFINED = float("nan")
+
+
+class ErrorIndices(NamedTuple):
+    """With y the recorded and ŷ the simulated output of N samples, and s the standard deviation of y over these:
+
+        RMSE = ‖y − ŷ‖ / √N,    NRMSE = RMSE / s,    R² = 1 − NRMSE²,    MAE = Σ |y − ŷ| / N,    fit = 100 (1 − NRMSE)
+
+    RMSE and MAE have the unit of y; the fit index is the fit % of MATLAB. Without samples all are NaN; where y is
+    constant, so are those that divide by s.
+    """
+
+    rmse: float
+    nrmse: float
+    r_squared: float
+    mae: float
+    fit_index: float
+
+
+def error_indices(recorded: Array, simulated: Array, skipped: int = 0) -> ErrorIndices:
+    """The indices of one output.
+
+    Args:
+        recorded, simulated: (N,) samples of one unit.
+        skipped: samples at the head that are left out, which a benchmark grants to find the initial state.
+    """
+    y, model = np.asarray(recorded, dtype=float)[skipped:], np.asarray(simulated, dtype=float)[skipped:]
+    if not y.size:
+        return ErrorIndices(*[_UNDEFINED] * len(ErrorIndices._fields))
+    error = y - model
+    rmse, spread = float(np.sqrt(np.mean(error**2))), float(np.std(y)) if np.ptp(y) > 0.0 else 0.0
+    nrmse = rmse / spread if spread > 0.0 else _UNDEFINED
+    return ErrorIndices(rmse, nrmse, 1.0 - nrmse**2, float(np.mean(np.abs(error))), 100.0 * (1.0 - nrmse))
+
+
+def output_spread(setup: Setup, recording: Recording, substeps: int) -> Array | None:
+    """(N,) standard error of a prediction by the unknown instants of the input's jumps; None where it has none.
+
+    Without a recorded output each jump may lie anywhere in its sample interval.
+    """
+    unknown = unknown_instants(recording)
+    if not unknown.size:
+        return None
+    begun = likely_start(setup, recording, substeps)
+    timed, covariance = with_instants(setup, recording, substeps, begun)
+    if covariance.size:
+        columns = output_derivatives(simulate(setup, timed, substeps, initial=begun), (), instants=True)
+        return np.asarray(np.sqrt(np.einsum("ng,gh,nh->n", columns, covariance, columns)))
+    total = np.zeros(recording.t.size)
+    for g, assumed in enumerate(unknown):
+        # Over a whole interval the output is not linear in the instant: its ends are compared.
+        first, last = (np.where(np.arange(unknown.size) == g, end, unknown) for end in (0.0, 1.0))
+        ends = [simulate(setup, replace(recording, instants=at), substeps, initial=begun).y for at in (first, last)]
+        total += (ends[1] - ends[0]) ** 2 * (1.0 / 12.0 + (assumed - 0.5) ** 2)
+    return np.sqrt(total)
+
 
 Array = NDArray[np.float64]
 

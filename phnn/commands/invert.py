@@ -10,19 +10,104 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 from matplotlib import rc_context
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from phnn.errors import InputRefused
+from phnn.intake.files import named_file
 from phnn.inverse import Inverse, InverseOptions
 from phnn.model import Model
 from phnn.predictor import loaded
+from phnn.recordings import checks
+from phnn.recordings.channels import select
 from phnn.recordings.checks import like_an_actuator
-from phnn.recordings.reference import Reference, read_reference
+from phnn.recordings.folder import reader_of
+from phnn.recordings.sampling import on_grid
 from phnn.recordings.table import Where
-from phnn.report.figures.inverse import draw_inverse
-from phnn.report.figures.style import RC, png
-from phnn.report.formatting import quantity
+from phnn.recordings.units import known_unit
+from phnn.report.figures.style import AFTER, BEFORE, FAINT, MEASURED, RC, new_figure, png, quiet_grid
+from phnn.report.formatting import display_unit, quantity
+from phnn.report.reduction import envelope
 from phnn.results import Place, claim
+
+# Columns that may hold a reference, the first that is there counts.
+_QUANTITIES = ("displacement", "output")
+
+
+class Reference(NamedTuple):
+    """Attributes:
+    t: (N,) time, equally spaced, s.
+    y: (N,) what is to be followed, SI.
+    unit: SI unit of ``y``.
+    notes: what was done to the samples, in sentences.
+    """
+
+    t: np.ndarray
+    y: np.ndarray
+    unit: str
+    notes: tuple[str, ...]
+
+
+def read_reference(path: Path, allow_outside: bool = False) -> Reference:
+    """Read a table with a time and a displacement, of any format that recordings may have.
+
+    Args:
+        path: of the file; allow_outside: it may be a link, or refer to other files.
+
+    Raises:
+        InputRefused: with one message naming file, column, row, cause and remedy.
+    """
+    reader = reader_of(path)
+    table = reader(named_file(path, (path.parent,), outside=allow_outside))
+    channels = select(table, {}, {})
+    quantity = next((q for q in _QUANTITIES if q in channels), None)
+    columns = ", ".join(n for n in table.names if n) or "none with a name"
+    for name, found, example in (("time", "time" in channels, "s"), ("displacement", quantity is not None, "um")):
+        if not found:
+            raise InputRefused(
+                f"{table.where}: no {name} column among its columns ({columns}): name one {name}_{example}"
+            )
+    assert quantity is not None
+    channel, time = channels[quantity], channels["time"]
+    checks.enough_samples(channel.values.size, table.where)
+    checks.output_moves(channel.values, f"{quantity} ({channel.label})", table.where)
+    factor = known_unit(time.unit).factor
+    dt, values, note = on_grid(time.values, factor, {quantity: channel.values}, table.where)
+    y = values[quantity]
+    notes = (f"The reference: {note}.",) if note else ()
+    return Reference(time.values[0] + dt * np.arange(y.size), y, known_unit(channel.unit).si, notes)
+
+
+def draw_inverse(found: Inverse, input_unit: str, output_unit: str) -> Figure:
+    """Draw three panels over time: output, error with what was out of reach marked, command."""
+    figure = new_figure(9.6, 6.6)
+    outputs, errors, commands = figure.subplots(3, 1, sharex=True)
+    unit = display_unit(float(abs(found.reference).max()), output_unit)
+    fine = display_unit(float(abs(found.error).max()), output_unit)
+    for values, colour, width, text in (
+        (found.reference, MEASURED, 3.0, "reference"),
+        (found.reached, AFTER, 1.1, "reached by the model"),
+    ):
+        rows = envelope(values)
+        outputs.plot(found.t[rows], values[rows] / unit.scale, color=colour, linewidth=width, label=text)
+    rows = envelope(found.error)
+    errors.plot(found.t[rows], found.error[rows] / fine.scale, color=AFTER, linewidth=1.0)
+    for stretch in found.missed:
+        if stretch.causes:
+            errors.axvspan(stretch.start, stretch.end, color=BEFORE, alpha=0.12, linewidth=0.0)
+    rows = envelope(found.voltage)
+    commands.plot(found.t[rows], found.voltage[rows], color=AFTER, linewidth=1.1)
+    for limit in found.options.limits or ():
+        commands.axhline(limit, color=FAINT, linewidth=1.0)
+    outputs.set_ylabel(f"output ({unit.name})")
+    errors.set_ylabel(f"error ({fine.name})")
+    commands.set_ylabel(f"command ({input_unit})")
+    commands.set_xlabel("time (s)")
+    figure.legend(*outputs.get_legend_handles_labels(), loc="outside upper right", ncols=2)
+    for axes in (outputs, errors, commands):
+        quiet_grid(axes)
+    return figure
+
 
 # What `phnn invert` writes into its folder.
 RESULTS = ("command.csv", "invert.json", "invert.png")

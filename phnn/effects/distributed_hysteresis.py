@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-import numpy as np
-
 from phnn.effects import Effect, Parts, Scales, has_motion, kinds, positive, signed
 from phnn.models.actuator import yielding
 

@@ -10,6 +10,9 @@ import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from phnn.errors import InputRefused, PhnnError
 from phnn.identification.fit import (
     NEARLY,
@@ -25,14 +28,46 @@ from phnn.identification.plan import Plan
 from phnn.identification.problem import Problem
 from phnn.identification.start import with_starts
 from phnn.identification.starting_points import DEFAULT_MASS, mechanical_points, random_starts, with_form
-from phnn.identification.subset import representative_subset
 from phnn.identification.variables import starts_unknown
 from phnn.models.actuator import hrc
 from phnn.parameters import Parameter
-from phnn.recordings.recording import Anchor
+from phnn.recordings.recording import Anchor, Recording, dominant_frequency
 from phnn.recordings.units import same_kind
 from phnn.rescue import late
 from phnn.setup import Setup
+
+Array = NDArray[np.float64]
+
+_ENOUGH = 5
+# A recording without a frequency counts as this much slower than the slowest that has one.
+_SLOWER = 0.1
+
+
+def representative_subset(plan: Plan) -> Plan:
+    """The plan with at most five recordings, spread over amplitude and frequency.
+
+    Beginning with the largest input, each further one is the farthest from those chosen (Gonzalez 1985), in decades of
+    the input's range and of its dominant frequency.
+    """
+    if len(plan.recordings) <= _ENOUGH:
+        return plan
+    places = _places(plan.recordings)
+    chosen = [int(np.argmax(places[:, 0]))]
+    while len(chosen) < _ENOUGH:
+        apart = np.linalg.norm(places[:, None] - places[chosen], axis=2).min(axis=1)
+        apart[chosen] = -1.0
+        chosen.append(int(np.argmax(apart)))
+    return replace(plan, recordings=tuple(plan.recordings[i] for i in sorted(chosen)))
+
+
+def _places(recordings: tuple[Recording, ...]) -> Array:
+    """(R, 2) decades of the input's range and of its dominant frequency."""
+    ranges = np.array([float(np.ptp(r.u)) for r in recordings])
+    frequencies = np.array([dominant_frequency(r) for r in recordings])
+    known = frequencies[frequencies > 0.0]
+    frequencies = np.where(frequencies > 0.0, frequencies, _SLOWER * known.min() if known.size else 1.0)
+    return np.log10(np.column_stack([np.maximum(ranges, max(1e-3 * ranges.max(), 1e-300)), frequencies]))
+
 
 # Parameters that the common factor scales: any one of them, once known, fixes it.
 _SCALED = ("m", "k", "b", "alpha", "C_", "rho_")

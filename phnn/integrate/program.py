@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -18,7 +18,6 @@ from phnn.integrate.compilable import LAWS, obstacle
 from phnn.integrate.dispatch import SCALARS, STORAGE_SCALARS
 from phnn.integrate.partition import is_linear, junctions_of, merged_couplings, resistors_of, rule_of
 from phnn.integrate.scheme import Scheme
-from phnn.integrate.sources import source_rows
 from phnn.integrate.sparsity import Sparsity, sparsity_of
 from phnn.integrate.tables import (
     BRANCHES,
@@ -48,6 +47,10 @@ from phnn.integrate.tables import (
     READ,
     READS,
     RULE,
+    SOURCE_EFFORT,
+    SOURCE_FLOW,
+    SOURCE_LEAF,
+    SOURCE_PORT,
     SOURCE_RESISTOR,
     SOURCES,
     STORAGES,
@@ -56,8 +59,41 @@ from phnn.integrate.tables import (
     rows_of,
     stack,
 )
-from phnn.network.elements import Network, Ratio, Resistor, Storage
+from phnn.network.elements import ModulatorState, Network, Ratio, Resistor, Storage
 from phnn.network.roles import imposed
+
+
+def source_rows(
+    network: Network, memory: ModulatorState, leaves: Sequence[str], junctions: Sequence[str]
+) -> list[list[int]]:
+    """The rows of one modulator state's sources; junction resistors are counted within their kind."""
+    on_junctions = [r.name for r in network.resistors if set(r.on) <= set(junctions)]
+    ports = [p.name for p in network.ports]
+    names = network.drives_of(memory)
+    rows: list[list[int]] = []
+    for name in names:
+        if name in on_junctions:
+            rows.append(_row(SOURCE_RESISTOR, on_junctions.index(name)))
+        elif name in leaves:
+            rows.append(_row(SOURCE_EFFORT, network.state_names.index(name)))
+        elif name in junctions:
+            rows.append(_row(SOURCE_FLOW, junctions.index(name)))
+        elif name in ports:
+            rows.append(_row(SOURCE_PORT, ports.index(name)))
+        else:
+            leaf = next(storage for r in network.resistors if r.name == name for storage in r.on)
+            # All resistors of the storage drive the modulator state, or none does: see `phnn.integrate.compilable`.
+            together = [r.name for r in network.resistors if tuple(r.on) == (leaf,)]
+            if name == together[0]:
+                rows.append(_row(SOURCE_LEAF, leaves.index(leaf)))
+    return rows
+
+
+def _row(column: int, value: int) -> list[int]:
+    row = [NONE] * 5
+    row[column] = value
+    return row
+
 
 # Kinds of rows that belong to a reducible storage, in the order of its columns.
 _OWNED = (LEAF_RESISTORS, LINKS, LEAF_INLETS)

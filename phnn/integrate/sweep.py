@@ -7,23 +7,254 @@ By the implicit function theorem the derivatives of an integration obey `phnn.in
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phnn.errors import StructureViolated
 from phnn.integrate.actions import action_derivatives, actions
-from phnn.integrate.cache import loop_entry
+from phnn.integrate.cache import inline, loop_entry
+from phnn.integrate.elimination import eliminate
+from phnn.integrate.linearise import derivatives_at
 from phnn.integrate.pattern import Pattern, Run, pattern_of
 from phnn.integrate.perturbed import Derivatives, new_derivatives
 from phnn.integrate.program import Program
-from phnn.integrate.recursion import Asked, Pulled, Sensitivities, adjoint_steps, sensitivity_steps
-from phnn.integrate.tables import (
-    PLACE_4,
-    PORTS,
-    rows_of,
-)
+from phnn.integrate.table_access import junction_storage
+from phnn.integrate.tables import LEAVES, OWN_STORAGE, PLACE_4, PORTS, rows_of
+
+
+#     0 = F_x δx + F_y δy + F_θ δθ − δf,     δx_l⁺ = X_x δx + X_y δy + X_θ δθ,     δp⁺ = δp + Z_x δx + Z_y δy + Z_θ δθ
+#
+# Modulator states are advanced like reducible storages, but may depend on all inputs of a step.
+#
+# `phnn.integrate.linearise` fills the derivatives of one step. The two sweeps at the end are compiled where Python
+# calls them: as functions of a compiled caller they would be optimised twice.
+
+
+class Asked(NamedTuple):
+    """Perturbations of a forward sweep, and the nodes at which the output is wanted.
+
+    Attributes:
+        forces: (n, F); columns: the number of the junction that they act on, the first column of these perturbations
+            and that of the parameters perturbed by a signal, the numbers of these parameters; weights: (n, W) signals.
+        nodes: (M,) step indices; output: number of the state that is wanted.
+    """
+
+    forces: Any
+    columns: Any
+    weights: Any
+    nodes: Any
+    output: Any
+
+
+class Sensitivities(NamedTuple):
+    """Derivatives in a forward sweep.
+
+    Attributes:
+        known: (N+m, C) of the states, and of the unknowns, which are filled in; following: (N+m, C) its states are
+            filled, then both change places.
+        matrix: (m, m) work array.
+    """
+
+    known: Any
+    following: Any
+    matrix: Any
+
+
+class Pulled(NamedTuple):
+    """What a backward sweep fills, and its work arrays.
+
+    Attributes:
+        w: (N,) the contribution of later steps to ``dL/dx``; gradient: (K,) ``dL/dθ``.
+        multipliers: (n, N+m) of every step, or no rows.
+        pulled: (I,); mu: (m, 1); matrix: (m, m).
+    """
+
+    w: Any
+    gradient: Any
+    multipliers: Any
+    pulled: Any
+    mu: Any
+    matrix: Any
+
+
+@inline
+def _add(out: Any, weight: Any, row: Any) -> None:
+    if weight != 0.0:
+        for c in range(out.shape[0]):
+            out[c] += weight * row[c]
+
+
+@inline
+def _set(out: Any, a: Any, x: Any, b: Any, y: Any) -> None:
+    """A sum of two rows in one pass: most reducible storages depend on their own state and one flow."""
+    for c in range(out.shape[0]):
+        out[c] = a * x[c] + b * y[c]
+
+
+@inline
+def _solve_unknowns(p: Any, d: Any, force: Any, columns: Any, known: Any, matrix: Any) -> None:
+    """Fill the rows of the unknowns from those of the states."""
+    junction, first_force, first_varied, varied, weight_of = columns
+    m, k_active = matrix.shape[0], p.active.shape[0]
+    n = known.shape[0] - m
+    for j in range(m):
+        row, by = known[n + j], d.by_force[j]
+        _set(row, -by[0], known[0], -by[n - 1] if n > 1 else 0.0, known[n - 1])
+        for s in range(1, n - 1):
+            _add(row, -by[s], known[s])
+        for k in range(k_active):
+            row[k] -= by[n + m + k]
+        for w in range(varied.shape[0]):
+            row[first_varied + w] -= by[n + m + varied[w]] * weight_of[w]
+        for i in range(m):
+            matrix[j, i] = by[n + i]
+    for f in range(force.shape[0]):
+        known[n + junction, first_force + f] += force[f]
+    if m == 1:
+        inverse, row = 1.0 / matrix[0, 0], known[n]
+        for c in range(row.shape[0]):
+            row[c] *= inverse
+    else:
+        eliminate(matrix, known[n:])
+
+
+@inline
+def _propagate(t: Any, p: Any, d: Any, force: Any, columns: Any, found: Sensitivities) -> None:
+    """One step of the recursion for all columns.
+
+    Args:
+        force: (F,) perturbations of one junction's force.
+        columns: as of `Asked`, and the signals at this step.
+    """
+    _, _, first_varied, varied, weight_of = columns
+    known, following, matrix = found
+    m = matrix.shape[0]
+    n = known.shape[0] - m
+    _solve_unknowns(p, d, force, columns, known, matrix)
+    for j in range(m):
+        end = junction_storage(t, j)
+        out, by = following[end], d.by_change[j]
+        _set(out, 1.0 + by[end], known[end], by[n + j], known[n + j])
+        for i in range(n + m):
+            if i not in (end, n + j):
+                _add(out, by[i], known[i])
+        for k in range(p.active.shape[0]):
+            out[k] += by[n + m + k]
+        for w in range(varied.shape[0]):
+            out[first_varied + w] += by[n + m + varied[w]] * weight_of[w]
+    for leaf in range(p.first.shape[0] - 1):
+        out = following[t[t[0, LEAVES] + leaf, OWN_STORAGE]]
+        first, last = p.first[leaf], p.first[leaf + 1]
+        # Inputs increase: the storage's own state is among them, and mostly one flow.
+        one, two = p.input[first], p.input[first + 1] if first + 1 < last else 0
+        paired = first + 1 < last and two < n + m
+        _set(out, d.by_leaf[first], known[one], d.by_leaf[first + 1] if paired else 0.0, known[two if paired else one])
+        for pair in range(first + (2 if paired else 1), last):
+            i = p.input[pair]
+            if i < n + m:
+                _add(out, d.by_leaf[pair], known[i])
+            else:
+                out[i - n - m] += d.by_leaf[pair]
+                for w in range(varied.shape[0]):
+                    if varied[w] == i - n - m:
+                        out[first_varied + w] += d.by_leaf[pair] * weight_of[w]
+    _modulator_rows(d, columns, known, following, n + m)
+
+
+@inline
+def _modulator_rows(d: Any, columns: Any, known: Any, following: Any, inputs: Any) -> None:
+    """Fill the rows of the modulator states; ``inputs`` counts states and unknowns."""
+    _, _, first_varied, varied, weight_of = columns
+    memories = d.by_modulator.shape[0]
+    for k in range(memories):
+        # Modulator states are the last states.
+        out, by = following[inputs - d.by_force.shape[0] - memories + k], d.by_modulator[k]
+        _set(out, by[0], known[0], 0.0, known[0])
+        for i in range(1, inputs):
+            _add(out, by[i], known[i])
+        for i in range(inputs, by.shape[0]):
+            out[i - inputs] += by[i]
+        for w in range(varied.shape[0]):
+            out[first_varied + w] += by[inputs + varied[w]] * weight_of[w]
+
+
+def sensitivity_steps(
+    t: Any, p: Any, d: Any, run: Any, asked: Asked, start: Sensitivities, out: Any
+) -> None:  # fmt: skip
+    """The forward sweep of `phnn.integrate.sweep.sensitivities`, from the derivatives at its start."""
+    junction, first_force, first_varied, varied = asked.columns
+    nodes, output = asked.nodes, asked.output
+    known, following, matrix = start
+    for c in range(out.shape[1]):
+        out[0, c] = known[output, c]
+    node = 1
+    for n in range(run.h.shape[0]):
+        derivatives_at(t, p, d, n, run, n == 0 or run.h[n] != run.h[n - 1])
+        here = (junction, first_force, first_varied, varied, asked.weights[n])
+        _propagate(t, p, d, asked.forces[n], here, Sensitivities(known, following, matrix))
+        known, following = following, known
+        if node < nodes.shape[0] and nodes[node] == n + 1:
+            for c in range(out.shape[1]):
+                out[node, c] = known[output, c]
+            node += 1
+
+
+@inline
+def _pull(t: Any, p: Any, d: Any, w: Any, pulled: Any) -> None:
+    """``wᵀ ∂(x⁺)/∂(every input)`` without the identity part ``δp⁺ = δp`` of the junctions."""
+    for i in range(pulled.shape[0]):
+        pulled[i] = 0.0
+    for j in range(d.by_change.shape[0]):
+        by, back = d.by_change[j], w[junction_storage(t, j)]
+        for i in range(pulled.shape[0]):
+            pulled[i] += by[i] * back
+    for leaf in range(p.first.shape[0] - 1):
+        back = w[t[t[0, LEAVES] + leaf, OWN_STORAGE]]
+        for pair in range(p.first[leaf], p.first[leaf + 1]):
+            pulled[p.input[pair]] += d.by_leaf[pair] * back
+    memories = d.by_modulator.shape[0]
+    for k in range(memories):
+        by, back = d.by_modulator[k], w[w.shape[0] - memories + k]
+        for i in range(pulled.shape[0]):
+            pulled[i] += by[i] * back
+
+
+def adjoint_steps(
+    t: Any, p: Any, d: Any, run: Any, cotangent: Any, found: Pulled
+) -> None:  # fmt: skip
+    """The backward sweep of `phnn.integrate.sweep.adjoint`; ``found`` is filled."""
+    w, gradient, multipliers, pulled, mu, matrix = found
+    n, m = w.shape[0], mu.shape[0]
+    last = run.h.shape[0] - 1
+    for step in range(last, -1, -1):
+        for s in range(n):
+            w[s] += cotangent[step + 1, s]
+        derivatives_at(t, p, d, step, run, step == last or run.h[step] != run.h[step + 1])
+        _pull(t, p, d, w, pulled)
+        for j in range(m):
+            mu[j, 0] = -pulled[n + j]
+            for i in range(m):
+                matrix[j, i] = d.by_force[i, n + j]
+        eliminate(matrix, mu)
+        for j in range(m):
+            by = d.by_force[j]
+            for i in range(pulled.shape[0]):
+                pulled[i] += by[i] * mu[j, 0]
+        if multipliers.shape[0] > 0:
+            for s in range(n):
+                multipliers[step, s] = w[s]
+            for j in range(m):
+                multipliers[step, n + j] = mu[j, 0]
+        for j in range(m):
+            k = junction_storage(t, j)
+            pulled[k] += w[k]
+        for s in range(n):
+            w[s] = pulled[s]
+        for k in range(gradient.shape[0]):
+            gradient[k] += pulled[n + m + k]
+
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,20 @@ from numba.extending import overload
 
 from phnn.laws.law import ResistorLaw, register
 from phnn.laws.leaf import relaxation
-from phnn.laws.namespace import absolute, certain, exp, log1p, maximum, minimum, real, reciprocal, shared, sqrt, tanh, where
+from phnn.laws.namespace import (
+    absolute,
+    certain,
+    exp,
+    log1p,
+    maximum,
+    minimum,
+    real,
+    reciprocal,
+    shared,
+    sqrt,
+    tanh,
+    where,
+)
 from phnn.laws.storage import MOST_BENT, exponential_spring_mean_effort
 from phnn.parameters import ANY, NONNEGATIVE, POSITIVE
 
@@ -361,7 +374,8 @@ def plastic_thresholds(q: Any, stiffness: Any, travel: Any, gape: Any, lean: Any
     high, low = travel + gape + lean, travel + gape - lean
     return (
         _AT_ONCE * reciprocal(stiffness) + 0.0 * high,
-        -stiffness * maximum(low, 0.0 * low), stiffness * maximum(high, 0.0 * high),
+        -stiffness * maximum(low, 0.0 * low),
+        stiffness * maximum(high, 0.0 * high),
     )
 
 
@@ -378,9 +392,7 @@ register(ResistorLaw("square_damper", square_damper, (0.7, 0.6, 0.8, 0.9), domai
 register(ResistorLaw("ramp_damper", ramp_damper, (0.7, 1.3, 0.8, 1.1), domains=(NONNEGATIVE, *_POWER, ANY)))
 _PATH = (POSITIVE, NONNEGATIVE)
 register(
-    ResistorLaw(
-        "bouc_wen", bouc_wen, (0.7, 1.4, 0.3, 0.9), domains=(*_PATH, NONNEGATIVE, POSITIVE), path=bouc_wen_path
-    )
+    ResistorLaw("bouc_wen", bouc_wen, (0.7, 1.4, 0.3, 0.9), domains=(*_PATH, NONNEGATIVE, POSITIVE), path=bouc_wen_path)
 )
 register(
     ResistorLaw(
@@ -389,7 +401,5 @@ register(
     )
 )  # fmt: skip
 register(
-    ResistorLaw(
-        "plastic", plastic, (0.7, 0.5, 0.2, 0.1), plastic_thresholds, domains=(POSITIVE, NONNEGATIVE, ANY, ANY)
-    )
+    ResistorLaw("plastic", plastic, (0.7, 0.5, 0.2, 0.1), plastic_thresholds, domains=(POSITIVE, NONNEGATIVE, ANY, ANY))
 )

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import torch
 from omegaconf import OmegaConf
+from torch import Tensor
 
 from phnn.errors import InputRefused
 from phnn.identification.evaluate import Evaluation
@@ -18,7 +19,6 @@ from phnn.identification.prepare import single
 from phnn.learn import checkpoint, logs
 from phnn.learn.methods import with_gradients
 from phnn.learn.objective import Objective
-from phnn.learn.passivity import violations
 from phnn.learn.plant import NetworkPlant, Plant
 from phnn.learn.score import evaluate, set_aside, whole
 from phnn.learn.settings import Settings, check_same, settings_in
@@ -26,6 +26,7 @@ from phnn.learn.solvers import solver_for
 from phnn.learn.starts import plant_for
 from phnn.learn.trainer import Progress, Trainer
 from phnn.learn.windows import thinned
+from phnn.models.fully_neural import FullyNeural
 from phnn.models.store import FILE, save
 from phnn.recordings import Campaign, read
 from phnn.recordings.digest import digest
@@ -33,6 +34,47 @@ from phnn.recordings.excitation import excitation_of
 from phnn.recordings.partition import candidate_of, choose
 from phnn.results import Origin, Place, claim, finished, sha256_of
 from phnn.setup import Setup
+
+# States reach this many times beyond the typical ones.
+_BEYOND = 10.0
+# What is lost to rounding, relative to the sum of the absolute powers.
+_ROUNDING = 1e-12
+
+
+def violations(plant: Plant, voltage: float, states: int = 10_000, seed: int = 0) -> int | None:
+    """How many random states and inputs have ``dH/dt > yᵀu`` by more than rounding; None for a model without energy.
+
+    Args:
+        plant: of any kind.
+        voltage: typical input [V].
+        states: how many are drawn, over three decades of size up to ten times the typical one.
+        seed: of the draw.
+    """
+    random = torch.Generator().manual_seed(seed)
+    direction = torch.randn(states, plant.scale.numel(), generator=random, dtype=torch.float64)
+    size = _BEYOND * 10.0 ** (-3.0 * torch.rand(states, 1, generator=random, dtype=torch.float64))
+    x = direction * size * plant.scale
+    u = voltage * torch.randn(states, generator=random, dtype=torch.float64)
+    with torch.no_grad():
+        gained, supplied, scale = _powers(plant, x, u)
+    return None if scale is None else int((gained - supplied > _ROUNDING * scale).sum())
+
+
+def _powers(plant: Plant, x: Tensor, u: Tensor) -> tuple[Tensor, Tensor, Tensor | None]:
+    """(K,) rate of storage, supply, and the sum of the absolute terms."""
+    core = plant.core
+    if isinstance(plant, NetworkPlant):
+        efforts, inputs = plant.system.efforts(x), plant.inputs(u)
+        supplied = (plant.system.port_outputs(x, inputs) * inputs).sum(-1)
+        terms = efforts * plant.system.rate(efforts, x, inputs)
+    elif isinstance(core, FullyNeural):
+        efforts = core.efforts(x)
+        supplied = (efforts @ core.inlet) * u / core.scales.input / core.scales.time
+        terms = efforts * core.rate(efforts, x, plant.inputs(u))
+    else:
+        return x[:, 0], x[:, 0], None
+    return terms.sum(-1), supplied, terms.abs().sum(-1) + supplied.abs()
+
 
 CONFIG, METRICS = "config.yaml", "metrics.json"
 # What a training writes into its folder.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,18 +13,120 @@ import numpy as np
 from phnn.errors import InputRefused
 from phnn.recordings import checks
 from phnn.recordings.channels import Channel, select, unused
-from phnn.recordings.clipping import not_clipped
 from phnn.recordings.driving import with_declared
 from phnn.recordings.excitation import Excitation, excitation_of
 from phnn.recordings.manifest import Entry, Manifest
 from phnn.recordings.recording import ACTUATOR, Recording, Start, Units, drive_of, is_actuator
 from phnn.recordings.sampling import on_grid
-from phnn.recordings.segments import segmented
-from phnn.recordings.sensor import Sensor, check_unit_of_limits, longest_free
+from phnn.recordings.sensor import PLAIN, Sensor, check_unit_of_limits, longest_free
 from phnn.recordings.table import Table, Where
 from phnn.recordings.units import known_unit
 from phnn.results import printable
 from phnn.signals.noise import FROM_PERIODS, WHITE, NoiseFloor, noise_floor
+from phnn.signals.quantisation import quantisation_step
+
+# A step of time longer than this many usual ones begins a new recording.
+_JUMP = 1.5
+
+
+def segmented(entry: Entry, channels: Mapping[str, Channel], table: Table) -> list[Entry]:
+    """An entry for every recording in its file, each with its slice and, where there are several, a number.
+
+    The slice of an array with axes is taken of every realisation.
+
+    Raises:
+        InputRefused: a slice that leaves the file, samples that do not make whole segments, or no time to tell them by.
+    """
+    size, where = next(iter(channels.values())).values.size, table.where
+    one = size // table.shape[0] if table.shape else size
+    first, last = entry.slice or (0, one)
+    checks.slice_inside((first, last), one, where)
+    pieces = [(i + first, i + last) for i in range(0, max(size, 1), max(one, 1))]
+    if entry.segments is not False and not table.shape:
+        edges = [first, *(first + e for e in _edges(entry, channels, last - first, first, where)), last]
+        pieces = list(itertools.pairwise(edges))
+    elif table.segments:
+        pieces = list(itertools.pairwise([first, *(row for row in table.segments if first < row < last), last]))
+        if len(pieces) == 1:
+            return [replace(entry, slice=pieces[0])]
+    elif len(pieces) == 1:
+        return [replace(entry, slice=pieces[0])]
+    stem, digits = entry.name or printable(Path(entry.file).stem), len(str(len(pieces)))
+    return [replace(entry, slice=piece, name=f"{stem}_{i:0{digits}d}") for i, piece in enumerate(pieces, start=1)]
+
+
+def _edges(entry: Entry, channels: Mapping[str, Channel], size: int, first: int, where: Where) -> list[int]:
+    """Where the second segment and every further one begins, counted from the first."""
+    if entry.segments is not True:
+        count = int(entry.segments)
+        if size % count:
+            raise InputRefused(
+                f"{where}: {size} samples are no whole number of segments of {count}: correct `segments` in "
+                f"recordings.yaml, or cut the rest off with `slice`"
+            )
+        return list(range(count, size, count))
+    if "time" not in channels:
+        raise InputRefused(
+            f"{where}: no time column to tell segments by: write the number of samples of each, segments: 8192"
+        )
+    steps = np.diff(channels["time"].values[first : first + size])
+    usual = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
+    return [int(i) + 1 for i in np.flatnonzero((steps < 0.0) | (steps > _JUMP * usual))]
+
+
+LARGEST_CLIPPED_SHARE = 0.02
+SHORTEST_CLIPPED_RUN = 5
+
+
+def not_clipped(u: np.ndarray, y: np.ndarray, label: str, factor: float, where: Where, sensor: Sensor = PLAIN) -> None:
+    """Refuse an output stuck at its exact extreme while the input moves on (a sensor out of range).
+
+    A run counts where it is 5 samples or longer, where the input moves during it, and where a parabola through
+    the samples on both sides of it passes well beyond the extreme: a resolved reversal that the sensor merely
+    quantises does not. A play, which comes to its plateau gently and leaves it steeply, is no clipping either.
+    ``factor`` turns the file's numbers into SI. Samples at a stated limit of the sensor are data.
+    """
+    step = quantisation_step(y)
+    known = sensor.at_limit(y)
+    for extreme, name in ((float(y.max()), "largest"), (float(y.min()), "smallest")):
+        if known[y == extreme].any():
+            continue
+        runs = [run for run in _runs(y == extreme) if _is_clipped(u, y, run, step)]
+        stuck = sum(last - first for first, last in runs)
+        if stuck > LARGEST_CLIPPED_SHARE * y.size:
+            raise InputRefused(
+                f"{where}: {label}, {where.row(runs[0][0])}: clipped, {stuck} samples ({stuck / y.size:.1%}) sit "
+                f"exactly at the {name} value {extreme / factor:.6g} while the input moves on: record again within the "
+                f"sensor's range, or say in recordings.yaml where it ends, sensor: {{saturates: [LEAST, LARGEST]}}"
+            )
+
+
+def _runs(stuck: np.ndarray) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], stuck.astype(int), [0]))))
+    pairs = zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
+    return [(first, last) for first, last in pairs if last - first >= SHORTEST_CLIPPED_RUN]
+
+
+def _is_clipped(u: np.ndarray, y: np.ndarray, run: tuple[int, int], step: float) -> bool:
+    first, last = run
+    side = max(4, (last - first) // 2)
+    if first < side or last + side > y.size:
+        return False  # nothing on one side to judge by
+    least = max(3.0 * step, 5e-4 * float(np.ptp(y)))
+    inside = u[first:last]
+    share = float(np.quantile(inside, 0.9) - np.quantile(inside, 0.1)) / max(float(np.ptp(u)), 1e-300)
+    if share * float(np.ptp(y)) < least:
+        return False
+    near = max(4, side // 4)
+    arrival, departure = abs(y[first] - y[first - near]), abs(y[last + near - 1] - y[last - 1])
+    if arrival < 0.4 * departure:
+        return False
+    k = np.r_[first - side : first, last : last + side]
+    middle = 0.5 * (first + last - 1)
+    parabola = np.polyfit(k - middle, y[k], 2)
+    overshoot = np.abs(np.polyval(parabola, np.arange(first, last) - middle) - y[first])
+    return float(overshoot.max()) > least
+
 
 FURTHER = ("current", "charge", "force", "temperature")
 _NEAR_ZERO = 0.01  # of the input's range

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
 from importlib.metadata import version
@@ -11,33 +11,279 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
+from phnn.check import check
 from phnn.check.quality import doubts_of_units
 from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.locations import where_and_when
+from phnn.diagnose.number import family, uid
+from phnn.diagnose.proposal import NextExperiment
 from phnn.diagnose.screen import chance
-from phnn.diagnose.verdict import NONE, UNKNOWN
+from phnn.diagnose.verdict import NONE, UNKNOWN, Claim
 from phnn.diagnose.words import Picture, is_effort, learned_picture, missing_force, picture
+from phnn.effects import Plausible
+from phnn.effects.places import values_by_role
 from phnn.identification.fit import Fit
 from phnn.identification.identified import save_fit
+from phnn.identification.residual_noise import difference
 from phnn.integrate.residual import power_balance
-from phnn.network.roles import auxiliary
+from phnn.network.roles import auxiliary, capacitances
+from phnn.parameters import Parameter
+from phnn.recordings.recording import ACTUATOR, Recording
 from phnn.report.domain_words import forces_known
 from phnn.report.evidence import Curve, Evidence, LedgerRow, ParameterRow, Provenance, RuleRow, Trace
-from phnn.report.following import WAVEFORM, next_experiment, no_proposal, write_waveform
+from phnn.report.fingerprint import fingerprint
+from phnn.report.formatting import likelihood, listing, number, words
 from phnn.report.methods import methods
 from phnn.report.missing import missing_entries
-from phnn.report.named import supports
-from phnn.report.noise import noise_statements
 from phnn.report.provenance import provenance, python_version
 from phnn.report.sentence import sentence
+from phnn.report.support import PlausibleRow, RivalRow, Support
 from phnn.report.tried import candidate_rows, immaterial, model_rows, remains
 from phnn.report.write import write_report
 from phnn.rescue import Failure, accounted, documents, needed
 from phnn.results import PROGRESS, Place, claim, finite
+from phnn.setup import Setup
+from phnn.signals.noise_statement import NoiseStatement, Sample, noise_statement
+from phnn.signals.quantisation import quantisation_step
 from phnn.simulate import Trajectory
-from phnn.units import FORCE_UNITS
+from phnn.units import FORCE_UNITS, quantity
+
+# Rivals that are shown.
+_RIVALS = 8
+
+
+def supports(diagnosis: Diagnosis) -> tuple[Support, ...]:
+    """Return one entry for each element, in the order of ``missing``."""
+    return tuple(_support(diagnosis, c) for c in diagnosis.claims)
+
+
+def _support(diagnosis: Diagnosis, claim: Claim) -> Support:
+    effect, before = claim.effect, diagnosis.final.setup.parameters
+    actuator = diagnosis.campaign.recordings[0].units == ACTUATOR
+    anchored = forces_known(diagnosis)
+    return Support(
+        effect=effect.name,
+        expected=effect.fingerprint,
+        seen=fingerprint(diagnosis, effect),
+        leaves=math.sqrt(diagnosis.chosen.left),
+        rivals=_rivals(diagnosis, claim),
+        separation=effect.separation,
+        references=effect.references,
+        plausible=tuple(
+            plausible_row(before[n], effect.plausible[n], before, anchored, actuator)
+            for n in effect.parameters
+            if not before[n].fixed
+        ),
+    )
+
+
+def _rivals(diagnosis: Diagnosis, claim: Claim) -> tuple[RivalRow, ...]:
+    """List the visited models with another element in the place of one, and neighbours that were not fitted there."""
+    others, alike = diagnosis.chosen.key - {uid(claim.effect)}, {family(e) for e in claim.alike}
+    pairs = zip(diagnosis.visited.models, diagnosis.visited.shares, strict=True)
+    rows: dict[str, RivalRow] = {}
+    for model, share in sorted(pairs, key=lambda p: p[0].fit.cost):
+        instead = [e for e in model.elements if uid(e) not in others]
+        if not others <= model.key or len(instead) != 1 or family(instead[0]) == claim.name:
+            continue
+        more = model.fit.cost - diagnosis.final.cost
+        excluded = "not excluded: " if family(instead[0]) in alike else ""
+        excluded = excluded or ("" if model.converged else "not fitted to its end: ")
+        outcome = f"sum of squares {number(abs(more))} {'larger' if more > 0.0 else 'smaller'}"
+        told = f"{excluded}{outcome}, probability {likelihood(float(share))}"
+        rows.setdefault(instead[0].name, RivalRow(instead[0].name, math.sqrt(model.left), told))
+    scores = {c.effect.name: c.score for c in diagnosis.screened[0]}
+    unfitted = [n for n in claim.effect.neighbours if n in scores and n not in rows]
+    texts = [(n, f"not fitted: its score at the base model is {number(scores[n])}") for n in unfitted]
+    return (*list(rows.values())[:_RIVALS], *(RivalRow(n, None, text) for n, text in texts))
+
+
+def plausible_row(
+    parameter: Parameter, known: Plausible, base: Mapping[str, Parameter], anchored: bool, actuator: bool
+) -> PlausibleRow:
+    """A parameter compared with its plausible range.
+
+    Args:
+        base: parameters of the model, of which the range may name one to divide by.
+        anchored: something fixes the common factor of all forces.
+        actuator: the recordings are those of a piezo actuator, for which the ranges hold.
+    """
+    name, value, unit = parameter.name, parameter.value, parameter.unit
+    said = quantity(value, unit)
+    if not known.source or not actuator or (known.over and known.over not in base):
+        return PlausibleRow(name, f"{said}: no range known.", None)
+    if known.over:
+        other = base[known.over]
+        value, unit = value / other.value, f"× {known.over}" if other.unit == unit else f"{unit}/{other.unit}"
+        unit = "1/s" if unit == "S/F" else unit
+        said = f"{said}, that is {value:.3g} {unit}"
+    elif not anchored and unit in FORCE_UNITS:
+        return PlausibleRow(
+            name, f"{said}: known up to one common factor only, hence not comparable with a range.", None
+        )
+    lower = "0" if known.lower == 0.0 else quantity(known.lower, unit)
+    limits = f"{lower} to {quantity(known.upper, unit)}"
+    if known.lower <= value <= known.upper:
+        return PlausibleRow(name, f"{said} is plausible: {limits} ({known.source}).", True)
+    beyond = f" If it is real, {known.outside}." if known.outside and value > known.upper else ""
+    side = "above" if value > known.upper else "below"
+    return PlausibleRow(
+        name, f"{said} is not plausible: it is {side} the range {limits} ({known.source}).{beyond}", False
+    )
+
+
+WAVEFORM = "next_experiment.csv"
+# Recordings that are asked for at a time.
+_LACKS = 3
+
+
+def next_experiment(proposal: NextExperiment | None) -> dict[str, Any] | None:
+    """Describe the proposed recording: words, stretches of its input, separation by each recording of the menu."""
+    if proposal is None:
+        return None
+    e = proposal.experiment
+    return {
+        "recording": proposal.experiment.words,
+        "separates": list(proposal.separates),
+        "why": proposal.why,
+        "separation": proposal.separation,
+        "needed": proposal.needed,
+        "menu": dict(proposal.menu),
+        "aim": proposal.aim,
+        "groups": [list(g) for g in proposal.groups],
+        "kind": e.kind,
+        "duration_s": e.duration,
+        "sample_rate_hz": e.rate,
+        "input": e.interpolation,
+        "stretches": [
+            {
+                "start_s": s.start,
+                "end_s": s.end,
+                "level": s.level,
+                "lines": [{"amplitude": a, "frequency_Hz": f, "phase_rad": phase} for a, f, phase in s.lines],
+            }
+            for s in e.stretches
+        ],
+    }
+
+
+def no_proposal(diagnosis: Diagnosis) -> str:
+    """Say why no recording is proposed, which experiment would decide in principle, and what was not recorded."""
+    if diagnosis.proposal is not None or diagnosis.verdict == NONE:
+        return ""
+    tied = next((c for c in diagnosis.claims if c.alike), None)
+    places = not diagnosis.claims and diagnosis.location is not None and diagnosis.location.tied
+    if tied is None and not places:
+        return _further(diagnosis) if diagnosis.verdict == UNKNOWN else ""
+    members = () if tied is None else (tied.effect, *tied.alike)
+    if members:
+        start = (
+            f"No recording is proposed for what is tied: on none of the menu do the refitted models of "
+            f"{listing(words(e.name) for e in members)} differ once their parameters adapt, or none of it can be "
+            "simulated."
+        )
+    else:
+        start = (
+            "No recording is proposed for what is tied: it takes two refitted models to compute where they differ, and "
+            "the places that are tied have not two that fit better than the base model."
+        )
+    told = [f"For {words(e.name)}: {e.separation}" for e in members[:2]]
+    lacks = _lacks(diagnosis)
+    also = f"These recordings also lack: {'; '.join(lacks)}." if lacks else ""
+    return " ".join(x for x in (start, *told, also) if x)
+
+
+def _further(diagnosis: Diagnosis) -> str:
+    """Say what to record if nothing is tied and no name is proven."""
+    lacks = _lacks(diagnosis)
+    if not lacks:
+        return ""
+    return (
+        "No two models are left between which a recording could be computed to decide, and yet no name is proven. "
+        f"Recordings that these lack would narrow it down: {'; '.join(lacks)}."
+    )
+
+
+def _lacks(diagnosis: Diagnosis) -> list[str]:
+    """List the recordings whose absence `phnn check` reports."""
+    return [a.record for a in check(diagnosis.campaign).abilities if not a.able][:_LACKS]
+
+
+def write_waveform(proposal: NextExperiment | None, setup: Setup, unit: str, place: Place) -> None:
+    """Time and input of the proposed recording, where there is one; ``unit`` is that of the recorded inputs."""
+    if proposal is None:
+        return
+    port = setup.network.ports[0]
+    table = pd.DataFrame({"time_s": proposal.experiment.t, f"{port.name}_{unit}": proposal.experiment.u})
+    place.write(table.to_csv(index=False, float_format="%.9g").encode())
+
+
+Array = NDArray[np.float64]
+
+
+def noise_statements(diagnosis: Diagnosis) -> dict[str, NoiseStatement]:
+    """Return the noise by recording, held-out ones included: it decides nothing. Recordings that could not be simulated
+    have none."""
+    outputs, setup = diagnosis.after.outputs, diagnosis.final.setup
+    shown = [r for r in diagnosis.campaign.recordings if r.name in outputs]
+    return statements(shown, outputs, setup, not remains(diagnosis))
+
+
+def statements(
+    recordings: Sequence[Recording], outputs: Mapping[str, Array], setup: Setup, complete: bool
+) -> dict[str, NoiseStatement]:
+    """The same from the outputs of a model.
+
+    Args:
+        complete: the model leaves nothing that matters.
+    """
+    plant, found = plant_gain(setup), {}
+    for r in recordings:
+        chosen = [r.mask(use) for use in ("identification", "confirmation")]
+        mask = max(chosen, key=np.count_nonzero)
+        residual = ((r.y - outputs[r.name]) / r.noise)[mask]
+        speed = (np.gradient(outputs[r.name], r.dt) / r.noise)[mask]
+        found[r.name] = noise_statement(
+            r.noise, r.noise_source, r.units.output, _sample(r, residual, speed, complete, plant)
+        )
+    return found
+
+
+def _sample(
+    r: Recording, residual: Array, speed: Array, complete: bool, plant: Callable[[Array], Array] | None
+) -> Sample | None:
+    """Return the residual if it is not significant, else the part that does not repeat, or None."""
+    step = quantisation_step(r.y) / r.noise
+    if complete:
+        return Sample(residual, r.dt, speed, step, plant, r.noise)
+    changed = difference(residual, r)
+    if changed is None:
+        return None
+    return Sample(changed, r.dt, speed[-changed.size :], step, plant, r.noise)
+
+
+def plant_gain(setup: Setup) -> Callable[[Array], Array] | None:
+    """Power gain from a force on the moving mass to the displacement, hysterons at rest.
+
+        |G|² = 1/|k + α² Σ 1/C_i − m ω² + i ω b|²
+
+    None where the model has no such parameters.
+    """
+    network, values = setup.network, values_by_role(setup.network)
+    if not {"m", "k", "b"} <= set(values):
+        return None
+    alpha = values.get("alpha", 0.0)
+    stiffness = values["k"] + alpha**2 * sum(1.0 / network.parameters[n].value for n in capacitances(network))
+
+    def gain(f: Array) -> Array:
+        omega = 2.0 * np.pi * f
+        return np.asarray(1.0 / ((stiffness - values["m"] * omega**2) ** 2 + (omega * values["b"]) ** 2))
+
+    return gain
+
 
 SCHEMA = "phnn.diagnosis/1"
 # What a diagnosis writes into its folder.

@@ -14,8 +14,8 @@ from phnn.comparison.run import compare
 from phnn.comparison.training import started_plant
 from phnn.identification.base import Progress, quiet
 from phnn.identification.zero import own_zeros
-from phnn.learn.passivity import violations
 from phnn.learn.plant import NetworkPlant, Plant
+from phnn.learn.run import violations
 from phnn.learn.solvers import solver_for
 from phnn.learn.starts import typical_states
 from phnn.models.store import load

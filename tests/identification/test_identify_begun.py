@@ -16,12 +16,11 @@ from phnn.diagnose.diagnosis import score_on_all
 from phnn.errors import PhnnError
 from phnn.identification import staged
 from phnn.identification.base import identify_base
-from phnn.identification.begun import expected_start
 from phnn.identification.evaluate import evaluate
 from phnn.identification.options import Options
 from phnn.identification.plan import Plan
 from phnn.identification.problem import Problem
-from phnn.identification.variables import variables_of
+from phnn.identification.variables import expected_start, variables_of
 from phnn.models.actuator import hrc
 from phnn.recordings import read
 from phnn.recordings.recording import Part, Recording, Start

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from phnn.identification.plan import Plan
-from phnn.identification.subset import representative_subset
+from phnn.identification.staged import representative_subset
 from phnn.models.actuator import hrc
 from phnn.recordings.recording import Recording
 from phnn.setup import Setup

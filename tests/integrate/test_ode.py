@@ -9,8 +9,7 @@ from scipy.integrate import solve_ivp
 from torch import Tensor, nn
 
 from phnn.errors import InputRefused, SolverFailed
-from phnn.integrate.backward import fastest_decay
-from phnn.integrate.ode import ADAPTIVE, FIXED, odeint
+from phnn.integrate.ode import ADAPTIVE, FIXED, fastest_decay, odeint
 from phnn.laws.neural import EnergyMLP
 from phnn.network import Coupling, DrivenSystem, Network, Port, PortHamiltonianSystem, Resistor, Storage
 from phnn.parameters import as_table, positive

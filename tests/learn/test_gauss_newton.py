@@ -12,8 +12,7 @@ import pytest
 import torch
 
 from phnn.errors import InputRefused
-from phnn.learn.gauss_newton import GaussNewton
-from phnn.learn.methods import QuasiNewton
+from phnn.learn.methods import GaussNewton, QuasiNewton
 from phnn.learn.objective import Objective
 from phnn.learn.plant import NetworkPlant
 from phnn.learn.solvers import Torchdiffeq, compiled

@@ -15,7 +15,7 @@ from phnn.errors import PhnnError
 from phnn.laws import RESISTOR_LAWS
 from phnn.learn.characteristic import inverse, thresholds
 from phnn.learn.objective import Objective, estimated_start
-from phnn.learn.passivity import violations
+from phnn.learn.run import violations
 from phnn.learn.score import evaluate
 from phnn.learn.solvers import compiled
 from phnn.learn.starts import motion_of, scales_of

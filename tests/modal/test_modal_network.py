@@ -14,8 +14,7 @@ from phnn.integrate import kernel
 from phnn.integrate.partition import junctions_of
 from phnn.integrate.program import compile_network
 from phnn.modal.elements import DRAG, HARDENING, LINEAR, SLOW, SOFTENING, STOP, PortElement
-from phnn.modal.march import march
-from phnn.modal.model import ModalModel
+from phnn.modal.model import ModalModel, march
 from phnn.model import Model
 from phnn.network import Network, PortHamiltonianSystem
 from phnn.setup import Setup

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from structure import OMEGA, ZETA, write_folder
 
 from phnn.cli import main
+from phnn.modal.fit import output_slopes
 from phnn.modal.judge import EQUIVALENT, NAMED, NONE
 from phnn.modal.model import ModalModel
-from phnn.modal.slopes import output_slopes
 from phnn.modal.study import Result
 
 

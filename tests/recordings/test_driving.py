@@ -16,9 +16,9 @@ from phnn.errors import InputRefused
 from phnn.identification.evaluate import evaluate, with_instants
 from phnn.identification.fit import fit
 from phnn.identification.plan import Plan
-from phnn.identification.spread import output_spread
 from phnn.models import from_paper
 from phnn.models.network_file import load_network
+from phnn.prediction import output_spread
 from phnn.recordings.driving import driving_of, unknown_instants, with_declared
 from phnn.recordings.recording import Part, Recording, Start
 from phnn.setup import Setup

@@ -15,8 +15,7 @@ from phnn.parameters import Parameter
 from phnn.recordings.recording import Anchor, Units
 from phnn.report.domain_words import forces_known
 from phnn.report.fingerprint import binned, fingerprint, variable_of
-from phnn.report.named import plausible_row, supports
-from phnn.report.result import write
+from phnn.report.result import plausible_row, supports, write
 
 DRAG = Plausible(0.0, 0.012, "drag in air", outside="it is not air")
 TABLE = {"k": Parameter("k", 2e4, "N/m")}

@@ -16,7 +16,7 @@ from phnn.identification.prepare import identification_plan
 from phnn.identification.staged import fit_identified
 from phnn.models.actuator import hrc
 from phnn.recordings import Campaign, read
-from phnn.report.noise import statements
+from phnn.report.result import statements
 from phnn.setup import Setup
 from phnn.signals.noise_statement import NoiseStatement
 from studies.generator import draw_case, make_case

@@ -15,7 +15,7 @@ from report_example import NOISE, make_document, make_evidence, make_trace
 
 from phnn.report import write_report
 from phnn.report.document import FitRow, Score
-from phnn.report.plots import binned, packed, plots
+from phnn.report.gallery import binned, packed, plots
 from phnn.report.view import view_of
 from phnn.results import Place
 

@@ -22,9 +22,8 @@ from phnn.effects.kinds import LOCATIONS
 from phnn.identification.evaluate import evaluate
 from phnn.identification.plan import Plan
 from phnn.models.store import load
-from phnn.report.following import no_proposal
 from phnn.report.reading import read_document
-from phnn.report.result import document, evidence, write
+from phnn.report.result import document, evidence, no_proposal, write
 from phnn.report.sentence import sentence
 
 KEYS = {

@@ -9,9 +9,8 @@ import pandas as pd
 import pytest
 from junctions import recording
 
-from phnn.prediction import Predicted
+from phnn.prediction import Predicted, error_indices
 from phnn.recordings.recording import Part
-from phnn.signals.error_indices import error_indices
 
 NAMES = ("RMSE", "NRMSE", "R_squared", "MAE", "fit_index")
 T = np.arange(400) * 1e-3

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
@@ -10,14 +11,174 @@ import numpy as np
 
 from phnn.errors import InputRefused
 from phnn.intake.limits import LIMITS
-from phnn.recordings.adapters.benchmark import given_benchmark, is_benchmark
-from phnn.recordings.adapters.frames import given_frame, is_frame
-from phnn.recordings.adapters.given import Given, where_of
-from phnn.recordings.adapters.labelled import given_labelled, is_labelled
+from phnn.recordings.adapters.given import Given, given_of, plain, seconds, where_of
 from phnn.recordings.array_files import stored_arrays, table_of
 from phnn.recordings.manifest import Manifest
 from phnn.recordings.recording import is_actuator
+from phnn.recordings.table import Table
+from phnn.recordings.units import parse_name
+from phnn.recordings.values import mapping
 from phnn.results import printable
+
+_TIMES = ("time", "t")
+
+
+def is_labelled(data: object) -> bool:
+    """Whether an object is a Dataset or a DataArray."""
+    xarray = sys.modules.get("xarray")
+    return xarray is not None and isinstance(data, xarray.Dataset | xarray.DataArray)
+
+
+def given_labelled(data: Any, name: str = "") -> Iterator[Given]:
+    """The recordings of a Dataset, one for each index of a second dimension; a DataArray has its channels along one.
+
+    Raises:
+        InputRefused: the dimensions are not those of recordings, or attributes say what is not understood.
+    """
+    where = where_of(data, name)
+    data = _dataset(data)
+    time, further = _dimensions(data, where)
+    if further is None:
+        yield _given(data, time, name, where)
+        return
+    labels = data.coords[further].values if further in data.coords else np.arange(data.sizes[further])
+    for i, label in enumerate(labels):
+        yield _given(data.isel({further: i}), time, f"{name or data.attrs.get('name', further)}_{label}", where)
+
+
+def _dataset(data: Any) -> Any:
+    """A Dataset; a DataArray with a coordinate of names becomes one, with the attributes of its own."""
+    if hasattr(data, "data_vars"):
+        return data
+    channels = [d for d in data.dims if d in data.coords and data.coords[d].dtype.kind in "UOT"]
+    if len(channels) != 1:
+        raise InputRefused(
+            f"{where_of(data, '')}: dimensions {', '.join(map(str, data.dims))}, of which one must name its channels, "
+            f"such as voltage_V and displacement_um: give it such a coordinate, or give a Dataset"
+        )
+    found = data.to_dataset(dim=channels[0])
+    units = data.attrs.get("units")
+    for variable in found.data_vars:
+        found[variable].attrs.pop("units", None)
+        if isinstance(units, dict) and variable in units:
+            found[variable].attrs["units"] = units[variable]
+    return found.assign_attrs({k: v for k, v in data.attrs.items() if k != "units"})
+
+
+def _dimensions(data: Any, where: object) -> tuple[str, str | None]:
+    """The dimension of time, and a second one where there is one.
+
+    Raises:
+        InputRefused: there are more, or nothing tells which is the time.
+    """
+    dims = [str(d) for d in data.dims]
+    times = [d for d in dims if d.lower() in _TIMES or (parse_name(d) or ("",))[0] == "time"]
+    if len(dims) == 1:
+        return dims[0], None
+    if len(times) == 1 and len(dims) == 2:
+        return times[0], next(d for d in dims if d != times[0])
+    raise InputRefused(
+        f"{where}: dimensions {', '.join(dims) or 'none'}: a recording has one, `time`, and at most one more along "
+        f"which recordings are counted: select the rest"
+    )
+
+
+def _given(data: Any, time: str, name: str, where: Any) -> Given:
+    """One recording along its time."""
+    columns = {printable(str(n)): v.values for n, v in data.data_vars.items() if v.dims == (time,)}
+    units = {printable(str(n)): str(v.attrs["units"]) for n, v in data.variables.items() if "units" in v.attrs}
+    if time in data.coords:
+        values = data.coords[time].values
+        elapsed = seconds(values)
+        if elapsed is not None:
+            units.pop(time, None)
+        label = "time_s" if elapsed is not None else "time" if parse_name(time) is None else time
+        if label != time and time in units:
+            units[label] = units.pop(time)
+        columns.setdefault(label, values if elapsed is None else elapsed)
+    return given_of(
+        data.attrs, Table(where, tuple(columns), tuple(columns.values()), by_name=True), units, printable(name)
+    )
+
+
+def is_frame(data: object) -> bool:
+    """Whether an object is a DataFrame."""
+    pandas = sys.modules.get("pandas")
+    return pandas is not None and isinstance(data, pandas.DataFrame)
+
+
+def given_frame(frame: Any, name: str = "") -> Given:
+    """The columns of a frame; an index of times, or one that is named as a time is, stands behind them.
+
+    Raises:
+        InputRefused: it has several levels of columns or too many, or its attributes say what is not understood.
+    """
+    where = where_of(frame, name)
+    if frame.columns.nlevels > 1 or frame.shape[1] > LIMITS.text_columns:
+        raise InputRefused(
+            f"{where}: {frame.shape[1]} columns on {frame.columns.nlevels} levels: give one recording with plain "
+            f"names, at most {LIMITS.text_columns}"
+        )
+    names = [printable(str(column)) for column in frame.columns]
+    columns = [frame.iloc[:, i].to_numpy() for i in range(frame.shape[1])]
+    time = _time(frame.index)
+    if time is not None and not any((parse_name(n) or ("",))[0] == "time" for n in names):
+        names.append(time[0])
+        columns.append(time[1])
+    units = mapping(frame.attrs.get("units", {}), f"{where}: attrs['units']")
+    table = Table(where, tuple(names), tuple(columns))
+    return given_of(frame.attrs, table, {printable(str(n)): str(u) for n, u in units.items()}, name)
+
+
+def _time(index: Any) -> tuple[str, np.ndarray] | None:
+    """Name and numbers of an index of times; None where it only counts rows."""
+    values = np.asarray(index)
+    elapsed = seconds(values)
+    if elapsed is not None:
+        return "time_s", elapsed
+    named = parse_name(str(index.name)) if index.name is not None else None
+    return (str(index.name), values) if named is not None and named[0] == "time" else None
+
+
+_MODULE = "nonlinear_benchmarks.utilities"
+
+
+def is_benchmark(data: object) -> bool:
+    """Whether an object is an ``Input_output_data``."""
+    module = sys.modules.get(_MODULE)
+    return module is not None and isinstance(data, module.Input_output_data)
+
+
+def given_benchmark(data: Any, names: tuple[str, str], name: str = "", use: str | None = None) -> Given:
+    """Input and output of a benchmark; several of them are called ``u[0]``, ``y[0]``, ….
+
+    Args:
+        names: of a single input and a single output, as the setup calls them.
+
+    Raises:
+        InputRefused: there is no sampling time, or the arrays are not (samples,) or (samples, channels).
+    """
+    where = where_of(data, name or str(data.name))
+    interval = plain(data.sampling_time)
+    if not isinstance(interval, int | float) or not interval > 0.0:
+        raise InputRefused(
+            f"{where}: sampling_time is {interval!r:.40}: set it to the interval between samples in seconds"
+        )
+    columns = _channels(data.u, names[0], "u", where) | _channels(data.y, names[1], "y", where)
+    table = Table(where, tuple(columns), tuple(columns.values()))
+    return Given(name or printable(str(data.name)), table, use=use, sample_rate_hz=1.0 / interval)
+
+
+def _channels(values: Any, single: str, several: str, where: object) -> dict[str, np.ndarray]:
+    array = np.asarray(values)
+    if array.ndim == 2 and array.shape[1] == 1:
+        array = array[:, 0]
+    if array.ndim == 1:
+        return {single: array}
+    if array.ndim != 2 or array.shape[1] > LIMITS.columns:
+        raise InputRefused(f"{where}: {several} has the shape {array.shape}: give (samples,) or (samples, channels)")
+    return {f"{several}[{i}]": column for i, column in enumerate(array.T)}
+
 
 _ACCEPTED = (
     "a folder, a pandas DataFrame, an xarray Dataset or DataArray, an Input_output_data of nonlinear_benchmarks or its "
