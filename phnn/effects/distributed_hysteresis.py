@@ -38,8 +38,8 @@ EFFECT = Effect(
     kind=kinds.SHAPE,
     equation=r"F_h = \sum_i k_i s_i, \quad \dot{s}_i = v \text{ while } -x_i - (g - a) q^2 < s_i < x_i + (g + a) q^2",
     statement="The hysteresis has another form: springs of {k_D1}, {k_D2}, {k_D3} and {k_D4} yield after {x_D1}, "
-    "{x_D2}, {x_D3} and {x_D4}, and these travels grow with the square of the displacement, by {g_D} in both directions "
-    "and by {a_D} more forwards than backwards.",
+    "{x_D2}, {x_D3} and {x_D4}, and these travels grow with the square of the displacement, by {g_D} in both "
+    "directions and by {a_D} more forwards than backwards.",
     fingerprint="Loops whose width grows with the amplitude in another way than the hysterons of the model allow, the "
     "same at every frequency.",
     separation="Slow triangles of many amplitudes, each with a hold at its end.",

@@ -23,7 +23,6 @@ from phnn.integrate.program import Program
 from phnn.integrate.table_access import junction_storage
 from phnn.integrate.tables import LEAVES, OWN_STORAGE, PLACE_4, PORTS, rows_of
 
-
 #     0 = F_x δx + F_y δy + F_θ δθ − δf,     δx_l⁺ = X_x δx + X_y δy + X_θ δθ,     δp⁺ = δp + Z_x δx + Z_y δy + Z_θ δθ
 #
 # Modulator states are advanced like reducible storages, but may depend on all inputs of a step.

@@ -292,8 +292,8 @@ def bouc_wen_path(
 ) -> tuple[Any, Any]:
     """End state and mean effort of a step along the path ``h i``, of second order and passive for every length.
 
-    In strains ``a = ±E/F``, positive on the way forth, ``da/dl = 1 + c |a|ⁿ`` up to rest and ``1 − aⁿ`` beyond, with the
-    length ``l = s h |i|/F``. The way back follows the midpoint rule, the way forth its linearisation at the start.
+    In strains ``a = ±E/F``, positive on the way forth, ``da/dl = 1 + c |a|ⁿ`` up to rest and ``1 − aⁿ`` beyond, with
+    the length ``l = s h |i|/F``. The way back follows the midpoint rule, the way forth its linearisation at the start.
     With the mean rate ``g``, the mean strain ``m`` of a part and ``m̃ = g (a + a⁺)/2 + (1 − g) m``, it takes the energy
     ``l (m̃ − g (a + a⁺)/2) = l m (1 − g) ≥ 0``.
     """
@@ -331,9 +331,9 @@ def bouc_wen_path(
 
 @shared
 def duhem(effort: Any, q: Any, force: Any, exponent: Any, bend: Any, mass: Any) -> Any:
-    """Slip beside the spring ``E' = k (1 + b |E|/F)``: ``v |E/F|ⁿ/(1 + b |E|/F)`` while ``v = p/m`` loads it, else none.
+    """Slip beside the spring ``E' = k (1 + b |E|/F)``: ``v |E/F|ⁿ/(1 + b |E|/F)`` while ``v`` loads it, else none.
 
-    As of `bouc_wen`; the force may grow without end.
+    ``v = p/m`` as of `bouc_wen`; the force may grow without end.
     """
     size = minimum(absolute(effort) / force, _FAR + 0.0 * effort)
     bent = maximum(minimum(1.0 + bend * size, MOST_BENT + 0.0 * size), 1.0 / MOST_BENT + 0.0 * size)

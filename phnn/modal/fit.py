@@ -15,7 +15,6 @@ from phnn.errors import SolverFailed
 from phnn.modal.experiment import Experiment, Study
 from phnn.modal.model import ModalModel, Seen
 
-
 # For given modes, ports and elements the outputs are linear in the shapes (c, d, g), which are solved for (Golub &
 # Pereyra 1973); derivatives leave out how the shapes follow (Kaufman 1975).
 

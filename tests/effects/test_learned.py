@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
-from effect_homes import ACTUATOR, BASE, LEARNED, OF_ACTUATOR, SCALES, base, is_sound, point, run
+from effect_homes import (
+    ACTUATOR,
+    BASE,
+    LEARNED,
+    OF_ACTUATOR,
+    SCALES,
+    base,
+    elementary,
+    is_sound,
+    march_against_radau,
+    point,
+    run,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.integrate import solve_ivp
 
 from phnn.effects import Effect, catalogue
 from phnn.effects.learned import learned_elements
@@ -22,7 +32,6 @@ from phnn.models.store import load, save
 from phnn.network import PortHamiltonianSystem
 from phnn.passage import amplified, measured
 from phnn.setup import Setup
-from phnn.simulate import simulate
 
 torch.set_num_threads(1)
 
@@ -173,40 +182,6 @@ def test_strengths_beyond_their_bounds_are_refused_and_scaled_ones_stay_inside()
             element.add_to(BASE, element.scaled(element.grid(SCALES)[0], factor))
 
 
-def march_against_radau(setup: Setup, rate: Callable[[float, np.ndarray], np.ndarray], order: tuple[str, ...]) -> None:
-    """The compiled march agrees with Radau's method on equations written down anew."""
-    trajectory = simulate(setup, ACTUATOR.drive, 4)
-    names = list(setup.network.state_names)
-    found = trajectory.states[:, [names.index(n) for n in order]]
-    scale = np.abs(found).max(axis=0)
-    state, worst = found[0], np.zeros(len(order))
-    # Inputs are those of the march, constant over every step; two periods of the larger amplitude.
-    for n in range(trajectory.h.size):
-        voltage = trajectory.u[n, 0]
-        end = solve_ivp(
-            lambda t, z, v=voltage: rate(v, z), (0.0, trajectory.h[n]), state, "Radau", rtol=1e-6, atol=1e-8 * scale
-        )
-        state = end.y[:, -1]
-        worst = np.maximum(worst, np.abs(state - found[n + 1]) / scale)
-    assert (worst < 2e-3).all(), dict(zip(order, worst, strict=True))
-
-
-def elementary(setup: Setup) -> Callable[[float, np.ndarray, Callable[[float, float], float]], np.ndarray]:
-    """Eqs. (3)–(6) of two hysterons, with a further force on the mass."""
-    v = setup.values()
-
-    def rate(voltage: float, z: np.ndarray, force: Callable[[float, float], float]) -> np.ndarray:
-        speed = z[3] / v["m"]
-        efforts = z[:2] / np.array([v["C_1"], v["C_2"]])
-        half = 0.5 * np.array([v["d_1"], v["d_2"]])
-        lost = np.array([v["rho_1"], v["rho_2"]]) * (efforts - np.clip(efforts, -half, half))
-        charged = v["alpha"] * speed - lost
-        pushed = v["alpha"] * (voltage - efforts.sum()) - v["k"] * z[2] - v["b"] * speed - force(z[2], speed)
-        return np.array([*charged, speed, pushed])
-
-    return rate
-
-
 def test_a_damper_with_direction_and_position_is_that_of_its_formula() -> None:
     element = learned_elements()["learned_damper"]
     setup = strong(element, [0.0, 0.0, 0.0, 3.0, 1.0, 0.5, 2.0, 2.0, 1.0, 3.0])
@@ -218,20 +193,6 @@ def test_a_damper_with_direction_and_position_is_that_of_its_formula() -> None:
         return float(ahead + (v["F_q"] * s * s + v["F_qR"] * max(s, 0.0) + v["F_qL"] * max(-s, 0.0)) * z)
 
     march_against_radau(setup, lambda voltage, z: rate(voltage, z, force), ("Q_1", "Q_2", "q", "p"))
-
-
-def test_a_ladder_of_yielding_cells_is_that_of_its_formula() -> None:
-    element = learned_elements()["learned_hysteresis"]
-    setup = strong(element, [1.0] * 8)
-    v, rate = setup.values(), elementary(setup)
-    k, x = (np.array([v[f"{kind}_Y{i}"] for i in range(1, 9)]) for kind in ("k", "x"))
-
-    def with_cells(voltage: float, z: np.ndarray) -> np.ndarray:
-        main = rate(voltage, z[:4], lambda q, speed: float(k @ z[4:]))
-        slipping = (z[4:] - np.clip(z[4:], -x, x)) / v["tau_Y"]
-        return np.concatenate([main, z[3] / v["m"] - slipping])
-
-    march_against_radau(setup, with_cells, ("Q_1", "Q_2", "q", "p", *(f"learned_stop_{i}" for i in range(1, 9))))
 
 
 def test_powers_of_the_speed_are_friction_viscous_damping_and_drag() -> None:
