@@ -1,7 +1,7 @@
 """The hysteresis that an actuator needs, if the user leaves it to the recordings.
 
 Models with one and two hysterons, with another form of hysteresis, and with more hysterons are fitted to some of the
-identification recordings; the others choose (`phnn.identification.left_out`). One that predicts them clearly better
+identification recordings; the others choose (`LeftOut`). One that predicts them clearly better
 takes the place of the one before.
 """
 

@@ -101,13 +101,12 @@ def _follows_the_path(network: Network, storage: str, resistor: Resistor) -> boo
     own = {s.name: s for s in network.storages}
     momentum, spring, given = own.get(resistor.modulated_by or ""), own[storage], resistor.parameters
     curved = (spring.law, spring.parameters[1:]) == (law.spring, (given[0], given[2]))
-    ways = [(c.of, c.ratio) for c in network.couplings if c.to == storage]
-    ways += [(c.to, None) for c in network.couplings if c.of == storage]
+    ways = [(c.to, c.of, c.ratio) for c in network.couplings if storage in (c.to, c.of)]
     return (
         (curved if law.spring else is_linear(spring))
         and momentum is not None
         and (momentum.law, momentum.parameters) == ("capacitor", given[-1:])
-        and ways == [(momentum.name, 1.0)]
+        and ways == [(storage, momentum.name, 1.0)]
         and not any(storage in p.on for p in network.ports)
     )
 

@@ -83,6 +83,7 @@ def advanced(
         (r,) = resistors_of(around.system.network, around.system.state_names[k])
         resistor = around.system.network.resistors[r]
         path = RESISTOR_LAWS[resistor.law].path
+        assert path is not None
         return path(x + 0.0 * current, current, around.h, stiffness, *map(around.system.value, resistor.parameters))
     if stages is None:
         with torch.no_grad():

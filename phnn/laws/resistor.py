@@ -215,7 +215,7 @@ _FAR = 30.0
 # Strain below which a slip counts as linear in it.
 _AT_REST = 1e-9
 # Rate [1/s] at which a cell yields that follows the path alone.
-_AT_ONCE = 1e9
+_AT_ONCE = 1e12
 
 
 def _power(speed: Any, exponent: Any, reference: Any) -> Any:

@@ -49,9 +49,9 @@ def slipping(form: str, i: int | str, mass: str = "m") -> tuple[Storage, Resisto
         mass: parameter by which the momentum that the law reads is a velocity.
     """
     limits = (f"F_{i}", f"n_{i}", f"c_{i}")
-    spring = ("spring", (f"k_{i}",)) if form == "bouc_wen" else ("exponential_spring", (f"k_{i}", f"F_{i}", f"c_{i}"))
+    law, bend = ("spring", ()) if form == "bouc_wen" else ("exponential_spring", (f"F_{i}", f"c_{i}"))
     return (
-        Storage(f"z_{i}", *spring, "m"),
+        Storage(f"z_{i}", law, (f"k_{i}", *bend), "m"),
         Resistor(f"slip_{i}", form, {f"z_{i}": 1.0}, (*limits, mass), "p"),
         Coupling(f"z_{i}", "p"),
     )

@@ -2,23 +2,31 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
+from typing import Any
+from unittest import mock
 
 import campaigns
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from phnn.errors import InputRefused
+from phnn.errors import InputRefused, PhnnError
+from phnn.identification import order
 from phnn.identification.base import identify_base, identify_bouc_wen
 from phnn.identification.evaluate import evaluate
 from phnn.identification.fit import Fit
+from phnn.identification.gain import Gain
 from phnn.identification.options import Options
 from phnn.identification.plan import Plan
 from phnn.identification.prepare import identification_plan
 from phnn.identification.refinement import MAX_SUBSTEPS, NumericalError, numerical_error, substeps_for
-from phnn.identification.staged import identify_actuator
+from phnn.identification.staged import identify_actuator, representative_subset
 from phnn.identification.starting_points import falls_throughout
 from phnn.models.actuator import hrc
 from phnn.models.bouc_wen import bouc_wen
@@ -26,6 +34,81 @@ from phnn.recordings.recording import Campaign, Part, Recording, Start
 from phnn.setup import Setup
 from studies.generator.plans import sine
 from studies.generator.world import simulate as true_output
+
+
+def a_gain(before: float, after: float, p: float | None) -> Gain:
+    change = before**2 - after**2
+    size = math.copysign(math.sqrt(abs(change)), change)
+    return Gain(before, after, 1e-8 * size, size, 40 if p is not None else 3, p, None if p is None else 1.0 - p)
+
+
+@pytest.mark.parametrize(
+    ("left", "falls", "known", "chosen"),
+    [
+        ({1: 9.0, 2: 5.0, "bouc_wen": 1.05}, 1e-6, (), "bouc_wen"),  # which leaves nothing more to try
+        ({1: 9.0, 2: 5.0, "bouc_wen": 4.0, "distributed": 2.0, 3: 1.4, 4: 1.3}, 1e-6, (), 4),
+        ({1: 9.0, 2: 5.0, "bouc_wen": 1.05, 3: 1.0}, 1e-6, ("rho_1",), 3),  # an anchor asks for hysterons
+        ({1: 9.0, 2: 5.0, 3: 2.0, 4: 1.99}, 1e-6, (), 3),  # as long as the error falls
+        ({1: 2.0, 2: 1.99, 3: 1.0, 4: 1.0}, 1e-6, (), 1),
+        ({1: 6.0, 2: 2.0, 3: 1.5, 4: 1.4}, None, (), order.DEFAULT_HYSTERONS),  # no test is possible
+        ({1: 2.0, 2: 6.0, 3: 6.0, 4: 6.0}, None, (), 1),
+        ({}, 1e-6, ("rho_3",), 3),  # an anchor asks for it
+    ],
+)
+def test_the_number_of_hysterons(
+    left: dict[int | str, float], falls: float | None, known: tuple[str, ...], chosen: int | str
+) -> None:
+    def gain(fewer: tuple[int | str, int], more: tuple[int | str, int]) -> Gain:
+        return a_gain(left.get(fewer[0], 9.0), left.get(more[0], 9.0), falls)
+
+    def identify(plan: Any, anchors: Any, count: int | str, starts: int, seed: int) -> int | str:
+        if not left:
+            raise PhnnError("cannot be simulated")
+        return count
+
+    held = SimpleNamespace(growth=None, scores=lambda f: f, over_noise=lambda f: left.get(f, 9.0), gain=gain)
+    with mock.patch.multiple(order, leave_out=lambda p, n: held, identify_actuator=identify):
+        anchors = dict.fromkeys(known, mock.Mock())
+        assert order.hysteresis_needed(mock.Mock(), anchors, 1, 0, lambda m: None) == chosen
+
+
+T = np.arange(400) * 1e-4
+
+
+def made(name: str, amplitude: float, frequency: float) -> Recording:
+    return campaigns.recorded(Setup(hrc(0)), name, T, amplitude * np.sin(2.0 * np.pi * frequency * T), 1e-7)
+
+
+def plan(*recordings: Recording) -> Plan:
+    return Plan(recordings, {r.name: 2 for r in recordings})
+
+
+def test_few_recordings_are_all_looked_at() -> None:
+    few = plan(*(made(f"{a}", a, 100.0) for a in (10.0, 20.0, 30.0)))
+    assert representative_subset(few) is few
+
+
+def test_the_corners_are_looked_at() -> None:
+    corners = [
+        ("small slow", 1.0, 25.0),
+        ("small fast", 1.0, 500.0),
+        ("large slow", 99.0, 25.0),
+        ("large fast", 100.0, 500.0),
+    ]
+    middle = [(f"middle {i}", 8.0 + i, 100.0 + 25.0 * i) for i in range(5)]
+    subset = representative_subset(plan(*(made(*x) for x in [*middle, *corners])))
+    assert len(subset.recordings) == 5
+    assert {name for name, _, _ in corners} <= {r.name for r in subset.recordings}
+    assert subset.substeps["small slow"] == 2
+
+
+@settings(deadline=None, max_examples=10)
+@given(st.lists(st.sampled_from([0.0, 1.0, 50.0]), min_size=6, max_size=9))
+def test_recordings_alike_are_taken_once_each(amplitudes: list[float]) -> None:
+    subset = representative_subset(plan(*(made(str(i), a, 100.0) for i, a in enumerate(amplitudes))))
+    names = [r.name for r in subset.recordings]
+    assert len(names) == len(set(names)) == 5
+    assert max(np.ptp(r.u) for r in subset.recordings) == max(2.0 * a for a in amplitudes)
 
 
 def groups(values: Mapping[str, float]) -> dict[str, float]:

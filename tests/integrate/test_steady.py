@@ -10,14 +10,8 @@ from junctions import march
 from phnn.configuration import config_folder
 from phnn.errors import SolverFailed
 from phnn.integrate.program import compile_network
-from phnn.integrate.rest import (
-    equilibrium,
-    equilibrium_derivative,
-    equilibrium_slope,
-    steady_derivative,
-    steady_slope,
-    steady_state,
-)
+from phnn.integrate.rest import equilibrium, equilibrium_derivative, equilibrium_slope
+from phnn.integrate.steady import steady_derivative, steady_slope, steady_state
 from phnn.models.actuator import from_paper, hrc
 from phnn.models.network_file import load_network
 from phnn.models.variants import cantilever, driven_beam

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -11,32 +10,6 @@ from phnn.effects import Effect, Parts, Placed, Scales, has_motion, kinds
 from phnn.effects.learned.strengths import NEARLY_ZERO, Within, constants, named, sized, starts, stiffness_of, strengths
 from phnn.network.elements import Coupling, Resistor, Storage
 from phnn.setup import Setup
-
-
-def with_ladder(
-    setup: Setup, cells: Mapping[str, tuple[str, ...]], law: str, parameters: Placed, noticeable: float
-) -> Setup:
-    """``F += −Σ kᵢ sᵢ``: a storage ``sᵢ`` with ``J[sᵢ, p] = 1`` and a resistor for every cell.
-
-    Args:
-        cells: parameters of each cell's resistor, its stiffness first, by the cell's name.
-        law: of the resistors; they divide by the stiffness, which therefore has a positive lower bound.
-        parameters: stiffnesses [N/m] and constants.
-        noticeable: a noticeable stiffness as a share of the base model's.
-    """
-    typical = noticeable * stiffness_of(setup)
-    least = NEARLY_ZERO * typical
-    own = {
-        n: p if p.fixed else replace(p, value=max(p.value, least), lower=least)
-        for n, p in sized(parameters, typical).items()
-    }
-    parts = Parts(
-        storages=tuple(Storage(cell, "spring", names[:1], "m") for cell, names in cells.items()),
-        resistors=tuple(Resistor(cell, law, {cell: 1.0}, names) for cell, names in cells.items()),
-        couplings=tuple(Coupling(cell, "p", 1.0) for cell in cells),
-    )
-    return parts(setup, own)
-
 
 _CELLS = tuple(str(i) for i in range(1, 7))
 # Shortest time, as a share of the fastest period.
@@ -47,11 +20,25 @@ _NOTICEABLE, _SMALL = 0.01, 1e-3
 _STIFFNESSES = strengths((f"k_M{i}" for i in _CELLS), "N/m", "stiffness of a learned relaxing spring")
 _TIMES = constants((f"tau_M{i}" for i in _CELLS), "s", "time in which a learned spring relaxes")
 _MAXWELL = {f"learned_cell_{i}": (f"k_M{i}", f"tau_M{i}") for i in _CELLS}
+_PARTS = Parts(
+    storages=tuple(Storage(cell, "spring", names[:1], "m") for cell, names in _MAXWELL.items()),
+    resistors=tuple(Resistor(cell, "maxwell", {cell: 1.0}, names) for cell, names in _MAXWELL.items()),
+    couplings=tuple(Coupling(cell, "p", 1.0) for cell in _MAXWELL),
+)
 
 
 def relax(setup: Setup, parameters: Placed) -> Setup:
-    """``F += −Σ kᵢ sᵢ``, ``ṡᵢ = v − sᵢ/τᵢ``: storages with ``J[s, p] = 1`` and a linear resistor each."""
-    return with_ladder(setup, _MAXWELL, "maxwell", parameters, _NOTICEABLE)
+    """``F += −Σ kᵢ sᵢ``, ``ṡᵢ = v − sᵢ/τᵢ``: storages with ``J[s, p] = 1`` and a linear resistor each.
+
+    The resistors divide by the stiffness, which therefore has a positive lower bound.
+    """
+    typical = _NOTICEABLE * stiffness_of(setup)
+    least = NEARLY_ZERO * typical
+    own = {
+        n: p if p.fixed else replace(p, value=max(p.value, least), lower=least)
+        for n, p in sized(parameters, typical).items()
+    }
+    return _PARTS(setup, own)
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
