@@ -10,9 +10,8 @@ from phnn.effects import Effect, Parts, Placed, Scales, between, bounded, has_mo
 from phnn.models.actuator import slipping
 from phnn.setup import Setup
 
-# Displacements after which the spring slips, over the largest one.
-_TRAVELS = (0.05, 0.2, 0.6, 2.0)
-_SMALL = 1e-3
+# Displacements after which the spring slips, over the largest one; a stiffness with a proportional response.
+_TRAVELS, _SMALL = (0.05, 0.2, 0.6, 2.0), 1e-3
 
 
 @dataclass(frozen=True)

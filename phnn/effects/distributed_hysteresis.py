@@ -8,22 +8,22 @@ from phnn.effects import Effect, Parts, Scales, has_motion, kinds, positive, sig
 from phnn.models.actuator import yielding
 
 CELLS = tuple(f"D{i}" for i in (1, 2, 3, 4))
-# Travels over the largest displacement; those of one grid point are spread by these factors.
+# Travels over the largest displacement, those of one grid point being spread by these factors.
 _TRAVELS, _SPREAD = (0.1, 0.4), (0.4, 0.8, 1.4, 2.0)
-# Stiffness of all cells over that of the base model, where the response is still proportional to it.
-_SMALL = 1e-3
-# Change of the travels over the largest displacement.
-_LEANING = 0.02
+# Stiffness of all cells over that of the base model, where the response is still proportional to it, and how far the
+# travels lean at the largest displacement.
+_SMALL, _LEANING = 1e-3, (-0.05, 0.05)
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
-    """Cells of one stiffness that yield early, and late, the same in both directions."""
+    """Cells of one stiffness that yield early, and late, farther backwards than forwards, and less far."""
     stiffness = _SMALL * scales.stiffness / len(CELLS)
     return [
         {f"k_{i}": stiffness for i in CELLS}
         | {f"x_{i}": share * by * scales.displacement for i, by in zip(CELLS, _SPREAD, strict=True)}
-        | dict.fromkeys(("g_D", "a_D"), _LEANING / scales.displacement)
+        | {"g_D": 0.2 * abs(lean) / scales.displacement, "a_D": lean / scales.displacement}
         for share in _TRAVELS
+        for lean in _LEANING
     ]
 
 
@@ -32,7 +32,6 @@ def rescale(values: Mapping[str, float], factor: float) -> dict[str, float]:
     return {n: max(factor, 1e-3) * v if n.startswith("k_") else v for n, v in values.items()}
 
 
-_PARTS = tuple(zip(*(yielding(i, "D") for i in CELLS), strict=True))
 EFFECT = Effect(
     name="distributed_hysteresis",
     kind=kinds.SHAPE,
@@ -53,7 +52,7 @@ EFFECT = Effect(
         signed("g_D", "1/m", "growth of the travels with the square of the displacement", 1e9, 100.0, own_size=True),
         signed("a_D", "1/m", "growth of the travels forwards less that backwards, halved", 1e9, 100.0, own_size=True),
     ),
-    adds=Parts(*_PARTS),
+    adds=Parts(*zip(*(yielding(i, "D") for i in CELLS), strict=True)),
     grid=grid,
     applies=has_motion,
     neighbours=("extra_hysteron", "coulomb_friction", "bouc_wen_hysteresis"),

@@ -108,10 +108,9 @@ def hysteresis_needed(
         try:
             fitted = identify_actuator(held.growth, known, tried, starts, seed)
         except PhnnError:
-            further = None
-        else:
-            further = fitted, held.scores(fitted)
-        if further is not None and (best is None or _better(held, best, further, tried)):
+            continue
+        further = fitted, held.scores(fitted)
+        if best is None or _better(held, best, further, tried):
             best, chosen = further, tried
             if held.over_noise(further[1]) <= _NOISE:
                 break

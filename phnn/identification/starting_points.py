@@ -136,8 +136,7 @@ def with_form(linear: Setup, plan: Plan, form: str) -> list[Setup]:
         drive_amplitude(plan.recordings), moved, moved * fastest, stiffness, linear.values()["alpha"], fastest, fastest,
         max(float(r.t[-1] - r.t[0]) for r in plan.recordings), 0.0,
     )  # fmt: skip
-    own = FORMS[form]
-    return [own.add_to(linear, own.scaled(point, _OF_GRID)) for point in own.grid(scales)]
+    return [FORMS[form].add_to(linear, FORMS[form].scaled(p, _OF_GRID)) for p in FORMS[form].grid(scales)]
 
 
 def drive_amplitude(recordings: Sequence[Recording]) -> float:

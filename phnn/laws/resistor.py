@@ -215,7 +215,7 @@ _FAR = 30.0
 # Strain below which a slip counts as linear in it.
 _AT_REST = 1e-9
 # Rate [1/s] at which a cell yields that follows the path alone.
-_AT_ONCE = 1e12
+_AT_ONCE = 1e9
 
 
 def _power(speed: Any, exponent: Any, reference: Any) -> Any:
@@ -320,12 +320,11 @@ def bouc_wen_path(
     forth = 0.5 * slow * (begin + end) + (1.0 - slow) * (begin + rest * two * (1.0 - taken))
     moves = real(length) > 0.0
     share = where(moves, way / where(moves, length, 1.0 + 0.0 * length), 0.0 * way)
-    alone = real(strain) < 0.0
-    short = real(way) >= real(length)
+    short = (real(strain) < 0.0) & (real(way) >= real(length))
     mean = share * middle + (1.0 - share) * forth
     return (
-        where(alone & short, behind + way * rate, end) / scale,
-        where(alone & short, middle, mean) * force * side,
+        where(short, behind + way * rate, end) / scale,
+        where(short, middle, mean) * force * side,
     )
 
 

@@ -196,13 +196,13 @@ def hardening_spring_mean_effort(a: Any, b: Any, coefficient: Any) -> Any:
 # The stiffness of an exponential spring changes by at most this factor; beyond, it is constant.
 MOST_BENT = 100.0
 _FARTHEST = math.log(MOST_BENT)
-_NEVER = 1e150
+_NEVER, _STRAIGHT = 1e150, 1e-100
 
 
 @shared
 def _last(rate: Any, stiffness: Any, bend: Any) -> tuple[Any, Any, Any]:
     """Where an exponential spring becomes straight, and its force and stiffness there."""
-    bends = real(rate) > 0.0
+    bends = real(rate) > _STRAIGHT
     bent = where(bends, rate, 1.0 + 0.0 * rate)
     factor = where(real(bend) > 0.0, MOST_BENT + 0.0 * rate, 1.0 / MOST_BENT + 0.0 * rate)
     reach = where(bends, _FARTHEST / bent, _NEVER + 0.0 * rate)
