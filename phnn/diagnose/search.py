@@ -37,7 +37,7 @@ from phnn.diagnose.number import (
 )
 from phnn.diagnose.refit import converged, further, large_starts, rebuilt, short
 from phnn.diagnose.screen import Candidate, Screen
-from phnn.effects import Effect, Scales, kinds
+from phnn.effects import Effect, Scales
 from phnn.identification.base import Progress, quiet
 from phnn.identification.evaluate import evaluate
 from phnn.identification.fit import Fit
@@ -245,12 +245,7 @@ def _grow(search: Search, model: Visited) -> None:
     enough = max(0.05 * (model.fit.cost - samples), criteria.material**2 * samples)
     if not trials or trials[0].fit.beyond_noise > enough:
         learned = [c for c in worth if is_learned(c.effect) and c.fall > criteria.near_best * worth[0].fall]
-        trials += _heat(search, model, learned[:_LEARNED])
-        if search.far(model) and not model.elements:
-            # Another hysteresis than the base's promises nothing while it is weak.
-            forms = [c for c in screened if c.effect.kind == kinds.SHAPE and c not in named]
-            trials += _heat(search, model, forms, large=True)
-        trials.sort(key=lambda t: t.fit.cost)
+        trials = sorted([*trials, *_heat(search, model, learned[:_LEARNED])], key=lambda t: t.fit.cost)
     if trials and search.far(trials[0]) and is_learned(trials[0].elements[-1]):
         # A law that is far from linear may promise nothing, and still be what the learned element stands for.
         alike = [c for c in screened if _may_be(c.effect, trials[0].elements[-1]) and c not in named]
@@ -295,7 +290,7 @@ def _tried(model: LinearisedFit, plan: Plan, promising: float, evaluations: int,
     """A short refit of a candidate; from large strengths too, where it promised a lot and has not helped."""
     best = short(model.fit, plan.coarse(), candidate.effect, [candidate.values], evaluations)
     helps = best is not None and best.cost < 0.98 * model.fit.cost
-    if (helps and promising > 0.0) or candidate.effect.strength is None or candidate.fall < promising:
+    if helps or candidate.effect.strength is None or candidate.fall < promising:
         return best
     starts = large_starts(_with_few_steps(model, plan), candidate.effect)
     again = short(model.fit, plan.coarse(), candidate.effect, starts, evaluations)
