@@ -221,12 +221,12 @@ def exponential_spring_energy(x: Any, stiffness: Any, force: Any, bend: Any) -> 
     The stiffness stays within a factor 100 of ``k``, so that no number overflows.
     """
     size, rate = absolute(x), absolute(bend) * stiffness / force
-    reach, last, steepest = _last(rate, stiffness, bend)
+    reach, pull, steepest = _last(rate, stiffness, bend)
     inner = minimum(size, reach + 0.0 * size)
     one, two = relaxation(rate * inner)
     share = where(real(bend) > 0.0, one - two, two) * _grown(rate * inner, bend)
     beyond = size - inner
-    return stiffness * inner * inner * share + beyond * (last + 0.5 * steepest * beyond)
+    return stiffness * inner * inner * share + beyond * (pull + 0.5 * steepest * beyond)
 
 
 @shared
@@ -234,7 +234,7 @@ def exponential_spring_mean_effort(a: Any, b: Any, stiffness: Any, force: Any, b
     """``(a + b)/(|a| + |b|)`` times the mean force between the sizes ``|a|`` and ``|b|``."""
     size_a, size_b = absolute(a + 0.0 * b), absolute(b + 0.0 * a)
     rate = absolute(bend) * stiffness / force
-    reach, last, steepest = _last(rate, stiffness, bend)
+    reach, pull, steepest = _last(rate, stiffness, bend)
     inner_a, inner_b = minimum(size_a, reach + 0.0 * size_a), minimum(size_b, reach + 0.0 * size_b)
     # From the end where the spring is stiffer, so that exponentials only fall.
     first = where(real(bend) > 0.0, maximum(inner_a, inner_b), minimum(inner_a, inner_b))
@@ -243,7 +243,7 @@ def exponential_spring_mean_effort(a: Any, b: Any, stiffness: Any, force: Any, b
     there = relaxation(rate * first)[0] * _grown(rate * first, bend)
     inside = stiffness * (first * there * one + change * two)
     outer_a, outer_b = size_a - inner_a, size_b - inner_b
-    outside = last + 0.5 * steepest * (outer_a + outer_b)
+    outside = pull + 0.5 * steepest * (outer_a + outer_b)
     # Where both ends lie on one side, no difference of theirs is divided by itself: its derivative would be rounding.
     mixed = (real(outer_a) > 0.0) != (real(outer_b) > 0.0)
     span = where(mixed, size_b - size_a, 1.0 + 0.0 * size_a)

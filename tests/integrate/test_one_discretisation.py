@@ -14,10 +14,11 @@ from subjects import body
 
 import phnn
 from phnn.errors import InputRefused
-from phnn.integrate import batched, hooks, ode
+from phnn.integrate import hooks, ode
 from phnn.integrate.compiled_method import sampled_states
 from phnn.integrate.equations import reducible_rules
 from phnn.integrate.scheme import Scheme
+from phnn.learn import solvers as batched
 from phnn.models.actuator import hrc
 from phnn.models.fully_neural import FullyNeural
 from phnn.models.scales import Scales

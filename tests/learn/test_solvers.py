@@ -14,7 +14,7 @@ from scipy.interpolate import make_interp_spline
 from torch import Tensor
 
 from phnn.errors import InputRefused, SolverFailed
-from phnn.integrate import batched
+from phnn.learn import solvers as batched
 from phnn.learn.objective import Objective
 from phnn.learn.plant import Plant
 from phnn.learn.solvers import Solver, Torchdiffeq, averaged, compiled, solver_for
