@@ -73,10 +73,9 @@ def random_network(
     draw = _Draw(seed)
     names = [f"x{k}" for k in range(storages)]
     storage_laws = [law for law in STORAGE_LAWS.values() if law.bounded and (law.convex or not monotone)]
-    # Networks that are rich in rates leave out the cell that yields at once: its rate is not drawn.
-    resistor_laws = [
-        law for law in RESISTOR_LAWS.values() if (law.monotone or not monotone) and not (rich and law.name == "plastic")
-    ]
+    # Of laws that follow the path alone no rate can be drawn: networks that are rich in rates leave them out.
+    apart = [n for n, law in RESISTOR_LAWS.items() if rich and (law.path or n == "plastic")]
+    resistor_laws = [law for n, law in RESISTOR_LAWS.items() if (law.monotone or not monotone) and n not in apart]
     port_laws = list(PORT_LAWS.values())
     pick = draw.random.choice
     stores, hindrances, entries, couplings = [], [], [], []

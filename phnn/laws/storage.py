@@ -245,7 +245,7 @@ def exponential_spring_mean_effort(a: Any, b: Any, stiffness: Any, force: Any, b
     outer_a, outer_b = size_a - inner_a, size_b - inner_b
     outside = pull + 0.5 * steepest * (outer_a + outer_b)
     # Where both ends lie on one side, no difference of theirs is divided by itself: its derivative would be rounding.
-    mixed = (real(outer_a) > 0.0) != (real(outer_b) > 0.0)
+    mixed = (real(minimum(outer_a, outer_b)) <= 0.0) & (real(maximum(outer_a, outer_b)) > 0.0)
     span = where(mixed, size_b - size_a, 1.0 + 0.0 * size_a)
     one_side = where(real(outer_a) > 0.0, 0.0 * span, 1.0 + 0.0 * span)
     share = where(mixed, (inner_b - inner_a) / span, one_side)
