@@ -19,11 +19,13 @@ from phnn.effects.additions import (
 from phnn.effects.conditions import (
     always,
     has_dead_zones,
+    has_inertia,
     has_motion,
     has_plain_dead_zones,
     has_spring,
     has_tanks,
     has_transducer,
+    inertia,
 )
 from phnn.effects.declaration import (
     Declared,
@@ -62,12 +64,14 @@ __all__ = [
     "effect",
     "gathered",
     "has_dead_zones",
+    "has_inertia",
     "has_motion",
     "has_plain_dead_zones",
     "has_spring",
     "has_tanks",
     "has_transducer",
     "in_all_forms",
+    "inertia",
     "kinds",
     "limit",
     "nonnegative",

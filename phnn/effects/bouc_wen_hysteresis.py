@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
 
-from phnn.effects import Effect, Parts, Placed, Scales, between, bounded, has_motion, kinds, positive
-from phnn.models.actuator import slipping
+from phnn.effects import Effect, Parts, Placed, Scales, between, bounded, has_inertia, inertia, kinds, positive
+from phnn.network.elements import Coupling, Resistor, Storage
 from phnn.setup import Setup
 
 # Displacements after which the spring slips, over the largest one; a stiffness with a proportional response.
@@ -19,17 +19,12 @@ class _Slipping:
     """``F += −E(z)``, ``ż = v − φ``: a storage whose slip reads the momentum."""
 
     form: str
+    spring: Storage
     passive = True
 
     def __call__(self, setup: Setup, parameters: Placed) -> Setup:
-        (mass,) = next(s.parameters for s in setup.network.storages if s.name == "p")
-        spring, slip, coupling = slipping(self.form, "B", mass)
-        return Parts((spring,), (slip,), (coupling,))(setup, parameters)
-
-
-def applies(setup: Setup) -> bool:
-    """A mass of constant inertia moves the displacement ``q``."""
-    return has_motion(setup) and any(s.name == "p" and s.law == "capacitor" for s in setup.network.storages)
+        slip = Resistor("slip_B", self.form, {"z_B": 1.0}, ("F_B", "n_B", "c_B", inertia(setup)), "p")
+        return Parts((self.spring,), (slip,), (Coupling("z_B", "p"),))(setup, parameters)
 
 
 def _grid(scales: Scales, backs: tuple[float, ...]) -> list[dict[str, float]]:
@@ -75,9 +70,9 @@ _DUHEM = Effect(
         "Visintin 1994, Differential Models of Hysteresis (Duhem)",
     ),
     declares=(*_SPRING, bounded("c_B", "1", "change of its stiffness by that force", -0.95, 20.0, 0.1)),
-    adds=_Slipping("duhem"),
+    adds=_Slipping("duhem", Storage("z_B", "exponential_spring", ("k_B", "F_B", "c_B"), "m")),
     grid=grid_duhem,
-    applies=applies,
+    applies=has_inertia,
     neighbours=("extra_hysteron", "coulomb_friction", "creep"),
     related_kinds=(kinds.THRESHOLD_BY_DISPLACEMENT, kinds.THRESHOLD_BY_RATE),
     rescale=rescale,
@@ -88,6 +83,6 @@ EFFECT = _DUHEM.or_as(
     statement="A hysteresis acts beside the spring: a spring of {k_B} slips the more the nearer its force comes to "
     "{F_B}, with an exponent of {n_B}, and on the way back {c_B} times as much.",
     declares=(*_SPRING, bounded("c_B", "1", "slip on the way back over that on the way forth", 0.0, 5.0, 0.1)),
-    adds=_Slipping("bouc_wen"),
+    adds=_Slipping("bouc_wen", Storage("z_B", "spring", ("k_B",), "m")),
     grid=grid,
 )

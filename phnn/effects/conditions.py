@@ -20,6 +20,16 @@ def has_motion(setup: Setup) -> bool:
     return any({c.to, c.of} == {"q", "p"} for c in setup.network.couplings)
 
 
+def has_inertia(setup: Setup) -> bool:
+    """A mass of constant inertia moves the displacement ``q``."""
+    return has_motion(setup) and any(s.name == "p" and s.law == "capacitor" for s in setup.network.storages)
+
+
+def inertia(setup: Setup) -> str:
+    """The parameter by which the momentum ``p`` is a velocity, where `has_inertia` holds."""
+    return next(s.parameters[0] for s in setup.network.storages if s.name == "p")
+
+
 def has_spring(setup: Setup) -> bool:
     """The displacement ``q`` has a spring of its own, not only a storage that keeps the position."""
     stiffness = [s.parameters[0] for s in setup.network.storages if s.name == "q" and s.law in SPRINGS]

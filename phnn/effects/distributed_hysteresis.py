@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from phnn.effects import Effect, Parts, Scales, has_motion, kinds, positive, signed
-from phnn.models.actuator import yielding
+from phnn.network.elements import Coupling, Resistor, Storage
 
 CELLS = tuple(f"D{i}" for i in (1, 2, 3, 4))
 # Travels over the largest displacement, those of one grid point being spread by these factors.
@@ -52,7 +52,13 @@ EFFECT = Effect(
         signed("g_D", "1/m", "growth of the travels with the square of the displacement", 1e9, 100.0, own_size=True),
         signed("a_D", "1/m", "growth of the travels forwards less that backwards, halved", 1e9, 100.0, own_size=True),
     ),
-    adds=Parts(*zip(*(yielding(i, "D") for i in CELLS), strict=True)),
+    adds=Parts(
+        tuple(Storage(f"s_{i}", "spring", (f"k_{i}",), "m") for i in CELLS),
+        tuple(
+            Resistor(f"yield_{i}", "plastic", {f"s_{i}": 1.0}, (f"k_{i}", f"x_{i}", "g_D", "a_D"), "q") for i in CELLS
+        ),
+        tuple(Coupling(f"s_{i}", "p") for i in CELLS),
+    ),
     grid=grid,
     applies=has_motion,
     neighbours=("extra_hysteron", "coulomb_friction", "bouc_wen_hysteresis"),

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from phnn.effects import Effect, Placed, Scales, has_motion, has_plain_dead_zones, kinds, positive
+from phnn.effects import Effect, Placed, Scales, has_inertia, has_plain_dead_zones, inertia, kinds, positive
 from phnn.effects.additions import with_following_dead_zones
 from phnn.setup import Setup
 
 
 def hasten(setup: Setup, parameters: Placed) -> Setup:
     """Every dead zone becomes ``d_i (1 + κ |v|)``, ``v = p/m``: the law reads the momentum."""
-    (mass,) = next(s.parameters for s in setup.network.storages if s.name == "p")
-    return with_following_dead_zones(setup, "rate_dependent_dead_zone", "p", (*parameters, mass), parameters)
+    names = (*parameters, inertia(setup))
+    return with_following_dead_zones(setup, "rate_dependent_dead_zone", "p", names, parameters)
 
 
 def grid(scales: Scales) -> list[dict[str, float]]:
@@ -20,8 +20,7 @@ def grid(scales: Scales) -> list[dict[str, float]]:
 
 def applies(setup: Setup) -> bool:
     """At least one resistor has a dead zone that follows no state yet, and a mass of constant inertia moves."""
-    masses = [s for s in setup.network.storages if s.name == "p" and s.law == "capacitor"]
-    return has_motion(setup) and has_plain_dead_zones(setup) and bool(masses)
+    return has_inertia(setup) and has_plain_dead_zones(setup)
 
 
 EFFECT = Effect(

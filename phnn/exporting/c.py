@@ -85,10 +85,8 @@ class _Body:
             return f"{self.expression(node.left, level)} {sign} {self.expression(node.right, level + 1)}", level
         if isinstance(node, ast.Compare):
             sign, level = _OPERATORS[type(node.ops[0])]
-            return (
-                f"{self.expression(node.left, level)} {sign} {self.expression(node.comparators[0], level + 1)}",
-                level,
-            )
+            # Brackets around comparisons that are compared, which compilers ask for.
+            return f"{self.expression(node.left, 6)} {sign} {self.expression(node.comparators[0], 6)}", level
         if isinstance(node, ast.BoolOp):
             sign, level = _OPERATORS[type(node.op)]
             # Brackets around mixed conditions, which compilers ask for.

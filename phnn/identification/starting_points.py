@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.effects import Effect, Scales, effect
+from phnn.effects import Effect, Scales, bouc_wen_hysteresis, distributed_hysteresis
 from phnn.errors import InputRefused
 from phnn.identification.plan import Plan
 from phnn.models.actuator import hrc
@@ -23,9 +23,9 @@ _RESONANCES_HZ = (200.0, 800.0, 3000.0)
 _GAIN_BINS, _DOWNHILL = 12, 0.8
 # Forms of hysteresis that may take the place of hysterons in a base model, and their strength over that of their grids.
 FORMS: dict[str, Effect] = {
-    "bouc_wen": effect("bouc_wen_hysteresis").forms[0],
-    "duhem": effect("bouc_wen_hysteresis"),
-    "distributed": effect("distributed_hysteresis"),
+    "bouc_wen": bouc_wen_hysteresis.EFFECT.forms[0],
+    "duhem": bouc_wen_hysteresis.EFFECT,
+    "distributed": distributed_hysteresis.EFFECT,
 }
 _OF_GRID = 300.0
 

@@ -287,6 +287,13 @@ def _strained(strain: Any, exponent: Any) -> Any:
     return _power(size, maximum(exponent, 1.0 + 0.0 * exponent), 1.0 + 0.0 * size)
 
 
+@shared
+def _of_length(way: Any, length: Any) -> Any:
+    """The share of a way in a length; none of no length."""
+    moves = real(length) > 0.0
+    return where(moves, way / where(moves, length, 1.0 + 0.0 * length), 0.0 * way)
+
+
 def bouc_wen_path(
     x: Any, current: Any, h: Any, stiffness: Any, force: Any, exponent: Any, back: Any, mass: Any
 ) -> tuple[Any, Any]:
@@ -312,14 +319,14 @@ def bouc_wen_path(
             return (behind + way * rate) / scale, middle * force * side
     way = where(real(strain) < 0.0, way, 0.0 * way)
     rest, begin = length - way, maximum(strain, 0.0 * strain)
-    taken = _strained(begin, exponent)
     size = maximum(begin, _AT_REST + 0.0 * begin)
-    one, two = relaxation(maximum(exponent, 1.0 + 0.0 * exponent) * rest * _strained(size, exponent) / size)
+    rise = _strained(size, exponent) / size
+    taken = rise * begin
+    one, two = relaxation(maximum(exponent, 1.0 + 0.0 * exponent) * rest * rise)
     slow = one * (1.0 - taken)
     end = begin + rest * slow
     forth = 0.5 * slow * (begin + end) + (1.0 - slow) * (begin + rest * two * (1.0 - taken))
-    moves = real(length) > 0.0
-    share = where(moves, way / where(moves, length, 1.0 + 0.0 * length), 0.0 * way)
+    share = _of_length(way, length)
     short = (real(strain) < 0.0) & (real(way) >= real(length))
     mean = share * middle + (1.0 - share) * forth
     return (
@@ -328,15 +335,20 @@ def bouc_wen_path(
     )
 
 
-@shared
 def duhem(effort: Any, q: Any, force: Any, exponent: Any, bend: Any, mass: Any) -> Any:
     """Slip beside the spring ``E' = k (1 + b |E|/F)``: ``v |E/F|ⁿ/(1 + b |E|/F)`` while ``v`` loads it, else none.
 
     ``v = p/m`` as of `bouc_wen`; the force may grow without end.
     """
     size = minimum(absolute(effort) / force, _FAR + 0.0 * effort)
-    bent = maximum(minimum(1.0 + bend * size, MOST_BENT + 0.0 * size), 1.0 / MOST_BENT + 0.0 * size)
-    return where(real(q) * real(effort) > 0.0, q * reciprocal(mass), 0.0 * q) * _strained(size, exponent) / bent
+    moved = where(real(q) * real(effort) > 0.0, q * reciprocal(mass), 0.0 * q)
+    return moved * _strained(size, exponent) / _stiffer(size, bend)
+
+
+@shared
+def _stiffer(strain: Any, bend: Any) -> Any:
+    """``1 + b |E|/F`` within the bounds of the exponential spring."""
+    return maximum(minimum(1.0 + bend * strain, MOST_BENT + 0.0 * strain), 1.0 / MOST_BENT + 0.0 * strain)
 
 
 def duhem_path(
@@ -350,18 +362,17 @@ def duhem_path(
     if certain(real(rest) <= 0.0):
         return side * begin, side * exponential_spring_mean_effort(start, begin, stiffness, force, bend)
     effort = exponential_spring_mean_effort(begin, begin, stiffness, force, bend)
-    taken = duhem(effort, 1.0 + 0.0 * effort, force, exponent, bend, 1.0 + 0.0 * effort)
     size = maximum(effort / force, _AT_REST + 0.0 * effort)
+    rise = _strained(size, exponent) / size
+    taken = rise * (effort / force) / _stiffer(minimum(size, _FAR + 0.0 * size), bend)
     steep = maximum(exponent, 1.0 + 0.0 * exponent) - bend * size / (1.0 + bend * size)
-    rise = maximum(_strained(size, exponent) / size * steep, 0.0 * size)
-    one, two = relaxation(rest * stiffness / force * rise)
+    one, two = relaxation(rest * stiffness / force * maximum(rise * steep, 0.0 * rise))
     slow = one * (1.0 - taken)
     end = begin + rest * slow
     within = maximum(begin + rest * two * (1.0 - taken), 0.0 * begin)
     slipping = exponential_spring_mean_effort(within, within, stiffness, force, bend)
     forth = slow * exponential_spring_mean_effort(begin, end, stiffness, force, bend) + (1.0 - slow) * slipping
-    moves = real(length) > 0.0
-    share = where(moves, way / where(moves, length, 1.0 + 0.0 * length), 0.0 * way)
+    share = _of_length(way, length)
     back = exponential_spring_mean_effort(start, begin, stiffness, force, bend)
     return side * end, side * (share * back + (1.0 - share) * forth)
 

@@ -41,34 +41,6 @@ def hysteron(i: int | str) -> tuple[Storage, Resistor, Coupling]:
     )
 
 
-def slipping(form: str, i: int | str, mass: str = "m") -> tuple[Storage, Resistor, Coupling]:
-    """The i-th spring that slips along the path of ``q``, rate-independent, beside the spring of ``q``.
-
-    Args:
-        form: ``bouc_wen`` or ``duhem``, a law of `phnn.laws.resistor`.
-        mass: parameter by which the momentum that the law reads is a velocity.
-    """
-    limits = (f"F_{i}", f"n_{i}", f"c_{i}")
-    law, bend = ("spring", ()) if form == "bouc_wen" else ("exponential_spring", (f"F_{i}", f"c_{i}"))
-    return (
-        Storage(f"z_{i}", law, (f"k_{i}", *bend), "m"),
-        Resistor(f"slip_{i}", form, {f"z_{i}": 1.0}, (*limits, mass), "p"),
-        Coupling(f"z_{i}", "p"),
-    )
-
-
-def yielding(i: int | str, form: str) -> tuple[Storage, Resistor, Coupling]:
-    """The i-th cell of a distributed hysteresis: a spring beside that of ``q`` which yields beyond a travel.
-
-    The travels of all cells follow the displacement: ``x_i + (g ± a) q²`` with the parameters ``g_form``, ``a_form``.
-    """
-    return (
-        Storage(f"s_{i}", "spring", (f"k_{i}",), "m"),
-        Resistor(f"yield_{i}", "plastic", {f"s_{i}": 1.0}, (f"k_{i}", f"x_{i}", f"g_{form}", f"a_{form}"), "q"),
-        Coupling(f"s_{i}", "p"),
-    )
-
-
 def hrc(hysterons: int = 2, values: dict[str, float] | None = None) -> Network:
     """The actuator of eqs. (3)–(6) and Proposition 1 with any number of hysterons.
 

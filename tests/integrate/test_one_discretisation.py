@@ -18,7 +18,7 @@ from phnn.integrate import hooks, ode
 from phnn.integrate.compiled_method import sampled_states
 from phnn.integrate.equations import reducible_rules
 from phnn.integrate.scheme import Scheme
-from phnn.learn import solvers as batched
+from phnn.learn import solvers
 from phnn.models.actuator import hrc
 from phnn.models.fully_neural import FullyNeural
 from phnn.models.scales import Scales
@@ -96,8 +96,8 @@ def test_a_batch_of_a_fully_neural_model_is_its_members() -> None:
     model = FullyNeural(Scales(1e-3, 75.0, 1e-4), 3, 6)
     x0, u = 0.5 * torch.randn(4, 3, dtype=torch.float64), 75.0 * torch.randn(20, 4, 1, dtype=torch.float64)
     h = torch.full((20, 4, 1), 1e-4, dtype=torch.float64)
-    together = batched.march(model, x0, u, h)
-    alone = torch.cat([batched.march(model, *(v[..., k : k + 1, :] for v in (x0, u, h))) for k in range(4)], dim=1)
+    together = solvers.march(model, x0, u, h)
+    alone = torch.cat([solvers.march(model, *(v[..., k : k + 1, :] for v in (x0, u, h))) for k in range(4)], dim=1)
     parameters = [p for p in model.parameters() if p.requires_grad]
     one, other = (
         [path, *torch.autograd.grad(path[-1].sum(), parameters, allow_unused=True, materialize_grads=True)]

@@ -14,7 +14,7 @@ from scipy.interpolate import make_interp_spline
 from torch import Tensor
 
 from phnn.errors import InputRefused, SolverFailed
-from phnn.learn import solvers as batched
+from phnn.learn import solvers
 from phnn.learn.objective import Objective
 from phnn.learn.plant import Plant
 from phnn.learn.solvers import Solver, Torchdiffeq, averaged, compiled, solver_for
@@ -145,7 +145,7 @@ def test_a_fully_neural_step_keeps_the_power_balance_however_long_it_is() -> Non
     u = 75.0 * torch.randn(30, 4, 1, generator=random, dtype=torch.float64)
     for h in (1e-4, 5e-4):
         with torch.no_grad():
-            x = batched.march(core, x0, u, torch.full((30, 4, 1), h, dtype=torch.float64))  # type: ignore[arg-type]
+            x = solvers.march(core, x0, u, torch.full((30, 4, 1), h, dtype=torch.float64))  # type: ignore[arg-type]
             efforts = core.mean_efforts(x[:-1], x[1:])
             supplied = (efforts @ core.inlet) * u[..., 0] / core.scales.input * h / core.scales.time
             lost = (core.dissipation(0.5 * (x[1:] + x[:-1])) @ efforts.unsqueeze(-1)).squeeze(-1)
@@ -165,7 +165,7 @@ def test_a_step_without_a_solution_is_reported() -> None:
 
     one = torch.ones(1, 1, 1, dtype=torch.float64)
     with pytest.raises(SolverFailed, match=r"step 1 of 10 s has no solution.*shorter"):
-        batched.march(Broken(), torch.zeros(1, 1, dtype=torch.float64), one, 10.0 * one)
+        solvers.march(Broken(), torch.zeros(1, 1, dtype=torch.float64), one, 10.0 * one)
 
 
 @pytest.mark.parametrize(
