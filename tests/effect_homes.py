@@ -12,8 +12,8 @@ from phnn.effects import Effect, catalogue
 from phnn.effects.formulas import formulas
 from phnn.effects.learned import learned_elements
 from phnn.effects.soundness import homes
+from phnn.effects.soundness.checks import faults
 from phnn.effects.soundness.homes import Home
-from phnn.effects.soundness.structure import faults
 from phnn.models.actuator import hrc
 from phnn.models.network_file import load_network
 from phnn.setup import Setup

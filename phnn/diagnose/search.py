@@ -54,6 +54,8 @@ _LARGE_SHARE, _LARGE_SCORE = 0.05, 0.6
 _RACE, _FINISH = 2.0, 1.5
 # The same in mean squares of the noise.
 _LEVEL = 0.02
+# What a stretch of steps leaves of χ² where a fit still falls.
+_FALLS = 0.8
 # Trials that enter the race, and learned elements that have a heat.
 _RACERS, _LEARNED = 5, 3
 # How often the search goes on from what it has compared at its end.
@@ -304,13 +306,25 @@ def _race(search: Search, trials: Sequence[Visited]) -> list[Visited]:
     first = _onwards(search, trials[:1])
     # Near the noise what the best has reached counts; far from it six steps say little of where a refit ends.
     most = _RACE * (trials if search.far(trials[0]) else first)[0].fit.beyond_noise + 0.05 * samples
-    going = [*first, *_onwards(search, [t for t in trials[1:_RACERS] if t.fit.beyond_noise <= most])]
+    others = [t for t in trials[1:_RACERS] if t.fit.beyond_noise <= most]
+    going = _while_the_best_falls(search, [*first, *_onwards(search, others)])
     least = min(t.fit.beyond_noise for t in going)
     for trial in list(going):
         near = trial.fit.beyond_noise < 4.0 * least + 0.05 * samples
         if near and trial.fit.beyond_noise > max(material, level):
             going += _further_forms(search, trial)
     return [*going, *(s for t in going if t.fit.beyond_noise <= _FINISH * least + level for s in _special(search, t))]
+
+
+def _while_the_best_falls(search: Search, trials: Sequence[Visited]) -> list[Visited]:
+    """The trials, the best of them after further steps as long as it is far from the noise and each stretch takes a
+    fifth of what is left: what is grown half-fitted is grown by what only stands for the rest of the fit."""
+    best, *others = sorted(trials, key=lambda t: t.fit.cost)
+    while search.far(best):
+        before, best = best, _onwards(search, [best])[0]
+        if best.fit.cost > _FALLS * before.fit.cost:
+            break
+    return [best, *others]
 
 
 def _special(search: Search, trial: Visited) -> list[Visited]:

@@ -54,8 +54,11 @@ def rescale(values: Mapping[str, float], factor: float) -> dict[str, float]:
 _SPRING = (
     positive("k_B", "N/m", "stiffness of the spring that slips", 1e8, strength=True),
     positive("F_B", "N", "force at which it slips", 1e8),
-    between("n_B", "1", "exponent of the slip", 1.0, 3.0),
 )
+_N, _C = "exponent of the slip", "change of its stiffness by that force"
+# What stiffens shall slip too: with e = |E|/F_B, slip over stiffening is e^(n-1)/c. A spring that stiffens and hardly
+# slips, of a larger n and c, is a nonlinear spring and no hysteresis.
+_STIFFENS = (between("n_B", "1", _N, 1.0, 1.5), bounded("c_B", "1", _C, -0.95, 3.0, 0.1))
 _DUHEM = Effect(
     name="bouc_wen_hysteresis",
     kind=kinds.SHAPE,
@@ -69,7 +72,7 @@ _DUHEM = Effect(
         "Ikhouane & Rodellar 2005, J. Sound Vib. 282 (passivity)",
         "Visintin 1994, Differential Models of Hysteresis (Duhem)",
     ),
-    declares=(*_SPRING, bounded("c_B", "1", "change of its stiffness by that force", -0.95, 20.0, 0.1)),
+    declares=(*_SPRING, *_STIFFENS),
     adds=_Slipping("duhem", Storage("z_B", "exponential_spring", ("k_B", "F_B", "c_B"), "m")),
     grid=grid_duhem,
     applies=has_inertia,
@@ -82,7 +85,11 @@ EFFECT = _DUHEM.or_as(
     r" \quad \beta, \gamma = (1 \pm c)/2",
     statement="A hysteresis acts beside the spring: a spring of {k_B} slips the more the nearer its force comes to "
     "{F_B}, with an exponent of {n_B}, and on the way back {c_B} times as much.",
-    declares=(*_SPRING, bounded("c_B", "1", "slip on the way back over that on the way forth", 0.0, 5.0, 0.1)),
+    declares=(
+        *_SPRING,
+        between("n_B", "1", _N, 1.0, 3.0),
+        bounded("c_B", "1", "slip on the way back over that on the way forth", 0.0, 5.0, 0.1),
+    ),
     adds=_Slipping("bouc_wen", Storage("z_B", "spring", ("k_B",), "m")),
     grid=grid,
 )

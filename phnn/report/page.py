@@ -41,10 +41,8 @@ def image(drawing: Drawing) -> Markup:
 
 def plain_page(package: str, template: str, **content: Any) -> bytes:
     """A template of a package filled in; every name and sentence from outside is escaped."""
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    environment.filters.update(image=image, ratio=formatting.ratio)
     style = Markup(files("phnn.report").joinpath("plain.css").read_text("utf-8"))
-    filled = environment.from_string(files(package).joinpath(template).read_text("utf-8"))
+    filled = _environment().from_string(files(package).joinpath(template).read_text("utf-8"))
     return filled.render(style=style, **content).encode()
 
 

@@ -118,7 +118,7 @@ def law_of(form: Effect) -> str:
 
 @pytest.mark.parametrize("form", FORMS, ids=law_of)
 def test_a_slipping_spring_is_that_of_its_equation(form: Effect) -> None:
-    setup = form.add_to(BASE, form.scaled(form.grid(SCALES)[0], 300.0) | {"n_B": 1.7, "c_B": 0.4})
+    setup = form.add_to(BASE, form.scaled(form.grid(SCALES)[0], 300.0) | {"n_B": 1.4, "c_B": 0.4})
     assert compile_network(setup.network).rules["z_B"] == PATH
     v, rate = setup.values(), elementary(setup)
 

@@ -9,10 +9,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import butter, chirp, cont2discrete, lfilter, sosfilt
 
-from phnn.signals.differences import by_differences
+from phnn.recordings.reader import DIFFERENT, alike, pooled
 from phnn.signals.first_order import correlation_of
-from phnn.signals.noise import AS_WHITE, SILENT, WHITE, NoiseFloor, noise_floor
-from phnn.signals.pooling import DIFFERENT, alike, pooled
+from phnn.signals.noise import AS_WHITE, SILENT, WHITE, NoiseFloor, by_differences, noise_floor
 from phnn.signals.spectral_noise import estimated
 
 Array = NDArray[np.float64]
