@@ -74,7 +74,7 @@ def random_network(
     names = [f"x{k}" for k in range(storages)]
     storage_laws = [law for law in STORAGE_LAWS.values() if law.bounded and (law.convex or not monotone)]
     # Of laws that follow the path alone no rate can be drawn: networks that are rich in rates leave them out.
-    apart = [n for n, law in RESISTOR_LAWS.items() if rich and (law.path or n == "plastic")]
+    apart = [n for n, law in RESISTOR_LAWS.items() if n == "plastic" or (rich and law.path)]
     resistor_laws = [law for n, law in RESISTOR_LAWS.items() if (law.monotone or not monotone) and n not in apart]
     port_laws = list(PORT_LAWS.values())
     pick = draw.random.choice

@@ -38,12 +38,14 @@ from phnn.diagnose.number import (
 from phnn.diagnose.refit import converged, further, large_starts, rebuilt, short
 from phnn.diagnose.screen import Candidate, Screen
 from phnn.effects import Effect, Scales
+from phnn.effects.extra_hysteron import weakened
 from phnn.identification.base import Progress, quiet
 from phnn.identification.evaluate import evaluate
 from phnn.identification.fit import Fit
 from phnn.identification.nuisances import own_size
 from phnn.identification.plan import Plan
 from phnn.identification.refinement import numerical_error, substeps_for
+from phnn.identification.starting_points import FORMS, OF_GRID
 from phnn.parallel import SERIAL, Executor
 from phnn.recordings.recording import Campaign, Recording, dominant_frequency
 from phnn.rescue import attempt, late, move, needed, results, spent
@@ -56,6 +58,8 @@ _RACE, _FINISH = 2.0, 1.5
 _LEVEL = 0.02
 # What a stretch of steps leaves of χ² where a fit still falls.
 _FALLS = 0.8
+# Starts of which only the best goes on, after a few evaluations from each.
+_MANY, _FEW = 3, 3
 # Trials that enter the race, and learned elements that have a heat.
 _RACERS, _LEARNED = 5, 3
 # How often the search goes on from what it has compared at its end.
@@ -252,6 +256,7 @@ def _grow(search: Search, model: Visited) -> None:
         # A law that is far from linear may promise nothing, and still be what the learned element stands for.
         alike = [c for c in screened if _may_be(c.effect, trials[0].elements[-1]) and c not in named]
         trials = sorted([*trials, *_heat(search, model, alike, large=True)], key=lambda t: t.fit.cost)
+    trials = sorted([*trials, *_other_forms(search, model)], key=lambda t: t.fit.cost)
     if not trials:
         return
     for trial in trials:
@@ -286,6 +291,20 @@ def _heat(search: Search, model: Visited, candidates: Sequence[Candidate], large
         search.model((*model.elements, c.effect), f) for c, f in zip(candidates, fits, strict=True) if f is not None
     ]  # fmt: skip
     return sorted(trials, key=lambda t: t.fit.cost)
+
+
+def _other_forms(search: Search, model: Visited) -> list[Visited]:
+    """The base model with other forms of hysteresis in the place of its hysterons, where it is far from the noise:
+    beside hysterons that have taken over what they can, another form promises nothing."""
+    values = model.fit.setup.values()
+    weak = weakened(values)
+    if model.elements or not weak or not search.far(model):
+        return []
+    names = {form.name for form in FORMS.values()}
+    forms = [e for e in search.effects if e.name in names and not e.after]
+    starts = [[values | weak | e.scaled(p, OF_GRID) for p in e.grid(search.scales)] for e in forms]
+    wanted = [_Wanted((e,), s) for e, s in zip(forms, starts, strict=True)]
+    return _rebuilt(search, wanted, "other forms of hysteresis")
 
 
 def _tried(model: LinearisedFit, plan: Plan, promising: float, evaluations: int, candidate: Candidate) -> Fit | None:
@@ -415,8 +434,11 @@ def _rebuilt(search: Search, wanted: Sequence[_Wanted], part: str) -> list[Visit
 
 
 def _rebuild(base: Fit, plan: Plan, evaluations: int, wanted: _Wanted) -> Fit | None:
-    tried = [rebuilt(base, wanted.elements, values, plan, evaluations) for values in wanted.starts]
-    return min((f for f in tried if f is not None), key=lambda f: f.cost, default=None)
+    many = len(wanted.starts) > _MANY
+    first = _FEW if many else evaluations
+    tried = [rebuilt(base, wanted.elements, values, plan, first) for values in wanted.starts]
+    best = min((f for f in tried if f is not None), key=lambda f: f.cost, default=None)
+    return further(best, evaluations) if many and best is not None else best
 
 
 def _converge(search: Search, models: Sequence[Visited], brief: bool = False) -> None:

@@ -35,6 +35,13 @@ def rescale(values: Mapping[str, float], factor: float) -> dict[str, float]:
     return {"C_x": values["C_x"] / weight, "rho_x": values["rho_x"] / weight, "d_x": values["d_x"] * weight}
 
 
+def weakened(values: Mapping[str, float]) -> dict[str, float]:
+    """The hysterons of a model at a hundredth of their strength, so that another form of hysteresis can take their
+    place."""
+    of_x = {n: rescale({f"{kind}_x": values[f"{kind}_{n}"] for kind in ("C", "rho", "d")}, 0.0) for n in _names(values)}
+    return {f"{key[:-2]}_{n}": v for n, each in of_x.items() for key, v in each.items()}
+
+
 def as_creep(values: Mapping[str, float]) -> dict[str, float]:
     """The parameters of a relaxing spring ``α²/C`` with time ``C/ϱ⁻¹``: a hysteron without its dead zone.
 

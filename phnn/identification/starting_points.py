@@ -27,7 +27,7 @@ FORMS: dict[str, Effect] = {
     "duhem": bouc_wen_hysteresis.EFFECT,
     "distributed": distributed_hysteresis.EFFECT,
 }
-_OF_GRID = 300.0
+OF_GRID = 300.0
 
 
 def mechanical_points(plan: Plan, anchored: Mapping[str, float]) -> list[Setup]:
@@ -136,7 +136,7 @@ def with_form(linear: Setup, plan: Plan, form: str) -> list[Setup]:
         drive_amplitude(plan.recordings), moved, moved * fastest, stiffness, linear.values()["alpha"], fastest, fastest,
         max(float(r.t[-1] - r.t[0]) for r in plan.recordings), 0.0,
     )  # fmt: skip
-    return [FORMS[form].add_to(linear, FORMS[form].scaled(p, _OF_GRID)) for p in FORMS[form].grid(scales)]
+    return [FORMS[form].add_to(linear, FORMS[form].scaled(p, OF_GRID)) for p in FORMS[form].grid(scales)]
 
 
 def drive_amplitude(recordings: Sequence[Recording]) -> float:

@@ -17,7 +17,6 @@ import torch
 from torch import Tensor
 
 from phnn.errors import SolverFailed
-from phnn.integrate.modulator_drives import drives_and_sizes
 from phnn.integrate.partition import resistors_of
 from phnn.integrate.program import Program
 from phnn.integrate.reducible import Surroundings, advanced, shares
@@ -151,6 +150,37 @@ class _Steps:
         return columns(efforts, self.h), columns(flows, self.h)
 
 
+def _drives_and_sizes(steps: _Steps) -> tuple[Tensor, Tensor]:
+    """(n, M) mean drives of the modulator states in all steps, and the sums of the absolute values of their terms."""
+    network = steps.system.network
+    efforts, flows = steps.branch_powers()
+    none = torch.zeros_like(steps.h)
+    found: dict[str, tuple[Tensor, Tensor]] = {}
+    for r, resistor in enumerate(network.resistors):
+        power = efforts[:, r] * flows[:, r]
+        found[resistor.name] = power, power.abs()
+    for k, resistors in steps.on.items():
+        # Only the total dissipation of a reducible storage is known; its first resistor stands for all of them.
+        for place, r in enumerate(resistors):
+            found[network.resistors[r].name] = _dissipated(steps, k) if place == 0 else (none, none)
+    for k, storage in enumerate(network.storages):
+        found[storage.name] = steps.mean[:, k], steps.mean[:, k].abs()
+    for p, port in enumerate(network.ports):
+        found[port.name] = steps.actions[:, p], steps.actions[:, p].abs()
+    columns = [
+        [sum((found[name][i] for name in network.drives_of(m)), none) for m in network.memories] for i in range(2)
+    ]
+    return torch.stack(columns[0], dim=-1), torch.stack(columns[1], dim=-1)
+
+
+def _dissipated(steps: _Steps, k: int) -> tuple[Tensor, Tensor]:
+    """Mean power ``i ē − ΔH/h`` that the resistors of a reducible storage take, and the size of its terms."""
+    received = steps.current[:, k] * steps.mean[:, k]
+    end = steps.end[k]
+    stored = steps.system.mean_effort(k, steps.x[:, k], end) * (end - steps.x[:, k]) / steps.h
+    return received - stored, received.abs() + stored.abs()
+
+
 def march_residual(
     system: PortHamiltonianSystem,
     program: Program,
@@ -191,7 +221,7 @@ def steps_residual(
         values.append(following[:, k] - end)
         scales.append(following[:, k].abs() + x[:, k].abs() + h * sizes[:, k])
     if system.network.memories:
-        drives, drive_sizes = drives_and_sizes(steps)
+        drives, drive_sizes = _drives_and_sizes(steps)
         start, step = x[:, steps.storages :], h.unsqueeze(-1)
         end = ends(system, start, drives, step)
         rounded = (ends(system, start, drives + drive_sizes, step) - end).abs()

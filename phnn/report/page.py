@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import base64
+import hashlib
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
@@ -18,7 +20,6 @@ from phnn.report.evidence import CandidateRow, Evidence, ParameterRow, Trace
 from phnn.report.formatting import Unit, display_unit, finite
 from phnn.report.formula import formula, symbol
 from phnn.report.gallery import Gallery
-from phnn.report.scripts import content, scripts
 from phnn.report.shares import Shares, base_note
 from phnn.report.tables import table_links
 
@@ -30,6 +31,47 @@ if TYPE_CHECKING:
 _PERIODS, _SAMPLES = 3.0, 2000
 
 
+def content(name: str) -> str:
+    """A file of the package `phnn.report`."""
+    return files("phnn.report").joinpath(name).read_text("utf-8")
+
+
+@dataclass(frozen=True)
+class Scripts:
+    """Attributes:
+    texts: the content of every ``script`` element that a browser may run.
+    style: the content of the ``style`` element.
+    policy: Content-Security-Policy that allows these scripts by their hashes, pictures within the page, and nothing
+        from anywhere.
+    """
+
+    texts: tuple[Markup, ...]
+    style: Markup
+    policy: str
+
+
+@cache
+def scripts() -> Scripts:
+    """Scripts, style and policy of a report; the plotting library stands unchanged below its licence."""
+    library = f"/*\n{content('vendor/uplot/LICENSE')}*/\n{content('vendor/uplot/uPlot.iife.min.js')}"
+    texts = (library, content("live.js"))
+    style = content("vendor/uplot/uPlot.min.css") + "\n" + content("report.css")
+    return Scripts(tuple(map(Markup, texts)), Markup(style), _policy(texts))
+
+
+def hash_source(text: str) -> str:
+    """A script or style as a policy names it: by the SHA-256 of its text."""
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode('ascii')}'"
+
+
+def _policy(texts: tuple[str, ...]) -> str:
+    """Styles stand in attributes, too (lengths of bars, colours of plots), which no hash can allow: any style may."""
+    return (
+        f"default-src 'none'; script-src {' '.join(map(hash_source, texts))}; style-src 'unsafe-inline'; "
+        "img-src data:; base-uri 'none'; form-action 'none'"
+    )
+
+
 def image(drawing: Drawing) -> Markup:
     """The picture as part of the page, sized so that a point of print is a point on the screen."""
     width, height = (int.from_bytes(drawing.png[start : start + 4], "big") for start in (16, 20))
@@ -39,11 +81,11 @@ def image(drawing: Drawing) -> Markup:
     )
 
 
-def plain_page(package: str, template: str, **content: Any) -> bytes:
+def plain_page(package: str, template: str, **values: Any) -> bytes:
     """A template of a package filled in; every name and sentence from outside is escaped."""
     style = Markup(files("phnn.report").joinpath("plain.css").read_text("utf-8"))
     filled = _environment().from_string(files(package).joinpath(template).read_text("utf-8"))
-    return filled.render(style=style, **content).encode()
+    return filled.render(style=style, **values).encode()
 
 
 def svg_link(drawing: Drawing) -> str:

@@ -90,7 +90,7 @@ def test_rivals_are_told_with_what_they_leave(found: campaigns.Diagnosis) -> Non
     (support,) = supports(found)
     assert support.leaves == pytest.approx(math.sqrt(found.final.chi2))
     rows = {r.effect: r for r in support.rivals}
-    visited = {m.elements[0].name: m for m in found.visited.models if len(m.elements) == 1}
+    visited = {m.elements[0].name: m for m in reversed(found.visited.models) if len(m.elements) == 1}
     assert set(visited) - {"quadratic_drag"} <= set(rows)
     fitting = {n for n in catalogue()["quadratic_drag"].neighbours if n in {c.effect.name for c in found.screened[0]}}
     assert fitting <= set(rows)
