@@ -14,7 +14,7 @@ from torch import nn
 import phnn.laws.neural
 from phnn.errors import SolverFailed
 from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES
-from phnn.models.learned import _KINDS
+from phnn.models.store import _KINDS
 from phnn.network.bounded import BoundedParameters
 
 torch.set_num_threads(1)

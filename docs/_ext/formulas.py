@@ -8,7 +8,7 @@ from docutils import nodes
 from sphinx.application import Sphinx
 from sphinx.util import logging
 
-from phnn.report.formula import formula
+from phnn.report.page import formula
 
 _LOG = logging.getLogger(__name__)
 

@@ -27,10 +27,17 @@ from phnn.identification.fit import (
 from phnn.identification.plan import Plan
 from phnn.identification.problem import Problem
 from phnn.identification.start import with_starts
-from phnn.identification.starting_points import DEFAULT_MASS, mechanical_points, random_starts, with_form
+from phnn.identification.starting_points import (
+    DEFAULT_MASS,
+    RESONANCES_HZ,
+    mechanical_points,
+    random_starts,
+    with_form,
+)
 from phnn.identification.variables import starts_unknown
 from phnn.models.actuator import hrc
 from phnn.parameters import Parameter
+from phnn.recordings.excitation import excitation_of
 from phnn.recordings.recording import Anchor, Recording, dominant_frequency
 from phnn.recordings.units import same_kind
 from phnn.rescue import late
@@ -72,6 +79,7 @@ def _places(recordings: tuple[Recording, ...]) -> Array:
 # Parameters that the common factor scales: any one of them, once known, fixes it.
 _SCALED = ("m", "k", "b", "alpha", "C_", "rho_")
 _UNIDENTIFIED = "these recordings do not identify it"
+_SLOW = "held: undetermined, because the recordings are so slow that no mass and no damping shows"
 # Evaluations on all recordings by which the best is chosen, and of the best.
 _SHORT, _FULL = 15, 50
 # Places and evaluations of the heats in which starting points race; relative change of the cost at which one stops.
@@ -103,6 +111,8 @@ def identify_actuator(
     anchored = {n: a.value for n, a in known.items()}
     check_known(known, hrc(0 if isinstance(hysterons, str) else hysterons).parameters)
     points = mechanical_points(plan, anchored)
+    if is_quasi_static(plan):
+        points, held = points[:1], held | _held_quasi_static(known)
     if isinstance(hysterons, str):
         points = [s for p in points for s in with_form(p, plan, hysterons)]
     elif hysterons:
@@ -189,6 +199,24 @@ def held_by_statement(known: Mapping[str, Anchor]) -> dict[str, str]:
     if not fixes_common_factor(known):
         held["m"] = f"held at {DEFAULT_MASS:g} kg: voltage and displacement identify values up to one common factor"
     return held
+
+
+def is_quasi_static(plan: Plan) -> bool:
+    """Whether all recordings are so slow that the longest lag of a likely actuator, that of critical damping at the
+    lowest resonance, leaves less than the noise of them: then no mass and no damping shows."""
+    lag = 1.0 / (np.pi * RESONANCES_HZ[0])
+    found = [(r, excitation_of(r.drive, r.dt)) for r in plan.recordings]
+    # Steps excite whatever the sampling can show.
+    highest = [0.5 / r.dt if e.kind == "steps" else e.high_Hz for r, e in found]
+    speeds = [np.pi * f * float(np.ptp(r.y)) for (r, _), f in zip(found, highest, strict=True)]
+    return all(speed * lag < r.noise for (r, _), speed in zip(found, speeds, strict=True))
+
+
+def _held_quasi_static(known: Mapping[str, Anchor]) -> dict[str, str]:
+    """Mass and damping, which slow recordings do not determine, and the stiffness, unless something else fixes the
+    common factor."""
+    fixed = fixes_common_factor(n for n in known if n not in ("m", "b"))
+    return {n: _SLOW for n in ("m", "b", "k") if n not in known and not (fixed and n == "k")}
 
 
 def held_at(known: Mapping[str, Anchor]) -> dict[str, str]:

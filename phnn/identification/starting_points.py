@@ -18,7 +18,7 @@ from phnn.setup import Setup
 Array = NDArray[np.float64]
 
 DEFAULT_MASS = 1.0e-3
-_RESONANCES_HZ = (200.0, 800.0, 3000.0)
+RESONANCES_HZ = (200.0, 800.0, 3000.0)
 # Bins of the input over which an output is averaged; share of its way that leads down where it falls throughout.
 _GAIN_BINS, _DOWNHILL = 12, 0.8
 # Forms of hysteresis that may take the place of hysterons in a base model, and their strength over that of their grids.
@@ -38,7 +38,7 @@ def mechanical_points(plan: Plan, anchored: Mapping[str, float]) -> list[Setup]:
     gain = static_gain(plan.recordings)
     mass = anchored.get("m", DEFAULT_MASS)
     points = []
-    for resonance in _RESONANCES_HZ:
+    for resonance in RESONANCES_HZ:
         omega = 2.0 * np.pi * resonance
         k = anchored.get("k", mass * omega**2)
         values = {"m": anchored.get("m", k / omega**2), "k": k, "b": 0.6 * mass * omega, "alpha": gain * k} | {

@@ -11,12 +11,17 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
+import torch
+from torch import nn
+
 from phnn.chain.sensors import DOMAINS
 from phnn.errors import InputRefused, PhnnError
 from phnn.intake.files import named_file
 from phnn.intake.json_file import load_json
 from phnn.intake.limits import LIMITS
 from phnn.integrate.program import compile_network
+from phnn.laws.diverged import LARGEST_WEIGHT, check_weights
+from phnn.laws.neural import DampingMLP, EnergyMLP, MonotoneMLP
 from phnn.models.typed import a_count, a_list, a_name, a_number, a_text, an_object, brief, of_fields
 from phnn.network.elements import Coupling, Modulation, ModulatorState, Network, Port, Resistor, Storage, check_laws
 from phnn.parameters import Parameter
@@ -235,7 +240,7 @@ def _element(element: Storage | Resistor) -> dict[str, Any]:
 def _law(content: Any) -> Any:
     if isinstance(content, str):
         return content
-    from phnn.models.learned import from_json
+    from phnn.models.store import from_json
 
     return from_json(content)
 
@@ -243,7 +248,7 @@ def _law(content: Any) -> Any:
 def _stored_law(law: Any) -> Any:
     if isinstance(law, str):
         return law
-    from phnn.models.learned import as_json
+    from phnn.models.store import as_json
 
     return as_json(law)
 
@@ -260,3 +265,62 @@ def _parameter(content: Any, where: str) -> Parameter:
         if bound in values and values[bound] is None:
             del values[bound]
     return of_fields(Parameter, values, where)
+
+
+# Scales are buffers and come with the weights: the ones given here only make room for them.
+_KINDS: dict[str, Callable[[int], nn.Module]] = {
+    "damping": lambda width: DampingMLP(1.0, 1.0, width),
+    "symmetric_damping": lambda width: DampingMLP(1.0, 1.0, width, symmetric=True),
+    "monotone": lambda width: MonotoneMLP(1.0, 1.0, width),
+    "convex": lambda width: EnergyMLP(1.0, 1.0, width),
+}
+
+
+def as_json(law: Any) -> Any:
+    """The name of a law, or the content of a learned one.
+
+    Raises:
+        PhnnError: a torch module of another kind.
+    """
+    if isinstance(law, str):
+        return law
+    kind = getattr(law, "law", None)
+    if not isinstance(law, DampingMLP | MonotoneMLP | EnergyMLP) or kind not in _KINDS:
+        raise PhnnError(f"a {type(law).__name__} as a law has no form on disk: keep its state_dict with torch.save")
+    return {"kind": kind, "units": law.units, "state": {n: v.tolist() for n, v in law.state_dict().items()}}
+
+
+def from_json(content: Any) -> Any:
+    """What `as_json` was given.
+
+    Raises:
+        ValueError: an unknown kind, weights that do not fit it, or values with which the law would not be passive.
+    """
+    if isinstance(content, str):
+        return content
+    if not isinstance(content, Mapping) or content.get("kind") not in [*_KINDS]:
+        raise ValueError(f"no learned law of the kind {brief(content)}")
+    law = _KINDS[content["kind"]](a_count(content.get("units"), "units of a learned law", 1, LIMITS.units))
+    given = an_object(content.get("state"), "state of a learned law")
+    state = {n: _tensor(v, f"{brief(n)} of a learned law") for n, v in given.items()}
+    try:
+        law.load_state_dict(state)
+        check_weights(law, "of a learned law ", LARGEST_WEIGHT)
+    except RuntimeError as error:
+        raise ValueError(f"weights of a learned law do not fit: {str(error).splitlines()[-1].strip()}") from error
+    for name, buffer in law.named_buffers():
+        # A negative conductance would deliver power.
+        if not bool(((buffer > 0.0) & torch.isfinite(buffer)).all()):
+            raise ValueError(f"{name} of a learned law must be positive")
+    return law
+
+
+def _tensor(value: Any, where: str) -> torch.Tensor:
+    """Numbers in lists of equal lengths. Raises ValueError for other values, or if one is not finite."""
+    try:
+        tensor = torch.tensor(value, dtype=torch.float64)
+    except (TypeError, ValueError, OverflowError, RuntimeError) as error:
+        raise ValueError(f"{where} is {brief(value)}, no array of numbers") from error
+    if not bool(torch.isfinite(tensor).all()):
+        raise ValueError(f"{where} is not finite")
+    return tensor

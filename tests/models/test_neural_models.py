@@ -181,7 +181,7 @@ def test_damaged_or_foreign_laws_are_refused(tmp_path: Path) -> None:
 
 
 def test_every_learned_law_has_a_form_on_disk() -> None:
-    from phnn.models.learned import as_json, from_json
+    from phnn.models.store import as_json, from_json
 
     for law in (
         DampingMLP(2.0, 3.0, 4),
