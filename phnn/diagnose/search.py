@@ -353,8 +353,10 @@ def _special(search: Search, trial: Visited) -> list[Visited]:
     values = trial.fit.setup.values()
     found: list[Visited] = []
     for case in last.special_cases:
-        for effect in (e for e in search.effects if e.name == case.name and not e.after):
-            wanted = _Wanted((*earlier, effect), [values | case.values(values)])
+        given = values | case.values(values)
+        forms = [e for e in search.effects if e.name == case.name and not e.after and set(e.parameters) <= set(given)]
+        for effect in forms:
+            wanted = _Wanted((*earlier, effect), [given])
             fitted = _rebuilt(search, [wanted], f"{effect.name} as a special case of {last.name}")
             found += [search.model(m.elements, further(m.fit, search.criteria.further)) for m in fitted]
     return found

@@ -12,6 +12,7 @@ from phnn.diagnose.screen import chance
 from phnn.diagnose.verdict import LEARNED, Claim
 from phnn.diagnose.words import fitted_in_words, is_effort, vocabulary_of
 from phnn.effects import Effect
+from phnn.effects.creep import growth_per_decade
 from phnn.effects.places import place_of
 from phnn.identification.fit import Fit
 from phnn.report.domain_words import forces_known
@@ -44,6 +45,12 @@ def _entry(diagnosis: Diagnosis, claim: Claim) -> dict[str, Any]:
         entry |= {"status": status, "description": _description(formula, effect)}
     free = not forces_known(diagnosis) and any(parameters[n].unit in FORCE_UNITS for n in effect.parameters)
     statement = effect.statement.format(**shown) if formula is None else formula.words
+    if effect.title == "creep":
+        scales = diagnosis.linearised[0].scales
+        first, last = 1.0 / scales.fastest, scales.duration
+        growth = growth_per_decade(diagnosis.final.setup, first, last)
+        entry["percent_per_decade"] = growth
+        statement += f" From {quantity(first, 's')} to {quantity(last, 's')} it grows by {growth:.2g} % in every decade."
     return entry | {
         "probability": round(claim.probability, 4),
         "held_out": _held_out(diagnosis, claim),
