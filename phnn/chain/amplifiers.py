@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from phnn.integrate.cache import entry
 from phnn.laws.namespace import absolute, exp, log1p, maximum, minimum, real, shared, where
+from phnn.laws.resistor import bouc_wen_path
 
 Array = NDArray[Any]
 
@@ -288,6 +289,37 @@ def _approach(s: Any, a: Any, rate: Any, length: Any) -> Any:
 _bouc_wen_state = entry(_bouc_wen_loop)
 
 
+def slipping(fine: Array, h: Array, before: float, weight: Any, travel: Any, exponent: Any, back: Any) -> Array:
+    """``V − w s`` with Bouc and Wen's ``ṡ = (V̇ − β|V̇| e sgn s − γ V̇ e)/U``, ``e = |s|ⁿ`` and ``β, γ = (1 ± c)/2``.
+
+    Eq. (19) in its normal form, with an exponent; the steps along the path are those of the law `bouc_wen`.
+    """
+    zero = 0.0 * (travel + exponent + back)
+    return np.asarray(fine - weight * _slipped(fine + zero, before + zero, travel + zero, exponent + zero, back + zero))
+
+
+@shared
+def slip_step(state: Any, rise: Any, travel: Any, exponent: Any, back: Any) -> Any:
+    """The state ``s`` after the input has risen by ``rise``."""
+    one = 1.0 + 0.0 * state
+    end, _ = bouc_wen_path(state, rise / travel, 1.0, one, one, exponent, back, one)
+    return end
+
+
+def _slipping_loop(fine: Any, last: Any, travel: Any, exponent: Any, back: Any) -> Any:
+    out = np.empty_like(fine)
+    state = 0.0 * last
+    for n in range(fine.shape[0]):
+        for i in range(3):
+            state = slip_step(state, fine[n, i] - last, travel, exponent, back)
+            last = fine[n, i]
+            out[n, i] = state
+    return out
+
+
+_slipped = entry(_slipping_loop)
+
+
 # A ratio whose powers vanish, while its logarithm exists.
 _LEAST = 1e-100
 
@@ -359,6 +391,7 @@ AMPLIFIERS: dict[str, Callable[..., Array]] = {
     "saturation": saturation,
     "soft_saturation": soft_saturation,
     "bouc_wen": bouc_wen,
+    "slipping": slipping,
     "delay": delay,
     "slew_limit": slew_limit,
     "gain": gain,

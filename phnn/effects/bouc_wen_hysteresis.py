@@ -6,7 +6,20 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import product
 
-from phnn.effects import Effect, Parts, Placed, Scales, between, bounded, has_inertia, inertia, kinds, positive
+from phnn.effects import (
+    Effect,
+    Parts,
+    Placed,
+    Scales,
+    at_amplifier,
+    between,
+    bounded,
+    has_inertia,
+    has_transducer,
+    inertia,
+    kinds,
+    positive,
+)
 from phnn.network.elements import Coupling, Resistor, Storage
 from phnn.setup import Setup
 
@@ -38,6 +51,13 @@ def _grid(scales: Scales, backs: tuple[float, ...]) -> list[dict[str, float]]:
 def grid(scales: Scales) -> list[dict[str, float]]:
     """Slip after shares of the displacement and beyond it; half as much on the way back."""
     return _grid(scales, (0.5,))
+
+
+def grid_before(scales: Scales) -> list[dict[str, float]]:
+    """Slip after shares of the voltage and beyond it."""
+    return [
+        {"w_B": _SMALL * scales.voltage, "V_B": share * scales.voltage, "n_B": 1.3, "c_B": 0.5} for share in _TRAVELS
+    ]
 
 
 def grid_duhem(scales: Scales) -> list[dict[str, float]]:
@@ -92,4 +112,23 @@ EFFECT = _DUHEM.or_as(
     ),
     adds=_Slipping("bouc_wen", Storage("z_B", "spring", ("k_B",), "m")),
     grid=grid,
+).or_as(
+    equation=r"V = u - w s, \quad \dot{s} = (\dot{u} - \beta\,|\dot{u}|\,e\,\mathrm{sgn}\,s - \gamma\,\dot{u}\,e)/V_B,"
+    r" \quad e = |s|^n, \quad \beta, \gamma = (1 \pm c)/2",
+    statement="The hysteresis lies before the moving part: up to {w_B} of the voltage are lost to a state that follows "
+    "it over {V_B} and then slips, with an exponent of {n_B}, and on the way back {c_B} times as much.",
+    references=(
+        "Wen 1976, J. Eng. Mech. Div. 102",
+        "Low & Guo 1995, J. Microelectromech. Syst. 4 (of a piezoelectric bender)",
+    ),
+    declares=(
+        bounded("w_B", "V", "voltage that the hysteresis takes at most", 0.0, 1e4, 10.0, strength=True),
+        positive("V_B", "V", "voltage over which it slips", 1e4),
+        between("n_B", "1", _N, 1.0, 3.0),
+        bounded("c_B", "1", "slip on the way back over that on the way forth", 0.0, 5.0, 0.1),
+    ),
+    adds=at_amplifier("slipping"),
+    applies=has_transducer,
+    grid=grid_before,
+    rescale=None,
 )

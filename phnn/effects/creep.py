@@ -8,7 +8,6 @@ from phnn.effects import Effect, Parts, Scales, constant, has_motion, kinds, pos
 from phnn.network.elements import Coupling, Resistor, Storage
 from phnn.setup import Setup
 
-
 # Cells of creep that follows the logarithm of time: their times are a decade apart. The growth of the displacement then
 # differs by 5 % at most from decade to decade.
 _CELLS = tuple(range(1, 7))

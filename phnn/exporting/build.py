@@ -17,6 +17,7 @@ from phnn.chain.amplifiers import (
     second_order_step,
     second_order_weights,
     slew_step,
+    slip_step,
 )
 from phnn.errors import SolverFailed
 from phnn.exporting import solvers
@@ -57,7 +58,7 @@ class Chain:
         self.output: list[str] = []
         dynamic: dict[str, Callable[[Block, str], None]] = {
             "lowpass": self._lowpass, "second_order_lowpass": self._second_order, "slew_limit": self._slew,
-            "bouc_wen": self._bouc_wen, "delay": self._delay,
+            "bouc_wen": self._of_path, "slipping": self._of_path, "delay": self._delay,
         }  # fmt: skip
         for k, block in enumerate(setup.amplifier):
             what = f"amplifier {block.kind}"
@@ -132,14 +133,16 @@ class Chain:
             self.step += [f"v_middle = {state}"] if b == "u_middle" else []
         self.step += ["u_start = v_start", "u_middle = v_middle", f"u_end = {state}"]
 
-    def _bouc_wen(self, block: Block, key: str) -> None:
+    def _of_path(self, block: Block, key: str) -> None:
         last = self.e.program.state(f"{key}_last", "last input of the Bouc-Wen hysteresis")
         state = self.e.program.state(key, "state of the Bouc-Wen hysteresis")
-        *shape, weight = (self.e.parameter(n) for n in block.parameters)
+        values = [self.e.parameter(n) for n in block.parameters]
+        advance = bouc_wen_step if block.kind == "bouc_wen" else slip_step
+        weight, shape = (values[-1], values[:-1]) if block.kind == "bouc_wen" else (values[0], values[1:])
         self.begin += [f"{last} = u", f"{state} = 0.0"]
         for u in _POINTS:
             self.step += [
-                f"{state} = {self.e.call(bouc_wen_step, key, state, f'{u} - {last}', *shape)}",
+                f"{state} = {self.e.call(advance, key, state, f'{u} - {last}', *shape)}",
                 f"{last} = {u}",
                 f"{u} = {u} - {weight} * {state}",
             ]

@@ -227,7 +227,7 @@ def _slew_limit(voltage: Signal, h: float, limit: float) -> Signal:
     return voltage.then(voltage.values, lost, "the amplifier's slew limit")
 
 
-def _bouc_wen(voltage: Signal, h: float, *values: float) -> Signal:
+def _as_it_is(voltage: Signal, h: float, *values: float) -> Signal:
     return voltage
 
 
@@ -240,7 +240,8 @@ _AMPLIFIER_INVERSES: dict[str, Callable[..., Any]] = {
     "second_order_lowpass": _second_order,
     "delay": _delay,
     "slew_limit": _slew_limit,
-    "bouc_wen": _bouc_wen,
+    "bouc_wen": _as_it_is,
+    "slipping": _as_it_is,
 }
 
 

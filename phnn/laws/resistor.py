@@ -294,6 +294,7 @@ def _of_length(way: Any, length: Any) -> Any:
     return where(moves, way / where(moves, length, 1.0 + 0.0 * length), 0.0 * way)
 
 
+@shared
 def bouc_wen_path(
     x: Any, current: Any, h: Any, stiffness: Any, force: Any, exponent: Any, back: Any, mass: Any
 ) -> tuple[Any, Any]:

@@ -50,7 +50,9 @@ def _entry(diagnosis: Diagnosis, claim: Claim) -> dict[str, Any]:
         first, last = 1.0 / scales.fastest, scales.duration
         growth = growth_per_decade(diagnosis.final.setup, first, last)
         entry["percent_per_decade"] = growth
-        statement += f" From {quantity(first, 's')} to {quantity(last, 's')} it grows by {growth:.2g} % in every decade."
+        statement += (
+            f" From {quantity(first, 's')} to {quantity(last, 's')} it grows by {growth:.2g} % in every decade."
+        )
     return entry | {
         "probability": round(claim.probability, 4),
         "held_out": _held_out(diagnosis, claim),
