@@ -13,11 +13,10 @@ from torch import Tensor
 from torch.nn.functional import pad
 
 from phnn.errors import InputRefused, StructureViolated
-from phnn.integrate.compiled_method import COMPILED, COMPILED_ADJOINT, sampled_states
+from phnn.integrate.compiled_method import COMPILED, COMPILED_ADJOINT, SampledRuns, sampled_states
 from phnn.integrate.differentiable import simulate_torch
 from phnn.integrate.method import METHOD
 from phnn.integrate.program import compile_network
-from phnn.integrate.sampled import SampledRuns
 from phnn.models.actuator import from_paper
 from phnn.models.neural import LearnedLaws, neural_hrc
 from phnn.network import Network, PortHamiltonianSystem
@@ -133,7 +132,7 @@ def test_a_graph_that_is_kept_is_gone_back_over_again() -> None:
 
 def test_long_marches_are_differentiated_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     system = PortHamiltonianSystem(from_paper())
-    monkeypatch.setattr("phnn.integrate.sampled._STEPS", 13)
+    monkeypatch.setattr("phnn.integrate.compiled_method._STEPS", 13)
     compare(system, torch.zeros(3, 4, dtype=torch.float64), sines(), 1e-8)
 
 

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from phnn.modal.elements import DRAG, HARDENING, SLOW, SOFTENING, STOP
-from phnn.modal.model import Structure, march
-from phnn.modal.step import Parts
+from phnn.modal.model import Parts, Structure, march
 
 Array = NDArray[np.float64]
 

@@ -11,8 +11,7 @@ from scipy.signal import butter, chirp, cont2discrete, lfilter, sosfilt
 
 from phnn.recordings.reader import DIFFERENT, alike, pooled
 from phnn.signals.first_order import correlation_of
-from phnn.signals.noise import AS_WHITE, SILENT, WHITE, NoiseFloor, by_differences, noise_floor
-from phnn.signals.spectral_noise import estimated
+from phnn.signals.noise import AS_WHITE, SILENT, WHITE, NoiseFloor, by_differences, estimated, noise_floor
 
 Array = NDArray[np.float64]
 SIZE, DT, NOISE = 4000, 1e-3, 30e-9
