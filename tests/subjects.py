@@ -27,7 +27,7 @@ from phnn.models.scales import Scales
 from phnn.models.store import _KINDS
 from phnn.network import Coupling, Modulation, ModulatorState, Network, Port, PortHamiltonianSystem, Resistor, Storage
 from phnn.network.bondgraph import BondGraph
-from phnn.network.bondgraph.sum_of_energies import SumOfEnergies
+from phnn.network.bondgraph.equations import SumOfEnergies
 from phnn.parameters import Parameter, as_table, positive
 from phnn.setup import Setup
 

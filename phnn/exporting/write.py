@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import ast
+import copy
 import math
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,8 +14,17 @@ from typing import TYPE_CHECKING
 from phnn.errors import InputRefused
 from phnn.exporting.build import HOLDS, Hold, build
 from phnn.exporting.c import c_header, c_source
-from phnn.exporting.languages import python
-from phnn.exporting.program import Program
+from phnn.exporting.program import (
+    RESERVED,
+    Constant,
+    Field,
+    Function,
+    Program,
+    called,
+    constants_about,
+    header,
+    one_line,
+)
 from phnn.intake.limits import LIMITS
 from phnn.model import Model
 from phnn.network.elements import Network
@@ -40,7 +51,7 @@ def python_files(program: Program) -> Files:
 
 def matlab_files(program: Program) -> Files:
     """Functions that initialise and step, and one for a MATLAB Function block of Simulink."""
-    from phnn.exporting.languages import matlab
+    from phnn.exporting.write import matlab
 
     return {name: text.encode() for name, text in matlab(program).items()}
 
@@ -167,3 +178,293 @@ def _check_ports(ports: Sequence[str], setup: Setup) -> None:
     for port in ports:
         if port not in known:
             raise InputRefused(f"ports: the network has no further port {port!r}; it has {', '.join(known) or 'none'}")
+
+
+_MATH = ("exp", "sqrt", "log", "log1p", "tanh", "sin", "cos", "isfinite")
+_BUILTIN = {"absolute": "abs", "maximum": "max", "minimum": "min"}
+
+_CLASS = '''
+class Model:
+    """The model with its state.
+
+    {usage}
+    """
+
+    def __init__(self, {arguments}):
+        self.state = State()
+        init(self.state, {passed})
+
+    def step(self, {plain}):
+        """Advance by one sample time DT under the input{s}; returns the output there."""
+        if not step(self.state, {plain}):
+            raise ArithmeticError("a step has no solution: is the input finite?")
+        return output(self.state)
+
+    @property
+    def output(self):
+        """What is measured now."""
+        return output(self.state)
+'''
+
+
+class _Printed(ast.NodeTransformer):
+    """Intrinsics as Python has them; only the chosen branch of `where` is evaluated."""
+
+    def visit_Call(self, node: ast.Call) -> ast.AST:
+        self.generic_visit(node)
+        name = node.func.id if isinstance(node.func, ast.Name) else ""
+        if name == "where":
+            condition, yes, no = node.args
+            return ast.IfExp(condition, yes, no)
+        if name == "sign":
+            x = ast.unparse(ast.fix_missing_locations(node.args[0]))
+            return _name(f"float((({x}) > 0.0) - (({x}) < 0.0))")
+        if name in _MATH:
+            node.func = _name(f"math.{name}")
+        elif name in _BUILTIN:
+            node.func = _name(_BUILTIN[name])
+        return node
+
+
+def _name(text: str) -> ast.expr:
+    return ast.parse(text, mode="eval").body
+
+
+def _function(function: Function) -> str:
+    body = [_Printed().visit(copy.deepcopy(statement)) for statement in function.body]
+    lines = [f"def {function.name}({', '.join(function.arguments)}):"]
+    if function.about:
+        lines.append(f'    """{_ended(one_line(function.about))}"""')
+    for statement in body:
+        lines += [f"    {line}" for line in ast.unparse(ast.fix_missing_locations(statement)).splitlines()]
+    return "\n".join(lines)
+
+
+def _ended(text: str) -> str:
+    return (text.replace("\\", "/") + ("" if text.endswith(".") else ".")).replace('"', "'")
+
+
+def _zero(field: Field) -> str:
+    zero = "0" if field.index else "0.0"
+    for length in reversed(field.shape):
+        zero = f"[{zero} for _ in range({length})]"
+    return zero
+
+
+def python(program: Program) -> str:
+    """The text of the file."""
+    names = [n for n, _ in program.inputs]
+    plain = ", ".join(["u", *(f"u_{n}" for n in names[1:])])
+    lines = [f'"""{header(program)}\n"""', "", "import math", "", f"DT = {program.dt!r}  # sample time [s]"]
+    lines += ["", *(f"# {line}" for line in constants_about(program))]
+    for constant in program.used_constants():
+        value = constant.value
+        shown = repr(value) if isinstance(value, float) else repr([list(row) for row in value])
+        lines += [f"{constant.name} = {shown}" + (f"  # {one_line(constant.about)}" if constant.about else "")]
+    fields = program.used_fields()
+    lines += ["", "", "class State:", '    """The state; init fills it."""', ""]
+    lines += ["    __slots__ = (", *(f'        "{f.name}",  # {one_line(f.about)}' for f in fields), "    )", ""]
+    lines += ["    def __init__(self):", *(f"        self.{f.name} = {_zero(f)}" for f in fields)]
+    text = "\n".join(lines) + "\n\n\n" + "\n\n\n".join(map(_function, program.functions.values())) + "\n\n"
+    usage = f"model = Model(0.0); y = model.step({', '.join(['1.0'] * len(names))})"
+    arguments = ", ".join(f"{n}=0.0" for n in plain.split(", "))
+    return text + _CLASS.format(
+        usage=usage, arguments=arguments, passed=plain, plain=plain, s="s" if len(names) > 1 else ""
+    )
+
+
+_FUNCTIONS = {"absolute": "abs", "maximum": "max", "minimum": "min"}
+_OPERATORS: dict[type, tuple[str, int]] = {
+    ast.Add: ("+", 6), ast.Sub: ("-", 6), ast.Mult: ("*", 7), ast.Div: ("/", 7), ast.Lt: ("<", 5),
+    ast.LtE: ("<=", 5), ast.Gt: (">", 5), ast.GtE: (">=", 5), ast.Eq: ("==", 5), ast.NotEq: ("~=", 5),
+    ast.And: ("&&", 3), ast.Or: ("||", 2),
+}  # fmt: skip
+_UNARY, _PRIMARY = 8, 9
+_WHERE = """function r = where(condition, a, b)
+if condition
+    r = a;
+else
+    r = b;
+end
+end"""
+
+
+class _Body:
+    """Prints the statements of one function."""
+
+    def __init__(self, program: Program, function: Function) -> None:
+        self.program, self.function = program, function
+        nodes = [n for statement in function.body for n in ast.walk(statement)]
+        self.local = {n.id for n in nodes if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
+        self.local |= set(function.arguments)
+        self.results = [f"out_{i}" for i in range(function.returns)]
+
+    def name(self, name: str) -> str:
+        """A local name or a field of the constants; words of the language get an underscore."""
+        if name in self.program.constants and name not in self.local:
+            return f"c.{name}"
+        return f"{name}_" if name in RESERVED - {"s", "y", "u", "h"} or name in ("i", "c", "where") else name
+
+    def expression(self, node: ast.expr, level: int = 0) -> str:
+        """An expression in brackets if it binds less than ``level``."""
+        text, own = self._expression(node)
+        return f"({text})" if own < level else text
+
+    def _expression(self, node: ast.expr) -> tuple[str, int]:
+        if isinstance(node, ast.Constant):
+            return repr(node.value), _PRIMARY
+        if isinstance(node, ast.Name):
+            return self.name(node.id), _PRIMARY
+        if isinstance(node, ast.Attribute):
+            return f"s.{node.attr}", _PRIMARY
+        if isinstance(node, ast.Subscript):
+            return self._entry(node), _PRIMARY
+        if isinstance(node, ast.UnaryOp):
+            return f"{'~' if isinstance(node.op, ast.Not) else '-'}{self.expression(node.operand, _UNARY + 1)}", _UNARY
+        if isinstance(node, ast.BinOp):
+            sign, level = _OPERATORS[type(node.op)]
+            return f"{self.expression(node.left, level)} {sign} {self.expression(node.right, level + 1)}", level
+        if isinstance(node, ast.Compare):
+            sign, level = _OPERATORS[type(node.ops[0])]
+            return f"{self.expression(node.left, 6)} {sign} {self.expression(node.comparators[0], 6)}", level
+        if isinstance(node, ast.BoolOp):
+            sign, level = _OPERATORS[type(node.op)]
+            return f" {sign} ".join(self.expression(v, 4) for v in node.values), level
+        if isinstance(node, ast.Call):
+            name = node.func.id  # type: ignore[attr-defined]
+            arguments = ", ".join(self.expression(a) for a in node.args)
+            return f"{_FUNCTIONS.get(name, name)}({arguments})", _PRIMARY
+        raise TypeError(ast.dump(node))
+
+    def _entry(self, node: ast.Subscript) -> str:
+        """An entry of an array, counted from one."""
+        indices: list[str] = []
+        value: ast.expr = node
+        while isinstance(value, ast.Subscript):
+            at = value.slice
+            plain = isinstance(at, ast.Constant)
+            indices.insert(0, str(at.value + 1) if plain else f"{self.expression(at)} + 1")  # type: ignore[attr-defined]
+            value = value.value
+        return f"{self.expression(value)}({', '.join(indices)})"
+
+    def lines(self) -> list[str]:
+        """The function, from its head to its end."""
+        f = self.function
+        results = [*["s"] * f.changes, *self.results]
+        left = f"[{', '.join(results)}] = " if len(results) > 1 else f"{results[0]} = " if results else ""
+        lines = [f"function {left}{f.name}({', '.join(map(self.name, f.arguments))})"]
+        lines += [f"% {_text(f.about)}"] if f.about else []
+        named = {n.id for s in f.body for n in ast.walk(s) if isinstance(n, ast.Name)}
+        lines += ["c = constants();"] if (named - self.local) & set(self.program.constants) else []
+        return [*lines, *self._block(f.body), "end"]
+
+    def _block(self, body: Iterable[ast.stmt]) -> list[str]:
+        return [line for statement in body for line in self._statement(statement)]
+
+    def _statement(self, node: ast.stmt) -> list[str]:
+        if isinstance(node, ast.Assign):
+            return self._assign(node.targets[0], node.value)
+        if isinstance(node, ast.AugAssign):
+            left = self.expression(node.target)
+            return [f"{left} = {left} {_OPERATORS[type(node.op)][0]} ({self.expression(node.value)});"]
+        if isinstance(node, ast.If):
+            return [*self._branches(node, "if"), "end"]
+        if isinstance(node, ast.For):
+            i, n = self.name(node.target.id), node.iter.args[0].value  # type: ignore[attr-defined]
+            return [f"for {i} = 0:{n - 1}", *_indented(self._block(node.body)), "end"]
+        if isinstance(node, ast.Break):
+            return ["break;"]
+        if isinstance(node, ast.Return):
+            return [*self._returned(node), "return;"]
+        if isinstance(node, ast.Expr):
+            return self._called([], node.value)
+        raise TypeError(ast.dump(node))
+
+    def _branches(self, node: ast.If, word: str) -> list[str]:
+        lines = [f"{word} {self.expression(node.test)}", *_indented(self._block(node.body))]
+        if len(node.orelse) == 1 and isinstance(node.orelse[0], ast.If):
+            return [*lines, *self._branches(node.orelse[0], "elseif")]
+        return [*lines, "else", *_indented(self._block(node.orelse))] if node.orelse else lines
+
+    def _assign(self, target: ast.expr, value: ast.expr) -> list[str]:
+        targets = target.elts if isinstance(target, ast.Tuple) else [target]
+        if isinstance(value, ast.Tuple):
+            return [line for one, own in zip(targets, value.elts, strict=True) for line in self._assign(one, own)]
+        return self._called([self.expression(t) for t in targets], value)
+
+    def _called(self, left: list[str], value: ast.expr) -> list[str]:
+        """An assignment; a function that changes the state gives it back."""
+        name = value.func.id if isinstance(value, ast.Call) else ""  # type: ignore[attr-defined]
+        known = self.program.functions.get(name)
+        left = ["s", *left] if known is not None and known.changes else left
+        shown = f"[{', '.join(left)}]" if len(left) > 1 else left[0]
+        return [f"{shown} = {self.expression(value)};"]
+
+    def _returned(self, node: ast.Return) -> list[str]:
+        value = node.value
+        assert value is not None
+        if isinstance(value, ast.Tuple):
+            return [f"{r} = {self.expression(v)};" for r, v in zip(self.results, value.elts, strict=True)]
+        return self._called(list(self.results), value)
+
+
+def _indented(lines: Iterable[str]) -> list[str]:
+    return [f"    {line}" for line in lines]
+
+
+def _text(text: str) -> str:
+    return one_line(text)
+
+
+def _constants(program: Program) -> list[str]:
+    lines = ["function c = constants()", *(f"% {line}" for line in constants_about(program))]
+    return [*lines, *map(_constant, program.used_constants()), "end"]
+
+
+def _constant(constant: Constant) -> str:
+    value = constant.value
+    rows = value if isinstance(value, tuple) else ()
+    shown = "[" + "; ".join(", ".join(map(repr, row)) for row in rows) + "]" if rows else repr(value)
+    return f"c.{constant.name} = {shown}; % {_text(constant.about)}"
+
+
+def _fields(program: Program) -> list[str]:
+    """The function that makes an empty state: a structure keeps its fields, as code generation asks."""
+    return ["function s = empty_state()", *map(_field, program.used_fields()), "end"]
+
+
+def _field(field: Field) -> str:
+    shape = (*field.shape, 1)[:2] if field.shape else ()
+    return f"s.{field.name} = {f'zeros({shape[0]}, {shape[1]})' if shape else '0.0'}; % {_text(field.about)}"
+
+
+def matlab(program: Program) -> dict[str, str]:
+    """Texts of the files by name."""
+    name, inputs = program.name, ", ".join(program.functions["step"].arguments[1:])
+    about = [f"% {_text(line)}" for line in header(program).splitlines()]
+    begin = [f"function s = {name}_init({inputs})", f"% {name.upper()}_INIT The state at the start.", *about]
+    begin += ["s = empty_state();", f"s = init(s, {inputs});", "end"]
+    step = [f"function [s, y] = {name}_step(s, {inputs})"]
+    step += [f"% {name.upper()}_STEP One sample time: the state and the output at its end.", *about]
+    step += [f"[s, solved] = step(s, {inputs});", "if solved < 1.0"]
+    step += ["    error('a step has no solution: is the input finite?');", "end", "y = output(s);", "end"]
+    block = [f"function y = {name}_simulink({inputs})"]
+    block += [f"% {name.upper()}_SIMULINK Body of a MATLAB Function block with the sample time {program.dt!r} s."]
+    block += ["persistent s", "if isempty(s)", f"    s = {name}_init({inputs});", "end"]
+    block += [f"[s, y] = {name}_step(s, {inputs});", "end"]
+    return {
+        f"{name}_init.m": _file(program, begin, "init", [_fields(program)]),
+        f"{name}_step.m": _file(program, step, "step", []),
+        f"{name}_simulink.m": "\n".join(block) + "\n",
+    }
+
+
+def _file(program: Program, first: list[str], root: str, others: list[list[str]]) -> str:
+    """A file: its main function, and the functions of the program that it needs."""
+    needed = {root, *(["output"] if root == "step" else [])}
+    for name in reversed(program.functions):
+        if name in needed:
+            needed |= set(called(program.functions[name]))
+    functions = [f for f in program.functions.values() if f.name in needed]
+    parts = [first, *others, *(_Body(program, f).lines() for f in functions), _constants(program), _WHERE.splitlines()]
+    return "\n\n".join("\n".join(part) for part in parts) + "\n"

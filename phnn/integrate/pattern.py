@@ -50,7 +50,7 @@ class Pattern(NamedTuple):
         first, input: of the pairs.
         shifts: (pairs,) whether an input changes the storage's current, except for unknowns of junctions at a constant
             ratio; follows: (pairs,) whether it changes the modulated thresholds of the storage.
-        affine, varies: (L,) see `phnn.integrate.sparsity`; reads: (L,) whether thresholds are modulated.
+        affine, varies: (L,) see `phnn.integrate.program`; reads: (L,) whether thresholds are modulated.
         plain: (R,) rows of the junctions' linear terms; terms: (T,) rows of the others, and their inputs.
         slots: (G,) inputs that change a ratio, the first −1 for none; slot: (I,) the place of an input among them.
         scaled: rows with a modulated ratio.

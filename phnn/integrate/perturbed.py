@@ -2,7 +2,7 @@
 
 A step maps inputs — states, unknowns, parameters — to the end states of reducible storages and modulator states, the
 changes of junction states and the balance ``F``. Every reducible storage is a block, and so is every term of the
-junctions that is not linear. `phnn.integrate.sparsity` lists the inputs of each block, so that a block is perturbed by
+junctions that is not linear. `phnn.integrate.program` lists the inputs of each block, so that a block is perturbed by
 these alone.
 """
 

@@ -13,8 +13,8 @@ import pytest
 
 from phnn.exporting.build import Hold, build
 from phnn.exporting.c import c_header, c_source
-from phnn.exporting.languages import python
 from phnn.exporting.program import Program
+from phnn.exporting.write import python
 from phnn.recordings.recording import unrecorded
 from phnn.setup import Setup
 from phnn.simulate import simulate

@@ -15,8 +15,8 @@ from phnn.effects import Effect, in_all_forms
 from phnn.effects.soundness.homes import Home
 from phnn.errors import InputRefused
 from phnn.exporting.build import build
-from phnn.exporting.languages import python
 from phnn.exporting.program import Program
+from phnn.exporting.write import python
 from phnn.integrate import kernel
 from phnn.integrate.compilable import can_compile
 from phnn.integrate.program import compile_network

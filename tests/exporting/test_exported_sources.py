@@ -14,9 +14,9 @@ from exported import COMPILER, FLAGS, needs_compiler
 
 from phnn.errors import InputRefused
 from phnn.exporting.c import c_header, c_source
-from phnn.exporting.languages import matlab, python
 from phnn.exporting.laws import Sources
 from phnn.exporting.program import Program, function
+from phnn.exporting.write import matlab, python
 from phnn.laws.namespace import where
 
 NEGATIVE = -2.0

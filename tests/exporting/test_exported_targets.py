@@ -78,7 +78,7 @@ def test_single_steps_take_any_input_within_them() -> None:
 
 
 def _python(program: object) -> str:
-    from phnn.exporting.languages import python
+    from phnn.exporting.write import python
 
     return python(program)  # type: ignore[arg-type]
 

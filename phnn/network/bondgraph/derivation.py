@@ -255,7 +255,7 @@ def merged_nonlinear(kept: C | I, gone: C | I, ratio: Expr, parameters: Mapping[
             f"{gone.name} = {ratio}*{kept.name} have laws that are not linear, so their energies are added at a fixed "
             f"ratio: make {', '.join(moving)} fixed, or set merge to false, which keeps both as states"
         )
-    from phnn.network.bondgraph.sum_of_energies import SumOfEnergies
+    from phnn.network.bondgraph.equations import SumOfEnergies
 
     law = SumOfEnergies([(s.law, r, [parameters[n].value for n in s.parameters]) for s, r in (
         (kept, 1.0), (gone, value_of(ratio, parameters))
