@@ -3,14 +3,16 @@
 The actuator of a case has the parameters of Table 1, each moved a little, and hysterons; or another hysteresis in their
 place, as the voltage that opposes the displacement: then all of the mismatch lies there.
 
-    prandtl_ishlinskii:  V_h = Σ c_i (q − w_i),  four plays w_i between γ₋(q) − r_i and γ₊(q) + r_i,
+    prandtl_ishlinskii:  V_h = Σ c_i (q − w_i),  eight plays w_i between γ₋(q) − r_i and γ₊(q) + r_i,
                          γ∓(q) = q + (a ∓ δ) g(q),  g(q) = q_p (√(1 + (q/q_p)²) − 1)
     bouc_wen:            V_h = c z,  ż = v − |z/z_b|ⁿ (β |v| sgn z + (1 − β) v)
+    duhem:               V_h = c z,  ż = v − |v| z/z₊ on the way up, z₋ on the way down
 
 The lean ``a`` moves both envelopes and so makes the loop asymmetric, the gape ``δ`` parts them. The dissipated powers
 ``Σ c_i (q − w_i) ẇ_i`` and ``c z (v − ż)`` are not negative for r_i > (|a| + δ) g and β ≥ ½; parameters are drawn so.
+Beside such a hysteresis the amplifier has a corner, and the little creep of a background follows the logarithm of time.
 
-References: Al Janaideh, Rakheja, Su 2011 (plays with envelopes); Wen 1976.
+References: Al Janaideh, Rakheja, Su 2011 (plays with envelopes); Wen 1976; Dahl 1968 and Visintin 1994 (Duhem).
 """
 
 from __future__ import annotations
@@ -43,8 +45,8 @@ from studies.generator.world import ABSENT, FURTHER, TABLE, quasi_static_peak
 
 Base = Mapping[str, float]
 
-HYSTERONS, PRANDTL_ISHLINSKII, BOUC_WEN = "hysterons", "prandtl_ishlinskii", "bouc_wen"
-BASES = (HYSTERONS, PRANDTL_ISHLINSKII, BOUC_WEN)
+HYSTERONS, PRANDTL_ISHLINSKII, BOUC_WEN, DUHEM = "hysterons", "prandtl_ishlinskii", "bouc_wen", "duhem"
+BASES = (HYSTERONS, PRANDTL_ISHLINSKII, BOUC_WEN, DUHEM)
 LOCATION = "hysteron"  # where a base of another hysteresis differs from the model
 MOST = 4  # hysterons of a base
 ANCHOR = 0.01  # standard deviation of the weighed mass over the mass
@@ -52,8 +54,9 @@ CANONICAL = "canonical"
 
 # What a refit of another hysteresis moves besides mass, stiffness, damping and coupling; q_play is a scale.
 _MOVED = {
-    PRANDTL_ISHLINSKII: (*(f"{n}_play_{i}" for n in ("c", "r") for i in (1, 2, 3, 4)), "lean_play", "gape_play"),
+    PRANDTL_ISHLINSKII: (*(f"{n}_play_{i}" for n in ("c", "r") for i in range(1, 9)), "lean_play", "gape_play"),
     BOUC_WEN: ("c_bouc", "z_bouc", "n_bouc", "beta_bouc"),
+    DUHEM: ("c_duhem", "up_duhem", "down_duhem"),
 }
 # Effects that act on hysterons, and have no meaning where there are none.
 ON_HYSTERONS = (
@@ -63,10 +66,12 @@ ON_HYSTERONS = (
 
 _SPREAD = 0.2  # each parameter of Table 1 moves by up to this part of itself
 _SLIPS = 1.1  # charge at the largest voltage over that at which a hysteron slips, at least
-_THRESHOLDS = ((0.12, 0.2), (0.25, 0.4), (0.45, 0.6), (0.65, 0.9))  # of plays, over the largest displacement
+_THRESHOLDS = tuple((0.1 * i + 0.02, 0.1 * i + 0.08) for i in range(1, 9))  # of plays, over the largest displacement
 _EVEN = 4.0  # concentration of the shares of the plays in their stiffness
 _LEAN, _GAPE = (0.4, 0.75), (0.05, 0.25)  # over the least threshold; their sum stays below 1: no cycle gives energy
-_SATURATES = (0.25, 0.6)  # z_bouc over the largest displacement
+_SATURATES = (0.25, 0.6)  # z_bouc, and the mean of the two of Duhem, over the largest displacement
+_UNEVEN = (0.1, 0.4)  # half the difference of these two over their mean
+_CORNER = (1e4, 3e4)  # Hz, of the amplifier before another hysteresis
 _EXPONENT, _BETA = (1.0, 2.0), (0.55, 0.9)
 _EACH = 2.0  # residual over noise that each effect of a pair or triple leaves at least
 _COLOURED = 1.0 / 3.0  # of all cases
@@ -118,8 +123,8 @@ def with_hysteresis(base: Base, family: str, rng: Rng) -> dict[str, float]:
     peak = quasi_static_peak(base)
     stiff = base["alpha"] * (1.0 / base["C_1"] + 1.0 / base["C_2"])  # V/m
     none = {f"{n}_{i}": v for i in (1, 2) for n, v in (("C", ABSENT), ("rho", 0.0))}
-    draw = _plays if family == PRANDTL_ISHLINSKII else _bouc_wen
-    return {**base, **none, **draw(rng, peak, stiff)}
+    drawn = {PRANDTL_ISHLINSKII: _plays, BOUC_WEN: _bouc_wen, DUHEM: _duhem}[family](rng, peak, stiff)
+    return {**base, **none, **drawn, "tau_V": 1.0 / (2.0 * math.pi * log_uniform(rng, *_CORNER))}
 
 
 def _plays(rng: Rng, peak: float, stiff: float) -> dict[str, float]:
@@ -140,6 +145,12 @@ def _bouc_wen(rng: Rng, peak: float, stiff: float) -> dict[str, float]:
         "n_bouc": float(rng.uniform(*_EXPONENT)),
         "beta_bouc": float(rng.uniform(*_BETA)),
     }
+
+
+def _duhem(rng: Rng, peak: float, stiff: float) -> dict[str, float]:
+    mean, uneven = float(rng.uniform(*_SATURATES)) * peak, float(rng.uniform(*_UNEVEN)) * float(rng.choice([-1.0, 1.0]))
+    ends = {"up_duhem": (1.0 + uneven) * mean, "down_duhem": (1.0 - uneven) * mean}
+    return {"c_duhem": stiff * log_uniform(rng, 0.6, 1.2), **ends}
 
 
 def _other_names(base: Base) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ import numpy as np
 from phnn.errors import InputRefused, SolverFailed
 from studies.generator import seal
 from studies.generator.cases import HYSTERONS, PLAIN, Case, Choice, acts_on, as_stated, draw_base, moving
-from studies.generator.effects import EFFECTS, LOCATIONS, ON_REQUEST, Concealed, Rng, described, draw
+from studies.generator.effects import EFFECTS, FORMS, LOCATIONS, ON_REQUEST, Concealed, Rng, described, draw
 from studies.generator.noise import Noise, added_power, disturbed
 from studies.generator.plans import EXAM, Array, Excitation, plan_of
 from studies.generator.seal import Sealed, Writer
@@ -203,8 +203,10 @@ def draw_background(
         without: takes no part in the background: what is concealed itself, or has no meaning in this actuator.
     """
     total, angle = float(rng.uniform(*_LEVELS)), float(rng.uniform(0.1, 0.4)) * math.pi
-    effects = [draw(name, rng, base, plan) for name in KINDS]
-    chosen = [(e, s) for e, s in zip(effects, (math.cos(angle), math.sin(angle)), strict=True) if e.name not in without]
+    other = "tau_V" in base
+    effects = [FORMS["log_creep"][1](rng, base, plan)] if other else [draw(name, rng, base, plan) for name in KINDS]
+    shares = zip(effects, (math.cos(angle), math.sin(angle)), strict=False)
+    chosen = [(e, s) for e, s in shares if e.name not in without]
     measure = ruler(base, plan)
     parts: list[tuple[Concealed, float]] = []
     for effect, share in chosen:

@@ -56,17 +56,19 @@ ABSENT = 1e3  # F: a hysteron of this capacitance is no more than a wire
 FURTHER = (5, 6)  # numbers of a base's third and fourth hysteron; 3 and 4 belong to effects
 
 # Values at which an effect is absent: inv_C_3 is 1/C_3, so that absence is a number, and a τ_V of zero means none.
-# Hysterons 5 and 6 are the third and the fourth of a base; plays or a Bouc–Wen state take the place of its hysterons.
+# Hysterons 5 and 6 are the third and the fourth of a base; plays, a Bouc–Wen or a Duhem state take their place.
 _ZERO = """
     k_s k_l kappa_2 kappa_3 kappa_5 kappa_p f_p phi_p F_c F_l c_2 kappa_b kappa_f k_c m_2 k_2 b_2 A_b f_b phi_b
     inv_C_3 rho_3 rho_4 k_w kappa_d kappa_v kappa_C G inv_C_5 rho_5 inv_C_6 rho_6
-    c_play_1 c_play_2 c_play_3 c_play_4 lean_play gape_play c_bouc epsilon kappa_a kappa_e delta_z kappa_T
+    c_play_1 c_play_2 c_play_3 c_play_4 c_play_5 c_play_6
+    c_play_7 c_play_8 lean_play gape_play c_bouc c_duhem epsilon kappa_a kappa_e delta_z kappa_T
     tau_d Delta_u delta_V tau_V zeta_V s_V tau_y a_2 a_3 delta_b kappa_y kappa_t
     kappa_u f_u phi_u omega_u A_g c_e kappa_r kappa_w kappa_l x_T A_y delta_y
 """
 _ONE = """
     tau_s tau_l r_s v_st z_l n_c2 q_c n_c side d_3 d_4 z_w n_w d_5 d_6
-    r_play_1 r_play_2 r_play_3 r_play_4 q_play z_bouc n_bouc tau_z V_c C_T R_T lambda_g q_e side_e lambda_y q_y w_y
+    r_play_1 r_play_2 r_play_3 r_play_4 r_play_5 r_play_6
+    r_play_7 r_play_8 q_play z_bouc n_bouc up_duhem down_duhem tau_z V_c C_T R_T lambda_g q_e side_e lambda_y q_y w_y
 """
 NEUTRAL: dict[str, float] = {
     **dict.fromkeys(_ZERO.split(), 0.0),
@@ -93,8 +95,9 @@ _EXTRA: dict[str, tuple[str, tuple[float, ...]]] = {
     "at_sensor": ("tau_y", (1e-4,)),
     "at_hysteron_5": ("inv_C_5", (4e-6,)),
     "at_hysteron_6": ("inv_C_6", (4e-6,)),
-    "at_plays": ("c_play_1", (1e-4,) * 4),
+    "at_plays": ("c_play_1", (1e-4,) * 8),
     "at_bouc": ("c_bouc", (1e-4,)),
+    "at_duhem": ("c_duhem", (1e-4,)),
     "at_blocked": ("omega_u", (75.0,)),
 }
 _RECORD = np.dtype([(n, np.float64) for n in (*TABLE, *NEUTRAL)] + [(n, np.int64) for n in _EXTRA])
@@ -132,7 +135,7 @@ def stuck_stiffness(base: Mapping[str, float]) -> float:
     elastance = 1.0 / base["C_1"] + 1.0 / base["C_2"]
     for number in FURTHER:
         elastance += base.get(f"inv_C_{number}", 0.0)
-    other = sum(base.get(n, 0.0) for n in (*(f"c_play_{i}" for i in (1, 2, 3, 4)), "c_bouc"))
+    other = sum(base.get(n, 0.0) for n in (*(f"c_play_{i}" for i in range(1, 9)), "c_bouc", "c_duhem"))
     return base["k"] + base["alpha"] ** 2 * elastance + base["alpha"] * other
 
 
@@ -243,12 +246,17 @@ def _other_hysteresis(x: Array, v: float, w: Any, out: Array) -> tuple[float, fl
         slips = abs(z / w.z_bouc) ** w.n_bouc * (w.beta_bouc * abs(v) * np.sign(z) + (1.0 - w.beta_bouc) * v)
         out[w.at_bouc] = v - slips
         drop, lost = w.c_bouc * z, w.c_bouc * z * slips
+    if w.at_duhem > 0:
+        z = x[w.at_duhem]
+        slips = abs(v) * z / (w.up_duhem if v > 0.0 else w.down_duhem)
+        out[w.at_duhem] = v - slips
+        drop, lost = w.c_duhem * z, w.c_duhem * z * slips
     if w.at_plays > 0:
         bend = w.q_play * (math.sqrt(1.0 + (q / w.q_play) ** 2) - 1.0)
         low, high = q + (w.lean_play - w.gape_play) * bend, q + (w.lean_play + w.gape_play) * bend
-        stiff = (w.c_play_1, w.c_play_2, w.c_play_3, w.c_play_4)
-        reach = (w.r_play_1, w.r_play_2, w.r_play_3, w.r_play_4)
-        for i in range(4):
+        stiff = (w.c_play_1, w.c_play_2, w.c_play_3, w.c_play_4, w.c_play_5, w.c_play_6, w.c_play_7, w.c_play_8)
+        reach = (w.r_play_1, w.r_play_2, w.r_play_3, w.r_play_4, w.r_play_5, w.r_play_6, w.r_play_7, w.r_play_8)
+        for i in range(8):
             at = w.at_plays + i
             out[at] = (min(max(x[at], low - reach[i]), high + reach[i]) - x[at]) / _FOLLOWS
             drop += stiff[i] * (q - x[at])

@@ -29,8 +29,7 @@ from phnn.recordings import read
 from phnn.recordings.recording import Part, Recording, Start
 from phnn.setup import Setup
 from phnn.signals.harmonics import harmonic_weights
-from studies.comparison.cycles import area_weights, cycle_errors
-from studies.comparison.supply import extracted, of_plant, of_setup, random_inputs, supply
+from studies.comparison.run import area_weights, cycle_errors, extracted, of_plant, of_setup, random_inputs, supply
 from studies.comparison.uses import uses
 from studies.recordings import comparison_plan
 from studies.rival_models.names import register_rivals

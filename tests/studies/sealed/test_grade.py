@@ -10,9 +10,8 @@ import pytest
 
 from studies.generator import Sealed
 from studies.generator.world import TABLE
-from studies.sealed.estimates import all_errors
 from studies.sealed.grade import Case
-from studies.sealed.run import truth_of
+from studies.sealed.run import all_errors, truth_of
 
 CREEP = Sealed(
     effect="creep", parameters={"k_s": 400.0, "tau_s": 0.1}, base=dict(TABLE), strength_over_noise=4.0, noise=5e-8,
