@@ -122,7 +122,7 @@ EFFECT = _DUHEM.or_as(
         "Low & Guo 1995, J. Microelectromech. Syst. 4 (of a piezoelectric bender)",
     ),
     declares=(
-        bounded("w_B", "V", "voltage that the hysteresis takes at most", 0.0, 1e4, 10.0, strength=True),
+        positive("w_B", "V", "voltage that the hysteresis takes at most", 1e8, strength=True),
         positive("V_B", "V", "voltage over which it slips", 1e4),
         between("n_B", "1", _N, 1.0, 3.0),
         bounded("c_B", "1", "slip on the way back over that on the way forth", 0.0, 5.0, 0.1),
