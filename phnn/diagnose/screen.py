@@ -176,21 +176,20 @@ class Screen:
     def _directions(self, effect: Effect) -> _Directions | None:
         """Return the directions of a candidate, computed where they are not known."""
         if id(effect) not in self._known:
-            several = len(effect.all_strengths) > 1
-            work = self._of_strengths if several else self._of_points
-            self._known[id(effect)] = effect, attempt(f"directions of {effect.name}", lambda: work(effect), None)
+            # A further copy changes the output as it would alone.
+            alone = replace(effect, after=())
+            work = self._of_strengths if len(effect.all_strengths) > 1 else self._of_points
+            able = alone.can_be_added_to(self.base.fit.setup)
+            found = attempt(f"directions of {effect.name}", lambda: work(alone), None) if able else None
+            self._known[id(effect)] = effect, found and replace(found, effect=effect)
         return self._known[id(effect)][1]
 
-    def _of_points(self, effect: Effect) -> _Directions | None:
-        if not effect.can_be_added_to(self.base.fit.setup):
-            return None
+    def _of_points(self, effect: Effect) -> _Directions:
         points = tuple(effect.grid(self.base.scales))
         columns = [direction(self.base, effect, v).astype(np.float32) for v in points]
         return _Directions(effect, points, np.column_stack(columns))
 
-    def _of_strengths(self, effect: Effect) -> _Directions | None:
-        if not effect.can_be_added_to(self.base.fit.setup):
-            return None
+    def _of_strengths(self, effect: Effect) -> _Directions:
         fit, values = self.base.fit, effect.grid(self.base.scales)[0]
         setup = clamped(effect, fit.setup, values)
         names = [n for n in effect.all_strengths if not setup.parameters[n].fixed]

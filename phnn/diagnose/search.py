@@ -256,7 +256,8 @@ def _grow(search: Search, model: Visited) -> None:
         # A law that is far from linear may promise nothing, and still be what the learned element stands for.
         alike = [c for c in screened if _may_be(c.effect, trials[0].elements[-1]) and c not in named]
         trials = sorted([*trials, *_heat(search, model, alike, large=True)], key=lambda t: t.fit.cost)
-    trials = sorted([*trials, *_other_forms(search, model)], key=lambda t: t.fit.cost)
+    if not model.elements and (not trials or search.far(trials[0])):
+        trials = sorted([*trials, *_other_forms(search, model)], key=lambda t: t.fit.cost)
     if not trials:
         return
     for trial in trials:
@@ -298,7 +299,7 @@ def _other_forms(search: Search, model: Visited) -> list[Visited]:
     beside hysterons that have taken over what they can, another form promises nothing."""
     values = model.fit.setup.values()
     weak = weakened(values)
-    if model.elements or not weak or not search.far(model):
+    if not weak:
         return []
     names = {form.name for form in FORMS.values()}
     forms = [e for e in search.effects if e.name in names and not e.after]
@@ -325,11 +326,13 @@ def _race(search: Search, trials: Sequence[Visited]) -> list[Visited]:
     first = _onwards(search, trials[:1])
     # Near the noise what the best has reached counts; far from it six steps say little of where a refit ends.
     most = _RACE * (trials if search.far(trials[0]) else first)[0].fit.beyond_noise + 0.05 * samples
-    others = [t for t in trials[1:_RACERS] if t.fit.beyond_noise <= most]
+    # Several copies of an effect may be what a learned element stands for.
+    several = trials[0].elements[-1].several_of
+    others = [t for t in trials[1:_RACERS] if t.fit.beyond_noise <= most or family(t.elements[-1]) == several]
     going = _while_the_best_falls(search, [*first, *_onwards(search, others)])
     least = min(t.fit.beyond_noise for t in going)
     for trial in list(going):
-        near = trial.fit.beyond_noise < 4.0 * least + 0.05 * samples
+        near = trial.fit.beyond_noise < 4.0 * least + 0.05 * samples or family(trial.elements[-1]) == several
         if near and trial.fit.beyond_noise > max(material, level):
             going += _further_forms(search, trial)
     return [*going, *(s for t in going if t.fit.beyond_noise <= _FINISH * least + level for s in _special(search, t))]

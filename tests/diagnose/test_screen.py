@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import campaigns
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from phnn.diagnose.linearised import LinearisedFit, direction
 from phnn.diagnose.screen import Screen
 from phnn.effects import effect
 from phnn.effects.learned import learned_elements
+from phnn.effects.places import attached
 
 
 @pytest.fixture(scope="module")
@@ -73,3 +76,16 @@ def test_directions_are_computed_once(base: LinearisedFit, monkeypatch: pytest.M
     monkeypatch.setattr(module, "direction", lambda *_: pytest.fail("computed again"))
     again = screen(base)
     assert [(c.effect.name, c.fall) for c in again] == [(c.effect.name, c.fall) for c in first]
+
+
+def test_a_further_copy_stands_in_the_screen_of_a_model_that_has_the_first(base: LinearisedFit) -> None:
+    setup = base.fit.setup
+    first, second, third = attached(effect("creep"), setup)
+    values = {"k_s": 0.05 * setup.values()["k"], "tau_s": 0.3}
+    grown = replace(base, fit=replace(base.fit, setup=first.add_to(setup, values)))
+    screen = Screen(base, [first, second, third], Criteria())
+    assert [c.effect for c in screen(base)] == [first]
+    (found,) = screen(grown)
+    assert found.effect == second
+    # It changes the output as the first copy does.
+    assert found.fall == pytest.approx(screen(base)[0].fall)

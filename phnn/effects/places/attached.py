@@ -43,7 +43,8 @@ def _as_often_as_it_may(effect: Effect, roles: Roles) -> list[Effect]:
     found = [_at(effect, roles)]
     for which in _FURTHER[: effect.at_most - 1]:
         one = _at(effect, replace(roles, which=which))
-        found.append(replace(one, name=f"{which} {found[0].name}", which=which, after=found[-1].parameters))
+        named = f"{which} {found[0].name}"
+        found.append(replace(one, name=named, which=which, after=found[-1].parameters, forms=()))
     special = tuple(s for case in found[0].special_cases for s in (case, *_further(case, roles)))
     return [replace(e, special_cases=special) if special else e for e in found]
 
