@@ -11,7 +11,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from phnn.effects import catalogue
 from phnn.effects.additions import Placed
 from phnn.effects.declaration import Declared
 from phnn.effects.effect import Effect, Scales, SpecialCase, Values
@@ -45,22 +44,7 @@ def _as_often_as_it_may(effect: Effect, roles: Roles) -> list[Effect]:
         one = _at(effect, replace(roles, which=which))
         named = f"{which} {found[0].name}"
         found.append(replace(one, name=named, which=which, after=found[-1].parameters, forms=()))
-    special = tuple(s for case in found[0].special_cases for s in (case, *_further(case, roles)))
-    return [replace(e, special_cases=special) if special else e for e in found]
-
-
-def _further(case: SpecialCase, roles: Roles) -> list[SpecialCase]:
-    """A special case, with the number of its copy."""
-    several = catalogue()[case.name.removesuffix(_where(roles))]
-    names = [roles.added(n) for n in several.parameters]
-    further = [(which, replace(roles, which=which)) for which in _FURTHER[: several.at_most - 1]]
-    return [
-        SpecialCase(
-            f"{which} {case.name}",
-            _Named(case.values, tuple(zip(names, map(r.added, several.parameters), strict=True))),
-        )
-        for which, r in further
-    ]
+    return found
 
 
 def place_of(effect: Effect, network: Network) -> str:
@@ -157,13 +141,3 @@ class _Translated:
     def __call__(self, given: Scales | Values, *further: float) -> Any:
         found = self.law(self.roles.by_role(given) if isinstance(given, Mapping) else given, *further)
         return self.roles.by_name(found) if isinstance(found, Mapping) else [self.roles.by_name(v) for v in found]
-
-
-@dataclass(frozen=True)
-class _Named:
-    values: Callable[[Values], dict[str, float]]
-    names: tuple[tuple[str, str], ...]
-
-    def __call__(self, values: Values) -> dict[str, float]:
-        other = dict(self.names)
-        return {other.get(n, n): v for n, v in self.values(values).items()}
