@@ -23,6 +23,7 @@ from phnn.identification.staged import (
     identify_actuator,
 )
 from phnn.identification.starting_points import mechanical_points
+from phnn.identification.variables import starts_unknown
 from phnn.identification.zero import is_shared, with_own_zeros, with_shared_zero
 from phnn.models.bouc_wen import bouc_wen
 from phnn.recordings.recording import Anchor, Campaign
@@ -128,10 +129,13 @@ def _begun(prepared: Prepared, campaign: Campaign, options: Options, progress: P
         return identify_network(prepared.described, plan, campaign.known, options.starts, options.seed)
     if model == "bouc_wen":
         return identify_bouc_wen(plan, campaign, options, progress)
+    begun: Fit | None = None
     if hysterons is None:
-        hysterons = hysteresis_needed(plan, campaign.known, options.starts, options.seed, progress)
+        hysterons, begun = hysteresis_needed(plan, campaign.known, options.starts, options.seed, progress)
     progress(f"identify {model} with {hysterons}" + (" hysterons" if isinstance(hysterons, int) else ""))
-    return identify_actuator(plan, campaign.known, hysterons, options.starts, options.seed)
+    # Unknown initial states make many local optima: there all starts are tried again.
+    setup = None if begun is None or any(map(starts_unknown, plan.recordings)) else begun.setup
+    return identify_actuator(plan, campaign.known, hysterons, options.starts, options.seed, setup)
 
 
 def identify_bouc_wen(plan: Plan, campaign: Campaign, options: Options, progress: Progress = quiet) -> Fit:

@@ -1,8 +1,8 @@
 """The hysteresis that an actuator needs, if the user leaves it to the recordings.
 
-Models with one and two hysterons, with another form of hysteresis, and with more hysterons are fitted to some of the
-identification recordings; the others choose (`LeftOut`). One that predicts them clearly better
-takes the place of the one before.
+Models with one and two hysterons, with the best of the other forms of hysteresis, and with more hysterons are fitted to
+some of the identification recordings; the others choose (`LeftOut`). One that predicts them clearly better takes the
+place of the one before.
 """
 
 from __future__ import annotations
@@ -15,8 +15,7 @@ from phnn.identification.evaluate import Evaluation, evaluate
 from phnn.identification.fit import Fit
 from phnn.identification.gain import Gain, gain
 from phnn.identification.plan import Plan
-from phnn.identification.staged import identify_actuator
-from phnn.identification.starting_points import FORMS
+from phnn.identification.staged import identify_actuator, identify_form
 from phnn.recordings.excitation import excitation_of
 from phnn.recordings.partition import candidate_of, divide
 from phnn.recordings.recording import Anchor, Recording
@@ -85,9 +84,9 @@ _NOISE = 1.1
 
 def hysteresis_needed(
     plan: Plan, known: Mapping[str, Anchor], starts: int, seed: int, progress: Callable[[str], None]
-) -> int | str:
+) -> tuple[int | str, Fit | None]:
     """The number of hysterons, at most `MOST_HYSTERONS`, or the form of hysteresis, beyond which recordings that were
-    left out are predicted no better.
+    left out are predicted no better; and its fit to the others, None where none could be made.
 
     Args:
         plan: identification recordings.
@@ -100,13 +99,18 @@ def hysteresis_needed(
     best: tuple[Fit, Evaluation] | None = None
     chosen: int | str = max(stated, DEFAULT_HYSTERONS)
     counts = list(range(max(stated, 1), max(stated, MOST_HYSTERONS) + 1))
-    usual = counts[:DEFAULT_HYSTERONS]
-    left: list[int | str] = [*usual, *(() if stated else FORMS), *counts[len(usual) :]]
+    left: list[int | None] = [*counts[:DEFAULT_HYSTERONS], *([] if stated else [None]), *counts[DEFAULT_HYSTERONS:]]
     while left:
-        tried = left.pop(0)
-        progress(f"which hysteresis: try {tried}" + (" hysterons" if isinstance(tried, int) else ""))
+        count = left.pop(0)
+        progress("which hysteresis: try " + ("other forms" if count is None else f"{count} hysterons"))
+        tried: int | str
         try:
-            fitted = identify_actuator(held.growth, known, tried, starts, seed)
+            if count is not None:
+                tried, fitted = count, identify_actuator(held.growth, known, count, starts, seed)
+            elif best is not None:
+                tried, fitted = identify_form(held.growth, known, best[0])
+            else:
+                continue
         except PhnnError:
             continue
         further = fitted, held.scores(fitted)
@@ -114,10 +118,10 @@ def hysteresis_needed(
             best, chosen = further, tried
             if held.over_noise(further[1]) <= _NOISE:
                 break
-        elif isinstance(tried, int):
+        elif count is not None:
             # One more is no better: no further ones are tried.
-            left = [f for f in left if isinstance(f, str)]
-    return chosen
+            left = [n for n in left if n is None]
+    return chosen, None if best is None else best[0]
 
 
 def _better(held: LeftOut, before: tuple[Fit, Evaluation], after: tuple[Fit, Evaluation], tried: int | str) -> bool:

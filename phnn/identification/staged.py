@@ -29,6 +29,7 @@ from phnn.identification.problem import Problem
 from phnn.identification.start import with_starts
 from phnn.identification.starting_points import (
     DEFAULT_MASS,
+    FORMS,
     RESONANCES_HZ,
     mechanical_points,
     random_starts,
@@ -105,27 +106,48 @@ def identify_actuator(
         seed: of the random starting points.
         setup: start from this setup alone instead.
     """
-    held = held_by_statement(known)
+    held = _held(plan, known)
     if setup is not None:
         return fit_identified(setup, plan, held)
     anchored = {n: a.value for n, a in known.items()}
     check_known(known, hrc(0 if isinstance(hysterons, str) else hysterons).parameters)
-    points = mechanical_points(plan, anchored)
-    if is_quasi_static(plan):
-        points, held = points[:1], held | _held_quasi_static(known)
+    points = mechanical_points(plan, anchored)[: 1 if is_quasi_static(plan) else None]
     if isinstance(hysterons, str):
         points = [s for p in points for s in with_form(p, plan, hysterons)]
     elif hysterons:
         points = [s for p in points for s in random_starts(p, plan, hysterons, anchored, starts, seed)]
+    finished = _finished(points, plan, held)
+    more = not late(FURTHER_STARTS)
+    by_known_starts = _from_known_starts(plan, known, hysterons, starts, seed) if more else None
+    best, alternatives = distinct_optima([f for f in (*finished, by_known_starts) if f is not None])
+    return replace(fit_identified(best.setup, plan, held, _FULL, best), alternatives=alternatives)
+
+
+def identify_form(plan: Plan, known: Mapping[str, Anchor], hysterons: Fit) -> tuple[str, Fit]:
+    """The form of hysteresis that fits best in the place of hysterons, and its fit.
+
+    Args:
+        hysterons: a fit with these, from whose mass, spring and damper all forms begin.
+    """
+    held, values = _held(plan, known), hysterons.setup.values()
+    linear = Setup(hrc(0, {n: values[n] for n in ("m", "k", "b", "alpha")}), name="linear")
+    best = min(_finished([s for f in FORMS for s in with_form(linear, plan, f)], plan, held), key=lambda f: f.cost)
+    return best.setup.name, fit_identified(best.setup, plan, held, _FULL, best)
+
+
+def _held(plan: Plan, known: Mapping[str, Anchor]) -> dict[str, str]:
+    """What is not estimated: by a statement, for want of a common factor, or because nothing moves fast enough."""
+    return held_by_statement(known) | (_held_quasi_static(known) if is_quasi_static(plan) else {})
+
+
+def _finished(points: Sequence[Setup], plan: Plan, held: Mapping[str, str]) -> list[Fit]:
+    """Short fits to a whole plan from the best of starting points."""
     finished: list[Fit] = []
     for first in _raced(points, representative_subset(plan), held):
         if finished and late(FURTHER_STARTS):
             break
         finished.append(fit_identified(first.setup, plan, held, _SHORT, first, tolerance=_ROUGH))
-    more = not late(FURTHER_STARTS)
-    by_known_starts = _from_known_starts(plan, known, hysterons, starts, seed) if more else None
-    best, alternatives = distinct_optima([f for f in (*finished, by_known_starts) if f is not None])
-    return replace(fit_identified(best.setup, plan, held, _FULL, best), alternatives=alternatives)
+    return finished
 
 
 def _raced(points: Sequence[Setup], plan: Plan, held: Mapping[str, str]) -> list[Fit]:

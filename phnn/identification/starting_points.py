@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -128,7 +129,8 @@ def random_starts(
 
 
 def with_form(linear: Setup, plan: Plan, form: str) -> list[Setup]:
-    """Starting points of another hysteresis in the place of hysterons, one for each point of its effect's grid."""
+    """Starting points of another hysteresis in the place of hysterons, named after it, one for each point of its
+    effect's grid."""
     stiffness = linear.values()["k"]
     moved = 0.5 * max(float(np.ptp(r.y)) for r in plan.recordings)
     fastest = max((dominant_frequency(r) for r in plan.recordings), default=1.0)
@@ -136,7 +138,8 @@ def with_form(linear: Setup, plan: Plan, form: str) -> list[Setup]:
         drive_amplitude(plan.recordings), moved, moved * fastest, stiffness, linear.values()["alpha"], fastest, fastest,
         max(float(r.t[-1] - r.t[0]) for r in plan.recordings), 0.0,
     )  # fmt: skip
-    return [FORMS[form].add_to(linear, FORMS[form].scaled(p, OF_GRID)) for p in FORMS[form].grid(scales)]
+    points = [FORMS[form].scaled(p, OF_GRID) for p in FORMS[form].grid(scales)]
+    return [replace(FORMS[form].add_to(linear, p), name=form) for p in points]
 
 
 def drive_amplitude(recordings: Sequence[Recording]) -> float:
