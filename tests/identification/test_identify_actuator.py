@@ -46,6 +46,8 @@ def a_gain(before: float, after: float, p: float | None) -> Gain:
     ("left", "falls", "known", "chosen"),
     [
         ({1: 9.0, 2: 5.0, "bouc_wen": 1.05}, 1e-6, (), "bouc_wen"),  # which leaves nothing more to try
+        ({1: 9.0, 2: 5.0, "bouc_wen": 1.05}, 0.02, (), "bouc_wen"),  # nearly all that was left, though few blocks tell
+        ({1: 9.0, 2: 8.0, "bouc_wen": 7.0}, 0.02, (), 1),  # which could be chance
         ({1: 9.0, 2: 5.0, "bouc_wen": 4.0, "distributed": 2.0, 3: 1.4, 4: 1.3}, 1e-6, (), 4),
         ({1: 9.0, 2: 5.0, "bouc_wen": 1.05, 3: 1.0}, 1e-6, ("rho_1",), 3),  # an anchor asks for hysterons
         ({1: 9.0, 2: 5.0, 3: 2.0, 4: 1.99}, 1e-6, (), 3),  # as long as the error falls
