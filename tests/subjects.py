@@ -23,7 +23,7 @@ from phnn.modal.elements import DRAG, HARDENING, SOFTENING, STOP, PortElement
 from phnn.modal.model import ModalModel
 from phnn.models.fully_neural import FullyNeural
 from phnn.models.network_file import load_network
-from phnn.models.scales import Scales
+from phnn.models.perceptron import Scales
 from phnn.models.store import _KINDS
 from phnn.network import Coupling, Modulation, ModulatorState, Network, Port, PortHamiltonianSystem, Resistor, Storage
 from phnn.network.bondgraph import BondGraph

@@ -17,7 +17,7 @@ from phnn.recordings.excitation import Excitation
 from phnn.recordings.recording import Campaign, Recording, dominant_frequency
 from phnn.signals.least_squares import residual
 from phnn.signals.noise_statement import NoiseStatement, Sample, noise_statement
-from phnn.signals.quantisation import quantisation_step
+from phnn.signals.sampling import quantisation_step
 from phnn.units import quantity
 
 NOTE, WARNING = "note", "warning"

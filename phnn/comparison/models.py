@@ -31,8 +31,8 @@ from phnn.identification.prepare import identification_plan
 from phnn.identification.staged import identify_actuator
 from phnn.learn.plant import NetworkPlant
 from phnn.models.store import save
-from phnn.recordings.digest import digest
 from phnn.recordings.recording import Campaign, Recording
+from phnn.recordings.stored import digest
 from phnn.results import Place, file_name, finite, same
 from phnn.setup import Setup
 

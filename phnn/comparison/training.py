@@ -34,8 +34,8 @@ from phnn.learn.trainer import Trainer
 from phnn.learn.windows import thinned
 from phnn.models.fully_neural import FullyNeural
 from phnn.models.neural_ode import NeuralODE
-from phnn.recordings.digest import digest
 from phnn.recordings.recording import Campaign, Recording, dominant_frequency
+from phnn.recordings.stored import digest
 from phnn.results import Place
 
 _LINEAR = "linear"

@@ -56,7 +56,8 @@ def grid(scales: Scales) -> list[dict[str, float]]:
 def grid_before(scales: Scales) -> list[dict[str, float]]:
     """Slip after shares of the voltage and beyond it."""
     return [
-        {"w_B": _SMALL * scales.voltage, "V_B": share * scales.voltage, "n_B": 1.3, "c_B": 0.5} for share in _TRAVELS
+        {"w_B": _SMALL * share * scales.voltage, "V_B": share * scales.voltage, "n_B": 1.3, "c_B": 0.5}
+        for share in _TRAVELS
     ]
 
 

@@ -37,8 +37,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.derivatives import output_derivatives
-from phnn.identification.censoring import beyond_limit
-from phnn.identification.nuisances import without_nuisances
+from phnn.identification.nuisances import beyond_limit, without_nuisances
 from phnn.identification.problem import Problem
 from phnn.identification.residual_noise import MOST_EXCESS, noise_spectra
 from phnn.recordings.recording import Recording

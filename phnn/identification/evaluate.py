@@ -8,9 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.identification.censoring import beyond_limit
 from phnn.identification.fit import fit_problem
-from phnn.identification.nuisances import constant_and_own, own_parts
+from phnn.identification.nuisances import beyond_limit, constant_and_own, own_parts
 from phnn.identification.plan import Plan
 from phnn.identification.problem import Problem
 from phnn.identification.start import estimated_start

@@ -74,7 +74,7 @@ def without_nuisances(
     The mean stays where the zero of the output is a parameter that recordings share.
 
     Args:
-        hidden: (N,) samples of no weight, see `phnn.identification.censoring.beyond_limit`; their rows are zero.
+        hidden: (N,) samples of no weight, see `phnn.identification.nuisances.beyond_limit`; their rows are zero.
     """
     if hidden is not None and hidden.any():
         counted = mask & ~hidden
@@ -116,3 +116,32 @@ def own_parts(error: Array, rows: slice, recording: Recording, own: Own) -> Arra
     columns = np.column_stack([np.ones(recording.t.size), own_columns(recording, own)])[rows]
     found = np.linalg.lstsq(columns, error[rows], rcond=_RANK)[0]
     return np.asarray(columns[:, 1:] @ found[1:])
+
+
+Rows = NDArray[np.bool_]
+
+# Rounds after which the samples that count are taken as they are; two or three settle them.
+_ROUNDS = 30
+
+
+def beyond_limit(recording: Recording, y: Array, mask: NDArray[Any], own: Own = NOTHING) -> Rows | None:
+    """(N,) which masked samples sit at a limit while the model lies beyond it; None where none sits at a limit.
+
+    Args:
+        y: (N,) the model's output without zero and nuisances.
+        mask: (N,) the samples that are scored.
+    """
+    if not recording.sensor.is_limited:
+        return None
+    side = recording.sensor.at_limit(recording.y)
+    at_limit = (side != 0) & mask
+    if not at_limit.any():
+        return None
+    error, hidden = recording.y - y, at_limit
+    for _ in range(_ROUNDS):
+        left = error - constant_and_own(error, mask & ~hidden, recording, own)
+        now = at_limit & (side * left <= 0.0)
+        if np.array_equal(now, hidden):
+            break
+        hidden = now
+    return hidden

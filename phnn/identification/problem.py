@@ -6,7 +6,7 @@ The displacement zero and the nuisances of the setup (lines, slow drift) enter l
 residual and derivatives (variable projection), so that no optimiser sees them. Initial states of recordings with an
 unknown start are variables beside ``θ``, and so are the instants at which an input jumps between two samples. An
 initial state has a prior, see `phnn.identification.begun`: what the samples do not show of it stays near to what the
-model knows of its own motion. Samples at a limit of the sensor are censored (`phnn.identification.censoring`).
+model knows of its own motion. Samples at a limit of the sensor are censored (`phnn.identification.nuisances`).
 """
 
 from __future__ import annotations
@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from phnn.derivatives import output_derivatives
 from phnn.errors import SolverFailed
-from phnn.identification.censoring import beyond_limit
-from phnn.identification.nuisances import without_nuisances
+from phnn.identification.nuisances import beyond_limit, without_nuisances
 from phnn.identification.plan import Plan
 from phnn.identification.variables import Variables
 from phnn.recordings.recording import Recording

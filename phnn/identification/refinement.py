@@ -19,9 +19,8 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from phnn.errors import PhnnError, SolverFailed
-from phnn.identification.censoring import beyond_limit
 from phnn.identification.fit import Fit, fit
-from phnn.identification.nuisances import without_nuisances
+from phnn.identification.nuisances import beyond_limit, without_nuisances
 from phnn.identification.plan import Plan
 from phnn.identification.problem import Problem
 from phnn.identification.staged import fit_identified, stated_only

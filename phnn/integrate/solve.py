@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from phnn.integrate.cache import inline, plain, stay_outside
-from phnn.integrate.elimination import eliminate
+from phnn.integrate.pattern import eliminate
 from phnn.integrate.roots import NOTHING, RELAXED, TOLERANCE, make_root
 from phnn.integrate.scalar import inertia, prepare
 from phnn.integrate.step import balance

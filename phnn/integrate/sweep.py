@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 from phnn.errors import StructureViolated
 from phnn.integrate.actions import action_derivatives, actions
 from phnn.integrate.cache import inline, loop_entry
-from phnn.integrate.elimination import eliminate
 from phnn.integrate.linearise import derivatives_at
-from phnn.integrate.pattern import Pattern, Run, pattern_of
+from phnn.integrate.pattern import Pattern, Run, eliminate, pattern_of
 from phnn.integrate.perturbed import Derivatives, new_derivatives
 from phnn.integrate.program import Program
 from phnn.integrate.table_access import junction_storage

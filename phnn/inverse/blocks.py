@@ -36,7 +36,9 @@ from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
 from phnn.chain import AMPLIFIERS, MEMORYLESS, SENSORS
+from phnn.chain.amplifiers import slip_step
 from phnn.errors import InputRefused
+from phnn.integrate.cache import entry
 from phnn.setup import Block, Setup
 from phnn.signals.long_spline import spline
 
@@ -231,6 +233,24 @@ def _as_it_is(voltage: Signal, h: float, *values: float) -> Signal:
     return voltage
 
 
+def _slipping(voltage: Signal, h: float, *values: float) -> Signal:
+    return voltage.then(_unslipped(voltage.values, *values))
+
+
+def _unslipped_loop(voltage: Any, weight: Any, travel: Any, exponent: Any, back: Any) -> Any:
+    out = voltage.copy()
+    state = 0.0
+    for n in range(1, voltage.size):
+        for _ in range(_REPEATED):
+            end = slip_step(state, out[n] - out[n - 1], travel, exponent, back)
+            out[n] = voltage[n] + weight * end
+        state = end
+    return out
+
+
+_unslipped = entry(_unslipped_loop)
+
+
 def _rate(values: Array, h: float) -> Array:
     return np.asarray(np.gradient(values, h, edge_order=2 if values.size > 2 else 1))
 
@@ -241,10 +261,12 @@ _AMPLIFIER_INVERSES: dict[str, Callable[..., Any]] = {
     "delay": _delay,
     "slew_limit": _slew_limit,
     "bouc_wen": _as_it_is,
-    "slipping": _as_it_is,
+    "slipping": _slipping,
 }
 
 
+# Repetitions of ``u = V + w s(u)``, of which each leaves the share by which the state slows the input down.
+_REPEATED = 60
 # Blocks whose output at an instant is a function of the input at that instant, and of time.
 STATIC_SENSORS = ("drift", "polynomial", "zero", "knee", "cubic", "drifting_gain")
 # Share of the largest speed below which a play is crossed.

@@ -29,9 +29,9 @@ from phnn.learn.windows import thinned
 from phnn.models.fully_neural import FullyNeural
 from phnn.models.store import FILE, save
 from phnn.recordings import Campaign, read
-from phnn.recordings.digest import digest
 from phnn.recordings.excitation import excitation_of
 from phnn.recordings.partition import candidate_of, choose
+from phnn.recordings.stored import digest
 from phnn.results import Origin, Place, claim, finished, sha256_of
 from phnn.setup import Setup
 

@@ -24,7 +24,7 @@ from phnn.models.actuator import hrc
 from phnn.models.fully_neural import FullyNeural
 from phnn.models.neural import STARTS, LearnedLaws, Motion, effort_and_flow, neural_hrc, staggered
 from phnn.models.neural_ode import NeuralODE
-from phnn.models.scales import Scales
+from phnn.models.perceptron import Scales
 from phnn.models.store import load
 from phnn.network.elements import Network
 from phnn.recordings.recording import Campaign, Recording, dominant_frequency

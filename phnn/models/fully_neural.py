@@ -8,8 +8,7 @@ from torch import Tensor, nn
 from phnn.errors import InputRefused
 from phnn.laws.diverged import LARGEST_WEIGHT, check_weights
 from phnn.laws.wide import convex_energy_unit
-from phnn.models.perceptron import Perceptron
-from phnn.models.scales import Scales
+from phnn.models.perceptron import Perceptron, Scales
 
 # Size of all heights together at r = 0.
 _BEND = 0.2

@@ -7,8 +7,7 @@ from torch import Tensor, nn
 
 from phnn.errors import InputRefused
 from phnn.laws.diverged import LARGEST_WEIGHT, check_weights
-from phnn.models.perceptron import Perceptron
-from phnn.models.scales import Scales
+from phnn.models.perceptron import Perceptron, Scales
 
 
 class NeuralODE(nn.Module):

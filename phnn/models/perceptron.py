@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import torch
 from torch import Tensor, nn
+
+from phnn.errors import InputRefused
 
 
 class Perceptron(nn.Module):
@@ -37,3 +40,24 @@ class Perceptron(nn.Module):
             if k < len(self.weights) - 1:
                 x = torch.tanh(x)
         return x
+
+
+@dataclass(frozen=True)
+class Scales:
+    """What one dimensionless unit is.
+
+    Attributes:
+        time: [s]; input: [V]; output: [m].
+
+    Raises:
+        InputRefused: one of them is not positive.
+    """
+
+    time: float
+    input: float
+    output: float
+
+    def __post_init__(self) -> None:
+        for name, value in (("time", self.time), ("input", self.input), ("output", self.output)):
+            if not 0.0 < value < float("inf"):
+                raise InputRefused(f"the scale of the {name} is {value:g}: give a positive typical magnitude in SI")

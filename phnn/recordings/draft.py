@@ -23,7 +23,7 @@ from phnn.recordings.table import Table, Where
 from phnn.recordings.units import known_unit
 from phnn.results import printable
 from phnn.signals.noise import FROM_PERIODS, WHITE, NoiseFloor, noise_floor
-from phnn.signals.quantisation import quantisation_step
+from phnn.signals.sampling import quantisation_step
 
 # A step of time longer than this many usual ones begins a new recording.
 _JUMP = 1.5

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+
+from phnn.recordings.recording import Campaign
 
 # Kinds of numpy's types that are numbers; complex ones are refused where somebody asks for them.
 NUMBERS = "iufbc"
@@ -35,3 +38,18 @@ def lazily(stored: Stored) -> Callable[[], np.ndarray]:
         return kept[0]
 
     return get
+
+
+def digest(campaign: Campaign) -> str:
+    """SHA-256, in hexadecimal, of all that fits and scores see of the recordings: samples, uses, starts, anchors."""
+    found = hashlib.sha256()
+    for r in campaign.recordings:
+        facts = (r.name, r.start, r.interpolation, r.parts, r.noise, r.period, r.units, r.measures, r.rise)
+        known = (r.sensor, r.offset, r.gain, r.instants_declared)
+        found.update(repr((*facts, *known, sorted(r.channels), sorted(r.further))).encode())
+        others = [values for _, values in (*sorted(r.channels.items()), *sorted(r.further.items()))]
+        instants = [] if r.instants is None else [r.instants]
+        for values in (r.t, r.u, r.y, r.noise_correlation, *others, *instants):
+            found.update(np.ascontiguousarray(values).tobytes())
+    found.update(repr((sorted(campaign.setup.items()), sorted(campaign.known.items()))).encode())
+    return found.hexdigest()

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from phnn.recordings import Campaign
-from phnn.recordings.digest import digest
+from phnn.recordings.stored import digest
 from phnn.report.evidence import FileHash, Provenance
 from phnn.results import printable, sha256_of
 

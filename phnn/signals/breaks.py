@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.signals.quantisation import quantisation_step
+from phnn.signals.sampling import quantisation_step
 from phnn.signals.stretch import Stretch
 
 Array = NDArray[np.float64]

@@ -16,7 +16,7 @@ from scipy.signal.windows import blackmanharris
 from scipy.stats import chi2
 
 from phnn.signals.first_order import EDGES, SMEARED, correlation_of, density, fit_first_order, fits
-from phnn.signals.quantisation import quantisation_step
+from phnn.signals.sampling import quantisation_step
 
 # Differences of order p pass white noise with the factor ``√C(2p, p)`` and a tone of angular frequency ω with
 # ``(2 sin(ω dt/2))^p``: with rising order what was excited vanishes, and the estimate comes to rest at the noise. Jumps

@@ -87,5 +87,4 @@ def test_a_further_copy_stands_in_the_screen_of_a_model_that_has_the_first(base:
     assert [c.effect for c in screen(base)] == [first]
     (found,) = screen(grown)
     assert found.effect == second
-    # It changes the output as the first copy does.
     assert found.fall == pytest.approx(screen(base)[0].fall)

@@ -11,9 +11,9 @@ from junctions import recording
 
 from phnn.configuration import config_folder
 from phnn.derivatives import output_derivatives
-from phnn.identification.censoring import beyond_limit
 from phnn.identification.evaluate import evaluate
 from phnn.identification.fit import Fit, fit
+from phnn.identification.nuisances import beyond_limit
 from phnn.identification.plan import Plan
 from phnn.identification.problem import Problem
 from phnn.identification.variables import variables_of

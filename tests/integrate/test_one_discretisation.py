@@ -21,7 +21,7 @@ from phnn.integrate.scheme import Scheme
 from phnn.learn import solvers
 from phnn.models.actuator import hrc
 from phnn.models.fully_neural import FullyNeural
-from phnn.models.scales import Scales
+from phnn.models.perceptron import Scales
 from phnn.network import PortHamiltonianSystem
 
 _PRIVATE = re.compile(r"torchdiffeq\._impl|numba\.(core|_)|_nrt\b|getclosurevars")

@@ -15,7 +15,7 @@ from phnn.models.actuator import hrc
 from phnn.models.fully_neural import FullyNeural
 from phnn.models.neural import LearnedLaws, Motion, neural_hrc
 from phnn.models.neural_ode import NeuralODE
-from phnn.models.scales import Scales
+from phnn.models.perceptron import Scales
 from phnn.recordings.recording import Recording
 from phnn.setup import Setup
 

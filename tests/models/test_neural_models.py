@@ -19,7 +19,7 @@ from phnn.models.actuator import TABLE_1, hrc
 from phnn.models.fully_neural import FullyNeural
 from phnn.models.neural import LearnedLaws, neural_hrc
 from phnn.models.neural_ode import NeuralODE
-from phnn.models.scales import Scales
+from phnn.models.perceptron import Scales
 from phnn.models.store import FILE, load, save
 from phnn.network.elements import Resistor, Storage
 from phnn.setup import Setup

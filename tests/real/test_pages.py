@@ -12,6 +12,10 @@ import pytest
 from pages import DOCS, agrees, differences, stated
 from real_recordings import folder
 
+from phnn.check import check
+from phnn.configuration import config_folder
+from phnn.recordings import read
+
 SCRIPT = DOCS.parent / "scripts" / "studies.py"
 FILES = {
     "emps": "DATA_EMPS.mat",
@@ -65,3 +69,14 @@ def test_what_a_page_states_otherwise_is_told(tmp_path: Path) -> None:
     assert differences(page, {"x": {"a": 1.01}, "y": {"a": 2.0, "b": 3.0}}) == []
     found = differences(page, {"x": {"a": 1.5}, "y": {"a": 2.0}})
     assert len(found) == 2 and "gives 1.5" in found[0] and "no such figure" in found[1]
+
+
+def test_the_contaminated_realisations_are_found_and_no_others() -> None:
+    where = folder("steering-mirror", "u_100mV_train.npy")
+    campaign = read(where, config_folder() / "recordings" / "steering-mirror" / "recordings.yaml")
+    assert len(campaign.recordings) == 54
+    findings = check(campaign).findings
+    noticed = {n for n, found in findings.items() if found}
+    # The second and the third of the first train.
+    assert noticed == {f"100mV_{r}.y_{y}" for r in (2, 3) for y in (1, 2, 3)}
+    assert {f.kind for found in findings.values() for f in found} == {"contaminated"}

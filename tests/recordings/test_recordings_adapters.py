@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 import phnn
 from phnn.errors import InputRefused
-from phnn.recordings.digest import digest
 from phnn.recordings.recording import Campaign
+from phnn.recordings.stored import digest
 
 Columns = dict[str, NDArray[np.float64]]
 # Two amplitudes and three frequencies: one is held out by choice.

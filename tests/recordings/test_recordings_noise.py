@@ -9,7 +9,7 @@ from scipy.signal import chirp, lfilter, lsim
 
 from phnn.recordings.excitation import excitation_of
 from phnn.signals.noise import NoiseFloor, from_high_band, from_periods, from_rest, longest_hold, noise_floor
-from phnn.signals.quantisation import quantisation_step
+from phnn.signals.sampling import quantisation_step
 
 
 def floor_of(t: np.ndarray, u: np.ndarray, y: np.ndarray) -> NoiseFloor:

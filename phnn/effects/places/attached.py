@@ -42,8 +42,7 @@ def _as_often_as_it_may(effect: Effect, roles: Roles) -> list[Effect]:
     found = [_at(effect, roles)]
     for which in _FURTHER[: effect.at_most - 1]:
         one = _at(effect, replace(roles, which=which))
-        named = f"{which} {found[0].name}"
-        found.append(replace(one, name=named, which=which, after=found[-1].parameters, forms=()))
+        found.append(replace(one, name=f"{which} {found[0].name}", which=which, after=found[-1].parameters, forms=()))
     return found
 
 
