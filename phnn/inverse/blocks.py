@@ -40,7 +40,7 @@ from phnn.chain.amplifiers import slip_step
 from phnn.errors import InputRefused
 from phnn.integrate.cache import entry
 from phnn.setup import Block, Setup
-from phnn.signals.long_spline import spline
+from phnn.signals.least_squares import spline
 
 Array = NDArray[np.float64]
 

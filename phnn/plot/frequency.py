@@ -45,7 +45,7 @@ from phnn.report.figures.style import AFTER, BEFORE, CATEGORIES, FAINT, INK, RC,
 from phnn.report.spectrum import amplitude_density
 from phnn.setup import Setup
 from phnn.signals.first_order import density_of
-from phnn.signals.harmonics import HARMONICS, harmonic_weights
+from phnn.signals.least_squares import HARMONICS, harmonic_weights
 from phnn.signals.whiteness import correlation, cross_deviation, own_deviation
 from phnn.simulate import simulate
 from phnn.units import quantity

@@ -25,7 +25,7 @@ from phnn.recordings.excitation import excitation_of
 from phnn.recordings.recording import Recording
 from phnn.report.figures.style import new_figure
 from phnn.report.formatting import listing
-from phnn.signals.harmonics import HARMONICS, deviation, harmonic_weights
+from phnn.signals.least_squares import HARMONICS, deviation, harmonic_weights
 from phnn.units import prefixed
 
 if TYPE_CHECKING:

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.signals.least_squares import residual
-from phnn.signals.long_spline import spline
+from phnn.signals.least_squares import residual, spline
 from phnn.signals.noise import longest_hold
 
 _UNLIKE = 0.3  # mismatch that a signal must reach before a return counts as a period

@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from phnn.report.document import Document, Missing, Score
+from phnn.report.domain_words import in_own_words
 from phnn.report.evidence import Evidence
 from phnn.report.formatting import (
     Unit,
@@ -25,7 +26,6 @@ from phnn.report.formatting import (
     words,
 )
 from phnn.report.reading import read_document
-from phnn.report.sentence import in_own_words
 from phnn.report.verdicts import (
     ended_sentence,
     equivalence_sentence,

@@ -15,7 +15,8 @@ from phnn.effects import Effect
 from phnn.effects.creep import growth_per_decade
 from phnn.effects.places import place_of
 from phnn.identification.fit import Fit
-from phnn.report.sentence import forces_known, nearest, unknown_statement
+from phnn.report.domain_words import forces_known
+from phnn.report.sentence import nearest, unknown_statement
 from phnn.units import FORCE_UNITS, quantity
 
 _UP_TO_FACTOR = " Absolute values are known up to one common factor, because nothing anchors them."

@@ -9,9 +9,9 @@ from html import escape
 from typing import TYPE_CHECKING, Any
 
 from phnn.report.document import Document
+from phnn.report.domain_words import in_own_words
 from phnn.report.evidence import Evidence
 from phnn.report.reading import lost_parts, read_document
-from phnn.report.sentence import in_own_words
 from phnn.report.shares import ledger_shares
 from phnn.report.verdicts import ended_sentence, headline, lost_sentence
 from phnn.rescue import documents, needed, warnings

@@ -1,4 +1,4 @@
-"""Least squares over more samples than a matrix of all of them should be kept for."""
+"""Least squares, amplitudes of harmonics and splines of long signals, without a matrix of all samples."""
 
 from __future__ import annotations
 
@@ -46,3 +46,65 @@ def _weights(y: Array, columns: Callable[[slice], Array]) -> Array:
 def _blocks(size: int) -> Iterator[slice]:
     for first in range(0, size, _ROWS):
         yield slice(first, min(first + _ROWS, size))
+
+
+# Harmonics that are reported, the fundamental among them.
+HARMONICS = 5
+# Harmonics that are told apart where there are samples enough: what is not would leak into those reported.
+_BASIS = 20
+
+
+def harmonic_weights(t: Array, period: float) -> NDArray[np.complex128]:
+    """(5, N) weights of the samples in the complex amplitudes ``Y_k`` of a periodic output, by least squares.
+
+    ``y = Y_0 + Re Σ_k Y_k e^{ikωt}``; exact for as many harmonics as fit in, whole number of samples a period or not.
+    """
+    dt = (t[-1] - t[0]) / (t.size - 1)
+    count = max(HARMONICS, min(_BASIS, int(0.5 * (period / dt - 1.0)) - 1))
+    phase = 2.0 * np.pi * np.outer(t, np.arange(1, count + 1)) / period
+    basis = np.hstack([np.ones((t.size, 1)), np.cos(phase), np.sin(phase)])
+    rows = np.linalg.pinv(basis)
+    cosines, sines = rows[1 : HARMONICS + 1], rows[count + 1 : count + HARMONICS + 1]
+    return np.asarray(cosines - 1j * sines)
+
+
+def deviation(weights: NDArray[np.complex128] | Array, correlation: Array) -> float:
+    """Standard deviation of ``w·n`` for noise ``n`` of unit variance and the given autocorrelation."""
+    total = float(np.vdot(weights, weights).real)
+    for lag in range(1, min(correlation.size, weights.size)):
+        total += 2.0 * float(correlation[lag]) * float(np.vdot(weights[lag:], weights[:-lag]).real)
+    return float(np.sqrt(max(total, 0.0)))
+
+
+# Samples whose spline is made at once, and samples beyond them that have a part in it: the influence of a sample falls
+# by 2 − √3 with each that lies between, to 1e-36 over these.
+_AT_ONCE, _BESIDE = 2**17, 64
+
+
+def spline(x: np.ndarray) -> Callable[[np.ndarray], Array]:
+    """The cubic spline (not-a-knot) through samples ``x`` (N,) at 0, 1, …, N − 1, as a function of the place.
+
+    For long signals only the slopes at the samples are kept, one number for each instead of some twenty while the
+    equations of all are solved.
+    """
+    from scipy.interpolate import CubicSpline
+
+    if x.size <= _AT_ONCE:
+        return CubicSpline(np.arange(x.size), x)
+    slopes = np.empty(x.size)
+    for first in range(0, x.size, _AT_ONCE):
+        begin, end = max(first - _BESIDE, 0), min(first + _AT_ONCE + _BESIDE, x.size)
+        last = min(first + _AT_ONCE, x.size)
+        # Too few samples at the end for a spline of their own have the others before them.
+        part = CubicSpline(np.arange(begin, end), x[begin:end])
+        slopes[first:last] = part(np.arange(first, last), 1)
+
+    def between(places: np.ndarray) -> Array:
+        """Hermite's cubic from values and slopes on both sides."""
+        i = np.clip(np.floor(places).astype(np.int64), 0, x.size - 2)
+        s = places - i
+        rest = 1.0 - s
+        values = rest * rest * (1.0 + 2.0 * s) * x[i] + s * s * (1.0 + 2.0 * rest) * x[i + 1]
+        return np.asarray(values + s * rest * (rest * slopes[i] - s * slopes[i + 1]))
+
+    return between

@@ -29,7 +29,7 @@ from phnn.recordings.recording import Part, Recording, dominant_frequency, unrec
 from phnn.report.formatting import DASH, markdown_table, number, percent, ratio
 from phnn.results import claim
 from phnn.setup import Setup
-from phnn.signals.harmonics import HARMONICS, deviation, harmonic_weights
+from phnn.signals.least_squares import HARMONICS, deviation, harmonic_weights
 from phnn.simulate import simulate
 from studies.comparison.uses import USES, over_noise, uses
 from studies.recordings import Conditions, comparison_plan, write_recordings

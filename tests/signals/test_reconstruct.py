@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
 from phnn.errors import InputRefused
-from phnn.signals import long_spline
+from phnn.signals import least_squares
 from phnn.signals.breaks import find_breaks, find_jumps
 from phnn.signals.reconstruct import METHODS, Reconstruction, mean_input, substep_counts, substep_input
 
@@ -251,6 +251,6 @@ def test_pieces_are_the_spline_through_all_samples(size: int, monkeypatch: pytes
     x = np.random.default_rng(size).standard_normal(size)
     places = np.linspace(0.0, size - 1.0, 7919)
     expected = CubicSpline(np.arange(size), x)(places)
-    assert np.array_equal(long_spline.spline(x)(places), expected)
-    monkeypatch.setattr(long_spline, "_AT_ONCE", 100)
-    assert np.allclose(long_spline.spline(x)(places), expected, rtol=0.0, atol=1e-13)
+    assert np.array_equal(least_squares.spline(x)(places), expected)
+    monkeypatch.setattr(least_squares, "_AT_ONCE", 100)
+    assert np.allclose(least_squares.spline(x)(places), expected, rtol=0.0, atol=1e-13)

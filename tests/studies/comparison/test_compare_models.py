@@ -28,7 +28,7 @@ from phnn.models.neural_ode import NeuralODE
 from phnn.recordings import read
 from phnn.recordings.recording import Part, Recording, Start
 from phnn.setup import Setup
-from phnn.signals.harmonics import harmonic_weights
+from phnn.signals.least_squares import harmonic_weights
 from studies.comparison.run import area_weights, cycle_errors, extracted, of_plant, of_setup, random_inputs, supply
 from studies.comparison.uses import uses
 from studies.recordings import comparison_plan
