@@ -295,11 +295,10 @@ def _heat(search: Search, model: Visited, candidates: Sequence[Candidate], large
 
 
 def _other_forms(search: Search, model: Visited) -> list[Visited]:
-    """The base model with other forms of hysteresis in the place of its hysterons, where it is far from the noise:
-    beside hysterons that have taken over what they can, another form promises nothing."""
+    """The base model with other forms of hysteresis in the place of its hysterons: beside these, which have taken over
+    what they can, another form promises nothing."""
     values = model.fit.setup.values()
-    weak = weakened(values)
-    if not weak:
+    if not (weak := weakened(values)):
         return []
     names = {form.name for form in FORMS.values()}
     forms = [e for e in search.effects if e.name in names and not e.after]

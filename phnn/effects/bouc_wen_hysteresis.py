@@ -80,6 +80,10 @@ _N, _C = "exponent of the slip", "change of its stiffness by that force"
 # What stiffens shall slip too: with e = |E|/F_B, slip over stiffening is e^(n-1)/c. A spring that stiffens and hardly
 # slips, of a larger n and c, is a nonlinear spring and no hysteresis.
 _STIFFENS = (between("n_B", "1", _N, 1.0, 1.5), bounded("c_B", "1", _C, -0.95, 3.0, 0.1))
+_SLIPS = (
+    between("n_B", "1", _N, 1.0, 3.0),
+    bounded("c_B", "1", "slip on the way back over that on the way forth", 0.0, 5.0, 0.1),
+)
 _DUHEM = Effect(
     name="bouc_wen_hysteresis",
     kind=kinds.SHAPE,
@@ -106,11 +110,7 @@ EFFECT = _DUHEM.or_as(
     r" \quad \beta, \gamma = (1 \pm c)/2",
     statement="A hysteresis acts beside the spring: a spring of {k_B} slips the more the nearer its force comes to "
     "{F_B}, with an exponent of {n_B}, and on the way back {c_B} times as much.",
-    declares=(
-        *_SPRING,
-        between("n_B", "1", _N, 1.0, 3.0),
-        bounded("c_B", "1", "slip on the way back over that on the way forth", 0.0, 5.0, 0.1),
-    ),
+    declares=(*_SPRING, *_SLIPS),
     adds=_Slipping("bouc_wen", Storage("z_B", "spring", ("k_B",), "m")),
     grid=grid,
 ).or_as(
@@ -125,8 +125,7 @@ EFFECT = _DUHEM.or_as(
     declares=(
         positive("w_B", "V", "voltage that the hysteresis takes at most", 1e8, strength=True),
         positive("V_B", "V", "voltage over which it slips", 1e4),
-        between("n_B", "1", _N, 1.0, 3.0),
-        bounded("c_B", "1", "slip on the way back over that on the way forth", 0.0, 5.0, 0.1),
+        *_SLIPS,
     ),
     adds=at_amplifier("slipping"),
     applies=has_transducer,

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from phnn.effects import Effect, Parts, Scales, constant, has_motion, kinds, positive
-from phnn.network.elements import Coupling, Resistor, Storage
-from phnn.setup import Setup
+from phnn.network.elements import Coupling, Network, Resistor, Storage
 
 # Cells of creep that follows the logarithm of time: their times are a decade apart. The growth of the displacement then
 # differs by 5 % at most from decade to decade.
@@ -29,20 +28,19 @@ def grid_logarithmic(scales: Scales) -> list[dict[str, float]]:
     ]
 
 
-def growth_per_decade(setup: Setup, first: float, last: float) -> float:
+def growth_per_decade(network: Network, stiffness: float, first: float, last: float) -> float:
     """The growth of the displacement under a constant force in every decade from one time to another [%].
 
     With the stiffness ``K(t) = k + Σ k_i exp(−t/τ_i)`` of the spring and all cells beside it it is
     ``100 (K(t₁)/K(t₂) − 1) / lg(t₂/t₁)``.
 
     Args:
-        setup: a model with creep; first, last: times since the force was applied [s].
+        network: of a model with creep; stiffness: of its spring [N/m].
+        first, last: times since the force was applied [s].
     """
-    values = setup.values()
-    spring = next(s for s in setup.network.storages if s.name == setup.network.output)
-    cells = [(values[r.parameters[0]], values[r.parameters[1]]) for r in setup.network.resistors if r.law == "maxwell"]
-    stiffness, tau = np.array(cells).T
-    early, late = (values[spring.parameters[0]] + float(stiffness @ np.exp(-t / tau)) for t in (first, last))
+    cells = [[network.parameters[n].value for n in r.parameters] for r in network.resistors if r.law == "maxwell"]
+    relaxing, tau = np.array(cells).T
+    early, late = (stiffness + float(relaxing @ np.exp(-t / tau)) for t in (first, last))
     return float(100.0 * (early / late - 1.0) / np.log10(last / first))
 
 

@@ -106,12 +106,13 @@ def identify_actuator(
         seed: of the random starting points.
         setup: start from this setup alone instead.
     """
-    held = _held(plan, known)
+    slow = is_quasi_static(plan)
+    held = _held(known, slow)
     if setup is not None:
         return fit_identified(setup, plan, held)
     anchored = {n: a.value for n, a in known.items()}
     check_known(known, hrc(0 if isinstance(hysterons, str) else hysterons).parameters)
-    points = mechanical_points(plan, anchored)[: 1 if is_quasi_static(plan) else None]
+    points = mechanical_points(plan, anchored)[: 1 if slow else None]
     if isinstance(hysterons, str):
         points = [s for p in points for s in with_form(p, plan, hysterons)]
     elif hysterons:
@@ -129,15 +130,15 @@ def identify_form(plan: Plan, known: Mapping[str, Anchor], hysterons: Fit) -> tu
     Args:
         hysterons: a fit with these, from whose mass, spring and damper all forms begin.
     """
-    held, values = _held(plan, known), hysterons.setup.values()
+    held, values = _held(known, is_quasi_static(plan)), hysterons.setup.values()
     linear = Setup(hrc(0, {n: values[n] for n in ("m", "k", "b", "alpha")}), name="linear")
     best = min(_finished([s for f in FORMS for s in with_form(linear, plan, f)], plan, held), key=lambda f: f.cost)
     return best.setup.name, fit_identified(best.setup, plan, held, _FULL, best)
 
 
-def _held(plan: Plan, known: Mapping[str, Anchor]) -> dict[str, str]:
+def _held(known: Mapping[str, Anchor], slow: bool) -> dict[str, str]:
     """What is not estimated: by a statement, for want of a common factor, or because nothing moves fast enough."""
-    return held_by_statement(known) | (_held_quasi_static(known) if is_quasi_static(plan) else {})
+    return held_by_statement(known) | (_held_quasi_static(known) if slow else {})
 
 
 def _finished(points: Sequence[Setup], plan: Plan, held: Mapping[str, str]) -> list[Fit]:

@@ -243,7 +243,9 @@ def _unslipped_loop(voltage: Any, weight: Any, travel: Any, exponent: Any, back:
     for n in range(1, voltage.size):
         for _ in range(_REPEATED):
             end = slip_step(state, out[n] - out[n - 1], travel, exponent, back)
-            out[n] = voltage[n] + weight * end
+            before, out[n] = out[n], voltage[n] + weight * end
+            if out[n] == before:
+                break
         state = end
     return out
 
@@ -265,7 +267,7 @@ _AMPLIFIER_INVERSES: dict[str, Callable[..., Any]] = {
 }
 
 
-# Repetitions of ``u = V + w s(u)``, of which each leaves the share by which the state slows the input down.
+# Most repetitions of ``u = V + w s(u)``, of which each leaves the share by which the state slows the input down.
 _REPEATED = 60
 # Blocks whose output at an instant is a function of the input at that instant, and of time.
 STATIC_SENSORS = ("drift", "polynomial", "zero", "knee", "cubic", "drifting_gain")

@@ -13,7 +13,7 @@ from phnn.diagnose.verdict import LEARNED, Claim
 from phnn.diagnose.words import fitted_in_words, is_effort, vocabulary_of
 from phnn.effects import Effect
 from phnn.effects.creep import growth_per_decade
-from phnn.effects.places import place_of
+from phnn.effects.places import place_of, values_by_role
 from phnn.identification.fit import Fit
 from phnn.report.domain_words import forces_known
 from phnn.report.sentence import nearest, unknown_statement
@@ -45,10 +45,11 @@ def _entry(diagnosis: Diagnosis, claim: Claim) -> dict[str, Any]:
         entry |= {"status": status, "description": _description(formula, effect)}
     free = not forces_known(diagnosis) and any(parameters[n].unit in FORCE_UNITS for n in effect.parameters)
     statement = effect.statement.format(**shown) if formula is None else formula.words
-    if effect.title == "creep":
-        scales = diagnosis.linearised[0].scales
-        first, last = 1.0 / scales.fastest, scales.duration
-        growth = growth_per_decade(diagnosis.final.setup, first, last)
+    network, scales = diagnosis.final.setup.network, diagnosis.linearised[0].scales
+    stiffness, first, last = values_by_role(network).get("k"), 1.0 / scales.fastest, scales.duration
+    # Neither a motion without a spring grows under a force, nor one that was recorded for less than a period.
+    if effect.title == "creep" and stiffness and first < last:
+        growth = growth_per_decade(network, stiffness, first, last)
         entry["percent_per_decade"] = growth
         statement += (
             f" From {quantity(first, 's')} to {quantity(last, 's')} it grows by {growth:.2g} % in every decade."
