@@ -289,29 +289,33 @@ def _approach(s: Any, a: Any, rate: Any, length: Any) -> Any:
 _bouc_wen_state = entry(_bouc_wen_loop)
 
 
-def slipping(fine: Array, h: Array, before: float, weight: Any, travel: Any, exponent: Any, back: Any) -> Array:
+def slipping(
+    fine: Array, h: Array, before: float, weight: Any, travel: Any, exponent: Any, back: Any, lean: Any
+) -> Array:
     """``V − w s`` with Bouc and Wen's ``ṡ = (V̇ − β|V̇| e sgn s − γ V̇ e)/U``, ``e = |s|ⁿ`` and ``β, γ = (1 ± c)/2``.
 
-    Eq. (19) in its normal form, with an exponent; the steps along the path are those of the law `bouc_wen`.
+    Eq. (19) in its normal form, with an exponent and a lean ``a``: on the way up s slips towards ``1 + a``, and on the
+    way down towards ``a − 1``. The steps along the path are those of the law `bouc_wen`.
     """
-    zero = 0.0 * (travel + exponent + back)
-    return np.asarray(fine - weight * _slipped(fine + zero, before + zero, travel + zero, exponent + zero, back + zero))
+    zero = 0.0 * (travel + exponent + back + lean)
+    shape = (travel + zero, exponent + zero, back + zero, lean + zero)
+    return np.asarray(fine - weight * _slipped(fine + zero, before + zero, *shape))
 
 
 @shared
-def slip_step(state: Any, rise: Any, travel: Any, exponent: Any, back: Any) -> Any:
+def slip_step(state: Any, rise: Any, travel: Any, exponent: Any, back: Any, lean: Any) -> Any:
     """The state ``s`` after the input has risen by ``rise``."""
     one = 1.0 + 0.0 * state
-    end, _ = bouc_wen_path(state, rise / travel, 1.0, one, one, exponent, back, one)
+    end, _ = bouc_wen_path(state, rise / travel, 1.0, one, one, exponent, back, lean, one)
     return end
 
 
-def _slipping_loop(fine: Any, last: Any, travel: Any, exponent: Any, back: Any) -> Any:
+def _slipping_loop(fine: Any, last: Any, travel: Any, exponent: Any, back: Any, lean: Any) -> Any:
     out = np.empty_like(fine)
     state = 0.0 * last
     for n in range(fine.shape[0]):
         for i in range(3):
-            state = slip_step(state, fine[n, i] - last, travel, exponent, back)
+            state = slip_step(state, fine[n, i] - last, travel, exponent, back, lean)
             last = fine[n, i]
             out[n, i] = state
     return out

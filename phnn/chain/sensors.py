@@ -228,7 +228,7 @@ DOMAINS: Mapping[str, tuple[Domain, ...]] = {
     "saturation": (POSITIVE,),
     "soft_saturation": (POSITIVE, POSITIVE),
     "bouc_wen": (POSITIVE, ANY, ANY, ANY),
-    "slipping": (ANY, POSITIVE, POSITIVE, NONNEGATIVE),
+    "slipping": (ANY, POSITIVE, POSITIVE, NONNEGATIVE, ANY),
     "delay": (NONNEGATIVE,),
     "slew_limit": (POSITIVE,),
     "offset": (ANY,),

@@ -33,10 +33,11 @@ class _Slipping:
 
     form: str
     spring: Storage
+    shape: tuple[str, ...]
     passive = True
 
     def __call__(self, setup: Setup, parameters: Placed) -> Setup:
-        slip = Resistor("slip_B", self.form, {"z_B": 1.0}, ("F_B", "n_B", "c_B", inertia(setup)), "p")
+        slip = Resistor("slip_B", self.form, {"z_B": 1.0}, (*self.shape, inertia(setup)), "p")
         return Parts((self.spring,), (slip,), (Coupling("z_B", "p"),))(setup, parameters)
 
 
@@ -50,13 +51,13 @@ def _grid(scales: Scales, backs: tuple[float, ...]) -> list[dict[str, float]]:
 
 def grid(scales: Scales) -> list[dict[str, float]]:
     """Slip after shares of the displacement and beyond it; half as much on the way back."""
-    return _grid(scales, (0.5,))
+    return [point | {"a_B": 0.0} for point in _grid(scales, (0.5,))]
 
 
 def grid_before(scales: Scales) -> list[dict[str, float]]:
     """Slip after shares of the voltage and beyond it."""
     return [
-        {"w_B": _SMALL * share * scales.voltage, "V_B": share * scales.voltage, "n_B": 1.3, "c_B": 0.5}
+        {"w_B": _SMALL * share * scales.voltage, "V_B": share * scales.voltage, "n_B": 1.3, "c_B": 0.5, "a_B": 0.0}
         for share in _TRAVELS
     ]
 
@@ -83,6 +84,7 @@ _STIFFENS = (between("n_B", "1", _N, 1.0, 1.5), bounded("c_B", "1", _C, -0.95, 3
 _SLIPS = (
     between("n_B", "1", _N, 1.0, 3.0),
     bounded("c_B", "1", "slip on the way back over that on the way forth", 0.0, 5.0, 0.1),
+    bounded("a_B", "1", "share by which it slips later on the way up, and earlier on the way down", -0.9, 0.9, 0.1),
 )
 _DUHEM = Effect(
     name="bouc_wen_hysteresis",
@@ -98,7 +100,7 @@ _DUHEM = Effect(
         "Visintin 1994, Differential Models of Hysteresis (Duhem)",
     ),
     declares=(*_SPRING, *_STIFFENS),
-    adds=_Slipping("duhem", Storage("z_B", "exponential_spring", ("k_B", "F_B", "c_B"), "m")),
+    adds=_Slipping("duhem", Storage("z_B", "exponential_spring", ("k_B", "F_B", "c_B"), "m"), ("F_B", "n_B", "c_B")),
     grid=grid_duhem,
     applies=has_inertia,
     neighbours=("extra_hysteron", "coulomb_friction", "creep"),
@@ -106,18 +108,20 @@ _DUHEM = Effect(
     rescale=rescale,
 )
 EFFECT = _DUHEM.or_as(
-    equation=r"\dot{E} = k_B\,(v - \beta\,|v|\,e\,\mathrm{sgn}\,E - \gamma\,v\,e), \quad e = |E/F_B|^n,"
-    r" \quad \beta, \gamma = (1 \pm c)/2",
+    equation=r"\dot{E} = k_B\,(v - \beta\,|v|\,e\,\mathrm{sgn}\,E - \gamma\,v\,e), \quad e = |E/F_\pm|^n,"
+    r" \quad F_\pm = F_B\,(1 \pm a), \quad \beta, \gamma = (1 \pm c)/2",
     statement="A hysteresis acts beside the spring: a spring of {k_B} slips the more the nearer its force comes to "
-    "{F_B}, with an exponent of {n_B}, and on the way back {c_B} times as much.",
+    "{F_B}, with an exponent of {n_B}, and on the way back {c_B} times as much. Forwards that force is the share "
+    "{a_B} larger, backwards smaller.",
     declares=(*_SPRING, *_SLIPS),
-    adds=_Slipping("bouc_wen", Storage("z_B", "spring", ("k_B",), "m")),
+    adds=_Slipping("bouc_wen", Storage("z_B", "spring", ("k_B",), "m"), ("F_B", "n_B", "c_B", "a_B")),
     grid=grid,
 ).or_as(
     equation=r"V = u - w s, \quad \dot{s} = (\dot{u} - \beta\,|\dot{u}|\,e\,\mathrm{sgn}\,s - \gamma\,\dot{u}\,e)/V_B,"
-    r" \quad e = |s|^n, \quad \beta, \gamma = (1 \pm c)/2",
+    r" \quad e = |s/(1 \pm a)|^n, \quad \beta, \gamma = (1 \pm c)/2",
     statement="The hysteresis lies before the moving part: up to {w_B} of the voltage are lost to a state that follows "
-    "it over {V_B} and then slips, with an exponent of {n_B}, and on the way back {c_B} times as much.",
+    "it over {V_B} and then slips, with an exponent of {n_B}, and on the way back {c_B} times as much. On the way "
+    "up that range is the share {a_B} larger, on the way down smaller.",
     references=(
         "Wen 1976, J. Eng. Mech. Div. 102",
         "Low & Guo 1995, J. Microelectromech. Syst. 4 (of a piezoelectric bender)",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from phnn.integrate.dispatch import SCALARS, STORAGE_SCALARS
+from phnn.integrate.dispatch import SCALARS
 from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES
 from phnn.network.elements import Network, WithLaw, fault_of_laws
@@ -36,9 +36,8 @@ def _law_obstacle(one: WithLaw) -> str:
     if not isinstance(law, str):
         known = str(getattr(law, "law", None)) in LAWS[one.kind][1]
         return "" if known else f"{one.called}: this torch module has no kernel; solve with phnn.integrate.dense"
-    most = STORAGE_SCALARS if one.kind == "storage" else SCALARS
     count = len(one.element.parameters)
-    return "" if count <= most else f"{one.called}: {count} parameters; the kernel passes {most}"
+    return "" if count <= SCALARS else f"{one.called}: {count} parameters; the kernel passes {SCALARS}"
 
 
 def partly_driven(network: Network, storages: Iterable[str]) -> str:

@@ -13,7 +13,7 @@ from phnn.integrate.cache import plain, stay_outside
 from phnn.integrate.program import Program
 from phnn.integrate.tables import (
     PLACE_1,
-    PLACE_4,
+    PLACE_5,
     PORTS,
     RATIO,
     rows_of,
@@ -85,7 +85,7 @@ def pattern_of(program: Program, active: tuple[int, ...]) -> Pattern:
     """The pattern of a program for the parameters at some entries of theta."""
     table, sparsity, known = program.table, program.sparsity, len(program.states) + len(program.junctions)
     inputs = [*range(known), *(known + place for place in active)]
-    in_ports = np.isin(active, rows_of(table, PORTS)[:, PLACE_1 : PLACE_4 + 1])
+    in_ports = np.isin(active, rows_of(table, PORTS)[:, PLACE_1 : PLACE_5 + 1])
     first, given = _listed(sparsity.leaves, inputs)
     leaf = np.repeat(np.arange(len(sparsity.leaves)), np.diff(first))
     names = np.array(inputs, dtype=np.int64)[given]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from phnn.errors import StructureViolated
 from phnn.integrate.compilable import LAWS, obstacle
-from phnn.integrate.dispatch import SCALARS, STORAGE_SCALARS
+from phnn.integrate.dispatch import SCALARS
 from phnn.integrate.partition import (
     LINEAR_RESISTOR_CODES,
     is_linear,
@@ -255,13 +255,12 @@ class _Builder:
         """Code and places, or the block of weights, of a law."""
         scalar, wide = LAWS[kind]
         if isinstance(law, str):
-            most = STORAGE_SCALARS if kind == "storage" else SCALARS
             places = [self.names.index(n) for n in parameters]
-            return [list(scalar).index(law), *places, *[self._place(0.0)] * (most - len(places))]
+            return [list(scalar).index(law), *places, *[self._place(0.0)] * (SCALARS - len(places))]
         first = self.size
         self.size += int(law.weights().numel())
         self.modules.append((kind, name))
-        return [len(scalar) + list(wide).index(law.law), first, int(law.units), first, first]
+        return [len(scalar) + list(wide).index(law.law), first, int(law.units), first, first, first]
 
     def program(self) -> Program:
         network, leaves, junctions = self.network, self.leaves, self.junctions

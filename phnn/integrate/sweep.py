@@ -20,7 +20,7 @@ from phnn.integrate.pattern import Pattern, Run, eliminate, pattern_of
 from phnn.integrate.perturbed import Derivatives, new_derivatives
 from phnn.integrate.program import Program
 from phnn.integrate.table_access import junction_storage
-from phnn.integrate.tables import LEAVES, OWN_STORAGE, PLACE_4, PORTS, rows_of
+from phnn.integrate.tables import LEAVES, OWN_STORAGE, PLACE_5, PORTS, rows_of
 
 #     0 = F_x δx + F_y δy + F_θ δθ − δf,     δx_l⁺ = X_x δx + X_y δy + X_θ δθ,     δp⁺ = δp + Z_x δx + Z_y δy + Z_θ δθ
 #
@@ -265,7 +265,7 @@ def carrier(program: Program, port: int) -> int:
 
     As an active parameter it changes only the actions, by the derivatives that `sensitivities` is given for it.
     """
-    return int(rows_of(program.table, PORTS)[port, PLACE_4])
+    return int(rows_of(program.table, PORTS)[port, PLACE_5])
 
 
 class Integrated(NamedTuple):

@@ -64,37 +64,39 @@ def stiffness(t: Any, k: Any, theta: Any) -> Any:
 @inline
 def resistor_flow(t: Any, r: Any, effort: Any, q: Any, theta: Any) -> Any:
     """``φ(ε, q)`` of the resistor in row ``r``."""
-    return _flow(t[r, LAW], effort, q, theta, t[r, PLACE_1], t[r, PLACE_2], t[r, PLACE_3], t[r, PLACE_4])
+    return _flow(t[r, LAW], effort, q, theta, t[r, PLACE_1], t[r, PLACE_2], t[r, PLACE_3], t[r, PLACE_4], t[r, PLACE_5])
 
 
 @inline
 def resistor_thresholds(t: Any, r: Any, q: Any, theta: Any) -> Any:
     """``(ρ, lo, hi)(q)`` of the piecewise linear resistor in row ``r``."""
-    return _thresholds(t[r, LAW], q, theta, t[r, PLACE_1], t[r, PLACE_2], t[r, PLACE_3], t[r, PLACE_4])
+    return _thresholds(t[r, LAW], q, theta, t[r, PLACE_1], t[r, PLACE_2], t[r, PLACE_3], t[r, PLACE_4], t[r, PLACE_5])
 
 
 @inline
 def resistor_path(t: Any, r: Any, x: Any, current: Any, h: Any, s: Any, theta: Any) -> Any:
     """``(x⁺, ē)`` of the storage ``E = s x`` of the resistor in row ``r``, which depends on the path alone."""
-    return _path(t[r, LAW], x, current, h, s, theta, t[r, PLACE_1], t[r, PLACE_2], t[r, PLACE_3], t[r, PLACE_4])
+    return _path(
+        t[r, LAW], x, current, h, s, theta, t[r, PLACE_1], t[r, PLACE_2], t[r, PLACE_3], t[r, PLACE_4], t[r, PLACE_5]
+    )
 
 
 @inline
 def factor(t: Any, r: Any, q: Any, theta: Any) -> Any:
     """``f(q)`` of the modulation in row ``r``."""
-    return _factor(t[r, LAW], q, theta, t[r, PLACE_1], t[r, PLACE_2], t[r, PLACE_3], t[r, PLACE_4])
+    return _factor(t[r, LAW], q, theta, t[r, PLACE_1], t[r, PLACE_2], t[r, PLACE_3], t[r, PLACE_4], t[r, PLACE_5])
 
 
 @inline
 def memory_rate(t: Any, r: Any, z: Any, source: Any, theta: Any) -> Any:
     """``f(z, s)`` of the modulator state in row ``r``."""
-    return _rate(t[r, LAW], z, source, theta, t[r, PLACE_1], t[r, PLACE_2], t[r, PLACE_3], t[r, PLACE_4])
+    return _rate(t[r, LAW], z, source, theta, t[r, PLACE_1], t[r, PLACE_2], t[r, PLACE_3], t[r, PLACE_4], t[r, PLACE_5])
 
 
 @inline
 def memory_decay(t: Any, r: Any, theta: Any) -> Any:
     """``d`` of the modulator state in row ``r``."""
-    return _decay(t[r, LAW], theta, t[r, PLACE_1], t[r, PLACE_2], t[r, PLACE_3], t[r, PLACE_4])
+    return _decay(t[r, LAW], theta, t[r, PLACE_1], t[r, PLACE_2], t[r, PLACE_3], t[r, PLACE_4], t[r, PLACE_5])
 
 
 @inline

@@ -214,6 +214,8 @@ _LOG_SMOOTHED = math.log(SMOOTHED)
 _FAR = 30.0
 # Strain below which a slip counts as linear in it.
 _AT_REST = 1e-9
+# Largest lean of a slipping spring towards one direction.
+_LEANS = 0.95
 # Rate [1/s] at which a cell yields that follows the path alone.
 _AT_ONCE = 1e9
 
@@ -270,14 +272,23 @@ def ramp_damper(effort: Any, q: Any, force: Any, exponent: Any, reference: Any, 
     return force * maximum(s, 0.0 * s) * _power(effort, exponent, reference)
 
 
-def bouc_wen(effort: Any, q: Any, force: Any, exponent: Any, back: Any, mass: Any) -> Any:
+def bouc_wen(effort: Any, q: Any, force: Any, exponent: Any, back: Any, lean: Any, mass: Any) -> Any:
     """Bouc–Wen beside a spring of the force ``E``: ``v e`` while ``v = p/m`` loads it, else ``−c v e``; ``e = |E/F|ⁿ``.
 
     With ``c ≥ 0`` both take energy: ``Ė = k (v − β |v| e sgn E − γ v e)``, ``β = (1 + c)/2`` and ``γ = (1 − c)/2``.
-    What slips depends on the path alone, not on the time. ``p = q`` is the momentum that is read, ``n ≥ 1``.
+    What slips depends on the path alone, not on the time. ``p = q`` is the momentum that is read, ``n ≥ 1``. Forwards
+    ``F (1 + a)`` stands for ``F``, and backwards ``F (1 − a)``.
     """
     speed = q * reciprocal(mass)
-    return where(real(q) * real(effort) > 0.0, speed, -back * speed) * _strained(effort / force, exponent)
+    forwards = where(real(q) < 0.0, -1.0 + 0.0 * q, 1.0 + 0.0 * q)
+    slip = where(real(q) * real(effort) > 0.0, speed, -back * speed)
+    return slip * _strained(effort / (force * _leant(lean, forwards)), exponent)
+
+
+@shared
+def _leant(lean: Any, side: Any) -> Any:
+    """``1 ± a``, which stays positive."""
+    return 1.0 + side * maximum(minimum(lean, _LEANS + 0.0 * lean), -_LEANS + 0.0 * lean)
 
 
 @shared
@@ -296,7 +307,7 @@ def _of_length(way: Any, length: Any) -> Any:
 
 @shared
 def bouc_wen_path(
-    x: Any, current: Any, h: Any, stiffness: Any, force: Any, exponent: Any, back: Any, mass: Any
+    x: Any, current: Any, h: Any, stiffness: Any, force: Any, exponent: Any, back: Any, lean: Any, mass: Any
 ) -> tuple[Any, Any]:
     """End state and mean effort of a step along the path ``h i``, of second order and passive for every length.
 
@@ -306,6 +317,7 @@ def bouc_wen_path(
     ``l (m̃ − g (a + a⁺)/2) = l m (1 − g) ≥ 0``.
     """
     side = where(real(current) < 0.0, -1.0 + 0.0 * current, 1.0 + 0.0 * current)
+    force = force * _leant(lean, side)
     scale = side * stiffness / force
     strain, length = x * scale, h * current * scale
     behind = minimum(strain, 0.0 * strain)
@@ -403,7 +415,13 @@ register(ResistorLaw("square_damper", square_damper, (0.7, 0.6, 0.8, 0.9), domai
 register(ResistorLaw("ramp_damper", ramp_damper, (0.7, 1.3, 0.8, 1.1), domains=(NONNEGATIVE, *_POWER, ANY)))
 _PATH = (POSITIVE, NONNEGATIVE)
 register(
-    ResistorLaw("bouc_wen", bouc_wen, (0.7, 1.4, 0.3, 0.9), domains=(*_PATH, NONNEGATIVE, POSITIVE), path=bouc_wen_path)
+    ResistorLaw(
+        "bouc_wen",
+        bouc_wen,
+        (0.7, 1.4, 0.3, 0.2, 0.9),
+        domains=(*_PATH, NONNEGATIVE, ANY, POSITIVE),
+        path=bouc_wen_path,
+    )
 )
 register(
     ResistorLaw(

@@ -205,17 +205,18 @@ def test_an_offset_is_added() -> None:
 
 
 def test_a_slipping_state_is_that_of_its_equation() -> None:
-    weight, travel, exponent, back = 5.0, 8.0, 1.4, 0.3
+    weight, travel, exponent, back, lean = 5.0, 8.0, 1.4, 0.3, 0.2
 
     def rate(t: float, s: np.ndarray) -> np.ndarray:
-        speed, strain = 2.0 * np.pi * 20.0 * np.cos(2.0 * np.pi * 3.0 * t), abs(s) ** exponent
+        speed = 2.0 * np.pi * 20.0 * np.cos(2.0 * np.pi * 3.0 * t)
+        strain = abs(s / (1.0 + lean * np.sign(speed))) ** exponent
         beta, gamma = 0.5 * (1.0 + back), 0.5 * (1.0 - back)
         return np.asarray((speed - beta * abs(speed) * strain * np.sign(s) - gamma * speed * strain) / travel)
 
     t = FINE_T
     u = 20.0 / 3.0 * np.sin(2.0 * np.pi * 3.0 * t)
     true = solve_ivp(rate, (0.0, t[-1, 2]), [0.0], method="Radau", t_eval=t[:, 0], rtol=1e-9, atol=1e-11, max_step=1e-3)
-    got = (u - slipping(u, H, 0.0, weight, travel, exponent, back)) / weight
+    got = (u - slipping(u, H, 0.0, weight, travel, exponent, back, lean)) / weight
     np.testing.assert_allclose(got[:, 0], true.y[0], atol=2e-4)
 
 
@@ -225,7 +226,7 @@ VALUES = {
     "saturation": (12.5,),
     "soft_saturation": (30.0, 3.0),
     "bouc_wen": (0.0087, 0.006, 0.014, 40.0),
-    "slipping": (5.0, 8.0, 1.4, 0.3),
+    "slipping": (5.0, 8.0, 1.4, 0.3, 0.2),
     "delay": (7.3e-3,),
     "slew_limit": (700.0,),
     "offset": (1.5,),

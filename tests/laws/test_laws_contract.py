@@ -119,22 +119,22 @@ def mean_effort(code, a, b, p):  # type: ignore[no-untyped-def]
 
 @compiled
 def thresholds(code, a, p):  # type: ignore[no-untyped-def]
-    return _thresholds(code, a, p, 0, 1, 2, 3)
+    return _thresholds(code, a, p, 0, 1, 2, 3, 4)
 
 
 @compiled
 def flow(code, a, b, p):  # type: ignore[no-untyped-def]
-    return _flows(code, a, b, p, 0, 1, 2, 3)
+    return _flows(code, a, b, p, 0, 1, 2, 3, 4)
 
 
 @compiled
 def factor(code, a, p):  # type: ignore[no-untyped-def]
-    return _factors(code, a, p, 0, 1, 2, 3)
+    return _factors(code, a, p, 0, 1, 2, 3, 4)
 
 
 @compiled
 def rate(code, a, b, p):  # type: ignore[no-untyped-def]
-    return _rates(code, a, b, p, 0, 1, 2, 3)
+    return _rates(code, a, b, p, 0, 1, 2, 3, 4)
 
 
 TABLES = [
