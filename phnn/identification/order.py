@@ -78,8 +78,8 @@ DEFAULT_HYSTERONS = 2
 # A further hysteron has to take this share of the excess over the noise, and with such a p-value: three parameters
 # more, chosen among few models. Too few independent blocks of time for a p-value leave the default.
 _SHARE, _LEVEL, _FEWEST_BLOCKS = 0.05, 0.00135, 8
-# Where it takes the larger part of the excess, chance is not what has to be excluded.
-_LARGER, _LIKELY = 0.5, 0.05
+# Chance does not take this share of the mean square: few large errors leave a test without power.
+_LARGER = 0.5
 # Residual over noise at which nothing further is tried.
 _NOISE = 1.1
 
@@ -135,5 +135,4 @@ def _better(held: LeftOut, before: tuple[Fit, Evaluation], after: tuple[Fit, Eva
     taken, excess = found.takes, max(found.before**2 - 1.0, 0.0)
     if found.falls is None:
         return isinstance(tried, int) and tried <= DEFAULT_HYSTERONS and taken >= 0.0
-    level, share = (_LIKELY, _LARGER) if taken > _LARGER * excess else (_LEVEL, _SHARE)
-    return taken > share * excess and found.falls < level
+    return taken > _LARGER * found.before**2 or (taken > _SHARE * excess and found.falls < _LEVEL)
