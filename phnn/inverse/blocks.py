@@ -237,12 +237,12 @@ def _slipping(voltage: Signal, h: float, *values: float) -> Signal:
     return voltage.then(_unslipped(voltage.values, *values))
 
 
-def _unslipped_loop(voltage: Any, weight: Any, travel: Any, exponent: Any, back: Any) -> Any:
+def _unslipped_loop(voltage: Any, weight: Any, travel: Any, exponent: Any, back: Any, lean: Any) -> Any:
     out = voltage.copy()
     state = 0.0
     for n in range(1, voltage.size):
         for _ in range(_REPEATED):
-            end = slip_step(state, out[n] - out[n - 1], travel, exponent, back)
+            end = slip_step(state, out[n] - out[n - 1], travel, exponent, back, lean)
             before, out[n] = out[n], voltage[n] + weight * end
             if out[n] == before:
                 break
