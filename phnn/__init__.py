@@ -19,7 +19,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from phnn import effects, models, plot
+    from phnn import effects, models, nn, plot
     from phnn.errors import InputRefused, PhnnError, SolverFailed
     from phnn.identification.options import Options
     from phnn.model import Model
@@ -43,6 +43,7 @@ _DEFINED_IN = {
     "load": "phnn.verbs",
     "models": None,
     "effects": None,
+    "nn": None,
     "plot": None,
     "Diagnosis": "phnn.verbs",
     "InputRefused": "phnn.errors",
@@ -73,6 +74,7 @@ __all__ = [
     "identify",
     "load",
     "models",
+    "nn",
     "plot",
     "predict",
     "read",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,6 +21,7 @@ from phnn.simulate import Trajectory, simulate
 
 if TYPE_CHECKING:
     from phnn.inverse.invert import Inverse
+    from phnn.network.elements import Network
     from phnn.network.system import PortHamiltonianSystem
 
 # A command may leave the recorded range by this share of it before that is told.
@@ -60,15 +62,20 @@ class Model:
         """Values of all parameters in SI units, by name."""
         return self.setup.values()
 
-    @property
+    @cached_property
     def module(self) -> PortHamiltonianSystem:
         """The network as a torch module with ``J``, ``D(x)``, ``H``, efforts and ports; `torchdiffeq` can integrate it.
 
-        Amplifier and sensor are no part of it.
+        Amplifier and sensor are no part of it. It is always the same module, with laws and parameters of its own:
+        ``model.with_network(model.module.as_network())`` is the model with what training has made of them.
         """
         from phnn.network.system import PortHamiltonianSystem
 
         return PortHamiltonianSystem(self.setup.network)
+
+    def with_network(self, network: Network) -> Model:
+        """The model with another network between its amplifier and its sensor."""
+        return replace(self, setup=replace(self.setup, network=network))
 
     def simulate(
         self,

@@ -8,8 +8,8 @@ import numpy as np
 from hypothesis import strategies as st
 
 from phnn.laws import FACTOR_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
-from phnn.laws.neural import EnergyMLP, MonotoneMLP
 from phnn.network import Coupling, Modulation, ModulatorState, Network, Port, Ratio, Resistor, Storage
+from phnn.nn import ConvexEnergyMLP, MonotoneMLP
 from phnn.parameters import Parameter, as_table
 
 
@@ -82,7 +82,7 @@ def random_network(
     for name in names:
         law = pick(storage_laws)  # type: ignore[arg-type]
         if rich and draw.random.random() < 0.15:
-            stores.append(Storage(name, EnergyMLP(1.0, float(draw.random.uniform(0.5, 2.0)), 4)))
+            stores.append(Storage(name, ConvexEnergyMLP(1.0, float(draw.random.uniform(0.5, 2.0)), 4)))
         else:
             stores.append(Storage(name, law.name, draw.values(name, law.example)))
     for r in range(resistors):

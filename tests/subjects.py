@@ -16,8 +16,8 @@ import torch
 from networks import remembering
 from torch import Tensor, nn
 
-import phnn.laws.neural
 import phnn.models
+import phnn.nn.one_ports
 from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.modal.elements import DRAG, HARDENING, SOFTENING, STOP, PortElement
 from phnn.modal.model import ModalModel

@@ -11,7 +11,7 @@ from attacks import OBJECTIVES, OPTIMISERS, REACH, train, violations
 from subjects import CORE, EVERY, Subject, laws, learned
 from torch import nn
 
-import phnn.laws.neural
+import phnn.nn.one_ports
 from phnn.errors import SolverFailed
 from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES
 from phnn.models.store import _KINDS
@@ -45,7 +45,7 @@ def trained(name: str, dtype: torch.dtype, optimiser: str, kind: str, steps: int
 
 def test_every_learned_law_is_among_the_subjects() -> None:
     assert set(_KINDS) == set(WIDE_RESISTORS) | set(WIDE_STORAGES)
-    modules = [c for _, c in inspect.getmembers(phnn.laws.neural, inspect.isclass) if issubclass(c, nn.Module)]
+    modules = [c for _, c in inspect.getmembers(phnn.nn.one_ports, inspect.isclass) if issubclass(c, nn.Module)]
     assert set(modules) == {type(make(2)) for make in _KINDS.values()}
 
 

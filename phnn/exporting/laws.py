@@ -19,7 +19,7 @@ import numpy as np
 from phnn.errors import InputRefused
 from phnn.exporting.program import INTRINSICS, STATE, Function, Names, Program, function, made, one_line
 from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS, namespace
-from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES
+from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES, form_of
 from phnn.parameters import Parameter
 
 _STATEMENTS = (ast.Assign, ast.AugAssign, ast.If, ast.For, ast.Break, ast.Return, ast.Expr)
@@ -467,7 +467,7 @@ class Elements:
 
     def _sum_over_units(self, known: Mapping[str, Any], element: Any, what: str, arguments: tuple[str, ...]) -> str:
         """A function of a law that is a sum over units, with its weights in a table; returns its name."""
-        law = known[element.law.law]
+        law = known[form_of(element.law)]
         name = f"law_{self.tables.of(what)}"
         if name in self.program.functions:
             return name

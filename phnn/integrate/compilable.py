@@ -7,7 +7,7 @@ from typing import Any
 
 from phnn.integrate.dispatch import SCALARS
 from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
-from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES
+from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES, form_of
 from phnn.network.elements import Network, WithLaw, fault_of_laws
 
 # For each kind of element: the laws with a few parameters, and the torch modules that pass their weights to the kernel.
@@ -34,7 +34,7 @@ def obstacle(network: Network) -> str:
 def _law_obstacle(one: WithLaw) -> str:
     law = one.element.law
     if not isinstance(law, str):
-        known = str(getattr(law, "law", None)) in LAWS[one.kind][1]
+        known = form_of(law) in LAWS[one.kind][1]
         return "" if known else f"{one.called}: this torch module has no kernel; solve with phnn.integrate.dense"
     count = len(one.element.parameters)
     return "" if count <= SCALARS else f"{one.called}: {count} parameters; the kernel passes {SCALARS}"

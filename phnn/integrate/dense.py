@@ -23,6 +23,7 @@ from phnn.integrate.equations import jacobians, powers_of_steps, reducible_rules
 from phnn.integrate.inputs import check, port_inputs
 from phnn.integrate.scheme import Scheme
 from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
+from phnn.laws.wide import form_of
 from phnn.network.checks import PowerBalance
 from phnn.network.system import PortHamiltonianSystem
 
@@ -205,7 +206,7 @@ def _step(step: _Step, t: float) -> Tensor:
             raise SolverFailed(
                 f"the step from t = {t:.6g} s to {t + step.h:.6g} s has no solution: {root.cause}, at "
                 f"{done:.3f} of the step; take a step below {max(done, _SMALLEST_PART) * step.h:.2g} s, or laws that "
-                "are monotone (MonotoneMLP) and convex (EnergyMLP)"
+                "are monotone (MonotoneMLP) and convex (ConvexEnergyMLP)"
             )
     return guess
 
@@ -249,11 +250,11 @@ def _newton(step: _Step, guess: Tensor, damped: bool = True) -> _Root:
 def _has_one_root(system: PortHamiltonianSystem) -> bool:
     """Whether all energies are convex and all resistors monotone: every step then has exactly one solution."""
     convex = (
-        STORAGE_LAWS[s.law].convex if isinstance(s.law, str) else getattr(s.law, "convex", False)
+        STORAGE_LAWS[s.law].convex if isinstance(s.law, str) else bool(form_of(s.law)) and s.law.convex
         for s in system.network.storages
     )
     monotone = (
-        RESISTOR_LAWS[r.law].monotone if isinstance(r.law, str) else getattr(r.law, "monotone", False)
+        RESISTOR_LAWS[r.law].monotone if isinstance(r.law, str) else bool(form_of(r.law)) and r.law.monotone
         for r in system.network.resistors
     )
     network = system.network

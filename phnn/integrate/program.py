@@ -75,6 +75,7 @@ from phnn.integrate.tables import (
     stack,
 )
 from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, RESISTOR_LAWS, STORAGE_LAWS
+from phnn.laws.wide import form_of
 from phnn.network.elements import ModulatorState, Network, Ratio, Resistor, Storage
 from phnn.network.roles import imposed
 
@@ -260,7 +261,7 @@ class _Builder:
         first = self.size
         self.size += int(law.weights().numel())
         self.modules.append((kind, name))
-        return [len(scalar) + list(wide).index(law.law), first, int(law.units), first, first, first]
+        return [len(scalar) + list(wide).index(form_of(law)), first, int(law.units), first, first, first]
 
     def program(self) -> Program:
         network, leaves, junctions = self.network, self.leaves, self.junctions

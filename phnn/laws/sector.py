@@ -160,7 +160,7 @@ def check_energy(
         k = int(np.argmin(np.where(low, values - rest, np.inf)))
         raise StructureViolated(
             f"{what}: H({POINTS[k]:.6g}) = {values[k]:.6g} J lies below H(0) = {rest:.6g} J, so that it can deliver "
-            "energy from rest: use an energy with its minimum at zero (EnergyMLP, or a named storage law)"
+            "energy from rest: use an energy with its minimum at zero (ConvexEnergyMLP, or a named storage law)"
         )
 
 
@@ -178,7 +178,7 @@ def _tried_sector(flow: Callable[[Array], Array], points: Array, what: str, read
         beside = "" if read is None else f" (reading q = {read:g})"
         raise StructureViolated(
             f"{what}: φ({points[k]:.6g}) = {values[k]:.6g}{beside}, so that ε φ(ε) = {points[k] * values[k]:.3g} < 0 "
-            "and it delivers power: use a law with ε φ(ε) ≥ 0 (DampingMLP, MonotoneMLP, or a named resistor law)"
+            "and it delivers power: use a law with ε φ(ε) ≥ 0 (SectorMLP, MonotoneMLP, or a named resistor law)"
         )
     return values
 

@@ -95,6 +95,41 @@ def register_wide(law: WideResistor | WideStorage) -> None:
     table[law.name] = law
 
 
+# Torch modules that are passive for all weights by their form: the exact type, and the laws whose kernels evaluate it.
+MODULES: dict[type, tuple[str, ...]] = {}
+_EVALUATED_BY = ("forward", "weights", "energy", "mean_effort")
+
+
+def register_compiled(module: type, *laws: str) -> None:
+    """Declare that modules of a type are passive for all weights, and are evaluated by the kernels of some laws.
+
+    Only this very type is meant: a subclass may evaluate something else.
+
+    Args:
+        module: its ``law`` names one of the laws, and ``weights()`` gives the vector that this law takes.
+        laws: names of additive-unit laws; none if it has no kernel.
+
+    Raises:
+        StructureViolated: no additive-unit law has such a name.
+    """
+    for name in laws:
+        if name not in WIDE_RESISTORS and name not in WIDE_STORAGES:
+            known = ", ".join((*WIDE_RESISTORS, *WIDE_STORAGES))
+            raise StructureViolated(f"no additive-unit law is called {name!r}: register it first; there are {known}")
+    MODULES[module] = laws
+
+
+def is_passive_by_form(law: Any) -> bool:
+    """Whether a module is of a registered type and has no evaluation of its own."""
+    return type(law) in MODULES and not any(name in vars(law) for name in _EVALUATED_BY)
+
+
+def form_of(law: Any) -> str:
+    """The name of the additive-unit law that evaluates a module; empty where only torch can."""
+    name = str(getattr(law, "law", "")) if is_passive_by_form(law) else ""
+    return name if name in MODULES.get(type(law), ()) else ""
+
+
 def flow(
     law: WideResistor,
     effort: Any,  # (...) tensor or array

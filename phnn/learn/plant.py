@@ -69,7 +69,7 @@ class NetworkPlant(Plant):
     @property
     def network(self) -> Network:
         """The network with the present parameter values and laws."""
-        return self.system.as_network()
+        return self.system.shown()
 
     def inputs(self, u: Tensor) -> Tensor:
         """(..., P) the voltage at the first port, the others at zero."""

@@ -57,7 +57,10 @@ def violations(plant: Plant, voltage: float, states: int = 10_000, seed: int = 0
     u = voltage * torch.randn(states, generator=random, dtype=torch.float64)
     with torch.no_grad():
         gained, supplied, scale = _powers(plant, x, u)
-    return None if scale is None else int((gained - supplied > _ROUNDING * scale).sum())
+    if scale is None:
+        return None
+    # Also what is not a number: such a model is not passive.
+    return int((~(gained - supplied <= _ROUNDING * scale)).sum())
 
 
 def _powers(plant: Plant, x: Tensor, u: Tensor) -> tuple[Tensor, Tensor, Tensor | None]:

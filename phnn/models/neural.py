@@ -10,9 +10,9 @@ import torch
 from torch import Tensor, nn
 
 from phnn.errors import InputRefused
-from phnn.laws.neural import DampingMLP, EnergyMLP, MonotoneMLP
 from phnn.models.actuator import hrc
 from phnn.network.elements import Network, Resistor
+from phnn.nn import ConvexEnergyMLP, MonotoneMLP, SectorMLP
 from phnn.parameters import as_table
 
 STARTS = ("parametric", "none")
@@ -34,9 +34,9 @@ class LearnedLaws:
 
     Attributes:
         width: units of every learned resistor.
-        law: ``damping`` (`DampingMLP`, sign-constrained) or ``monotone`` (`MonotoneMLP`).
+        law: ``damping`` (`SectorMLP`, sign-constrained) or ``monotone`` (`MonotoneMLP`).
         symmetric: odd resistors; of ``damping`` only.
-        spring_width: units of a learned convex spring (`EnergyMLP`) fitted to ``k q²/2`` first; 0 for a linear one.
+        spring_width: units of a learned spring (`ConvexEnergyMLP`), fitted to ``k q²/2`` first; 0 for a linear one.
 
     Raises:
         InputRefused: an unknown law.
@@ -51,11 +51,11 @@ class LearnedLaws:
         if self.law not in LAWS:
             raise InputRefused(f"law = {self.law!r}: choose {' or '.join(LAWS)}")
 
-    def resistor(self, effort: float, conductance: float, seed: int) -> DampingMLP | MonotoneMLP:
+    def resistor(self, effort: float, conductance: float, seed: int) -> SectorMLP | MonotoneMLP:
         """An untrained resistor of a typical conductance [S] at an effort scale [V]."""
         if self.law == "monotone":
             return MonotoneMLP(effort, conductance * effort, self.width)
-        return DampingMLP(effort, conductance * effort, self.width, self.symmetric, seed)
+        return SectorMLP(effort, conductance * effort, self.width, self.symmetric, seed)
 
 
 @dataclass(frozen=True)
@@ -116,7 +116,7 @@ def neural_hrc(
 
 def _learned(
     number: int, laws: LearnedLaws, start: str, values: Mapping[str, float], motion: Motion, seed: int
-) -> DampingMLP | MonotoneMLP:
+) -> SectorMLP | MonotoneMLP:
     """The resistor of one hysteron, fitted to the dead zone from which its training starts."""
     effort, flow = effort_and_flow(number, values, motion)
     if start == "parametric":
@@ -147,7 +147,7 @@ def staggered(number: int, effort: float, flow: float) -> tuple[float, float, fl
 
 
 def fit_dead_zone(
-    law: DampingMLP | MonotoneMLP,
+    law: SectorMLP | MonotoneMLP,
     rho: float,
     width: float,
     reach: float,
@@ -170,7 +170,7 @@ def fit_dead_zone(
 
 def _with_spring(network: Network, k: float, reach: float, width: int) -> Network:
     """The network with a learned spring on its output."""
-    spring = EnergyMLP(reach, k * reach, width)
+    spring = ConvexEnergyMLP(reach, k * reach, width)
     q = torch.linspace(-2.0 * reach, 2.0 * reach, _POINTS, dtype=torch.float64)
     _fit(spring, spring, q, k * q)
     storages = tuple(replace(s, law=spring, parameters=()) if s.name == network.output else s for s in network.storages)

@@ -21,9 +21,10 @@ from phnn.intake.json_file import load_json
 from phnn.intake.limits import LIMITS
 from phnn.integrate.program import compile_network
 from phnn.laws.diverged import LARGEST_WEIGHT, check_weights
-from phnn.laws.neural import DampingMLP, EnergyMLP, MonotoneMLP
+from phnn.laws.wide import form_of
 from phnn.models.typed import a_count, a_list, a_name, a_number, a_text, an_object, brief, of_fields
 from phnn.network.elements import Coupling, Modulation, ModulatorState, Network, Port, Resistor, Storage, check_laws
+from phnn.nn import ConvexEnergyMLP, MonotoneMLP, SectorMLP
 from phnn.parameters import Parameter
 from phnn.results import Place, claim, printable
 from phnn.setup import AMPLIFIERS, SENSORS, SOURCES, Block, Own, Setup, Source
@@ -45,7 +46,7 @@ def save(setup: Setup, folder: Path | Place, substeps: int = 1, inputs: tuple[fl
         inputs: least and largest input of the recordings that it was identified from, SI.
 
     Raises:
-        PhnnError: a law is a torch module other than those of `phnn.laws.neural`, which this format does not hold.
+        PhnnError: a law is a torch module other than those of `phnn.nn.one_ports`, which this format does not hold.
     """
     network = setup.network
     content = {
@@ -269,10 +270,10 @@ def _parameter(content: Any, where: str) -> Parameter:
 
 # Scales are buffers and come with the weights: the ones given here only make room for them.
 _KINDS: dict[str, Callable[[int], nn.Module]] = {
-    "damping": lambda width: DampingMLP(1.0, 1.0, width),
-    "symmetric_damping": lambda width: DampingMLP(1.0, 1.0, width, symmetric=True),
+    "damping": lambda width: SectorMLP(1.0, 1.0, width),
+    "symmetric_damping": lambda width: SectorMLP(1.0, 1.0, width, symmetric=True),
     "monotone": lambda width: MonotoneMLP(1.0, 1.0, width),
-    "convex": lambda width: EnergyMLP(1.0, 1.0, width),
+    "convex": lambda width: ConvexEnergyMLP(1.0, 1.0, width),
 }
 
 
@@ -284,8 +285,8 @@ def as_json(law: Any) -> Any:
     """
     if isinstance(law, str):
         return law
-    kind = getattr(law, "law", None)
-    if not isinstance(law, DampingMLP | MonotoneMLP | EnergyMLP) or kind not in _KINDS:
+    kind = form_of(law)
+    if kind not in _KINDS:
         raise PhnnError(f"a {type(law).__name__} as a law has no form on disk: keep its state_dict with torch.save")
     return {"kind": kind, "units": law.units, "state": {n: v.tolist() for n, v in law.state_dict().items()}}
 

@@ -65,13 +65,15 @@ class BoundedParameters(nn.Module):
     """Free physical parameters of a network; each has a coordinate ``z``, the scalar `nn.Parameter` that is trained.
 
     Values are read with `values` or `value` and set with `assign`. States of this module (``state_dict``) hold
-    coordinates and references, and bring back values to the last bit.
+    coordinates ``z.NAME`` and references ``reference.NAME``, and bring back values to the last bit. Bounds are those of
+    the parameters and no part of a state: one with a reference outside them is refused.
 
     Args:
         parameters: by name, with value and bounds.
 
     Attributes:
         z: the coordinates by name.
+        reference: the references by name, as buffers [SI].
     """
 
     table: Tensor
@@ -85,8 +87,13 @@ class BoundedParameters(nn.Module):
         # One by one: torch sorts what comes in a dict.
         for name in self.declared:
             self.z[name] = nn.Parameter(torch.zeros((), dtype=torch.float64))
+        self.reference = nn.Module()
+        for name, parameter in self.declared.items():
+            self.reference.register_buffer(name, torch.tensor(parameter.value, dtype=torch.float64))
         rows = torch.tensor([_row(p) for p in self.declared.values()], dtype=torch.float64).reshape(-1, _ROWS)
-        self.register_buffer("table", rows.mT.contiguous())
+        self.register_buffer("table", rows.mT.contiguous(), persistent=False)
+        self.register_load_state_dict_pre_hook(_check_references)
+        self.register_load_state_dict_post_hook(_take_references)
 
     def __contains__(self, name: str) -> bool:
         return name in self.declared
@@ -170,9 +177,40 @@ class BoundedParameters(nn.Module):
             # A parameter itself refuses what it cannot be.
             rows[name] = replace(self.declared[name], value=float(value))
         for name, parameter in rows.items():
-            row = torch.tensor(_row(parameter), dtype=torch.float64)
-            self.table[:, self.place[name]] = row.to(self.table)
+            self._refer(name, parameter)
+            self.reference.get_buffer(name).fill_(parameter.value)
             self.z[name].zero_()
+
+    def _refer(self, name: str, parameter: Parameter) -> None:
+        """Make a parameter's value the reference of its coordinate."""
+        row = torch.tensor(_row(parameter), dtype=torch.float64)
+        self.table[:, self.place[name]] = row.to(self.table)
+
+
+def _check_references(module: BoundedParameters, state: Mapping[str, Tensor], prefix: str, *_: object) -> None:
+    """Refuse a state with a reference outside its parameter's bounds, before anything is loaded.
+
+    Raises:
+        InputRefused: names the parameter, its value and what is accepted.
+    """
+    for name, declared in module.declared.items():
+        if (value := state.get(f"{prefix}reference.{name}")) is not None:
+            _referenced(declared, value)
+
+
+@torch.no_grad()
+def _take_references(module: BoundedParameters, _: object) -> None:
+    """Follow the references that have been loaded."""
+    for name, declared in module.declared.items():
+        module._refer(name, _referenced(declared, module.reference.get_buffer(name)))
+
+
+def _referenced(declared: Parameter, reference: Tensor) -> Parameter:
+    """The parameter at a reference; in 32 bits one on its bound may have been rounded beyond it."""
+    value = float(reference)
+    near = min(max(value, declared.lower), declared.upper)
+    rounded = reference.dtype == torch.float32 and math.isclose(value, near, rel_tol=1e-6)
+    return replace(declared, value=near if rounded else value)
 
 
 def _row(p: Parameter) -> list[float]:

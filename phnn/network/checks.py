@@ -16,9 +16,11 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from phnn.errors import InputRefused, StructureViolated
+from phnn.laws import gradient
+from phnn.laws.diverged import check_weights
 from phnn.laws.sector import READ, check_energy, check_sector
-from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES
-from phnn.network.elements import Port, Resistor, Storage
+from phnn.laws.wide import form_of, is_passive_by_form
+from phnn.network.elements import Port
 
 
 class PowerBalance(NamedTuple):
@@ -92,39 +94,65 @@ def check_input(u: Tensor, ports: Sequence[Port]) -> None:
         )
 
 
-def is_learned(law: Any) -> bool:
-    """Whether a module is a learned law of the package, whose form keeps it passive for all weights."""
-    form = getattr(law, "law", None)
-    return isinstance(form, str) and (form in WIDE_RESISTORS or form in WIDE_STORAGES)
+def energy_of(law: nn.Module) -> Callable[[Tensor], Tensor]:
+    """The energy ``H`` of a module; of one whose form does not keep it passive ``max(H(x) − H(0), 0)``.
+
+    Training may carry the latter below its energy at rest, so that it could deliver energy from there.
+    """
+    energy: Callable[[Tensor], Tensor] = law.energy  # type: ignore[assignment]
+    if is_passive_by_form(law):
+        return energy
+    return lambda x: torch.relu(energy(x) - energy(torch.zeros_like(x)))
 
 
-def check_module(kind: str, element: Storage | Resistor) -> None:
-    """Refuse a law that is no torch module, not in float64, or not passive with its present weights.
+def mean_effort_of(
+    law: nn.Module,
+    a: Tensor,  # (...) energy variable at the start of a step
+    b: Tensor,  # (...) and at its end
+) -> Tensor:
+    """(...) ``(H(b) − H(a))/(b − a)`` of a module, ``H'(a)`` where they are equal."""
+    if is_passive_by_form(law):
+        return law.mean_effort(a, b)  # type: ignore[operator]
+    energy = energy_of(law)
+    return gradient.effort(energy, a) if a is b else gradient.mean_effort(energy, a, b)
+
+
+def check(law: nn.Module, *, storage: bool | None = None, reads: bool = False, name: str = "the law") -> None:
+    """Try a torch module as a law of a network, on points over 24 decades of both signs.
+
+        phnn.nn.check(MyResistor())          # StructureViolated: … φ(0.05) = -0.2, so that ε φ(ε) = -0.01 < 0 …
+
+    A trial proves nothing between its points. Laws of `phnn.nn` are passive by their form: of them only the weights are
+    looked at.
 
     Args:
-        kind: ``storage`` or ``resistor``.
+        law: ``φ(ε)`` of a resistor, with ``ε φ(ε) ≥ 0``; or a storage with ``energy(x) ≥ energy(0)``.
+        storage: which of both it is; None: a storage if it has an ``energy``.
+        reads: a resistor is called with a state that it reads, ``φ(ε, q)``.
+        name: what the message calls it.
 
     Raises:
         StructureViolated: with the remedy, and the counterexample where the law is not passive.
+        SolverFailed: a weight is not finite.
     """
-    law, what = element.law, f"the law of {element.name}"
     if not isinstance(law, nn.Module):
-        raise StructureViolated(f"{what} is {law!r}: give a law's name or a torch module")
-    for name, tensor in law.named_parameters():
+        raise StructureViolated(f"{name} is {law!r}: give a law's name or a torch module")
+    for label, tensor in law.named_parameters():
         if tensor.dtype != torch.float64:
-            raise StructureViolated(f"{name} in {what} is {tensor.dtype}: convert the law with .double()")
-    if is_learned(law):
+            raise StructureViolated(f"{label} in {name} is {tensor.dtype}: convert the law with .double()")
+    check_weights(law, f"{name}: ")
+    if form_of(law):
         return
-    what = f"{what}, a {type(law).__name__}"
-    if kind == "storage":
-        # A sum of energies with a weight among them says itself that it is a source.
-        if getattr(law, "bounded", True):
-            check_energy(_of_arrays(law.energy), what)  # type: ignore[arg-type]
-    elif isinstance(element, Resistor) and element.modulated_by is not None:
+    name = f"{name}, a {type(law).__name__}"
+    if storage if storage is not None else hasattr(law, "energy"):
+        # A sum of energies with a weight among them is a source.
+        if not is_passive_by_form(law) or law.bounded:
+            check_energy(_of_arrays(law.energy), name)  # type: ignore[arg-type]
+    elif reads:
         for q in READ:
-            check_sector(_of_arrays(partial(_reading, law, q)), what, read=q)
+            check_sector(_of_arrays(partial(_reading, law, q)), name, read=q)
     else:
-        check_sector(_of_arrays(law), what)
+        check_sector(_of_arrays(law), name)
 
 
 def _reading(law: nn.Module, q: float, effort: Tensor) -> Tensor:

@@ -15,6 +15,7 @@ exchange leaves one system as it enters the other: the joint ``J`` is skew, ``D`
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, NamedTuple
@@ -279,6 +280,42 @@ class Network:
     def drives_of(self, memory: ModulatorState) -> tuple[str, ...]:
         """Names of what drives a memory."""
         return memory.of or tuple(r.name for r in self.resistors)
+
+    def copied(self) -> Network:
+        """The same network with copies of those laws that are torch modules; what shared a law still does."""
+        memo: dict[int, Any] = {}
+
+        def own(element: Any) -> Any:
+            law = element.law
+            return element if isinstance(law, str) else replace(element, law=copy.deepcopy(law, memo))
+
+        return replace(self, storages=tuple(map(own, self.storages)), resistors=tuple(map(own, self.resistors)))
+
+    def replace(self, name: str, law: Any, parameters: tuple[str, ...] = ()) -> Network:
+        """The network with another law on a resistor or storage, without the parameters that nothing uses any more.
+
+            phnn.models.hrc(hysterons=2).replace("hysteron_1", phnn.nn.SectorMLP(effort_scale=20.0, flow_scale=1e-3))
+
+        Args:
+            name: of a resistor, or of a storage.
+            law: name of a law, or a torch module: ``φ(ε)`` of a resistor, ``energy(x)`` of a storage.
+            parameters: names of the law's parameters, which the network has already.
+
+        Raises:
+            StructureViolated: nothing has this name, or the parameters are not those of the law.
+        """
+        names = (*self.storage_names, *(r.name for r in self.resistors))
+        if name not in names:
+            raise StructureViolated(f"no resistor or storage is called {name!r}; there are {', '.join(names)}")
+
+        def with_law(element: Any) -> Any:
+            return replace(element, law=law, parameters=parameters) if element.name == name else element
+
+        storages, resistors = (tuple(map(with_law, own)) for own in (self.storages, self.resistors))
+        found = replace(self, storages=storages, resistors=resistors)
+        check_laws(found)
+        used, before = set(found._parameter_references()), set(self._parameter_references())
+        return replace(found, parameters={n: p for n, p in found.parameters.items() if n in used or n not in before})
 
     def with_values(self, values: Mapping[str, float]) -> Network:
         """The same network with other parameter values."""

@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 
 import torch
 from torch import Tensor, nn
 
 from phnn.laws import FACTOR_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS, gradient
-from phnn.laws.diverged import check_weights
+from phnn.laws.diverged import LARGEST_WEIGHT, check_weights
+from phnn.laws.wide import form_of, is_passive_by_form
 from phnn.network import modulator_states
 from phnn.network.bounded import BoundedParameters
 from phnn.network.checks import (
     PowerBalance,
     Present,
+    check,
     check_input,
-    check_module,
     check_name,
     check_state,
+    energy_of,
     evaluation,
-    is_learned,
+    mean_effort_of,
     present_of,
 )
 from phnn.network.driven import DrivenSystem
@@ -35,13 +38,16 @@ class ParameterisedNetwork(nn.Module):
 
     def __init__(self, network: Network) -> None:
         super().__init__()
-        self.network = network
+        # Copies, for what is trained in one system is not to move in another one.
+        network = self.network = network.copied()
         self.constants = nn.Module()
         self.laws = nn.ModuleDict()
         for name, parameter in network.parameters.items():
             check_name(name, self.constants if parameter.fixed else nn.ParameterDict())
             if parameter.fixed:
-                self.constants.register_buffer(name, torch.tensor(parameter.value, dtype=torch.float64))
+                constant = torch.tensor(parameter.value, dtype=torch.float64)
+                # They belong to the network and not to a state of training, which could carry others in.
+                self.constants.register_buffer(name, constant, persistent=False)
         self.free = BoundedParameters({n: p for n, p in network.parameters.items() if not p.fixed})
         self._present: Present = None
         check_laws(network)
@@ -49,7 +55,8 @@ class ParameterisedNetwork(nn.Module):
             for element in elements:
                 if not isinstance(element.law, str):
                     key = f"{kind}_{element.name}"
-                    check_module(kind, element)
+                    reads = getattr(element, "modulated_by", None) is not None
+                    check(element.law, storage=kind == "storage", reads=reads, name=f"the law of {element.name}")
                     check_name(key, self.laws)
                     self.laws[key] = element.law
         place = {name: k for k, name in enumerate(network.state_names)}
@@ -83,7 +90,7 @@ class ParameterisedNetwork(nn.Module):
             SolverFailed: one is not; names it.
         """
         for key, law in self.laws.items():
-            check_weights(law, f"{key}.")
+            check_weights(law, f"{key}.", LARGEST_WEIGHT if form_of(law) else math.inf)
         return self.free.values()
 
     def ratios(
@@ -102,7 +109,11 @@ class ParameterisedNetwork(nn.Module):
         return ratio
 
     def as_network(self) -> Network:
-        """The network with the present parameter values."""
+        """The network with the present parameter values, and with copies of the laws as they are now."""
+        return self.shown().copied()
+
+    def shown(self) -> Network:
+        """The same, with the laws that the system goes on using."""
         return self.network.with_values({name: value.item() for name, value in self.present_values().items()})
 
 
@@ -125,7 +136,7 @@ class PortHamiltonianSystem(ParameterisedNetwork):
     flow that would deliver power is left out. Every evaluation refuses parameters that are not finite.
 
     Attributes:
-        network: the network as built; `as_network` has the present values.
+        network: the network as built, with its own copies of torch modules; `as_network` has the present values.
         free: the parameters that are trained. `value` reads a physical value, `set_values` sets some.
         constants: the values of parameters that are fixed, as buffers.
         laws: the laws that are torch modules.
@@ -152,7 +163,7 @@ class PortHamiltonianSystem(ParameterisedNetwork):
         check_state(x, self.state_names)
         values = []
         for k, s in enumerate(self.network.storages):
-            known = STORAGE_LAWS[s.law].energy if isinstance(s.law, str) else s.law.energy
+            known = STORAGE_LAWS[s.law].energy if isinstance(s.law, str) else energy_of(s.law)
             values.append(known(x[..., k], *map(self.value, s.parameters)))
         return torch.stack(values, dim=-1)
 
@@ -183,9 +194,7 @@ class PortHamiltonianSystem(ParameterisedNetwork):
         s = self.network.storages[k]
         if isinstance(s.law, str):
             return STORAGE_LAWS[s.law].mean_effort(a, b, *map(self.value, s.parameters))
-        if hasattr(s.law, "mean_effort"):
-            return s.law.mean_effort(a, b)
-        return gradient.effort(s.law.energy, a) if a is b else gradient.mean_effort(s.law.energy, a, b)
+        return mean_effort_of(s.law, a, b)
 
     def efforts(self, x: Tensor) -> Tensor:  # x: (..., n)
         """(..., n) efforts ``e = ∇H(x)``."""
@@ -222,7 +231,7 @@ class PortHamiltonianSystem(ParameterisedNetwork):
         if isinstance(self.network.resistors[r].law, str) or not bool(silent.any()):
             return ratio
         # A module need not resolve its value at so small an effort; its slope it knows.
-        slope = gradient.effort(lambda e: self.branch_flow(r, e, x), torch.zeros_like(epsilon))
+        slope = gradient.effort(lambda e: self.branch_flow(r, e, x), torch.zeros_like(epsilon)).clamp_min(0.0)
         return torch.where(silent, slope, ratio)
 
     @evaluation
@@ -271,7 +280,7 @@ class PortHamiltonianSystem(ParameterisedNetwork):
             return RESISTOR_LAWS[resistor.law].flow(epsilon, q, *map(self.value, resistor.parameters))
         flow = resistor.law(epsilon) if place is None else resistor.law(epsilon, q)
         # Training may carry a module of unknown form out of its sector.
-        return flow if is_learned(resistor.law) else torch.where(epsilon * flow < 0.0, 0.0 * flow, flow)
+        return flow if is_passive_by_form(resistor.law) else torch.where(epsilon * flow < 0.0, 0.0 * flow, flow)
 
     @evaluation
     def actions(

@@ -17,11 +17,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from phnn.errors import InputRefused
-from phnn.laws.neural import DampingMLP, EnergyMLP, MonotoneMLP
 from phnn.learn import checkpoint
 from phnn.models.actuator import hrc
 from phnn.models.store import FILE, load, save
 from phnn.network import PortHamiltonianSystem, Resistor, Storage
+from phnn.nn import ConvexEnergyMLP, MonotoneMLP, SectorMLP
 from phnn.parameters import Parameter
 from phnn.setup import Block, Setup
 
@@ -30,9 +30,9 @@ def learned() -> Setup:
     """A model with every kind of learned law, a block before it and one behind it."""
     base = hrc(1)
     network = base.extend(
-        storages=(Storage("w", EnergyMLP(1e-6, 1.0, 2)),),
+        storages=(Storage("w", ConvexEnergyMLP(1e-6, 1.0, 2)),),
         resistors=(
-            Resistor("l_1", DampingMLP(1.0, 1.0, 2), {"p": 1.0}),
+            Resistor("l_1", SectorMLP(1.0, 1.0, 2), {"p": 1.0}),
             Resistor("l_2", MonotoneMLP(1.0, 1.0, 2), {"w": 1.0}),
         ),
     )

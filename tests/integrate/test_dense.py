@@ -14,9 +14,9 @@ from torch import Tensor, nn
 from phnn.errors import InputRefused, SolverFailed
 from phnn.integrate.dense import ledger, solve_dense
 from phnn.integrate.scheme import Scheme
-from phnn.laws.neural import DampingMLP, EnergyMLP, MonotoneMLP
 from phnn.models.actuator import from_paper
 from phnn.network import Coupling, Network, Port, PortHamiltonianSystem, Resistor, Storage
+from phnn.nn import ConvexEnergyMLP, MonotoneMLP, SectorMLP
 from phnn.parameters import as_table, positive
 
 torch.set_num_threads(1)
@@ -96,9 +96,9 @@ def test_gradients_agree_with_finite_differences(kind: str) -> None:
     if kind == "analytic":
         system = PortHamiltonianSystem(random_network(5, 3, 2, 1, monotone=True))
     elif kind == "neural":
-        system = oscillator(EnergyMLP(1.0, 4.0, 2), MonotoneMLP(1.0, 1.0, 1))
+        system = oscillator(ConvexEnergyMLP(1.0, 4.0, 2), MonotoneMLP(1.0, 1.0, 1))
     else:
-        system = oscillator(Quartic(), DampingMLP(1.0, 1.0, 3))
+        system = oscillator(Quartic(), SectorMLP(1.0, 1.0, 3))
     n, ports = len(system.state_names), len(system.network.ports)
     random = torch.Generator().manual_seed(1)
     x0 = torch.randn(n, generator=random, dtype=torch.float64, requires_grad=True)

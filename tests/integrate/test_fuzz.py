@@ -13,8 +13,8 @@ from networks import random_network, remembering
 from phnn.integrate import kernel
 from phnn.integrate.program import compile_network
 from phnn.integrate.residual import check, power_balance, rounding
-from phnn.laws.neural import DampingMLP
 from phnn.network import Network, PortHamiltonianSystem, Resistor
+from phnn.nn import SectorMLP
 
 torch.set_num_threads(1)
 
@@ -76,7 +76,7 @@ def any_law(seeds: Iterable[int]) -> int:
     count = 0
     for seed in seeds:
         network, u, h, x0 = drawn(seed, monotone=False)
-        learned = DampingMLP(1.0, 10.0 ** (seed % 7 - 3), 8, seed=seed)
+        learned = SectorMLP(1.0, 10.0 ** (seed % 7 - 3), 8, seed=seed)
         name = network.state_names[seed % len(network.state_names)]
         network = Network(
             network.storages, (*network.resistors, Resistor("learned", learned, {name: 1.0})), network.couplings,

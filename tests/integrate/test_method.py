@@ -17,8 +17,8 @@ from phnn.errors import InputRefused
 from phnn.integrate import method
 from phnn.integrate.dense import ledger, solve_dense
 from phnn.integrate.method import ADJOINT_METHOD, METHOD
-from phnn.laws.neural import DampingMLP, EnergyMLP, MonotoneMLP
 from phnn.network import Coupling, DrivenSystem, Network, Port, PortHamiltonianSystem, Resistor, Storage
+from phnn.nn import ConvexEnergyMLP, MonotoneMLP, SectorMLP
 from phnn.parameters import as_table, positive
 
 torch.set_num_threads(1)
@@ -68,7 +68,7 @@ def frictional() -> DrivenSystem:
 
 
 def neural(resistor: nn.Module) -> DrivenSystem:
-    return mass(Storage("q", EnergyMLP(1.0, 4.0, 3)), Resistor("learned", resistor, {"p": 1.0}))
+    return mass(Storage("q", ConvexEnergyMLP(1.0, 4.0, 3)), Resistor("learned", resistor, {"p": 1.0}))
 
 
 def random(seed: int) -> DrivenSystem:
@@ -82,7 +82,7 @@ CASES: dict[str, Callable[[], DrivenSystem]] = {
     "rate times step 1e6": lambda: linear(1e7),
     "frictional": frictional,
     "monotone law": lambda: neural(MonotoneMLP(1.0, 1.0, 2)),
-    "damping law": lambda: neural(DampingMLP(1.0, 1.0, 3)),
+    "damping law": lambda: neural(SectorMLP(1.0, 1.0, 3)),
     "random": lambda: random(11),
 }
 

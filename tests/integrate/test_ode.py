@@ -10,8 +10,8 @@ from torch import Tensor, nn
 
 from phnn.errors import InputRefused, SolverFailed
 from phnn.integrate.ode import ADAPTIVE, FIXED, fastest_decay, odeint
-from phnn.laws.neural import EnergyMLP
 from phnn.network import Coupling, DrivenSystem, Network, Port, PortHamiltonianSystem, Resistor, Storage
+from phnn.nn import ConvexEnergyMLP
 from phnn.parameters import as_table, positive
 
 torch.set_num_threads(1)
@@ -58,7 +58,9 @@ def test_every_method_agrees_with_scipy(method: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "storage", ["spring", pytest.param(EnergyMLP(1.0, 4.0, 4), marks=pytest.mark.slow)], ids=["analytic", "neural"]
+    "storage",
+    ["spring", pytest.param(ConvexEnergyMLP(1.0, 4.0, 4), marks=pytest.mark.slow)],
+    ids=["analytic", "neural"],
 )
 def test_adjoint_gradients_agree_with_those_through_the_steps(storage: object) -> None:
     system = oscillator(storage=storage)

@@ -13,7 +13,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from phnn.errors import InputRefused, PhnnError, SolverFailed
-from phnn.laws.neural import DampingMLP, EnergyMLP, MonotoneMLP
 from phnn.learn.characteristic import thresholds
 from phnn.models.actuator import TABLE_1, hrc
 from phnn.models.fully_neural import FullyNeural
@@ -22,6 +21,7 @@ from phnn.models.neural_ode import NeuralODE
 from phnn.models.perceptron import Scales
 from phnn.models.store import FILE, load, save
 from phnn.network.elements import Resistor, Storage
+from phnn.nn import ConvexEnergyMLP, MonotoneMLP, SectorMLP
 from phnn.setup import Setup
 from phnn.simulate import simulate
 
@@ -184,10 +184,10 @@ def test_every_learned_law_has_a_form_on_disk() -> None:
     from phnn.models.store import as_json, from_json
 
     for law in (
-        DampingMLP(2.0, 3.0, 4),
-        DampingMLP(2.0, 3.0, 4, True),
+        SectorMLP(2.0, 3.0, 4),
+        SectorMLP(2.0, 3.0, 4, True),
         MonotoneMLP(2.0, 3.0, 4),
-        EnergyMLP(2.0, 3.0, 4),
+        ConvexEnergyMLP(2.0, 3.0, 4),
     ):
         again = from_json(json.loads(json.dumps(as_json(law))))
         assert type(again) is type(law)

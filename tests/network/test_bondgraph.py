@@ -14,12 +14,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from phnn.errors import StructureViolated
-from phnn.laws.neural import EnergyMLP
 from phnn.models.actuator import TABLE_1, hrc
 from phnn.models.variants import hysteron_choice
 from phnn.network import PortHamiltonianSystem
 from phnn.network.bondgraph import TF, Bond, BondGraph, C, I, R, Se, Sf
 from phnn.network.bondgraph.description import Element, Link
+from phnn.nn import ConvexEnergyMLP
 from phnn.parameters import as_table, constant, positive
 
 seeds = st.integers(0, 2**31 - 1)
@@ -135,7 +135,7 @@ def test_storages_kept_apart_move_like_merged_ones() -> None:
 @settings(max_examples=25, deadline=None)
 @given(seeds, st.floats(-2.0, 2.0).filter(lambda r: abs(r) > 0.1))
 def test_nonlinear_energies_are_added(seed: int, ratio: float) -> None:
-    learned = EnergyMLP(1.0, 1.5, 3)
+    learned = ConvexEnergyMLP(1.0, 1.5, 3)
     elements: list[Element] = [
         C("q", "a", "cubic_spring", ("k", "kappa", "q0")),
         C("z", "b", learned),

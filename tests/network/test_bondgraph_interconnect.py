@@ -89,7 +89,7 @@ def test_a_user_law_that_training_carries_out_of_its_sector_delivers_no_power() 
     x = torch.tensor([[0.3, 2.0], [0.1, -4.0]], dtype=torch.float64)
     assert (system.dissipation(x)[:, 1, 1] == 1.0).all()
     with torch.no_grad():
-        law.strength.fill_(-5.0)
+        system.laws["resistor_damper"].strength.fill_(-5.0)
     assert (system.dissipation(x) == 0.0).all()
     assert (system.power_balance(x, torch.zeros(2, 1, dtype=torch.float64)).dissipated == 0.0).all()
 

@@ -13,11 +13,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from phnn.errors import InputRefused, SolverFailed
-from phnn.laws.neural import DampingMLP, EnergyMLP
 from phnn.models.actuator import from_paper, hrc
 from phnn.models.store import load, save
 from phnn.network import Coupling, Network, Port, PortHamiltonianSystem, Resistor, Storage
 from phnn.network.bounded import BoundedParameters
+from phnn.nn import ConvexEnergyMLP, SectorMLP
 from phnn.parameters import Parameter, as_table, positive
 from phnn.setup import Setup
 
@@ -258,7 +258,7 @@ def with_laws(storage: object = "spring", resistor: object = "linear", reads: st
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
 def test_parameters_that_are_no_numbers_are_named_wherever_a_system_is_evaluated(bad: float) -> None:
     x, u = torch.ones(2, dtype=torch.float64), torch.ones(1, dtype=torch.float64)
-    network = with_laws(EnergyMLP(1.0, 1.0, 2), DampingMLP(1.0, 1.0, 2))
+    network = with_laws(ConvexEnergyMLP(1.0, 1.0, 2), SectorMLP(1.0, 1.0, 2))
     for spoil, name in (
         (lambda s: s.free.z["m"], "parameter m is not finite"),
         (lambda s: s.laws["resistor_damper"].heights, r"parameter (resistor_damper\.)?heights is not finite"),

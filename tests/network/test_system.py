@@ -14,9 +14,9 @@ from torch import Tensor, nn
 
 import phnn.network
 from phnn.errors import InputRefused, StructureViolated
-from phnn.laws.neural import DampingMLP, EnergyMLP, MonotoneMLP
 from phnn.models.actuator import from_paper
 from phnn.network import Coupling, Network, Port, PortHamiltonianSystem, Resistor, Storage
+from phnn.nn import ConvexEnergyMLP, MonotoneMLP, SectorMLP
 from phnn.parameters import Parameter, as_table, constant, positive
 
 torch.set_num_threads(1)
@@ -134,7 +134,7 @@ def test_outputs_are_conjugate_also_at_a_nonlinear_port() -> None:
 
 
 def test_dissipation_at_zero_effort_is_the_slope() -> None:
-    for law, slope in (("linear", 0.5), (MonotoneMLP(1.0, 1.0), None), (DampingMLP(1.0, 1.0), None)):
+    for law, slope in (("linear", 0.5), (MonotoneMLP(1.0, 1.0), None), (SectorMLP(1.0, 1.0), None)):
         system = PortHamiltonianSystem(oscillator(resistor=law))
         d = system.dissipation(torch.zeros(2, dtype=torch.float64))[1, 1]
         step = torch.tensor(1e-6, dtype=torch.float64)
@@ -142,9 +142,9 @@ def test_dissipation_at_zero_effort_is_the_slope() -> None:
         assert d.item() == pytest.approx(wanted, rel=1e-4)
 
 
-@pytest.mark.parametrize("storage", [QuarticSpring(), EnergyMLP(1.0, 1.0)], ids=["autograd", "closed form"])
+@pytest.mark.parametrize("storage", [QuarticSpring(), ConvexEnergyMLP(1.0, 1.0)], ids=["autograd", "closed form"])
 def test_neural_laws_keep_the_balance_and_the_graph(storage: nn.Module) -> None:
-    system = PortHamiltonianSystem(oscillator(storage, DampingMLP(1.0, 1.0)))
+    system = PortHamiltonianSystem(oscillator(storage, SectorMLP(1.0, 1.0)))
     x = torch.randn(20, 2, dtype=torch.float64, generator=torch.Generator().manual_seed(0))
     balance = system.power_balance(x, torch.ones(20, 1, dtype=torch.float64))
     assert balance.defect.abs().max() < 1e-12

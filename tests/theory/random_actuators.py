@@ -13,9 +13,9 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from phnn.laws.neural import DampingMLP, MonotoneMLP
 from phnn.models.actuator import hrc
 from phnn.network import Network, Resistor
+from phnn.nn import MonotoneMLP, SectorMLP
 
 Law = Callable[[Tensor], Tensor]
 # Laws that compiled code knows; `Slot` is one that a user would write.
@@ -38,14 +38,14 @@ class Slot(nn.Module):
         return self.rho * s * (1.0 + self.ripple * torch.sin(s / self.period))
 
 
-def window(low: float, high: float, flow: float, sharpness: float) -> DampingMLP:
+def window(low: float, high: float, flow: float, sharpness: float) -> SectorMLP:
     """``φ = g ε max(1 + tanh(k (ε − hi)) − tanh(k (ε − lo)), 0)``, silent at zero and nearly on ``[lo, hi]``.
 
     The sum falls and then rises, so that it is negative on one interval. Where zero lies outside of ``[lo, hi]``, the
     zeros of the law are separated.
     """
     width = high - low
-    law = DampingMLP(width, flow, 2)
+    law = SectorMLP(width, flow, 2)
     with torch.no_grad():
         law.offset.fill_(1.0)
         law.heights.copy_(2.0**0.5 * torch.tensor([1.0, -1.0]))
@@ -54,9 +54,9 @@ def window(low: float, high: float, flow: float, sharpness: float) -> DampingMLP
     return law
 
 
-def _symmetric(random: np.random.Generator, size: float, flow: float) -> DampingMLP:
+def _symmetric(random: np.random.Generator, size: float, flow: float) -> SectorMLP:
     """A conductance that rises with ``|ε|``: silent on one symmetric interval, or at zero alone."""
-    law = DampingMLP(size, flow, int(random.integers(1, 6)), symmetric=True, seed=int(random.integers(2**31)))
+    law = SectorMLP(size, flow, int(random.integers(1, 6)), symmetric=True, seed=int(random.integers(2**31)))
     with torch.no_grad():
         law.heights.abs_()
         law.offset.copy_(float(random.uniform(-0.9, 0.5)) * law.heights.sum() / law.units**0.5)

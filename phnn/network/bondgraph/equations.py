@@ -19,9 +19,11 @@ from sympy import QQ, Expr, Symbol
 from sympy.polys.matrices import DomainMatrix
 from torch import Tensor, nn
 
-from phnn.laws import STORAGE_LAWS, gradient
+from phnn.laws import STORAGE_LAWS
+from phnn.laws.wide import register_compiled
 from phnn.network.bondgraph.description import GY, Bond, BondGraph, C, Element, I, Link, R, Se
 from phnn.network.bounded import BoundedParameters
+from phnn.network.checks import energy_of, mean_effort_of
 from phnn.network.elements import Ratio
 from phnn.parameters import Parameter
 
@@ -245,7 +247,7 @@ class SumOfEnergies(nn.Module):
 
     def energy(self, x: Tensor) -> Tensor:  # x: (...)
         """(...) ``H(x)`` [J]."""
-        return torch.stack([law.energy(ratio * x) for law, ratio in self.parts]).sum(0)
+        return torch.stack([energy_of(law)(ratio * x) for law, ratio in self.parts]).sum(0)
 
     def mean_effort(
         self,
@@ -253,9 +255,9 @@ class SumOfEnergies(nn.Module):
         b: Tensor,  # (...) and at its end
     ) -> Tensor:
         """(...) ``(H(b) − H(a))/(b − a)``; ``H'(a)`` where they are equal."""
-        return torch.stack([ratio * self._part(law, ratio * a, ratio * b, a is b) for law, ratio in self.parts]).sum(0)
+        ends = [(law, ratio, ratio * a) for law, ratio in self.parts]
+        return torch.stack([r * mean_effort_of(law, x, x if a is b else r * b) for law, r, x in ends]).sum(0)
 
-    def _part(self, law: Any, start: Tensor, end: Tensor, at_rest: bool) -> Tensor:
-        if hasattr(law, "mean_effort"):
-            return law.mean_effort(start, end)
-        return gradient.effort(law.energy, start) if at_rest else gradient.mean_effort(law.energy, start, end)
+
+register_compiled(_Known)
+register_compiled(SumOfEnergies)

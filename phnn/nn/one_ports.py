@@ -18,7 +18,7 @@ from torch.nn import functional
 from phnn.errors import InputRefused
 from phnn.laws import wide
 from phnn.laws.diverged import LARGEST_WEIGHT, check_weights
-from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES
+from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES, register_compiled
 
 
 def _positive(raw: Tensor) -> Tensor:
@@ -62,7 +62,7 @@ def _check(width: int, **scales: float) -> None:
             raise InputRefused(f"{name} = {scale:g}: give a positive typical magnitude in SI units")
 
 
-class DampingMLP(nn.Module):
+class SectorMLP(nn.Module):
     """A sign-constrained resistor that may be silent on whole intervals and need not be monotone.
 
         φ(ε) = g ε max(c₀ + Σ_i (w_i/√U) tanh(k_i z + c_i), 0),   z = ε/s,   g = flow_scale/effort_scale,
@@ -113,8 +113,9 @@ class DampingMLP(nn.Module):
 
     def weights(self) -> Tensor:
         """(1 + 3U,) physical weights ``[g c₀, g w_1/√U, k_1/s, c_1, …]``."""
-        g = self.conductance
-        return _flat(self, g * self.offset, g / self.units**0.5 * self.heights, self.gains / self.scale, self.positions)
+        # Sizes, whatever signs a loaded state gives them.
+        g, scale = self.conductance.abs(), self.scale.abs()
+        return _flat(self, g * self.offset, g / self.units**0.5 * self.heights, self.gains / scale, self.positions)
 
     def forward(self, effort: Tensor) -> Tensor:  # effort: (...)
         """(...) flow ``φ(ε)``."""
@@ -167,16 +168,17 @@ class MonotoneMLP(nn.Module):
 
     def weights(self) -> Tensor:
         """(1 + 9U,) physical weights ``[f a/s, f w_1, k_1/s, c_1, …]``, three weights for each row of a unit."""
-        heights, gains = self.flow * _positive(self.heights), _positive(self.gains) / self.scale
+        flow, scale = self.flow.abs(), self.scale.abs()
+        heights, gains = flow * _positive(self.heights), _positive(self.gains) / scale
         rows = zip(heights, gains, self.positions, strict=True)
-        return _flat(self, self.flow / self.scale * _positive(self.slope), *(w for row in rows for w in row))
+        return _flat(self, flow / scale * _positive(self.slope), *(w for row in rows for w in row))
 
     def forward(self, effort: Tensor) -> Tensor:  # effort: (...)
         """(...) flow ``φ(ε)``."""
         return wide.flow(WIDE_RESISTORS[self.law], effort, self.weights())
 
 
-class EnergyMLP(nn.Module):
+class ConvexEnergyMLP(nn.Module):
     """A convex energy with its minimum of zero at zero, so that the network stays passive.
 
         H(x) = E s { a z²/2 + Σ_i (w_i/k_i) [S(k_i z + c_i) − S(c_i) − σ(c_i) k_i z] },   z = x/s
@@ -220,8 +222,10 @@ class EnergyMLP(nn.Module):
 
     def weights(self) -> Tensor:
         """(1 + 3U,) physical weights ``[E a/s, E w_1, k_1/s, c_1, …]``."""
-        heights, gains = self.typical * _positive(self.heights), _positive(self.gains) / self.scale
-        return _flat(self, self.typical / self.scale * _positive(self.curvature), heights, gains, self.positions)
+        # Sizes, whatever signs a loaded state gives them.
+        typical, scale = self.typical.abs(), self.scale.abs()
+        heights, gains = typical * _positive(self.heights), _positive(self.gains) / scale
+        return _flat(self, typical / scale * _positive(self.curvature), heights, gains, self.positions)
 
     def energy(self, x: Tensor) -> Tensor:  # x: (...)
         """(...) ``H(x)``."""
@@ -238,3 +242,8 @@ class EnergyMLP(nn.Module):
     def forward(self, x: Tensor) -> Tensor:  # x: (...)
         """(...) effort ``H'(x)``."""
         return self.mean_effort(x, x)
+
+
+register_compiled(SectorMLP, "damping", "symmetric_damping")
+register_compiled(MonotoneMLP, "monotone")
+register_compiled(ConvexEnergyMLP, "convex")

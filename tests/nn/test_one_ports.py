@@ -14,7 +14,7 @@ from torch import Tensor, nn
 from phnn.errors import InputRefused
 from phnn.laws import gradient
 from phnn.laws.diverged import LARGEST_WEIGHT
-from phnn.laws.neural import DampingMLP, EnergyMLP, MonotoneMLP
+from phnn.nn import ConvexEnergyMLP, MonotoneMLP, SectorMLP
 
 torch.set_num_threads(1)
 fuzzy = settings(max_examples=60, deadline=None)
@@ -67,7 +67,7 @@ def train_in_steps(law: nn.Module, x: Tensor, y: Tensor, unit: float, rate: floa
 @fuzzy
 @given(st.integers(0, 10**6), st.floats(0.0, 5.0), st.booleans())
 def test_damping_lies_in_the_sector_whatever_the_weights(seed: int, size: float, symmetric: bool) -> None:
-    law = shaken(DampingMLP(SCALE, 3e4, symmetric=symmetric), seed, size)
+    law = shaken(SectorMLP(SCALE, 3e4, symmetric=symmetric), seed, size)
     effort = magnitudes(seed)
     flow = law(effort)
     assert torch.isfinite(flow).all()
@@ -91,7 +91,7 @@ def test_monotone_law_is_monotone_and_passes_through_zero(seed: int, size: float
 @fuzzy
 @given(st.integers(0, 10**6), st.floats(0.0, 5.0))
 def test_energy_is_convex_with_minimum_zero_at_zero(seed: int, size: float) -> None:
-    law = shaken(EnergyMLP(SCALE, 3e4), seed, size)
+    law = shaken(ConvexEnergyMLP(SCALE, 3e4), seed, size)
     x = magnitudes(seed).sort().values
     energy, effort = law.energy(x), law(x)
     unit = SCALE * 3e4
@@ -104,7 +104,7 @@ def test_energy_is_convex_with_minimum_zero_at_zero(seed: int, size: float) -> N
 @fuzzy
 @given(st.integers(0, 10**6), st.floats(0.0, 5.0))
 def test_mean_effort_closes_the_power_balance_at_every_difference(seed: int, size: float) -> None:
-    law = shaken(EnergyMLP(SCALE, 3e4), seed, size)
+    law = shaken(ConvexEnergyMLP(SCALE, 3e4), seed, size)
     a = magnitudes(seed)
     b = a + magnitudes(seed + 1) * torch.logspace(-8, 0, len(a), dtype=torch.float64)
     change, work = law.energy(b) - law.energy(a), law.mean_effort(a, b) * (b - a)
@@ -114,7 +114,7 @@ def test_mean_effort_closes_the_power_balance_at_every_difference(seed: int, siz
 
 @pytest.mark.parametrize("difference", [0.0, 1e-14, 1e-9, 1e-6, 1e-4, 1e-2, 1.0])
 def test_mean_effort_and_its_slope_agree_with_quadrature(difference: float) -> None:
-    law = shaken(EnergyMLP(1.0, 1.0), 1, 0.5)
+    law = shaken(ConvexEnergyMLP(1.0, 1.0), 1, 0.5)
     a = torch.linspace(-1.5, 1.5, 31, dtype=torch.float64)
     b = (a + difference).requires_grad_(True)
     nodes, weights = (torch.as_tensor(v) for v in np.polynomial.legendre.leggauss(40))
@@ -127,18 +127,18 @@ def test_mean_effort_and_its_slope_agree_with_quadrature(difference: float) -> N
 
 
 def test_effort_by_automatic_differentiation_agrees() -> None:
-    law = shaken(EnergyMLP(SCALE, 3e4), 2, 0.5)
+    law = shaken(ConvexEnergyMLP(SCALE, 3e4), 2, 0.5)
     x = magnitudes(3)
     torch.testing.assert_close(gradient.effort(law.energy, x), law(x), rtol=1e-6, atol=1e-10 * 3e4)
 
 
-@pytest.mark.parametrize("law", [DampingMLP(SCALE, 3e4), MonotoneMLP(SCALE, 3e4)], ids=["damping", "monotone"])
+@pytest.mark.parametrize("law", [SectorMLP(SCALE, 3e4), MonotoneMLP(SCALE, 3e4)], ids=["damping", "monotone"])
 def test_a_dead_zone_with_a_slope_is_learned(law: nn.Module) -> None:
     effort = SCALE * torch.linspace(-2.0, 2.0, 201, dtype=torch.float64)
     half, slope = 0.7 * SCALE, 2.0 * 3e4 / SCALE
     target = slope * (effort - effort.clamp(-half, half))
     assert train(law, effort, target, 3e4) < 0.01
-    if isinstance(law, DampingMLP):
+    if isinstance(law, SectorMLP):
         # Zero on an interval, not merely small.
         assert (law(effort[(effort.abs() > 0) & (effort.abs() < 0.8 * half)]) == 0.0).double().mean() > 0.9
 
@@ -147,11 +147,11 @@ def test_a_dead_zone_with_a_slope_is_learned(law: nn.Module) -> None:
 def test_a_damper_of_any_width_survives_a_high_rate_of_training(width: int) -> None:
     effort = SCALE * torch.linspace(-2.0, 2.0, 101, dtype=torch.float64)
     target = 2.0 * 3e4 / SCALE * (effort - effort.clamp(-0.7 * SCALE, 0.7 * SCALE))
-    assert train_in_steps(DampingMLP(SCALE, 3e4, width), effort, target, 3e4, rate=0.1) < 0.1
+    assert train_in_steps(SectorMLP(SCALE, 3e4, width), effort, target, 3e4, rate=0.1) < 0.1
 
 
 def test_gradients_do_not_depend_on_the_units() -> None:
-    large, small = DampingMLP(1.0, 1.0), DampingMLP(1e-7, 1e-5)
+    large, small = SectorMLP(1.0, 1.0), SectorMLP(1e-7, 1e-5)
     z = torch.linspace(-2.0, 2.0, 11, dtype=torch.float64)
     for law, effort, flow in ((large, 1.0, 1.0), (small, 1e-7, 1e-5)):
         ((law(effort * z) / flow) ** 2).sum().backward()
@@ -160,7 +160,7 @@ def test_gradients_do_not_depend_on_the_units() -> None:
         assert a.grad is not None
 
 
-@pytest.mark.parametrize("make", [DampingMLP, MonotoneMLP, EnergyMLP])
+@pytest.mark.parametrize("make", [SectorMLP, MonotoneMLP, ConvexEnergyMLP])
 def test_weights_are_physical(make: Callable[..., nn.Module]) -> None:
     dimensionless, physical = shaken(make(1.0, 1.0), 3, 0.5), shaken(make(SCALE, 3e4), 3, 0.5)
     z = torch.linspace(-2.0, 2.0, 11, dtype=torch.float64)
@@ -170,7 +170,7 @@ def test_weights_are_physical(make: Callable[..., nn.Module]) -> None:
     assert all(p.grad is not None and bool((p.grad != 0.0).all()) for p in physical.parameters())
 
 
-@pytest.mark.parametrize("make", [DampingMLP, MonotoneMLP, EnergyMLP])
+@pytest.mark.parametrize("make", [SectorMLP, MonotoneMLP, ConvexEnergyMLP])
 def test_a_law_without_units_is_refused(make: Callable[..., nn.Module]) -> None:
     with pytest.raises(InputRefused, match="at least one unit"):
         make(1.0, 1.0, 0)
@@ -179,7 +179,7 @@ def test_a_law_without_units_is_refused(make: Callable[..., nn.Module]) -> None:
 
 @pytest.mark.parametrize("scale", [0.0, -1.0, float("nan"), float("inf")])
 def test_scales_that_are_not_positive_are_refused(scale: float) -> None:
-    for make in (DampingMLP, MonotoneMLP, EnergyMLP):
+    for make in (SectorMLP, MonotoneMLP, ConvexEnergyMLP):
         with pytest.raises(InputRefused, match="positive typical magnitude"):
             make(1.0, scale)
 
@@ -187,7 +187,7 @@ def test_scales_that_are_not_positive_are_refused(scale: float) -> None:
 @pytest.mark.parametrize("seed", range(5))
 def test_energies_of_the_largest_weights_fit_into_32_bits(seed: int) -> None:
     # Products of steps and hinges reach 40 decades, and an overflow would come back as an effort of zero.
-    law, random = EnergyMLP(1.0, 1.0, 5), torch.Generator().manual_seed(seed)
+    law, random = ConvexEnergyMLP(1.0, 1.0, 5), torch.Generator().manual_seed(seed)
     with torch.no_grad():
         for weight in law.parameters():
             sign = torch.sign(torch.randn(weight.shape, generator=random, dtype=torch.float64))

@@ -19,8 +19,8 @@ from phnn.errors import StructureViolated
 from phnn.integrate.cache import compiled as kept
 from phnn.laws import wide
 from phnn.laws.namespace import TINY, sqrt
-from phnn.laws.neural import DampingMLP, EnergyMLP, MonotoneMLP
 from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES, WideResistor, WideStorage
+from phnn.nn import ConvexEnergyMLP, MonotoneMLP, SectorMLP
 
 torch.set_num_threads(1)
 SCALE, TYPICAL = 1e-5, 3e4
@@ -29,10 +29,10 @@ UNITS = 5
 FIRST = 3
 
 MODULES: dict[str, Callable[[int], nn.Module]] = {
-    "damping": lambda width: DampingMLP(SCALE, TYPICAL, width),
-    "symmetric_damping": lambda width: DampingMLP(SCALE, TYPICAL, width, symmetric=True),
+    "damping": lambda width: SectorMLP(SCALE, TYPICAL, width),
+    "symmetric_damping": lambda width: SectorMLP(SCALE, TYPICAL, width, symmetric=True),
     "monotone": lambda width: MonotoneMLP(SCALE, TYPICAL, width),
-    "convex": lambda width: EnergyMLP(SCALE, TYPICAL, width),
+    "convex": lambda width: ConvexEnergyMLP(SCALE, TYPICAL, width),
 }
 LAWS: dict[str, WideResistor | WideStorage] = {**WIDE_RESISTORS, **WIDE_STORAGES}
 every = pytest.mark.parametrize("name", LAWS)
