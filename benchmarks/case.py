@@ -20,7 +20,7 @@ from phnn.models.actuator import TABLE_1, from_paper
 from phnn.network import PortHamiltonianSystem
 from phnn.recordings.recording import Part, Recording, Start
 from phnn.setup import Setup
-from phnn.simulate import Trajectory, simulate
+from phnn.trajectory import Trajectory, simulate
 
 Array = NDArray[np.float64]
 Solve = Callable[[], Array]

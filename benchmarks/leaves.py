@@ -41,7 +41,7 @@ from phnn.integrate.program import compile_network
 from phnn.integrate.scheme import Scheme
 from phnn.laws.leaf import loss
 from phnn.recordings.recording import Recording
-from phnn.simulate import Trajectory, simulate
+from phnn.trajectory import Trajectory, simulate
 
 SUBSTEPS = (1, 2, 4, 8, 16)
 FINEST = 256

@@ -23,7 +23,7 @@ _PROGRAM = """
 import time
 begin = time.perf_counter()
 from phnn.derivatives import output_derivatives
-from phnn.simulate import simulate
+from phnn.trajectory import simulate
 imported = time.perf_counter() - begin
 from benchmarks.case import NAMES, PART, TRUTH, setup_with
 begin = time.perf_counter()

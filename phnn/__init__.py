@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from phnn import effects, models, nn, plot
     from phnn.errors import InputRefused, PhnnError, SolverFailed
     from phnn.identification.options import Options
+    from phnn.integrate.differentiable import simulate
     from phnn.model import Model
     from phnn.network.elements import Network
     from phnn.network.system import PortHamiltonianSystem
@@ -38,6 +39,7 @@ _DEFINED_IN = {
     "identify": "phnn.verbs",
     "diagnose": "phnn.verbs",
     "predict": "phnn.verbs",
+    "simulate": "phnn.integrate.differentiable",
     "compare": "phnn.verbs",
     "export": "phnn.verbs",
     "load": "phnn.verbs",
@@ -51,7 +53,7 @@ _DEFINED_IN = {
     "Network": "phnn.network.elements",
     "Options": "phnn.identification.options",
     "PhnnError": "phnn.errors",
-    "PortHamiltonianSystem": "phnn.network.system",
+    "PortHamiltonianSystem": "phnn.integrate.method",
     "Setup": "phnn.setup",
     "SolverFailed": "phnn.errors",
 }
@@ -78,6 +80,7 @@ __all__ = [
     "plot",
     "predict",
     "read",
+    "simulate",
 ]
 
 

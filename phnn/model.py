@@ -17,7 +17,7 @@ from phnn.recordings.manifest import INPUTS
 from phnn.recordings.recording import unrecorded
 from phnn.setup import Setup
 from phnn.signals.sampling import check_samples, series
-from phnn.simulate import Trajectory, simulate
+from phnn.trajectory import Trajectory, simulate
 
 if TYPE_CHECKING:
     from phnn.inverse.invert import Inverse
@@ -69,7 +69,7 @@ class Model:
         Amplifier and sensor are no part of it. It is always the same module, with laws and parameters of its own:
         ``model.with_network(model.module.as_network())`` is the model with what training has made of them.
         """
-        from phnn.network.system import PortHamiltonianSystem
+        from phnn.integrate.method import PortHamiltonianSystem
 
         return PortHamiltonianSystem(self.setup.network)
 

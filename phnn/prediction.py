@@ -26,7 +26,7 @@ from phnn.network.elements import Network
 from phnn.recordings.driving import unknown_instants
 from phnn.recordings.recording import Recording
 from phnn.setup import Setup
-from phnn.simulate import measured_network, simulate
+from phnn.trajectory import measured_network, simulate
 
 _UNDEFINED = float("nan")
 

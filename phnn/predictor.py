@@ -13,7 +13,7 @@ from phnn.models.store import inputs_of, setup_from, stored
 from phnn.prediction import Predicted, predicted
 from phnn.recordings.recording import Campaign
 from phnn.setup import Setup
-from phnn.simulate import check_names
+from phnn.trajectory import check_names
 
 if TYPE_CHECKING:
     from phnn.modal.store import StoredModes

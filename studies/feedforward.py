@@ -38,7 +38,7 @@ from phnn.report.figures.style import AFTER, BEFORE, CATEGORIES, RC, new_figure,
 from phnn.report.formatting import markdown_table
 from phnn.results import claim
 from phnn.setup import Setup
-from phnn.simulate import simulate
+from phnn.trajectory import simulate
 from studies.generator.plans import Excitation, Piece
 from studies.generator.world import TABLE
 from studies.generator.world import simulate as simulate_equations

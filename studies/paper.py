@@ -32,7 +32,7 @@ from phnn.report.formatting import markdown_table, number, percent, with_error
 from phnn.report.reduction import envelope
 from phnn.results import claim
 from phnn.setup import Setup
-from phnn.simulate import simulate
+from phnn.trajectory import simulate
 from studies.recordings import Conditions, Made, write_recordings
 from studies.results import figure_lines, write_results
 

@@ -20,7 +20,7 @@ from phnn.recordings import read
 from phnn.recordings.recording import Campaign, Recording
 from phnn.report.formatting import words
 from phnn.setup import Setup
-from phnn.simulate import simulate
+from phnn.trajectory import simulate
 
 Array = NDArray[np.float64]
 

@@ -26,7 +26,7 @@ from phnn.models.actuator import hrc
 from phnn.recordings import Campaign, read
 from phnn.recordings.recording import Part, Recording, Start
 from phnn.setup import Setup
-from phnn.simulate import simulate
+from phnn.trajectory import simulate
 from studies.generator import Sealed, generate
 from studies.generator import make as generator
 from studies.generator.make import Ruler, ruler

@@ -17,7 +17,7 @@ from phnn.effects.soundness.homes import Home
 from phnn.models.actuator import hrc
 from phnn.models.network_file import load_network
 from phnn.setup import Setup
-from phnn.simulate import Trajectory, simulate
+from phnn.trajectory import Trajectory, simulate
 
 FOLDER = config_folder() / "network"
 ACTUATOR, TANKS = homes.actuator(), homes.tanks()

@@ -13,7 +13,7 @@ from phnn.parameters import Parameter, as_table
 from phnn.recordings.driving import driving_of
 from phnn.recordings.recording import Recording, Start
 from phnn.setup import Setup
-from phnn.simulate import Trajectory
+from phnn.trajectory import Trajectory
 
 
 def recording(t: np.ndarray, u: np.ndarray, start: Start | None = None, **other: object) -> Recording:

@@ -6,9 +6,23 @@ from dataclasses import replace
 
 import numpy as np
 from hypothesis import strategies as st
+from torch import Tensor
 
+from phnn.integrate import dense
+from phnn.integrate.inputs import check, port_inputs
+from phnn.integrate.scheme import Scheme
 from phnn.laws import FACTOR_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
-from phnn.network import Coupling, Modulation, ModulatorState, Network, Port, Ratio, Resistor, Storage
+from phnn.network import (
+    Coupling,
+    Modulation,
+    ModulatorState,
+    Network,
+    Port,
+    PortHamiltonianSystem,
+    Ratio,
+    Resistor,
+    Storage,
+)
 from phnn.nn import ConvexEnergyMLP, MonotoneMLP
 from phnn.parameters import Parameter, as_table
 
@@ -168,3 +182,13 @@ def random_states(network: Network, seed: int, count: int) -> tuple[np.ndarray, 
     x = random.normal(size=(count, len(network.storages))) * 10.0 ** random.uniform(-3, 0.5, (count, 1))
     x[random.random(x.shape) < 0.1] = 0.0
     return x, random.normal(size=(count, len(network.ports)))
+
+
+def solve_dense(
+    system: PortHamiltonianSystem, x0: Tensor, u_mean: Tensor, h: float, scheme: Scheme = Scheme.DISCRETE_GRADIENT
+) -> Tensor:
+    """(N+1, ..., n) states by the step in torch, whatever kernels there are."""
+    u = port_inputs(system, u_mean, x0.ndim - 1)
+    check(system, x0, u, h)
+    steps = dense.shaped(x0, x0.new_full(u.shape[:1], h))
+    return dense.with_derivatives(system, dense.march(system, x0, u, steps, scheme), x0, u, steps, scheme)

@@ -17,7 +17,6 @@ from subjects import _KINDS, NETWORKS, NetworkSubject, body
 from phnn.integrate import dense, sweep
 from phnn.integrate.actions import actions
 from phnn.integrate.compilable import can_compile
-from phnn.integrate.compiled_method import sampled_states
 from phnn.integrate.differentiable import simulate_torch
 from phnn.integrate.kernel import KERNELS, kernel_for
 from phnn.integrate.ode import odeint
@@ -173,18 +172,10 @@ def adjoint(case: Case, scheme: Scheme) -> Solution:
     return Solution(states.detach().numpy(), _physical(case, states))
 
 
-def sampled(case: Case, scheme: Scheme) -> Solution:
-    """By the compiled march under torchdiffeq, gradients by its compiled adjoint sweep alone."""
-    u, h, x0 = case.tensors
-    nodes = [torch.arange(case.h.size + 1)]
-    (states,) = sampled_states(case.system, [u], [h], nodes, x0[None], scheme=scheme)
-    return Solution(states.detach().numpy(), _physical(case, states))
-
-
 def torch_step(case: Case, scheme: Scheme) -> Solution:
     """By the step that is solved in torch, gradients by the implicit function theorem."""
     u, h, x0 = case.tensors
-    path = dense.march(case.system, x0, u, h.tolist(), scheme)
+    path = dense.march(case.system, x0, u, h[:, None], scheme)
     states = dense.with_derivatives(case.system, path, x0, u, h[:, None], scheme)
     return Solution(path.numpy(), _physical(case, states))
 
@@ -193,7 +184,7 @@ def torch_batch(case: Case, scheme: Scheme) -> Solution:
     """The same for a batch of which the case is the first member."""
     u, h, x0 = case.tensors
     starts, inputs = torch.stack([x0, 0.5 * x0]), torch.stack([u, 0.7 * u], dim=1)
-    path = dense.march(case.system, starts, inputs, h.tolist(), scheme)
+    path = dense.march(case.system, starts, inputs, h[:, None, None], scheme)
     states = dense.with_derivatives(case.system, path, starts, inputs, h[:, None, None], scheme)[:, 0]
     return Solution(states.detach().numpy(), _physical(case, states))
 
@@ -207,7 +198,7 @@ def torchdiffeq_step(case: Case, scheme: Scheme) -> Solution:
         return u[min(int(torch.searchsorted(t, time.detach(), right=True)) - 1, len(u) - 1)]
 
     adjoint = case.x0.size < 12
-    states = odeint(case.system.with_input(held), x0, t, "discrete_gradient", adjoint=adjoint, scheme=scheme)
+    states = odeint(case.system.with_input(held), x0, t, "phnn", adjoint=adjoint, scheme=scheme)
     return Solution(states.detach().numpy(), _physical(case, states))
 
 
@@ -225,9 +216,7 @@ def paths(case: Case, scheme: Scheme, every: bool = True) -> dict[str, Solution]
     found["torch"] = torch_step(case, scheme)
     if every:
         found["torch, batch"] = torch_batch(case, scheme)
-        found["torch under torchdiffeq"] = torchdiffeq_step(case, scheme)
-        if can_compile(case.network):
-            found["compiled under torchdiffeq"] = sampled(case, scheme)
+        found["under torchdiffeq"] = torchdiffeq_step(case, scheme)
     return found
 
 

@@ -16,7 +16,7 @@ import phnn
 from phnn.models import hrc
 from phnn.recordings.recording import unrecorded
 from phnn.setup import Setup
-from phnn.simulate import simulate
+from phnn.trajectory import simulate
 
 ROOT = Path(__file__).resolve().parent.parent
 MODULES = ("effects", "models")

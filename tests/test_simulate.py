@@ -19,7 +19,7 @@ from phnn.models.bouc_wen import bouc_wen
 from phnn.models.network_file import load_network
 from phnn.recordings.recording import Recording, Start
 from phnn.setup import Setup
-from phnn.simulate import simulate
+from phnn.trajectory import simulate
 
 BASE = Setup(from_paper())
 

@@ -17,7 +17,7 @@ from phnn.identification.nuisances import own_columns
 from phnn.models import from_paper
 from phnn.recordings.recording import Recording, unrecorded
 from phnn.setup import NOTHING, Setup
-from phnn.simulate import Trajectory, simulate
+from phnn.trajectory import Trajectory, simulate
 
 Array = NDArray[np.float64]
 

@@ -24,7 +24,7 @@ from phnn.report.figures.style import svg
 from phnn.report.reading import read_document
 from phnn.report.tables import literal_text
 from phnn.results import claim
-from phnn.simulate import simulate
+from phnn.trajectory import simulate
 
 _DIAGNOSIS = "diagnosis.json"
 # Endings of the tables' names, of all kinds.

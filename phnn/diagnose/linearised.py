@@ -18,7 +18,7 @@ from phnn.identification.nuisances import without_nuisances
 from phnn.identification.plan import Plan
 from phnn.network.small_signal import output_gain
 from phnn.recordings.recording import Recording, dominant_frequency
-from phnn.simulate import Trajectory, measured_network, simulate
+from phnn.trajectory import Trajectory, measured_network, simulate
 
 Array = NDArray[np.float64]
 

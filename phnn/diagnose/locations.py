@@ -28,7 +28,7 @@ from phnn.integrate.cache import entry
 from phnn.network.elements import Network
 from phnn.network.roles import capacitances, charges, dampings, hysterons, ratios, thresholds
 from phnn.recordings.driving import input_before
-from phnn.simulate import Trajectory
+from phnn.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 # Functions (n or N, F) along a trajectory; a law (M, F) of one variable (M,).

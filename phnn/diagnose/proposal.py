@@ -43,7 +43,7 @@ from phnn.network.small_signal import linearised_at_rest
 from phnn.passage import is_displacement
 from phnn.recordings.recording import Part, Recording, Start, Units
 from phnn.setup import Own, Setup
-from phnn.simulate import simulate
+from phnn.trajectory import simulate
 from phnn.units import quantity
 
 Array = NDArray[np.float64]

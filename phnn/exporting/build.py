@@ -1,4 +1,4 @@
-"""From a model to its program: the same steps as `phnn.simulate` takes, one after the other."""
+"""From a model to its program: the same steps as `phnn.trajectory` takes, one after the other."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ from phnn.identification.nuisances import beyond_limit, without_nuisances
 from phnn.identification.problem import Problem
 from phnn.identification.residual_noise import MOST_EXCESS, noise_spectra
 from phnn.recordings.recording import Recording
-from phnn.simulate import Trajectory
+from phnn.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 

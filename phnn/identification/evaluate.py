@@ -17,7 +17,7 @@ from phnn.identification.variables import Variables
 from phnn.recordings.driving import unknown_instants
 from phnn.recordings.recording import Part, Recording
 from phnn.setup import NOTHING, Setup
-from phnn.simulate import simulate
+from phnn.trajectory import simulate
 
 Array = NDArray[np.float64]
 

@@ -19,7 +19,7 @@ from phnn.models.network_file import load_network
 from phnn.recordings.recording import Campaign, Recording
 from phnn.results import printable
 from phnn.setup import Setup
-from phnn.simulate import check_names
+from phnn.trajectory import check_names
 
 
 def identification_plan(campaign: Campaign, workers: int) -> Plan:

@@ -21,7 +21,7 @@ from phnn.identification.plan import Plan
 from phnn.identification.variables import Variables
 from phnn.recordings.recording import Recording
 from phnn.setup import Setup
-from phnn.simulate import Trajectory, simulate
+from phnn.trajectory import Trajectory, simulate
 
 Array = NDArray[np.float64]
 

@@ -27,7 +27,7 @@ from phnn.identification.staged import fit_identified, stated_only
 from phnn.identification.variables import Variables
 from phnn.recordings.recording import Recording
 from phnn.setup import Setup
-from phnn.simulate import simulate
+from phnn.trajectory import simulate
 
 Array = NDArray[np.float64]
 

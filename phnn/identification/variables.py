@@ -14,7 +14,7 @@ from phnn.passage import is_displacement
 from phnn.recordings.driving import unknown_instants
 from phnn.recordings.recording import Recording
 from phnn.setup import Setup
-from phnn.simulate import Trajectory, simulate
+from phnn.trajectory import Trajectory, simulate
 
 # A recording that begins in the middle of an operation has been moving before. Its state is then most likely one that
 # the model passes through whenever the input has the same value and moves the same way, once what it was at first is

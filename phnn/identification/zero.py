@@ -14,7 +14,7 @@ from phnn.identification.staged import fit_identified, stated_only
 from phnn.parameters import positive, signed
 from phnn.recordings.recording import Recording
 from phnn.setup import Block, Setup
-from phnn.simulate import simulate
+from phnn.trajectory import simulate
 
 ZERO, GAIN = "y_0", "gamma_u"
 

@@ -5,84 +5,87 @@ states at the start of the step. Then ``H(x⁺) − H(x) = h (Σ ψ(ū) gᵀē �
 simulation is passive too. Reducible storages take the mean efforts of their own rule. The steps are those of the
 compiled integration.
 
-Each step is solved by a damped Newton iteration with the dense Jacobian. Gradients follow from the implicit function
-theorem: one vectorised evaluation of all residuals and one backward sweep over the stored states.
+Many steps are solved at once, of all members of a batch. The residuals ``R_k(x_k, x_{k+1})`` of a stretch and their
+Jacobians ``A_k = ∂R_k/∂x_{k+1}``, ``B_k = ∂R_k/∂x_k`` are evaluated together, and Newton's step is the recursion
+
+    A_k δ_{k+1} = −R_k − B_k δ_k,     δ_0 = 0,
+
+so that no python loop runs over the samples (Lim et al. 2024, "Parallelizing non-linear sequential models over the
+sequence length"). Where it does not converge a stretch is shortened, down to one step and then to growing parts of it.
+Gradients follow from the implicit function theorem: the residuals are evaluated once, and the same recursion runs
+backwards, transposed.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
 
 from phnn.errors import SolverFailed, StructureViolated
 from phnn.integrate.compilable import partly_driven
-from phnn.integrate.equations import jacobians, powers_of_steps, reducible_rules, sizes, step_residual
-from phnn.integrate.inputs import check, port_inputs
+from phnn.integrate.equations import linearised, powers_of_steps, reducible_rules, step_residual
+from phnn.integrate.inputs import port_inputs
 from phnn.integrate.scheme import Scheme
 from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.wide import form_of
 from phnn.network.checks import PowerBalance
 from phnn.network.system import PortHamiltonianSystem
 
-# Residuals are measured in units of the largest terms of their own equation.
-_TOLERANCE = 1e-13
-_ACCEPTED = 1e-11
-_ITERATIONS = 40
-_HALVINGS = 25
+# Residuals are measured in units of the terms of their own equation: rounding, and what is accepted where the
+# iteration stops; in units of the numbers' precision.
+_ROUNDING, _ACCEPTED = 450.0, 45000.0
+_ITERATIONS, _POLISHES = 25, 3
+# Share by which a residual has to fall for a Jacobian to be kept.
+_KEPT = 0.1
+# Steps of the first stretch, and of the longest.
+_FIRST, _MOST = 32, 512
 _SMALLEST_PART = 2.0**-10
-_SAMPLES = 9
+# Shares of a step at which the sign of the Jacobian's determinant is looked at, beside its end.
+_ALONG = (0.0, 0.5)
 
 
-def solve_dense(
-    system: PortHamiltonianSystem,
-    x0: Tensor,  # (..., n) initial state
-    u_mean: Tensor,  # (N, ..., P) mean input of every step, or (N,) for the first port with the others at zero
-    h: float,
-    scheme: Scheme = Scheme.DISCRETE_GRADIENT,
-) -> Tensor:
-    """Integrate ``N`` power-preserving steps.
-
-    Args:
-        system: any system, neural laws included.
-        h: step [s].
-        scheme: the discretisation.
-
-    Returns:
-        (N+1, ..., n) states, differentiable by ``x0``, ``u_mean`` and the system's parameters.
-
-    Raises:
-        InputRefused: not float64, not finite, a shape that does not fit, or a step that is not positive.
-        SolverFailed: a step has no solution connected to its start; names time, state and remedy.
-        StructureViolated: the scheme cannot compute the drive of a modulator state; names both.
-    """
-    u = port_inputs(system, u_mean, x0.ndim - 1)
-    check(system, x0, u, h)
-    return with_derivatives(system, march(system, x0, u, [h] * u.shape[0], scheme), x0, u, h, scheme)
+def shaped(x0: Tensor, h: Tensor) -> Tensor:
+    """(N, 1, …, 1) steps that multiply states (N, ..., n), from their (N,) sizes [s]."""
+    return h.reshape(-1, *[1] * x0.ndim)
 
 
 def march(
-    system: PortHamiltonianSystem,
+    system: Any,
     x0: Tensor,  # (..., n)
     u: Tensor,  # (N, ..., P)
-    h: list[float],
+    h: Tensor,  # (N, ..., 1) [s], which multiplies states
     scheme: Scheme = Scheme.DISCRETE_GRADIENT,
     start: float = 0.0,
 ) -> Tensor:
     """(N+1, ..., n) states, without gradients, of steps that need not be equal; messages count time from ``start``.
 
+    Args:
+        system: a `PortHamiltonianSystem`, or any module with ``rate(efforts, x, u)`` and ``mean_efforts(a, b)``.
+
     Raises:
-        SolverFailed, StructureViolated: as of `solve_dense`.
+        SolverFailed: a step has no solution connected to its start; names time, state and remedy.
+        StructureViolated: the scheme cannot compute the drive of a modulator state; names both.
     """
-    refuse_unknown_drives(system, scheme)
+    if isinstance(system, PortHamiltonianSystem):
+        refuse_unknown_drives(system, scheme)
     with torch.no_grad():
-        states, t = [x0.detach()], start
-        for u_step, h_step in zip(u, h, strict=True):
-            states.append(_step(_Step(system, states[-1], u_step, h_step, scheme), t))
-            t += h_step
-        return torch.stack(states)
+        states, length, done = [x0.detach().unsqueeze(0)], _FIRST, 0
+        while done < h.shape[0]:
+            part = slice(done, min(done + length, h.shape[0]))
+            run = _Run(system, states[-1][-1], u[part].detach(), h[part].detach(), scheme)
+            root = _newton(run, run.x.expand(h[part].shape[0], *run.x.shape))
+            if not root.cause:
+                done, length = part.stop, min(2 * length, _MOST)
+            elif length > 1:
+                length = max(1, (part.stop - done) // 4)
+                continue
+            else:
+                root = _Root(_by_parts(run, start + float(h[:done].flatten(1).amax(1).sum())))
+                done += 1
+            states.append(root.x)
+        return torch.cat(states)
 
 
 def refuse_unknown_drives(system: PortHamiltonianSystem, scheme: Scheme) -> None:
@@ -93,7 +96,7 @@ def refuse_unknown_drives(system: PortHamiltonianSystem, scheme: Scheme) -> None
 
 
 def with_derivatives(
-    system: PortHamiltonianSystem,
+    system: Any,
     path: Tensor,  # (N+1, ..., n)
     x0: Tensor,  # (..., n)
     u: Tensor,  # (N, ..., P)
@@ -106,13 +109,13 @@ def with_derivatives(
     residual = step_residual(system, path[:-1], path[1:], u, h, scheme)
     if not (residual.requires_grad or x0.requires_grad):
         return path
-    by_next, by_start = jacobians(system, path[:-1], path[1:], u.detach(), h, scheme)
+    _, by_next, by_start = linearised(system, path[:-1], path[1:], u.detach(), h, scheme)
     return _Implicit.apply(path, by_next, by_start, residual, x0)
 
 
 def ledger(
     system: PortHamiltonianSystem,
-    states: Tensor,  # (N+1, ..., n) as returned by `solve_dense`
+    states: Tensor,  # (N+1, ..., n) of `march`
     u_mean: Tensor,  # (N, ..., P) or (N,)
     h: float,
     scheme: Scheme = Scheme.DISCRETE_GRADIENT,
@@ -140,115 +143,114 @@ class _Implicit(torch.autograd.Function):
         by_next, by_start = ctx.saved_tensors
         inverse = torch.linalg.inv(by_next).mT
         carry = by_start.mT @ inverse
-        total = wanted[-1]
-        totals = [total]
-        for n in range(by_next.shape[0] - 1, 0, -1):
-            total = wanted[n] - (carry[n] @ total.unsqueeze(-1)).squeeze(-1)
-            totals.append(total)
-        stacked = torch.stack(totals[::-1])
-        by_residual = -(inverse @ stacked.unsqueeze(-1)).squeeze(-1)
-        by_x0 = wanted[0] - (carry[0] @ stacked[0].unsqueeze(-1)).squeeze(-1)
+        # λ_n = w_n − carry_n λ_{n+1}, from the end.
+        totals = recursion(-carry.flip(0).roll(1, 0), wanted[1:].flip(0)).flip(0)
+        by_residual = -(inverse @ totals.unsqueeze(-1)).squeeze(-1)
+        by_x0 = wanted[0] - (carry[0] @ totals[0].unsqueeze(-1)).squeeze(-1)
         return None, None, None, by_residual, by_x0
 
 
-@dataclass(frozen=True)
-class _Root:
-    """The end state of a step, or the reason ``cause`` why there is none; ``cause`` is empty on success."""
+def recursion(m: Tensor, r: Tensor) -> Tensor:
+    """(N, ..., n) solution of ``x_k = r_k + m_k x_{k−1}`` with ``x_{−1} = 0``, by doubling."""
+    reach = 1
+    while reach < r.shape[0]:
+        r = torch.cat([r[:reach], r[reach:] + (m[reach:] @ r[:-reach].unsqueeze(-1)).squeeze(-1)])
+        m = torch.cat([m[:reach], m[reach:] @ m[:-reach]])
+        reach *= 2
+    return r
+
+
+class _Root(NamedTuple):
+    """End states (N, ..., n) of a stretch, or the reason ``cause`` why there are none; it is empty on success."""
 
     x: Tensor
     cause: str = ""
 
 
-class _Step(NamedTuple):
-    """A step from ``x`` (..., n) under ``u`` (..., P) of size ``h`` [s]."""
+class _Run(NamedTuple):
+    """A stretch of steps from ``x`` (..., n) under ``u`` (N, ..., P) of sizes ``h`` (N, ..., 1) [s]."""
 
-    system: PortHamiltonianSystem
+    system: Any
     x: Tensor
     u: Tensor
-    h: float
+    h: Tensor
     scheme: Scheme
 
-    def part(self, share: float) -> _Step:
-        """A shorter step from the same state."""
-        return self._replace(h=share * self.h)
-
-    def residual(self, z: Tensor) -> Tensor:
-        """(..., n) residual of an end state."""
-        return step_residual(self.system, self.x, z, self.u, self.h, self.scheme)
-
-    def jacobian(self, z: Tensor) -> Tensor:
-        """(..., n, n) derivative of the residual by the end state."""
-        return jacobians(self.system, self.x, z, self.u, self.h, self.scheme)[0]
-
-    def sizes(self, z: Tensor, jacobian: Tensor) -> Tensor:
-        """(..., n) size of the terms of the residual."""
-        return sizes(self.system, self.scheme, self.x, z, self.u, self.h, jacobian)
+    def starts(self, z: Tensor) -> Tensor:
+        """(N, ..., n) states at the starts of steps that end at ``z``."""
+        return torch.cat([self.x.unsqueeze(0), z[:-1]])
 
 
-def _step(step: _Step, t: float) -> Tensor:
-    """The end of one step: Newton from its start and, where that fails, along growing parts of the step."""
-    # Starting from x, not from an extrapolation, keeps the root that is connected with the previous state.
-    root = _newton(step, step.x)
-    if root.cause:
-        # Whole steps pass kinks at which a line search stops.
-        root = _newton(step, step.x, damped=False)
-    if not root.cause:
-        return root.x
-    done, part, guess = 0.0, 0.25, step.x
+def _by_parts(run: _Run, t: float) -> Tensor:
+    """(1, ..., n) end of one step, found along growing parts of it."""
+    done, part, guess = 0.0, 0.25, run.x.unsqueeze(0)
     while done < 1.0:
         part = min(part, 1.0 - done)
-        root = _newton(step.part(done + part), guess)
+        root = _newton(run._replace(h=(done + part) * run.h), guess)
         if not root.cause:
             done, guess, part = done + part, root.x, 2.0 * part
         elif part > _SMALLEST_PART:
             part *= 0.5
         else:
+            h = float(run.h.max())
             raise SolverFailed(
-                f"the step from t = {t:.6g} s to {t + step.h:.6g} s has no solution: {root.cause}, at "
-                f"{done:.3f} of the step; take a step below {max(done, _SMALLEST_PART) * step.h:.2g} s, or laws that "
+                f"the step from t = {t:.6g} s to {t + h:.6g} s has no solution: {root.cause}, at "
+                f"{done:.3f} of the step; take a step below {max(done, _SMALLEST_PART) * h:.2g} s, or laws that "
                 "are monotone (MonotoneMLP) and convex (ConvexEnergyMLP)"
             )
     return guess
 
 
-def _newton(step: _Step, guess: Tensor, damped: bool = True) -> _Root:
-    """Newton's method for all members of a batch at once, each with its own damping, or with whole steps."""
-    system, z = step.system, guess.clone()
-    residual = step.residual(z)
-    if not bool(torch.isfinite(residual).all()):
-        return _Root(z, f"the vector field is not finite ({_names(system, ~torch.isfinite(residual))})")
+def _newton(run: _Run, z: Tensor) -> _Root:
+    """Newton's method for all steps of a stretch and all members of a batch at once."""
+    system, precision = run.system, torch.finfo(z.dtype).eps
+    worst = torch.inf
     for _ in range(_ITERATIONS):
-        jacobian = step.jacobian(z)
-        scale = step.sizes(z, jacobian)
-        size = (residual.abs() / scale).amax(-1)
-        if bool((size <= _TOLERANCE).all()):
+        x = run.starts(z)
+        residual, by_next, by_start = linearised(system, x, z, run.u, run.h, run.scheme)
+        if not bool(torch.isfinite(residual).all()):
+            return _Root(z, f"the vector field is not finite ({_names(system, ~torch.isfinite(residual))})")
+        scale = _sizes(by_next, z) + _sizes(by_start, x) + torch.finfo(z.dtype).tiny
+        worst = float((residual.abs() / scale).max())
+        if worst <= _ROUNDING * precision:
             break
-        moved, info = torch.linalg.solve_ex(jacobian, -residual.unsqueeze(-1))
+        columns, info = torch.linalg.solve_ex(by_next, torch.cat([residual.unsqueeze(-1), by_start], dim=-1))
         if bool((info > 0).any()):
             return _Root(z, "the step's Jacobian is singular")
-        if damped:
-            following, residual_next = _line_search(step, z, moved.squeeze(-1), residual, scale)
-        else:
-            following = z + moved.squeeze(-1)
-            residual_next = step.residual(following)
+        moved, carry = -columns[..., 0], -columns[..., 1:]
+        following = z + recursion(carry, moved)
         if bool((following == z).all()):
             break
-        z, residual = following, residual_next
-        # The current scale decides: a new Jacobian would only be needed for another step.
-        if bool((residual.abs() <= _TOLERANCE * scale).all()):
+        z = following
+        for _ in range(_POLISHES):
+            # The Jacobian is kept while it serves: near the solution a residual alone costs half.
+            residual = step_residual(system, run.starts(z), z, run.u, run.h, run.scheme)
+            before, worst = worst, float((residual.abs() / scale).max())
+            if not worst <= max(_KEPT * before, _ROUNDING * precision):
+                break
+            z = z - recursion(carry, torch.linalg.solve(by_next, residual))
+            if worst <= _ROUNDING * precision:
+                break
+        if worst <= _ROUNDING * precision:
             break
-    relative = residual.abs() / scale
     # The comparison also fails for NaN.
-    if bool((bad := ~(relative <= _ACCEPTED)).any()):
-        return _Root(z, f"Newton's iteration stopped at a residual of {float(relative.max()):.1e} "
-                     f"({_names(system, bad)})")  # fmt: skip
-    if not (_has_one_root(system) or _is_connected(step, guess, z)):
+    if not worst <= _ACCEPTED * precision:
+        bad = ~(residual.abs() <= _ACCEPTED * precision * scale)
+        return _Root(z, f"Newton's iteration stopped at a residual of {worst:.1e} ({_names(system, bad)})")
+    if not (_has_one_root(system) or _is_connected(run, z, by_next)):
         return _Root(z, "the solution is not connected to the previous state (a law falls too steeply for this step)")
     return _Root(z)
 
 
-def _has_one_root(system: PortHamiltonianSystem) -> bool:
+def _sizes(matrix: Tensor, state: Tensor) -> Tensor:
+    """(..., n) size of the terms of a linear form, and so of the effect of rounding the state."""
+    return (matrix.abs() @ state.abs().unsqueeze(-1)).squeeze(-1)
+
+
+def _has_one_root(system: Any) -> bool:
     """Whether all energies are convex and all resistors monotone: every step then has exactly one solution."""
+    if not isinstance(system, PortHamiltonianSystem):
+        return True
     convex = (
         STORAGE_LAWS[s.law].convex if isinstance(s.law, str) else bool(form_of(s.law)) and s.law.convex
         for s in system.network.storages
@@ -263,41 +265,22 @@ def _has_one_root(system: PortHamiltonianSystem) -> bool:
     return not reads & set(network.storage_names) and all(convex) and all(monotone)
 
 
-def _is_connected(step: _Step, guess: Tensor, z: Tensor) -> bool:
-    """Whether the Jacobian's determinant stays positive along the way from the guess to the solution.
+def _is_connected(run: _Run, z: Tensor, at_end: Tensor) -> bool:
+    """Whether the Jacobian's determinant stays positive along the way from the start of every step to its end.
 
     The determinant is one at ``h = 0`` and negative on the branch between two folds. If it stays positive on the way,
     exactly one root lies there for every shorter step too (proved in one dimension, sampled in others).
     """
-    x, u = step.x, step.u
-    way = torch.linspace(0.0, 1.0, _SAMPLES, dtype=x.dtype, device=x.device).reshape(-1, *[1] * x.ndim)
-    points = guess + way * (z - guess)
-    expanded = step._replace(x=x.expand_as(points), u=u.expand(*points.shape[:-1], u.shape[-1]))
-    return bool((torch.linalg.det(expanded.jacobian(points)) > 0.0).all())
+    x = run.starts(z)
+    way = torch.tensor(_ALONG, dtype=x.dtype, device=x.device).reshape(-1, *[1] * x.ndim)
+    points = x + way * (z - x)
+    u = run.u.expand(len(_ALONG), *run.u.shape)
+    by_next = linearised(run.system, x.expand_as(points), points, u, run.h, run.scheme)[1]
+    return all(bool((torch.linalg.det(j) > 0.0).all()) for j in (at_end, by_next))
 
 
-def _line_search(step: _Step, z: Tensor, d: Tensor, residual: Tensor, scale: Tensor) -> tuple[Tensor, Tensor]:
-    """Halve the Newton step ``d`` of every member until its residual falls; members whose residual never falls do not
-    move."""
-    before = torch.linalg.vector_norm(residual / scale, dim=-1)
-    damping = torch.ones_like(before)
-    best, best_residual = z, residual
-    waiting = torch.ones_like(before, dtype=torch.bool)
-    for _ in range(_HALVINGS):
-        trial = z + damping.unsqueeze(-1) * d
-        found = step.residual(trial)
-        after = torch.linalg.vector_norm(found / scale, dim=-1)
-        good = waiting & (after < (1.0 - 1e-4 * damping) * before)
-        best = torch.where(good.unsqueeze(-1), trial, best)
-        best_residual = torch.where(good.unsqueeze(-1), found, best_residual)
-        waiting = waiting & ~good & (before > 0.0)
-        if not bool(waiting.any()):
-            break
-        damping = torch.where(waiting, 0.5 * damping, damping)
-    return best, best_residual
-
-
-def _names(system: PortHamiltonianSystem, bad: Tensor) -> str:
+def _names(system: Any, bad: Tensor) -> str:
     """Names of the states that a mask (..., n) marks anywhere."""
     marked = bad.reshape(-1, bad.shape[-1]).any(0).tolist()
-    return ", ".join(name for name, flag in zip(system.state_names, marked, strict=True) if flag)
+    names = getattr(system, "state_names", None) or [f"component {k}" for k in range(len(marked))]
+    return ", ".join(name for name, flag in zip(names, marked, strict=True) if flag)

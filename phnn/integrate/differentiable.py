@@ -22,7 +22,7 @@ from torch import Tensor, nn
 from phnn.errors import InputRefused, SolverFailed
 from phnn.integrate import dense, kernel, sweep
 from phnn.integrate.compilable import can_compile
-from phnn.integrate.inputs import refuse_unfit_march
+from phnn.integrate.inputs import check, refuse_unfit_march
 from phnn.integrate.program import Program, compile_network
 from phnn.integrate.residual import march_residual
 from phnn.integrate.scheme import Scheme
@@ -41,6 +41,7 @@ def simulate_torch(
     only: Sequence[str] | None = None,
     window: int = WINDOW,
     scheme: Scheme = Scheme.DISCRETE_GRADIENT,
+    start: float = 0.0,
 ) -> Tensor:
     """Integrate the steps of a system, differentiable by its parameters, ``u_mean``, ``x0`` and ``h``.
 
@@ -51,6 +52,7 @@ def simulate_torch(
         scheme: the discretisation.
         only: names of the storages whose states are wanted; all of them otherwise.
         window: steps that the backward pass holds in memory at once.
+        start: time of the first state, for messages.
 
     Returns:
         (n+1, N) states at the ends of the steps, or (n+1, len(only)).
@@ -69,11 +71,75 @@ def simulate_torch(
             raise InputRefused(f"no storage called {name!r}: there are {', '.join(system.state_names)}")
     wanted = [system.state_names.index(name) for name in (system.state_names if only is None else only)]
     if not can_compile(system.network):
-        path = dense.march(system, x0, u_mean, steps.tolist(), scheme)
+        path = dense.march(system, x0, u_mean, steps.unsqueeze(-1), scheme, start)
         return dense.with_derivatives(system, path, x0, u_mean, steps.unsqueeze(-1), scheme)[:, wanted]
     program = compile_network(system.network, scheme)
-    march = March(system, program, wanted, window)
+    march = March(system, program, wanted, window, start)
     return _Implicit.apply(march, u_mean, steps, x0, *march.parameters)
+
+
+def simulate(
+    system: PortHamiltonianSystem,
+    u: Tensor,  # (..., T, P) inputs at the samples, or (..., T, 1) of the first port
+    x0: Tensor | None = None,  # (..., n) state at the first sample; None: zero
+    dt: float = 1e-4,  # sample interval [s]
+    scheme: Scheme = Scheme.DISCRETE_GRADIENT,
+) -> tuple[Tensor, Tensor]:
+    """Simulate a batch of inputs; returns the states (..., T, n) and port outputs (..., T, P).
+
+        system = phnn.PortHamiltonianSystem(phnn.models.hrc(hysterons=2))
+        x, y = phnn.simulate(system, u, dt=1e-4)          # differentiable by parameters, u and x0
+
+    One power-preserving step leads from sample to sample, under the mean of its two inputs. Compiled code takes the
+    steps where it can (64 bits, on the processor, laws with a kernel), torch all others; their numbers are the same.
+
+    Raises:
+        InputRefused: shapes that do not fit, a value that is not finite or not of the system's numbers, or fewer than
+            two samples.
+        SolverFailed: a step has no solution; names the time.
+    """
+    if u.ndim < 2 or u.shape[-2] < 2:
+        raise InputRefused(f"u has shape {tuple(u.shape)}: give (..., T, P), inputs of P ports at two samples or more")
+    ports, states = len(system.network.ports), len(system.state_names)
+    if u.shape[-1] == 1 and ports > 1:
+        u = torch.cat([u, u.new_zeros(*u.shape[:-1], ports - 1)], dim=-1)
+    start = u.new_zeros(states) if x0 is None else x0
+    try:
+        batch = torch.broadcast_shapes(u.shape[:-2], start.shape[:-1])
+    except RuntimeError as error:
+        raise InputRefused(f"x0 of shape {tuple(start.shape)} does not fit u of shape {tuple(u.shape)}") from error
+    u, start = u.expand(*batch, *u.shape[-2:]), start.expand(*batch, start.shape[-1])
+    mean = 0.5 * (u[..., 1:, :] + u[..., :-1, :])
+    mean = mean.movedim(-2, 0)
+    x = simulated(system, start, mean, mean.new_full(mean.shape[:1], dt), scheme).movedim(0, -2)
+    return x, system.port_outputs(x, u)
+
+
+def simulated(
+    system: PortHamiltonianSystem,
+    x0: Tensor,  # (..., n)
+    u: Tensor,  # (N, ..., P) mean inputs of the steps
+    h: Tensor,  # (N,) steps [s]
+    scheme: Scheme = Scheme.DISCRETE_GRADIENT,
+    start: float = 0.0,
+) -> Tensor:
+    """(N+1, ..., n) states, differentiable, of a batch; by compiled code where it can.
+
+    Args:
+        start: time of the first state, for messages.
+
+    Raises:
+        InputRefused, SolverFailed: as of `simulate`.
+    """
+    check(system, x0, u, float(h.detach().min()))
+    if x0.device.type == "cpu" and x0.dtype == torch.float64 and can_compile(system.network):
+        members = x0.reshape(-1, x0.shape[-1])
+        inputs = u.expand(u.shape[0], *x0.shape[:-1], u.shape[-1]).reshape(u.shape[0], len(members), -1)
+        runs = [simulate_torch(system, inputs[:, k], h, x, scheme=scheme, start=start) for k, x in enumerate(members)]
+        return torch.stack(runs, dim=1).reshape(-1, *x0.shape)
+    steps = dense.shaped(x0, h)
+    path = dense.march(system, x0, u, steps, scheme, start)
+    return dense.with_derivatives(system, path, x0, u, steps, scheme)
 
 
 class _Equations(nn.Module):
@@ -95,8 +161,9 @@ class March:
     """
 
     def __init__(
-        self, system: PortHamiltonianSystem, program: Program, wanted: Sequence[int] = (), window: int = WINDOW
+        self, system: PortHamiltonianSystem, program: Program, wanted: Sequence[int], window: int, start: float
     ) -> None:
+        self.start = start
         self.equations, self.program, self.wanted, self.window = _Equations(system), program, list(wanted), window
         named = {n: p for n, p in self.equations.named_parameters() if p.requires_grad}
         self.names, self.parameters = tuple(named), tuple(named.values())
@@ -111,7 +178,7 @@ class March:
         starts = [x0]
         for first in range(0, h.size, self.window):
             part = slice(first, min(first + self.window, h.size))
-            states, _ = self.steps(u[part], h[part], starts[-1], float(h[:first].sum()))
+            states, _ = self.steps(u[part], h[part], starts[-1], self.start + float(h[:first].sum()))
             out[part.start + 1 : part.stop + 1] = states[1:, self.wanted]
             starts.append(states[-1].copy())
         return out, starts

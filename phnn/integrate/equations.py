@@ -7,7 +7,7 @@ gives under its current ``i``. That of a modulator state is ``z⁺ − Z(z, s̄)
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 import torch
@@ -78,7 +78,7 @@ def _of_one_storage(h: float | Tensor) -> float | Tensor:
 
 
 def step_residual(
-    system: PortHamiltonianSystem,
+    system: Any,
     x: Tensor,  # (..., N) state at the start of the step
     x_next: Tensor,  # (..., N) and at its end
     u: Tensor,  # (..., P) mean input of the step
@@ -149,34 +149,15 @@ def powers_of_steps(
     return PowerBalance(stored, lost, balance.supplied, stored - balance.supplied.sum(-1) + lost.sum(-1))
 
 
-def sizes(
-    system: PortHamiltonianSystem, scheme: Scheme, x: Tensor, z: Tensor, u: Tensor, h: float, jacobian: Tensor
-) -> Tensor:
-    """(..., N) size of the terms that cancel in every row of the residual, and of the effect of rounding ``x⁺``."""
-    found = means(system, scheme, x, z, u, h)
-    efforts, middle = found.efforts, found.middle
-    branches, inputs = system.incidences(middle)
-    flows = combined(system.branch_flows(combined(efforts, branches), middle).abs(), branches.abs().mT)
-    forces = combined(system.actions(u).abs(), inputs.abs().mT)
-    conserved = (system.structure(middle).abs() @ efforts.abs().unsqueeze(-1)).squeeze(-1)
-    rounding = (jacobian.abs() @ z.abs().unsqueeze(-1)).squeeze(-1)
-    moved = h * (conserved + flows + forces)
-    # The end state of a reducible storage is a closed form: its current does not cancel against another term.
-    moved = torch.stack([torch.zeros_like(m) if k in found.ends else m for k, m in enumerate(moved.unbind(-1))], dim=-1)
-    total, first = x.abs() + rounding, efforts.shape[-1]
-    total = torch.cat([total[..., :first] + moved, total[..., first:]], dim=-1)
-    return torch.where(total > 0.0, total, 1.0)
-
-
-def jacobians(
-    system: PortHamiltonianSystem,
+def linearised(
+    system: Any,
     x: Tensor,  # (..., N) state at the start of the step
     z: Tensor,  # (..., N) and at its end
     u: Tensor,  # (..., P)
     h: float | Tensor,
     scheme: Scheme = Scheme.DISCRETE_GRADIENT,
-) -> tuple[Tensor, Tensor]:
-    """(..., N, N) derivatives of the residual by the end and by the start of the step, row by row.
+) -> tuple[Tensor, Tensor, Tensor]:
+    """(..., N) residual and its (..., N, N) derivatives by the end and by the start of the step, row by row.
 
     Members of a batch are independent, so that one backward pass gives one row for all of them.
     """
@@ -187,4 +168,5 @@ def jacobians(
             torch.autograd.grad(residual[..., i].sum(), (end, start), retain_graph=True)
             for i in range(residual.shape[-1])
         ]
-    return torch.stack([r[0] for r in rows], dim=-2), torch.stack([r[1] for r in rows], dim=-2)
+    by_next, by_start = (torch.stack(r, dim=-2) for r in zip(*rows, strict=True))
+    return residual.detach(), by_next, by_start

@@ -2,7 +2,7 @@
 
 ``SOLVERS`` takes our steps as methods of `torchdiffeq`; ``_PerturbFunc``, ``_ReverseFunc`` and the closure of the
 augmented dynamics show them the system and the solve behind the functions that they are given. Without these parts
-`phnn.integrate.ode.odeint` and `compiled_method.sampled_states` take the same steps, with gradients by a graph.
+`phnn.integrate.ode.odeint` takes the same steps, with gradients by a graph.
 """
 
 from __future__ import annotations

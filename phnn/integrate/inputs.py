@@ -21,18 +21,20 @@ def check(system: PortHamiltonianSystem, x0: Tensor, u: Tensor, h: float) -> Non
     """Refuse an unsuitable initial state, inputs of all ports (N, ..., P) or step."""
     if not 0.0 < h < float("inf"):
         raise InputRefused(f"the step is {h:g} s: give a positive, finite step")
-    refuse_unfit("initial state", x0)
-    refuse_unfit("mean input", u)
+    numbers = next(system.parameters(), x0.new_zeros(0, dtype=torch.float64)).dtype
+    refuse_unfit("initial state", x0, numbers)
+    refuse_unfit("mean input", u, numbers)
     system.actions(u[:1])
     fits = u.ndim == x0.ndim + 1 and all(a in (1, b) for a, b in zip(u.shape[1:-1], x0.shape[:-1], strict=True))
     if not fits:
         raise InputRefused(f"inputs of shape {tuple(u.shape)} do not fit an initial state {tuple(x0.shape)}")
 
 
-def refuse_unfit(name: str, value: Tensor) -> None:
-    """Refuse a tensor that is not float64 or not finite."""
-    if value.dtype != torch.float64:
-        raise InputRefused(f"the {name} is {value.dtype}: convert it with .double(), the step needs 64 bits")
+def refuse_unfit(name: str, value: Tensor, numbers: torch.dtype = torch.float64) -> None:
+    """Refuse a tensor that is not finite, or not of the numbers of its system."""
+    if value.dtype != numbers:
+        to = ".double()" if numbers == torch.float64 else ".float()"
+        raise InputRefused(f"the {name} is {value.dtype}, and the system {numbers}: convert it with {to}")
     if not bool(torch.isfinite(value).all()):
         where = tuple(torch.nonzero(~torch.isfinite(value))[0].tolist())
         raise InputRefused(f"the {name} is not finite at index {where}: remove or repair that sample")

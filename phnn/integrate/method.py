@@ -1,10 +1,8 @@
-"""The power-preserving step as a method of torchdiffeq, with an adjoint method that is exact at any step.
+"""The power-preserving step as a method of torchdiffeq, which is its own adjoint and exact at any step.
 
-    import phnn.integrate.method  # makes both methods known to torchdiffeq
-
-    x = torchdiffeq.odeint(driven, x0, t, method="discrete_gradient", options={"step_size": h})
-    x = torchdiffeq.odeint_adjoint(driven, x0, t, method="discrete_gradient", options={"step_size": h},
-                                   adjoint_method="discrete_gradient_adjoint", adjoint_options={})
+    system = phnn.PortHamiltonianSystem(network)      # makes the method known to torchdiffeq
+    x = torchdiffeq.odeint(system.with_input(u), x0, t, method="phnn")
+    x = torchdiffeq.odeint_adjoint(system.with_input(u), x0, t, method="phnn", options={"step_size": h})
 
 ``driven`` is a `PortHamiltonianSystem` (inputs at zero) or its ``with_input(u)``, ``x0`` is (..., n). Every interval
 between two outputs is divided into the fewest equal steps of at most ``step_size`` [s]; without ``step_size`` it is one
@@ -13,13 +11,15 @@ step is its mean by two-point Gauss–Legendre quadrature, exact for cubic ``u(t
 that ``u`` may jump where steps meet. Tolerances have no meaning here and are ignored.
 
 A step solves ``R_k(x_k, x_{k+1}; θ) = 0`` (see `phnn.integrate.equations`), by default with
-``Scheme.DISCRETE_GRADIENT``; the option ``scheme`` selects another one. Gradients are those of the computed states,
+``Scheme.DISCRETE_GRADIENT``; the option ``scheme`` selects another one. Compiled code takes the steps where all laws
+have a kernel. Gradients are those of the computed states,
 
     λ_k = ∂L/∂x_k − (∂R_k/∂x_k)ᵀ μ_k,     (∂R_k/∂x_{k+1})ᵀ μ_k = λ_{k+1},     dL/dθ = −Σ_k (∂R_k/∂θ)ᵀ μ_k
 
 by ``x0`` and the parameters of the system, its laws and its input; with `odeint` also by ``t``, for a fixed number of
-steps. `odeint` keeps the graph of every step. `odeint_adjoint` keeps the states, goes back over the same steps with one
-transposed linear solve each, and then drops them. A second pass over a retained graph integrates again.
+steps. `odeint_adjoint` keeps the states, goes back over the same steps, and then drops them; torchdiffeq calls it once
+for every interval, a third of a millisecond each. `odeint` gives the same gradients in one sweep. A second pass over a
+retained graph integrates again.
 
 The other adjoint methods of torchdiffeq integrate ``−λ̇ = (∂f/∂x)ᵀ λ`` backwards with steps of their own. Where outputs
 are far apart compared with a decay time, their gradients are wrong by orders of magnitude; they are refused.
@@ -27,6 +27,7 @@ are far apart compared with a decay time, their gradients are wrong by orders of
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import torch
@@ -34,21 +35,22 @@ from torch import Tensor
 
 from phnn.errors import InputRefused
 from phnn.integrate import hooks
-from phnn.integrate.dense import march, with_derivatives
-from phnn.integrate.inputs import check, port_inputs
+from phnn.integrate.dense import recursion, shaped
+from phnn.integrate.differentiable import simulated
+from phnn.integrate.equations import linearised, step_residual
+from phnn.integrate.inputs import port_inputs
 from phnn.integrate.scheme import Scheme
 from phnn.network.driven import DrivenSystem
 from phnn.network.system import PortHamiltonianSystem
 
-METHOD = "discrete_gradient"
-ADJOINT_METHOD = "discrete_gradient_adjoint"
+METHOD = "phnn"
 
 # Nodes of the two-point rule as shares of a step.
 _EARLY, _LATE = 0.5 - 3.0**-0.5 / 2.0, 0.5 + 3.0**-0.5 / 2.0
 # Tolerance, so that rounding does not add a step to an interval that is a whole number of steps.
 _ROUNDING = 1e-9
 # Steps whose graph the adjoint holds at a time.
-_BLOCK = 1000
+_BLOCK = 4096
 
 
 class _Solve:
@@ -83,6 +85,7 @@ class _Solve:
         self.h = (spacing / counts).repeat_interleave(counts)
         self.start = t[:-1].repeat_interleave(counts) + (torch.arange(len(first), device=t.device) - first) * self.h
         self.path: Tensor | None = None
+        self.transposed: tuple[Tensor, ...] = ()
 
     def inputs(self, steps: slice = slice(None)) -> Tensor:
         """(N, ..., P) mean inputs of some of the steps."""
@@ -94,49 +97,74 @@ class _Solve:
             u = self.x0.new_zeros(len(h), len(self.system.network.ports))
         return port_inputs(self.system, u, self.x0.ndim - 1)
 
-    def march(self, u: Tensor) -> Tensor:
-        """(N+1, ..., n) states without gradients."""
-        check(self.system, self.x0, u, float(self.h.detach().min()))
-        return march(self.system, self.x0, u, self.h.tolist(), self.scheme, float(self.start[0].detach()))
-
     def differentiable(self) -> Tensor:
         """(K, ..., n) states at the output times, with the graph of all steps."""
-        u = self.inputs()
-        path = with_derivatives(self.system, self.march(u), self.x0, u, self._shaped(self.h), self.scheme)
-        return path[self.output_at]
+        return simulated(self.system, self.x0, self.inputs(), self.h, self.scheme, float(self.start[0].detach()))[
+            self.output_at
+        ]
 
     def recorded(self) -> Tensor:
         """(K, ..., n) states at the output times; those of all steps are kept for `pull_back`."""
-        self.path = self.march(self.inputs())
+        self.path = self.march()
         return self.path[self.output_at]
 
+    def march(self) -> Tensor:
+        """(N+1, ..., n) states without gradients."""
+        with torch.no_grad():
+            return simulated(
+                self.system, self.x0, self.inputs(), self.h.detach(), self.scheme, float(self.start[0].detach())
+            )
+
     def pull_back(self, i: int, wanted: Tensor, parameters: tuple[Tensor, ...]) -> tuple[Tensor, list[Tensor]]:
-        """Pull ``∂L`` by the state at the end of interval ``i`` back to its start and to the parameters."""
+        """Pull ``∂L`` by the state at the end of interval ``i`` back to its start; at the first one, the last to be
+        called, also all ``μ_k`` to the parameters."""
         if self.path is None:
-            self.path = self.march(self.inputs())
-        first, end = self.output_at[i : i + 2]
+            self.path = self.march()
+        if not self.transposed:
+            self._transpose(self.path)
+        inverse, carry, mu = self.transposed
+        steps = slice(*self.output_at[i : i + 2])
+        back = torch.cat([torch.zeros_like(carry[:1]), -carry[steps].flip(0)])
+        totals = recursion(back, torch.cat([wanted.unsqueeze(0), wanted.new_zeros(len(back) - 1, *wanted.shape)]))
+        mu[steps] = -(inverse[steps] @ totals[:-1].flip(0).unsqueeze(-1)).squeeze(-1)
         sums = [torch.zeros_like(p) for p in parameters]
-        while end > first:
-            begin = max(first, end - _BLOCK)
-            with torch.enable_grad():
-                x = self.path[begin].detach().requires_grad_(True)
-                h = self._shaped(self.h[begin:end])
-                u = self.inputs(slice(begin, end))
-                states = with_derivatives(self.system, self.path[begin : end + 1], x, u, h, self.scheme)
-                wanted, *found = torch.autograd.grad(states[-1], (x, *parameters), wanted, allow_unused=True)
-            sums = [s if f is None else s + f for s, f in zip(sums, found, strict=True)]
-            end = begin
         if i == 0:
-            self.path = None
-        return wanted, sums
+            self._add_gradients(self.path, mu, parameters, sums)
+            self.path, self.transposed = None, ()
+        return totals[-1], sums
 
-    def _shaped(self, h: Tensor) -> Tensor:
-        """(N, 1, ..., 1) steps that multiply states (N, ..., n)."""
-        return h.reshape(-1, *[1] * self.x0.ndim)
+    def _transpose(self, path: Tensor) -> None:
+        """Keep ``A_k⁻ᵀ``, ``B_kᵀ A_k⁻ᵀ`` and room for the ``μ_k`` of all steps."""
+        found = []
+        for part in self._blocks():
+            _, by_next, by_start = self._equations(linearised, path, part)
+            inverse = torch.linalg.inv(by_next).mT
+            found.append((inverse, by_start.mT @ inverse))
+        inverses, carries = (torch.cat(column) for column in zip(*found, strict=True))
+        self.transposed = inverses, carries, torch.zeros_like(path[1:])
+
+    def _add_gradients(self, path: Tensor, mu: Tensor, parameters: tuple[Tensor, ...], sums: list[Tensor]) -> None:
+        """Add ``Σ_k (∂R_k/∂θ)ᵀ μ_k`` to the sums."""
+        for part in self._blocks() if parameters else ():
+            with torch.enable_grad():
+                residual = self._equations(step_residual, path, part)
+                if not residual.requires_grad:
+                    continue
+                found = torch.autograd.grad(residual, parameters, mu[part], allow_unused=True)
+            for total, gradient in zip(sums, found, strict=True):
+                if gradient is not None:
+                    total += gradient
+
+    def _blocks(self) -> list[slice]:
+        return [slice(k, k + _BLOCK) for k in range(0, len(self.h), _BLOCK)]
+
+    def _equations(self, of: Callable[..., Any], path: Tensor, part: slice) -> Any:
+        h = shaped(self.x0, self.h[part].detach())
+        return of(self.system, path[:-1][part], path[1:][part], self.inputs(part), h, self.scheme)
 
 
-class DiscreteGradient:
-    """The solver that torchdiffeq constructs for ``method="discrete_gradient"``.
+class PowerPreserving:
+    """The solver that torchdiffeq constructs for ``method="phnn"``, forwards, and once for every interval backwards.
 
     Raises:
         InputRefused: the right-hand side is not a port-Hamiltonian system, the times decrease, there is an option other
@@ -153,8 +181,10 @@ class DiscreteGradient:
         **others: Any,
     ) -> None:
         check_options(METHOD, others, "step_size and scheme")
-        if hooks.augmented(func):
-            raise InputRefused(_OTHER_ADJOINT)
+        self.backwards: _Backwards | None = None
+        if known := hooks.augmented(func):
+            self.backwards = _Backwards(known, y0)
+            return
         inner, self.holder = hooks.behind(func)
         if hooks.is_reversed(inner):
             raise InputRefused("the output times decrease: a dissipative system cannot be integrated backwards")
@@ -168,7 +198,9 @@ class DiscreteGradient:
         return set()
 
     def integrate(self, t: Tensor) -> Tensor:
-        """(K, ..., n) states at the output times (K,)."""
+        """(K, ..., n) states at the output times (K,), or the augmented state at both ends of an interval."""
+        if self.backwards is not None:
+            return self.backwards.integrate(t)
         if self.holder is None:
             return _Solve(self.driven, self.y0, t, self.step_size, self.scheme).differentiable()
         if t.requires_grad:
@@ -183,25 +215,20 @@ class DiscreteGradient:
         raise InputRefused(f"{METHOD} does not look for events: look for them in its states")
 
 
-class DiscreteGradientAdjoint:
-    """The solver that torchdiffeq constructs for ``adjoint_method="discrete_gradient_adjoint"``, once for every
-    interval.
+class _Backwards:
+    """The transposed steps of an interval.
 
     Raises:
-        InputRefused: it is not used for the backward pass of ``method="discrete_gradient"``, or it got options.
+        InputRefused: the forward pass took another method.
     """
 
-    def __init__(self, func: Any, y0: Tensor, **others: Any) -> None:
-        check_options(ADJOINT_METHOD, others)
-        known = hooks.augmented(func)
+    def __init__(self, known: dict[str, Any], y0: Tensor) -> None:
         solve = getattr(known.get("func"), "solve", None)
         if solve is None:
-            raise InputRefused(f"{ADJOINT_METHOD} is the adjoint_method of odeint_adjoint for method={METHOD!r} alone")
+            raise InputRefused(f"adjoint_method={METHOD!r} is for the steps of method={METHOD!r} alone: give both")
         self.solve: _Solve = solve
         self.parameters: tuple[Tensor, ...] = known["adjoint_params"]
         self.y0 = y0
-
-    valid_callbacks = DiscreteGradient.valid_callbacks
 
     def integrate(self, t: Tensor) -> Tensor:
         """(2, A) the augmented state (by t, x, by x, by parameters) at the end and the start of an interval.
@@ -218,8 +245,8 @@ class DiscreteGradientAdjoint:
 
 
 _OTHER_ADJOINT = (
-    f"a continuous adjoint of {METHOD} is wrong where outputs are far apart for a decay: give "
-    f"adjoint_method={ADJOINT_METHOD!r}, adjoint_options={{}}, or use odeint"
+    f"a continuous adjoint of {METHOD} is wrong where outputs are far apart for a decay: leave adjoint_method out, or "
+    "use odeint"
 )
 
 
@@ -247,9 +274,9 @@ def _refuse_other_systems(inner: Any) -> None:
 def solve(
     driven: DrivenSystem | PortHamiltonianSystem, x0: Tensor, t: Tensor, step_size: float | None, scheme: Scheme
 ) -> Tensor:
-    """The states that ``torchdiffeq.odeint`` with ``method="discrete_gradient"`` returns, without torchdiffeq."""
+    """The states that ``torchdiffeq.odeint`` with ``method="phnn"`` returns, without torchdiffeq."""
     _refuse_other_systems(driven)
     return _Solve(driven, x0, t, step_size, scheme).differentiable()
 
 
-hooks.add_methods({METHOD: DiscreteGradient, ADJOINT_METHOD: DiscreteGradientAdjoint})
+hooks.add_methods({METHOD: PowerPreserving})

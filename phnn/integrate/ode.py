@@ -19,7 +19,7 @@ from torch import Tensor, nn
 
 from phnn.errors import InputRefused, SolverFailed
 from phnn.integrate import hooks
-from phnn.integrate.method import ADJOINT_METHOD, METHOD, solve
+from phnn.integrate.method import METHOD, solve
 from phnn.integrate.scheme import Scheme
 from phnn.network.driven import DrivenSystem
 from phnn.network.system import PortHamiltonianSystem
@@ -62,7 +62,7 @@ def check_spacing(system: nn.Module, visited: Sequence[tuple[Tensor, Tensor]], t
             f"the continuous adjoint would return wrong gradients: a mode decays at {rate:.3g} 1/s (t = {when:.4g} s) "
             f"while outputs are {spacing:.3g} s apart, a product of {rate * spacing:.3g} where at most "
             f"{ADJOINT_LIMIT:g} is safe; space outputs at most {ADJOINT_LIMIT / rate:.2g} s, use adjoint=False, or "
-            f"method={METHOD!r}, whose own adjoint ({ADJOINT_METHOD}) is exact at any spacing"
+            f"method={METHOD!r}, whose own adjoint is exact at any spacing"
         )
 
 
@@ -92,12 +92,12 @@ def odeint(
     Args:
         system: module called as ``system(t, x)``, such as ``system.with_input(u)``.
         method: an adaptive (`ADAPTIVE`) or fixed-grid method (`FIXED`, one step per output interval), or
-            "discrete_gradient": the power-preserving step, of port-Hamiltonian systems alone.
+            "phnn": the power-preserving step, of port-Hamiltonian systems alone.
         rtol, atol: tolerances of adaptive methods; ``atol`` in the units of the state, a number or (n,).
         adjoint: gradients by the continuous adjoint, or by that of the power-preserving step, instead of by a graph.
         jump_t: (K,) times at which the input or its slope jumps (its knots).
         max_steps: adaptive steps allowed between two outputs.
-        step_size: longest step of "discrete_gradient" [s]; one step per output interval where it is left out.
+        step_size: longest step of "phnn" [s]; one step per output interval where it is left out.
         scheme: its discretisation of reducible storages.
 
     Returns:
@@ -141,9 +141,7 @@ def _power_preserving(system: nn.Module, x0: Tensor, t: Tensor, adjoint: bool, o
         return solve(system, x0, t, **options)  # type: ignore[arg-type]
     if not adjoint:
         return torchdiffeq.odeint(system, x0, t, method=METHOD, options=options)
-    return torchdiffeq.odeint_adjoint(
-        system, x0, t, method=METHOD, options=options, adjoint_method=ADJOINT_METHOD, adjoint_options={}
-    )
+    return torchdiffeq.odeint_adjoint(system, x0, t, method=METHOD, options=options)
 
 
 class _Watched(nn.Module):
@@ -196,7 +194,7 @@ def _check_inputs(
     if method != METHOD and isinstance(inner, PortHamiltonianSystem) and inner.network.senses:
         raise InputRefused(
             f"an imposed motion acts through a rigid contact, whose rates {method} cannot follow: "
-            f"use method={METHOD!r} or phnn.simulate"
+            f"use method={METHOD!r} or phnn.Model.simulate"
         )
     if step_size is not None and method != METHOD:
         raise InputRefused(f"step_size is for {METHOD}: {method} steps by rtol, or from output to output of t")

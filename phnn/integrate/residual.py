@@ -28,7 +28,7 @@ from phnn.network.modulator_states import ends
 from phnn.network.system import PortHamiltonianSystem
 
 if TYPE_CHECKING:
-    from phnn.simulate import Trajectory
+    from phnn.trajectory import Trajectory
 
 # A motion that dies away passes through subnormal numbers, where relative accuracy is lost.
 _NOTHING = 1e-180

@@ -33,7 +33,7 @@ from phnn.recordings.checks import ACTUATORS
 from phnn.recordings.recording import unrecorded
 from phnn.setup import Setup
 from phnn.signals.sampling import check_samples
-from phnn.simulate import simulate
+from phnn.trajectory import simulate
 
 HOLDS = ("cubic", "zero_order")
 

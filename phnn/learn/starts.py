@@ -30,7 +30,7 @@ from phnn.network.elements import Network
 from phnn.recordings.recording import Campaign, Recording, dominant_frequency
 from phnn.recordings.values import shown
 from phnn.setup import Setup
-from phnn.simulate import simulate
+from phnn.trajectory import simulate
 
 NETWORKS = ("hrc", "neural_hrc")
 STAGGERED = "staggered"

@@ -289,6 +289,8 @@ class Network:
             law = element.law
             return element if isinstance(law, str) else replace(element, law=copy.deepcopy(law, memo))
 
+        if all(isinstance(law, str) for law in [s.law for s in self.storages] + [r.law for r in self.resistors]):
+            return self
         return replace(self, storages=tuple(map(own, self.storages)), resistors=tuple(map(own, self.resistors)))
 
     def replace(self, name: str, law: Any, parameters: tuple[str, ...] = ()) -> Network:

@@ -47,7 +47,7 @@ from phnn.setup import Setup
 from phnn.signals.first_order import density_of
 from phnn.signals.least_squares import HARMONICS, harmonic_weights
 from phnn.signals.whiteness import correlation, cross_deviation, own_deviation
-from phnn.simulate import simulate
+from phnn.trajectory import simulate
 from phnn.units import quantity
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ from phnn.effects import Effect
 from phnn.effects.kinds import AFTER_A_STEP, ELAPSED
 from phnn.report.formatting import display_unit
 from phnn.report.support import Fingerprint
-from phnn.simulate import Trajectory
+from phnn.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 

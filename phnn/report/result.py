@@ -48,7 +48,7 @@ from phnn.results import PROGRESS, Place, claim, finite
 from phnn.setup import Setup
 from phnn.signals.noise_statement import NoiseStatement, Sample, noise_statement
 from phnn.signals.sampling import quantisation_step
-from phnn.simulate import Trajectory
+from phnn.trajectory import Trajectory
 from phnn.units import FORCE_UNITS, quantity
 
 # Rivals that are shown.

@@ -30,7 +30,7 @@ from phnn.report.formatting import DASH, markdown_table, number, percent, ratio
 from phnn.results import claim
 from phnn.setup import Setup
 from phnn.signals.least_squares import HARMONICS, deviation, harmonic_weights
-from phnn.simulate import simulate
+from phnn.trajectory import simulate
 from studies.comparison.uses import USES, over_noise, uses
 from studies.recordings import Conditions, comparison_plan, write_recordings
 from studies.rival_models.names import HEADS

@@ -22,7 +22,7 @@ from phnn.network.small_signal import output_gain
 from phnn.recordings import Campaign, read
 from phnn.recordings.recording import Start
 from phnn.setup import DRIFT_TERMS, Own
-from phnn.simulate import simulate
+from phnn.trajectory import simulate
 from tests import campaigns
 
 BODY = """

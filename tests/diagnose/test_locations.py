@@ -30,7 +30,7 @@ from phnn.effects.kinds import LOCATIONS
 from phnn.effects.learned import learned_elements
 from phnn.effects.places import attached
 from phnn.report.result import energy_ledger
-from phnn.simulate import simulate
+from phnn.trajectory import simulate
 
 # Functions of time alone act without any motion.
 _OF_TIME = ("drift", "lines")

@@ -21,7 +21,7 @@ from phnn.identification.staged import fit_identified
 from phnn.models.actuator import hrc
 from phnn.recordings import Campaign
 from phnn.setup import Setup
-from phnn.simulate import simulate
+from phnn.trajectory import simulate
 
 CRITERIA = Criteria()
 HELD = {"m": "held at the stated value"}

@@ -29,7 +29,7 @@ from phnn.integrate.program import compile_network
 from phnn.integrate.quick import serves
 from phnn.integrate.tables import EXACT, LOSSLESS, PATH
 from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
-from phnn.simulate import simulate
+from phnn.trajectory import simulate
 
 torch.set_num_threads(1)
 

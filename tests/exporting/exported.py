@@ -1,4 +1,4 @@
-"""Exported programs run against `phnn.simulate`, in C and in Python."""
+"""Exported programs run against `phnn.trajectory`, in C and in Python."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from phnn.exporting.program import Program
 from phnn.exporting.write import python
 from phnn.recordings.recording import unrecorded
 from phnn.setup import Setup
-from phnn.simulate import simulate
+from phnn.trajectory import simulate
 
 COMPILER = shutil.which("cc") or shutil.which("gcc")
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler is installed")
@@ -40,7 +40,7 @@ int run(long n, const double *u, double *y) {{
 
 
 def reference(setup: Setup, t: np.ndarray, u: np.ndarray, substeps: int, hold: Hold = "linear") -> np.ndarray:
-    """(N,) output of `phnn.simulate` with the input joined or held between the samples."""
+    """(N,) output of `phnn.trajectory` with the input joined or held between the samples."""
     return simulate(setup, replace(unrecorded("drive", t, u, input_before=float(u[0])), interpolation=hold), substeps).y
 
 

@@ -17,7 +17,7 @@ from phnn.exporting.laws import Sources
 from phnn.exporting.program import Names, Program, identifier
 from phnn.models.store import save
 from phnn.recordings.recording import unrecorded
-from phnn.simulate import simulate
+from phnn.trajectory import simulate
 
 
 @pytest.fixture

@@ -1,4 +1,4 @@
-"""Every effect of the catalogue: the exported program takes the steps of `phnn.simulate`, or is refused by name."""
+"""Every effect of the catalogue: the exported program takes the steps of `phnn.trajectory`, or is refused by name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The targets: what they write agrees with `phnn.simulate`, and needs nothing but what they say."""
+"""The targets: what they write agrees with `phnn.trajectory`, and needs nothing but what they say."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from phnn.parameters import positive
 from phnn.recordings.driving import driving_of
 from phnn.recordings.recording import unrecorded
 from phnn.setup import Block, Setup
-from phnn.simulate import simulate
+from phnn.trajectory import simulate
 
 PROMISED = 1e-9
 DT = 5e-5

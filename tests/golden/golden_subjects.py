@@ -33,7 +33,7 @@ from phnn.network import Coupling, Modulation, ModulatorState, Network, Port, Re
 from phnn.parameters import Parameter, as_table
 from phnn.recordings.recording import Campaign, Recording
 from phnn.setup import Block, Setup, Source
-from phnn.simulate import simulate
+from phnn.trajectory import simulate
 
 Array = NDArray[np.float64]
 

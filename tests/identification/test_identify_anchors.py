@@ -18,7 +18,7 @@ from phnn.identification.staged import check_known, held_at
 from phnn.models.actuator import hrc
 from phnn.recordings.recording import Anchor
 from phnn.setup import Setup
-from phnn.simulate import simulate
+from phnn.trajectory import simulate
 
 NOISE = 4e-8
 # The truth is what these sub-steps give: fine enough that standard errors hold next to nothing of their error.

@@ -25,7 +25,7 @@ from phnn.models.actuator import hrc
 from phnn.recordings import read
 from phnn.recordings.recording import Part, Recording, Start
 from phnn.setup import Setup
-from phnn.simulate import simulate
+from phnn.trajectory import simulate
 
 NOISE = 3e-8
 SETUP = Setup(hrc(2))

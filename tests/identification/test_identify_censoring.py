@@ -21,7 +21,7 @@ from phnn.models.network_file import load_network
 from phnn.recordings.recording import Part, Recording, Start
 from phnn.recordings.sensor import Sensor
 from phnn.setup import Own, Setup
-from phnn.simulate import simulate
+from phnn.trajectory import simulate
 
 MODEL = Setup(load_network(config_folder() / "network" / "mass_spring_damper.yaml"))
 NAMES = ("k", "m", "b")

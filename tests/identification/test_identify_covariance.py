@@ -18,7 +18,7 @@ from phnn.identification.covariance import bread, scatter
 from phnn.identification.fit import Fit
 from phnn.identification.staged import fit_identified
 from phnn.recordings.recording import Recording
-from phnn.simulate import simulate
+from phnn.trajectory import simulate
 
 DRAWS = 200
 Noise = Callable[[np.random.Generator, int], np.ndarray]

@@ -15,7 +15,7 @@ from phnn.identification.problem import Problem
 from phnn.identification.refinement import released, resumed
 from phnn.identification.staged import fit_identified
 from phnn.recordings.recording import Part, Recording, Start
-from phnn.simulate import simulate
+from phnn.trajectory import simulate
 
 
 def test_a_fit_that_rests_too_early_goes_on() -> None:

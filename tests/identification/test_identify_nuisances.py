@@ -25,7 +25,7 @@ from phnn.identification.variables import variables_of
 from phnn.models.actuator import from_paper
 from phnn.recordings.recording import Part, Recording
 from phnn.setup import Own, Setup
-from phnn.simulate import simulate
+from phnn.trajectory import simulate
 
 BASE = Setup(from_paper())
 NOISE = 2e-8

@@ -23,7 +23,7 @@ from phnn.models.store import load, save
 from phnn.recordings import read
 from phnn.recordings.recording import Anchor, Campaign, Part, Recording, Start
 from phnn.setup import Setup
-from phnn.simulate import simulate
+from phnn.trajectory import simulate
 
 NETWORK = config_folder() / "network" / "mass_spring_damper.yaml"
 MODEL, ZERO, NOISE = Setup(load_network(NETWORK)), 0.05, 1e-3

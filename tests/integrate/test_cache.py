@@ -22,7 +22,7 @@ from phnn.models.neural import LearnedLaws, neural_hrc
 from phnn.models.variants import hrcl
 from phnn.network.elements import Network
 from phnn.setup import Setup
-from phnn.simulate import simulate
+from phnn.trajectory import simulate
 
 _TWICE = """
 import sys

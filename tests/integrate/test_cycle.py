@@ -16,7 +16,7 @@ from phnn.models.actuator import from_paper, hrc
 from phnn.models.network_file import load_network
 from phnn.recordings.recording import Recording, Start
 from phnn.setup import Setup
-from phnn.simulate import simulate
+from phnn.trajectory import simulate
 
 BASE = Setup(from_paper())
 PERIOD = 100

@@ -29,7 +29,7 @@ from phnn.models.variants import hrlc, thermal_hrc
 from phnn.network import Coupling, Network, Port, PortHamiltonianSystem, Resistor, Storage
 from phnn.parameters import Parameter, as_table
 from phnn.setup import Setup
-from phnn.simulate import Trajectory, simulate
+from phnn.trajectory import Trajectory, simulate
 
 torch.set_num_threads(1)
 

@@ -10,13 +10,13 @@ import torch
 import torchdiffeq
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from networks import networks, random_network, random_states
+from networks import networks, random_network, random_states, solve_dense
 from torch import Tensor, nn
 
 from phnn.errors import InputRefused
 from phnn.integrate import method
-from phnn.integrate.dense import ledger, solve_dense
-from phnn.integrate.method import ADJOINT_METHOD, METHOD
+from phnn.integrate.dense import ledger
+from phnn.integrate.method import METHOD
 from phnn.network import Coupling, DrivenSystem, Network, Port, PortHamiltonianSystem, Resistor, Storage
 from phnn.nn import ConvexEnergyMLP, MonotoneMLP, SectorMLP
 from phnn.parameters import as_table, positive
@@ -97,9 +97,7 @@ def by_torchdiffeq(driven: nn.Module, x0: Tensor, t: Tensor, step: float | None 
 
 
 def by_adjoint(driven: nn.Module, x0: Tensor, t: Tensor, step: float | None = STEP) -> Tensor:
-    return torchdiffeq.odeint_adjoint(
-        driven, x0, t, method=METHOD, options={"step_size": step}, adjoint_method=ADJOINT_METHOD, adjoint_options={}
-    )
+    return torchdiffeq.odeint_adjoint(driven, x0, t, method=METHOD, options={"step_size": step})
 
 
 def by_dense(driven: DrivenSystem, x0: Tensor, t: Tensor, step: float = STEP) -> Tensor:

@@ -14,11 +14,9 @@ from subjects import body
 
 import phnn
 from phnn.errors import InputRefused
-from phnn.integrate import hooks, ode
-from phnn.integrate.compiled_method import sampled_states
+from phnn.integrate import dense, hooks, ode
 from phnn.integrate.equations import reducible_rules
 from phnn.integrate.scheme import Scheme
-from phnn.learn import solvers
 from phnn.models.actuator import hrc
 from phnn.models.fully_neural import FullyNeural
 from phnn.models.perceptron import Scales
@@ -41,13 +39,10 @@ def gradient(states: torch.Tensor, system: PortHamiltonianSystem) -> list[torch.
 def test_without_torchdiffeqs_methods_the_steps_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     system, t = PortHamiltonianSystem(hrc(1)), torch.linspace(0.0, 2e-4, 5, dtype=torch.float64)
     x0 = torch.full((3,), 1e-6, dtype=torch.float64)
-    u = torch.zeros(4, len(system.network.ports), dtype=torch.float64)
-    h, nodes = t.diff(), torch.arange(5)
 
     def everything() -> list[torch.Tensor]:
-        one = ode.odeint(system, x0, t, "discrete_gradient", adjoint=True)
-        (two,) = sampled_states(system, [u], [h], [nodes], x0[None])
-        return [one.detach(), *gradient(one, system), two.detach(), *gradient(two, system)]
+        found = ode.odeint(system, x0, t, "phnn", adjoint=True)
+        return [found.detach(), *gradient(found, system)]
 
     known = everything()
     monkeypatch.setattr(hooks, "part", lambda name: None)
@@ -96,8 +91,12 @@ def test_a_batch_of_a_fully_neural_model_is_its_members() -> None:
     model = FullyNeural(Scales(1e-3, 75.0, 1e-4), 3, 6)
     x0, u = 0.5 * torch.randn(4, 3, dtype=torch.float64), 75.0 * torch.randn(20, 4, 1, dtype=torch.float64)
     h = torch.full((20, 4, 1), 1e-4, dtype=torch.float64)
-    together = solvers.march(model, x0, u, h)
-    alone = torch.cat([solvers.march(model, *(v[..., k : k + 1, :] for v in (x0, u, h))) for k in range(4)], dim=1)
+
+    def solved(x0: torch.Tensor, u: torch.Tensor, h: torch.Tensor) -> torch.Tensor:
+        return dense.with_derivatives(model, dense.march(model, x0, u, h), x0, u, h)
+
+    together = solved(x0, u, h)
+    alone = torch.cat([solved(*(v[..., k : k + 1, :] for v in (x0, u, h))) for k in range(4)], dim=1)
     parameters = [p for p in model.parameters() if p.requires_grad]
     one, other = (
         [path, *torch.autograd.grad(path[-1].sum(), parameters, allow_unused=True, materialize_grads=True)]

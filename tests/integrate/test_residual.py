@@ -18,7 +18,7 @@ from phnn.integrate.residual import check, march_residual, power_balance
 from phnn.models.actuator import from_paper, hrc
 from phnn.network import PortHamiltonianSystem, Resistor
 from phnn.setup import Setup
-from phnn.simulate import Trajectory, simulate
+from phnn.trajectory import Trajectory, simulate
 
 torch.set_num_threads(1)
 

@@ -23,7 +23,7 @@ from phnn.learn.starts import motion_of, scales_of
 from phnn.learn.windows import starts_at_zero, thinned, windows_of
 from phnn.recordings.recording import Part, Start
 from phnn.setup import Setup
-from phnn.simulate import simulate
+from phnn.trajectory import simulate
 
 
 @settings(max_examples=25, deadline=None)

@@ -25,7 +25,7 @@ from phnn.learn.run import validation_names
 from phnn.learn.settings import settings_in
 from phnn.models.store import load
 from phnn.recordings import read
-from phnn.simulate import simulate
+from phnn.trajectory import simulate
 from studies.generator.world import TABLE
 from studies.recordings import Conditions, write_recordings
 

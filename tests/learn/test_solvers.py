@@ -14,6 +14,7 @@ from scipy.interpolate import make_interp_spline
 from torch import Tensor
 
 from phnn.errors import InputRefused, SolverFailed
+from phnn.integrate.dense import march
 from phnn.learn import solvers
 from phnn.learn.objective import Objective
 from phnn.learn.plant import Plant
@@ -80,7 +81,7 @@ def test_the_step_under_torchdiffeq_is_that_of_the_compiled_march() -> None:
     with torch.no_grad():
         found, exact = (
             Objective(plant, s, [thinned(example.recording(), 2)]).outputs()
-            for s in (Torchdiffeq(plant, "discrete_gradient"), compiled)
+            for s in (Torchdiffeq(plant, "phnn"), compiled)
         )
     assert error(found, [y.numpy() for y in exact]) < 1e-10
 
@@ -91,10 +92,10 @@ def test_the_step_under_torchdiffeq_is_that_of_the_compiled_march() -> None:
         ("neural", {"name": "discrete_gradient"}),
         ("neural", {"name": "torchdiffeq"}),
         ("neural", {"name": "torchdiffeq", "adjoint": False}),
-        pytest.param("neural", {"name": "torchdiffeq", "method": "discrete_gradient"}, marks=pytest.mark.slow),
+        pytest.param("neural", {"name": "torchdiffeq", "method": "phnn"}, marks=pytest.mark.slow),
         pytest.param(
             "neural",
-            {"name": "torchdiffeq", "method": "discrete_gradient", "adjoint": False},
+            {"name": "torchdiffeq", "method": "phnn", "adjoint": False},
             marks=pytest.mark.slow,
         ),
         ("fully_neural", {"name": "discrete_gradient"}),
@@ -164,8 +165,8 @@ def test_a_step_without_a_solution_is_reported() -> None:
             return a
 
     one = torch.ones(1, 1, 1, dtype=torch.float64)
-    with pytest.raises(SolverFailed, match=r"step 1 of 10 s has no solution.*shorter"):
-        solvers.march(Broken(), torch.zeros(1, 1, dtype=torch.float64), one, 10.0 * one)
+    with pytest.raises(SolverFailed, match=r"step from t = 0 s to 10 s has no solution: .*take a step below"):
+        march(Broken(), torch.zeros(1, 1, dtype=torch.float64), one, 10.0 * one)
 
 
 @pytest.mark.parametrize(

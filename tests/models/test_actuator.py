@@ -14,7 +14,7 @@ from phnn.models.actuator import TABLE_1, from_paper, hrc
 from phnn.models.bouc_wen import TABLE_2, bouc_wen
 from phnn.network import PortHamiltonianSystem
 from phnn.setup import Setup
-from phnn.simulate import simulate
+from phnn.trajectory import simulate
 
 torch.set_num_threads(1)
 T = np.arange(667) * 1e-5

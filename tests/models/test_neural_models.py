@@ -23,7 +23,7 @@ from phnn.models.store import FILE, load, save
 from phnn.network.elements import Resistor, Storage
 from phnn.nn import ConvexEnergyMLP, MonotoneMLP, SectorMLP
 from phnn.setup import Setup
-from phnn.simulate import simulate
+from phnn.trajectory import simulate
 
 SCALES = Scales(1e-3, 75.0, 1e-4)
 fuzzy = settings(max_examples=40, deadline=None)

@@ -15,7 +15,7 @@ from phnn.models.actuator import hrc
 from phnn.models.bouc_wen import bouc_wen
 from phnn.models.store import FILE, load, save
 from phnn.setup import Setup
-from phnn.simulate import simulate
+from phnn.trajectory import simulate
 
 
 def with_effect(name: str) -> Setup:

@@ -24,7 +24,7 @@ from phnn.network.bondgraph import BondGraph, C
 from phnn.network.elements import interconnect, renamed
 from phnn.parameters import Parameter, as_table, constant, positive
 from phnn.setup import Setup
-from phnn.simulate import simulate
+from phnn.trajectory import simulate
 
 SPRING, STIFF = Storage("s", "spring", ("stiff",)), positive("stiff", 1e3, "N/m")
 FILE = config_folder() / "network" / "thermal_hrc.yaml"

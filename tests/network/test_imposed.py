@@ -26,7 +26,7 @@ from phnn.parameters import as_table, positive
 from phnn.passage import is_displacement
 from phnn.recordings.recording import Part, Recording, Start, Units
 from phnn.setup import Setup
-from phnn.simulate import simulate
+from phnn.trajectory import simulate
 
 Array = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from phnn.plot.frequency import response, whiteness
 from phnn.plot.signals import hysteresis, located, outputs
 from phnn.recordings.recording import Campaign, Part, Recording, Start, unrecorded
 from phnn.setup import Setup
-from phnn.simulate import simulate
+from phnn.trajectory import simulate
 
 VALUES = {"m": 1.0e-3, "k": 2.0e4, "b": 6.0, "alpha": 0.04, "C_1": 5.0e-7, "rho_1": 1.0e-3, "d_1": 8.0}
 NOISE, DT, SAMPLES = 50e-9, 1e-4, 2000

@@ -22,7 +22,7 @@ from phnn.prediction import output_spread
 from phnn.recordings.driving import driving_of, unknown_instants, with_declared
 from phnn.recordings.recording import Part, Recording, Start
 from phnn.setup import Setup
-from phnn.simulate import simulate
+from phnn.trajectory import simulate
 
 DT = 1e-4
 

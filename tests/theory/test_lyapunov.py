@@ -10,12 +10,11 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from junctions import march
-from networks import networks, random_states
+from networks import networks, random_states, solve_dense
 from random_actuators import COMPILED, Actuator, random_actuator
 from torch import Tensor
 
 from phnn.errors import StructureViolated
-from phnn.integrate.dense import solve_dense
 from phnn.models.actuator import from_paper
 from phnn.network import Modulation, Network, PortHamiltonianSystem
 from phnn.network.lyapunov import forced_equilibrium, shifted_energy, shifted_losses, shifted_rate

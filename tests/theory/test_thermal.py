@@ -10,6 +10,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from junctions import march, recording
+from networks import solve_dense
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from torch import Tensor
@@ -17,7 +18,6 @@ from torch import Tensor
 from phnn.derivatives import output_derivatives, output_gradient
 from phnn.errors import StructureViolated
 from phnn.integrate import kernel
-from phnn.integrate.dense import solve_dense
 from phnn.integrate.residual import check, power_balance
 from phnn.integrate.scheme import Scheme
 from phnn.models.actuator import hrc
@@ -28,7 +28,7 @@ from phnn.network.modulator_states import between, drives
 from phnn.network.thermal import ThermalBalance, thermal_balance, thermal_energy, total_energy
 from phnn.parameters import Parameter
 from phnn.setup import Block, Setup
-from phnn.simulate import Trajectory, simulate
+from phnn.trajectory import Trajectory, simulate
 
 torch.set_num_threads(1)
 Array = NDArray[np.float64]

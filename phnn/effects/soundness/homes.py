@@ -13,7 +13,7 @@ from phnn.models.actuator import from_paper
 from phnn.models.network_file import load_network
 from phnn.recordings.recording import Recording, Start
 from phnn.setup import Setup
-from phnn.simulate import Trajectory, simulate
+from phnn.trajectory import Trajectory, simulate
 
 
 @dataclass(frozen=True, eq=False)

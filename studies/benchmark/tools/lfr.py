@@ -44,7 +44,7 @@ from phnn.identification.fit import Fit, fit
 from phnn.identification.plan import Plan
 from phnn.network.roles import thresholds
 from phnn.recordings import read
-from phnn.simulate import Trajectory, simulate
+from phnn.trajectory import Trajectory, simulate
 from studies.benchmark.bench import Answer
 from studies.benchmark.tools.common import (
     PLACES,

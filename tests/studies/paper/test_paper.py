@@ -27,7 +27,7 @@ from phnn.models.actuator import TABLE_1, from_paper
 from phnn.models.bouc_wen import TABLE_2, bouc_wen
 from phnn.network import PortHamiltonianSystem
 from phnn.setup import Setup
-from phnn.simulate import simulate
+from phnn.trajectory import simulate
 from studies.generator.plans import PEAK, Excitation, chirp, sine, step
 from studies.generator.world import TABLE
 from studies.generator.world import simulate as independent

@@ -19,7 +19,7 @@ from phnn.configuration import config_folder
 from phnn.models.network_file import load_network
 from phnn.recordings import Campaign, Recording, read
 from phnn.setup import Setup
-from phnn.simulate import simulate
+from phnn.trajectory import simulate
 from studies.public import UNSCORED, figures, initial_state, official_errors
 
 STEPS, ZERO = 4, 0.02
