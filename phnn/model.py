@@ -67,7 +67,7 @@ class Model:
         """The network as a torch module with ``J``, ``D(x)``, ``H``, efforts and ports; `torchdiffeq` can integrate it.
 
         Amplifier and sensor are no part of it. It is always the same module, with laws and parameters of its own:
-        ``model.with_network(model.module.as_network())`` is the model with what training has made of them.
+        ``model.with_network(model.module.as_network())`` is the model with the trained laws and parameters.
         """
         from phnn.integrate.method import PortHamiltonianSystem
 

@@ -5,8 +5,8 @@ Neural hysterons with torchdiffeq
 A small network takes the place of the dead zone of a hysteron and learns it from the displacement.
 
 The network is sign-constrained: :math:`e\\,\\varphi(e) \\geq 0` for all weights, so that the model is passive before,
-during and after training. ``torchdiffeq.odeint_adjoint`` solves it with the power-preserving step, whose adjoint is
-exact.
+during and after training. ``torchdiffeq.odeint_adjoint`` solves it with the power-preserving step, which is its own
+exact adjoint.
 """
 
 # %%
@@ -17,9 +17,9 @@ exact.
 import matplotlib.pyplot as plt
 import numpy as np
 import torch
+import torchdiffeq
 
 import phnn
-from phnn.integrate.compiled_method import sampled_states
 from phnn.learn.characteristic import thresholds
 from phnn.models import hrc
 from phnn.models.neural import LearnedLaws, neural_hrc
@@ -46,20 +46,17 @@ print(sum(weight.numel() for weight in system.parameters()), "weights")
 # %%
 # Training
 # --------
-# ``sampled_states`` calls ``torchdiffeq.odeint_adjoint`` once for all recordings; the steps are compiled, and the
-# adjoint method is the transpose of the same steps.
+# The input is a function of time. The steps are compiled, and the adjoint is the transpose of the same steps.
 
-means = torch.from_numpy(0.5 * (voltage[1:] + voltage[:-1]))
-u = torch.stack([means, torch.zeros_like(means)], dim=1)
-h = torch.from_numpy(np.diff(t))
-nodes = torch.arange(t.size)
-x0 = torch.zeros(1, len(system.state_names), dtype=torch.float64)
+driven = system.with_input(lambda t: torch.stack([75.0 * torch.sin(2.0 * np.pi * 50.0 * t), 0.0 * t], dim=-1))
+times = torch.from_numpy(t)
+x0 = torch.zeros(len(system.state_names), dtype=torch.float64)
 q = system.state_names.index(network.output)
 
 
 def loss() -> torch.Tensor:
     """Mean square of the residual over noise."""
-    (states,) = sampled_states(system, [u], [h], [nodes], x0)
+    states = torchdiffeq.odeint_adjoint(driven, x0, times, method="phnn")
     return (((states[:, q] - measured) / 60e-9) ** 2).mean()
 
 

@@ -18,6 +18,8 @@ backwards, transposed.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import torch
@@ -42,8 +44,8 @@ _KEPT = 0.1
 # Steps of the first stretch, and of the longest.
 _FIRST, _MOST = 32, 512
 _SMALLEST_PART = 2.0**-10
-# Shares of a step at which the sign of the Jacobian's determinant is looked at, beside its end.
-_ALONG = (0.0, 0.5)
+# Shares of a step at which slopes of laws, and the sign of the Jacobian's determinant, are looked at.
+_ALONG = 9
 
 
 def shaped(x0: Tensor, h: Tensor) -> Tensor:
@@ -115,7 +117,7 @@ def with_derivatives(
 
 def ledger(
     system: PortHamiltonianSystem,
-    states: Tensor,  # (N+1, ..., n) of `march`
+    states: Tensor,  # (N+1, ..., n) of a solve
     u_mean: Tensor,  # (N, ..., P) or (N,)
     h: float,
     scheme: Scheme = Scheme.DISCRETE_GRADIENT,
@@ -237,7 +239,7 @@ def _newton(run: _Run, z: Tensor) -> _Root:
     if not worst <= _ACCEPTED * precision:
         bad = ~(residual.abs() <= _ACCEPTED * precision * scale)
         return _Root(z, f"Newton's iteration stopped at a residual of {worst:.1e} ({_names(system, bad)})")
-    if not (_has_one_root(system) or _is_connected(run, z, by_next)):
+    if not (_has_one_root(run, z) or _is_connected(run, z)):
         return _Root(z, "the solution is not connected to the previous state (a law falls too steeply for this step)")
     return _Root(z)
 
@@ -247,36 +249,64 @@ def _sizes(matrix: Tensor, state: Tensor) -> Tensor:
     return (matrix.abs() @ state.abs().unsqueeze(-1)).squeeze(-1)
 
 
-def _has_one_root(system: Any) -> bool:
-    """Whether all energies are convex and all resistors monotone: every step then has exactly one solution."""
+def _has_one_root(run: _Run, z: Tensor) -> bool:
+    """Whether all efforts and flows rise along the steps, which then have exactly one solution each: by the laws'
+    forms, or where these say nothing, at points between start and end."""
+    system = run.system
+    # Another kind of system, or states that a law or ratio follows within the step: those of modulators are known.
     if not isinstance(system, PortHamiltonianSystem):
         return True
-    convex = (
-        STORAGE_LAWS[s.law].convex if isinstance(s.law, str) else bool(form_of(s.law)) and s.law.convex
-        for s in system.network.storages
-    )
-    monotone = (
-        RESISTOR_LAWS[r.law].monotone if isinstance(r.law, str) else bool(form_of(r.law)) and r.law.monotone
-        for r in system.network.resistors
-    )
-    network = system.network
-    # Modulator states are known before the step.
-    reads = {r.modulated_by for r in network.resistors} | {m.by for m in network.modulations}
-    return not reads & set(network.storage_names) and all(convex) and all(monotone)
+    network, x = system.network, run.starts(z)
+    if ({r.modulated_by for r in network.resistors} | {m.by for m in network.modulations}) & set(network.storage_names):
+        return False
+    for k, storage in enumerate(network.storages):
+        known = STORAGE_LAWS[storage.law] if isinstance(storage.law, str) else storage.law
+        if not (isinstance(storage.law, str) or form_of(storage.law)) or not known.convex:
+            effort = partial(_mean_effort, system, k)
+            if not _rises(effort, x[..., k], z[..., k]):
+                return False
+    ends = [system.branch_efforts(system.efforts(at), at) for at in (x, z)]
+    for r, resistor in enumerate(network.resistors):
+        known = RESISTOR_LAWS[resistor.law] if isinstance(resistor.law, str) else resistor.law
+        if not (isinstance(resistor.law, str) or form_of(resistor.law)) or not known.monotone:
+            flow = partial(_flow, system, r, x)
+            if not _rises(flow, ends[0][..., r], ends[1][..., r]):
+                return False
+    return True
 
 
-def _is_connected(run: _Run, z: Tensor, at_end: Tensor) -> bool:
+def _mean_effort(system: PortHamiltonianSystem, k: int, at: Tensor) -> Tensor:
+    return system.mean_effort(k, at, at)
+
+
+def _flow(system: PortHamiltonianSystem, r: int, x: Tensor, at: Tensor) -> Tensor:
+    return system.branch_flow(r, at, x.expand(*at.shape, x.shape[-1]))
+
+
+def _between(a: Tensor, b: Tensor) -> Tensor:
+    """(9, ...) points on the way from ``a`` to ``b``."""
+    way = torch.linspace(0.0, 1.0, _ALONG, dtype=a.dtype, device=a.device)
+    return a + way.reshape(-1, *[1] * a.ndim) * (b - a)
+
+
+def _rises(law: Callable[[Tensor], Tensor], a: Tensor, b: Tensor) -> bool:
+    """Whether a law's slope is positive or zero at points between ``a`` and ``b``."""
+    with torch.enable_grad():
+        at = _between(a, b).requires_grad_(True)
+        (slope,) = torch.autograd.grad(law(at).sum(), at)
+    return bool((slope >= 0.0).all())
+
+
+def _is_connected(run: _Run, z: Tensor) -> bool:
     """Whether the Jacobian's determinant stays positive along the way from the start of every step to its end.
 
     The determinant is one at ``h = 0`` and negative on the branch between two folds. If it stays positive on the way,
     exactly one root lies there for every shorter step too (proved in one dimension, sampled in others).
     """
     x = run.starts(z)
-    way = torch.tensor(_ALONG, dtype=x.dtype, device=x.device).reshape(-1, *[1] * x.ndim)
-    points = x + way * (z - x)
-    u = run.u.expand(len(_ALONG), *run.u.shape)
+    points, u = _between(x, z), run.u.expand(_ALONG, *run.u.shape)
     by_next = linearised(run.system, x.expand_as(points), points, u, run.h, run.scheme)[1]
-    return all(bool((torch.linalg.det(j) > 0.0).all()) for j in (at_end, by_next))
+    return bool((torch.linalg.det(by_next) > 0.0).all())
 
 
 def _names(system: Any, bad: Tensor) -> str:

@@ -28,8 +28,8 @@ from phnn.network.system import PortHamiltonianSystem
 _QUICK = 15
 # Steps of a bracketed search: half of them halve the bracket, down to neighbouring floats.
 _BRACKETED = 250
-# Relative size of a step that is rounding; and the multiple of the defect's rounding that is accepted.
-_ROUNDING, _NOISE = 2e-16, 1e-14
+# The precision that tolerances are stated for; and the multiple of rounding that a search may end with.
+_DOUBLE, _NOISE = 2.2e-16, 45.0
 
 Lost = Callable[[Tensor], Tensor]
 
@@ -146,6 +146,7 @@ def _radau_stages(around: Surroundings, k: int, s: Tensor, x: Tensor, current: T
     h = around.h
     x = (x + 0.0 * current).detach()
     i, one, two = current.detach(), x, x
+    tolerance = TOLERANCE * torch.finfo(x.dtype).eps / _DOUBLE
 
     def at(state: Tensor) -> tuple[Tensor, Tensor]:
         return _with_slope(around, k, s.detach(), state)
@@ -159,7 +160,8 @@ def _radau_stages(around: Surroundings, k: int, s: Tensor, x: Tensor, current: T
         size = one.abs() + two.abs() + x.abs() + h * i.abs()
         size1 = size + h * (taken1.abs() + (slope1 * one).abs())
         size2 = size + h * (taken2.abs() + (slope2 * two).abs())
-        if bool(((g1.abs() <= TOLERANCE * size1 + NOTHING) & (g2.abs() <= TOLERANCE * size2 + NOTHING)).all()):
+        small = [g.abs() <= tolerance * size + NOTHING for g, size in ((g1, size1), (g2, size2))]
+        if bool((small[0] & small[1]).all()):
             return one, two
         determinant = a * b + 2.25
         one, two = one - (b * g1 - 0.5 * g2) / determinant, two - (4.5 * g1 + a * g2) / determinant
@@ -193,7 +195,7 @@ def _increasing_root(function: Callable[[Tensor], tuple[Tensor, Tensor]], guess:
         inside = torch.where((high - low).isfinite(), 0.5 * low + 0.5 * high, y - 2.0 * value / floor)
         # The search ends when a step has the size of rounding, or is little larger and no longer helps because of
         # rounding.
-        least = torch.where(good, _ROUNDING, _NOISE) * y.abs()
+        least = torch.where(good, 1.0, _NOISE) * torch.finfo(y.dtype).eps * y.abs()
         arrived = (value == 0.0) | ((slope > 0.0) & ((newton - y).abs() <= least))
         following = torch.where(arrived, y, torch.where(good, newton, inside))
         if bool((following == y).all()):

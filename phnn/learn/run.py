@@ -20,7 +20,7 @@ from phnn.learn import checkpoint, logs
 from phnn.learn.methods import with_gradients
 from phnn.learn.objective import Objective
 from phnn.learn.plant import NetworkPlant, Plant
-from phnn.learn.score import evaluate, set_aside, whole
+from phnn.learn.score import evaluate, set_aside, substeps_needed, whole
 from phnn.learn.settings import Settings, check_same, settings_in
 from phnn.learn.solvers import solver_for
 from phnn.learn.starts import plant_for
@@ -128,18 +128,19 @@ def _train(
     plant = plant_for(settings.model, campaign, settings.seed, settings.base)
     solver = solver_for(settings.solver, plant)
     used = [thinned(r, settings.stride) for r in training]
-    objective = Objective(plant, solver, used, settings.window, settings.substeps, settings.continuity)
+    substeps = settings.substeps or substeps_needed(plant, solver, used)
+    objective = Objective(plant, solver, used, settings.window, substeps, settings.continuity)
     held = [thinned(r, settings.stride) for r in validation]
 
     def validate() -> float:
-        return float(whole(plant, solver, held, settings.substeps)())
+        return float(whole(plant, solver, held, substeps)())
 
     progress = Trainer(objective, validate if held else None, settings, place, say, recordings).run()
-    scores = evaluate(plant, solver, campaign.recordings, settings.substeps, _initial(objective))
+    scores = evaluate(plant, solver, campaign.recordings, substeps, _initial(objective))
     content = _metrics(settings, plant, objective, progress, scores, [r.name for r in validation])
     (place / "weights.pt").write(checkpoint.as_bytes(plant.state_dict()))
     if isinstance(plant, NetworkPlant):
-        save(Setup(plant.network, name=str(settings.model["kind"])), place / "model", settings.substeps)
+        save(Setup(plant.network, name=str(settings.model["kind"])), place / "model", substeps)
     (place / METRICS).write_json(content)
     return content
 

@@ -29,7 +29,7 @@ class Settings:
         base: folder of a model that `phnn identify` wrote, to start from; it is identified where it is left out.
         seed: of initial weights.
         stride: every how many samples are used for training.
-        substeps: steps a (used) sample interval.
+        substeps: steps a (used) sample interval; 0: as many as keep the numerical error well below the noise.
         window: samples of a window; 0 for whole recordings.
         continuity: weight of the jumps between windows.
         validation: names of the recordings that stop the training; None chooses among those for identification, an
@@ -52,7 +52,7 @@ class Settings:
     base: str | None = None
     seed: int = whole(0)
     stride: int = whole(1, least=1)
-    substeps: int = whole(1, least=1)
+    substeps: int = whole(0)
     window: int = whole(0)
     continuity: float = positive(1.0)
     validation: tuple[str, ...] | None = None

@@ -258,7 +258,7 @@ def test_the_torch_step_has_the_same_solutions(seed: int) -> None:
     u, h = u[:3], h[:3]
     states, _ = solved(network, u, h)
     start = torch.zeros(states.shape[1], dtype=torch.float64)
-    path = dense.march(PortHamiltonianSystem(network), start, torch.from_numpy(u), h.tolist()).numpy()
+    path = dense.march(PortHamiltonianSystem(network), start, torch.from_numpy(u), torch.from_numpy(h)[:, None]).numpy()
     assert (np.abs(path - states) <= 1e-8 * np.ptp(states, axis=0)).all()
 
 

@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from phnn.errors import InputRefused, SolverFailed
 from phnn.integrate.ode import ADAPTIVE, FIXED, fastest_decay, odeint
-from phnn.network import Coupling, DrivenSystem, Network, Port, PortHamiltonianSystem, Resistor, Storage
+from phnn.network import Coupling, Network, Port, PortHamiltonianSystem, Resistor, Storage
 from phnn.nn import ConvexEnergyMLP
 from phnn.parameters import as_table, positive
 
@@ -213,20 +213,3 @@ def test_unusable_arguments_are_refused(
 ) -> None:
     with pytest.raises(InputRefused, match=message):
         odeint(oscillator(), x0, t, method=method, jump_t=jump_t)
-
-
-def test_a_module_in_single_precision_is_refused() -> None:
-    with pytest.raises(InputRefused, match=r"free\.z\.\w .*\.double"):
-        odeint(oscillator().float(), rest(), times(1.0, 3))
-
-
-def test_torchdiffeq_accepts_the_modules_as_they_are() -> None:
-    import torchdiffeq
-
-    system = oscillator()
-    driven = system.with_input(lambda t: torch.sin(t))
-    assert isinstance(driven, DrivenSystem)
-    for module in (system, driven):
-        x = torchdiffeq.odeint(module, rest() + 1.0, times(1.0, 3))
-        assert x.shape == (3, 2)
-        assert torch.isfinite(x).all()

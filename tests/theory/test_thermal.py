@@ -10,21 +10,17 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from junctions import march, recording
-from networks import solve_dense
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from torch import Tensor
 
-from phnn.derivatives import output_derivatives, output_gradient
 from phnn.errors import StructureViolated
 from phnn.integrate import kernel
 from phnn.integrate.residual import check, power_balance
-from phnn.integrate.scheme import Scheme
 from phnn.models.actuator import hrc
 from phnn.models.variants import thermal_hrc
 from phnn.network import ModulatorState, Network, PortHamiltonianSystem
 from phnn.network.lyapunov import forced_equilibrium, shifted_energy, shifted_rate
-from phnn.network.modulator_states import between, drives
 from phnn.network.thermal import ThermalBalance, thermal_balance, thermal_energy, total_energy
 from phnn.parameters import Parameter
 from phnn.setup import Block, Setup
@@ -194,36 +190,6 @@ def setup() -> Setup:
     return Setup(network).with_block("amplifier", block, (Parameter("tau", 2e-5, positive=True, lower=1e-9),))
 
 
-def test_derivatives_by_every_parameter_agree_with_differences() -> None:
-    t = np.arange(301) * 1e-5
-    made = recording(t, 75.0 * np.sin(2 * np.pi * 300.0 * t))
-    run = simulate(setup(), made)
-    assert run.states[-1, 4] > 3.5
-    names = list(run.setup.parameters)
-    found = output_derivatives(run, names)
-    for k, name in enumerate(names):
-        value = run.setup.parameters[name].value
-        step = 1e-5 * abs(value)
-        ends = [simulate(run.setup.with_values({name: value + s}), made).y for s in (step, -step)]
-        wanted = (ends[0] - ends[1]) / (2.0 * step)
-        # A difference may straddle a kink: a few samples may differ.
-        wrong = np.abs(found[:, k] - wanted) > 1e-4 * np.abs(wanted).max() + 1e-13 / step
-        assert wrong.mean() < 0.05, name
-        assert np.abs(found[:, k]).max() > 0.0, name
-
-
-def test_the_backward_sweep_is_the_forward_one() -> None:
-    t = np.arange(301) * 1e-5
-    run = simulate(setup(), recording(t, 20.0 + 75.0 * np.sin(2 * np.pi * 300.0 * t)))
-    assert run.rest is not None and not run.rest.any()
-    names = list(run.setup.network.parameters)
-    weights = np.random.default_rng(1).normal(size=t.size)
-    forward = weights @ output_derivatives(run, names)
-    np.testing.assert_allclose(
-        output_gradient(run, names, weights), forward, rtol=1e-8, atol=1e-10 * abs(forward).max()
-    )
-
-
 def test_heat_is_kept_once_and_by_what_dissipates() -> None:
     base = thermal_hrc(1)
     body = base.memories[0]
@@ -303,21 +269,3 @@ def test_gain_recovers_at_rest() -> None:
     straight = march(run.setup.network, u, h, np.append(again.states[4000, :4], hot))
     cooled, first, warm = (np.ptp(r.states[-200:, 2]) for r in (again, cold, straight))
     assert 0.0 < cooled / first - 1.0 < 0.25 * (warm / first - 1.0)
-
-
-def test_the_torch_step_keeps_both_laws() -> None:
-    system = PortHamiltonianSystem(thermal_hrc(2, FAST))
-    u, h = driven(0.002, 500.0, 4e-5)
-    x0, inputs = torch.zeros(5, dtype=torch.float64), torch.from_numpy(u)
-    with torch.no_grad():
-        # Whose mean efforts are the discrete gradients that are written out here.
-        x = solve_dense(system, x0, inputs, 4e-5, Scheme.MIDPOINT)
-        efforts, middle = system.mean_efforts(x[:-1], x[1:]), between(system, x[:-1], x[1:])
-        thermal = thermal_balance(system, x, drives(system, efforts, middle, inputs), torch.from_numpy(h))
-        supplied = 4e-5 * (inputs * (efforts.unsqueeze(-2) @ system.incidences(middle)[1]).squeeze(-2)).sum(-1)
-        total = total_energy(system, x)
-    defect = total.diff() + thermal.released.sum(-1) - supplied
-    # As far as the torch step solves its equations.
-    assert defect.abs().max() < 1e-11 * supplied.abs().max()
-    assert (thermal.produced > 0.0).all()
-    assert thermal.stored.sum() > 0.5 * thermal.received.sum() > 0.0
