@@ -27,7 +27,7 @@ from phnn.learn import Settings, checkpoint
 from phnn.learn.objective import Objective
 from phnn.learn.plant import LatentPlant, Plant
 from phnn.learn.run import validation_names
-from phnn.learn.score import evaluate, set_aside, whole
+from phnn.learn.score import evaluate, set_aside, substeps_needed, whole
 from phnn.learn.solvers import Solver, solver_for
 from phnn.learn.starts import plant_for, unfitted
 from phnn.learn.trainer import Trainer
@@ -119,9 +119,10 @@ def train(
     seconds, losses = 0.0, {}
     for stage in recipe.stages:
         settings = _settings(training, stage)
-        objective = Objective(plant, solver, used, settings.window, settings.substeps, settings.continuity)
+        steps = settings.substeps or substeps_needed(plant, solver, used)
+        objective = Objective(plant, solver, used, settings.window, steps, settings.continuity)
         told = partial(_told, progress, f"train {training.name}, {stage}")
-        validate = partial(_loss, plant, solver, held, settings.substeps) if held else None
+        validate = partial(_loss, plant, solver, held, steps) if held else None
         found = Trainer(objective, validate, settings, place / stage, told, digest(campaign)).run()
         seconds, losses[stage] = seconds + found.seconds, found.best
     progress(f"score {training.name}")
