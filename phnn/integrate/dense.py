@@ -206,13 +206,15 @@ def _by_parts(run: _Run, t: float) -> Tensor:
 def _newton(run: _Run, z: Tensor) -> _Root:
     """Newton's method for all steps of a stretch and all members of a batch at once."""
     system, precision = run.system, torch.finfo(z.dtype).eps
+    # States of latent models are of order one; those of a network have their units.
+    least = torch.finfo(z.dtype).tiny if isinstance(system, PortHamiltonianSystem) else 1.0
     worst = torch.inf
     for _ in range(_ITERATIONS):
         x = run.starts(z)
         residual, by_next, by_start = linearised(system, x, z, run.u, run.h, run.scheme)
         if not bool(torch.isfinite(residual).all()):
             return _Root(z, f"the vector field is not finite ({_names(system, ~torch.isfinite(residual))})")
-        scale = _sizes(by_next, z) + _sizes(by_start, x) + torch.finfo(z.dtype).tiny
+        scale = _sizes(by_next, z) + _sizes(by_start, x) + least
         worst = float((residual.abs() / scale).max())
         if worst <= _ROUNDING * precision:
             break
