@@ -28,6 +28,8 @@ def check_weights(module: nn.Module, owner: str = "", largest: float = math.inf)
         SolverFailed: names the parameter, its value and the remedy.
         InputRefused: a parameter is in 16 bits, which hold no product of several weights.
     """
+    if torch.compiler.is_compiling():
+        return
     named = [(name, p.detach()) for name, p in module.named_parameters() if p.numel()]
     try:
         # Also false for NaN. Versions count no change by way of ``.data``, so that nothing is remembered.

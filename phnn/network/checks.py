@@ -48,7 +48,7 @@ Present = tuple[int, dict[str, Tensor]] | None
 
 def present_of(system: Any) -> dict[str, Tensor] | None:
     """Values read for the evaluation that is going on in this thread, None outside of one."""
-    present = system._present
+    present = None if torch.compiler.is_compiling() else system._present
     return present[1] if present is not None and present[0] == get_ident() else None
 
 
@@ -57,7 +57,7 @@ def evaluation(method: Callable[Concatenate[Any, P], R]) -> Callable[Concatenate
 
     @wraps(method)
     def evaluate(system: Any, *args: P.args, **kwargs: P.kwargs) -> R:
-        if present_of(system) is not None:
+        if torch.compiler.is_compiling() or present_of(system) is not None:
             return method(system, *args, **kwargs)
         system._present = (get_ident(), system.present_values())
         try:

@@ -113,7 +113,6 @@ class SectorMLP(nn.Module):
 
     def weights(self) -> Tensor:
         """(1 + 3U,) physical weights ``[g c₀, g w_1/√U, k_1/s, c_1, …]``."""
-        # Sizes, whatever signs a loaded state gives them.
         g, scale = self.conductance.abs(), self.scale.abs()
         return _flat(self, g * self.offset, g / self.units**0.5 * self.heights, self.gains / scale, self.positions)
 
@@ -222,7 +221,6 @@ class ConvexEnergyMLP(nn.Module):
 
     def weights(self) -> Tensor:
         """(1 + 3U,) physical weights ``[E a/s, E w_1, k_1/s, c_1, …]``."""
-        # Sizes, whatever signs a loaded state gives them.
         typical, scale = self.typical.abs(), self.scale.abs()
         heights, gains = typical * _positive(self.heights), _positive(self.gains) / scale
         return _flat(self, typical / scale * _positive(self.curvature), heights, gains, self.positions)

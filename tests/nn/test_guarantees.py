@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
+from dataclasses import replace
 
 import pytest
 import torch
@@ -153,10 +154,7 @@ def test_a_state_is_loaded_by_names_and_within_bounds() -> None:
     system = PortHamiltonianSystem(plain)
     system.set_values({"m": 3e-4, "k": 2.5e4})
     state = system.state_dict()
-    reversed_ = Network(
-        plain.storages, plain.resistors, plain.couplings, plain.ports,
-        dict(reversed(plain.parameters.items())), plain.output,
-    )  # fmt: skip
+    reversed_ = replace(plain, parameters=dict(reversed(plain.parameters.items())))
     again = PortHamiltonianSystem(reversed_)
     again.load_state_dict(state)
     for name in plain.parameters:
@@ -230,6 +228,8 @@ def test_simulate_takes_batches_and_shorter_numbers(law: nn.Module) -> None:
     u = (scale * drive(80)).requires_grad_(True)
     x, y = phnn.simulate(system, u)
     assert (x.shape, y.shape) == ((2, 3, 80, 4), (2, 3, 80, 2))
+    graph, inputs = torch.compile(system.vector_field, fullgraph=True, backend="eager"), torch.ones(2).double()
+    assert torch.equal(graph(STATES, inputs), system.vector_field(STATES, inputs))
     alone, outputs = phnn.simulate(system, u[1, 2])
     size = x.detach().abs().amax((0, 1, 2))
     assert ((x[1, 2] - alone).abs() <= 1e-11 * size).all()
