@@ -113,7 +113,7 @@ class SectorMLP(nn.Module):
 
     def weights(self) -> Tensor:
         """(1 + 3U,) physical weights ``[g c₀, g w_1/√U, k_1/s, c_1, …]``."""
-        g, scale = self.conductance.abs(), self.scale.abs()
+        g, scale = self.conductance.abs(), self.scale.abs()  # of either sign in a state that is loaded
         return _flat(self, g * self.offset, g / self.units**0.5 * self.heights, self.gains / scale, self.positions)
 
     def forward(self, effort: Tensor) -> Tensor:  # effort: (...)
