@@ -19,7 +19,6 @@ backwards, transposed.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 from typing import Any, NamedTuple
 
 import torch
@@ -39,10 +38,8 @@ from phnn.network.system import PortHamiltonianSystem
 # iteration stops; in units of the numbers' precision.
 _ROUNDING, _ACCEPTED = 450.0, 45000.0
 _ITERATIONS, _POLISHES = 25, 3
-# Share by which a residual has to fall for a Jacobian to be kept.
-_KEPT = 0.1
-# Steps of the first stretch, and of the longest.
-_FIRST, _MOST = 32, 512
+_KEPT = 0.1  # share by which a residual has to fall for a Jacobian to be kept
+_FIRST, _MOST = 32, 512  # steps of the first stretch, and of the longest
 _SMALLEST_PART = 2.0**-10
 # Shares of a step at which slopes of laws, and the sign of the Jacobian's determinant, are looked at.
 _ALONG = 9
@@ -263,26 +260,17 @@ def _has_one_root(run: _Run, z: Tensor) -> bool:
         return False
     for k, storage in enumerate(network.storages):
         known = STORAGE_LAWS[storage.law] if isinstance(storage.law, str) else storage.law
-        if not (isinstance(storage.law, str) or form_of(storage.law)) or not known.convex:
-            effort = partial(_mean_effort, system, k)
-            if not _rises(effort, x[..., k], z[..., k]):
-                return False
+        sure = (isinstance(storage.law, str) or form_of(storage.law)) and known.convex
+        if not (sure or _rises(lambda at, k=k: system.mean_effort(k, at, at), x[..., k], z[..., k])):  # type: ignore[misc]
+            return False
     ends = [system.branch_efforts(system.efforts(at), at) for at in (x, z)]
     for r, resistor in enumerate(network.resistors):
         known = RESISTOR_LAWS[resistor.law] if isinstance(resistor.law, str) else resistor.law
-        if not (isinstance(resistor.law, str) or form_of(resistor.law)) or not known.monotone:
-            flow = partial(_flow, system, r, x)
-            if not _rises(flow, ends[0][..., r], ends[1][..., r]):
-                return False
+        sure = (isinstance(resistor.law, str) or form_of(resistor.law)) and known.monotone
+        flow = lambda at, r=r: system.branch_flow(r, at, x.expand(*at.shape, x.shape[-1]))  # noqa: E731
+        if not (sure or _rises(flow, ends[0][..., r], ends[1][..., r])):
+            return False
     return True
-
-
-def _mean_effort(system: PortHamiltonianSystem, k: int, at: Tensor) -> Tensor:
-    return system.mean_effort(k, at, at)
-
-
-def _flow(system: PortHamiltonianSystem, r: int, x: Tensor, at: Tensor) -> Tensor:
-    return system.branch_flow(r, at, x.expand(*at.shape, x.shape[-1]))
 
 
 def _between(a: Tensor, b: Tensor) -> Tensor:

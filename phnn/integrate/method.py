@@ -21,8 +21,7 @@ steps. `odeint_adjoint` keeps the states, goes back over the same steps, and the
 for every interval, a third of a millisecond each. `odeint` gives the same gradients in one sweep. A second pass over a
 retained graph integrates again.
 
-The other adjoint methods of torchdiffeq integrate ``−λ̇ = (∂f/∂x)ᵀ λ`` backwards with steps of their own. Where outputs
-are far apart compared with a decay time, their gradients are wrong by orders of magnitude; they are refused.
+Other adjoint methods of torchdiffeq are refused: with steps of their own they are wrong where outputs are far apart.
 """
 
 from __future__ import annotations
@@ -91,11 +90,20 @@ class _Solve:
         """(N, ..., P) mean inputs of some of the steps."""
         start, h = self.start[steps], self.h[steps]
         if isinstance(self.driven, DrivenSystem):
-            nodes = zip(start + _EARLY * h, start + _LATE * h, strict=True)
-            u = torch.stack([0.5 * (self.driven.input(early) + self.driven.input(late)) for early, late in nodes])
+            u = 0.5 * (self._input(start + _EARLY * h) + self._input(start + _LATE * h))
         else:
             u = self.x0.new_zeros(len(h), len(self.system.network.ports))
         return port_inputs(self.system, u, self.x0.ndim - 1)
+
+    def _input(self, t: Tensor) -> Tensor:
+        """(N, ..., P) inputs at many times (N,), one after the other where the function cannot take all of them."""
+        given: Any = self.driven.input
+        if hasattr(given, "at_times"):
+            return torch.as_tensor(given.at_times(t))
+        try:
+            return torch.as_tensor(torch.func.vmap(given)(t))
+        except (RuntimeError, ValueError):
+            return torch.stack([given(time) for time in t])
 
     def differentiable(self) -> Tensor:
         """(K, ..., n) states at the output times, with the graph of all steps."""

@@ -148,9 +148,13 @@ class _Held(nn.Module):
         self.t, self.fine, self.inputs = t, fine, plant.inputs
 
     def forward(self, t: Tensor) -> Tensor:
-        step = min(max(int(torch.searchsorted(self.t, t.detach(), right=True)) - 1, 0), self.fine.shape[0] - 1)
+        return self.at_times(t.reshape(1))[0]
+
+    def at_times(self, t: Tensor) -> Tensor:
+        """(N, B, P) inputs at times (N,)."""
+        step = (torch.searchsorted(self.t, t.detach(), right=True) - 1).clamp(0, self.fine.shape[0] - 1)
         share = (t - self.t[step]) / (self.t[step + 1] - self.t[step])
-        return self.inputs(_quadratic(self.fine[step], share))
+        return self.inputs(_quadratic(self.fine[step], share.unsqueeze(-1)))
 
 
 class _Counted(nn.Module):
