@@ -68,7 +68,9 @@ def march(
         StructureViolated: the scheme cannot compute the drive of a modulator state; names both.
     """
     if isinstance(system, PortHamiltonianSystem):
-        refuse_unknown_drives(system, scheme)
+        names = [system.state_names[k] for k in reducible_rules(system, scheme)]
+        if reason := partly_driven(system.network, names):
+            raise StructureViolated(f"{scheme}: {reason}")
     with torch.no_grad():
         states, length, done = [x0.detach().unsqueeze(0)], _FIRST, 0
         while done < h.shape[0]:
@@ -85,13 +87,6 @@ def march(
                 done += 1
             states.append(root.x)
         return torch.cat(states)
-
-
-def refuse_unknown_drives(system: PortHamiltonianSystem, scheme: Scheme) -> None:
-    """Refuse a modulator state whose drive the scheme cannot compute."""
-    names = [system.state_names[k] for k in reducible_rules(system, scheme)]
-    if reason := partly_driven(system.network, names):
-        raise StructureViolated(f"{scheme}: {reason}")
 
 
 def with_derivatives(
@@ -140,13 +135,18 @@ class _Implicit(torch.autograd.Function):
     @torch.autograd.function.once_differentiable
     def backward(ctx, wanted):  # type: ignore[no-untyped-def]
         by_next, by_start = ctx.saved_tensors
-        inverse = torch.linalg.inv(by_next).mT
-        carry = by_start.mT @ inverse
+        inverse, carry = transposed(by_next, by_start)
         # λ_n = w_n − carry_n λ_{n+1}, from the end.
         totals = recursion(-carry.flip(0).roll(1, 0), wanted[1:].flip(0)).flip(0)
         by_residual = -(inverse @ totals.unsqueeze(-1)).squeeze(-1)
         by_x0 = wanted[0] - (carry[0] @ totals[0].unsqueeze(-1)).squeeze(-1)
         return None, None, None, by_residual, by_x0
+
+
+def transposed(by_next: Tensor, by_start: Tensor) -> tuple[Tensor, Tensor]:
+    """(N, ..., n, n) ``A⁻ᵀ`` and ``Bᵀ A⁻ᵀ``, which carry multipliers back over the steps."""
+    inverse = torch.linalg.inv(by_next).mT
+    return inverse, by_start.mT @ inverse
 
 
 def recursion(m: Tensor, r: Tensor) -> Tensor:

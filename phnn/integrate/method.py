@@ -34,7 +34,7 @@ from torch import Tensor
 
 from phnn.errors import InputRefused
 from phnn.integrate import hooks
-from phnn.integrate.dense import recursion, shaped
+from phnn.integrate.dense import recursion, shaped, transposed
 from phnn.integrate.differentiable import simulated
 from phnn.integrate.equations import linearised, step_residual
 from phnn.integrate.inputs import port_inputs
@@ -107,9 +107,7 @@ class _Solve:
 
     def differentiable(self) -> Tensor:
         """(K, ..., n) states at the output times, with the graph of all steps."""
-        return simulated(self.system, self.x0, self.inputs(), self.h, self.scheme, float(self.start[0].detach()))[
-            self.output_at
-        ]
+        return self._states()[self.output_at]
 
     def recorded(self) -> Tensor:
         """(K, ..., n) states at the output times; those of all steps are kept for `pull_back`."""
@@ -119,9 +117,11 @@ class _Solve:
     def march(self) -> Tensor:
         """(N+1, ..., n) states without gradients."""
         with torch.no_grad():
-            return simulated(
-                self.system, self.x0, self.inputs(), self.h.detach(), self.scheme, float(self.start[0].detach())
-            )
+            return self._states()
+
+    def _states(self) -> Tensor:
+        start = float(self.start[0].detach())
+        return simulated(self.system, self.x0, self.inputs(), self.h, self.scheme, start)
 
     def pull_back(self, i: int, wanted: Tensor, parameters: tuple[Tensor, ...]) -> tuple[Tensor, list[Tensor]]:
         """Pull ``∂L`` by the state at the end of interval ``i`` back to its start; at the first one, the last to be
@@ -146,8 +146,7 @@ class _Solve:
         found = []
         for part in self._blocks():
             _, by_next, by_start = self._equations(linearised, path, part)
-            inverse = torch.linalg.inv(by_next).mT
-            found.append((inverse, by_start.mT @ inverse))
+            found.append(transposed(by_next, by_start))
         inverses, carries = (torch.cat(column) for column in zip(*found, strict=True))
         self.transposed = inverses, carries, torch.zeros_like(path[1:])
 
@@ -188,7 +187,9 @@ class PowerPreserving:
         scheme: Scheme = Scheme.DISCRETE_GRADIENT,
         **others: Any,
     ) -> None:
-        check_options(METHOD, others, "step_size and scheme")
+        # torchdiffeq adds these three itself.
+        if unknown := ", ".join(sorted(set(others) - {"rtol", "atol", "norm"})):
+            raise InputRefused(f"{METHOD} has no option {unknown}: leave it out, it takes step_size and scheme")
         self.backwards: _Backwards | None = None
         if known := hooks.augmented(func):
             self.backwards = _Backwards(known, y0)
@@ -260,15 +261,6 @@ _OTHER_ADJOINT = (
 
 def _refuse_other_adjoint(module: Any, arguments: Any) -> None:
     raise InputRefused(_OTHER_ADJOINT)
-
-
-def check_options(method: str, options: dict[str, Any], *known: str) -> None:
-    """Refuse options that a method does not have."""
-    # torchdiffeq adds these three itself.
-    unknown = sorted(set(options) - {"rtol", "atol", "norm"})
-    if unknown:
-        raise InputRefused(f"{method} has no option {', '.join(unknown)}: leave it out" + "".join(
-            f", it takes {name}" for name in known))  # fmt: skip
 
 
 def _refuse_other_systems(inner: Any) -> None:

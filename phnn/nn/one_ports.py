@@ -62,7 +62,21 @@ def _check(width: int, **scales: float) -> None:
             raise InputRefused(f"{name} = {scale:g}: give a positive typical magnitude in SI units")
 
 
-class SectorMLP(nn.Module):
+class _Resistor(nn.Module):
+    """A resistor that is an additive-unit law with the module's physical weights."""
+
+    law: str
+
+    def weights(self) -> Tensor:
+        """Physical weights in the order of the law."""
+        raise NotImplementedError
+
+    def forward(self, effort: Tensor) -> Tensor:  # effort: (...)
+        """(...) flow ``φ(ε)``."""
+        return wide.flow(WIDE_RESISTORS[self.law], effort, self.weights())
+
+
+class SectorMLP(_Resistor):
     """A sign-constrained resistor that may be silent on whole intervals and need not be monotone.
 
         φ(ε) = g ε max(c₀ + Σ_i (w_i/√U) tanh(k_i z + c_i), 0),   z = ε/s,   g = flow_scale/effort_scale,
@@ -116,12 +130,8 @@ class SectorMLP(nn.Module):
         g, scale = self.conductance.abs(), self.scale.abs()  # of either sign in a state that is loaded
         return _flat(self, g * self.offset, g / self.units**0.5 * self.heights, self.gains / scale, self.positions)
 
-    def forward(self, effort: Tensor) -> Tensor:  # effort: (...)
-        """(...) flow ``φ(ε)``."""
-        return wide.flow(WIDE_RESISTORS[self.law], effort, self.weights())
 
-
-class MonotoneMLP(nn.Module):
+class MonotoneMLP(_Resistor):
     """A monotone resistor through the origin, hence a sector law whose implicit step has one root.
 
         φ(ε)/f = a z + Σ_i w_i [σ(k_i z + c_i) − σ(c_i)]
@@ -171,10 +181,6 @@ class MonotoneMLP(nn.Module):
         heights, gains = flow * _positive(self.heights), _positive(self.gains) / scale
         rows = zip(heights, gains, self.positions, strict=True)
         return _flat(self, flow / scale * _positive(self.slope), *(w for row in rows for w in row))
-
-    def forward(self, effort: Tensor) -> Tensor:  # effort: (...)
-        """(...) flow ``φ(ε)``."""
-        return wide.flow(WIDE_RESISTORS[self.law], effort, self.weights())
 
 
 class ConvexEnergyMLP(nn.Module):
