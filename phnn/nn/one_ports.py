@@ -62,7 +62,7 @@ def _check(width: int, **scales: float) -> None:
             raise InputRefused(f"{name} = {scale:g}: give a positive typical magnitude in SI units")
 
 
-class _Resistor(nn.Module):
+class _Resistor:
     """A resistor that is an additive-unit law with the module's physical weights."""
 
     law: str
@@ -76,7 +76,7 @@ class _Resistor(nn.Module):
         return wide.flow(WIDE_RESISTORS[self.law], effort, self.weights())
 
 
-class SectorMLP(_Resistor):
+class SectorMLP(_Resistor, nn.Module):
     """A sign-constrained resistor that may be silent on whole intervals and need not be monotone.
 
         φ(ε) = g ε max(c₀ + Σ_i (w_i/√U) tanh(k_i z + c_i), 0),   z = ε/s,   g = flow_scale/effort_scale,
@@ -131,7 +131,7 @@ class SectorMLP(_Resistor):
         return _flat(self, g * self.offset, g / self.units**0.5 * self.heights, self.gains / scale, self.positions)
 
 
-class MonotoneMLP(_Resistor):
+class MonotoneMLP(_Resistor, nn.Module):
     """A monotone resistor through the origin, hence a sector law whose implicit step has one root.
 
         φ(ε)/f = a z + Σ_i w_i [σ(k_i z + c_i) − σ(c_i)]
