@@ -107,12 +107,8 @@ def violations(subject: Subject, count: int, seed: int = 1) -> Violations:
     exchanged = (efforts.abs().unsqueeze(-2) @ m.structure(middle).abs() @ efforts.abs().unsqueeze(-1)).squeeze(
         (-1, -2)
     )
-    size = terms.abs().sum(-1) + lost.abs() + supplied.abs() + exchanged / _time(m)
+    size = terms.abs().sum(-1) + lost.abs() + supplied.abs() + exchanged
     off |= (terms.sum(-1) - supplied + lost).abs() > eps * size
     off |= lost < -eps * size
     found.balance = int(off.sum())
     return found
-
-
-def _time(module: torch.nn.Module) -> float:
-    return module.scales.time if hasattr(module, "scales") else 1.0

@@ -17,15 +17,24 @@ from networks import remembering
 from torch import Tensor, nn
 
 import phnn.models
-import phnn.nn.one_ports
+import phnn.nn
 from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.modal.elements import DRAG, HARDENING, SOFTENING, STOP, PortElement
 from phnn.modal.model import ModalModel
-from phnn.models.fully_neural import FullyNeural
 from phnn.models.network_file import load_network
-from phnn.models.perceptron import Scales
 from phnn.models.store import _KINDS
-from phnn.network import Coupling, Modulation, ModulatorState, Network, Port, PortHamiltonianSystem, Resistor, Storage
+from phnn.network import (
+    Coupling,
+    Modulation,
+    ModulatorState,
+    MultiPort,
+    Network,
+    Port,
+    PortHamiltonianSystem,
+    Resistor,
+    SharedEnergy,
+    Storage,
+)
 from phnn.network.bondgraph import BondGraph
 from phnn.network.bondgraph.equations import SumOfEnergies
 from phnn.parameters import Parameter, as_table, positive
@@ -93,32 +102,11 @@ class NetworkSubject:
         return self.system.power(efforts, x, u, efforts[..., 0]).supplied.sum(-1)
 
     def lost(self, efforts: Tensor, x: Tensor) -> Tensor:
-        epsilon = self.system.branch_efforts(efforts, x)
-        return (epsilon * self.system.branch_flows(epsilon, x)).sum(-1)
+        still = efforts.new_zeros(*x.shape[:-1], len(self.system.network.ports))
+        return self.system.power(efforts, x, still, efforts[..., 0]).dissipated.sum(-1)
 
     def balanced_rate(self, efforts: Tensor, x: Tensor, u: Tensor) -> Tensor:
         return self.system.rate(efforts, x, u)
-
-
-class LatentSubject:
-    """A model with latent states of order one."""
-
-    def __init__(self, core: Any) -> None:
-        self.module = self.core = core
-
-    def states(self, count: int, seed: int, reach: float) -> tuple[Tensor, Tensor]:
-        like = next(self.module.parameters()).dtype
-        return _spread((count, self.core.states), seed, reach).to(like), _spread((count, 1), seed + 1, 100.0).to(like)
-
-    def supplied(self, efforts: Tensor, x: Tensor, u: Tensor) -> Tensor:
-        return (efforts @ self.core.inlet) * u[..., 0] / self.core.scales.input / self.core.scales.time
-
-    def lost(self, efforts: Tensor, x: Tensor) -> Tensor:
-        d = self.core.dissipation(x)
-        return (efforts.unsqueeze(-2) @ d @ efforts.unsqueeze(-1)).squeeze((-1, -2)) / self.core.scales.time
-
-    def balanced_rate(self, efforts: Tensor, x: Tensor, u: Tensor) -> Tensor:
-        return self.core.rate(efforts, x, u)
 
 
 def body(
@@ -184,11 +172,33 @@ def laws() -> Iterator[tuple[str, Callable[[], NetworkSubject]]]:
         yield f"memory {name}", lambda name=name: NetworkSubject(slow(name))
 
 
+# How a learned law that is no one-port joins the body, by the class of `phnn.nn`.
+JOINED: dict[type, Callable[[Any], dict[str, Any]]] = {
+    phnn.nn.LearnedDissipation: lambda law: {
+        "multi_ports": (MultiPort("both", law(2, 1, width=5), ("q", "p"), ("q",)),)
+    },
+    phnn.nn.LearnedCoupling: lambda law: {"multi_ports": (MultiPort("both", law(2, 1, width=5), ("q", "p"), ("q",)),)},
+    phnn.nn.LearnedEnergy: lambda law: {"shared_energies": (SharedEnergy("both", law(2, width=5), ("q", "p")),)},
+    phnn.nn.LearnedRatio: lambda law: {"modulations": (Modulation("ratio", "q", law(width=5)),)},
+}
+
+
 def learned() -> Iterator[tuple[str, Callable[[], NetworkSubject]]]:
-    """Every learned law in a body."""
+    """Every learned one-port in a body."""
     for kind, make in _KINDS.items():
         where = "storage" if hasattr(make(2), "energy") else "resistor"
         yield f"learned {kind}", lambda make=make, where=where: NetworkSubject(body(**{where: make(5)}))
+
+
+def learned_together() -> Iterator[tuple[str, Callable[[], NetworkSubject]]]:
+    """Every other learned law of `phnn.nn` in a body, and every system that is learned; kernels solve none of them."""
+    modules = [thing for name in phnn.nn.__all__ if isinstance(thing := getattr(phnn.nn, name), type)]
+    one_ports = {type(make(2)) for make in _KINDS.values()}
+    for law in (m for m in modules if issubclass(m, nn.Module) and m not in one_ports):
+        if issubclass(law, PortHamiltonianSystem):
+            yield law.__name__, lambda law=law: NetworkSubject(law(3, 2, 6).network)
+        else:
+            yield law.__name__, lambda law=law: NetworkSubject(body(**JOINED[law](law)))
 
 
 def _modules_of_models() -> Iterator[Any]:
@@ -208,13 +218,6 @@ def _things_of_models() -> Iterator[tuple[str, Any]]:
         for name, thing in vars(module).items():
             if not name.startswith("_") and getattr(thing, "__module__", "") == module.__name__:
                 yield name, thing
-
-
-def latent_models() -> Iterator[tuple[str, Callable[[], Subject]]]:
-    """Every model of `phnn.models` with latent states and an energy."""
-    for name, thing in _things_of_models():
-        if inspect.isclass(thing) and issubclass(thing, nn.Module) and hasattr(thing, "energy"):
-            yield name, lambda thing=thing: LatentSubject(thing(Scales(1e-3, 75.0, 1e-4), 3, 6))
 
 
 def network_models() -> Iterator[tuple[str, Callable[[], NetworkSubject]]]:
@@ -265,5 +268,4 @@ CORE = (
 )
 # Those of networks; made only where they are needed, which takes seconds for some.
 NETWORKS: dict[str, Callable[[], NetworkSubject]] = dict((*CORE, *laws(), *learned(), *network_models()))
-EVERY: dict[str, Callable[[], Subject]] = NETWORKS | dict(latent_models())
-assert FullyNeural.__name__ in EVERY
+EVERY: dict[str, Callable[[], Subject]] = {**NETWORKS, **dict(learned_together())}

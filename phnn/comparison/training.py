@@ -25,28 +25,16 @@ from phnn.identification.base import Progress
 from phnn.identification.evaluate import Evaluation
 from phnn.learn import Settings, checkpoint
 from phnn.learn.objective import Objective
-from phnn.learn.plant import LatentPlant, Plant
+from phnn.learn.plant import Plant
 from phnn.learn.run import validation_names
 from phnn.learn.score import evaluate, set_aside, substeps_needed, whole
 from phnn.learn.solvers import Solver, solver_for
-from phnn.learn.starts import plant_for, unfitted
+from phnn.learn.starts import plant_for, scales_of
 from phnn.learn.trainer import Trainer
 from phnn.learn.windows import thinned
-from phnn.models.fully_neural import FullyNeural
-from phnn.models.neural_ode import NeuralODE
-from phnn.recordings.recording import Campaign, Recording, dominant_frequency
+from phnn.recordings.recording import Campaign, Recording
 from phnn.recordings.stored import digest
 from phnn.results import Place
-
-_LINEAR = "linear"
-# Of a neural ODE: rate of the fast lag over that of the highest frequency, and what each slow lag adds to the gain.
-_FAST, _SLOW = 1.5, 0.1
-# Points at which its perceptron is fitted, in typical sizes, and the ridge that keeps its weights small.
-_POINTS, _REACH, _RIDGE = 4000, 1.5, 1e-6
-# Layers that are less curved than usual carry a linear field within some percent.
-_GENTLE = 0.5
-# Size of what is left of random last layers: none at all would give the layers before them no gradient.
-_LEFT = 0.05
 
 
 @dataclass(frozen=True)
@@ -54,7 +42,7 @@ class Recipe:
     """How a neural model is trained.
 
     Attributes:
-        model: its kind and arguments, see `phnn.learn.starts`; ``start: linear`` for the black boxes.
+        model: its kind and arguments, see `phnn.learn.starts`.
         solver: its name and options, see `phnn.learn.solvers`.
         longest_step: recordings are thinned to steps of at most this many time units ``1/(2π f)`` of the highest
             frequency, where they are sampled finer; null for no thinning.
@@ -113,9 +101,10 @@ def train(
     recipe, campaign, place = training.recipe, training.campaign, training.place
     torch.manual_seed(training.seed)
     aside = validation_names(campaign, None)
-    plant = started_plant(recipe, campaign, training.seed, base)
+    plant = plant_for(recipe.model, campaign, training.seed, None if base is None else str(base))
     solver = solver_for(recipe.solver, plant)
-    used, held = (_thinned(rs, recipe, plant) for rs in set_aside(campaign.recordings, aside))
+    fitted, stopping = set_aside(campaign.recordings, aside)
+    used, held = (_thinned(rs, recipe, scales_of([*fitted, *stopping]).time) for rs in (fitted, stopping))
     seconds, losses = 0.0, {}
     for stage in recipe.stages:
         settings = _settings(training, stage)
@@ -131,19 +120,6 @@ def train(
     (place / "weights.pt").write(checkpoint.as_bytes(plant.state_dict()))
     facts = {"parameters": count, "seconds": round(seconds, 1), "loss_by_stage": losses, "stopped_by": list(aside)}
     return plant, scores, facts
-
-
-def started_plant(recipe: Recipe, campaign: Campaign, seed: int, base: Path | None = None) -> Plant:
-    """Return the plant before training."""
-    arguments = dict(recipe.model)
-    linear = arguments.pop("start", None) if arguments.get("kind") in ("fully_neural", "neural_ode") else None
-    if linear not in (None, "random", _LINEAR):
-        raise InputRefused(f"model.start = {linear!r}: choose {_LINEAR} or random")
-    plant = plant_for(arguments, campaign, seed, None if base is None else str(base))
-    if linear == _LINEAR and isinstance(plant, LatentPlant):
-        assert isinstance(plant.core, FullyNeural | NeuralODE)
-        begin_linear(plant.core, campaign, seed)
-    return plant
 
 
 def _settings(training: Training, stage: str) -> Settings:
@@ -172,15 +148,14 @@ def _told(progress: Progress, what: str, line: str) -> None:
     progress(f"{what}: {line}")
 
 
-def _thinned(recordings: Sequence[Recording], recipe: Recipe, plant: Plant) -> list[Recording]:
+def _thinned(recordings: Sequence[Recording], recipe: Recipe, unit: float) -> list[Recording]:
     """Return recordings at the samples that training uses, each weighing as much as with all of its samples.
 
     A slow recording needs steps as short as a fast one's dynamics, not as many samples a period.
     """
     if recipe.longest_step is None or not recordings:
         return list(recordings)
-    assert isinstance(plant.core, FullyNeural | NeuralODE)
-    longest = recipe.longest_step * plant.core.scales.time
+    longest = recipe.longest_step * unit
     found = [thinned(r, _stride(r, longest, recipe.least_per_period)) for r in recordings]
     shares = np.array([f.t.size / r.t.size for f, r in zip(found, recordings, strict=True)])
     mean = sum(f.t.size for f in found) / sum(r.t.size for r in recordings)
@@ -194,68 +169,3 @@ def _stride(recording: Recording, longest: float, least: int) -> int:
     if recording.period is not None:
         most = min(most, recording.period / recording.dt / least)
     return max(1, min(int(most), recording.t.size // 64))
-
-
-@torch.no_grad()
-def begin_linear(core: FullyNeural | NeuralODE, campaign: Campaign, seed: int) -> None:
-    """Set the weights of a latent model such that it begins as linear relaxations.
-
-    Args:
-        core: changed in place.
-        campaign: gives gain and band, from the recordings for identification.
-        seed: of the points at which a perceptron is fitted.
-    """
-    if isinstance(core, NeuralODE):
-        recordings = [r for r in campaign.recordings if r.mask("identification").any()]
-        _lags(core, recordings, torch.Generator().manual_seed(seed))
-    else:
-        _hysterons(core, campaign)
-
-
-def _lags(core: NeuralODE, recordings: Sequence[Recording], random: torch.Generator) -> None:
-    """Fit the field ``−λ_i x_i + λ_i c_i u`` by least squares in the last layer."""
-    n = core.states
-    slow = [2.0 * np.pi * dominant_frequency(r) * core.scales.time for r in recordings]
-    spread = torch.logspace(np.log10(min(slow)), np.log10(max(slow)), n - 1, dtype=torch.float64)
-    rates = torch.cat([torch.tensor([_FAST]).double(), spread])
-    gains = torch.full((n,), _SLOW, dtype=torch.float64)
-    gains[0] = 1.0 - _SLOW * (n - 1)
-    points = _REACH * (2.0 * torch.rand(_POINTS, n + 1, generator=random, dtype=torch.float64) - 1.0)
-    wanted = rates * (gains * points[:, -1:] - points[:, :-1])
-    hidden = points
-    for weight, bias in zip(core.field.weights[:-1], core.field.biases[:-1], strict=True):
-        weight.mul_(_GENTLE)
-        hidden = torch.tanh(hidden @ weight.mT + bias)
-    columns = torch.cat([hidden, torch.ones(_POINTS, 1, dtype=torch.float64)], dim=1)
-    normal = columns.mT @ columns + _RIDGE * _POINTS * torch.eye(columns.shape[1], dtype=torch.float64)
-    found = torch.linalg.solve(normal, columns.mT @ wanted)
-    core.field.weights[-1].copy_(found[:-1].mT)
-    core.field.biases[-1].copy_(found[-1])
-    core.readout.fill_(1.0)
-
-
-def _hysterons(core: FullyNeural, campaign: Campaign) -> None:
-    """Set displacement, momentum and the charges of linear hysterons, in units of the root of their energy."""
-    count = core.states - 2
-    values = unfitted(campaign, count)
-    m, k, b, alpha = (values[name] for name in ("m", "k", "b", "alpha"))
-    capacities = [values[f"C_{i + 1}"] for i in range(count)]
-    unit = k * core.scales.output**2
-    roots = torch.tensor([k, 1.0 / m, *(1.0 / c for c in capacities)], dtype=torch.float64).div(unit).sqrt()
-    structure = torch.zeros(core.states, core.states, dtype=torch.float64)
-    structure[1, 0], structure[2:, 1] = -1.0, alpha
-    loss = torch.tensor([0.0, b, *(values[f"rho_{i + 1}"] for i in range(count))], dtype=torch.float64)
-    factor = core.scales.time * unit
-    _constant(
-        core.skew, (factor * roots[:, None] * structure * roots)[*torch.tril_indices(core.states, core.states, -1)]
-    )
-    lower = torch.diag((factor * roots**2 * loss).sqrt())
-    _constant(core.lower, lower[*torch.tril_indices(core.states, core.states)])
-    core.inlet.zero_()
-    core.inlet[1] = core.scales.time * core.scales.input * roots[1] * alpha
-
-
-def _constant(perceptron: torch.nn.Module, values: torch.Tensor) -> None:
-    """Make a perceptron give nearly the same everywhere."""
-    perceptron.weights[-1].mul_(_LEFT)  # type: ignore[index]
-    perceptron.biases[-1].copy_(values)  # type: ignore[index]

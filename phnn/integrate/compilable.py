@@ -17,6 +17,8 @@ LAWS: dict[str, tuple[Mapping[str, Any], Mapping[str, Any]]] = {
     "port": (PORT_LAWS, {}),
     "modulation": (FACTOR_LAWS, {}),
     "memory": (MEMORY_LAWS, {}),
+    "multi_port": ({}, {}),
+    "shared_energy": ({}, {}),
 }
 
 
@@ -35,7 +37,7 @@ def _law_obstacle(one: WithLaw) -> str:
     law = one.element.law
     if not isinstance(law, str):
         known = form_of(law) in LAWS[one.kind][1]
-        return "" if known else f"{one.called}: this torch module has no kernel; solve with phnn.integrate.dense"
+        return "" if known else f"{one.called}: this torch module has no kernel: use phnn.simulate and phnn.train"
     count = len(one.element.parameters)
     return "" if count <= SCALARS else f"{one.called}: {count} parameters; the kernel passes {SCALARS}"
 

@@ -1,4 +1,4 @@
-"""The steps of any port-Hamiltonian system solved in torch, differentiable, under every `phnn.integrate.scheme.Scheme`.
+"""The steps of any network solved in torch, differentiable, under every `phnn.integrate.scheme.Scheme`.
 
 Every scheme uses the coordinate-wise discrete gradient ``ē``. Modulating variables are taken at mid-step, modulator
 states at the start of the step. Then ``H(x⁺) − H(x) = h (Σ ψ(ū) gᵀē − Σ ε̄_r φ_r(ε̄_r))`` for every step size, and the
@@ -19,7 +19,7 @@ backwards, transposed.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -30,7 +30,7 @@ from phnn.integrate.equations import linearised, powers_of_steps, reducible_rule
 from phnn.integrate.inputs import port_inputs
 from phnn.integrate.scheme import Scheme
 from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
-from phnn.laws.wide import form_of
+from phnn.laws.wide import form_of, is_passive_by_form
 from phnn.network.checks import PowerBalance
 from phnn.network.system import PortHamiltonianSystem
 
@@ -51,7 +51,7 @@ def shaped(x0: Tensor, h: Tensor) -> Tensor:
 
 
 def march(
-    system: Any,
+    system: PortHamiltonianSystem,
     x0: Tensor,  # (..., n)
     u: Tensor,  # (N, ..., P)
     h: Tensor,  # (N, ..., 1) [s], which multiplies states
@@ -60,17 +60,13 @@ def march(
 ) -> Tensor:
     """(N+1, ..., n) states, without gradients, of steps that need not be equal; messages count time from ``start``.
 
-    Args:
-        system: a `PortHamiltonianSystem`, or any module with ``rate(efforts, x, u)`` and ``mean_efforts(a, b)``.
-
     Raises:
         SolverFailed: a step has no solution connected to its start; names time, state and remedy.
         StructureViolated: the scheme cannot compute the drive of a modulator state; names both.
     """
-    if isinstance(system, PortHamiltonianSystem):
-        names = [system.state_names[k] for k in reducible_rules(system, scheme)]
-        if reason := partly_driven(system.network, names):
-            raise StructureViolated(f"{scheme}: {reason}")
+    names = [system.state_names[k] for k in reducible_rules(system, scheme)]
+    if reason := partly_driven(system.network, names):
+        raise StructureViolated(f"{scheme}: {reason}")
     with torch.no_grad():
         states, length, done = [x0.detach().unsqueeze(0)], _FIRST, 0
         while done < h.shape[0]:
@@ -90,7 +86,7 @@ def march(
 
 
 def with_derivatives(
-    system: Any,
+    system: PortHamiltonianSystem,
     path: Tensor,  # (N+1, ..., n)
     x0: Tensor,  # (..., n)
     u: Tensor,  # (N, ..., P)
@@ -169,7 +165,7 @@ class _Root(NamedTuple):
 class _Run(NamedTuple):
     """A stretch of steps from ``x`` (..., n) under ``u`` (N, ..., P) of sizes ``h`` (N, ..., 1) [s]."""
 
-    system: Any
+    system: PortHamiltonianSystem
     x: Tensor
     u: Tensor
     h: Tensor
@@ -203,15 +199,13 @@ def _by_parts(run: _Run, t: float) -> Tensor:
 def _newton(run: _Run, z: Tensor) -> _Root:
     """Newton's method for all steps of a stretch and all members of a batch at once."""
     system, precision = run.system, torch.finfo(z.dtype).eps
-    # States of latent models are of order one; those of a network have their units.
-    least = torch.finfo(z.dtype).tiny if isinstance(system, PortHamiltonianSystem) else 1.0
     worst = torch.inf
     for _ in range(_ITERATIONS):
         x = run.starts(z)
         residual, by_next, by_start = linearised(system, x, z, run.u, run.h, run.scheme)
         if not bool(torch.isfinite(residual).all()):
             return _Root(z, f"the vector field is not finite ({_names(system, ~torch.isfinite(residual))})")
-        scale = _sizes(by_next, z) + _sizes(by_start, x) + least
+        scale = _sizes(by_next, z) + _sizes(by_start, x) + torch.finfo(z.dtype).tiny
         worst = float((residual.abs() / scale).max())
         if worst <= _ROUNDING * precision:
             break
@@ -252,11 +246,12 @@ def _has_one_root(run: _Run, z: Tensor) -> bool:
     """Whether all efforts and flows rise along the steps, which then have exactly one solution each: by the laws'
     forms, or where these say nothing, at points between start and end."""
     system = run.system
-    # Another kind of system, or states that a law or ratio follows within the step: those of modulators are known.
-    if not isinstance(system, PortHamiltonianSystem):
-        return True
     network, x = system.network, run.starts(z)
+    # States that a law or ratio follows within the step, unlike those of modulators. Multi-ports of a known form are
+    # smooth on the scale of their states.
     if ({r.modulated_by for r in network.resistors} | {m.by for m in network.modulations}) & set(network.storage_names):
+        return False
+    if not all(is_passive_by_form(one.law) for one in (*network.multi_ports, *network.shared_energies)):
         return False
     for k, storage in enumerate(network.storages):
         known = STORAGE_LAWS[storage.law] if isinstance(storage.law, str) else storage.law
@@ -299,8 +294,7 @@ def _is_connected(run: _Run, z: Tensor) -> bool:
     return bool((torch.linalg.det(by_next) > 0.0).all())
 
 
-def _names(system: Any, bad: Tensor) -> str:
+def _names(system: PortHamiltonianSystem, bad: Tensor) -> str:
     """Names of the states that a mask (..., n) marks anywhere."""
     marked = bad.reshape(-1, bad.shape[-1]).any(0).tolist()
-    names = getattr(system, "state_names", None) or [f"component {k}" for k in range(len(marked))]
-    return ", ".join(name for name, flag in zip(names, marked, strict=True) if flag)
+    return ", ".join(name for name, flag in zip(system.state_names, marked, strict=True) if flag)

@@ -7,7 +7,7 @@ gives under its current ``i``. That of a modulator state is ``z⁺ − Z(z, s̄)
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import torch
@@ -61,15 +61,15 @@ def means(
         for k in range(len(system.network.storages))
     ]
     branches, inputs = system.incidences(middle)
-    inflow = combined(torch.stack(efforts, dim=-1), system.structure(middle).mT) + combined(
-        system.actions(u), inputs.mT
-    )
+    known = system.with_shared(torch.stack(efforts, dim=-1), x, x_next)
+    inflow = combined(known, system.structure(middle).mT) + combined(system.actions(u), inputs.mT)
     around = Surroundings(system, middle, branches, _of_one_storage(h))
     currents = {k: inflow[..., k] for k in rules}
     ends = {}
     for k, rule in rules.items():
         ends[k], efforts[k] = advanced(around, k, rule, x[..., k], currents[k])
-    return Means(torch.stack(efforts, dim=-1), middle, currents, ends)
+    # Storages that share an energy are never reducible.
+    return Means(system.with_shared(torch.stack(efforts, dim=-1), x, x_next), middle, currents, ends)
 
 
 def _of_one_storage(h: float | Tensor) -> float | Tensor:
@@ -77,8 +77,9 @@ def _of_one_storage(h: float | Tensor) -> float | Tensor:
     return h[..., 0] if isinstance(h, Tensor) and h.ndim else h
 
 
+@evaluation
 def step_residual(
-    system: Any,
+    system: PortHamiltonianSystem,
     x: Tensor,  # (..., N) state at the start of the step
     x_next: Tensor,  # (..., N) and at its end
     u: Tensor,  # (..., P) mean input of the step
@@ -86,16 +87,6 @@ def step_residual(
     scheme: Scheme = Scheme.DISCRETE_GRADIENT,
 ) -> Tensor:
     """(..., N) residual of the step equations: zero at their solution. Batched states give all steps at once."""
-    if isinstance(system, PortHamiltonianSystem):
-        return _network_residual(system, x, x_next, u, h, scheme)
-    # Any system that defines its own discrete gradient: it has no reducible storages.
-    return x_next - x - h * system.rate(system.mean_efforts(x, x_next), 0.5 * (x + x_next), u)
-
-
-@evaluation
-def _network_residual(
-    system: PortHamiltonianSystem, x: Tensor, x_next: Tensor, u: Tensor, h: float | Tensor, scheme: Scheme
-) -> Tensor:
     found, first = means(system, scheme, x, x_next, u, h), len(system.network.storages)
     moved = x_next[..., :first] - x[..., :first] - h * system.rate(found.efforts, found.middle, u)
     if found.ends:
@@ -150,7 +141,7 @@ def powers_of_steps(
 
 
 def linearised(
-    system: Any,
+    system: PortHamiltonianSystem,
     x: Tensor,  # (..., N) state at the start of the step
     z: Tensor,  # (..., N) and at its end
     u: Tensor,  # (..., P)

@@ -29,6 +29,8 @@ LINEAR_RESISTOR_CODES = tuple(code for code, name in enumerate(RESISTOR_LAWS) if
 def junctions_of(network: Network) -> tuple[str, ...]:
     """The storages whose mean efforts are the unknowns of a step, in the order of the network."""
     forced = {name for r in network.resistors if len(r.on) > 1 for name in r.on}
+    forced |= {name for m in network.multi_ports for b in m.columns for name in b}
+    forced |= {name for e in network.shared_energies for name in e.of}
     if (given := imposed(network)) is not None:
         # The rigid contact between them stores hardly any energy: both its force and the velocity are unknowns.
         forced |= {given.contact, given.motion.momentum}
@@ -37,6 +39,7 @@ def junctions_of(network: Network) -> tuple[str, ...]:
     # A ratio that follows a modulator state is known before the step.
     modulated = {m.ratio for m in network.modulations if m.by in network.storage_names}
     reads = {r.modulated_by for r in network.resistors} | {m.by for m in network.modulations}
+    reads |= {name for m in network.multi_ports for name in m.reads}
     following = {n for c in network.couplings if c.ratio in modulated for n in (c.to, c.of)}
     following |= {n for p in network.ports for n, ratio in p.on.items() if ratio in modulated}
     # Laws read these storages at mid-step, so that the unknowns alone must determine them.

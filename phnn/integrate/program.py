@@ -212,7 +212,9 @@ def compile_network(network: Network, scheme: Scheme = Scheme.DISCRETE_GRADIENT)
     """
     # Networks that differ only in parameter values share their elements.
     n = network
-    elements = (n.storages, n.resistors, n.couplings, n.ports, n.modulations, n.memories)
+    elements = (
+        n.storages, n.resistors, n.couplings, n.ports, n.modulations, n.memories, n.multi_ports, n.shared_energies,
+    )  # fmt: skip
     key = (*map(id, elements), tuple(network.parameters), network.output, network.senses, scheme)
     if key not in _KNOWN:
         if reason := obstacle(network):

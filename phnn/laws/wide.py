@@ -97,7 +97,7 @@ def register_wide(law: WideResistor | WideStorage) -> None:
 
 # Torch modules that are passive for all weights by their form: the exact type, and the laws whose kernels evaluate it.
 MODULES: dict[type, tuple[str, ...]] = {}
-_EVALUATED_BY = ("forward", "weights", "energy", "mean_effort")
+_EVALUATED_BY = ("forward", "weights", "energy", "mean_effort", "mean_efforts", "lower", "root")
 
 
 def register_compiled(module: type, *laws: str) -> None:

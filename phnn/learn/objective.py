@@ -17,6 +17,7 @@ import torch
 from torch import Tensor, nn
 
 from phnn.errors import SolverFailed
+from phnn.integrate.compilable import can_compile
 from phnn.integrate.program import compile_network
 from phnn.integrate.rest import equilibrium
 from phnn.learn.plant import NetworkPlant, Plant
@@ -137,7 +138,7 @@ def first_guess(
 def begin(plant: Plant, recording: Recording) -> Tensor:
     """(n,) state that a recording begins in or near: the rest state under the input before it."""
     zero = torch.zeros_like(plant.scale)
-    if starts_at_zero(recording) or not isinstance(plant, NetworkPlant):
+    if starts_at_zero(recording) or not isinstance(plant, NetworkPlant) or not can_compile(plant.system.network):
         return zero
     network = plant.network
     u = np.zeros(len(network.ports))

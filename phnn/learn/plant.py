@@ -7,7 +7,6 @@ from collections.abc import Callable
 import torch
 from torch import Tensor, nn
 
-from phnn.models.fully_neural import FullyNeural
 from phnn.models.neural_ode import NeuralODE
 from phnn.network.elements import Network
 from phnn.network.system import PortHamiltonianSystem
@@ -44,9 +43,9 @@ class Plant(nn.Module):
 
 
 class LatentPlant(Plant):
-    """A black-box or fully neural model: its weights are its coordinates, its states are of order one."""
+    """A black-box model: its weights are its coordinates, its states are of order one."""
 
-    def __init__(self, core: FullyNeural | NeuralODE) -> None:
+    def __init__(self, core: NeuralODE) -> None:
         super().__init__()
         self.core = core
         self.register_buffer("scale", torch.ones(core.states, dtype=torch.float64))

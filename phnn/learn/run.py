@@ -26,7 +26,6 @@ from phnn.learn.solvers import solver_for
 from phnn.learn.starts import plant_for
 from phnn.learn.trainer import Progress, Trainer
 from phnn.learn.windows import thinned
-from phnn.models.fully_neural import FullyNeural
 from phnn.models.store import FILE, save
 from phnn.recordings import Campaign, read
 from phnn.recordings.excitation import excitation_of
@@ -65,17 +64,11 @@ def violations(plant: Plant, voltage: float, states: int = 10_000, seed: int = 0
 
 def _powers(plant: Plant, x: Tensor, u: Tensor) -> tuple[Tensor, Tensor, Tensor | None]:
     """(K,) rate of storage, supply, and the sum of the absolute terms."""
-    core = plant.core
-    if isinstance(plant, NetworkPlant):
-        efforts, inputs = plant.system.efforts(x), plant.inputs(u)
-        supplied = (plant.system.port_outputs(x, inputs) * inputs).sum(-1)
-        terms = efforts * plant.system.rate(efforts, x, inputs)
-    elif isinstance(core, FullyNeural):
-        efforts = core.efforts(x)
-        supplied = (efforts @ core.inlet) * u / core.scales.input / core.scales.time
-        terms = efforts * core.rate(efforts, x, plant.inputs(u))
-    else:
+    if not isinstance(plant, NetworkPlant):
         return x[:, 0], x[:, 0], None
+    efforts, inputs = plant.system.efforts(x), plant.inputs(u)
+    supplied = (plant.system.port_outputs(x, inputs) * inputs).sum(-1)
+    terms = efforts * plant.system.rate(efforts, x, inputs)
     return terms.sum(-1), supplied, terms.abs().sum(-1) + supplied.abs()
 
 

@@ -1,4 +1,4 @@
-"""The solvers of windows: the compiled power-preserving step, the step of latent models, or torchdiffeq.
+"""The solvers of windows: the power-preserving step, compiled or in torch, or torchdiffeq.
 
 Every solver takes a plant, windows and their (B, n) initial states and returns the (S_b, n) states at the samples of
 each window, differentiable by the plant's parameters and the initial states.
@@ -14,13 +14,13 @@ from torch import Tensor, nn
 from torch.nn.utils.rnn import pad_sequence
 
 from phnn.errors import InputRefused
+from phnn.integrate.compilable import can_compile
 from phnn.integrate.dense import march, with_derivatives
 from phnn.integrate.differentiable import simulate_torch
 from phnn.integrate.method import METHOD
 from phnn.integrate.ode import ADAPTIVE, odeint
 from phnn.learn.plant import NetworkPlant, Plant
 from phnn.learn.windows import Window
-from phnn.models.fully_neural import FullyNeural
 
 _ROUNDING = 1e-9
 
@@ -34,8 +34,8 @@ def solver_for(settings: Mapping[str, Any], plant: Plant) -> Solver:
     """The solver of a training run.
 
     Args:
-        settings: ``name`` is ``discrete_gradient``: the compiled kernel for networks, a batched one for a fully neural
-            model; or ``torchdiffeq``, with ``method``, ``adjoint``, ``rtol`` and ``atol`` (in typical states).
+        settings: ``name`` is ``discrete_gradient``: the compiled kernel, or where a law has none all windows at once
+            in torch; or ``torchdiffeq``, with ``method``, ``adjoint``, ``rtol`` and ``atol`` (in typical states).
 
     Raises:
         InputRefused: an unknown solver or option, or one that does not suit the model.
@@ -52,9 +52,7 @@ def solver_for(settings: Mapping[str, Any], plant: Plant) -> Solver:
     if options:
         raise InputRefused(f"solver.{min(options)}: {OWN} has no options")
     if isinstance(plant, NetworkPlant):
-        return compiled
-    if isinstance(plant.core, FullyNeural):
-        return averaged
+        return compiled if can_compile(plant.system.network) else batched
     raise InputRefused(f"{OWN} needs an energy, which a {type(plant.core).__name__} has not: take solver=torchdiffeq")
 
 
@@ -67,14 +65,14 @@ def compiled(plant: Plant, windows: Sequence[Window], x0: Tensor) -> list[Tensor
     ]
 
 
-def averaged(plant: Plant, windows: Sequence[Window], x0: Tensor) -> list[Tensor]:
-    """All windows of a latent model at once, shorter ones continued by a constant input."""
-    assert isinstance(plant.core, FullyNeural)
+def batched(plant: Plant, windows: Sequence[Window], x0: Tensor) -> list[Tensor]:
+    """Integrate all windows of a network at once in torch."""
+    assert isinstance(plant, NetworkPlant)
     u = pad_sequence([w.mean for w in windows])
     h = pad_sequence([w.h for w in windows])
     # Short windows are padded with steps of zero length, which change nothing and cost no time.
     inputs, steps = plant.inputs(u), h.unsqueeze(-1)
-    states = with_derivatives(plant.core, march(plant.core, x0, inputs, steps), x0, inputs, steps)
+    states = with_derivatives(plant.system, march(plant.system, x0, inputs, steps), x0, inputs, steps)
     return [states[w.nodes, b] for b, w in enumerate(windows)]
 
 

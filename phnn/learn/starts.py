@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -21,12 +21,12 @@ from phnn.identification.starting_points import drive_amplitude, mechanical_poin
 from phnn.intake.limits import LIMITS
 from phnn.learn.plant import LatentPlant, NetworkPlant, Plant
 from phnn.models.actuator import hrc
-from phnn.models.fully_neural import FullyNeural
 from phnn.models.neural import STARTS, LearnedLaws, Motion, effort_and_flow, neural_hrc, staggered
 from phnn.models.neural_ode import NeuralODE
-from phnn.models.perceptron import Scales
 from phnn.models.store import load
 from phnn.network.elements import Network
+from phnn.network.system import PortHamiltonianSystem
+from phnn.nn.learned_system import LearnedSystem, Scales
 from phnn.recordings.recording import Campaign, Recording, dominant_frequency
 from phnn.recordings.values import shown
 from phnn.setup import Setup
@@ -34,7 +34,14 @@ from phnn.trajectory import simulate
 
 NETWORKS = ("hrc", "neural_hrc")
 STAGGERED = "staggered"
-LATENT: dict[str, Callable[..., FullyNeural | NeuralODE]] = {"fully_neural": FullyNeural, "neural_ode": NeuralODE}
+# Models of latent states, and from where they start.
+LATENT, LATENT_STARTS = ("fully_neural", "neural_ode"), ("linear", "random")
+# Of a neural ODE: rate of the fast lag over that of the highest frequency, and what each slow lag adds to the gain.
+_FAST, _SLOW = 1.5, 0.1
+# Points at which its perceptron is fitted, in typical sizes, and the ridge that keeps its weights small.
+_POINTS, _REACH, _RIDGE = 4000, 1.5, 1e-6
+# Layers that are less curved than usual carry a linear field within some percent.
+_GENTLE = 0.5
 
 # Electrical stiffness of a hysteron over the mechanical one, and the width of a closed dead zone over the drive.
 _SHARE, _CLOSED = 0.15, 1e-6
@@ -53,10 +60,12 @@ def plant_for(model: Mapping[str, Any], campaign: Campaign, seed: int, base: str
     """The untrained plant of a run.
 
     Args:
-        model: ``kind`` and the arguments of `neural_hrc` and `LearnedLaws`, of `FullyNeural` or of `NeuralODE`;
-            ``hrc`` is the parametric network. ``start`` of a network: ``parametric`` begins from the identified base
-            model, ``none`` from one of the recordings' gain whose hysterons have no dead zone, ``staggered`` (of
-            ``hrc``) from the dead zones that the drive alone gives, with which learned resistors begin under ``none``.
+        model: ``kind`` and its arguments. ``hrc`` is the parametric network, ``neural_hrc`` takes the arguments of
+            `neural_hrc` and `LearnedLaws`. ``start`` of both: ``parametric`` begins from the identified base model,
+            ``none`` from one of the recordings' gain whose hysterons have no dead zone, ``staggered`` (of ``hrc``) from
+            the dead zones that the drive alone gives, with which learned resistors begin under ``none``.
+            ``fully_neural`` is a `LearnedSystem` and ``neural_ode`` a `NeuralODE` of ``states`` and ``width``; their
+            ``start`` is ``linear``, relaxations with the gain and the band of the recordings, or ``random``.
         base: folder of an identified base model, to save its identification.
 
     Raises:
@@ -66,8 +75,8 @@ def plant_for(model: Mapping[str, Any], campaign: Campaign, seed: int, base: str
     kind = arguments.pop("kind")
     recordings = [r for r in campaign.recordings if r.mask("identification").any()]
     if kind in LATENT:
-        _check(kind, arguments, ("states", "width"))
-        return LatentPlant(LATENT[kind](scales_of(recordings), seed=seed, **arguments))
+        _check(kind, arguments, ("states", "width", "start"))
+        return _latent(kind, arguments, campaign, recordings, seed)
     if kind not in NETWORKS:
         raise InputRefused(f"model.kind = {kind!r}: choose one of {', '.join((*NETWORKS, *LATENT))}")
     form = tuple(f.name for f in fields(LearnedLaws)) if kind == "neural_hrc" else ()
@@ -90,6 +99,53 @@ def plant_for(model: Mapping[str, Any], campaign: Campaign, seed: int, base: str
         laws = LearnedLaws(**{n: v for n, v in arguments.items() if n in form})
         network = neural_hrc(hysterons, laws, start, values, motion, hold, seed)
     return NetworkPlant(network, typical_states(network, recordings))
+
+
+def _latent(
+    kind: str, arguments: Mapping[str, Any], campaign: Campaign, recordings: Sequence[Recording], seed: int
+) -> Plant:
+    """A model of latent states from its start."""
+    start, scales = arguments.get("start", "linear"), scales_of(recordings)
+    if start not in LATENT_STARTS:
+        raise InputRefused(f"model.start = {start!r}: choose {' or '.join(LATENT_STARTS)}")
+    states, width = int(arguments.get("states", 4)), int(arguments.get("width", 32))
+    if kind == "neural_ode":
+        core = NeuralODE(scales, states, width, seed)
+        if start == "linear":
+            _lags(core, recordings, torch.Generator().manual_seed(seed))
+        return LatentPlant(core)
+    if start == "linear" and states > 2:
+        near = hrc(states - 2, unfitted(campaign, states - 2))
+        for i in range(1, states - 1):
+            near = near.replace(f"hysteron_{i}", "linear", (f"rho_{i}",))
+        system = LearnedSystem.near(PortHamiltonianSystem(near), scales, width, seed)
+    else:
+        system = LearnedSystem(states, ("voltage",), width, scales, seed)
+    size = torch.tensor([scales.output, *[1.0] * (states - 1)], dtype=torch.float64)
+    return NetworkPlant(system.as_network(), size)
+
+
+@torch.no_grad()
+def _lags(core: NeuralODE, recordings: Sequence[Recording], random: torch.Generator) -> None:
+    """Fit one fast lag and slow ones over the recorded band, ``−λ_i x_i + λ_i c_i u``, in the last layer."""
+    n = core.states
+    slow = [2.0 * np.pi * dominant_frequency(r) * core.scales.time for r in recordings]
+    spread = torch.logspace(np.log10(min(slow)), np.log10(max(slow)), n - 1, dtype=torch.float64)
+    rates = torch.cat([torch.tensor([_FAST]).double(), spread])
+    gains = torch.full((n,), _SLOW, dtype=torch.float64)
+    gains[0] = 1.0 - _SLOW * (n - 1)
+    points = _REACH * (2.0 * torch.rand(_POINTS, n + 1, generator=random, dtype=torch.float64) - 1.0)
+    wanted = rates * (gains * points[:, -1:] - points[:, :-1])
+    hidden = points
+    for weight, bias in zip(core.field.weights[:-1], core.field.biases[:-1], strict=True):
+        weight.mul_(_GENTLE)
+        hidden = torch.tanh(hidden @ weight.mT + bias)
+    columns = torch.cat([hidden, torch.ones(_POINTS, 1, dtype=torch.float64)], dim=1)
+    normal = columns.mT @ columns + _RIDGE * _POINTS * torch.eye(columns.shape[1], dtype=torch.float64)
+    found = torch.linalg.solve(normal, columns.mT @ wanted)
+    core.field.weights[-1].copy_(found[:-1].mT)
+    core.field.biases[-1].copy_(found[-1])
+    core.readout.fill_(1.0)
 
 
 def _dead_zones(values: Mapping[str, float], hysterons: int, motion: Motion) -> dict[str, float]:

@@ -7,7 +7,8 @@ from torch import Tensor, nn
 
 from phnn.errors import InputRefused
 from phnn.laws.diverged import LARGEST_WEIGHT, check_weights
-from phnn.models.perceptron import Perceptron, Scales
+from phnn.nn.learned_system import Scales
+from phnn.nn.multi_ports import Perceptron
 
 
 class NeuralODE(nn.Module):

@@ -19,12 +19,32 @@ from phnn.errors import InputRefused, PhnnError
 from phnn.intake.files import named_file
 from phnn.intake.json_file import load_json
 from phnn.intake.limits import LIMITS
+from phnn.integrate.compilable import can_compile
 from phnn.integrate.program import compile_network
 from phnn.laws.diverged import LARGEST_WEIGHT, check_weights
-from phnn.laws.wide import form_of
+from phnn.laws.wide import form_of, is_passive_by_form
 from phnn.models.typed import a_count, a_list, a_name, a_number, a_text, an_object, brief, of_fields
-from phnn.network.elements import Coupling, Modulation, ModulatorState, Network, Port, Resistor, Storage, check_laws
-from phnn.nn import ConvexEnergyMLP, MonotoneMLP, SectorMLP
+from phnn.network.elements import (
+    Coupling,
+    Modulation,
+    ModulatorState,
+    MultiPort,
+    Network,
+    Port,
+    Resistor,
+    SharedEnergy,
+    Storage,
+    check_laws,
+)
+from phnn.nn import (
+    ConvexEnergyMLP,
+    LearnedCoupling,
+    LearnedDissipation,
+    LearnedEnergy,
+    LearnedRatio,
+    MonotoneMLP,
+    SectorMLP,
+)
 from phnn.parameters import Parameter
 from phnn.results import Place, claim, printable
 from phnn.setup import AMPLIFIERS, SENSORS, SOURCES, Block, Own, Setup, Source
@@ -58,8 +78,10 @@ def save(setup: Setup, folder: Path | Place, substeps: int = 1, inputs: tuple[fl
         "resistors": [_element(r) for r in network.resistors],
         "couplings": [asdict(c) for c in network.couplings],
         "ports": [asdict(p) for p in network.ports],
-        "modulations": [asdict(m) for m in network.modulations],
+        "modulations": [_element(m) for m in network.modulations],
         "memories": [asdict(m) for m in network.memories],
+        **({"multi_ports": [_element(m) for m in network.multi_ports]} if network.multi_ports else {}),
+        **({"shared_energies": [_element(e) for e in network.shared_energies]} if network.shared_energies else {}),
         "output": network.output,
         **({"senses": network.senses} if network.senses else {}),
         "amplifier": [asdict(b) for b in setup.amplifier],
@@ -99,7 +121,8 @@ def setup_from(content: Mapping[str, Any], shown: str) -> tuple[Setup, int]:
     try:
         setup = _setup(content)
         check_laws(setup.network)
-        compile_network(setup.network)
+        if can_compile(setup.network):
+            compile_network(setup.network)
         _check_chain(setup)
         return setup, a_count(content["substeps"], "substeps", 1, LIMITS.substeps)
     except (KeyError, ValueError, PhnnError) as error:
@@ -185,7 +208,9 @@ def _setup(content: Mapping[str, Any]) -> Setup:
         parameters=_parameters(content, "parameters"),
         output=a_name(content["output"], "output"),
         # Files of earlier versions have none of these, nor sources and nuisances.
-        modulations=_all({"modulations": [], **content}, "modulations", partial(of_fields, Modulation)),
+        modulations=_all({"modulations": [], **content}, "modulations", _lawful(Modulation)),
+        multi_ports=_all({"multi_ports": [], **content}, "multi_ports", _lawful(MultiPort)),
+        shared_energies=_all({"shared_energies": [], **content}, "shared_energies", _lawful(SharedEnergy)),
         memories=_all({"memories": [], **content}, "memories", partial(of_fields, ModulatorState)),
         senses=a_name(content["senses"], "senses") if "senses" in content else "",
     )
@@ -232,7 +257,7 @@ def _parameters(content: Mapping[str, Any], key: str) -> dict[str, Parameter]:
     return table
 
 
-def _element(element: Storage | Resistor) -> dict[str, Any]:
+def _element(element: Any) -> dict[str, Any]:
     """An element as json, its law by name or, where it is learned, by its weights."""
     return asdict(replace(element, law="")) | {"law": _stored_law(element.law)}
 
@@ -275,6 +300,10 @@ _KINDS: dict[str, Callable[[int], nn.Module]] = {
     "monotone": lambda width: MonotoneMLP(1.0, 1.0, width),
     "convex": lambda width: ConvexEnergyMLP(1.0, 1.0, width),
 }
+# Laws of several variables, made of the counts that they keep.
+_TOGETHER: dict[str, type[Any]] = {
+    law.__name__: law for law in (LearnedDissipation, LearnedCoupling, LearnedEnergy, LearnedRatio)
+}
 
 
 def as_json(law: Any) -> Any:
@@ -285,10 +314,13 @@ def as_json(law: Any) -> Any:
     """
     if isinstance(law, str):
         return law
+    state = {n: v.tolist() for n, v in law.state_dict().items()}
+    if is_passive_by_form(law) and type(law).__name__ in _TOGETHER:
+        return {"kind": type(law).__name__, "counts": law.counts, "state": state}
     kind = form_of(law)
     if kind not in _KINDS:
         raise PhnnError(f"a {type(law).__name__} as a law has no form on disk: keep its state_dict with torch.save")
-    return {"kind": kind, "units": law.units, "state": {n: v.tolist() for n, v in law.state_dict().items()}}
+    return {"kind": kind, "units": law.units, "state": state}
 
 
 def from_json(content: Any) -> Any:
@@ -299,9 +331,16 @@ def from_json(content: Any) -> Any:
     """
     if isinstance(content, str):
         return content
-    if not isinstance(content, Mapping) or content.get("kind") not in [*_KINDS]:
+    if not isinstance(content, Mapping) or content.get("kind") not in [*_KINDS, *_TOGETHER]:
         raise ValueError(f"no learned law of the kind {brief(content)}")
-    law = _KINDS[content["kind"]](a_count(content.get("units"), "units of a learned law", 1, LIMITS.units))
+    law: Any
+    if content["kind"] in _KINDS:
+        law = _KINDS[content["kind"]](a_count(content.get("units"), "units of a learned law", 1, LIMITS.units))
+    else:
+        known, counts = _TOGETHER[content["kind"]], an_object(content.get("counts"), "counts of a learned law")
+        if sorted(counts) != sorted(known.COUNTS):
+            raise ValueError(f"counts of a learned law are {brief(counts)}: {', '.join(known.COUNTS)} are needed")
+        law = known(**{n: a_count(v, n, 0, LIMITS.units) for n, v in counts.items()})
     given = an_object(content.get("state"), "state of a learned law")
     state = {n: _tensor(v, f"{brief(n)} of a learned law") for n, v in given.items()}
     try:

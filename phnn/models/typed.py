@@ -101,6 +101,10 @@ def _names(value: Any, where: str) -> tuple[str, ...]:
     return tuple(a_name(v, where) for v in a_list(value, where))
 
 
+def _combinations(value: Any, where: str) -> tuple[str | Mapping[str, str | float], ...]:
+    return tuple(a_name(v, where) if isinstance(v, str) else _ratios(v, where) for v in a_list(value, where))
+
+
 def _perhaps(value: Any, where: str) -> str | None:
     return None if value is None else a_name(value, where)
 
@@ -119,6 +123,7 @@ _MAKERS: dict[Any, Callable[[Any, str], Any]] = {
     str | float: _ratio,
     str | None: _perhaps,
     tuple[str, ...]: _names,
+    tuple[str | Mapping[str, str | float], ...]: _combinations,
     Mapping[str, str | float]: _ratios,
 }
 

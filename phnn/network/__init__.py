@@ -4,7 +4,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from phnn.network.elements import Coupling, Modulation, ModulatorState, Network, Port, Ratio, Resistor, Storage
+from phnn.network.elements import (
+    Coupling,
+    Modulation,
+    ModulatorState,
+    MultiPort,
+    Network,
+    Port,
+    Ratio,
+    Resistor,
+    SharedEnergy,
+    Storage,
+)
 
 if TYPE_CHECKING:
     from phnn.network.checks import PowerBalance
@@ -16,12 +27,14 @@ __all__ = [
     "DrivenSystem",
     "Modulation",
     "ModulatorState",
+    "MultiPort",
     "Network",
     "Port",
     "PortHamiltonianSystem",
     "PowerBalance",
     "Ratio",
     "Resistor",
+    "SharedEnergy",
     "Storage",
 ]
 

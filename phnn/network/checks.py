@@ -117,7 +117,39 @@ def mean_effort_of(
     return gradient.effort(energy, a) if a is b else gradient.mean_effort(energy, a, b)
 
 
-def check(law: nn.Module, *, storage: bool | None = None, reads: bool = False, name: str = "the law") -> None:
+def mean_efforts_of(
+    law: nn.Module,
+    a: Tensor,  # (..., k) energy variables at the start of a step
+    b: Tensor,  # (..., k) and at its end
+) -> Tensor:
+    """(..., k) discrete gradient of a shared energy, ``∇H(a)`` where they are equal.
+
+    That of a module of unknown form goes from ``a`` to ``b`` one variable after the other (Itoh & Abe 1988).
+    """
+    if is_passive_by_form(law):
+        return law.mean_efforts(a, b)  # type: ignore[operator]
+    energy = energy_of(law)
+    if a is b:
+        return gradient.effort(energy, a)
+    starts, ends = a.unbind(-1), b.unbind(-1)
+
+    def moved(k: int, y: Tensor) -> Tensor:
+        others = [one.reshape(*one.shape, *[1] * (y.ndim - one.ndim)) for one in (*ends[:k], *starts[k + 1 :])]
+        return energy(torch.stack(torch.broadcast_tensors(*others[:k], y, *others[k:]), dim=-1))
+
+    found = [gradient.mean_effort(partial(moved, k), starts[k], ends[k]) for k in range(len(starts))]
+    return torch.stack(found, dim=-1)
+
+
+def check_factor(law: nn.Module, name: str) -> None:
+    """Refuse a module as the factor of a ratio that is not in float64 or not finite; any other value is passive."""
+    _check_module(law, name)
+    _checked_finite(_of_arrays(law)(_ORDINARY), f"{name}, a {type(law).__name__}", "f")
+
+
+def check(
+    law: nn.Module, *, storage: bool | None = None, reads: int = 0, ports: int | None = None, name: str = "the law"
+) -> None:
     """Try a torch module as a law of a network, on points over 24 decades of both signs.
 
         phnn.nn.check(MyResistor())          # StructureViolated: … φ(0.05) = -0.2, so that ε φ(ε) = -0.01 < 0 …
@@ -128,23 +160,23 @@ def check(law: nn.Module, *, storage: bool | None = None, reads: bool = False, n
     Args:
         law: ``φ(ε)`` of a resistor, with ``ε φ(ε) ≥ 0``; or a storage with ``energy(x) ≥ energy(0)``.
         storage: which of both it is; None: a storage if it has an ``energy``.
-        reads: a resistor is called with a state that it reads, ``φ(ε, q)``.
+        reads: how many states a resistor is called with, ``φ(ε, q)``; a law on one effort reads one at most.
+        ports: of a law on several efforts together, or of an energy of several storages: how many these are. They are
+            tried at random points over as many decades, of a fixed seed.
         name: what the message calls it.
 
     Raises:
         StructureViolated: with the remedy, and the counterexample where the law is not passive.
         SolverFailed: a weight is not finite.
     """
-    if not isinstance(law, nn.Module):
-        raise StructureViolated(f"{name} is {law!r}: give a law's name or a torch module")
-    for label, tensor in law.named_parameters():
-        if tensor.dtype != torch.float64:
-            raise StructureViolated(f"{label} in {name} is {tensor.dtype}: convert the law with .double()")
-    check_weights(law, f"{name}: ")
-    if form_of(law):
+    _check_module(law, name)
+    if form_of(law) or (ports is not None and is_passive_by_form(law)):
         return
     name = f"{name}, a {type(law).__name__}"
-    if storage if storage is not None else hasattr(law, "energy"):
+    energetic = storage if storage is not None else hasattr(law, "energy")
+    if ports is not None:
+        (_check_shared if energetic else _check_multi_port)(law, ports, reads, name)
+    elif energetic:
         # A sum of energies with a weight among them is a source.
         if not is_passive_by_form(law) or law.bounded:
             check_energy(_of_arrays(law.energy), name)  # type: ignore[arg-type]
@@ -153,6 +185,89 @@ def check(law: nn.Module, *, storage: bool | None = None, reads: bool = False, n
             check_sector(_of_arrays(partial(_reading, law, q)), name, read=q)
     else:
         check_sector(_of_arrays(law), name)
+
+
+def _check_module(law: nn.Module, name: str) -> None:
+    """Refuse what is no torch module in float64 with finite weights."""
+    if not isinstance(law, nn.Module):
+        raise StructureViolated(f"{name} is {law!r}: give a law's name or a torch module")
+    for label, tensor in law.named_parameters():
+        if tensor.dtype != torch.float64:
+            raise StructureViolated(f"{label} in {name} is {tensor.dtype}: convert the law with .double()")
+    check_weights(law, f"{name}: ")
+
+
+# Points at which laws on several variables are tried, and those where a law must be finite.
+_TRIALS = 4000
+_ORDINARY = np.concatenate([-np.logspace(2, -12, 15), [0.0], np.logspace(-12, 2, 15)])
+
+
+def _points(columns: int) -> Array:
+    """(K, columns) points over 24 decades, some with zeros, some with entries of one size."""
+    random = np.random.default_rng(0)
+    decades = random.uniform(-12.0, 12.0, (_TRIALS, 1)) + random.choice([0.0, 1.0], (_TRIALS, 1)) * random.uniform(
+        -6.0, 6.0, (_TRIALS, columns)
+    )
+    points = random.standard_normal((_TRIALS, columns)) * 10.0 ** np.clip(decades, -12.0, 12.0)
+    return points * (random.uniform(size=points.shape) > _ZEROS)
+
+
+# Share of the entries that are zero.
+_ZEROS = 0.1
+
+
+def _check_multi_port(law: nn.Module, ports: int, reads: int, name: str) -> None:
+    """Try whether ``εᵀφ(ε, q) ≥ 0``."""
+    points = _points(ports + reads)
+    efforts, read = points[:, :ports], points[:, ports:]
+    with torch.no_grad():
+        given = [torch.from_numpy(efforts), torch.from_numpy(read)][: 2 if reads else 1]
+        flows = law(*given).double().numpy()
+    if flows.shape != efforts.shape:
+        raise StructureViolated(f"{name}: gives {flows.shape[1:]} flows for {efforts.shape[1:]} efforts: give as many")
+    ordinary = np.abs(points).max(axis=1) <= _ORDINARY[-1]
+    _checked_finite(flows[ordinary], name, "φ")
+    powers = efforts * flows
+    power = powers.sum(axis=1)
+    low = power < -_ROUNDING * np.abs(powers).sum(axis=1)
+    if low.any():
+        k = int(np.argmin(np.where(low, power / np.abs(powers).sum(axis=1), np.inf)))
+        raise StructureViolated(
+            f"{name}: at ε = {_listed(efforts[k])} φ = {_listed(flows[k])}, so that εᵀφ = {power[k]:.3g} < 0 and it "
+            "delivers power: use a law with εᵀφ(ε) ≥ 0 (LearnedDissipation, LearnedCoupling)"
+        )
+
+
+# Rounding, relative to the sum of the absolute terms.
+_ROUNDING = 1e-9
+
+
+def _check_shared(law: nn.Module, ports: int, reads: int, name: str) -> None:
+    """Try whether ``H(x) ≥ H(0)``."""
+    points = np.concatenate([np.zeros((1, ports)), _points(ports)])
+    with torch.no_grad():
+        values = law.energy(torch.from_numpy(points)).double().numpy()  # type: ignore[operator]
+    if values.shape != points.shape[:1]:
+        raise StructureViolated(
+            f"{name}: gives an energy of shape {values.shape} for {len(points)} states: give one each"
+        )
+    _checked_finite(values[np.abs(points).max(axis=1) <= _ORDINARY[-1]], name, "H")
+    low = values < values[0] - _ROUNDING * np.maximum(np.abs(values), np.abs(values[0]))
+    if low.any():
+        k = int(np.argmin(np.where(low, values, np.inf)))
+        raise StructureViolated(
+            f"{name}: H({_listed(points[k])}) = {values[k]:.6g} J lies below H(0) = {values[0]:.6g} J, so that it can "
+            "deliver energy from rest: use an energy with its minimum at zero (LearnedEnergy)"
+        )
+
+
+def _checked_finite(values: Array, name: str, value: str) -> None:
+    if not np.isfinite(values).all():
+        raise StructureViolated(f"{name}: {value} is not finite at arguments up to {_ORDINARY[-1]:g}: give one that is")
+
+
+def _listed(values: Array) -> str:
+    return "(" + ", ".join(f"{v:.4g}" for v in values) + ")"
 
 
 def _reading(law: nn.Module, q: float, effort: Tensor) -> Tensor:

@@ -18,7 +18,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 from phnn.errors import StructureViolated
 from phnn.parameters import Parameter, as_table, with_values
@@ -90,6 +90,45 @@ class Port:
 
 
 @dataclass(frozen=True)
+class MultiPort:
+    """A law on several efforts together, ``ẋ −= Σ_i b_i φ_i(ε, q)`` with ``ε_i = b_iᵀ ∇H`` and ``εᵀφ(ε, q) ≥ 0``.
+
+    Attributes:
+        name: for tables and the energy ledger.
+        law: a torch module: ``φ(ε)``, or ``φ(ε, q)`` where it reads states; (..., k) and (..., s) to (..., k).
+        on: the k combinations of efforts, each a storage's name, or names to ratios.
+        reads: storages and modulator states whose s values the law is given as ``q``.
+    """
+
+    name: str
+    law: Any
+    on: tuple[str | Mapping[str, Ratio], ...]
+    reads: tuple[str, ...] = ()
+    parameters: ClassVar[tuple[str, ...]] = ()
+
+    @property
+    def columns(self) -> tuple[Mapping[str, Ratio], ...]:
+        """The vectors ``b_i``."""
+        return tuple({one: 1.0} if isinstance(one, str) else one for one in self.on)
+
+
+@dataclass(frozen=True)
+class SharedEnergy:
+    """An energy of several storages together, which is added to their own: ``H(x) += H_s(x_of)``.
+
+    Attributes:
+        name: for messages.
+        law: a torch module with ``energy(x)``, (..., k) to (...), least at rest.
+        of: names of the k storages.
+    """
+
+    name: str
+    law: Any
+    of: tuple[str, ...]
+    parameters: ClassVar[tuple[str, ...]] = ()
+
+
+@dataclass(frozen=True)
 class Modulation:
     """A ratio that follows a state: for ``ratio`` stands ``ratio · f(x_by; θ)``, in ``J(x)`` and ``g(x)`` alike.
 
@@ -100,13 +139,13 @@ class Modulation:
     Attributes:
         ratio: name of the parameter that is the ratio at ``f = 1``.
         by: storage whose energy variable, or memory, is read.
-        law: name of a factor law in `phnn.laws`.
+        law: name of a factor law in `phnn.laws`, or a torch module ``f(x)``.
         parameters: names of the law's parameters, in the law's order.
     """
 
     ratio: str
     by: str
-    law: str
+    law: Any
     parameters: tuple[str, ...] = ()
 
 
@@ -136,7 +175,7 @@ class WithLaw(NamedTuple):
     """An element that has a law.
 
     Attributes:
-        kind: storage, resistor, port, modulation or memory; name: what it is called among these.
+        kind: storage, resistor, port, modulation, memory, multi_port or shared_energy; name: its name among these.
         element: the element itself; laws: those of its kind, by name.
     """
 
@@ -167,6 +206,8 @@ class Network:
         memories: modulator states; the state vector has them after the storages.
         senses: the port that imposes a motion, where its effort is measured; ``output`` is then the impulse, the
             integral of that effort, and the sensor differentiates it.
+        multi_ports: laws on several efforts together.
+        shared_energies: energies of several storages together.
 
     Raises:
         StructureViolated: elements that do not fit together.
@@ -182,6 +223,8 @@ class Network:
     modulations: tuple[Modulation, ...] = ()
     memories: tuple[ModulatorState, ...] = ()
     senses: str = ""
+    multi_ports: tuple[MultiPort, ...] = ()
+    shared_energies: tuple[SharedEnergy, ...] = ()
 
     def __post_init__(self) -> None:
         states = self.state_names
@@ -189,7 +232,10 @@ class Network:
             raise StructureViolated(f"two storages share a name among {states}: rename one")
         referred = [name for c in self.couplings for name in (c.to, c.of)] + [self.output]
         referred += [n for r in self.resistors for n in r.on] + [n for p in self.ports for n in p.on]
+        referred += [n for m in self.multi_ports for b in m.columns for n in b]
+        referred += [n for e in self.shared_energies for n in e.of]
         reads = [r.modulated_by for r in self.resistors if r.modulated_by] + [m.by for m in self.modulations]
+        reads += [n for m in self.multi_ports for n in m.reads]
         for names, known in ((referred, self.storage_names), (reads, states)):
             for name in names:
                 if name not in known:
@@ -230,6 +276,11 @@ class Network:
         for memory in self.memories:
             if memory.law not in MEMORY_LAWS or MEMORY_LAWS[memory.law].heat is None:
                 continue
+            if self.multi_ports:
+                raise StructureViolated(
+                    f"memory {memory.name} holds heat, and no multi-port tells how much it dissipates: replace "
+                    f"{self.multi_ports[0].name} by resistors"
+                )
             for name in self.drives_of(memory):
                 if name not in resistors:
                     raise StructureViolated(f"memory {memory.name} holds heat: let resistors drive it, not {name}")
@@ -258,13 +309,16 @@ class Network:
         yield from (WithLaw("storage", s.name, s, STORAGE_LAWS) for s in self.storages)
         yield from (WithLaw("resistor", r.name, r, RESISTOR_LAWS) for r in self.resistors)
         yield from (WithLaw("port", p.name, p, PORT_LAWS) for p in self.ports)
-        yield from (WithLaw("modulation", f"of {m.ratio}", m, FACTOR_LAWS) for m in self.modulations)
+        yield from (WithLaw("modulation", f"of {m.ratio} by {m.by}", m, FACTOR_LAWS) for m in self.modulations)
         yield from (WithLaw("memory", m.name, m, MEMORY_LAWS) for m in self.memories)
+        yield from (WithLaw("multi_port", m.name, m, {}) for m in self.multi_ports)
+        yield from (WithLaw("shared_energy", e.name, e, {}) for e in self.shared_energies)
 
     def _parameter_references(self) -> list[str]:
         names = [n for one in self.with_laws() for n in one.element.parameters] + [m.ratio for m in self.modulations]
         ratios: list[Ratio] = [c.ratio for c in self.couplings]
         ratios += [v for r in self.resistors for v in r.on.values()] + [v for p in self.ports for v in p.on.values()]
+        ratios += [v for m in self.multi_ports for b in m.columns for v in b.values()]
         return names + [v for v in ratios if isinstance(v, str)]
 
     @property
@@ -283,15 +337,15 @@ class Network:
 
     def copied(self) -> Network:
         """The same network with copies of those laws that are torch modules; what shared a law still does."""
+        if all(isinstance(one.element.law, str) for one in self.with_laws()):
+            return self
         memo: dict[int, Any] = {}
 
-        def own(element: Any) -> Any:
-            law = element.law
-            return element if isinstance(law, str) else replace(element, law=copy.deepcopy(law, memo))
+        def own(elements: tuple[Any, ...]) -> tuple[Any, ...]:
+            return tuple(e if isinstance(e.law, str) else replace(e, law=copy.deepcopy(e.law, memo)) for e in elements)
 
-        if all(isinstance(law, str) for law in [s.law for s in self.storages] + [r.law for r in self.resistors]):
-            return self
-        return replace(self, storages=tuple(map(own, self.storages)), resistors=tuple(map(own, self.resistors)))
+        kinds = ("storages", "resistors", "modulations", "multi_ports", "shared_energies")
+        return replace(self, **{kind: own(getattr(self, kind)) for kind in kinds})
 
     def replace(self, name: str, law: Any, parameters: tuple[str, ...] = ()) -> Network:
         """The network with another law on a resistor or storage, without the parameters that nothing uses any more.
@@ -331,6 +385,8 @@ class Network:
         parameters: tuple[Parameter, ...] = (),
         modulations: tuple[Modulation, ...] = (),
         memories: tuple[ModulatorState, ...] = (),
+        multi_ports: tuple[MultiPort, ...] = (),
+        shared_energies: tuple[SharedEnergy, ...] = (),
     ) -> Network:
         """The network with more elements; the momentum stays the last storage as in the paper's (9)."""
         return replace(
@@ -340,6 +396,8 @@ class Network:
             couplings=(*self.couplings, *couplings),
             modulations=(*self.modulations, *modulations),
             memories=(*self.memories, *memories),
+            multi_ports=(*self.multi_ports, *multi_ports),
+            shared_energies=(*self.shared_energies, *shared_energies),
             parameters=as_table((*self.parameters.values(), *parameters)),
         )
 
@@ -389,6 +447,11 @@ def relabelled(network: Network, element: Label, parameter: Label) -> Network:
             for m in network.memories
         ),
         element(network.senses) if network.senses else "",
+        tuple(
+            replace(m, name=element(m.name), on=tuple(map(vector, m.columns)), reads=tuple(map(element, m.reads)))
+            for m in network.multi_ports
+        ),
+        tuple(replace(e, name=element(e.name), of=tuple(map(element, e.of))) for e in network.shared_energies),
     )  # fmt: skip
 
 
@@ -410,14 +473,24 @@ def fault_of_laws(network: Network) -> str:
 def _fault(one: WithLaw) -> str:
     law, given = one.element.law, one.element.parameters
     if not isinstance(law, str):
-        remedy = f"a law that is a torch module holds its own parameters; leave out {', '.join(given)}"
-        return f"{one.called}: {remedy}" if given else ""
+        if given:
+            return f"{one.called}: a law that is a torch module holds its own parameters; leave out {', '.join(given)}"
+        return _misfit(one)
     if law not in one.laws:
         return f"{one.called}: no law called {law!r}; there are {', '.join(one.laws)}"
     wanted = len(one.laws[law].example)
     if len(given) == wanted:
         return ""
     return f"{one.called}: the law {law} takes {wanted} parameters, {len(given)} are given"
+
+
+def _misfit(one: WithLaw) -> str:
+    """What a law of several variables was made for, where that is not what its element has."""
+    element, made = one.element, getattr(one.element.law, "counts", {})
+    own = {"ports": len(element.on), "reads": len(element.reads)} if isinstance(element, MultiPort) else {}
+    own |= {"states": len(element.of)} if isinstance(element, SharedEnergy) else {}
+    wrong = [f"{made[n]} {n}, the element has {k}" for n, k in own.items() if made.get(n, k) != k]
+    return f"{one.called}: its law is made for {wrong[0]}" if wrong else ""
 
 
 Kind = Literal["feedback"] | Storage | Resistor
@@ -466,6 +539,8 @@ def interconnect(
         (*one.modulations, *other.modulations),
         (*_own(one), *_own(other)),
         one.senses if one.senses != port else "",
+        (*one.multi_ports, *other.multi_ports),
+        (*one.shared_energies, *other.shared_energies),
     )
 
 
@@ -525,6 +600,8 @@ def _check_names(one: Network, other: Network) -> None:
         ("memory", [m.name for m in one.memories], [m.name for m in other.memories]),
         ("resistor", [r.name for r in one.resistors], [r.name for r in other.resistors]),
         ("port", [p.name for p in one.ports], [p.name for p in other.ports]),
+        ("multi-port", [m.name for m in one.multi_ports], [m.name for m in other.multi_ports]),
+        ("shared energy", [e.name for e in one.shared_energies], [e.name for e in other.shared_energies]),
         ("parameter", one.parameters, other.parameters),
     ):
         shared = sorted(set(these) & set(those))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -17,16 +18,18 @@ from phnn.network.checks import (
     PowerBalance,
     Present,
     check,
+    check_factor,
     check_input,
     check_name,
     check_state,
     energy_of,
     evaluation,
     mean_effort_of,
+    mean_efforts_of,
     present_of,
 )
 from phnn.network.driven import DrivenSystem
-from phnn.network.elements import Network, check_laws
+from phnn.network.elements import MultiPort, Network, WithLaw, check_laws
 from phnn.network.incidence import Entry, Incidence, columns, combined
 
 
@@ -51,16 +54,27 @@ class ParameterisedNetwork(nn.Module):
         self.free = BoundedParameters({n: p for n, p in network.parameters.items() if not p.fixed})
         self._present: Present = None
         check_laws(network)
-        for kind, elements in (("storage", network.storages), ("resistor", network.resistors)):
-            for element in elements:
-                if not isinstance(element.law, str):
-                    key = f"{kind}_{element.name}"
-                    reads = getattr(element, "modulated_by", None) is not None
-                    check(element.law, storage=kind == "storage", reads=reads, name=f"the law of {element.name}")
-                    check_name(key, self.laws)
-                    self.laws[key] = element.law
+        for one in network.with_laws():
+            if not isinstance(one.element.law, str):
+                self._register(one)
         place = {name: k for k, name in enumerate(network.state_names)}
         self._factors = tuple((place[m.by], m) for m in network.modulations)
+
+    def _register(self, one: WithLaw) -> None:
+        """Check a law that is a torch module, and make it a part of this module."""
+        key, element = f"{one.kind}_{one.name}".replace(" ", "_"), one.element
+        name = f"the law of {one.name}"
+        if one.kind == "multi_port":
+            check(element.law, ports=len(element.on), reads=len(element.reads), name=name)
+        elif one.kind == "shared_energy":
+            check(element.law, storage=True, ports=len(element.of), name=name)
+        elif one.kind == "modulation":
+            check_factor(element.law, name)
+        else:
+            reads = int(getattr(element, "modulated_by", None) is not None)
+            check(element.law, storage=one.kind == "storage", reads=reads, name=name)
+        check_name(key, self.laws)
+        self.laws[key] = element.law
 
     @property
     def state_names(self) -> tuple[str, ...]:
@@ -103,7 +117,8 @@ class ParameterisedNetwork(nn.Module):
             value = self.value(name)
             for place, m in self._factors:
                 if m.ratio == name:
-                    value = value * FACTOR_LAWS[m.law].factor(x[..., place], *map(self.value, m.parameters))
+                    known = FACTOR_LAWS[m.law].factor if isinstance(m.law, str) else m.law
+                    value = value * known(x[..., place], *map(self.value, m.parameters))
             return value
 
         return ratio
@@ -125,8 +140,10 @@ class PortHamiltonianSystem(ParameterisedNetwork):
 
         ẋ = J ∇H(x) − Σ_r b_r φ_r(b_rᵀ∇H, q_r) + g ψ(u),     y = ψ'(u) gᵀ∇H,     H(x) = Σ_k H_k(x_k)
 
-    ``J`` holds one number per pair of storages and is skew by construction; every ``φ_r`` is a sector law, hence
-    ``dH/dt ≤ Σ ψ(u) gᵀ∇H``. All tensors are batched, ``x`` is (..., n), ``u`` is (..., P), in SI and float64.
+    Multi-ports add ``−Σ_m B_m φ_m(B_mᵀ∇H, q_m)`` to the rates, or to ``J`` where they conserve power, and shared
+    energies add ``H_s(x)`` of several storages. ``J`` is a matrix less its transpose, hence skew; every ``φ_r`` is a
+    sector law, hence ``dH/dt ≤ Σ ψ(u) gᵀ∇H``. All tensors are batched, ``x`` is (..., n), ``u`` is (..., P), in SI and
+    float64.
 
     Modulator states have no energy in ``H``: ``x`` has them last, ``ẋ`` their rates, and efforts and matrices leave
     them out. Of one that holds heat `phnn.network.thermal` has energy and entropy.
@@ -148,6 +165,8 @@ class PortHamiltonianSystem(ParameterisedNetwork):
 
     def __init__(self, network: Network) -> None:
         super().__init__(network)
+        # The one with its own copies of laws.
+        network = self.network
         place = {name: k for k, name in enumerate(network.storage_names)}
         n = len(place)
         couplings: list[Entry] = [(place[c.to], place[c.of], c.ratio) for c in network.couplings]
@@ -156,6 +175,8 @@ class PortHamiltonianSystem(ParameterisedNetwork):
         self._inputs = columns(network.ports, place)
         place = {name: k for k, name in enumerate(network.state_names)}
         self._modulators = tuple(None if r.modulated_by is None else place[r.modulated_by] for r in network.resistors)
+        self._multi_ports = nn.ModuleList(_Placed(m, place, n) for m in network.multi_ports)
+        self._shared = [([place[name] for name in e.of], e.law) for e in network.shared_energies]
 
     @evaluation
     def energies(self, x: Tensor) -> Tensor:  # x: (..., n)
@@ -169,7 +190,8 @@ class PortHamiltonianSystem(ParameterisedNetwork):
 
     def energy(self, x: Tensor) -> Tensor:  # x: (..., n)
         """(...) stored energy ``H(x)`` [J]."""
-        return self.energies(x).sum(-1)
+        own = self.energies(x).sum(-1)
+        return own + sum(energy_of(law)(x[..., places]) for places, law in self._shared) if self._shared else own
 
     @evaluation
     def mean_efforts(
@@ -181,7 +203,16 @@ class PortHamiltonianSystem(ParameterisedNetwork):
         check_state(a, self.state_names)
         first = len(self.network.storages)
         ends = zip(a.unbind(-1)[:first], (a if a is b else b).unbind(-1)[:first], strict=True)
-        return torch.stack([self.mean_effort(k, start, end) for k, (start, end) in enumerate(ends)], dim=-1)
+        own = [self.mean_effort(k, start, end) for k, (start, end) in enumerate(ends)]
+        return self.with_shared(torch.stack(own, dim=-1), a, b)
+
+    def with_shared(self, own: Tensor, a: Tensor, b: Tensor) -> Tensor:
+        """(..., n) mean efforts of the storages' own energies, and those of shared energies added to them."""
+        for places, law in self._shared:
+            at = torch.tensor(places, device=own.device)
+            start = a[..., places]
+            own = own.index_add(-1, at, mean_efforts_of(law, start, start if a is b else b[..., places]))
+        return own
 
     @evaluation
     def mean_effort(
@@ -203,7 +234,12 @@ class PortHamiltonianSystem(ParameterisedNetwork):
     @evaluation
     def structure(self, x: Tensor) -> Tensor:  # x: (..., n)
         """(..., n, n) interconnection ``J = A − Aᵀ``: skew to the last bit."""
-        half = self._half(self.ratios(x))
+        ratios = self.ratios(x)
+        half = self._half(ratios)
+        for port in self._multi_ports:
+            if port.conserves:
+                b = port.columns(ratios)
+                half = half + b @ port.law.lower(x[..., port.reads]) @ b.mT
         skew = half - half.mT
         return skew.expand(*x.shape[:-1], *skew.shape[-2:])
 
@@ -213,13 +249,18 @@ class PortHamiltonianSystem(ParameterisedNetwork):
 
         For inspection (eq. (11)): the vector field itself never divides by an effort.
         """
-        branches = self.incidences(x)[0]
-        if not self.network.resistors:
-            n = branches.shape[-2]
-            return branches.new_zeros(*x.shape[:-1], n, n)
-        epsilon = combined(self.efforts(x), branches)
-        conductance = torch.stack([self._conductance(r, epsilon[..., r], x) for r in range(epsilon.shape[-1])], dim=-1)
-        return (branches * conductance.unsqueeze(-2)) @ branches.mT
+        branches, efforts = self.incidences(x)[0], self.efforts(x)
+        n = branches.shape[-2]
+        found = branches.new_zeros(*x.shape[:-1], n, n)
+        if self.network.resistors:
+            epsilon = combined(efforts, branches)
+            each = [self._conductance(r, epsilon[..., r], x) for r in range(epsilon.shape[-1])]
+            found = found + (branches * torch.stack(each, dim=-1).unsqueeze(-2)) @ branches.mT
+        for port in self._multi_ports:
+            if not port.conserves:
+                b = port.columns(self.ratios(x))
+                found = found + b @ port.dissipation(combined(efforts, b), x) @ b.mT
+        return found
 
     def _conductance(self, r: int, epsilon: Tensor, x: Tensor) -> Tensor:
         """``φ_r(ε)/ε`` with its limit at ``ε = 0``."""
@@ -309,7 +350,19 @@ class PortHamiltonianSystem(ParameterisedNetwork):
         branches, inputs = self.incidences(x)
         conserved = (self.structure(x) @ efforts.unsqueeze(-1)).squeeze(-1)
         lost = combined(self.branch_flows(combined(efforts, branches), x), branches.mT)
+        for b, _, flows in self._through_multi_ports(efforts, x):
+            lost = lost + combined(flows, b.mT)
         return conserved - lost + combined(self.actions(u), inputs.mT)
+
+    def _through_multi_ports(self, efforts: Tensor, x: Tensor) -> list[tuple[Tensor, Tensor, Tensor]]:
+        """Columns (n, k), efforts (..., k) and flows (..., k) of every multi-port that is not part of ``J``."""
+        found = []
+        for port in self._multi_ports:
+            if not port.conserves:
+                b = port.columns(self.ratios(x))
+                epsilon = combined(efforts, b)
+                found.append((b, epsilon, port.flows(epsilon, x)))
+        return found
 
     @evaluation
     def vector_field(
@@ -355,6 +408,8 @@ class PortHamiltonianSystem(ParameterisedNetwork):
         """The balance of a given rate of storage at given efforts."""
         epsilon = self.branch_efforts(efforts, x)
         dissipated = epsilon * self.branch_flows(epsilon, x)
+        more = [(e * flows).sum(-1, keepdim=True) for _, e, flows in self._through_multi_ports(efforts, x)]
+        dissipated = torch.cat([dissipated, *more], dim=-1) if more else dissipated
         supplied = self.actions(u) * combined(efforts, self.incidences(x)[1])
         return PowerBalance(stored, dissipated, supplied, stored - supplied.sum(-1) + dissipated.sum(-1))
 
@@ -379,3 +434,38 @@ class PortHamiltonianSystem(ParameterisedNetwork):
     def with_input(self, u: Callable[[Tensor], Tensor], ports: Sequence[str] | None = None) -> DrivenSystem:
         """This system driven by ``u(t)``; see `DrivenSystem`."""
         return DrivenSystem(self, u, ports)
+
+
+class _Placed(nn.Module):
+    """A multi-port with its place in a system."""
+
+    def __init__(self, port: MultiPort, place: Mapping[str, int], n: int) -> None:
+        super().__init__()
+        entries: list[Entry] = [(place[name], k, r) for k, b in enumerate(port.columns) for name, r in b.items()]
+        self.columns = Incidence(n, len(port.on), entries)
+        self.reads = [place[name] for name in port.reads]
+        # Not registered a second time: the system has it among its laws.
+        self._law = (port.law,)
+        self.conserves = is_passive_by_form(port.law) and hasattr(port.law, "lower")
+
+    @property
+    def law(self) -> Any:
+        """The law."""
+        return self._law[0]
+
+    def flows(self, epsilon: Tensor, x: Tensor) -> Tensor:
+        """(..., k) ``φ(ε, q)``; of a law of unknown form zero where it would deliver power."""
+        flows = self.law(epsilon, x[..., self.reads]) if self.reads else self.law(epsilon)
+        if is_passive_by_form(self.law):
+            return flows
+        return torch.where((epsilon * flows).sum(-1, keepdim=True) < 0.0, 0.0 * flows, flows)
+
+    def dissipation(self, epsilon: Tensor, x: Tensor) -> Tensor:
+        """(..., k, k) a matrix ``⪰ 0`` that gives ``φ(ε, q)`` from ``ε``: the law's own, or ``φ φᵀ/(εᵀφ)``."""
+        if is_passive_by_form(self.law):
+            root = self.law.root(epsilon, x[..., self.reads])
+            return root @ root.mT
+        flows = self.flows(epsilon, x)
+        power = (epsilon * flows).sum(-1)[..., None, None]
+        outer = flows.unsqueeze(-1) * flows.unsqueeze(-2)
+        return torch.where(power > 0.0, outer / torch.where(power > 0.0, power, 1.0), 0.0)

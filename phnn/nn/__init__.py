@@ -9,6 +9,19 @@ training carries it out of its promise, a system leaves out what would deliver p
 """
 
 from phnn.network.checks import check
+from phnn.nn.learned_system import LearnedSystem, Scales
+from phnn.nn.multi_ports import LearnedCoupling, LearnedDissipation, LearnedEnergy, LearnedRatio
 from phnn.nn.one_ports import ConvexEnergyMLP, MonotoneMLP, SectorMLP
 
-__all__ = ["ConvexEnergyMLP", "MonotoneMLP", "SectorMLP", "check"]
+__all__ = [
+    "ConvexEnergyMLP",
+    "LearnedCoupling",
+    "LearnedDissipation",
+    "LearnedEnergy",
+    "LearnedRatio",
+    "LearnedSystem",
+    "MonotoneMLP",
+    "Scales",
+    "SectorMLP",
+    "check",
+]

@@ -13,14 +13,13 @@ from numpy.typing import NDArray
 
 from phnn.comparison.models import BLACK_BOXES, MODELS, Result, Settings
 from phnn.comparison.run import compare
-from phnn.comparison.training import started_plant
 from phnn.errors import SolverFailed
 from phnn.identification.base import Progress, quiet
 from phnn.identification.zero import own_zeros
 from phnn.learn.plant import NetworkPlant, Plant
 from phnn.learn.run import violations
 from phnn.learn.solvers import Solver, solver_for
-from phnn.learn.starts import typical_states
+from phnn.learn.starts import plant_for, typical_states
 from phnn.learn.windows import windows_of
 from phnn.models.store import load
 from phnn.recordings import Campaign, read
@@ -142,7 +141,7 @@ def _loaded(model: str, campaign: Campaign, home: Path, settings: Settings) -> t
     """A finished model from its folder: its response, and its plant where it has an energy."""
     if model in BLACK_BOXES:
         recipe = settings.recipes[model]
-        plant = started_plant(recipe, campaign, settings.options.seed)
+        plant = plant_for(recipe.model, campaign, settings.options.seed)
         plant.load_state_dict(torch.load(home / "weights.pt", weights_only=True))
         return of_plant(plant, solver_for(recipe.solver, plant)), plant
     setup, _ = load(home)

@@ -18,14 +18,11 @@ from phnn.cli import main
 from phnn.comparison import models
 from phnn.comparison.models import MODELS, Bench, Result, Settings, register_rival
 from phnn.comparison.run import compare
-from phnn.comparison.training import _stride, _thinned, begin_linear
+from phnn.comparison.training import _stride, _thinned
 from phnn.configuration import compose
 from phnn.errors import InputRefused
-from phnn.learn.plant import LatentPlant
-from phnn.learn.starts import scales_of, unfitted
+from phnn.learn.starts import plant_for, scales_of, unfitted
 from phnn.models.actuator import hrc
-from phnn.models.fully_neural import FullyNeural
-from phnn.models.neural_ode import NeuralODE
 from phnn.models.store import load
 from phnn.network.system import PortHamiltonianSystem
 from phnn.recordings import Campaign, read
@@ -232,27 +229,23 @@ def test_a_rival_that_runs_away_is_scored_as_such(campaign: Campaign, tmp_path: 
         assert all(p.residual_over_noise == np.inf for p in results["wild"].evaluation.parts)
 
 
-def test_a_fully_neural_model_begins_with_the_modes_of_linear_hysterons(campaign: Campaign) -> None:
-    core = FullyNeural(scales_of(campaign.recordings), 4, 8)
-    begin_linear(core, campaign, 0)
-    at, rest = torch.zeros(4, dtype=torch.float64), torch.zeros(1, dtype=torch.float64)
-    found = torch.linalg.eigvals(torch.func.jacfwd(lambda x: core.vector_field(x, rest))(at))
-    values = {n: 0.0 if n.startswith("d_") else v for n, v in unfitted(campaign, 2).items()}
-    system = PortHamiltonianSystem(hrc(2, values | {"d_1": 1e-9, "d_2": 1e-9}))
-    # Beyond the closed dead zones the network is linear.
-    x = system.efforts(at).new_tensor([1e-3, 1e-3, 1e-3, 1e-3])
-    both = torch.zeros(len(system.network.ports), dtype=torch.float64)
-    wanted = torch.linalg.eigvals(torch.func.jacfwd(lambda s: system.vector_field(s, both))(x))
+def test_a_learned_system_begins_with_the_modes_of_linear_hysterons(campaign: Campaign) -> None:
+    plant = plant_for({"kind": "fully_neural", "states": 4, "width": 8}, campaign, 0)
+    at, rest = torch.zeros(4, dtype=torch.float64), torch.zeros((), dtype=torch.float64)
+    found = torch.linalg.eigvals(torch.func.jacrev(lambda x: plant.rate(x, rest))(at))
+    network = hrc(2, unfitted(campaign, 2))
+    for i in (1, 2):
+        network = network.replace(f"hysteron_{i}", "linear", (f"rho_{i}",))
+    system, both = PortHamiltonianSystem(network), torch.zeros(len(network.ports), dtype=torch.float64)
+    wanted = torch.linalg.eigvals(torch.func.jacrev(lambda s: system.vector_field(s, both))(at))
     sizes = [np.sort(np.abs(v.detach().numpy())) for v in (found, wanted)]
-    ratio = sizes[0] / sizes[1]
-    assert np.all(np.abs(np.log(ratio)) < 0.3)
+    assert np.all(np.abs(np.log(sizes[0] / sizes[1])) < 0.3)
 
 
 def test_a_thinned_recording_keeps_its_weight(campaign: Campaign) -> None:
     recipe = replace(example.settings().recipes["neural_ode"], longest_step=0.2)
-    plant = LatentPlant(NeuralODE(scales_of(campaign.recordings), 2, 3))
     chosen = [r for r in campaign.recordings if r.mask("identification").any()]
-    found = _thinned(chosen, recipe, plant)
+    found = _thinned(chosen, recipe, scales_of(chosen).time)
     assert len({f.t.size for f in found}) == 2
     for f, r in zip(found, chosen, strict=True):
         share = f.t.size / f.noise**2 / sum(x.t.size for x in found)

@@ -18,9 +18,8 @@ from phnn.integrate import dense, hooks, ode
 from phnn.integrate.equations import reducible_rules
 from phnn.integrate.scheme import Scheme
 from phnn.models.actuator import hrc
-from phnn.models.fully_neural import FullyNeural
-from phnn.models.perceptron import Scales
 from phnn.network import PortHamiltonianSystem
+from phnn.nn import LearnedSystem, Scales
 
 _PRIVATE = re.compile(r"torchdiffeq\._impl|numba\.(core|_)|_nrt\b|getclosurevars")
 
@@ -86,10 +85,11 @@ def test_every_path_takes_the_same_steps_under_every_scheme(name: str) -> None:
     assert not disagreements(name, Scheme, every=True, steps=STEPS)
 
 
-def test_a_batch_of_a_fully_neural_model_is_its_members() -> None:
+def test_a_batch_of_a_learned_system_is_its_members() -> None:
     torch.manual_seed(0)
-    model = FullyNeural(Scales(1e-3, 75.0, 1e-4), 3, 6)
-    x0, u = 0.5 * torch.randn(4, 3, dtype=torch.float64), 75.0 * torch.randn(20, 4, 1, dtype=torch.float64)
+    model = LearnedSystem(3, 1, 6, Scales(1e-3, 75.0, 1e-4))
+    x0 = torch.tensor([1e-4, 1.0, 1.0]) * torch.randn(4, 3, dtype=torch.float64)
+    u = 75.0 * torch.randn(20, 4, 1, dtype=torch.float64)
     h = torch.full((20, 4, 1), 1e-4, dtype=torch.float64)
 
     def solved(x0: torch.Tensor, u: torch.Tensor, h: torch.Tensor) -> torch.Tensor:

@@ -12,10 +12,9 @@ import torch
 from phnn.learn.plant import LatentPlant, NetworkPlant
 from phnn.learn.starts import typical_states
 from phnn.models.actuator import hrc
-from phnn.models.fully_neural import FullyNeural
 from phnn.models.neural import LearnedLaws, Motion, neural_hrc
 from phnn.models.neural_ode import NeuralODE
-from phnn.models.perceptron import Scales
+from phnn.nn import LearnedSystem, Scales
 from phnn.recordings.recording import Recording
 from phnn.setup import Setup
 
@@ -50,12 +49,13 @@ def neural(width: int = 4, start: str = "none", **others: Any) -> NetworkPlant:
     return NetworkPlant(network, typical_states(network, recordings()))
 
 
-def fully_neural(states: int = 3, width: int = 6, seed: int = 0) -> LatentPlant:
-    """A fully neural plant whose energy is not the quadratic one it starts with."""
-    core = FullyNeural(SCALES, states, width, seed)
+def fully_neural(states: int = 3, width: int = 6, seed: int = 0) -> NetworkPlant:
+    """A learned system whose energy is not the quadratic one it starts with."""
+    system = LearnedSystem(states, ("voltage",), width, SCALES, seed)
     with torch.no_grad():
-        core.heights.normal_(generator=torch.Generator().manual_seed(seed)).mul_(0.3)
-    return LatentPlant(core)
+        heights = system.network.shared_energies[0].law.heights
+        heights.normal_(generator=torch.Generator().manual_seed(seed)).mul_(0.3)
+    return NetworkPlant(system.as_network(), torch.tensor([SCALES.output, *[1.0] * (states - 1)], dtype=torch.float64))
 
 
 def neural_ode(states: int = 3, width: int = 6, seed: int = 0) -> LatentPlant:

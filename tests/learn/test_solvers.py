@@ -13,12 +13,11 @@ from scipy.integrate import solve_ivp
 from scipy.interpolate import make_interp_spline
 from torch import Tensor
 
-from phnn.errors import InputRefused, SolverFailed
-from phnn.integrate.dense import march
-from phnn.learn import solvers
+from phnn.errors import InputRefused
+from phnn.integrate.dense import ledger, march
 from phnn.learn.objective import Objective
 from phnn.learn.plant import Plant
-from phnn.learn.solvers import Solver, Torchdiffeq, averaged, compiled, solver_for
+from phnn.learn.solvers import Solver, Torchdiffeq, batched, compiled, solver_for
 from phnn.learn.windows import thinned, windows_of
 
 KINDS: dict[str, Callable[[], Plant]] = {
@@ -58,7 +57,7 @@ def error(found: list[Tensor], exact: list[np.ndarray]) -> float:
 def adaptive(kind: str) -> list[np.ndarray]:
     """What dopri5 makes of them."""
     plant = KINDS[kind]()
-    return [y.numpy() for y in whole(Torchdiffeq(plant, "dopri5", adjoint=False, rtol=1e-5, atol=1e-7), plant)]
+    return [y.numpy() for y in whole(Torchdiffeq(plant, "dopri5", adjoint=False, rtol=3e-6, atol=1e-7), plant)]
 
 
 @pytest.mark.parametrize("kind", ["fully_neural", "neural_ode"])
@@ -67,7 +66,7 @@ def test_adaptive_torchdiffeq_is_exact_on_recordings_of_different_rates(kind: st
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("kind", "solver"), [("neural", compiled), ("fully_neural", averaged)])
+@pytest.mark.parametrize(("kind", "solver"), [("neural", compiled), ("fully_neural", batched)])
 def test_power_preserving_marches_converge_with_the_square_of_the_step(kind: str, solver: Solver) -> None:
     plant = KINDS[kind]()
     exact = adaptive(kind)
@@ -114,7 +113,7 @@ def test_gradients_are_those_of_the_states_computed(kind: str, options: dict[str
     direction = [torch.randn(p.shape, generator=random, dtype=torch.float64) for p in objective.trained()]
     pairs = list(zip(objective.trained(), direction, strict=True))
     slope = sum(float((p.grad * d).sum()) for p, d in pairs if p.grad is not None)
-    size, values = 1e-6, []
+    size, values = 1e-7, []
     for sign in (1.0, -1.0):
         with torch.no_grad():
             for p, d in pairs:
@@ -128,9 +127,10 @@ def test_gradients_are_those_of_the_states_computed(kind: str, options: dict[str
 @pytest.mark.parametrize("kind", ["fully_neural", "neural_ode"])
 def test_windows_in_a_batch_do_not_see_each_other(kind: str) -> None:
     plant = KINDS[kind]()
-    solver = averaged if kind == "fully_neural" else Torchdiffeq(plant, "rk4", adjoint=False)
+    solver = batched if kind == "fully_neural" else Torchdiffeq(plant, "rk4", adjoint=False)
     windows = windows_of(example.recordings(), 30, 1) + windows_of(example.recordings(), 60, 1)
-    x0 = 0.3 * torch.randn(len(windows), 3, generator=torch.Generator().manual_seed(3), dtype=torch.float64)
+    random = torch.Generator().manual_seed(3)
+    x0 = 0.3 * plant.scale * torch.randn(len(windows), 3, generator=random, dtype=torch.float64)
     with torch.no_grad():
         together = solver(plant, windows, x0)
         for k, w in enumerate(windows):
@@ -138,35 +138,18 @@ def test_windows_in_a_batch_do_not_see_each_other(kind: str) -> None:
             torch.testing.assert_close(together[k], alone, rtol=1e-8, atol=1e-9)
 
 
-def test_a_fully_neural_step_keeps_the_power_balance_however_long_it_is() -> None:
+def test_a_step_of_a_learned_system_keeps_the_power_balance_however_long_it_is() -> None:
     plant = example.fully_neural()
-    core = plant.core
-    random = torch.Generator().manual_seed(0)
-    x0 = torch.randn(4, 3, generator=random, dtype=torch.float64)
+    system, random = plant.system, torch.Generator().manual_seed(0)
+    x0 = plant.scale * torch.randn(4, 3, generator=random, dtype=torch.float64)
     u = 75.0 * torch.randn(30, 4, 1, generator=random, dtype=torch.float64)
     for h in (1e-4, 5e-4):
         with torch.no_grad():
-            x = solvers.march(core, x0, u, torch.full((30, 4, 1), h, dtype=torch.float64))  # type: ignore[arg-type]
-            efforts = core.mean_efforts(x[:-1], x[1:])
-            supplied = (efforts @ core.inlet) * u[..., 0] / core.scales.input * h / core.scales.time
-            lost = (core.dissipation(0.5 * (x[1:] + x[:-1])) @ efforts.unsqueeze(-1)).squeeze(-1)
-            gained = core.energy(x[1:]) - core.energy(x[:-1])
-            balance = gained - supplied + h / core.scales.time * (efforts * lost).sum(-1)
-        assert float(balance.abs().max()) < 1e-8
-        assert bool((gained <= supplied + 1e-8).all())
-
-
-def test_a_step_without_a_solution_is_reported() -> None:
-    class Broken:
-        def rate(self, efforts: Tensor, x: Tensor, u: Tensor) -> Tensor:
-            return 1.0 + x.square()
-
-        def mean_efforts(self, a: Tensor, b: Tensor) -> Tensor:
-            return a
-
-    one = torch.ones(1, 1, 1, dtype=torch.float64)
-    with pytest.raises(SolverFailed, match=r"step from t = 0 s to 10 s has no solution: .*take a step below"):
-        march(Broken(), torch.zeros(1, 1, dtype=torch.float64), one, 10.0 * one)
+            x = march(system, x0, u, torch.full((30, 4, 1), h, dtype=torch.float64))
+            balance = ledger(system, x, u, h)
+        size = balance.supplied.abs().sum(-1) + balance.dissipated.abs().sum(-1)
+        assert float((balance.defect.abs() / size).max()) < 1e-8
+        assert bool((balance.dissipated >= 0.0).all())
 
 
 @pytest.mark.parametrize(

@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 from phnn.comparison import models
 from phnn.comparison.run import compare
 from phnn.errors import InputRefused, SolverFailed
-from phnn.learn.plant import LatentPlant
-from phnn.learn.solvers import Torchdiffeq, averaged
+from phnn.learn.plant import LatentPlant, NetworkPlant
+from phnn.learn.solvers import Torchdiffeq, batched
 from phnn.learn.starts import scales_of
 from phnn.models.actuator import from_paper, hrc
 from phnn.models.bouc_wen import bouc_wen
-from phnn.models.fully_neural import FullyNeural
 from phnn.models.neural_ode import NeuralODE
+from phnn.nn import LearnedSystem
 from phnn.recordings import read
 from phnn.recordings.recording import Part, Recording, Start
 from phnn.setup import Setup
@@ -152,8 +152,10 @@ def test_a_block_before_the_network_may_extract() -> None:
 
 def test_models_without_a_guarantee_are_counted() -> None:
     with torch.no_grad():
-        tame, wild = (LatentPlant(core(scales_of(RECORDINGS), 3, 4)) for core in (FullyNeural, NeuralODE))
-        assert supply(of_plant(tame, averaged), RECORDINGS, COUNT)[1] == COUNT
+        scales = scales_of(RECORDINGS)
+        wild = LatentPlant(NeuralODE(scales, 3, 4))
+        tame = NetworkPlant(LearnedSystem(3, ("voltage",), 4, scales).as_network(), torch.ones(3, dtype=torch.float64))
+        assert supply(of_plant(tame, batched), RECORDINGS, COUNT)[1] == COUNT
         responses = of_plant(wild, Torchdiffeq(wild, "rk4", adjoint=False))
         assert supply(responses, RECORDINGS, COUNT)[0] > 0
 

@@ -1,0 +1,157 @@
+"""A port-Hamiltonian system of which everything is learned: structure, dissipation, energy and ports."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import torch
+from torch import Tensor
+
+from phnn.errors import InputRefused
+from phnn.network.elements import MultiPort, Network, Port, SharedEnergy, Storage
+from phnn.network.system import PortHamiltonianSystem
+from phnn.nn.multi_ports import LearnedCoupling, LearnedDissipation, LearnedEnergy
+from phnn.parameters import Parameter, as_table, positive
+
+# Relative size of the damping that is added where a linear start has none.
+_LEAST_DAMPING = 1e-6
+
+
+@dataclass(frozen=True)
+class Scales:
+    """What one dimensionless unit is.
+
+    Attributes:
+        time: [s]; input: [SI]; output: [SI].
+
+    Raises:
+        InputRefused: one of them is not positive.
+    """
+
+    time: float = 1.0
+    input: float = 1.0
+    output: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name, value in (("time", self.time), ("input", self.input), ("output", self.output)):
+            if not 0.0 < value < float("inf"):
+                raise InputRefused(f"the scale of the {name} is {value:g}: give a positive typical magnitude in SI")
+
+
+class LearnedSystem(PortHamiltonianSystem):
+    """A port-Hamiltonian system of latent states, everything learned, passive whatever the weights.
+
+        system = phnn.nn.LearnedSystem(states=4, ports=2)
+        x, y = phnn.simulate(system, u, dt=1e-4)
+
+        ẋ = [J(x) − D(∇H)] ∇H(x) + g u,     y = gᵀ∇H(x),     H(x) = ½ Σ_i k_i x_i² + H_s(x)
+
+    It is a network of springs ``k_i``, one `LearnedCoupling` that reads all states, one `LearnedDissipation` on all
+    efforts, one `LearnedEnergy` of all states and learned columns ``g``; so it does all that other networks do. The
+    first state is measured.
+
+    Args:
+        states: their number, or their names.
+        ports: their number, or their names.
+        width: of the hidden layers, and number of units of the energy.
+        scales: of time, inputs and the first state; the other states have none, and energies are dimensionless.
+        seed: of the initial weights.
+
+    Raises:
+        InputRefused: fewer than two states, no port, or no unit.
+    """
+
+    def __init__(
+        self,
+        states: int | Sequence[str] = 4,
+        ports: int | Sequence[str] = 1,
+        width: int = 32,
+        scales: Scales | None = None,
+        seed: int = 0,
+    ) -> None:
+        names = [f"x_{k + 1}" for k in range(states)] if isinstance(states, int) else list(states)
+        inlets = [f"u_{k + 1}" for k in range(ports)] if isinstance(ports, int) else list(ports)
+        if len(names) < 2 or not inlets or width < 1:
+            raise InputRefused(
+                f"{len(names)} states, {len(inlets)} ports, width = {width}: give two states, one port and one unit at "
+                "least"
+            )
+        self.scales = scales = scales or Scales()
+        size = [scales.output, *[1.0] * (len(names) - 1)]
+        efforts, flows = [1.0 / s for s in size], [s / scales.time for s in size]
+        random = torch.Generator().manual_seed(seed)
+        drawn = torch.randn(len(names), len(inlets), generator=random, dtype=torch.float64).tolist()
+        table = [replace(positive(f"k_{n}", 1.0 / s**2, "1"), fixed=True) for n, s in zip(names, size, strict=True)]
+        table += [
+            Parameter(f"g_{n}_{p}", drawn[i][j] * flows[i] / scales.input, typical=flows[i] / scales.input)
+            for i, n in enumerate(names)
+            for j, p in enumerate(inlets)
+        ]
+        n = len(names)
+        super().__init__(
+            Network(
+                tuple(Storage(name, "spring", (f"k_{name}",)) for name in names),
+                (),
+                (),
+                tuple(Port(p, {n: f"g_{n}_{p}" for n in names}, unit="1") for p in inlets),
+                as_table(table),
+                names[0],
+                multi_ports=(
+                    MultiPort(
+                        "coupling", LearnedCoupling(n, n, efforts, flows, size, width, seed), (*names,), (*names,)
+                    ),
+                    MultiPort("dissipation", LearnedDissipation(n, 0, efforts, flows, (), width, seed + 1), (*names,)),
+                ),
+                shared_energies=(SharedEnergy("energy", LearnedEnergy(n, size, 1.0, width, seed + 2), (*names,)),),
+            )
+        )
+
+    @classmethod
+    @torch.no_grad()
+    def near(cls, system: PortHamiltonianSystem, scales: Scales, width: int = 32, seed: int = 0) -> LearnedSystem:
+        """Return a learned system that begins near another one's linearisation at rest.
+
+        Args:
+            system: without modulator states, every energy with a curvature at rest; its states are taken in units in
+                which its energy is ``½ |x|²``, the measured one first.
+            scales: of time and inputs; the unit of the output is that of ``scales`` too.
+
+        Raises:
+            InputRefused: an energy has no curvature at rest, or the network has modulator states.
+        """
+        network = system.network
+        output = network.storage_names.index(network.output)
+        order = [output, *(k for k in range(len(network.storages)) if k != output)]
+        rest = torch.zeros(len(order), dtype=torch.float64)
+        curvature = torch.stack([_curvature(system, k) for k in range(len(order))])
+        if network.memories or not bool((curvature > 0.0).all()):
+            raise InputRefused("a linear start needs energies with a curvature at rest and no modulator states")
+        found = cls([network.storage_names[k] for k in order], [p.name for p in network.ports], width, scales, seed)
+        # In joules the unit of energy is that of the output at its scale.
+        unit = curvature[output] * scales.output**2
+        root = (curvature / unit).sqrt()[order]
+        half = scales.time * unit * root[:, None] * system.structure(rest)[order][:, order] * root
+        lost = scales.time * unit * root[:, None] * system.dissipation(rest)[order][:, order] * root
+        lost = lost + _LEAST_DAMPING * lost.diagonal().mean() * torch.eye(len(order), dtype=torch.float64)
+        coupling, dissipation = (m.law for m in found.network.multi_ports)
+        n = len(order)
+        coupling.entries.begin(half[*torch.tril_indices(n, n, -1)])
+        dissipation.entries.begin(torch.linalg.cholesky(lost)[*torch.tril_indices(n, n)])
+        size = torch.tensor([scales.output, *[1.0] * (n - 1)], dtype=torch.float64)
+        columns = (size * root)[:, None] * system.incidences(rest)[1][order]
+        found.set_values(
+            {
+                f"g_{name}_{p.name}": columns[i, j].item()
+                for i, name in enumerate(found.state_names)
+                for j, p in enumerate(network.ports)
+            }
+        )
+        return found
+
+
+def _curvature(system: PortHamiltonianSystem, k: int) -> Tensor:
+    """() ``H_k''(0)`` of one storage."""
+    with torch.enable_grad():
+        at = torch.zeros((), dtype=torch.float64, requires_grad=True)
+        return torch.autograd.grad(system.mean_effort(k, at, at), at)[0]

@@ -1,0 +1,335 @@
+"""Learned laws on several variables together, passive whatever their weights, and a learned ratio.
+
+    LearnedDissipation    φ(ε, q) = L(ε, q) L(ε, q)ᵀ ε              εᵀφ ≥ 0
+    LearnedCoupling       φ(q) = (A(q)ᵀ − A(q)) ε                   εᵀφ = 0
+    LearnedEnergy         H(x) ≥ H(0) = 0, convex                   beside the storages' own energies
+    LearnedRatio          f(x), f(0) = 1                            a factor of a transformer's or gyrator's ratio
+
+They join a network by `phnn.network.MultiPort`, `SharedEnergy` and `Modulation`:
+
+    flow = phnn.nn.LearnedDissipation(2, effort_scale=(20.0, 0.1), flow_scale=(1e-3, 5.0))
+    network = network.extend(multi_ports=(MultiPort("friction", flow, on=("Q_1", "p")),))
+
+References: Desai et al. 2021, Roth et al. 2025 (learned port-Hamiltonian systems, stable ones with convex energies);
+Amos, Xu & Kolter 2017 (input convex networks); McLachlan, Quispel & Robidoux 1999 (discrete gradients).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import torch
+from torch import Tensor, nn
+
+from phnn.errors import InputRefused
+from phnn.laws.diverged import LARGEST_WEIGHT, check_weights
+from phnn.laws.wide import convex_energy_unit, convex_unit, register_compiled
+
+# By how much the entries of a learned matrix vary at the start, of which those on the diagonal are near one.
+_VARIED = 0.3
+# Scales of several variables: one for all of them, or one each.
+Scale = float | Sequence[float]
+
+
+class Perceptron(nn.Module):
+    """Affine layers with tanh between them, in float64; the weights of a layer have variance 1/fan-in.
+
+    Args:
+        sizes: of input, hidden layers and output.
+        random: source of the initial weights.
+        last: size of the last layer's weights.
+    """
+
+    def __init__(self, sizes: Sequence[int], random: torch.Generator, last: float = 1.0) -> None:
+        super().__init__()
+        self.weights = nn.ParameterList()
+        self.biases = nn.ParameterList()
+        for k, (inputs, outputs) in enumerate(pairwise(sizes)):
+            final = k == len(sizes) - 2
+            size = (last if final else 1.0) * max(inputs, 1) ** -0.5
+            drawn = torch.randn(outputs, inputs, generator=random, dtype=torch.float64)
+            self.weights.append(nn.Parameter(size * drawn))
+            drawn = torch.randn(outputs, generator=random, dtype=torch.float64)
+            self.biases.append(nn.Parameter((0.0 if final else 0.5) * drawn))
+
+    def forward(self, x: Tensor) -> Tensor:  # x: (..., sizes[0])
+        """(..., sizes[-1])."""
+        for k, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
+            x = x @ weight.mT + bias
+            if k < len(self.weights) - 1:
+                x = torch.tanh(x)
+        return x
+
+    @torch.no_grad()
+    def begin(self, values: Tensor, left: float = 0.05) -> None:
+        """Make it give nearly the same values (sizes[-1],) everywhere.
+
+        A share ``left`` of the last weights stays, for without any the layers before them would get no gradient.
+        """
+        self.weights[-1].mul_(left)
+        self.biases[-1].copy_(values)
+
+
+class LearnedDissipation(nn.Module):
+    """A resistor on ``k`` efforts together, coupled and passive by its form.
+
+        φ(ε, q) = R L Lᵀ R ε,     L = L(ε/s, q/s_q) lower triangular,     R = diag √(f/s)
+
+    ``εᵀφ = |Lᵀ R ε|² ≥ 0`` for all weights. The entries of ``L`` come from one perceptron of one hidden
+    layer, and ``L`` begins near the unit matrix.
+
+    Args:
+        ports: number ``k`` of efforts.
+        reads: number of states ``q``.
+        effort_scale, flow_scale: typical efforts ``s`` and flows ``f`` [SI], one for all or one each.
+        state_scale: typical states ``s_q`` [SI].
+        width: of the hidden layer.
+        seed: of the initial weights.
+
+    Raises:
+        InputRefused: no port, no unit, or a scale that is not positive.
+        SolverFailed: at an evaluation, where training has carried a weight beyond use; names it.
+    """
+
+    COUNTS = ("ports", "reads", "width")
+    scale: Tensor
+    factor: Tensor
+
+    def __init__(
+        self,
+        ports: int,
+        reads: int = 0,
+        effort_scale: Scale = 1.0,
+        flow_scale: Scale = 1.0,
+        state_scale: Scale = 1.0,
+        width: int = 16,
+        seed: int = 0,
+    ) -> None:
+        super().__init__()
+        _check(ports, width)
+        effort, flow = _scales("effort_scale", effort_scale, ports), _scales("flow_scale", flow_scale, ports)
+        self.ports, self.counts = ports, {"ports": ports, "reads": reads, "width": width}
+        self.register_buffer("scale", torch.cat([effort, _scales("state_scale", state_scale, reads)]))
+        self.register_buffer("factor", (flow / effort).sqrt())
+        random = torch.Generator().manual_seed(seed)
+        self.entries = Perceptron((ports + reads, width, ports * (ports + 1) // 2), random, last=_VARIED)
+        rows, columns = torch.tril_indices(ports, ports)
+        with torch.no_grad():
+            self.entries.biases[-1].normal_(0.0, _VARIED, generator=random).add_((rows == columns).double())
+
+    def root(
+        self,
+        effort: Tensor,  # (..., k)
+        q: Tensor,  # (..., s)
+    ) -> Tensor:
+        """(..., k, k) ``R L``; its square is the matrix of the flow."""
+        check_weights(self, largest=LARGEST_WEIGHT)
+        lower = filled(self.entries(torch.cat([effort, q], dim=-1) / self.scale.abs()), self.ports, 0)
+        return self.factor.unsqueeze(-1) * lower
+
+    def forward(
+        self,
+        effort: Tensor,  # (..., k)
+        q: Tensor | None = None,  # (..., s)
+    ) -> Tensor:
+        """(..., k) flows ``φ(ε, q)``."""
+        root = self.root(effort, effort[..., :0] if q is None else q)
+        return (root @ (root.mT @ effort.unsqueeze(-1))).squeeze(-1)
+
+
+class LearnedCoupling(nn.Module):
+    """A power-conserving coupling between ``k`` efforts, which a network adds to its ``J(x)``.
+
+        φ(ε, q) = −S(q) ε,     S = F (A − Aᵀ) F,     A = A(q/s_q) strictly lower triangular,     F = diag √(f/s)
+
+    Args:
+        ports: number ``k ≥ 2`` of efforts.
+        reads: number of states ``q``; without any ``S`` is constant.
+        effort_scale, flow_scale, state_scale, width, seed: as of `LearnedDissipation`.
+
+    Raises:
+        InputRefused, SolverFailed: as of `LearnedDissipation`.
+    """
+
+    COUNTS = ("ports", "reads", "width")
+    scale: Tensor
+    factor: Tensor
+
+    def __init__(
+        self,
+        ports: int,
+        reads: int = 0,
+        effort_scale: Scale = 1.0,
+        flow_scale: Scale = 1.0,
+        state_scale: Scale = 1.0,
+        width: int = 16,
+        seed: int = 0,
+    ) -> None:
+        super().__init__()
+        _check(ports, width, least=2)
+        effort, flow = _scales("effort_scale", effort_scale, ports), _scales("flow_scale", flow_scale, ports)
+        self.ports, self.counts = ports, {"ports": ports, "reads": reads, "width": width}
+        self.register_buffer("scale", _scales("state_scale", state_scale, reads))
+        self.register_buffer("factor", (flow / effort).sqrt())
+        random = torch.Generator().manual_seed(seed)
+        self.entries = Perceptron((reads, width, ports * (ports - 1) // 2), random, last=_VARIED)
+        with torch.no_grad():
+            self.entries.biases[-1].normal_(generator=random)
+
+    def lower(
+        self,
+        q: Tensor,  # (..., s)
+    ) -> Tensor:
+        """(..., k, k) ``F A F``, whose difference to its transpose is ``S``."""
+        check_weights(self, largest=LARGEST_WEIGHT)
+        lower = filled(self.entries(q / self.scale.abs()), self.ports, -1)
+        return self.factor.unsqueeze(-1) * lower * self.factor
+
+    def forward(
+        self,
+        effort: Tensor,  # (..., k)
+        q: Tensor | None = None,  # (..., s)
+    ) -> Tensor:
+        """(..., k) flows ``−S(q) ε`` that leave the storages."""
+        half = self.lower(effort[..., :0] if q is None else q)
+        return ((half.mT - half) @ effort.unsqueeze(-1)).squeeze(-1)
+
+
+# All units of a learned energy together bend it by this share of its scale at the start.
+_BEND = 0.2
+
+
+class LearnedEnergy(nn.Module):
+    """A convex energy of ``k`` states together, zero and least at rest for all weights.
+
+        H(x) = E Σ_i w_i [S(z_i) − S(b_i) − σ(b_i) W_i x/s],     z = W x/s + b,     w_i = c S(r_i/c) > 0
+
+    with the hinge ``S(y) = (y + √(4 + y²))/2`` and its slope ``σ``. Each bracket is ``S`` less its tangent at rest,
+    hence not negative and convex. It has no quadratic part of its own: it stands beside the energies of its storages.
+
+    The sum of functions of one projection each has a symmetric discrete gradient in closed form,
+
+        ∇̄H(a, b) = (E/s) Wᵀ w ∘ [ΔS/Δz − σ(b)],       ∇̄H·(b − a) = H(b) − H(a) exactly,
+
+    which needs neither the quadrature of the mean-value gradient nor the division by |b − a|² of Gonzalez's.
+
+    Args:
+        states: number ``k`` of states.
+        state_scale: typical states ``s`` [SI], one for all or one each.
+        energy_scale: typical energy ``E`` [J].
+        width: number of units.
+        seed: of the initial weights.
+
+    Raises:
+        InputRefused, SolverFailed: as of `LearnedDissipation`.
+
+    References: Kolter & Manek 2019 (a convex network less its tangent at rest is a Lyapunov function); Barron 2021.
+    """
+
+    COUNTS = ("states", "width")
+    scale: Tensor
+    typical: Tensor
+
+    def __init__(
+        self, states: int, state_scale: Scale = 1.0, energy_scale: float = 1.0, width: int = 16, seed: int = 0
+    ) -> None:
+        super().__init__()
+        _check(states, width)
+        self.counts = {"states": states, "width": width}
+        self.register_buffer("scale", _scales("state_scale", state_scale, states))
+        self.register_buffer("typical", _scales("energy_scale", energy_scale, 1)[0])
+        random = torch.Generator().manual_seed(seed)
+        self.directions = nn.Parameter(torch.randn(width, states, generator=random, dtype=torch.float64))
+        self.positions = nn.Parameter(torch.randn(width, generator=random, dtype=torch.float64))
+        self.heights = nn.Parameter(torch.zeros(width, dtype=torch.float64))
+        # At r = 0 all units together bend the energy by some percent, and r moves w by half as much.
+        self.smoothing = _BEND / width
+
+    def _weights(self) -> Tensor:
+        """(U,) ``E w > 0``."""
+        check_weights(self, largest=LARGEST_WEIGHT)
+        return self.typical.abs() * self.smoothing * _hinge(self.heights / self.smoothing)
+
+    def energy(self, x: Tensor) -> Tensor:  # x: (..., k)
+        """(...) ``H(x)`` [J]."""
+        projected = x @ (self.directions / self.scale.abs()).mT
+        return convex_energy_unit(projected, self._weights(), 1.0, self.positions).sum(-1)
+
+    def mean_efforts(
+        self,
+        a: Tensor,  # (..., k) states at the start of a step
+        b: Tensor,  # (..., k) and at its end
+    ) -> Tensor:
+        """(..., k) ``∇̄H(a, b)``, and ``∇H(a)`` where ``b = a``."""
+        directions = self.directions / self.scale.abs()
+        ends = a @ directions.mT, (a if a is b else b) @ directions.mT
+        return convex_unit(*ends, self._weights(), 1.0, self.positions) @ directions
+
+    def forward(self, x: Tensor) -> Tensor:  # x: (..., k)
+        """(..., k) efforts ``∇H(x)``."""
+        return self.mean_efforts(x, x)
+
+
+class LearnedRatio(nn.Module):
+    """A factor of a ratio that follows a state; the coupling stays power-conserving whatever it is.
+
+        f(x) = 1 + Σ_i w_i [tanh(k_i x/s + c_i) − tanh(c_i)]
+
+    It begins as ``f = 1``. As the law of a `phnn.network.Modulation` it needs neither sign nor bound.
+
+    Args:
+        state_scale: typical state ``s`` [SI].
+        width: number of units.
+
+    Raises:
+        InputRefused, SolverFailed: as of `LearnedDissipation`.
+    """
+
+    COUNTS = ("width",)
+    scale: Tensor
+
+    def __init__(self, state_scale: float = 1.0, width: int = 8) -> None:
+        super().__init__()
+        _check(1, width)
+        self.counts = {"width": width}
+        self.register_buffer("scale", _scales("state_scale", state_scale, 1)[0])
+        self.heights = nn.Parameter(torch.zeros(width, dtype=torch.float64))
+        self.gains = nn.Parameter(torch.full((width,), 2.0, dtype=torch.float64))
+        self.positions = nn.Parameter(torch.linspace(-3.0, 3.0, width, dtype=torch.float64))
+
+    def forward(self, x: Tensor) -> Tensor:  # x: (...)
+        """(...) ``f(x)``."""
+        check_weights(self, largest=LARGEST_WEIGHT)
+        rise = torch.tanh(self.gains * x.unsqueeze(-1) / self.scale.abs() + self.positions) - torch.tanh(self.positions)
+        return 1.0 + (rise * self.heights).sum(-1)
+
+
+def filled(entries: Tensor, n: int, diagonal: int) -> Tensor:
+    """(..., n, n) matrices whose lower triangle, up to a diagonal, holds the entries (..., K)."""
+    rows, columns = torch.tril_indices(n, n, diagonal, device=entries.device)
+    matrix = entries.new_zeros(*entries.shape[:-1], n * n)
+    return matrix.index_copy(-1, rows * n + columns, entries).reshape(*entries.shape[:-1], n, n)
+
+
+def _hinge(z: Tensor) -> Tensor:
+    """``S(z)`` without cancellation for negative arguments."""
+    root = torch.sqrt(4.0 + z.square())
+    return torch.where(z > 0.0, 0.5 * (z + root), 2.0 / (root - z))
+
+
+def _scales(name: str, given: Scale, count: int) -> Tensor:
+    """(count,) positive scales from one for all or one each."""
+    scale = torch.as_tensor(given, dtype=torch.float64)
+    if scale.ndim > 1 or (scale.ndim and len(scale) != count) or not bool(((scale > 0.0) & scale.isfinite()).all()):
+        raise InputRefused(f"{name} = {given}: give a positive typical magnitude in SI units, or {count} of them")
+    return scale.expand(count).clone()
+
+
+def _check(count: int, width: int, least: int = 1) -> None:
+    if count < least or width < 1:
+        raise InputRefused(f"{count} variables, width = {width}: give {least} and one unit at least")
+
+
+for _law in (LearnedDissipation, LearnedCoupling, LearnedEnergy, LearnedRatio):
+    register_compiled(_law)
