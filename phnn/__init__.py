@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from phnn.errors import InputRefused, PhnnError, SolverFailed
     from phnn.identification.options import Options
     from phnn.integrate.differentiable import simulate
+    from phnn.learn.run import Trained, train
     from phnn.model import Model
     from phnn.network.elements import Network
     from phnn.network.system import PortHamiltonianSystem
@@ -40,6 +41,7 @@ _DEFINED_IN = {
     "diagnose": "phnn.verbs",
     "predict": "phnn.verbs",
     "simulate": "phnn.integrate.differentiable",
+    "train": "phnn.learn.run",
     "compare": "phnn.verbs",
     "export": "phnn.verbs",
     "load": "phnn.verbs",
@@ -56,6 +58,7 @@ _DEFINED_IN = {
     "PortHamiltonianSystem": "phnn.integrate.method",
     "Setup": "phnn.setup",
     "SolverFailed": "phnn.errors",
+    "Trained": "phnn.learn.run",
 }
 
 __all__ = [
@@ -68,6 +71,7 @@ __all__ = [
     "PortHamiltonianSystem",
     "Setup",
     "SolverFailed",
+    "Trained",
     "compare",
     "describe",
     "diagnose",
@@ -81,6 +85,7 @@ __all__ = [
     "predict",
     "read",
     "simulate",
+    "train",
 ]
 
 

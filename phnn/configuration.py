@@ -145,10 +145,18 @@ def checked(command: str, given: Mapping[str, Any]) -> dict[str, Any]:
 def compose_groups(command: str, overrides: Sequence[str] = ()) -> dict[str, Any]:
     """The settings of a command whose file chooses others by a defaults list; their values are for it to check.
 
+    The override ``configs=DIR`` adds a folder of the user's own, in whose ``model/`` and ``solver/`` files are sought.
+
     Raises:
         InputRefused: an override that hydra cannot apply: an unknown key, file or grammar, or a value that is missing.
     """
-    given = _values(None, command, overrides, "used", f"see phnn {command} --help")
+    own = [o.partition("=")[2] for o in overrides if o.startswith("configs=")]
+    for folder in own:
+        if not Path(folder).is_dir():
+            raise InputRefused(f"configs={folder}: there is no such folder: give one with model/NAME.yaml")
+    search = [f"hydra.searchpath=[{', '.join(f'file://{Path(folder).resolve()}' for folder in own)}]"] if own else []
+    others = [o for o in overrides if not o.startswith("configs=")]
+    given = _values(None, command, [*search, *others], "used", f"see phnn {command} --help")
     return {str(key): value for key, value in dict(given).items()}
 
 

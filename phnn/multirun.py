@@ -102,12 +102,12 @@ def run(config: DictConfig) -> None:
 
 def _train(settings: Mapping[str, Any], home: Path) -> None:
     """Train; what goes wrong is written into the run's folder."""
-    from phnn.learn import Settings, train
+    from phnn.learn import Settings, train_folder
 
     failure = Place(home.resolve()) / ERROR
     failure.remove()
     try:
-        content = train(Settings.from_config(settings))
+        content = train_folder(Settings.from_config(settings))
     except Exception as error:
         known = isinstance(error, PhnnError)
         failure.write((str(error) if known else f"{error!r}\n{traceback.format_exc()}").encode())

@@ -146,13 +146,25 @@ def transposed(by_next: Tensor, by_start: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def recursion(m: Tensor, r: Tensor) -> Tensor:
-    """(N, ..., n) solution of ``x_k = r_k + m_k x_{k−1}`` with ``x_{−1} = 0``, by doubling."""
-    reach = 1
-    while reach < r.shape[0]:
-        r = torch.cat([r[:reach], r[reach:] + (m[reach:] @ r[:-reach].unsqueeze(-1)).squeeze(-1)])
-        m = torch.cat([m[:reach], m[reach:] @ m[:-reach]])
-        reach *= 2
-    return r
+    """(N, ..., n) solution of ``x_k = r_k + m_k x_{k−1}`` with ``x_{−1} = 0``, by cyclic reduction.
+
+    Two steps make one of half as many, whose solution is every second ``x_k`` (Blelloch 1990, "Prefix sums and their
+    applications").
+    """
+    if r.shape[0] == 1:
+        return r
+    first, second = m[0::2], m[1::2]
+    pairs = second.shape[0]
+    later = recursion(second @ first[:pairs], r[1::2] + _times(second, r[0::2][:pairs]))
+    before = torch.cat([torch.zeros_like(r[:1]), later])[: first.shape[0]]
+    earlier = r[0::2] + _times(first, before)
+    both = torch.stack([earlier[:pairs], later], dim=1).flatten(0, 1)
+    return both if first.shape[0] == pairs else torch.cat([both, earlier[-1:]])
+
+
+def _times(matrix: Tensor, vector: Tensor) -> Tensor:
+    """(..., n) product."""
+    return (matrix @ vector.unsqueeze(-1)).squeeze(-1)
 
 
 class _Root(NamedTuple):

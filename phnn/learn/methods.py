@@ -17,7 +17,7 @@ from phnn.integrate import kernel, sweep
 from phnn.integrate.program import Program, compile_network
 from phnn.learn.objective import Objective
 from phnn.learn.plant import NetworkPlant
-from phnn.learn.settings import Settings
+from phnn.learn.settings import Settings, instantiate
 from phnn.learn.solvers import compiled
 from phnn.learn.windows import Window
 
@@ -232,6 +232,8 @@ def method_of(name: str, objective: Objective, settings: Settings, factor: float
         return GaussNewton(objective)
     if name == "lbfgs":
         return QuasiNewton(objective, settings.lbfgs_iterations)
+    if settings.optimiser is not None:
+        return OfOwn(objective, settings, factor)
     return Adam(objective, settings.rate * factor, settings.adam)
 
 
@@ -278,6 +280,42 @@ class Adam:
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Go on from a state."""
         self.optimiser.load_state_dict(dict(state))
+
+
+class OfOwn:
+    """An optimiser of the user's choice, with a scheduler if there is one; a step an epoch."""
+
+    def __init__(self, objective: Objective, settings: Settings, factor: float) -> None:
+        self.objective = objective
+        self.optimiser: torch.optim.Optimizer = _made(settings.optimiser, "params", objective.trained())
+        for group in self.optimiser.param_groups:
+            group["lr"] = factor * group["lr"]
+        given = settings.scheduler
+        self.scheduler: Any = None if given is None else _made(given, "optimizer", self.optimiser)
+
+    def __call__(self, epoch: int) -> float:
+        """One step."""
+        loss = with_gradients(self.objective)
+        self.optimiser.step()
+        if self.scheduler is not None:
+            self.scheduler.step()
+        return float(loss)
+
+    def state_dict(self) -> dict[str, Any]:
+        """The state of both."""
+        later = None if self.scheduler is None else self.scheduler.state_dict()
+        return {"optimiser": self.optimiser.state_dict(), "scheduler": later}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Go on from a state."""
+        self.optimiser.load_state_dict(dict(state["optimiser"]))
+        if self.scheduler is not None:
+            self.scheduler.load_state_dict(dict(state["scheduler"]))
+
+
+def _made(given: Any, name: str, argument: Any) -> Any:
+    """What a function makes of its argument, or a mapping with ``_target_`` of an argument of this name."""
+    return given(argument) if callable(given) else instantiate({**given, "_partial_": True})(**{name: argument})
 
 
 class QuasiNewton:

@@ -55,15 +55,15 @@ class NetworkPlant(Plant):
     """A network, trained in the coordinates of its parameters (`phnn.network.bounded`) and in learned laws' weights.
 
     Args:
-        network: with starting values.
+        given: a network with starting values, or the system that is trained.
         scale: (n,) typical size of every state.
     """
 
-    def __init__(self, network: Network, scale: Tensor) -> None:
+    def __init__(self, given: Network | PortHamiltonianSystem, scale: Tensor) -> None:
         super().__init__()
-        self.core = self.system = PortHamiltonianSystem(network)
+        self.core = self.system = PortHamiltonianSystem(given) if isinstance(given, Network) else given
         self.register_buffer("scale", scale)
-        self.names = tuple(n for n, p in network.parameters.items() if not p.fixed)
+        self.names = tuple(n for n, p in self.system.network.parameters.items() if not p.fixed)
 
     @property
     def network(self) -> Network:

@@ -1,21 +1,24 @@
-"""One training run: from settings to a folder with the trained model, its logs and its scores."""
+"""Training: of a system in Python, or from settings to a folder with the trained model, its logs and its scores."""
 
 from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
 from omegaconf import OmegaConf
-from torch import Tensor
+from torch import Tensor, nn
 
 from phnn.errors import InputRefused
 from phnn.identification.evaluate import Evaluation
 from phnn.identification.prepare import single
+from phnn.integrate.compilable import can_compile
+from phnn.integrate.method import PortHamiltonianSystem
 from phnn.learn import checkpoint, logs
 from phnn.learn.methods import with_gradients
 from phnn.learn.objective import Objective
@@ -23,16 +26,20 @@ from phnn.learn.plant import NetworkPlant, Plant
 from phnn.learn.score import evaluate, set_aside, substeps_needed, whole
 from phnn.learn.settings import Settings, check_same, settings_in
 from phnn.learn.solvers import solver_for
-from phnn.learn.starts import plant_for
+from phnn.learn.starts import plant_for, typical_states
 from phnn.learn.trainer import Progress, Trainer
 from phnn.learn.windows import thinned
-from phnn.models.store import FILE, save
+from phnn.models.store import FILE, is_storable, save
+from phnn.network.elements import Network
 from phnn.recordings import Campaign, read
 from phnn.recordings.excitation import excitation_of
 from phnn.recordings.partition import candidate_of, choose
 from phnn.recordings.stored import digest
 from phnn.results import Origin, Place, claim, finished, sha256_of
 from phnn.setup import Setup
+
+if TYPE_CHECKING:
+    from phnn.model import Model
 
 # States reach this many times beyond the typical ones.
 _BEYOND = 10.0
@@ -78,13 +85,158 @@ RESULTS = (CONFIG, checkpoint.FILE, logs.FILE, "tensorboard", "weights.pt", "mod
 _STATES = 10_000
 # Fewer recordings than this are all needed for training.
 _LEAST = 3
+# Epochs of each method where none are stated.
+_EPOCHS = {"gauss_newton": 60, "lbfgs": 50, "adam": 500}
 
 
-def train(settings: Settings, say: Callable[[str], None] = lambda line: None) -> dict[str, Any]:
-    """Train a model on a folder of recordings.
+@dataclass(frozen=True)
+class Trained:
+    """A trained model.
+
+        trained = phnn.train(system, "recordings/")
+        y = trained.model.simulate(t, voltage)
+
+    Attributes:
+        plant: the model with the coordinates in which it was trained.
+        scores: of all recordings, each run from its own start to its end.
+        history: a row an epoch: method, loss, validation, seconds.
+        loss: mean square of the residual over noise on the recordings trained on, jumps between windows added.
+        aside: names of the recordings that stopped the training.
+        facts: what ``metrics.json`` holds.
+    """
+
+    plant: Plant
+    scores: Evaluation
+    history: Sequence[Mapping[str, Any]]
+    loss: float
+    aside: tuple[str, ...]
+    facts: Mapping[str, Any]
+
+    @property
+    def system(self) -> nn.Module:
+        """The trained module."""
+        return self.plant.core
+
+    @property
+    def model(self) -> Model:
+        """The model with the trained network, for `Model.simulate`, ``phnn.predict`` and files."""
+        from phnn.model import Model
+
+        if not isinstance(self.plant, NetworkPlant):
+            raise InputRefused("only a network is a Model: use .system")
+        return Model(Setup(self.plant.system.as_network(), name="trained"), int(self.facts["substeps"]))
+
+    @property
+    def over_noise(self) -> float:
+        """Residual over noise of the recordings for confirmation, NaN where there are none."""
+        return self.scores.over_noise("confirmation")
+
+
+def train(
+    system: PortHamiltonianSystem | Network,
+    recordings: Campaign | str | Path,
+    method: str | None = None,
+    *,
+    epochs: int | None = None,
+    adjoint: str = "discrete",
+    out: str | Path | None = None,
+    say: Callable[[str], None] = lambda line: None,
+    **settings: Any,
+) -> Trained:
+    """Train a system on recordings, in place, and score it on all of them.
+
+        system = phnn.PortHamiltonianSystem(network)
+        trained = phnn.train(system, "recordings/", method="lbfgs", epochs=40)
+        trained.over_noise                                   # 1 at the noise floor, on recordings held out
+
+    The loss is the mean square of the residual over noise, of recordings of several frequencies together; what is
+    trained are all parameters that are not fixed and all weights of learned laws. Recordings set aside stop the
+    training, and the numerical error is kept below a tenth of the noise.
+
+    Args:
+        system: is trained in place; of a network a system is made first.
+        recordings: read, or their folder.
+        method: ``gauss_newton``, ``lbfgs`` or ``adam``; None: the first where all laws have a kernel and recordings are
+            not cut into windows, else the second.
+        epochs: at most; 60, 50 and 500 where left out.
+        adjoint: ``discrete``: gradients of the power-preserving steps; ``torchdiffeq``: the same through its
+            `odeint_adjoint`.
+        out: folder for a checkpoint after every epoch, a log and TensorBoard; the same call goes on from there.
+        say: told a line an epoch.
+        settings: others of `phnn.learn.Settings`: ``seed``, ``window``, ``substeps``, ``stride``, ``validation``,
+            ``patience``, ``rate``, ``optimiser``, ``scheduler`` …
+
+    Raises:
+        InputRefused: recordings or settings that cannot be used.
+        SolverFailed: the model could not be simulated however small the steps of training.
+    """
+    campaign = recordings if isinstance(recordings, Campaign) else read(recordings)
+    single(campaign.recordings, "training follows one input to one output")
+    module = PortHamiltonianSystem(system) if isinstance(system, Network) else system
+    compiles = can_compile(module.network) and adjoint == "discrete" and not settings.get("window")
+    chosen = method or ("gauss_newton" if compiles else "lbfgs")
+    if chosen not in _EPOCHS or adjoint not in _ADJOINTS:
+        raise InputRefused(
+            f"method = {method!r}, adjoint = {adjoint!r}: choose {', '.join(_EPOCHS)} and {', '.join(_ADJOINTS)}"
+        )
+    given = {"tensorboard": out is not None, "resume": out is not None, **dict.fromkeys(_EPOCHS, 0)}
+    given[chosen] = _EPOCHS[chosen] if epochs is None else epochs
+    place = None if out is None else str(out)
+    full = Settings.from_config(
+        {"folder": str(campaign.folder), "out": place or "-", "model": {"kind": "own"}, "solver": _ADJOINTS[adjoint]}
+        | given
+        | settings
+    )
+    used = [r for r in campaign.recordings if r.mask("identification").any()]
+    plant = NetworkPlant(module, typical_states(module, used))
+    if place is None:
+        return fitted(plant, campaign, full, None, "", say)
+    with claim(full.home, "train", [], RESULTS, Origin({"recordings": digest(campaign)}, full.resume)) as home:
+        return fitted(plant, campaign, full, home, digest(campaign), say)
+
+
+_ADJOINTS = {"discrete": {"name": "discrete_gradient"}, "torchdiffeq": {"name": "torchdiffeq", "adjoint": True}}
+
+
+def fitted(
+    plant: Plant,
+    campaign: Campaign,
+    settings: Settings,
+    place: Place | None,
+    recordings: str,
+    say: Callable[[str], None],
+) -> Trained:
+    """Train a plant and score it.
+
+    Args:
+        place: gets checkpoint and logs; None for no files.
+        recordings: hash of what is trained on, by which a checkpoint is known.
+    """
+    training, validation = set_aside(campaign.recordings, validation_names(campaign, settings.validation))
+    if not training:
+        raise InputRefused("validation: every recording is set aside, none is left to train on: name fewer")
+    solver = solver_for(settings.solver, plant)
+    used = [thinned(r, settings.stride) for r in training]
+    substeps = settings.substeps or substeps_needed(plant, solver, used)
+    objective = Objective(plant, solver, used, settings.window, substeps, settings.continuity)
+    held = [thinned(r, settings.stride) for r in validation]
+
+    def validate() -> float:
+        return float(whole(plant, solver, held, substeps)())
+
+    progress = Trainer(objective, validate if held else None, settings, place, say, recordings).run()
+    scores = evaluate(plant, solver, campaign.recordings, substeps, _initial(objective))
+    aside = tuple(r.name for r in validation)
+    facts = _metrics(settings, plant, objective, progress, scores, aside) | {"substeps": substeps}
+    return Trained(plant, scores, progress.rows, facts["loss"], aside, facts)
+
+
+def train_folder(settings: Settings, say: Callable[[str], None] = lambda line: None) -> dict[str, Any]:
+    """Train the model of some settings on a folder of recordings, once for each seed.
 
     Writes into ``settings.out``: ``config.yaml``, ``checkpoint.pt``, ``log.csv``, ``tensorboard/``, ``weights.pt``,
-    ``metrics.json`` and, for networks, ``model/`` for `phnn predict`. A run that has ended stays as it is.
+    ``metrics.json`` and, for networks that can be stored, ``model/`` for `phnn predict`. A run that has ended stays as
+    it is. Several seeds have a folder each, and ``metrics.json`` their mean and spread.
 
     Returns:
         What ``metrics.json`` holds.
@@ -93,6 +245,8 @@ def train(settings: Settings, say: Callable[[str], None] = lambda line: None) ->
         InputRefused: recordings or settings that cannot be used.
         SolverFailed: the model could not be simulated however small the steps of training.
     """
+    if settings.seeds:
+        return _several(settings, say)
     torch.manual_seed(settings.seed)
     campaign = read(settings.folder, settings.manifest, allow_outside=settings.allow_outside)
     single(campaign.recordings, "training follows one input to one output")
@@ -107,35 +261,50 @@ def train(settings: Settings, say: Callable[[str], None] = lambda line: None) ->
         if not settings.resume:
             (place / checkpoint.FILE).remove()
             (place / METRICS).remove()
-        return _train(settings, campaign, place, repr(made_of), say)
+        (place / CONFIG).write(OmegaConf.to_yaml(OmegaConf.create(settings.plain())).encode())
+        plant = plant_for(settings.model, campaign, settings.seed, settings.base)
+        trained = fitted(plant, campaign, settings, place, repr(made_of), say)
+        (place / "weights.pt").write(checkpoint.as_bytes(plant.state_dict()))
+        if isinstance(plant, NetworkPlant) and is_storable(plant.network):
+            save(Setup(plant.network, name=settings.named), place / "model", trained.facts["substeps"])
+        (place / METRICS).write_json(trained.facts)
+        return dict(trained.facts)
 
 
-def _train(
-    settings: Settings, campaign: Campaign, place: Place, recordings: str, say: Callable[[str], None]
-) -> dict[str, Any]:
-    """Train in a folder that is claimed."""
-    (place / CONFIG).write(OmegaConf.to_yaml(OmegaConf.create(settings.plain())).encode())
-    training, validation = set_aside(campaign.recordings, validation_names(campaign, settings.validation))
-    if not training:
-        raise InputRefused("validation: every recording is set aside, none is left to train on: name fewer")
-    plant = plant_for(settings.model, campaign, settings.seed, settings.base)
-    solver = solver_for(settings.solver, plant)
-    used = [thinned(r, settings.stride) for r in training]
-    substeps = settings.substeps or substeps_needed(plant, solver, used)
-    objective = Objective(plant, solver, used, settings.window, substeps, settings.continuity)
-    held = [thinned(r, settings.stride) for r in validation]
-
-    def validate() -> float:
-        return float(whole(plant, solver, held, substeps)())
-
-    progress = Trainer(objective, validate if held else None, settings, place, say, recordings).run()
-    scores = evaluate(plant, solver, campaign.recordings, substeps, _initial(objective))
-    content = _metrics(settings, plant, objective, progress, scores, [r.name for r in validation])
-    (place / "weights.pt").write(checkpoint.as_bytes(plant.state_dict()))
-    if isinstance(plant, NetworkPlant):
-        save(Setup(plant.network, name=str(settings.model["kind"])), place / "model", substeps)
-    (place / METRICS).write_json(content)
+def _several(settings: Settings, say: Callable[[str], None]) -> dict[str, Any]:
+    """Train once for each seed; mean and standard deviation of what the runs have reached."""
+    runs = []
+    for seed in settings.seeds or ():
+        own = replace(settings, seed=seed, seeds=None, out=str(settings.home / f"seed_{seed}"))
+        runs.append(train_folder(own, lambda line, seed=seed: say(f"seed {seed}: {line}")))  # type: ignore[misc]
+    keys = ("fit_percent", "rmse", "residual_over_noise")
+    table = {
+        name: {
+            **{key: _mean([r["recordings"][name][key] for r in runs]) for key in keys},
+            **{f"{key}_spread": _spread([r["recordings"][name][key] for r in runs]) for key in keys},
+            **{key: row[key] for key in ("held_out", "validation")},
+        }
+        for name, row in runs[0]["recordings"].items()
+    }
+    over = [r["held_out_over_noise"] for r in runs]
+    content = {
+        "schema": "phnn.training/1", "model": runs[0]["model"], "seeds": [r["seed"] for r in runs], "recordings": table,
+        "held_out_over_noise": _mean(over), "held_out_over_noise_spread": _spread(over),
+        "seconds": sum(r["seconds"] for r in runs),
+    }  # fmt: skip
+    (Place(settings.home) / METRICS).write_json(content)
     return content
+
+
+def _mean(values: Sequence[float | None]) -> float | None:
+    known = [v for v in values if v is not None]
+    return float(np.mean(known)) if len(known) == len(values) else None
+
+
+def _spread(values: Sequence[float | None]) -> float | None:
+    """The standard deviation over the seeds."""
+    known = [v for v in values if v is not None]
+    return float(np.std(known, ddof=1)) if len(known) == len(values) > 1 else None
 
 
 def _hash(base: str | None) -> str | None:
@@ -190,7 +359,12 @@ def _initial(objective: Objective) -> dict[str, torch.Tensor]:
 
 
 def _metrics(
-    settings: Settings, plant: Plant, objective: Objective, progress: Progress, scores: Evaluation, aside: list[str]
+    settings: Settings,
+    plant: Plant,
+    objective: Objective,
+    progress: Progress,
+    scores: Evaluation,
+    aside: Sequence[str],
 ) -> dict[str, Any]:
     began = time.perf_counter()
     loss = with_gradients(objective)

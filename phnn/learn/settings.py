@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import inspect
+import os
+import sys
 from collections.abc import Mapping
 from dataclasses import MISSING, asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from phnn.configuration import check, positive, whole
+from phnn.configuration import check, number, positive, whole
 from phnn.errors import InputRefused
 from phnn.intake.files import named_file
 from phnn.intake.yaml_file import load_yaml
 from phnn.results import same
 
+# The key of what is made by a class or function of the user's own, as hydra has it.
+TARGET = "_target_"
+_MADE = ("optimiser", "scheduler")
 # Keys that say where a run lies or how long it may go on, not what it computes: they may differ when it resumes.
 FREE_TO_CHANGE = ("out", "folder", "manifest", "allow_outside", "resume", "checkpoint_every", "tensorboard", "base")
 
@@ -27,7 +33,7 @@ class Settings:
         model: ``kind`` and the arguments of that kind, see `phnn.learn.starts`.
         solver: ``name`` (``discrete_gradient`` or ``torchdiffeq``) and its options, see `phnn.learn.solvers`.
         base: folder of a model that `phnn identify` wrote, to start from; it is identified where it is left out.
-        seed: of initial weights.
+        seed: of initial weights; seeds: train once with each of several.
         stride: every how many samples are used for training.
         substeps: steps a (used) sample interval; 0: as many as keep the numerical error well below the noise.
         window: samples of a window; 0 for whole recordings.
@@ -36,6 +42,8 @@ class Settings:
             empty list trains on all of these.
         adam, lbfgs, gauss_newton: most epochs of each method, in this order; a method of 0 epochs is left out.
         rate: of Adam, falls to a hundredth along a cosine.
+        optimiser: what the epochs of ``adam`` take instead: a function of the parameters to a torch optimiser, or a
+            mapping with ``_target_``; scheduler: a function of this optimiser, or such a mapping.
         lbfgs_iterations: within one epoch.
         patience: epochs without a better validation after which a method ends.
         validate_every, checkpoint_every: epochs.
@@ -51,6 +59,7 @@ class Settings:
     solver: Mapping[str, Any] = field(default_factory=lambda: {"name": "discrete_gradient"})
     base: str | None = None
     seed: int = whole(0)
+    seeds: tuple[int, ...] | None = None
     stride: int = whole(1, least=1)
     substeps: int = whole(0)
     window: int = whole(0)
@@ -60,6 +69,8 @@ class Settings:
     lbfgs: int = whole(0)
     gauss_newton: int = whole(60)
     rate: float = positive(0.01)
+    optimiser: Any = None
+    scheduler: Any = None
     lbfgs_iterations: int = whole(10, least=1)
     patience: int = whole(15, least=1)
     validate_every: int = whole(1, least=1)
@@ -73,9 +84,11 @@ class Settings:
             raise InputRefused(f"setting allow_outside={self.allow_outside} must be true or false")
         if self.window == 1:
             raise InputRefused("setting window=1: a window has two samples at least; 0 takes whole recordings")
-        for name, key in (("model", "kind"), ("solver", "name")):
-            if not isinstance(getattr(self, name), Mapping) or key not in getattr(self, name):
-                raise InputRefused(f"setting {name} must hold {key}: choose one of the files in configs/{name}")
+        for name, keys in (("model", ("kind", TARGET)), ("solver", ("name",))):
+            if not isinstance(getattr(self, name), Mapping) or not any(k in getattr(self, name) for k in keys):
+                raise InputRefused(f"setting {name} must hold {keys[0]}: choose one of the files in configs/{name}")
+        for seed in self.seeds or ():
+            number("seeds", seed, 0)
 
     @classmethod
     def from_config(cls, config: Mapping[str, Any]) -> Settings:
@@ -92,15 +105,22 @@ class Settings:
             if f.default is MISSING and f.default_factory is MISSING and config.get(name) is None:
                 raise InputRefused(f"setting {name} is missing: write {name}=...")
         given = dict(config)
-        if given.get("validation") is not None:
-            given["validation"] = tuple(given["validation"])
+        for name in ("validation", "seeds"):
+            if given.get(name) is not None:
+                given[name] = tuple(given[name])
         return cls(**given)
 
     def plain(self) -> dict[str, Any]:
         """As nested dictionaries and lists."""
         content = asdict(self)
-        aside = None if self.validation is None else list(self.validation)
-        return content | {"validation": aside, "model": dict(self.model), "solver": dict(self.solver)}
+        lists = {n: None if (v := getattr(self, n)) is None else list(v) for n in ("validation", "seeds")}
+        made = {n: dict(v) if isinstance(v, Mapping) else v and repr(v) for n in _MADE for v in (getattr(self, n),)}
+        return content | lists | made | {"model": dict(self.model), "solver": dict(self.solver)}
+
+    @property
+    def named(self) -> str:
+        """What is trained, for people."""
+        return str(self.model.get("kind") or self.model.get(TARGET, "")).rpartition(".")[2]
 
     @property
     def home(self) -> Path:
@@ -123,3 +143,37 @@ def settings_in(path: Path) -> dict[str, Any]:
 def check_same(before: Mapping[str, Any], now: Mapping[str, Any], where: Path) -> None:
     """Refuse to resume a run with settings that would have made it another one."""
     same(where, before, now, "take the former, another out, or resume=false to begin anew", FREE_TO_CHANGE)
+
+
+def accepted(target: str) -> set[str]:
+    """Names of the arguments that a class or function takes.
+
+    Raises:
+        InputRefused: there is no such class or function.
+    """
+    from hydra.utils import get_object
+
+    if os.getcwd() not in sys.path:
+        sys.path.insert(0, os.getcwd())
+    try:
+        return set(inspect.signature(get_object(target)).parameters)
+    except (ImportError, AttributeError, TypeError, ValueError) as error:
+        raise InputRefused(f"{target}: there is no such class or function ({error}): give module.Class") from error
+
+
+def instantiate(given: Any) -> Any:
+    """What a mapping with ``_target_`` makes: an instance, or what its function returns; modules of the present folder
+    are found.
+
+    Raises:
+        InputRefused: there is no such class, or it does not take these arguments.
+    """
+    from hydra.errors import HydraException
+    from hydra.utils import instantiate as made
+
+    accepted(given[TARGET])
+    try:
+        return made(dict(given))
+    except HydraException as error:
+        cause = str(error.__cause__ or error).strip().splitlines()[0]
+        raise InputRefused(f"{given[TARGET]}: {cause}: give the arguments that it takes") from error

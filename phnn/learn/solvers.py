@@ -68,10 +68,11 @@ def compiled(plant: Plant, windows: Sequence[Window], x0: Tensor) -> list[Tensor
 def batched(plant: Plant, windows: Sequence[Window], x0: Tensor) -> list[Tensor]:
     """Integrate all windows of a network at once in torch."""
     assert isinstance(plant, NetworkPlant)
-    u = pad_sequence([w.mean for w in windows])
-    h = pad_sequence([w.h for w in windows])
-    # Short windows are padded with steps of zero length, which change nothing and cost no time.
-    inputs, steps = plant.inputs(u), h.unsqueeze(-1)
+    # Shorter windows go on under their last input, and what they do there counts for nothing.
+    count = torch.arange(max(len(w.h) for w in windows))
+    rows = [count.clamp_max(len(w.h) - 1) for w in windows]
+    inputs = plant.inputs(torch.stack([w.mean[k] for w, k in zip(windows, rows, strict=True)], dim=1))
+    steps = torch.stack([w.h[k] for w, k in zip(windows, rows, strict=True)], dim=1).unsqueeze(-1)
     states = with_derivatives(plant.system, march(plant.system, x0, inputs, steps), x0, inputs, steps)
     return [states[w.nodes, b] for b, w in enumerate(windows)]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
@@ -9,9 +10,9 @@ from typing import Any
 
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
-from phnn.errors import InputRefused
+from phnn.errors import InputRefused, SolverFailed
 from phnn.identification.base import identify_base
 from phnn.identification.options import Options
 from phnn.identification.plan import Plan
@@ -20,6 +21,9 @@ from phnn.identification.staged import held_by_statement
 from phnn.identification.starting_points import drive_amplitude, mechanical_points, middle_frequency
 from phnn.intake.limits import LIMITS
 from phnn.learn.plant import LatentPlant, NetworkPlant, Plant
+from phnn.learn.settings import TARGET, accepted, instantiate
+from phnn.learn.solvers import OWN, solver_for
+from phnn.learn.windows import windows_of
 from phnn.models.actuator import hrc
 from phnn.models.neural import STARTS, LearnedLaws, Motion, effort_and_flow, neural_hrc, staggered
 from phnn.models.neural_ode import NeuralODE
@@ -29,8 +33,6 @@ from phnn.network.system import PortHamiltonianSystem
 from phnn.nn.learned_system import LearnedSystem, Scales
 from phnn.recordings.recording import Campaign, Recording, dominant_frequency
 from phnn.recordings.values import shown
-from phnn.setup import Setup
-from phnn.trajectory import simulate
 
 NETWORKS = ("hrc", "neural_hrc")
 STAGGERED = "staggered"
@@ -66,14 +68,19 @@ def plant_for(model: Mapping[str, Any], campaign: Campaign, seed: int, base: str
             the dead zones that the drive alone gives, with which learned resistors begin under ``none``.
             ``fully_neural`` is a `LearnedSystem` and ``neural_ode`` a `NeuralODE` of ``states`` and ``width``; their
             ``start`` is ``linear``, relaxations with the gain and the band of the recordings, or ``random``.
+            Instead of ``kind``, ``_target_`` names a class or function of the user's own, which the other arguments are
+            passed to: it makes a network, a system, or a law of one effort for all ``hysterons``.
         base: folder of an identified base model, to save its identification.
 
     Raises:
         InputRefused: an unknown kind or argument.
     """
     arguments = dict(model)
-    kind = arguments.pop("kind")
     recordings = [r for r in campaign.recordings if r.mask("identification").any()]
+    if arguments.get(TARGET):
+        return _own(arguments, campaign, recordings, seed, base)
+    arguments.pop(TARGET, None)
+    kind = arguments.pop("kind")
     if kind in LATENT:
         _check(kind, arguments, ("states", "width", "start"))
         return _latent(kind, arguments, campaign, recordings, seed)
@@ -99,6 +106,30 @@ def plant_for(model: Mapping[str, Any], campaign: Campaign, seed: int, base: str
         laws = LearnedLaws(**{n: v for n, v in arguments.items() if n in form})
         network = neural_hrc(hysterons, laws, start, values, motion, hold, seed)
     return NetworkPlant(network, typical_states(network, recordings))
+
+
+def _own(
+    arguments: Mapping[str, Any], campaign: Campaign, recordings: Sequence[Recording], seed: int, base: str | None
+) -> Plant:
+    """The network or system of a user's class or function; a law of one effort stands on every hysteron instead."""
+    known = {n: arguments[n] for n in ("hysterons", "start") if n in arguments}
+    taken = accepted(arguments[TARGET])
+    # What the configuration of learned hysterons holds beside them is for those classes that know it.
+    for_laws = [f.name for f in fields(LearnedLaws) if f.name not in taken]
+    thing = instantiate({n: v for n, v in arguments.items() if n not in ("kind", *for_laws, *(known.keys() - taken))})
+    if isinstance(thing, nn.Module) and not isinstance(thing, PortHamiltonianSystem):
+        hysterons = int(known.get("hysterons", 2))
+        values = _values(campaign, hysterons, str(known.get("start", "parametric")), base, seed)
+        network = _held(hrc(hysterons, values), tuple(held_by_statement(campaign.known)))
+        for i in range(1, hysterons + 1):
+            network = network.replace(f"hysteron_{i}", copy.deepcopy(thing))
+        thing = network
+    if not isinstance(thing, Network | PortHamiltonianSystem):
+        raise InputRefused(
+            f"{arguments[TARGET]} makes a {type(thing).__name__}: it must make a Network, a PortHamiltonianSystem, or "
+            "a torch module that is a law of one effort"
+        )
+    return NetworkPlant(thing, typical_states(thing, recordings))
 
 
 def _latent(
@@ -219,8 +250,16 @@ def motion_of(recordings: Sequence[Recording]) -> Motion:
     return Motion(max(h for h, _ in halves), max(2.0 * np.pi * f * h for h, f in halves))
 
 
-def typical_states(network: Network, recordings: Sequence[Recording]) -> Tensor:
-    """(n,) largest state of the untrained network on the recordings."""
-    found = [np.abs(simulate(Setup(network), r).states).max(axis=0) for r in recordings]
-    largest = np.max(found, axis=0)
-    return torch.from_numpy(np.where(largest > 0.0, largest, 1.0))
+def typical_states(given: Network | PortHamiltonianSystem, recordings: Sequence[Recording]) -> Tensor:
+    """(n,) largest state of the untrained network on the recordings, one where it stays at zero or cannot run."""
+    plant = NetworkPlant(given, torch.ones(len(given.state_names), dtype=torch.float64))
+    windows = windows_of(recordings, 0, 1)
+    try:
+        with torch.no_grad():
+            paths = solver_for({"name": OWN}, plant)(
+                plant, windows, torch.zeros(len(windows), plant.scale.numel()).double()
+            )
+    except SolverFailed:
+        return plant.scale
+    largest = torch.stack([x.abs().amax(0) for x in paths]).amax(0)
+    return torch.where(largest > 0.0, largest, 1.0)

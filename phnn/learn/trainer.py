@@ -57,7 +57,7 @@ class Trainer:
         objective: its parameters are moved.
         validate: the loss on recordings set aside, called without gradients; None stops on the training loss.
         settings: of the run.
-        place: gets checkpoint and logs.
+        place: gets checkpoint and logs; None for no files.
         say: told one line an epoch.
         recordings: hash of what is trained on; a checkpoint of another is refused.
     """
@@ -67,7 +67,7 @@ class Trainer:
         objective: Objective,
         validate: Callable[[], float] | None,
         settings: Settings,
-        place: Place,
+        place: Place | None,
         say: Callable[[str], None] = lambda line: None,
         recordings: str = "",
     ) -> None:
@@ -83,13 +83,13 @@ class Trainer:
             InputRefused: the checkpoint belongs to other settings.
             SolverFailed: the model cannot be simulated any more, or not from the beginning.
         """
-        if self.settings.resume:
-            self._resume()
+        if self.settings.resume and self.place is not None:
+            self._resume(self.place)
         p = self.progress
         if not p.rows:
             # A training that only harms ends where it began.
             p.best = self._value()
-        log = Log(self.place, p.rows, self.settings.tensorboard)
+        log = None if self.place is None else Log(self.place, p.rows, self.settings.tensorboard)
         try:
             while p.phase < len(METHODS):
                 self._phase(log)
@@ -98,10 +98,11 @@ class Trainer:
                 self.method = None
                 self._save()
         finally:
-            log.close()
+            if log is not None:
+                log.close()
         return p
 
-    def _phase(self, log: Log) -> None:
+    def _phase(self, log: Log | None) -> None:
         name = METHODS[self.progress.phase]
         epochs = int(getattr(self.settings, name))
         if epochs and self.method is None:
@@ -118,7 +119,8 @@ class Trainer:
             }  # fmt: skip
             p.rows.append(row)
             p.epoch += 1
-            log.add(row)
+            if log is not None:
+                log.add(row)
             self.say(f"{name} {p.epoch}/{epochs}: loss {loss:.5g}, validation {_shown(value)}, best {p.best:.5g}")
             if p.epoch % self.settings.checkpoint_every == 0:
                 self._save()
@@ -175,6 +177,8 @@ class Trainer:
             parameter.copy_(value)
 
     def _save(self) -> None:
+        if self.place is None:
+            return
         content: dict[str, Any] = {
             "settings": self.made_of,
             "progress": vars(self.progress),
@@ -183,8 +187,8 @@ class Trainer:
         }
         checkpoint.save(self.place / checkpoint.FILE, content)
 
-    def _resume(self) -> None:
-        path = (self.place / checkpoint.FILE).path
+    def _resume(self, place: Place) -> None:
+        path = (place / checkpoint.FILE).path
         state = checkpoint.load(path, ("settings", "progress", "present", "method"))
         if state is None:
             return

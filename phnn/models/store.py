@@ -306,6 +306,12 @@ _TOGETHER: dict[str, type[Any]] = {
 }
 
 
+def is_storable(network: Network) -> bool:
+    """Whether all laws of a network have a form on disk."""
+    laws = [one.element.law for one in network.with_laws() if not isinstance(one.element.law, str)]
+    return all(form_of(law) in _KINDS or (is_passive_by_form(law) and type(law).__name__ in _TOGETHER) for law in laws)
+
+
 def as_json(law: Any) -> Any:
     """The name of a law, or the content of a learned one.
 

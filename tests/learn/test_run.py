@@ -19,7 +19,7 @@ import torch
 from phnn import cli
 from phnn.configuration import compose_groups
 from phnn.errors import InputRefused
-from phnn.learn import Settings, train
+from phnn.learn import Settings, train_folder
 from phnn.learn.characteristic import inverse, thresholds
 from phnn.learn.run import validation_names
 from phnn.learn.settings import settings_in
@@ -52,7 +52,7 @@ def settings_of(folder: Path, out: Path, *overrides: str) -> Settings:
 def test_a_network_is_trained_scored_and_stored(tmp_path: Path) -> None:
     folder, out = written(tmp_path / "recordings"), tmp_path / "out"
     settings = settings_of(folder, out, *QUICK, "gauss_newton=3", "substeps=2")
-    content = train(settings)
+    content = train_folder(settings)
     assert json.loads((out / "metrics.json").read_text()) == content
     assert {p.name for p in out.iterdir()} == {
         ".phnn", "checkpoint.pt", "config.yaml", "index.html", "log.csv", "metrics.json", "model", "weights.pt",
@@ -73,12 +73,12 @@ def test_a_network_is_trained_scored_and_stored(tmp_path: Path) -> None:
     assert rows[held.name]["rmse"] == pytest.approx(np.sqrt(np.mean(error[scored] ** 2)), rel=1e-6)
     # The run is over: it stays as it is, file by file, whatever is tried.
     before = {p: p.read_bytes() for p in out.rglob("*") if p.is_file()}
-    assert train(settings) == content
+    assert train_folder(settings) == content
     with pytest.raises(InputRefused, match=r"config\.yaml: was made with other settings \(seed: 0 before, 1 now\)"):
-        train(settings_of(folder, out, *QUICK, "gauss_newton=3", "substeps=2", "seed=1"))
+        train_folder(settings_of(folder, out, *QUICK, "gauss_newton=3", "substeps=2", "seed=1"))
     other = settings_of(written(tmp_path / "other", (30.0, 50.0)), out, *QUICK, "gauss_newton=3", "substeps=2")
     with pytest.raises(InputRefused, match=r"was made with other recordings: take another --out, or resume=false"):
-        train(other)
+        train_folder(other)
     assert {p: p.read_bytes() for p in out.rglob("*") if p.is_file()} == before
 
 
