@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from phnn.derivatives import output_derivatives
 from phnn.effects import Effect, Scales
-from phnn.effects.soundness import home_of
-from phnn.effects.soundness.homes import tanks
+from phnn.effects.soundness import home_of, tanks
 from phnn.errors import PhnnError
 from phnn.identification.nuisances import own_columns
 from phnn.models import from_paper

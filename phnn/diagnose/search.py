@@ -38,7 +38,7 @@ from phnn.diagnose.number import (
 from phnn.diagnose.refit import converged, further, large_starts, rebuilt, short
 from phnn.diagnose.screen import Candidate, Screen
 from phnn.effects import Effect, Scales
-from phnn.effects.extra_hysteron import weakened
+from phnn.effects.hysteresis import weakened
 from phnn.identification.base import Progress, quiet
 from phnn.identification.evaluate import evaluate
 from phnn.identification.fit import Fit

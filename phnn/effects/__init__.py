@@ -1,4 +1,4 @@
-"""The catalogue of physics that a model may leave out: every module of this folder that defines ``EFFECT`` is a member.
+"""The catalogue of physics that a model may leave out, one chapter of this folder for each part of an actuator.
 
 It exports everything that an effect needs; docs/write-your-own-effect.md builds one.
 """
@@ -41,7 +41,7 @@ from phnn.effects.declaration import (
 )
 from phnn.effects.effect import Effect, Scales, SpecialCase
 from phnn.effects.kinds import Kind
-from phnn.effects.registry import catalogue, effect, gathered, in_all_forms, register, registered, unregister
+from phnn.effects.registry import catalogue, effect, in_all_forms, register, registered, unregister
 
 __all__ = [
     "Chain",
@@ -62,7 +62,6 @@ __all__ = [
     "catalogue",
     "constant",
     "effect",
-    "gathered",
     "has_dead_zones",
     "has_inertia",
     "has_motion",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import pkgutil
 import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -16,7 +15,10 @@ from phnn.errors import InputRefused, meant
 if TYPE_CHECKING:
     from phnn.effects.soundness import Home
 
-_PACKAGE = "phnn.effects"
+_CHAPTERS = tuple(
+    f"phnn.effects.{chapter}"
+    for chapter in ("amplifier", "electrical", "environment", "hysteresis", "mechanical", "sensor", "tanks")
+)
 _NAME = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
 # Names by which laws refer to existing parts: the moving part, its transducer and the hysterons.
 _ROLES = re.compile(r"[kmb]|alpha|(C|rho|d)_\d+")
@@ -30,17 +32,14 @@ def catalogue() -> dict[str, Effect]:
 
 @cache
 def _own() -> dict[str, Effect]:
-    return gathered(_PACKAGE, importlib.import_module(_PACKAGE).__path__)
+    return gathered(*_CHAPTERS)
 
 
-def gathered(package: str, folders: Iterable[str]) -> dict[str, Effect]:
-    """The effects by name that the modules of a package define as ``EFFECT``."""
-    found = {}
-    for module in pkgutil.iter_modules(folders):
-        member = getattr(importlib.import_module(f"{package}.{module.name}"), "EFFECT", None)
-        if member is not None:
-            found[member.name] = member
-    return found
+def gathered(*modules: str) -> dict[str, Effect]:
+    """The effects that modules define under public names, by their own names in alphabetical order."""
+    defined = [item for module in modules for item in vars(importlib.import_module(module)).items()]
+    members = [member for name, member in defined if isinstance(member, Effect) and not name.startswith("_")]
+    return {member.name: member for member in sorted(members, key=lambda member: member.name)}
 
 
 def effect(name: str) -> Effect:

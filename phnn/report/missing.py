@@ -12,7 +12,7 @@ from phnn.diagnose.screen import chance
 from phnn.diagnose.verdict import LEARNED, Claim
 from phnn.diagnose.words import fitted_in_words, is_effort, vocabulary_of
 from phnn.effects import Effect
-from phnn.effects.creep import growth_per_decade
+from phnn.effects.mechanical import growth_per_decade
 from phnn.effects.places import place_of, values_by_role
 from phnn.identification.fit import Fit
 from phnn.report.domain_words import forces_known

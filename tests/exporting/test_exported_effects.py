@@ -12,7 +12,7 @@ from exported import apart, exported, in_c, in_python, needs_compiler, reference
 from solve_paths import case_of, networks
 
 from phnn.effects import Effect, in_all_forms
-from phnn.effects.soundness.homes import Home
+from phnn.effects.soundness import Home
 from phnn.errors import InputRefused
 from phnn.exporting.build import build
 from phnn.exporting.program import Program

@@ -12,7 +12,7 @@ from junctions import march
 from random_actuators import edge, window
 from torch import Tensor, nn
 
-from phnn.effects.hysteresis_asymmetry import EFFECT as ASYMMETRY
+from phnn.effects.hysteresis import HYSTERESIS_ASYMMETRY as ASYMMETRY
 from phnn.models.actuator import TABLE_1, from_paper, hrc
 from phnn.network import Network, PortHamiltonianSystem
 from phnn.network.lyapunov import forced_equilibrium, shifted_energy, shifted_losses, shifted_rate
