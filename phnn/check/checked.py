@@ -27,9 +27,9 @@ from phnn.check.quality import (
 from phnn.recordings.describe import describe
 from phnn.recordings.excitation import Excitation, excitation_of
 from phnn.recordings.recording import ACTUATOR, Campaign, Recording
-from phnn.signals.breaks import find_jumps
 from phnn.signals.noise import LONG_REST, longest_hold
 from phnn.signals.noise_statement import NoiseStatement
+from phnn.signals.reconstruct import find_jumps
 from phnn.units import duration
 
 # Amplitudes and frequencies that count as different; a hold that counts as long, in shortest periods.

@@ -6,9 +6,8 @@ from pathlib import Path
 
 from phnn.commands.terminal import Config, console, status
 from phnn.modal.experiment import study_of
-from phnn.modal.settings import Settings
 from phnn.modal.store import channels_of, model_document
-from phnn.modal.study import study_modes
+from phnn.modal.study import Settings, study_modes
 from phnn.recordings import read
 from phnn.report.modes import RESULTS, show, write_modes
 from phnn.results import claim

@@ -22,9 +22,9 @@ from phnn.effects.places import attached
 from phnn.identification.base import Progress, identify_base, quiet
 from phnn.identification.evaluate import Evaluation, evaluate
 from phnn.identification.fit import Fit
-from phnn.identification.gain import Gain, gain
 from phnn.identification.identified import Identified, model_of
 from phnn.identification.options import Options
+from phnn.identification.order import Gain, gain
 from phnn.identification.plan import Plan
 from phnn.identification.prepare import single
 from phnn.identification.refinement import NumericalError, numerical_error

@@ -13,6 +13,7 @@ from phnn.identification.options import Options
 from phnn.identification.order import hysteresis_needed
 from phnn.identification.plan import Plan
 from phnn.identification.prepare import Prepared, prepare
+from phnn.identification.problem import starts_unknown
 from phnn.identification.refinement import NumericalError, with_bounded_error
 from phnn.identification.staged import (
     FURTHER_STARTS,
@@ -23,7 +24,6 @@ from phnn.identification.staged import (
     identify_actuator,
 )
 from phnn.identification.starting_points import mechanical_points
-from phnn.identification.variables import starts_unknown
 from phnn.identification.zero import is_shared, with_own_zeros, with_shared_zero
 from phnn.models.bouc_wen import bouc_wen
 from phnn.recordings.recording import Anchor, Campaign

@@ -22,8 +22,7 @@ from phnn.identification.covariance import (
     scatter,
 )
 from phnn.identification.plan import Plan
-from phnn.identification.problem import Problem
-from phnn.identification.variables import Variables, variables_of
+from phnn.identification.problem import Problem, Variables, variables_of
 from phnn.recordings.driving import unknown_instants
 from phnn.setup import Setup
 

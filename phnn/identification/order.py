@@ -3,22 +3,179 @@
 Models with one and two hysterons, with the best of the other forms of hysteresis, and with more hysterons are fitted to
 some of the identification recordings; the others choose (`LeftOut`). One that predicts them clearly better takes the
 place of the one before.
+
+The gain of one element on recordings that took no part in finding it: its size and its significance.
+
+Two models are compared sample by sample, ``e₀`` the residual without the element and ``e₁`` with it, in units of the
+noise. The gain ``d = e₀² − e₁²`` is summed over blocks of time, and a one-sided t-test asks whether its mean is
+positive. The test is paired, because both models see the same noise; it is the large-sample form of a sign-flip
+permutation over the blocks, and stays valid where the blocks' variances differ (Ibragimov & Müller 2010).
+
+Blocks have to be nearly independent. Their length is eight correlation lengths of ``e₁``; a correlation length is the
+larger one of
+
+    1 + 2 Σ ρ_k       over the lags before ``ρ`` first vanishes,
+    1 + 2 Σ ρ_k²      over the lags up to N/64  (Bayley & Hammersley 1946).
+
+The first is that of slow noise and of what drifts: a residual that is coherent over a whole recording leaves one or two
+blocks, for it is a single observation, however many samples it has. The second counts noise that rings, where positive
+and negative correlations cancel.
+
+The mean of each part is taken away before the test: the displacement zero comes from a few samples, and its error
+would be common to all blocks of a recording. Lines and slow drifts are fitted to the samples that are scored, so that
+K of them take ``K/N`` of the power of pure noise; the residual beside them is scaled by ``√(N/(N − K))``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import t as student
 
 from phnn.errors import PhnnError
 from phnn.identification.evaluate import Evaluation, evaluate
 from phnn.identification.fit import Fit
-from phnn.identification.gain import Gain, gain
+from phnn.identification.nuisances import own_size
 from phnn.identification.plan import Plan
 from phnn.identification.staged import identify_actuator, identify_form
 from phnn.recordings.excitation import excitation_of
 from phnn.recordings.partition import candidate_of, divide
 from phnn.recordings.recording import Anchor, Recording
+from phnn.setup import NOTHING, Own
+
+Array = NDArray[np.float64]
+
+
+# Correlation lengths in a block; fewest samples in one, for sums of squares to be nearly normal; into how many of the
+# longest lags whose squared correlation counts a part is divided.
+_LENGTHS, _FEWEST_SAMPLES, _LAGS = 8, 20, 64
+# Change of the mean square, as a share of it, that is rounding.
+_ROUNDING = 1e-12
+
+
+@dataclass(frozen=True)
+class Gain:
+    """Attributes:
+    before, after: residual over noise, root mean square over the scored parts, without and with the element.
+    rms: root mean square of what the element explains there, ``√(before² − after²)`` in the output's unit; negative
+        where the error rises.
+    share_of_noise: the same over the noise.
+    blocks: number of nearly independent blocks of time.
+    falls, rises: one-sided p-values that the error falls, and that it rises; None where there are too few blocks.
+    """
+
+    before: float
+    after: float
+    rms: float
+    share_of_noise: float
+    blocks: int
+    falls: float | None
+    rises: float | None
+
+    @property
+    def takes(self) -> float:
+        """Mean square [noise²] that the element takes; negative where the error rises."""
+        return self.before**2 - self.after**2
+
+    @property
+    def share(self) -> float | None:
+        """Share of the excess over the noise that the element takes; None where the error is no larger than that."""
+        if not self.before > 1.0:
+            return None
+        return self.takes / (self.before**2 - 1.0)
+
+
+def gain(
+    before: Evaluation,
+    after: Evaluation,
+    recordings: Sequence[Recording],
+    use: str,
+    fewest_blocks: int,
+    own: tuple[Own, Own] = (NOTHING, NOTHING),
+) -> Gain | None:
+    """Compare two models on the parts of one use; every part counts as much as any other.
+
+    Args:
+        before, after: outputs without and with the element.
+        use: of the parts, such as ``"confirmation"``.
+        fewest_blocks: with fewer blocks there is no p-value.
+        own: what recordings add of their own to the outputs before and after.
+
+    Returns:
+        None where no part has that use.
+    """
+    squares: list[tuple[float, float, float]] = []
+    sums: list[Array] = []
+    for recording in recordings:
+        for part in (p for p in recording.parts if p.use == use):
+            rows = slice(part.first, part.last)
+            e0, e1 = (
+                (recording.y - m.outputs[recording.name])[rows] / recording.noise * _fair(recording, added)
+                for m, added in zip((before, after), own, strict=True)
+            )
+            squares.append((float(np.mean(e0**2)), float(np.mean(e1**2)), recording.noise))
+            sums.append(_block_sums(e0 - e0.mean(), e1 - e1.mean()) / e0.size)
+    if not squares:
+        return None
+    had, has, noise = (np.array(column) for column in zip(*squares, strict=True))
+    changes = np.concatenate(sums)
+    # A difference of rounding is none.
+    changes = np.where(np.abs(changes) > _ROUNDING * (had + has).mean(), changes, 0.0)
+    falls, rises = _p_values(changes, fewest_blocks)
+    return Gain(
+        before=math.sqrt(had.mean()),
+        after=math.sqrt(has.mean()),
+        rms=_signed_root(float(np.mean((had - has) * noise**2))),
+        share_of_noise=_signed_root(float(np.mean(had - has))),
+        blocks=sum(s.size for s in sums),
+        falls=falls,
+        rises=rises,
+    )
+
+
+def _fair(recording: Recording, own: Own) -> float:
+    """Factor on a residual beside what was fitted to its own samples, for noise to keep its size."""
+    size = recording.t.size
+    return math.sqrt(size / max(size - own_size(recording, own), 1))
+
+
+def _signed_root(value: float) -> float:
+    return math.copysign(math.sqrt(abs(value)), value)
+
+
+def _block_sums(before: Array, after: Array) -> Array:
+    """(B,) sums of ``e₀² − e₁²`` over blocks of equal length, at least one."""
+    length = max(_LENGTHS * correlation_length(after), _FEWEST_SAMPLES)
+    count = max(1, int(before.size // length))
+    return np.array([block.sum() for block in np.array_split(before**2 - after**2, count)])
+
+
+def correlation_length(residual: Array) -> float:
+    """Correlation length of a residual (N,) without mean, in samples; at least 1."""
+    size = residual.size
+    covariance = np.fft.irfft(np.abs(np.fft.rfft(residual, 2 * size)) ** 2)[:size]
+    if not covariance[0] > 0.0:
+        return 1.0
+    rho = covariance[1:] / covariance[0]
+    positive = rho[: int(np.argmax(np.append(rho, -1.0) <= 0.0))]
+    return 1.0 + 2.0 * max(float(positive.sum()), float(np.sum(rho[: size // _LAGS] ** 2)))
+
+
+def _p_values(values: Array, fewest: int) -> tuple[float | None, float | None]:
+    """One-sided p-values of Student's test that the mean is positive, and that it is negative."""
+    if values.size < fewest:
+        return None, None
+    spread = float(np.std(values, ddof=1)) / math.sqrt(values.size)
+    if spread == 0.0:
+        sure = 0.5 if not values.mean() else 0.0 if values.mean() > 0.0 else 1.0
+        return sure, 1.0 - sure
+    statistic = float(values.mean()) / spread
+    return float(student.sf(statistic, values.size - 1)), float(student.cdf(statistic, values.size - 1))
+
 
 # They are chosen like the held-out ones, inside the span of the rest; of a single recording it is the last third. A
 # model is grown on the rest and held against them. The held-out recordings of the campaign are not touched.

@@ -22,9 +22,8 @@ from phnn.errors import PhnnError, SolverFailed
 from phnn.identification.fit import Fit, fit
 from phnn.identification.nuisances import beyond_limit, without_nuisances
 from phnn.identification.plan import Plan
-from phnn.identification.problem import Problem
+from phnn.identification.problem import Problem, Variables
 from phnn.identification.staged import fit_identified, stated_only
-from phnn.identification.variables import Variables
 from phnn.recordings.recording import Recording
 from phnn.setup import Setup
 from phnn.trajectory import simulate

@@ -16,14 +16,11 @@ from rich.table import Table
 from scipy.optimize import linear_sum_assignment
 
 from phnn.errors import SolverFailed
-from phnn.modal.confirm import HeldOut, Score
 from phnn.modal.elements import STATEMENTS
-from phnn.modal.experiment import Experiment, Study
+from phnn.modal.experiment import Experiment, Study, response
 from phnn.modal.fit import ModalFit
-from phnn.modal.judge import EQUIVALENT, NAMED, NONE, UNKNOWN
-from phnn.modal.response import response
 from phnn.modal.store import channels_of, model_document, study_document
-from phnn.modal.study import Result
+from phnn.modal.study import EQUIVALENT, NAMED, NONE, UNKNOWN, HeldOut, Result, Score
 from phnn.models.store import FILE
 from phnn.report.figures.style import (
     AFTER,

@@ -25,9 +25,9 @@ from phnn.diagnose.verdict import NONE, UNKNOWN, Claim
 from phnn.diagnose.words import Picture, is_effort, learned_picture, missing_force, picture
 from phnn.effects import Plausible
 from phnn.effects.places import values_by_role
+from phnn.identification.covariance import difference
 from phnn.identification.fit import Fit
 from phnn.identification.identified import save_fit
-from phnn.identification.residual_noise import difference
 from phnn.integrate.residual import power_balance
 from phnn.network.roles import auxiliary, capacitances
 from phnn.parameters import Parameter

@@ -15,7 +15,7 @@ from phnn.diagnose.linearised import LinearisedFit, prepare
 from phnn.diagnose.lines import degrees_of_freedom, stated_variances
 from phnn.diagnose.search import material
 from phnn.effects import effect
-from phnn.identification.residual_noise import NoiseSpectrum, most_excess, noise_spectra
+from phnn.identification.covariance import NoiseSpectrum, most_excess, noise_spectra
 from phnn.recordings.recording import Campaign, unrecorded
 from phnn.signals.noise import AS_WHITE
 from studies.generator import draw_case, make_case

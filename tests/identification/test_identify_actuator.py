@@ -21,8 +21,8 @@ from phnn.identification import order
 from phnn.identification.base import identify_base, identify_bouc_wen
 from phnn.identification.evaluate import evaluate
 from phnn.identification.fit import Fit
-from phnn.identification.gain import Gain
 from phnn.identification.options import Options
+from phnn.identification.order import Gain
 from phnn.identification.plan import Plan
 from phnn.identification.prepare import identification_plan
 from phnn.identification.refinement import MAX_SUBSTEPS, NumericalError, numerical_error, substeps_for

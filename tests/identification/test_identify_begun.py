@@ -19,8 +19,7 @@ from phnn.identification.base import identify_base
 from phnn.identification.evaluate import evaluate
 from phnn.identification.options import Options
 from phnn.identification.plan import Plan
-from phnn.identification.problem import Problem
-from phnn.identification.variables import expected_start, variables_of
+from phnn.identification.problem import Problem, expected_start, variables_of
 from phnn.models.actuator import hrc
 from phnn.recordings import read
 from phnn.recordings.recording import Part, Recording, Start

@@ -15,8 +15,7 @@ from phnn.identification.evaluate import evaluate
 from phnn.identification.fit import Fit, fit
 from phnn.identification.nuisances import beyond_limit
 from phnn.identification.plan import Plan
-from phnn.identification.problem import Problem
-from phnn.identification.variables import variables_of
+from phnn.identification.problem import Problem, variables_of
 from phnn.models.network_file import load_network
 from phnn.recordings.recording import Part, Recording, Start
 from phnn.recordings.sensor import Sensor

@@ -8,7 +8,7 @@ import pytest
 from scipy.signal import lfilter
 
 from phnn.identification.evaluate import Evaluation, score_part
-from phnn.identification.gain import gain
+from phnn.identification.order import gain
 from phnn.recordings.recording import Part, Recording, Start
 from phnn.setup import Own
 

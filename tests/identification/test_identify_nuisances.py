@@ -20,8 +20,7 @@ from phnn.identification.nuisances import (
     without_nuisances,
 )
 from phnn.identification.plan import Plan
-from phnn.identification.problem import Problem
-from phnn.identification.variables import variables_of
+from phnn.identification.problem import Problem, variables_of
 from phnn.models.actuator import from_paper
 from phnn.recordings.recording import Part, Recording
 from phnn.setup import Own, Setup

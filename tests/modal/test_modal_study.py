@@ -14,9 +14,8 @@ from structure import OMEGA, ZETA, write_folder
 
 from phnn.cli import main
 from phnn.modal.fit import output_slopes
-from phnn.modal.judge import EQUIVALENT, NAMED, NONE
 from phnn.modal.model import ModalModel
-from phnn.modal.study import Result
+from phnn.modal.study import EQUIVALENT, NAMED, NONE, Result
 
 
 def test_modes_are_exact_and_nothing_is_named_where_all_is_linear(studied: Callable[[str, int], Result]) -> None:
