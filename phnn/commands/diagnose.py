@@ -18,7 +18,7 @@ from phnn.integrate.cache import compile_ahead
 from phnn.recordings import Campaign, read
 from phnn.report import console_summary
 from phnn.report.evidence import Provenance
-from phnn.report.provenance import command_line, provenance
+from phnn.report.methods import command_line, provenance
 from phnn.report.result import RESULTS, write_into
 from phnn.rescue import deadline
 from phnn.results import Place, claim, watched

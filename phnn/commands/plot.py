@@ -19,10 +19,9 @@ from phnn.plot.frequency import response, whiteness
 from phnn.plot.panels import MOST, Plot, chosen, model_of, network_model
 from phnn.plot.signals import Locations, hysteresis, outputs
 from phnn.recordings import Campaign, read
-from phnn.report.document import Location
+from phnn.report.document import Location, read_document
 from phnn.report.figures.style import svg
-from phnn.report.reading import read_document
-from phnn.report.tables import literal_text
+from phnn.report.page import literal_text
 from phnn.results import claim
 from phnn.trajectory import simulate
 

@@ -25,7 +25,13 @@ without second derivatives)
 
 and an anchor of variance ``s²`` adds ``(dz/da) s² (dz/da)ᵀ`` to the covariance of ``z``. No table of exponents is
 needed: where voltage and displacement leave one factor open, this gives ``d ln k / d ln m = 1`` by itself, and ratios
-such as ``k/m`` keep their standard error."""
+such as ``k/m`` keep their standard error.
+
+The spectrum of the noise is estimated from the residual, without a parametric form. Whatever a model misses repeats
+with the drive; noise does not. So the difference of the residual between two halves of a periodic recording shows the
+noise alone, unrecorded forces that pass through the plant among it. Recordings at one sampling rate share a spectrum;
+one that has no period and no such neighbours gives the running median of its own.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,9 @@
-"""Periodic experiments: one mean period of every input and every output, grouped by how strongly they were driven."""
+"""Periodic experiments: one mean period of every input and every output, grouped by how strongly they were driven.
+
+The best linear approximation of a nonlinear system under random-phase multisines is ``G = Y Uᴴ (U Uᴴ)⁻¹`` over its
+realisations (Pintelon & Schoukens 2012, System Identification, ch. 4). Its poles are found by the eigensystem
+realisation of its impulse response (Juang & Pappa 1985), for which python-control serves.
+"""
 
 from __future__ import annotations
 

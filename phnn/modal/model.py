@@ -1,4 +1,20 @@
-"""The modal model: its parameters, and what its modes and forces do under the inputs of an experiment."""
+"""The modal model: its parameters, and what its modes and forces do under the inputs of an experiment.
+
+As a port-Hamiltonian network it reads
+
+    q̇_i = ω_i² p_i,     ṗ_i = −q_i − 2ζ_i ω_i p_i + Σ_j b_ij (u_j − e_j),     ẋ_j = Σ_i b_ij q̇_i = y_j
+
+Each mode is a spring of stiffness one, an inertia ``1/ω_i²`` and a damper ``2ζ_i/ω_i``. The ratios ``b_ij`` are
+transformers: they join the ports and the storages of the elements to the momenta, so that ``J`` is skew. The parts of
+an element are laws of `phnn.laws`:
+
+    stop         `spring` on the deflection s with the resistor `yielding`, ṡ = ẋ − max(|s| − r, 0) sign(s)/τ
+    softening    `softening_spring` on the extension x;  hardening: `hardening_spring`
+    drag         resistor `quadratic_drag` on ẋ
+
+The stop of `phnn.modal.elements` is the limit ``τ → 0``. The slow part has no network: it follows the mean square of
+the period before, and what it stores changes without a port that supplies it.
+"""
 
 from __future__ import annotations
 

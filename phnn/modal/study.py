@@ -1,4 +1,10 @@
-"""The study of a campaign: modes at every amplitude, one model for all, and the elements that explain what moves."""
+"""The study of a campaign: modes at every amplitude, one model for all, and the elements that explain what moves.
+
+The verdict says what moves with amplitude, in the words of `phnn.diagnose`. ``none``: one linear model serves, or there
+is one amplitude alone. ``named``: one combination of elements explains what moves. ``equivalent``: several do, and the
+recordings cannot tell which. ``unknown``: no element explains half of it; the best model that helps is kept and its
+elements are described.
+"""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ from phnn.model import Model
 from phnn.network.system import PortHamiltonianSystem
 from phnn.plot.panels import Array, Panels, grid, network_model, scaled
 from phnn.report.figures.style import AFTER, BEFORE, CATEGORIES, FAINT, INK, RC, literal, quiet_grid
-from phnn.report.reduction import envelope
+from phnn.report.view import envelope
 from phnn.trajectory import Trajectory
 
 # Storages that have a colour of their own; the smallest others are joined.

@@ -42,7 +42,7 @@ from phnn.prediction import Predicted
 from phnn.recordings import Campaign, campaign_of
 from phnn.recordings.recording import Recording, Start, unrecorded
 from phnn.report.figures.style import AFTER, BEFORE, CATEGORIES, FAINT, INK, RC, literal, log_axis, quiet_grid
-from phnn.report.spectrum import amplitude_density
+from phnn.report.view import amplitude_density
 from phnn.setup import Setup
 from phnn.signals.first_order import density_of
 from phnn.signals.least_squares import HARMONICS, harmonic_weights

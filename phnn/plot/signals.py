@@ -23,10 +23,10 @@ from phnn.plot.panels import MOST, Panels, chosen, column, grid, hide_unused, pr
 from phnn.prediction import Predicted
 from phnn.recordings import Campaign, campaign_of
 from phnn.report.document import Location
-from phnn.report.figures.locations import height_of, locations_into
+from phnn.report.figures import height_of, locations_into
 from phnn.report.figures.style import AFTER, FAINT, INK, MEASURED, RC, literal, quiet_grid, say
 from phnn.report.formatting import DASH, finite, percent
-from phnn.report.reduction import envelope, telling_stretch
+from phnn.report.view import envelope, telling_stretch
 from phnn.units import prefixed, quantity
 
 if TYPE_CHECKING:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from phnn.report.console import console_summary
 from phnn.report.evidence import CandidateRow, Curve, Evidence, LedgerRow, ParameterRow, Trace
-from phnn.report.write import write_report
+from phnn.report.write import console_summary, write_report
 
 __all__ = [
     "CandidateRow",

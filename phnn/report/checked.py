@@ -18,7 +18,7 @@ from phnn.recordings.recording import Part, Recording
 from phnn.report.figures.style import AFTER, BEFORE, FAINT, INK, RC, Drawing, new_figure, png, quiet_grid, say
 from phnn.report.formatting import Unit, display_unit
 from phnn.report.page import plain_page
-from phnn.report.reduction import envelope
+from phnn.report.view import envelope
 from phnn.results import Place
 
 Array = NDArray[np.float64]

@@ -18,8 +18,8 @@ from phnn.diagnose.locations import GROUPS
 from phnn.diagnose.words import vocabulary_of
 from phnn.effects import Effect
 from phnn.effects.kinds import AFTER_A_STEP, ELAPSED
+from phnn.report.evidence import Fingerprint
 from phnn.report.formatting import display_unit
-from phnn.report.support import Fingerprint
 from phnn.trajectory import Trajectory
 
 Array = NDArray[np.float64]

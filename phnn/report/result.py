@@ -32,16 +32,23 @@ from phnn.integrate.residual import power_balance
 from phnn.network.roles import auxiliary, capacitances
 from phnn.parameters import Parameter
 from phnn.recordings.recording import ACTUATOR, Recording
-from phnn.report.domain_words import forces_known
-from phnn.report.evidence import Curve, Evidence, LedgerRow, ParameterRow, Provenance, RuleRow, Trace
+from phnn.report.evidence import (
+    Curve,
+    Evidence,
+    LedgerRow,
+    ParameterRow,
+    PlausibleRow,
+    Provenance,
+    RivalRow,
+    RuleRow,
+    Support,
+    Trace,
+)
 from phnn.report.fingerprint import fingerprint
 from phnn.report.formatting import likelihood, listing, number, words
-from phnn.report.methods import methods
-from phnn.report.missing import missing_entries
-from phnn.report.provenance import provenance, python_version
-from phnn.report.sentence import sentence
-from phnn.report.support import PlausibleRow, RivalRow, Support
-from phnn.report.tried import candidate_rows, immaterial, model_rows, remains
+from phnn.report.methods import methods, provenance, python_version
+from phnn.report.missing import candidate_rows, immaterial, missing_entries, model_rows, remains, sentence
+from phnn.report.verdicts import forces_known
 from phnn.report.write import write_report
 from phnn.rescue import Failure, accounted, documents, needed
 from phnn.results import PROGRESS, Place, claim, finite

@@ -1,14 +1,124 @@
-"""The view of one recording in pictures and plots: units, labels, names, the stretch that tells most."""
+"""The view of one recording in pictures: units, labels, the stretch that tells most, envelopes and spectra."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.signal import welch
 
 from phnn.report.evidence import Trace
 from phnn.report.formatting import Unit, display_unit, quantity
-from phnn.report.reduction import telling_stretch
+
+
+def envelope(
+    y: np.ndarray,  # (N,)
+    bins: int = 1500,
+) -> np.ndarray:
+    """Indices of the smallest and the largest sample of each of ``bins`` stretches, in order of time.
+
+    A line through them covers the same pixels as the whole trace: no spike is lost, nothing aliases.
+    Samples that are not finite are passed over. A trace of at most ``2 bins`` samples is kept as it is.
+    """
+    count = len(y)
+    if count <= 2 * bins:
+        return np.arange(count)
+    width = -(-count // bins)
+    rows = -(-count // width)
+    padded = np.full(rows * width, np.nan)
+    padded[:count] = y
+    blocks = padded.reshape(rows, width)
+    bad = ~np.isfinite(blocks)
+    start = np.arange(rows) * width
+    low = start + np.argmin(np.where(bad, np.inf, blocks), axis=1)
+    high = start + np.argmax(np.where(bad, -np.inf, blocks), axis=1)
+    return np.unique(np.concatenate(([0], low, high, [count - 1])))
+
+
+def cycles(u: np.ndarray) -> float:
+    """Number of cycles in an input, counted by crossings of its mid-range with 5 % hysteresis."""
+    finite = u[np.isfinite(u)]
+    if finite.size < 2 or np.ptp(finite) == 0.0:
+        return 0.0
+    middle = 0.5 * (finite.max() + finite.min())
+    margin = 0.05 * np.ptp(finite)
+    sides = np.where(finite > middle + margin, 1, np.where(finite < middle - margin, -1, 0))
+    sides = sides[sides != 0]
+    return 0.5 * float(np.count_nonzero(np.diff(sides)))
+
+
+def telling_stretch(
+    u: np.ndarray,  # (N,) input
+    error: np.ndarray,  # (N,) residual of the base model
+    scored: np.ndarray,  # (N,) bool
+    shown: float = 4.0,
+) -> slice:
+    """About ``shown`` cycles where the error is largest, or the whole trace where it has no more than twice that."""
+    count = len(u)
+    number = cycles(u)
+    if number <= 2.0 * shown or count < 100:
+        return slice(0, count)
+    width = min(count, max(50, round(shown * count / number)))
+    square = np.where(scored & np.isfinite(error), error, 0.0) ** 2
+    running = np.concatenate(([0.0], np.cumsum(square)))
+    first = int(np.argmax(running[width:] - running[:-width]))
+    return slice(first, first + width)
+
+
+_SHORTEST = 32
+
+
+@dataclass(frozen=True)
+class Spectrum:
+    """Amplitude spectral densities, one-sided; the zero frequency is left out."""
+
+    frequency: np.ndarray  # (K,) Hz
+    before: np.ndarray  # (K,) m/√Hz
+    after: np.ndarray  # (K,) m/√Hz
+    noise: float  # m/√Hz, white noise of the stated standard deviation
+
+
+def longest_run(mask: np.ndarray) -> slice:
+    """The longest stretch of true values (empty where there is none)."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], mask.astype(bool), [False])).astype(np.int8)))
+    if edges.size == 0:
+        return slice(0, 0)
+    first, last = edges[::2], edges[1::2]
+    best = int(np.argmax(last - first))
+    return slice(int(first[best]), int(last[best]))
+
+
+def residual_spectrum(
+    t: np.ndarray,  # (N,) s
+    before: np.ndarray,  # (N,) residual of the base model
+    after: np.ndarray,  # (N,) residual of the final model
+    usable: np.ndarray,  # (N,) bool
+    noise: float,
+) -> Spectrum | None:
+    """Welch estimate over the longest usable stretch, in segments of a third of it, so that lines stay sharp.
+
+    White noise of standard deviation σ sampled every Δt has the one-sided density ``σ √(2 Δt)``.
+    ``None`` where the stretch has fewer than 32 samples.
+    """
+    part = longest_run(usable & np.isfinite(before) & np.isfinite(after))
+    count = part.stop - part.start
+    if count < _SHORTEST:
+        return None
+    step = float(t[part][-1] - t[part][0]) / (count - 1)
+    (f, drawn_before), (_, drawn_after) = (amplitude_density(x[part], step) for x in (before, after))
+    return Spectrum(f, drawn_before, drawn_after, noise * float(np.sqrt(2.0 * step)))
+
+
+def amplitude_density(x: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
+    """(K,) frequencies [Hz] without zero, and the one-sided amplitude density, in the unit of ``x`` by √Hz.
+
+    Args:
+        x: (N,) samples; dt: sampling interval [s].
+    """
+    segment = x.size if x.size < 8 * _SHORTEST else x.size // 3
+    f, power = welch(x, fs=1.0 / dt, nperseg=segment, detrend="constant")
+    return f[1:], np.sqrt(power[1:])
+
 
 _INPUTS = {"V": "voltage", "N": "force", "A": "current"}
 

@@ -4,6 +4,9 @@ A linear hold of a 150 Hz sine at 10 kHz is wrong by more than the noise of a go
 reconstructed by splines or band-limited. Where the input is not smooth the smooth stretches on both sides are continued
 into the interval and exchanged at the instant of the break. The instant of a jump is not known from the samples: half a
 microsecond of a step of 60 V moves a stage by more than its sensor's noise.
+
+Breaks are jumps of the value and kinks of the slope. Between two samples a jump can happen at any instant. A kink can
+be placed: its instant is where the smooth pieces on both sides, continued into the interval, meet.
 """
 
 from __future__ import annotations

@@ -15,8 +15,8 @@ from phnn.diagnose.refit import converged, short
 from phnn.diagnose.words import fitted_in_words, picture, vocabulary_of
 from phnn.effects.learned import learned_elements
 from phnn.models.network_file import load_network
-from phnn.report.domain_words import in_own_words
-from phnn.report.reading import read_document
+from phnn.report.document import read_document
+from phnn.report.verdicts import in_own_words
 
 
 @pytest.mark.parametrize(

@@ -13,9 +13,9 @@ import pytest
 from phnn.effects import Plausible, catalogue, in_all_forms
 from phnn.parameters import Parameter
 from phnn.recordings.recording import Anchor, Units
-from phnn.report.domain_words import forces_known
 from phnn.report.fingerprint import binned, fingerprint, variable_of
 from phnn.report.result import plausible_row, supports, write
+from phnn.report.verdicts import forces_known
 
 DRAG = Plausible(0.0, 0.012, "drag in air", outside="it is not air")
 TABLE = {"k": Parameter("k", 2e4, "N/m")}

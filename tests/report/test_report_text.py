@@ -16,9 +16,9 @@ from rich.console import Console
 
 from phnn.report import Evidence, console_summary, verdicts
 from phnn.report import formatting as f
-from phnn.report.reading import read_document
-from phnn.report.shares import ledger_shares
-from phnn.report.tables import csv_text, table_links
+from phnn.report.document import read_document
+from phnn.report.evidence import ledger_shares
+from phnn.report.page import csv_text, table_links
 
 EMPTY = Evidence((), (), (), (), (), (), "")
 

@@ -14,9 +14,8 @@ import numpy as np
 import pytest
 
 from phnn.recordings import read
-from phnn.report.methods import bibtex, methods
+from phnn.report.methods import bibtex, command_line, methods, provenance
 from phnn.report.page import usage
-from phnn.report.provenance import command_line, provenance
 from phnn.report.result import evidence
 
 

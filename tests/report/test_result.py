@@ -22,9 +22,9 @@ from phnn.effects.kinds import LOCATIONS
 from phnn.identification.evaluate import evaluate
 from phnn.identification.plan import Plan
 from phnn.models.store import load
-from phnn.report.reading import read_document
+from phnn.report.document import read_document
+from phnn.report.missing import sentence
 from phnn.report.result import document, evidence, no_proposal, write
-from phnn.report.sentence import sentence
 
 KEYS = {
     "schema", "verdict", "test", "missing", "remainder", "location", "noise_floor", "numerical_error_sigma", "fit",

@@ -21,7 +21,7 @@ from phnn.identification.fit import Fit, fit
 from phnn.identification.options import Options
 from phnn.models.bouc_wen import bouc_wen
 from phnn.recordings import read
-from phnn.report.figures import Drawing
+from phnn.report.figures.style import Drawing
 from studies.generator.world import TABLE, simulate_all
 from studies.paper import (
     Comparison,
