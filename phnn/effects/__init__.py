@@ -16,8 +16,13 @@ from phnn.effects.additions import (
     with_network,
     with_resistors,
 )
-from phnn.effects.conditions import (
+from phnn.effects.declaration import (
+    Declared,
+    Plausible,
     always,
+    between,
+    bounded,
+    constant,
     has_dead_zones,
     has_inertia,
     has_motion,
@@ -26,13 +31,6 @@ from phnn.effects.conditions import (
     has_tanks,
     has_transducer,
     inertia,
-)
-from phnn.effects.declaration import (
-    Declared,
-    Plausible,
-    between,
-    bounded,
-    constant,
     limit,
     nonnegative,
     positive,

@@ -7,8 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 from phnn.effects.additions import Addition
-from phnn.effects.conditions import always
-from phnn.effects.declaration import Declared, Plausible
+from phnn.effects.declaration import Declared, Plausible, always
 from phnn.effects.kinds import Kind
 from phnn.errors import InputRefused
 from phnn.setup import Setup

@@ -6,8 +6,7 @@ import math
 
 from phnn.effects import kinds
 from phnn.effects.additions import Parts, Placed, bent_port
-from phnn.effects.conditions import has_dead_zones, has_transducer
-from phnn.effects.declaration import bounded, constant, positive, signed
+from phnn.effects.declaration import bounded, constant, has_dead_zones, has_transducer, positive, signed
 from phnn.effects.effect import Effect, Scales
 from phnn.network.elements import Modulation, ModulatorState, Resistor
 from phnn.network.roles import charges

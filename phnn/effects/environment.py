@@ -7,8 +7,7 @@ from dataclasses import replace
 
 from phnn.effects import kinds
 from phnn.effects.additions import OfEveryRecording, Parts, Placed, with_network
-from phnn.effects.conditions import has_motion
-from phnn.effects.declaration import bounded, constant, positive, signed
+from phnn.effects.declaration import bounded, constant, has_motion, positive, signed
 from phnn.effects.effect import Effect, Scales
 from phnn.network.elements import Coupling, Port, Storage
 from phnn.parameters import as_table

@@ -10,8 +10,18 @@ import numpy as np
 
 from phnn.effects import kinds
 from phnn.effects.additions import Parts, Placed, at_amplifier, with_following_dead_zones
-from phnn.effects.conditions import has_inertia, has_motion, has_plain_dead_zones, has_transducer, inertia
-from phnn.effects.declaration import between, bounded, constant, positive, signed
+from phnn.effects.declaration import (
+    between,
+    bounded,
+    constant,
+    has_inertia,
+    has_motion,
+    has_plain_dead_zones,
+    has_transducer,
+    inertia,
+    positive,
+    signed,
+)
 from phnn.effects.effect import Effect, Scales, SpecialCase
 from phnn.models.actuator import hysteron
 from phnn.network.elements import Coupling, Resistor, Storage

@@ -16,8 +16,7 @@ import numpy as np
 
 from phnn.effects import kinds
 from phnn.effects.additions import Chain, Parts, Placed, bent_port
-from phnn.effects.conditions import has_motion, has_transducer
-from phnn.effects.declaration import Declared, bounded, constant
+from phnn.effects.declaration import Declared, bounded, constant, has_motion, has_transducer
 from phnn.effects.effect import Effect, Scales
 from phnn.effects.registry import gathered
 from phnn.laws.resistor import SMOOTHED

@@ -9,8 +9,7 @@ import numpy as np
 
 from phnn.effects import kinds
 from phnn.effects.additions import Parts, Placed, bent_spring
-from phnn.effects.conditions import has_motion, has_spring
-from phnn.effects.declaration import bounded, constant, limit, positive
+from phnn.effects.declaration import bounded, constant, has_motion, has_spring, limit, positive
 from phnn.effects.effect import Effect, Scales
 from phnn.network.elements import Coupling, Network, Resistor, Storage
 from phnn.setup import Setup

@@ -11,8 +11,7 @@ import numpy as np
 
 from phnn.effects import kinds
 from phnn.effects.additions import Placed, with_resistors, with_rim
-from phnn.effects.conditions import has_tanks
-from phnn.effects.declaration import constant, positive
+from phnn.effects.declaration import constant, has_tanks, positive
 from phnn.effects.effect import Effect, Scales
 from phnn.network.elements import Network, Resistor
 from phnn.setup import Setup

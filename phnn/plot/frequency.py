@@ -44,9 +44,8 @@ from phnn.recordings.recording import Recording, Start, unrecorded
 from phnn.report.figures.style import AFTER, BEFORE, CATEGORIES, FAINT, INK, RC, literal, log_axis, quiet_grid
 from phnn.report.view import amplitude_density
 from phnn.setup import Setup
-from phnn.signals.first_order import density_of
+from phnn.signals.first_order import correlation, cross_deviation, density_of, own_deviation
 from phnn.signals.least_squares import HARMONICS, harmonic_weights
-from phnn.signals.whiteness import correlation, cross_deviation, own_deviation
 from phnn.trajectory import simulate
 from phnn.units import quantity
 

@@ -13,7 +13,7 @@ from phnn.parameters import as_table, constant
 from phnn.plot.balance import balance
 from phnn.plot.frequency import response, whiteness
 from phnn.setup import Block
-from phnn.signals.whiteness import correlation, cross_deviation, own_deviation
+from phnn.signals.first_order import correlation, cross_deviation, own_deviation
 
 F = np.array([1.0, 30.0, 400.0, 711.0, 3000.0])
 _FAR = 2.5758293035489004  # half width of the band that holds 99 % of a normal variable
