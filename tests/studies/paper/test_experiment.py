@@ -22,13 +22,7 @@ from phnn.models.bouc_wen import bouc_wen
 from phnn.recordings import read
 from phnn.report.figures.style import Drawing
 from studies.generator.world import TABLE, simulate_all
-from studies.paper import (
-    Comparison,
-    Scored,
-    draw_all,
-    panels,
-    responses,
-)
+from studies.paper import Comparison, Scored, draw_all, panels, responses
 from studies.recordings import Conditions, paper_plan, write_recordings
 
 
