@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from phnn.errors import InputRefused
-from phnn.parameters import Parameter, as_table, constant, positive, with_values
-from phnn.units import quantity
+from phnn.parameters import Parameter, as_table, constant, positive, quantity, with_values
 
 sizes = st.floats(-12.0, 12.0).map(lambda e: 10.0**e)
 

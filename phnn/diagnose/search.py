@@ -42,8 +42,8 @@ from phnn.effects.hysteresis import weakened
 from phnn.identification.base import Progress, quiet
 from phnn.identification.evaluate import evaluate
 from phnn.identification.fit import Fit
-from phnn.identification.nuisances import own_size
 from phnn.identification.plan import Plan
+from phnn.identification.problem import own_size
 from phnn.identification.refinement import numerical_error, substeps_for
 from phnn.identification.starting_points import FORMS, OF_GRID
 from phnn.parallel import SERIAL, Executor

@@ -37,9 +37,18 @@ from phnn.effects.declaration import (
     signed,
     time_constant,
 )
-from phnn.effects.effect import Effect, Scales, SpecialCase
+from phnn.effects.effect import (
+    Effect,
+    Scales,
+    SpecialCase,
+    catalogue,
+    effect,
+    in_all_forms,
+    register,
+    registered,
+    unregister,
+)
 from phnn.effects.kinds import Kind
-from phnn.effects.registry import catalogue, effect, in_all_forms, register, registered, unregister
 
 __all__ = [
     "Chain",

@@ -13,9 +13,8 @@ from functools import cache
 from phnn.effects import kinds
 from phnn.effects.additions import at_amplifier, at_sensor
 from phnn.effects.declaration import bounded, constant, nonnegative, signed
-from phnn.effects.effect import Effect, Scales
+from phnn.effects.effect import Effect, Scales, gathered, in_all_forms
 from phnn.effects.learned import Within
-from phnn.effects.registry import gathered, in_all_forms
 
 _WIDTH = nonnegative("delta_U", "V", "half width of the dead band", 1e3, 0.1)
 _ONLY_WIDTH = replace(_WIDTH, strength=True)

@@ -17,8 +17,7 @@ import numpy as np
 from phnn.effects import kinds
 from phnn.effects.additions import Chain, Parts, Placed, bent_port
 from phnn.effects.declaration import Declared, bounded, constant, has_motion, has_transducer
-from phnn.effects.effect import Effect, Scales
-from phnn.effects.registry import gathered
+from phnn.effects.effect import Effect, Scales, gathered
 from phnn.laws.resistor import SMOOTHED
 from phnn.network.elements import Coupling, Modulation, Resistor, Storage
 from phnn.parameters import Parameter

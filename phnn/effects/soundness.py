@@ -27,10 +27,10 @@ from phnn.laws import STORAGE_LAWS
 from phnn.models.actuator import from_paper
 from phnn.models.network_file import load_network
 from phnn.network import Network, PortHamiltonianSystem
+from phnn.parameters import quantity
 from phnn.recordings.recording import Recording, Start
 from phnn.setup import Setup
 from phnn.trajectory import Trajectory, simulate
-from phnn.units import quantity
 
 
 @dataclass(frozen=True, eq=False)

@@ -45,8 +45,7 @@ from scipy.signal import periodogram
 from scipy.sparse import csr_array
 
 from phnn.derivatives import output_derivatives
-from phnn.identification.nuisances import beyond_limit, without_nuisances
-from phnn.identification.problem import Problem
+from phnn.identification.problem import Problem, beyond_limit, without_nuisances
 from phnn.recordings.recording import Recording
 from phnn.trajectory import Trajectory
 

@@ -39,8 +39,8 @@ from scipy.stats import t as student
 from phnn.errors import PhnnError
 from phnn.identification.evaluate import Evaluation, evaluate
 from phnn.identification.fit import Fit
-from phnn.identification.nuisances import own_size
 from phnn.identification.plan import Plan
+from phnn.identification.problem import own_size
 from phnn.identification.staged import identify_actuator, identify_form
 from phnn.recordings.excitation import excitation_of
 from phnn.recordings.partition import candidate_of, divide

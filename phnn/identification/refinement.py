@@ -20,9 +20,8 @@ from scipy.optimize import lsq_linear
 
 from phnn.errors import PhnnError, SolverFailed
 from phnn.identification.fit import Fit, fit
-from phnn.identification.nuisances import beyond_limit, without_nuisances
 from phnn.identification.plan import Plan
-from phnn.identification.problem import Problem, Variables
+from phnn.identification.problem import Problem, Variables, beyond_limit, without_nuisances
 from phnn.identification.staged import fit_identified, stated_only
 from phnn.recordings.recording import Recording
 from phnn.setup import Setup

@@ -25,6 +25,7 @@ from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.words import vocabulary_of
 from phnn.errors import InputRefused, SolverFailed
 from phnn.model import Model
+from phnn.parameters import quantity
 from phnn.plot.panels import (
     Array,
     Panels,
@@ -47,7 +48,6 @@ from phnn.setup import Setup
 from phnn.signals.first_order import correlation, cross_deviation, density_of, own_deviation
 from phnn.signals.least_squares import HARMONICS, harmonic_weights
 from phnn.trajectory import simulate
-from phnn.units import quantity
 
 if TYPE_CHECKING:
     from phnn.modal.store import StoredModes

@@ -18,11 +18,11 @@ from phnn.effects.mechanical import growth_per_decade
 from phnn.effects.places import place_of, values_by_role
 from phnn.identification.evaluate import Evaluation
 from phnn.identification.fit import Fit
+from phnn.parameters import FORCE_UNITS, quantity
 from phnn.report.document import Immaterial
 from phnn.report.evidence import CandidateRow, ModelRow
 from phnn.report.formatting import likelihood, listing, percent, plain, ratio, words
 from phnn.report.verdicts import MOVING, NETWORK, forces_known
-from phnn.units import FORCE_UNITS, quantity
 
 # Models that are listed.
 _MODELS = 25

@@ -30,7 +30,7 @@ from phnn.identification.fit import Fit
 from phnn.identification.identified import save_fit
 from phnn.integrate.residual import power_balance
 from phnn.network.roles import auxiliary, capacitances
-from phnn.parameters import Parameter
+from phnn.parameters import FORCE_UNITS, Parameter, quantity
 from phnn.recordings.recording import ACTUATOR, Recording
 from phnn.report.evidence import (
     Curve,
@@ -56,7 +56,6 @@ from phnn.setup import Setup
 from phnn.signals.noise_statement import NoiseStatement, Sample, noise_statement
 from phnn.signals.sampling import quantisation_step
 from phnn.trajectory import Trajectory
-from phnn.units import FORCE_UNITS, quantity
 
 # Rivals that are shown.
 _RIVALS = 8

@@ -8,9 +8,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from phnn.parameters import FORCE_UNITS
 from phnn.report.document import Document, Lost, Missing, Remainder
 from phnn.report.formatting import finite, listing, number, p_value, quantity, ratio, words
-from phnn.units import FORCE_UNITS
 
 if TYPE_CHECKING:
     from phnn.diagnose.diagnosis import Diagnosis

@@ -27,9 +27,9 @@ from effect_homes import (
 
 import phnn.effects
 from phnn.effects import Effect, catalogue, effect, has_spring, in_all_forms
+from phnn.effects.effect import gathered
 from phnn.effects.formulas import formulas
 from phnn.effects.learned import learned_elements
-from phnn.effects.registry import gathered
 from phnn.effects.soundness import CHECKS, Check
 from phnn.errors import InputRefused
 from phnn.laws import STORAGE_LAWS

@@ -18,10 +18,9 @@ from phnn.identification import staged
 from phnn.identification.base import identify_base
 from phnn.identification.evaluate import evaluate
 from phnn.identification.fit import fit, unidentified, variables_from
-from phnn.identification.nuisances import without_nuisances
 from phnn.identification.options import Options
 from phnn.identification.plan import Plan
-from phnn.identification.problem import Problem, expected_start, variables_of
+from phnn.identification.problem import Problem, expected_start, variables_of, without_nuisances
 from phnn.identification.refinement import released, resumed
 from phnn.identification.staged import fit_identified
 from phnn.models.actuator import hrc

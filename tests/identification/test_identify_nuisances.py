@@ -19,17 +19,18 @@ from phnn.errors import InputRefused
 from phnn.identification.base import identify_base
 from phnn.identification.evaluate import evaluate
 from phnn.identification.fit import Fit, fit
-from phnn.identification.nuisances import (
+from phnn.identification.options import Options
+from phnn.identification.plan import Plan
+from phnn.identification.problem import (
+    Problem,
     beyond_limit,
     drift_columns,
     line_columns,
     own_columns,
     own_size,
+    variables_of,
     without_nuisances,
 )
-from phnn.identification.options import Options
-from phnn.identification.plan import Plan
-from phnn.identification.problem import Problem, variables_of
 from phnn.models.actuator import from_paper
 from phnn.models.network_file import load_network
 from phnn.models.store import load, save

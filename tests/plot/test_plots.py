@@ -40,9 +40,8 @@ import phnn
 from phnn.cli import main
 from phnn.models.store import save
 from phnn.parameters import as_table, constant
-from phnn.plot.balance import balance
 from phnn.plot.frequency import response, whiteness
-from phnn.plot.signals import hysteresis, located
+from phnn.plot.signals import balance, hysteresis, located
 from phnn.report.figures.style import svg
 from phnn.report.result import write
 from phnn.setup import Block

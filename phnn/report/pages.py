@@ -1,4 +1,4 @@
-"""The files of `phnn modes`: ``modes.json``, ``report.html``, the figures and the models."""
+"""The files of `phnn check` and of `phnn modes`: their documents, pages, figures and models."""
 
 from __future__ import annotations
 
@@ -14,7 +14,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 from scipy.optimize import linear_sum_assignment
+from scipy.signal import periodogram
 
+from phnn.check import Checked
 from phnn.errors import SolverFailed
 from phnn.modal.elements import STATEMENTS
 from phnn.modal.experiment import Experiment, Study, response
@@ -22,11 +24,14 @@ from phnn.modal.fit import ModalFit
 from phnn.modal.store import channels_of, model_document, study_document
 from phnn.modal.study import EQUIVALENT, NAMED, NONE, UNKNOWN, HeldOut, Result, Score
 from phnn.models.store import FILE
+from phnn.recordings.describe import facts
+from phnn.recordings.recording import Part, Recording
 from phnn.report.figures.style import (
     AFTER,
     BEFORE,
     CATEGORIES,
     FAINT,
+    INK,
     MEASURED,
     RC,
     Drawing,
@@ -34,10 +39,116 @@ from phnn.report.figures.style import (
     new_figure,
     png,
     quiet_grid,
+    say,
 )
 from phnn.report.formatting import DASH, Unit, display_unit, plain, short, words
 from phnn.report.page import plain_page
+from phnn.report.view import envelope
 from phnn.results import Place
+
+Array = NDArray[np.float64]
+
+
+# Decades below the highest line that are worth drawing.
+_DECADES = 7.0
+
+
+def draw_recorded(recording: Recording) -> Figure:
+    """Four panels; held-out samples stand on grey."""
+    figure = new_figure(10.1, 4.9)
+    (u_axes, loop), (y_axes, spectrum) = figure.subplots(2, 2, width_ratios=[1.75, 1.0])
+    measured = bool(np.isfinite(recording.y).all())
+    scale = display_unit(float(np.abs(recording.y).max()) if measured else None, recording.units.output, floor=1.0)
+    _in_time(u_axes, recording.t, recording.u, f"input ({recording.units.input})", BEFORE, recording.parts)
+    if measured:
+        _in_time(y_axes, recording.t, recording.y / scale.scale, f"output ({scale.name})", AFTER, recording.parts)
+        _loop(loop, recording, scale)
+        _spectra(spectrum, recording)
+    else:
+        for axes in (y_axes, loop, spectrum):
+            say(axes, "no output was recorded")
+    y_axes.set_xlabel("time (s)")
+    return figure
+
+
+def _in_time(axes: Axes, t: Array, x: Array, label: str, colour: str, parts: Sequence[Part]) -> None:
+    index = envelope(x)
+    axes.plot(t[index], x[index], color=colour, linewidth=0.9)
+    for part in (p for p in parts if p.use == "confirmation"):
+        axes.axvspan(t[part.first], t[part.last - 1], color=FAINT, alpha=0.5, linewidth=0, zorder=0)
+    axes.set_ylabel(label)
+    axes.margins(x=0.01)
+    quiet_grid(axes)
+
+
+def _loop(axes: Axes, recording: Recording, scale: Unit) -> None:
+    axes.plot(recording.u, recording.y / scale.scale, color=AFTER, linewidth=0.5)
+    axes.set_xlabel(f"input ({recording.units.input})")
+    axes.set_ylabel(f"output ({scale.name})")
+    axes.locator_params(nbins=5)
+    quiet_grid(axes)
+
+
+def _spectra(axes: Axes, recording: Recording) -> None:
+    """Amplitude densities through a Hann window, the input's over its largest so that both have one axis."""
+    unit = display_unit(recording.noise, recording.units.output)
+    f, drive = _density(recording.u, recording.dt)
+    _, output = _density(recording.y, recording.dt)
+    floor = recording.noise * float(np.sqrt(2.0 * recording.dt)) / unit.scale
+    output /= unit.scale
+    highest = float(output.max())
+    drive *= highest / max(float(drive.max()), 1e-300)
+    axes.loglog(*_drawn(f, output), color=AFTER, linewidth=0.8, label="output")
+    axes.loglog(*_drawn(f, drive), color=BEFORE, linewidth=0.6, label="input")
+    axes.axhline(floor, color=INK, linewidth=1.0, dashes=(4, 2), label="noise floor")
+    axes.set_ylim(max(0.1 * floor, highest * 10.0**-_DECADES), 3.0 * highest)
+    axes.set_xlabel("frequency (Hz)")
+    axes.set_ylabel(f"output ({unit.name}/√Hz)")
+    axes.legend(loc="upper right", ncols=3, borderaxespad=0.1, columnspacing=1.0)
+    quiet_grid(axes)
+
+
+def _density(x: Array, dt: float) -> tuple[Array, Array]:
+    f, power = periodogram(x, fs=1.0 / dt, window="hann", detrend="constant")
+    return f[1:], np.sqrt(power[1:])
+
+
+def _drawn(f: Array, density: Array) -> tuple[Array, Array]:
+    """Evenly many points a decade, the highest of each stretch, so that no line is lost."""
+    edges = np.unique(np.searchsorted(f, np.geomspace(f[0], f[-1], 1200)))
+    return f[edges], np.maximum.reduceat(density, edges)
+
+
+@dataclass(frozen=True)
+class _Entry:
+    """A recording on the page."""
+
+    name: str
+    facts: list[tuple[str, str]]
+    drawing: Drawing
+
+
+def write_check(checked: Checked, place: Place) -> None:
+    """Write ``check.json`` and ``check.html`` into a folder."""
+    (place / "check.json").write_json(checked.document())
+    recordings = checked.campaign.recordings
+    page = plain_page(
+        "phnn.report",
+        "checked.html",
+        checked=checked,
+        noticed=[(name, f) for name, found in checked.findings.items() for f in found],
+        place={r.name: i for i, r in enumerate(recordings, start=1)},
+        entries=[_entry(r) for r in recordings],
+    )
+    (place / "check.html").write(page)
+
+
+def _entry(recording: Recording) -> _Entry:
+    with rc_context(RC):
+        picture = png(draw_recorded(recording))
+    title = f"{recording.name}: input and output in time, loop, spectra"
+    return _Entry(f"{recording.name} ({recording.source})", facts(recording), Drawing("", title, title, picture))
+
 
 # Half width of the resonance that is shown, in half-power widths; bands of the spectra in an octave.
 _WIDE, _BANDS = 8.0, 12
@@ -140,8 +251,6 @@ def resonance_title(result: Result) -> str:
     levels = ", ".join(f"{short(level[0].amplitude)} {result.study.units[0]}" for level in result.study.levels)
     return f"The resonance that moves most, at {levels}: measured (dots) and by one model (lines)."
 
-
-Array = NDArray[np.float64]
 
 # What `phnn modes` writes into its folder.
 RESULTS = ("modes.json", "report.html", "figures", "model", "models")

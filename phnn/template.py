@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from phnn.errors import InputRefused, OutputRefused
 from phnn.intake.limits import LIMITS
+from phnn.parameters import quantity
 from phnn.recordings import checks, read
 from phnn.recordings.checks import ACTUATORS
 from phnn.recordings.folder import READERS, Files
@@ -27,7 +28,6 @@ from phnn.recordings.manifest import DEFAULT_SETUP, TOP_KEYS, Entry, Manifest
 from phnn.recordings.table import Table
 from phnn.recordings.units import QUANTITIES, find_unit, parse_name, split_unit
 from phnn.results import message, printable, refusal
-from phnn.units import quantity
 
 Array = NDArray[np.float64]
 
