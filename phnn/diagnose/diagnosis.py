@@ -24,9 +24,8 @@ from phnn.identification.evaluate import Evaluation, evaluate
 from phnn.identification.fit import Fit
 from phnn.identification.identified import Identified, model_of
 from phnn.identification.options import Options
-from phnn.identification.order import Gain, gain
 from phnn.identification.plan import Plan
-from phnn.identification.prepare import single
+from phnn.identification.prepare import Gain, gain, single
 from phnn.identification.refinement import NumericalError, numerical_error
 from phnn.integrate.residual import check
 from phnn.model import Model

@@ -389,8 +389,6 @@ class Balance:
             leading = (x, current, "H", self.stiffness(name))
             what = f"resistor {resistor.name}"
             return self.e.law(RESISTOR_LAWS[resistor.law], "path", what, leading, resistor.parameters)
-        # It needs the balance's expressions.
-
         return searched(self, name)
 
     def stiffness(self, name: str) -> str:

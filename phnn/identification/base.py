@@ -10,9 +10,8 @@ import numpy as np
 from phnn.errors import PhnnError
 from phnn.identification.fit import Fit, distinct_optima
 from phnn.identification.options import Options
-from phnn.identification.order import hysteresis_needed
 from phnn.identification.plan import Plan
-from phnn.identification.prepare import Prepared, prepare
+from phnn.identification.prepare import Prepared, hysteresis_needed, prepare
 from phnn.identification.problem import starts_unknown
 from phnn.identification.refinement import NumericalError, with_bounded_error
 from phnn.identification.staged import (

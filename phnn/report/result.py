@@ -44,10 +44,9 @@ from phnn.report.evidence import (
     Support,
     Trace,
 )
-from phnn.report.fingerprint import fingerprint
 from phnn.report.formatting import likelihood, listing, number, words
 from phnn.report.methods import methods, provenance, python_version
-from phnn.report.missing import candidate_rows, immaterial, missing_entries, model_rows, remains, sentence
+from phnn.report.missing import candidate_rows, fingerprint, immaterial, missing_entries, model_rows, remains, sentence
 from phnn.report.verdicts import forces_known
 from phnn.report.write import write_report
 from phnn.rescue import Failure, accounted, documents, needed

@@ -14,7 +14,7 @@ from scipy.signal import lfilter
 from phnn.cli import main
 from phnn.configuration import config_folder
 from phnn.identification.evaluate import Evaluation, score_part
-from phnn.identification.order import gain
+from phnn.identification.prepare import gain
 from phnn.recordings import read
 from phnn.recordings.recording import Part, Recording, Start
 from phnn.setup import Own

@@ -10,9 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from report_example import make_trace
 
-from phnn.report import LedgerRow
 from phnn.report.document import FitRow, Location, Score
-from phnn.report.evidence import MISSING, base_note, ledger_shares
+from phnn.report.evidence import MISSING, LedgerRow, base_note, ledger_shares
 from phnn.report.figures import draw_locations, draw_overview, draw_recording
 from phnn.report.page import formula, symbol
 from phnn.report.view import envelope, longest_run, residual_spectrum, telling_stretch

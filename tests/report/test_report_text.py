@@ -23,13 +23,14 @@ from report_example import make_document, make_evidence, make_trace
 from rich.console import Console
 
 from phnn.recordings import read
-from phnn.report import Evidence, console_summary, verdicts
 from phnn.report import formatting as f
+from phnn.report import verdicts
 from phnn.report.document import read_document
-from phnn.report.evidence import ledger_shares
+from phnn.report.evidence import Evidence, ledger_shares
 from phnn.report.methods import bibtex, command_line, methods, provenance
 from phnn.report.page import csv_text, table_links, usage
 from phnn.report.result import evidence as evidence_of
+from phnn.report.write import console_summary
 
 EMPTY = Evidence((), (), (), (), (), (), "")
 

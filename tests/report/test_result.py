@@ -25,8 +25,7 @@ from phnn.models.store import load
 from phnn.parameters import Parameter
 from phnn.recordings.recording import Anchor, Units
 from phnn.report.document import read_document
-from phnn.report.fingerprint import binned, fingerprint, variable_of
-from phnn.report.missing import sentence
+from phnn.report.missing import binned, fingerprint, sentence, variable_of
 from phnn.report.result import document, evidence, no_proposal, plausible_row, supports, write
 from phnn.report.verdicts import forces_known
 
