@@ -7,7 +7,7 @@ import numpy as np
 from phnn.effects import kinds
 from phnn.effects.additions import at_amplifier
 from phnn.effects.declaration import between, limit, signed, time_constant
-from phnn.effects.effect import Effect, Scales
+from phnn.effects.effect import Effect, Points, Scales
 
 _BOOK = "Fleming & Leang 2014, Design, Modeling and Control of Nanopositioning Systems, ch. 14"
 _TAU = time_constant("tau_a", "time constant of the amplifier", strength=True).plausibly(
@@ -54,11 +54,6 @@ AMPLIFIER_LOWPASS = Effect(
 )
 
 
-def offset_grid(scales: Scales) -> list[dict[str, float]]:
-    """One point: an offset that is small against the largest command."""
-    return [{"V_0": 1e-3 * scales.voltage}]
-
-
 AMPLIFIER_OFFSET = Effect(
     name="amplifier_offset",
     kind=kinds.OFFSET,
@@ -75,24 +70,15 @@ AMPLIFIER_OFFSET = Effect(
         ),
     ),
     adds=at_amplifier("offset"),
-    grid=offset_grid,
+    grid=Points({"V_0": (1e-3, "voltage")}),
     neighbours=("constant_load", "electrostriction"),
 )
 
 
 _V_MAX = limit("V_max", "V", "amplifier limit", 1e3).plausibly(5.0, 2e3, "piezo amplifiers end between 5 V and 2 kV")
+# Soft limits over the largest command.
+_LIMITS = (0.5, 0.7, 0.85, 1.0, 1.2, 1.6, 2.5, 5.0)
 _N_V = between("n_V", "1", "sharpness of the limit", 1.0, 200.0)
-
-
-def saturation_grid(scales: Scales) -> list[dict[str, float]]:
-    """Limits somewhat below the largest command; no small strength exists to start from."""
-    return [{"V_max": share * scales.voltage} for share in (0.995, 0.98, 0.95, 0.9, 0.8, 0.65, 0.5)]
-
-
-def soft_saturation_grid(scales: Scales) -> list[dict[str, float]]:
-    """Limits below and above the largest command, from the gentlest to a nearly sharp knee."""
-    shares = (0.5, 0.7, 0.85, 1.0, 1.2, 1.6, 2.5, 5.0)
-    return [{"V_max": share * scales.voltage, "n_V": n} for share in shares for n in (2.0, 4.0, 12.0)]
 
 
 AMPLIFIER_SATURATION = Effect(
@@ -106,7 +92,8 @@ AMPLIFIER_SATURATION = Effect(
     references=(_BOOK,),
     declares=(_V_MAX,),
     adds=at_amplifier("saturation"),
-    grid=saturation_grid,
+    # No small strength exists to start from.
+    grid=Points(*({"V_max": (share, "voltage")} for share in (0.995, 0.98, 0.95, 0.9, 0.8, 0.65, 0.5))),
     neighbours=("contact_stop", "cubic_stiffness"),
 ).or_as(
     equation=r"V = u\,(1 + |u/V_{max}|^{n})^{-1/n}",
@@ -115,7 +102,7 @@ AMPLIFIER_SATURATION = Effect(
     references=("Rapp 1991, Effects of HPA-nonlinearity on a 4-DPSK/OFDM signal, 2nd ECSC", _BOOK),
     declares=(_V_MAX, _N_V),
     adds=at_amplifier("soft_saturation"),
-    grid=soft_saturation_grid,
+    grid=Points(*({"V_max": (share, "voltage"), "n_V": n} for share in _LIMITS for n in (2.0, 4.0, 12.0))),
 )
 
 

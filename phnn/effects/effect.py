@@ -76,6 +76,26 @@ class Scales:
         return 2.0 * math.pi * self.fastest * self.effort if self.effort else self.velocity
 
 
+class Points:
+    """A grid that is written down, for laws of which single points are known.
+
+    Args:
+        points: values by parameter: a number, the name of a scale, or a share of a scale such as ``(0.1, "voltage")``.
+    """
+
+    def __init__(self, *points: Mapping[str, float | str | tuple[float, str]]) -> None:
+        self.points = points
+
+    def __call__(self, scales: Scales) -> list[dict[str, float]]:
+        return [{name: self._value(given, scales) for name, given in point.items()} for point in self.points]
+
+    @staticmethod
+    def _value(given: float | str | tuple[float, str], scales: Scales) -> float:
+        if isinstance(given, tuple):
+            return given[0] * float(getattr(scales, given[1]))
+        return float(getattr(scales, given)) if isinstance(given, str) else given
+
+
 @dataclass(frozen=True, kw_only=True)
 class Effect:
     """A member of the catalogue.

@@ -7,7 +7,7 @@ import math
 from phnn.effects import kinds
 from phnn.effects.additions import Parts, Placed, bent_port
 from phnn.effects.declaration import bounded, constant, has_dead_zones, has_transducer, positive, signed
-from phnn.effects.effect import Effect, Scales
+from phnn.effects.effect import Effect, Points, Scales
 from phnn.network.elements import Modulation, ModulatorState, Resistor
 from phnn.network.roles import charges
 from phnn.setup import Setup
@@ -49,16 +49,6 @@ CHARGE_LEAKAGE = Effect(
 )
 
 
-def depolarisation_grid(scales: Scales) -> list[dict[str, float]]:
-    """Coercive voltages below the largest voltage; times from a tenth of the longest recording to three times its
-    length."""
-    return [
-        {"delta_z": 1e-3, "tau_z": span * scales.duration, "V_c": share * scales.voltage}
-        for share in (0.3, 0.6, 0.85)
-        for span in (0.1, 0.3, 1.0, 3.0)
-    ]
-
-
 DEPOLARISATION = Effect(
     name="depolarisation",
     kind=kinds.RATIO_BY_PAST_VOLTAGE,
@@ -78,15 +68,17 @@ DEPOLARISATION = Effect(
         modulations=(Modulation("alpha", "depolarised", "declining", ("delta_z",)),),
         memories=(ModulatorState("depolarised", "exceeding", ("tau_z", "V_c"), ("voltage",)),),
     ),
-    grid=depolarisation_grid,
+    # Coercive voltages below the largest voltage; times up to three times the longest recording.
+    grid=Points(
+        *(
+            {"delta_z": 1e-3, "tau_z": (span, "duration"), "V_c": (share, "voltage")}
+            for share in (0.3, 0.6, 0.85)
+            for span in (0.1, 0.3, 1.0, 3.0)
+        )
+    ),
     applies=has_transducer,
     neighbours=("self_heating", "sensor_drift"),
 )
-
-
-def coupling_grid(scales: Scales) -> list[dict[str, float]]:
-    """One point: the law is linear in its strength."""
-    return [{"kappa_a": 1e-3, "q_a": scales.displacement}]
 
 
 DISPLACEMENT_COUPLING = Effect(
@@ -104,7 +96,7 @@ DISPLACEMENT_COUPLING = Effect(
         constant("q_a", "m", "reference displacement of the coupling"),
     ),
     adds=Parts(modulations=(Modulation("alpha", "q", "affine", ("kappa_a", "q_a")),)),
-    grid=coupling_grid,
+    grid=Points({"kappa_a": 1e-3, "q_a": "displacement"}),
     applies=has_transducer,
     neighbours=("electrostriction", "quadratic_stiffness", "sensor_nonlinearity"),
 )

@@ -8,7 +8,7 @@ from dataclasses import replace
 from phnn.effects import kinds
 from phnn.effects.additions import OfEveryRecording, Parts, Placed, with_network
 from phnn.effects.declaration import bounded, constant, has_motion, positive, signed
-from phnn.effects.effect import Effect, Scales
+from phnn.effects.effect import Effect, Points, Scales
 from phnn.network.elements import Coupling, Port, Storage
 from phnn.parameters import as_table
 from phnn.setup import Setup, Source
@@ -103,11 +103,6 @@ def mains_lines(setup: Setup, parameters: Placed) -> Setup:
     return replace(setup, own=setup.own._replace(lines=(*setup.own.lines, *added)), block_parameters=table)
 
 
-def mains_grid(scales: Scales) -> list[dict[str, float]]:
-    """One point for each of the two frequencies of mains."""
-    return [{"f_m": 50.0}, {"f_m": 60.0}]
-
-
 MAINS_PICKUP = Effect(
     name="mains_pickup",
     kind=kinds.LINES,
@@ -124,6 +119,6 @@ MAINS_PICKUP = Effect(
         ),
     ),
     adds=OfEveryRecording(mains_lines),
-    grid=mains_grid,
+    grid=Points({"f_m": 50.0}, {"f_m": 60.0}),
     neighbours=("base_motion",),
 )

@@ -13,22 +13,12 @@ from functools import cache
 from phnn.effects import kinds
 from phnn.effects.additions import at_amplifier, at_sensor
 from phnn.effects.declaration import bounded, constant, nonnegative, signed
-from phnn.effects.effect import Effect, Scales, gathered, in_all_forms
+from phnn.effects.effect import Effect, Points, Scales, gathered, in_all_forms
 from phnn.effects.learned import Within
 
 _WIDTH = nonnegative("delta_U", "V", "half width of the dead band", 1e3, 0.1)
 _ONLY_WIDTH = replace(_WIDTH, strength=True)
 _LOST_IN_BAND = bounded("a_U", "1", "gain lost in the dead band", 0.0, 1.0, 0.1, strength=True)
-
-
-def dead_band_grid(scales: Scales) -> list[dict[str, float]]:
-    """Bands of several widths."""
-    return [{"delta_U": share * scales.voltage, "a_U": 1.0} for share in (1e-3, 0.01, 0.05)]
-
-
-def partial_dead_band_grid(scales: Scales) -> list[dict[str, float]]:
-    """A tenth of the gain lost, within bands of several widths."""
-    return [{"a_U": 0.1, "delta_U": share * scales.voltage} for share in (0.02, 0.1, 0.3)]
 
 
 AMPLIFIER_DEAD_BAND = Effect(
@@ -42,24 +32,19 @@ AMPLIFIER_DEAD_BAND = Effect(
     references=("Horowitz & Hill 2015, The Art of Electronics, sec. 2.4 (crossover distortion)",),
     declares=(_ONLY_WIDTH, constant("a_U", "1", _LOST_IN_BAND.description)),
     adds=at_amplifier("dead_band", "a_U", "delta_U"),
-    grid=dead_band_grid,
+    grid=Points(*({"delta_U": (share, "voltage"), "a_U": 1.0} for share in (1e-3, 0.01, 0.05))),
     neighbours=("amplifier_saturation",),
     rescale=Within((_ONLY_WIDTH,), may_vanish=True),
 ).or_as(
     equation=r"V = u - a_U\,\mathrm{clip}(u, \pm\delta_U)",
     statement="The amplifier loses the share {a_U} of its gain while its command is within {delta_U} of zero.",
     declares=(_LOST_IN_BAND, _WIDTH),
-    grid=partial_dead_band_grid,
+    grid=Points(*({"a_U": 0.1, "delta_U": (share, "voltage")} for share in (0.02, 0.1, 0.3))),
     rescale=Within((_LOST_IN_BAND,), may_vanish=True),
 )
 
 
 _LOST_BEYOND = bounded("a_K", "1", "gain lost beyond a level", 0.0, 1.0, 0.1, strength=True)
-
-
-def knee_grid(scales: Scales) -> list[dict[str, float]]:
-    """A tenth of the gain lost, beyond levels on either side."""
-    return [{"a_K": 0.1, "U_K": share * scales.voltage} for share in (0.8, -0.8, 0.4)]
 
 
 AMPLIFIER_KNEE = Effect(
@@ -72,7 +57,7 @@ AMPLIFIER_KNEE = Effect(
     references=("Fleming & Leang 2014, Design, Modeling and Control of Nanopositioning Systems, ch. 14",),
     declares=(_LOST_BEYOND, signed("U_K", "V", "level of the lost gain", 1e4, 1.0)),
     adds=at_amplifier("knee"),
-    grid=knee_grid,
+    grid=Points(*({"a_K": 0.1, "U_K": (share, "voltage")} for share in (0.8, -0.8, 0.4))),
     neighbours=("amplifier_saturation",),
     rescale=Within((_LOST_BEYOND,), may_vanish=True),
 )
@@ -109,11 +94,6 @@ _GAIN_MOST = 0.9
 _GAIN_SLOPE = bounded("kappa_G", "1", "change of the sensor's gain", -_GAIN_MOST, _GAIN_MOST, 0.01, strength=True)
 
 
-def gain_drift_grid(scales: Scales) -> list[dict[str, float]]:
-    """One point: the law is linear in its strength."""
-    return [{"kappa_G": 1e-3, "bend_G": 0.0, "T_G": scales.duration}]
-
-
 SENSOR_GAIN_DRIFT = Effect(
     name="sensor_gain_drift",
     kind=kinds.SENSOR_OVER_TIME,
@@ -128,7 +108,7 @@ SENSOR_GAIN_DRIFT = Effect(
         constant("T_G", "s", "time over which the gain changes"),
     ),
     adds=at_sensor("drifting_gain"),
-    grid=gain_drift_grid,
+    grid=Points({"kappa_G": 1e-3, "bend_G": 0.0, "T_G": "duration"}),
     neighbours=("sensor_drift", "self_heating"),
     rescale=Within((_GAIN_SLOPE,)),
 )

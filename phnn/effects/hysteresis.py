@@ -22,7 +22,7 @@ from phnn.effects.declaration import (
     positive,
     signed,
 )
-from phnn.effects.effect import Effect, Scales, SpecialCase
+from phnn.effects.effect import Effect, Points, Scales, SpecialCase
 from phnn.models.actuator import hysteron
 from phnn.network.elements import Coupling, Resistor, Storage
 from phnn.setup import Setup
@@ -162,11 +162,6 @@ def distributed_grid(scales: Scales) -> list[dict[str, float]]:
     ]
 
 
-def rescale_cells(values: Mapping[str, float], factor: float) -> dict[str, float]:
-    """Scale all stiffnesses."""
-    return {n: max(factor, 1e-3) * v if n.startswith("k_") else v for n, v in values.items()}
-
-
 DISTRIBUTED_HYSTERESIS = Effect(
     name="distributed_hysteresis",
     kind=kinds.SHAPE,
@@ -198,7 +193,6 @@ DISTRIBUTED_HYSTERESIS = Effect(
     applies=has_motion,
     neighbours=("extra_hysteron", "coulomb_friction", "bouc_wen_hysteresis"),
     related_kinds=(kinds.THRESHOLD_BY_DISPLACEMENT, kinds.THRESHOLD_BY_RATE),
-    rescale=rescale_cells,
 )
 
 
@@ -298,11 +292,6 @@ def follow_displacement(setup: Setup, parameters: Placed) -> Setup:
     return with_following_dead_zones(setup, "following_dead_zone", "q", tuple(parameters), parameters)
 
 
-def asymmetry_grid(scales: Scales) -> list[dict[str, float]]:
-    """One point: the law is linear in its strength."""
-    return [{"kappa_d": 1e-3, "q_d": scales.displacement}]
-
-
 HYSTERESIS_ASYMMETRY = Effect(
     name="hysteresis_asymmetry",
     kind=kinds.THRESHOLD_BY_DISPLACEMENT,
@@ -319,7 +308,7 @@ HYSTERESIS_ASYMMETRY = Effect(
         constant("q_d", "m", "reference displacement of the asymmetry"),
     ),
     adds=follow_displacement,
-    grid=asymmetry_grid,
+    grid=Points({"kappa_d": 1e-3, "q_d": "displacement"}),
     applies=has_plain_dead_zones,
     neighbours=("electrostriction",),
 )

@@ -10,7 +10,7 @@ import numpy as np
 from phnn.effects import kinds
 from phnn.effects.additions import Parts, Placed, bent_spring
 from phnn.effects.declaration import bounded, constant, has_motion, has_spring, limit, positive
-from phnn.effects.effect import Effect, Scales
+from phnn.effects.effect import Effect, Points, Scales
 from phnn.network.elements import Coupling, Network, Resistor, Storage
 from phnn.setup import Setup
 
@@ -227,11 +227,6 @@ def cubic(setup: Setup, parameters: Placed) -> Setup:
     return bent_spring(setup, "cubic_spring", parameters)
 
 
-def cubic_grid(scales: Scales) -> list[dict[str, float]]:
-    """One point: the law is linear in its strength."""
-    return [{"kappa_3": 1e-3, "q_0": scales.displacement}]
-
-
 CUBIC_STIFFNESS = Effect(
     name="cubic_stiffness",
     kind=kinds.ELASTIC,
@@ -248,7 +243,7 @@ CUBIC_STIFFNESS = Effect(
         constant("q_0", "m", "reference displacement of the cubic stiffness"),
     ),
     adds=cubic,
-    grid=cubic_grid,
+    grid=Points({"kappa_3": 1e-3, "q_0": "displacement"}),
     applies=has_spring,
     neighbours=("amplifier_saturation",),
 )
@@ -290,11 +285,6 @@ def quadratic(setup: Setup, parameters: Placed) -> Setup:
     return bent_spring(setup, "quadratic_spring", parameters)
 
 
-def quadratic_grid(scales: Scales) -> list[dict[str, float]]:
-    """One point: the law is linear in its strength as long as that is small."""
-    return [{"kappa_2": 1e-3, "q_2": scales.displacement}]
-
-
 QUADRATIC_STIFFNESS = Effect(
     name="quadratic_stiffness",
     kind=kinds.ELASTIC,
@@ -311,7 +301,7 @@ QUADRATIC_STIFFNESS = Effect(
         constant("q_2", "m", "reference displacement of the quadratic stiffness"),
     ),
     adds=quadratic,
-    grid=quadratic_grid,
+    grid=Points({"kappa_2": 1e-3, "q_2": "displacement"}),
     applies=has_spring,
     neighbours=("electrostriction", "displacement_coupling", "hysteresis_asymmetry", "contact_stop"),
 )

@@ -9,7 +9,7 @@ import numpy as np
 from phnn.effects import kinds
 from phnn.effects.additions import OfEveryRecording, Placed, at_sensor
 from phnn.effects.declaration import positive, signed, time_constant
-from phnn.effects.effect import Effect, Scales
+from phnn.effects.effect import Effect, Points, Scales
 from phnn.setup import DRIFT_TERMS, Setup
 
 
@@ -56,11 +56,6 @@ def steady(setup: Setup) -> bool:
     return not setup.own.drift_terms
 
 
-def wandering_grid(scales: Scales) -> list[dict[str, float]]:
-    """No parameters: the coefficients are nuisances of the recordings."""
-    return [{}]
-
-
 def wandering(setup: Setup) -> bool:
     """The sensor has no drift yet, neither a ramp nor one for each recording, and its zero is not known to be the
     same in all recordings."""
@@ -90,7 +85,7 @@ SENSOR_DRIFT = Effect(
     statement="The sensor wanders slowly, in every recording differently and independently of the actuator.",
     declares=(),
     adds=OfEveryRecording(wander),
-    grid=wandering_grid,
+    grid=Points({}),
     applies=wandering,
 )
 
@@ -153,11 +148,6 @@ SENSOR_NONLINEARITY = Effect(
 )
 
 
-def rectification_grid(scales: Scales) -> list[dict[str, float]]:
-    """No parameters."""
-    return [{}]
-
-
 def shows_signs(setup: Setup) -> bool:
     """No block of the sensor rectifies already."""
     return all(block.kind != "rectification" for block in setup.sensor)
@@ -173,7 +163,7 @@ SENSOR_RECTIFICATION = Effect(
     separation="The same sine about an offset larger than its amplitude: a rectifier does not change it.",
     references=("Fraden 2016, Handbook of Modern Sensors, ch. 3",),
     adds=at_sensor("rectification"),
-    grid=rectification_grid,
+    grid=Points({}),
     applies=shows_signs,
     neighbours=("sensor_nonlinearity",),
 )

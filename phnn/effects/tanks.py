@@ -12,7 +12,7 @@ import numpy as np
 from phnn.effects import kinds
 from phnn.effects.additions import Placed, with_resistors, with_rim
 from phnn.effects.declaration import constant, has_tanks, positive
-from phnn.effects.effect import Effect, Scales
+from phnn.effects.effect import Effect, Points, Scales
 from phnn.network.elements import Network, Resistor
 from phnn.setup import Setup
 
@@ -125,11 +125,6 @@ def narrowed(setup: Setup, parameters: Placed, where: Callable[[Resistor], bool]
     return with_resistors(setup, narrow, parameters)
 
 
-def orifice_grid(scales: Scales) -> list[dict[str, float]]:
-    """A weak orifice, and one strong enough that the flow is proportional to the root of the head."""
-    return [{"kappa_t": share, "Q_t": scales.voltage} for share in (1e-3, 1.0, 100.0)]
-
-
 def has_linear_pipes(setup: Setup) -> bool:
     """Stores of constant capacity drain into each other through resistors, and at least one of these is linear."""
     return has_tanks(setup) and any(r.law == "linear" for r in setup.network.resistors)
@@ -158,7 +153,8 @@ TURBULENT_ORIFICE = (
             constant("Q_t", "m³/s", "reference flow of the turbulent resistance"),
         ),
         adds=narrowed,
-        grid=orifice_grid,
+        # A weak orifice, and those strong enough that the flow is proportional to the root of the head.
+        grid=Points(*({"kappa_t": share, "Q_t": "voltage"} for share in (1e-3, 1.0, 100.0))),
         applies=has_linear_pipes,
         neighbours=("overflow",),
     )

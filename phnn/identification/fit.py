@@ -107,7 +107,7 @@ class Fit:
         standard errors, is the same in every repetition and is not corrected.
         """
         # Its module measures fits.
-        from phnn.identification.refinement import numerical_error
+        from phnn.identification.base import numerical_error
 
         if not self.z.size or self.use != "identification":
             return np.zeros(self.z.size)

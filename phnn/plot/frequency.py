@@ -42,8 +42,8 @@ from phnn.plot.panels import (
 from phnn.prediction import Predicted
 from phnn.recordings import Campaign, campaign_of
 from phnn.recordings.recording import Recording, Start, unrecorded
+from phnn.report.figures import amplitude_density
 from phnn.report.figures.style import AFTER, BEFORE, CATEGORIES, FAINT, INK, RC, literal, log_axis, quiet_grid
-from phnn.report.view import amplitude_density
 from phnn.setup import Setup
 from phnn.signals.first_order import correlation, cross_deviation, density_of, own_deviation
 from phnn.signals.least_squares import HARMONICS, harmonic_weights

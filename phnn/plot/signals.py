@@ -41,10 +41,9 @@ from phnn.plot.panels import (
 from phnn.prediction import Predicted
 from phnn.recordings import Campaign, campaign_of
 from phnn.report.document import Location
-from phnn.report.figures import height_of, locations_into
+from phnn.report.figures import envelope, height_of, locations_into, telling_stretch
 from phnn.report.figures.style import AFTER, BEFORE, CATEGORIES, FAINT, INK, MEASURED, RC, literal, quiet_grid, say
 from phnn.report.formatting import DASH, finite, percent
-from phnn.report.view import envelope, telling_stretch
 from phnn.trajectory import Trajectory
 
 if TYPE_CHECKING:

@@ -17,16 +17,19 @@ from numpy.typing import NDArray
 from phnn.report.document import Document, FitRow
 from phnn.report.evidence import Evidence, Shares, Trace
 from phnn.report.figures import (
+    View,
     draw_fingerprint,
     draw_ledger,
     draw_locations,
     draw_overview,
     draw_picture,
     draw_recording,
+    error_limits,
+    unscored,
+    view_of,
 )
 from phnn.report.figures.style import RC, Drawing, png, svg
 from phnn.report.formatting import finite, listing, ratio, words
-from phnn.report.view import View, error_limits, unscored, view_of
 from phnn.rescue import needed
 from phnn.results import file_name
 

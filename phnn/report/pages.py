@@ -26,6 +26,7 @@ from phnn.modal.study import EQUIVALENT, NAMED, NONE, UNKNOWN, HeldOut, Result, 
 from phnn.models.store import FILE
 from phnn.recordings.describe import facts
 from phnn.recordings.recording import Part, Recording
+from phnn.report.figures import envelope
 from phnn.report.figures.style import (
     AFTER,
     BEFORE,
@@ -43,7 +44,6 @@ from phnn.report.figures.style import (
 )
 from phnn.report.formatting import DASH, Unit, display_unit, plain, short, words
 from phnn.report.page import plain_page
-from phnn.report.view import envelope
 from phnn.results import Place
 
 Array = NDArray[np.float64]

@@ -22,10 +22,10 @@ from phnn.diagnose.number import Visited
 from phnn.diagnose.search import _heat, begin, explore
 from phnn.diagnose.words import picture
 from phnn.effects import Scales, catalogue
+from phnn.identification.base import numerical_error
 from phnn.identification.fit import Fit
 from phnn.identification.options import Options
 from phnn.identification.plan import Plan
-from phnn.identification.refinement import numerical_error
 from phnn.identification.staged import fit_identified
 from phnn.models.actuator import hrc
 from phnn.parallel import executor

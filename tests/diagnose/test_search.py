@@ -24,10 +24,10 @@ from phnn.diagnose.verdict import NAMED, NONE, PROVISIONAL, UNKNOWN, Claim, conc
 from phnn.effects import effect
 from phnn.effects.learned import learned_elements
 from phnn.effects.places import attached
+from phnn.identification.base import numerical_error
 from phnn.identification.fit import Fit, fit
 from phnn.identification.options import Options
 from phnn.identification.plan import Plan
-from phnn.identification.refinement import numerical_error
 from phnn.identification.staged import fit_identified
 from phnn.recordings import Campaign
 

@@ -18,13 +18,19 @@ from hypothesis import strategies as st
 
 from phnn.errors import InputRefused, PhnnError
 from phnn.identification import prepare
-from phnn.identification.base import identify_base, identify_bouc_wen
+from phnn.identification.base import (
+    MAX_SUBSTEPS,
+    NumericalError,
+    identify_base,
+    identify_bouc_wen,
+    numerical_error,
+    substeps_for,
+)
 from phnn.identification.evaluate import evaluate
 from phnn.identification.fit import Fit
 from phnn.identification.options import Options
 from phnn.identification.plan import Plan
 from phnn.identification.prepare import Gain, identification_plan
-from phnn.identification.refinement import MAX_SUBSTEPS, NumericalError, numerical_error, substeps_for
 from phnn.identification.staged import identify_actuator, is_quasi_static, representative_subset
 from phnn.identification.starting_points import falls_throughout
 from phnn.models.actuator import hrc

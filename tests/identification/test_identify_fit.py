@@ -15,13 +15,12 @@ from campaigns import recorded
 from phnn.diagnose.diagnosis import score_on_all
 from phnn.errors import PhnnError
 from phnn.identification import staged
-from phnn.identification.base import identify_base
+from phnn.identification.base import identify_base, released, resumed
 from phnn.identification.evaluate import evaluate
 from phnn.identification.fit import fit, unidentified, variables_from
 from phnn.identification.options import Options
 from phnn.identification.plan import Plan
 from phnn.identification.problem import Problem, expected_start, variables_of, without_nuisances
-from phnn.identification.refinement import released, resumed
 from phnn.identification.staged import fit_identified
 from phnn.models.actuator import hrc
 from phnn.recordings import read

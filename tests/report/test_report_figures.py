@@ -12,9 +12,16 @@ from report_example import make_trace
 
 from phnn.report.document import FitRow, Location, Score
 from phnn.report.evidence import MISSING, LedgerRow, base_note, ledger_shares
-from phnn.report.figures import draw_locations, draw_overview, draw_recording
+from phnn.report.figures import (
+    draw_locations,
+    draw_overview,
+    draw_recording,
+    envelope,
+    longest_run,
+    residual_spectrum,
+    telling_stretch,
+)
 from phnn.report.page import formula, symbol
-from phnn.report.view import envelope, longest_run, residual_spectrum, telling_stretch
 
 
 @given(st.integers(1, 3000), st.integers(1, 60), st.integers(0, 2**32 - 1))
