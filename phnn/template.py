@@ -300,7 +300,8 @@ def manifest_text(
         with_uses: propose which recordings are held out.
     """
     usable = [f for f in found if not f.reason]
-    lines = [*_head(folder), *_setup(actuator), *_wanted()]
+    lines = [*_head(folder), *_setup(actuator)]
+    lines += [f"# {key}: {value}   # {why}" for key, value, why in _WANTED if key in TOP_KEYS]
     columns = [_columns(f, actuator) for f in usable]
     shared = bool(columns) and all(c == columns[0] for c in columns)
     if shared:
@@ -334,10 +335,6 @@ def _setup(actuator: bool) -> list[str]:
         said = f"{{model: {DEFAULT_SETUP['model']}, hysterons: {DEFAULT_SETUP['hysterons']}}}"
         return [f"setup: {said}   # guessed: mass, spring and damper, driven through so many hysterons"]
     return ["setup: {model: linear}   # guessed: mass, spring and damper; input and output are no voltage and stroke"]
-
-
-def _wanted() -> list[str]:
-    return [f"# {key}: {value}   # {why}" for key, value, why in _WANTED if key in TOP_KEYS]
 
 
 def _columns(f: Found, actuator: bool) -> list[str]:

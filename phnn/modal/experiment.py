@@ -107,7 +107,8 @@ def study_of(campaign: Campaign) -> Study:
     """
     grouped = experiments_of(campaign)
     for r in campaign.recordings:
-        _check_output(r)
+        if not np.isfinite(r.y).all():
+            raise InputRefused(f"{r.source}: recording {r.name!r} has no output: leave it out")
     first = next(iter(grouped.values()))
     _check_alike(grouped, first)
     noticed = contaminated(campaign.recordings, {r: excitation_of(r.drive, r.dt) for r in campaign.recordings})
@@ -155,11 +156,6 @@ def _check_periodic(r: Recording) -> None:
             f"{r.source}: recording {r.name!r} has an input that is linear between samples, which modes are not read "
             f"off: say `input: band_limited` or `input: zero_order`, whichever is nearer"
         )
-
-
-def _check_output(r: Recording) -> None:
-    if not np.isfinite(r.y).all():
-        raise InputRefused(f"{r.source}: recording {r.name!r} has no output: leave it out")
 
 
 def _check_level(study: Study, level: int, folder: str) -> None:

@@ -248,7 +248,9 @@ def study_modes(
         keep(f"linear_at_level_{number}", alone[-1])
     alone_by = np.array([np.sqrt((_left(f, study, i, settings) ** 2).mean()) for i, f in enumerate(alone)])
     search = _Search(study, settings, progress, keep)
-    start = _normalised(alone[0].model)
+    # Ratios of size one for every mode: a linear fit does not see how strongly ports are joined to it.
+    b = alone[0].model.b
+    start = replace(alone[0].model, b=b / np.linalg.norm(b, axis=1)[:, None])
     first = search.tried(start)
     if first is None:
         raise SolverFailed("the linear model of the lowest amplitude cannot be integrated: look at its recordings")
@@ -317,11 +319,6 @@ def _alone(study: Study, level: int, settings: Settings) -> ModalFit:
     model = ModalModel(found.omega, found.zeta, found.b, delay, LINEAR, none, none)
     few = fitted[: max(settings.experiments, len(study.inputs))]
     return fit_modes(model, few, study, settings.iterations, settings.workers)
-
-
-def _normalised(model: ModalModel) -> ModalModel:
-    """With ratios of size one for every mode: a linear fit does not see how strongly ports are joined to it."""
-    return replace(model, b=model.b / np.linalg.norm(model.b, axis=1)[:, None])
 
 
 def _with(model: ModalModel, element: PortElement, study: Study) -> ModalModel:

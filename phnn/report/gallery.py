@@ -42,11 +42,6 @@ _TOP = 65534
 _ABSENT = _TOP + 1
 
 
-def samples_per_bin(count: int, points: int = POINTS) -> int:
-    """How many samples of a trace of ``count`` share two points; 1 where every sample is a point."""
-    return 1 if count <= points else -(-2 * count // points)
-
-
 def binned(y: Array, width: int) -> Array:
     """The smallest and the largest sample of every ``width``, in the order in which they were recorded.
 
@@ -86,7 +81,8 @@ def plots(view: View, fit: FitRow | None) -> str:
     """
     trace = view.trace
     count = len(trace.t)
-    width = samples_per_bin(count)
+    # So many samples share two points; 1 where every sample is a point.
+    width = 1 if count <= POINTS else -(-2 * count // POINTS)
     dt = float(trace.t[-1] - trace.t[0]) / max(count - 1, 1)
     limit, _ = error_limits(view)
     names, levels = view.names, (fit.before, fit.after) if fit else (None, None)

@@ -238,10 +238,6 @@ def _bar(row: CandidateRow, rows: Sequence[CandidateRow]) -> int:
     return round(100.0 * max(finite(row.score) or 0.0, 0.0) / largest) if largest > 0.0 else 0
 
 
-def _unit_of(row: ParameterRow) -> str:
-    return "" if row.unit == "1" else row.unit
-
-
 def _chances(document: Document) -> list[tuple[str, float, str]]:
     """Return the likeliest effects with length and label of their bars; that nothing is missing comes last."""
     likely = [(formatting.words(n), p) for n, p in document.probability if n != "none" and (p or 0.0) >= _LEAST]
@@ -311,7 +307,7 @@ def render_page(
             change=formatting.change,
             unscored=any(not trace.scored.all() for trace in evidence.traces if trace.held_out),
             bar=_bar,
-            unit_of=_unit_of,
+            unit_of=lambda row: "" if row.unit == "1" else row.unit,
         )
     )
 

@@ -26,22 +26,7 @@ from phnn.modal.study import EQUIVALENT, NAMED, NONE, UNKNOWN, HeldOut, Result, 
 from phnn.models.store import FILE
 from phnn.recordings.describe import facts
 from phnn.recordings.recording import Part, Recording
-from phnn.report.figures import envelope
-from phnn.report.figures.style import (
-    AFTER,
-    BEFORE,
-    CATEGORIES,
-    FAINT,
-    INK,
-    MEASURED,
-    RC,
-    Drawing,
-    literal,
-    new_figure,
-    png,
-    quiet_grid,
-    say,
-)
+from phnn.report.figures import envelope, style
 from phnn.report.formatting import DASH, Unit, display_unit, plain, short, words
 from phnn.report.page import plain_page
 from phnn.results import Place
@@ -55,18 +40,18 @@ _DECADES = 7.0
 
 def draw_recorded(recording: Recording) -> Figure:
     """Four panels; held-out samples stand on grey."""
-    figure = new_figure(10.1, 4.9)
+    figure = style.new_figure(10.1, 4.9)
     (u_axes, loop), (y_axes, spectrum) = figure.subplots(2, 2, width_ratios=[1.75, 1.0])
     measured = bool(np.isfinite(recording.y).all())
     scale = display_unit(float(np.abs(recording.y).max()) if measured else None, recording.units.output, floor=1.0)
-    _in_time(u_axes, recording.t, recording.u, f"input ({recording.units.input})", BEFORE, recording.parts)
+    _in_time(u_axes, recording.t, recording.u, f"input ({recording.units.input})", style.BEFORE, recording.parts)
     if measured:
-        _in_time(y_axes, recording.t, recording.y / scale.scale, f"output ({scale.name})", AFTER, recording.parts)
+        _in_time(y_axes, recording.t, recording.y / scale.scale, f"output ({scale.name})", style.AFTER, recording.parts)
         _loop(loop, recording, scale)
         _spectra(spectrum, recording)
     else:
         for axes in (y_axes, loop, spectrum):
-            say(axes, "no output was recorded")
+            style.say(axes, "no output was recorded")
     y_axes.set_xlabel("time (s)")
     return figure
 
@@ -75,18 +60,18 @@ def _in_time(axes: Axes, t: Array, x: Array, label: str, colour: str, parts: Seq
     index = envelope(x)
     axes.plot(t[index], x[index], color=colour, linewidth=0.9)
     for part in (p for p in parts if p.use == "confirmation"):
-        axes.axvspan(t[part.first], t[part.last - 1], color=FAINT, alpha=0.5, linewidth=0, zorder=0)
+        axes.axvspan(t[part.first], t[part.last - 1], color=style.FAINT, alpha=0.5, linewidth=0, zorder=0)
     axes.set_ylabel(label)
     axes.margins(x=0.01)
-    quiet_grid(axes)
+    style.quiet_grid(axes)
 
 
 def _loop(axes: Axes, recording: Recording, scale: Unit) -> None:
-    axes.plot(recording.u, recording.y / scale.scale, color=AFTER, linewidth=0.5)
+    axes.plot(recording.u, recording.y / scale.scale, color=style.AFTER, linewidth=0.5)
     axes.set_xlabel(f"input ({recording.units.input})")
     axes.set_ylabel(f"output ({scale.name})")
     axes.locator_params(nbins=5)
-    quiet_grid(axes)
+    style.quiet_grid(axes)
 
 
 def _spectra(axes: Axes, recording: Recording) -> None:
@@ -98,14 +83,14 @@ def _spectra(axes: Axes, recording: Recording) -> None:
     output /= unit.scale
     highest = float(output.max())
     drive *= highest / max(float(drive.max()), 1e-300)
-    axes.loglog(*_drawn(f, output), color=AFTER, linewidth=0.8, label="output")
-    axes.loglog(*_drawn(f, drive), color=BEFORE, linewidth=0.6, label="input")
-    axes.axhline(floor, color=INK, linewidth=1.0, dashes=(4, 2), label="noise floor")
+    axes.loglog(*_drawn(f, output), color=style.AFTER, linewidth=0.8, label="output")
+    axes.loglog(*_drawn(f, drive), color=style.BEFORE, linewidth=0.6, label="input")
+    axes.axhline(floor, color=style.INK, linewidth=1.0, dashes=(4, 2), label="noise floor")
     axes.set_ylim(max(0.1 * floor, highest * 10.0**-_DECADES), 3.0 * highest)
     axes.set_xlabel("frequency (Hz)")
     axes.set_ylabel(f"output ({unit.name}/√Hz)")
     axes.legend(loc="upper right", ncols=3, borderaxespad=0.1, columnspacing=1.0)
-    quiet_grid(axes)
+    style.quiet_grid(axes)
 
 
 def _density(x: Array, dt: float) -> tuple[Array, Array]:
@@ -125,7 +110,7 @@ class _Entry:
 
     name: str
     facts: list[tuple[str, str]]
-    drawing: Drawing
+    drawing: style.Drawing
 
 
 def write_check(checked: Checked, place: Place) -> None:
@@ -144,10 +129,10 @@ def write_check(checked: Checked, place: Place) -> None:
 
 
 def _entry(recording: Recording) -> _Entry:
-    with rc_context(RC):
-        picture = png(draw_recorded(recording))
+    with rc_context(style.RC):
+        picture = style.png(draw_recorded(recording))
     title = f"{recording.name}: input and output in time, loop, spectra"
-    return _Entry(f"{recording.name} ({recording.source})", facts(recording), Drawing("", title, title, picture))
+    return _Entry(f"{recording.name} ({recording.source})", facts(recording), style.Drawing("", title, title, picture))
 
 
 # Half width of the resonance that is shown, in half-power widths; bands of the spectra in an octave.
@@ -168,23 +153,23 @@ def draw_resonance(result: Result) -> Figure:
     zeta = near.zeta[np.abs(near.omega / (2.0 * np.pi) - centre).argmin()]
     shown = lines[np.abs(f[lines] - centre) <= _WIDE * 2.0 * zeta * centre]
     models = [c.fit for c in {id(c): c for c in (result.candidates[0], result.final)}.values()]
-    figure = new_figure(10.1, 3.6)
+    figure = style.new_figure(10.1, 3.6)
     panels = figure.subplots(1, len(models), sharey=True, squeeze=False)[0]
     unit = display_unit(float(peak.max()), study.units[1])
     for axes, fit in zip(panels, models, strict=True):
         for i in levels:
             experiments = study.identification(i)
             modelled = response([replace(e, y=fit.predict(e)) for e in experiments])
-            colour, last = CATEGORIES[i % len(CATEGORIES)], axes is panels[-1]
+            colour, last = style.CATEGORIES[i % len(style.CATEGORIES)], axes is panels[-1]
             label = f"{study.levels[i][0].amplitude:.3g} {study.units[0]}"
             sizes = [np.abs(g[shown, out, into]) / unit.scale for g in (measured[i], modelled)]
             axes.plot(f[shown], sizes[0], "o", color=colour, markersize=4.5, alpha=0.3, markeredgewidth=0.0)
             axes.plot(f[shown], sizes[1], color=colour, linewidth=1.3, label=label if last else None)
-        axes.set_title(f"one model: {literal(_words(fit))}")
+        axes.set_title(f"one model: {style.literal(_words(fit))}")
         axes.set_xlabel("frequency (Hz)")
-        quiet_grid(axes)
+        style.quiet_grid(axes)
     panels[0].set_ylabel(
-        f"{literal(study.outputs[out])} by {literal(study.inputs[into])} ({unit.name}/{study.units[0]})"
+        f"{style.literal(study.outputs[out])} by {style.literal(study.inputs[into])} ({unit.name}/{study.units[0]})"
     )
     panels[-1].legend()
     return figure
@@ -193,25 +178,27 @@ def draw_resonance(result: Result) -> Figure:
 def draw_left(result: Result) -> Figure:
     """Spectra of what models leave of the recordings that are held out, or of the fitted ones where none are."""
     study = result.study
-    figure = new_figure(10.1, 3.6)
+    figure = style.new_figure(10.1, 3.6)
     panels = figure.subplots(1, len(study.levels), squeeze=False)[0]
     for i, axes in enumerate(panels):
         experiments = study.held_out(i) or study.identification(i)
         power = _power(study, [e.y for e in experiments])
         unit = display_unit(float(np.sqrt(power[1].max())), study.units[1])
-        _draw(axes, power, unit, MEASURED, "measured")
-        _draw(axes, _left(study, result.candidates[0].fit, experiments), unit, BEFORE, "one linear model")
+        _draw(axes, power, unit, style.MEASURED, "measured")
+        _draw(axes, _left(study, result.candidates[0].fit, experiments), unit, style.BEFORE, "one linear model")
         if result.final is not result.candidates[0]:
-            label = literal(f"one model, {_words(result.final.fit)}")
-            _draw(axes, _left(study, result.final.fit, experiments), unit, AFTER, label)
-        _draw(axes, _left(study, result.alone[i], experiments), unit, CATEGORIES[2], "linear, this amplitude alone")
+            label = style.literal(f"one model, {_words(result.final.fit)}")
+            _draw(axes, _left(study, result.final.fit, experiments), unit, style.AFTER, label)
+        _draw(
+            axes, _left(study, result.alone[i], experiments), unit, style.CATEGORIES[2], "linear, this amplitude alone"
+        )
         noise = float(np.mean([e.spread**2 for e in experiments])) * len(study.outputs)
         width = 2.0 * np.diff(_edges(study)) * study.dt
-        _draw(axes, (power[0], noise * width), unit, FAINT, "difference between periods, if white")
+        _draw(axes, (power[0], noise * width), unit, style.FAINT, "difference between periods, if white")
         axes.set_title(f"{study.levels[i][0].amplitude:.3g} {study.units[0]}")
         axes.set_xlabel("frequency (Hz)")
         axes.set_ylabel(f"effective value in a twelfth of an octave ({unit.name})")
-        quiet_grid(axes)
+        style.quiet_grid(axes)
     panels[-1].legend()
     return figure
 
@@ -270,14 +257,17 @@ def write_modes(result: Result, folder: str, place: Place) -> None:
     """Write document, figures and page into a folder."""
     (place / "modes.json").write_json(study_document(result))
     (place / "model" / FILE).write_json(model_document(result.final.fit, channels_of(result.study)))
-    with rc_context(RC):
+    with rc_context(style.RC):
         drawings = [
-            Drawing(
-                "resonance.png", resonance_title(result), "the resonance that moves most", png(draw_resonance(result))
+            style.Drawing(
+                "resonance.png",
+                resonance_title(result),
+                "the resonance that moves most",
+                style.png(draw_resonance(result)),
             ),
-            Drawing(
+            style.Drawing(
                 "left.png", "Residuals of the models on held-out recordings, by frequency, all outputs together.",
-                "spectra of residuals", png(draw_left(result)),
+                "spectra of residuals", style.png(draw_left(result)),
             ),
         ]  # fmt: skip
     for drawing in drawings:
