@@ -74,7 +74,7 @@ def test_parts_of_a_recording_are_told_apart_in_the_table(capsys: pytest.Capture
     from phnn.identification.evaluate import Evaluation, PartScore
 
     parts = tuple(PartScore(f"loops[{u}]", u, 99.0, 1e-8, 1.0) for u in ("identification", "confirmation"))
-    Console(width=200).print(_score_table({"base": Evaluation({}, parts)}))
+    Console(width=200).print(_score_table(Evaluation({}, parts)))
     shown = capsys.readouterr().out
     assert "loops[identification]" in shown
     assert "loops[confirmation]" in shown

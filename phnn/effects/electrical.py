@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 from phnn.effects import kinds
 from phnn.effects.additions import Parts, Placed, bent_port
@@ -102,11 +103,6 @@ DISPLACEMENT_COUPLING = Effect(
 )
 
 
-def electrostrictive(setup: Setup, parameters: Placed) -> Setup:
-    """The voltage port acts through ``ψ(V) = V + ε V²/2``; its conjugate current gains the factor ``1 + ε V``."""
-    return bent_port(setup, "electrostriction", parameters)
-
-
 def electrostriction_grid(scales: Scales) -> list[dict[str, float]]:
     """One point: the law is linear in its strength."""
     return [{"epsilon": 1e-3 / scales.voltage}]
@@ -128,7 +124,8 @@ ELECTROSTRICTION = Effect(
             -0.02, 0.02, "the charge constant of soft ceramics at most doubles up to the coercive voltage, 50 V or more"
         ),
     ),
-    adds=electrostrictive,
+    # The voltage port acts through ψ(V) = V + ε V²/2; its conjugate current gains the factor 1 + ε V.
+    adds=partial(bent_port, law="electrostriction"),
     grid=electrostriction_grid,
     applies=has_transducer,
     neighbours=("displacement_coupling", "quadratic_stiffness", "sensor_nonlinearity"),

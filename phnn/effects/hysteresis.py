@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 
 import numpy as np
@@ -287,11 +288,6 @@ EXTRA_HYSTERON = Effect(
 )
 
 
-def follow_displacement(setup: Setup, parameters: Placed) -> Setup:
-    """Every dead zone becomes ``d_i max(0, 1 + κ q/q₀)``."""
-    return with_following_dead_zones(setup, "following_dead_zone", "q", tuple(parameters), parameters)
-
-
 HYSTERESIS_ASYMMETRY = Effect(
     name="hysteresis_asymmetry",
     kind=kinds.THRESHOLD_BY_DISPLACEMENT,
@@ -307,7 +303,7 @@ HYSTERESIS_ASYMMETRY = Effect(
         bounded("kappa_d", "1", "asymmetry of hysteresis", -3.0, 3.0, 0.05, strength=True),
         constant("q_d", "m", "reference displacement of the asymmetry"),
     ),
-    adds=follow_displacement,
+    adds=partial(with_following_dead_zones, law="following_dead_zone", state="q"),
     grid=Points({"kappa_d": 1e-3, "q_d": "displacement"}),
     applies=has_plain_dead_zones,
     neighbours=("electrostriction",),
@@ -316,8 +312,7 @@ HYSTERESIS_ASYMMETRY = Effect(
 
 def follow_rate(setup: Setup, parameters: Placed) -> Setup:
     """Every dead zone becomes ``d_i (1 + κ |v|)``, ``v = p/m``: the law reads the momentum."""
-    names = (*parameters, inertia(setup))
-    return with_following_dead_zones(setup, "rate_dependent_dead_zone", "p", names, parameters)
+    return with_following_dead_zones(setup, parameters, "rate_dependent_dead_zone", "p", (inertia(setup),))
 
 
 def rate_grid(scales: Scales) -> list[dict[str, float]]:

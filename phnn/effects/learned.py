@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 
@@ -274,11 +274,6 @@ _CHANGES_BY_VOLTAGE = either(
 )
 
 
-def polynomial_port(setup: Setup, parameters: Placed) -> Setup:
-    """The port acts through ``ψ(V) = V (1 + a₁ s/2 + a₂ s²/3)``, ``s = V/V_P``: ``α ψ'(V) = α (1 + a₁ s + a₂ s²)``."""
-    return bent_port(setup, "polynomial", parameters)
-
-
 def has_simple_port(setup: Setup) -> bool:
     """A parameter ``alpha`` is the ratio by which a voltage port that is linear or electrostrictive acts on ``p``."""
     laws = [p.law for p in setup.network.ports if p.name == "voltage"]
@@ -300,7 +295,8 @@ LEARNED_RATIO_OF_VOLTAGE = Effect(
     separation="Small sines about several offsets of the voltage, far below and near the resonance.",
     references=("Uchino 1997, Piezoelectric Actuators and Ultrasonic Motors",),
     declares=(*_CHANGES_BY_VOLTAGE, constant("V_P", "V", "reference voltage of the learned coupling")),
-    adds=polynomial_port,
+    # The port acts through ψ(V) = V (1 + a₁ s/2 + a₂ s²/3), s = V/V_P: α ψ'(V) = α (1 + a₁ s + a₂ s²).
+    adds=partial(bent_port, law="polynomial"),
     grid=ratio_of_voltage_grid,
     applies=has_simple_port,
     neighbours=("electrostriction", "displacement_coupling"),

@@ -34,7 +34,6 @@ from phnn.setup import Block, Setup, Source
 # Blocks without a memory are translated from `phnn.chain` as they are. Of those with a state the package has the step
 # of half a sub-step, which is translated; only what carries it from point to point stands here.
 
-_LOOKS_AHEAD = "it needs the output after the instant that it is asked for"
 _POINTS = ("u_start", "u_middle", "u_end")
 # Longest delay in steps: the state holds as many rows of the input.
 _LONGEST = 10000
@@ -72,9 +71,8 @@ class Chain:
         for block in setup.sensor:
             what = f"sensor {block.kind}"
             if block.kind in REMEMBERING:
-                raise refused(
-                    what, _LOOKS_AHEAD, "leave the sensor out (--no-sensor), the output is then what it senses"
-                )
+                cause = "it needs the output after the instant that it is asked for"
+                raise refused(what, cause, "leave the sensor out (--no-sensor), the output is then what it senses")
             time = "s.count * H"
             self.e.program.state("count", "steps since the start")
             self.output.append(f"y = {self._static(SENSORS, block, what, 'y', time)}")

@@ -18,7 +18,7 @@ import sys
 import tempfile
 import uuid
 import zipfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
@@ -272,12 +272,8 @@ def _check(wanted: Wanted, setup: Setup) -> None:
         raise InputRefused(f"initial_input: {wanted.initial_input:g}: give a finite number")
     if wanted.substeps is not None and not 1 <= wanted.substeps <= LIMITS.substeps:
         raise InputRefused(f"substeps: {wanted.substeps}: give 1 to {LIMITS.substeps}")
-    _check_ports(wanted.ports, setup)
-
-
-def _check_ports(ports: Sequence[str], setup: Setup) -> None:
     known = [p.name for p in setup.network.ports[1:]]
-    for port in ports:
+    for port in wanted.ports:
         if port not in known:
             raise InputRefused(f"ports: the network has no further port {port!r}; it has {', '.join(known) or 'none'}")
 

@@ -350,13 +350,8 @@ def _first_guess(setup: Setup, recording: Recording, substeps: int) -> Trajector
 
 
 def starts_unknown(recording: Recording) -> bool:
-    """Whether the initial state of a recording has to be estimated."""
-    return recording.start.state == "unknown" or aperiodic(recording)
-
-
-def aperiodic(recording: Recording) -> bool:
-    """Whether a recording is said to start in a steady cycle of which it holds no whole one: its start is unknown."""
-    return recording.start.state == "periodic" and not recording.cycle
+    """Whether the initial state of a recording is to be estimated, as of a cycle of which it holds no whole one."""
+    return recording.start.state == "unknown" or (recording.start.state == "periodic" and not recording.cycle)
 
 
 _FAILED = 1e6

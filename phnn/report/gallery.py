@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import base64
+import itertools
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -143,25 +144,23 @@ class Gallery:
         return tuple(drawing for drawing in [*single, *rest] if drawing is not None)
 
 
-class _Counter:
-    """Gives each file its number."""
+def _drawing(
+    numbers: Iterator[int],
+    stem: str,
+    title: str,
+    alt: str,
+    draw: Callable[[], Figure],
+    shown: Callable[[], str] | None = None,
+) -> Drawing | None:
+    """Draw and number a figure; one of a whole recording has plots in place of an SVG, which would be ten times as
+    large. None where it cannot be drawn."""
+    name = file_name(f"{next(numbers):02d}-{stem}", ".png")
 
-    def __init__(self) -> None:
-        self.count = 0
+    def drawn() -> Drawing:
+        figure, traces = draw(), "" if shown is None else shown()
+        return Drawing(name, title, alt, png(figure), b"" if traces else svg(figure), traces)
 
-    def drawing(
-        self, stem: str, title: str, alt: str, draw: Callable[[], Figure], shown: Callable[[], str] | None = None
-    ) -> Drawing | None:
-        """Draw and number a figure; one of a whole recording has plots in place of an SVG, which would be ten times as
-        large. None where it cannot be drawn."""
-        self.count += 1
-        name = file_name(f"{self.count:02d}-{stem}", ".png")
-
-        def drawn() -> Drawing:
-            figure, traces = draw(), "" if shown is None else shown()
-            return Drawing(name, title, alt, png(figure), b"" if traces else svg(figure), traces)
-
-        return needed(f"figure {name}", drawn, None)
+    return needed(f"figure {name}", drawn, None)
 
 
 def _worst_first(traces: Sequence[Trace], document: Document) -> list[Trace]:
@@ -173,7 +172,7 @@ def _worst_first(traces: Sequence[Trace], document: Document) -> list[Trace]:
 
 
 def _recordings(
-    traces: Sequence[Trace], kind: str, document: Document, counter: _Counter
+    traces: Sequence[Trace], kind: str, document: Document, numbered: Callable[..., Drawing | None]
 ) -> tuple[tuple[Drawing, ...], int]:
     chosen = _worst_first(traces, document)[:_MOST_DRAWN]
     drawings: list[Drawing | None] = []
@@ -194,36 +193,34 @@ def _recordings(
         fit = document.fit(trace.name)
         alt = f"{trace.name}: measured and modelled output in time and as a loop, error in time, spectrum of the error"
         stem, both = f"{kind}-{trace.name}", (trace, fit)
-        drawings.append(counter.drawing(stem, trace.name, alt, partial(draw, *both), partial(shown, *both)))
+        drawings.append(numbered(stem, trace.name, alt, partial(draw, *both), partial(shown, *both)))
     able = tuple(d for d in drawings if d is not None)
     return able, len(traces) - len(able)
 
 
 def draw_gallery(document: Document, evidence: Evidence, shares: Sequence[Shares]) -> Gallery:
     """Draw everything that the document and the evidence hold."""
-    counter = _Counter()
+    numbered = partial(_drawing, itertools.count(1))
     location, curves = document.location, evidence.curves
     with rc_context(RC):
         locations = picture = overview = ledger = None
         if location is not None and any(score is not None for _, score in location.scores):
             alt = f"Scores of the locations; best: {words(location.name)}"
-            locations = counter.drawing(
-                "locations", "Which location explains it", alt, partial(draw_locations, location)
-            )
+            locations = numbered("locations", "Which location explains it", alt, partial(draw_locations, location))
         if curves:
             alt = f"Learned curves: {listing(curve.title for curve in curves)}"
-            picture = counter.drawing("picture", "What happens there", alt, partial(draw_picture, curves))
+            picture = numbered("picture", "What happens there", alt, partial(draw_picture, curves))
         ratios = [s.residual_over_noise for row in document.fits for s in (row.before, row.after)]
         if len(document.fits) > 1 and any(ratio is not None for ratio in ratios):
             alt = "Residual over noise of every recording, before and after; held-out recordings on top"
-            overview = counter.drawing("overview", "Before and after", alt, partial(draw_overview, document.fits))
-        held_out, left = _recordings([t for t in evidence.traces if t.held_out], "held-out", document, counter)
-        others, more = _recordings([t for t in evidence.traces if not t.held_out], "identification", document, counter)
+            overview = numbered("overview", "Before and after", alt, partial(draw_overview, document.fits))
+        held_out, left = _recordings([t for t in evidence.traces if t.held_out], "held-out", document, numbered)
+        others, more = _recordings([t for t in evidence.traces if not t.held_out], "identification", document, numbered)
         if shares:
             alt = "Shares of the supplied energy: dissipated by each element, stored, and the work of the missing force"
-            ledger = counter.drawing("ledger", "Energy", alt, partial(draw_ledger, shares))
+            ledger = numbered("ledger", "Energy", alt, partial(draw_ledger, shares))
         fingerprints = tuple(
-            counter.drawing(
+            numbered(
                 f"fingerprint-{s.effect}",
                 words(s.effect),
                 f"What the base model and the final model leave against the {s.seen.x_label}",
