@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from phnn.effects.additions import Addition
 from phnn.effects.declaration import Declared, Plausible, always
@@ -83,7 +83,7 @@ class Points:
         points: values by parameter: a number, the name of a scale, or a share of a scale such as ``(0.1, "voltage")``.
     """
 
-    def __init__(self, *points: Mapping[str, float | str | tuple[float, str]]) -> None:
+    def __init__(self, *points: Mapping[str, Any]) -> None:
         self.points = points
 
     def __call__(self, scales: Scales) -> list[dict[str, float]]:
