@@ -124,16 +124,11 @@ def _chirp(amplitude: float, low: float, high: float, duration: float) -> Drive:
     return Drive(name, 2e-4, round(5000 * duration), ((0, voltage),))
 
 
-def _demo_plan(samples: int = 1250) -> tuple[Drive, ...]:
-    tones = (1, _PEAK), (10, _PEAK), (25, _PEAK), (50, _PEAK), (100, _PEAK), (150, _PEAK), (10, 25), (10, 50), (50, 40)
-    return (*(_sine(float(f), float(a), samples) for f, a in tones), _step(1.0, 0.5), _chirp(60.0, 1.0, 100.0, 1.0))
-
-
-def _short_plan() -> tuple[Drive, ...]:
-    return _sine(10.0, _PEAK, 2500), _sine(100.0, _PEAK, 2500), _sine(10.0, 50.0, 2500), _step(0.3, 0.15)
-
-
-PLANS: Mapping[str, Callable[[], tuple[Drive, ...]]] = {"demo": _demo_plan, "short": _short_plan}
+_TONES = (1, _PEAK), (10, _PEAK), (25, _PEAK), (50, _PEAK), (100, _PEAK), (150, _PEAK), (10, 25), (10, 50), (50, 40)
+PLANS: Mapping[str, tuple[Drive, ...]] = {
+    "demo": (*(_sine(float(f), float(a), 1250) for f, a in _TONES), _step(1.0, 0.5), _chirp(60.0, 1.0, 100.0, 1.0)),
+    "short": (_sine(10.0, _PEAK, 2500), _sine(100.0, _PEAK, 2500), _sine(10.0, 50.0, 2500), _step(0.3, 0.15)),
+}
 
 
 # ---- The actuator
@@ -408,7 +403,7 @@ def make(seed: int, effect: str | None = None, plan: str = "demo") -> Made:
         raise InputRefused(f"seed = {seed}: give a whole number, 0 or more")
     # The noise has a stream of its own: it stays the same whatever effect a seed is told to conceal.
     choices, sensor = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(2))
-    drawn, base, drives = str(choices.choice(EFFECTS)), _draw_base(choices), PLANS[plan]()
+    drawn, base, drives = str(choices.choice(EFFECTS)), _draw_base(choices), PLANS[plan]
     noise, step = float(choices.uniform(*_NOISES)), int(choices.integers(_STEPS_NM[0], _STEPS_NM[1] + 1)) * 1e-9
     wanted = _log_uniform(choices, *_TARGETS) * noise
     name, location = effect or drawn, ""

@@ -19,9 +19,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from phnn.derivatives import output_derivatives
-from phnn.identification.evaluate import evaluate, score_part, with_instants
+from phnn.identification.evaluate import evaluate, likely_start, score_part, with_instants
 from phnn.identification.plan import Plan
-from phnn.identification.start import likely_start
 from phnn.network.elements import Network
 from phnn.recordings.driving import unknown_instants
 from phnn.recordings.recording import Recording

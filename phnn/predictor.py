@@ -57,7 +57,7 @@ def predictor(model: Path | Model | StoredModes, outside: bool = False) -> Predi
     found = loaded(model, outside) if isinstance(model, Path) else model
     if isinstance(found, Model):
         return partial(of_network, found.setup, found.substeps)
-    from phnn.modal.predicting import predicted_modes
+    from phnn.modal.store import predicted_modes
 
     return partial(predicted_modes, found)
 

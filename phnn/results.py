@@ -225,15 +225,12 @@ class _Manifest:
             return
         if not self.lists(name) and not below:
             raise OutputRefused(f"{path}: was not written by phnn: move it away, or choose another folder for --out")
+        # The list is the last file that a run writes.
+        listed = os.path.getmtime(root / _LIST) if self.complete else math.inf
         for file in (path, *(root / n for n in below)):
-            # The list is the last file that a run writes.
-            if file.is_file() and self.complete and not overwrite and os.path.getmtime(file) > _listed_at(root):
+            if file.is_file() and not overwrite and os.path.getmtime(file) > listed:
                 choice = ", choose another folder for --out" + (", or give --overwrite" if overwrite is False else "")
                 raise OutputRefused(f"{file}: was changed after phnn wrote it: move it away{choice}")
-
-
-def _listed_at(root: Path) -> float:
-    return os.path.getmtime(root / _LIST)
 
 
 @dataclass(frozen=True)

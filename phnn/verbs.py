@@ -197,8 +197,8 @@ def export(
     Raises:
         InputRefused: a law or block has no exported form, a setting is out of range, or the folder cannot be used.
     """
-    from phnn.exporting import Wanted
-    from phnn.exporting import write as write_program
+    from phnn.exporting.write import Wanted
+    from phnn.exporting.write import write as write_program
 
     wanted = Wanted(to, dt, substeps, input, name, tuple(ports), sensor, initial_input)
     return write_program(model, wanted, out, overwrite=overwrite)

@@ -26,10 +26,10 @@ from phnn.models.bouc_wen import bouc_wen
 from phnn.recordings import read
 from phnn.recordings.excitation import excitation_of
 from phnn.recordings.recording import Campaign, Recording, unrecorded
+from phnn.report.figures import envelope
 from phnn.report.figures.style import AFTER, BEFORE, CATEGORIES, MEASURED, RC, Drawing, literal, new_figure, png
 from phnn.report.figures.style import quiet_grid as grid
 from phnn.report.formatting import markdown_table, number, percent, with_error
-from phnn.report.reduction import envelope
 from phnn.results import claim
 from phnn.setup import Setup
 from phnn.trajectory import simulate

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from phnn.errors import InputRefused
-from phnn.report.figures import Drawing
+from phnn.report.figures.style import Drawing
 from phnn.results import Place, write_atomic
 
 _FIGURES = "figures"

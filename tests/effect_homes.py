@@ -8,19 +8,17 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from phnn.configuration import config_folder
-from phnn.effects import Effect, catalogue
+from phnn.effects import Effect, catalogue, soundness
 from phnn.effects.formulas import formulas
 from phnn.effects.learned import learned_elements
-from phnn.effects.soundness import homes
-from phnn.effects.soundness.checks import faults
-from phnn.effects.soundness.homes import Home
+from phnn.effects.soundness import Home, actuator, faults, simulated, tanks
 from phnn.models.actuator import hrc
 from phnn.models.network_file import load_network
 from phnn.setup import Setup
 from phnn.trajectory import Trajectory, simulate
 
 FOLDER = config_folder() / "network"
-ACTUATOR, TANKS = homes.actuator(), homes.tanks()
+ACTUATOR, TANKS = actuator(), tanks()
 BASE, SCALES = ACTUATOR.setup, ACTUATOR.scales
 # What is no actuator: no hysteron, no transducer, no spring, no motion.
 OTHERS = {
@@ -41,21 +39,21 @@ def home(effect_: Effect) -> Home:
 
 
 def run(setup: Setup, where: Home = ACTUATOR) -> Trajectory:
-    return homes.simulated(setup, where)
+    return simulated(setup, where)
 
 
 def base(where: Home) -> Trajectory:
-    return homes.base_of(where)
+    return soundness.base_of(where)
 
 
 def point(effect_: Effect) -> dict[str, float]:
     """The first point of the effect's grid, made strong enough to be seen."""
-    return homes.point(effect_, home(effect_))
+    return soundness.point(effect_, home(effect_))
 
 
 def added(effect_: Effect, values: dict[str, float]) -> Trajectory:
     """The simulation with one effect."""
-    return homes.added(effect_, values, home(effect_))
+    return soundness.added(effect_, values, home(effect_))
 
 
 def is_sound(setup: Setup, where: Home = ACTUATOR) -> None:

@@ -28,7 +28,7 @@ from phnn.learn.methods import METHODS
 from phnn.learn.objective import Objective
 from phnn.learn.solvers import solver_for
 from phnn.learn.starts import plant_for
-from phnn.modal.settings import Settings as ModalSettings
+from phnn.modal.study import Settings as ModalSettings
 from phnn.models.actuator import hrc
 from phnn.models.network_file import load_network
 from phnn.network import PortHamiltonianSystem

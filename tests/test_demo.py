@@ -19,7 +19,7 @@ from phnn.demo import EFFECTS, PLANS, TABLE, Drive, Made, generate, make, open_s
 from phnn.errors import InputRefused
 from phnn.recordings import read
 
-SHORT = PLANS["short"]()
+SHORT = PLANS["short"]
 
 
 @cache

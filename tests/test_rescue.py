@@ -29,8 +29,8 @@ from phnn.effects.learned import learned_elements
 from phnn.errors import OutputFailed, SolverFailed
 from phnn.identification import evaluate as evaluation
 from phnn.identification import problem
+from phnn.identification.base import NumericalError, numerical_error
 from phnn.identification.options import Options
-from phnn.identification.refinement import NumericalError, numerical_error
 from phnn.parallel import executor
 from phnn.report import gallery, page, result
 from phnn.report.result import write

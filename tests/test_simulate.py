@@ -1,4 +1,4 @@
-"""From a recorded input to an output with its derivatives."""
+"""Setups and the simulation of recordings: values, blocks, sources, starts, steps and derivatives."""
 
 from __future__ import annotations
 
@@ -9,16 +9,21 @@ from scipy.integrate import solve_ivp
 
 from phnn.configuration import config_folder
 from phnn.derivatives import input_force, output_derivatives
-from phnn.effects import effect
-from phnn.errors import SolverFailed
+from phnn.effects import Effect, Scales, effect, in_all_forms
+from phnn.effects.learned import learned_elements
+from phnn.errors import InputRefused, SolverFailed, StructureViolated
 from phnn.integrate import kernel
 from phnn.integrate.program import compile_network
 from phnn.integrate.rest import equilibrium
 from phnn.models.actuator import from_paper, hrc
 from phnn.models.bouc_wen import bouc_wen
 from phnn.models.network_file import load_network
+from phnn.network.elements import Port
+from phnn.parameters import Parameter, positive
+from phnn.passage import sensing
 from phnn.recordings.recording import Recording, Start
-from phnn.setup import Setup
+from phnn.recordings.sensor import Sensor
+from phnn.setup import AMPLIFIERS, SENSORS, SOURCES, Block, Setup, Source
 from phnn.trajectory import simulate
 
 BASE = Setup(from_paper())
@@ -289,3 +294,80 @@ def test_a_step_without_a_solution_names_recording_and_time(monkeypatch: pytest.
 
 def test_another_number_of_hysterons_runs_on_the_same_recording() -> None:
     assert np.abs(simulate(Setup(hrc(1)), sine()).y - simulate(Setup(hrc(3)), sine()).y).max() > 1e-7
+
+
+def chain() -> Setup:
+    tau = positive("tau_a", 1e-3, "s")
+    return (
+        Setup(from_paper())
+        .with_block("amplifier", Block("lowpass", ("tau_a",)), (tau,))
+        .with_block("sensor", Block("drift", ("rate",)), (Parameter("rate", 1e-7, fixed=True),))
+    )
+
+
+def test_values_reach_network_and_blocks() -> None:
+    setup = chain()
+    assert [b.kind for b in (*setup.amplifier, *setup.sensor)] == ["lowpass", "drift"]
+    moved = setup.with_values({"tau_a": 2e-3, "k": 2e4})
+    assert moved.values()["tau_a"] == 2e-3
+    assert moved.network.parameters["k"].value == 2e4
+    assert setup.values()["k"] == 24579.0
+    assert "rate" not in setup.free
+    assert {"tau_a", "k"} <= set(setup.free)
+    assert list(setup.parameters)[:4] == ["m", "k", "b", "alpha"]
+    assert moved.with_values(setup.values()) == setup
+
+
+def test_names_that_are_not_there_or_twice_are_refused() -> None:
+    with pytest.raises(StructureViolated, match="no parameter called tau in model"):
+        chain().with_values({"tau": 1.0})
+    with pytest.raises(InputRefused, match="two parameters are called m"):
+        Setup(from_paper()).with_block("amplifier", Block("lowpass", ("m",)), (positive("m", 1.0, "s"),)).values()
+
+
+def test_a_source_has_a_port_of_its_own() -> None:
+    force = (Parameter("F_c", 1.0, "N"), Parameter("F_s", 0.0, "N"), positive("f", 50.0, "Hz"))
+    names = tuple(p.name for p in force)
+    setup = Setup(from_paper()).with_source(Source("tone", "force", names), force)
+    assert set(names) <= set(setup.free)
+    assert setup.with_values({"f": 60.0}).values()["f"] == 60.0
+    for port in ("voltage", "base"):
+        with pytest.raises(StructureViolated, match=f"'{port}': name one beside the recorded input, force"):
+            Setup(from_paper()).with_source(Source("tone", port, names), force)
+    one = from_paper()
+    alone = Setup(one.__class__(one.storages, one.resistors, one.couplings, (Port("voltage", {"p": "alpha"}),),
+                                one.parameters))  # fmt: skip
+    with pytest.raises(StructureViolated, match="of which there is none"):
+        alone.with_source(Source("tone", "force", names), force)
+
+
+def test_every_kind_has_an_effect_or_a_model() -> None:
+    setups = [built(form) for name in CHAIN for form in in_all_forms([effect(name)])]
+    setups += [e.add_to(Setup(from_paper()), e.grid(SIZES)[0]) for e in learned_elements().values()]
+    assert {b.kind for s in setups for b in s.amplifier} | {"bouc_wen", "gain", "rate", "slipping"} == set(AMPLIFIERS)
+    said = sensing(Setup(from_paper()), recording(np.arange(9.0), np.zeros(9), sensor=Sensor(derivative=True))).sensor
+    assert {b.kind for s in setups for b in s.sensor} | {b.kind for b in said} | {"zero"} == set(SENSORS)
+    assert {b.kind for s in setups for b in s.sources} == set(SOURCES)
+
+
+SIZES = Scales(
+    voltage=75.0, displacement=1e-4, velocity=1e-2, stiffness=2.5e4, transducer=0.046, slowest=1.0, fastest=100.0,
+    duration=3.0, noise=5e-8,
+)  # fmt: skip
+CHAIN = {
+    "amplifier_lowpass": {"tau_a": 1e-3},
+    "amplifier_saturation": {"V_max": 20.0},
+    "delay": {"tau_d": 1e-4},
+    "slew_limit": {"S": 1e4},
+    "amplifier_offset": {"V_0": 1.0},
+    "sensor_drift": {"drift_rate": 1e-6},
+    "sensor_lag": {"tau_y": 1e-4},
+    "sensor_nonlinearity": {"a_2": 1.0, "a_3": 1.0},
+    "sensor_rectification": {},
+    "output_backlash": {"delta_b": 1e-7},
+    "base_motion": {"A_c": 1.0, "A_s": 0.0, "f_b": 50.0},
+}
+
+
+def built(form: Effect) -> Setup:
+    return form.add_to(Setup(from_paper()), {"n_V": 4.0, "zeta_a": 0.7, **CHAIN[form.name]})

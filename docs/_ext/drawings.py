@@ -14,8 +14,7 @@ from matplotlib.patches import FancyBboxPatch
 from sphinx.application import Sphinx
 
 from phnn.check.checked import _QUESTIONS
-from phnn.report.figures import RC
-from phnn.report.figures.style import AFTER, INK
+from phnn.report.figures.style import AFTER, INK, RC
 from phnn.signals.noise import LONG_REST
 
 FOLDER = "drawn"

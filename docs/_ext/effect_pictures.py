@@ -11,8 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from phnn.report.figures import RC
-from phnn.report.figures.style import AFTER, BEFORE, DPI, FAINT, MEASURED
+from phnn.report.figures.style import AFTER, BEFORE, DPI, FAINT, MEASURED, RC
 
 _SIZE = (8.8, 5.4)  # inch
 # Height of the drive in the background, as a share of the largest change.

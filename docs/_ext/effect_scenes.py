@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 
 from phnn.derivatives import output_derivatives
 from phnn.effects import Effect, Scales
-from phnn.effects.soundness import home_of
-from phnn.effects.soundness.homes import tanks
+from phnn.effects.soundness import home_of, tanks
 from phnn.errors import PhnnError
-from phnn.identification.nuisances import own_columns
+from phnn.identification.problem import own_columns
 from phnn.models import from_paper
 from phnn.recordings.recording import Recording, unrecorded
 from phnn.setup import NOTHING, Setup

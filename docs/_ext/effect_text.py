@@ -14,8 +14,8 @@ import numpy as np
 from effect_scenes import SHOWN, Shown, scene_of, tank_scene
 
 from phnn.effects import Declared, Effect, catalogue
+from phnn.parameters import quantity
 from phnn.setup import Setup
-from phnn.units import quantity
 
 _CASES = Path(__file__).resolve().parents[1] / "proof-cases.csv"
 _GRADES = {

@@ -24,13 +24,13 @@ from phnn.check.quality import (
     quantisation,
     stated_noise,
 )
+from phnn.parameters import duration
 from phnn.recordings.describe import describe
 from phnn.recordings.excitation import Excitation, excitation_of
 from phnn.recordings.recording import ACTUATOR, Campaign, Recording
-from phnn.signals.breaks import find_jumps
 from phnn.signals.noise import LONG_REST, longest_hold
 from phnn.signals.noise_statement import NoiseStatement
-from phnn.units import duration
+from phnn.signals.reconstruct import find_jumps
 
 # Amplitudes and frequencies that count as different; a hold that counts as long, in shortest periods.
 _AMPLITUDES, _FREQUENCIES, _HOLD = 1.4, 8.0, 3.0

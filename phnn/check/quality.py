@@ -13,12 +13,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from phnn.parameters import quantity
 from phnn.recordings.excitation import Excitation
 from phnn.recordings.recording import Campaign, Recording, dominant_frequency
 from phnn.signals.least_squares import residual
 from phnn.signals.noise_statement import NoiseStatement, Sample, noise_statement
 from phnn.signals.sampling import quantisation_step
-from phnn.units import quantity
 
 NOTE, WARNING = "note", "warning"
 

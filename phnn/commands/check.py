@@ -26,7 +26,7 @@ def check(
     print(printable(checked.text(), lines=True))
     if out is not None:
         # Imported here: figures take longer to import than the check takes.
-        from phnn.report.checked import write_check
+        from phnn.report.pages import write_check
 
         with claim(out, "check", [folder], ("check.json", "check.html"), overwrite=overwrite) as place:
             write_check(checked, place)

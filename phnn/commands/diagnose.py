@@ -16,10 +16,10 @@ from phnn.identification.identified import save_fit
 from phnn.identification.options import Options
 from phnn.integrate.cache import compile_ahead
 from phnn.recordings import Campaign, read
-from phnn.report import console_summary
 from phnn.report.evidence import Provenance
-from phnn.report.provenance import command_line, provenance
+from phnn.report.methods import command_line, provenance
 from phnn.report.result import RESULTS, write_into
+from phnn.report.write import console_summary
 from phnn.rescue import deadline
 from phnn.results import Place, claim, watched
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +39,7 @@ def identify(
         value = f"{row['value']:.5g} {row['unit']}"
         table.add_row(name, value, error_text, interval(row["interval_95"]), str(row["held"] or ""))
     Console().print(table)
-    Console().print(_score_table({"base": scores}))
+    Console().print(_score_table(scores))
 
 
 def _identify(campaign: Campaign, options: Options, place: Place) -> tuple[dict[str, Any], Evaluation]:
@@ -79,10 +78,9 @@ def _note(fitted: Fit, name: str) -> str | None:
     return fitted.held.get(name)
 
 
-def _score_table(scores: Mapping[str, Evaluation]) -> Table:
-    table = Table("recording", "use", *scores, title="fit %, and residual over noise")
-    parts = next(iter(scores.values())).parts
-    for i, part in enumerate(parts):
-        cells = [f"{s.parts[i].fit_percent:.2f}  {s.parts[i].residual_over_noise:.3g}" for s in scores.values()]
-        table.add_row(escape(part.name), "held out" if part.use == "confirmation" else "identified", *cells)
+def _score_table(scores: Evaluation) -> Table:
+    table = Table("recording", "use", "base", title="fit %, and residual over noise")
+    for part in scores.parts:
+        use = "held out" if part.use == "confirmation" else "identified"
+        table.add_row(escape(part.name), use, f"{part.fit_percent:.2f}  {part.residual_over_noise:.3g}")
     return table

@@ -25,9 +25,9 @@ from phnn.recordings.folder import reader_of
 from phnn.recordings.sampling import on_grid
 from phnn.recordings.table import Where
 from phnn.recordings.units import known_unit
+from phnn.report.figures import envelope
 from phnn.report.figures.style import AFTER, BEFORE, FAINT, MEASURED, RC, new_figure, png, quiet_grid
 from phnn.report.formatting import display_unit, quantity
-from phnn.report.reduction import envelope
 from phnn.results import Place, claim
 
 # Columns that may hold a reference, the first that is there counts.

@@ -14,15 +14,13 @@ from phnn.errors import InputRefused
 from phnn.intake.files import named_file
 from phnn.intake.json_file import load_json
 from phnn.intake.limits import LIMITS
-from phnn.plot.balance import balance
 from phnn.plot.frequency import response, whiteness
 from phnn.plot.panels import MOST, Plot, chosen, model_of, network_model
-from phnn.plot.signals import Locations, hysteresis, outputs
+from phnn.plot.signals import Locations, balance, hysteresis, outputs
 from phnn.recordings import Campaign, read
-from phnn.report.document import Location
+from phnn.report.document import Location, read_document
 from phnn.report.figures.style import svg
-from phnn.report.reading import read_document
-from phnn.report.tables import literal_text
+from phnn.report.page import literal_text
 from phnn.results import claim
 from phnn.trajectory import simulate
 

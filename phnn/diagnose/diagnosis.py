@@ -19,15 +19,13 @@ from phnn.diagnose.verdict import NONE, UNKNOWN, Claim, Verdict, conclude
 from phnn.effects import Effect, catalogue, effect, in_all_forms
 from phnn.effects.learned import learned_elements
 from phnn.effects.places import attached
-from phnn.identification.base import Progress, identify_base, quiet
+from phnn.identification.base import NumericalError, Progress, identify_base, numerical_error, quiet
 from phnn.identification.evaluate import Evaluation, evaluate
 from phnn.identification.fit import Fit
-from phnn.identification.gain import Gain, gain
 from phnn.identification.identified import Identified, model_of
 from phnn.identification.options import Options
 from phnn.identification.plan import Plan
-from phnn.identification.prepare import single
-from phnn.identification.refinement import NumericalError, numerical_error
+from phnn.identification.prepare import Gain, gain, single
 from phnn.integrate.residual import check
 from phnn.model import Model
 from phnn.parallel import SERIAL, Executor, executor

@@ -32,8 +32,8 @@ from phnn.identification.covariance import scatter
 from phnn.identification.fit import Fit
 from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
 from phnn.network.roles import motions
+from phnn.parameters import quantity
 from phnn.setup import Setup
-from phnn.units import quantity
 
 Array = NDArray[np.float64]
 # Fits of some effects beside a fit without them, those that can be fitted.

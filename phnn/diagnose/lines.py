@@ -32,8 +32,8 @@ from scipy.special import ndtri_exp
 from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
-from phnn.identification.nuisances import drift_columns, line_columns, own_columns, without_nuisances
-from phnn.identification.residual_noise import NoiseSpectrum, most_excess, noise_spectra
+from phnn.identification.covariance import NoiseSpectrum, most_excess, noise_spectra
+from phnn.identification.problem import drift_columns, line_columns, own_columns, without_nuisances
 from phnn.recordings.recording import Recording, dominant_frequency
 from phnn.setup import DRIFT_TERMS, Own
 from phnn.signals.first_order import density_of

@@ -35,16 +35,14 @@ from phnn.derivatives import output_derivatives
 from phnn.diagnose.linearised import LinearisedFit, tie
 from phnn.errors import PhnnError
 from phnn.identification.fit import Fit, variables_from
-from phnn.identification.nuisances import without_nuisances
-from phnn.identification.problem import Problem
+from phnn.identification.problem import Problem, Variables, without_nuisances
 from phnn.identification.staged import stated_only
-from phnn.identification.variables import Variables
 from phnn.network.small_signal import linearised_at_rest
+from phnn.parameters import quantity
 from phnn.passage import is_displacement
 from phnn.recordings.recording import Part, Recording, Start, Units
 from phnn.setup import Own, Setup
 from phnn.trajectory import simulate
-from phnn.units import quantity
 
 Array = NDArray[np.float64]
 

@@ -18,10 +18,10 @@ from scipy.optimize import lsq_linear
 from phnn.diagnose.linearised import LinearisedFit, direction
 from phnn.effects import Effect
 from phnn.errors import PhnnError, SolverFailed
+from phnn.identification.base import released, resumed
 from phnn.identification.fit import Fit, fit, variables_from
 from phnn.identification.plan import Plan
 from phnn.identification.problem import Problem
-from phnn.identification.refinement import released, resumed
 from phnn.identification.staged import fit_identified, stated_only
 from phnn.rescue import attempt
 from phnn.setup import Setup

@@ -32,8 +32,7 @@ from phnn.diagnose.lines import own_score, strongest_line
 from phnn.diagnose.refit import clamped
 from phnn.effects import Effect
 from phnn.identification.fit import variables_from
-from phnn.identification.nuisances import without_nuisances
-from phnn.identification.problem import Problem
+from phnn.identification.problem import Problem, without_nuisances
 from phnn.recordings.recording import Recording
 from phnn.rescue import attempt
 from phnn.setup import Own

@@ -38,13 +38,12 @@ from phnn.diagnose.number import (
 from phnn.diagnose.refit import converged, further, large_starts, rebuilt, short
 from phnn.diagnose.screen import Candidate, Screen
 from phnn.effects import Effect, Scales
-from phnn.effects.extra_hysteron import weakened
-from phnn.identification.base import Progress, quiet
+from phnn.effects.hysteresis import weakened
+from phnn.identification.base import Progress, numerical_error, quiet, substeps_for
 from phnn.identification.evaluate import evaluate
 from phnn.identification.fit import Fit
-from phnn.identification.nuisances import own_size
 from phnn.identification.plan import Plan
-from phnn.identification.refinement import numerical_error, substeps_for
+from phnn.identification.problem import own_size
 from phnn.identification.starting_points import FORMS, OF_GRID
 from phnn.parallel import SERIAL, Executor
 from phnn.recordings.recording import Campaign, Recording, dominant_frequency

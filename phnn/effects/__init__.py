@@ -1,4 +1,4 @@
-"""The catalogue of physics that a model may leave out: every module of this folder that defines ``EFFECT`` is a member.
+"""The catalogue of physics that a model may leave out, one chapter of this folder for each part of an actuator.
 
 It exports everything that an effect needs; docs/write-your-own-effect.md builds one.
 """
@@ -16,8 +16,13 @@ from phnn.effects.additions import (
     with_network,
     with_resistors,
 )
-from phnn.effects.conditions import (
+from phnn.effects.declaration import (
+    Declared,
+    Plausible,
     always,
+    between,
+    bounded,
+    constant,
     has_dead_zones,
     has_inertia,
     has_motion,
@@ -26,22 +31,24 @@ from phnn.effects.conditions import (
     has_tanks,
     has_transducer,
     inertia,
-)
-from phnn.effects.declaration import (
-    Declared,
-    Plausible,
-    between,
-    bounded,
-    constant,
     limit,
     nonnegative,
     positive,
     signed,
     time_constant,
 )
-from phnn.effects.effect import Effect, Scales, SpecialCase
+from phnn.effects.effect import (
+    Effect,
+    Scales,
+    SpecialCase,
+    catalogue,
+    effect,
+    in_all_forms,
+    register,
+    registered,
+    unregister,
+)
 from phnn.effects.kinds import Kind
-from phnn.effects.registry import catalogue, effect, gathered, in_all_forms, register, registered, unregister
 
 __all__ = [
     "Chain",
@@ -62,7 +69,6 @@ __all__ = [
     "catalogue",
     "constant",
     "effect",
-    "gathered",
     "has_dead_zones",
     "has_inertia",
     "has_motion",

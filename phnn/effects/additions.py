@@ -107,20 +107,22 @@ def with_resistors(setup: Setup, change: Callable[[Resistor], Resistor], paramet
     return with_network(setup, replace(network, resistors=tuple(map(change, network.resistors)), parameters=table))
 
 
-def with_following_dead_zones(setup: Setup, law: str, state: str, names: tuple[str, ...], parameters: Placed) -> Setup:
+def with_following_dead_zones(
+    setup: Setup, parameters: Placed, law: str, state: str, further: tuple[str, ...] = ()
+) -> Setup:
     """The setup in which every unmodulated dead zone is modulated by one state.
 
     Args:
-        law: of the resistors; it takes the parameters of a dead zone first.
-        state: the modulating state.
-        names: further parameters of the law.
         parameters: parameters that the setup does not have yet.
+        law: of the resistors; it takes the parameters of a dead zone, then these, then the further ones.
+        state: the modulating state.
     """
 
     def following(resistor: Resistor) -> Resistor:
         if resistor.law != "dead_zone":
             return resistor
-        return replace(resistor, law=law, parameters=(*resistor.parameters, *names), modulated_by=state)
+        names = (*resistor.parameters, *parameters, *further)
+        return replace(resistor, law=law, parameters=names, modulated_by=state)
 
     return with_resistors(setup, following, parameters)
 
@@ -148,12 +150,12 @@ def bent_spring(setup: Setup, law: str, parameters: Placed) -> Setup:
     return with_network(setup, replace(network, storages=storages, parameters=table))
 
 
-def bent_port(setup: Setup, law: str, parameters: Placed) -> Setup:
+def bent_port(setup: Setup, parameters: Placed, law: str) -> Setup:
     """The setup whose voltage port follows ``electrostriction`` or ``polynomial``, or both.
 
     Args:
-        law: the law to add; the port may have the other one already.
         parameters: those of the law, its reference voltage last.
+        law: the law to add; the port may have the other one already.
     """
     network, mine = setup.network, tuple(parameters)
 

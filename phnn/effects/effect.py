@@ -1,17 +1,24 @@
-"""The class of effects: one piece of physics that a model may have left out."""
+"""The class of effects, one piece of physics that a model may have left out, and the catalogue of them."""
 
 from __future__ import annotations
 
+import importlib
 import math
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from functools import cache
+from typing import TYPE_CHECKING, Any
 
 from phnn.effects.additions import Addition
-from phnn.effects.conditions import always
-from phnn.effects.declaration import Declared, Plausible
+from phnn.effects.declaration import Declared, Plausible, always
 from phnn.effects.kinds import Kind
-from phnn.errors import InputRefused
+from phnn.errors import InputRefused, meant
 from phnn.setup import Setup
+
+if TYPE_CHECKING:
+    from phnn.effects.soundness import Home
 
 Values = Mapping[str, float]
 # Least factor of a strength that cannot be negative.
@@ -67,6 +74,26 @@ class Scales:
     def sensed_rate(self) -> float:
         """Largest rate of the output."""
         return 2.0 * math.pi * self.fastest * self.effort if self.effort else self.velocity
+
+
+class Points:
+    """A grid that is written down, for laws of which single points are known.
+
+    Args:
+        points: values by parameter: a number, the name of a scale, or a share of a scale such as ``(0.1, "voltage")``.
+    """
+
+    def __init__(self, *points: Mapping[str, Any]) -> None:
+        self.points = points
+
+    def __call__(self, scales: Scales) -> list[dict[str, float]]:
+        return [{name: self._value(given, scales) for name, given in point.items()} for point in self.points]
+
+    @staticmethod
+    def _value(given: float | str | tuple[float, str], scales: Scales) -> float:
+        if isinstance(given, tuple):
+            return given[0] * float(getattr(scales, given[1]))
+        return float(getattr(scales, given)) if isinstance(given, str) else given
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -238,3 +265,126 @@ class Effect:
             wanted = (self.applies.__doc__ or "").strip()
             raise InputRefused(f"{self.name} cannot be added to {setup.name}; it can be where this holds: {wanted}")
         return replace(self.build(setup, values), name=f"{setup.name}+{self.name}")
+
+
+_CHAPTERS = tuple(
+    f"phnn.effects.{chapter}"
+    for chapter in ("amplifier", "electrical", "environment", "hysteresis", "mechanical", "sensor", "tanks")
+)
+_NAME = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
+# Names by which laws refer to existing parts: the moving part, its transducer and the hysterons.
+_ROLES = re.compile(r"[kmb]|alpha|(C|rho|d)_\d+")
+_registered: dict[str, Effect] = {}
+
+
+def catalogue() -> dict[str, Effect]:
+    """All effects by name, registered ones last."""
+    return {**_own(), **_registered}
+
+
+@cache
+def _own() -> dict[str, Effect]:
+    return gathered(*_CHAPTERS)
+
+
+def gathered(*modules: str) -> dict[str, Effect]:
+    """The effects that modules define under public names, by their own names in alphabetical order."""
+    defined = [item for module in modules for item in vars(importlib.import_module(module)).items()]
+    members = [member for name, member in defined if isinstance(member, Effect) and not name.startswith("_")]
+    return {member.name: member for member in sorted(members, key=lambda member: member.name)}
+
+
+def effect(name: str) -> Effect:
+    """One effect by name.
+
+    Raises:
+        InputRefused: there is no such effect; the message lists those that exist.
+    """
+    if name not in catalogue():
+        raise InputRefused(
+            f"no effect called {name!r}{meant(name, catalogue())}: the catalogue has {', '.join(catalogue())}"
+        )
+    return catalogue()[name]
+
+
+def in_all_forms(effects: Iterable[Effect]) -> list[Effect]:
+    """Effects and their other forms."""
+    return [form for e in effects for form in (e, *e.forms)]
+
+
+def register(effect: Effect, home: Home | None = None) -> Effect:
+    """Add an effect of your own to the catalogue of this process, so that every diagnosis looks for it.
+
+    It must pass the checks of the catalogue's own effects (`phnn.effects.soundness`). They simulate it on a small base
+    model; this takes some seconds.
+
+    Example:
+        >>> from phnn.effects import Effect, register  # doctest: +SKIP
+        >>> register(Effect(name="position_damping", ...))  # doctest: +SKIP
+
+    Args:
+        effect: see docs/write-your-own-effect.md.
+        home: a base model to which it can be added, with sizes and a recording. The default is the piezo actuator of
+            the paper, or a pair of tanks if the effect applies to these alone.
+
+    Returns:
+        The effect.
+
+    Raises:
+        InputRefused: a name is taken, the effect applies to no base model, or a check fails; nothing is registered.
+    """
+    from phnn.effects.soundness import check_effect, home_of
+
+    _refuse_taken_names(effect)
+    where = home or home_of(effect)
+    if where is None:
+        raise InputRefused(
+            f"effect {effect.name} can be added neither to the actuator nor to the tanks, which both lack: "
+            f"{(effect.applies.__doc__ or 'its condition').strip()} Give a base model with register(effect, home)"
+        )
+    check_effect(effect, where)
+    _registered[effect.name] = effect
+    return effect
+
+
+def unregister(name: str) -> None:
+    """Remove a registered effect from the catalogue.
+
+    Raises:
+        InputRefused: no effect of this name was registered.
+    """
+    if name not in _registered:
+        raise InputRefused(f"no effect called {name!r} was registered: there are {', '.join(_registered) or 'none'}")
+    del _registered[name]
+
+
+@contextmanager
+def registered(effect: Effect, home: Home | None = None) -> Iterator[Effect]:
+    """Register an effect for the duration of a ``with`` block; see `register`."""
+    register(effect, home)
+    try:
+        yield effect
+    finally:
+        unregister(effect.name)
+
+
+def _refuse_taken_names(effect: Effect) -> None:
+    from phnn.effects.formulas import formulas
+    from phnn.effects.learned import learned_elements
+
+    others = {**catalogue(), **learned_elements(), **formulas()}
+    if effect.name in others:
+        raise InputRefused(f"an effect called {effect.name!r} is there already: choose another name")
+    if not _NAME.fullmatch(effect.name):
+        raise InputRefused(f"effect {effect.name!r}: name it by lower-case words with underscores, position_damping")
+    strange = [n for n in effect.neighbours if n not in catalogue()]
+    if strange:
+        raise InputRefused(f"effect {effect.name}: its neighbours {strange} are not in the catalogue: leave them out")
+    if any((f.name, f.kind) != (effect.name, effect.kind) for f in effect.forms):
+        raise InputRefused(f"effect {effect.name}: its forms have other names or kinds: derive them with or_as")
+    owners = {n: e.name for e in in_all_forms(others.values()) for n in e.parameters}
+    for form in in_all_forms([effect]):
+        for name in form.parameters:
+            if name in owners or _ROLES.fullmatch(name) or form.parameters.count(name) > 1:
+                whose = owners.get(name, "the base model" if _ROLES.fullmatch(name) else "the effect twice")
+                raise InputRefused(f"effect {effect.name}: the parameter {name!r} belongs to {whose}: rename it")

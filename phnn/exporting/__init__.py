@@ -3,9 +3,3 @@
 A program takes the steps of `phnn.trajectory`. Laws and blocks are translated from their own source texts
 (`phnn.exporting.laws`), so that there is no second description of any of them.
 """
-
-from __future__ import annotations
-
-from phnn.exporting.write import SAMPLE_TIME, Wanted, write
-
-__all__ = ["SAMPLE_TIME", "Wanted", "write"]

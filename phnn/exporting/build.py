@@ -21,7 +21,7 @@ from phnn.chain.amplifiers import (
 )
 from phnn.errors import SolverFailed
 from phnn.exporting import solvers
-from phnn.exporting.laws import Elements, refuse
+from phnn.exporting.laws import Elements, refused
 from phnn.exporting.program import Names, Program, function, one_line, prefix
 from phnn.exporting.step import Balance, Rest, drives
 from phnn.integrate.compilable import obstacle
@@ -34,7 +34,6 @@ from phnn.setup import Block, Setup, Source
 # Blocks without a memory are translated from `phnn.chain` as they are. Of those with a state the package has the step
 # of half a sub-step, which is translated; only what carries it from point to point stands here.
 
-_LOOKS_AHEAD = "it needs the output after the instant that it is asked for"
 _POINTS = ("u_start", "u_middle", "u_end")
 # Longest delay in steps: the state holds as many rows of the input.
 _LONGEST = 10000
@@ -68,13 +67,12 @@ class Chain:
             elif block.kind in dynamic:
                 dynamic[block.kind](block, f"{block.kind}_{k + 1}")
             else:
-                raise refuse(what, "it has no step of its own", "export a model without it")
+                raise refused(what, "it has no step of its own", "export a model without it")
         for block in setup.sensor:
             what = f"sensor {block.kind}"
             if block.kind in REMEMBERING:
-                raise refuse(
-                    what, _LOOKS_AHEAD, "leave the sensor out (--no-sensor), the output is then what it senses"
-                )
+                cause = "it needs the output after the instant that it is asked for"
+                raise refused(what, cause, "leave the sensor out (--no-sensor), the output is then what it senses")
             time = "s.count * H"
             self.e.program.state("count", "steps since the start")
             self.output.append(f"y = {self._static(SENSORS, block, what, 'y', time)}")
@@ -149,16 +147,17 @@ class Chain:
 
     def _delay(self, block: Block, key: str) -> None:
         """A ring of rows, each the input at start, middle and end of a step, read at the point ``τ`` ago."""
+        what = "amplifier delay"
         if self.hold == "zero_order":
-            raise refuse(
-                "amplifier delay",
+            raise refused(
+                what,
                 "an input that jumps at every sample has no parabola",
                 "take --input linear and a target other than fmu",
             )
         steps = self.e.values(block.parameters)[0] / self.h
         whole = math.floor(steps)
         if whole > _LONGEST:
-            raise refuse("amplifier delay", f"it lasts {whole} steps, at most {_LONGEST} are kept", "take larger steps")
+            raise refused(what, f"it lasts {whole} steps, at most {_LONGEST} are kept", "take larger steps")
         rows = whole + 2
         ring = self.e.program.state(f"{key}_rows", "input at start, middle and end of past steps", (rows, 3))
         at = self.e.program.state(f"{key}_at", "row of the present step", index=True)
@@ -206,9 +205,9 @@ def build(
     """
     network = setup.network
     if reason := obstacle(network):
-        raise refuse(setup.name, reason, "export a model with laws of the package")
+        raise refused(setup.name, reason, "export a model with laws of the package")
     if network.senses:
-        raise refuse(setup.name, "its output is a rate, which needs the sample after", "let its output be a storage")
+        raise refused(setup.name, "its output is a rate, which needs the sample after", "let its output be a storage")
     builder = _Builder(setup, dt, substeps, hold, name, further)
     return builder.program(initial_input)
 

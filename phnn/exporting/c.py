@@ -6,24 +6,20 @@ import ast
 from collections.abc import Iterable
 
 from phnn.exporting.program import (
-    RESERVED,
     Constant,
     Field,
     Function,
+    Printer,
     Program,
     called,
     constants_about,
     header,
+    indented,
+    is_taken,
     one_line,
 )
 
 _FUNCTIONS = {"absolute": "fabs", "isfinite": "isfinite"}
-_OPERATORS: dict[type, tuple[str, int]] = {
-    ast.Add: ("+", 6), ast.Sub: ("-", 6), ast.Mult: ("*", 7), ast.Div: ("/", 7), ast.Lt: ("<", 5),
-    ast.LtE: ("<=", 5), ast.Gt: (">", 5), ast.GtE: (">=", 5), ast.Eq: ("==", 4), ast.NotEq: ("!=", 4),
-    ast.And: ("&&", 3), ast.Or: ("||", 2),
-}  # fmt: skip
-_CONDITIONAL, _UNARY, _PRIMARY = 1, 8, 9
 _HELPERS = {
     "maximum": "static double maximum(double a, double b) { return a >= b ? a : b; }",
     "minimum": "static double minimum(double a, double b) { return a <= b ? a : b; }",
@@ -39,12 +35,12 @@ def number(value: float | int) -> str:
     return text if any(c in text for c in ".en") else f"{text}.0"
 
 
-class _Body:
-    """Prints the statements of one function."""
+class _Body(Printer):
+    """Prints the statements of one function in C."""
 
     def __init__(self, program: Program, function: Function) -> None:
-        self.program, self.function = program, function
-        nodes = [n for s in function.body for n in ast.walk(s)]
+        super().__init__(program, function)
+        nodes = self.nodes
         self.named = {n.id for n in nodes if isinstance(n, ast.Name)} | ({"s"} if function.of_state else set())
         slices = [n for s in nodes if isinstance(s, ast.Subscript) for n in ast.walk(s.slice)]
         self.whole = {n.id for n in slices if isinstance(n, ast.Name)}
@@ -58,52 +54,21 @@ class _Body:
             if isinstance(t, ast.Name)
         }
 
-    def name(self, name: str) -> str:
-        """A local name; words of the language get an underscore."""
-        return f"{name}_" if name in RESERVED - {"s", "y", "u", "h"} else name
+    def _number(self, value: float | int) -> str:
+        return str(value) if isinstance(value, int) and not isinstance(value, bool) else number(value)
 
-    def expression(self, node: ast.expr, level: int = 0) -> str:
-        """An expression in brackets if it binds less than ``level``."""
-        text, own = self._expression(node)
-        return f"({text})" if own < level else text
-
-    def _expression(self, node: ast.expr) -> tuple[str, int]:
-        if isinstance(node, ast.Constant):
-            if isinstance(node.value, int) and not isinstance(node.value, bool):
-                return str(node.value), _PRIMARY
-            return number(node.value), _PRIMARY  # type: ignore[arg-type]
-        if isinstance(node, ast.Name):
-            return self.name(node.id), _PRIMARY
-        if isinstance(node, ast.Attribute):
-            return f"s->{node.attr}", _PRIMARY
-        if isinstance(node, ast.Subscript):
-            return f"{self.expression(node.value, _PRIMARY)}[{self.expression(node.slice)}]", _PRIMARY
-        if isinstance(node, ast.UnaryOp):
-            return f"{'!' if isinstance(node.op, ast.Not) else '-'}{self.expression(node.operand, _UNARY + 1)}", _UNARY
-        if isinstance(node, ast.BinOp):
-            sign, level = _OPERATORS[type(node.op)]
-            return f"{self.expression(node.left, level)} {sign} {self.expression(node.right, level + 1)}", level
-        if isinstance(node, ast.Compare):
-            sign, level = _OPERATORS[type(node.ops[0])]
-            # Brackets around comparisons that are compared, which compilers ask for.
-            return f"{self.expression(node.left, 6)} {sign} {self.expression(node.comparators[0], 6)}", level
-        if isinstance(node, ast.BoolOp):
-            sign, level = _OPERATORS[type(node.op)]
-            # Brackets around mixed conditions, which compilers ask for.
-            return f" {sign} ".join(self.expression(v, 4) for v in node.values), level
-        if isinstance(node, ast.Call):
-            return self._call(node)
-        raise TypeError(ast.dump(node))
+    def _entry(self, node: ast.Subscript) -> str:
+        return f"{self.expression(node.value, self.primary)}[{self.expression(node.slice)}]"
 
     def _call(self, node: ast.Call, outputs: Iterable[str] = ()) -> tuple[str, int]:
         name = node.func.id  # type: ignore[attr-defined]
         if name == "where":
-            condition, yes, no = (self.expression(a, _CONDITIONAL + 1) for a in node.args)
-            return f"{condition} ? {yes} : {no}", _CONDITIONAL
+            condition, yes, no = (self.expression(a, self.conditional + 1) for a in node.args)
+            return f"{condition} ? {yes} : {no}", self.conditional
         arguments = [self.expression(a) for a in node.args]
         if name in self.program.functions:
             name = public(self.program, name)
-        return f"{_FUNCTIONS.get(name, name)}({', '.join([*arguments, *outputs])})", _PRIMARY
+        return f"{_FUNCTIONS.get(name, name)}({', '.join([*arguments, *outputs])})", self.primary
 
     def lines(self) -> list[str]:
         """The function's body."""
@@ -132,25 +97,22 @@ class _Body:
                         early.append(node.id)
         return early
 
-    def _block(self, body: Iterable[ast.stmt]) -> list[str]:
-        return [line for statement in body for line in self._statement(statement)]
-
     def _statement(self, node: ast.stmt) -> list[str]:
         if isinstance(node, ast.Assign):
             return self._assign(node.targets[0], node.value)
         if isinstance(node, ast.AugAssign):
             return self._assign(node.target, ast.BinOp(_loaded(node.target), node.op, node.value))
         if isinstance(node, ast.If):
-            lines = [f"if ({self.expression(node.test)}) {{", *_indented(self._block(node.body))]
+            lines = [f"if ({self.expression(node.test)}) {{", *indented(self._block(node.body))]
             if len(node.orelse) == 1 and isinstance(node.orelse[0], ast.If):
                 first, *others = self._statement(node.orelse[0])
                 return [*lines, f"}} else {first}", *others]
             if node.orelse:
-                lines += ["} else {", *_indented(self._block(node.orelse))]
+                lines += ["} else {", *indented(self._block(node.orelse))]
             return [*lines, "}"]
         if isinstance(node, ast.For):
             i, n = node.target.id, node.iter.args[0].value  # type: ignore[attr-defined]
-            return [f"for (int {i} = 0; {i} < {n}; {i}++) {{", *_indented(self._block(node.body)), "}"]
+            return [f"for (int {i} = 0; {i} < {n}; {i}++) {{", *indented(self._block(node.body)), "}"]
         if isinstance(node, ast.Break):
             return ["break;"]
         if isinstance(node, ast.Return):
@@ -196,10 +158,6 @@ def _loaded(target: ast.expr) -> ast.expr:
     return ast.parse(ast.unparse(target), mode="eval").body
 
 
-def _indented(lines: Iterable[str]) -> list[str]:
-    return [f"    {line}" for line in lines]
-
-
 def public(program: Program, name: str) -> str:
     """The name of a function in C: those that are called from outside have the program's as prefix."""
     # The public step also gives the output.
@@ -207,7 +165,7 @@ def public(program: Program, name: str) -> str:
 
 
 def _signature(program: Program, f: Function, api: bool = False) -> str:
-    arguments = [f"double {_argument(a)}" for a in f.arguments[1 if f.of_state else 0 :]]
+    arguments = [f"double {a}_" if is_taken(a) else f"double {a}" for a in f.arguments[1 if f.of_state else 0 :]]
     if f.of_state:
         arguments.insert(0, f"{'' if f.changes else 'const '}{program.name}_state *s")
     if f.returns > 1:
@@ -216,13 +174,9 @@ def _signature(program: Program, f: Function, api: bool = False) -> str:
     return f"{'' if api else 'static '}{kind} {public(program, f.name)}({', '.join(arguments)})"
 
 
-def _argument(name: str) -> str:
-    return f"{name}_" if name in RESERVED - {"s", "y", "u", "h"} else name
-
-
 def _function(program: Program, f: Function, api: bool) -> str:
     lines = [f"/* {one_line(f.about)} */"] if f.about else []
-    lines += [f"{_signature(program, f, api)} {{", *_indented(_Body(program, f).lines()), "}"]
+    lines += [f"{_signature(program, f, api)} {{", *indented(_Body(program, f).lines()), "}"]
     text = "\n".join(lines)
     return text.replace("    return;\n}", "}") if f.returns > 1 else text
 
@@ -253,7 +207,7 @@ def _step_body(program: Program) -> str:
     inputs = ", ".join(program.functions["step"].arguments[1:])
     lines = [f"const int solved = {public(program, 'advance')}(s, {inputs}) > 0.0;"]
     lines += [f"*y = {public(program, 'output')}(s);", "return solved;"]
-    return "\n".join([f"{_step(program)} {{", *_indented(lines), "}"])
+    return "\n".join([f"{_step(program)} {{", *indented(lines), "}"])
 
 
 def c_header(program: Program) -> str:

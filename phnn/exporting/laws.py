@@ -39,12 +39,13 @@ _ARGUMENTS = dict.fromkeys(INTRINSICS, 1) | {"maximum": 2, "minimum": 2, "where"
 _SHOWN = 60
 
 
-def refused(what: str, cause: str) -> InputRefused:
-    """What is raised for a law that has no translation."""
-    return InputRefused(
-        f"{what}: cannot be exported: {cause}: write its law as a plain function of phnn.laws.namespace, or export a "
-        "model without it"
-    )
+def refused(
+    what: str,
+    cause: str,
+    remedy: str = "write its law as a plain function of phnn.laws.namespace, or export a model without it",
+) -> InputRefused:
+    """What is raised for what cannot be exported: why, and what to do; by default for a law without translation."""
+    return InputRefused(f"{what}: cannot be exported: {cause}: {remedy}")
 
 
 def refuse_beyond(tree: ast.FunctionDef, what: str, functions: Mapping[str, Function]) -> None:
@@ -484,18 +485,9 @@ class Elements:
             f"    total = total + {self.call(law.unit, what, *arguments, *entries)}",
             f"return {self.call(law.combine, what, *arguments, 'total', *given)}",
         ]
-        self._add(name, arguments, lines, f"law of {what}")
+        self.program.functions[name] = self.plain(name, arguments, lines, one_line(f"law of {what}"))
         return name
-
-    def _add(self, name: str, arguments: tuple[str, ...], lines: list[str], about: str) -> None:
-        known = self.program.functions
-        known[name] = self.plain(name, arguments, lines, one_line(about))
 
     def plain(self, name: str, arguments: tuple[str, ...], lines: list[str], about: str) -> Function:
         """A function that does not know the state."""
         return function(name, arguments, lines, self.program.functions, about, of_state=False)
-
-
-def refuse(what: str, cause: str, remedy: str) -> InputRefused:
-    """What cannot be exported, why, and what to do."""
-    return InputRefused(f"{what}: cannot be exported: {cause}: {remedy}")

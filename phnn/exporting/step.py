@@ -13,14 +13,7 @@ from collections.abc import Iterable
 from phnn.exporting import solvers
 from phnn.exporting.laws import Elements
 from phnn.exporting.program import function
-from phnn.integrate.partition import (
-    is_leak,
-    is_linear,
-    junctions_of,
-    merged_couplings,
-    resistors_of,
-    rule_of,
-)
+from phnn.integrate.partition import is_leak, is_linear, junctions_of, merged_couplings, resistors_of, rule_of
 from phnn.integrate.scheme import Scheme
 from phnn.integrate.table_access import NEAR_REST
 from phnn.integrate.tables import EXACT, LOSSLESS, PATH, RADAU
@@ -396,8 +389,6 @@ class Balance:
             leading = (x, current, "H", self.stiffness(name))
             what = f"resistor {resistor.name}"
             return self.e.law(RESISTOR_LAWS[resistor.law], "path", what, leading, resistor.parameters)
-        # It needs the balance's expressions.
-
         return searched(self, name)
 
     def stiffness(self, name: str) -> str:

@@ -1,28 +1,43 @@
-"""Write a model as files of a target: names and contents, by target."""
+"""Write a model as files of a target: names and contents, by target.
+
+A functional mock-up unit (FMI 2.0 co-simulation) holds C sources and, where there is a compiler, compiled code. Its
+input is held during a communication step, or follows the derivative that the master sets.
+"""
 
 from __future__ import annotations
 
 import ast
 import copy
+import hashlib
+import io
 import math
+import platform
+import shutil
+import subprocess
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import tempfile
+import uuid
+import zipfile
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
+from xml.sax.saxutils import quoteattr
 
-from phnn.errors import InputRefused
+from phnn.errors import InputRefused, OutputFailed
 from phnn.exporting.build import HOLDS, Hold, build
 from phnn.exporting.c import c_header, c_source
 from phnn.exporting.program import (
-    RESERVED,
     Constant,
     Field,
     Function,
+    Printer,
     Program,
     called,
     constants_about,
     header,
+    indented,
     one_line,
 )
 from phnn.intake.limits import LIMITS
@@ -35,40 +50,127 @@ from phnn.setup import Setup
 if TYPE_CHECKING:
     from phnn.modal.store import StoredModes
 
-
-Files = Mapping[str, bytes]
-
-
-def c_files(program: Program) -> Files:
-    """A header and a source of C99."""
-    return {f"{program.name}.h": c_header(program).encode(), f"{program.name}.c": c_source(program).encode()}
-
-
-def python_files(program: Program) -> Files:
-    """One module."""
-    return {f"{program.name}.py": python(program).encode()}
+_FLAGS = ("-std=c99", "-O2", "-shared", "-fPIC", "-fvisibility=hidden")
+_TIME_LIMIT = 120
+# Longest message of a compiler that is repeated.
+_MESSAGE = 2000
+# A fixed time, so that the same model gives the same file.
+_DATE = (1980, 1, 1, 0, 0, 0)
 
 
-def matlab_files(program: Program) -> Files:
-    """Functions that initialise and step, and one for a MATLAB Function block of Simulink."""
-    from phnn.exporting.write import matlab
+def fmu(program: Program) -> bytes:
+    """The content of the ``.fmu`` file."""
+    name = program.name
+    sources = {f"{name}.h": c_header(program), f"{name}.c": c_source(program)}
+    guid = str(uuid.UUID(bytes=hashlib.sha256("".join(sources.values()).encode()).digest()[:16]))
+    sources["fmi2.c"] = _wrapper(program, guid)
+    entries = {"modelDescription.xml": description(program, guid).encode()}
+    entries |= {f"sources/{n}": text.encode() for n, text in sources.items()}
+    binary = compiled(name, sources)
+    if binary is not None:
+        entries[f"binaries/linux64/{name}.so"] = binary
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
+        for entry, data in entries.items():
+            archive.writestr(zipfile.ZipInfo(entry, _DATE), data, zipfile.ZIP_DEFLATED)
+    return content.getvalue()
 
-    return {name: text.encode() for name, text in matlab(program).items()}
+
+def _wrapper(program: Program, guid: str) -> str:
+    """The functions of the standard around the model."""
+    count = len(program.inputs)
+    points = [f"u[0] + rate[0] * at[{k}]" for k in range(3)]
+    means = [f"u[{k}] + rate[{k}] * at[1]" for k in range(1, count)]
+    filled = {
+        "MODEL_UPPER": program.name.upper(),
+        "MODEL": program.name,
+        "INPUTS": str(count),
+        "GUID": guid,
+        "SUBSTEPS": f"{program.substeps}.0",
+        "INIT": ", ".join(f"u[{k}]" for k in range(count)),
+        "SUBSTEP": ", ".join([*points, *means]),
+    }
+    text = (files("phnn.exporting") / "fmi2.c").read_text("utf-8")
+    for key, value in filled.items():
+        text = text.replace(f"@{key}@", value)
+    return text
 
 
-def fmu_files(program: Program) -> Files:
-    """A functional mock-up unit."""
-    from phnn.exporting.fmu import fmu
+def description(program: Program, guid: str) -> str:
+    """``modelDescription.xml``."""
+    output, unit = program.output
+    variables = [
+        f'<ScalarVariable name={quoteattr(name)} valueReference="{k}" causality="input" variability="continuous">'
+        f'<Real start="0" unit={quoteattr(of)}/></ScalarVariable>'
+        for k, (name, of) in enumerate(program.inputs)
+    ]
+    number = len(variables)
+    taken = {name for name, _ in program.inputs}
+    while output in taken:
+        output = f"{output}_measured"
+    variables.append(
+        f"<ScalarVariable name={quoteattr(output)} "
+        f'valueReference="{number}" causality="output" variability="continuous" initial="calculated">'
+        f"<Real unit={quoteattr(unit)}/></ScalarVariable>"
+    )
+    units = dict.fromkeys((*(of for _, of in program.inputs), unit))
+    lines = [
+        '<?xml version="1.0" encoding="UTF-8"?>',
+        f'<fmiModelDescription fmiVersion="2.0" modelName={quoteattr(program.title)} guid="{guid}" '
+        f'description={quoteattr(" ".join(header(program).split()))} generationTool="phnn" '
+        'variableNamingConvention="flat" numberOfEventIndicators="0">',
+        f'<CoSimulation modelIdentifier="{program.name}" canHandleVariableCommunicationStepSize="true" '
+        'canInterpolateInputs="true" maxOutputDerivativeOrder="0" canGetAndSetFMUstate="true">',
+        f'<SourceFiles><File name="{program.name}.c"/><File name="fmi2.c"/></SourceFiles>',
+        "</CoSimulation>",
+        f"<UnitDefinitions>{''.join(f'<Unit name={quoteattr(u)}/>' for u in units)}</UnitDefinitions>",
+        f'<DefaultExperiment startTime="0" stepSize="{program.dt!r}"/>',
+        f"<ModelVariables>{''.join(variables)}</ModelVariables>",
+        f'<ModelStructure><Outputs><Unknown index="{number + 1}" dependencies=""/></Outputs>'
+        f'<InitialUnknowns><Unknown index="{number + 1}"/></InitialUnknowns></ModelStructure>',
+        "</fmiModelDescription>",
+    ]
+    return "\n".join(lines) + "\n"
 
-    return {f"{program.name}.fmu": fmu(program)}
+
+def compiled(name: str, sources: Mapping[str, str]) -> bytes | None:
+    """The shared library for Linux on 64 bits; None on other machines or without a compiler.
+
+    Args:
+        name: of the program.
+        sources: texts of C by file name; each file that ends in ``.c`` is compiled. Only functions that are marked as
+            visible can be called from outside.
+
+    Raises:
+        OutputFailed: the compiler refuses the sources, or takes too long; gives its message.
+    """
+    compiler = shutil.which("cc")
+    if compiler is None or not sys.platform.startswith("linux") or platform.machine() != "x86_64":
+        return None
+    with tempfile.TemporaryDirectory() as folder:
+        for entry, text in sources.items():
+            (Path(folder) / entry).write_text(text, "utf-8")
+        library = Path(folder) / f"{name}.so"
+        units = [entry for entry in sources if entry.endswith(".c")]
+        command = [compiler, *_FLAGS, *units, "-o", library.name, "-lm"]
+        try:
+            done = subprocess.run(command, cwd=folder, capture_output=True, timeout=_TIME_LIMIT, check=False)
+        except subprocess.TimeoutExpired as error:
+            raise _uncompiled(compiler, f"it took more than {_TIME_LIMIT} s") from error
+        if done.returncode != 0 or not library.exists():
+            raise _uncompiled(compiler, done.stderr.decode(errors="replace").strip()[:_MESSAGE])
+        return library.read_bytes()
 
 
-TARGETS: dict[str, Callable[[Program], Files]] = {
-    "c": c_files,
-    "fmu": fmu_files,
-    "python": python_files,
-    "matlab": matlab_files,
-}
+def _uncompiled(compiler: str, cause: str) -> OutputFailed:
+    return OutputFailed(
+        f"{compiler} does not compile the exported model: {cause}: mend the compiler, or take it out of PATH to do "
+        "without compiled code"
+    )
+
+
+# Contents of files by name.
+Files = Mapping[str, str | bytes]
 
 
 # Sample time [s] where none is given: 10 kHz, a common rate of controllers of piezo stages.
@@ -140,7 +242,7 @@ def write(
     folder = Path(out)
     with claim(folder, "export", given, tuple(files), overwrite=overwrite, index=False) as place:
         for name, content in files.items():
-            (place / name).write(content)
+            (place / name).write(content.encode() if isinstance(content, str) else content)
     return [folder / name for name in files]
 
 
@@ -170,12 +272,8 @@ def _check(wanted: Wanted, setup: Setup) -> None:
         raise InputRefused(f"initial_input: {wanted.initial_input:g}: give a finite number")
     if wanted.substeps is not None and not 1 <= wanted.substeps <= LIMITS.substeps:
         raise InputRefused(f"substeps: {wanted.substeps}: give 1 to {LIMITS.substeps}")
-    _check_ports(wanted.ports, setup)
-
-
-def _check_ports(ports: Sequence[str], setup: Setup) -> None:
     known = [p.name for p in setup.network.ports[1:]]
-    for port in ports:
+    for port in wanted.ports:
         if port not in known:
             raise InputRefused(f"ports: the network has no further port {port!r}; it has {', '.join(known) or 'none'}")
 
@@ -236,7 +334,7 @@ def _function(function: Function) -> str:
     if function.about:
         lines.append(f'    """{_ended(one_line(function.about))}"""')
     for statement in body:
-        lines += [f"    {line}" for line in ast.unparse(ast.fix_missing_locations(statement)).splitlines()]
+        lines += indented(ast.unparse(ast.fix_missing_locations(statement)).splitlines())
     return "\n".join(lines)
 
 
@@ -273,13 +371,6 @@ def python(program: Program) -> str:
     )
 
 
-_FUNCTIONS = {"absolute": "abs", "maximum": "max", "minimum": "min"}
-_OPERATORS: dict[type, tuple[str, int]] = {
-    ast.Add: ("+", 6), ast.Sub: ("-", 6), ast.Mult: ("*", 7), ast.Div: ("/", 7), ast.Lt: ("<", 5),
-    ast.LtE: ("<=", 5), ast.Gt: (">", 5), ast.GtE: (">=", 5), ast.Eq: ("==", 5), ast.NotEq: ("~=", 5),
-    ast.And: ("&&", 3), ast.Or: ("||", 2),
-}  # fmt: skip
-_UNARY, _PRIMARY = 8, 9
 _WHERE = """function r = where(condition, a, b)
 if condition
     r = a;
@@ -289,13 +380,16 @@ end
 end"""
 
 
-class _Body:
-    """Prints the statements of one function."""
+class _Body(Printer):
+    """Prints one function in MATLAB."""
+
+    negation = "~"
+    field = "s."
+    operators: ClassVar[dict[type, tuple[str, int]]] = Printer.operators | {ast.NotEq: ("~=", 5)}
 
     def __init__(self, program: Program, function: Function) -> None:
-        self.program, self.function = program, function
-        nodes = [n for statement in function.body for n in ast.walk(statement)]
-        self.local = {n.id for n in nodes if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
+        super().__init__(program, function)
+        self.local = {n.id for n in self.nodes if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
         self.local |= set(function.arguments)
         self.results = [f"out_{i}" for i in range(function.returns)]
 
@@ -303,38 +397,12 @@ class _Body:
         """A local name or a field of the constants; words of the language get an underscore."""
         if name in self.program.constants and name not in self.local:
             return f"c.{name}"
-        return f"{name}_" if name in RESERVED - {"s", "y", "u", "h"} or name in ("i", "c", "where") else name
+        return f"{name}_" if name in ("i", "c", "where") else super().name(name)
 
-    def expression(self, node: ast.expr, level: int = 0) -> str:
-        """An expression in brackets if it binds less than ``level``."""
-        text, own = self._expression(node)
-        return f"({text})" if own < level else text
-
-    def _expression(self, node: ast.expr) -> tuple[str, int]:
-        if isinstance(node, ast.Constant):
-            return repr(node.value), _PRIMARY
-        if isinstance(node, ast.Name):
-            return self.name(node.id), _PRIMARY
-        if isinstance(node, ast.Attribute):
-            return f"s.{node.attr}", _PRIMARY
-        if isinstance(node, ast.Subscript):
-            return self._entry(node), _PRIMARY
-        if isinstance(node, ast.UnaryOp):
-            return f"{'~' if isinstance(node.op, ast.Not) else '-'}{self.expression(node.operand, _UNARY + 1)}", _UNARY
-        if isinstance(node, ast.BinOp):
-            sign, level = _OPERATORS[type(node.op)]
-            return f"{self.expression(node.left, level)} {sign} {self.expression(node.right, level + 1)}", level
-        if isinstance(node, ast.Compare):
-            sign, level = _OPERATORS[type(node.ops[0])]
-            return f"{self.expression(node.left, 6)} {sign} {self.expression(node.comparators[0], 6)}", level
-        if isinstance(node, ast.BoolOp):
-            sign, level = _OPERATORS[type(node.op)]
-            return f" {sign} ".join(self.expression(v, 4) for v in node.values), level
-        if isinstance(node, ast.Call):
-            name = node.func.id  # type: ignore[attr-defined]
-            arguments = ", ".join(self.expression(a) for a in node.args)
-            return f"{_FUNCTIONS.get(name, name)}({arguments})", _PRIMARY
-        raise TypeError(ast.dump(node))
+    def _call(self, node: ast.Call) -> tuple[str, int]:
+        name = node.func.id  # type: ignore[attr-defined]
+        arguments = ", ".join(self.expression(a) for a in node.args)
+        return f"{_BUILTIN.get(name, name)}({arguments})", self.primary
 
     def _entry(self, node: ast.Subscript) -> str:
         """An entry of an array, counted from one."""
@@ -353,25 +421,22 @@ class _Body:
         results = [*["s"] * f.changes, *self.results]
         left = f"[{', '.join(results)}] = " if len(results) > 1 else f"{results[0]} = " if results else ""
         lines = [f"function {left}{f.name}({', '.join(map(self.name, f.arguments))})"]
-        lines += [f"% {_text(f.about)}"] if f.about else []
-        named = {n.id for s in f.body for n in ast.walk(s) if isinstance(n, ast.Name)}
+        lines += [f"% {one_line(f.about)}"] if f.about else []
+        named = {n.id for n in self.nodes if isinstance(n, ast.Name)}
         lines += ["c = constants();"] if (named - self.local) & set(self.program.constants) else []
         return [*lines, *self._block(f.body), "end"]
-
-    def _block(self, body: Iterable[ast.stmt]) -> list[str]:
-        return [line for statement in body for line in self._statement(statement)]
 
     def _statement(self, node: ast.stmt) -> list[str]:
         if isinstance(node, ast.Assign):
             return self._assign(node.targets[0], node.value)
         if isinstance(node, ast.AugAssign):
             left = self.expression(node.target)
-            return [f"{left} = {left} {_OPERATORS[type(node.op)][0]} ({self.expression(node.value)});"]
+            return [f"{left} = {left} {self.operators[type(node.op)][0]} ({self.expression(node.value)});"]
         if isinstance(node, ast.If):
             return [*self._branches(node, "if"), "end"]
         if isinstance(node, ast.For):
             i, n = self.name(node.target.id), node.iter.args[0].value  # type: ignore[attr-defined]
-            return [f"for {i} = 0:{n - 1}", *_indented(self._block(node.body)), "end"]
+            return [f"for {i} = 0:{n - 1}", *indented(self._block(node.body)), "end"]
         if isinstance(node, ast.Break):
             return ["break;"]
         if isinstance(node, ast.Return):
@@ -381,10 +446,10 @@ class _Body:
         raise TypeError(ast.dump(node))
 
     def _branches(self, node: ast.If, word: str) -> list[str]:
-        lines = [f"{word} {self.expression(node.test)}", *_indented(self._block(node.body))]
+        lines = [f"{word} {self.expression(node.test)}", *indented(self._block(node.body))]
         if len(node.orelse) == 1 and isinstance(node.orelse[0], ast.If):
             return [*lines, *self._branches(node.orelse[0], "elseif")]
-        return [*lines, "else", *_indented(self._block(node.orelse))] if node.orelse else lines
+        return [*lines, "else", *indented(self._block(node.orelse))] if node.orelse else lines
 
     def _assign(self, target: ast.expr, value: ast.expr) -> list[str]:
         targets = target.elts if isinstance(target, ast.Tuple) else [target]
@@ -408,14 +473,6 @@ class _Body:
         return self._called(list(self.results), value)
 
 
-def _indented(lines: Iterable[str]) -> list[str]:
-    return [f"    {line}" for line in lines]
-
-
-def _text(text: str) -> str:
-    return one_line(text)
-
-
 def _constants(program: Program) -> list[str]:
     lines = ["function c = constants()", *(f"% {line}" for line in constants_about(program))]
     return [*lines, *map(_constant, program.used_constants()), "end"]
@@ -425,7 +482,7 @@ def _constant(constant: Constant) -> str:
     value = constant.value
     rows = value if isinstance(value, tuple) else ()
     shown = "[" + "; ".join(", ".join(map(repr, row)) for row in rows) + "]" if rows else repr(value)
-    return f"c.{constant.name} = {shown}; % {_text(constant.about)}"
+    return f"c.{constant.name} = {shown}; % {one_line(constant.about)}"
 
 
 def _fields(program: Program) -> list[str]:
@@ -435,13 +492,13 @@ def _fields(program: Program) -> list[str]:
 
 def _field(field: Field) -> str:
     shape = (*field.shape, 1)[:2] if field.shape else ()
-    return f"s.{field.name} = {f'zeros({shape[0]}, {shape[1]})' if shape else '0.0'}; % {_text(field.about)}"
+    return f"s.{field.name} = {f'zeros({shape[0]}, {shape[1]})' if shape else '0.0'}; % {one_line(field.about)}"
 
 
 def matlab(program: Program) -> dict[str, str]:
     """Texts of the files by name."""
     name, inputs = program.name, ", ".join(program.functions["step"].arguments[1:])
-    about = [f"% {_text(line)}" for line in header(program).splitlines()]
+    about = [f"% {one_line(line)}" for line in header(program).splitlines()]
     begin = [f"function s = {name}_init({inputs})", f"% {name.upper()}_INIT The state at the start.", *about]
     begin += ["s = empty_state();", f"s = init(s, {inputs});", "end"]
     step = [f"function [s, y] = {name}_step(s, {inputs})"]
@@ -468,3 +525,11 @@ def _file(program: Program, first: list[str], root: str, others: list[list[str]]
     functions = [f for f in program.functions.values() if f.name in needed]
     parts = [first, *others, *(_Body(program, f).lines() for f in functions), _constants(program), _WHERE.splitlines()]
     return "\n\n".join("\n".join(part) for part in parts) + "\n"
+
+
+TARGETS: dict[str, Callable[[Program], Files]] = {
+    "c": lambda program: {f"{program.name}.h": c_header(program), f"{program.name}.c": c_source(program)},
+    "fmu": lambda program: {f"{program.name}.fmu": fmu(program)},
+    "python": lambda program: {f"{program.name}.py": python(program)},
+    "matlab": matlab,
+}

@@ -22,8 +22,7 @@ from phnn.identification.covariance import (
     scatter,
 )
 from phnn.identification.plan import Plan
-from phnn.identification.problem import Problem
-from phnn.identification.variables import Variables, variables_of
+from phnn.identification.problem import Problem, Variables, variables_of
 from phnn.recordings.driving import unknown_instants
 from phnn.setup import Setup
 
@@ -108,7 +107,7 @@ class Fit:
         standard errors, is the same in every repetition and is not corrected.
         """
         # Its module measures fits.
-        from phnn.identification.refinement import numerical_error
+        from phnn.identification.base import numerical_error
 
         if not self.z.size or self.use != "identification":
             return np.zeros(self.z.size)

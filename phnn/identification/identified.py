@@ -6,10 +6,9 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 from phnn.errors import InputRefused
-from phnn.identification.base import Progress, identify_base, quiet
+from phnn.identification.base import NumericalError, Progress, identify_base, quiet
 from phnn.identification.fit import Fit
 from phnn.identification.options import Options
-from phnn.identification.refinement import NumericalError
 from phnn.model import Model
 from phnn.models.actuator import hrc
 from phnn.models.store import save

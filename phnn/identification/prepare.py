@@ -1,25 +1,309 @@
-"""Everything of an identification that can be refused before it begins."""
+"""Everything of an identification that can be refused before it begins.
+
+The hysteresis that an actuator needs, if the user leaves it to the recordings.
+
+Models with one and two hysterons, with the best of the other forms of hysteresis, and with more hysterons are fitted to
+some of the identification recordings; the others choose (`LeftOut`). One that predicts them clearly better takes the
+place of the one before.
+
+The gain of one element on recordings that took no part in finding it: its size and its significance.
+
+Two models are compared sample by sample, ``e₀`` the residual without the element and ``e₁`` with it, in units of the
+noise. The gain ``d = e₀² − e₁²`` is summed over blocks of time, and a one-sided t-test asks whether its mean is
+positive. The test is paired, because both models see the same noise; it is the large-sample form of a sign-flip
+permutation over the blocks, and stays valid where the blocks' variances differ (Ibragimov & Müller 2010).
+
+Blocks have to be nearly independent. Their length is eight correlation lengths of ``e₁``; a correlation length is the
+larger one of
+
+    1 + 2 Σ ρ_k       over the lags before ``ρ`` first vanishes,
+    1 + 2 Σ ρ_k²      over the lags up to N/64  (Bayley & Hammersley 1946).
+
+The first is that of slow noise and of what drifts: a residual that is coherent over a whole recording leaves one or two
+blocks, for it is a single observation, however many samples it has. The second counts noise that rings, where positive
+and negative correlations cancel.
+
+The mean of each part is taken away before the test: the displacement zero comes from a few samples, and its error
+would be common to all blocks of a recording. Lines and slow drifts are fitted to the samples that are scored, so that
+K of them take ``K/N`` of the power of pure noise; the residual beside them is scaled by ``√(N/(N − K))``.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from phnn.errors import InputRefused, StructureViolated
-from phnn.identification.order import MOST_HYSTERONS
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import t as student
+
+from phnn.errors import InputRefused, PhnnError, StructureViolated
+from phnn.identification.evaluate import Evaluation, evaluate
+from phnn.identification.fit import Fit
 from phnn.identification.plan import Plan
-from phnn.identification.staged import check_known, held_by_statement
+from phnn.identification.problem import own_size
+from phnn.identification.staged import check_known, held_by_statement, identify_actuator, identify_form
 from phnn.identification.starting_points import mechanical_points
 from phnn.identification.zero import is_shared, with_unknown_gain
 from phnn.integrate.program import compile_network
 from phnn.models.actuator import hrc
 from phnn.models.bouc_wen import bouc_wen
 from phnn.models.network_file import load_network
-from phnn.recordings.recording import Campaign, Recording
+from phnn.recordings.excitation import excitation_of
+from phnn.recordings.partition import candidate_of, divide
+from phnn.recordings.recording import Anchor, Campaign, Recording
 from phnn.results import printable
-from phnn.setup import Setup
+from phnn.setup import NOTHING, Own, Setup
 from phnn.trajectory import check_names
+
+Array = NDArray[np.float64]
+
+
+# Correlation lengths in a block; fewest samples in one, for sums of squares to be nearly normal; into how many of the
+# longest lags whose squared correlation counts a part is divided.
+_LENGTHS, _FEWEST_SAMPLES, _LAGS = 8, 20, 64
+# Change of the mean square, as a share of it, that is rounding.
+_ROUNDING = 1e-12
+
+
+@dataclass(frozen=True)
+class Gain:
+    """Attributes:
+    before, after: residual over noise, root mean square over the scored parts, without and with the element.
+    rms: root mean square of what the element explains there, ``√(before² − after²)`` in the output's unit; negative
+        where the error rises.
+    share_of_noise: the same over the noise.
+    blocks: number of nearly independent blocks of time.
+    falls, rises: one-sided p-values that the error falls, and that it rises; None where there are too few blocks.
+    """
+
+    before: float
+    after: float
+    rms: float
+    share_of_noise: float
+    blocks: int
+    falls: float | None
+    rises: float | None
+
+    @property
+    def takes(self) -> float:
+        """Mean square [noise²] that the element takes; negative where the error rises."""
+        return self.before**2 - self.after**2
+
+    @property
+    def share(self) -> float | None:
+        """Share of the excess over the noise that the element takes; None where the error is no larger than that."""
+        if not self.before > 1.0:
+            return None
+        return self.takes / (self.before**2 - 1.0)
+
+
+def gain(
+    before: Evaluation,
+    after: Evaluation,
+    recordings: Sequence[Recording],
+    use: str,
+    fewest_blocks: int,
+    own: tuple[Own, Own] = (NOTHING, NOTHING),
+) -> Gain | None:
+    """Compare two models on the parts of one use; every part counts as much as any other.
+
+    Args:
+        before, after: outputs without and with the element.
+        use: of the parts, such as ``"confirmation"``.
+        fewest_blocks: with fewer blocks there is no p-value.
+        own: what recordings add of their own to the outputs before and after.
+
+    Returns:
+        None where no part has that use.
+    """
+    squares: list[tuple[float, float, float]] = []
+    sums: list[Array] = []
+    for recording in recordings:
+        for part in (p for p in recording.parts if p.use == use):
+            rows = slice(part.first, part.last)
+            e0, e1 = (
+                (recording.y - m.outputs[recording.name])[rows] / recording.noise * _fair(recording, added)
+                for m, added in zip((before, after), own, strict=True)
+            )
+            squares.append((float(np.mean(e0**2)), float(np.mean(e1**2)), recording.noise))
+            sums.append(_block_sums(e0 - e0.mean(), e1 - e1.mean()) / e0.size)
+    if not squares:
+        return None
+    had, has, noise = (np.array(column) for column in zip(*squares, strict=True))
+    changes = np.concatenate(sums)
+    # A difference of rounding is none.
+    changes = np.where(np.abs(changes) > _ROUNDING * (had + has).mean(), changes, 0.0)
+    falls, rises = _p_values(changes, fewest_blocks)
+    return Gain(
+        before=math.sqrt(had.mean()),
+        after=math.sqrt(has.mean()),
+        rms=_signed_root(float(np.mean((had - has) * noise**2))),
+        share_of_noise=_signed_root(float(np.mean(had - has))),
+        blocks=sum(s.size for s in sums),
+        falls=falls,
+        rises=rises,
+    )
+
+
+def _fair(recording: Recording, own: Own) -> float:
+    """Factor on a residual beside what was fitted to its own samples, for noise to keep its size."""
+    size = recording.t.size
+    return math.sqrt(size / max(size - own_size(recording, own), 1))
+
+
+def _signed_root(value: float) -> float:
+    return math.copysign(math.sqrt(abs(value)), value)
+
+
+def _block_sums(before: Array, after: Array) -> Array:
+    """(B,) sums of ``e₀² − e₁²`` over blocks of equal length, at least one."""
+    length = max(_LENGTHS * correlation_length(after), _FEWEST_SAMPLES)
+    count = max(1, int(before.size // length))
+    return np.array([block.sum() for block in np.array_split(before**2 - after**2, count)])
+
+
+def correlation_length(residual: Array) -> float:
+    """Correlation length of a residual (N,) without mean, in samples; at least 1."""
+    size = residual.size
+    covariance = np.fft.irfft(np.abs(np.fft.rfft(residual, 2 * size)) ** 2)[:size]
+    if not covariance[0] > 0.0:
+        return 1.0
+    rho = covariance[1:] / covariance[0]
+    positive = rho[: int(np.argmax(np.append(rho, -1.0) <= 0.0))]
+    return 1.0 + 2.0 * max(float(positive.sum()), float(np.sum(rho[: size // _LAGS] ** 2)))
+
+
+def _p_values(values: Array, fewest: int) -> tuple[float | None, float | None]:
+    """One-sided p-values of Student's test that the mean is positive, and that it is negative."""
+    if values.size < fewest:
+        return None, None
+    spread = float(np.std(values, ddof=1)) / math.sqrt(values.size)
+    if spread == 0.0:
+        sure = 0.5 if not values.mean() else 0.0 if values.mean() > 0.0 else 1.0
+        return sure, 1.0 - sure
+    statistic = float(values.mean()) / spread
+    return float(student.sf(statistic, values.size - 1)), float(student.cdf(statistic, values.size - 1))
+
+
+# They are chosen like the held-out ones, inside the span of the rest; of a single recording it is the last third. A
+# model is grown on the rest and held against them. The held-out recordings of the campaign are not touched.
+
+# Inside this module and its evaluations, the left-out samples serve as "confirmation" samples do.
+_CHOOSES = "confirmation"
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """Identification recordings in two sets.
+
+    Attributes:
+        growth: models are fitted to these.
+        chosen: all of them, the left-out samples marked.
+        fewest_blocks: with fewer nearly independent blocks of time a gain has no p-value.
+    """
+
+    growth: Plan
+    chosen: Plan
+    fewest_blocks: int
+
+    def scores(self, fitted: Fit) -> Evaluation:
+        """A model's outputs on all of them."""
+        return evaluate(fitted.setup, self.chosen, fitted.initial_states)
+
+    def gain(self, before: tuple[Fit, Evaluation], after: tuple[Fit, Evaluation]) -> Gain:
+        """What one model gains over another on the left-out samples."""
+        own = (before[0].setup.own, after[0].setup.own)
+        found = gain(before[1], after[1], self.chosen.recordings, _CHOOSES, self.fewest_blocks, own)
+        assert found is not None
+        return found
+
+    def over_noise(self, scores: Evaluation) -> float:
+        """Residual over noise on the left-out samples."""
+        return scores.over_noise(_CHOOSES)
+
+
+def leave_out(plan: Plan, fewest_blocks: int) -> LeftOut:
+    """Divide the identification recordings of a plan."""
+    whole = [_identified(r) for r in plan.recordings]
+    parts, _, _ = divide([candidate_of(r, excitation_of(r.drive, r.dt)) for r in whole])
+    divided = tuple(replace(r, parts=parts[r.name]) for r in whole)
+    growth = tuple(r for r in divided if r.mask("identification").any())
+    return LeftOut(replace(plan, recordings=growth), replace(plan, recordings=divided), fewest_blocks)
+
+
+def _identified(recording: Recording) -> Recording:
+    """A recording up to the end of its identification samples."""
+    last = max(p.last for p in recording.parts if p.use == "identification")
+    return recording if last == recording.t.size else recording.only(slice(0, last))
+
+
+MOST_HYSTERONS = 4
+# Where none is better than the next, and where the recordings cannot be divided.
+DEFAULT_HYSTERONS = 2
+# A further hysteron has to take this share of the excess over the noise, and with such a p-value: three parameters
+# more, chosen among few models. Too few independent blocks of time for a p-value leave the default.
+_SHARE, _LEVEL, _FEWEST_BLOCKS = 0.05, 0.00135, 8
+# Chance does not take this share of the mean square: few large errors leave a test without power.
+_LARGER = 0.5
+# Residual over noise at which nothing further is tried.
+_NOISE = 1.1
+
+
+def hysteresis_needed(
+    plan: Plan, known: Mapping[str, Anchor], starts: int, seed: int, progress: Callable[[str], None]
+) -> tuple[int | str, Fit | None]:
+    """The number of hysterons, at most `MOST_HYSTERONS`, or the form of hysteresis, beyond which recordings that were
+    left out are predicted no better; and its fit to the others, None where none could be made.
+
+    Args:
+        plan: identification recordings.
+        known: anchors; one of hysteron ``i`` asks for ``i`` hysterons at least, and for no other form.
+        starts, seed: of every fit.
+        progress: told what is tried.
+    """
+    stated = max((int(n.rpartition("_")[2]) for n in known if n.startswith(("C_", "rho_", "d_"))), default=0)
+    held = leave_out(plan, _FEWEST_BLOCKS)
+    best: tuple[Fit, Evaluation] | None = None
+    chosen: int | str = max(stated, DEFAULT_HYSTERONS)
+    counts = list(range(max(stated, 1), max(stated, MOST_HYSTERONS) + 1))
+    left: list[int | None] = [*counts[:DEFAULT_HYSTERONS], *([] if stated else [None]), *counts[DEFAULT_HYSTERONS:]]
+    while left:
+        count = left.pop(0)
+        progress("which hysteresis: try " + ("other forms" if count is None else f"{count} hysterons"))
+        tried: int | str
+        try:
+            if count is not None:
+                tried, fitted = count, identify_actuator(held.growth, known, count, starts, seed)
+            elif best is not None:
+                tried, fitted = identify_form(held.growth, known, best[0])
+            else:
+                continue
+        except PhnnError:
+            continue
+        further = fitted, held.scores(fitted)
+        if best is None or _better(held, best, further, tried):
+            best, chosen = further, tried
+            if held.over_noise(further[1]) <= _NOISE:
+                break
+        elif count is not None:
+            # One more is no better: no further ones are tried.
+            left = [n for n in left if n is None]
+    return chosen, None if best is None else best[0]
+
+
+def _better(held: LeftOut, before: tuple[Fit, Evaluation], after: tuple[Fit, Evaluation], tried: int | str) -> bool:
+    """Whether what was left out is predicted clearly better with one more hysteron, or with another form.
+
+    Recordings too short for a test decide nothing: there the default stays, if it predicts no worse.
+    """
+    found = held.gain(before, after)
+    taken, excess = found.takes, max(found.before**2 - 1.0, 0.0)
+    if found.falls is None:
+        return isinstance(tried, int) and tried <= DEFAULT_HYSTERONS and taken >= 0.0
+    return taken > _LARGER * found.before**2 or (taken > _SHARE * excess and found.falls < _LEVEL)
 
 
 def identification_plan(campaign: Campaign, workers: int) -> Plan:

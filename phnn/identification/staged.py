@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.errors import InputRefused, PhnnError
+from phnn.identification.evaluate import with_starts
 from phnn.identification.fit import (
     NEARLY,
     TOLERANCE,
@@ -25,8 +26,7 @@ from phnn.identification.fit import (
     variables_from,
 )
 from phnn.identification.plan import Plan
-from phnn.identification.problem import Problem
-from phnn.identification.start import with_starts
+from phnn.identification.problem import Problem, starts_unknown
 from phnn.identification.starting_points import (
     DEFAULT_MASS,
     FORMS,
@@ -35,7 +35,6 @@ from phnn.identification.starting_points import (
     random_starts,
     with_form,
 )
-from phnn.identification.variables import starts_unknown
 from phnn.models.actuator import hrc
 from phnn.parameters import Parameter
 from phnn.recordings.excitation import excitation_of

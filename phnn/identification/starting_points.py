@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.effects import Effect, Scales, bouc_wen_hysteresis, distributed_hysteresis
+from phnn.effects import Effect, Scales
+from phnn.effects.hysteresis import BOUC_WEN_HYSTERESIS, DISTRIBUTED_HYSTERESIS
 from phnn.errors import InputRefused
 from phnn.identification.plan import Plan
 from phnn.models.actuator import hrc
@@ -24,9 +25,9 @@ RESONANCES_HZ = (200.0, 800.0, 3000.0)
 _GAIN_BINS, _DOWNHILL = 12, 0.8
 # Forms of hysteresis that may take the place of hysterons in a base model, and their strength over that of their grids.
 FORMS: dict[str, Effect] = {
-    "bouc_wen": bouc_wen_hysteresis.EFFECT.forms[0],
-    "duhem": bouc_wen_hysteresis.EFFECT,
-    "distributed": distributed_hysteresis.EFFECT,
+    "bouc_wen": BOUC_WEN_HYSTERESIS.forms[0],
+    "duhem": BOUC_WEN_HYSTERESIS,
+    "distributed": DISTRIBUTED_HYSTERESIS,
 }
 OF_GRID = 300.0
 

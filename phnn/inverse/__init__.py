@@ -4,7 +4,7 @@
     found.voltage, found.error                                # (N,) [V], (N,) [m]
 
 An actuator whose measured displacement belongs to the mass that the voltage pushes is differentially flat: the motion
-alone says which voltage it takes (`phnn.inverse.flat`). Blocks of the measuring chain are inverted one by one. What
+alone says which voltage it takes (`phnn.inverse.blocks`). Blocks of the measuring chain are inverted one by one. What
 this leaves, on the complete model, is removed by iteration (`phnn.inverse.invert`).
 """
 

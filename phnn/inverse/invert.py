@@ -26,8 +26,16 @@ from scipy.signal import butter, sosfiltfilt
 from phnn.chain.amplifiers import slew_limit
 from phnn.errors import InputRefused
 from phnn.intake.limits import LIMITS
-from phnn.inverse.blocks import Signal, command, command_at_rest, displacement, path_through, reachable, smallest_count
-from phnn.inverse.flat import FlatNetwork
+from phnn.inverse.blocks import (
+    FlatNetwork,
+    Signal,
+    command,
+    command_at_rest,
+    displacement,
+    path_through,
+    reachable,
+    smallest_count,
+)
 from phnn.network.elements import Network
 from phnn.recordings.checks import ACTUATORS
 from phnn.recordings.recording import unrecorded

@@ -15,6 +15,9 @@ from phnn.errors import SolverFailed
 from phnn.modal.experiment import Experiment, Study
 from phnn.modal.model import ModalModel, Seen
 
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
 # For given modes, ports and elements the outputs are linear in the shapes (c, d, g), which are solved for (Golub &
 # Pereyra 1973); derivatives leave out how the shapes follow (Kaufman 1975).
 
@@ -75,8 +78,6 @@ def _equivalent(model: ModalModel, seen: Seen) -> Complex:
         found[:, j] = basis @ np.linalg.lstsq(stacked, answer, rcond=None)[0]
     return found
 
-
-Complex = NDArray[np.complex128]
 
 # Ridge of the shapes over their own scale; the error of each experiment for a model that cannot be integrated.
 _RIDGE, _FAILED = 1e-11, 30.0
@@ -187,8 +188,6 @@ class Problem:
         rows = [w * np.stack([d.real, d.imag], axis=2) for d, w in zip(slope, self.weights, strict=True)]
         return np.concatenate([r.reshape(-1, moved.size) for r in rows])
 
-
-Array = NDArray[np.float64]
 
 # Relative changes of the sum of squares and of the parameters at which a fit ends.
 _TOLERANCE, _MOVED = 3e-5, 1e-6

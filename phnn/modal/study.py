@@ -1,24 +1,195 @@
-"""The study of a campaign: modes at every amplitude, one model for all, and the elements that explain what moves."""
+"""The study of a campaign: modes at every amplitude, one model for all, and the elements that explain what moves.
+
+The verdict says what moves with amplitude, in the words of `phnn.diagnose`. ``none``: one linear model serves, or there
+is one amplitude alone. ``named``: one combination of elements explains what moves. ``equivalent``: several do, and the
+recordings cannot tell which. ``unknown``: no element explains half of it; the best model that helps is kept and its
+elements are described.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from phnn.configuration import check, whole
 from phnn.errors import SolverFailed
-from phnn.modal.confirm import HeldOut, held_out_scores
 from phnn.modal.elements import LINEAR, PortElement, elements
-from phnn.modal.experiment import Experiment, Study
+from phnn.modal.experiment import Experiment, Study, first_modes
 from phnn.modal.fit import ModalFit, fit_modes
-from phnn.modal.judge import Candidate, Judgement, judged, serves, worth
 from phnn.modal.model import ModalModel
-from phnn.modal.response import first_modes
-from phnn.modal.settings import Settings
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The keys of ``configs/modes.yaml``.
+
+    Attributes:
+        experiments: of each amplitude that are fitted; the others of identification choose between elements.
+        iterations: derivatives of a fit; stops: of a hysteron element; workers: threads.
+    """
+
+    experiments: int = whole(2, least=1)
+    iterations: int = whole(40, least=1)
+    stops: int = whole(8, least=1)
+    workers: int = whole(2, least=1)
+
+    def __post_init__(self) -> None:
+        check(self)
+
+    @classmethod
+    def from_config(cls, config: Mapping[str, Any]) -> Settings:
+        """From the composed configuration."""
+        return cls(**{n: config[n] for n in cls.__dataclass_fields__})
+
+
+NONE, NAMED, EQUIVALENT, UNKNOWN = "none", "named", "equivalent", "unknown"
+# Of an element that stays in the model without a name; of one that is not even there.
+DESCRIBED, PROVISIONAL = "described", "provisional"
+# One linear model is as good as one for each amplitude up to this factor; elements are named that take away this
+# share of what it costs to be linear; a further one must take away this share, and leave less of every experiment.
+_AS_GOOD, _EXPLAINS, _FURTHER = 1.1, 0.5, 0.01
+# What there is to explain is at least this share of what the linear model leaves.
+_LEAST = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One model for all amplitudes.
+
+    Attributes:
+        fit: the fitted model.
+        left: by amplitude, what it leaves of each experiment that chooses, over what was measured.
+    """
+
+    fit: ModalFit
+    left: tuple[Array, ...]
+
+    @property
+    def element(self) -> PortElement:
+        """What its ports have."""
+        return self.fit.model.element
+
+    @property
+    def by_level(self) -> Array:
+        """(L,) mean over the experiments of an amplitude."""
+        return np.array([np.sqrt((x**2).mean()) for x in self.left])
+
+    @property
+    def error(self) -> float:
+        """All amplitudes together."""
+        return float(np.sqrt((self.by_level**2).mean()))
+
+
+@dataclass(frozen=True, eq=False)
+class Judgement:
+    """What is proven about the best model.
+
+    Attributes:
+        verdict: ``none``, ``named``, ``equivalent`` or ``unknown``.
+        members: models that the verdict cannot tell from each other, the best first; where it is ``unknown``, the best
+            model if one helps. Empty where the linear model stands.
+        share_explained: of the squared error that one linear model leaves beyond one for each amplitude; None where
+            there is nothing to explain. Above 1 where the model is better than those.
+    """
+
+    verdict: str
+    members: tuple[Candidate, ...]
+    share_explained: float | None
+
+
+def judged(candidates: Sequence[Candidate], alone_by: Array) -> Judgement:
+    """The verdict, and the models that it names, the best first.
+
+    A further element counts where it is worth its room; models of one size belong to one class unless the best one
+    leaves less of every single experiment.
+
+    Args:
+        candidates: the linear one first; alone_by: (L,) errors of a linear model for each amplitude.
+    """
+    linear = candidates[0]
+    if alone_by.size == 1 or serves(linear, alone_by):
+        return Judgement(NONE, (), None)
+    best = linear
+    for size in range(1, 1 + max(len(c.element.names) for c in candidates)):
+        further = min((c for c in candidates if len(c.element.names) == size), key=lambda c: c.error, default=best)
+        if worth(further, best, linear):
+            best = further
+    # One linear model may leave less over all amplitudes and more at one of them.
+    wanted = max(linear.error**2 - float((alone_by**2).mean()), _LEAST * linear.error**2)
+    share = (linear.error**2 - best.error**2) / wanted
+    if best is linear or share < _EXPLAINS:
+        return Judgement(UNKNOWN, () if best is linear else (best,), share)
+    kin = [c for c in candidates if len(c.element.names) == len(best.element.names)]
+    lowest = np.concatenate(best.left)
+    members = [c for c in kin if c is best or (np.concatenate(c.left) <= lowest).any()]
+    members.sort(key=lambda c: c.error)
+    return Judgement(NAMED if len(members) == 1 else EQUIVALENT, tuple(members), share)
+
+
+def worth(further: Candidate, best: Candidate, linear: Candidate) -> bool:
+    """Whether a model with one more element is better for more than its freedom."""
+    everywhere = bool((np.concatenate(further.left) < np.concatenate(best.left)).all())
+    return everywhere and best.error**2 - further.error**2 >= _FURTHER * linear.error**2
+
+
+def serves(linear: Candidate, alone_by: Array) -> bool:
+    """Whether one linear model is as good as one for each amplitude."""
+    return bool((linear.by_level <= _AS_GOOD * alone_by).all())
+
+
+@dataclass(frozen=True)
+class Score:
+    """Errors of a model on some experiments.
+
+    Attributes:
+        rmse: (O,) root mean square error of each output over all recorded periods, in the outputs' unit.
+        share: of all outputs together, over the effective value of what was measured.
+    """
+
+    rmse: list[float]
+    share: float
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """Scores of one model; None where nothing is held out, or where a step of the model has no solution.
+
+    Attributes:
+        levels: on the held-out realisations of each fitted amplitude.
+        apart: at each amplitude that is held out as a whole.
+    """
+
+    levels: tuple[Score | None, ...]
+    apart: tuple[Score | None, ...]
+
+    @property
+    def all(self) -> tuple[Score | None, ...]:
+        """Of the fitted amplitudes, then of the others."""
+        return self.levels + self.apart
+
+
+def held_out_scores(fit: ModalFit, study: Study) -> HeldOut:
+    """Score a model on everything that is held out."""
+    levels = tuple(_score(fit, study.held_out(i)) for i in range(len(study.levels)))
+    return HeldOut(levels, tuple(_score(fit, level) for level in study.apart))
+
+
+def _score(fit: ModalFit, held: Sequence[Experiment]) -> Score | None:
+    if not held:
+        return None
+    try:
+        errors = np.mean([fit.errors(e) ** 2 for e in held], axis=0)
+    except SolverFailed:
+        return None
+    measured = np.mean([(e.y**2).mean(axis=0) + e.spread**2 for e in held], axis=0)
+    return Score(np.sqrt(errors).tolist(), float(np.sqrt(errors.sum() / max(measured.sum(), 1e-300))))
+
 
 # Weights of a further element at the start, over those that it would begin with alone.
 _GENTLY = 0.1
@@ -77,7 +248,9 @@ def study_modes(
         keep(f"linear_at_level_{number}", alone[-1])
     alone_by = np.array([np.sqrt((_left(f, study, i, settings) ** 2).mean()) for i, f in enumerate(alone)])
     search = _Search(study, settings, progress, keep)
-    start = _normalised(alone[0].model)
+    # Ratios of size one for every mode: a linear fit does not see how strongly ports are joined to it.
+    b = alone[0].model.b
+    start = replace(alone[0].model, b=b / np.linalg.norm(b, axis=1)[:, None])
     first = search.tried(start)
     if first is None:
         raise SolverFailed("the linear model of the lowest amplitude cannot be integrated: look at its recordings")
@@ -146,11 +319,6 @@ def _alone(study: Study, level: int, settings: Settings) -> ModalFit:
     model = ModalModel(found.omega, found.zeta, found.b, delay, LINEAR, none, none)
     few = fitted[: max(settings.experiments, len(study.inputs))]
     return fit_modes(model, few, study, settings.iterations, settings.workers)
-
-
-def _normalised(model: ModalModel) -> ModalModel:
-    """With ratios of size one for every mode: a linear fit does not see how strongly ports are joined to it."""
-    return replace(model, b=model.b / np.linalg.norm(model.b, axis=1)[:, None])
 
 
 def _with(model: ModalModel, element: PortElement, study: Study) -> ModalModel:

@@ -9,8 +9,7 @@ files.
 
 from __future__ import annotations
 
-from phnn.plot.balance import energy
 from phnn.plot.frequency import bode, residuals
-from phnn.plot.signals import compare, location, loops
+from phnn.plot.signals import compare, energy, location, loops
 
 __all__ = ["bode", "compare", "energy", "location", "loops", "residuals"]

@@ -25,6 +25,7 @@ from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.words import vocabulary_of
 from phnn.errors import InputRefused, SolverFailed
 from phnn.model import Model
+from phnn.parameters import quantity
 from phnn.plot.panels import (
     Array,
     Panels,
@@ -41,14 +42,12 @@ from phnn.plot.panels import (
 from phnn.prediction import Predicted
 from phnn.recordings import Campaign, campaign_of
 from phnn.recordings.recording import Recording, Start, unrecorded
+from phnn.report.figures import amplitude_density
 from phnn.report.figures.style import AFTER, BEFORE, CATEGORIES, FAINT, INK, RC, literal, log_axis, quiet_grid
-from phnn.report.spectrum import amplitude_density
 from phnn.setup import Setup
-from phnn.signals.first_order import density_of
+from phnn.signals.first_order import correlation, cross_deviation, density_of, own_deviation
 from phnn.signals.least_squares import HARMONICS, harmonic_weights
-from phnn.signals.whiteness import correlation, cross_deviation, own_deviation
 from phnn.trajectory import simulate
-from phnn.units import quantity
 
 if TYPE_CHECKING:
     from phnn.modal.store import StoredModes

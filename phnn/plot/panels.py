@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from phnn.diagnose.diagnosis import Diagnosis
 from phnn.errors import InputRefused
 from phnn.model import Model
+from phnn.parameters import prefixed
 from phnn.prediction import Predicted
 from phnn.predictor import loaded, predictor
 from phnn.recordings import Campaign, campaign_of
@@ -26,7 +27,6 @@ from phnn.recordings.recording import Recording
 from phnn.report.figures.style import new_figure
 from phnn.report.formatting import listing
 from phnn.signals.least_squares import HARMONICS, deviation, harmonic_weights
-from phnn.units import prefixed
 
 if TYPE_CHECKING:
     from phnn.modal.store import StoredModes

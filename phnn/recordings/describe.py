@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
+from phnn.parameters import quantity
 from phnn.recordings.excitation import Excitation, excitation_of
 from phnn.recordings.reader import campaign_of
 from phnn.recordings.recording import Campaign, Recording
-from phnn.units import quantity
 
 
 def describe(campaign: Campaign | str | Path) -> str:

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.errors import InputRefused
+from phnn.parameters import quantity
 from phnn.recordings.units import find_unit
 from phnn.recordings.values import flag, keys_of, mapping, shown
-from phnn.units import quantity
 
 # A sample sits at a limit of the sensor within this share of the range: numbers in files are rounded.
 _AT_LIMIT = 1e-4

@@ -1,8 +1,13 @@
-"""A diagnosis as values, as a report shows it; `phnn.report.reading` reads them from ``diagnosis.json``."""
+"""A diagnosis as values, as a report shows it; `phnn.report.document` reads them from ``diagnosis.json``."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
+
+from phnn.errors import InputRefused
+from phnn.report.formatting import finite
 
 VERDICTS = ("named", "equivalent", "unknown", "none")
 
@@ -195,3 +200,203 @@ class Document:
     def fit(self, name: str) -> FitRow | None:
         """The row of a recording."""
         return next((row for row in self.fits if row.name == name), None)
+
+
+def _mapping(value: Any) -> Mapping[str, Any]:
+    return value if isinstance(value, Mapping) else {}
+
+
+def _texts(value: Any) -> tuple[str, ...]:
+    if isinstance(value, str):
+        return (value,)
+    return tuple(str(item) for item in value if item is not None) if isinstance(value, Sequence) else ()
+
+
+def _numbers(value: Any) -> tuple[float, ...]:
+    items = value if isinstance(value, Sequence) and not isinstance(value, str) else ()
+    return tuple(number for item in items if (number := finite(item)) is not None)
+
+
+def _text(value: Any) -> str:
+    return "" if value is None else str(value)
+
+
+def _score(value: Any, floorless: bool) -> Score:
+    entry = _mapping(value)
+    over_noise = None if floorless else finite(entry.get("residual_over_noise"))
+    return Score(finite(entry.get("fit_percent")), finite(entry.get("rmse")), over_noise)
+
+
+def _fits(value: Any, noise: Sequence[NoiseRow]) -> tuple[FitRow, ...]:
+    entry = _mapping(value)
+    before, after = _mapping(entry.get("before")), _mapping(entry.get("after"))
+    held_out = set(_texts(entry.get("held_out")))
+    names = list(dict.fromkeys([*before, *after]))
+    bare = {n: _without_floor(noise, n) for n in names}
+    rows = [FitRow(n, n in held_out, _score(before.get(n), bare[n]), _score(after.get(n), bare[n])) for n in names]
+    return tuple(sorted(rows, key=lambda row: not row.held_out))
+
+
+def _parameter(name: str, value: Any) -> MissingParameter:
+    if not isinstance(value, Mapping):
+        return MissingParameter(name, finite(value), None, "")
+    unit = _text(value.get("unit"))
+    ends = [finite(end) for end in value.get("interval_95") or ()]
+    known = (ends[0], ends[1]) if len(ends) == 2 and ends[0] is not None and ends[1] is not None else None
+    shown = "" if unit == "1" else unit
+    return MissingParameter(name, finite(value.get("value")), finite(value.get("std")), shown, known)
+
+
+def _missing(value: Any) -> Missing:
+    entry = _mapping(value)
+    passive = entry.get("passive")
+    return Missing(
+        effect=_text(entry.get("effect")) or "unknown",
+        location=_text(entry.get("location")),
+        equivalent_to=_texts(entry.get("equivalent_to")),
+        p_value=finite(entry.get("p_value")),
+        statement=_text(entry.get("statement")),
+        equation=_text(entry.get("equation")),
+        passive=passive if isinstance(passive, bool) else None,
+        parameters=tuple(_parameter(name, item) for name, item in _mapping(entry.get("parameters")).items()),
+        status=_text(entry.get("status")),
+        nearest=_text(entry.get("nearest")),
+        held_out=_held_out(entry.get("held_out")),
+        probability=finite(entry.get("probability")),
+    )
+
+
+def _held_out(value: Any) -> HeldOut | None:
+    if not isinstance(value, Mapping):
+        return None
+    return HeldOut(finite(value.get("before")), finite(value.get("after")), finite(value.get("p_value")))
+
+
+def _noise(value: Any) -> tuple[NoiseRow, ...]:
+    return tuple(
+        NoiseRow(
+            str(n), finite(e.get("rms")), _text(e.get("source")), _text(e.get("colour")), _texts(e.get("notes")),
+            e.get("found") is not False,
+        )
+        for n, item in _mapping(value).items()
+        if (e := _mapping(item))
+    )  # fmt: skip
+
+
+def _without_floor(noise: Sequence[NoiseRow], name: str) -> bool:
+    """Whether no noise floor was found for a recording or a part of one, such as ``loops[confirmation]``."""
+    return any(not row.found and (name == row.name or name.startswith(f"{row.name}[")) for row in noise)
+
+
+def _descending(items: Mapping[str, float | None]) -> tuple[tuple[str, float | None], ...]:
+    return tuple(sorted(items.items(), key=lambda item: (item[1] is None, -(item[1] or 0.0))))
+
+
+def _location(value: Any, noise: Sequence[NoiseRow]) -> Location | None:
+    if not isinstance(value, Mapping):
+        return None
+    recordings = {
+        str(name): None if _without_floor(noise, str(name)) else finite(_mapping(item).get("residual_over_noise"))
+        for name, item in _mapping(value.get("recordings")).items()
+    }
+    scores = {str(name): finite(item) for name, item in _mapping(value.get("scores")).items()}
+    return Location(
+        name=_text(value.get("name")),
+        detail=_text(value.get("detail")),
+        tied=_texts(value.get("tied")),
+        scores=_descending(scores),
+        recordings=_descending(recordings),
+        frequencies_hz=_numbers(value.get("frequencies_Hz")),
+        times_s=_numbers(value.get("times_s")),
+    )
+
+
+def _remainder(value: Any, floorless: bool) -> Remainder | None:
+    if not isinstance(value, Mapping):
+        return None
+    return Remainder(
+        _text(value.get("verdict")),
+        None if floorless else finite(value.get("residual_over_noise")),
+        finite(value.get("p_value")),
+        _text(value.get("location")),
+        _immaterial(value.get("immaterial")),
+    )
+
+
+def _immaterial(value: Any) -> Immaterial | None:
+    if not isinstance(value, Mapping):
+        return None
+    return Immaterial(_text(value.get("candidate")), finite(value.get("rms")), finite(value.get("share_of_noise")))
+
+
+def _next_experiment(value: Any) -> NextExperiment | None:
+    if not isinstance(value, Mapping):
+        return None
+    groups = value.get("groups")
+    return NextExperiment(
+        recording=_text(value.get("recording")),
+        why=_text(value.get("why")),
+        needed=finite(value.get("needed")),
+        menu=_descending({str(n): finite(s) for n, s in _mapping(value.get("menu")).items()}),
+        groups=tuple(map(_texts, groups)) if isinstance(groups, Sequence) else (),
+        aim=_text(value.get("aim")) or "separate",
+    )
+
+
+def lost_parts(value: Any) -> tuple[Lost, ...]:
+    """Parts that failed."""
+    entries = [_mapping(item) for item in value] if isinstance(value, Sequence) and not isinstance(value, str) else []
+    return tuple(
+        Lost(
+            _text(e.get("part")),
+            _text(e.get("candidate")),
+            f"{_text(e.get('error'))}: {_text(e.get('message'))}",
+            int(finite(e.get("times")) or 1),
+        )
+        for e in entries
+    )
+
+
+def _ended(value: Any) -> Ending:
+    entry = _mapping(value)
+    why, budget = _text(entry.get("why")), finite(entry.get("budget"))
+    lost, evaluations = lost_parts(entry.get("failed")), finite(entry.get("evaluations"))
+    return Ending(why or "nothing left", budget, _texts(entry.get("not_tried")), lost, evaluations)
+
+
+def read_document(document: Mapping[str, Any]) -> Document:
+    """The document as values.
+
+    An optional entry ``units: {input: V, output: m}`` names the units of the channels.
+
+    Raises:
+        InputRefused: the verdict is not one of the four.
+    """
+    verdict = document.get("verdict")
+    if verdict not in VERDICTS:
+        raise InputRefused(f"diagnosis.json: verdict is {verdict!r}: it must be one of {', '.join(VERDICTS)}")
+    test, units = _mapping(document.get("test")), _mapping(document.get("units"))
+    seed, missing, noise = document.get("seed"), document.get("missing"), _noise(document.get("noise"))
+    return Document(
+        verdict=str(verdict),
+        statistic=finite(test.get("statistic")),
+        p_value=finite(test.get("p_value")),
+        candidate=_text(test.get("candidate")),
+        missing=tuple(_missing(item) for item in missing) if isinstance(missing, Sequence) else (),
+        remainder=_remainder(document.get("remainder"), any(not row.found for row in noise)),
+        location=_location(document.get("location"), noise),
+        noise_floor=tuple((str(n), finite(v)) for n, v in _mapping(document.get("noise_floor")).items()),
+        numerical_error_sigma=finite(document.get("numerical_error_sigma")),
+        fits=_fits(document.get("fit"), noise),
+        next_experiment=_next_experiment(document.get("next_experiment")),
+        versions=tuple((str(n), _text(v)) for n, v in _mapping(document.get("versions")).items()),
+        seed=_text(seed),
+        seconds=finite(document.get("seconds")),
+        input_unit=_text(units.get("input")) or "V",
+        output_unit=_text(units.get("output")) or "m",
+        immaterial=_immaterial(test.get("immaterial")),
+        noise=noise,
+        ended=_ended(document.get("ended")),
+        warnings=lost_parts(document.get("warnings")),
+        probability=_descending({str(n): finite(p) for n, p in _mapping(document.get("probability")).items()}),
+    )

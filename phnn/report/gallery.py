@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import base64
+import itertools
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -15,22 +16,21 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from phnn.report.document import Document, FitRow
-from phnn.report.evidence import Evidence, Trace
+from phnn.report.evidence import Evidence, Shares, Trace
 from phnn.report.figures import (
-    RC,
-    Drawing,
+    View,
     draw_fingerprint,
     draw_ledger,
     draw_locations,
     draw_overview,
     draw_picture,
     draw_recording,
-    png,
-    svg,
+    error_limits,
+    unscored,
+    view_of,
 )
+from phnn.report.figures.style import RC, Drawing, png, svg
 from phnn.report.formatting import finite, listing, ratio, words
-from phnn.report.shares import Shares
-from phnn.report.view import View, error_limits, unscored, view_of
 from phnn.rescue import needed
 from phnn.results import file_name
 
@@ -41,11 +41,6 @@ POINTS = 6000
 # Values are stored as whole numbers from 0 to here, over the range of their trace; one more says that there is none.
 _TOP = 65534
 _ABSENT = _TOP + 1
-
-
-def samples_per_bin(count: int, points: int = POINTS) -> int:
-    """How many samples of a trace of ``count`` share two points; 1 where every sample is a point."""
-    return 1 if count <= points else -(-2 * count // points)
 
 
 def binned(y: Array, width: int) -> Array:
@@ -87,7 +82,8 @@ def plots(view: View, fit: FitRow | None) -> str:
     """
     trace = view.trace
     count = len(trace.t)
-    width = samples_per_bin(count)
+    # So many samples share two points; 1 where every sample is a point.
+    width = 1 if count <= POINTS else -(-2 * count // POINTS)
     dt = float(trace.t[-1] - trace.t[0]) / max(count - 1, 1)
     limit, _ = error_limits(view)
     names, levels = view.names, (fit.before, fit.after) if fit else (None, None)
@@ -148,25 +144,23 @@ class Gallery:
         return tuple(drawing for drawing in [*single, *rest] if drawing is not None)
 
 
-class _Counter:
-    """Gives each file its number."""
+def _drawing(
+    numbers: Iterator[int],
+    stem: str,
+    title: str,
+    alt: str,
+    draw: Callable[[], Figure],
+    shown: Callable[[], str] | None = None,
+) -> Drawing | None:
+    """Draw and number a figure; one of a whole recording has plots in place of an SVG, which would be ten times as
+    large. None where it cannot be drawn."""
+    name = file_name(f"{next(numbers):02d}-{stem}", ".png")
 
-    def __init__(self) -> None:
-        self.count = 0
+    def drawn() -> Drawing:
+        figure, traces = draw(), "" if shown is None else shown()
+        return Drawing(name, title, alt, png(figure), b"" if traces else svg(figure), traces)
 
-    def drawing(
-        self, stem: str, title: str, alt: str, draw: Callable[[], Figure], shown: Callable[[], str] | None = None
-    ) -> Drawing | None:
-        """Draw and number a figure; one of a whole recording has plots in place of an SVG, which would be ten times as
-        large. None where it cannot be drawn."""
-        self.count += 1
-        name = file_name(f"{self.count:02d}-{stem}", ".png")
-
-        def drawn() -> Drawing:
-            figure, traces = draw(), "" if shown is None else shown()
-            return Drawing(name, title, alt, png(figure), b"" if traces else svg(figure), traces)
-
-        return needed(f"figure {name}", drawn, None)
+    return needed(f"figure {name}", drawn, None)
 
 
 def _worst_first(traces: Sequence[Trace], document: Document) -> list[Trace]:
@@ -178,7 +172,7 @@ def _worst_first(traces: Sequence[Trace], document: Document) -> list[Trace]:
 
 
 def _recordings(
-    traces: Sequence[Trace], kind: str, document: Document, counter: _Counter
+    traces: Sequence[Trace], kind: str, document: Document, numbered: Callable[..., Drawing | None]
 ) -> tuple[tuple[Drawing, ...], int]:
     chosen = _worst_first(traces, document)[:_MOST_DRAWN]
     drawings: list[Drawing | None] = []
@@ -199,36 +193,34 @@ def _recordings(
         fit = document.fit(trace.name)
         alt = f"{trace.name}: measured and modelled output in time and as a loop, error in time, spectrum of the error"
         stem, both = f"{kind}-{trace.name}", (trace, fit)
-        drawings.append(counter.drawing(stem, trace.name, alt, partial(draw, *both), partial(shown, *both)))
+        drawings.append(numbered(stem, trace.name, alt, partial(draw, *both), partial(shown, *both)))
     able = tuple(d for d in drawings if d is not None)
     return able, len(traces) - len(able)
 
 
 def draw_gallery(document: Document, evidence: Evidence, shares: Sequence[Shares]) -> Gallery:
     """Draw everything that the document and the evidence hold."""
-    counter = _Counter()
+    numbered = partial(_drawing, itertools.count(1))
     location, curves = document.location, evidence.curves
     with rc_context(RC):
         locations = picture = overview = ledger = None
         if location is not None and any(score is not None for _, score in location.scores):
             alt = f"Scores of the locations; best: {words(location.name)}"
-            locations = counter.drawing(
-                "locations", "Which location explains it", alt, partial(draw_locations, location)
-            )
+            locations = numbered("locations", "Which location explains it", alt, partial(draw_locations, location))
         if curves:
             alt = f"Learned curves: {listing(curve.title for curve in curves)}"
-            picture = counter.drawing("picture", "What happens there", alt, partial(draw_picture, curves))
+            picture = numbered("picture", "What happens there", alt, partial(draw_picture, curves))
         ratios = [s.residual_over_noise for row in document.fits for s in (row.before, row.after)]
         if len(document.fits) > 1 and any(ratio is not None for ratio in ratios):
             alt = "Residual over noise of every recording, before and after; held-out recordings on top"
-            overview = counter.drawing("overview", "Before and after", alt, partial(draw_overview, document.fits))
-        held_out, left = _recordings([t for t in evidence.traces if t.held_out], "held-out", document, counter)
-        others, more = _recordings([t for t in evidence.traces if not t.held_out], "identification", document, counter)
+            overview = numbered("overview", "Before and after", alt, partial(draw_overview, document.fits))
+        held_out, left = _recordings([t for t in evidence.traces if t.held_out], "held-out", document, numbered)
+        others, more = _recordings([t for t in evidence.traces if not t.held_out], "identification", document, numbered)
         if shares:
             alt = "Shares of the supplied energy: dissipated by each element, stored, and the work of the missing force"
-            ledger = counter.drawing("ledger", "Energy", alt, partial(draw_ledger, shares))
+            ledger = numbered("ledger", "Energy", alt, partial(draw_ledger, shares))
         fingerprints = tuple(
-            counter.drawing(
+            numbered(
                 f"fingerprint-{s.effect}",
                 words(s.effect),
                 f"What the base model and the final model leave against the {s.seen.x_label}",

@@ -25,23 +25,29 @@ from phnn.diagnose.verdict import NONE, UNKNOWN, Claim
 from phnn.diagnose.words import Picture, is_effort, learned_picture, missing_force, picture
 from phnn.effects import Plausible
 from phnn.effects.places import values_by_role
+from phnn.identification.covariance import difference
 from phnn.identification.fit import Fit
 from phnn.identification.identified import save_fit
-from phnn.identification.residual_noise import difference
 from phnn.integrate.residual import power_balance
 from phnn.network.roles import auxiliary, capacitances
-from phnn.parameters import Parameter
+from phnn.parameters import FORCE_UNITS, Parameter, quantity
 from phnn.recordings.recording import ACTUATOR, Recording
-from phnn.report.domain_words import forces_known
-from phnn.report.evidence import Curve, Evidence, LedgerRow, ParameterRow, Provenance, RuleRow, Trace
-from phnn.report.fingerprint import fingerprint
+from phnn.report.evidence import (
+    Curve,
+    Evidence,
+    LedgerRow,
+    ParameterRow,
+    PlausibleRow,
+    Provenance,
+    RivalRow,
+    RuleRow,
+    Support,
+    Trace,
+)
 from phnn.report.formatting import likelihood, listing, number, words
-from phnn.report.methods import methods
-from phnn.report.missing import missing_entries
-from phnn.report.provenance import provenance, python_version
-from phnn.report.sentence import sentence
-from phnn.report.support import PlausibleRow, RivalRow, Support
-from phnn.report.tried import candidate_rows, immaterial, model_rows, remains
+from phnn.report.methods import methods, provenance, python_version
+from phnn.report.missing import candidate_rows, fingerprint, immaterial, missing_entries, model_rows, remains, sentence
+from phnn.report.verdicts import forces_known
 from phnn.report.write import write_report
 from phnn.rescue import Failure, accounted, documents, needed
 from phnn.results import PROGRESS, Place, claim, finite
@@ -49,7 +55,6 @@ from phnn.setup import Setup
 from phnn.signals.noise_statement import NoiseStatement, Sample, noise_statement
 from phnn.signals.sampling import quantisation_step
 from phnn.trajectory import Trajectory
-from phnn.units import FORCE_UNITS, quantity
 
 # Rivals that are shown.
 _RIVALS = 8

@@ -216,7 +216,9 @@ def from_periods(y: np.ndarray, period: float, skip: int = 1) -> NoiseFloor | No
     # the median leaves out periods that were disturbed; few pairs need the mean's efficiency
     variance = float(np.median(variances) if variances.size >= 8 else np.mean(variances))
     correlation = _correlation(pieces)
-    variance *= _white_loss(shapes[-1]) / _loss(shapes[-1], correlation)
+    rows, columns = shapes[-1].shape
+    # White noise would lose the share columns/rows of its variance to what is projected out.
+    variance *= (1.0 - columns / rows) / _loss(shapes[-1], correlation)
     source = f"{FROM_PERIODS} over {variances.size + 1} cycles"
     return NoiseFloor(sqrt(variance / 2.0), source, correlation)
 
@@ -249,13 +251,11 @@ def _slow_changes(earlier: np.ndarray, later: np.ndarray, fractional: bool) -> n
     return np.asarray(np.linalg.qr(basis)[0])
 
 
-def _white_loss(basis: np.ndarray) -> float:
-    """Share of the variance of white noise that projecting out the basis leaves."""
-    return 1.0 - basis.shape[1] / basis.shape[0]
-
-
 def _loss(basis: np.ndarray, correlation: np.ndarray) -> float:
-    """The same for noise of a given autocorrelation: ``1 − tr(Qᵀ R Q)/n``; a coloured noise loses more."""
+    """Share of the variance that projecting out a basis leaves of noise of a given autocorrelation.
+
+    It is ``1 − tr(Qᵀ R Q)/n``; a coloured noise loses more than a white one.
+    """
     n = basis.shape[0]
     spectrum = np.abs(np.fft.rfft(basis, 2 * n, axis=0)) ** 2
     overlaps = np.fft.irfft(spectrum.sum(axis=1))[: correlation.size]

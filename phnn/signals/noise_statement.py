@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.signal import periodogram
 from scipy.stats import binom, chi2, kurtosis, norm
 
-from phnn.units import quantity
+from phnn.parameters import quantity
 
 Array = NDArray[np.float64]
 

@@ -29,10 +29,8 @@ from numpy.typing import NDArray
 
 from phnn.comparison.models import Settings
 from phnn.errors import InputRefused, OutputFailed, PhnnError, SolverFailed
-from phnn.exporting import Wanted
 from phnn.exporting.c import c_header, c_source
-from phnn.exporting.fmu import compiled
-from phnn.exporting.write import program_of
+from phnn.exporting.write import Wanted, compiled, program_of
 from phnn.identification.base import Progress, quiet
 from phnn.identification.identified import identify
 from phnn.model import Model

@@ -27,9 +27,9 @@ from phnn.diagnose.screen import Screen, chance
 from phnn.diagnose.verdict import EQUIVALENT, NAMED, NONE
 from phnn.effects import catalogue
 from phnn.errors import PhnnError
+from phnn.identification.base import with_bounded_error
 from phnn.identification.options import Options
 from phnn.identification.prepare import identification_plan
-from phnn.identification.refinement import with_bounded_error
 from phnn.identification.staged import fit_identified, held_by_statement
 from phnn.models.actuator import from_paper
 from phnn.parallel import executor

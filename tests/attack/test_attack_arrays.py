@@ -12,9 +12,7 @@ import h5py
 import numpy as np
 import pytest
 import scipy.io
-from attack_tools import Attack, encrypted, often, packed_zeros, put, table, zipped
-from hypothesis import given
-from hypothesis import strategies as st
+from attack_tools import Attack, encrypted, packed_zeros, put, table, zipped
 
 T, U, Y = table().T
 COLUMNS = {"time_s": T, "voltage_V": U, "displacement_m": Y}
@@ -220,29 +218,6 @@ PROPERTIES = {
 @pytest.mark.parametrize("unit", ["V", "", "\x1b[31m", 3])
 def test_properties_of_a_waveform(case: str, unit: object, attack: Attack, folder: Path) -> None:
     put(folder / "a.tdms", waveform(wf_increment=PROPERTIES[case], unit_string=unit))
-    attack(folder)
-
-
-FILES = {
-    ".npy": npy(RECORD), ".npz": npz(**COLUMNS), ".mat": mat(**COLUMNS), ".h5": hdf5(columns),
-    ".tdms": waveform(wf_increment=1e-3),
-}  # fmt: skip
-
-
-@often(120)
-@given(data=st.data())
-def test_damaged_places(data: st.DataObject, attack: Attack, folder: Path) -> None:
-    suffix = data.draw(st.sampled_from(list(FILES)))
-    raw = FILES[suffix]
-    # Heads and tails hold what parsers trust.
-    near = st.integers(0, 200) | st.integers(0, len(raw)) | st.integers(max(0, len(raw) - 200), len(raw))
-    at, cut = data.draw(near), data.draw(st.integers(0, 8))
-    piece = data.draw(
-        st.binary(max_size=8) | st.sampled_from([b"\xff" * 4, b"\xff" * 8, bytes(8), b"\x7f\xff\xff\xff"])
-    )
-    for old in folder.iterdir():
-        old.unlink()
-    put(folder / f"a{suffix}", raw[:at] + piece + raw[at + cut :])
     attack(folder)
 
 

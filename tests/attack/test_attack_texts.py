@@ -109,17 +109,6 @@ def test_extreme_statements(factor: float, said: str, named: bool, attack: Attac
     attack(good)
 
 
-@often(100)
-@given(
-    at=st.integers(0, len(csv())),
-    cut=st.integers(0, 40),
-    piece=st.text(max_size=5) | st.sampled_from(NUMBERS[:24]),
-)
-def test_texts_with_a_damaged_place(at: int, cut: int, piece: str, attack: Attack, good: Path) -> None:
-    put(good / "a.csv", csv()[:at] + piece + csv()[at + cut :])
-    attack(good)
-
-
 LINES = st.lists(
     st.lists(
         st.sampled_from(["1", "2.5", "-3e-7", "", "x", "nan", '"', "1,5", "time_s", "voltage_V", "\u00b5m"]), max_size=5

@@ -1,22 +1,32 @@
-"""Criteria and options: each is read and can be overridden, and what is wrong is refused before anything is fitted."""
+"""Criteria and options: each is read and can be overridden; words and units of what is told are those of the system."""
 
 from __future__ import annotations
 
 import re
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 from unittest import mock
 
+import campaigns
+import numpy as np
 import pytest
 
 from phnn.cli import main
-from phnn.configuration import compose
+from phnn.configuration import compose, config_folder
 from phnn.criteria import Criteria
 from phnn.diagnose import diagnosis as path
 from phnn.diagnose.diagnosis import diagnose
+from phnn.diagnose.linearised import LinearisedFit
+from phnn.diagnose.locations import GROUPS, Location, locate
+from phnn.diagnose.refit import converged, short
+from phnn.diagnose.words import fitted_in_words, picture, vocabulary_of
+from phnn.effects.learned import learned_elements
 from phnn.errors import InputRefused
 from phnn.identification.options import Options
+from phnn.models.network_file import load_network
+from phnn.report.document import read_document
+from phnn.report.verdicts import in_own_words
 
 HOME = Path(path.__file__).parent
 
@@ -78,3 +88,120 @@ def test_the_yaml_states_no_other_value_than_the_class(command: str) -> None:
     assert asdict(Options.from_config(stated)) == asdict(Options())
     own = asdict(Options())
     assert stated == {n: list(own[n]) if isinstance(own[n], tuple) else own[n] for n in stated}
+
+
+@pytest.mark.parametrize(
+    ("effect", "words"),
+    [
+        ("cubic_stiffness", ("missing force", "the displacement")),
+        pytest.param("coulomb_friction", ("missing",), marks=pytest.mark.slow),
+        ("contact_stop", ("missing force", "the displacement")),
+    ],
+)
+def test_what_was_fitted_at_the_location_in_words(effect: str, words: tuple[str, ...]) -> None:
+    linearised = campaigns.linearised(effect)
+    found = fitted_in_words(linearised, locate(linearised))
+    assert all(w in found for w in words), found
+
+
+def test_springs_beyond_the_recorded_motion_stay_as_weak_as_they_begin() -> None:
+    linearised = campaigns.linearised("creep")
+    wide = replace(linearised, scales=replace(linearised.scales, displacement=2.0 * linearised.scales.displacement))
+    element, base = learned_elements()["learned_spring"], linearised.fit
+    values = element.grid(wide.scales)[0]
+    began = short(base, base.plan.coarse(), element, [values], 12)
+    assert began is not None and began.cost < base.cost
+    ended = converged(began, base.plan, base.held, element.parameters)
+    assert ended is not None
+    reached = max(float(np.abs(t.states[:, t.program.output]).max()) for t in linearised.trajectories)
+    for found in (began, ended):
+        fitted, stops = found.setup.values(), [f"{side}{i}" for i in range(1, 5) for side in "RL"]
+        beyond = [i for i in stops if fitted[f"g_L{i[1]}"] > 1.01 * reached]
+        assert len(beyond) >= 4
+        assert not {f"k_{i}" for i in beyond} & set(found.variables.names)
+        assert [fitted[f"k_{i}"] for i in beyond] == pytest.approx([values[f"k_{i}"] for i in beyond])
+        assert any(f"k_{i}" in found.variables.names for i in stops)
+
+
+MECHANICAL = ("force", "displacement", "velocity", " N", "µm", " nm", "m/s", "motion", "acceleration")
+
+
+def in_unit(unit: str, source: str) -> LinearisedFit:
+    """A linearised whose network has other units of its output and its input."""
+    linearised = campaigns.linearised("none")
+    network = linearised.fit.setup.network
+    other = replace(
+        network,
+        storages=tuple(replace(s, unit=unit) if s.name == network.output else s for s in network.storages),
+        ports=tuple(replace(p, unit=source) for p in network.ports),
+    )
+    return replace(linearised, fit=replace(linearised.fit, setup=replace(linearised.fit.setup, network=other)))
+
+
+def at(group: int, linearised: LinearisedFit) -> Location:
+    """A location whose group of functions has some strengths."""
+    count = GROUPS[group].functions(linearised.trajectories[0], linearised.scales).shape[1]
+    weights = np.random.default_rng(group).normal(size=count)
+    return Location(
+        GROUPS[group].kind.location,
+        GROUPS[group].kind.name,
+        (),
+        {},
+        {},
+        {},
+        group,
+        weights,
+        np.diag(1e-4 * np.ones(count)),
+    )
+
+
+@pytest.mark.parametrize(
+    "group", [i for i, g in enumerate(GROUPS) if g.kind.name in ("elastic", "dissipative", "shape")]
+)
+def test_tanks_in_volts_are_told_in_volts(group: int) -> None:
+    linearised = in_unit("V", "V")
+    told = fitted_in_words(linearised, at(group, linearised))
+    assert not any(word in told for word in MECHANICAL), told
+    assert "effort" in told
+    drawn = picture(linearised, at(group, linearised))
+    assert drawn is not None
+    assert not any(word in f"{drawn.x_label} {drawn.y_label}" for word in MECHANICAL)
+    if GROUPS[group].kind.name == "dissipative":
+        assert drawn.x_label == "rate of the output [V/s]"
+
+
+def test_a_place_where_nothing_moves_is_not_called_mechanical() -> None:
+    told = {
+        "verdict": "unknown",
+        "location": {"name": "mechanical", "scores": {"mechanical": 0.9, "sensor": 0.1}, "tied": ["sensor"]},
+        "missing": [{"effect": "unknown", "location": "mechanical"}],
+        "remainder": {"verdict": "unknown", "location": "mechanical"},
+    }
+    for units, shown in (({"output": "m"}, "mechanical"), ({"output": "V"}, "inside the network")):
+        found = in_own_words(read_document(told | {"units": units}))
+        assert found.location is not None and found.remainder is not None
+        assert found.location.name == found.location.scores[0][0] == shown
+        assert found.missing[0].location == found.remainder.location == shown
+
+
+@pytest.mark.parametrize(
+    ("unit", "source", "words"),
+    [
+        ("m", "V", ("displacement", "velocity", "force", "voltage")),
+        ("rad", "N m", ("angle", "angular velocity", "torque", "torque")),
+        ("C", "V", ("charge", "current", "voltage", "voltage")),
+        ("m3", "m3/s", ("volume", "flow", "pressure", "flow")),
+        ("m³", "Pa", ("volume", "flow", "pressure", "pressure")),
+        ("1", "1", ("output", "rate of the output", "effort", "input")),
+    ],
+)
+def test_words_of_the_domains(unit: str, source: str, words: tuple[str, ...]) -> None:
+    found = vocabulary_of(in_unit(unit, source).fit.setup.network)
+    assert (found.output, found.rate, found.effort, found.source) == words
+    assert found.mechanical is (unit == "m")
+
+
+def test_an_imposed_motion_is_told_in_the_words_of_the_motion() -> None:
+    words = vocabulary_of(load_network(config_folder() / "network" / "friction_rig.yaml"))
+    assert (words.output, words.rate, words.effort, words.source) == ("displacement", "velocity", "force", "velocity")
+    assert words.mechanical and words.output_unit == "m"

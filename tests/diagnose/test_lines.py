@@ -1,22 +1,56 @@
-"""Lines and drifts: what stands out of its surroundings, and what coloured noise must not be taken for."""
+"""Lines of a residual, its noise without a parametric form, and the noise of a force."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from junctions import recording
 from scipy.signal import cont2discrete, dlsim, lfilter
 
+import phnn
 from phnn.criteria import Criteria
-from phnn.diagnose.linearised import LinearisedFit
-from phnn.diagnose.lines import Spectra, own_score, spectra_of, strongest_line
-from phnn.diagnose.locations import integral_while_within, low_pass, play_operator, rate, rate_limited, resonator
-from phnn.recordings.recording import Start
+from phnn.derivatives import output_derivatives
+from phnn.diagnose import screen
+from phnn.diagnose.diagnosis import available
+from phnn.diagnose.linearised import LinearisedFit, prepare
+from phnn.diagnose.lines import (
+    Spectra,
+    degrees_of_freedom,
+    force_noise,
+    own_score,
+    spectra_of,
+    stated_variances,
+    strongest_line,
+)
+from phnn.diagnose.locations import (
+    integral_while_within,
+    locate,
+    low_pass,
+    play_operator,
+    rate,
+    rate_limited,
+    resonator,
+)
+from phnn.diagnose.search import material
+from phnn.effects import effect
+from phnn.errors import StructureViolated
+from phnn.identification.covariance import NoiseSpectrum, most_excess, noise_spectra
+from phnn.models.actuator import hrc
+from phnn.network import small_signal
+from phnn.network.small_signal import output_gain
+from phnn.recordings import read
+from phnn.recordings.recording import Campaign, Start, unrecorded
 from phnn.setup import DRIFT_TERMS, Own
+from phnn.signals.noise import AS_WHITE
+from phnn.trajectory import simulate
+from studies.generator import draw_case, make_case
 from tests import campaigns
 
 signals = st.integers(0, 10**6).map(lambda seed: np.cumsum(np.random.default_rng(seed).standard_normal(200)))
@@ -172,3 +206,291 @@ def test_noise_that_is_stronger_at_low_frequencies_is_neither_drift_nor_mains(ow
         stated.append(deviate)
     assert min(stated) > 3.0
     assert max(judged) < 3.0
+
+
+def with_residual(linearised: LinearisedFit, residual: np.ndarray) -> LinearisedFit:
+    """The linearised with another residual, of which the base explains nothing."""
+    nothing = np.zeros((residual.size, 0))
+    return replace(linearised, fit=replace(linearised.fit, residual=residual, jacobian=nothing))
+
+
+def test_stated_correlation_is_a_symmetric_band_within_a_recording() -> None:
+    linearised = campaigns.linearised()
+    rho = np.array([1.0, 0.5, 0.2])
+    recordings = tuple(replace(r, noise_correlation=rho) for r in linearised.plan.recordings)
+    edge = linearised.slices[0].stop
+    for lag, expected in [(1, 3.0), (2, 2.4), (3, 2.0)]:
+        pairs = np.zeros((linearised.fit.residual.size, 2))
+        # Another recording has noise of its own.
+        pairs[[10, 10 + lag], 0] = pairs[[edge - 1, edge - 1 + lag], 1] = 1.0
+        np.testing.assert_allclose(stated_variances(recordings, linearised.slices, pairs), [expected, 2.0])
+
+
+def noise_spectra_of(linearised: LinearisedFit) -> list[NoiseSpectrum]:
+    """Spectra of the noise in the residual, by recording."""
+    residuals = [linearised.residual[rows] for rows in linearised.slices]
+    return noise_spectra(residuals, linearised.plan.recordings)
+
+
+def resonant(n: int, rng: np.random.Generator) -> np.ndarray:
+    """White noise of unit variance through a resonance at 0.05 cycles a sample, half of the power, and white noise."""
+    pole = 0.97 * np.exp(2j * np.pi * 0.05)
+    ringing = lfilter([1.0], np.poly([pole, pole.conj()]).real, rng.standard_normal(n))
+    return np.sqrt(0.5) * (ringing / ringing.std() + rng.standard_normal(n))
+
+
+def periodic(linearised: LinearisedFit) -> LinearisedFit:
+    """The linearised with recordings of ten periods each, all at one rate."""
+    recordings = tuple(
+        replace(r, period=r.t.size / 10.0 * 1e-4, t=1e-4 * np.arange(r.t.size)) for r in linearised.plan.recordings
+    )
+    return replace(linearised, fit=replace(linearised.fit, plan=replace(linearised.plan, recordings=recordings)))
+
+
+def test_the_spread_of_scores_under_noise_of_a_resonance() -> None:
+    rng = np.random.default_rng(2)
+    linearised = periodic(campaigns.linearised())
+    n = linearised.fit.residual.size
+    columns = np.stack([resonant(n, rng) for _ in range(3)] + [rng.standard_normal(n)], axis=1)
+    # The average over many draws knows the covariance that a single residual has to tell.
+    draws = np.stack([np.concatenate([resonant(s.stop - s.start, rng) for s in linearised.slices]) for _ in range(600)])
+    exact = np.var(draws @ columns, axis=0)
+    assert exact[0] > 2.0 * columns[:, 0] @ columns[:, 0]
+    each = [zip(noise_spectra_of(with_residual(linearised, r)), linearised.slices, strict=True) for r in draws[:20]]
+    found = np.mean(
+        [np.sum([np.diag(s.covariance(columns[rows])) for s, rows in pairs], axis=0) for pairs in each], axis=0
+    )
+    np.testing.assert_allclose(found, exact, rtol=0.2)
+
+
+def test_a_recording_alone_does_not_take_its_misfit_for_noise() -> None:
+    linearised = campaigns.linearised()
+    recordings = tuple(replace(r, period=None) for r in linearised.plan.recordings)
+    linearised = replace(linearised, fit=replace(linearised.fit, plan=replace(linearised.plan, recordings=recordings)))
+    n = linearised.fit.residual.size
+    loud = with_residual(linearised, 30.0 * np.sin(0.01 * np.arange(n)) + np.random.default_rng(0).standard_normal(n))
+    assert all(s.density.max() <= 4.0 for s in noise_spectra_of(loud))
+
+
+def scores_of(linearised: LinearisedFit, columns: np.ndarray) -> np.ndarray:
+    """The screen's scores, with their signs, of directions that the base does not explain."""
+    blocks = screen._blocks(linearised.slices)
+    owner = screen._owners(blocks, linearised.slices)
+    found = []
+    for column in columns.T:
+        along, squares = screen._by_blocks(column, linearised.residual, blocks)
+        strength = float(along.sum() / squares.sum())
+        candidate = screen._candidate(effect("delay"), {"tau_d": 1.0}, along, squares, strength, owner)
+        found.append(np.copysign(candidate.score, strength))
+    return np.array(found)
+
+
+def test_scores_are_normal_under_heavy_tails_and_noise_that_grows_with_the_speed() -> None:
+    rng = np.random.default_rng(5)
+    linearised = periodic(campaigns.linearised())
+    n = linearised.fit.residual.size
+    speed = np.abs(np.sin(2.0 * np.pi * np.arange(n) / 50.0))
+    # Directions that live where the noise is largest; each draw has directions of its own.
+    for noise in (rng.standard_t(3, n) / np.sqrt(3.0), 1.5 * speed * rng.standard_normal(n)):
+        columns = speed[:, None] ** 2 * rng.standard_normal((n, 400))
+        scores = scores_of(with_residual(linearised, noise), columns)
+        assert np.std(scores) < 1.15
+        assert np.abs(scores).max() < 4.5
+
+
+def test_a_true_effect_does_not_hide_in_its_own_spread() -> None:
+    rng = np.random.default_rng(6)
+    linearised = periodic(campaigns.linearised())
+    n = linearised.fit.residual.size
+    for direction in (rng.standard_normal((n, 1)), np.sin(0.2 * np.arange(n))[:, None]):
+        shown = with_residual(linearised, 0.3 * direction[:, 0] + rng.standard_normal(n))
+        assert scores_of(shown, direction)[0] > 0.7 * 0.3 * np.linalg.norm(direction)
+
+
+def test_what_few_ordinates_tell_has_few_degrees_of_freedom() -> None:
+    linearised = periodic(campaigns.linearised())
+    sizes = [s.stop - s.start for s in linearised.slices]
+    n = sum(sizes)
+    shown = with_residual(linearised, np.random.default_rng(8).standard_normal(n))
+    noise = noise_spectra_of(shown)
+    slow, wide = np.zeros((n, 1)), np.random.default_rng(9).standard_normal((n, 1))
+    slow[: sizes[0], 0] = np.cos(2.0 * np.pi * 5.0 * np.arange(sizes[0]) / sizes[0])
+    few, many = (degrees_of_freedom(noise, linearised.slices, c) for c in (slow, wide))
+    assert few < 60.0 < 200.0 < many
+
+
+@pytest.mark.parametrize(
+    ("source", "most"),
+    [("400 samples at rest", 2.0), (f"the spectrum above 250 Hz, {AS_WHITE}", 9.0)],
+)
+def test_noise_may_exceed_what_is_stated_the_more_the_less_is_known(source: str, most: float) -> None:
+    t = np.arange(2000) / 1e3
+    recording = replace(unrecorded("sweep", t, t), noise_source=source)
+    white = np.random.default_rng(0).normal(size=t.size)
+    for size, expected in ((1e3, most**2), (1e-3, 0.1)):
+        (spectrum,) = noise_spectra([size * white], [recording])
+        np.testing.assert_allclose(spectrum.density, expected)
+    assert most_excess([recording]) == most
+    # One recording that shows its colour is enough.
+    assert most_excess([recording, replace(recording, noise_source="period-to-period differences")]) == 2.0
+
+
+def test_a_sweep_in_first_order_noise_is_no_physics(tmp_path: Path) -> None:
+    """The floor comes from the highest frequencies, where such noise is small."""
+    case = draw_case(7919, "none", "one", noise="first_order:0.6")
+    make_case(case, tmp_path)
+    campaign = phnn.read(tmp_path)
+    (recording,) = campaign.recordings
+    assert recording.colour_unseen
+    assert recording.noise < 0.7 * case.noise.deviation
+    assert promising(campaign) == []
+
+
+def promising(campaign: Campaign) -> list[str]:
+    """Names of the candidates that are worth a refit at the base model."""
+    base = phnn.identify(None, campaign, phnn.Options(starts=1, workers=1)).fit
+    linearised, criteria = prepare(base), Criteria()
+    candidates = screen.Screen(linearised, available(campaign, base.setup), criteria)(linearised)
+    return [c.effect.name for c in candidates if material(c, base, criteria)]
+
+
+BODY = """
+junctions: {supply: 1, body: 0}
+elements:
+  warmth: {type: C, junction: body, law: capacitor, parameters: [one], unit: K}
+  loss: {type: R, junction: body, law: linear, parameters: [g], direction: conductance}
+  heater: {type: Sf, junction: supply, unit: W}
+bonds:
+  - {type: TF, from: supply, to: body, ratio: c}
+parameters:
+  c: {value: 0.02, unit: K/J, positive: true}
+  one: {value: 1.0, unit: "1", fixed: true}
+  g: {value: 0.1, unit: 1/s, positive: true}
+output: warmth
+"""
+MANIFEST = """setup: {network: body.yaml}
+columns: {time: {column: 0, unit: s}, input: {column: 1, unit: W}, output: {column: 2, unit: K}}
+"""
+CAPACITY, RATE, HEATED_NOISE = 0.05, 0.03, 0.05
+
+
+@pytest.fixture(scope="module")
+def heated(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
+    """Recordings of steps of the heater, by the exact solution of ``Ṫ = c P − g T``."""
+    folder = tmp_path_factory.mktemp("heated")
+    (folder / "body.yaml").write_text(BODY, encoding="utf-8")
+    (folder / "recordings.yaml").write_text(MANIFEST, encoding="utf-8")
+    rng = np.random.default_rng(3)
+    for name, levels in {"up": (0.0, 10.0, 4.0), "down": (0.0, 15.0, 0.0), "short": (0.0, 6.0, 12.0)}.items():
+        power, kept = np.repeat(levels, 200), np.exp(-0.5 * RATE)
+        warmth = np.zeros(power.size)
+        for n in range(power.size - 1):
+            warmth[n + 1] = kept * warmth[n] + (1.0 - kept) * CAPACITY / RATE * power[n]
+        table = {
+            "t": 0.5 * np.arange(power.size),
+            "P": power,
+            "T": warmth + HEATED_NOISE * rng.standard_normal(power.size),
+        }
+        pd.DataFrame(table).to_csv(folder / f"{name}.csv", index=False)
+    return read(folder)
+
+
+def test_nothing_is_missing_and_the_parameters_are_right(heated: Campaign) -> None:
+    found = phnn.diagnose(heated)
+    assert (found.verdict, found.ended.warnings) == ("none", ())
+    values = found.final.setup.values()
+    assert [values["c"], values["g"]] == pytest.approx([CAPACITY, RATE], rel=0.01)
+    assert np.isfinite(list(locate(found.linearised[0]).scores.values())).all()
+
+
+def test_the_rate_of_the_output_is_its_change_and_no_force_acts(heated: Campaign) -> None:
+    setup, recording = phnn.identify(None, heated).fit.setup, heated.recordings[0]
+    trajectory = simulate(setup, recording, 1)
+    assert trajectory.velocity == pytest.approx(np.diff(trajectory.states[:, 0]) / trajectory.h)
+    with pytest.raises(StructureViolated, match="no force acts"):
+        output_derivatives(trajectory, (), (), np.ones((trajectory.h.size, 1)))
+
+
+HEATED_DT = 1e-4
+
+
+def linear(frequency: float, damping: float) -> dict[str, float]:
+    """Stiffness and damping of a resonance [Hz]."""
+    m = hrc(0).parameters["m"].value
+    w = 2.0 * np.pi * frequency
+    return {"k": m * w**2, "b": 2.0 * damping * m * w}
+
+
+def test_the_response_about_rest_is_that_of_mass_spring_and_damper() -> None:
+    network = hrc(0).with_values(linear(300.0, 0.1))
+    p = {n: v.value for n, v in network.parameters.items()}
+    f = np.geomspace(1.0, 5e3, 50)
+    s = 2j * np.pi * f
+    expected = np.abs(1.0 / (p["m"] * s**2 + p["b"] * s + p["k"]))
+    np.testing.assert_allclose(output_gain(network, f), expected, rtol=1e-9)
+
+
+def drawn(share: float, size: int, rng: np.random.Generator, damping: float = 0.1) -> np.ndarray:
+    """White noise and a white force through a resonance at 300 Hz, of unit variance together."""
+    pole = np.exp(2.0 * np.pi * 300.0 * HEATED_DT * (-damping + 1j * np.sqrt(1.0 - damping**2)))
+    ringing = lfilter([1.0], np.poly([pole, pole.conj()]).real, rng.standard_normal(size + 2000))[2000:]
+    return np.sqrt(share) * ringing / ringing.std() + np.sqrt(1.0 - share) * rng.standard_normal(size)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.6, 0.9])
+def test_the_spectrum_has_the_power_of_both_parts(share: float) -> None:
+    """Over forty draws: a single one scatters by a twenty-fifth about its own power."""
+    network, f = hrc(0).with_values(linear(300.0, 0.1)), np.linspace(1e-3, 0.5, 2000)
+    whole, above = [], []
+    for seed in range(40):
+        noise = drawn(share, 8000, np.random.default_rng(seed))
+        found = force_noise(noise, HEATED_DT, partial(output_gain, network))
+        whole.append(np.mean(found.at(f)) / np.mean(noise**2))
+        above.append(found.at(np.array([0.45]))[0] / (1.0 - share))
+    assert np.mean(whole) == pytest.approx(1.0, abs=0.03)
+    # Far above the resonance only the sensor's noise is left.
+    assert np.mean(above) == pytest.approx(1.0, abs=0.03)
+    assert max(np.std(whole), np.std(above)) < 0.07
+
+
+def test_a_model_that_is_exact_and_one_without_a_slope_at_rest_have_a_spectrum(monkeypatch: pytest.MonkeyPatch) -> None:
+    t = HEATED_DT * np.arange(200)
+    made = recording(t, np.zeros(t.size), Start("rest"))
+    (found,) = spectra_of([np.zeros(t.size)], [made], [partial(output_gain, hrc(2))]).each
+    assert np.isfinite(found.level).all() and not found.power.any()
+    steep = np.full((4, 4), np.inf), np.zeros((4, 1))
+    monkeypatch.setattr(small_signal, "linearised_at_rest", lambda _: steep)
+    assert not output_gain(hrc(2), np.ones(3)).any()
+
+
+def test_a_resonance_in_a_short_recording_is_no_line() -> None:
+    """The largest ratio of power to the level around it: with the plant's response it is that of white noise."""
+    network = hrc(0).with_values(linear(300.0, 0.05))
+    t = HEATED_DT * np.arange(400)
+    ratios: dict[str, list[float]] = {"plant": [], "nothing": [], "white": []}
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        noise, white = drawn(0.9, t.size, rng, damping=0.05), rng.standard_normal(t.size)
+        made = recording(t, np.zeros(t.size), Start("rest"))
+        for name, residual, response in (
+            ("plant", noise, partial(output_gain, network)),
+            ("nothing", noise, np.zeros_like),
+            ("white", white, np.zeros_like),
+        ):
+            (found,) = spectra_of([residual], [made], [response]).each
+            ratios[name].append(float(np.max(found.power / found.level)))
+    plant, nothing, white = (float(np.median(ratios[n])) for n in ("plant", "nothing", "white"))
+    assert plant < 1.2 * white < nothing
+
+
+def test_a_drift_is_not_taken_for_the_noise_of_a_force() -> None:
+    """A ramp that the difference of the halves of a recording does not have for noise stands out of it."""
+    linearised = campaigns.linearised()
+    rng, own = np.random.default_rng(3), Own(drift_terms=DRIFT_TERMS)
+    noise = rng.standard_normal(linearised.fit.residual.size)
+    ramp = np.concatenate([np.linspace(-1.0, 1.0, s.stop - s.start) for s in linearised.slices])
+    scores = []
+    for size in (0.0, 1.0, 5.0):
+        drifting = replace(linearised, fit=replace(linearised.fit, residual=noise + size * ramp))
+        scores.append(own_score(drifting, own, drifting.spectra)[1])
+    assert scores[0] < 3.0 < scores[1] < scores[2]

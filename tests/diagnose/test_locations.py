@@ -11,17 +11,7 @@ import pytest
 from phnn.criteria import Criteria
 from phnn.diagnose.linearised import direction
 from phnn.diagnose.lines import drift_share, line_share
-from phnn.diagnose.locations import (
-    FORCE,
-    GROUPS,
-    OUTPUT,
-    PARAMETER,
-    VOLTAGE,
-    Group,
-    Location,
-    locate,
-    where_and_when,
-)
+from phnn.diagnose.locations import FORCE, GROUPS, OUTPUT, PARAMETER, VOLTAGE, Group, Location, locate, where_and_when
 from phnn.diagnose.refit import short
 from phnn.diagnose.screen import Screen
 from phnn.diagnose.words import missing_force, picture

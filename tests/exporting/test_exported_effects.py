@@ -1,27 +1,34 @@
-"""Every effect of the catalogue: the exported program takes the steps of `phnn.trajectory`, or is refused by name."""
+"""Every effect is exported or refused by name; what ``phnn export`` and `phnn.export` read, write and refuse."""
 
 from __future__ import annotations
 
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from effect_homes import ACTUATOR, EFFECTS, FORMULAS, LEARNED, home, point
+from effect_homes import ACTUATOR, BASE, EFFECTS, FORMULAS, LEARNED, TANKS, home, point
 from exported import apart, exported, in_c, in_python, needs_compiler, reference
 from solve_paths import case_of, networks
 
-from phnn.effects import Effect, in_all_forms
-from phnn.effects.soundness.homes import Home
+import phnn
+from phnn import cli
+from phnn.effects import Effect, effect, in_all_forms
+from phnn.effects.soundness import Home
 from phnn.errors import InputRefused
 from phnn.exporting.build import build
-from phnn.exporting.program import Program
+from phnn.exporting.laws import Sources
+from phnn.exporting.program import Names, Program, identifier
 from phnn.exporting.write import python
 from phnn.integrate import kernel
 from phnn.integrate.compilable import can_compile
 from phnn.integrate.program import compile_network
+from phnn.models.store import save
 from phnn.network.elements import Network
+from phnn.recordings.recording import unrecorded
 from phnn.setup import Setup
+from phnn.trajectory import simulate
 
 # Largest difference of a state, as a share of its largest value.
 
@@ -94,13 +101,13 @@ def program_of(effect: Effect) -> Program:
 
 def test_the_list_of_what_is_refused_is_complete() -> None:
     refused = set()
-    for effect in FORMS:
+    for member in FORMS:
         try:
-            program_of(effect)
+            program_of(member)
         except InputRefused as error:
             assert "cannot be exported" in str(error), error
             assert "--no-sensor" in str(error), error
-            refused.add(effect.name)
+            refused.add(member.name)
     assert refused == REFUSED
 
 
@@ -113,3 +120,170 @@ def test_a_target_takes_the_steps_of_the_simulation(effect: Effect, target: str,
     t, u = drive(where, samples)
     found = in_c(program, u, tmp_path) if target == "c" else in_python(program, u)
     assert apart(found, reference(effect.add_to(where.setup, point(effect)), t, u, SUBSTEPS)) < PROMISED
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> Path:
+    """A stored model in the folder of a diagnosis."""
+    phnn.Model(BASE, 2).save(tmp_path / "mine" / "model")
+    return tmp_path / "mine"
+
+
+def run(model: Path, out: Path, *options: str, to: str = "python") -> int:
+    return cli.main(["export", str(model), "--to", to, "--out", str(out), *options])
+
+
+def test_the_command_writes_and_names_its_files(model: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = model.parent / "out"
+    assert run(model, out, "--dt", "5e-5", "--name", "My stage!", to="c") == 0
+    assert capsys.readouterr().out.split() == [str(out / "My_stage.h"), str(out / "My_stage.c")]
+    assert "#define MY_STAGE_DT 5e-05" in (out / "My_stage.h").read_text("utf-8")
+    assert "2.5e-05; /* step of the integration [s] */" in (out / "My_stage.c").read_text("utf-8")
+    assert not (out / "INCOMPLETE.txt").exists()
+
+
+def test_a_model_a_setup_a_network_and_both_folders_give_the_same(model: Path, tmp_path: Path) -> None:
+    given = (phnn.load(model / "model"), BASE, BASE.network, model, str(model / "model"))
+    texts = set()
+    for k, one in enumerate(given):
+        (path,) = phnn.export(one, "python", tmp_path / f"out{k}", substeps=2, name="stage")  # type: ignore[arg-type]
+        texts.add(path.read_text("utf-8").replace("from_paper", "model"))
+    assert len(texts) == 1
+
+
+def test_a_second_export_replaces_the_first_and_no_file_of_others(model: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert run(model, out, "--name", "stage", to="c") == 0
+    assert run(model, out, "--name", "stage") == 0
+    assert run(model, out, "--name", "stage", "--dt", "2e-5") == 0
+    # Targets stand side by side.
+    assert sorted(p.name for p in out.iterdir() if p.is_file()) == ["stage.c", "stage.h", "stage.py"]
+    assert "DT = 2e-05" in (out / "stage.py").read_text("utf-8")
+    (out / "stage.py").write_text("mine")
+    assert run(model, out, "--name", "stage") == 2
+    assert (out / "stage.py").read_text() == "mine"
+
+
+REFUSALS: list[tuple[dict[str, Any], str]] = [
+    ({"to": "rust"}, "'rust' is no target: choose one of c, fmu, python, matlab"),
+    ({"input": "cubic"}, "'cubic' between samples is not exported: choose linear or zero_order"),
+    ({"dt": 0.0}, "0 s is no sample time"),
+    ({"dt": float("inf")}, "inf s is no sample time"),
+    ({"dt": 1e-310}, "1e-310 s is no sample time"),
+    (
+        {"name": "math"},
+        "name: 'math' is a word of C, Python or MATLAB or a file of theirs: choose another",
+    ),
+    ({"name": "class"}, "such as class_model"),
+    ({"name": "Stdio", "to": "c"}, "such as Stdio_model"),
+    ({"name": "fmi2", "to": "fmu"}, "such as fmi2_model"),
+    ({"name": "json"}, "such as json_model"),
+    ({"name": "function", "to": "matlab"}, "such as function_model"),
+    ({"substeps": 0}, "substeps: 0: give 1 to"),
+    ({"initial_input": float("nan")}, "initial_input: nan"),
+    ({"ports": ("torque",)}, "no further port 'torque'; it has force"),
+]
+
+
+@pytest.mark.parametrize(("given", "needle"), REFUSALS)
+def test_settings_out_of_range_are_refused(given: dict[str, Any], needle: str, tmp_path: Path) -> None:
+    with pytest.raises(InputRefused) as caught:
+        phnn.export(BASE, given.pop("to", "python"), tmp_path / "out", **given)
+    assert needle in str(caught.value)
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "cause", "remedy"),
+    [
+        ("output_backlash", {}, "sensor play: cannot be exported: it needs the output after", "--no-sensor"),
+        ("sensor_lag", {}, "sensor lag: cannot be exported: it needs the output after", "--no-sensor"),
+        ("delay", {"input": "zero_order"}, "amplifier delay: cannot be exported", "take --input linear"),
+        ("delay", {"to": "fmu"}, "amplifier delay: cannot be exported", "a target other than fmu"),
+        ("delay", {"dt": 1e-12}, "at most 10000 are kept", "take larger steps"),
+    ],
+)
+def test_what_has_no_program_is_refused_by_name(
+    name: str, options: dict[str, Any], cause: str, remedy: str, tmp_path: Path
+) -> None:
+    setup = effect(name).add_to(BASE, point(effect(name)))
+    with pytest.raises(InputRefused) as caught:
+        phnn.export(setup, options.pop("to", "c"), tmp_path / "out", **options)
+    assert cause in str(caught.value)
+    assert remedy in str(caught.value)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_refusal_is_one_line_with_exit_status_2(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    save(effect("sensor_lag").add_to(BASE, point(effect("sensor_lag"))), tmp_path / "model")
+    assert run(tmp_path / "model", tmp_path / "out") == 2
+    error = capsys.readouterr().err
+    assert error.startswith("phnn: sensor lag: cannot be exported: ")
+    assert error.count("\n") == 1
+    assert run(tmp_path / "model", tmp_path / "out", "--no-sensor") == 0
+    assert run(tmp_path / "nothing", tmp_path / "out") == 2
+
+
+def test_a_law_beyond_the_subset_is_refused() -> None:
+    def raised(effort: Any) -> Any:
+        return effort**1.5
+
+    def looped(effort: Any) -> Any:
+        while effort > 1.0:
+            effort = effort - 1.0
+        return effort
+
+    def printed(effort: Any) -> Any:
+        return print(effort)
+
+    for law, needle in ((raised, "the power effort ** 1.5"), (looped, "while effort > 1.0"), (printed, "calls print")):
+        with pytest.raises(InputRefused, match=r"resistor r: cannot be exported: its source") as caught:
+            Sources({}).name_of(law, "resistor r")
+        assert needle in str(caught.value).replace("\n", " ")
+
+
+def test_names_of_people_become_identifiers() -> None:
+    names = Names()
+    assert [names.of(n) for n in ("k", "k/2", "k 2", "1st", "Ω", "k/2")] == ["k", "k_2", "k_2_2", "x_1st", "x", "k_2"]
+    assert identifier("a*/ int main() {") == "a_int_main"
+
+
+def test_texts_of_a_model_end_no_comment(tmp_path: Path) -> None:
+    from dataclasses import replace
+
+    hostile = replace(BASE, name='*/ int x; """ \n" + evil() + "')
+    for to in ("c", "python", "matlab"):
+        for path in phnn.export(hostile, to, tmp_path / to, name="stage"):
+            text = path.read_text("utf-8")
+            assert "*/ int x" not in text
+            assert '""" \n' not in text
+            if to == "python":
+                compile(text, "stage", "exec")
+
+
+def test_a_backslash_in_a_name_or_a_unit_begins_no_escape(tmp_path: Path) -> None:
+    from dataclasses import replace
+
+    first, *others = BASE.network.ports
+    network = replace(BASE.network, ports=(replace(first, unit="V\\N{x}"), *others))
+    (path,) = phnn.export(replace(BASE, name="C:\\users\\x", network=network), "python", tmp_path, name="stage")
+    compile(path.read_text("utf-8"), "stage", "exec")
+    assert path.read_text("utf-8").startswith('"""C:/users/x: exported by phnn.')
+
+
+def test_numbers_that_are_not_finite_are_refused() -> None:
+    program = Program("m", "m", 1.0, 1, "linear", (), ("y", "1"))
+    with pytest.raises(InputRefused, match=r"H \(step\): inf is not finite"):
+        program.constant("H", float("inf"), "step")
+    with pytest.raises(InputRefused, match="FLOORS"):
+        program.table("FLOORS", ((1.0, float("nan")),))
+
+
+def test_where_something_flows_at_rest_the_state_of_one_input_is_stored(tmp_path: Path) -> None:
+    (path,) = phnn.export(TANKS.setup, "python", tmp_path / "out", dt=0.25, initial_input=2e-5, name="tanks")
+    scope: dict[str, Any] = {}
+    exec(path.read_text("utf-8"), scope)
+    wanted = simulate(TANKS.setup, unrecorded("still", np.arange(3) * 0.25, np.full(3, 2e-5), input_before=2e-5)).y
+    model = scope["Model"](2e-5)
+    np.testing.assert_allclose([model.output, model.step(2e-5), model.step(2e-5)], wanted, rtol=1e-9)
+    assert "init begins in the state of rest that was computed at the export" in path.read_text("utf-8")

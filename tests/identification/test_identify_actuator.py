@@ -17,15 +17,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from phnn.errors import InputRefused, PhnnError
-from phnn.identification import order
-from phnn.identification.base import identify_base, identify_bouc_wen
+from phnn.identification import prepare
+from phnn.identification.base import (
+    MAX_SUBSTEPS,
+    NumericalError,
+    identify_base,
+    identify_bouc_wen,
+    numerical_error,
+    substeps_for,
+)
 from phnn.identification.evaluate import evaluate
 from phnn.identification.fit import Fit
-from phnn.identification.gain import Gain
 from phnn.identification.options import Options
 from phnn.identification.plan import Plan
-from phnn.identification.prepare import identification_plan
-from phnn.identification.refinement import MAX_SUBSTEPS, NumericalError, numerical_error, substeps_for
+from phnn.identification.prepare import Gain, identification_plan
 from phnn.identification.staged import identify_actuator, is_quasi_static, representative_subset
 from phnn.identification.starting_points import falls_throughout
 from phnn.models.actuator import hrc
@@ -52,7 +57,7 @@ def a_gain(before: float, after: float, p: float | None) -> Gain:
         ({1: 9.0, 2: 5.0, "bouc_wen": 1.05, 3: 1.0}, 1e-6, ("rho_1",), 3),  # an anchor asks for hysterons
         ({1: 9.0, 2: 5.0, 3: 2.0, 4: 1.99}, 1e-6, (), 3),  # as long as the error falls
         ({1: 2.0, 2: 1.99, 3: 1.0, 4: 1.0}, 1e-6, (), 1),
-        ({1: 6.0, 2: 2.0, 3: 1.5, 4: 1.4}, None, (), order.DEFAULT_HYSTERONS),  # no test is possible
+        ({1: 6.0, 2: 2.0, 3: 1.5, 4: 1.4}, None, (), prepare.DEFAULT_HYSTERONS),  # no test is possible
         ({1: 2.0, 2: 6.0, 3: 6.0, 4: 6.0}, None, (), 1),
         ({}, 1e-6, ("rho_3",), 3),  # an anchor asks for it
     ],
@@ -74,9 +79,9 @@ def test_the_number_of_hysterons(
         return form, form
 
     held = SimpleNamespace(growth=None, scores=lambda f: f, over_noise=lambda f: left.get(f, 9.0), gain=gain)
-    with mock.patch.multiple(order, leave_out=lambda p, n: held, identify_actuator=identify, identify_form=best_form):
+    with mock.patch.multiple(prepare, leave_out=lambda p, n: held, identify_actuator=identify, identify_form=best_form):
         anchors = dict.fromkeys(known, mock.Mock())
-        found, fitted = order.hysteresis_needed(mock.Mock(), anchors, 1, 0, lambda m: None)
+        found, fitted = prepare.hysteresis_needed(mock.Mock(), anchors, 1, 0, lambda m: None)
         assert (found, fitted) == (chosen, chosen if left else None)
 
 

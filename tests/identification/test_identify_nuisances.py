@@ -1,29 +1,42 @@
-"""Zero and lines of a recording: taken out of what a model is asked to explain."""
+"""Nuisances of recordings, the zero of an output, and samples at the limits of a sensor."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
+from pathlib import Path
 
 import campaigns
 import numpy as np
 import pytest
+from effect_homes import EFFECTS, FORMULAS, LEARNED, SCALES, home
 from junctions import recording
 
-from phnn.effects import effect
+from phnn.configuration import config_folder
+from phnn.derivatives import output_derivatives
+from phnn.effects import Effect, effect, in_all_forms
+from phnn.errors import InputRefused
+from phnn.identification.base import identify_base
 from phnn.identification.evaluate import evaluate
-from phnn.identification.fit import fit
-from phnn.identification.nuisances import (
+from phnn.identification.fit import Fit, fit
+from phnn.identification.options import Options
+from phnn.identification.plan import Plan
+from phnn.identification.problem import (
+    Problem,
+    beyond_limit,
     drift_columns,
     line_columns,
     own_columns,
     own_size,
+    variables_of,
     without_nuisances,
 )
-from phnn.identification.plan import Plan
-from phnn.identification.problem import Problem
-from phnn.identification.variables import variables_of
 from phnn.models.actuator import from_paper
-from phnn.recordings.recording import Part, Recording
+from phnn.models.network_file import load_network
+from phnn.models.store import load, save
+from phnn.recordings import read
+from phnn.recordings.recording import Anchor, Campaign, Part, Recording, Start
+from phnn.recordings.sensor import Sensor
 from phnn.setup import Own, Setup
 from phnn.trajectory import simulate
 
@@ -141,3 +154,268 @@ def test_every_part_is_scored_beside_the_lines_of_its_recording(recordings: tupl
     # In the outputs too.
     left = run.y - with_lines.outputs[run.name]
     assert np.std(left[760:]) == pytest.approx(NOISE, rel=0.1)
+
+
+NETWORK = config_folder() / "network" / "mass_spring_damper.yaml"
+MODEL, ZERO, ZERO_NOISE = Setup(load_network(NETWORK)), 0.05, 1e-3
+
+
+def zero_recorded(name: str, use: str, offset: str = "shared") -> Recording:
+    rng = np.random.default_rng(sum(map(ord, name)))
+    t = 0.05 * np.arange(400)
+    force = np.repeat(rng.uniform(-1.0, 1.0, 40), 10)
+    blank = recording(t, force, Start("rest", force[0]), interpolation="zero_order", offset=offset)
+    y = simulate(MODEL, blank).y + ZERO + ZERO_NOISE * rng.standard_normal(t.size)
+    return replace(blank, name=name, y=y, noise=ZERO_NOISE, parts=(Part(name, 0, t.size, use),))
+
+
+def campaign(*recordings: Recording) -> Campaign:
+    return Campaign(recordings, {"network": str(NETWORK)}, {}, "terminals", (), True, "made")
+
+
+def test_a_shared_zero_is_estimated_once_and_predicts_what_is_held_out() -> None:
+    held = zero_recorded("c", "confirmation")
+    fitted, _ = identify_base(
+        campaign(zero_recorded("a", "identification"), zero_recorded("b", "identification"), held),
+        Options(workers=1, starts=1),
+    )
+    value, spread = fitted.setup.parameters["y_0"].value, fitted.std()["y_0"]
+    assert abs(value - ZERO) < 4.0 * spread
+    assert 0.5 < spread / (ZERO_NOISE / np.sqrt(800)) < 3.0
+    plan = Plan((held,), workers=1)
+    (score,) = evaluate(fitted.setup, plan, {}).parts
+    assert score.residual_over_noise < 1.1
+    moved = replace(held, y=held.y + 10.0 * ZERO_NOISE)
+    (score,) = evaluate(fitted.setup, Plan((moved,), workers=1), {}).parts
+    assert score.residual_over_noise == pytest.approx(10.0, rel=0.1)
+
+
+def test_zeros_of_their_own_stay_out_of_the_model() -> None:
+    fitted, _ = identify_base(campaign(zero_recorded("a", "identification", "own")), Options(workers=1, starts=1))
+    assert set(fitted.setup.parameters) == set(MODEL.parameters)
+
+
+def test_recordings_share_a_zero_all_or_none() -> None:
+    mixed = campaign(zero_recorded("a", "identification"), zero_recorded("b", "identification", "own"))
+    with pytest.raises(InputRefused, match="b has a zero of its own, a shares one"):
+        identify_base(mixed, Options(workers=1))
+
+
+def test_the_manifest_says_it(tmp_path: Path) -> None:
+
+    (tmp_path / "recordings.yaml").write_text("offset: common\n")
+    with pytest.raises(InputRefused, match="offset: 'common' is not known: accepted are own, shared"):
+        read(tmp_path)
+
+
+def test_an_unknown_gain_of_the_input_is_estimated() -> None:
+    run = zero_recorded("a", "identification", "own")
+    halved = replace(run, u=0.5 * run.u, start=Start("rest", 0.5 * run.start.input_before), gain="unknown")
+    known = replace(campaign(halved), known={"m": Anchor(MODEL.parameters["m"].value)})
+    fitted, _ = identify_base(known, Options(workers=1, starts=1))
+    assert fitted.setup.parameters["gamma_u"].value == pytest.approx(2.0, rel=0.01)
+    assert fitted.setup.parameters["k"].value == pytest.approx(MODEL.parameters["k"].value, rel=0.01)
+    with pytest.raises(InputRefused, match="takes up any factor"):
+        identify_base(replace(known, setup={"model": "piezo_actuator"}, known={}), Options(workers=1))
+
+
+def test_the_manifest_says_that_a_gain_is_unknown(tmp_path: Path) -> None:
+    t = 1e-3 * np.arange(200)
+    rows = np.column_stack([t, np.sin(40.0 * t), np.cos(40.0 * t)])
+    np.savetxt(tmp_path / "a.csv", rows, delimiter=",", header="time_s,input_V,output_V", comments="")
+    manifest = tmp_path / "recordings.yaml"
+    manifest.write_text(f"setup: {{network: {NETWORK.name}}}\ncolumns: {{input: {{gain: unknown}}}}\n")
+    (tmp_path / NETWORK.name).write_text(NETWORK.read_text())
+    assert read(tmp_path).recordings[0].gain == "unknown"
+    for wrong, words in (("input: {gain: maybe}", "gain: 'maybe' is not known"), ("output: {gain: unknown}", "'gain'")):
+        manifest.write_text(f"columns: {{{wrong}}}\n")
+        with pytest.raises(InputRefused, match=words):
+            read(tmp_path)
+
+
+def test_a_model_with_zero_and_gain_is_kept_by_a_file(tmp_path: Path) -> None:
+    run = replace(zero_recorded("a", "identification"), gain="unknown")
+    fitted, _ = identify_base(
+        replace(campaign(run), known={"m": Anchor(MODEL.parameters["m"].value)}), Options(workers=1, starts=1)
+    )
+    save(fitted.setup, tmp_path, 1)
+    again, _ = load(tmp_path)
+    np.testing.assert_array_equal(simulate(again, run).y, simulate(fitted.setup, run).y)
+
+
+_ALL = in_all_forms([*EFFECTS, *LEARNED, *FORMULAS])
+
+
+@pytest.mark.parametrize("effect_", _ALL, ids=["-".join((e.name, *e.parameters)) for e in _ALL])
+@pytest.mark.parametrize("time", [1e-7, 1e7])
+def test_an_effect_can_be_placed_in_a_system_of_any_size_and_speed(effect_: Effect, time: float) -> None:
+    base = home(effect_).setup
+    for length in (1e-6, 1e6):
+        for drive in (1e-6, 1e7):
+            scales = replace(
+                SCALES,
+                slowest=SCALES.slowest / time,
+                fastest=SCALES.fastest / time,
+                duration=SCALES.duration * time,
+                displacement=SCALES.displacement * length,
+                velocity=SCALES.velocity * length / time,
+                stiffness=SCALES.stiffness * drive / length,
+                noise=SCALES.noise * length,
+                voltage=SCALES.voltage * drive,
+            )
+            for values in effect_.grid(scales):
+                effect_.add_to(base, values)
+                effect_.add_to(base, effect_.scaled(values, 1e3))
+
+
+@pytest.mark.parametrize(("name", "parameter"), [("amplifier_lowpass", "tau_a"), ("sensor_lag", "tau_y")])
+def test_a_lag_of_a_minute_is_found_in_samples_every_four_seconds(name: str, parameter: str) -> None:
+    tanks = Setup(load_network(config_folder() / "network" / "tanks.yaml"))
+    rng = np.random.default_rng(3)
+    t = 4.0 * np.arange(400)
+    u = 1e-4 * (1.0 + np.repeat(rng.uniform(-0.5, 0.5, 40), 10))
+    blank = recording(t, u, Start("rest", 1e-4), interpolation="linear")
+    true = effect(name).add_to(tanks, {parameter: 54.0})
+    y = simulate(true, blank).y
+    noise = 1e-4 * float(np.ptp(y))
+    run = replace(
+        blank, y=y + noise * rng.standard_normal(t.size), noise=noise, parts=(Part("a", 0, t.size, "identification"),)
+    )
+    found = fit(effect(name).add_to(tanks, {parameter: 0.05}), Plan((run,)), [parameter])
+    assert found.chi2 < 1.3
+    assert found.setup.parameters[parameter].value == pytest.approx(54.0, rel=0.02)
+
+
+CENSORED_MODEL = Setup(load_network(config_folder() / "network" / "mass_spring_damper.yaml"))
+NAMES = ("k", "m", "b")
+CENSORED_ZERO = 0.004
+
+
+@cache
+def censored(seed: int = 0, noise: float = 1e-3) -> Recording:
+    """A noisy response to a random force, without limits."""
+    rng = np.random.default_rng(seed)
+    t = 0.05 * np.arange(800)
+    force = np.repeat(rng.uniform(-1.0, 1.0, 80), 10)
+    blank = recording(t, force, Start("rest", force[0]), interpolation="zero_order")
+    y = simulate(CENSORED_MODEL, blank).y + CENSORED_ZERO + noise * rng.standard_normal(t.size)
+    return replace(blank, y=y, noise=noise, parts=(Part("a", 0, t.size, "identification"),))
+
+
+def clipped(run: Recording, share: float = 0.5) -> Recording:
+    """The same by a sensor whose range ends at a share of the largest output on both sides."""
+    limits = (share * float(run.y.min()), share * float(run.y.max()))
+    return replace(run, y=np.clip(run.y, *limits), sensor=Sensor(saturates=limits, unit="m"))
+
+
+def moved(factor: float) -> Setup:
+    return CENSORED_MODEL.with_values({n: factor * CENSORED_MODEL.parameters[n].value for n in NAMES})
+
+
+def fitted(run: Recording) -> Fit:
+    return fit(moved(1.3), Plan((run,), workers=1), NAMES)
+
+
+def errors(found: Fit) -> np.ndarray:
+    """Logarithms of the estimates over the true values."""
+    return np.array([np.log(found.setup.parameters[n].value / CENSORED_MODEL.parameters[n].value) for n in NAMES])
+
+
+def test_limits_that_nothing_reaches_change_nothing() -> None:
+    run = censored()
+    wide = replace(run, sensor=Sensor(saturates=(-1e3, 1e3), unit="m"))
+    a, b = fitted(run), fitted(wide)
+    np.testing.assert_array_equal(a.z, b.z)
+    np.testing.assert_array_equal(a.residual, b.residual)
+
+
+@pytest.mark.parametrize("own", [Own(), Own((0.31,), 3)])
+@pytest.mark.parametrize("factor", [1.0, 1.2, 0.7])
+def test_derivatives_are_those_of_the_censored_residual(factor: float, own: Own) -> None:
+    run = clipped(censored())
+    setup = replace(moved(factor), own=own)
+    plan = Plan((run,), workers=1)
+    problem = Problem(setup, plan, variables_of(setup, plan, NAMES))
+    z = problem.variables.start(setup)
+    for i in range(z.size):
+        e = np.zeros(z.size)
+        e[i] = 1e-7
+        ends = [Problem(setup, plan, problem.variables).residual(z + s * e) for s in (1.0, -1.0)]
+        steady = (ends[0] != 0.0) == (ends[1] != 0.0)
+        assert np.sum(~steady) <= 1  # a sample that begins to count has no derivative
+        difference = (ends[0] - ends[1]) / 2e-7
+        got = problem.jacobian(z)[:, i]
+        np.testing.assert_allclose(got[steady], difference[steady], atol=2e-5 * np.abs(got).max())
+
+
+def test_a_sample_beyond_the_limit_counts_only_where_the_model_stays_short_of_it() -> None:
+    run = clipped(censored())
+    upper = run.sensor.at_limit(run.y) == 1
+    mask, model = run.mask("identification"), simulate(CENSORED_MODEL, run).y
+    hidden = beyond_limit(run, model, mask)
+    assert hidden is not None
+    residual = run.y - model - np.mean((run.y - model)[~hidden])
+    assert np.all(residual[hidden & upper] <= 0.0)
+    assert np.all(residual[upper & ~hidden] > 0.0)
+    assert hidden[upper].mean() > 0.9
+    weak = beyond_limit(run, 0.1 * model, mask)
+    assert weak is not None and not weak[upper].any()
+
+
+def test_clipped_data_identify_better_than_what_is_left_without_them() -> None:
+    squares = {"censored": 0.0, "dropped": 0.0, "taken": 0.0}
+    for seed in range(6):
+        run = clipped(censored(seed, 0.01), 0.35)
+        at = run.sensor.at_limit(run.y) != 0
+        kept = np.flatnonzero(np.diff(np.concatenate(([1], at.astype(int), [1]))))
+        parts = tuple(
+            Part(f"a{a}", int(a), int(b), "identification") for a, b in zip(kept[::2], kept[1::2], strict=True)
+        )
+        variants = {
+            "censored": run,
+            "dropped": replace(run, parts=parts, sensor=Sensor()),
+            "taken": replace(run, sensor=Sensor()),
+        }
+        for name, variant in variants.items():
+            squares[name] += float(np.sum(errors(fitted(variant)) ** 2))
+    assert squares["censored"] < 0.9 * squares["dropped"] < squares["taken"]
+
+
+def test_scores_are_of_what_the_sensor_shows() -> None:
+    run = clipped(censored())
+    (score,) = evaluate(CENSORED_MODEL, Plan((run,), workers=1), {}).parts
+    assert 0.8 < score.residual_over_noise < 1.05
+    (unknown,) = evaluate(CENSORED_MODEL, Plan((replace(run, sensor=Sensor()),), workers=1), {}).parts
+    assert unknown.residual_over_noise > 5.0
+
+
+@pytest.mark.parametrize(
+    "sensor",
+    [
+        Sensor(rectified=True),
+        Sensor(lag=0.3),
+        Sensor(derivative=True),
+        Sensor(rectified=True, lag=0.3, derivative=True),
+    ],
+)
+def test_a_known_sensor_is_simulated_and_differentiated(sensor: Sensor) -> None:
+    run = replace(censored(), sensor=sensor)
+    found = simulate(CENSORED_MODEL, run, 8)
+    derivatives = output_derivatives(found, NAMES)
+    for i, name in enumerate(NAMES):
+        p = CENSORED_MODEL.parameters[name].value
+        ends = [simulate(CENSORED_MODEL.with_values({name: p * (1.0 + s)}), run, 8).y for s in (1e-6, -1e-6)]
+        difference = (ends[0] - ends[1]) / (2e-6 * p)
+        close = np.abs(derivatives[:, i] - difference) <= 1e-4 * np.abs(difference).max()
+        assert close.mean() > 0.99  # a corner of a rectifier has no derivative
+    assert found.setup.free == CENSORED_MODEL.free
+
+
+def test_the_rate_is_the_velocity() -> None:
+    run = replace(censored(), sensor=Sensor(derivative=True))
+    found = simulate(CENSORED_MODEL, run, 16)
+    p = (
+        found.states[found.nodes, list(CENSORED_MODEL.network.state_names).index("p")]
+        / CENSORED_MODEL.parameters["m"].value
+    )
+    np.testing.assert_allclose(found.y[1:-1], p[1:-1], atol=2e-3 * np.abs(p).max())

@@ -10,8 +10,7 @@ import pytest
 from structure import write_folder
 
 from phnn.modal.experiment import study_of
-from phnn.modal.settings import Settings
-from phnn.modal.study import Result, study_modes
+from phnn.modal.study import Result, Settings, study_modes
 from phnn.recordings import read
 
 

@@ -12,9 +12,8 @@ import numpy as np
 
 import phnn
 from phnn.models.actuator import hrc
-from phnn.plot.balance import balance
 from phnn.plot.frequency import response, whiteness
-from phnn.plot.signals import hysteresis, located, outputs
+from phnn.plot.signals import balance, hysteresis, located, outputs
 from phnn.recordings.recording import Campaign, Part, Recording, Start, unrecorded
 from phnn.setup import Setup
 from phnn.trajectory import simulate

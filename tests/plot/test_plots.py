@@ -1,4 +1,4 @@
-"""What all plots promise: axes, labels with units, room for every text, and tables of what is drawn."""
+"""Plots: axes, labels with units, tables of what is drawn; closed forms; files and refusals of ``phnn plot``."""
 
 from __future__ import annotations
 
@@ -6,9 +6,13 @@ import itertools
 import re
 import subprocess
 import sys
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
+import campaigns
 import numpy as np
+import pandas as pd
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -16,9 +20,13 @@ from matplotlib.figure import Figure
 from plot_example import (
     DT,
     FREQUENCIES,
+    LINEAR,
     MODEL,
+    NOISE,
     PLOTS,
     SCORES,
+    VALUES,
+    WRONG,
     T,
     campaign,
     campaign_of,
@@ -29,8 +37,15 @@ from plot_example import (
 )
 
 import phnn
-from phnn.plot.signals import hysteresis
+from phnn.cli import main
+from phnn.models.store import save
+from phnn.parameters import as_table, constant
+from phnn.plot.frequency import response, whiteness
+from phnn.plot.signals import balance, hysteresis, located
 from phnn.report.figures.style import svg
+from phnn.report.result import write
+from phnn.setup import Block
+from phnn.signals.first_order import correlation, cross_deviation, own_deviation
 
 # Columns of words.
 _WORDS = {"recording", "with", "location", "rank"}
@@ -252,3 +267,198 @@ def test_panels_of_the_same_title_stay_apart() -> None:
     names = [f"a recording of the {k} of all rigs that were ever built here" for k in ("first", "other")]
     both = [recording(name, sine(20.0, 5.0)) for name in names]
     assert len(hysteresis(MODEL, campaign_of(*both), names).found) == 2
+
+
+F = np.array([1.0, 30.0, 400.0, 711.0, 3000.0])
+_FAR = 2.5758293035489004  # half width of the band that holds 99 % of a normal variable
+
+
+def transfer(f: np.ndarray, capacitance: float = np.inf) -> np.ndarray:
+    """``α/(k + α²/C − mω² + iωb)``."""
+    omega, alpha = 2.0 * np.pi * f, VALUES["alpha"]
+    stiffness = VALUES["k"] + alpha**2 / capacitance
+    return alpha / (stiffness - VALUES["m"] * omega**2 + 1j * omega * VALUES["b"])
+
+
+def test_response_of_a_linear_model_is_its_transfer_function() -> None:
+    found = response(LINEAR, F, 60.0)
+    for gain in (found.gain, found.linear):
+        np.testing.assert_allclose(gain, transfer(F), rtol=1e-6)
+    assert found.harmonics.max() < 1e-9
+    assert found.gain_unit == "m/V"
+    assert replace(found, units=("m/s", "N")).gain_unit == "N/(m/s)"
+    assert replace(found, units=("1", "N")).gain_unit == "N"
+
+
+def test_a_small_amplitude_stays_within_the_dead_zone() -> None:
+    found = response(MODEL, F, 60.0)
+    np.testing.assert_allclose(found.linear, transfer(F, VALUES["C_1"]), rtol=1e-6)
+    assert np.abs(found.gain[0] / found.linear[0] - 1.0) > 0.02
+    # A loop that is symmetric has odd harmonics alone.
+    assert found.harmonics[0, 1] > 1e-3
+    assert found.harmonics[:, [0, 2]].max() < 1e-6
+
+
+def test_harmonics_of_a_square_are_known() -> None:
+    """``y = q + c q²`` with ``q = A sin ωt`` has the second harmonic ``c A²/2``."""
+    offset, scale = 0.0, 60.0 * float(np.abs(transfer(F[:1]))[0])
+    table = as_table((constant("c", 0.1 / scale, "1/m"), constant("d", 0.0, "1/m²")))
+    setup = replace(LINEAR.setup, sensor=(Block("polynomial", ("c", "d")),), block_parameters=table)
+    found = response(phnn.Model(setup), F[:1], 60.0, offset)
+    np.testing.assert_allclose(found.harmonics[0], [0.05, 0.0, 0.0, 0.0], atol=1e-6)
+
+
+@pytest.mark.slow
+def test_frequencies_follow_from_the_recordings() -> None:
+    found = response(LINEAR, campaign=campaign())
+    np.testing.assert_allclose(found.frequencies[[0, -1]], [10.0, 100.0], rtol=1e-3)
+    np.testing.assert_allclose(found.gain, transfer(found.frequencies), rtol=1e-6)
+
+
+def test_measured_points_lie_on_the_response() -> None:
+    clean = [recording(f"{f:g}", sine(f, 60.0), 1.0 / f, LINEAR, noise=0.0) for f in (20.0, 50.0)]
+    found = response(LINEAR, [20.0, 50.0], None, campaign=campaign_of(*clean))
+    assert found.amplitude == pytest.approx(60.0, rel=1e-3)
+    for p in found.measured:
+        assert p.gain == pytest.approx(complex(transfer(np.array([p.frequency]))[0]), rel=1e-4)
+    noisy = response(MODEL, [20.0], 60.0, campaign=campaign()).measured
+    samples = T.size - round(0.05 / 1e-4)
+    # Cosine and sine of N samples are each known to σ √(2/N).
+    assert noisy[0].std == pytest.approx(NOISE / 60.0 * np.sqrt(2.0 / samples), rel=0.05)
+
+
+def test_correlation_is_the_sum_of_products() -> None:
+    rng = np.random.default_rng(0)
+    e, x = rng.standard_normal(50), rng.standard_normal(50)
+    a, b = e - e.mean(), x - x.mean()
+    expected = [sum(a[t] * b[t - k] for t in range(50) if 0 <= t - k < 50) for k in range(-7, 8)]
+    np.testing.assert_allclose(correlation(e, x, 7), np.array(expected) / np.sqrt((a @ a) * (b @ b)), atol=1e-13)
+    assert not correlation(np.ones(10), x[:10], 3).any()
+
+
+def coloured(rng: np.random.Generator, a: float, size: int) -> np.ndarray:
+    """First-order noise of unit variance."""
+    n = np.sqrt(1.0 - a * a) * rng.standard_normal(size + 200)
+    for k in range(1, n.size):
+        n[k] += a * n[k - 1]
+    return n[200:]
+
+
+@pytest.mark.parametrize("a", [0.0, 0.7])
+def test_noise_stays_within_its_bands_in_99_percent_of_the_lags(a: float) -> None:
+    rng, size, lags, draws = np.random.default_rng(4), 3000, 40, 60
+    rho = np.asarray(a ** np.arange(25.0) if a else np.ones(1), dtype=np.float64)
+    u = coloured(rng, 0.9, size)
+    centre = np.pad(rho, (0, lags + 1 - rho.size))
+    own, cross = own_deviation(rho, size, lags), cross_deviation(rho, u, lags)
+    within = np.zeros(2)
+    for _ in range(draws):
+        e = coloured(rng, a, size)
+        within[0] += np.mean((np.abs(correlation(e, e, lags)[lags:] - centre) <= _FAR * own)[1:])
+        within[1] += np.mean(np.abs(correlation(e, u, lags)) <= _FAR * cross)
+    # Neighbouring lags follow each other: some 60 × 5 independent ones.
+    np.testing.assert_allclose(within / draws, 0.99, atol=0.012)
+
+
+def test_deviations_of_white_noise_are_those_of_the_number_of_pairs() -> None:
+    u = np.random.default_rng(0).standard_normal(400)
+    pairs = 400 - np.arange(21)
+    np.testing.assert_allclose(own_deviation(np.ones(1), 400, 20)[1:], np.sqrt(pairs[1:]) / 400)
+    np.testing.assert_allclose(cross_deviation(np.ones(1), u, 20)[20:], np.sqrt(pairs) / 400)
+
+
+def test_the_true_model_leaves_noise_and_a_wrong_one_does_not() -> None:
+    for one in whiteness(MODEL, campaign()).found:
+        assert one.own.outside.sum() <= 5
+        assert one.by_input.outside.mean() <= 0.1
+        assert np.median(one.density / one.noise) == pytest.approx(1.0, abs=0.2)
+    for one in whiteness(WRONG, campaign()).found:
+        assert one.own.outside.mean() > 0.5
+    broad = whiteness(WRONG, campaign()).found[3]
+    assert broad.by_input.outside.mean() > 0.3
+    assert broad.density.max() > 10.0 * broad.noise.max()
+
+
+def test_the_energy_balance_closes_and_dissipation_never_falls() -> None:
+    found = balance(MODEL.trajectory(T, sine(20.0, 60.0)))
+    assert np.abs(found.error).max() <= 1e-9 * found.turned_over
+    assert np.diff(found.total_dissipated).min() >= -1e-15 * found.turned_over
+    # Passivity: no more is stored than was supplied.
+    assert (found.total_stored - found.total_stored[0] <= found.total_supplied + 1e-12 * found.turned_over).all()
+    q, energy = MODEL.trajectory(T, sine(20.0, 60.0)).states[:, 1], found.stored["q"]
+    np.testing.assert_allclose(energy, 0.5 * VALUES["k"] * q**2, rtol=1e-12, atol=1e-25)
+    into, out = found.powers()
+    h = np.diff(found.t)
+    assert (into[1:] * h).sum() == pytest.approx(found.total_supplied[-1])
+    assert (out[1:] * h).sum() == pytest.approx(found.total_dissipated[-1])
+    assert found.t[-1] == pytest.approx(T[-1])
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a model and recordings."""
+    home = tmp_path_factory.mktemp("plots")
+    save(MODEL.setup, home / "result" / "model", 2)
+    (home / "recordings").mkdir()
+    for r in campaign().recordings:
+        frame = pd.DataFrame({"time_s": r.t, "voltage_V": r.u, "displacement_m": r.y})
+        frame.to_csv(home / "recordings" / f"{r.name}.csv", index=False)
+    return home
+
+
+def test_the_command_writes_a_figure_and_its_table(stored: Path, tmp_path: Path) -> None:
+    model, folder, out = str(stored / "result"), str(stored / "recordings"), tmp_path / "out"
+    assert main(["plot", "loops", model, folder, "--out", str(out), "--recording", "fast"]) == 0
+    assert (out / "loops.svg").read_bytes().startswith(b"<?xml")
+    assert set(pd.read_csv(out / "loops.csv")["recording"]) == {"fast"}
+
+
+@pytest.mark.slow
+def test_the_command_draws_every_kind(stored: Path, tmp_path: Path) -> None:
+    model, folder, out = str(stored / "result"), str(stored / "recordings"), tmp_path / "out"
+    for kind in ("compare", "residuals", "loops", "bode", "energy"):
+        assert main(["plot", kind, model, folder, "--out", str(out)]) == 0, kind
+        assert (out / f"{kind}.svg").read_bytes().startswith(b"<?xml")
+        assert len(pd.read_csv(out / f"{kind}.csv"))
+    assert len(pd.read_csv(out / "residuals_spectrum.csv"))
+    assert set(pd.read_csv(out / "bode_measured.csv")["recording"]) == {"large", "small", "fast"}
+    sweep = ["--frequencies", "5", "50", "--amplitude", "60"]
+    assert main(["plot", "bode", model, "--out", str(out), *sweep]) == 0
+    assert pd.read_csv(out / "bode.csv")["frequency_Hz"].iloc[[0, -1]].tolist() == pytest.approx([5.0, 50.0])
+    # Results of other kinds stay beside it; the table of measured points is not of this run.
+    assert (out / "loops.svg").exists()
+    assert not (out / "bode_measured.csv").exists()
+
+
+@pytest.mark.slow
+def test_a_diagnosis_is_drawn_as_its_folder_is(tmp_path: Path) -> None:
+    found = campaigns.diagnosis("quadratic_drag", "quadratic_drag")
+    write(found, tmp_path / "diagnosis")
+    assert main(["plot", "location", str(tmp_path / "diagnosis"), "--out", str(tmp_path / "out")]) == 0
+    table = pd.read_csv(tmp_path / "out" / "location.csv", keep_default_na=False)
+    own = located(found).tables()[""]
+    assert list(table["location"]) == list(own["location"])
+    assert list(table["rank"]) == list(own["rank"])
+    # The file has four digits.
+    np.testing.assert_allclose(table.iloc[:, 1], own.iloc[:, 1], atol=6e-5)
+    assert phnn.plot.residuals(found, recordings=["sine_010Hz_75V"]).shape == (1, 3)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (["compare"], "no recordings: name their folder"),
+        (["bode"], "give both, or recordings"),
+        (["bode", "--frequencies", "0", "5"], "--frequencies 0 5"),
+        (["location"], "diagnosis.json: there is no such file"),
+        (["location", "--recording", "a"], "location does not take --recording"),
+        (["bode", "--recording", "a"], "bode does not take --recording"),
+        (["compare", "--amplitude", "1"], "compare does not take --amplitude"),
+        (["energy", "--recording", "a", "--recording", "b"], "energy draws one recording"),
+    ],
+)
+def test_the_command_refuses(
+    given: list[str], message: str, stored: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["plot", given[0], str(stored / "result"), "--out", str(tmp_path / "out"), *given[1:]]) == 2
+    assert message in capsys.readouterr().err

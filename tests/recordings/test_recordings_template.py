@@ -14,8 +14,7 @@ from phnn.cli import main
 from phnn.errors import InputRefused
 from phnn.recordings import Campaign, read
 from phnn.recordings.manifest import TOP_KEYS
-from phnn.template import template, write_template
-from phnn.template.draft import _WANTED
+from phnn.template import _WANTED, template, write_template
 
 
 def written(folder: Path, tmp_path: Path) -> tuple[str, Campaign]:

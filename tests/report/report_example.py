@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from phnn.report import CandidateRow, Curve, Evidence, LedgerRow, ParameterRow, Trace
-from phnn.report.evidence import ModelRow
+from phnn.report.evidence import CandidateRow, Curve, Evidence, LedgerRow, ModelRow, ParameterRow, Trace
 
 NOISE = 5e-8
 NAMES = ("sine_1Hz_75V", "sine_10Hz_75V", "step_50V", "sine_150Hz_75V", "triangle_2Hz_40V")

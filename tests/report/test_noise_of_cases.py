@@ -22,11 +22,11 @@ from phnn.identification.prepare import identification_plan
 from phnn.identification.staged import fit_identified
 from phnn.models.actuator import hrc
 from phnn.recordings import Campaign, read
-from phnn.report import write_report
 from phnn.report.document import FitRow, Score
+from phnn.report.figures import view_of
 from phnn.report.gallery import binned, packed, plots
 from phnn.report.result import statements
-from phnn.report.view import view_of
+from phnn.report.write import write_report
 from phnn.results import Place
 from phnn.setup import Setup
 from phnn.signals.noise_statement import NoiseStatement

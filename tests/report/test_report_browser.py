@@ -14,7 +14,7 @@ import pytest
 from chromium import PROGRAM, Page, chromium
 from report_example import make_document, make_evidence, make_trace
 
-from phnn.report import write_report
+from phnn.report.write import write_report
 from phnn.results import Place
 
 pytestmark = pytest.mark.skipif(PROGRAM is None, reason="no Chromium is installed: the page is not opened")

@@ -10,13 +10,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from report_example import make_trace
 
-from phnn.report import LedgerRow
 from phnn.report.document import FitRow, Location, Score
-from phnn.report.figures import draw_locations, draw_overview, draw_recording
+from phnn.report.evidence import MISSING, LedgerRow, base_note, ledger_shares
+from phnn.report.figures import (
+    draw_locations,
+    draw_overview,
+    draw_recording,
+    envelope,
+    longest_run,
+    residual_spectrum,
+    telling_stretch,
+)
 from phnn.report.page import formula, symbol
-from phnn.report.reduction import envelope, telling_stretch
-from phnn.report.shares import MISSING, base_note, ledger_shares
-from phnn.report.spectrum import longest_run, residual_spectrum
 
 
 @given(st.integers(1, 3000), st.integers(1, 60), st.integers(0, 2**32 - 1))

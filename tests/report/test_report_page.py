@@ -19,8 +19,8 @@ from report_example import NOISE, make_document, make_evidence, make_trace
 from report_html import Page
 
 from phnn.errors import InputRefused, OutputFailed
-from phnn.report import CandidateRow, Curve, Evidence, LedgerRow, ParameterRow, Trace, write_report
-from phnn.report.evidence import ModelRow
+from phnn.report.evidence import CandidateRow, Curve, Evidence, LedgerRow, ModelRow, ParameterRow, Trace
+from phnn.report.write import write_report
 from phnn.results import Place, claim, file_name
 
 VERDICTS = ("named", "equivalent", "unknown", "none")

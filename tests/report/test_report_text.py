@@ -1,24 +1,36 @@
-"""Numbers as text, the summary on a terminal, and tables as csv with all digits."""
+"""Numbers as text, the summary on a terminal, tables as csv with all digits, and what a page says to do a run again."""
 
 from __future__ import annotations
 
 import base64
 import csv
+import hashlib
 import io
 import math
+import re
+import shutil
+import subprocess
+import sys
 from dataclasses import replace
+from pathlib import Path
 
+import campaigns
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from report_example import make_document, make_evidence, make_trace
 from rich.console import Console
 
-from phnn.report import Evidence, console_summary, verdicts
+from phnn.recordings import read
 from phnn.report import formatting as f
-from phnn.report.reading import read_document
-from phnn.report.shares import ledger_shares
-from phnn.report.tables import csv_text, table_links
+from phnn.report import verdicts
+from phnn.report.document import read_document
+from phnn.report.evidence import Evidence, ledger_shares
+from phnn.report.methods import bibtex, command_line, methods, provenance
+from phnn.report.page import csv_text, table_links, usage
+from phnn.report.result import evidence as evidence_of
+from phnn.report.write import console_summary
 
 EMPTY = Evidence((), (), (), (), (), (), "")
 
@@ -243,3 +255,58 @@ def test_a_search_whose_evaluations_are_used_up_says_so() -> None:
     assert content.ended.evaluations == 3000.0
     assert "its number of evaluations was used up" in _printed(told, EMPTY)
     assert "Not tried, or not to the end: delay." in verdicts.ended_sentence(content)
+
+
+def test_methods_say_what_was_fitted_held_out_and_decided() -> None:
+    found = campaigns.diagnosis("quadratic_drag")
+    said = methods(found)
+    text = " ".join(said.sentences)
+    for part in (p for r in found.campaign.recordings for p in r.parts if p.use != "nuisance"):
+        assert part.name in text
+    assert "Held out was sine_010Hz_50V: no model was fitted to it or weighed by it." in text
+    (fitted,) = re.findall(r"parameters \(([^)]*)\) were estimated", text)
+    assert set(fitted.split(", ")) == set(found.base.variables.names)
+    assert "The verdict is “named”: the final model adds quadratic drag [5]" in text
+    assert f"numpy {np.__version__}" in text
+    assert max(int(n) for n in re.findall(r"\[(?:\d+, )*(\d+)\]", text)) == len(said.references)
+    assert len(re.findall(r"^@\w+\{", said.bibtex, re.MULTILINE)) == len(said.references)
+    assert said.bibtex.count("{") - said.bibtex.count(r"\{") == said.bibtex.count("}") - said.bibtex.count(r"\}")
+
+
+def test_what_a_run_was_made_of_changes_with_its_files(tmp_path: Path) -> None:
+    folder = tmp_path / "recordings"
+    shutil.copytree(campaigns.campaign().folder, folder)
+    before = provenance(read(folder), command_line(["diagnose", "my recordings", "--out", "o"]))
+    assert before.command == "phnn diagnose 'my recordings' --out o"
+    assert {f.name for f in before.recordings} == {p.name for p in folder.glob("*.csv")}
+    assert all(f.sha256 == hashlib.sha256((folder / f.name).read_bytes()).hexdigest() for f in before.recordings)
+    first = folder / before.recordings[0].name
+    lines = first.read_text().splitlines()
+    lines[5] = lines[5].replace("1", "2")
+    first.write_text("\n".join(lines))
+    after = provenance(read(folder))
+    changed = [a.name for a, b in zip(after.recordings, before.recordings, strict=True) if a != b]
+    assert changed == [first.name] and after.understood != before.understood
+    assert after.manifest == before.manifest and after.command == ""
+    manifest = tmp_path / "other.yaml"
+    manifest.write_text("voltage: command\n")
+    said = provenance(read(folder, manifest), manifest=manifest).manifest
+    assert said is not None and said.sha256 == hashlib.sha256(manifest.read_bytes()).hexdigest()
+
+
+@pytest.mark.slow
+def test_code_of_a_page_loads_the_model_and_simulates(tmp_path: Path) -> None:
+    found = campaigns.diagnosis("quadratic_drag")
+    found.model.save(tmp_path / "model")
+    code = usage(evidence_of(found).traces, *found.campaign.recordings[0].units)
+    (tmp_path / "use.py").write_text(code)
+    done = subprocess.run([sys.executable, "use.py"], cwd=tmp_path, capture_output=True, text=True, check=True)
+    low, high = map(float, done.stdout.split())
+    largest = max(float(np.abs(r.y).max()) for r in found.campaign.recordings)
+    assert low < 0.0 < high and 0.3 * largest < high - low < 4.0 * largest
+
+
+@pytest.mark.parametrize("text", ["a {b} & c_d 100 % #1 $x$", "back\\slash 1999"])
+def test_references_are_escaped(text: str) -> None:
+    entry = bibtex([text]).rsplit("\n\n", 1)[1]
+    assert not re.search(r"(?<!\\)[&%#_$]", entry.partition("note")[2])

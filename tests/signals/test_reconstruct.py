@@ -10,8 +10,15 @@ from scipy.interpolate import CubicSpline
 
 from phnn.errors import InputRefused
 from phnn.signals import least_squares
-from phnn.signals.breaks import find_breaks, find_jumps
-from phnn.signals.reconstruct import METHODS, Reconstruction, mean_input, substep_counts, substep_input
+from phnn.signals.reconstruct import (
+    METHODS,
+    Reconstruction,
+    find_breaks,
+    find_jumps,
+    mean_input,
+    substep_counts,
+    substep_input,
+)
 
 
 def positions(counts: np.ndarray) -> np.ndarray:

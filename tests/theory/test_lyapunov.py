@@ -1,8 +1,12 @@
-"""Proposition 1, second part: the shifted energy is a Lyapunov function of all forced equilibria (eqs. (15)–(18))."""
+"""Proposition 1, second part: the shifted energy is a Lyapunov function of forced equilibria (eqs. (12), (15)–(18)).
+
+Trajectories end in the set of these equilibria, at a member that depends on the start.
+"""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
@@ -11,12 +15,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from junctions import march
 from networks import networks, random_states, solve_dense
-from random_actuators import COMPILED, Actuator, random_actuator
+from random_actuators import ALL, COMPILED, Actuator, random_actuator
 from torch import Tensor
 
-from phnn.errors import StructureViolated
-from phnn.models.actuator import from_paper
-from phnn.network import Modulation, Network, PortHamiltonianSystem
+from phnn.errors import InputRefused, StructureViolated
+from phnn.models.actuator import TABLE_1, from_paper, hrc
+from phnn.network import Coupling, Modulation, Network, Port, PortHamiltonianSystem, Resistor, Storage
 from phnn.network.lyapunov import forced_equilibrium, shifted_energy, shifted_losses, shifted_rate
 from phnn.parameters import Parameter, as_table
 
@@ -24,6 +28,175 @@ torch.set_num_threads(1)
 seeds = st.integers(0, 2**31 - 1)
 counts = st.integers(0, 6)
 BATCH = 16
+
+
+def numbers(*values: float) -> Tensor:
+    return torch.tensor(values, dtype=torch.float64)
+
+
+@settings(max_examples=40, deadline=None)
+@given(seeds, counts)
+def test_forced_equilibrium_is_the_papers_and_at_rest(seed: int, hysterons: int) -> None:
+    actuator, random = random_actuator(seed, hysterons, ALL, decades=3.0), np.random.default_rng(seed)
+    u, charges = actuator.inputs(random, BATCH), actuator.charges(random, BATCH)
+    x_star = forced_equilibrium(actuator.network, u, charges)
+    system = PortHamiltonianSystem(actuator.network)
+    with torch.no_grad():
+        rate = system.vector_field(x_star, u)
+        forces = (
+            actuator.value("alpha") * (u[:, 0].abs() + (charges / actuator.capacities).abs().sum(-1)) + u[:, 1].abs()
+        )
+    # Not relative to the sum, in which forces may cancel.
+    assert ((x_star - actuator.equilibrium(u, charges)).abs()[:, -2] <= 1e-14 * forces / actuator.value("k")).all()
+    assert torch.equal(x_star[:, :hysterons], charges)
+    assert torch.equal(rate[:, :-1], torch.zeros(BATCH, hysterons + 1, dtype=torch.float64))
+    assert (rate[:, -1].abs() <= 1e-14 * forces).all()
+    one = forced_equilibrium(actuator.network, u[0], charges)
+    assert torch.equal(one[0], x_star[0])
+    assert one.shape == x_star.shape
+
+
+def settle(actuator: Actuator, x0: Tensor, u: Tensor) -> np.ndarray:
+    """(n+1, N) compiled march through forty of the slowest time constants, in steps that resolve the fastest.
+
+    A dead-zone hysteron conducts or does not; between the thresholds the actuator is linear.
+    """
+    n, ratio = actuator.n, actuator.value("alpha")
+    skew = np.zeros((n + 2, n + 2))
+    skew[:n, -1], skew[n, -1] = ratio, 1.0
+    skew -= skew.T
+    root = actuator.weights.sqrt().numpy()
+    slopes = [actuator.value(f"rho_{i + 1}") for i in range(n)]
+    rates: list[complex] = []
+    for on in product((0.0, 1.0), repeat=n):
+        lossy = np.diag([*(s * flag for s, flag in zip(slopes, on, strict=True)), 0.0, actuator.value("b")])
+        found = np.linalg.eigvals(root[:, None] * (skew - lossy) * root)
+        # Charges in dead zones stay: as many rates are zero.
+        rates += list(found[np.argsort(np.abs(found))][on.count(0.0) :])
+    duration, fastest = 40.0 / -np.max(np.real(rates)), np.max(np.abs(rates))
+    steps = max(1000, int(duration * fastest / 3.0))
+    inputs = np.broadcast_to(u.numpy(), (steps, 2))
+    return march(actuator.network, np.ascontiguousarray(inputs), np.full(steps, duration / steps), x0.numpy()).states
+
+
+@settings(max_examples=30, deadline=None)
+@given(seeds, counts)
+def test_every_trajectory_ends_in_the_set(seed: int, hysterons: int) -> None:
+    actuator = random_actuator(seed, hysterons, ("dead_zone", "dead_zone", "linear"), decades=0.7)
+    random = np.random.default_rng(seed)
+    u, x0 = actuator.inputs(random, 1)[0], actuator.states(random, 1)[0]
+    x = torch.from_numpy(settle(actuator, x0, u)[[0, -1]])
+    start, end = actuator.distance(x, actuator.nearest(x, u))
+    assert end <= 1e-9 * start
+
+
+@pytest.mark.parametrize("kind", ["monotone", "symmetric", "window"])
+@pytest.mark.parametrize("seed", range(2))
+def test_learned_hysterons_end_in_the_set(kind: str, seed: int) -> None:
+    actuator, random = random_actuator(seed, 2, (kind,), decades=0.3), np.random.default_rng(seed)
+    u, x0 = actuator.inputs(random, 1)[0], actuator.states(random, 1)[0]
+    steps = 8000
+    run = march(actuator.network, np.tile(u.numpy(), (steps, 1)), np.full(steps, 0.25), x0.numpy())
+    x = torch.from_numpy(run.states[[0, -1]])
+    start, end = actuator.distance(x, actuator.nearest(x, u))
+    assert end <= 1e-9 * start
+
+
+def test_a_member_is_stable_but_not_attractive() -> None:
+    actuator = random_actuator(1, 2, ("dead_zone",), decades=0.5)
+    u, random = numbers(0.7, -0.2), np.random.default_rng(0)
+    here, there = forced_equilibrium(actuator.network, u, actuator.charges(random, 2))
+    assert actuator.distance(here, there) > 0.1
+    stays = torch.from_numpy(settle(actuator, there, u))
+    assert actuator.distance(stays, there).max() < 1e-9
+
+
+def test_table_1_remembers_the_sign_of_its_last_voltage() -> None:
+    laws = tuple(random_actuator(0, 2, ("dead_zone",)).laws)
+    half = numbers(TABLE_1["d_1"] / 2, TABLE_1["d_2"] / 2)
+    actuator = Actuator(from_paper(), laws, torch.stack([-half, half], dim=-1), 2.0 * half)
+    none, left = numbers(0.0, 0.0), []
+    for voltage in (75.0, -75.0):
+        poled = torch.from_numpy(settle(actuator, torch.zeros(4, dtype=torch.float64), numbers(voltage, 0.0))[-1])
+        left.append(torch.from_numpy(settle(actuator, poled, none)[-1]))
+        assert actuator.distance(left[-1], actuator.nearest(left[-1], none)) < 1e-6 * actuator.distance(
+            poled, 0.0 * poled
+        )
+    # Without input, at rest, and yet not at the origin.
+    assert left[0][2] > 1e-6
+    torch.testing.assert_close(left[0], -left[1], rtol=1e-6, atol=1e-12)
+
+
+def test_equilibria_of_other_networks_of_the_kind() -> None:
+    # Creep is a hysteron in the mechanical domain; the momentum may stand anywhere; a port may be nonlinear.
+    plain = hrc(1)
+    extra = as_table(
+        [*plain.parameters.values(), Parameter("k_s", 3e3), Parameter("c_s", 50.0), Parameter("eps", 1e-3)]
+    )
+    network = Network(
+        (plain.storages[2], plain.storages[0], Storage("s", "spring", ("k_s",)), plain.storages[1]),
+        (*plain.resistors, Resistor("creep", "linear", {"s": 1.0}, ("c_s",))),
+        (Coupling("p", "s", -1.0), Coupling("p", "q", -1.0), plain.couplings[0]),
+        (replace(plain.ports[0], law="electrostriction", parameters=("eps",)), plain.ports[1]),
+        extra,
+    )
+    u = numbers(40.0, 0.5)
+    x_star = forced_equilibrium(network, u, numbers(2e-6, 0.0))
+    alpha, k = TABLE_1["alpha"], TABLE_1["k"]
+    q = (alpha * (40.0 + 0.5e-3 * 40.0**2 - 2e-6 / TABLE_1["C_1"]) - 0.5) / k
+    torch.testing.assert_close(x_star, numbers(0.0, 2e-6, 0.0, q), rtol=1e-13, atol=0.0)
+    rate = PortHamiltonianSystem(network).vector_field(x_star, u).detach()
+    assert rate.abs().max() < 1e-13
+    torch.testing.assert_close(forced_equilibrium(hrc(0), numbers(0.0, 2.0), numbers()), numbers(-2.0 / k, 0.0))
+
+
+def test_charges_that_do_not_stay_are_refused_by_name() -> None:
+    network, u = from_paper(), numbers(0.0, 0.0)
+    edges = numbers(TABLE_1["d_1"] * TABLE_1["C_1"] / 2, -TABLE_1["d_2"] * TABLE_1["C_2"] / 2)
+    forced_equilibrium(network, u, edges)
+    with pytest.raises(
+        InputRefused, match=r"hysteron_2: the charge Q_2 = -2\.26\d*e-06 drives a flow of -5\.\d+e-13 and"
+    ):
+        forced_equilibrium(network, u, edges * numbers(1.0, 1.0 + 1e-9))
+    with pytest.raises(InputRefused, match="hysteron_1: the charge Q_1 = nan"):
+        forced_equilibrium(network, u, numbers(float("nan"), 0.0))
+    with pytest.raises(InputRefused, match=r"last dimension must be 2, the number of hysterons \(Q_1, Q_2\)"):
+        forced_equilibrium(network, u, numbers(0.0))
+    with pytest.raises(InputRefused, match="not finite"):
+        forced_equilibrium(network, numbers(0.0, float("inf")), numbers(0.0, 0.0))
+    with pytest.raises(InputRefused, match="number of ports"):
+        forced_equilibrium(network, numbers(0.0), numbers(0.0, 0.0))
+
+
+def test_networks_of_another_kind_are_refused() -> None:
+    network, u, none = from_paper(), numbers(1.0, 0.0), numbers(0.0, 0.0)
+    joint = Resistor("joint", "linear", {"p": 1.0, "q": 1.0}, ("b",))
+    factors = as_table([*network.parameters.values(), Parameter("kappa", 0.3), Parameter("q0", 1e-4)])
+    others = [
+        (replace(network, ports=(Port("current", {"Q_1": 1.0}), network.ports[1])), "ports act on it"),
+        (replace(network, couplings=network.couplings[1:]), "coupled with all other storages"),
+        (replace(network, resistors=(joint,)), "every resistor on one storage"),
+        (
+            replace(network, parameters=factors, modulations=(Modulation("alpha", "q", "affine", ("kappa", "q0")),)),
+            "no ratio follows a state",
+        ),
+        (replace(network, resistors=network.resistors[1:]), r"2 storages are without \(Q_1, q\)"),
+        (
+            replace(
+                network,
+                parameters=factors,
+                storages=(
+                    *network.storages[:2],
+                    Storage("q", "cubic_spring", ("k", "kappa", "q0")),
+                    network.storages[3],
+                ),
+            ),
+            "the effort of q is not proportional to it",
+        ),
+    ]
+    for other, message in others:
+        with pytest.raises(StructureViolated, match=message):
+            forced_equilibrium(other, u, none)
 
 
 def drawn(seed: int, actuator: Actuator, count: int = BATCH) -> tuple[Tensor, Tensor, Tensor]:

@@ -1,17 +1,26 @@
-"""Proposition 1, first part: the hysteron actuator is passive, whatever its hysterons (eqs. (8), (13), (14))."""
+"""Proposition 1, first part: the hysteron actuator is passive, whatever its hysterons (eqs. (8), (13), (14)).
+
+Passive hysterons whose zeros are not one fixed interval satisfy (14), and yet the function (15) may rise.
+"""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from junctions import march
-from random_actuators import COMPILED, random_actuator
-from torch import Tensor
+from random_actuators import COMPILED, edge, random_actuator, window
+from torch import Tensor, nn
 
+from phnn.effects.hysteresis import HYSTERESIS_ASYMMETRY as ASYMMETRY
 from phnn.integrate.program import compile_network
-from phnn.network import PortHamiltonianSystem
+from phnn.models.actuator import TABLE_1, from_paper, hrc
+from phnn.network import Network, PortHamiltonianSystem
+from phnn.network.lyapunov import forced_equilibrium, shifted_energy, shifted_losses, shifted_rate
+from phnn.setup import Setup
 
 torch.set_num_threads(1)
 seeds = st.integers(0, 2**31 - 1)
@@ -83,3 +92,104 @@ def test_from_rest_no_input_extracts_energy(seed: int, hysterons: int, step: flo
     size = np.concatenate([[0.0], np.cumsum(h * np.abs(power))]) + stored
     assert (stored >= 0.0).all()
     assert (stored <= supplied + 1e-11 * size).all()
+
+
+logs = st.floats(-3.0, 3.0)
+
+
+class ThreeZeros(nn.Module):
+    """``φ(ε) = ρ ε (|ε|/z − 1)²``: a sector law that vanishes at ``0`` and ``±z`` and nowhere else."""
+
+    def __init__(self, rho: float, zero: float) -> None:
+        super().__init__()
+        self.rho, self.zero = rho, zero
+
+    def forward(self, effort: Tensor) -> Tensor:
+        return self.rho * effort * (effort.abs() / self.zero - 1.0) ** 2
+
+
+def with_law(law: nn.Module, hysterons: int = 1, values: dict[str, float] | None = None) -> Network:
+    """An actuator whose first hysteron has another law; its other parameters are one where they are not given."""
+    plain = hrc(hysterons)
+    network = plain.with_values(dict.fromkeys(plain.parameters, 1.0) | (values or {}))
+    first = replace(network.resistors[0], law=law, parameters=())
+    return replace(network, resistors=(first, *network.resistors[1:]))
+
+
+def at_rest(network: Network, u: Tensor, efforts: Tensor) -> Tensor:
+    """(..., n+2) states in mechanical balance at hysteron voltages (..., n), equilibria or not."""
+    value = {name: p.value for name, p in network.parameters.items()}
+    charges = efforts * torch.tensor([value[f"C_{i + 1}"] for i in range(efforts.shape[-1])], dtype=torch.float64)
+    q = (value["alpha"] * (u[0] - efforts.sum(-1)) - u[1]) / value["k"]
+    return torch.cat([charges, torch.stack([q, torch.zeros_like(q)], dim=-1)], dim=-1)
+
+
+@settings(max_examples=60, deadline=None)
+@given(seeds, st.integers(1, 5), logs, logs, logs)
+def test_separated_zeros_are_passive_and_repel(seed: int, hysterons: int, rho: float, zero: float, c: float) -> None:
+    z, capacity = 10.0**zero, 10.0**c
+    network = with_law(ThreeZeros(10.0**rho, z), hysterons, {"C_1": capacity})
+    system, random = PortHamiltonianSystem(network), np.random.default_rng(seed)
+    u = torch.from_numpy(random.normal(size=2))
+    charges = torch.from_numpy(0.4 * random.uniform(-1.0, 1.0, hysterons))
+    charges[0] = capacity * z
+    x_star = forced_equilibrium(network, u, charges)
+    share = torch.from_numpy(random.uniform(0.01, 0.99, 20))
+    x = x_star.expand(20, -1).clone()
+    x[:, 0] *= share
+    other = forced_equilibrium(network, u, torch.cat([torch.zeros(1, dtype=torch.float64), charges[1:]]))
+    anywhere = x_star + (1.0 + z + capacity * z) * torch.from_numpy(random.normal(size=(200, hysterons + 2)))
+    with torch.no_grad():
+        # Every charge between the zeros makes (15) rise.
+        assert (shifted_rate(system, x, x_star) > 0.0).all()
+        assert (shifted_losses(system, x, x_star)[:, 0] < 0.0).all()
+        # The sector condition alone makes the model passive, and (17) non-positive about an uncharged hysteron.
+        assert (system.power_balance(anywhere, u.expand(200, 2)).dissipated >= 0.0).all()
+        assert (shifted_losses(system, anywhere, other) >= 0.0).all()
+
+
+def test_learned_damping_may_have_separated_zeros() -> None:
+    # Nothing in a sign-constrained law forbids a gap below the window in which it is silent.
+    law, u, steps = window(2.0, 3.0, 1.0, 8.0), torch.zeros(2, dtype=torch.float64), 2000
+    low = 2.5 - edge(lambda s: law(2.5 - s), 2.0)
+    assert 1.9 < low < 2.1
+    network = with_law(law)
+    x0 = at_rest(network, u, torch.tensor([0.9 * low], dtype=torch.float64))
+    run = march(network, np.zeros((steps, 2)), np.full(steps, 0.05), x0.numpy())
+    rises(network, torch.from_numpy(run.states), u, low + 1e-12)
+
+
+def rises(network: Network, x: Tensor, u: Tensor, zero: float) -> None:
+    """From nine tenths of a separated zero the first hysteron, alone and without inputs, goes to the other one."""
+    system = PortHamiltonianSystem(network)
+    x_star, origin = forced_equilibrium(network, u, torch.tensor([[zero], [0.0]], dtype=torch.float64))
+    with torch.no_grad():
+        held, stored = shifted_energy(system, x, x_star), system.energy(x)
+        about_origin = shifted_energy(system, x, origin)
+    # It moves away from the start, and ends ten times as far from the equilibrium as it began.
+    assert (held[1:] > held[0]).all()
+    assert held[-1] > 99.0 * held[0]
+    # The stored energy never rises meanwhile: passivity does not see it.
+    torch.testing.assert_close(about_origin, stored, rtol=1e-12, atol=0.0)
+    assert (stored[1:] - stored[:-1]).max() <= 1e-9 * stored[0]
+    assert stored[-1] < 1e-6 * stored[0]
+
+
+def test_thresholds_that_follow_the_displacement_may_make_it_rise() -> None:
+    network = ASYMMETRY.add_to(Setup(from_paper()), {"kappa_d": 0.5, "q_d": 1e-4}).network
+    system, u = PortHamiltonianSystem(network), torch.tensor([75.0, 0.0], dtype=torch.float64)
+    charges = torch.tensor([0.45 * TABLE_1["d_1"] * TABLE_1["C_1"], 0.0], dtype=torch.float64)
+    x_star = forced_equilibrium(network, u, charges)
+    # Moved back the dead zone is narrower, and the charge that was silent leaks.
+    x = x_star + torch.tensor([-0.01 * charges[0].item(), 0.0, -3e-4, 0.0], dtype=torch.float64)
+    z = x.clone().requires_grad_(True)
+    (gradient,) = torch.autograd.grad(shifted_energy(system, z, x_star), z)
+    with torch.no_grad():
+        rate = shifted_rate(system, x, x_star)
+        torch.testing.assert_close(gradient @ system.vector_field(x, u), rate, rtol=1e-9, atol=0.0)
+        assert rate > 0.0
+        anywhere = x_star * torch.from_numpy(np.random.default_rng(0).normal(0.0, 3.0, (500, 4)))
+        anywhere[:, 3] = torch.linspace(-1e-3, 1e-3, 500)
+        uncharged = forced_equilibrium(network, u, torch.zeros(2, dtype=torch.float64))
+        assert (system.power_balance(anywhere, u.expand(500, 2)).dissipated >= 0.0).all()
+        assert (shifted_losses(system, anywhere, uncharged) >= 0.0).all()

@@ -74,7 +74,7 @@ class Drawing:
     Attributes:
         file: name of the picture's file; title, alt: what it shows, in a few words and in a sentence.
         svg: the same picture as SVG; empty where that would be larger than the page allows.
-        plots: the traces of zoomable plots as json, see `phnn.report.plots`; empty where there are none.
+        plots: the traces of zoomable plots as json, see `phnn.report.gallery.plots`; empty where there are none.
     """
 
     file: str

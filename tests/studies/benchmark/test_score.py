@@ -17,16 +17,7 @@ from scipy.stats import multinomial
 from phnn.errors import InputRefused
 from phnn.results import claim
 from studies.benchmark.bench import ANSWER, Answer, Entry, read_answer, write_answer
-from studies.benchmark.score import (
-    Score,
-    balanced_accuracy,
-    by_group,
-    compared,
-    page,
-    paired_interval,
-    scored,
-    summary,
-)
+from studies.benchmark.score import Score, balanced_accuracy, by_group, compared, page, paired_interval, scored, summary
 from studies.benchmark.tools.diagnosis import as_answer
 from studies.generator import Sealed
 

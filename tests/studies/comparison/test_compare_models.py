@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import runpy
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +12,7 @@ import numpy as np
 import pytest
 import torch
 from numpy.typing import NDArray
+from scripts_example import script
 
 from phnn.comparison import models
 from phnn.comparison.run import compare
@@ -234,41 +233,11 @@ def test_rivals_are_scored_like_the_others(tmp_path: Path, registered: None) -> 
         compare(campaign, tmp_path / "out", example.settings("models=[dahl]", "budget=2.0"))
 
 
-SCRIPT = Path(__file__).resolve().parents[3] / "scripts" / "compare.py"
-
-
-def script(monkeypatch: pytest.MonkeyPatch, *overrides: str) -> None:
-    monkeypatch.setattr(sys, "argv", [str(SCRIPT), *overrides])
-    runpy.run_path(str(SCRIPT), run_name="__main__")
-
-
-@pytest.mark.parametrize(
-    ("override", "needle"),
-    [
-        ("recordings.effect=gravity", "gravity"),
-        ("recordings.noise_um=much", "noise_um"),
-        ("compare.starts=0", "starts"),
-        ("inputs=0", "inputs"),
-        ("compare.models=[phs,transformer]", "transformer"),
-        ("folder=nowhere", "nowhere"),
-    ],
-)
-def test_bad_input_is_refused_in_one_line(
-    override: str, needle: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with pytest.raises(SystemExit) as stop:
-        script(monkeypatch, f"out={tmp_path / 'out'}", override)
-    assert stop.value.code == 2
-    error = capsys.readouterr().err
-    assert needle in error
-    assert error.count("\n") == 1
-
-
 @pytest.mark.slow
 def test_recordings_beyond_the_identified_range_tell_models_apart(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    script(monkeypatch, f"out={tmp_path}", "inputs=50", "compare.models=[phs,bouc_wen,linear]")
+    script("compare", f"out={tmp_path}", "inputs=50", "compare.models=[phs,bouc_wen,linear]")
     assert "held out" in capsys.readouterr().out
     found = json.loads((tmp_path / "models" / "compare.json").read_text())
     page = (tmp_path / "comparison.md").read_text()

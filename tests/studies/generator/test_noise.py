@@ -13,15 +13,7 @@ from scipy.stats import t as student
 
 from phnn.errors import InputRefused
 from studies.generator import draw_case, make_case, open_seal, write_seal
-from studies.generator.noise import (
-    FAMILIES,
-    HEAVY,
-    JITTERED,
-    PINK,
-    PROCESS,
-    Noise,
-    disturbed,
-)
+from studies.generator.noise import FAMILIES, HEAVY, JITTERED, PINK, PROCESS, Noise, disturbed
 from studies.generator.plans import Excitation, Piece, sine
 from studies.generator.world import FORCE_STEP, TABLE, Disturbance, simulate, simulate_all
 

@@ -1,15 +1,20 @@
-"""The concealed actuator with every effect: closed forms, an independent solver of equations written anew, limits."""
+"""The concealed actuator with every effect: closed forms, an independent solver, limits, strengths."""
 
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from studies.generator.plans import Excitation, Piece, sine
-from studies.generator.world import NEUTRAL, TABLE, play, simulate
+from studies.generator import effects
+from studies.generator.cases import STRATA, choices
+from studies.generator.effects import FORMS, FURTHER_UNLISTED, LISTED, UNLISTED, Concealed, may_be_paired
+from studies.generator.make import concealing
+from studies.generator.plans import Excitation, Piece, plan_of, sine
+from studies.generator.world import NEUTRAL, TABLE, play, simulate, simulate_all
 
 # As far as the hysterons do not slip they are capacitors, and the actuator is linear.
 UNSLIPPED = {**TABLE, "d_1": 1e4, "d_2": 1e4}
@@ -226,3 +231,61 @@ def test_a_sensor_has_a_polynomial_errors_of_its_scale_a_growing_gain_and_a_fast
     np.testing.assert_allclose(scale, q + 1e-6 * np.sin(q * np.pi * 1e5) + 2e-6 * np.tanh(q / 5e-6 - 6.0), atol=1e-17)
     np.testing.assert_allclose(growing, q * (1.0 + 0.1 * drive.t), rtol=1e-12)
     np.testing.assert_allclose(early, np.interp(0.99 * drive.t, drive.t, q), atol=1e-4 * np.ptp(q))
+
+
+PLAN = plan_of("short")
+ALL = [*LISTED, *UNLISTED, *FURTHER_UNLISTED, *FORMS, "stop of the demonstration", "drift of the demonstration"]
+
+
+def _effect(chosen: str) -> tuple[str, Concealed]:
+    rng = np.random.default_rng(1)
+    if chosen in FORMS:
+        name, drawn_in_form = FORMS[chosen]
+        assert name in LISTED
+        return name, drawn_in_form(rng, TABLE, PLAN)
+    if chosen not in effects.LOCATIONS:
+        name = "contact_stop" if chosen.startswith("stop") else "sensor_drift"
+        return name, effects.draw(name, rng, TABLE, PLAN)
+    return chosen, effects.drawn(chosen, rng, TABLE, PLAN)
+
+
+@cache
+def undisturbed() -> tuple[np.ndarray, ...]:
+    """The outputs of the actuator in which nothing is concealed."""
+    return tuple(simulate_all(TABLE, PLAN))
+
+
+@pytest.mark.parametrize("chosen", ALL)
+def test_it_changes_the_output_and_vanishes_with_its_strength(chosen: str) -> None:
+    name, effect = _effect(chosen)
+    assert effect.name == name
+    assert set(effect.law(effect.guess)) <= set(NEUTRAL)
+    # A seal is JSON, which has no infinity.
+    stated = effects.described(effect, effect.guess)
+    assert stated and all(np.isfinite(value) for value in stated.values())
+
+    def change(strength: float) -> float:
+        moved = concealing(TABLE, PLAN, [(effect, strength)])
+        return max(float(np.ptp(a - b)) for a, b in zip(moved, undisturbed(), strict=True))
+
+    seen = change(effect.guess)
+    assert seen > 1e-8
+    assert change(effect.guess * 1e-3) < 0.05 * seen
+
+
+def test_pairs_are_of_different_kinds() -> None:
+    assert may_be_paired("creep", "delay")
+    assert not may_be_paired("delay", "delay")
+    assert not may_be_paired("delay", "sensor_lag")
+    assert not may_be_paired("slew_limit", "amplifier_saturation")
+    assert set().union(*effects.ALIKE) <= set(LISTED)
+    assert len({*LISTED, *UNLISTED, *FURTHER_UNLISTED}) == len(LISTED) + len(UNLISTED) + len(FURTHER_UNLISTED)
+    assert set(effects.LOCATIONS.values()) == {
+        "amplifier", "electrical", "hysteron", "coupling", "mechanical", "thermal", "sensor", "environment"
+    }  # fmt: skip
+
+
+def test_further_unlisted_effects_have_a_stratum_of_their_own() -> None:
+    own = choices("unlisted")
+    assert [(c.effects, c.form) for c in own] == [((name,), "unlisted") for name in FURTHER_UNLISTED]
+    assert [c for s in STRATA for c in choices(s) if {*c.effects, *c.withheld} & {*FURTHER_UNLISTED}] == [*own]

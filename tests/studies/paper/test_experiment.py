@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import runpy
 import subprocess
 import sys
 from functools import cache
@@ -21,15 +20,9 @@ from phnn.identification.fit import Fit, fit
 from phnn.identification.options import Options
 from phnn.models.bouc_wen import bouc_wen
 from phnn.recordings import read
-from phnn.report.figures import Drawing
+from phnn.report.figures.style import Drawing
 from studies.generator.world import TABLE, simulate_all
-from studies.paper import (
-    Comparison,
-    Scored,
-    draw_all,
-    panels,
-    responses,
-)
+from studies.paper import Comparison, Scored, draw_all, panels, responses
 from studies.recordings import Conditions, paper_plan, write_recordings
 
 
@@ -175,27 +168,6 @@ SCRIPT = ROOT / "scripts" / "experiment.py"
 def script(*overrides: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, str(SCRIPT), *overrides]
     return subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
-
-
-@pytest.mark.parametrize(
-    ("override", "needle"),
-    [
-        ("recordings.effect=gravity", "gravity"),
-        ("recordings.noise_um=much", "noise_um"),
-        ("fit.starts=0", "starts"),
-        ("folder=nowhere", "nowhere"),
-    ],
-)
-def test_bad_input_is_refused_in_one_line(
-    override: str, needle: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(sys, "argv", [str(SCRIPT), f"out={tmp_path / 'out'}", override])
-    with pytest.raises(SystemExit) as stop:
-        runpy.run_path(str(SCRIPT), run_name="__main__")
-    assert stop.value.code == 2
-    error = capsys.readouterr().err
-    assert needle in error
-    assert error.count("\n") == 1
 
 
 @pytest.mark.slow

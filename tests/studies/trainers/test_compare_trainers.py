@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import json
-import runpy
-import sys
 from pathlib import Path
 
 import pytest
+from scripts_example import script
 
 from studies.trainers import Case, Outcome, Way, table
-
-SCRIPT = Path(__file__).resolve().parents[3] / "scripts" / "trainers.py"
 
 WAYS = {
     "gauss_newton": Way("Gauss–Newton", {"name": "discrete_gradient"}, "gauss_newton"),
@@ -26,11 +23,6 @@ OUTCOMES = [
 ]
 
 
-def script(monkeypatch: pytest.MonkeyPatch, *overrides: str) -> None:
-    monkeypatch.setattr(sys, "argv", [str(SCRIPT), *overrides])
-    runpy.run_path(str(SCRIPT), run_name="__main__")
-
-
 def test_times_are_multiples_of_the_first_trainer() -> None:
     rows = table(OUTCOMES, CASES, WAYS).splitlines()[2:]
     assert rows[0].endswith("| 1.01 | 1.02 | 10 | 200 | 1.0 |")
@@ -38,30 +30,11 @@ def test_times_are_multiples_of_the_first_trainer() -> None:
     assert rows[2].endswith("| 6 | 7 | 30 | 2000 | > 30, stopped |")
 
 
-@pytest.mark.parametrize(
-    ("overrides", "needle"),
-    [(["only=[gravity]"], "no case 'gravity'"), (["only=[slow]", "cases.slow.ways=[magic]"], "no trainer 'magic'")],
-)
-def test_what_does_not_exist_is_refused_in_one_line(
-    overrides: list[str],
-    needle: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    with pytest.raises(SystemExit) as stop:
-        script(monkeypatch, f"out={tmp_path}", *overrides)
-    assert stop.value.code == 2
-    error = capsys.readouterr().err
-    assert needle in error
-    assert error.count("\n") == 1
-
-
 @pytest.mark.slow
-def test_the_adjoint_trains_table_1_to_the_noise(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_adjoint_trains_table_1_to_the_noise(tmp_path: Path) -> None:
     # Times are for the table of the script to tell: a test does not know what else the machine does.
     script(
-        monkeypatch, f"out={tmp_path}", "only=[parametric,refined]", "cases.parametric.ways=[gauss_newton,adjoint]",
+        "trainers", f"out={tmp_path}", "only=[parametric,refined]", "cases.parametric.ways=[gauss_newton,adjoint]",
         "cases.refined.ways=[adjoint]",
     )  # fmt: skip
     found = json.loads((tmp_path / "trainers.json").read_text())["outcomes"]

@@ -1,0 +1,398 @@
+"""The files of `phnn check` and of `phnn modes`: their documents, pages, figures and models."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+from scipy.optimize import linear_sum_assignment
+from scipy.signal import periodogram
+
+from phnn.check import Checked
+from phnn.errors import SolverFailed
+from phnn.modal.elements import STATEMENTS
+from phnn.modal.experiment import Experiment, Study, response
+from phnn.modal.fit import ModalFit
+from phnn.modal.store import channels_of, model_document, study_document
+from phnn.modal.study import EQUIVALENT, NAMED, NONE, UNKNOWN, HeldOut, Result, Score
+from phnn.models.store import FILE
+from phnn.recordings.describe import facts
+from phnn.recordings.recording import Part, Recording
+from phnn.report.figures import envelope, style
+from phnn.report.formatting import DASH, Unit, display_unit, plain, short, words
+from phnn.report.page import plain_page
+from phnn.results import Place
+
+Array = NDArray[np.float64]
+
+
+# Decades below the highest line that are worth drawing.
+_DECADES = 7.0
+
+
+def draw_recorded(recording: Recording) -> Figure:
+    """Four panels; held-out samples stand on grey."""
+    figure = style.new_figure(10.1, 4.9)
+    (u_axes, loop), (y_axes, spectrum) = figure.subplots(2, 2, width_ratios=[1.75, 1.0])
+    measured = bool(np.isfinite(recording.y).all())
+    scale = display_unit(float(np.abs(recording.y).max()) if measured else None, recording.units.output, floor=1.0)
+    _in_time(u_axes, recording.t, recording.u, f"input ({recording.units.input})", style.BEFORE, recording.parts)
+    if measured:
+        _in_time(y_axes, recording.t, recording.y / scale.scale, f"output ({scale.name})", style.AFTER, recording.parts)
+        _loop(loop, recording, scale)
+        _spectra(spectrum, recording)
+    else:
+        for axes in (y_axes, loop, spectrum):
+            style.say(axes, "no output was recorded")
+    y_axes.set_xlabel("time (s)")
+    return figure
+
+
+def _in_time(axes: Axes, t: Array, x: Array, label: str, colour: str, parts: Sequence[Part]) -> None:
+    index = envelope(x)
+    axes.plot(t[index], x[index], color=colour, linewidth=0.9)
+    for part in (p for p in parts if p.use == "confirmation"):
+        axes.axvspan(t[part.first], t[part.last - 1], color=style.FAINT, alpha=0.5, linewidth=0, zorder=0)
+    axes.set_ylabel(label)
+    axes.margins(x=0.01)
+    style.quiet_grid(axes)
+
+
+def _loop(axes: Axes, recording: Recording, scale: Unit) -> None:
+    axes.plot(recording.u, recording.y / scale.scale, color=style.AFTER, linewidth=0.5)
+    axes.set_xlabel(f"input ({recording.units.input})")
+    axes.set_ylabel(f"output ({scale.name})")
+    axes.locator_params(nbins=5)
+    style.quiet_grid(axes)
+
+
+def _spectra(axes: Axes, recording: Recording) -> None:
+    """Amplitude densities through a Hann window, the input's over its largest so that both have one axis."""
+    unit = display_unit(recording.noise, recording.units.output)
+    f, drive = _density(recording.u, recording.dt)
+    _, output = _density(recording.y, recording.dt)
+    floor = recording.noise * float(np.sqrt(2.0 * recording.dt)) / unit.scale
+    output /= unit.scale
+    highest = float(output.max())
+    drive *= highest / max(float(drive.max()), 1e-300)
+    axes.loglog(*_drawn(f, output), color=style.AFTER, linewidth=0.8, label="output")
+    axes.loglog(*_drawn(f, drive), color=style.BEFORE, linewidth=0.6, label="input")
+    axes.axhline(floor, color=style.INK, linewidth=1.0, dashes=(4, 2), label="noise floor")
+    axes.set_ylim(max(0.1 * floor, highest * 10.0**-_DECADES), 3.0 * highest)
+    axes.set_xlabel("frequency (Hz)")
+    axes.set_ylabel(f"output ({unit.name}/√Hz)")
+    axes.legend(loc="upper right", ncols=3, borderaxespad=0.1, columnspacing=1.0)
+    style.quiet_grid(axes)
+
+
+def _density(x: Array, dt: float) -> tuple[Array, Array]:
+    f, power = periodogram(x, fs=1.0 / dt, window="hann", detrend="constant")
+    return f[1:], np.sqrt(power[1:])
+
+
+def _drawn(f: Array, density: Array) -> tuple[Array, Array]:
+    """Evenly many points a decade, the highest of each stretch, so that no line is lost."""
+    edges = np.unique(np.searchsorted(f, np.geomspace(f[0], f[-1], 1200)))
+    return f[edges], np.maximum.reduceat(density, edges)
+
+
+@dataclass(frozen=True)
+class _Entry:
+    """A recording on the page."""
+
+    name: str
+    facts: list[tuple[str, str]]
+    drawing: style.Drawing
+
+
+def write_check(checked: Checked, place: Place) -> None:
+    """Write ``check.json`` and ``check.html`` into a folder."""
+    (place / "check.json").write_json(checked.document())
+    recordings = checked.campaign.recordings
+    page = plain_page(
+        "phnn.report",
+        "checked.html",
+        checked=checked,
+        noticed=[(name, f) for name, found in checked.findings.items() for f in found],
+        place={r.name: i for i, r in enumerate(recordings, start=1)},
+        entries=[_entry(r) for r in recordings],
+    )
+    (place / "check.html").write(page)
+
+
+def _entry(recording: Recording) -> _Entry:
+    with rc_context(style.RC):
+        picture = style.png(draw_recorded(recording))
+    title = f"{recording.name}: input and output in time, loop, spectra"
+    return _Entry(f"{recording.name} ({recording.source})", facts(recording), style.Drawing("", title, title, picture))
+
+
+# Half width of the resonance that is shown, in half-power widths; bands of the spectra in an octave.
+_WIDE, _BANDS = 8.0, 12
+
+
+def draw_resonance(result: Result) -> Figure:
+    """Responses where they move most with amplitude, one panel for each model."""
+    study = result.study
+    levels = range(len(study.levels))
+    measured = [response(study.identification(i)) for i in levels]
+    f, lines = study.frequencies, study.lines
+    peak = np.abs(measured[0][lines])
+    moved = np.abs(measured[-1][lines] - measured[0][lines]) if len(study.levels) > 1 else peak
+    line, out, into = np.unravel_index(int(moved.argmax()), moved.shape)
+    centre = f[lines[line]]
+    near = result.alone[0].model
+    zeta = near.zeta[np.abs(near.omega / (2.0 * np.pi) - centre).argmin()]
+    shown = lines[np.abs(f[lines] - centre) <= _WIDE * 2.0 * zeta * centre]
+    models = [c.fit for c in {id(c): c for c in (result.candidates[0], result.final)}.values()]
+    figure = style.new_figure(10.1, 3.6)
+    panels = figure.subplots(1, len(models), sharey=True, squeeze=False)[0]
+    unit = display_unit(float(peak.max()), study.units[1])
+    for axes, fit in zip(panels, models, strict=True):
+        for i in levels:
+            experiments = study.identification(i)
+            modelled = response([replace(e, y=fit.predict(e)) for e in experiments])
+            colour, last = style.CATEGORIES[i % len(style.CATEGORIES)], axes is panels[-1]
+            label = f"{study.levels[i][0].amplitude:.3g} {study.units[0]}"
+            sizes = [np.abs(g[shown, out, into]) / unit.scale for g in (measured[i], modelled)]
+            axes.plot(f[shown], sizes[0], "o", color=colour, markersize=4.5, alpha=0.3, markeredgewidth=0.0)
+            axes.plot(f[shown], sizes[1], color=colour, linewidth=1.3, label=label if last else None)
+        axes.set_title(f"one model: {style.literal(_words(fit))}")
+        axes.set_xlabel("frequency (Hz)")
+        style.quiet_grid(axes)
+    panels[0].set_ylabel(
+        f"{style.literal(study.outputs[out])} by {style.literal(study.inputs[into])} ({unit.name}/{study.units[0]})"
+    )
+    panels[-1].legend()
+    return figure
+
+
+def draw_left(result: Result) -> Figure:
+    """Spectra of what models leave of the recordings that are held out, or of the fitted ones where none are."""
+    study = result.study
+    figure = style.new_figure(10.1, 3.6)
+    panels = figure.subplots(1, len(study.levels), squeeze=False)[0]
+    for i, axes in enumerate(panels):
+        experiments = study.held_out(i) or study.identification(i)
+        power = _power(study, [e.y for e in experiments])
+        unit = display_unit(float(np.sqrt(power[1].max())), study.units[1])
+        _draw(axes, power, unit, style.MEASURED, "measured")
+        _draw(axes, _left(study, result.candidates[0].fit, experiments), unit, style.BEFORE, "one linear model")
+        if result.final is not result.candidates[0]:
+            label = style.literal(f"one model, {_words(result.final.fit)}")
+            _draw(axes, _left(study, result.final.fit, experiments), unit, style.AFTER, label)
+        _draw(
+            axes, _left(study, result.alone[i], experiments), unit, style.CATEGORIES[2], "linear, this amplitude alone"
+        )
+        noise = float(np.mean([e.spread**2 for e in experiments])) * len(study.outputs)
+        width = 2.0 * np.diff(_edges(study)) * study.dt
+        _draw(axes, (power[0], noise * width), unit, style.FAINT, "difference between periods, if white")
+        axes.set_title(f"{study.levels[i][0].amplitude:.3g} {study.units[0]}")
+        axes.set_xlabel("frequency (Hz)")
+        axes.set_ylabel(f"effective value in a twelfth of an octave ({unit.name})")
+        style.quiet_grid(axes)
+    panels[-1].legend()
+    return figure
+
+
+def _words(fit: ModalFit) -> str:
+    return " + ".join(words(n) for n in fit.model.element.names) or "linear"
+
+
+def _left(study: Study, fit: ModalFit, experiments: tuple[Experiment, ...]) -> tuple[Array, Array]:
+    """Draw the spectrum of a model's residual; nothing if the model cannot be integrated."""
+    try:
+        return _power(study, [e.y - fit.predict(e) for e in experiments])
+    except SolverFailed:
+        return np.ones(1), np.zeros(1)
+
+
+def _edges(study: Study) -> Array:
+    f = study.frequencies[study.lines]
+    return f[0] * 2.0 ** np.linspace(0.0, np.log2(f[-1] / f[0]), max(2, int(_BANDS * np.log2(f[-1] / f[0]))))
+
+
+def _power(study: Study, signals: list[Array]) -> tuple[Array, Array]:
+    """Centre of each band and the mean square in it, all outputs together."""
+    edges, n = _edges(study), len(signals[0])
+    density = np.mean([2.0 * (np.abs(np.fft.rfft(x, axis=0)) ** 2).sum(axis=1) / n**2 for x in signals], axis=0)
+    total, _ = np.histogram(study.frequencies, bins=edges, weights=density)
+    return np.sqrt(edges[1:] * edges[:-1]), total
+
+
+def _draw(axes: Axes, power: tuple[Array, Array], unit: Unit, colour: str, label: str) -> None:
+    some = power[1] > 0.0
+    axes.loglog(power[0][some], np.sqrt(power[1][some]) / unit.scale, color=colour, linewidth=1.2, label=label)
+
+
+def resonance_title(result: Result) -> str:
+    """What that figure shows, in a sentence."""
+    levels = ", ".join(f"{short(level[0].amplitude)} {result.study.units[0]}" for level in result.study.levels)
+    return f"The resonance that moves most, at {levels}: measured (dots) and by one model (lines)."
+
+
+# What `phnn modes` writes into its folder.
+RESULTS = ("modes.json", "report.html", "figures", "model", "models")
+# Frequencies at two amplitudes belong to one mode if they differ by less than this.
+_SAME = 0.03
+
+
+@dataclass(frozen=True)
+class Row:
+    """A model in the table: errors at each amplitude, to choose by and held out."""
+
+    name: str
+    cells: list[str]
+
+
+def write_modes(result: Result, folder: str, place: Place) -> None:
+    """Write document, figures and page into a folder."""
+    (place / "modes.json").write_json(study_document(result))
+    (place / "model" / FILE).write_json(model_document(result.final.fit, channels_of(result.study)))
+    with rc_context(style.RC):
+        drawings = [
+            style.Drawing(
+                "resonance.png",
+                resonance_title(result),
+                "the resonance that moves most",
+                style.png(draw_resonance(result)),
+            ),
+            style.Drawing(
+                "left.png", "Residuals of the models on held-out recordings, by frequency, all outputs together.",
+                "spectra of residuals", style.png(draw_left(result)),
+            ),
+        ]  # fmt: skip
+    for drawing in drawings:
+        (place / "figures" / drawing.file).write(drawing.png)
+    headline, explanation = sentences(result)
+    unit = display_unit(_largest(result), result.study.units[1])
+    page = plain_page(
+        "phnn.report",
+        "modes.html",
+        headline=headline,
+        explanation=explanation,
+        folder=folder,
+        levels=level_names(result),
+        apart=apart_names(result),
+        unit=unit.name,
+        models=rows(result, unit.scale),
+        modes=_modes(result),
+        drawings=drawings,
+        left_out=[*result.study.left_out.items(), *((n, "a step had no solution") for n in result.failed)],
+        fitted_choose=result.fitted_choose,
+    )
+    (place / "report.html").write(page)
+
+
+def show(result: Result, console: Console) -> None:
+    """The headline and the table of models on a terminal."""
+    headline, explanation = sentences(result)
+    unit = display_unit(_largest(result), result.study.units[1])
+    columns = [c for level in level_names(result) for c in (f"left, {level} (%)", f"held out, {level} ({unit.name})")]
+    columns += [f"amplitude held out, {level} ({unit.name})" for level in apart_names(result)]
+    table = Table("at the ports", *columns)
+    for row in rows(result, unit.scale):
+        table.add_row(row.name, *row.cells)
+    console.print(table)
+    for name, reason in result.study.left_out.items():
+        console.print(escape(f"left out: {name}: {reason}"))
+    console.print(escape(f"{headline}. {explanation}".strip()))
+
+
+def level_names(result: Result) -> list[str]:
+    """Amplitudes with their unit."""
+    return [f"{short(level[0].amplitude)} {result.study.units[0]}" for level in result.study.levels]
+
+
+def apart_names(result: Result) -> list[str]:
+    """Amplitudes that are held out as a whole, with their unit."""
+    return [f"{short(level[0].amplitude)} {result.study.units[0]}" for level in result.study.apart]
+
+
+def sentences(result: Result) -> tuple[str, str]:
+    """The headline and its explanation."""
+    names = " or ".join(_names(m.element.names) for m in result.members)
+    count = result.final.fit.model.omega.size
+    modes = f"{count} mode{'s' if count > 1 else ''}"
+    told = {
+        NONE: (
+            f"{modes}, and one linear model serves at every amplitude",
+            "These recordings show no change with amplitude.",
+        ),
+        NAMED: (f"{modes}; {names} at the ports explains the change with amplitude", ""),
+        EQUIVALENT: (
+            f"{modes}; {names} at the ports explains the change with amplitude",
+            "These recordings cannot tell which of them.",
+        ),
+        UNKNOWN: (
+            f"{modes}; no element here explains the change with amplitude",
+            "One linear model for all amplitudes has a larger residual than one for each, and no element at the "
+            "ports removes half of the difference.",
+        ),
+    }
+    headline, explanation = told[result.verdict]
+    if len(result.study.levels) == 1:
+        return f"{modes} at one amplitude", "Record at a second amplitude to see what changes with it."
+    if result.verdict == UNKNOWN and result.members:
+        explanation += f" The model has {names}, which improves predictions but proves no name."
+    if result.verdict in (NAMED, EQUIVALENT):
+        told_by = [f"{words(n).capitalize()}: {STATEMENTS[n]}." for n in result.final.element.names]
+        explanation = " ".join([*told_by, explanation]).strip()
+    return headline, explanation
+
+
+def _names(names: Sequence[str]) -> str:
+    return " and ".join(words(n) for n in names) or "linear"
+
+
+def _largest(result: Result) -> float:
+    known = [max(score.rmse) for c in result.candidates for score in result.held_out[c.fit].all if score]
+    return max(known, default=1e-6)
+
+
+def rows(result: Result, scale: float) -> list[Row]:
+    """The table of models."""
+
+    def error(score: Score | None) -> str:
+        return plain(float(np.mean(score.rmse)) / scale) if score else DASH
+
+    def cells(left: Array, held: HeldOut) -> list[str]:
+        pairs = [(plain(100.0 * float(x)), error(score)) for x, score in zip(left, held.levels, strict=True)]
+        return [*(cell for pair in pairs for cell in pair), *(error(score) for score in held.apart)]
+
+    # Each of these models knows one amplitude alone.
+    scores = tuple(result.held_out[fit].levels[i] for i, fit in enumerate(result.alone))
+    alone = cells(result.alone_by, HeldOut(scores, (None,) * len(result.study.apart)))
+    found = [Row("linear, a model for each amplitude", alone)]
+    return found + [Row(_names(c.element.names), cells(c.by_level, result.held_out[c.fit])) for c in result.candidates]
+
+
+def _modes(result: Result) -> list[list[str]]:
+    """Frequency and damping at each amplitude alone, mode beside mode, and how far each has moved at the highest."""
+    models = [fit.model for fit in result.alone]
+    first = models[0].omega
+    pairs = []
+    for m in models:
+        away = np.abs(np.log(m.omega[None, :] / first[:, None]))
+        # Pairs that are too far apart are worth nothing, so that they do not push others aside.
+        mine, theirs = linear_sum_assignment(np.minimum(away, _SAME))
+        pairs.append({int(i): int(j) for i, j in zip(mine, theirs, strict=True) if away[i, j] < _SAME})
+    table = []
+    for i in np.argsort(first):
+        row = []
+        for m, pair in zip(models, pairs, strict=True):
+            j = pair.get(int(i))
+            hz, ratio = (m.omega[j] / (2.0 * np.pi), 100.0 * m.zeta[j]) if j is not None else (None, None)
+            row += [plain(hz, 4), plain(ratio)]
+        last = pairs[-1].get(int(i)) if len(models) > 1 else None
+        row.append(plain(100.0 * float(models[-1].omega[last] / first[i] - 1.0), 2) if last is not None else DASH)
+        table.append(row)
+    return table
