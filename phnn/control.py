@@ -14,8 +14,9 @@ About the equilibrium (12) the energy is (15), a second spring and what filter a
     H_d = H_L(x) + (k_s + c a) (q − q*)²/2 + Q_f²/(2 C_f) + λ²/(2 L),   Ḣ_d = Ḣ_L − G (Q_f/C_f)² ≤ 0
 
 A passive integral leaks: ``c a²`` is its largest gain at the leak ``a``, and ``k/(k + k_s + c a)`` of an offset stays.
-Without leak the offset vanishes, and so does the proof of passivity. What is then known is stability of PID control
-with hysteresis for small enough gains (Jayawardhana, Logemann & Ryan 2008, Int. J. Control).
+Without leak the offset vanishes, and passivity is lost at low frequencies. Stability is then that of PID control with
+hysteresis (Jayawardhana, Logemann & Ryan 2008, Int. J. Control); docs/control.md has a criterion for rate-independent
+hysterons.
 
 References: Ortega, van der Schaft, Maschke & Escobar 2002, "Interconnection and damping assignment passivity-based
 control"; van der Schaft & Jeltsema 2014, "Port-Hamiltonian Systems Theory", on control by interconnection.
