@@ -213,7 +213,7 @@ class Sampled:
     The desired state moves with the reference ``r``: its charges follow the velocity by the model's compiled step, and
     ``u* = (m r̈ + b ṙ − Σ_i J_pi ē_i)/α`` with the mean efforts of this step. The feedback is that of `phnn.control` on
     ``d = y − r``, with ``v̂ = (1 − e^{−ω dt}) (d − n)/dt`` and ``n`` the filtered ``d``. The integral stops while the
-    voltage is at a limit and would be pushed further.
+    voltage is at a limit and would be pushed further. The law begins with the actuator at rest at zero.
     """
 
     def __init__(self, controller: Controller, dt: float, leak: bool, bandwidth: float) -> None:
