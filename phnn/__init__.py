@@ -19,7 +19,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from phnn import effects, models, nn, plot
+    from phnn import control, effects, models, nn, plot
     from phnn.errors import InputRefused, PhnnError, SolverFailed
     from phnn.identification.options import Options
     from phnn.integrate.differentiable import simulate
@@ -45,6 +45,7 @@ _DEFINED_IN = {
     "compare": "phnn.verbs",
     "export": "phnn.verbs",
     "load": "phnn.verbs",
+    "control": None,
     "models": None,
     "effects": None,
     "nn": None,
@@ -73,6 +74,7 @@ __all__ = [
     "SolverFailed",
     "Trained",
     "compare",
+    "control",
     "describe",
     "diagnose",
     "effects",

@@ -183,7 +183,7 @@ def test_two_hysterons_learn_dead_zones_they_were_not_told_of(tmp_path: Path) ->
     write_recordings(folder, Conditions(noise_um=0.05, seed=5))
     overrides = ("model.start=none", "stride=5", "substeps=2", "gauss_newton=100", "patience=30", "validation=[]")
     settings = compose_groups("train", [f"folder={folder}", f"out={out}", "tensorboard=false", *overrides])
-    content = train(Settings.from_config(settings))
+    content = train_folder(Settings.from_config(settings))
     assert json.loads((out / "metrics.json").read_text()) == content
     assert content["held_out_over_noise"] < 1.3
     assert content["passivity"] == {"states": 10_000, "violations": 0}

@@ -20,7 +20,7 @@ import pytest
 from test_run import ROOT, settings_of, without_times, written
 
 from phnn.errors import InputRefused
-from phnn.learn import train
+from phnn.learn import train_folder
 from phnn.multirun import ERROR
 from phnn.threads import ONE_THREAD
 
@@ -85,7 +85,7 @@ def test_a_failing_run_is_told_and_stops_no_other(
     assert {home: (home / "metrics.json").read_bytes() for home in homes(tmp_path / "out" / "sweep")} == before
     # A plain run with the same settings is the same.
     home = next(home for home in before if home.name.endswith("seed=1,solver=discrete_gradient"))
-    plain = train(settings_of(tmp_path / "recordings", tmp_path / "plain", *SHORT, "seed=1"))
+    plain = train_folder(settings_of(tmp_path / "recordings", tmp_path / "plain", *SHORT, "seed=1"))
     assert without_times((home / "metrics.json").read_text()) == without_times(json.dumps(plain))
 
 
@@ -96,7 +96,7 @@ def test_joblib_changes_nothing(sweep: Sweep, tmp_path: Path, jobs: int) -> None
     joblib = ("launcher=joblib", f"hydra.launcher.n_jobs={jobs}", f"model={','.join(kinds)}")
     assert sweep("-m", "out=joblib", *joblib, "folder=recordings", *SHORT[1:]) == 0
     for kind in kinds:
-        train(settings_of(tmp_path / "recordings", tmp_path / "plain" / kind, f"model={kind}", *SHORT[1:]))
+        train_folder(settings_of(tmp_path / "recordings", tmp_path / "plain" / kind, f"model={kind}", *SHORT[1:]))
     first, second = contents(tmp_path / "joblib"), contents(tmp_path / "plain")
     assert len(first) == 6
     assert list(first.values()) == list(second.values())
@@ -124,7 +124,7 @@ def test_the_table_tells_what_became_of_every_run(
 ) -> None:
     folder, out = tmp_path / "recordings", tmp_path / "runs"
     for seed in (0, 1):
-        train(settings_of(folder, out / f"run_{seed}", *SHORT, f"seed={seed}"))
+        train_folder(settings_of(folder, out / f"run_{seed}", *SHORT, f"seed={seed}"))
     (out / "run_1" / "metrics.json").unlink()
     (out / "unfit").mkdir()
     (out / "unfit" / ERROR).write_text("RuntimeError('no memory')\nTraceback ...")
