@@ -419,11 +419,12 @@ def _mechanics(network: Network) -> Mechanics:
     """Return the small motions of an actuator; refuse another network."""
     flat, value = FlatNetwork(Setup(network)), {name: p.value for name, p in network.parameters.items()}
     port, q, p, own = network.ports[0], flat.output, flat.momentum, flat.mass.name
-    linear = port.law == "linear" and not (network.modulations or network.memories)
+    others = network.modulations or network.memories or network.multi_ports or network.shared_energies
+    linear = port.law == "linear" and not others
     if not linear or any(len(r.on) != 1 for r in network.resistors):
         raise InputRefused(
             "the control law is known for a linear voltage port, constant ratios and resistors on one storage each: "
-            "leave out the port law, modulations, modulator states and resistors between storages"
+            "leave out the port law, modulations, modulator states, multi-ports and resistors between storages"
         )
     j = _structure(network)
     if np.delete(np.delete(j, p, 0), p, 1).any():
