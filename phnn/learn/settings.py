@@ -45,7 +45,7 @@ class Settings:
         optimiser: what the epochs of ``adam`` take instead: a function of the parameters to a torch optimiser, or a
             mapping with ``_target_``; scheduler: a function of this optimiser, or such a mapping.
         lbfgs_iterations: within one epoch.
-        patience: epochs without a better validation after which a method ends.
+        patience: epochs without a validation that is better by a thousandth, after which a method ends.
         validate_every, checkpoint_every: epochs.
         tensorboard: write a log for it as well.
         resume: go on where an earlier run in ``out`` was stopped.
@@ -72,7 +72,7 @@ class Settings:
     optimiser: Any = None
     scheduler: Any = None
     lbfgs_iterations: int = whole(10, least=1)
-    patience: int = whole(15, least=1)
+    patience: int = whole(8, least=1)
     validate_every: int = whole(1, least=1)
     checkpoint_every: int = whole(1, least=1)
     tensorboard: bool = True

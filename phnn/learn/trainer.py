@@ -25,6 +25,8 @@ from phnn.learn.settings import Settings, check_same
 from phnn.results import Place
 
 _MOST_FAILURES = 8
+# A validation that is lower by a smaller share does not make a method go on.
+_NOTICEABLE = 1e-3
 
 
 @dataclass
@@ -34,7 +36,7 @@ class Progress:
     Attributes:
         phase: index into `METHODS`; epoch: within it.
         factor: of the rate of learning; failures: in a row.
-        best: lowest validation so far; since: epochs without a lower one; parameters: those it was reached with.
+        best: lowest validation so far; since: epochs without a noticeably lower one; parameters: those of the best.
         rows: of the log.
         seconds: of training so far.
     """
@@ -165,7 +167,9 @@ class Trainer:
             return None
         value = self._value()
         if value < p.best:
-            p.best, p.since, p.parameters = value, 0, self._present()
+            # What nobody would notice is kept, but is no reason to go on.
+            p.since = 0 if value < (1.0 - _NOTICEABLE) * p.best else p.since
+            p.best, p.parameters = value, self._present()
         return value
 
     def _present(self) -> list[Tensor]:

@@ -16,6 +16,7 @@ import pandas as pd
 import pytest
 import torch
 
+import phnn
 from phnn import cli
 from phnn.configuration import compose_groups
 from phnn.errors import InputRefused
@@ -23,7 +24,9 @@ from phnn.learn import Settings, train_folder
 from phnn.learn.characteristic import inverse, thresholds
 from phnn.learn.run import validation_names
 from phnn.learn.settings import settings_in
+from phnn.models.actuator import hrc
 from phnn.models.store import load
+from phnn.network import PortHamiltonianSystem
 from phnn.recordings import read
 from phnn.trajectory import simulate
 from studies.generator.world import TABLE
@@ -82,6 +85,72 @@ def test_a_network_is_trained_scored_and_stored(tmp_path: Path) -> None:
     assert {p: p.read_bytes() for p in out.rglob("*") if p.is_file()} == before
 
 
+OWN = """
+import torch
+
+import phnn
+
+
+class Cubic(torch.nn.Module):
+    def __init__(self, slope):
+        super().__init__()
+        self.slope = torch.nn.Parameter(torch.tensor(slope, dtype=torch.float64))
+
+    def forward(self, effort):
+        return self.slope.abs() * effort**3
+
+
+def actuator(hysterons):
+    return phnn.models.hrc(hysterons=hysterons)
+"""
+
+
+def test_a_system_is_trained_in_place_and_in_several_ways(tmp_path: Path) -> None:
+    campaign = read(written(tmp_path / "recordings"))
+    system = PortHamiltonianSystem(hrc(1, example.VALUES | {"k": 1.9e4}))
+    trained = phnn.train(system, campaign, epochs=3)
+    assert trained.system is system and trained.history[-1]["loss"] < trained.history[0]["loss"]
+    assert trained.model.parameters["k"] == system.value("k").item() != 1.9e4
+    assert trained.over_noise < 1.2
+    # The same loss, by another gradient and by an optimiser of the user's own choice.
+    for others in (
+        {"method": "lbfgs", "adjoint": "torchdiffeq"},
+        {"method": "adam", "optimiser": lambda p: torch.optim.RAdam(p, 1e-3)},
+    ):
+        other = PortHamiltonianSystem(hrc(1, example.VALUES | {"k": 1.9e4}))
+        found = phnn.train(other, campaign, epochs=2, substeps=2, out=tmp_path / str(others["method"]), **others)
+        assert found.history[0]["loss"] == pytest.approx(trained.history[0]["loss"], rel=0.05)
+        assert (tmp_path / str(others["method"]) / "log.csv").exists()
+    with pytest.raises(InputRefused, match="method = 'newton'"):
+        phnn.train(system, campaign, method="newton")
+
+
+def test_classes_and_configurations_of_the_users_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = written(tmp_path / "recordings", (30.0, 50.0))
+    (tmp_path / "law_of_mine.py").write_text(OWN)
+    (tmp_path / "configs" / "model").mkdir(parents=True)
+    (tmp_path / "configs" / "model" / "mine.yaml").write_text("_target_: law_of_mine.actuator\nhysterons: 1\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    short = ("tensorboard=false", "gauss_newton=0", "stride=4", "substeps=1")
+    law = settings_of(
+        folder, tmp_path / "law", "model.hysterons=1", "model.start=none", "model._target_=law_of_mine.Cubic",
+        "+model.slope=1e-7", "adam=1", "optimiser={_target_: torch.optim.RAdam, lr: 0.001}",
+        "scheduler={_target_: torch.optim.lr_scheduler.StepLR, step_size: 1}", *short,
+    )  # fmt: skip
+    content = train_folder(law)
+    assert content["epochs"] == 1 and not (tmp_path / "law" / "model").exists()
+    mine = settings_of(folder, tmp_path / "mine", "configs=configs", "model=mine", "lbfgs=1", "seeds=[0,1]", *short)
+    content = train_folder(mine)
+    assert content["seeds"] == [0, 1]
+    assert all(row["rmse_spread"] == 0.0 for row in content["recordings"].values())
+    assert (tmp_path / "mine" / "seed_1" / "model").exists()
+    with pytest.raises(InputRefused, match=r"law_of_mine\.Absent: there is no such class"):
+        train_folder(settings_of(folder, tmp_path / "x", "model._target_=law_of_mine.Absent", *short))
+    with pytest.raises(InputRefused, match="configs=nowhere: there is no such folder"):
+        settings_of(folder, tmp_path / "x", "configs=nowhere")
+
+
 @pytest.mark.slow
 def test_black_boxes_train_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = written(tmp_path / "recordings")
@@ -102,7 +171,7 @@ def test_black_boxes_train_from_the_command_line(tmp_path: Path, capsys: pytest.
         assert "trained" in capsys.readouterr().out
         content = json.loads((out / "metrics.json").read_text())
         assert content["passivity"]["violations"] == (0 if model == "fully_neural" else None)
-        assert not (out / "model").exists()
+        assert (out / "model").exists() == (model == "fully_neural")
         assert len(torch.load(out / "weights.pt", weights_only=True)) > 3
 
 
