@@ -263,7 +263,8 @@ def _has_one_root(run: _Run, z: Tensor) -> bool:
     # smooth on the scale of their states.
     if ({r.modulated_by for r in network.resistors} | {m.by for m in network.modulations}) & set(network.storage_names):
         return False
-    if not all(is_passive_by_form(one.law) for one in (*network.multi_ports, *network.shared_energies)):
+    together = [m.law for m in network.multi_ports] + [e.law for e in network.shared_energies]
+    if not all(map(is_passive_by_form, together)):
         return False
     for k, storage in enumerate(network.storages):
         known = STORAGE_LAWS[storage.law] if isinstance(storage.law, str) else storage.law

@@ -344,8 +344,14 @@ class Network:
         def own(elements: tuple[Any, ...]) -> tuple[Any, ...]:
             return tuple(e if isinstance(e.law, str) else replace(e, law=copy.deepcopy(e.law, memo)) for e in elements)
 
-        kinds = ("storages", "resistors", "modulations", "multi_ports", "shared_energies")
-        return replace(self, **{kind: own(getattr(self, kind)) for kind in kinds})
+        return replace(
+            self,
+            storages=own(self.storages),
+            resistors=own(self.resistors),
+            modulations=own(self.modulations),
+            multi_ports=own(self.multi_ports),
+            shared_energies=own(self.shared_energies),
+        )
 
     def replace(self, name: str, law: Any, parameters: tuple[str, ...] = ()) -> Network:
         """The network with another law on a resistor or storage, without the parameters that nothing uses any more.

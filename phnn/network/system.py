@@ -175,7 +175,8 @@ class PortHamiltonianSystem(ParameterisedNetwork):
         self._inputs = columns(network.ports, place)
         place = {name: k for k, name in enumerate(network.state_names)}
         self._modulators = tuple(None if r.modulated_by is None else place[r.modulated_by] for r in network.resistors)
-        self._multi_ports = nn.ModuleList(_Placed(m, place, n) for m in network.multi_ports)
+        self._multi_ports = [_Placed(m, place, n) for m in network.multi_ports]
+        self._columns = nn.ModuleList(m.columns for m in self._multi_ports)
         self._shared = [([place[name] for name in e.of], e.law) for e in network.shared_energies]
 
     @evaluation
@@ -436,22 +437,15 @@ class PortHamiltonianSystem(ParameterisedNetwork):
         return DrivenSystem(self, u, ports)
 
 
-class _Placed(nn.Module):
-    """A multi-port with its place in a system."""
+class _Placed:
+    """A multi-port with its place in a system, which has its law and its columns among its modules."""
 
     def __init__(self, port: MultiPort, place: Mapping[str, int], n: int) -> None:
-        super().__init__()
         entries: list[Entry] = [(place[name], k, r) for k, b in enumerate(port.columns) for name, r in b.items()]
         self.columns = Incidence(n, len(port.on), entries)
         self.reads = [place[name] for name in port.reads]
-        # Not registered a second time: the system has it among its laws.
-        self._law = (port.law,)
+        self.law = port.law
         self.conserves = is_passive_by_form(port.law) and hasattr(port.law, "lower")
-
-    @property
-    def law(self) -> Any:
-        """The law."""
-        return self._law[0]
 
     def flows(self, epsilon: Tensor, x: Tensor) -> Tensor:
         """(..., k) ``φ(ε, q)``; of a law of unknown form zero where it would deliver power."""
