@@ -12,6 +12,7 @@ from phnn.learn.objective import Objective, estimated_start
 from phnn.learn.plant import NetworkPlant, Plant
 from phnn.learn.solvers import Solver
 from phnn.learn.windows import starts_at_zero
+from phnn.nn.learned_system import LearnedSystem
 from phnn.recordings.recording import Recording
 
 
@@ -62,10 +63,10 @@ _MOST, _ERROR = 16, 0.1
 def substeps_needed(plant: Plant, solver: Solver, recordings: Sequence[Recording]) -> int:
     """Find how many sub-steps keep the error of every recording's output below a tenth of its noise.
 
-    Halving a step of second order takes three quarters of its error. Of a model that is no network the steps are part
-    of what is learned: it takes one.
+    Halving a step of second order takes three quarters of its error. Where nothing but weights is in a model, its steps
+    are part of what is learned: it takes one.
     """
-    if not isinstance(plant, NetworkPlant):
+    if not isinstance(plant, NetworkPlant) or isinstance(plant.system, LearnedSystem):
         return 1
     count, before = 1, Objective(plant, solver, recordings).outputs()
     while count < _MOST:

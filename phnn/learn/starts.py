@@ -153,7 +153,7 @@ def _latent(
     else:
         system = LearnedSystem(states, ("voltage",), width, scales, seed)
     size = torch.tensor([scales.output, *[1.0] * (states - 1)], dtype=torch.float64)
-    return NetworkPlant(system.as_network(), size)
+    return NetworkPlant(system, size)
 
 
 @torch.no_grad()
