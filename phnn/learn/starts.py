@@ -28,13 +28,16 @@ from phnn.models.actuator import hrc
 from phnn.models.neural import STARTS, LearnedLaws, Motion, effort_and_flow, neural_hrc, staggered
 from phnn.models.neural_ode import NeuralODE
 from phnn.models.store import load
-from phnn.network.elements import Network
+from phnn.network.elements import MultiPort, Network
 from phnn.network.system import PortHamiltonianSystem
 from phnn.nn.learned_system import LearnedSystem, Scales
+from phnn.nn.multi_ports import LearnedDissipation
 from phnn.recordings.recording import Campaign, Recording, dominant_frequency
 from phnn.recordings.values import shown
 
-NETWORKS = ("hrc", "neural_hrc")
+NETWORKS = ("hrc", "neural_hrc", "hybrid")
+# Share of the typical flows that a learned multi-port carries at the start.
+_LITTLE = 1e-4
 STAGGERED = "staggered"
 # Models of latent states, and from where they start.
 LATENT, LATENT_STARTS = ("fully_neural", "neural_ode"), ("linear", "random")
@@ -66,6 +69,7 @@ def plant_for(model: Mapping[str, Any], campaign: Campaign, seed: int, base: str
             `neural_hrc` and `LearnedLaws`. ``start`` of both: ``parametric`` begins from the identified base model,
             ``none`` from one of the recordings' gain whose hysterons have no dead zone, ``staggered`` (of ``hrc``) from
             the dead zones that the drive alone gives, with which learned resistors begin under ``none``.
+            ``hybrid`` is ``hrc`` with a `LearnedDissipation` of ``width`` on all hysterons and the mass together.
             ``fully_neural`` is a `LearnedSystem` and ``neural_ode`` a `NeuralODE` of ``states`` and ``width``; their
             ``start`` is ``linear``, relaxations with the gain and the band of the recordings, or ``random``.
             Instead of ``kind``, ``_target_`` names a class or function of the user's own, which the other arguments are
@@ -86,18 +90,20 @@ def plant_for(model: Mapping[str, Any], campaign: Campaign, seed: int, base: str
         return _latent(kind, arguments, campaign, recordings, seed)
     if kind not in NETWORKS:
         raise InputRefused(f"model.kind = {kind!r}: choose one of {', '.join((*NETWORKS, *LATENT))}")
-    form = tuple(f.name for f in fields(LearnedLaws)) if kind == "neural_hrc" else ()
+    form = {"neural_hrc": tuple(f.name for f in fields(LearnedLaws)), "hybrid": ("width",)}.get(kind, ())
     _check(kind, arguments, ("hysterons", "start", *form))
     hysterons, start = int(arguments.get("hysterons", 2)), str(arguments.get("start", "parametric"))
-    if kind == "hrc" and start not in (*STARTS, STAGGERED):
+    if kind != "neural_hrc" and start not in (*STARTS, STAGGERED):
         raise InputRefused(f"model.start = {start!r}: choose {', '.join((*STARTS, STAGGERED))}")
     values = _values(campaign, hysterons, start, base, seed)
     hold = tuple(held_by_statement(campaign.known))
     motion = motion_of(recordings)
-    if kind == "hrc":
+    if kind != "neural_hrc":
         if start == STAGGERED:
             values |= _dead_zones(values, hysterons, motion)
         network = _held(hrc(hysterons, values), hold)
+        if kind == "hybrid":
+            network = _with_multi_port(network, values, motion, int(arguments.get("width", 16)), seed)
     else:
         if start == "none":
             # A closed dead zone is no start to be fitted to.
@@ -106,6 +112,16 @@ def plant_for(model: Mapping[str, Any], campaign: Campaign, seed: int, base: str
         laws = LearnedLaws(**{n: v for n, v in arguments.items() if n in form})
         network = neural_hrc(hysterons, laws, start, values, motion, hold, seed)
     return NetworkPlant(network, typical_states(network, recordings))
+
+
+def _with_multi_port(network: Network, values: Mapping[str, float], motion: Motion, width: int, seed: int) -> Network:
+    """The actuator with a learned dissipation on all of its hysterons and its mass together, nearly silent at first."""
+    charges = [s.name for s in network.storages if s.name.startswith("Q_")]
+    typical = [effort_and_flow(i + 1, values, motion) for i in range(len(charges))]
+    typical.append((motion.speed, values["k"] * motion.reach))
+    efforts, flows = [e for e, _ in typical], [_LITTLE * f for _, f in typical]
+    law = LearnedDissipation(len(typical), 0, efforts, flows, width=width, seed=seed)
+    return network.extend(multi_ports=(MultiPort("learned", law, (*charges, "p")),))
 
 
 def _own(
