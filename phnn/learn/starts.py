@@ -103,7 +103,7 @@ def plant_for(model: Mapping[str, Any], campaign: Campaign, seed: int, base: str
             values |= _dead_zones(values, hysterons, motion)
         network = _held(hrc(hysterons, values), hold)
         if kind == "hybrid":
-            network = _with_multi_port(network, values, motion, int(arguments.get("width", 16)), seed)
+            network = _with_multi_port(network, motion, int(arguments.get("width", 16)), seed)
     else:
         if start == "none":
             # A closed dead zone is no start to be fitted to.
@@ -117,6 +117,7 @@ def plant_for(model: Mapping[str, Any], campaign: Campaign, seed: int, base: str
 def _with_multi_port(network: Network, values: Mapping[str, float], motion: Motion, width: int, seed: int) -> Network:
     """The actuator with a learned dissipation on all of its hysterons and its mass together, nearly silent at first."""
     charges = [s.name for s in network.storages if s.name.startswith("Q_")]
+    values = {n: p.value for n, p in network.parameters.items()}
     typical = [effort_and_flow(i + 1, values, motion) for i in range(len(charges))]
     typical.append((motion.speed, values["k"] * motion.reach))
     efforts, flows = [e for e, _ in typical], [_LITTLE * f for _, f in typical]
