@@ -12,7 +12,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from junctions import march
-from random_actuators import COMPILED, edge, random_actuator, window
+from random_actuators import COMPILED, Slot, edge, random_actuator, window
 from torch import Tensor, nn
 
 from phnn.effects.hysteresis import HYSTERESIS_ASYMMETRY as ASYMMETRY
@@ -92,6 +92,20 @@ def test_from_rest_no_input_extracts_energy(seed: int, hysterons: int, step: flo
     size = np.concatenate([[0.0], np.cumsum(h * np.abs(power))]) + stored
     assert (stored >= 0.0).all()
     assert (stored <= supplied + 1e-11 * size).all()
+
+
+@settings(max_examples=30, deadline=None)
+@given(seeds, st.floats(0.1, 10.0), st.floats(0.1, 10.0))
+def test_unequal_thresholds_alone_only_shift_the_loop(seed: int, low: float, high: float) -> None:
+    # Charge and displacement moved by constants, it is the actuator with the same dead zone about zero.
+    middle, x = 0.5 * (high - low), torch.from_numpy(np.random.default_rng(seed).normal(0.0, 5.0, (BATCH, 3)))
+    one_sided, even = (
+        PortHamiltonianSystem(with_law(Slot(*ends, 1.0, 0.0, 1.0)))
+        for ends in ((-low, high), (-low - middle, high - middle))
+    )
+    u, shift = x[:, :2].flip(0), middle * torch.tensor([1.0, -1.0, 0.0], dtype=torch.float64)
+    with torch.no_grad():
+        torch.testing.assert_close(one_sided.vector_field(x + shift, u), even.vector_field(x, u), rtol=0.0, atol=1e-12)
 
 
 logs = st.floats(-3.0, 3.0)

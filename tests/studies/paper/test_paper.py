@@ -9,6 +9,8 @@ every recorded sine. The printed digits of the fit leave 0.1 to 0.2 % of it open
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -21,11 +23,15 @@ from hypothesis import strategies as st
 from junctions import recording
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
+from scipy.linalg import eig
 
+from phnn.effects.hysteresis import HYSTERESIS_ASYMMETRY
 from phnn.laws import RESISTOR_LAWS
-from phnn.models.actuator import TABLE_1, from_paper
+from phnn.models.actuator import TABLE_1, from_paper, hrc
 from phnn.models.bouc_wen import TABLE_2, bouc_wen
-from phnn.network import PortHamiltonianSystem
+from phnn.network import Network, PortHamiltonianSystem
+from phnn.network.small_signal import linearised_at_rest
+from phnn.nn import SectorMLP
 from phnn.setup import Setup
 from phnn.trajectory import simulate
 from studies.generator.plans import PEAK, Excitation, chirp, sine, step
@@ -104,6 +110,78 @@ def test_bouc_wen_is_equation_19(hertz: float) -> None:
     y = simulate(bouc_wen(), recording(driven.t, driven.voltage(driven.t)), 2).y
     # At 1 Hz a step is a fifth of the mechanical period, in which the oscillator is set in motion.
     assert np.abs(y - path).max() < 5e-5 * np.abs(path).max()
+
+
+@settings(deadline=None, max_examples=40)
+@given(seed=st.integers(0, 2**31 - 1), hysterons=st.integers(1, 4))
+def test_transfer_function_has_n_zeros_and_n_plus_2_poles_that_interlace(seed: int, hysterons: int) -> None:
+    # Sec. 3.1: eq. (2) with d_i = 0. No two hysterons relax alike; then a pole would cancel a zero.
+    n, random = hysterons, np.random.default_rng(seed)
+    values = {name: float(10.0 ** random.uniform(-1.0, 1.0)) for name in hrc(n).parameters}
+    network = hrc(n, values)
+    linear = tuple(replace(r, law="linear", parameters=r.parameters[:1]) for r in network.resistors)
+    a, b = linearised_at_rest(replace(network, resistors=linear))
+    entry, output = b[:, :1], np.eye(n + 2)[n : n + 1]
+    pencil = np.block([[a, entry], [output, np.zeros((1, 1))]])
+    top, bottom = eig(pencil, np.diag([1.0] * (n + 2) + [0.0]), right=False, homogeneous_eigvals=True)
+    finite = np.abs(bottom) > 1e-10 * np.abs(top)
+    zeros, poles = top[finite] / bottom[finite], np.linalg.eigvals(a)
+    rates = np.array([values[f"rho_{i + 1}"] / values[f"C_{i + 1}"] for i in range(n)])
+    edges = np.array([0.0, *np.sort(rates), np.inf])
+    # Each zero is the rate at which one hysteron relaxes; n + 2 stable poles; the relative order is two.
+    np.testing.assert_allclose(np.sort(-zeros), edges[1:-1], rtol=1e-9)
+    assert poles.shape == (n + 2,) and (poles.real < 0.0).all()
+    assert (output @ entry).item() == 0.0
+    assert (output @ a @ entry).item() == pytest.approx(values["alpha"] / values["m"])
+    # Between a zero and the next one nearer to the origin lies one real pole, or three; beyond the last none, or two.
+    real = -poles.real[poles.imag == 0.0]
+    count = [int(((low < real) & (real < high)).sum()) for low, high in pairwise(edges)]
+    assert [c % 2 for c in count] == [1] * n + [0]
+    # It tells the electrical parameters: the residues of its inverse at the zeros are −ϱ_i⁻¹/C_i · α/C_i.
+    for i in range(n):
+        inside = np.linalg.inv(-rates[i] * np.eye(n + 2) - a)
+        share = (1.0 / (output @ inside @ inside @ entry)).item() / rates[i]
+        assert share == pytest.approx(values["alpha"] / values[f"C_{i + 1}"], rel=1e-6)
+
+
+def with_slopes(right: float, left: float) -> Network:
+    """Table 1, the second hysteron with conductances of its own, over that of Table 1, on either side of its zeros."""
+    width, plain = TABLE_1["d_2"], from_paper()
+    law = SectorMLP(width, TABLE_1["rho_2"] * width, 2)
+    with torch.no_grad():
+        law.offset.fill_(0.5 * (right + left))
+        law.heights.copy_(2.0**0.5 * torch.tensor([0.75 * right + 0.25 * left, -0.25 * right - 0.75 * left]))
+        law.gains.fill_(20.0)
+        law.positions.copy_(torch.tensor([-10.0, 10.0]))
+    return replace(
+        plain,
+        resistors=tuple(replace(r, law=law, parameters=()) if r.name == "hysteron_2" else r for r in plain.resistors),
+    )
+
+
+FOLLOWING = HYSTERESIS_ASYMMETRY.add_to(Setup(from_paper()), {"kappa_d": 0.5, "q_d": 1e-4}).network
+
+
+@pytest.mark.parametrize(
+    ("network", "hertz", "least", "most"),
+    [
+        (from_paper, 50.0, 0.0, 1e-6),
+        (lambda: with_slopes(1.0, 1.0), 50.0, 0.0, 1e-6),
+        (lambda: with_slopes(1.5, 0.5), 50.0, 0.009, 0.011),
+        (lambda: with_slopes(0.5, 1.5), 50.0, 0.009, 0.011),
+        (lambda: with_slopes(1.5, 0.5), 0.1, 0.0, 1e-4),  # slowly driven, it is symmetric whatever the slopes
+        (lambda: FOLLOWING, 0.1, 0.025, 0.03),
+        (lambda: FOLLOWING, 10.0, 0.025, 0.03),
+    ],
+)
+def test_an_asymmetric_damping_law_gives_an_asymmetric_loop(
+    network: Callable[[], Network], hertz: float, least: float, most: float
+) -> None:
+    driven = sine(hertz, PEAK, 6, 12000)
+    last = simulate(Setup(network()), recording(driven.t, driven.voltage(driven.t)), 1).y[-2000:]
+    # A loop is symmetric where half a period later all is the same with the other sign, a constant aside.
+    even = 0.5 * (last[:1000] + last[1000:])
+    assert least <= np.abs(even - even.mean()).max() / (0.5 * np.ptp(last)) <= most
 
 
 Array = NDArray[np.float64]
