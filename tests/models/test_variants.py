@@ -206,9 +206,11 @@ def test_two_hysterons_of_one_kind_fit_recordings_of_the_other_to_99_percent(fit
     parts = evaluate(found.setup, plan, {}).parts
     wanted = {"hrc": (99.37, 99.50, 99.29, 99.25), "hrlc": (98.95, 99.58, 99.36, 99.33)}[fitted]
     assert [p.fit_percent for p in parts] == pytest.approx(wanted, abs=0.05)
-    # Ten times the noise, and a quarter of what the paper's models leave of its recordings, 2.0 to 2.6 µm.
+    # Ten times the noise, and less than half of what the paper's model leaves of its recordings, 2.0 to 2.6 µm.
     assert 10.0 < found.chi2**0.5 < 12.5
     assert max(p.rmse for p in parts) < 0.5 * 2.0e-6
+    # The fluxes are states that these recordings do not show.
+    assert fitted == "hrc" or {"L_1", "L_2"} & set(found.held)
 
 
 @settings(max_examples=50, deadline=None)

@@ -410,6 +410,7 @@ def test_every_equation_figure_and_table_has_a_row() -> None:
     assert numbers(r"\(\d+\)(?:(?:–|, )\(\d+\))?") == set(range(1, 20))
     assert numbers(r"Figs?\. \d+(?:(?:–|, )\d+)?") == set(range(1, 16))
     assert numbers(r"Table \d") == {1, 2, 3}
+    assert numbers(r"Table A\.\d") == {4, 5}
     firsts = " ".join(row.split("|")[1] for row in ROWS)
     assert all(part in firsts for part in ("Prop. 1", "2.4.1", "2.4.2", "2.4.3", "2.4.4"))
 
