@@ -84,8 +84,7 @@ def test_power_and_energy_variables_are_those_of_table_a4(flow: str, coil: BondG
     assert same_kind(f"{effort} {flow}", "W")
     assert same_kind(f"{flow} s", integral_unit(flow))
     # Momentum is the integral of an effort, displacement that of a flow.
-    stores = [e for e in coil.elements if isinstance(e, I) and (e.unit == "V s") == (flow == "A")]
-    stores += [e for e in coil.elements if isinstance(e, C) and (e.unit == "C") == (flow == "A")]
+    stores = [e for e in coil.elements if isinstance(e, C | I) and (e.unit in ("C", "V s")) == (flow == "A")]
     assert {type(e) for e in stores} == {C, I}
     assert all(same_kind(f"{effort if isinstance(e, I) else flow} s", e.unit) for e in stores)
 
