@@ -198,9 +198,9 @@ def test_counterexample_several_series_rl_hysterons_are_not_several_parallel_rc_
 def test_two_hysterons_of_one_kind_fit_recordings_of_the_other_to_99_percent(fitted: str) -> None:
     # The four identification sines of the paper, 0.05 µm of noise, mass given.
     both = {"hrc": Setup(hrc(2)), "hrlc": Setup(hrlc(2, {"C_1": 3.4e-7, "d_1": 27.8, "d_2": 17.1}).network())}
-    model = both.pop(fitted)
+    model, (truth,) = both.pop(fitted), both.values()
     drives = [plans.sine(f, samples=1500) for f in (1.0, 50.0, 100.0, 150.0)]
-    made = [campaigns.recorded(*both.values(), e.name, e.t, e.voltage(e.t), 5e-8, i) for i, e in enumerate(drives)]
+    made = [campaigns.recorded(truth, e.name, e.t, e.voltage(e.t), 5e-8, i) for i, e in enumerate(drives)]
     plan = Plan(tuple(made), {r.name: 4 for r in made}, 1)
     found = fit_identified(model, plan, {"m": "weighed", "f_s": "regularisation"}, 40 if fitted == "hrc" else 12)
     parts = evaluate(found.setup, plan, {}).parts

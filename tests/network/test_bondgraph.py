@@ -18,7 +18,7 @@ from phnn.models.actuator import TABLE_1, hrc
 from phnn.models.variants import hrlc, hysteron_choice
 from phnn.network import PortHamiltonianSystem
 from phnn.network.bondgraph import TF, Bond, BondGraph, C, I, R, Se, Sf
-from phnn.network.bondgraph.description import Element, Link, effort_unit, integral_unit
+from phnn.network.bondgraph.description import Element, Link, _units
 from phnn.nn import ConvexEnergyMLP
 from phnn.parameters import as_table, constant, positive
 from phnn.recordings.units import same_kind
@@ -80,9 +80,9 @@ def test_random_linear_graphs_respond_as_their_elements_do(seed: int) -> None:
     ("flow", "coil"), [("m/s", hysteron_choice()), ("A", hrlc(1))], ids=["mechanical", "electrical"]
 )
 def test_power_and_energy_variables_are_those_of_table_a4(flow: str, coil: BondGraph) -> None:
-    effort = effort_unit(flow)
+    effort, displacement, momentum = _units(flow)
     assert same_kind(f"{effort} {flow}", "W")
-    assert same_kind(f"{flow} s", integral_unit(flow))
+    assert same_kind(f"{flow} s", displacement) and same_kind(f"{effort} s", momentum)
     # Momentum is the integral of an effort, displacement that of a flow.
     stores = [e for e in coil.elements if isinstance(e, C | I) and (e.unit in ("C", "V s")) == (flow == "A")]
     assert {type(e) for e in stores} == {C, I}
