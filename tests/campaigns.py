@@ -38,7 +38,8 @@ STEPS = {"sine_010Hz_75V": 2, "sine_100Hz_75V": 1, "step_75V": 4}
 
 
 @cache
-def _home() -> Path:
+def home() -> Path:
+    """A folder that is removed at the end of the run."""
     home = Path(tempfile.mkdtemp(prefix="phnn-tests-"))
     atexit.register(shutil.rmtree, home, ignore_errors=True)
     return home
@@ -52,7 +53,7 @@ def _ruler(base: tuple[tuple[str, float], ...], plan: tuple[Excitation, ...]) ->
 @cache
 def concealed(effect: str = "none", seed: int = SEED) -> tuple[Path, Sealed]:
     """A folder of four recordings and the answer."""
-    folder = _home() / f"{effect}-{seed}"
+    folder = home() / f"{effect}-{seed}"
     # A seed has one base, whatever it is told to conceal: what its sensitivities span is computed once.
     with mock.patch.object(generator, "ruler", lambda base, plan: _ruler(tuple(base.items()), plan)):
         return folder, generate(seed, folder, effect, "short")

@@ -15,12 +15,13 @@ from hypothesis import strategies as st
 
 from phnn.errors import StructureViolated
 from phnn.models.actuator import TABLE_1, hrc
-from phnn.models.variants import hysteron_choice
+from phnn.models.variants import hrlc, hysteron_choice
 from phnn.network import PortHamiltonianSystem
 from phnn.network.bondgraph import TF, Bond, BondGraph, C, I, R, Se, Sf
-from phnn.network.bondgraph.description import Element, Link
+from phnn.network.bondgraph.description import Element, Link, _units
 from phnn.nn import ConvexEnergyMLP
 from phnn.parameters import as_table, constant, positive
+from phnn.recordings.units import same_kind
 
 seeds = st.integers(0, 2**31 - 1)
 K, M, B = positive("k", 8.0, "N/m"), positive("m", 2.0, "kg"), positive("b", 0.5, "N s/m")
@@ -73,6 +74,52 @@ def test_random_linear_graphs_respond_as_their_elements_do(seed: int) -> None:
             np.testing.assert_allclose(found[1], answer, rtol=1e-9, atol=1e-12)
             if own:
                 np.testing.assert_allclose(found[0], state, rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("flow", "coil"), [("m/s", hysteron_choice()), ("A", hrlc(1))], ids=["mechanical", "electrical"]
+)
+def test_power_and_energy_variables_are_those_of_table_a4(flow: str, coil: BondGraph) -> None:
+    effort, displacement, momentum = _units(flow)
+    assert same_kind(f"{effort} {flow}", "W")
+    assert same_kind(f"{flow} s", displacement) and same_kind(f"{effort} s", momentum)
+    # Momentum is the integral of an effort, displacement that of a flow.
+    stores = [e for e in coil.elements if isinstance(e, C | I) and (e.unit in ("C", "V s")) == (flow == "A")]
+    assert {type(e) for e in stores} == {C, I}
+    assert all(same_kind(f"{effort if isinstance(e, I) else flow} s", e.unit) for e in stores)
+
+
+@settings(max_examples=50, deadline=None)
+@given(seeds)
+def test_general_relations_are_those_of_table_a5(seed: int) -> None:
+    # Se, I and R at a 1-junction, a transformer to a 0-junction with C and R; no law but the ratio's is linear.
+    drawn = graph(
+        {"one": 1, "zero": 0},
+        [
+            C("q", "zero", "cubic_spring", ("k", "kappa", "q0")),
+            R("leak", "zero", "dead_zone", ("rho", "d")),
+            I("p", "one", "cubic_spring", ("l", "lambda", "p0")),
+            R("drag", "one", "quadratic_drag", ("c",), "resistance"),
+            Se("source", "one"),
+        ],
+        [TF("one", "zero", "g")],
+        kappa=0.3,
+    )
+    values, random = {n: p.value for n, p in drawn.parameters.items()}, np.random.default_rng(seed)
+    k, kappa, q0, rho, d, c, g = (values[n] for n in ("k", "kappa", "q0", "rho", "d", "c", "g"))
+    q, p, u = random.normal(size=3)
+    # C store: q = Φ_C(e); I store: p = Φ_I(f), both by their inverses.
+    e, f = k * q * (1.0 + kappa * (q / q0) ** 2), values["l"] * p * (1.0 + values["lambda"] * (p / values["p0"]) ** 2)
+    # Transformer: f_1 g = f_2, e_1 = g e_2. 0-junction: flows add up to zero; 1-junction: efforts do.
+    charging = g * f - rho * np.sign(e) * max(abs(e) - d / 2, 0.0)
+    pushing = u - c * abs(f) * f - g * e
+    network = drawn.network()
+    system, x = PortHamiltonianSystem(network), torch.tensor([q, p], dtype=torch.float64)
+    drive = torch.tensor([u], dtype=torch.float64)
+    assert network.state_names == ("q", "p")
+    np.testing.assert_allclose(system.vector_field(x, drive).detach(), [charging, pushing], rtol=1e-12, atol=1e-12)
+    # The flow of the source is that of the 1-junction, and so of the I store.
+    np.testing.assert_allclose(system.port_outputs(x, drive).detach(), [f], rtol=1e-13)
 
 
 @settings(max_examples=100, deadline=None)

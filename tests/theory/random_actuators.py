@@ -38,17 +38,17 @@ class Slot(nn.Module):
         return self.rho * s * (1.0 + self.ripple * torch.sin(s / self.period))
 
 
-def window(low: float, high: float, flow: float, sharpness: float) -> SectorMLP:
+def window(low: float, high: float, flow: float, sharpness: float, slopes: Sequence[float] = (1.0, 1.0)) -> SectorMLP:
     """``φ = g ε max(1 + tanh(k (ε − hi)) − tanh(k (ε − lo)), 0)``, silent at zero and nearly on ``[lo, hi]``.
 
     The sum falls and then rises, so that it is negative on one interval. Where zero lies outside of ``[lo, hi]``, the
-    zeros of the law are separated.
+    zeros of the law are separated. With ``slopes`` the conductances on the left and on the right are these times ``g``.
     """
     width = high - low
-    law = SectorMLP(width, flow, 2)
+    law, (left, right) = SectorMLP(width, flow, 2), slopes
     with torch.no_grad():
-        law.offset.fill_(1.0)
-        law.heights.copy_(2.0**0.5 * torch.tensor([1.0, -1.0]))
+        law.offset.fill_(0.5 * (left + right))
+        law.heights.copy_(2.0**0.5 * torch.tensor([0.75 * right + 0.25 * left, -0.25 * right - 0.75 * left]))
         law.gains.fill_(sharpness)
         law.positions.copy_(-sharpness / width * torch.tensor([high, low], dtype=torch.float64))
     return law

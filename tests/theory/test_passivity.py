@@ -8,11 +8,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from junctions import march
-from random_actuators import COMPILED, edge, random_actuator, window
+from random_actuators import COMPILED, Slot, edge, random_actuator, window
 from torch import Tensor, nn
 
 from phnn.effects.hysteresis import HYSTERESIS_ASYMMETRY as ASYMMETRY
@@ -94,6 +95,57 @@ def test_from_rest_no_input_extracts_energy(seed: int, hysterons: int, step: flo
     assert (stored <= supplied + 1e-11 * size).all()
 
 
+def with_law(law: nn.Module, hysterons: int = 1, values: dict[str, float] | None = None) -> Network:
+    """An actuator whose first hysteron has another law; its other parameters are one where they are not given."""
+    plain = hrc(hysterons)
+    network = plain.with_values(dict.fromkeys(plain.parameters, 1.0) | (values or {}))
+    first = replace(network.resistors[0], law=law, parameters=())
+    return replace(network, resistors=(first, *network.resistors[1:]))
+
+
+def with_slopes(left: float, right: float) -> Network:
+    """Table 1 with its second hysteron alone, which conducts this much more or less on either side of its zeros."""
+    half = 0.5 * TABLE_1["d_2"]
+    law = window(-half, half, TABLE_1["rho_2"] * 2.0 * half, 20.0, (left, right))
+    return with_law(law, 1, {n: TABLE_1[n] for n in ("m", "k", "b", "alpha")} | {"C_1": TABLE_1["C_2"]})
+
+
+FOLLOWING = ASYMMETRY.add_to(Setup(from_paper()), {"kappa_d": 0.5, "q_d": 1e-4}).network
+LOOPS = {
+    "equation 2": (from_paper(), 50.0, 0.0, 1e-6),
+    "equal slopes": (with_slopes(1.0, 1.0), 50.0, 0.0, 1e-6),
+    "other slopes": (with_slopes(0.5, 1.5), 50.0, 0.009, 0.011),
+    "other slopes, slow": (with_slopes(0.5, 1.5), 0.1, 0.0, 1e-4),
+    "thresholds by displacement, slow": (FOLLOWING, 0.1, 0.025, 0.03),
+}
+
+
+@pytest.mark.parametrize("case", LOOPS)
+def test_an_asymmetric_damping_law_gives_an_asymmetric_loop(case: str) -> None:
+    network, hertz, least, most = LOOPS[case]
+    u = np.zeros((12000, 2))
+    u[:, 0] = 75.0 * np.sin(2.0 * np.pi * (np.arange(12000) + 0.5) / 2000)
+    run = march(network, u, np.full(12000, 1.0 / (2000 * hertz)), np.zeros(len(network.storages)))
+    q = run.states[-2000:, network.state_names.index("q")]
+    # A loop is symmetric where half a period later all is the same with the other sign, a constant aside.
+    even = 0.5 * (q[:1000] + q[1000:])
+    assert least <= np.abs(even - even.mean()).max() / (0.5 * np.ptp(q)) <= most
+
+
+@settings(max_examples=30, deadline=None)
+@given(seeds, st.floats(0.1, 10.0), st.floats(0.1, 10.0))
+def test_unequal_thresholds_alone_only_shift_the_loop(seed: int, low: float, high: float) -> None:
+    # Charge and displacement moved by constants, it is the actuator with the same dead zone about zero.
+    middle, x = 0.5 * (high - low), torch.from_numpy(np.random.default_rng(seed).normal(0.0, 5.0, (BATCH, 3)))
+    one_sided, even = (
+        PortHamiltonianSystem(with_law(Slot(*ends, 1.0, 0.0, 1.0)))
+        for ends in ((-low, high), (-low - middle, high - middle))
+    )
+    u, shift = x[:, :2].flip(0), middle * torch.tensor([1.0, -1.0, 0.0], dtype=torch.float64)
+    with torch.no_grad():
+        torch.testing.assert_close(one_sided.vector_field(x + shift, u), even.vector_field(x, u), rtol=0.0, atol=1e-12)
+
+
 logs = st.floats(-3.0, 3.0)
 
 
@@ -106,22 +158,6 @@ class ThreeZeros(nn.Module):
 
     def forward(self, effort: Tensor) -> Tensor:
         return self.rho * effort * (effort.abs() / self.zero - 1.0) ** 2
-
-
-def with_law(law: nn.Module, hysterons: int = 1, values: dict[str, float] | None = None) -> Network:
-    """An actuator whose first hysteron has another law; its other parameters are one where they are not given."""
-    plain = hrc(hysterons)
-    network = plain.with_values(dict.fromkeys(plain.parameters, 1.0) | (values or {}))
-    first = replace(network.resistors[0], law=law, parameters=())
-    return replace(network, resistors=(first, *network.resistors[1:]))
-
-
-def at_rest(network: Network, u: Tensor, efforts: Tensor) -> Tensor:
-    """(..., n+2) states in mechanical balance at hysteron voltages (..., n), equilibria or not."""
-    value = {name: p.value for name, p in network.parameters.items()}
-    charges = efforts * torch.tensor([value[f"C_{i + 1}"] for i in range(efforts.shape[-1])], dtype=torch.float64)
-    q = (value["alpha"] * (u[0] - efforts.sum(-1)) - u[1]) / value["k"]
-    return torch.cat([charges, torch.stack([q, torch.zeros_like(q)], dim=-1)], dim=-1)
 
 
 @settings(max_examples=60, deadline=None)
@@ -154,15 +190,11 @@ def test_learned_damping_may_have_separated_zeros() -> None:
     low = 2.5 - edge(lambda s: law(2.5 - s), 2.0)
     assert 1.9 < low < 2.1
     network = with_law(law)
-    x0 = at_rest(network, u, torch.tensor([0.9 * low], dtype=torch.float64))
-    run = march(network, np.zeros((steps, 2)), np.full(steps, 0.05), x0.numpy())
-    rises(network, torch.from_numpy(run.states), u, low + 1e-12)
-
-
-def rises(network: Network, x: Tensor, u: Tensor, zero: float) -> None:
-    """From nine tenths of a separated zero the first hysteron, alone and without inputs, goes to the other one."""
+    # From nine tenths of a separated zero, in mechanical balance and without inputs, it goes to the other one.
+    x0 = 0.9 * low * np.array([1.0, -1.0, 0.0])
+    x = torch.from_numpy(march(network, np.zeros((steps, 2)), np.full(steps, 0.05), x0).states)
     system = PortHamiltonianSystem(network)
-    x_star, origin = forced_equilibrium(network, u, torch.tensor([[zero], [0.0]], dtype=torch.float64))
+    x_star, origin = forced_equilibrium(network, u, torch.tensor([[low + 1e-12], [0.0]], dtype=torch.float64))
     with torch.no_grad():
         held, stored = shifted_energy(system, x, x_star), system.energy(x)
         about_origin = shifted_energy(system, x, origin)
@@ -176,10 +208,9 @@ def rises(network: Network, x: Tensor, u: Tensor, zero: float) -> None:
 
 
 def test_thresholds_that_follow_the_displacement_may_make_it_rise() -> None:
-    network = ASYMMETRY.add_to(Setup(from_paper()), {"kappa_d": 0.5, "q_d": 1e-4}).network
-    system, u = PortHamiltonianSystem(network), torch.tensor([75.0, 0.0], dtype=torch.float64)
+    system, u = PortHamiltonianSystem(FOLLOWING), torch.tensor([75.0, 0.0], dtype=torch.float64)
     charges = torch.tensor([0.45 * TABLE_1["d_1"] * TABLE_1["C_1"], 0.0], dtype=torch.float64)
-    x_star = forced_equilibrium(network, u, charges)
+    x_star = forced_equilibrium(FOLLOWING, u, charges)
     # Moved back the dead zone is narrower, and the charge that was silent leaks.
     x = x_star + torch.tensor([-0.01 * charges[0].item(), 0.0, -3e-4, 0.0], dtype=torch.float64)
     z = x.clone().requires_grad_(True)
@@ -190,6 +221,6 @@ def test_thresholds_that_follow_the_displacement_may_make_it_rise() -> None:
         assert rate > 0.0
         anywhere = x_star * torch.from_numpy(np.random.default_rng(0).normal(0.0, 3.0, (500, 4)))
         anywhere[:, 3] = torch.linspace(-1e-3, 1e-3, 500)
-        uncharged = forced_equilibrium(network, u, torch.zeros(2, dtype=torch.float64))
+        uncharged = forced_equilibrium(FOLLOWING, u, torch.zeros(2, dtype=torch.float64))
         assert (system.power_balance(anywhere, u.expand(500, 2)).dissipated >= 0.0).all()
         assert (shifted_losses(system, anywhere, uncharged) >= 0.0).all()

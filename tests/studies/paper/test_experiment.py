@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -15,21 +17,35 @@ import pytest
 
 from phnn.diagnose.diagnosis import score_on_all
 from phnn.errors import InputRefused
-from phnn.identification.base import identify_base
 from phnn.identification.fit import Fit, fit
+from phnn.identification.identified import identify
 from phnn.identification.options import Options
-from phnn.models.bouc_wen import bouc_wen
+from phnn.identification.prepare import identification_plan
+from phnn.identification.staged import fit_identified
+from phnn.models.actuator import hrc
+from phnn.models.bouc_wen import TABLE_2, bouc_wen
 from phnn.recordings import read
-from phnn.report.figures.style import Drawing
+from phnn.recordings.recording import Campaign
+from phnn.setup import Setup
 from studies.generator.world import TABLE, simulate_all
-from studies.paper import Comparison, Scored, draw_all, panels, responses
-from studies.recordings import Conditions, paper_plan, write_recordings
+from studies.paper import Comparison, Scored, draw_all, line_of, panels, responses
+from studies.recordings import Conditions, Made, paper_plan, write_recordings
+
+NOISE = 0.05e-6
+ROOT = Path(__file__).resolve().parents[3]
+PAGE = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
 
 
-def test_the_campaign_is_the_papers(tmp_path: Path) -> None:
-    made = write_recordings(tmp_path, Conditions(seed=3))
+@cache
+def recorded(seed: int = 0) -> tuple[Path, Made, Campaign]:
+    """The folder of the paper's recordings, how they were made, and as read."""
+    folder = campaigns.home() / f"paper-{seed}"
+    return folder, write_recordings(folder, Conditions(noise_um=NOISE * 1e6, seed=seed)), read(folder)
+
+
+def test_the_campaign_is_the_papers() -> None:
+    _, made, campaign = recorded()
     assert (dict(made.parameters), made.residual) == ({}, 0.0)
-    campaign = read(tmp_path)
     uses = {r.name: {p.use for p in r.parts} for r in campaign.recordings}
     identified = {n for n, u in uses.items() if u == {"identification"}}
     assert identified == {f"sine_{f:03d}Hz_75V" for f in (1, 50, 100, 150)}
@@ -48,9 +64,10 @@ def test_the_campaign_is_the_papers(tmp_path: Path) -> None:
 
 
 def test_same_seed_same_bytes(tmp_path: Path) -> None:
-    for name, seed in (("a", 1), ("b", 1), ("c", 2)):
-        write_recordings(tmp_path / name, Conditions(seed=seed, noise_um=0.1))
-    read_ = {n: {p.name: p.read_bytes() for p in (tmp_path / n).iterdir()} for n in "abc"}
+    for name, seed in (("b", 0), ("c", 2)):
+        write_recordings(tmp_path / name, Conditions(seed=seed))
+    read_ = {f.name: {p.name: p.read_bytes() for p in f.iterdir()} for f in tmp_path.iterdir()}
+    read_["a"] = {p.name: p.read_bytes() for p in recorded()[0].iterdir()}
     assert read_["a"] == read_["b"]
     # The voltage and the manifest are the same for all; noise and zeros are not.
     assert all(read_["a"][n] != read_["c"][n] for n in read_["a"] if n.endswith(".csv"))
@@ -73,7 +90,6 @@ def test_conditions_out_of_range_are_refused(wrong: dict[str, Any], needle: str)
         Conditions(**wrong)
 
 
-NOISE = 0.05e-6
 # Values that voltage and displacement identify, whatever the common factor.
 GROUPS = [("m", "alpha"), ("k", "alpha"), ("b", "alpha"), ("alpha", "C_1"), ("alpha", "C_2"), ("rho_2", "C_2")]
 
@@ -90,28 +106,85 @@ def cramer_rao(fitted: Fit, name: str, noise: float) -> float:
 
 
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.slow)])
-def test_table_1_is_recovered(seed: int, tmp_path: Path) -> None:
-    write_recordings(tmp_path / "r", Conditions(noise_um=NOISE * 1e6, seed=seed))
-    campaign = read(tmp_path / "r")
-    fitted, error = identify_base(campaign, Options(starts=1, seed=seed))
-    values = fitted.setup.values()
+def test_table_1_is_recovered(seed: int) -> None:
+    campaign = recorded(seed)[2]
+    found = identify(hrc(2), campaign, Options(starts=1, seed=seed))
+    fitted, values = found.fit, found.fit.setup.values()
     assert values["m"] == pytest.approx(TABLE["m"], rel=1e-12)
+    # The shares that the page states, in its order.
+    (stated,) = re.findall(r"within ([\d.]+) %,\s`d_i` within ([\d.]+) %, absolute values within ([\d.]+) %", PAGE)
+    groups, zones, absolute = (1.05e-2 * float(share) for share in stated)
     for a, b in GROUPS:
-        assert values[a] / values[b] == pytest.approx(TABLE[a] / TABLE[b], rel=5e-3), f"{a}/{b}"
+        assert values[a] / values[b] == pytest.approx(TABLE[a] / TABLE[b], rel=groups), f"{a}/{b}"
     for name in ("k", "b", "alpha", "C_1", "C_2", "rho_2", "d_1", "d_2"):
-        assert values[name] == pytest.approx(TABLE[name], rel=5e-3), name
+        assert values[name] == pytest.approx(TABLE[name], rel=zones if name[0] == "d" else absolute), name
     bound = cramer_rao(fitted, "rho_1", NOISE)
-    assert abs(np.log(values["rho_1"] / TABLE["rho_1"])) < 3.0 * bound
-    # Any wrong value would pass if the bound were wide: it is known within a factor, no better than to a fifth.
-    assert 0.2 < bound < 1.0
-    assert error.sigma <= 1.0
+    assert abs(np.log(values["rho_1"] / TABLE["rho_1"])) < 0.75 * bound
+    # Any wrong value would pass if the bound were wide: it is known within a factor, no better than to a third.
+    assert 0.35 < bound < 0.7
+    assert found.error.sigma <= 1.0
     scores = score_on_all(fitted, campaign)
     held_out = [p for p in scores.parts if p.use == "confirmation"]
     assert len(held_out) == 5
     assert scores.over_noise("confirmation") <= 1.05
     # The floor of a single recording is an estimate, good to some percent; what was added is known.
-    for part in held_out:
-        assert part.rmse <= 1.05 * NOISE, part.name
+    assert max(part.rmse for part in held_out) <= 1.05 * NOISE
+
+
+def staged(setup: Setup, *held: str) -> tuple[float, dict[str, float]]:
+    """Error over noise of a fit to the four identification sines, and its values; the mass is the weighed one."""
+    plan = identification_plan(recorded()[2], 2)
+    found = fit_identified(setup, plan, dict.fromkeys(("m", *held), "found before"))
+    return found.chi2**0.5, found.setup.values()
+
+
+def with_linear_hysterons(values: dict[str, float], rates: tuple[float, float]) -> Setup:
+    """Two hysterons without dead zones, each with 0.3 of the stiffness, which relax at rates [1/s]."""
+    c = values["alpha"] ** 2 / (0.3 * values["k"])
+    more = {f"{n}_{i}": c * x for i, rate in enumerate(rates, 1) for n, x in (("C", 1.0), ("rho", rate))}
+    full = hrc(2, values | more)
+    linear = tuple(replace(r, law="linear", parameters=r.parameters[:1]) for r in full.resistors)
+    return Setup(replace(full, resistors=linear, parameters={n: p for n, p in full.parameters.items() if n[0] != "d"}))
+
+
+def test_stages_of_figure_9() -> None:
+    # Mechanical part, then linear hysterons, then dead zones; each stage begins where the one before it ends.
+    text = {"m": TABLE["m"], "k": 25_000.0, "b": 3.7}
+    # These sines alone do not tell the mechanical part: a mass–spring–damper takes hysteresis for a lag.
+    error, values = staged(Setup(hrc(0, text | {"alpha": 0.04})))
+    assert error == pytest.approx(87.0, abs=1.0)
+    assert values["k"] > 1e4 * TABLE["k"]
+    # With that of the text, which is found in another way:
+    first, values = staged(Setup(hrc(0, text | {"alpha": 0.04})), "k", "b")
+    assert first == pytest.approx(98.0, abs=1.0)
+    ends = {}
+    for rates in ((3e4, 300.0), (1000.0, 10.0)):
+        linear, electrical = staged(with_linear_hysterons(values, rates), "k", "b")
+        ends[round(linear)], last = staged(Setup(hrc(2, electrical | {"d_1": 1.0, "d_2": 1.0})))
+        if round(linear) == 63:
+            assert {**last, "rho_1": TABLE["rho_1"]} == pytest.approx(TABLE, rel=2e-3)
+    # The linear stage has two optima. The worse one leads to Table 1, the better one to an optimum that is none.
+    assert ends == {63: pytest.approx(1.0, abs=0.03), 33: pytest.approx(13.4, abs=0.3)}
+
+
+REFITS = {
+    line: [float(x) for x in fits]
+    for line, *fits in re.findall(r"^\| (\S+(?: Hz)?) \|" + r" ([\d.]+) % \|" * 4 + "$", PAGE, re.MULTILINE)
+}
+
+
+def test_refitted_bouc_wen_does_not_fall_with_frequency() -> None:
+    campaign = recorded()[2]
+    plan, lines = identification_plan(campaign, 2), {r.name: line_of(r) for r in campaign.recordings}
+    found = fit_identified(bouc_wen(), plan, {"m": "weighed"})
+    fits = {lines[p.name]: p.fit_percent for p in score_on_all(found, campaign).parts}
+    assert fits == pytest.approx({line: of[1] for line, of in REFITS.items()}, abs=0.1)
+    assert fits["150 Hz"] > fits["1 Hz"] + 2.0
+    # Its mass is fitted away; with that of Table 2, its stiffness and damping the fits do not fall either.
+    assert found.setup.values()["m"] / found.setup.values()["k"] < 1e-3 * TABLE_2["m"] / TABLE_2["k"]
+    held = score_on_all(fit_identified(bouc_wen(), plan, dict.fromkeys(("m", "k", "b"), "Table 2")), campaign)
+    of = {lines[p.name]: p.fit_percent for p in held.parts}
+    assert [of[n] for n in ("1 Hz", "50 Hz", "150 Hz")] == pytest.approx([91.3, 97.2, 93.3], abs=0.2)
 
 
 def scored(fitted: Fit) -> Scored:
@@ -126,55 +199,29 @@ def comparison() -> Comparison:
     return Comparison(campaigns.campaign(), {"phs": scored(base), "bouc_wen": scored(rival)}, 0.5)
 
 
-@cache
-def drawings() -> list[Drawing]:
-    """Drawn once: it takes a while."""
-    return draw_all(comparison())
-
-
-def test_fit_percentage_is_that_of_matlab() -> None:
-    for row in comparison().rows():
-        recording = next(r for r in campaigns.campaign().recordings if r.name == row.name)
-        mask = recording.mask(row.use)
-        for model, score in row.scores.items():
-            measured = recording.y[mask]
-            simulated = comparison().models[model].evaluation.outputs[row.name][mask]
-            squares = sum((a - b) ** 2 for a, b in zip(measured.tolist(), simulated.tolist(), strict=True))
-            mean = sum(measured.tolist()) / len(measured)
-            spread = sum((a - mean) ** 2 for a in measured.tolist())
-            assert score.fit_percent == pytest.approx(100.0 * (1.0 - (squares / spread) ** 0.5), rel=1e-9)
-            assert score.rmse == pytest.approx((squares / len(measured)) ** 0.5, rel=1e-9)
-
-
 def test_figures_are_those_of_the_paper() -> None:
     found = responses(comparison())
     four = panels(found, ("Step", "1 Hz", "10 Hz", "100 Hz"), ("Chirp",))
     # There is no 1 Hz here: the second recording at 10 Hz takes the empty place.
     assert [r.recording.name for r in four] == ["step_75V", "sine_010Hz_75V", "sine_100Hz_75V", "sine_010Hz_50V"]
+    assert {r.name for r in comparison().rows()} == {r.recording.name for r in found}
     for response in found:
         assert np.isfinite(response.outputs["phs"]).all()
         assert 0 <= response.shown.start < response.shown.stop <= response.recording.t.size
     names = ["fig10-responses", "fig11-errors", "fig12-hysteresis", "fig15-rate"]
-    assert [d.file for d in drawings()] == [f"{n}.png" for n in names]
-    assert all(d.png.startswith(b"\x89PNG") and len(d.png) > 10_000 for d in drawings())
-
-
-ROOT = Path(__file__).resolve().parents[3]
-
-
-SCRIPT = ROOT / "scripts" / "experiment.py"
-
-
-def script(*overrides: str) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, str(SCRIPT), *overrides]
-    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
+    drawings = draw_all(comparison())
+    assert [d.file for d in drawings] == [f"{n}.png" for n in names]
+    assert all(d.png.startswith(b"\x89PNG") and len(d.png) > 10_000 for d in drawings)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("own", [False, True])
-def test_one_command_line(own: bool, tmp_path: Path) -> None:
-    folder = [f"folder={campaigns.concealed()[0]}", "fit.starts=1", "published=false"] if own else []
-    done = script(f"out={tmp_path}", *folder)
+@pytest.mark.parametrize("effect", ["none", "creep", None])
+def test_one_command_line(effect: str | None, tmp_path: Path) -> None:
+    own = effect is None
+    folder = [f"folder={campaigns.concealed()[0]}", "fit.starts=1", "published=false"]
+    command = [sys.executable, "scripts/experiment.py", f"out={tmp_path}"]
+    command += folder if own else [f"recordings.effect={effect}"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
     assert done.returncode == 0, done.stderr
     assert "Table 3" in done.stdout
     content = json.loads((tmp_path / "experiment.json").read_text())
@@ -185,3 +232,9 @@ def test_one_command_line(own: bool, tmp_path: Path) -> None:
     files = {".phnn", "index.html", "experiment.json", "experiment.md", "table3.csv", "figures", "phs", "bouc_wen"}
     assert written == files | (set() if own else {"recordings"})
     assert len(list((tmp_path / "figures").glob("fig1*.png"))) == (4 if own else 6)
+    if not own:
+        rows = content["table"].values()
+        fits = {r["paper_line"]: [r["models"][m]["fit_percent"] for m in ("phs", "bouc_wen")] for r in rows}
+        first = 0 if effect == "none" else 2
+        for line, stated in REFITS.items():
+            assert fits[line] == pytest.approx(stated[first : first + 2], abs=0.1), line
