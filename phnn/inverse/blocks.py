@@ -66,9 +66,9 @@ from phnn.network.elements import Network, Port, Storage
 from phnn.network.roles import motions
 from phnn.network.system import PortHamiltonianSystem
 from phnn.parameters import as_table, constant
-from phnn.passage import place_of, source_input
 from phnn.setup import Block, Setup
 from phnn.signals.least_squares import spline
+from phnn.trajectory import place_of, source_input
 
 Array = NDArray[np.float64]
 
