@@ -35,9 +35,8 @@ from benchmarks.reference import reference
 from benchmarks.table import RESULTS, Contender, machine, save, show, timed, write_csv
 from phnn.derivatives import output_derivatives
 from phnn.errors import SolverFailed
-from phnn.integrate.actions import actions
 from phnn.integrate.kernel import kernel_for
-from phnn.integrate.program import compile_network
+from phnn.integrate.program import actions, compile_network
 from phnn.integrate.scheme import Scheme
 from phnn.laws.leaf import loss
 from phnn.recordings.recording import Recording

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from phnn import control, effects, models, nn, plot
     from phnn.errors import InputRefused, PhnnError, SolverFailed
+    from phnn.exporting.write import export
     from phnn.identification.options import Options
     from phnn.integrate.differentiable import simulate
     from phnn.learn.run import Trained, train
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
     from phnn.network.system import PortHamiltonianSystem
     from phnn.recordings import describe, read
     from phnn.setup import Setup
-    from phnn.verbs import Diagnosis, compare, diagnose, export, identify, load, predict
+    from phnn.verbs import Diagnosis, compare, diagnose, identify, load, predict
 
     __version__: str
 
@@ -43,7 +44,7 @@ _DEFINED_IN = {
     "simulate": "phnn.integrate.differentiable",
     "train": "phnn.learn.run",
     "compare": "phnn.verbs",
-    "export": "phnn.verbs",
+    "export": "phnn.exporting.write",
     "load": "phnn.verbs",
     "control": None,
     "models": None,

@@ -16,10 +16,18 @@ from phnn.integrate.sweep import Integrated, Perturbed
 from phnn.laws import FACTOR_LAWS, PORT_LAWS
 from phnn.laws.namespace import TINY
 from phnn.models.actuator import hrc
-from phnn.passage import measured_changes, place_of, sensed, source_input
 from phnn.recordings.driving import input_before, made_periodic
 from phnn.signals.reconstruct import mean_input
-from phnn.trajectory import Trajectory, driven, driven_changes, with_earlier_cycles
+from phnn.trajectory import (
+    Trajectory,
+    driven,
+    driven_changes,
+    measured_changes,
+    place_of,
+    sensed,
+    source_input,
+    with_earlier_cycles,
+)
 
 Array = NDArray[np.float64]
 

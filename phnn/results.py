@@ -402,7 +402,7 @@ def claim(
                 replace(place, name=PurePosixPath(file)).remove()
         _remove_parts(root)
         if index:
-            _index_files(place)
+            _write_index(place)
         mark.remove()
         replace(run, complete=True, files=_Manifest.read(root).existing(root)).write(root)
 
@@ -541,6 +541,7 @@ th, td {{ border-bottom: 1px solid #dfe3e6; padding: 0.25rem 1.2rem 0.25rem 0; t
 <body>
 <h1>{title}</h1>
 <table>
+<tr><th>file</th><th>written by</th></tr>
 {rows}
 </table>
 </body>
@@ -548,25 +549,17 @@ th, td {{ border-bottom: 1px solid #dfe3e6; padding: 0.25rem 1.2rem 0.25rem 0; t
 """
 
 
-def write_index(place: Place, title: str, heads: Sequence[str], rows: Mapping[str, Sequence[str]]) -> None:
-    """Write ``index.html``, a table whose first column is linked. A stranger's ``index.html`` stays.
+def _write_index(place: Place) -> None:
+    """Link all that phnn wrote into a folder: pages first, then other files, then those in folders of it.
 
-    Args:
-        heads: of the columns.
-        rows: the text of each cell, by address below the folder.
+    A stranger's ``index.html`` stays.
     """
-    lines = ["<tr>" + "".join(f"<th>{escape(head)}</th>" for head in heads) + "</tr>"]
-    for address, cells in rows.items():
-        first, *others = (escape(printable(cell)) for cell in cells)
-        link = f'<a href="./{quote(address, errors="surrogateescape")}">{first}</a>'
-        lines.append("<tr>" + "".join(f"<td>{cell}</td>" for cell in (link, *others)) + "</tr>")
-    with suppress(OutputRefused):
-        (place / INDEX).write(_PAGE.format(title=escape(printable(title)), rows="\n".join(lines)).encode())
-
-
-def _index_files(place: Place) -> None:
-    """Link all that phnn wrote into a folder: pages first, then other files, then those in folders of it."""
     files = _Manifest.read(place.root).existing(place.root)
-    order = sorted(files, key=lambda n: (n.count("/"), not n.endswith(".html"), n))
-    rows = {n: (n, f"phnn {files[n]}") for n in order if n not in (INDEX, INCOMPLETE, PROGRESS)}
-    write_index(place, f"Results of phnn {place.by}", ("file", "written by"), rows)
+    lines = []
+    for name in sorted(files, key=lambda n: (n.count("/"), not n.endswith(".html"), n)):
+        if name not in (INDEX, INCOMPLETE, PROGRESS):
+            link = f'<a href="./{quote(name, errors="surrogateescape")}">{escape(printable(name))}</a>'
+            lines.append(f"<tr><td>{link}</td><td>phnn {escape(files[name])}</td></tr>")
+    title = escape(f"Results of phnn {place.by}")
+    with suppress(OutputRefused):
+        (place / INDEX).write(_PAGE.format(title=title, rows="\n".join(lines)).encode())

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from phnn.diagnose.diagnosis import Diagnosis as Finished
 from phnn.diagnose.diagnosis import diagnose as run_diagnosis
@@ -22,10 +22,8 @@ from phnn.report.result import write
 if TYPE_CHECKING:
     from phnn.comparison.models import Result
     from phnn.modal.store import StoredModes
-    from phnn.network.elements import Network
-    from phnn.setup import Setup
 
-__all__ = ["Diagnosis", "compare", "diagnose", "export", "identify", "load", "predict"]
+__all__ = ["Diagnosis", "compare", "diagnose", "identify", "load", "predict"]
 
 
 @dataclass(frozen=True)
@@ -156,49 +154,3 @@ def compare(
 
     chosen = Settings.from_config(compose("compare", settings))
     return run_comparison(campaign_of(campaign), Path(out), chosen, progress, overwrite)
-
-
-def export(
-    model: Model | Setup | Network | str | Path,
-    to: str,
-    out: str | Path,
-    *,
-    dt: float = 1e-4,
-    substeps: int | None = None,
-    input: Literal["linear", "zero_order"] = "linear",
-    name: str = "",
-    ports: Sequence[str] = (),
-    sensor: bool = True,
-    initial_input: float = 0.0,
-    overwrite: bool = False,
-) -> list[Path]:
-    """Write a model as a program for a controller or a simulator.
-
-        phnn.export("out/model", to="c", out="out/c", dt=5e-5)    # out/c/piezo.h, out/c/piezo.c
-
-    Its steps are those of `Model.simulate` with the same sample time, sub-steps and input between the samples.
-
-    Args:
-        model: what `phnn.load` returned, or its folder, or that of a diagnosis.
-        to: ``c`` (C99 without dependencies), ``fmu`` (FMI 2.0 co-simulation), ``python`` (one file) or ``matlab``.
-        out: folder of the files.
-        dt: sample time [s].
-        substeps: integration steps in a sample time; those of the model if None.
-        input: between two samples, ``linear`` or ``zero_order``.
-        name: prefix of what is made public; that of the model if empty.
-        ports: further ports of the network that are inputs; the input of the others is zero.
-        sensor: include the sensor; without it the output is what the sensor senses.
-        initial_input: constant input under whose rest a network begins in which something flows at rest.
-        overwrite: replace files of an earlier export even where they were changed since.
-
-    Returns:
-        Paths of the files.
-
-    Raises:
-        InputRefused: a law or block has no exported form, a setting is out of range, or the folder cannot be used.
-    """
-    from phnn.exporting.write import Wanted
-    from phnn.exporting.write import write as write_program
-
-    wanted = Wanted(to, dt, substeps, input, name, tuple(ports), sensor, initial_input)
-    return write_program(model, wanted, out, overwrite=overwrite)

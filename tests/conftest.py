@@ -1,12 +1,15 @@
 """What every test shares: one torch thread, so that timings and results do not depend on the machine's load; a
-collector of garbage that leaves alone what was there before the first test; and the noise floors of recordings."""
+collector of garbage that leaves alone what was there before the first test; the noise floors of recordings; a disk."""
 
 from __future__ import annotations
 
 import gc
+import shutil
+import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from hashlib import sha256
+from pathlib import Path
 from typing import Any
 from unittest import mock
 
@@ -47,3 +50,22 @@ def pytest_collection_finish() -> None:
     # Half a million objects of libraries and tests; to look through them again and again took a twentieth of the time.
     gc.collect()
     gc.freeze()
+
+
+@pytest.fixture
+def disk(tmp_path: Path) -> Iterator[Callable[[str], Path]]:
+    """Gives a folder that is a disk of its own, of the given options, or changes the options of that disk."""
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    mounted = []
+
+    def with_options(options: str) -> Path:
+        command = ["mount", "-t", "tmpfs", "-o", ("remount," if mounted else "") + options, "none", str(folder)]
+        if shutil.which("mount") is None or subprocess.run(command, capture_output=True).returncode:
+            pytest.skip("no rights to mount a small disk")
+        mounted.append(options)
+        return folder
+
+    yield with_options
+    if mounted:
+        subprocess.run(["umount", str(folder)], check=True)

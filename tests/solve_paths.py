@@ -15,12 +15,11 @@ from networks import random_network, remembering
 from subjects import _KINDS, NETWORKS, NetworkSubject, body
 
 from phnn.integrate import dense, sweep
-from phnn.integrate.actions import actions
 from phnn.integrate.compilable import can_compile
 from phnn.integrate.differentiable import simulate_torch
 from phnn.integrate.kernel import KERNELS, kernel_for
 from phnn.integrate.ode import odeint
-from phnn.integrate.program import compile_network
+from phnn.integrate.program import actions, compile_network
 from phnn.integrate.scheme import Scheme
 from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
 from phnn.network import Coupling, Network, PortHamiltonianSystem, Resistor, Storage

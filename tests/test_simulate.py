@@ -20,11 +20,10 @@ from phnn.models.bouc_wen import bouc_wen
 from phnn.models.network_file import load_network
 from phnn.network.elements import Port
 from phnn.parameters import Parameter, positive
-from phnn.passage import sensing
 from phnn.recordings.recording import Recording, Start
 from phnn.recordings.sensor import Sensor
 from phnn.setup import AMPLIFIERS, SENSORS, SOURCES, Block, Setup, Source
-from phnn.trajectory import simulate
+from phnn.trajectory import sensing, simulate
 
 BASE = Setup(from_paper())
 

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from phnn.exporting.write import Wanted, write
+from phnn.exporting.write import program_of, write
+from phnn.predictor import loaded
+
+_SETTINGS = ("to", "dt", "substeps", "hold", "name", "ports", "sensor", "initial_input")
 
 
 def export(model: Path, out: Path, options: Mapping[str, Any], outside: bool = False, overwrite: bool = False) -> None:
     """Write a stored model as files of a target, and print their names.
 
     Args:
-        options: the fields of `phnn.exporting.Wanted`.
+        options: the settings of `phnn.exporting.write.program_of`.
     """
-    chosen = {f.name: options[f.name] for f in fields(Wanted)}
-    wanted = Wanted(**chosen | {"ports": tuple(chosen["ports"])})
-    for path in write(model, wanted, out, outside, overwrite):
+    program = program_of(loaded(model, outside), **{name: options[name] for name in _SETTINGS})
+    for path in write(program, options["to"], out, [model], overwrite):
         print(path)

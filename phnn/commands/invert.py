@@ -22,6 +22,7 @@ from phnn.recordings import checks
 from phnn.recordings.channels import select
 from phnn.recordings.checks import like_an_actuator
 from phnn.recordings.folder import reader_of
+from phnn.recordings.recording import ACTUATOR, Units
 from phnn.recordings.sampling import on_grid
 from phnn.recordings.table import Where
 from phnn.recordings.units import known_unit
@@ -115,13 +116,6 @@ RESULTS = ("command.csv", "invert.json", "invert.png")
 _INPUTS = {"V": "voltage_V", "N": "force_N"}
 
 
-class _Units(NamedTuple):
-    """SI units of a model's input and output."""
-
-    input: str
-    output: str
-
-
 def invert(
     model: Path,
     reference: Path,
@@ -170,25 +164,26 @@ def _size(error: NDArray[np.float64], unit: str) -> str:
     return f"at most {quantity(float(np.abs(error).max()), unit)}, {quantity(rms, unit)} rms"
 
 
-def _units(model: Model) -> _Units:
+def _units(model: Model) -> Units:
+    """SI units of a model's input and output."""
     network = model.setup.network
-    return _Units(
+    return Units(
         next((p.unit for p in network.ports), ""), next(s.unit for s in network.storages if s.name == network.output)
     )
 
 
-def _check(path: Path, wanted: Reference, units: _Units) -> None:
+def _check(path: Path, wanted: Reference, units: Units) -> None:
     """Refuse a reference in another unit than the model's output."""
     if wanted.unit != units.output:
         raise InputRefused(
             f"{path.name}: the reference is in {wanted.unit}, the output of the model in {units.output}: give a "
             "reference of what the model's sensor measures"
         )
-    if units == ("V", "m"):
+    if units == ACTUATOR:
         like_an_actuator(float(np.ptp(wanted.y)), "displacement", "reference", Where(path.name))
 
 
-def _write(inverse: Inverse, units: _Units, notes: tuple[str, ...], place: Place) -> None:
+def _write(inverse: Inverse, units: Units, notes: tuple[str, ...], place: Place) -> None:
     suffix = units.output.replace(" ", "")
     output = "displacement" if units.output == "m" else "output"
     table = pd.DataFrame(

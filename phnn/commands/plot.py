@@ -15,8 +15,8 @@ from phnn.intake.files import named_file
 from phnn.intake.json_file import load_json
 from phnn.intake.limits import LIMITS
 from phnn.plot.frequency import response, whiteness
-from phnn.plot.panels import MOST, Plot, chosen, model_of, network_model
-from phnn.plot.signals import Locations, balance, hysteresis, outputs
+from phnn.plot.panels import MOST, Plot, chosen, model_of, network_model, predictions
+from phnn.plot.signals import Locations, Outputs, balance, hysteresis
 from phnn.recordings import Campaign, read
 from phnn.report.document import Location, read_document
 from phnn.report.figures.style import svg
@@ -99,7 +99,7 @@ def _computed(kind: str, simulator: Any, campaign: Campaign | None, options: Map
     if campaign is None:
         raise InputRefused(f"phnn plot {kind}: no recordings: name their folder after that of the model")
     if kind == "compare":
-        return outputs(simulator, campaign, recording)
+        return Outputs(predictions(simulator, campaign, recording))
     if kind == "residuals":
         return whiteness(simulator, campaign, recording)
     if kind == "loops":

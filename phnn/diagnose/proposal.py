@@ -39,10 +39,9 @@ from phnn.identification.problem import Problem, Variables, without_nuisances
 from phnn.identification.staged import stated_only
 from phnn.network.small_signal import linearised_at_rest
 from phnn.parameters import quantity
-from phnn.passage import is_displacement
 from phnn.recordings.recording import Part, Recording, Start, Units
 from phnn.setup import Own, Setup
-from phnn.trajectory import simulate
+from phnn.trajectory import is_displacement, simulate
 
 Array = NDArray[np.float64]
 

@@ -23,15 +23,13 @@ class Kind:
         name: in words, unique at its location.
         history: the past variables on which it depends, if a static plot does not show that; ``{output}``, ``{rate}``
             and ``{source}`` stand for the words of the system's domain.
-        one_port: the learned one-port of this kind in words; empty if there is none.
-        learned: name of that learned element.
+        learned: name of the learned one-port of this kind; empty if there is none.
         axis: variable on which it acts, if its generic functions have none.
     """
 
     location: str
     name: str
     history: str = field(default="", compare=False)
-    one_port: str = field(default="", compare=False)
     learned: str = field(default="", compare=False)
     axis: str = field(default="", compare=False)
 
@@ -67,21 +65,9 @@ RATIO_BY_WARMTH = Kind(
 )
 
 # Forces on the moving part.
-ELASTIC = Kind(
-    "mechanical", "elastic", one_port="a spring: conservative, it gives back what it stores", learned="learned_spring"
-)
-DISSIPATIVE = Kind(
-    "mechanical",
-    "dissipative",
-    one_port="a damper: dissipative, it only takes energy away",
-    learned="learned_damper",
-)
-MEMORY = Kind(
-    "mechanical",
-    "memory",
-    one_port="springs in series with dampers: dissipative, with a memory of where it was",
-    learned="learned_relaxation",
-)
+ELASTIC = Kind("mechanical", "elastic", learned="learned_spring")
+DISSIPATIVE = Kind("mechanical", "dissipative", learned="learned_damper")
+MEMORY = Kind("mechanical", "memory", learned="learned_relaxation")
 DAMPING_BY_DISPLACEMENT = Kind("mechanical", "damping that follows the displacement")
 MODE = Kind("mechanical", "mode", "on the rate at which the {rate} changes, and on its past")
 RINGING_MODE = Kind(

@@ -18,8 +18,8 @@ import sys
 import tempfile
 import uuid
 import zipfile
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
@@ -177,73 +177,106 @@ Files = Mapping[str, str | bytes]
 SAMPLE_TIME = 1e-4
 
 
-@dataclass(frozen=True)
-class Wanted:
-    """How a model is exported.
+def export(
+    model: Model | Setup | Network | str | Path,
+    to: str,
+    out: str | Path,
+    *,
+    dt: float = SAMPLE_TIME,
+    substeps: int | None = None,
+    input: Hold = "linear",
+    name: str = "",
+    ports: Sequence[str] = (),
+    sensor: bool = True,
+    initial_input: float = 0.0,
+    overwrite: bool = False,
+) -> list[Path]:
+    """Write a model as a program for a controller or a simulator.
 
-    Attributes:
-        to: ``c``, ``fmu``, ``python`` or ``matlab``.
+        phnn.export("out/model", to="c", out="out/c", dt=5e-5)    # out/c/piezo.h, out/c/piezo.c
+
+    Its steps are those of `Model.simulate` with the same sample time, sub-steps and input between the samples.
+
+    Args:
+        model: what `phnn.load` returned, or its folder, or that of a diagnosis.
+        to: ``c`` (C99 without dependencies), ``fmu`` (FMI 2.0 co-simulation), ``python`` (one file) or ``matlab``.
+        out: folder of the files.
         dt: sample time [s].
-        substeps: integration steps in it; those of the model if None.
-        hold: the input between samples: ``linear`` or ``zero_order``.
-        name: prefix of all that is made public; that of the model if empty.
-        ports: further ports that are inputs; the others are zero.
-        sensor: whether the sensor is included; without it the output is what the sensor senses.
-        initial_input: constant input [SI of the first port] at whose rest a model begins that cannot compute it.
+        substeps: integration steps in a sample time; those of the model if None.
+        input: between two samples, ``linear`` or ``zero_order``.
+        name: prefix of what is made public; that of the model if empty.
+        ports: further ports of the network that are inputs; the input of the others is zero.
+        sensor: include the sensor; without it the output is what the sensor senses.
+        initial_input: constant input under whose rest a network begins in which something flows at rest.
+        overwrite: replace files of an earlier export even where they were changed since.
+
+    Returns:
+        Paths of the files.
+
+    Raises:
+        InputRefused: a law or block has no exported form, a setting is out of range, or the folder cannot be used.
     """
-
-    to: str
-    dt: float = SAMPLE_TIME
-    substeps: int | None = None
-    hold: Hold = "linear"
-    name: str = ""
-    ports: tuple[str, ...] = ()
-    sensor: bool = True
-    initial_input: float = 0.0
+    given = [Path(model)] if isinstance(model, str | Path) else []
+    found = loaded(given[0]) if given else model
+    program = program_of(found, to, dt, substeps, input, name, ports, sensor, initial_input)  # type: ignore[arg-type]
+    return write(program, to, Path(out), given, overwrite)
 
 
-def program_of(model: Model | Setup | Network | StoredModes, wanted: Wanted) -> Program:
-    """The program of a model.
+def program_of(
+    model: Model | Setup | Network | StoredModes,
+    to: str,
+    dt: float = SAMPLE_TIME,
+    substeps: int | None = None,
+    hold: Hold = "linear",
+    name: str = "",
+    ports: Sequence[str] = (),
+    sensor: bool = True,
+    initial_input: float = 0.0,
+) -> Program:
+    """The program of a model; arguments as of `export`, ``hold`` is its ``input``.
 
     Raises:
         InputRefused: a setting is out of range, or a law or block cannot be exported; names it.
     """
-    setup, substeps = _setup_of(model)
-    _check(wanted, setup)
-    if not wanted.sensor:
+    setup, known = _setup_of(model)
+    if to not in TARGETS:
+        raise InputRefused(f"to: {to!r} is no target: choose one of {', '.join(TARGETS)}")
+    if hold not in HOLDS:
+        raise InputRefused(f"input: {hold!r} between samples is not exported: choose {' or '.join(HOLDS)}")
+    # Below the least normal number, a share of it or its reciprocal is lost.
+    if not sys.float_info.min <= dt < math.inf:
+        raise InputRefused(f"dt: {dt:g} s is no sample time: give a positive, finite one")
+    if not math.isfinite(initial_input):
+        raise InputRefused(f"initial_input: {initial_input:g}: give a finite number")
+    if substeps is not None and not 1 <= substeps <= LIMITS.substeps:
+        raise InputRefused(f"substeps: {substeps}: give 1 to {LIMITS.substeps}")
+    further = [p.name for p in setup.network.ports[1:]]
+    if strange := [port for port in ports if port not in further]:
+        raise InputRefused(
+            f"ports: the network has no further port {strange[0]!r}; it has {', '.join(further) or 'none'}"
+        )
+    if not sensor:
         setup = replace(setup, sensor=())
-    chosen = wanted.substeps if wanted.substeps is not None else substeps
     # What drives a unit of co-simulation holds its input during a communication step.
-    hold = "zero_order" if wanted.to == "fmu" else wanted.hold
-    return build(setup, wanted.dt, chosen, hold, wanted.name, wanted.ports, wanted.initial_input)
+    held: Hold = "zero_order" if to == "fmu" else hold
+    return build(setup, dt, known if substeps is None else substeps, held, name, ports, initial_input)
 
 
-def write(
-    model: Model | Setup | Network | StoredModes | str | Path,
-    wanted: Wanted,
-    out: str | Path,
-    outside: bool = False,
-    overwrite: bool | None = False,
-) -> list[Path]:
+def write(program: Program, to: str, out: Path, given: Sequence[Path] = (), overwrite: bool = False) -> list[Path]:
     """Write the files of a target into a folder; returns their paths.
 
     Args:
-        model: or the folder of a stored one, or of a diagnosis.
-        outside: the model's file may be a link that leads out of its folder.
+        given: folders from which the model was read.
         overwrite: replace files of an earlier export even where they were changed since.
 
     Raises:
-        InputRefused: there is no such model or target, or it cannot be exported, or the folder cannot be written to.
+        InputRefused: the folder cannot be written to.
     """
-    given = [Path(model)] if isinstance(model, str | Path) else []
-    found = loaded(given[0], outside) if given else model
-    program = program_of(found, wanted)  # type: ignore[arg-type]
-    files = TARGETS[wanted.to](program)
-    folder = Path(out)
-    with claim(folder, "export", given, tuple(files), overwrite=overwrite, index=False) as place:
+    files = TARGETS[to](program)
+    with claim(out, "export", given, tuple(files), overwrite=overwrite, index=False) as place:
         for name, content in files.items():
             (place / name).write(content.encode() if isinstance(content, str) else content)
-    return [folder / name for name in files]
+    return [out / name for name in files]
 
 
 def _setup_of(model: Model | Setup | Network | StoredModes) -> tuple[Setup, int]:
@@ -257,25 +290,6 @@ def _setup_of(model: Model | Setup | Network | StoredModes) -> tuple[Setup, int]
         f"{type(model).__name__} cannot be exported: a model of phnn modes is a network first: "
         "export phnn.load(MODEL).to_network() from Python"
     )
-
-
-def _check(wanted: Wanted, setup: Setup) -> None:
-    """Refuse settings that no program can have."""
-    if wanted.to not in TARGETS:
-        raise InputRefused(f"to: {wanted.to!r} is no target: choose one of {', '.join(TARGETS)}")
-    if wanted.hold not in HOLDS:
-        raise InputRefused(f"input: {wanted.hold!r} between samples is not exported: choose {' or '.join(HOLDS)}")
-    # Below the least normal number, a share of it or its reciprocal is lost.
-    if not sys.float_info.min <= wanted.dt < math.inf:
-        raise InputRefused(f"dt: {wanted.dt:g} s is no sample time: give a positive, finite one")
-    if not math.isfinite(wanted.initial_input):
-        raise InputRefused(f"initial_input: {wanted.initial_input:g}: give a finite number")
-    if wanted.substeps is not None and not 1 <= wanted.substeps <= LIMITS.substeps:
-        raise InputRefused(f"substeps: {wanted.substeps}: give 1 to {LIMITS.substeps}")
-    known = [p.name for p in setup.network.ports[1:]]
-    for port in wanted.ports:
-        if port not in known:
-            raise InputRefused(f"ports: the network has no further port {port!r}; it has {', '.join(known) or 'none'}")
 
 
 _MATH = ("exp", "sqrt", "log", "log1p", "tanh", "sin", "cos", "isfinite")

@@ -169,22 +169,20 @@ def numerical_error(fit: Fit) -> NumericalError:
     return NumericalError(error, float(np.linalg.norm(rest)), shares)
 
 
-def with_bounded_error(first: Fit, bound: float, keep: Sequence[str] = ()) -> tuple[Fit, NumericalError]:
+def with_bounded_error(first: Fit, bound: float) -> tuple[Fit, NumericalError]:
     """Refit with sub-steps for a bound, again where the fit has moved enough to need finer ones.
 
     Args:
         bound: on the numerical error over all recordings, in standard deviations of the noise.
-        keep: parameters that are estimated in any case.
     """
     fitted = first
     for _ in range(3):
         plan = substeps_for(fitted.setup, fitted.plan, bound, fitted.initial_states)
-        fitted = fit_identified(fitted.setup, plan, stated_only(fitted.held), origin=fitted, keep=keep)
-        fitted = resumed(fitted)
+        fitted = resumed(fit_identified(fitted.setup, plan, stated_only(fitted.held), origin=fitted))
         error = numerical_error(fitted)
         if error.sigma <= bound:
             break
-    free = released(fitted, keep)
+    free = released(fitted)
     if free is not fitted:
         fitted, error = free, numerical_error(free)
     return replace(fitted, alternatives=first.alternatives), error
@@ -224,15 +222,6 @@ def _coarse_cost(setup: Setup, plan: Plan) -> float:
     except SolverFailed:
         return float("inf")
     return float(residual @ residual)
-
-
-def refined(fitted: Fit) -> tuple[Fit, NumericalError]:
-    """The same fit with all sub-steps doubled."""
-    doubled = {r.name: 2 * fitted.plan.steps_of(r) for r in fitted.plan.recordings}
-    plan = replace(fitted.plan, substeps=doubled)
-    held = stated_only(fitted.held)
-    again = fit_identified(fitted.setup, plan, held, origin=fitted)
-    return replace(again, alternatives=fitted.alternatives), numerical_error(again)
 
 
 _QUICK, _FULL = 12, 60

@@ -74,30 +74,18 @@ class Gain:
     before, after: residual over noise, root mean square over the scored parts, without and with the element.
     rms: root mean square of what the element explains there, ``√(before² − after²)`` in the output's unit; negative
         where the error rises.
-    share_of_noise: the same over the noise.
-    blocks: number of nearly independent blocks of time.
-    falls, rises: one-sided p-values that the error falls, and that it rises; None where there are too few blocks.
+    falls: one-sided p-value that the error falls; None where there are too few nearly independent blocks of time.
     """
 
     before: float
     after: float
     rms: float
-    share_of_noise: float
-    blocks: int
     falls: float | None
-    rises: float | None
 
     @property
     def takes(self) -> float:
         """Mean square [noise²] that the element takes; negative where the error rises."""
         return self.before**2 - self.after**2
-
-    @property
-    def share(self) -> float | None:
-        """Share of the excess over the noise that the element takes; None where the error is no larger than that."""
-        if not self.before > 1.0:
-            return None
-        return self.takes / (self.before**2 - 1.0)
 
 
 def gain(
@@ -136,26 +124,15 @@ def gain(
     changes = np.concatenate(sums)
     # A difference of rounding is none.
     changes = np.where(np.abs(changes) > _ROUNDING * (had + has).mean(), changes, 0.0)
-    falls, rises = _p_values(changes, fewest_blocks)
-    return Gain(
-        before=math.sqrt(had.mean()),
-        after=math.sqrt(has.mean()),
-        rms=_signed_root(float(np.mean((had - has) * noise**2))),
-        share_of_noise=_signed_root(float(np.mean(had - has))),
-        blocks=sum(s.size for s in sums),
-        falls=falls,
-        rises=rises,
-    )
+    taken = float(np.mean((had - has) * noise**2))
+    rms = math.copysign(math.sqrt(abs(taken)), taken)
+    return Gain(math.sqrt(had.mean()), math.sqrt(has.mean()), rms, _p_value(changes, fewest_blocks))
 
 
 def _fair(recording: Recording, own: Own) -> float:
     """Factor on a residual beside what was fitted to its own samples, for noise to keep its size."""
     size = recording.t.size
     return math.sqrt(size / max(size - own_size(recording, own), 1))
-
-
-def _signed_root(value: float) -> float:
-    return math.copysign(math.sqrt(abs(value)), value)
 
 
 def _block_sums(before: Array, after: Array) -> Array:
@@ -176,16 +153,14 @@ def correlation_length(residual: Array) -> float:
     return 1.0 + 2.0 * max(float(positive.sum()), float(np.sum(rho[: size // _LAGS] ** 2)))
 
 
-def _p_values(values: Array, fewest: int) -> tuple[float | None, float | None]:
-    """One-sided p-values of Student's test that the mean is positive, and that it is negative."""
+def _p_value(values: Array, fewest: int) -> float | None:
+    """One-sided p-value of Student's test that the mean is positive."""
     if values.size < fewest:
-        return None, None
+        return None
     spread = float(np.std(values, ddof=1)) / math.sqrt(values.size)
     if spread == 0.0:
-        sure = 0.5 if not values.mean() else 0.0 if values.mean() > 0.0 else 1.0
-        return sure, 1.0 - sure
-    statistic = float(values.mean()) / spread
-    return float(student.sf(statistic, values.size - 1)), float(student.cdf(statistic, values.size - 1))
+        return 0.5 if not values.mean() else 0.0 if values.mean() > 0.0 else 1.0
+    return float(student.sf(float(values.mean()) / spread, values.size - 1))
 
 
 # They are chosen like the held-out ones, inside the span of the rest; of a single recording it is the last third. A

@@ -23,11 +23,10 @@ from numpy.typing import NDArray
 from phnn.derivatives import output_derivatives
 from phnn.errors import SolverFailed
 from phnn.identification.plan import Plan
-from phnn.passage import is_displacement
 from phnn.recordings.driving import unknown_instants
 from phnn.recordings.recording import Recording, dominant_frequency
 from phnn.setup import NOTHING, Own, Setup
-from phnn.trajectory import Trajectory, simulate
+from phnn.trajectory import Trajectory, is_displacement, simulate
 
 Array = NDArray[np.float64]
 

@@ -182,7 +182,7 @@ def compile_ahead() -> bool:
     A fit simulates first; this process compiles that meanwhile, and waits where it needs the derivatives earlier.
     """
     folder = _folder()
-    if folder is None or any(folder.glob("*/recursion.sensitivity_steps-*.nbc")):
+    if folder is None or any(folder.glob("*/*.sensitivity_steps-*.nbc")):
         return False
     # Another process knows nothing of laws that were registered in this one.
     if not registered_outside():

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from phnn.integrate.dispatch import SCALARS
+from phnn.integrate.table_access import SCALARS
 from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES, form_of
 from phnn.network.elements import Network, WithLaw, fault_of_laws

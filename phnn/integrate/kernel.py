@@ -14,18 +14,13 @@ from numpy.typing import NDArray
 
 from phnn.errors import InputRefused
 from phnn.integrate import quick
-from phnn.integrate.actions import actions
 from phnn.integrate.cache import inline, loop_entry
-from phnn.integrate.constants import CONSTANTS, fill_gains
-from phnn.integrate.modulator_states import advance
-from phnn.integrate.program import Program
+from phnn.integrate.program import Program, actions
 from phnn.integrate.roots import extrapolated
-from phnn.integrate.scalar import prepare, solve_one
-from phnn.integrate.solve import Room, rest_guess, solve_many
-from phnn.integrate.step import balance
+from phnn.integrate.solve import Room, prepare, rest_guess, solve_many, solve_one
+from phnn.integrate.step import CONSTANTS, EFFORT, NEXT, Step, advance, balance, fill_gains
 from phnn.integrate.table_access import count, is_linear, junction_storage
 from phnn.integrate.tables import JUNCTIONS, LEAVES, MODULATOR_STATES, rows_of
-from phnn.integrate.terms import EFFORT, NEXT, Step
 
 Array = NDArray[np.float64]
 

@@ -1,8 +1,8 @@
 """Derivatives of one step: affine parts from coefficients that hold for many steps, the rest by complex steps.
 
-The linear terms of the junctions, and reducible storages away from their thresholds (`phnn.integrate.affine`), take
-their derivatives from coefficients. These are prepared whenever the step size changes. `phnn.integrate.perturbed`
-differentiates all other blocks one by one. `phnn.integrate.drives` differentiates the modulator states.
+The linear terms of the junctions, and reducible storages away from their thresholds (`phnn.integrate.perturbed`), take
+their derivatives from coefficients, which are prepared whenever the step size changes; all other blocks are
+differentiated one by one, and the modulator states at the end.
 """
 
 from __future__ import annotations
@@ -11,21 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from phnn.integrate.affine import current_of, curved_leaf, exert, fill, piece_of, plain_leaf
 from phnn.integrate.cache import inline, plain, stay_outside
-from phnn.integrate.constants import (
-    HIGH,
-    LEAK,
-    LEAK_ONE,
-    LEAK_TWO,
-    LOW,
-    ONE,
-    RHO,
-    STIFFNESS,
-    TWO,
-    fill_constants,
-    fill_gains,
-)
 from phnn.integrate.perturbed import (
     ABOVE,
     CROSSING,
@@ -44,14 +30,42 @@ from phnn.integrate.perturbed import (
     TIMES,
     UPPER,
     WHOLE,
+    current_of,
+    curved_leaf,
+    exert,
+    fill,
     in_full,
     load,
     load_actions,
     parameter,
     perturb,
+    piece_of,
     places_of,
+    plain_leaf,
     scale,
     step_of,
+)
+from phnn.integrate.step import (
+    FLOW,
+    FORCE,
+    HIGH,
+    LEAK,
+    LEAK_ONE,
+    LEAK_TWO,
+    LOW,
+    ONE,
+    RHO,
+    STIFFNESS,
+    TWO,
+    Step,
+    branch_effort,
+    fill_constants,
+    fill_gains,
+    junction_change,
+    junction_flows,
+    junction_term,
+    leaf_current,
+    read,
 )
 from phnn.integrate.table_access import (
     count,
@@ -89,17 +103,6 @@ from phnn.integrate.tables import (
     SOURCES,
     STORAGES,
     TO_JUNCTION,
-)
-from phnn.integrate.terms import (
-    FLOW,
-    FORCE,
-    Step,
-    branch_effort,
-    junction_change,
-    junction_flows,
-    junction_term,
-    leaf_current,
-    read,
 )
 from phnn.laws.leaf import relaxation, relaxed
 from phnn.laws.namespace import TINY

@@ -1,6 +1,7 @@
-"""Translation of a network to the integer tables that the compiled kernel reads.
+"""Translation of a network to the integer tables that the compiled kernel reads, and the actions of its ports.
 
-`phnn.integrate.partition` decides which storages are junctions and which are reducible.
+`phnn.integrate.partition` decides which storages are junctions and which are reducible. The actions ``ψ_p(u_p)`` depend
+on the inputs and parameters alone and on no state: they are computed for all steps before the integration begins.
 """
 
 from __future__ import annotations
@@ -15,7 +16,6 @@ from numpy.typing import NDArray
 
 from phnn.errors import StructureViolated
 from phnn.integrate.compilable import LAWS, obstacle
-from phnn.integrate.dispatch import SCALARS
 from phnn.integrate.partition import (
     LINEAR_RESISTOR_CODES,
     is_linear,
@@ -25,6 +25,7 @@ from phnn.integrate.partition import (
     rule_of,
 )
 from phnn.integrate.scheme import Scheme
+from phnn.integrate.table_access import SCALARS
 from phnn.integrate.tables import (
     BRANCHES,
     EXACT,
@@ -74,7 +75,8 @@ from phnn.integrate.tables import (
     rows_of,
     stack,
 )
-from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, RESISTOR_LAWS, STORAGE_LAWS
+from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
+from phnn.laws.namespace import TINY
 from phnn.laws.wide import form_of
 from phnn.network.elements import ModulatorState, Network, Ratio, Resistor, Storage
 from phnn.network.roles import imposed
@@ -560,3 +562,27 @@ class _Finder:
         if row[SOURCE_FLOW] >= 0:
             return self._flow(int(row[SOURCE_FLOW]))
         return self._port(row[SOURCE_PORT]) if row[SOURCE_PORT] >= 0 else set()
+
+
+Array = NDArray[np.float64]
+
+
+def actions(program: Program, theta: Any, u: Array) -> Any:
+    """(…, P) ``ψ_p(u_p)`` of inputs (…, P)."""
+    out = np.empty(u.shape, dtype=theta.dtype)
+    for port, row in enumerate(rows_of(program.table, PORTS)):
+        law = list(PORT_LAWS.values())[row[LAW]]
+        out[..., port] = law.action(
+            u[..., port], *(theta[place] for place in row[PLACE_1 : PLACE_1 + len(law.example)])
+        )
+    return out
+
+
+def action_derivatives(program: Program, theta: Array, u: Array, places: NDArray[np.int64]) -> Array:
+    """(S, n, P) derivatives of the actions by the parameters at some entries of ``theta``."""
+    out = np.empty((places.size, *u.shape))
+    for s, place in enumerate(places):
+        moved = theta.astype(complex)
+        moved[place] += 1j * TINY
+        out[s] = np.imag(actions(program, moved, u)) / TINY
+    return out

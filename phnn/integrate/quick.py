@@ -18,25 +18,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.integrate.cache import inline, loop_entry, plain, stay_outside
-from phnn.integrate.constants import (
+from phnn.integrate.partition import LINEAR_RESISTOR_CODES
+from phnn.integrate.program import Program
+from phnn.integrate.roots import extrapolated, make_root
+from phnn.integrate.step import (
     CAPACITY,
     CONSTANTS,
+    EFFORT,
+    FLOW,
     HIGH,
     LEAK,
     LEAK_ONE,
     LEAK_TWO,
     LOW,
+    NEXT,
     ONE,
     RHO,
     STIFFNESS,
     TWO,
+    Step,
+    advance,
     fill_constants,
     fill_gains,
 )
-from phnn.integrate.modulator_states import advance
-from phnn.integrate.partition import LINEAR_RESISTOR_CODES
-from phnn.integrate.program import Program
-from phnn.integrate.roots import extrapolated, make_root
 from phnn.integrate.table_access import count, factor, junction_storage, mean_effort, resistor_flow, resistor_thresholds
 from phnn.integrate.tables import (
     EXACT,
@@ -70,7 +74,6 @@ from phnn.integrate.tables import (
     STORAGES,
     rows_of,
 )
-from phnn.integrate.terms import EFFORT, FLOW, NEXT, Step
 from phnn.laws.leaf import rc_flow, relaxation
 from phnn.laws.namespace import TINY
 
@@ -176,7 +179,7 @@ class Work(NamedTuple):
     """Work arrays of an integration.
 
     Attributes:
-        gains: (R,); constants: (L+1, 9), see `phnn.integrate.constants`.
+        gains: (R,); constants: (L+1, 9), see `phnn.integrate.step.fill_constants`.
         kinds: (L, 3) rule and number of every reducible storage, and the row of its first resistor.
         c: (L, 10) its constants and its ratio.
         perturbed: (M,) parameters in complex numbers; ends, means: (N,) end states and mean efforts likewise.
@@ -268,7 +271,7 @@ def _scale(t: Any, theta: Any, x: Any, g: Any, scaled: Any, c: Any) -> None:
 
 @plain
 def _advance_modulators(t: Any, step: Step, next_x: Any, means: Any, wx: Any) -> None:
-    """Advance the modulator states (`phnn.integrate.modulator_states`); unknown, ``wj`` and ``wx`` are filled."""
+    """Advance the modulator states; unknown, ``wj`` and ``wx`` are filled."""
     stay_outside()
     storages, x, y, wj = count(t, STORAGES), step.x, step.y, step.wj
     y[0] = means[junction_storage(t, 0)]

@@ -19,8 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.integrate.actions import actions
-from phnn.integrate.program import Program
+from phnn.integrate.program import Program, actions
 from phnn.integrate.tables import (
     FACTORS,
     FIRST_LINK,

@@ -1,4 +1,4 @@
-"""The unknowns of a step with several junctions: a small dense Newton iteration.
+"""The unknowns of a step: a bracketed scalar root for one junction, a small dense Newton iteration for several.
 
 An imposed motion is no unknown. Its contact is rigid but for rounding (`phnn.network.bondgraph.description`), so that
 the source gives the velocity of the moved junction and the balance there gives the force in the contact, both in closed
@@ -14,12 +14,64 @@ import numpy as np
 from phnn.integrate.cache import inline, plain, stay_outside
 from phnn.integrate.pattern import eliminate
 from phnn.integrate.roots import NOTHING, RELAXED, TOLERANCE, make_root
-from phnn.integrate.scalar import inertia, prepare
-from phnn.integrate.step import balance
-from phnn.integrate.table_access import is_linear, junction_storage, mean_effort
-from phnn.integrate.tables import FROM_PORT, INTO_JUNCTION, JUNCTION_INLETS
-from phnn.integrate.terms import FORCE, SIZE, Step
+from phnn.integrate.step import CAPACITY, FORCE, SIZE, Step, balance, fill_constants, inlined_balance
+from phnn.integrate.table_access import count, is_linear, junction_storage, mean_effort
+from phnn.integrate.tables import FROM_PORT, INTO_JUNCTION, JUNCTION_INLETS, LEAVES
 from phnn.laws.namespace import TINY
+
+
+@inline
+def _value_at(y: Any, context: Any) -> Any:
+    t, h, values, _ = context
+    theta, c, g, a, x, ys, wj, wx = values
+    ys[0] = y
+    inlined_balance(t, Step(theta, c, g, a, x, ys, h, wj), wx)
+    return wj[FORCE, 0], wj[SIZE, 0]
+
+
+@plain
+def _slope_at(y: Any, context: Any) -> Any:
+    stay_outside()
+    t, h, _, perturbed = context
+    theta, c, g, a, x, ys, wj, wx = perturbed
+    ys[0] = complex(y, TINY)
+    balance(t, Step(theta, c, g, a, x, ys, h, wj), wx)
+    return wj[FORCE, 0].imag / TINY
+
+
+_root = inline(make_root(_value_at, _slope_at))
+
+
+@plain
+def prepare(t: Any, theta: Any, h: Any, c: Any, c_perturbed: Any) -> None:
+    """The constants for steps of size ``h``, as floats and as complex numbers."""
+    stay_outside()
+    fill_constants(t, theta, h, c)
+    for i in range(c.shape[0]):
+        for k in range(c.shape[1]):
+            c_perturbed[i, k] = c[i, k]
+
+
+@inline
+def inertia(t: Any, j: Any, c: Any) -> Any:
+    """``d(z_j − p_j)/dy_j``: twice the mass of a linear junction, else one."""
+    return 2.0 * c[count(t, LEAVES) + j, CAPACITY] if is_linear(t, j) else 1.0
+
+
+@inline
+def solve_one(t: Any, h: Any, slope: Any, values: Any, perturbed: Any) -> Any:
+    """Solve for the one junction from the guess in ``y``; returns success and the slope at the root.
+
+    Args:
+        slope: slope of an earlier step as a first guess, or 0.
+        values: (theta, c, g, a, x, y, wj, wx) as for `balance`; left at the root.
+        perturbed: the same in complex numbers, without perturbations.
+    """
+    _, c, _, _, _, ys, _, _ = values
+    y, slope = _root(ys[0], inertia(t, 0, c) / h, slope, (t, h, values, perturbed))
+    ys[0] = y
+    return np.isfinite(y), slope
+
 
 _ITERATIONS = 200
 _STRICT = 20

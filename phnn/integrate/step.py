@@ -9,71 +9,273 @@ lossless storage, or the mean effort of a dissipative one under the constant cur
 The unknown ``y_j`` is ``v̄_j`` where the junction's storage is linear and ``z_j`` elsewhere. Multiplied by ``h v̄`` the
 equations are the energy balance of the step.
 
+Each modulator state is advanced at the end of a step by the mean powers, efforts or actions in it:
+
+    z⁺ = z + h φ₁(−h d) f(z, s̄),     s̄ = Σ of mean powers, efforts or actions
+
+Laws and ratios read ``z`` at the start of a step. During the step they are therefore fixed, and the step keeps its
+power balance. Where ``s̄`` is power that resistors dissipate, it follows from the balance of the step: ``i ē − ΔH/h`` of
+a reducible storage, ``ε̄ φ(ε̄)`` on junctions.
+
 Every function here runs on floats and on complex numbers with a tiny imaginary part. The latter yields exact
 derivatives of the same step, so that no derivative is written by hand.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 from phnn.integrate.cache import inline, plain, stay_outside
-from phnn.integrate.constants import (
-    HIGH,
-    LEAK,
-    LEAK_ONE,
-    LEAK_TWO,
-    LOW,
-    ONE,
-    RHO,
-    STIFFNESS,
-    TWO,
-    fill_gains,
-    scale_gains,
-)
 from phnn.integrate.stages import make_gradient, make_radau
 from phnn.integrate.table_access import (
     count,
     factor,
+    is_linear,
     junction_storage,
     mean_effort,
+    memory_decay,
+    memory_rate,
     resistor_flow,
     resistor_path,
     resistor_thresholds,
+    stiffness,
 )
 from phnn.integrate.tables import (
     EXACT,
     FACTORS,
+    FIRST_BRANCH,
+    FIRST_INLET,
     FIRST_LINK,
     FIRST_RESISTOR,
+    FIRST_SOURCE,
+    FROM_PORT,
+    GYRATORS,
+    INTO_JUNCTION,
     IS_LINEAR,
+    JUNCTION_INLETS,
+    JUNCTION_RESISTORS,
     JUNCTIONS,
+    LAST_BRANCH,
+    LAST_INLET,
     LAST_LINK,
     LAST_RESISTOR,
+    LAST_SOURCE,
     LEAVES,
     LOSSLESS,
+    MODULATOR_STATES,
+    OF_JUNCTION,
     OWN_STORAGE,
     PATH,
     RADAU,
+    RATIO,
     RATIO_PLACE,
     READ,
+    READ_JUNCTION,
+    READ_LEAF,
+    READ_MODULATOR,
     RULE,
+    SIGN,
+    SOURCE_EFFORT,
+    SOURCE_FLOW,
+    SOURCE_LEAF,
+    SOURCE_PORT,
+    SOURCE_RESISTOR,
+    STORAGES,
     TO_JUNCTION,
-)
-from phnn.integrate.terms import (
-    CHANGE,
-    EFFORT,
-    FLOW,
-    NEXT,
-    Step,
-    add,
-    junction_flows,
-    junction_terms,
-    leaf_current,
-    read,
 )
 from phnn.laws.leaf import rc_flow, relaxation
 from phnn.laws.namespace import real
+from phnn.laws.other import advanced
+
+# Quantities that are the same in all steps of one size: constants of storages and junctions, and gains.
+#
+# c (L+m, 9)  of a reducible storage: s = 1/C of a linear one; ρ, lo, hi of a piecewise linear resistor that reads no
+#             state; the relaxation functions of h (ρ + g) s; g of the leaks in parallel; the relaxation functions of
+#             h g s. Of a junction, in the rows after the reducible storages: 1/s
+# g (rows,)   signed ratio of every row of the table that has a ratio
+#
+# The third array of a step, a (P,), holds the ports' actions ψ_p(ū_p) from `phnn.integrate.program`.
+STIFFNESS, RHO, LOW, HIGH, ONE, TWO, LEAK, LEAK_ONE, LEAK_TWO = range(9)
+CONSTANTS = 9
+CAPACITY = 0
+
+
+@plain
+def fill_constants(t: Any, theta: Any, h: Any, c: Any) -> None:
+    """Fill ``c`` for steps of size ``h``."""
+    stay_outside()
+    leaves = count(t, LEAVES)
+    for leaf in range(leaves):
+        row = t[0, LEAVES] + leaf
+        if t[row, IS_LINEAR] > 0 or t[row, RULE] == PATH:
+            c[leaf, STIFFNESS] = stiffness(t, t[row, OWN_STORAGE], theta)
+        r, none = t[row, FIRST_RESISTOR], 0.0 * theta[0]
+        leak = none
+        if t[row, RULE] == EXACT:
+            # Under this rule, all resistors of the storage but the first are linear.
+            for other in range(r + 1, t[row, LAST_RESISTOR]):
+                leak += resistor_flow(t, other, 1.0 + none, none, theta)
+        c[leaf, LEAK] = leak
+        c[leaf, LEAK_ONE], c[leaf, LEAK_TWO] = relaxation(h * leak * c[leaf, STIFFNESS])
+        if t[row, RULE] == EXACT and t[r, READ] < 0:
+            rho, low, high = resistor_thresholds(t, r, none, theta)
+            c[leaf, RHO], c[leaf, LOW], c[leaf, HIGH] = rho, low, high
+            c[leaf, ONE], c[leaf, TWO] = relaxation(h * (rho + leak) * c[leaf, STIFFNESS])
+    for j in range(count(t, JUNCTIONS)):
+        if is_linear(t, j):
+            c[leaves + j, CAPACITY] = 1.0 / stiffness(t, junction_storage(t, j), theta)
+
+
+@plain
+def fill_gains(t: Any, theta: Any, g: Any) -> None:
+    """Fill ``g`` with the unmodulated ratios."""
+    stay_outside()
+    for r in range(t.shape[0]):
+        if t[r, RATIO] >= 0:
+            g[r] = t[r, SIGN] * theta[t[r, RATIO]]
+
+
+@plain
+def scale_gains(t: Any, place: Any, by: Any, g: Any) -> None:
+    """Multiply the gains of one ratio."""
+    stay_outside()
+    for r in range(t.shape[0]):
+        if t[r, RATIO] == place:
+            g[r] *= by
+
+
+# Rows of the two work arrays: per junction (4, m) and per storage (2, N).
+FLOW, CHANGE, FORCE, SIZE = range(4)
+NEXT, EFFORT = range(2)
+
+
+class Step(NamedTuple):
+    """One step, in floats or in complex numbers.
+
+    Attributes:
+        theta: (M,) parameters.
+        c, g, a: constants, ratios and actions, see above.
+        x: (N,) state at its start; y: (m,) unknowns; h: its size [s].
+        wj: (4, m) filled with ``v̄``, ``z − p``, ``F`` and the size of its terms.
+    """
+
+    theta: Any
+    c: Any
+    g: Any
+    a: Any
+    x: Any
+    y: Any
+    h: Any
+    wj: Any
+
+
+@inline
+def junction_change(t: Any, j: Any, c: Any, x: Any, y: Any) -> Any:
+    """``z_j − p_j``; of a linear storage ``2 (v̄/s − p)``, which takes no difference of end states."""
+    p = x[junction_storage(t, j)]
+    return 2.0 * (y[j] * c[count(t, LEAVES) + j, CAPACITY] - p) if is_linear(t, j) else y[j] - p
+
+
+@inline
+def leaf_current(t: Any, leaf: Any, g: Any, a: Any, wj: Any) -> Any:
+    """``i_l``."""
+    row = t[0, LEAVES] + leaf
+    total = 0.0 * g[0]
+    for r in range(t[row, FIRST_LINK], t[row, LAST_LINK]):
+        total += g[r] * wj[FLOW, t[r, TO_JUNCTION]]
+    for r in range(t[row, FIRST_INLET], t[row, LAST_INLET]):
+        total += g[r] * a[t[r, FROM_PORT]]
+    return total
+
+
+@inline
+def read(t: Any, r: Any, step: Step) -> Any:
+    """Mid-step energy variable, or modulator state, that a law may read; 0 for none.
+
+    The ratios of a reducible storage that is read follow no energy variable. A modulator state is read at the start of
+    the step.
+    """
+    if r < 0:
+        return 0.0 * step.g[0]
+    leaf, j = t[r, READ_LEAF], t[r, READ_JUNCTION]
+    if t[r, READ_MODULATOR] >= 0:
+        return step.x[t[r, READ_MODULATOR]]
+    if leaf >= 0:
+        start = step.x[t[t[0, LEAVES] + leaf, OWN_STORAGE]]
+        return start + 0.5 * step.h * leaf_current(t, leaf, step.g, step.a, step.wj)
+    return step.x[junction_storage(t, j)] + 0.5 * junction_change(t, j, step.c, step.x, step.y)
+
+
+@inline
+def branch_effort(t: Any, r: Any, g: Any, wj: Any) -> Any:
+    """``b_rᵀ v̄`` of the junction resistor in row ``r``."""
+    effort = 0.0 * g[0]
+    for b in range(t[r, FIRST_BRANCH], t[r, LAST_BRANCH]):
+        effort += g[b] * wj[FLOW, t[b, TO_JUNCTION]]
+    return effort
+
+
+@inline
+def junction_flows(t: Any, theta: Any, x: Any, y: Any, wj: Any) -> None:
+    """Fill ``v̄``."""
+    for j in range(count(t, JUNCTIONS)):
+        k = junction_storage(t, j)
+        wj[FLOW, j] = y[j] if is_linear(t, j) else mean_effort(t, k, x[k], y[j], theta)
+
+
+@inline
+def add(term: Any, j: Any, wj: Any) -> None:
+    """Add a term to ``F`` of junction ``j`` and to the size of its terms."""
+    wj[FORCE, j] += term
+    wj[SIZE, j] += abs(term.real)
+
+
+@inline
+def _resistor_term(t: Any, r: Any, step: Step) -> None:
+    g, wj = step.g, step.wj
+    effort = branch_effort(t, r, g, wj)
+    flow = resistor_flow(t, r, effort, read(t, t[r, READ], step), step.theta)
+    for b in range(t[r, FIRST_BRANCH], t[r, LAST_BRANCH]):
+        add(g[b] * flow, t[b, TO_JUNCTION], wj)
+
+
+@inline
+def _gyrator_term(t: Any, r: Any, g: Any, wj: Any) -> None:
+    add(-g[r] * wj[FLOW, t[r, OF_JUNCTION]], t[r, TO_JUNCTION], wj)
+
+
+@inline
+def _inlet_term(t: Any, r: Any, g: Any, a: Any, wj: Any) -> None:
+    add(-g[r] * a[t[r, FROM_PORT]], t[r, INTO_JUNCTION], wj)
+
+
+@inline
+def junction_term(t: Any, r: Any, step: Step) -> None:
+    """Add the force of the junction resistor, gyrator or junction inlet in row ``r``."""
+    if r < t[0, JUNCTION_RESISTORS + 1]:
+        _resistor_term(t, r, step)
+    elif r < t[0, GYRATORS + 1]:
+        _gyrator_term(t, r, step.g, step.wj)
+    else:
+        _inlet_term(t, r, step.g, step.a, step.wj)
+
+
+@inline
+def junction_terms(t: Any, step: Step) -> None:
+    """``F`` without the reducible storages, the size of its terms, and ``z − p``."""
+    x, g, wj = step.x, step.g, step.wj
+    rate = 1.0 / step.h
+    for j in range(count(t, JUNCTIONS)):
+        change = junction_change(t, j, step.c, x, step.y)
+        wj[CHANGE, j] = change
+        wj[FORCE, j] = change * rate
+        wj[SIZE, j] = (abs(change.real) + abs(x[junction_storage(t, j)].real)) * rate
+    for r in range(t[0, JUNCTION_RESISTORS], t[0, JUNCTION_RESISTORS + 1]):
+        _resistor_term(t, r, step)
+    for r in range(t[0, GYRATORS], t[0, GYRATORS + 1]):
+        _gyrator_term(t, r, g, wj)
+    for r in range(t[0, JUNCTION_INLETS], t[0, JUNCTION_INLETS + 1]):
+        _inlet_term(t, r, g, step.a, wj)
 
 
 @plain
@@ -246,3 +448,41 @@ def balance(t: Any, step: Step, wx: Any) -> None:
     """`inlined_balance` as a call."""
     stay_outside()
     inlined_balance(t, step, wx)
+
+
+@inline
+def _source(t: Any, s: Any, step: Step, wx: Any) -> Any:
+    """Contribution of the source in row ``s`` to ``s̄``."""
+    theta, g, x, wj = step.theta, step.g, step.x, step.wj
+    leaf, r = t[s, SOURCE_LEAF], t[s, SOURCE_RESISTOR]
+    if leaf >= 0:
+        k = t[t[0, LEAVES] + leaf, OWN_STORAGE]
+        end = wx[NEXT, k]
+        stored = mean_effort(t, k, x[k], end, theta) * (end - x[k]) / step.h
+        return leaf_current(t, leaf, g, step.a, wj) * wx[EFFORT, k] - stored
+    if r >= 0:
+        effort = branch_effort(t, r, g, wj)
+        return effort * resistor_flow(t, r, effort, read(t, t[r, READ], step), theta)
+    if t[s, SOURCE_EFFORT] >= 0:
+        return wx[EFFORT, t[s, SOURCE_EFFORT]]
+    if t[s, SOURCE_FLOW] >= 0:
+        return wj[FLOW, t[s, SOURCE_FLOW]]
+    return step.a[t[s, SOURCE_PORT]]
+
+
+@plain
+def advance(t: Any, step: Step, wx: Any) -> None:
+    """Fill the end states and the mean drives ``s̄`` of all modulator states from those of a solved step.
+
+    Args: as of `inlined_balance`; states and ``wx`` have the modulator states after the storages.
+    """
+    stay_outside()
+    first = count(t, STORAGES)
+    for k in range(count(t, MODULATOR_STATES)):
+        row, z = t[0, MODULATOR_STATES] + k, step.x[first + k]
+        total = 0.0 * step.g[0]
+        for s in range(t[row, FIRST_SOURCE], t[row, LAST_SOURCE]):
+            total += _source(t, s, step, wx)
+        wx[EFFORT, first + k] = total
+        rate, decay = memory_rate(t, row, z, total, step.theta), memory_decay(t, row, step.theta)
+        wx[NEXT, first + k] = advanced(z, step.h, rate, decay)

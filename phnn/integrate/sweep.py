@@ -1,7 +1,11 @@
 """Sweeps of the linearised steps: forward sensitivities with many right-hand sides, and the adjoint.
 
-By the implicit function theorem the derivatives of an integration obey `phnn.integrate.recursion`.
-`phnn.integrate.linearise` takes the local derivatives of the same steps that were integrated.
+By the implicit function theorem the derivatives of an integration obey
+
+    0 = F_x δx + F_y δy + F_θ δθ − δf,     δx_l⁺ = X_x δx + X_y δy + X_θ δθ,     δp⁺ = δp + Z_x δx + Z_y δy + Z_θ δθ
+
+`phnn.integrate.linearise` takes the local derivatives of the same steps that were integrated. Modulator states are
+advanced like reducible storages, but may depend on all inputs of a step.
 """
 
 from __future__ import annotations
@@ -13,21 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.errors import StructureViolated
-from phnn.integrate.actions import action_derivatives, actions
 from phnn.integrate.cache import inline, loop_entry
 from phnn.integrate.linearise import derivatives_at
 from phnn.integrate.pattern import Pattern, Run, eliminate, pattern_of
 from phnn.integrate.perturbed import Derivatives, new_derivatives
-from phnn.integrate.program import Program
+from phnn.integrate.program import Program, action_derivatives, actions
 from phnn.integrate.table_access import junction_storage
 from phnn.integrate.tables import LEAVES, OWN_STORAGE, PLACE_5, PORTS, rows_of
 
-#     0 = F_x δx + F_y δy + F_θ δθ − δf,     δx_l⁺ = X_x δx + X_y δy + X_θ δθ,     δp⁺ = δp + Z_x δx + Z_y δy + Z_θ δθ
-#
-# Modulator states are advanced like reducible storages, but may depend on all inputs of a step.
-#
-# `phnn.integrate.linearise` fills the derivatives of one step. The two sweeps at the end are compiled where Python
-# calls them: as functions of a compiled caller they would be optimised twice.
+# The two sweeps are compiled where Python calls them: as functions of a compiled caller they would be optimised twice.
 
 
 class Asked(NamedTuple):

@@ -66,9 +66,9 @@ from phnn.network.elements import Network, Port, Storage
 from phnn.network.roles import motions
 from phnn.network.system import PortHamiltonianSystem
 from phnn.parameters import as_table, constant
-from phnn.passage import place_of, source_input
 from phnn.setup import Block, Setup
 from phnn.signals.least_squares import spline
+from phnn.trajectory import place_of, source_input
 
 Array = NDArray[np.float64]
 
@@ -96,8 +96,8 @@ def reachable(values: Array) -> Signal:
     return Signal(values, np.zeros(values.size, dtype=bool))
 
 
-# Degree of the spline: its second derivative is a cubic spline.
-_DEGREE = 5
+# Degree of the spline, whose second derivative is a cubic spline, and the fewest samples that it can be put through.
+_DEGREE, FEWEST = 5, 6
 
 
 @dataclass(frozen=True)
@@ -117,11 +117,6 @@ class Path:
     velocity: Array
     acceleration: Array
     node_velocity: Array
-
-
-def smallest_count() -> int:
-    """The fewest samples that a spline can be put through."""
-    return _DEGREE + 1
 
 
 def path_through(samples: Array, dt: float, substeps: int) -> Path:

@@ -27,6 +27,7 @@ from phnn.chain.amplifiers import slew_limit
 from phnn.errors import InputRefused
 from phnn.intake.limits import LIMITS
 from phnn.inverse.blocks import (
+    FEWEST,
     FlatNetwork,
     Signal,
     command,
@@ -34,7 +35,6 @@ from phnn.inverse.blocks import (
     displacement,
     path_through,
     reachable,
-    smallest_count,
 )
 from phnn.network.elements import Network
 from phnn.recordings.checks import ACTUATORS
@@ -210,8 +210,8 @@ def checked(t: Array, reference: Array, of_actuator: bool = False) -> float:
             one in metres that no piezo actuator reaches where the model is that of an actuator.
     """
     check_samples(t, {"reference": reference})
-    if t.size < smallest_count():
-        raise InputRefused(f"the reference has {t.size} samples: give at least {smallest_count()}")
+    if t.size < FEWEST:
+        raise InputRefused(f"the reference has {t.size} samples: give at least {FEWEST}")
     most, largest = ACTUATORS["displacement"][1], float(np.abs(reference).max())
     if of_actuator and largest > most:
         raise InputRefused(
@@ -442,15 +442,6 @@ _FADE = 8
 _CLOSE, _TOLD = 0.02, 4
 
 
-@dataclass(frozen=True)
-class _Best:
-    """The attempt with the least error so far, and how many simulations it took to find it."""
-
-    attempt: Attempt
-    error: float
-    count: int
-
-
 def invert(setup: Setup, substeps: int, t: Array, reference: Array, options: InverseOptions) -> Inverse:
     """Find the command with which a model's output follows a reference.
 
@@ -476,8 +467,7 @@ def invert(setup: Setup, substeps: int, t: Array, reference: Array, options: Inv
             "The reference begins in motion, and the model at rest, so that the beginning is missed: give a lead_in "
             "(--lead-in), for example of some periods."
         )
-    best, count = _iterated(plant, wanted, tolerance, (plant.forwards(first, before), port))
-    attempt = best.attempt
+    attempt, count = _iterated(plant, wanted, tolerance, (plant.forwards(first, before), port))
     missed = stretches(
         times, attempt.output - wanted, tolerance, attempt.command.lost, attempt.command.causes,
         _CLOSE * float(times[-1] - times[0]),
@@ -488,8 +478,8 @@ def invert(setup: Setup, substeps: int, t: Array, reference: Array, options: Inv
     )  # fmt: skip
 
 
-def _iterated(plant: Plant, wanted: Array, tolerance: float, begun: tuple[Attempt, Array]) -> tuple[_Best, int]:
-    """The best attempt, and the number of simulations.
+def _iterated(plant: Plant, wanted: Array, tolerance: float, begun: tuple[Attempt, Array]) -> tuple[Attempt, int]:
+    """The attempt with the least error, and the number of simulations.
 
     Args:
         wanted: (N,) the reference.
@@ -497,15 +487,15 @@ def _iterated(plant: Plant, wanted: Array, tolerance: float, begun: tuple[Attemp
     """
     attempt, port = begun
     corrected, count = wanted, 1
-    best = _Best(attempt, _size(attempt.output - wanted), count)
-    while count < plant.options.iterations and np.abs(best.attempt.output - wanted).max() > tolerance:
+    best, least, latest = attempt, _size(attempt.output - wanted), count
+    while count < plant.options.iterations and np.abs(best.output - wanted).max() > tolerance:
         corrected = corrected + _weight(attempt.command.lost) * (wanted - attempt.output)
         asked, before, port = plant.backwards(corrected, port)
         attempt, count = plant.forwards(asked, before), count + 1
         error = _size(attempt.output - wanted)
-        if error < (1.0 - _PROGRESS) * best.error:
-            best = _Best(attempt, error, count)
-        elif not np.isfinite(error) or count - best.count >= _PATIENCE:
+        if error < (1.0 - _PROGRESS) * least:
+            best, least, latest = attempt, error, count
+        elif not np.isfinite(error) or count - latest >= _PATIENCE:
             break
     return best, count
 

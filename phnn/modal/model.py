@@ -53,49 +53,6 @@ class _Part(NamedTuple):
     parameters: tuple[Parameter, ...]
 
 
-def network_of(model: ModalModel, ports: Sequence[str] = (), unit: str = "V") -> Network:
-    """Build the network of a modal model.
-
-    The energy is ``H = ½ Σ (q_i² + q̇_i²/ω_i²)`` and what the parts of the elements store. Parts of weight zero are
-    left out. Output shapes and delays of a fit observe only; they are no part of the network.
-
-    Args:
-        model: modes, ratios and elements.
-        ports: (P,) names of the inputs; ``port_1``, ``port_2``, … if left out.
-        unit: of the inputs u_j; the extension x_j has the unit J/unit, because ``u_j ẋ_j`` is a power.
-
-    Returns:
-        A network with storages ``q_i`` and ``p_i = q̇_i/ω_i²``, one more for each stop (its deflection ``s_j_a``) and
-        each softening or hardening spring (the extension ``x_j_a``), and the output ``q_1``. Modes i, ports j and
-        parts a count from 1.
-
-    Raises:
-        StructureViolated: the model has a slow part.
-        InputRefused: another number of names than there are ports, or two alike.
-    """
-    modes, count = model.b.shape
-    names = tuple(ports) or tuple(f"port_{j}" for j in range(1, count + 1))
-    if len(names) != count or len(set(names)) != count:
-        raise InputRefused(f"ports {', '.join(names)}: give {count} different names, one for each port of the model")
-    numbers = range(1, modes + 1)
-    ratios = [{f"p_{i}": f"b_{i}_{j}" for i in numbers} for j in range(1, count + 1)]
-    parts = _parts(model, ratios, unit)
-    storages = [Storage(f"q_{i}", "spring", (_STIFFNESS,), "J1/2") for i in numbers]
-    storages += [part.storage for _, part in parts if part.storage]
-    storages += [Storage(f"p_{i}", "capacitor", (f"m_{i}",), "J1/2 s") for i in numbers]
-    dampers = [Resistor(f"damper_{i}", "linear", {f"p_{i}": 1.0}, (f"c_{i}",)) for i in numbers]
-    couplings = [Coupling(f"q_{i}", f"p_{i}") for i in numbers]
-    couplings += [Coupling(p.storage.name, of, b) for j, p in parts if p.storage for of, b in ratios[j].items()]
-    return Network(
-        storages=tuple(storages),
-        resistors=(*dampers, *(part.resistor for _, part in parts if part.resistor)),
-        couplings=tuple(couplings),
-        ports=tuple(Port(name, on, unit=unit) for name, on in zip(names, ratios, strict=True)),
-        parameters=as_table([*_modal_parameters(model, unit), *(p for _, part in parts for p in part.parameters)]),
-        output="q_1",
-    )
-
-
 def _modal_parameters(model: ModalModel, unit: str) -> list[Parameter]:
     """The parameters of the modes, the ratios, and the constants."""
     table = [constant(_STIFFNESS, 1.0, "1", "modal stiffness in coordinates in which it is one")]
@@ -329,20 +286,50 @@ class ModalModel:
         return Parts(self.element.kinds, self.k, self.thresholds)
 
     def to_network(self, ports: Sequence[str] = (), unit: str = "V") -> Network:
-        """Build the port-Hamiltonian network of this structure, see `phnn.modal.model.network_of`.
+        """Build the port-Hamiltonian network of this structure.
 
             network = model.to_network()
             phnn.PortHamiltonianSystem(network).structure(x)     # (n, n) J = −Jᵀ
 
+        The energy is ``H = ½ Σ (q_i² + q̇_i²/ω_i²)`` and what the parts of the elements store. Parts of weight zero are
+        left out. Output shapes and delays of a fit observe only; they are no part of the network.
+
         Args:
             ports: (P,) names of the inputs; ``port_1``, ``port_2``, … if left out.
-            unit: of the inputs.
+            unit: of the inputs u_j; the extension x_j has the unit J/unit, because ``u_j ẋ_j`` is a power.
+
+        Returns:
+            A network with storages ``q_i`` and ``p_i = q̇_i/ω_i²``, one more for each stop (its deflection ``s_j_a``)
+            and each softening or hardening spring (the extension ``x_j_a``), and the output ``q_1``. Modes i, ports j
+            and parts a count from 1.
 
         Raises:
             StructureViolated: the model has a slow part, which no network expresses.
             InputRefused: another number of names than there are ports, or two alike.
         """
-        return network_of(self, ports, unit)
+        modes, count = self.b.shape
+        names = tuple(ports) or tuple(f"port_{j}" for j in range(1, count + 1))
+        if len(names) != count or len(set(names)) != count:
+            raise InputRefused(
+                f"ports {', '.join(names)}: give {count} different names, one for each port of the model"
+            )
+        numbers = range(1, modes + 1)
+        ratios = [{f"p_{i}": f"b_{i}_{j}" for i in numbers} for j in range(1, count + 1)]
+        parts = _parts(self, ratios, unit)
+        storages = [Storage(f"q_{i}", "spring", (_STIFFNESS,), "J1/2") for i in numbers]
+        storages += [part.storage for _, part in parts if part.storage]
+        storages += [Storage(f"p_{i}", "capacitor", (f"m_{i}",), "J1/2 s") for i in numbers]
+        dampers = [Resistor(f"damper_{i}", "linear", {f"p_{i}": 1.0}, (f"c_{i}",)) for i in numbers]
+        couplings = [Coupling(f"q_{i}", f"p_{i}") for i in numbers]
+        couplings += [Coupling(p.storage.name, of, b) for j, p in parts if p.storage for of, b in ratios[j].items()]
+        return Network(
+            storages=tuple(storages),
+            resistors=(*dampers, *(part.resistor for _, part in parts if part.resistor)),
+            couplings=tuple(couplings),
+            ports=tuple(Port(name, on, unit=unit) for name, on in zip(names, ratios, strict=True)),
+            parameters=as_table([*_modal_parameters(self, unit), *(p for _, part in parts for p in part.parameters)]),
+            output="q_1",
+        )
 
     def substeps(self, dt: float) -> int:
         """Steps in a sampling interval."""

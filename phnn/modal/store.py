@@ -44,7 +44,7 @@ class StoredModes(NamedTuple):
     channels: Channels
 
     def to_network(self) -> Network:
-        """Build the network of the model, its ports named as the inputs; see `phnn.modal.model.network_of`.
+        """Build the network of the model, its ports named as the inputs; see `phnn.modal.model.ModalModel.to_network`.
 
         Raises:
             StructureViolated: the model has a slow part, which no network expresses.

@@ -110,12 +110,7 @@ def compare(
         InputRefused: there is no such model or recording, or another number of axes.
         SolverFailed: a step has no solution.
     """
-    return outputs(model, campaign, recordings).draw(axes)
-
-
-def outputs(model: Any, campaign: Campaign | str | Path, recordings: Sequence[str] | None = None) -> Outputs:
-    """What `compare` draws."""
-    return Outputs(predictions(model, campaign, recordings))
+    return Outputs(predictions(model, campaign, recordings)).draw(axes)
 
 
 def _pairs(count: int, columns: int) -> Panels:

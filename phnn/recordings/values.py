@@ -14,7 +14,7 @@ from phnn.results import printable
 _LARGEST, _SMALLEST = 1e150, 1e-150
 # Of long or nested values a message shows the beginning; with aliases the whole could be of any size.
 _BRIEF = reprlib.Repr()
-_BRIEF.maxstring = _BRIEF.maxother = _SHOWN = 60
+_BRIEF.maxstring = _BRIEF.maxother = 60
 
 
 def shown(value: Any) -> str:

@@ -7,10 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from phnn.report.formatting import listing
+
+if TYPE_CHECKING:
+    from phnn.diagnose.verdict import Applied
+    from phnn.diagnose.words import Picture
 
 
 @dataclass(frozen=True)
@@ -99,30 +104,6 @@ class Trace:
 
 
 @dataclass(frozen=True)
-class Curve:
-    """The picture at the location: a learned function.
-
-    Raises:
-        ValueError: ``y`` or ``y_std`` does not have the length of ``x``.
-    """
-
-    x: np.ndarray  # (M,)
-    y: np.ndarray  # (M,) learned from the recordings
-    y_std: np.ndarray | None  # (M,) one standard error
-    x_label: str
-    y_label: str
-    title: str
-
-    def __post_init__(self) -> None:
-        for name in ("y", "y_std"):
-            value = getattr(self, name)
-            if value is not None and value.shape != self.x.shape:
-                raise ValueError(
-                    f"curve {self.title}: {name} has shape {value.shape}, x has {self.x.shape}: give them one length"
-                )
-
-
-@dataclass(frozen=True)
 class ParameterRow:
     """A parameter before and after; ``note`` says "held: ...", "at its bound", "up to one common factor"."""
 
@@ -179,16 +160,6 @@ class LedgerRow:
 
 
 @dataclass(frozen=True)
-class RuleRow:
-    """A rule of the verdict: whether it applied, what it compared, and the outcome where it applied."""
-
-    rule: str
-    applies: bool
-    outcome: str
-    numbers: Mapping[str, float | None]
-
-
-@dataclass(frozen=True)
 class Methods:
     """A run as the methods section of a paper describes it.
 
@@ -233,7 +204,7 @@ class Evidence:
     """Everything that a report draws or tabulates beside the numbers of the document."""
 
     traces: tuple[Trace, ...]
-    curves: tuple[Curve, ...]
+    curves: tuple[Picture, ...]  # learned functions at the location
     parameters: tuple[ParameterRow, ...]
     candidates: tuple[CandidateRow, ...]
     ledger: tuple[LedgerRow, ...]
@@ -241,7 +212,7 @@ class Evidence:
     verdict_sentence: str
     supports: tuple[Support, ...] = ()  # what speaks for each entry of ``missing``, in order
     no_proposal: str = ""  # why no recording is proposed though something is tied
-    rules: tuple[RuleRow, ...] = ()  # of the verdict, in the order in which they were asked
+    rules: tuple[Applied, ...] = ()  # of the verdict, in the order in which they were asked
     models: tuple[ModelRow, ...] = ()  # that were fitted, the most probable first
     methods: Methods | None = None
     provenance: Provenance | None = None

@@ -26,6 +26,7 @@ from phnn.report.figures import (
     draw_picture,
     draw_recording,
     error_limits,
+    extremes,
     unscored,
     view_of,
 )
@@ -55,13 +56,7 @@ def binned(y: Array, width: int) -> Array:
     """
     if width == 1:
         return np.asarray(y, dtype=float)
-    rows = -(-len(y) // width)
-    padded = np.full(rows * width, np.nan)
-    padded[: len(y)] = y
-    blocks = padded.reshape(rows, width)
-    bad = ~np.isfinite(blocks)
-    ends = np.stack((np.where(bad, np.inf, blocks).argmin(axis=1), np.where(bad, -np.inf, blocks).argmax(axis=1)), 1)
-    found = np.take_along_axis(blocks, np.sort(ends, axis=1), axis=1).ravel()
+    found = np.asarray(y, dtype=float)[np.sort(extremes(y, width), axis=1).ravel()]
     return np.where(np.isfinite(found), found, np.nan)
 
 

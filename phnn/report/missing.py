@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -45,14 +44,8 @@ _VISITS, _STEP = 3, 0.2
 _FREQUENCY = "frequency"
 
 
-@dataclass(frozen=True)
-class _Samples:
-    """(N,) a variable and residuals over a recording; samples without a variable have NaN."""
-
-    x: Array
-    before: Array
-    after: Array
-    noise: float
+# (N,) a variable and the residuals before and after over a recording; samples without a variable have NaN.
+_Samples = tuple[Array, Array, Array]
 
 
 def fingerprint(diagnosis: Diagnosis, effect: Effect) -> Fingerprint | None:
@@ -90,7 +83,7 @@ def _samples(diagnosis: Diagnosis, trajectory: Trajectory, variable: str) -> _Sa
             ELAPSED: r.t,
         }[variable]
     before, after = (sign * (r.y - e.outputs[r.name]) for e in (diagnosis.before, diagnosis.after))
-    return _Samples(x[mask], before[mask], after[mask], r.noise)
+    return x[mask], before[mask], after[mask]
 
 
 def since_a_step(t: Array, u: Array) -> tuple[Array, Array]:
@@ -104,7 +97,7 @@ def since_a_step(t: Array, u: Array) -> tuple[Array, Array]:
 
 
 def _over_variable(samples: list[_Samples], variable: str, diagnosis: Diagnosis) -> Fingerprint | None:
-    x = np.concatenate([s.x for s in samples])
+    x, before, after = map(np.concatenate, zip(*samples, strict=True))
     logarithmic = variable == AFTER_A_STEP
     usable = np.isfinite(x) & ((x > 0.0) if logarithmic else True)
     if usable.sum() < _BINS or np.ptp(x[usable]) == 0.0:
@@ -113,8 +106,7 @@ def _over_variable(samples: list[_Samples], variable: str, diagnosis: Diagnosis)
     edges = np.geomspace(low, high, _DECADES + 1) if logarithmic else np.linspace(low, high, _BINS + 1)
     # A visit ends with its recording: bins of one are numbered apart from those of the next.
     place = np.where(usable, np.clip(np.searchsorted(edges, x, side="right") - 1, 0, edges.size - 2), -1)
-    owner = np.repeat(np.arange(len(samples)), [s.x.size for s in samples])
-    before, after = (np.concatenate([getattr(s, n) for s in samples]) for n in ("before", "after"))
+    owner = np.repeat(np.arange(len(samples)), [s.size for s, _, _ in samples])
     (b, b_std), (a, a_std) = (binned(y, place, owner, edges.size - 1, logarithmic) for y in (before, after))
     kept = np.isfinite(b) & np.isfinite(b_std)
     if kept.sum() < 3:

@@ -23,11 +23,12 @@ from matplotlib.textpath import TextPath
 
 from phnn.report import formatting, verdicts
 from phnn.report.document import Document, FitRow, Score
-from phnn.report.evidence import CandidateRow, Evidence, ModelRow, ParameterRow, RuleRow, Shares, Trace, base_note
+from phnn.report.evidence import CandidateRow, Evidence, ModelRow, ParameterRow, Shares, Trace, base_note
 from phnn.report.formatting import Unit, display_unit, finite
 from phnn.report.gallery import Gallery
 
 if TYPE_CHECKING:
+    from phnn.diagnose.verdict import Applied
     from phnn.report.figures.style import Drawing
 
 Cell = str | float | bool | None
@@ -117,8 +118,8 @@ def _tried(rows: Sequence[CandidateRow]) -> _Table:
     return head, [[r.effect, r.location, r.score, r.fall, r.outcome] for r in rows]
 
 
-def _rules(rows: Sequence[RuleRow]) -> _Table:
-    def numbers(row: RuleRow) -> str:
+def _rules(rows: Sequence[Applied]) -> _Table:
+    def numbers(row: Applied) -> str:
         return "; ".join(f"{name} {value}" for name, value in row.numbers.items())
 
     return ["rule", "numbers", "applies", "outcome"], [[r.rule, numbers(r), r.applies, r.outcome] for r in rows]
@@ -299,7 +300,7 @@ def render_page(
             no_proposal=verdicts.no_proposal_sentence(document, evidence.no_proposal),
             headline_ratio=_headline_ratio(document),
             chances=_chances(document),
-            frequencies=_first(location.frequencies_hz, "Hz") if location else "",
+            frequencies=_first(location.frequencies_Hz, "Hz") if location else "",
             times=_first(location.times_s, "s") if location else "",
             error_unit=_error_unit(document.fits, document.output_unit),
             noise_unit=noise_unit,

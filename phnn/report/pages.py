@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from matplotlib import rc_context
@@ -104,15 +104,6 @@ def _drawn(f: Array, density: Array) -> tuple[Array, Array]:
     return f[edges], np.maximum.reduceat(density, edges)
 
 
-@dataclass(frozen=True)
-class _Entry:
-    """A recording on the page."""
-
-    name: str
-    facts: list[tuple[str, str]]
-    drawing: style.Drawing
-
-
 def write_check(checked: Checked, place: Place) -> None:
     """Write ``check.json`` and ``check.html`` into a folder."""
     (place / "check.json").write_json(checked.document())
@@ -128,11 +119,12 @@ def write_check(checked: Checked, place: Place) -> None:
     (place / "check.html").write(page)
 
 
-def _entry(recording: Recording) -> _Entry:
+def _entry(recording: Recording) -> tuple[str, list[tuple[str, str]], style.Drawing]:
+    """Return the head, the facts and the figure of a recording."""
     with rc_context(style.RC):
         picture = style.png(draw_recorded(recording))
     title = f"{recording.name}: input and output in time, loop, spectra"
-    return _Entry(f"{recording.name} ({recording.source})", facts(recording), style.Drawing("", title, title, picture))
+    return f"{recording.name} ({recording.source})", facts(recording), style.Drawing("", title, title, picture)
 
 
 # Half width of the resonance that is shown, in half-power widths; bands of the spectra in an octave.
@@ -245,14 +237,6 @@ RESULTS = ("modes.json", "report.html", "figures", "model", "models")
 _SAME = 0.03
 
 
-@dataclass(frozen=True)
-class Row:
-    """A model in the table: errors at each amplitude, to choose by and held out."""
-
-    name: str
-    cells: list[str]
-
-
 def write_modes(result: Result, folder: str, place: Place) -> None:
     """Write document, figures and page into a folder."""
     (place / "modes.json").write_json(study_document(result))
@@ -299,8 +283,8 @@ def show(result: Result, console: Console) -> None:
     columns = [c for level in level_names(result) for c in (f"left, {level} (%)", f"held out, {level} ({unit.name})")]
     columns += [f"amplitude held out, {level} ({unit.name})" for level in apart_names(result)]
     table = Table("at the ports", *columns)
-    for row in rows(result, unit.scale):
-        table.add_row(row.name, *row.cells)
+    for name, cells in rows(result, unit.scale):
+        table.add_row(name, *cells)
     console.print(table)
     for name, reason in result.study.left_out.items():
         console.print(escape(f"left out: {name}: {reason}"))
@@ -358,8 +342,8 @@ def _largest(result: Result) -> float:
     return max(known, default=1e-6)
 
 
-def rows(result: Result, scale: float) -> list[Row]:
-    """The table of models."""
+def rows(result: Result, scale: float) -> list[tuple[str, list[str]]]:
+    """Return name and cells of every model: errors at each amplitude, to choose by and held out."""
 
     def error(score: Score | None) -> str:
         return plain(float(np.mean(score.rmse)) / scale) if score else DASH
@@ -371,8 +355,8 @@ def rows(result: Result, scale: float) -> list[Row]:
     # Each of these models knows one amplitude alone.
     scores = tuple(result.held_out[fit].levels[i] for i, fit in enumerate(result.alone))
     alone = cells(result.alone_by, HeldOut(scores, (None,) * len(result.study.apart)))
-    found = [Row("linear, a model for each amplitude", alone)]
-    return found + [Row(_names(c.element.names), cells(c.by_level, result.held_out[c.fit])) for c in result.candidates]
+    found = [("linear, a model for each amplitude", alone)]
+    return found + [(_names(c.element.names), cells(c.by_level, result.held_out[c.fit])) for c in result.candidates]
 
 
 def _modes(result: Result) -> list[list[str]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
@@ -33,14 +33,12 @@ from phnn.network.roles import auxiliary, capacitances
 from phnn.parameters import FORCE_UNITS, Parameter, quantity
 from phnn.recordings.recording import ACTUATOR, Recording
 from phnn.report.evidence import (
-    Curve,
     Evidence,
     LedgerRow,
     ParameterRow,
     PlausibleRow,
     Provenance,
     RivalRow,
-    RuleRow,
     Support,
     Trace,
 )
@@ -459,13 +457,13 @@ def evidence(diagnosis: Diagnosis, made_of: Provenance | None = None) -> Evidenc
         verdict_sentence=needed("sentence of the verdict", lambda: sentence(diagnosis), ""),
         no_proposal=needed("reason why nothing is proposed", lambda: no_proposal(diagnosis), ""),
         supports=needed("support of the elements", lambda: supports(diagnosis), ()),
-        rules=tuple(RuleRow(r.rule, r.applies, r.outcome, r.numbers) for r in diagnosis.outcome.rules),
+        rules=diagnosis.outcome.rules,
         methods=needed("methods", lambda: methods(diagnosis), None),
         provenance=made_of or needed("provenance", lambda: provenance(diagnosis.campaign), None),
     )
 
 
-def _curves(diagnosis: Diagnosis) -> tuple[Curve, ...]:
+def _curves(diagnosis: Diagnosis) -> tuple[Picture, ...]:
     (base, final), located = diagnosis.linearised, diagnosis.location
     # A refit knows the place better than local functions did before it.
     located = located if located is not None and located.name in diagnosis.places else None
@@ -474,8 +472,10 @@ def _curves(diagnosis: Diagnosis) -> tuple[Curve, ...]:
         drawn = picture(linearised, where) if where is not None else None
         if where is not None and drawn is not None:
             free = is_effort(where) and not forces_known(diagnosis)
-            curves.append(_curve(drawn, linearised is not base, free))
-    curves[1:1] = [_curve(law, False) for law in _learned_laws(diagnosis)]
+            title = drawn.title + ("" if linearised is base else " (what remains)")
+            label = drawn.y_label + (", up to one common factor" if free else "")
+            curves.append(replace(drawn, title=title, y_label=label))
+    curves[1:1] = _learned_laws(diagnosis)
     return tuple(curves[:2] if diagnosis.claims else curves[:1])
 
 
@@ -488,13 +488,6 @@ def _learned_laws(diagnosis: Diagnosis) -> list[Picture]:
     there = [e for e in effects if (e.location, e.kind.name) == (where.name, where.detail)]
     alone = [e.add_to(base.fit.setup, {n: values[n] for n in e.parameters}) for e in there]
     return [learned_picture(base, where, setup) for setup in alone]
-
-
-def _curve(found: Picture, remainder: bool, free: bool = False) -> Curve:
-    """The picture for the report; ``free`` where its size is known up to one common factor."""
-    title = found.title + (" (what remains)" if remainder else "")
-    label = found.y_label + (", up to one common factor" if free else "")
-    return Curve(found.x, found.y, found.std, found.x_label, label, title)
 
 
 def _traces(diagnosis: Diagnosis) -> list[Trace]:

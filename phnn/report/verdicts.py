@@ -83,7 +83,7 @@ def lost_sentence(lost: Lost) -> str:
     """State a part that failed."""
     what = f"{lost.part} of {words(lost.candidate)}" if lost.candidate else lost.part
     often = f" ({lost.times} times)" if lost.times > 1 else ""
-    return f"{what[:1].upper()}{what[1:]} failed{often}: {lost.why.rstrip('.')}."
+    return f"{what[:1].upper()}{what[1:]} failed{often}: {lost.error}: {lost.message.rstrip('.')}."
 
 
 def test_sentence(document: Document) -> str:

@@ -34,7 +34,7 @@ def _missing_lines(missing: Missing) -> list[Text]:
     lines += [Text(f"  {missing.statement}")] if missing.statement else []
     for parameter in missing.parameters:
         value = formatting.with_error(parameter.value, parameter.std)
-        text = f"  {parameter.name} = {value} {parameter.unit}".rstrip()
+        text = f"  {parameter.name} = {value} {parameter.shown_unit}".rstrip()
         lines.append(Text(text + (f"  (95 %: {formatting.interval(ends)})" if (ends := parameter.interval_95) else "")))
     sentence = verdicts.equivalence_sentence(missing)
     lines += [Text(f"  {sentence}")] if sentence else []

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from phnn.comparison.models import Settings
 from phnn.errors import InputRefused, OutputFailed, PhnnError, SolverFailed
 from phnn.exporting.c import c_header, c_source
-from phnn.exporting.write import Wanted, compiled, program_of
+from phnn.exporting.write import compiled, program_of
 from phnn.identification.base import Progress, quiet
 from phnn.identification.identified import identify
 from phnn.model import Model
@@ -95,7 +95,7 @@ class CompiledStepper(Stepper):
     """
 
     def __init__(self, model: Model, dt: float) -> None:
-        program = program_of(model, Wanted("c", dt=dt, name=_NAME))
+        program = program_of(model, "c", dt=dt, name=_NAME)
         sources = {f"{_NAME}.h": c_header(program), f"{_NAME}.c": c_source(program), "loop.c": _LOOP}
         library = compiled(_NAME, sources)
         if library is None:

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-import shutil
-import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import campaigns
@@ -18,11 +15,6 @@ import pytest
 
 from phnn.cli import main
 from phnn.models.store import save
-from phnn.results import claim
-
-MARK = "INCOMPLETE.txt"
-# Of recordings whose predictions fill a small disk.
-SAMPLES = 15_000
 
 
 def seen(folder: Path) -> dict[str, bytes]:
@@ -43,8 +35,8 @@ def place(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def predict(place: Path, out: Path | str, *more: str, model: str = "model") -> int:
-    return main(["predict", str(place / model), str(place / "rec"), "--out", str(out), *more])
+def predict(place: Path, out: Path | str, *more: str) -> int:
+    return main(["predict", str(place / "model"), str(place / "rec"), "--out", str(out), *more])
 
 
 NAMES = [
@@ -111,92 +103,20 @@ def test_a_folder_without_rights_is_met_before_the_work(place: Path, capsys: pyt
     assert "choose another folder" in capsys.readouterr().err
 
 
-def mount(*arguments: str) -> bool:
-    """Whether a file system could be mounted; that needs rights."""
-    return (
-        shutil.which("mount") is not None and not subprocess.run(["mount", *arguments], capture_output=True).returncode
-    )
-
-
-@pytest.fixture
-def disk(tmp_path: Path) -> Iterator[Callable[[str], Path]]:
-    """Gives a folder on a disk of its own, of the given options, or changes the options of that disk."""
-    folder = tmp_path / "disk"
-    folder.mkdir()
-    mounted = []
-
-    def with_options(options: str) -> Path:
-        again = "remount," if mounted else ""
-        if not mount("-t", "tmpfs", "-o", again + options, "none", str(folder)):
-            pytest.skip("no rights to mount a small disk")
-        mounted.append(options)
-        return folder / "out"
-
-    yield with_options
-    if mounted:
-        subprocess.run(["umount", str(folder)], check=True)
-
-
-@pytest.fixture(scope="module")
-def home(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two models, three recordings, and their predictions of 1.8 MB by each of the models."""
-    folder = tmp_path_factory.mktemp("disks")
-    setup = campaigns.base().setup
-    save(setup, folder / "model", 1)
-    save(setup.with_values({"k": 1.1 * setup.values()["k"]}), folder / "other", 1)
-    (folder / "rec").mkdir()
-    t = np.arange(SAMPLES) * 1e-4
-    for k in range(3):
-        table = pd.DataFrame({"time_s": t, "voltage_V": 5.0 * np.sin(2 * np.pi * (20 + k) * t)})
-        table.to_csv(folder / "rec" / f"r{k:02d}.csv", index=False)
-    for model in ("model", "other"):
-        assert predict(folder, folder / f"of_{model}", model=model) == 0
-    return folder
-
-
-def told(capsys: pytest.CaptureFixture[str]) -> str:
-    """The one message."""
-    text = capsys.readouterr().err
-    assert text.startswith("phnn: ") and text.count("\n") == 1, text
-    return text
-
-
 @pytest.mark.parametrize("size", [1, 4])
 def test_a_disk_without_room_is_met_before_the_work(
-    home: Path, disk: Callable[[str], Path], size: int, capsys: pytest.CaptureFixture[str]
+    place: Path, disk: Callable[[str], Path], size: int, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out = disk(f"size={size}m")
-    assert predict(home, out) == 2
-    assert "MiB of disk are free" in told(capsys)
+    out = disk(f"size={size}m") / "out"
+    assert predict(place, out) == 2
+    assert "MiB of disk are free" in capsys.readouterr().err
     assert not out.exists() or not seen(out)
 
 
-def test_earlier_results_stay_whole_on_a_disk_that_fills_up(
-    home: Path, disk: Callable[[str], Path], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    out = disk("size=64m")
-    old, new = seen(home / "of_other"), seen(home / "of_model")
-    assert predict(home, out, model="other") == 0
-    filler = out.parent / "filler"
-    free = shutil.disk_usage(out).free
-    filler.write_bytes(bytes(free - 2**18))
-    capsys.readouterr()
-    with monkeypatch.context() as m:
-        m.setattr(sys.modules[claim.__module__], "_LEAST_FREE", 0)
-        assert predict(home, out) == 1
-    assert "the disk is full" in told(capsys)
-    left = seen(out)
-    assert set(left) - {MARK} == set(old) and MARK in left
-    assert all(left[name] in (old[name], new[name]) for name in old)
-    filler.unlink()
-    assert predict(home, out) == 0
-    assert seen(out) == new
-
-
 def test_a_disk_that_may_not_be_written_to_is_met_before_the_work(
-    home: Path, disk: Callable[[str], Path], capsys: pytest.CaptureFixture[str]
+    place: Path, disk: Callable[[str], Path], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    out = disk("size=64m")
+    out = disk("size=64m") / "out"
     disk("ro")
-    assert predict(home, out) == 2
-    assert "choose another folder" in told(capsys)
+    assert predict(place, out) == 2
+    assert "choose another folder" in capsys.readouterr().err

@@ -30,8 +30,8 @@ from phnn.errors import InputRefused
 from phnn.laws import RESISTOR_LAWS
 from phnn.models.store import load, save
 from phnn.network import PortHamiltonianSystem
-from phnn.passage import amplified, measured
 from phnn.setup import Setup
+from phnn.trajectory import amplified, measured
 
 torch.set_num_threads(1)
 

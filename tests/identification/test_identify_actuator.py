@@ -43,8 +43,7 @@ from studies.generator.world import simulate as true_output
 
 def a_gain(before: float, after: float, p: float | None) -> Gain:
     change = before**2 - after**2
-    size = math.copysign(math.sqrt(abs(change)), change)
-    return Gain(before, after, 1e-8 * size, size, 40 if p is not None else 3, p, None if p is None else 1.0 - p)
+    return Gain(before, after, 1e-8 * math.copysign(math.sqrt(abs(change)), change), p)
 
 
 @pytest.mark.parametrize(

@@ -141,7 +141,7 @@ def test_derivatives_are_compiled_elsewhere_where_they_are_not_kept(
     monkeypatch.setattr(cache, "registered_outside", lambda: ["a law"] if reason == "own laws" else [])
     if reason == "kept":
         (tmp_path / "integrate_1").mkdir()
-        (tmp_path / "integrate_1" / "recursion.sensitivity_steps-35.py311.1.nbc").touch()
+        (tmp_path / "integrate_1" / "sweep.sensitivity_steps-35.py311.1.nbc").touch()
     monkeypatch.setattr(cache.atexit, "register", mock.Mock())
     monkeypatch.setattr(cache.subprocess, "Popen", popen)
     assert cache.compile_ahead.__wrapped__() is (reason != "kept")

@@ -19,9 +19,8 @@ from phnn.effects.additions import bent_spring
 from phnn.errors import InputRefused, StructureViolated
 from phnn.integrate import kernel
 from phnn.integrate import sweep as sweeps
-from phnn.integrate.actions import actions
 from phnn.integrate.partition import junctions_of
-from phnn.integrate.program import Program, compile_network
+from phnn.integrate.program import Program, actions, compile_network
 from phnn.integrate.residual import check, power_balance
 from phnn.integrate.scheme import Scheme
 from phnn.models.actuator import TABLE_1, from_paper, hrc

@@ -23,10 +23,9 @@ from phnn.network.elements import Network
 from phnn.network.roles import imposed, measured_displacement, motions
 from phnn.network.system import PortHamiltonianSystem
 from phnn.parameters import as_table, positive
-from phnn.passage import is_displacement
 from phnn.recordings.recording import Part, Recording, Start, Units
 from phnn.setup import Setup
-from phnn.trajectory import simulate
+from phnn.trajectory import is_displacement, simulate
 
 Array = NDArray[np.float64]
 

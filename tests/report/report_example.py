@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from phnn.report.evidence import CandidateRow, Curve, Evidence, LedgerRow, ModelRow, ParameterRow, Trace
+from phnn.diagnose.words import Picture
+from phnn.report.evidence import CandidateRow, Evidence, LedgerRow, ModelRow, ParameterRow, Trace
 
 NOISE = 5e-8
 NAMES = ("sine_1Hz_75V", "sine_10Hz_75V", "step_50V", "sine_150Hz_75V", "triangle_2Hz_40V")
@@ -63,14 +64,14 @@ def _score(trace: Trace, model: np.ndarray) -> dict[str, float]:
     return {"fit_percent": fit, "rmse": rmse, "residual_over_noise": rmse / NOISE}
 
 
-def make_curves() -> tuple[Curve, ...]:
+def make_curves() -> tuple[Picture, ...]:
     """A learned spring force against the fading memory of the displacement, and a decay."""
     x = np.linspace(-6.0, 6.0, 121)
     learned = 0.9 * x + 0.22 * np.sin(x) + 0.004 * x**2
     lag = np.geomspace(0.002, 2.0, 80)
     relax = np.exp(-lag / 0.31)
     return (
-        Curve(
+        Picture(
             x,
             learned,
             0.15 + 0.03 * np.abs(x),
@@ -78,7 +79,7 @@ def make_curves() -> tuple[Curve, ...]:
             "missing force (N, up to one common factor)",
             "Missing force against memory",
         ),
-        Curve(
+        Picture(
             lag,
             relax + 0.03 * np.sin(9.0 * lag),
             np.full(80, 0.03),

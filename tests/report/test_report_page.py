@@ -18,8 +18,9 @@ import pytest
 from report_example import NOISE, make_document, make_evidence, make_trace
 from report_html import Page
 
+from phnn.diagnose.words import Picture
 from phnn.errors import InputRefused, OutputFailed
-from phnn.report.evidence import CandidateRow, Curve, Evidence, LedgerRow, ModelRow, ParameterRow, Trace
+from phnn.report.evidence import CandidateRow, Evidence, LedgerRow, ModelRow, ParameterRow, Trace
 from phnn.report.write import write_report
 from phnn.results import Place, claim, file_name
 
@@ -138,7 +139,7 @@ def test_names_from_outside_are_escaped(tmp_path: Path) -> None:
     trace = replace(make_trace("step_50V", 400), name=name)
     evidence = Evidence(
         traces=(trace,),
-        curves=(Curve(np.arange(3.0), np.arange(3.0), None, "$x", r"$\nonsense$", r"$\frac{$"),),
+        curves=(Picture(np.arange(3.0), np.arange(3.0), None, "$x", r"$\nonsense$", r"$\frac{$"),),
         parameters=(ParameterRow("<b>", "<i>", "<u>", 1.0, 2.0, None, "<img src=x>"),),
         candidates=(CandidateRow("<b>", "", 1.0, 0.1, "<img src=x>"),),
         models=(ModelRow("<img src=x>", 1.0, 1.0, 1, 0.5, True, True),),
@@ -233,8 +234,6 @@ def test_lengths_that_differ_are_named() -> None:
     trace = make_trace("step_50V", 400)
     with pytest.raises(ValueError, match=r"trace step_50V: before has shape \(3,\), t has \(400,\)"):
         replace(trace, before=np.zeros(3))
-    with pytest.raises(ValueError, match="curve c: y_std"):
-        Curve(np.zeros(3), np.zeros(3), np.zeros(2), "x", "y", "c")
 
 
 def test_importing_the_report_loads_no_drawing_and_no_torch() -> None:

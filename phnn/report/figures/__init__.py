@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -17,7 +17,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from scipy.signal import welch
 
 from phnn.report.document import FitRow, Location
-from phnn.report.evidence import MISSING, SUPPLIED, Curve, Fingerprint, Shares, Trace
+from phnn.report.evidence import MISSING, SUPPLIED, Fingerprint, Shares, Trace
 from phnn.report.figures.style import (
     AFTER,
     BEFORE,
@@ -33,6 +33,9 @@ from phnn.report.figures.style import (
 )
 from phnn.report.formatting import Unit, display_unit, quantity, ratio, words
 
+if TYPE_CHECKING:
+    from phnn.diagnose.words import Picture
+
 
 def envelope(
     y: np.ndarray,  # (N,)
@@ -47,15 +50,21 @@ def envelope(
     if count <= 2 * bins:
         return np.arange(count)
     width = -(-count // bins)
-    rows = -(-count // width)
+    return np.unique(np.concatenate(([0], extremes(y, width).ravel(), [count - 1])))
+
+
+def extremes(y: np.ndarray, width: int) -> np.ndarray:
+    """(B, 2) indices of the smallest and the largest finite sample of every ``width`` samples (N,).
+
+    Of a stretch without one both are its first sample.
+    """
+    rows = -(-len(y) // width)
     padded = np.full(rows * width, np.nan)
-    padded[:count] = y
+    padded[: len(y)] = y
     blocks = padded.reshape(rows, width)
-    bad = ~np.isfinite(blocks)
-    start = np.arange(rows) * width
-    low = start + np.argmin(np.where(bad, np.inf, blocks), axis=1)
-    high = start + np.argmax(np.where(bad, -np.inf, blocks), axis=1)
-    return np.unique(np.concatenate(([0], low, high, [count - 1])))
+    known = np.isfinite(blocks)
+    ends = (np.where(known, blocks, np.inf).argmin(axis=1), np.where(known, blocks, -np.inf).argmax(axis=1))
+    return np.stack(ends, axis=1) + np.arange(rows)[:, None] * width
 
 
 def cycles(u: np.ndarray) -> float:
@@ -547,11 +556,11 @@ def draw_fingerprint(found: Fingerprint) -> Figure:
     return figure
 
 
-def _draw(axes: Axes, curve: Curve) -> None:
+def _draw(axes: Axes, curve: Picture) -> None:
     order = np.argsort(curve.x, kind="stable")
     x, y = curve.x[order], curve.y[order]
-    if curve.y_std is not None:
-        spread = 2.0 * curve.y_std[order]
+    if curve.std is not None:
+        spread = 2.0 * curve.std[order]
         axes.fill_between(x, y - spread, y + spread, color=AFTER, alpha=0.16, linewidth=0, label="± 2 standard errors")
     axes.plot(x, y, color=AFTER, linewidth=2.0, label="learned from the recordings")
     axes.axhline(0.0, color="#8f969c", linewidth=0.7, zorder=0)
@@ -564,7 +573,7 @@ def _draw(axes: Axes, curve: Curve) -> None:
     axes.legend(loc="best")
 
 
-def draw_picture(curves: Sequence[Curve]) -> Figure:
+def draw_picture(curves: Sequence[Picture]) -> Figure:
     """Up to two curves side by side, further ones below."""
     columns = min(len(curves), 2)
     rows = -(-len(curves) // columns)
