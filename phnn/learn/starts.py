@@ -114,7 +114,7 @@ def plant_for(model: Mapping[str, Any], campaign: Campaign, seed: int, base: str
     return NetworkPlant(network, typical_states(network, recordings))
 
 
-def _with_multi_port(network: Network, values: Mapping[str, float], motion: Motion, width: int, seed: int) -> Network:
+def _with_multi_port(network: Network, motion: Motion, width: int, seed: int) -> Network:
     """The actuator with a learned dissipation on all of its hysterons and its mass together, nearly silent at first."""
     charges = [s.name for s in network.storages if s.name.startswith("Q_")]
     values = {n: p.value for n, p in network.parameters.items()}
