@@ -156,8 +156,9 @@ class Compiled(nn.Module):
     def forward(self, x: Tensor, ends: Tensor, efforts: Tensor, u: Tensor, h: Tensor) -> Tensor:
         """(N, ..., n+m) residuals of the steps."""
         sizes = h.expand(*u.shape[:-1], 1).reshape(-1)
-        flat = (v.flatten(0, -2) for v in (x, ends, efforts, u))
-        return steps_residual(self.system, self.program, *flat, sizes).value.reshape(*u.shape[:-1], -1)
+        x, ends, efforts, inputs = (v.flatten(0, -2) for v in (x, ends, efforts, u))
+        found = steps_residual(self.system, self.program, x, ends, efforts, inputs, sizes)
+        return found.value.reshape(*u.shape[:-1], -1)
 
 
 def _members(tensor: Tensor) -> Array:

@@ -121,8 +121,9 @@ class Torchdiffeq:
         return odeint(counted, x0, t, self.method, self.rtol, atol, self.adjoint, jumps)
 
 
-def _preserving(plant: NetworkPlant, windows: Sequence[Window], x0: Tensor) -> Tensor:
+def _preserving(plant: Plant, windows: Sequence[Window], x0: Tensor) -> Tensor:
     """(N+1, B, n) states of windows with the same steps, by torchdiffeq with the power-preserving step."""
+    assert isinstance(plant, NetworkPlant)
     h = windows[0].h
     t = torch.cat([h.new_zeros(1), h.cumsum(0)])
     fine = torch.stack([w.fine for w in windows], dim=1)
