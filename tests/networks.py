@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from hypothesis import strategies as st
 import torch
+from hypothesis import strategies as st
 from torch import Tensor
 
 from phnn.integrate.dense import Dense

@@ -30,6 +30,7 @@ from phnn.integrate.equations import derivatives, linearised, reducible_rules, s
 from phnn.integrate.scheme import Scheme
 from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.wide import form_of, is_passive_by_form
+from phnn.network.checks import evaluation
 from phnn.network.system import PortHamiltonianSystem
 
 # Residuals are measured in units of the terms of their own equation: rounding, and what is accepted where the
@@ -43,6 +44,8 @@ _SMALLEST_PART = 2.0**-10
 _ALONG = 9
 
 
+@torch.no_grad()
+@evaluation
 def march(
     system: PortHamiltonianSystem,
     x0: Tensor,  # (..., n)
@@ -60,22 +63,21 @@ def march(
     names = [system.state_names[k] for k in reducible_rules(system, scheme)]
     if reason := partly_driven(system.network, names):
         raise StructureViolated(f"{scheme}: {reason}")
-    with torch.no_grad():
-        states, length, done = [x0.detach().unsqueeze(0)], _FIRST, 0
-        while done < h.shape[0]:
-            part = slice(done, min(done + length, h.shape[0]))
-            run = _Run(system, states[-1][-1], u[part].detach(), h[part].detach(), scheme)
-            root = _newton(run, run.x.expand(h[part].shape[0], *run.x.shape))
-            if not root.cause:
-                done, length = part.stop, min(2 * length, _MOST)
-            elif length > 1:
-                length = max(1, (part.stop - done) // 4)
-                continue
-            else:
-                root = _Root(_by_parts(run, start + float(h[:done].flatten(1).amax(1).sum())))
-                done += 1
-            states.append(root.x)
-        return torch.cat(states)
+    states, length, done = [x0.detach().unsqueeze(0)], _FIRST, 0
+    while done < h.shape[0]:
+        part = slice(done, min(done + length, h.shape[0]))
+        run = _Run(system, states[-1][-1], u[part].detach(), h[part].detach(), scheme)
+        root = _newton(run, run.x.expand(h[part].shape[0], *run.x.shape))
+        if not root.cause:
+            done, length = part.stop, min(2 * length, _MOST)
+        elif length > 1:
+            length = max(1, (part.stop - done) // 4)
+            continue
+        else:
+            root = _Root(_by_parts(run, start + float(h[:done].flatten(1).amax(1).sum())))
+            done += 1
+        states.append(root.x)
+    return torch.cat(states)
 
 
 class Dense(nn.Module):
