@@ -90,7 +90,7 @@ class Dense(nn.Module):
         self.system, self.scheme = system, scheme
 
     def solve(self, x0: Tensor, u: Tensor, h: Tensor, start: float) -> tuple[Tensor, Tensor]:
-        """(N+1, ..., n) states, and nothing (N, ..., 0) else that the backward pass needs; errors as of `march`."""
+        """(N+1, ..., n) states, and an empty tensor (N, ..., 0) in the place of mean efforts."""
         states = march(self.system, x0, u, h, self.scheme, start)
         return states, states[1:, ..., :0]
 

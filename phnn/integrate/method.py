@@ -108,8 +108,8 @@ class PowerPreserving:
     """The solver that torchdiffeq constructs for ``method="phnn"``, forwards, and once for every interval backwards.
 
     Raises:
-        InputRefused: as of `solve`; or the times decrease, there is an option other than ``step_size`` and ``scheme`` or
-            an event function, the adjoint is asked for gradients by ``t``, or the forward pass took another method.
+        InputRefused: as of `solve`; or the times decrease, there is another option than ``step_size`` and ``scheme``,
+            an event function, a gradient by ``t`` asked of the adjoint, or another method in the forward pass.
         SolverFailed: a step has no solution; names time, state and remedy.
     """
 
