@@ -116,7 +116,7 @@ class BoundedParameters(nn.Module):
             SolverFailed: a coordinate is not finite.
         """
         # As `self.z.values()`, at a tenth of the time.
-        coordinates = [z for z in self.z._parameters.values() if z is not None]
+        coordinates: list[Tensor] = [z for z in self.z._parameters.values() if z is not None]
         if not coordinates:
             return {}
         if any(z.ndim for z in coordinates):
