@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from phnn.derivatives import output_derivatives, output_gradient
 from phnn.integrate import kernel
-from phnn.integrate.differentiable import simulate_torch
+from phnn.integrate.differentiable import simulated
 from phnn.models.actuator import TABLE_1, from_paper
 from phnn.network import PortHamiltonianSystem
 from phnn.recordings.recording import Part, Recording, Start
@@ -135,12 +135,13 @@ def adjoint_gradient(recordings: Sequence[Recording], substeps: Sequence[float],
     """(R, 10) the same by torch's autograd through the differentiable march: one adjoint sweep [m²]."""
     system = PortHamiltonianSystem(from_paper())
     trajectories = Prepared(recordings, substeps).trajectories
-    inputs = [(torch.from_numpy(t.u), torch.from_numpy(t.h), torch.from_numpy(t.states[0])) for t in trajectories]
+    inputs = [(torch.from_numpy(t.states[0]), torch.from_numpy(t.u), torch.from_numpy(t.h)) for t in trajectories]
+    output = system.state_names.index(system.network.output)
 
     def one(which: int) -> Array:
         system.zero_grad()
-        path = simulate_torch(system, *inputs[which], only=(system.network.output,))
-        q = path[torch.from_numpy(trajectories[which].nodes), 0]
+        path = simulated(system, *inputs[which])
+        q = path[torch.from_numpy(trajectories[which].nodes), output]
         ((q - torch.from_numpy(wanted[which])) ** 2).sum().backward()
         return np.array([system.free.gradient(n) for n in NAMES])
 

@@ -22,7 +22,7 @@ import torch
 
 from benchmarks.case import Array, Prepared, Solve, sine
 from benchmarks.table import RESULTS, Contender, machine, save, show, timed, write_csv
-from phnn.integrate.differentiable import simulate_torch
+from phnn.integrate.differentiable import simulated
 from phnn.models.actuator import hrc
 from phnn.network import PortHamiltonianSystem
 from phnn.network.elements import Coupling, Network, Resistor, Storage
@@ -48,7 +48,7 @@ _BUDGET = 2.0  # s
 
 def gradient(system: PortHamiltonianSystem, u: torch.Tensor, h: float, x0: torch.Tensor) -> None:
     """Add the gradient of ``Σ q²`` by all parameters to the system's: the one call that is timed."""
-    path = simulate_torch(system, u, h, x0)
+    path = simulated(system, x0, u, h)
     (path[:, system.state_names.index(system.network.output)] ** 2).sum().backward()
 
 

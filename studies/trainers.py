@@ -23,7 +23,7 @@ from phnn.learn.methods import method_of
 from phnn.learn.objective import Objective
 from phnn.learn.score import evaluate
 from phnn.learn.settings import Settings
-from phnn.learn.solvers import compiled, solver_for
+from phnn.learn.solvers import discrete_gradient, solver_for
 from phnn.learn.starts import plant_for
 from phnn.learn.windows import thinned
 from phnn.recordings import Campaign, read
@@ -185,7 +185,7 @@ def _trained(name: str, case: Case, label: str, way: Way, campaign: Campaign, se
 
     def objective() -> _Counting:
         plant = plant_for(case.model, campaign, seed)
-        made = _Counting(plant, compiled, used, way.window, case.substeps)
+        made = _Counting(plant, discrete_gradient, used, way.window, case.substeps)
         # Windows begin on the trajectory of the untrained model, which the compiled kernel computes for all trainers.
         made.solver = solver_for(way.solver, plant)
         made.solved = 0
@@ -197,7 +197,7 @@ def _trained(name: str, case: Case, label: str, way: Way, campaign: Campaign, se
     method_of(way.method, warm, replace(settings, lbfgs_iterations=1), 1.0)(0)
     trained = objective()
     curve, stopped = _epochs(trained, way, settings, case, progress)
-    scores = evaluate(trained.plant, compiled, campaign.recordings, 1, {})
+    scores = evaluate(trained.plant, discrete_gradient, campaign.recordings, 1, {})
     kinds = uses(campaign.recordings)
     over = (over_noise(scores, kinds, kind) for kind in (CONFIRMATION, OUTSIDE))
     held = [None if np.isnan(value) else value for value in over]

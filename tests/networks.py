@@ -5,11 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import torch
 from hypothesis import strategies as st
 from torch import Tensor
 
-from phnn.integrate import dense
+from phnn.integrate.dense import Dense
+from phnn.integrate.differentiable import solved
+from phnn.integrate.equations import dissipated, means
 from phnn.integrate.inputs import check, port_inputs
+from phnn.integrate.partition import resistors_of
+from phnn.integrate.reducible import Surroundings, shares
 from phnn.integrate.scheme import Scheme
 from phnn.laws import FACTOR_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.network import (
@@ -23,6 +28,7 @@ from phnn.network import (
     Resistor,
     Storage,
 )
+from phnn.network.checks import PowerBalance
 from phnn.nn import ConvexEnergyMLP, MonotoneMLP
 from phnn.parameters import Parameter, as_table
 
@@ -188,7 +194,32 @@ def solve_dense(
     system: PortHamiltonianSystem, x0: Tensor, u_mean: Tensor, h: float, scheme: Scheme = Scheme.DISCRETE_GRADIENT
 ) -> Tensor:
     """(N+1, ..., n) states by the step in torch, whatever kernels there are."""
-    u = port_inputs(system, u_mean, x0.ndim - 1)
-    check(system, x0, u, h)
-    steps = dense.shaped(x0, x0.new_full(u.shape[:1], h))
-    return dense.with_derivatives(system, dense.march(system, x0, u, steps, scheme), x0, u, steps, scheme)
+    u, steps = port_inputs(system, u_mean, x0.ndim - 1), x0.new_full(u_mean.shape[:1], h)
+    check(system, x0, u, steps)
+    return solved(Dense(system, scheme), x0, u, steps)
+
+
+def ledger(
+    system: PortHamiltonianSystem,
+    states: Tensor,  # (N+1, ..., n) of a solve
+    u_mean: Tensor,  # (N, ..., P) or (N,)
+    h: float,
+    scheme: Scheme = Scheme.DISCRETE_GRADIENT,
+) -> PowerBalance:
+    """Mean powers of every step (N, ...) at the mean efforts of the step, which balance the energy exactly; nodal
+    efforts do not."""
+    x, x_next = states[:-1], states[1:]
+    u = port_inputs(system, u_mean, states.ndim - 2)
+    found = means(system, scheme, x, x_next, u, h)
+    balance = system.power(found.efforts, found.middle, u, (system.energy(x_next) - system.energy(x)) / h)
+    around = Surroundings(system, found.middle, system.incidences(found.middle)[0], h)
+    columns = list(balance.dissipated.unbind(-1))
+    for k in found.ends:
+        total = dissipated(system, found, k, x[..., k], h)
+        flows = [loss(found.efforts[..., k]) for loss in around.losses(k)]
+        for r, share in zip(resistors_of(system.network, system.state_names[k]), shares(flows), strict=True):
+            columns[r] = share * total
+    lost = torch.stack(columns, dim=-1) if columns else balance.dissipated
+    return PowerBalance(
+        balance.stored, lost, balance.supplied, balance.stored - balance.supplied.sum(-1) + lost.sum(-1)
+    )

@@ -14,9 +14,10 @@ from junctions import random_junction
 from networks import random_network, remembering
 from subjects import _KINDS, NETWORKS, NetworkSubject, body
 
-from phnn.integrate import dense, sweep
+from phnn.integrate import sweep
 from phnn.integrate.compilable import can_compile
-from phnn.integrate.differentiable import simulate_torch
+from phnn.integrate.dense import Dense
+from phnn.integrate.differentiable import simulated, solved
 from phnn.integrate.kernel import KERNELS, kernel_for
 from phnn.integrate.ode import odeint
 from phnn.integrate.program import actions, compile_network
@@ -126,7 +127,7 @@ def _step(system: PortHamiltonianSystem, x0: np.ndarray) -> float:
 
 def _states(system: PortHamiltonianSystem, x0: np.ndarray, u: np.ndarray, h: np.ndarray) -> np.ndarray:
     with torch.no_grad():
-        return simulate_torch(system, *map(torch.from_numpy, (u, h, x0))).numpy()
+        return simulated(system, *map(torch.from_numpy, (x0, u, h))).numpy()
 
 
 def _physical(case: Case, states: torch.Tensor) -> dict[str, np.ndarray]:
@@ -167,24 +168,23 @@ def compiled(case: Case, scheme: Scheme, prefer: str | None = None) -> Solution:
 
 def adjoint(case: Case, scheme: Scheme) -> Solution:
     """By the compiled march, gradients by its compiled adjoint sweep and the residual of the torch module."""
-    states = simulate_torch(case.system, *case.tensors, scheme=scheme)
+    u, h, x0 = case.tensors
+    states = simulated(case.system, x0, u, h, scheme)
     return Solution(states.detach().numpy(), _physical(case, states))
 
 
 def torch_step(case: Case, scheme: Scheme) -> Solution:
     """By the step that is solved in torch, gradients by the implicit function theorem."""
     u, h, x0 = case.tensors
-    path = dense.march(case.system, x0, u, h[:, None], scheme)
-    states = dense.with_derivatives(case.system, path, x0, u, h[:, None], scheme)
-    return Solution(path.numpy(), _physical(case, states))
+    states = solved(Dense(case.system, scheme), x0, u, h)
+    return Solution(states.detach().numpy(), _physical(case, states))
 
 
 def torch_batch(case: Case, scheme: Scheme) -> Solution:
     """The same for a batch of which the case is the first member."""
     u, h, x0 = case.tensors
     starts, inputs = torch.stack([x0, 0.5 * x0]), torch.stack([u, 0.7 * u], dim=1)
-    path = dense.march(case.system, starts, inputs, h[:, None, None], scheme)
-    states = dense.with_derivatives(case.system, path, starts, inputs, h[:, None, None], scheme)[:, 0]
+    states = solved(Dense(case.system, scheme), starts, inputs, h)[:, 0]
     return Solution(states.detach().numpy(), _physical(case, states))
 
 

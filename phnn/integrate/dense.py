@@ -12,7 +12,7 @@ Jacobians ``A_k = ∂R_k/∂x_{k+1}``, ``B_k = ∂R_k/∂x_k`` are evaluated tog
 
 so that no python loop runs over the samples (Lim et al. 2024, "Parallelizing non-linear sequential models over the
 sequence length"). Where it does not converge a stretch is shortened, down to one step and then to growing parts of it.
-Gradients follow from the implicit function theorem: the residuals are evaluated once, and the same recursion runs
+The multipliers of the implicit function theorem, ``δx_{k+1} = −A_k⁻¹ (δR_k + B_k δx_k)``, are the same recursion
 backwards, transposed.
 """
 
@@ -22,16 +22,15 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from phnn.errors import SolverFailed, StructureViolated
 from phnn.integrate.compilable import partly_driven
-from phnn.integrate.equations import linearised, powers_of_steps, reducible_rules, step_residual
-from phnn.integrate.inputs import port_inputs
+from phnn.integrate.equations import derivatives, linearised, reducible_rules, step_residual
 from phnn.integrate.scheme import Scheme
 from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.wide import form_of, is_passive_by_form
-from phnn.network.checks import PowerBalance
+from phnn.network.checks import evaluation
 from phnn.network.system import PortHamiltonianSystem
 
 # Residuals are measured in units of the terms of their own equation: rounding, and what is accepted where the
@@ -45,11 +44,8 @@ _SMALLEST_PART = 2.0**-10
 _ALONG = 9
 
 
-def shaped(x0: Tensor, h: Tensor) -> Tensor:
-    """(N, 1, …, 1) steps that multiply states (N, ..., n), from their (N,) sizes [s]."""
-    return h.reshape(-1, *[1] * x0.ndim)
-
-
+@torch.no_grad()
+@evaluation
 def march(
     system: PortHamiltonianSystem,
     x0: Tensor,  # (..., n)
@@ -67,82 +63,59 @@ def march(
     names = [system.state_names[k] for k in reducible_rules(system, scheme)]
     if reason := partly_driven(system.network, names):
         raise StructureViolated(f"{scheme}: {reason}")
-    with torch.no_grad():
-        states, length, done = [x0.detach().unsqueeze(0)], _FIRST, 0
-        while done < h.shape[0]:
-            part = slice(done, min(done + length, h.shape[0]))
-            run = _Run(system, states[-1][-1], u[part].detach(), h[part].detach(), scheme)
-            root = _newton(run, run.x.expand(h[part].shape[0], *run.x.shape))
-            if not root.cause:
-                done, length = part.stop, min(2 * length, _MOST)
-            elif length > 1:
-                length = max(1, (part.stop - done) // 4)
-                continue
-            else:
-                root = _Root(_by_parts(run, start + float(h[:done].flatten(1).amax(1).sum())))
-                done += 1
-            states.append(root.x)
-        return torch.cat(states)
+    states, length, done = [x0.detach().unsqueeze(0)], _FIRST, 0
+    while done < h.shape[0]:
+        part = slice(done, min(done + length, h.shape[0]))
+        run = _Run(system, states[-1][-1], u[part].detach(), h[part].detach(), scheme)
+        root = _newton(run, run.x.expand(h[part].shape[0], *run.x.shape))
+        if not root.cause:
+            done, length = part.stop, min(2 * length, _MOST)
+        elif length > 1:
+            length = max(1, (part.stop - done) // 4)
+            continue
+        else:
+            root = _Root(_by_parts(run, start + float(h[:done].flatten(1).amax(1).sum())))
+            done += 1
+        states.append(root.x)
+    return torch.cat(states)
 
 
-def with_derivatives(
-    system: PortHamiltonianSystem,
-    path: Tensor,  # (N+1, ..., n)
-    x0: Tensor,  # (..., n)
-    u: Tensor,  # (N, ..., P)
-    h: float | Tensor,
-    scheme: Scheme = Scheme.DISCRETE_GRADIENT,
-) -> Tensor:
-    """The integrated ``path`` as a differentiable function of ``x0``, ``u``, the parameters and a tensor ``h``."""
-    if not torch.is_grad_enabled() or u.shape[0] == 0:
-        return path
-    residual = step_residual(system, path[:-1], path[1:], u, h, scheme)
-    if not (residual.requires_grad or x0.requires_grad):
-        return path
-    _, by_next, by_start = linearised(system, path[:-1], path[1:], u.detach(), h, scheme)
-    return _Implicit.apply(path, by_next, by_start, residual, x0)
+class Dense(nn.Module):
+    """The steps of a system in torch. Called with states at their starts and ends it returns their residuals."""
 
+    linearises = True
 
-def ledger(
-    system: PortHamiltonianSystem,
-    states: Tensor,  # (N+1, ..., n) of a solve
-    u_mean: Tensor,  # (N, ..., P) or (N,)
-    h: float,
-    scheme: Scheme = Scheme.DISCRETE_GRADIENT,
-) -> PowerBalance:
-    """Mean powers of every step (N, ...) at the mean efforts of the step, which balance the energy exactly; nodal
-    efforts do not."""
-    return powers_of_steps(system, scheme, states, port_inputs(system, u_mean, states.ndim - 2), h)
+    def __init__(self, system: PortHamiltonianSystem, scheme: Scheme = Scheme.DISCRETE_GRADIENT) -> None:
+        super().__init__()
+        self.system, self.scheme = system, scheme
 
+    def solve(self, x0: Tensor, u: Tensor, h: Tensor, start: float) -> tuple[Tensor, Tensor]:
+        """(N+1, ..., n) states, and an empty tensor (N, ..., 0) in the place of mean efforts."""
+        states = march(self.system, x0, u, h, self.scheme, start)
+        return states, states[1:, ..., :0]
 
-class _Implicit(torch.autograd.Function):
-    """The stored path, with the derivatives of the path that solves the recursion.
+    def weights(
+        self, residual: Tensor, x: Tensor, ends: Tensor, others: tuple[Tensor, ...], wanted: Tensor, carry: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """Return ``−μ`` (N, ..., n) of some steps, and (..., n) ``∂L/∂x`` at their start, without that state's own.
 
-    ``R_n(x_n, x_{n+1}; θ) = 0`` gives ``δx_{n+1} = −A_n⁻¹ (δR_n + B_n δx_n)``. This system is block-bidiagonal; the
-    backward pass sweeps its transpose. The residual carries the graph to all parameters and inputs.
-    """
+        Args:
+            residual: (N, ..., n) of the steps, with its graph to their starts ``x`` and ``ends``.
+            others: ignored.
+            wanted: (N, ..., n) ``∂L/∂x`` at the ends of the steps.
+            carry: (..., n) what later steps add to the last of them.
+        """
+        by_next, by_start = derivatives(residual, ends, x)
+        inverse = torch.linalg.inv(by_next).mT
+        back = by_start.mT @ inverse
+        # λ_k = w_k − (Bᵀ A⁻ᵀ)_{k+1} λ_{k+1}, from the end.
+        wanted = torch.cat([wanted[:-1], (wanted[-1] + carry).unsqueeze(0)])
+        totals = recursion(-back.flip(0).roll(1, 0), wanted.flip(0)).flip(0)
+        return -_times(inverse, totals), -_times(back[0], totals[0])
 
-    @staticmethod
-    def forward(ctx, path, by_next, by_start, residual, x0):  # type: ignore[no-untyped-def]
-        ctx.save_for_backward(by_next, by_start)
-        return path.clone()
-
-    @staticmethod
-    @torch.autograd.function.once_differentiable
-    def backward(ctx, wanted):  # type: ignore[no-untyped-def]
-        by_next, by_start = ctx.saved_tensors
-        inverse, carry = transposed(by_next, by_start)
-        # λ_n = w_n − carry_n λ_{n+1}, from the end.
-        totals = recursion(-carry.flip(0).roll(1, 0), wanted[1:].flip(0)).flip(0)
-        by_residual = -(inverse @ totals.unsqueeze(-1)).squeeze(-1)
-        by_x0 = wanted[0] - (carry[0] @ totals[0].unsqueeze(-1)).squeeze(-1)
-        return None, None, None, by_residual, by_x0
-
-
-def transposed(by_next: Tensor, by_start: Tensor) -> tuple[Tensor, Tensor]:
-    """(N, ..., n, n) ``A⁻ᵀ`` and ``Bᵀ A⁻ᵀ``, which carry multipliers back over the steps."""
-    inverse = torch.linalg.inv(by_next).mT
-    return inverse, by_start.mT @ inverse
+    def forward(self, x: Tensor, ends: Tensor, none: Tensor, u: Tensor, h: Tensor) -> Tensor:
+        """(N, ..., n) residuals of the steps."""
+        return step_residual(self.system, x, ends, u, h, self.scheme)
 
 
 def recursion(m: Tensor, r: Tensor) -> Tensor:

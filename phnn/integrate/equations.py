@@ -14,10 +14,10 @@ import torch
 from torch import Tensor
 
 from phnn.integrate.partition import reducible, resistors_of
-from phnn.integrate.reducible import Surroundings, advanced, shares
+from phnn.integrate.reducible import Surroundings, advanced
 from phnn.integrate.scheme import Scheme
 from phnn.network import modulator_states
-from phnn.network.checks import PowerBalance, evaluation
+from phnn.network.checks import evaluation
 from phnn.network.incidence import combined
 from phnn.network.system import PortHamiltonianSystem
 
@@ -105,39 +105,17 @@ def _powers(system: PortHamiltonianSystem, found: Means, x: Tensor, h: float | T
     """(...) power dissipated on each reducible storage, under the number of its first resistor."""
     powers = {}
     for k, end in found.ends.items():
-        dissipated = _dissipated(system, found, k, x[..., k], _of_one_storage(h))
+        total = dissipated(system, found, k, x[..., k], _of_one_storage(h))
         for place, r in enumerate(resistors_of(system.network, system.state_names[k])):
-            powers[r] = dissipated if place == 0 else torch.zeros_like(end)
+            powers[r] = total if place == 0 else torch.zeros_like(end)
     return powers
 
 
-def _dissipated(system: PortHamiltonianSystem, found: Means, k: int, start: Tensor, h: float | Tensor) -> Tensor:
+def dissipated(system: PortHamiltonianSystem, found: Means, k: int, start: Tensor, h: float | Tensor) -> Tensor:
     """(...) mean power ``i ē − ΔH/h`` that the resistors of a reducible storage take."""
     end = found.ends[k]
     stored = system.mean_effort(k, start + 0.0 * end, end) * (end - start) / h
     return found.currents[k] * found.efforts[..., k] - stored
-
-
-def powers_of_steps(
-    system: PortHamiltonianSystem, scheme: Scheme, states: Tensor, u: Tensor, h: float | Tensor
-) -> PowerBalance:
-    """Mean powers of the steps (N, ...) through ``states`` (N+1, ..., n), at the steps' own mean efforts."""
-    x, x_next = states[:-1], states[1:]
-    found = means(system, scheme, x, x_next, u, h)
-    own = _of_one_storage(h)
-    stored = (system.energy(x_next) - system.energy(x)) / own
-    balance = system.power(found.efforts, found.middle, u, stored)
-    if not found.ends:
-        return balance
-    around = Surroundings(system, found.middle, system.incidences(found.middle)[0], own)
-    dissipated = list(balance.dissipated.unbind(-1))
-    for k in found.ends:
-        total = _dissipated(system, found, k, x[..., k], own)
-        flows = [loss(found.efforts[..., k]) for loss in around.losses(k)]
-        for r, share in zip(resistors_of(system.network, system.state_names[k]), shares(flows), strict=True):
-            dissipated[r] = share * total
-    lost = torch.stack(dissipated, dim=-1)
-    return PowerBalance(stored, lost, balance.supplied, stored - balance.supplied.sum(-1) + lost.sum(-1))
 
 
 def linearised(
@@ -148,16 +126,19 @@ def linearised(
     h: float | Tensor,
     scheme: Scheme = Scheme.DISCRETE_GRADIENT,
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """(..., N) residual and its (..., N, N) derivatives by the end and by the start of the step, row by row.
-
-    Members of a batch are independent, so that one backward pass gives one row for all of them.
-    """
+    """(..., N) residual and its (..., N, N) derivatives by the end and by the start of the step."""
     with torch.enable_grad():
         end, start = z.detach().requires_grad_(True), x.detach().requires_grad_(True)
         residual = step_residual(system, start, end, u, h, scheme)
-        rows = [
-            torch.autograd.grad(residual[..., i].sum(), (end, start), retain_graph=True)
-            for i in range(residual.shape[-1])
-        ]
+    return residual.detach(), *derivatives(residual, end, start)
+
+
+def derivatives(residual: Tensor, end: Tensor, start: Tensor) -> tuple[Tensor, Tensor]:
+    """(..., N, N) derivatives of a residual (..., N) by the end and by the start of the step, row by row.
+
+    Members of a batch are independent, so that one backward pass gives one row for all of them.
+    """
+    each = torch.eye(residual.shape[-1]).to(residual)
+    rows = [torch.autograd.grad(residual, (end, start), e.expand_as(residual), retain_graph=True) for e in each]
     by_next, by_start = (torch.stack(r, dim=-2) for r in zip(*rows, strict=True))
-    return residual.detach(), by_next, by_start
+    return by_next, by_start

@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from phnn.errors import InputRefused
+from phnn.network.checks import check_state
 from phnn.network.system import PortHamiltonianSystem
 
 
@@ -17,10 +18,12 @@ def port_inputs(system: PortHamiltonianSystem, u: Tensor, batch_dimensions: int)
     return u.reshape(u.shape[0], *[1] * batch_dimensions, u.shape[-1]) if u.ndim == 2 else u
 
 
-def check(system: PortHamiltonianSystem, x0: Tensor, u: Tensor, h: float) -> None:
-    """Refuse an unsuitable initial state, inputs of all ports (N, ..., P) or step."""
-    if not 0.0 < h < float("inf"):
-        raise InputRefused(f"the step is {h:g} s: give a positive, finite step")
+def check(system: PortHamiltonianSystem, x0: Tensor, u: Tensor, h: Tensor) -> None:
+    """Refuse an unsuitable initial state (..., n), inputs of all ports (N, ..., P) or steps (...)."""
+    refused = h.detach()[~((h > 0.0) & (h < torch.inf))]
+    if refused.numel():
+        raise InputRefused(f"a step is {float(refused[0]):g} s: give positive, finite steps")
+    check_state(x0, system.state_names)
     numbers = next(system.parameters(), x0.new_zeros(0, dtype=torch.float64)).dtype
     refuse_unfit("initial state", x0, numbers)
     refuse_unfit("mean input", u, numbers)
@@ -38,15 +41,3 @@ def refuse_unfit(name: str, value: Tensor, numbers: torch.dtype = torch.float64)
     if not bool(torch.isfinite(value).all()):
         where = tuple(torch.nonzero(~torch.isfinite(value))[0].tolist())
         raise InputRefused(f"the {name} is not finite at index {where}: remove or repair that sample")
-
-
-def refuse_unfit_march(system: PortHamiltonianSystem, u: Tensor, h: Tensor, x0: Tensor) -> None:
-    """Refuse unsuitable shapes, types or values of inputs (n, P), steps (n,) or an initial state (N,)."""
-    states, ports = len(system.state_names), len(system.network.ports)
-    for name, tensor, shape in (("initial state", x0, (states,)), ("mean input", u, (u.shape[0], ports))):
-        if tuple(tensor.shape) != shape:
-            raise InputRefused(f"the {name} has shape {tuple(tensor.shape)}: this network needs {shape}")
-    for name, tensor in (("initial state", x0), ("mean input", u), ("step", h)):
-        refuse_unfit(name, tensor)
-    if not bool((h > 0.0).all()):
-        raise InputRefused(f"a step is {float(h.min()):g} s: give positive steps")

@@ -17,30 +17,36 @@ have a kernel. Gradients are those of the computed states,
     λ_k = ∂L/∂x_k − (∂R_k/∂x_k)ᵀ μ_k,     (∂R_k/∂x_{k+1})ᵀ μ_k = λ_{k+1},     dL/dθ = −Σ_k (∂R_k/∂θ)ᵀ μ_k
 
 by ``x0`` and the parameters of the system, its laws and its input; with `odeint` also by ``t``, for a fixed number of
-steps. `odeint_adjoint` keeps the states, goes back over the same steps, and then drops them; torchdiffeq calls it once
-for every interval, a third of a millisecond each. `odeint` gives the same gradients in one sweep. A second pass over a
-retained graph integrates again.
+steps. `odeint_adjoint` gives the same gradients as `odeint`, by the same sweep: torchdiffeq asks it interval by
+interval, and all is computed at the last one asked for, the first in time.
 
 Other adjoint methods of torchdiffeq are refused: with steps of their own they are wrong where outputs are far apart.
+
+torchdiffeq offers no way to add a method. Three of its undocumented parts are used here: ``SOLVERS`` takes the method,
+``_PerturbFunc`` and ``_ReverseFunc`` show it the system behind the function that it is given, and so does the closure
+of the augmented dynamics. Without these parts `phnn.integrate.ode.odeint` still takes the same steps.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import inspect
 from typing import Any
 
 import torch
 from torch import Tensor
 
 from phnn.errors import InputRefused
-from phnn.integrate import hooks
-from phnn.integrate.dense import recursion, shaped, transposed
 from phnn.integrate.differentiable import simulated
-from phnn.integrate.equations import linearised, step_residual
 from phnn.integrate.inputs import port_inputs
 from phnn.integrate.scheme import Scheme
 from phnn.network.driven import DrivenSystem
 from phnn.network.system import PortHamiltonianSystem
+
+try:
+    from torchdiffeq._impl.misc import _PerturbFunc, _ReverseFunc
+    from torchdiffeq._impl.odeint import SOLVERS
+except ImportError:  # gone from torchdiffeq
+    SOLVERS = None
 
 METHOD = "phnn"
 
@@ -48,134 +54,62 @@ METHOD = "phnn"
 _EARLY, _LATE = 0.5 - 3.0**-0.5 / 2.0, 0.5 + 3.0**-0.5 / 2.0
 # Tolerance, so that rounding does not add a step to an interval that is a whole number of steps.
 _ROUNDING = 1e-9
-# Steps whose graph the adjoint holds at a time.
-_BLOCK = 4096
 
 
-class _Solve:
-    """The steps of one solve, the states at their ends, and derivatives by initial state and parameters.
+def solve(
+    driven: DrivenSystem | PortHamiltonianSystem,
+    x0: Tensor,  # (..., n)
+    t: Tensor,  # (K,) output times, increasing
+    step_size: float | None = None,
+    scheme: Scheme = Scheme.DISCRETE_GRADIENT,
+) -> Tensor:
+    """Return the (K, ..., n) states of ``torchdiffeq.odeint`` with ``method="phnn"``, without torchdiffeq.
 
     Raises:
-        InputRefused: times that are not finite float64, fewer than two, or a ``step_size`` that is not positive.
+        InputRefused: the right-hand side is not a port-Hamiltonian system; times that are not finite float64, or fewer
+            than two; a ``step_size`` that is not positive.
+        SolverFailed: a step has no solution; names time, state and remedy.
     """
+    if not isinstance(driven, DrivenSystem | PortHamiltonianSystem):
+        raise InputRefused(
+            f"the right-hand side is a {type(driven).__name__}, which has no energy to take the discrete gradient "
+            "of: give a PortHamiltonianSystem or its with_input(u) and one state tensor, or another method"
+        )
+    if t.dtype != torch.float64 or t.shape[0] < 2 or not bool(torch.isfinite(t).all()):
+        raise InputRefused(
+            f"{t.shape[0]} output times of {t.dtype}: give at least two, all finite, converted with .double()"
+        )
+    if step_size is not None and not 0.0 < step_size < float("inf"):
+        raise InputRefused(f"step_size = {step_size:g} s: give a positive, finite step")
+    spacing = t.diff()
+    least = torch.ones_like(spacing) if step_size is None else spacing.detach() / step_size * (1.0 - _ROUNDING)
+    counts = least.ceil().clamp_min(1.0).long()
+    ends = counts.cumsum(0)
+    number = torch.arange(int(ends[-1]), device=t.device) - (ends - counts).repeat_interleave(counts)
+    h = (spacing / counts).repeat_interleave(counts)
+    start = t[:-1].repeat_interleave(counts) + number * h
+    if isinstance(driven, DrivenSystem):
+        system, u = driven.system, 0.5 * (_inputs(driven, start + _EARLY * h) + _inputs(driven, start + _LATE * h))
+    else:
+        system, u = driven, x0.new_zeros(len(h), len(driven.network.ports))
+    states = simulated(system, x0, port_inputs(system, u, x0.ndim - 1), h, scheme, float(t[0].detach()))
+    return states if step_size is None else states[[0, *ends.tolist()]]
 
-    def __init__(
-        self,
-        driven: DrivenSystem | PortHamiltonianSystem,
-        x0: Tensor,  # (..., n)
-        t: Tensor,  # (K,) output times, increasing
-        step_size: float | None,
-        scheme: Scheme,
-    ) -> None:
-        if t.dtype != torch.float64 or t.shape[0] < 2 or not bool(torch.isfinite(t).all()):
-            raise InputRefused(
-                f"{t.shape[0]} output times of {t.dtype}: give at least two, all finite, converted with .double()"
-            )
-        if step_size is not None and not 0.0 < step_size < float("inf"):
-            raise InputRefused(f"step_size = {step_size:g} s: give a positive, finite step")
-        self.driven, self.x0, self.scheme = driven, x0, scheme
-        self.system = driven.system if isinstance(driven, DrivenSystem) else driven
-        spacing = t.diff()
-        least = torch.ones_like(spacing) if step_size is None else spacing.detach() / step_size * (1.0 - _ROUNDING)
-        counts = least.ceil().clamp_min(1.0).long()
-        self.output_at = [0, *counts.cumsum(0).tolist()]
-        self.interval = {time: i for i, time in enumerate(t.tolist()[1:])}
-        first = torch.tensor(self.output_at[:-1], device=t.device).repeat_interleave(counts)
-        self.h = (spacing / counts).repeat_interleave(counts)
-        self.start = t[:-1].repeat_interleave(counts) + (torch.arange(len(first), device=t.device) - first) * self.h
-        self.path: Tensor | None = None
-        self.transposed: tuple[Tensor, ...] = ()
 
-    def inputs(self, steps: slice = slice(None)) -> Tensor:
-        """(N, ..., P) mean inputs of some of the steps."""
-        start, h = self.start[steps], self.h[steps]
-        if isinstance(self.driven, DrivenSystem):
-            u = 0.5 * (self._input(start + _EARLY * h) + self._input(start + _LATE * h))
-        else:
-            u = self.x0.new_zeros(len(h), len(self.system.network.ports))
-        return port_inputs(self.system, u, self.x0.ndim - 1)
-
-    def _input(self, t: Tensor) -> Tensor:
-        """(N, ..., P) inputs at many times (N,), one after the other where the function cannot take all of them."""
-        given: Any = self.driven.input
-        if hasattr(given, "at_times"):
-            return torch.as_tensor(given.at_times(t))
-        try:
-            return torch.as_tensor(torch.func.vmap(given)(t))
-        except (RuntimeError, ValueError):
-            return torch.stack([given(time) for time in t])
-
-    def differentiable(self) -> Tensor:
-        """(K, ..., n) states at the output times, with the graph of all steps."""
-        return self._states()[self.output_at]
-
-    def recorded(self) -> Tensor:
-        """(K, ..., n) states at the output times; those of all steps are kept for `pull_back`."""
-        self.path = self.march()
-        return self.path[self.output_at]
-
-    def march(self) -> Tensor:
-        """(N+1, ..., n) states without gradients."""
-        with torch.no_grad():
-            return self._states()
-
-    def _states(self) -> Tensor:
-        start = float(self.start[0].detach())
-        return simulated(self.system, self.x0, self.inputs(), self.h, self.scheme, start)
-
-    def pull_back(self, i: int, wanted: Tensor, parameters: tuple[Tensor, ...]) -> tuple[Tensor, list[Tensor]]:
-        """Pull ``∂L`` by the state at the end of interval ``i`` back to its start; at the first one, the last to be
-        called, also all ``μ_k`` to the parameters."""
-        if self.path is None:
-            self.path = self.march()
-        if not self.transposed:
-            self._transpose(self.path)
-        inverse, carry, mu = self.transposed
-        steps = slice(*self.output_at[i : i + 2])
-        back = torch.cat([torch.zeros_like(carry[:1]), -carry[steps].flip(0)])
-        totals = recursion(back, torch.cat([wanted.unsqueeze(0), wanted.new_zeros(len(back) - 1, *wanted.shape)]))
-        mu[steps] = -(inverse[steps] @ totals[:-1].flip(0).unsqueeze(-1)).squeeze(-1)
-        sums = [torch.zeros_like(p) for p in parameters]
-        if i == 0:
-            self._add_gradients(self.path, mu, parameters, sums)
-            self.path, self.transposed = None, ()
-        return totals[-1], sums
-
-    def _transpose(self, path: Tensor) -> None:
-        """Keep ``A_k⁻ᵀ``, ``B_kᵀ A_k⁻ᵀ`` and room for the ``μ_k`` of all steps."""
-        found = []
-        for part in self._blocks():
-            _, by_next, by_start = self._equations(linearised, path, part)
-            found.append(transposed(by_next, by_start))
-        inverses, carries = (torch.cat(column) for column in zip(*found, strict=True))
-        self.transposed = inverses, carries, torch.zeros_like(path[1:])
-
-    def _add_gradients(self, path: Tensor, mu: Tensor, parameters: tuple[Tensor, ...], sums: list[Tensor]) -> None:
-        """Add ``Σ_k (∂R_k/∂θ)ᵀ μ_k`` to the sums."""
-        for part in self._blocks() if parameters else ():
-            with torch.enable_grad():
-                residual = self._equations(step_residual, path, part)
-                if not residual.requires_grad:
-                    continue
-                found = torch.autograd.grad(residual, parameters, mu[part], allow_unused=True)
-            for total, gradient in zip(sums, found, strict=True):
-                if gradient is not None:
-                    total += gradient
-
-    def _blocks(self) -> list[slice]:
-        return [slice(k, k + _BLOCK) for k in range(0, len(self.h), _BLOCK)]
-
-    def _equations(self, of: Callable[..., Any], path: Tensor, part: slice) -> Any:
-        h = shaped(self.x0, self.h[part].detach())
-        return of(self.system, path[:-1][part], path[1:][part], self.inputs(part), h, self.scheme)
+def _inputs(driven: DrivenSystem, t: Tensor) -> Tensor:
+    """(N, ..., P) inputs at many times (N,), one after the other where the function cannot take all of them."""
+    try:
+        return torch.as_tensor(torch.func.vmap(driven.input)(t))
+    except (RuntimeError, ValueError):
+        return torch.stack([driven.input(time) for time in t])
 
 
 class PowerPreserving:
     """The solver that torchdiffeq constructs for ``method="phnn"``, forwards, and once for every interval backwards.
 
     Raises:
-        InputRefused: the right-hand side is not a port-Hamiltonian system, the times decrease, there is an option other
-            than ``step_size`` and ``scheme`` or an event function, or the adjoint is asked for gradients by ``t``.
+        InputRefused: as of `solve`; or the times decrease, there is another option than ``step_size`` and ``scheme``,
+            an event function, a gradient by ``t`` asked of the adjoint, or another method in the forward pass.
         SolverFailed: a step has no solution; names time, state and remedy.
     """
 
@@ -184,99 +118,84 @@ class PowerPreserving:
         func: Any,
         y0: Tensor,
         step_size: float | None = None,
-        scheme: Scheme = Scheme.DISCRETE_GRADIENT,
+        scheme: Scheme | str = Scheme.DISCRETE_GRADIENT,
         **others: Any,
     ) -> None:
         # torchdiffeq adds these three itself.
         if unknown := ", ".join(sorted(set(others) - {"rtol", "atol", "norm"})):
             raise InputRefused(f"{METHOD} has no option {unknown}: leave it out, it takes step_size and scheme")
-        self.backwards: _Backwards | None = None
-        if known := hooks.augmented(func):
-            self.backwards = _Backwards(known, y0)
-            return
-        inner, self.holder = hooks.behind(func)
-        if hooks.is_reversed(inner):
-            raise InputRefused("the output times decrease: a dissipative system cannot be integrated backwards")
-        _refuse_other_systems(inner)
-        self.driven, self.y0, self.step_size = inner, y0, step_size
+        self.y0, self.step_size = y0, step_size
         self.scheme = Scheme.named(scheme) if isinstance(scheme, str) else scheme
+        # Calls of odeint_adjoint wrap the function twice. The wrapper lives as long as the graph of the result.
+        self.driven, self.holder = func.base_func, None
+        if isinstance(self.driven, _PerturbFunc):
+            self.driven, self.holder = self.driven.base_func, self.driven
+        if isinstance(self.driven, _ReverseFunc) and not _backwards(self.driven):
+            raise InputRefused("the output times decrease: a dissipative system cannot be integrated backwards")
 
     @staticmethod
     def valid_callbacks() -> set[str]:
-        """None: all steps are found before their graph is made."""
+        """None: all steps are found at once."""
         return set()
 
     def integrate(self, t: Tensor) -> Tensor:
         """(K, ..., n) states at the output times (K,), or the augmented state at both ends of an interval."""
-        if self.backwards is not None:
-            return self.backwards.integrate(t)
+        if known := _backwards(self.driven):
+            return self._pulled_back(t, known)
         if self.holder is None:
-            return _Solve(self.driven, self.y0, t, self.step_size, self.scheme).differentiable()
+            return solve(self.driven, self.y0, t, self.step_size, self.scheme)
         if t.requires_grad:
             raise InputRefused("odeint_adjoint offers no gradients by t here: use odeint, or t.detach()")
-        self.holder.solve = _Solve(self.driven, self.y0.detach(), t, self.step_size, self.scheme)
+        with torch.enable_grad():
+            x0 = self.y0.detach().requires_grad_(True)
+            x = solve(self.driven, x0, t, self.step_size, self.scheme)
+        self.holder.recording = t, x0, x, []
         # From here on only a continuous adjoint evaluates the vector field.
         self.holder.register_forward_pre_hook(_refuse_other_adjoint)
-        return self.holder.solve.recorded()
+        return x.detach()
+
+    def _pulled_back(self, t: Tensor, known: dict[str, Any]) -> Tensor:
+        """(2, A) the augmented state (by t, x, by x, by parameters) at the end and the start of an interval.
+
+        torchdiffeq passes negated times, and adds the gradient by the output at the start to ``by x``. That is returned
+        as zero but in the first interval, so that what comes for an interval is the gradient by the output at its end.
+        """
+        recording = getattr(known["func"], "recording", None)
+        if recording is None:
+            raise InputRefused(f"adjoint_method={METHOD!r} is for the steps of method={METHOD!r} alone: give both")
+        times, x0, x, wanted = recording
+        size = x0.numel()
+        by_t, state, by_x, by_parameters = self.y0.tensor_split([1, 1 + size, 1 + 2 * size])
+        if -t[0] == times[-1]:
+            wanted.clear()
+        wanted.append(by_x.reshape(x0.shape))
+        found = torch.zeros_like(self.y0[1 + size :])
+        if len(wanted) == len(x) - 1:
+            asked, by_x = (x0, *known["adjoint_params"]), torch.stack([torch.zeros_like(x0), *wanted[::-1]])
+            gradients = torch.autograd.grad(x, asked, by_x, True, allow_unused=True, materialize_grads=True)
+            found = torch.cat([g.reshape(-1) for g in gradients])
+        by_parameters = by_parameters + found[size:]
+        return torch.stack([self.y0, torch.cat([by_t, state, found[:size], by_parameters])])
 
     def integrate_until_event(self, t0: Tensor, event_fn: Any) -> Tensor:
         """Always raise: the solver supports no events."""
         raise InputRefused(f"{METHOD} does not look for events: look for them in its states")
 
 
-class _Backwards:
-    """The transposed steps of an interval.
-
-    Raises:
-        InputRefused: the forward pass took another method.
-    """
-
-    def __init__(self, known: dict[str, Any], y0: Tensor) -> None:
-        solve = getattr(known.get("func"), "solve", None)
-        if solve is None:
-            raise InputRefused(f"adjoint_method={METHOD!r} is for the steps of method={METHOD!r} alone: give both")
-        self.solve: _Solve = solve
-        self.parameters: tuple[Tensor, ...] = known["adjoint_params"]
-        self.y0 = y0
-
-    def integrate(self, t: Tensor) -> Tensor:
-        """(2, A) the augmented state (by t, x, by x, by parameters) at the end and the start of an interval.
-
-        torchdiffeq passes the negated time, and replaces the state by the one that the forward solve returned.
-        """
-        shape = self.solve.x0.shape
-        size = shape.numel()
-        by_t, x, by_x, by_parameters = self.y0.tensor_split([1, 1 + size, 1 + 2 * size])
-        interval = self.solve.interval[-t[0].item()]
-        by_start, found = self.solve.pull_back(interval, by_x.reshape(shape), self.parameters)
-        more = torch.cat([f.reshape(-1) for f in found]) if found else torch.zeros_like(by_parameters)
-        return torch.stack([self.y0, torch.cat([by_t, x, by_start.reshape(-1), by_parameters + more])])
-
-
-_OTHER_ADJOINT = (
-    f"a continuous adjoint of {METHOD} is wrong where outputs are far apart for a decay: leave adjoint_method out, or "
-    "use odeint"
-)
+def _backwards(func: Any) -> dict[str, Any]:
+    """The closure variables of the augmented dynamics of torchdiffeq's backward pass; empty for any other function."""
+    while hasattr(func, "base_func"):
+        func = func.base_func
+    known = dict(inspect.getclosurevars(func).nonlocals) if inspect.isfunction(func) else {}
+    return known if "adjoint_params" in known else {}
 
 
 def _refuse_other_adjoint(module: Any, arguments: Any) -> None:
-    raise InputRefused(_OTHER_ADJOINT)
+    raise InputRefused(
+        f"a continuous adjoint of {METHOD} is wrong where outputs are far apart for a decay: leave adjoint_method out, "
+        "or use odeint"
+    )
 
 
-def _refuse_other_systems(inner: Any) -> None:
-    if not isinstance(inner, DrivenSystem | PortHamiltonianSystem):
-        raise InputRefused(
-            f"the right-hand side is a {type(inner).__name__}, which has no energy to take the discrete gradient "
-            "of: give a PortHamiltonianSystem or its with_input(u) and one state tensor, or another method"
-        )
-
-
-def solve(
-    driven: DrivenSystem | PortHamiltonianSystem, x0: Tensor, t: Tensor, step_size: float | None, scheme: Scheme
-) -> Tensor:
-    """The states that ``torchdiffeq.odeint`` with ``method="phnn"`` returns, without torchdiffeq."""
-    _refuse_other_systems(driven)
-    return _Solve(driven, x0, t, step_size, scheme).differentiable()
-
-
-hooks.add_methods({METHOD: PowerPreserving})
+if SOLVERS is not None:
+    SOLVERS[METHOD] = PowerPreserving

@@ -10,7 +10,6 @@ steps, which is exact at any spacing (`phnn.integrate.method`).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import torch
@@ -18,57 +17,18 @@ import torchdiffeq
 from torch import Tensor, nn
 
 from phnn.errors import InputRefused, SolverFailed
-from phnn.integrate import hooks
-from phnn.integrate.method import METHOD, solve
+from phnn.integrate import method as own
+from phnn.integrate.method import METHOD
 from phnn.integrate.scheme import Scheme
 from phnn.network.driven import DrivenSystem
 from phnn.network.system import PortHamiltonianSystem
 
-# The adjoint integrates backwards in time, where a mode that decays forwards grows.
-# Largest decay rate × output spacing at which the adjoint's backward integration is still trusted.
-ADJOINT_LIMIT = 5.0
-_PROBES = 24
-
-
-def fastest_decay(
-    system: nn.Module,
-    t: Tensor,  # ()
-    x: Tensor,  # (..., n)
-) -> float:
-    """Fastest decay rate ``max(−Re λ)`` [1/s] of the linearisation at a time, over a batch of states."""
-    with torch.enable_grad():
-        z = x.detach().requires_grad_(True)
-        rate = system(t.detach(), z)
-        # Members of a batch do not see each other: one backward pass gives one row for all of them.
-        rows = [torch.autograd.grad(rate[..., i].sum(), z, retain_graph=True)[0] for i in range(rate.shape[-1])]
-    return float((-torch.linalg.eigvals(torch.stack(rows, dim=-2)).real).max().clamp_min(0.0))
-
-
-def check_spacing(system: nn.Module, visited: Sequence[tuple[Tensor, Tensor]], t: Tensor) -> None:
-    """Refuse output times (N,) between which the backward integration amplifies errors beyond use.
-
-    Args:
-        visited: times and states where the forward integration has been.
-
-    Raises:
-        InputRefused: with the rate, the spacing, and how to do without the continuous adjoint.
-    """
-    chosen = torch.linspace(0, len(visited) - 1, min(_PROBES, len(visited))).round().long().tolist()
-    rates = [(fastest_decay(system, *visited[k]), float(visited[k][0])) for k in chosen]
-    rate, when = max(rates)
-    spacing = float((t[1:] - t[:-1]).max())
-    if rate * spacing > ADJOINT_LIMIT:
-        raise InputRefused(
-            f"the continuous adjoint would return wrong gradients: a mode decays at {rate:.3g} 1/s (t = {when:.4g} s) "
-            f"while outputs are {spacing:.3g} s apart, a product of {rate * spacing:.3g} where at most "
-            f"{ADJOINT_LIMIT:g} is safe; space outputs at most {ADJOINT_LIMIT / rate:.2g} s, use adjoint=False, or "
-            f"method={METHOD!r}, whose own adjoint is exact at any spacing"
-        )
-
-
 ADAPTIVE = ("dopri5", "dopri8", "bosh3", "adaptive_heun", "fehlberg2")
 FIXED = ("euler", "midpoint", "heun2", "heun3", "rk4")
 
+# Largest decay rate × output spacing at which the adjoint's backward integration is still trusted.
+ADJOINT_LIMIT = 5.0
+_PROBES = 24
 _MAX_STEPS = 1_000_000
 # A state of this size is the result of instability, not of a law that fails at ordinary values.
 _ASTRONOMIC = 1e30
@@ -94,7 +54,7 @@ def odeint(
         method: an adaptive (`ADAPTIVE`) or fixed-grid method (`FIXED`, one step per output interval), or
             "phnn": the power-preserving step, of port-Hamiltonian systems alone.
         rtol, atol: tolerances of adaptive methods; ``atol`` in the units of the state, a number or (n,).
-        adjoint: gradients by the continuous adjoint, or by that of the power-preserving step, instead of by a graph.
+        adjoint: gradients by the continuous adjoint instead of by a graph; those of "phnn" are exact either way.
         jump_t: (K,) times at which the input or its slope jumps (its knots).
         max_steps: adaptive steps allowed between two outputs.
         step_size: longest step of "phnn" [s]; one step per output interval where it is left out.
@@ -109,39 +69,48 @@ def odeint(
         SolverFailed: the right-hand side is not finite, or the step size vanished; names time and cause.
     """
     _check_inputs(system, x0, t, method, jump_t, step_size)
+    if method == METHOD:
+        if own.SOLVERS is None:
+            return own.solve(system, x0, t, step_size, scheme)  # type: ignore[arg-type]
+        return torchdiffeq.odeint(system, x0, t, method=METHOD, options={"step_size": step_size, "scheme": scheme})
     watched = _Watched(system, remember=adjoint or jump_t is not None)
     _check_first(watched, t, x0, adjoint)
-    if method == METHOD:
-        return _power_preserving(system, x0, t, adjoint, {"step_size": step_size, "scheme": scheme})
     jumps = _inside(jump_t, t)
-    chosen = {"rtol": rtol, "atol": atol, "method": method, "options": _options(method, t, jumps, max_steps)}
+    chosen: dict[str, Any] = {"rtol": rtol, "atol": atol, "method": method}
+    # A fixed grid needs no options but to see both sides of a jump at an output.
+    chosen["options"] = {"perturb": True} if method in FIXED else {"max_num_steps": max_steps, "jump_t": jumps}
+    if method in ADAPTIVE and method != "dopri5":
+        chosen["options"]["step_t"] = t[~torch.isin(t, jumps)].detach()
+    if adjoint:
+        # The augmented state has other components, so that its tolerance must be a number.
+        chosen["adjoint_atol"] = float(torch.as_tensor(atol).min())
     try:
-        xs = _solved(watched, x0, t, adjoint, chosen)
+        xs = (torchdiffeq.odeint_adjoint if adjoint else torchdiffeq.odeint)(watched, x0, t, **chosen)
     except AssertionError as error:
         raise SolverFailed(_cause_of_stop(watched, str(error), max_steps)) from error
     _check_finite(watched, xs, t, method)
-    _check_jumps(watched, jumps)
+    # torchdiffeq forgets all later jumps once a step ends on one.
+    begun = {float(time) for time, _ in watched.visited}
+    for jump in jumps.tolist():
+        if jump not in begun:
+            raise SolverFailed(f"the jump at t = {jump:.6g} s was stepped over: change rtol a little and solve again")
     if adjoint:
-        check_spacing(watched.system, watched.visited, t)
+        _check_spacing(watched, t)
     return xs
 
 
-def _solved(watched: _Watched, x0: Tensor, t: Tensor, adjoint: bool, chosen: dict[str, Any]) -> Tensor:
-    if not adjoint:
-        return torchdiffeq.odeint(watched, x0, t, **chosen)
-    # The augmented state has other components, so that its tolerance must be a number.
-    return torchdiffeq.odeint_adjoint(
-        watched, x0, t, **chosen, adjoint_atol=float(torch.as_tensor(chosen["atol"]).min())
-    )
-
-
-def _power_preserving(system: nn.Module, x0: Tensor, t: Tensor, adjoint: bool, options: dict[str, Any]) -> Tensor:
-    """Integrate by the step of a port-Hamiltonian system, without `_Watched`: it reports its failures itself."""
-    if not hooks.takes_methods():
-        return solve(system, x0, t, **options)  # type: ignore[arg-type]
-    if not adjoint:
-        return torchdiffeq.odeint(system, x0, t, method=METHOD, options=options)
-    return torchdiffeq.odeint_adjoint(system, x0, t, method=METHOD, options=options)
+def fastest_decay(
+    system: nn.Module,
+    t: Tensor,  # ()
+    x: Tensor,  # (..., n)
+) -> float:
+    """Return the fastest decay rate ``max(−Re λ)`` [1/s] of the linearisation at a time, over a batch of states."""
+    with torch.enable_grad():
+        z = x.detach().requires_grad_(True)
+        rate = system(t.detach(), z)
+        # Members of a batch do not see each other: one backward pass gives one row for all of them.
+        rows = [torch.autograd.grad(rate[..., i].sum(), z, retain_graph=True)[0] for i in range(rate.shape[-1])]
+    return float((-torch.linalg.eigvals(torch.stack(rows, dim=-2)).real).max().clamp_min(0.0))
 
 
 class _Watched(nn.Module):
@@ -166,25 +135,20 @@ class _Watched(nn.Module):
             self.visited.clear()
         self.visited.append((t.detach(), x.detach()))
 
-    @property
-    def last_time(self) -> float:
-        return float(self.visited[-1][0]) if self.visited else float("nan")
-
 
 def _check_inputs(
     system: nn.Module, x0: Tensor, t: Tensor, method: str, jump_t: Tensor | None, step_size: float | None
 ) -> None:
-    for name, value in (("initial state", x0), ("vector of output times", t)):
+    for name, value in (("initial state", x0), ("vector of output times", t), *system.named_parameters()):
         if value.dtype != torch.float64:
             raise InputRefused(
                 f"the {name} is {value.dtype}: convert it with .double(); 32-bit time resolves only 7.6 µs at 100 s"
             )
-    for name, parameter in system.named_parameters():
-        if parameter.dtype != torch.float64:
-            raise InputRefused(f"the parameter {name} is {parameter.dtype}: convert the module with .double()")
     if t.ndim != 1 or t.shape[0] < 2 or not bool((t[1:] > t[:-1]).all()):
-        raise InputRefused("output times must be one increasing vector of at least two: a dissipative system cannot "
-                           "be integrated backwards")  # fmt: skip
+        raise InputRefused(
+            "output times must be one increasing vector of at least two: a dissipative system cannot be integrated "
+            "backwards"
+        )
     if method not in (*ADAPTIVE, *FIXED, METHOD):
         raise InputRefused(
             f"method {method!r} is not supported: choose one of {', '.join((*ADAPTIVE, *FIXED, METHOD))}; "
@@ -210,84 +174,79 @@ def _inside(jump_t: Tensor | None, t: Tensor) -> Tensor:
     return jumps[(jumps > t[0]) & (jumps < t[-1])]
 
 
-def _options(method: str, t: Tensor, jumps: Tensor, max_steps: int) -> dict[str, Any]:
-    """Options of the step control. A fixed grid needs none but to see both sides of a jump at an output."""
-    if method in FIXED:
-        return {"perturb": True}
-    options: dict[str, Any] = {"max_num_steps": max_steps, "jump_t": jumps}
-    if method != "dopri5":
-        options["step_t"] = t[~torch.isin(t, jumps)].detach()
-    return options
-
-
-def _check_jumps(watched: _Watched, jumps: Tensor) -> None:
-    """Check that every jump began a step: torchdiffeq forgets all later ones once a step ends on one."""
-    begun = {float(time) for time, _ in watched.visited}
-    for jump in jumps.tolist():
-        if jump not in begun:
-            raise SolverFailed(f"the jump at t = {jump:.6g} s was stepped over: change rtol a little and solve again")
-
-
 def _check_first(watched: _Watched, t: Tensor, x0: Tensor, adjoint: bool) -> None:
     """Check that the first evaluation is finite and, for the adjoint, depends only on registered parameters."""
     with torch.enable_grad():
         rate = watched(t[0].detach(), x0.detach())
     if watched.first_bad is not None:
-        raise SolverFailed(f"at t = {float(t[0]):.6g} s {_why_not_finite(watched, *watched.first_bad)}")
-    if rate.shape != x0.shape:
-        raise InputRefused(f"the right-hand side has shape {tuple(rate.shape)} for a state of shape {tuple(x0.shape)}")
-    if adjoint:
-        known = {id(p) for p in watched.parameters()}
-        for tensor in _leaves(rate):
-            if id(tensor) not in known:
-                raise InputRefused(
-                    f"a tensor of shape {tuple(tensor.shape)} that requires a gradient is used but is no parameter of "
-                    "the module: the adjoint would leave its gradient out; register it (an input as nn.Module), or "
-                    "use adjoint=False"
-                )
-
-
-def _leaves(output: Tensor) -> list[Tensor]:
-    """Tensors that a result was computed from and that collect gradients."""
-    found, seen, stack = [], set(), [output.grad_fn]
+        raise SolverFailed(f"at t = {float(t[0]):.6g} s {_why_not_finite(watched)}")
+    known, seen, stack = {id(p) for p in watched.parameters()}, set(), [rate.grad_fn] if adjoint else []
     while stack:
         node = stack.pop()
         if node is None or node in seen:
             continue
         seen.add(node)
-        if hasattr(node, "variable"):
-            found.append(node.variable)
         stack.extend(parent for parent, _ in node.next_functions)
-    return found
+        tensor = getattr(node, "variable", None)
+        if tensor is not None and id(tensor) not in known:
+            raise InputRefused(
+                f"a tensor of shape {tuple(tensor.shape)} that requires a gradient is used but is no parameter of "
+                "the module: the adjoint would leave its gradient out; register it (an input as nn.Module), or "
+                "use adjoint=False"
+            )
 
 
-def _why_not_finite(watched: _Watched, t: Tensor, x: Tensor) -> str:
+def _check_finite(watched: _Watched, xs: Tensor, t: Tensor, method: str) -> None:
+    """Check that every state of the solution is finite."""
+    finite = torch.isfinite(xs).reshape(len(t), -1).all(1)
+    if bool(finite.all()):
+        return
+    cause = f"{method} is unstable at this step; use more output times, dopri5, or method={METHOD!r}"
+    if watched.first_bad is not None and float(watched.first_bad[1].abs().max()) < _ASTRONOMIC:
+        cause = _why_not_finite(watched)
+    raise SolverFailed(f"the solution is not finite from t = {float(t[~finite][0]):.6g} s on: {cause}")
+
+
+def _check_spacing(watched: _Watched, t: Tensor) -> None:
+    """Refuse output times between which the adjoint's backward integration amplifies errors beyond use."""
+    visited = watched.visited
+    chosen = torch.linspace(0, len(visited) - 1, min(_PROBES, len(visited))).round().long().tolist()
+    rate, when = max((fastest_decay(watched.system, *visited[k]), float(visited[k][0])) for k in chosen)
+    spacing = float((t[1:] - t[:-1]).max())
+    if rate * spacing > ADJOINT_LIMIT:
+        raise InputRefused(
+            f"the continuous adjoint would return wrong gradients: a mode decays at {rate:.3g} 1/s (t = {when:.4g} s) "
+            f"while outputs are {spacing:.3g} s apart, a product of {rate * spacing:.3g} where at most "
+            f"{ADJOINT_LIMIT:g} is safe; space outputs at most {ADJOINT_LIMIT / rate:.2g} s, use adjoint=False, or "
+            f"method={METHOD!r}, whose own adjoint is exact at any spacing"
+        )
+
+
+def _why_not_finite(watched: _Watched) -> str:
     """Name the first cause that is not finite: a parameter, the state, the input, or the right-hand side itself."""
-    for name, parameter in watched.system.named_parameters():
+    assert watched.first_bad is not None
+    (t, x), system = watched.first_bad, watched.system
+    for name, parameter in system.named_parameters():
         if not bool(torch.isfinite(parameter).all()):
             return f"the right-hand side is not finite because the parameter {name} is not: lower the learning rate"
     if not bool(torch.isfinite(x).all()):
         return "the state is not finite: check the initial state and the stability of the model"
-    drive = getattr(watched.system, "input", None)
+    drive = getattr(system, "input", None)
     with torch.no_grad():
         if callable(drive) and not bool(torch.isfinite(drive(t)).all()):
             return "the input u(t) is not finite: repair the recording there, or its interpolation"
-        rate = watched.system(t, x)
-    return f"the right-hand side is not finite in {_components(watched, ~torch.isfinite(rate))}: check the laws there"
-
-
-def _components(watched: _Watched, bad: Tensor) -> str:
-    names = getattr(getattr(watched.system, "system", watched.system), "state_names", None)
+        bad = ~torch.isfinite(system(t, x))
+    names = getattr(getattr(system, "system", system), "state_names", [f"component {i}" for i in range(x.shape[-1])])
     marked = torch.nonzero(bad.reshape(-1, bad.shape[-1]).any(0)).flatten().tolist()
-    return ", ".join(names[i] if names else f"component {i}" for i in marked)
+    return f"the right-hand side is not finite in {', '.join(names[i] for i in marked)}: check the laws there"
 
 
 def _cause_of_stop(watched: _Watched, message: str, max_steps: int) -> str:
     """The reason behind an assertion of torchdiffeq's step control."""
     if watched.first_bad is not None:
-        return f"at t = {float(watched.first_bad[0]):.6g} s {_why_not_finite(watched, *watched.first_bad)}"
-    place = f"at t = {watched.last_time:.6g} s"
-    remedy = "solve with phnn.integrate.dense, which has no such limit"
+        return f"at t = {float(watched.first_bad[0]):.6g} s {_why_not_finite(watched)}"
+    place = f"at t = {float(watched.visited[-1][0]) if watched.visited else float('nan'):.6g} s"
+    remedy = f"solve with method={METHOD!r}, which has no such limit"
     if "max_num_steps" in message:
         return (
             f"{place} {max_steps} steps did not reach the next output (the system is stiff): {remedy}, or loosen rtol"
@@ -298,15 +257,3 @@ def _cause_of_stop(watched: _Watched, message: str, max_steps: int) -> str:
             f"give the times of jumps in the input as jump_t, or {remedy}"
         )
     return f"{place} torchdiffeq stopped: {message}; {remedy}"
-
-
-def _check_finite(watched: _Watched, xs: Tensor, t: Tensor, method: str) -> None:
-    """Check that every state of the solution is finite."""
-    finite = torch.isfinite(xs)
-    if bool(finite.all()):
-        return
-    first = int(torch.nonzero(~finite.reshape(len(t), -1).all(1))[0])
-    cause = f"{method} is unstable at this step; use more output times, dopri5, or phnn.integrate.dense"
-    if watched.first_bad is not None and float(watched.first_bad[1].abs().max()) < _ASTRONOMIC:
-        cause = _why_not_finite(watched, *watched.first_bad)
-    raise SolverFailed(f"the solution is not finite from t = {float(t[first]):.6g} s on: {cause}")

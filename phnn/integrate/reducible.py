@@ -9,12 +9,14 @@ stages of Radau IIA are found without gradients, and one Newton step from them c
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from phnn.errors import SolverFailed
+from phnn.integrate.cache import loop_entry
 from phnn.integrate.partition import resistors_of
 from phnn.integrate.roots import NOTHING, TOLERANCE
 from phnn.integrate.stages import radau_defects
@@ -22,6 +24,7 @@ from phnn.integrate.table_access import NEAR_REST
 from phnn.integrate.tables import EXACT, PATH
 from phnn.laws import RESISTOR_LAWS
 from phnn.laws.leaf import rc_flow, relaxation
+from phnn.laws.namespace import TINY
 from phnn.network.system import PortHamiltonianSystem
 
 # Newton steps for both stages at once; then each stage is searched in a bracket.
@@ -96,8 +99,50 @@ def _exact_flow(around: Surroundings, k: int, s: Tensor, x: Tensor, current: Ten
     first, *others = resistors_of(system.network, system.state_names[k])
     rho, low, high = _thresholds(around, first, one)
     leak = sum((system.branch_flow(r, one, around.middle) for r in others), torch.zeros_like(one))
+    if one.device.type == "cpu" and one.dtype == torch.float64:
+        sizes = torch.as_tensor(h, dtype=one.dtype)
+        return _CompiledFlow.apply(*torch.broadcast_tensors(x, current, sizes, s, rho, low, high, leak))
     relaxed = *relaxation(h * (rho + leak) * s), *relaxation(h * leak * s)
     return rc_flow(x + 0.0 * one, current, h + 0.0 * one, s, rho, low, high, leak, *relaxed)
+
+
+@loop_entry
+def _flows(v: Any, active: Any, found: Any, slopes: Any) -> None:
+    """Fill end and mean effort ``found`` (2, M) of `rc_flow` at its first arguments ``v`` (8, M), and their
+    derivatives ``slopes`` (A, 2, M) by the active ones of these, by complex steps."""
+    for m in range(v.shape[1]):
+        for k in range(active.shape[0]):
+            j = active[k]
+            x, i = complex(v[0, m], TINY * (j == 0)), complex(v[1, m], TINY * (j == 1))
+            h, s = complex(v[2, m], TINY * (j == 2)), complex(v[3, m], TINY * (j == 3))
+            rho, low = complex(v[4, m], TINY * (j == 4)), complex(v[5, m], TINY * (j == 5))
+            high, leak = complex(v[6, m], TINY * (j == 6)), complex(v[7, m], TINY * (j == 7))
+            one, two = relaxation(h * (rho + leak) * s)
+            leak_one, leak_two = relaxation(h * leak * s)
+            end, mean = rc_flow(x, i, h, s, rho, low, high, leak, one, two, leak_one, leak_two)
+            found[0, m], found[1, m] = end.real, mean.real
+            slopes[k, 0, m], slopes[k, 1, m] = end.imag / TINY, mean.imag / TINY
+
+
+class _CompiledFlow(torch.autograd.Function):
+    """The exact flow in compiled code."""
+
+    @staticmethod
+    def forward(ctx: Any, *values: Tensor) -> tuple[Tensor, Tensor]:
+        ctx.active = [j for j, need in enumerate(ctx.needs_input_grad) if need]
+        v, shape = np.stack([value.detach().numpy().ravel() for value in values]), values[0].shape
+        active = np.array(ctx.active or [-1])
+        found, slopes = np.empty((2, v.shape[1])), np.empty((active.size, 2, v.shape[1]))
+        _flows(v, active, found, slopes)
+        ctx.save_for_backward(torch.from_numpy(slopes).reshape(-1, 2, *shape))
+        end, mean = torch.from_numpy(found).reshape(2, *shape).unbind()
+        return end.clone(), mean.clone()
+
+    @staticmethod
+    @torch.autograd.function.once_differentiable
+    def backward(ctx: Any, by_end: Tensor, by_mean: Tensor) -> Any:
+        found = dict(zip(ctx.active, ctx.saved_tensors[0], strict=False))
+        return tuple(by_end * found[j][0] + by_mean * found[j][1] if j in found else None for j in range(8))
 
 
 def _thresholds(around: Surroundings, r: int, like: Tensor) -> tuple[Tensor, Tensor, Tensor]:

@@ -22,7 +22,7 @@ from phnn.integrate.program import Program
 from phnn.integrate.reducible import Surroundings, advanced, shares
 from phnn.integrate.stages import gradient_defect
 from phnn.integrate.tables import GRADIENT, LOSSLESS
-from phnn.network.checks import PowerBalance
+from phnn.network.checks import PowerBalance, evaluation
 from phnn.network.incidence import combined
 from phnn.network.modulator_states import ends
 from phnn.network.system import PortHamiltonianSystem
@@ -197,6 +197,7 @@ def march_residual(
     return steps_residual(system, program, states[:-1], states[1:], efforts, u, h)
 
 
+@evaluation
 def steps_residual(
     system: PortHamiltonianSystem,
     program: Program,

@@ -33,8 +33,10 @@ shared = register_jitable(**_INLINE)
 def _torch_of(*values: Any) -> Any:
     """The torch module if one of the values is a tensor (then it has been imported), else None."""
     torch = sys.modules.get("torch")
-    if torch is not None and any(isinstance(v, torch.Tensor) for v in values):
-        return torch
+    if torch is not None:
+        for v in values:
+            if isinstance(v, torch.Tensor):
+                return torch
     return None
 
 
@@ -49,6 +51,8 @@ def where(condition: Any, a: Any, b: Any) -> Any:
     if not torch:
         # A number stays a number: an array without dimensions cannot be multiplied by a tensor.
         return np.where(condition, a, b)[()]
+    if isinstance(condition, torch.Tensor) and isinstance(a, torch.Tensor) and isinstance(b, torch.Tensor):
+        return torch.where(condition, a, b)
     tensor = next(v for v in (a, b, condition) if isinstance(v, torch.Tensor))
     dtype = torch.float64 if tensor.dtype == torch.bool else tensor.dtype
     a, b = (torch.as_tensor(v, dtype=dtype, device=tensor.device) for v in (a, b))

@@ -14,11 +14,12 @@ from torch import Tensor, nn
 
 from phnn.errors import InputRefused, SolverFailed
 from phnn.integrate import kernel, sweep
+from phnn.integrate.compilable import can_compile
 from phnn.integrate.program import Program, compile_network
 from phnn.learn.objective import Objective
 from phnn.learn.plant import NetworkPlant
 from phnn.learn.settings import Settings, instantiate
-from phnn.learn.solvers import compiled
+from phnn.learn.solvers import discrete_gradient
 from phnn.learn.windows import Window
 
 #     (JᵀJ + λ diag JᵀJ) δ = −Jᵀ r,     r = (y − ŷ − zero)/σ
@@ -43,8 +44,8 @@ class GaussNewton:
 
     def __init__(self, objective: Objective) -> None:
         plant = objective.plant
-        whole = not any(w.continues for w in objective.windows)
-        if not isinstance(plant, NetworkPlant) or objective.solver is not compiled or not whole:
+        whole = objective.solver is discrete_gradient and not any(w.continues for w in objective.windows)
+        if not isinstance(plant, NetworkPlant) or not can_compile(plant.system.network) or not whole:
             raise InputRefused(
                 "gauss_newton is for networks on whole recordings with solver=discrete_gradient: set gauss_newton=0 "
                 "and lbfgs=100, or window=0"

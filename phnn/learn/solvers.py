@@ -6,7 +6,8 @@ each window, differentiable by the plant's parameters and the initial states.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import torch
@@ -15,8 +16,7 @@ from torch.nn.utils.rnn import pad_sequence
 
 from phnn.errors import InputRefused
 from phnn.integrate.compilable import can_compile
-from phnn.integrate.dense import march, with_derivatives
-from phnn.integrate.differentiable import simulate_torch
+from phnn.integrate.differentiable import simulated
 from phnn.integrate.method import METHOD
 from phnn.integrate.ode import ADAPTIVE, odeint
 from phnn.learn.plant import NetworkPlant, Plant
@@ -52,29 +52,38 @@ def solver_for(settings: Mapping[str, Any], plant: Plant) -> Solver:
     if options:
         raise InputRefused(f"solver.{min(options)}: {OWN} has no options")
     if isinstance(plant, NetworkPlant):
-        return compiled if can_compile(plant.system.network) else batched
+        return discrete_gradient
     raise InputRefused(f"{OWN} needs an energy, which a {type(plant.core).__name__} has not: take solver=torchdiffeq")
 
 
-def compiled(plant: Plant, windows: Sequence[Window], x0: Tensor) -> list[Tensor]:
-    """Integrate each window by the compiled kernel of its network."""
+def discrete_gradient(plant: Plant, windows: Sequence[Window], x0: Tensor) -> list[Tensor]:
+    """Integrate windows of a network in batches, by compiled code where it can and in torch otherwise."""
     assert isinstance(plant, NetworkPlant)
-    return [
-        simulate_torch(plant.system, plant.inputs(w.mean), w.h, start)[w.nodes]
-        for w, start in zip(windows, x0, strict=True)
-    ]
+    network = plant.system.network
+
+    def solved(members: Sequence[Window], starts: Tensor) -> Tensor:
+        # Shorter windows go on under their last input, and what they do there counts for nothing.
+        count = torch.arange(max(len(w.h) for w in members))
+        rows = [count.clamp_max(len(w.h) - 1) for w in members]
+        u = plant.inputs(torch.stack([w.mean[k] for w, k in zip(members, rows, strict=True)], dim=1))
+        h = torch.stack([w.h[k] for w, k in zip(members, rows, strict=True)], dim=1)
+        return simulated(plant.system, starts, u, h)
+
+    # Compiled code takes one member after the other: there no step should be wasted.
+    return _by_groups(solved, windows, x0, [len(w.h) if can_compile(network) else 0 for w in windows])
 
 
-def batched(plant: Plant, windows: Sequence[Window], x0: Tensor) -> list[Tensor]:
-    """Integrate all windows of a network at once in torch."""
-    assert isinstance(plant, NetworkPlant)
-    # Shorter windows go on under their last input, and what they do there counts for nothing.
-    count = torch.arange(max(len(w.h) for w in windows))
-    rows = [count.clamp_max(len(w.h) - 1) for w in windows]
-    inputs = plant.inputs(torch.stack([w.mean[k] for w, k in zip(windows, rows, strict=True)], dim=1))
-    steps = torch.stack([w.h[k] for w, k in zip(windows, rows, strict=True)], dim=1).unsqueeze(-1)
-    states = with_derivatives(plant.system, march(plant.system, x0, inputs, steps), x0, inputs, steps)
-    return [states[w.nodes, b] for b, w in enumerate(windows)]
+def _by_groups(
+    solve: Callable[[Sequence[Window], Tensor], Tensor], windows: Sequence[Window], x0: Tensor, keys: Sequence[Hashable]
+) -> list[Tensor]:
+    """States at the samples of each window, where ``solve`` finds those at all steps of windows with equal keys."""
+    found: list[Tensor] = [x0] * len(windows)
+    for key in dict.fromkeys(keys):
+        members = [b for b, other in enumerate(keys) if other == key]
+        states = solve([windows[b] for b in members], x0[members])
+        for k, b in enumerate(members):
+            found[b] = states[windows[b].nodes, k]
+    return found
 
 
 class Torchdiffeq:
@@ -100,29 +109,9 @@ class Torchdiffeq:
 
     def __call__(self, plant: Plant, windows: Sequence[Window], x0: Tensor) -> list[Tensor]:
         """States at the samples of each window."""
-        found: list[Tensor] = [x0] * len(windows)
-        for members in self._batches(windows):
-            solve = self._preserving if self.method == METHOD else self._general
-            states = solve(plant, [windows[b] for b in members], x0[members])
-            for k, b in enumerate(members):
-                found[b] = states[windows[b].nodes, k]
-        return found
-
-    def _batches(self, windows: Sequence[Window]) -> list[list[int]]:
-        if self.method != METHOD:
-            return [list(range(len(windows)))]
-        alike: dict[bytes, list[int]] = {}
-        for b, w in enumerate(windows):
-            alike.setdefault(w.h.numpy().tobytes(), []).append(b)
-        return list(alike.values())
-
-    def _preserving(self, plant: Plant, windows: Sequence[Window], x0: Tensor) -> Tensor:
-        assert isinstance(plant, NetworkPlant)
-        h = windows[0].h
-        t = torch.cat([h.new_zeros(1), h.cumsum(0)])
-        held = _Held(t, torch.stack([w.fine for w in windows], dim=1), plant)
-        # Its gradients are those of the adjoint either way, here in one sweep.
-        return odeint(plant.system.with_input(held), x0, t, self.method)
+        if self.method == METHOD:
+            return _by_groups(partial(_preserving, plant), windows, x0, [w.h.numpy().tobytes() for w in windows])
+        return _by_groups(partial(self._general, plant), windows, x0, [0] * len(windows))
 
     def _general(self, plant: Plant, windows: Sequence[Window], x0: Tensor) -> Tensor:
         counted = _Counted(plant, windows)
@@ -132,28 +121,28 @@ class Torchdiffeq:
         return odeint(counted, x0, t, self.method, self.rtol, atol, self.adjoint, jumps)
 
 
+def _preserving(plant: Plant, windows: Sequence[Window], x0: Tensor) -> Tensor:
+    """(N+1, B, n) states of windows with the same steps, by torchdiffeq with the power-preserving step."""
+    assert isinstance(plant, NetworkPlant)
+    h = windows[0].h
+    t = torch.cat([h.new_zeros(1), h.cumsum(0)])
+    fine = torch.stack([w.fine for w in windows], dim=1)
+
+    def inputs(time: Tensor) -> Tensor:
+        step = (torch.searchsorted(t, time.detach().reshape(1), right=True)[0] - 1).clamp(0, len(h) - 1)
+        # By tensors, for torch.func.vmap.
+        start, end, of_step = (v.index_select(0, k.reshape(1))[0] for v, k in ((t, step), (t, step + 1), (fine, step)))
+        return plant.inputs(_quadratic(of_step, (time - start) / (end - start)))
+
+    # Its gradients are those of the adjoint, found in one sweep.
+    return odeint(plant.system.with_input(inputs), x0, t, METHOD)
+
+
 def _quadratic(fine: Tensor, share: Tensor) -> Tensor:
     """The parabola through the values at the start, middle and end of a step, at a share of it."""
     start, middle, end = fine.unbind(-1)
     linear, bend = -3.0 * start + 4.0 * middle - end, 2.0 * start - 4.0 * middle + 2.0 * end
     return start + share * (linear + share * bend)
-
-
-class _Held(nn.Module):
-    """(B, P) inputs of a batch at a true time."""
-
-    def __init__(self, t: Tensor, fine: Tensor, plant: NetworkPlant) -> None:
-        super().__init__()
-        self.t, self.fine, self.inputs = t, fine, plant.inputs
-
-    def forward(self, t: Tensor) -> Tensor:
-        return self.at_times(t.reshape(1))[0]
-
-    def at_times(self, t: Tensor) -> Tensor:
-        """(N, B, P) inputs at times (N,)."""
-        step = (torch.searchsorted(self.t, t.detach(), right=True) - 1).clamp(0, self.fine.shape[0] - 1)
-        share = (t - self.t[step]) / (self.t[step + 1] - self.t[step])
-        return self.inputs(_quadratic(self.fine[step], share.unsqueeze(-1)))
 
 
 class _Counted(nn.Module):

@@ -59,7 +59,8 @@ def evaluation(method: Callable[Concatenate[Any, P], R]) -> Callable[Concatenate
     def evaluate(system: Any, *args: P.args, **kwargs: P.kwargs) -> R:
         if torch.compiler.is_compiling() or present_of(system) is not None:
             return method(system, *args, **kwargs)
-        system._present = (get_ident(), system.present_values())
+        # The constants too: what is read most often is then found at once.
+        system._present = (get_ident(), {**system.constants._buffers, **system.present_values()})
         try:
             return method(system, *args, **kwargs)
         finally:

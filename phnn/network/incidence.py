@@ -30,19 +30,19 @@ class Incidence(nn.Module):
             if not isinstance(ratio, str):
                 base[i, j] += ratio
         self.names = tuple(dict.fromkeys(ratio for _, _, ratio in named))
-        places = torch.zeros(len(self.names), rows * columns, dtype=torch.float64)
+        places = torch.zeros(len(self.names), rows, columns, dtype=torch.float64)
         for i, j, ratio in named:
-            places[self.names.index(ratio), i * columns + j] += 1.0
+            places[self.names.index(ratio), i, j] += 1.0
         self.register_buffer("base", base, persistent=False)
         self.register_buffer("places", places, persistent=False)
 
     def forward(self, value: Callable[[str], Tensor]) -> Tensor:
         """(..., rows, columns) the matrix at present values."""
-        if not self.names:
-            return self.base
-        ratios = torch.stack(torch.broadcast_tensors(*map(value, self.names)), dim=-1)
+        matrix = self.base
         # A sum of products per entry, so that a matrix of one batch member never depends on the others.
-        return self.base + (ratios @ self.places).unflatten(-1, self.base.shape)
+        for name, places in zip(self.names, self.places, strict=True):
+            matrix = matrix + value(name)[..., None, None] * places
+        return matrix
 
 
 def combined(

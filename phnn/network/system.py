@@ -82,11 +82,11 @@ class ParameterisedNetwork(nn.Module):
 
     def value(self, name: str) -> Tensor:
         """() present value of a parameter [SI]."""
-        if name not in self.free:
-            return getattr(self.constants, name)
         # Kept for the time of one evaluation only: from a tensor kept longer the adjoint method would get no gradient.
         present = present_of(self)
-        return self.free.value(name) if present is None else present[name]
+        if present is not None and name in present:
+            return present[name]
+        return self.free.value(name) if name in self.free else getattr(self.constants, name)
 
     def set_values(self, values: Mapping[str, float]) -> None:
         """Set parameters that are not fixed [SI]; of fixed ones build the network with other values.
@@ -234,14 +234,18 @@ class PortHamiltonianSystem(ParameterisedNetwork):
     @evaluation
     def structure(self, x: Tensor) -> Tensor:  # x: (..., n)
         """(..., n, n) interconnection ``J = A − Aᵀ``: skew to the last bit."""
+        skew = self._skew(x)
+        return skew.expand(*x.shape[:-1], *skew.shape[-2:])
+
+    def _skew(self, x: Tensor) -> Tensor:
+        """(n, n) or (..., n, n) ``J``, without leading dimensions where it does not depend on ``x``."""
         ratios = self.ratios(x)
         half = self._half(ratios)
         for port in self._multi_ports:
             if port.conserves:
                 b = port.columns(ratios)
                 half = half + b @ port.law.lower(x[..., port.reads]) @ b.mT
-        skew = half - half.mT
-        return skew.expand(*x.shape[:-1], *skew.shape[-2:])
+        return half - half.mT
 
     @evaluation
     def dissipation(self, x: Tensor) -> Tensor:  # x: (..., n)
@@ -305,7 +309,7 @@ class PortHamiltonianSystem(ParameterisedNetwork):
         """(..., R) flow ``φ_r(ε_r, q_r)`` through every resistor."""
         if not self.network.resistors:
             return epsilon
-        return torch.stack([self.branch_flow(r, epsilon[..., r], x) for r in range(epsilon.shape[-1])], dim=-1)
+        return torch.stack([self.branch_flow(r, e, x) for r, e in enumerate(epsilon.unbind(-1))], dim=-1)
 
     @evaluation
     def branch_flow(
@@ -335,7 +339,8 @@ class PortHamiltonianSystem(ParameterisedNetwork):
         """
         check_input(u, self.network.ports)
         values = [
-            PORT_LAWS[p.law].action(u[..., k], *map(self.value, p.parameters)) for k, p in enumerate(self.network.ports)
+            PORT_LAWS[p.law].action(v, *map(self.value, p.parameters))
+            for v, p in zip(u.unbind(-1), self.network.ports, strict=True)
         ]
         return torch.stack(values, dim=-1) if values else u
 
@@ -347,8 +352,9 @@ class PortHamiltonianSystem(ParameterisedNetwork):
         u: Tensor,  # (..., P)
     ) -> Tensor:
         """(..., n) ``J e − Σ_r b_r φ_r(b_rᵀ e) + g ψ(u)`` of the storages for any effort ``e``."""
-        branches, inputs = self.incidences(x)
-        conserved = (self.structure(x) @ efforts.unsqueeze(-1)).squeeze(-1)
+        ratios = self.ratios(x)
+        branches, inputs = self._branches(ratios), self._inputs(ratios)
+        conserved = combined(efforts, self._skew(x).mT)
         lost = combined(self.branch_flows(combined(efforts, branches), x), branches.mT)
         for b, _, flows in self._through_multi_ports(efforts, x):
             lost = lost + combined(flows, b.mT)

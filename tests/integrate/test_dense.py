@@ -7,12 +7,11 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from networks import networks, random_network, random_states, solve_dense
+from networks import ledger, networks, random_network, random_states, solve_dense
 from scipy.integrate import solve_ivp
 from torch import Tensor, nn
 
 from phnn.errors import InputRefused, SolverFailed
-from phnn.integrate.dense import ledger
 from phnn.integrate.scheme import Scheme
 from phnn.network import Coupling, Network, Port, PortHamiltonianSystem, Resistor, Storage
 from phnn.nn import ConvexEnergyMLP, MonotoneMLP, SectorMLP

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 import torch
 import torchdiffeq
-from networks import solve_dense
+from networks import ledger, solve_dense
 from torch import Tensor, nn
 
 from phnn.errors import InputRefused
-from phnn.integrate import method
-from phnn.integrate.dense import ledger
+from phnn.integrate import differentiable
 from phnn.integrate.method import METHOD
 from phnn.network import Coupling, DrivenSystem, Network, Port, PortHamiltonianSystem, Resistor, Storage
 from phnn.nn import ConvexEnergyMLP, SectorMLP
@@ -189,6 +188,6 @@ def test_steps_divide_every_interval_and_see_the_input_inside() -> None:
 def test_long_intervals_are_differentiated_in_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     driven = frictional()
     _, whole = gradients(by_adjoint, driven, starts(driven, 2), SPARSE)
-    monkeypatch.setattr(method, "_BLOCK", 2)
+    monkeypatch.setattr(differentiable, "BLOCK", 4)
     _, parts = gradients(by_adjoint, driven, starts(driven, 2), SPARSE)
     agree(parts, whole, 1e-13)

@@ -14,7 +14,9 @@ from subjects import body
 
 import phnn
 from phnn.errors import InputRefused
-from phnn.integrate import dense, hooks, ode
+from phnn.integrate import method, ode
+from phnn.integrate.dense import Dense
+from phnn.integrate.differentiable import solved
 from phnn.integrate.equations import reducible_rules
 from phnn.integrate.scheme import Scheme
 from phnn.models.actuator import hrc
@@ -25,10 +27,10 @@ _PRIVATE = re.compile(r"torchdiffeq\._impl|numba\.(core|_)|_nrt\b|getclosurevars
 
 
 def test_private_parts_are_there_and_used_in_two_files() -> None:
-    assert hooks.takes_methods(), "gone from torchdiffeq: adapt phnn.integrate.hooks, or bound its version"
+    assert method.SOLVERS is not None, "gone from torchdiffeq: adapt phnn.integrate.method, or bound its version"
     root = Path(phnn.__file__).parent
     using = {p.relative_to(root).as_posix() for p in root.rglob("*.py") if _PRIVATE.search(p.read_text())}
-    assert using == {"integrate/hooks.py", "integrate/cache.py"}
+    assert using == {"integrate/method.py", "integrate/cache.py"}
 
 
 def gradient(states: torch.Tensor, system: PortHamiltonianSystem) -> list[torch.Tensor]:
@@ -44,8 +46,7 @@ def test_without_torchdiffeqs_methods_the_steps_are_the_same(monkeypatch: pytest
         return [found.detach(), *gradient(found, system)]
 
     known = everything()
-    monkeypatch.setattr(hooks, "part", lambda name: None)
-    assert not hooks.takes_methods()
+    monkeypatch.setattr(method, "SOLVERS", None)
     for a, b in zip(known, everything(), strict=True):
         torch.testing.assert_close(a, b, rtol=1e-12, atol=1e-12 * float(a.abs().max()))
 
@@ -92,11 +93,8 @@ def test_a_batch_of_a_learned_system_is_its_members() -> None:
     u = 75.0 * torch.randn(20, 4, 1, dtype=torch.float64)
     h = torch.full((20, 4, 1), 1e-4, dtype=torch.float64)
 
-    def solved(x0: torch.Tensor, u: torch.Tensor, h: torch.Tensor) -> torch.Tensor:
-        return dense.with_derivatives(model, dense.march(model, x0, u, h), x0, u, h)
-
-    together = solved(x0, u, h)
-    alone = torch.cat([solved(*(v[..., k : k + 1, :] for v in (x0, u, h))) for k in range(4)], dim=1)
+    together = solved(Dense(model), x0, u, h)
+    alone = torch.cat([solved(Dense(model), *(v[..., k : k + 1, :] for v in (x0, u, h))) for k in range(4)], dim=1)
     parameters = [p for p in model.parameters() if p.requires_grad]
     one, other = (
         [path, *torch.autograd.grad(path[-1].sum(), parameters, allow_unused=True, materialize_grads=True)]

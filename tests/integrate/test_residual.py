@@ -12,7 +12,8 @@ from networks import remembering
 from torch import Tensor, nn
 
 from phnn.errors import InputRefused, SolverFailed
-from phnn.integrate.differentiable import simulate_torch
+from phnn.integrate import differentiable
+from phnn.integrate.differentiable import simulated
 from phnn.integrate.ode import odeint
 from phnn.integrate.residual import check, march_residual, power_balance
 from phnn.models.actuator import from_paper, hrc
@@ -82,19 +83,22 @@ def called(system: PortHamiltonianSystem, function: nn.Module) -> tuple[list[str
 class Solve(nn.Module):
     """A march whose parameters can be replaced."""
 
-    def __init__(self, system: PortHamiltonianSystem, window: int = 100) -> None:
+    def __init__(self, system: PortHamiltonianSystem) -> None:
         super().__init__()
-        self.system, self.window = system, window
+        self.system = system
 
     def forward(self, u: Tensor, h: Tensor, x0: Tensor) -> Tensor:
-        return simulate_torch(self.system, u, h, x0, window=self.window)
+        return simulated(self.system, x0, u, h)
 
 
 # Seeds whose motion keeps clear of kinks by more than a finite difference moves it.
 @pytest.mark.parametrize("seed", [0, *(pytest.param(s, marks=pytest.mark.slow) for s in (2, 3, 5, 7, 12))])
-@pytest.mark.parametrize("window", [100, 2])
+@pytest.mark.parametrize("block", [100, 2])
 @pytest.mark.parametrize("memories", [False, True])
-def test_gradcheck_by_parameters_inputs_steps_and_start(seed: int, window: int, memories: bool) -> None:
+def test_gradcheck_by_parameters_inputs_steps_and_start(
+    seed: int, block: int, memories: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(differentiable, "BLOCK", block)
     network = random_junction(seed, stiff=False)
     network = remembering(network, seed) if memories else network
     system = PortHamiltonianSystem(network)
@@ -106,12 +110,12 @@ def test_gradcheck_by_parameters_inputs_steps_and_start(seed: int, window: int, 
 
     def solve(u: Tensor, h: Tensor, x0: Tensor, *parameters: Tensor) -> Tensor:
         replaced = dict(zip(names, parameters, strict=True))
-        path = torch.func.functional_call(Solve(system, window), replaced, (u, h, x0))
+        path = torch.func.functional_call(Solve(system), replaced, (u, h, x0))
         assert torch.equal(path[0], x0)
         return path[1:]
 
     assert torch.autograd.gradcheck(solve, (u, h, x0, *values), eps=1e-6, atol=2e-6, rtol=1e-4)
-    first = simulate_torch(system, u, h, x0, window=window)[0]
+    first = simulated(system, x0, u, h)[0]
     assert torch.equal(torch.autograd.grad(first.sum(), x0)[0], torch.ones_like(x0))
 
 
@@ -153,7 +157,7 @@ def test_gradient_tends_to_that_of_torchdiffeq() -> None:
     for n in (4000, 8000):
         fine = voltage(torch.linspace(0.0, duration, 2 * n + 1, dtype=torch.float64))
         u = (fine[:-2:2] + 4.0 * fine[1::2] + fine[2::2]) / 6.0
-        got = gradient(simulate_torch(system, u, duration / n, x0)[-1])
+        got = gradient(simulated(system, x0, u, duration / n)[-1])
         errors.append(float(((got - wanted).abs() / wanted.abs()).max()))
     assert errors[1] < 1e-6
     assert errors[1] == pytest.approx(errors[0] / 4.0, rel=0.1)
@@ -163,9 +167,9 @@ def test_without_gradients_and_without_steps() -> None:
     system = soft_actuator()
     x0 = torch.zeros(4, dtype=torch.float64)
     with torch.no_grad():
-        path = simulate_torch(system, torch.ones(3, 2, dtype=torch.float64), 1e-5, x0)
+        path = simulated(system, x0, torch.ones(3, 2, dtype=torch.float64), 1e-5)
     assert not path.requires_grad
-    assert simulate_torch(system, torch.ones(0, 2, dtype=torch.float64), 1e-5, x0).shape == (1, 4)
+    assert simulated(system, x0, torch.ones(0, 2, dtype=torch.float64), 1e-5).shape == (1, 4)
     reference = march(system.as_network(), np.ones((3, 2)), np.full(3, 1e-5), np.zeros(4))
     np.testing.assert_array_equal(path.numpy(), reference.states)
 
@@ -173,20 +177,16 @@ def test_without_gradients_and_without_steps() -> None:
 def test_unusable_arguments_are_refused() -> None:
     system = soft_actuator()
     x0, u = torch.zeros(4, dtype=torch.float64), torch.zeros(3, 2, dtype=torch.float64)
-    with pytest.raises(InputRefused, match="no storage called 'other'"):
-        simulate_torch(system, u, 1e-5, x0, ("other",))
-    with pytest.raises(InputRefused, match="window = 0"):
-        simulate_torch(system, u, 1e-5, x0, window=0)
-    with pytest.raises(InputRefused, match=r"initial state has shape \(3,\)"):
-        simulate_torch(system, u, 1e-5, x0[:3])
-    with pytest.raises(InputRefused, match=r"mean input has shape \(3, 1\)"):
-        simulate_torch(system, u[:, :1], 1e-5, x0)
+    with pytest.raises(InputRefused, match=r"state has shape \(3,\)"):
+        simulated(system, x0[:3], u, 1e-5)
+    with pytest.raises(InputRefused, match="2, the number of ports"):
+        simulated(system, x0, u[:, :1], 1e-5)
     with pytest.raises(InputRefused, match=r"\.double\(\)"):
-        simulate_torch(system, u.float(), 1e-5, x0)
+        simulated(system, x0, u.float(), 1e-5)
     with pytest.raises(InputRefused, match=r"not finite at index \(1, 0\)"):
-        simulate_torch(system, u + torch.tensor([[0.0], [np.nan], [0.0]], dtype=torch.float64), 1e-5, x0)
-    with pytest.raises(InputRefused, match="positive steps"):
-        simulate_torch(system, u, 0.0, x0)
+        simulated(system, x0, u + torch.tensor([[0.0], [np.nan], [0.0]], dtype=torch.float64), 1e-5)
+    with pytest.raises(InputRefused, match="positive, finite steps"):
+        simulated(system, x0, u, 0.0)
 
 
 def test_residual_is_differentiable_by_everything_it_reads() -> None:

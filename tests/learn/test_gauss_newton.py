@@ -15,7 +15,7 @@ from phnn.errors import InputRefused
 from phnn.learn.methods import GaussNewton, QuasiNewton
 from phnn.learn.objective import Objective
 from phnn.learn.plant import NetworkPlant
-from phnn.learn.solvers import Torchdiffeq, compiled
+from phnn.learn.solvers import Torchdiffeq, discrete_gradient
 from phnn.recordings.recording import Start
 
 
@@ -27,7 +27,7 @@ def unknown_start() -> list:
 @pytest.mark.parametrize("others", [{}, {"law": "monotone"}, {"spring_width": 3}], ids=str)
 def test_derivatives_by_weights_and_initial_states_are_exact(others: dict[str, Any]) -> None:
     plant = example.neural(3, **others)
-    method = GaussNewton(Objective(plant, compiled, unknown_start()))
+    method = GaussNewton(Objective(plant, discrete_gradient, unknown_start()))
     o = method.objective
     residual, jacobian = method.linearised()
     assert residual @ residual / residual.size == pytest.approx(float(o().detach()))
@@ -49,10 +49,10 @@ def test_derivatives_by_weights_and_initial_states_are_exact(others: dict[str, A
 
 def test_parametric_values_are_found_in_a_few_steps() -> None:
     plant = example.parametric(k=2.3e4, alpha=0.045, C_1=4.0e-7, rho_1=2e-3, d_1=5.0)
-    objective = Objective(plant, compiled, example.recordings(), substeps=4)
+    objective = Objective(plant, discrete_gradient, example.recordings(), substeps=4)
     method = GaussNewton(objective)
     losses = [method(epoch) for epoch in range(15)]
-    true = float(Objective(example.parametric(), compiled, example.recordings(), substeps=4)().detach())
+    true = float(Objective(example.parametric(), discrete_gradient, example.recordings(), substeps=4)().detach())
     assert losses[0] > 1e3
     assert 0.5 < losses[-1] < true
     assert all(b <= a for a, b in pairwise(losses))
@@ -65,7 +65,7 @@ def test_parametric_values_are_found_in_a_few_steps() -> None:
 def test_what_it_cannot_do_is_refused() -> None:
     plant = example.neural(3)
     for objective in (
-        Objective(plant, compiled, example.recordings(), 28),
+        Objective(plant, discrete_gradient, example.recordings(), 28),
         Objective(plant, Torchdiffeq(plant), example.recordings()),
     ):
         with pytest.raises(InputRefused, match="set gauss_newton=0"):
@@ -82,7 +82,7 @@ def coordinates(plant: NetworkPlant) -> np.ndarray:
 
 def test_the_adjoint_finds_the_optimum_of_gauss_newton_on_one_period_of_two_sines() -> None:
     direct, adjoint = example.parametric(**WRONG), example.parametric(**WRONG)
-    exact = GaussNewton(Objective(direct, compiled, example.recordings(), substeps=4))
+    exact = GaussNewton(Objective(direct, discrete_gradient, example.recordings(), substeps=4))
     for epoch in range(40):
         exact(epoch)
     objective = Objective(adjoint, Torchdiffeq(adjoint), example.recordings(), substeps=4)
@@ -102,7 +102,7 @@ def test_the_adjoint_finds_the_optimum_of_gauss_newton_on_one_period_of_two_sine
 def test_one_gradient_of_the_adjoint_is_that_of_the_exact_sweep() -> None:
     plant = example.neural(3)
     found = []
-    for solver in (compiled, Torchdiffeq(plant)):
+    for solver in (discrete_gradient, Torchdiffeq(plant)):
         plant.zero_grad()
         Objective(plant, solver, example.recordings(), 20, 2)().backward()
         found.append(torch.cat([p.grad.reshape(-1) for p in plant.trained() if p.grad is not None]))

@@ -18,7 +18,7 @@ from phnn.learn.characteristic import inverse, thresholds
 from phnn.learn.objective import Objective, estimated_start
 from phnn.learn.run import violations
 from phnn.learn.score import evaluate
-from phnn.learn.solvers import compiled
+from phnn.learn.solvers import discrete_gradient
 from phnn.learn.starts import motion_of, scales_of
 from phnn.learn.windows import starts_at_zero, thinned, windows_of
 from phnn.recordings.recording import Part, Start
@@ -76,27 +76,29 @@ def test_only_rest_without_input_is_a_known_start() -> None:
 
 
 def test_the_loss_is_one_at_the_truth_and_sees_no_zero() -> None:
-    objective = Objective(example.parametric(), compiled, example.recordings(), substeps=4)
+    objective = Objective(example.parametric(), discrete_gradient, example.recordings(), substeps=4)
     loss = float(objective().detach())
     # 162 samples: the standard deviation of the loss is 0.11.
     assert loss == pytest.approx(1.0, abs=0.35)
     shifted = [replace(r, y=r.y + 1e-3) for r in example.recordings()]
-    assert float(Objective(example.parametric(), compiled, shifted, substeps=4)().detach()) == pytest.approx(loss)
+    assert float(Objective(example.parametric(), discrete_gradient, shifted, substeps=4)().detach()) == pytest.approx(
+        loss
+    )
 
 
 @settings(max_examples=8, deadline=None)
 @given(st.integers(20, 81))
 def test_windows_on_the_way_of_the_model_change_nothing(length: int) -> None:
     plant = example.parametric(d_1=6.0)
-    whole = Objective(plant, compiled, example.recordings())
-    cut = Objective(plant, compiled, example.recordings(), length)
+    whole = Objective(plant, discrete_gradient, example.recordings())
+    cut = Objective(plant, discrete_gradient, example.recordings(), length)
     assert float(cut().detach()) == pytest.approx(float(whole().detach()), rel=1e-9)
 
 
 def test_a_jump_counts_as_the_residual_it_makes() -> None:
     plant = example.parametric()
     (r, _) = example.recordings()
-    objective = Objective(plant, compiled, [r], 41, continuity=7.0)
+    objective = Objective(plant, discrete_gradient, [r], 41, continuity=7.0)
     (second,) = [k for k, w in enumerate(objective.windows) if w.continues]
     assert objective.unknown == [second]
     noise = r.noise / float(np.std(r.y))
@@ -120,10 +122,10 @@ def test_an_unknown_start_is_found_from_the_first_samples() -> None:
         parts=(Part("head", 0, 50, "nuisance"), Part("tail", 50, 111, "confirmation")),
     )  # fmt: skip
     plant = example.parametric()
-    x0 = estimated_start(plant, compiled, tail, 2)
+    x0 = estimated_start(plant, discrete_gradient, tail, 2)
     true = simulate(Setup(plant.network), whole, 2).states[2 * first]
     assert float(x0[1]) == pytest.approx(true[1], abs=0.05e-4)
-    scores = evaluate(plant, compiled, [whole, tail], 2, {})
+    scores = evaluate(plant, discrete_gradient, [whole, tail], 2, {})
     (held,) = [p for p in scores.parts if p.use == "confirmation"]
     assert held.residual_over_noise < 1.5
     assert scores.parts[0].residual_over_noise == pytest.approx(1.0, abs=0.2)

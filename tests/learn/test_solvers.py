@@ -9,15 +9,16 @@ import learn_example as example
 import numpy as np
 import pytest
 import torch
+from networks import ledger
 from scipy.integrate import solve_ivp
 from scipy.interpolate import make_interp_spline
 from torch import Tensor
 
 from phnn.errors import InputRefused
-from phnn.integrate.dense import ledger, march
+from phnn.integrate.dense import march
 from phnn.learn.objective import Objective
 from phnn.learn.plant import Plant
-from phnn.learn.solvers import Solver, Torchdiffeq, batched, compiled, solver_for
+from phnn.learn.solvers import Solver, Torchdiffeq, discrete_gradient, solver_for
 from phnn.learn.windows import thinned, windows_of
 
 KINDS: dict[str, Callable[[], Plant]] = {
@@ -66,7 +67,7 @@ def test_adaptive_torchdiffeq_is_exact_on_recordings_of_different_rates(kind: st
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("kind", "solver"), [("neural", compiled), ("fully_neural", batched)])
+@pytest.mark.parametrize(("kind", "solver"), [("neural", discrete_gradient), ("fully_neural", discrete_gradient)])
 def test_power_preserving_marches_converge_with_the_square_of_the_step(kind: str, solver: Solver) -> None:
     plant = KINDS[kind]()
     exact = adaptive(kind)
@@ -80,7 +81,7 @@ def test_the_step_under_torchdiffeq_is_that_of_the_compiled_march() -> None:
     with torch.no_grad():
         found, exact = (
             Objective(plant, s, [thinned(example.recording(), 2)]).outputs()
-            for s in (Torchdiffeq(plant, "phnn"), compiled)
+            for s in (Torchdiffeq(plant, "phnn"), discrete_gradient)
         )
     assert error(found, [y.numpy() for y in exact]) < 1e-10
 
@@ -127,7 +128,7 @@ def test_gradients_are_those_of_the_states_computed(kind: str, options: dict[str
 @pytest.mark.parametrize("kind", ["fully_neural", "neural_ode"])
 def test_windows_in_a_batch_do_not_see_each_other(kind: str) -> None:
     plant = KINDS[kind]()
-    solver = batched if kind == "fully_neural" else Torchdiffeq(plant, "rk4", adjoint=False)
+    solver = discrete_gradient if kind == "fully_neural" else Torchdiffeq(plant, "rk4", adjoint=False)
     windows = windows_of(example.recordings(), 30, 1) + windows_of(example.recordings(), 60, 1)
     random = torch.Generator().manual_seed(3)
     x0 = 0.3 * plant.scale * torch.randn(len(windows), 3, generator=random, dtype=torch.float64)

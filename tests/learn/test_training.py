@@ -18,7 +18,7 @@ from phnn.learn.logs import Log
 from phnn.learn.objective import Objective
 from phnn.learn.plant import Plant
 from phnn.learn.settings import Settings
-from phnn.learn.solvers import Torchdiffeq, batched, compiled
+from phnn.learn.solvers import Torchdiffeq, discrete_gradient
 from phnn.learn.trainer import Progress, Trainer
 from phnn.results import Place
 
@@ -30,7 +30,7 @@ KINDS: dict[str, tuple[Callable[[], Plant], int]] = {
 
 def objective_of(kind: str, length: int = 0) -> Objective:
     plant = KINDS[kind][0]()
-    solver = {"neural": compiled, "fully_neural": batched}.get(kind) or Torchdiffeq(plant, "rk4", adjoint=False)
+    solver = Torchdiffeq(plant, "rk4", adjoint=False) if kind == "neural_ode" else discrete_gradient
     return Objective(plant, solver, example.recordings(), length)
 
 
@@ -96,7 +96,7 @@ def test_training_lowers_the_loss_and_ends_with_the_best(tmp_path: Path) -> None
 
 def test_a_training_that_only_harms_ends_where_it_began(tmp_path: Path) -> None:
     # At the truth whatever is moved harms.
-    objective = Objective(example.parametric(), compiled, example.recordings())
+    objective = Objective(example.parametric(), discrete_gradient, example.recordings())
     before, began = float(objective().detach()), values(objective)
     end = trained(objective, settings_of(tmp_path, "fully_neural", adam=3, lbfgs=0, rate=0.1))
     assert min(row["validation"] for row in end.rows) > before == end.best

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 import torch
+from networks import ledger
 from torch import Tensor, nn
 
 import phnn
 from phnn.errors import InputRefused, StructureViolated
-from phnn.integrate.dense import ledger
 from phnn.models.actuator import hrc
 from phnn.models.store import load, save
 from phnn.network import Modulation, MultiPort, Network, PortHamiltonianSystem, SharedEnergy

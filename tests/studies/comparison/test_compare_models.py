@@ -18,7 +18,7 @@ from phnn.comparison import models
 from phnn.comparison.run import compare
 from phnn.errors import InputRefused, SolverFailed
 from phnn.learn.plant import LatentPlant, NetworkPlant
-from phnn.learn.solvers import Torchdiffeq, batched
+from phnn.learn.solvers import Torchdiffeq, discrete_gradient
 from phnn.learn.starts import scales_of
 from phnn.models.actuator import from_paper, hrc
 from phnn.models.bouc_wen import bouc_wen
@@ -154,7 +154,7 @@ def test_models_without_a_guarantee_are_counted() -> None:
         scales = scales_of(RECORDINGS)
         wild = LatentPlant(NeuralODE(scales, 3, 4))
         tame = NetworkPlant(LearnedSystem(3, ("voltage",), 4, scales).as_network(), torch.ones(3, dtype=torch.float64))
-        assert supply(of_plant(tame, batched), RECORDINGS, COUNT)[1] == COUNT
+        assert supply(of_plant(tame, discrete_gradient), RECORDINGS, COUNT)[1] == COUNT
         responses = of_plant(wild, Torchdiffeq(wild, "rk4", adjoint=False))
         assert supply(responses, RECORDINGS, COUNT)[0] > 0
 
