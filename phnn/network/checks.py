@@ -205,12 +205,11 @@ _ORDINARY = np.concatenate([-np.logspace(2, -12, 15), [0.0], np.logspace(-12, 2,
 
 def _points(columns: int) -> Array:
     """(K, columns) points over 24 decades, some with zeros, some with entries of one size."""
-    random = np.random.default_rng(0)
-    decades = random.uniform(-12.0, 12.0, (_TRIALS, 1)) + random.choice([0.0, 1.0], (_TRIALS, 1)) * random.uniform(
-        -6.0, 6.0, (_TRIALS, columns)
-    )
-    points = random.standard_normal((_TRIALS, columns)) * 10.0 ** np.clip(decades, -12.0, 12.0)
-    return points * (random.uniform(size=points.shape) > _ZEROS)
+    random, shape = np.random.default_rng(0), (_TRIALS, columns)
+    # Entries of one size in half of the points, of different sizes in the others.
+    apart = random.choice([0.0, 1.0], (_TRIALS, 1)) * random.uniform(-6.0, 6.0, shape)
+    sizes = 10.0 ** np.clip(random.uniform(-12.0, 12.0, (_TRIALS, 1)) + apart, -12.0, 12.0)
+    return random.standard_normal(shape) * sizes * (random.uniform(size=shape) > _ZEROS)
 
 
 # Share of the entries that are zero.
@@ -229,10 +228,10 @@ def _check_multi_port(law: nn.Module, ports: int, reads: int, name: str) -> None
     ordinary = np.abs(points).max(axis=1) <= _ORDINARY[-1]
     _checked_finite(flows[ordinary], name, "φ")
     powers = efforts * flows
-    power = powers.sum(axis=1)
-    low = power < -_ROUNDING * np.abs(powers).sum(axis=1)
+    power, size = powers.sum(axis=1), np.abs(powers).sum(axis=1)
+    low = power < -_ROUNDING * size
     if low.any():
-        k = int(np.argmin(np.where(low, power / np.abs(powers).sum(axis=1), np.inf)))
+        k = int(np.argmin(np.where(low, power / np.where(low, size, 1.0), np.inf)))
         raise StructureViolated(
             f"{name}: at ε = {_listed(efforts[k])} φ = {_listed(flows[k])}, so that εᵀφ = {power[k]:.3g} < 0 and it "
             "delivers power: use a law with εᵀφ(ε) ≥ 0 (LearnedDissipation, LearnedCoupling)"

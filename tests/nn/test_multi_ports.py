@@ -66,6 +66,7 @@ class Bowl(nn.Module):
 @pytest.mark.parametrize(
     "others", [{}, {"dissipation": Scaled(1e-4)}, {"energy": Bowl()}], ids=["own", "law", "energy"]
 )
+@torch.no_grad()
 def test_every_step_balances_its_power(others: dict[str, nn.Module]) -> None:
     system, u = PortHamiltonianSystem(hybrid(**others)), drive(60)
     x, _ = phnn.simulate(system, u, dt=DT)
