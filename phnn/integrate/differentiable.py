@@ -57,7 +57,9 @@ def simulate(
             two samples.
         SolverFailed: a step has no solution; names the time.
     """
-    if u.ndim < 2 or u.shape[-2] < 2:
+    if not (isinstance(system, PortHamiltonianSystem) and isinstance(u, Tensor) and u.is_floating_point()):
+        raise InputRefused(f"a {type(system).__name__} and a {type(u).__name__}: give a system and a tensor of floats")
+    if (x0 is not None and not x0.ndim) or u.ndim < 2 or u.shape[-2] < 2:
         raise InputRefused(f"u has shape {tuple(u.shape)}: give (..., T, P), inputs of P ports at two samples or more")
     ports, states = len(system.network.ports), len(system.state_names)
     if u.shape[-1] == 1 and ports > 1:
@@ -197,7 +199,9 @@ class _Implicit(torch.autograd.Function):
             with torch.enable_grad():
                 # By name, because the caller may have replaced the module's parameters for the duration of the call.
                 named = dict(zip(ctx.names, own[2:], strict=True))
-                residual = torch.func.functional_call(ctx.steps, named, (x, ends, efforts[part], *own[:2]))
+                residual = torch.func.functional_call(
+                    ctx.steps, named, (x, ends, efforts[part], *own[:2]), tie_weights=False
+                )
             given = efforts[part], own[0], own[1]
             weights, carry = ctx.steps.weights(residual, x, ends, given, wanted[1:][part], carry)
             asked = [i for i, need in enumerate(needs) if need]

@@ -50,6 +50,9 @@ class GaussNewton:
                 "gauss_newton is for networks on whole recordings with solver=discrete_gradient: set gauss_newton=0 "
                 "and lbfgs=100, or window=0"
             )
+        laws = list(plant.system.laws.values())
+        if len(set(map(id, laws))) < len(laws) or not all(p.requires_grad for p in plant.system.parameters()):
+            raise InputRefused("gauss_newton moves all weights of laws, each of its own: take lbfgs")
         self.objective, self.plant, self.damping = objective, plant, _DAMPING
 
     def state_dict(self) -> dict[str, Any]:
@@ -316,7 +319,10 @@ class OfOwn:
 
 def _made(given: Any, name: str, argument: Any) -> Any:
     """What a function makes of its argument, or a mapping with ``_target_`` of an argument of this name."""
-    return given(argument) if callable(given) else instantiate({**given, "_partial_": True})(**{name: argument})
+    try:
+        return given(argument) if callable(given) else instantiate({**given, "_partial_": True})(**{name: argument})
+    except (TypeError, ValueError, KeyError) as error:
+        raise InputRefused(f"the {'optimiser' if name == 'params' else 'scheduler'} cannot be made: {error}") from error
 
 
 class QuasiNewton:

@@ -81,7 +81,8 @@ class NetworkPlant(Plant):
 
     def trained(self) -> list[nn.Parameter]:
         """Coordinates of the parameters, then weights of the learned laws."""
-        return [*self.system.free.parameters(), *self.system.laws.parameters()]
+        own = (*self.system.free.parameters(), *self.system.laws.parameters())
+        return [p for p in own if p.requires_grad]
 
     def slopes(self) -> list[float]:
         """``dθ/dz`` of every coordinate."""

@@ -6,6 +6,7 @@ import json
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -119,11 +120,15 @@ class Trained:
 
     @property
     def model(self) -> Model:
-        """The model with the trained network, for `Model.simulate`, ``phnn.predict`` and files."""
+        """The model with the trained network, for `Model.simulate`, ``phnn.predict`` and files.
+
+        Raises:
+            InputRefused: it is no network, or a law has no kernel.
+        """
         from phnn.model import Model
 
-        if not isinstance(self.plant, NetworkPlant):
-            raise InputRefused("only a network is a Model: use .system")
+        if not isinstance(self.plant, NetworkPlant) or not can_compile(self.plant.system.network):
+            raise InputRefused("only a network whose laws have kernels is a Model: use .system and phnn.simulate")
         return Model(Setup(self.plant.system.as_network(), name="trained"), int(self.facts["substeps"]))
 
     @property
@@ -170,6 +175,10 @@ def train(
         InputRefused: recordings or settings that cannot be used.
         SolverFailed: the model could not be simulated however small the steps of training.
     """
+    if not isinstance(system, PortHamiltonianSystem | Network):
+        raise InputRefused(f"system is a {type(system).__name__}: give a Network or a PortHamiltonianSystem")
+    if "seeds" in settings:
+        raise InputRefused("seeds is for phnn train: build and train a system for each seed")
     campaign = recordings if isinstance(recordings, Campaign) else read(recordings)
     single(campaign.recordings, "training follows one input to one output")
     module = PortHamiltonianSystem(system) if isinstance(system, Network) else system
@@ -183,15 +192,20 @@ def train(
     given[chosen] = _EPOCHS[chosen] if epochs is None else epochs
     place = None if out is None else str(out)
     full = Settings.from_config(
-        {"folder": str(campaign.folder), "out": place or "-", "model": {"kind": "own"}, "solver": _ADJOINTS[adjoint]}
+        {"folder": str(campaign.folder), "out": place or "-", "solver": _ADJOINTS[adjoint]}
+        | {"model": {"kind": "own", "network": sha256(repr(module.network).encode()).hexdigest()}}
         | given
         | settings
     )
     used = [r for r in campaign.recordings if r.mask("identification").any()]
+    if not used:
+        raise InputRefused(f"{campaign.folder}: no recording serves identification: name some in recordings.yaml")
     plant = NetworkPlant(module, typical_states(module, used))
     if place is None:
         return fitted(plant, campaign, full, None, "", say)
-    with claim(full.home, "train", [], RESULTS, Origin({"recordings": digest(campaign)}, full.resume)) as home:
+    with claim(
+        full.home, "train", [Path(campaign.folder)], RESULTS, Origin({"recordings": digest(campaign)}, full.resume)
+    ) as home:
         return fitted(plant, campaign, full, home, digest(campaign), say)
 
 
@@ -219,6 +233,8 @@ def fitted(
     used = [thinned(r, settings.stride) for r in training]
     substeps = settings.substeps or substeps_needed(plant, solver, used)
     objective = Objective(plant, solver, used, settings.window, substeps, settings.continuity)
+    if not objective.trained():
+        raise InputRefused("nothing can be trained: every parameter is fixed and every weight frozen")
     held = [thinned(r, settings.stride) for r in validation]
 
     def validate() -> float:
@@ -235,7 +251,7 @@ def train_folder(settings: Settings, say: Callable[[str], None] = lambda line: N
     """Train the model of some settings on a folder of recordings, once for each seed.
 
     Writes into ``settings.out``: ``config.yaml``, ``checkpoint.pt``, ``log.csv``, ``tensorboard/``, ``weights.pt``,
-    ``metrics.json`` and, for networks that can be stored, ``model/`` for `phnn predict`. A run that has ended stays as
+    ``metrics.json`` and, where all laws have kernels, ``model/`` for `phnn predict`. A run that has ended stays as
     it is. Several seeds have a folder each, and ``metrics.json`` their mean and spread.
 
     Returns:
@@ -265,7 +281,7 @@ def train_folder(settings: Settings, say: Callable[[str], None] = lambda line: N
         plant = plant_for(settings.model, campaign, settings.seed, settings.base)
         trained = fitted(plant, campaign, settings, place, repr(made_of), say)
         (place / "weights.pt").write(checkpoint.as_bytes(plant.state_dict()))
-        if isinstance(plant, NetworkPlant) and is_storable(plant.network):
+        if isinstance(plant, NetworkPlant) and can_compile(plant.network) and is_storable(plant.network):
             save(Setup(plant.network, name=settings.named), place / "model", trained.facts["substeps"])
         (place / METRICS).write_json(trained.facts)
         return dict(trained.facts)
@@ -327,7 +343,7 @@ def _ended(settings: Settings) -> dict[str, Any] | None:
     check_same(settings_in(config), settings.plain(), config)
     try:
         content: dict[str, Any] = json.loads(metrics.read_text(encoding="utf-8"))
-        content["recordings"].items()
+        content["recordings"].items(), content["seed"]
     except (ValueError, KeyError, TypeError, AttributeError) as error:
         raise InputRefused(f"{metrics}: cannot be read ({error}): delete it to score the run again") from error
     return content

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import os
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
@@ -89,6 +89,10 @@ class Settings:
                 raise InputRefused(f"setting {name} must hold {keys[0]}: choose one of the files in configs/{name}")
         for seed in self.seeds or ():
             number("seeds", seed, 0)
+        for name in _MADE:
+            made = getattr(self, name)
+            if not (made is None or callable(made) or (isinstance(made, Mapping) and TARGET in made)):
+                raise InputRefused(f"setting {name}={made}: give a function, or {{_target_: module.Class, ...}}")
 
     @classmethod
     def from_config(cls, config: Mapping[str, Any]) -> Settings:
@@ -107,6 +111,8 @@ class Settings:
         given = dict(config)
         for name in ("validation", "seeds"):
             if given.get(name) is not None:
+                if isinstance(given[name], str) or not isinstance(given[name], Iterable):
+                    raise InputRefused(f"setting {name}={given[name]} must be a list: write {name}=[...]")
                 given[name] = tuple(given[name])
         return cls(**given)
 
@@ -114,7 +120,7 @@ class Settings:
         """As nested dictionaries and lists."""
         content = asdict(self)
         lists = {n: None if (v := getattr(self, n)) is None else list(v) for n in ("validation", "seeds")}
-        made = {n: dict(v) if isinstance(v, Mapping) else v and repr(v) for n in _MADE for v in (getattr(self, n),)}
+        made = {n: dict(v) if isinstance(v, Mapping) else _called(v) for n in _MADE for v in (getattr(self, n),)}
         return content | lists | made | {"model": dict(self.model), "solver": dict(self.solver)}
 
     @property
@@ -126,6 +132,11 @@ class Settings:
     def home(self) -> Path:
         """Where the results go."""
         return Path(self.out)
+
+
+def _called(function: Any) -> str | None:
+    """The name of a function, the same in every process."""
+    return None if function is None else str(getattr(function, "__qualname__", type(function).__qualname__))
 
 
 def settings_in(path: Path) -> dict[str, Any]:

@@ -346,7 +346,9 @@ def from_json(content: Any) -> Any:
         known, counts = _TOGETHER[content["kind"]], an_object(content.get("counts"), "counts of a learned law")
         if sorted(counts) != sorted(known.COUNTS):
             raise ValueError(f"counts of a learned law are {brief(counts)}: {', '.join(known.COUNTS)} are needed")
-        law = known(**{n: a_count(v, n, 0, LIMITS.units) for n, v in counts.items()})
+        # Matrices grow with the square of the variables.
+        most = {"width": LIMITS.units, "ports": 64, "states": 64, "reads": 64}
+        law = known(**{n: a_count(v, n, 0, most[n]) for n, v in counts.items()})
     given = an_object(content.get("state"), "state of a learned law")
     state = {n: _tensor(v, f"{brief(n)} of a learned law") for n, v in given.items()}
     try:

@@ -171,10 +171,20 @@ def check(
         SolverFailed: a weight is not finite.
     """
     _check_module(law, name)
-    if form_of(law) or (ports is not None and is_passive_by_form(law)):
+    known = is_passive_by_form(law) and getattr(law, "ROLE", "") in ("multi_port", "shared_energy")
+    if form_of(law) or (ports is not None and known):
         return
     name = f"{name}, a {type(law).__name__}"
     energetic = storage if storage is not None else hasattr(law, "energy")
+    try:
+        _try(law, energetic, ports, reads, name)
+    except (RuntimeError, TypeError, AttributeError, IndexError, ValueError) as error:
+        called = "energy(x)" if energetic else "forward(effort, q)" if reads else "forward(effort)"
+        raise StructureViolated(f"{name}: {called} fails on tensors of many points: {error}") from error
+
+
+def _try(law: nn.Module, energetic: bool, ports: int | None, reads: int, name: str) -> None:
+    """Try what a law promises."""
     if ports is not None:
         (_check_shared if energetic else _check_multi_port)(law, ports, reads, name)
     elif energetic:

@@ -491,8 +491,14 @@ def _fault(one: WithLaw) -> str:
 
 
 def _misfit(one: WithLaw) -> str:
-    """What a law of several variables was made for, where that is not what its element has."""
+    """What a torch module was made for, where that is not what its element has."""
+    from phnn.laws.wide import is_passive_by_form
+
     element, made = one.element, getattr(one.element.law, "counts", {})
+    role, kind = getattr(type(element.law), "ROLE", ""), type(element.law).__name__
+    together = ("multi_port", "shared_energy", "modulation")
+    if role != one.kind and (role or (one.kind in together and is_passive_by_form(element.law))):
+        return f"{one.called}: a {kind} is the law of a {role or 'storage or resistor'}, not of a {one.kind}"
     own = {"ports": len(element.on), "reads": len(element.reads)} if isinstance(element, MultiPort) else {}
     own |= {"states": len(element.of)} if isinstance(element, SharedEnergy) else {}
     wrong = [f"{made[n]} {n}, the element has {k}" for n, k in own.items() if made.get(n, k) != k]

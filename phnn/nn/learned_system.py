@@ -133,7 +133,7 @@ class LearnedSystem(PortHamiltonianSystem):
         root = (curvature / unit).sqrt()[order]
         half = scales.time * unit * root[:, None] * system.structure(rest)[order][:, order] * root
         lost = scales.time * unit * root[:, None] * system.dissipation(rest)[order][:, order] * root
-        lost = lost + _LEAST_DAMPING * lost.diagonal().mean() * torch.eye(len(order), dtype=torch.float64)
+        lost = lost + _LEAST_DAMPING * (1.0 + lost.diagonal().mean()) * torch.eye(len(order), dtype=torch.float64)
         coupling, dissipation = (m.law for m in found.network.multi_ports)
         n = len(order)
         coupling.entries.begin(half[*torch.tril_indices(n, n, -1)])

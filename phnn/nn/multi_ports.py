@@ -92,7 +92,7 @@ class LearnedDissipation(nn.Module):
         SolverFailed: at an evaluation, where training has carried a weight beyond use; names it.
     """
 
-    COUNTS = ("ports", "reads", "width")
+    ROLE, COUNTS = "multi_port", ("ports", "reads", "width")
     scale: Tensor
     factor: Tensor
 
@@ -107,7 +107,7 @@ class LearnedDissipation(nn.Module):
         seed: int = 0,
     ) -> None:
         super().__init__()
-        _check(ports, width)
+        _check(ports, width, reads=reads)
         effort, flow = _scales("effort_scale", effort_scale, ports), _scales("flow_scale", flow_scale, ports)
         self.ports, self.counts = ports, {"ports": ports, "reads": reads, "width": width}
         self.register_buffer("scale", torch.cat([effort, _scales("state_scale", state_scale, reads)]))
@@ -152,7 +152,7 @@ class LearnedCoupling(nn.Module):
         InputRefused, SolverFailed: as of `LearnedDissipation`.
     """
 
-    COUNTS = ("ports", "reads", "width")
+    ROLE, COUNTS = "multi_port", ("ports", "reads", "width")
     scale: Tensor
     factor: Tensor
 
@@ -167,7 +167,7 @@ class LearnedCoupling(nn.Module):
         seed: int = 0,
     ) -> None:
         super().__init__()
-        _check(ports, width, least=2)
+        _check(ports, width, 2, reads)
         effort, flow = _scales("effort_scale", effort_scale, ports), _scales("flow_scale", flow_scale, ports)
         self.ports, self.counts = ports, {"ports": ports, "reads": reads, "width": width}
         self.register_buffer("scale", _scales("state_scale", state_scale, reads))
@@ -227,7 +227,7 @@ class LearnedEnergy(nn.Module):
     References: Kolter & Manek 2019 (a convex network less its tangent at rest is a Lyapunov function); Barron 2021.
     """
 
-    COUNTS = ("states", "width")
+    ROLE, COUNTS = "shared_energy", ("states", "width")
     scale: Tensor
     typical: Tensor
 
@@ -286,7 +286,7 @@ class LearnedRatio(nn.Module):
         InputRefused, SolverFailed: as of `LearnedDissipation`.
     """
 
-    COUNTS = ("width",)
+    ROLE, COUNTS = "modulation", ("width",)
     scale: Tensor
 
     def __init__(self, state_scale: float = 1.0, width: int = 8) -> None:
@@ -326,8 +326,8 @@ def _scales(name: str, given: Scale, count: int) -> Tensor:
     return scale.expand(count).clone()
 
 
-def _check(count: int, width: int, least: int = 1) -> None:
-    if count < least or width < 1:
+def _check(count: int, width: int, least: int = 1, reads: int = 0) -> None:
+    if count < least or width < 1 or reads < 0:
         raise InputRefused(f"{count} variables, width = {width}: give {least} and one unit at least")
 
 

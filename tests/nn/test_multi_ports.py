@@ -15,7 +15,16 @@ from phnn.models.actuator import hrc
 from phnn.models.store import load, save
 from phnn.network import Modulation, MultiPort, Network, PortHamiltonianSystem, SharedEnergy
 from phnn.network.elements import renamed
-from phnn.nn import LearnedCoupling, LearnedDissipation, LearnedEnergy, LearnedRatio, LearnedSystem, Scales, check
+from phnn.nn import (
+    LearnedCoupling,
+    LearnedDissipation,
+    LearnedEnergy,
+    LearnedRatio,
+    LearnedSystem,
+    Scales,
+    SectorMLP,
+    check,
+)
 from phnn.setup import Setup
 
 torch.set_num_threads(1)
@@ -144,8 +153,27 @@ def test_what_does_not_fit_or_delivers_power_is_refused() -> None:
         PortHamiltonianSystem(hrc(1).extend(multi_ports=(MultiPort("r", LearnedDissipation(3), ("Q_1", "p")),)))
     with pytest.raises(StructureViolated, match="refers to the storage 'z'"):
         hrc(1).extend(shared_energies=(SharedEnergy("e", LearnedEnergy(2), ("q", "z")),))
+    for wrong, words in (
+        ({"multi_ports": (MultiPort("r", LearnedRatio(), ("Q_1", "p")),)}, "law of a modulation, not of a multi_port"),
+        ({"multi_ports": (MultiPort("r", SectorMLP(1.0, 1.0), ("Q_1",)),)}, "not of a multi_port"),
+        ({"shared_energies": (SharedEnergy("e", LearnedDissipation(2), ("Q_1", "q")),)}, "not of a shared_energy"),
+        ({"multi_ports": (MultiPort("r", nn.Linear(3, 3).double(), ("Q_1", "p")),)}, "fails on tensors"),
+    ):
+        with pytest.raises(StructureViolated, match=words):
+            PortHamiltonianSystem(hrc(1).extend(**wrong))
+    with pytest.raises(StructureViolated, match="not of a storage"):
+        PortHamiltonianSystem(hrc(1).replace("Q_1", LearnedEnergy(1)))
     with pytest.raises(InputRefused, match="give a positive typical magnitude"):
         LearnedDissipation(2, effort_scale=(1.0, 0.0))
+
+
+def test_a_law_that_several_elements_share_is_trained_as_one() -> None:
+    law = SectorMLP(20.0, 1e-3, 4)
+    system = PortHamiltonianSystem(hrc(2).replace("hysteron_1", law).replace("hysteron_2", law))
+    phnn.simulate(system, drive(20), dt=DT)[0][..., 2].square().sum().backward()
+    parameters = list(system.laws.parameters())
+    assert len(parameters) == len(list(law.parameters()))
+    assert all(isinstance(p, nn.Parameter) and bool((p.grad != 0.0).any()) for p in parameters)
 
 
 def test_a_law_that_training_carries_out_of_its_promise_is_cut_off() -> None:
