@@ -29,7 +29,7 @@ from phnn.integrate.compilable import partly_driven
 from phnn.integrate.equations import derivatives, linearised, reducible_rules, step_residual
 from phnn.integrate.scheme import Scheme
 from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
-from phnn.laws.wide import form_of, is_passive_by_form
+from phnn.laws.wide import has_kernel, is_passive_by_form
 from phnn.network.checks import evaluation
 from phnn.network.system import PortHamiltonianSystem
 
@@ -241,13 +241,13 @@ def _has_one_root(run: _Run, z: Tensor) -> bool:
         return False
     for k, storage in enumerate(network.storages):
         known = STORAGE_LAWS[storage.law] if isinstance(storage.law, str) else storage.law
-        sure = (isinstance(storage.law, str) or form_of(storage.law)) and known.convex
+        sure = has_kernel(storage.law) and known.convex
         if not (sure or _rises(lambda at, k=k: system.mean_effort(k, at, at), x[..., k], z[..., k])):  # type: ignore[misc]
             return False
     ends = [system.branch_efforts(system.efforts(at), at) for at in (x, z)]
     for r, resistor in enumerate(network.resistors):
         known = RESISTOR_LAWS[resistor.law] if isinstance(resistor.law, str) else resistor.law
-        sure = (isinstance(resistor.law, str) or form_of(resistor.law)) and known.monotone
+        sure = has_kernel(resistor.law) and known.monotone
         flow = lambda at, r=r: system.branch_flow(r, at, x.expand(*at.shape, x.shape[-1]))  # noqa: E731
         if not (sure or _rises(flow, ends[0][..., r], ends[1][..., r])):
             return False

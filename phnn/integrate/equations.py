@@ -61,15 +61,17 @@ def means(
         for k in range(len(system.network.storages))
     ]
     branches, inputs = system.incidences(middle)
-    known = system.with_shared(torch.stack(efforts, dim=-1), x, x_next)
-    inflow = combined(known, system.structure(middle).mT) + combined(system.actions(u), inputs.mT)
+    # Storages that share an energy are never reducible.
+    efforts = list(system.with_shared(torch.stack(efforts, dim=-1), x, x_next).unbind(-1))
+    inflow = combined(torch.stack(efforts, dim=-1), system.structure(middle).mT) + combined(
+        system.actions(u), inputs.mT
+    )
     around = Surroundings(system, middle, branches, _of_one_storage(h))
     currents = {k: inflow[..., k] for k in rules}
     ends = {}
     for k, rule in rules.items():
         ends[k], efforts[k] = advanced(around, k, rule, x[..., k], currents[k])
-    # Storages that share an energy are never reducible.
-    return Means(system.with_shared(torch.stack(efforts, dim=-1), x, x_next), middle, currents, ends)
+    return Means(torch.stack(efforts, dim=-1), middle, currents, ends)
 
 
 def _of_one_storage(h: float | Tensor) -> float | Tensor:

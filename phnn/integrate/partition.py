@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from phnn.integrate.scheme import Scheme
 from phnn.integrate.tables import EXACT, GRADIENT, LOSSLESS, PATH, RADAU
 from phnn.laws import RESISTOR_LAWS
-from phnn.laws.wide import form_of
+from phnn.laws.wide import has_kernel
 from phnn.network.elements import Network, Ratio, Resistor, Storage
 from phnn.network.roles import imposed
 
@@ -88,7 +88,7 @@ def rule_of(network: Network, storage: str, scheme: Scheme) -> int:
         return PATH
     if not is_linear(network.storages[network.storage_names.index(storage)]) or scheme is Scheme.MIDPOINT:
         return GRADIENT
-    if any(not isinstance(r.law, str) and not form_of(r.law) for r in resistors):
+    if not all(has_kernel(r.law) for r in resistors):
         # No kernel has to be matched: stages of their own would take three times as long.
         return GRADIENT
     first, others = resistors[0].law, resistors[1:]

@@ -130,6 +130,11 @@ def form_of(law: Any) -> str:
     return name if name in MODULES.get(type(law), ()) else ""
 
 
+def has_kernel(law: Any) -> bool:
+    """Whether compiled code evaluates a law: one that is named, or a torch module of a registered form."""
+    return isinstance(law, str) or bool(form_of(law))
+
+
 def flow(
     law: WideResistor,
     effort: Any,  # (...) tensor or array
@@ -203,7 +208,7 @@ def evaluate({given}, theta, first, count):
 
 
 @shared
-def _hinge(y: Any) -> Any:
+def hinge(y: Any) -> Any:
     """``S(y)`` and ``r(y)``, the former as ``1/S(−y)`` where the sum would cancel."""
     r = sqrt(4.0 + y * y)
     large = 0.5 * (absolute(y) + r)
@@ -213,15 +218,15 @@ def _hinge(y: Any) -> Any:
 @shared
 def _hinge_rise(c: Any, d: Any) -> Any:
     """``S(c + d) − S(c)``."""
-    product = _hinge(c)[0] * _hinge(c + d)[0]
+    product = hinge(c)[0] * hinge(c + d)[0]
     return d * product * reciprocal(1.0 + product)
 
 
 @shared
 def _step_rise(c: Any, d: Any) -> Any:
     """``σ(c + d) − σ(c)``."""
-    start, r_start = _hinge(c)
-    end, r_end = _hinge(c + d)
+    start, r_start = hinge(c)
+    end, r_end = hinge(c + d)
     return d * (start + end) * reciprocal((1.0 + start * end) * r_start * r_end)
 
 
@@ -261,8 +266,8 @@ def monotone_combine(effort: Any, total: Any, slope: Any) -> Any:
 
 def convex_energy_unit(x: Any, weight: Any, gain: Any, position: Any) -> Any:
     """``(w/k) [S(kx + c) − S(c) − σ(c) kx] ≥ 0``: a hinge less its tangent at zero."""
-    start, r_start = _hinge(position)
-    product = start * _hinge(gain * x + position)[0]
+    start, r_start = hinge(position)
+    product = start * hinge(gain * x + position)[0]
     share = reciprocal(1.0 + product)
     return weight * gain * x * x * product * share * share * reciprocal(r_start)
 
@@ -280,9 +285,9 @@ def convex_unit(a: Any, b: Any, weight: Any, gain: Any, position: Any) -> Any:
     """
     to_a = gain * a
     to_b = gain * b
-    zero, r_zero = _hinge(position)
-    at_a = _hinge(to_a + position)[0]
-    at_b = _hinge(to_b + position)[0]
+    zero, r_zero = hinge(position)
+    at_a = hinge(to_a + position)[0]
+    at_b = hinge(to_b + position)[0]
     by_a = 1.0 + at_a * zero
     by_b = 1.0 + at_b * zero
     rise = (at_a + zero) * at_b * to_b * by_a + (at_b + zero) * at_a * to_a * by_b

@@ -101,17 +101,23 @@ class Trained:
         plant: the model with the coordinates in which it was trained.
         scores: of all recordings, each run from its own start to its end.
         history: a row an epoch: method, loss, validation, seconds.
-        loss: mean square of the residual over noise on the recordings trained on, jumps between windows added.
-        aside: names of the recordings that stopped the training.
         facts: what ``metrics.json`` holds.
     """
 
     plant: Plant
     scores: Evaluation
     history: Sequence[Mapping[str, Any]]
-    loss: float
-    aside: tuple[str, ...]
     facts: Mapping[str, Any]
+
+    @property
+    def loss(self) -> float:
+        """Mean square of the residual over noise on the recordings trained on, jumps between windows added."""
+        return float(self.facts["loss"])
+
+    @property
+    def aside(self) -> tuple[str, ...]:
+        """Names of the recordings that stopped the training."""
+        return tuple(name for name, row in self.facts["recordings"].items() if row["validation"])
 
     @property
     def system(self) -> nn.Module:
@@ -242,9 +248,9 @@ def fitted(
 
     progress = Trainer(objective, validate if held else None, settings, place, say, recordings).run()
     scores = evaluate(plant, solver, campaign.recordings, substeps, _initial(objective))
-    aside = tuple(r.name for r in validation)
+    aside = [r.name for r in validation]
     facts = _metrics(settings, plant, objective, progress, scores, aside) | {"substeps": substeps}
-    return Trained(plant, scores, progress.rows, facts["loss"], aside, facts)
+    return Trained(plant, scores, progress.rows, facts)
 
 
 def train_folder(settings: Settings, say: Callable[[str], None] = lambda line: None) -> dict[str, Any]:

@@ -19,10 +19,9 @@ from phnn.errors import InputRefused, PhnnError
 from phnn.intake.files import named_file
 from phnn.intake.json_file import load_json
 from phnn.intake.limits import LIMITS
-from phnn.integrate.compilable import can_compile
 from phnn.integrate.program import compile_network
 from phnn.laws.diverged import LARGEST_WEIGHT, check_weights
-from phnn.laws.wide import form_of, is_passive_by_form
+from phnn.laws.wide import form_of, has_kernel, is_passive_by_form
 from phnn.models.typed import a_count, a_list, a_name, a_number, a_text, an_object, brief, of_fields
 from phnn.network.elements import (
     Coupling,
@@ -121,7 +120,8 @@ def setup_from(content: Mapping[str, Any], shown: str) -> tuple[Setup, int]:
     try:
         setup = _setup(content)
         check_laws(setup.network)
-        if can_compile(setup.network):
+        # Of laws that torch alone evaluates there is no program.
+        if all(has_kernel(one.element.law) for one in setup.network.with_laws()):
             compile_network(setup.network)
         _check_chain(setup)
         return setup, a_count(content["substeps"], "substeps", 1, LIMITS.substeps)
@@ -308,8 +308,13 @@ _TOGETHER: dict[str, type[Any]] = {
 
 def is_storable(network: Network) -> bool:
     """Whether all laws of a network have a form on disk."""
-    laws = [one.element.law for one in network.with_laws() if not isinstance(one.element.law, str)]
-    return all(form_of(law) in _KINDS or (is_passive_by_form(law) and type(law).__name__ in _TOGETHER) for law in laws)
+    return all(isinstance(one.element.law, str) or _kind_of(one.element.law) for one in network.with_laws())
+
+
+def _kind_of(law: nn.Module) -> str:
+    """The kind under which a torch module stands on disk; empty where it has no form there."""
+    name = type(law).__name__ if is_passive_by_form(law) else ""
+    return name if name in _TOGETHER else form_of(law) if form_of(law) in _KINDS else ""
 
 
 def as_json(law: Any) -> Any:
@@ -320,13 +325,11 @@ def as_json(law: Any) -> Any:
     """
     if isinstance(law, str):
         return law
-    state = {n: v.tolist() for n, v in law.state_dict().items()}
-    if is_passive_by_form(law) and type(law).__name__ in _TOGETHER:
-        return {"kind": type(law).__name__, "counts": law.counts, "state": state}
-    kind = form_of(law)
-    if kind not in _KINDS:
+    kind = _kind_of(law)
+    if not kind:
         raise PhnnError(f"a {type(law).__name__} as a law has no form on disk: keep its state_dict with torch.save")
-    return {"kind": kind, "units": law.units, "state": state}
+    size = {"counts": law.counts} if kind in _TOGETHER else {"units": law.units}
+    return {"kind": kind, **size, "state": {n: v.tolist() for n, v in law.state_dict().items()}}
 
 
 def from_json(content: Any) -> Any:

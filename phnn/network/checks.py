@@ -186,7 +186,7 @@ def check(
 def _try(law: nn.Module, energetic: bool, ports: int | None, reads: int, name: str) -> None:
     """Try what a law promises."""
     if ports is not None:
-        (_check_shared if energetic else _check_multi_port)(law, ports, reads, name)
+        _check_shared(law, ports, name) if energetic else _check_multi_port(law, ports, reads, name)
     elif energetic:
         # A sum of energies with a weight among them is a source.
         if not is_passive_by_form(law) or law.bounded:
@@ -210,6 +210,8 @@ def _check_module(law: nn.Module, name: str) -> None:
 
 # Points at which laws on several variables are tried, and those where a law must be finite.
 _TRIALS = 4000
+# Share of their entries that are zero; rounding, relative to the sum of the absolute terms.
+_ZEROS, _ROUNDING = 0.1, 1e-9
 _ORDINARY = np.concatenate([-np.logspace(2, -12, 15), [0.0], np.logspace(-12, 2, 15)])
 
 
@@ -220,10 +222,6 @@ def _points(columns: int) -> Array:
     apart = random.choice([0.0, 1.0], (_TRIALS, 1)) * random.uniform(-6.0, 6.0, shape)
     sizes = 10.0 ** np.clip(random.uniform(-12.0, 12.0, (_TRIALS, 1)) + apart, -12.0, 12.0)
     return random.standard_normal(shape) * sizes * (random.uniform(size=shape) > _ZEROS)
-
-
-# Share of the entries that are zero.
-_ZEROS = 0.1
 
 
 def _check_multi_port(law: nn.Module, ports: int, reads: int, name: str) -> None:
@@ -248,11 +246,7 @@ def _check_multi_port(law: nn.Module, ports: int, reads: int, name: str) -> None
         )
 
 
-# Rounding, relative to the sum of the absolute terms.
-_ROUNDING = 1e-9
-
-
-def _check_shared(law: nn.Module, ports: int, reads: int, name: str) -> None:
+def _check_shared(law: nn.Module, ports: int, name: str) -> None:
     """Try whether ``H(x) ≥ H(0)``."""
     points = np.concatenate([np.zeros((1, ports)), _points(ports)])
     with torch.no_grad():

@@ -24,7 +24,7 @@ from torch import Tensor, nn
 
 from phnn.errors import InputRefused
 from phnn.laws.diverged import LARGEST_WEIGHT, check_weights
-from phnn.laws.wide import convex_energy_unit, convex_unit, register_compiled
+from phnn.laws.wide import convex_energy_unit, convex_unit, hinge, register_compiled
 
 # By how much the entries of a learned matrix vary at the start, of which those on the diagonal are near one.
 _VARIED = 0.3
@@ -71,13 +71,57 @@ class Perceptron(nn.Module):
         self.biases[-1].copy_(values)
 
 
-class LearnedDissipation(nn.Module):
+class _OnEfforts(nn.Module):
+    """A law on ``k`` efforts by a triangular matrix, whose entries come from one perceptron of one hidden layer.
+
+    That of a dissipation has a diagonal and follows efforts and states, that of a coupling follows states alone.
+    """
+
+    ROLE, COUNTS = "multi_port", ("ports", "reads", "width")
+    dissipative: bool
+    scale: Tensor
+    factor: Tensor
+
+    def __init__(
+        self,
+        ports: int,
+        reads: int = 0,
+        effort_scale: Scale = 1.0,
+        flow_scale: Scale = 1.0,
+        state_scale: Scale = 1.0,
+        width: int = 16,
+        seed: int = 0,
+    ) -> None:
+        super().__init__()
+        _check(ports, width, 1 if self.dissipative else 2, reads)
+        self.ports, self.counts = ports, {"ports": ports, "reads": reads, "width": width}
+        effort, flow = _scales("effort_scale", effort_scale, ports), _scales("flow_scale", flow_scale, ports)
+        read = _scales("state_scale", state_scale, reads)
+        self.register_buffer("scale", torch.cat([effort, read]) if self.dissipative else read)
+        self.register_buffer("factor", (flow / effort).sqrt())
+        rows, columns = torch.tril_indices(ports, ports, 0 if self.dissipative else -1)
+        random = torch.Generator().manual_seed(seed)
+        self.entries = Perceptron((len(self.scale), width, len(rows)), random, last=_VARIED)
+        with torch.no_grad():
+            spread = _VARIED if self.dissipative else 1.0
+            self.entries.biases[-1].normal_(0.0, spread, generator=random).add_((rows == columns).double())
+
+    def triangle(self, given: Tensor) -> Tensor:
+        """(..., k, k) the matrix at what it follows, its rows times ``√(f/s)``."""
+        check_weights(self, largest=LARGEST_WEIGHT)
+        entries, n = self.entries(given / self.scale.abs()), self.ports
+        rows, columns = torch.tril_indices(n, n, 0 if self.dissipative else -1, device=entries.device)
+        matrix = entries.new_zeros(*entries.shape[:-1], n * n)
+        filled = matrix.index_copy(-1, rows * n + columns, entries).reshape(*entries.shape[:-1], n, n)
+        return self.factor.unsqueeze(-1) * filled
+
+
+class LearnedDissipation(_OnEfforts):
     """A resistor on ``k`` efforts together, coupled and passive by its form.
 
         φ(ε, q) = R L Lᵀ R ε,     L = L(ε/s, q/s_q) lower triangular,     R = diag √(f/s)
 
-    ``εᵀφ = |Lᵀ R ε|² ≥ 0`` for all weights. The entries of ``L`` come from one perceptron of one hidden
-    layer, and ``L`` begins near the unit matrix.
+    ``εᵀφ = |Lᵀ R ε|² ≥ 0`` for all weights. ``L`` begins near the unit matrix.
 
     Args:
         ports: number ``k`` of efforts.
@@ -92,31 +136,7 @@ class LearnedDissipation(nn.Module):
         SolverFailed: at an evaluation, where training has carried a weight beyond use; names it.
     """
 
-    ROLE, COUNTS = "multi_port", ("ports", "reads", "width")
-    scale: Tensor
-    factor: Tensor
-
-    def __init__(
-        self,
-        ports: int,
-        reads: int = 0,
-        effort_scale: Scale = 1.0,
-        flow_scale: Scale = 1.0,
-        state_scale: Scale = 1.0,
-        width: int = 16,
-        seed: int = 0,
-    ) -> None:
-        super().__init__()
-        _check(ports, width, reads=reads)
-        effort, flow = _scales("effort_scale", effort_scale, ports), _scales("flow_scale", flow_scale, ports)
-        self.ports, self.counts = ports, {"ports": ports, "reads": reads, "width": width}
-        self.register_buffer("scale", torch.cat([effort, _scales("state_scale", state_scale, reads)]))
-        self.register_buffer("factor", (flow / effort).sqrt())
-        random = torch.Generator().manual_seed(seed)
-        self.entries = Perceptron((ports + reads, width, ports * (ports + 1) // 2), random, last=_VARIED)
-        rows, columns = torch.tril_indices(ports, ports)
-        with torch.no_grad():
-            self.entries.biases[-1].normal_(0.0, _VARIED, generator=random).add_((rows == columns).double())
+    dissipative = True
 
     def root(
         self,
@@ -124,9 +144,7 @@ class LearnedDissipation(nn.Module):
         q: Tensor,  # (..., s)
     ) -> Tensor:
         """(..., k, k) ``R L``; its square is the matrix of the flow."""
-        check_weights(self, largest=LARGEST_WEIGHT)
-        lower = filled(self.entries(torch.cat([effort, q], dim=-1) / self.scale.abs()), self.ports, 0)
-        return self.factor.unsqueeze(-1) * lower
+        return self.triangle(torch.cat([effort, q], dim=-1))
 
     def forward(
         self,
@@ -138,7 +156,7 @@ class LearnedDissipation(nn.Module):
         return (root @ (root.mT @ effort.unsqueeze(-1))).squeeze(-1)
 
 
-class LearnedCoupling(nn.Module):
+class LearnedCoupling(_OnEfforts):
     """A power-conserving coupling between ``k`` efforts, which a network adds to its ``J(x)``.
 
         φ(ε, q) = −S(q) ε,     S = F (A − Aᵀ) F,     A = A(q/s_q) strictly lower triangular,     F = diag √(f/s)
@@ -152,39 +170,14 @@ class LearnedCoupling(nn.Module):
         InputRefused, SolverFailed: as of `LearnedDissipation`.
     """
 
-    ROLE, COUNTS = "multi_port", ("ports", "reads", "width")
-    scale: Tensor
-    factor: Tensor
-
-    def __init__(
-        self,
-        ports: int,
-        reads: int = 0,
-        effort_scale: Scale = 1.0,
-        flow_scale: Scale = 1.0,
-        state_scale: Scale = 1.0,
-        width: int = 16,
-        seed: int = 0,
-    ) -> None:
-        super().__init__()
-        _check(ports, width, 2, reads)
-        effort, flow = _scales("effort_scale", effort_scale, ports), _scales("flow_scale", flow_scale, ports)
-        self.ports, self.counts = ports, {"ports": ports, "reads": reads, "width": width}
-        self.register_buffer("scale", _scales("state_scale", state_scale, reads))
-        self.register_buffer("factor", (flow / effort).sqrt())
-        random = torch.Generator().manual_seed(seed)
-        self.entries = Perceptron((reads, width, ports * (ports - 1) // 2), random, last=_VARIED)
-        with torch.no_grad():
-            self.entries.biases[-1].normal_(generator=random)
+    dissipative = False
 
     def lower(
         self,
         q: Tensor,  # (..., s)
     ) -> Tensor:
         """(..., k, k) ``F A F``, whose difference to its transpose is ``S``."""
-        check_weights(self, largest=LARGEST_WEIGHT)
-        lower = filled(self.entries(q / self.scale.abs()), self.ports, -1)
-        return self.factor.unsqueeze(-1) * lower * self.factor
+        return self.triangle(q) * self.factor
 
     def forward(
         self,
@@ -249,7 +242,7 @@ class LearnedEnergy(nn.Module):
     def _weights(self) -> Tensor:
         """(U,) ``E w > 0``."""
         check_weights(self, largest=LARGEST_WEIGHT)
-        return self.typical.abs() * self.smoothing * _hinge(self.heights / self.smoothing)
+        return self.typical.abs() * self.smoothing * hinge(self.heights / self.smoothing)[0]
 
     def energy(self, x: Tensor) -> Tensor:  # x: (..., k)
         """(...) ``H(x)`` [J]."""
@@ -303,19 +296,6 @@ class LearnedRatio(nn.Module):
         check_weights(self, largest=LARGEST_WEIGHT)
         rise = torch.tanh(self.gains * x.unsqueeze(-1) / self.scale.abs() + self.positions) - torch.tanh(self.positions)
         return 1.0 + (rise * self.heights).sum(-1)
-
-
-def filled(entries: Tensor, n: int, diagonal: int) -> Tensor:
-    """(..., n, n) matrices whose lower triangle, up to a diagonal, holds the entries (..., K)."""
-    rows, columns = torch.tril_indices(n, n, diagonal, device=entries.device)
-    matrix = entries.new_zeros(*entries.shape[:-1], n * n)
-    return matrix.index_copy(-1, rows * n + columns, entries).reshape(*entries.shape[:-1], n, n)
-
-
-def _hinge(z: Tensor) -> Tensor:
-    """``S(z)`` without cancellation for negative arguments."""
-    root = torch.sqrt(4.0 + z.square())
-    return torch.where(z > 0.0, 0.5 * (z + root), 2.0 / (root - z))
 
 
 def _scales(name: str, given: Scale, count: int) -> Tensor:
