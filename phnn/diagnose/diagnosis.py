@@ -40,7 +40,7 @@ _NUMERICAL = 0.001
 _BLOCKS = 8
 # Steps of one evaluation of the budget, at least and at most: many simulations of short recordings take no time, and
 # one of long recordings counts as several.
-_LEAST_STEPS, _MOST_STEPS = 100_000, 400_000
+_LEAST_STEPS, _MOST_STEPS = 100_000, 300_000
 # Models that compete in the question for the next recording.
 _RIVALS = 4
 

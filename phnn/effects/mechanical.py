@@ -9,7 +9,7 @@ import numpy as np
 
 from phnn.effects import kinds
 from phnn.effects.additions import Parts, Placed, bent_spring
-from phnn.effects.declaration import bounded, constant, has_motion, has_spring, limit, positive
+from phnn.effects.declaration import between, bounded, constant, has_motion, has_spring, limit, positive
 from phnn.effects.effect import Effect, Points, Scales
 from phnn.network.elements import Coupling, Network, Resistor, Storage
 from phnn.setup import Setup
@@ -22,6 +22,13 @@ def stop_grid(scales: Scales) -> list[dict[str, float]]:
     return [{"k_c": 1e-3 * scales.stiffness, "g_c": gap} for gap in gaps]
 
 
+def round_stop_grid(scales: Scales) -> list[dict[str, float]]:
+    """A weak round stop at a few shares of the displacement on either side."""
+    force, gaps = 1e-3 * scales.stiffness, [side * share for side in (1.0, -1.0) for share in (0.4, 0.6, 0.8)]
+    return [{"k_c": force, "g_c": gap * scales.displacement, "d_c": 0.1 * scales.displacement} for gap in gaps]
+
+
+_GAP = limit("g_c", "m", "gap to the stop", 1e2, signed=True)
 CONTACT_STOP = Effect(
     name="contact_stop",
     kind=kinds.ELASTIC,
@@ -35,12 +42,24 @@ CONTACT_STOP = Effect(
     declares=(
         positive("k_c", "N/m", "stiffness of the stop", 1e8, strength=True),
         # The gap keeps its sign: a fit cannot move a stop to the other side.
-        limit("g_c", "m", "gap to the stop", 1e2, signed=True),
+        _GAP,
     ),
     adds=Parts((Storage("x_c", "stop", ("k_c", "g_c"), "m"),), couplings=(Coupling("x_c", "p", 1.0),)),
     grid=stop_grid,
     applies=has_motion,
     neighbours=("amplifier_saturation", "quadratic_stiffness", "cubic_stiffness"),
+).or_as(
+    equation=r"F_c = k_c\,d\,\sqrt{d/d_c}, \quad d = \max(q - g_c, 0)",
+    statement="The moving part meets a round stop: beyond a displacement of {g_c} a force acts on that side that grows "
+    "with the power 3/2 of the depth, like a stiffness of {k_c} at a depth of {d_c}.",
+    references=("Johnson 1985, Contact Mechanics, ch. 4 (Hertz)",),
+    declares=(
+        positive("k_c", "N/m", "stiffness of the stop at its reference depth", 1e8, strength=True),
+        _GAP,
+        constant("d_c", "m", "reference depth of the stop"),
+    ),
+    adds=Parts((Storage("x_c", "round_stop", ("k_c", "g_c", "d_c"), "m"),), couplings=(Coupling("x_c", "p", 1.0),)),
+    grid=round_stop_grid,
 )
 
 
@@ -227,6 +246,11 @@ def cubic(setup: Setup, parameters: Placed) -> Setup:
     return bent_spring(setup, "cubic_spring", parameters)
 
 
+def quintic_grid(scales: Scales) -> list[dict[str, float]]:
+    """One point: the law is linear in its strength."""
+    return [{"k_5": 1e-3 * scales.stiffness, "q_0": scales.displacement}]
+
+
 CUBIC_STIFFNESS = Effect(
     name="cubic_stiffness",
     kind=kinds.ELASTIC,
@@ -246,6 +270,18 @@ CUBIC_STIFFNESS = Effect(
     grid=Points({"kappa_3": 1e-3, "q_0": "displacement"}),
     applies=has_spring,
     neighbours=("amplifier_saturation",),
+).or_as(
+    equation=r"F_k = k\,q + k_5\,q\,(q/q_0)^4",
+    statement="The stiffness depends on the amplitude: a force with the fifth power of the displacement acts beside "
+    "the spring, like a stiffness of {k_5} at a displacement of {q_0}.",
+    references=("Kovacic & Brennan 2011, The Duffing Equation (cubic-quintic)",),
+    declares=(
+        positive("k_5", "N/m", "quintic stiffness at its reference displacement", 1e8, strength=True),
+        constant("q_0", "m", "reference displacement of the quintic stiffness"),
+    ),
+    adds=Parts((Storage("x_5", "quintic_spring", ("k_5", "q_0"), "m"),), couplings=(Coupling("x_5", "p", 1.0),)),
+    applies=has_motion,
+    grid=quintic_grid,
 )
 
 
@@ -253,6 +289,17 @@ def drag_grid(scales: Scales) -> list[dict[str, float]]:
     """One point: the law is linear in its strength."""
     force = 1e-4 * scales.stiffness * scales.displacement
     return [{"c_2": force / scales.velocity**2}]
+
+
+def moves_without_drag(setup: Setup) -> bool:
+    """The output is a displacement ``q`` that a momentum ``p`` moves, without a quadratic_drag yet."""
+    return has_motion(setup) and all(r.name != "quadratic_drag" for r in setup.network.resistors)
+
+
+def power_drag_grid(scales: Scales) -> list[dict[str, float]]:
+    """Powers below and above two."""
+    force = 1e-4 * scales.stiffness * scales.displacement
+    return [{"F_2": force, "n_2": n, "v_2": scales.velocity} for n in (1.5, 2.6)]
 
 
 QUADRATIC_DRAG = Effect(
@@ -275,8 +322,20 @@ QUADRATIC_DRAG = Effect(
     ),
     adds=Parts(resistors=(Resistor("quadratic_drag", "quadratic_drag", {"p": 1.0}, ("c_2",)),)),
     grid=drag_grid,
-    applies=has_motion,
+    applies=moves_without_drag,
     neighbours=("slew_limit",),
+).or_as(
+    equation=r"F_d = F_2\,|v/v_2|^{n_2}\,\mathrm{sgn}\,v",
+    statement="A resistance of {F_2} at {v_2} grows with the power {n_2} of the velocity, so that fast motion is "
+    "damped more than slow motion.",
+    references=("Schlichting & Gersten 2017, Boundary-Layer Theory (1.5 laminar, 1.75 to 2 turbulent)",),
+    declares=(
+        positive("F_2", "N", "drag at its reference velocity", 1e8, strength=True),
+        between("n_2", "1", "exponent of the drag", 1.2, 3.0),
+        constant("v_2", "m/s", "reference velocity of the drag"),
+    ),
+    adds=Parts(resistors=(Resistor("quadratic_drag", "power_damper", {"p": 1.0}, ("F_2", "F_2", "n_2", "v_2"), "q"),)),
+    grid=power_drag_grid,
 )
 
 

@@ -21,7 +21,7 @@ class Options:
         error_bound_sigma: bound on the numerical error over the plan, in standard deviations.
         max_effects: how many elements a diagnosis may add.
         evaluations: what a diagnosis may spend, in simulations of all recordings; derivatives by eight variables count
-            as four, and a simulation of more than 400,000 steps as several.
+            as four, a simulation of more than 300,000 steps as several, and one by the slower general kernel as four.
         without: effects of the catalogue that a diagnosis must not use.
         criteria: values of `phnn.criteria.Criteria` that replace the defaults, by name.
         workers: threads of a fit.

@@ -23,6 +23,8 @@ from numpy.typing import NDArray
 from phnn.derivatives import output_derivatives
 from phnn.errors import SolverFailed
 from phnn.identification.plan import Plan
+from phnn.integrate.kernel import kernel_for
+from phnn.integrate.program import compile_network
 from phnn.recordings.driving import unknown_instants
 from phnn.recordings.recording import Recording, dominant_frequency
 from phnn.setup import NOTHING, Own, Setup
@@ -374,6 +376,7 @@ class Problem:
         self.use = use
         self.masks = [r.mask(use) for r in plan.recordings]
         timed = sum(x.size for x in variables.instants.values())
+        self._work = kernel_for(compile_network(template.network)).work
         self._weak = np.append(
             np.zeros(len(variables.names) + len(variables.unknown) * variables.scales.size), np.full(timed, _WEAK)
         )
@@ -389,7 +392,7 @@ class Problem:
                 initial, timed = self.variables.initial(recording, z), self.variables.timed(recording, z)
                 return simulate(setup, timed, self.plan.steps_of(recording), initial=initial)
 
-            self._marched = z.tobytes(), self.plan.each(run, simulations=1.0)
+            self._marched = z.tobytes(), self.plan.each(run, simulations=self._work)
         return self._marched[1]
 
     def residual(self, z: Array) -> Array:
@@ -459,7 +462,7 @@ class Problem:
                 inside /= -recording.noise
                 return inside
 
-            count = max(_FEW, _DERIVATIVE * z.size)
+            count = self._work * max(_FEW, _DERIVATIVE * z.size)
             self._differentiated = z.tobytes(), self.plan.each(one, found, self.masks, simulations=count)
         return self._differentiated[1]
 

@@ -99,17 +99,19 @@ class Kernel(NamedTuple):
         serves: whether it integrates a program.
         march: ``(program, theta, actions, h, states, efforts) -> solved``: fills states and efforts from the initial
             state in ``states[0]`` under the actions (n, P) of the ports; returns the number of solved steps.
+        work: of one step, in steps of the fastest kernel.
     """
 
     name: str
     serves: Callable[[Program], bool]
     march: Callable[[Program, Array, Array, Array, Array, Array], int]
+    work: float = 1.0
 
 
 # The fastest first.
 KERNELS = {
     "single junction": Kernel("single junction", quick.serves, quick.march),
-    "general": Kernel("general", lambda program: True, march_any),
+    "general": Kernel("general", lambda program: True, march_any, 4.0),
 }
 
 

@@ -124,16 +124,48 @@ def stop_mean_effort(a: Any, b: Any, stiffness: Any, gap: Any) -> Any:
 
 
 @shared
-def _mean_depth(raw_a: Any, raw_b: Any) -> Any:
-    """``(P_b² − P_a²)/2/(r_b − r_a)``, ``P = max(r, 0)``: the mean of ``P`` between two values of ``r``."""
+def _depths(raw_a: Any, raw_b: Any) -> tuple[Any, Any, Any]:
+    """Depths ``P = max(r, 0)`` at two values of ``r``, and ``(P_b − P_a)/(r_b − r_a)``."""
     depth_a = maximum(raw_a, 0.0 * raw_a)
     depth_b = maximum(raw_b, 0.0 * raw_b)
     crossing = real(raw_a) * real(raw_b) < 0.0
     span = where(crossing, absolute(raw_b - raw_a), 1.0 + 0.0 * raw_a)
     inside = where(real(raw_a) + real(raw_b) > 0.0, 1.0 + 0.0 * raw_a, 0.0 * raw_a)
     # On a crossing one depth is zero and the other lies on the segment, hence the share depth/span.
-    share = where(crossing, (depth_a + depth_b) / span, inside)
+    return depth_a, depth_b, where(crossing, (depth_a + depth_b) / span, inside)
+
+
+@shared
+def _mean_depth(raw_a: Any, raw_b: Any) -> Any:
+    """``(P_b² − P_a²)/2/(r_b − r_a)``, ``P = max(r, 0)``: the mean of ``P`` between two values of ``r``."""
+    depth_a, depth_b, share = _depths(raw_a, raw_b)
     return 0.5 * (depth_a + depth_b) * share
+
+
+@shared
+def _root(x: Any) -> Any:
+    """``√x`` of ``x ≥ 0``, with the slope zero at 0."""
+    inside = real(x) > 0.0
+    return where(inside, sqrt(where(inside, x, 1.0 + 0.0 * x)), 0.0 * x)
+
+
+def round_stop_energy(x: Any, stiffness: Any, gap: Any, depth: Any) -> Any:
+    """Contact of round surfaces (Hertz), effort ``± k p √(p/p₀)``, ``p = max(±(x − gap), 0)``; its side is that of the
+    gap."""
+    p = maximum(where(real(gap) < 0.0, gap - x, x - gap), 0.0 * x)
+    return 0.4 * stiffness * p * p * _root(p / depth)
+
+
+def round_stop_mean_effort(a: Any, b: Any, stiffness: Any, gap: Any, depth: Any) -> Any:
+    """The fifth powers of the roots ``√(p/p₀)``, factored: ``(w⁵ − u⁵)/(w² − u²)``."""
+    side = where(real(gap) < 0.0, -1.0 + 0.0 * gap, 1.0 + 0.0 * gap)
+    depth_a, depth_b, share = _depths(side * (a - gap), side * (b - gap))
+    u, w = _root(depth_a / depth), _root(depth_b / depth)
+    total = u + w
+    touched = real(total) > 0.0
+    squares, product = u * u + w * w, u * w
+    powers = squares * squares - product * product + product * squares
+    return 0.4 * stiffness * depth * side * share * powers / where(touched, total, 1.0 + 0.0 * total)
 
 
 def stops_energy(x: Any, right: Any, left: Any, gap: Any) -> Any:
@@ -191,6 +223,18 @@ def hardening_spring_energy(x: Any, coefficient: Any) -> Any:
 def hardening_spring_mean_effort(a: Any, b: Any, coefficient: Any) -> Any:
     """``k₃ (b⁴ − a⁴)/(4 (b − a))``, factored."""
     return 0.25 * coefficient * (a + b) * (a * a + b * b)
+
+
+def quintic_spring_energy(x: Any, stiffness: Any, q0: Any) -> Any:
+    """``H = k x² s⁴/6``, ``s = x/q₀``, effort ``k x s⁴``: convex, ``H ≥ 0``."""
+    s2 = (x / q0) * (x / q0)
+    return stiffness * x * x * s2 * s2 / 6.0
+
+
+def quintic_spring_mean_effort(a: Any, b: Any, stiffness: Any, q0: Any) -> Any:
+    """``(b⁶ − a⁶)/(b − a)``, factored."""
+    u2, w2 = (a / q0) * (a / q0), (b / q0) * (b / q0)
+    return stiffness * (a + b) * (u2 * u2 + u2 * w2 + w2 * w2) / 6.0
 
 
 # The stiffness of an exponential spring changes by at most this factor; beyond, it is constant.
@@ -273,6 +317,11 @@ register(
 )  # fmt: skip
 register(StorageLaw("weight", weight_energy, weight_mean_effort, (0.6,), bounded=False, domains=(ANY,)))
 register(StorageLaw("stop", stop_energy, stop_mean_effort, (2.0, 0.3), domains=(NONNEGATIVE, ANY)))
+register(
+    StorageLaw(
+        "round_stop", round_stop_energy, round_stop_mean_effort, (2.0, 0.3, 0.6), domains=(NONNEGATIVE, ANY, POSITIVE)
+    )
+)
 register(StorageLaw("stops", stops_energy, stops_mean_effort, (2.0, 1.4, 0.3), domains=(NONNEGATIVE,) * 3))
 register(
     StorageLaw(
@@ -289,6 +338,11 @@ register(
 register(
     StorageLaw(
         "hardening_spring", hardening_spring_energy, hardening_spring_mean_effort, (0.9,), domains=(NONNEGATIVE,)
+    )
+)
+register(
+    StorageLaw(
+        "quintic_spring", quintic_spring_energy, quintic_spring_mean_effort, (0.9, 0.8), domains=(NONNEGATIVE, POSITIVE)
     )
 )
 register(
