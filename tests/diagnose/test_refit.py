@@ -14,7 +14,7 @@ from phnn.diagnose.number import Visited
 from phnn.diagnose.refit import converged, further, large_starts, short
 from phnn.diagnose.screen import Candidate, Screen
 from phnn.diagnose.search import Search, _special, _tried, begin, explore, material
-from phnn.effects import catalogue, effect, in_all_forms
+from phnn.effects import Effect, catalogue, effect, in_all_forms
 from phnn.identification.fit import Fit
 from phnn.identification.plan import Plan
 from phnn.identification.staged import fit_identified
@@ -44,17 +44,37 @@ def searching(base: Fit, *names: str) -> Search:
     return begin(campaign, base, in_all_forms(effect(n) for n in names), [], CRITERIA)
 
 
-def to_the_end(base: Fit, name: str, *starts: dict[str, float]) -> Fit:
+def to_the_end(base: Fit, added: Effect, *starts: dict[str, float]) -> Fit:
     """An effect beside a base model, carried to its end from the best of some starts."""
-    begun = short(base, base.plan.coarse(), effect(name), starts, CRITERIA.short)
+    begun = short(base, base.plan.coarse(), added, starts, CRITERIA.short)
     assert begun is not None
-    ended = converged(further(begun, CRITERIA.further), base.plan, base.held, effect(name).parameters)
+    ended = converged(further(begun, CRITERIA.further), base.plan, base.held, added.parameters)
     assert ended is not None
     return ended
 
 
 def strong() -> Fit:
     return fitted("rate_dependent_threshold", kappa_v=6.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("contact_stop", {"k_c": 4e5, "g_c": 1e-5, "d_c": 1e-5}),
+        ("cubic_stiffness", {"k_5": 3e5, "q_0": 2e-5}),
+        ("quadratic_drag", {"F_2": 0.5, "n_2": 2.7, "v_2": 5e-3}),
+    ],
+)
+def test_the_form_of_an_effect_that_acts_stands_first(name: str, values: dict[str, float]) -> None:
+    acts = next(f for f in in_all_forms([effect(name)]) if set(f.parameters) == set(values))
+    true = acts.add_to(Setup(hrc(2)), values)
+    made = tuple(
+        campaigns.recorded(true, f"sine {f}", T, 80.0 * np.sin(2.0 * np.pi * f * T), 1e-8, seed=f) for f in (50, 200)
+    )
+    base = fit_identified(Setup(hrc(2)), Plan(made, {r.name: 4 for r in made}), HELD, max_evaluations=15)
+    search = searching(base, name)
+    ended = [to_the_end(base, c.effect, c.values) for c in search.screen(prepare(base))[:6]]
+    assert set(values) <= set(min(ended, key=lambda f: f.cost).setup.values())
 
 
 def test_a_strong_effect_that_the_screen_hardly_sees_is_found_from_large_starts() -> None:
@@ -150,7 +170,7 @@ def test_a_slew_limit_that_only_steps_of_the_command_meet_is_found() -> None:
     base = fit_identified(Setup(hrc(2)), Plan(made, {r.name: 4 for r in made}), HELD, max_evaluations=15)
     grid = effect("slew_limit").grid(prepare(base).scales)
     near = min(grid, key=lambda v: abs(np.log(v["S"] / 1.4e6)))
-    found = to_the_end(base, "slew_limit", near)
+    found = to_the_end(base, effect("slew_limit"), near)
     assert found.chi2 < 1.1 < base.chi2
     assert found.setup.values()["S"] == pytest.approx(1.4e6, rel=0.05)
 
@@ -168,7 +188,7 @@ def test_limits_that_nothing_meets_are_no_starts() -> None:
     assert material(candidate, base, CRITERIA)
     # Points of the grid that change nothing come last, if at all.
     assert candidate.values["S"] < steepest / 100.0
-    found = to_the_end(base, "slew_limit", candidate.values)
+    found = to_the_end(base, effect("slew_limit"), candidate.values)
     assert found.chi2 < 1.2 < base.chi2
 
 

@@ -13,6 +13,7 @@ import yaml
 from campaigns import recorded
 
 from phnn.diagnose.diagnosis import score_on_all
+from phnn.effects import effect
 from phnn.errors import PhnnError
 from phnn.identification import staged
 from phnn.identification.base import identify_base, released, resumed
@@ -25,6 +26,7 @@ from phnn.identification.staged import fit_identified
 from phnn.models.actuator import hrc
 from phnn.recordings import read
 from phnn.recordings.recording import Part, Recording, Start
+from phnn.rescue import accounted
 from phnn.setup import Setup
 from phnn.trajectory import simulate
 
@@ -35,6 +37,18 @@ def test_a_fit_that_rests_too_early_goes_on() -> None:
     early = fit(moved, best.plan, best.variables.names, best.held, max_evaluations=1)
     assert early.cost > 1.5 * best.cost
     assert resumed(early).cost < 1.001 * best.cost
+
+
+def test_a_simulation_by_the_general_kernel_counts_as_four() -> None:
+    best, spent = campaigns.base(), []
+    general = effect("bouc_wen_hysteresis").add_to(best.setup, {"k_B": 1e3, "F_B": 1.0, "n_B": 1.3, "c_B": 0.5})
+    for setup in (best.setup, general):
+        with accounted() as account:
+            Problem(setup, best.plan, variables_of(setup, best.plan, ["k"])).trajectories(
+                variables_of(setup, best.plan, ["k"]).start(setup)
+            )
+        spent.append(account.spent)
+    assert spent[1] == 4.0 * spent[0] > 0.0
 
 
 def test_a_fit_at_its_optimum_is_left_alone() -> None:
