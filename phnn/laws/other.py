@@ -155,3 +155,27 @@ register(
         (0.3, 0.2, -0.1, 0.9), (ANY, ANY, ANY, POSITIVE),
     )
 )  # fmt: skip
+
+
+def over_resistance(u: Any, resistance: Any) -> Any:
+    """Return ``ψ(u) = u/R``: what a source drives through a linear resistor before anything moves."""
+    return u / resistance
+
+
+def over_resistance_slope(u: Any, resistance: Any) -> Any:
+    """Return ``ψ'(u) = 1/R``."""
+    return 1.0 / resistance + 0.0 * u
+
+
+def times_conductance(u: Any, conductance: Any) -> Any:
+    """Return ``ψ(u) = G u``, as `over_resistance` with a conductance."""
+    return conductance * u
+
+
+def times_conductance_slope(u: Any, conductance: Any) -> Any:
+    """Return ``ψ'(u) = G``."""
+    return conductance + 0.0 * u
+
+
+register(PortLaw("over_resistance", over_resistance, over_resistance_slope, (0.7,)))
+register(PortLaw("times_conductance", times_conductance, times_conductance_slope, (0.7,)))
