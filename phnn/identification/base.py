@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from phnn.errors import PhnnError, SolverFailed
+from phnn.errors import InputRefused, PhnnError, SolverFailed
 from phnn.identification.fit import Fit, distinct_optima, fit
 from phnn.identification.options import Options
 from phnn.identification.plan import Plan
@@ -225,6 +225,9 @@ def _coarse_cost(setup: Setup, plan: Plan) -> float:
 
 
 _QUICK, _FULL = 12, 60
+# A network explains recordings badly if it leaves more than this share of their mean square, and the reversed output
+# well if it leaves less than that share of what it left of the recorded one.
+_BADLY, _WELL = 0.5, 0.25
 _FINALISTS = 3
 
 
@@ -240,7 +243,7 @@ def identify_network(setup: Setup, plan: Plan, known: Mapping[str, Anchor], star
         seed: of these factors.
 
     Raises:
-        InputRefused: a known parameter does not belong to the network.
+        InputRefused: a known parameter does not belong to the network, or the output falls where the input rises.
         PhnnError: no starting point can be simulated.
     """
     check_known(known, setup.parameters)
@@ -262,7 +265,33 @@ def identify_network(setup: Setup, plan: Plan, known: Mapping[str, Anchor], star
             break
         finished.append(fit_identified(first.setup, plan, held, _FULL, first))
     best, alternatives = distinct_optima(finished)
+    _right_way_round(best, setup, held)
     return replace(best, alternatives=alternatives)
+
+
+def _right_way_round(fitted: Fit, setup: Setup, held: Mapping[str, str]) -> None:
+    """Refuse recordings that a network explains badly as they are and well with the sign of the output reversed."""
+    recordings = fitted.plan.recordings
+    nothing = sum(float(np.sum(_without_model(r) ** 2)) for r in recordings)
+    if fitted.cost < _BADLY * nothing or any(r.sensor.rectified or r.sensor.is_limited for r in recordings):
+        return
+    turned = replace(fitted.plan, recordings=tuple(replace(r, y=-r.y) for r in recordings))
+    try:
+        reversed_fit = fit_identified(setup, turned, held, _QUICK)
+    except PhnnError:
+        return
+    if reversed_fit.cost < _WELL * fitted.cost:
+        source = max(recordings, key=lambda r: float(np.ptp(r.y))).source
+        raise InputRefused(
+            f"{source}: the output falls where the input rises: reverse a sign (scale: -1 under columns in "
+            f"recordings.yaml, at the input or the output). With the sign reversed the network leaves "
+            f"{reversed_fit.chi2**0.5:.3g} times the noise, as recorded {fitted.chi2**0.5:.3g} times"
+        )
+
+
+def _without_model(recording: Recording) -> Array:
+    """Return the output at the samples of identification, in units of its noise, without its mean."""
+    return without_nuisances(recording.y, recording.mask("identification"), recording) / recording.noise
 
 
 def _cost(fitted: Fit) -> float:
