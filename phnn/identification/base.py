@@ -24,7 +24,7 @@ from phnn.errors import InputRefused, PhnnError, SolverFailed
 from phnn.identification.fit import Fit, distinct_optima, fit
 from phnn.identification.options import Options
 from phnn.identification.plan import Plan
-from phnn.identification.prepare import Prepared, hysteresis_needed, prepare
+from phnn.identification.prepare import Prepared, hysteresis_needed, is_ready, prepare
 from phnn.identification.problem import Problem, Variables, beyond_limit, starts_unknown, without_nuisances
 from phnn.identification.staged import (
     FURTHER_STARTS,
@@ -35,7 +35,7 @@ from phnn.identification.staged import (
     identify_actuator,
     stated_only,
 )
-from phnn.identification.starting_points import mechanical_points
+from phnn.identification.starting_points import mechanical_points, scaled_points
 from phnn.identification.zero import is_shared, with_own_zeros, with_shared_zero
 from phnn.models.bouc_wen import bouc_wen
 from phnn.recordings.recording import Anchor, Campaign, Recording
@@ -231,7 +231,9 @@ _BADLY, _WELL = 0.5, 0.25
 _FINALISTS = 3
 
 
-def identify_network(setup: Setup, plan: Plan, known: Mapping[str, Anchor], starts: int, seed: int) -> Fit:
+def identify_network(
+    setup: Setup, plan: Plan, known: Mapping[str, Anchor], starts: int, seed: int, from_recordings: bool = False
+) -> Fit:
     """Fit a network to the identification samples of a plan.
 
     Args:
@@ -241,6 +243,7 @@ def identify_network(setup: Setup, plan: Plan, known: Mapping[str, Anchor], star
         starts: number of starting points; all but the first have every positive parameter multiplied by a factor around
             one, ``exp N(0, 1)``, and every other moved by its typical size.
         seed: of these factors.
+        from_recordings: the starting values say nothing, and the recordings give them (`scaled_points`).
 
     Raises:
         InputRefused: a known parameter does not belong to the network, or the output falls where the input rises.
@@ -250,7 +253,11 @@ def identify_network(setup: Setup, plan: Plan, known: Mapping[str, Anchor], star
     setup = setup.with_values({n: a.value for n, a in known.items()})
     held = held_at(known)
     tried: list[Fit] = []
-    for start in _starts(setup, held, starts, seed):
+    points = _starts(setup, held, starts, seed)
+    if from_recordings:
+        points = scaled_points(setup, plan, {n: a.value for n, a in known.items()}) or points
+        setup = points[0]
+    for start in points:
         if tried and late(FURTHER_STARTS):
             break
         try:
@@ -349,7 +356,8 @@ def _begun(prepared: Prepared, campaign: Campaign, options: Options, progress: P
     plan, model, hysterons = prepared.plan, prepared.model, prepared.hysterons
     if prepared.described is not None:
         progress(f"identify the network of {prepared.described.name}")
-        return identify_network(prepared.described, plan, campaign.known, options.starts, options.seed)
+        scaled = is_ready(campaign)
+        return identify_network(prepared.described, plan, campaign.known, options.starts, options.seed, scaled)
     if model == "bouc_wen":
         return identify_bouc_wen(plan, campaign, options, progress)
     begun: Fit | None = None

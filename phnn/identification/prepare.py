@@ -50,10 +50,11 @@ from phnn.identification.zero import is_shared, with_unknown_gain
 from phnn.integrate.program import compile_network
 from phnn.models.actuator import hrc
 from phnn.models.bouc_wen import bouc_wen
-from phnn.models.network_file import load_network
+from phnn.models.network_file import load_network, ready
 from phnn.recordings.excitation import excitation_of
+from phnn.recordings.manifest import READY
 from phnn.recordings.partition import candidate_of, divide
-from phnn.recordings.recording import Anchor, Campaign, Recording
+from phnn.recordings.recording import Anchor, Campaign, Recording, is_actuator
 from phnn.results import printable
 from phnn.setup import NOTHING, Own, Setup
 from phnn.trajectory import check_names
@@ -320,7 +321,7 @@ def prepare(campaign: Campaign, workers: int = 1) -> Prepared:
     """
     plan = identification_plan(campaign, workers)
     is_shared(campaign.recordings)
-    if "network" in campaign.setup:
+    if "network" in campaign.setup or is_ready(campaign):
         return Prepared(plan, "network", 0, _described(campaign))
     gain_known(campaign.recordings)
     single(campaign.recordings, "this model has one input and one output")
@@ -336,9 +337,14 @@ def prepare(campaign: Campaign, workers: int = 1) -> Prepared:
     return Prepared(plan, model, hysterons)
 
 
+def is_ready(campaign: Campaign) -> bool:
+    """Whether the manifest names a ready model, whose values mean nothing yet."""
+    return campaign.setup.get("model") in READY and not is_actuator(campaign.setup) and "network" not in campaign.setup
+
+
 def _described(campaign: Campaign) -> Setup:
     """The network of the manifest, a file or a setup, with its anchors."""
-    given = campaign.setup["network"]
+    given = campaign.setup.get("network") or Setup(ready(campaign.setup["model"]), name=campaign.setup["model"])
     path = Path(given.name if isinstance(given, Setup) else str(given))
     setup = given if isinstance(given, Setup) else Setup(load_network(path), name=printable(path.stem))
     check_names(setup.network, campaign.recordings)

@@ -157,25 +157,36 @@ register(
 )  # fmt: skip
 
 
-def over_resistance(u: Any, resistance: Any) -> Any:
+def through_resistance(u: Any, resistance: Any) -> Any:
     """Return ``ψ(u) = u/R``: what a source drives through a linear resistor before anything moves."""
     return u / resistance
 
 
-def over_resistance_slope(u: Any, resistance: Any) -> Any:
+def through_resistance_slope(u: Any, resistance: Any) -> Any:
     """Return ``ψ'(u) = 1/R``."""
     return 1.0 / resistance + 0.0 * u
 
 
-def times_conductance(u: Any, conductance: Any) -> Any:
-    """Return ``ψ(u) = G u``, as `over_resistance` with a conductance."""
+def through_conductance(u: Any, conductance: Any) -> Any:
+    """Return ``ψ(u) = G u``, as `through_resistance` with a conductance."""
     return conductance * u
 
 
-def times_conductance_slope(u: Any, conductance: Any) -> Any:
+def through_conductance_slope(u: Any, conductance: Any) -> Any:
     """Return ``ψ'(u) = G``."""
     return conductance + 0.0 * u
 
 
-register(PortLaw("over_resistance", over_resistance, over_resistance_slope, (0.7,)))
-register(PortLaw("times_conductance", times_conductance, times_conductance_slope, (0.7,)))
+def through_maxwell(u: Any, stiffness: Any, tau: Any) -> Any:
+    """Return ``ψ(u) = u/(k τ)``, as the resistor law of the same name."""
+    return u / (stiffness * tau)
+
+
+def through_maxwell_slope(u: Any, stiffness: Any, tau: Any) -> Any:
+    """Return ``ψ'(u) = 1/(k τ)``."""
+    return 1.0 / (stiffness * tau) + 0.0 * u
+
+
+register(PortLaw("resistance", through_resistance, through_resistance_slope, (0.7,)))
+register(PortLaw("conductance", through_conductance, through_conductance_slope, (0.7,)))
+register(PortLaw("maxwell", through_maxwell, through_maxwell_slope, (0.7, 0.4)))

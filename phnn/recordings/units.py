@@ -203,6 +203,16 @@ def same_kind(one: str, other: str) -> bool:
     return _base(registry, registry.Unit(first.si)) == _base(registry, registry.Unit(second.si))
 
 
+def powers(text: str) -> dict[str, float]:
+    """Return the powers of the SI base units in a unit, without angles; none of a text that is no unit."""
+    found = find_unit(text)
+    if found is None or found.si == "1":
+        return {}
+    registry = _registry()
+    base = _base(registry, registry.Unit(found.si))._units
+    return {str(name): float(power) for name, power in base.items() if name != "radian"}
+
+
 def accepted(quantity: str) -> str:
     """Examples of the units that a quantity may have, for messages."""
     si = QUANTITIES[quantity]

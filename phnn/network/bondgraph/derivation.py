@@ -49,16 +49,11 @@ from phnn.parameters import Parameter, constant
 
 @dataclass(frozen=True)
 class Branch:
-    """A resistor in the network: what its law takes, by co-energies and at most one source, and whether its declared
-    direction was turned."""
+    """A resistor in the network: what its law takes, by co-energies and sources, and whether its declared direction was
+    turned."""
 
     takes: Form
     inverted: bool
-
-    @property
-    def driven_by(self) -> str | None:
-        """Name of the source that drives the resistor beside the storages."""
-        return next(iter(_names(self.takes, "input")), None)
 
 
 def stores_of(graph: BondGraph) -> list[C | I]:
@@ -141,13 +136,13 @@ def branch(graph: BondGraph, solution: Solution, resistor: R) -> Branch:
     if fellows:
         _refuse_loop([name, *fellows])
     driving = _names(form, "input")
-    if driving and not is_invertible(resistor):
+    if driving and not (is_invertible(resistor) or resistor.law == _INVERSE):
         raise StructureViolated(
             f"the source {', '.join(driving)} drives the resistor {name} directly, whose law is not linear, so that the "
             "input would not enter affinely: make the resistor linear, put a storage between them (a small capacitance "
             "or inertia), or use the other kind of source"
         )
-    if len(driving) > 1 or len(driving) == len(form):
+    if driving and len(driving) == len(form):
         raise StructureViolated(
             f"the source {', '.join(driving)} alone fixes what the resistor {name} takes, so that nothing recorded "
             "depends on it: leave the resistor out, or put a storage between"
@@ -394,7 +389,7 @@ def _port(
     """
     where, name = f"at the source {element.name}", source(element.name)
     on = {n: _positive(field.expression(c), where) for n in names if (c := rates[n].get(name))}
-    behind = [r for r in resistors_of(graph) if branches[r.name].driven_by == element.name]
+    behind = [r for r in resistors_of(graph) if name in branches[r.name].takes]
     if not behind:
         return Port(element.name, on, element.law, element.parameters, element.unit)
     if len(behind) > 1 or on or element.law != "linear":
@@ -404,10 +399,10 @@ def _port(
             "has one law: give each way a source of its own, and let `ports` in recordings.yaml read the same column"
         )
     (resistor,) = behind
-    takes, turned = branches[resistor.name].takes, branches[resistor.name].inverted
+    takes = branches[resistor.name].takes
     acts = {n: -takes[name] * c for n in names if (c := takes.get(coenergy(n)))}
     ratios = {n: _positive(field.expression(c), where) for n, c in acts.items()}
-    law = "over_resistance" if turned else "times_conductance"
+    law = resistor.law if resistor.law == _INVERSE else "resistance" if branches[resistor.name].inverted else "conductance"
     return Port(element.name, ratios, law, resistor.parameters, element.unit)
 
 
