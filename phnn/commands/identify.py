@@ -13,7 +13,6 @@ from phnn.commands.terminal import Config, doubt, status
 from phnn.diagnose.diagnosis import score_on_all
 from phnn.identification.base import identify_base
 from phnn.identification.evaluate import Evaluation
-from phnn.identification.fit import Fit
 from phnn.identification.identified import save_fit
 from phnn.identification.options import Options
 from phnn.integrate.cache import compile_ahead

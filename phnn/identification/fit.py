@@ -36,8 +36,9 @@ _UNIDENTIFIED = 1.5
 UNIDENTIFIED = "these recordings do not identify it"
 # Units of masses and moments of inertia.
 _INERTIAS = ("kg", "kg m2", "kg m²")
-# A parameter follows a held one where its coordinate moves by more than this share of the held one's.
-_FOLLOWS = 0.05
+# A parameter follows a held one where its coordinate moves by more than this share of the held one's; the followers
+# make up for a change where they leave less than this share of it in the output.
+_FOLLOWS, _MADE_UP = 0.05, 1e-3
 # Optima that cost at most this much more are worth keeping, where they are this far apart, and at most so many.
 NEARLY, _APART, _MOST = 1.3, 0.2, 2
 
@@ -145,15 +146,13 @@ class Fit:
         p = self.setup.parameters
         columns = residual_by_anchors(problem, self.z, tuple(weak)) * [p[n].slope(p[n].value) for n in weak]
         moves = estimates_by_anchors(bread(self.jacobian), self.jacobian, columns)
-        left = np.linalg.norm(columns + self.jacobian @ moves, axis=0)
+        alone, left = (np.linalg.norm(c, axis=0) for c in (columns, columns + self.jacobian @ moves))
         found = []
-        for name, move, size in zip(weak, moves.T, left, strict=True):
-            reach = max(1.0 / max(float(size), 1e-100), _UNIDENTIFIED)
-            with_it = {
-                n: float(m) for n, m in zip(self.variables.names, move, strict=False)
-                if abs(m) > _FOLLOWS and abs(m) * reach > _UNIDENTIFIED
-            }  # fmt: skip
-            found += [{name: 1.0, **with_it}] if with_it else []
+        for name, move, size, rest in zip(weak, moves.T, alone, left, strict=True):
+            with_it = {n: float(m) for n, m in zip(self.variables.names, move, strict=False) if abs(m) > _FOLLOWS}
+            # The output depends on it well enough, and the others make up for all of that.
+            if with_it and size > 1.0 / _UNIDENTIFIED and rest < _MADE_UP * size:
+                found.append({name: 1.0, **with_it})
         return tuple(found)
 
     def open_statement(self) -> str:

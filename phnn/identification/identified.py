@@ -71,9 +71,9 @@ def identify(
         value, standard_error = fit.parameters["k"]          # [N/m]
 
     Args:
-        model: a network, or one with amplifier and sensor, or the name of a ready model such as ``"motor"``. Of the actuator `phnn.models.hrc` only the number of
-            hysterons counts: it needs no starting values. Any other model starts from its own values. None: the model
-            that the manifest names.
+        model: a network, or one with amplifier and sensor, or the name of a ready model such as ``"motor"``. Of the
+            actuator `phnn.models.hrc` only the number of hysterons counts: it needs no starting values, nor does a
+            ready model by its name. Any other model starts from its own values. None: what the manifest names.
         campaign: recordings, or their folder; see `phnn.read`.
         options: how hard to try.
         progress: called with a line of text at every stage.

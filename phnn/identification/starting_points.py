@@ -161,7 +161,8 @@ def scaled_points(setup: Setup, plan: Plan, anchored: Mapping[str, float]) -> li
     step = min(r.dt for r in plan.recordings)
     first = plan.recordings[0].units
     drive = drive_amplitude(plan.recordings)
-    sizes = {first.output: max(float(np.ptp(r.y)) for r in plan.recordings) / 2.0} | ({first.input: drive} if drive else {})
+    sizes = {first.output: 0.5 * max(float(np.ptp(r.y)) for r in plan.recordings)}
+    sizes |= {first.input: drive} if drive else {}
     found = []
     for time in np.geomspace(_SHORTEST * step, _LONGEST * span, max(int(np.log(span / step) / _STRIDE), 4)):
         point = _in_units(setup, sizes, float(time), anchored)
@@ -176,11 +177,11 @@ def scaled_points(setup: Setup, plan: Plan, anchored: Mapping[str, float]) -> li
 
 def _in_units(setup: Setup, sizes: Mapping[str, float], time: float, anchored: Mapping[str, float]) -> Setup:
     """Return the setup in units in which quantities have given sizes, and ``time`` [s] is one."""
-    bases = sorted({b for unit in sizes for b in powers(unit)} | {"kilogram", "meter", "ampere", "kelvin"} - {"second"})
-    bases = [b for b in bases if b != "second"]
+    bases = sorted({b for unit in sizes for b in powers(unit)} - {"second"})
     rows = np.array([[powers(unit).get(b, 0.0) for b in bases] for unit in sizes])
     wanted = [np.log(size) - powers(unit).get("second", 0.0) * np.log(time) for unit, size in sizes.items()]
-    logs = dict(zip(bases, np.linalg.lstsq(rows, np.array(wanted), rcond=None)[0], strict=True)) | {"second": np.log(time)}
+    solved = np.linalg.lstsq(rows, np.array(wanted), rcond=None)[0]
+    logs = dict(zip(bases, solved.tolist(), strict=True)) | {"second": float(np.log(time))}
     table = {}
     for name, p in setup.network.parameters.items():
         factor = float(np.exp(sum(power * logs.get(base, 0.0) for base, power in powers(p.unit).items())))
@@ -192,7 +193,7 @@ def _in_units(setup: Setup, sizes: Mapping[str, float], time: float, anchored: M
 
 
 def _with_best_gain(setup: Setup, plan: Plan) -> tuple[float, float]:
-    """Return the factor on a setup's output that fits recordings best, and the weighted sum of squares that it leaves."""
+    """Return the factor on a setup's output that fits recordings best, and the weighted squares that it leaves."""
     size, along, whole = 0.0, 0.0, 0.0
     for recording in plan.recordings:
         mask = recording.mask("identification")

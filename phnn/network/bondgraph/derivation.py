@@ -138,9 +138,9 @@ def branch(graph: BondGraph, solution: Solution, resistor: R) -> Branch:
     driving = _names(form, "input")
     if driving and not (is_invertible(resistor) or resistor.law == _INVERSE):
         raise StructureViolated(
-            f"the source {', '.join(driving)} drives the resistor {name} directly, whose law is not linear, so that the "
-            "input would not enter affinely: make the resistor linear, put a storage between them (a small capacitance "
-            "or inertia), or use the other kind of source"
+            f"the source {', '.join(driving)} drives the resistor {name} directly, whose law is not linear, so that "
+            "the input would not enter affinely: make the resistor linear, put a storage between them (a small "
+            "capacitance or inertia), or use the other kind of source"
         )
     if driving and len(driving) == len(form):
         raise StructureViolated(
@@ -395,14 +395,15 @@ def _port(
     if len(behind) > 1 or on or element.law != "linear":
         paths = [*(r.name for r in behind), *on]
         raise StructureViolated(
-            f"the source {element.name} acts in several ways ({', '.join(paths)}) or by the law {element.law}, and a port "
-            "has one law: give each way a source of its own, and let `ports` in recordings.yaml read the same column"
+            f"the source {element.name} acts in several ways ({', '.join(paths)}) or by the law {element.law}, and a "
+            "port has one law: give each way a source of its own, and let `ports` in recordings.yaml read the column"
         )
     (resistor,) = behind
     takes = branches[resistor.name].takes
     acts = {n: -takes[name] * c for n in names if (c := takes.get(coenergy(n)))}
     ratios = {n: _positive(field.expression(c), where) for n, c in acts.items()}
-    law = resistor.law if resistor.law == _INVERSE else "resistance" if branches[resistor.name].inverted else "conductance"
+    law = "resistance" if branches[resistor.name].inverted else "conductance"
+    law = _INVERSE if resistor.law == _INVERSE else law
     return Port(element.name, ratios, law, resistor.parameters, element.unit)
 
 

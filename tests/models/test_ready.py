@@ -1,0 +1,128 @@
+"""Ready models: each is identified, predicted and exported from simulated recordings, and in full diagnosed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import phnn
+from phnn.errors import InputRefused
+from phnn.models.network_file import ready
+from phnn.recordings import describe
+from phnn.recordings.manifest import READY
+from phnn.recordings.recording import Part, Recording, Start, Units
+from phnn.setup import Setup
+from phnn.trajectory import simulate
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Lab:
+    """What a laboratory has of a plant: values, units and sampling, and the numbers that recordings identify."""
+
+    values: dict[str, float]
+    units: tuple[str, str]
+    dt: float
+    drive: float
+    noise: float
+    known: dict[str, float] = field(default_factory=dict)
+    combined: dict[str, str] = field(default_factory=dict)
+    further: dict[str, str] = field(default_factory=dict)
+    input: str = "zero_order"
+
+
+LABS = {
+    "first_order": Lab({"K": 0.14, "T": 3.0}, ("1", "1"), 0.1, 5.0, 1e-3),
+    "mass_damper": Lab({"m": 95.0, "b": 200.0}, ("N", "m"), 0.01, 80.0, 1e-5),
+    "mass_spring_damper": Lab({"m": 0.4, "b": 3.0, "k": 900.0}, ("N", "m"), 2e-3, 5.0, 1e-5),
+    "two_masses": Lab(
+        {"m_1": 0.5, "m_2": 0.2, "k_1": 600.0, "k_12": 400.0, "b_1": 2.0, "b_12": 0.5}, ("N", "m"), 4e-3, 5.0, 1e-5
+    ),
+    "motor": Lab({"K": 0.05, "R": 2.0, "J": 2e-4, "b": 1e-4}, ("V", "rad"), 5e-3, 6.0, 1e-3, {"R": 2.0, "J": 2e-4}),
+    "voice_coil": Lab(
+        {"Bl": 5.0, "R_e": 4.0, "m": 0.012, "b": 1.2, "k": 2000.0}, ("V", "m"), 5e-4, 2.0, 1e-6,
+        {"R_e": 4.0, "m": 0.012},
+    ),
+    "heated_body": Lab({"C": 17.0, "R": 2.6}, ("W", "K"), 0.5, 12.0, 0.02),
+    "room": Lab(
+        {"C": 4e5, "kappa": 6.0, "R_i": 2e-3, "R_o": 1.2e-2}, ("W", "K"), 300.0, 1500.0, 0.02, {},
+        {}, {"outdoor": "K"},
+    ),
+    "rc": Lab({"RC": 4.7e-3}, ("V", "V"), 1e-3, 5.0, 2e-3),
+    "battery": Lab({"C_b": 24e3, "R_0": 8e-3, "C_1": 600.0, "R_1": 5e-3}, ("A", "V"), 0.5, 20.0, 3e-4),
+    "tank": Lab({"A": 0.015, "g": 0.02}, ("m3/s", "m"), 1.0, 1e-4, 5e-4),
+    "friction_rig": Lab({"k": 8e3, "b": 300.0, "F_c": 60.0, "v_s": 5e-3}, ("m", "N"), 2e-3, 5e-3, 0.3, input="cubic"),
+    "piezo_actuator": Lab({}, ("V", "m"), 1e-4, 40.0, 2e-8, {"m": 1.0148e-3}, input="cubic"),
+}  # fmt: skip
+SAMPLES = 1500
+
+
+def drives(name: str, lab: Lab, seed: int) -> Array:
+    """Steps that are held for some samples, or sines that lie still at first, around zero or above it."""
+    rng, t = np.random.default_rng(seed), np.arange(SAMPLES)
+    if lab.input == "cubic":
+        return lab.drive * sum(
+            a * np.sin(2 * np.pi * f * (t - 50) / SAMPLES) for a, f in ((0.5, 6.0 + seed), (0.3, 17.0), (0.1, 90.0))
+        ) * np.clip((t - 50) / 200, 0.0, 1.0)  # fmt: skip
+    held = np.repeat(rng.choice([-1.0, -0.4, 0.0, 0.5, 1.0], SAMPLES // 60 + 1), 60)[:SAMPLES]
+    held[:60] = 0.0
+    return lab.drive * (np.abs(held) if name in ("tank", "heated_body", "room") else held)
+
+
+def folder_of(name: str, folder: Path) -> Path:
+    """Two recordings of a simulated plant and their manifest."""
+    lab = LABS[name]
+    network = ready(name, lab.values)
+    t = lab.dt * np.arange(SAMPLES)
+    for seed, file in ((1, "a"), (2, "b")):
+        u = drives(name, lab, seed)
+        further = {p: 5.0 * np.cos(2 * np.pi * t / t[-1]) - 5.0 for p in lab.further}
+        run = Recording(
+            file, t, u, np.zeros(SAMPLES), Start("rest", 0.0), lab.input, (Part(file, 0, SAMPLES, "identification"),),
+            1.0, "", np.ones(1), None, {}, file, Units(*lab.units), further=further,
+        )  # fmt: skip
+        y = simulate(Setup(network), run, 8).y + lab.noise * np.random.default_rng(seed + 10).standard_normal(SAMPLES)
+        columns = np.column_stack([t, u, *further.values(), y])
+        np.savetxt(
+            folder / f"{file}.csv",
+            columns,
+            delimiter=",",
+            header="time_s,u,w,y" if further else "time_s,u,y",
+            comments="",
+        )
+    ports = "".join(f"ports: {{{p}: {{column: w, unit: {unit}}}}}\n" for p, unit in lab.further.items())
+    keys = ("voltage", "displacement") if name == "piezo_actuator" else ("input", "output")
+    known = f"known: {{{', '.join(f'{n}: {v}' for n, v in lab.known.items())}}}\n" if lab.known else ""
+    (folder / "recordings.yaml").write_text(
+        f"setup: {{model: {name}}}\n{known}{ports}input: {lab.input}\nvoltage: terminals\n"
+        f"start: {{state: rest, input_before: 0.0}}\n"
+        f"columns: {{{keys[0]}: {{column: u, unit: {lab.units[0]}}}, {keys[1]}: {{column: y, unit: {lab.units[1]}}}}}\n"
+        "recordings: [{file: a.csv, use: identification}, {file: b.csv, use: confirmation}]\n"
+    )
+    return folder
+
+
+def test_every_name_has_a_laboratory() -> None:
+    assert set(LABS) == set(READY)
+    with pytest.raises(InputRefused, match="motor"):
+        ready("moter")
+    with pytest.raises(InputRefused, match="motor"):
+        phnn.identify("moter", ".")
+
+
+@pytest.mark.parametrize("name", LABS)
+def test_a_ready_model_goes_all_the_way(name: str, tmp_path: Path) -> None:
+    lab, folder = LABS[name], folder_of(name, tmp_path)
+    campaign = phnn.read(folder)
+    assert name in describe(campaign)
+    found = phnn.identify(None, campaign)
+    assert found.fit.chi2 < 1.3, found.fit.chi2
+    for parameter, value in lab.values.items():
+        estimate, std = found.parameters[parameter]
+        if std is not None and np.isfinite(std):
+            assert abs(estimate - value) < max(6.0 * std, 0.02 * value), (parameter, estimate, std)
