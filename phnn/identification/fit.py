@@ -39,6 +39,8 @@ _INERTIAS = ("kg", "kg m2", "kg m²")
 # A parameter follows a held one where its coordinate moves by more than this share of the held one's; the followers
 # make up for a change where they leave less than this share of it in the output.
 _FOLLOWS, _MADE_UP = 0.05, 1e-3
+# A combination of parameters, each scaled to a unit norm of its column, that changes the output by less than this.
+_NULL = 1e-6
 # Optima that cost at most this much more are worth keeping, where they are this far apart, and at most so many.
 NEARLY, _APART, _MOST = 1.3, 0.2, 2
 
@@ -366,8 +368,19 @@ def unidentified(jacobian: Array, names: Sequence[str]) -> list[str]:
     """Names that the recordings cannot identify, worst first, from the sensitivities alone.
 
     A parameter is dropped while some direction of the scaled Jacobian leaves a coordinate uncertain by more than
-    a factor ``e^1.5``; what is dropped is the largest entry of the weakest direction.
+    a factor ``e^1.5``; what is dropped is the largest entry of the weakest direction. So is one for which the others
+    make up exactly, together with the initial states in the further columns: a free decay does not tell the mass.
     """
+    further, sizes = jacobian[:, len(names) :], np.linalg.norm(jacobian[:, : len(names)], axis=0)
+    jacobian = jacobian[:, : len(names)]
+    if names and further.any() and sizes.all():
+        basis = np.linalg.qr(further / np.maximum(np.linalg.norm(further, axis=0), 1e-300))[0]
+        alone = (jacobian - basis @ (basis.T @ jacobian)) / sizes
+        _, singular, rows = np.linalg.svd(alone, full_matrices=False)
+        if singular[-1] < _NULL:
+            worst = int(np.argmax(np.abs(rows[-1])))
+            fewer = np.delete(np.hstack([jacobian, further]), worst, axis=1)
+            return [names[worst], *unidentified(fewer, [n for n in names if n != names[worst]])]
     left = list(range(len(names)))
     dropped: list[str] = []
     square = np.asarray(np.linalg.qr(jacobian, mode="r"))

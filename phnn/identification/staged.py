@@ -275,7 +275,7 @@ def fit_identified(
     reasons = dict(held)
     problem = Problem(setup, plan, variables_from(setup, plan, free, origin))
     start = problem.variables.start(setup)
-    jacobian = problem.jacobian(start)[:, : len(free)]
+    jacobian = problem.jacobian(start)
     for name in unidentified(jacobian, free):
         if name not in keep or not jacobian[:, free.index(name)].any():
             reasons[name] = _reason(setup, name)
@@ -283,7 +283,7 @@ def fit_identified(
     if names != free:
         problem = Problem(setup, plan, variables_from(setup, plan, names, origin))
     found = fit_problem(problem, reasons, max_evaluations, tolerance)
-    weak = [n for n in unidentified(found.jacobian[:, : len(names)], names) if n not in keep]
+    weak = [n for n in unidentified(found.jacobian, names) if n not in keep]
     if not weak:
         return found
     reasons |= {n: _reason(found.setup, n) for n in weak}

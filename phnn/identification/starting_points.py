@@ -172,7 +172,9 @@ def scaled_points(setup: Setup, plan: Plan, anchored: Mapping[str, float]) -> li
             found.append((left, moved))
         except PhnnError:
             continue
-    return [point for _, point in sorted(found, key=lambda pair: pair[0])[:_POINTS]]
+    # Where nothing drives, a simulation from rest shows nothing: every time is as good a start as any.
+    found = sorted(found, key=lambda pair: pair[0])[: _POINTS if drive else None]
+    return [point for _, point in found]
 
 
 def _in_units(setup: Setup, sizes: Mapping[str, float], time: float, anchored: Mapping[str, float]) -> Setup:

@@ -122,9 +122,10 @@ def _is_clipped(u: np.ndarray, y: np.ndarray, run: tuple[int, int], step: float)
     arrival, departure = abs(y[first] - y[first - near]), abs(y[last + near - 1] - y[last - 1])
     if arrival < 0.4 * departure:
         return False
-    # Of the way beside the run, a truncated peak makes a fifth or more in the quarter next to it.
-    came, left = abs(y[first] - y[first - side]), abs(y[last + side - 1] - y[last - 1])
-    if left < 0.4 * came and arrival < 0.16 * came:
+    # Of the way beside the run, a truncated peak makes more than two fifths in the half next to it, a motion that slows
+    # down to its rest and begins from it a quarter, or a third where steps of the sensor are coarse.
+    ways = [(abs(y[first] - y[first - n]), abs(y[last + n - 1] - y[last - 1])) for n in (side // 2, side)]
+    if all(half < 0.38 * whole for half, whole in zip(*ways, strict=True)):
         return False
     k = np.r_[first - side : first, last : last + side]
     middle = 0.5 * (first + last - 1)
