@@ -11,24 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
+from phnn.configuration import config_folder
 from phnn.errors import InputRefused
-from phnn.models.actuator import hrc
-from phnn.network.elements import Coupling, Modulation, ModulatorState, Network, Port, Resistor, Storage, interconnect
-from phnn.parameters import Parameter, as_table, constant, positive
-
-# The heat capacity is that of the 1.11 g that the paper's bender weighs, at 350 J/(kg K), a usual figure for PZT
-# ceramics. Ambient conductance is some 10 W/(m² K), natural convection and radiation, over its two faces of 32 mm by
-# 8 mm. The temperature coefficients are placeholders: of soft PZT, coupling and losses grow and coercivity falls by the
-# order of a permille to a percent per kelvin. None of these has been identified.
-ORDERS = {
-    "C_T": 0.39,
-    "R_T": 200.0,
-    "T_a": 293.15,
-    "T_ref": 293.15,
-    "kappa_alpha": 1e-3,
-    "kappa_rho": 1e-2,
-    "kappa_d": -2e-3,
-}
+from phnn.models.network_file import load_graph
+from phnn.network.elements import Coupling, Network, Port, Resistor, Storage, interconnect
+from phnn.parameters import as_table, constant, positive
 
 
 def thermal_hrc(hysterons: int = 2, values: dict[str, float] | None = None) -> Network:
@@ -39,45 +26,30 @@ def thermal_hrc(hysterons: int = 2, values: dict[str, float] | None = None) -> N
         α(T) = α (1 + κ_α ϑ),   ϱ_i⁻¹(T) = ϱ_i⁻¹ max(0, 1 + κ_ϱ ϑ),   d_i(T) = d_i max(0, 1 + κ_d ϑ),   ϑ = T − T_ref
 
     The last state is ``ϑ``, at rest ``T_a − T_ref``. ``k`` is purely mechanical: with the capacitor ``C`` of Fig. 5 in
-    it, it would follow ``α²``. An actuator of constant energies: neither thermal expansion nor pyroelectricity.
+    it, it would follow ``α²``. An actuator of constant energies: neither thermal expansion nor pyroelectricity. Values
+    that are left out stand in ``configs/network/thermal_hrc.yaml``: Table 1's, and orders of magnitude of the heat,
+    none of which has been identified.
 
     Args:
-        hysterons: ``n ≥ 0``.
-        values: parameter values in SI; those left out are Table 1's and `ORDERS`.
+        hysterons: ``n``, 0 to 2.
+        values: parameter values in SI.
 
     Raises:
-        InputRefused: a negative count, or a value for a parameter that does not exist.
+        InputRefused: another number, or a value for a parameter that does not exist.
     """
-    base = hrc(hysterons)
-    parameters = [*base.parameters.values(), *_thermal_parameters()]
-    return replace(
-        base,
-        resistors=tuple(_tempered(r) if r.law == "dead_zone" else r for r in base.resistors),
-        modulations=(Modulation("alpha", "theta", "affine", ("kappa_alpha", "T_s")),),
-        memories=(ModulatorState("theta", "thermal", ("C_T", "R_T", "T_a", "T_ref"), unit="K"),),
-        parameters=as_table(parameters),
-    ).with_values(values or {})
-
-
-def _tempered(hysteron: Resistor) -> Resistor:
-    names = (*hysteron.parameters, "kappa_rho", "kappa_d")
-    return replace(hysteron, law="thermal_dead_zone", parameters=names, modulated_by="theta")
-
-
-def _thermal_parameters() -> tuple[Parameter, ...]:
-    about = {
-        "kappa_alpha": "temperature coefficient of the transducer ratio",
-        "kappa_rho": "temperature coefficient of the hysterons' conductance",
-        "kappa_d": "temperature coefficient of the hysterons' dead zones",
-    }
-    return (
-        positive("C_T", ORDERS["C_T"], "J/K", "heat capacity"),
-        positive("R_T", ORDERS["R_T"], "K/W", "thermal resistance to the ambient"),
-        constant("T_a", ORDERS["T_a"], "K", "temperature of the ambient"),
-        constant("T_ref", ORDERS["T_ref"], "K", "temperature at which the other parameters hold"),
-        constant("T_s", 1.0, "K", "unit of temperature coefficients"),
-        *(Parameter(n, ORDERS[n], "1/K", typical=1e-3, description=text) for n, text in about.items()),
-    )
+    if not 0 <= hysterons <= 2:
+        raise InputRefused(f"hysterons = {hysterons}: give 0, 1 or 2")
+    graph = load_graph(config_folder() / "network" / "thermal_hrc.yaml")
+    gone = tuple(f"_{i}" for i in range(hysterons + 1, 3))
+    shared = () if hysterons else ("kappa_rho", "kappa_d")
+    network = replace(
+        graph,
+        junctions={n: kind for n, kind in graph.junctions.items() if not n.endswith(gone)},
+        elements=tuple(e for e in graph.elements if not e.name.endswith(gone)),
+        bonds=tuple(b for b in graph.bonds if not b.end.endswith(gone)),
+        parameters={n: p for n, p in graph.parameters.items() if not n.endswith((*gone, *shared))},
+    ).network()
+    return network.with_values(values or {})
 
 
 Array = NDArray[np.float64]

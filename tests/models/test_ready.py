@@ -113,7 +113,7 @@ def test_every_name_has_a_laboratory(tmp_path: Path) -> None:
     assert set(LABS) == set(READY)
     folder = folder_of("tank", tmp_path)
     for refused in (lambda: ready("moter"), lambda: phnn.identify("moter", folder)):
-        with pytest.raises(InputRefused, match="mass_damper.*motor"):
+        with pytest.raises(InputRefused, match=r"mass_damper.*motor"):
             refused()
 
 
@@ -154,7 +154,8 @@ def assert_like_the_model(program: Path, model: phnn.Model, name: str) -> None:
 def test_a_free_decay_tells_ratios_alone_and_a_reversed_sign_is_told(tmp_path: Path) -> None:
     t = 0.004 * np.arange(1500)
     y = 6e-3 * np.exp(-0.4 * t) * np.cos(19.0 * t) + 4e-6 * np.random.default_rng(3).standard_normal(t.size)
-    np.savetxt(tmp_path / "a.csv", np.column_stack([t, 0.0 * t, y]), delimiter=",", header="time_s,force_N,y_m", comments="")
+    table = np.column_stack([t, 0.0 * t, y])
+    np.savetxt(tmp_path / "a.csv", table, delimiter=",", header="time_s,force_N,y_m", comments="")
     keys = "columns: {input: {column: force_N, unit: N}, output: {column: y_m, unit: m}}"
     (tmp_path / "recordings.yaml").write_text(f"setup: {{model: mass_spring_damper}}\nstart: unknown\n{keys}\n")
     found = phnn.identify(None, tmp_path).fit

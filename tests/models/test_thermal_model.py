@@ -59,10 +59,6 @@ def test_a_steady_current_heats_to_its_steady_temperature() -> None:
     assert equilibrium(program, network, np.zeros(1)).tolist() == [0.0, 0.0]
 
 
-def test_the_file_is_the_function() -> None:
-    assert load_network(FILE) == thermal_hrc(2)
-
-
 def test_what_is_written_is_read(tmp_path: Path) -> None:
     graph = load_graph(FILE)
     memory = ModulatorState("field", "exceeding", ("tau", "V_c"), ("voltage",), "1")

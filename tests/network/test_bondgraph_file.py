@@ -43,23 +43,6 @@ def test_every_network_of_the_package_runs(path: Path) -> None:
     assert stored <= supplied * (1.0 + 1e-9)
 
 
-def test_mass_damper_moves_as_its_closed_form() -> None:
-    network = load_network(FOLDER / "mass_damper.yaml").with_values({"F_c": 1e-9})
-    m, b = 95.0, 200.0
-    t = np.linspace(0.0, 2.0, 2001)
-    q = march(network, np.ones((2000, 1)), np.full(2000, 1e-3), np.zeros(2)).states[:, 0]
-    wanted = t / b - m / b**2 * (1.0 - np.exp(-b * t / m))
-    np.testing.assert_allclose(q, wanted, atol=1e-6 * wanted[-1])
-
-
-def test_tanks_fill_to_the_level_at_which_they_drain() -> None:
-    network = load_network(FOLDER / "tanks.yaml")
-    inflow, v = 1e-4, {n: p.value for n, p in network.parameters.items()}
-    states = march(network, np.full((4000, 1), inflow), np.full(4000, 0.5), np.zeros(2)).states
-    outer = inflow / v["g_out"]
-    np.testing.assert_allclose(states[-1], [v["A_1"] * (outer + inflow / v["g"]), v["A_2"] * outer], rtol=1e-6)
-
-
 @settings(max_examples=50, deadline=None)
 @given(seed=st.integers(0, 2**31 - 1))
 def test_what_is_written_is_read(tmp_path_factory: pytest.TempPathFactory, seed: int) -> None:
