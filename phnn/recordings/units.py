@@ -65,7 +65,7 @@ _MULTIPLES = {"": 1.0, "m": 1e-3, "u": 1e-6, "n": 1e-9, "k": 1e3}
 _NAME = re.compile(r"^\s*([A-Za-z]+)\s*(?:_(\S+)|[\[(]\s*([^\])]*?)\s*[\])])?\s*$")
 _BRACKETED = re.compile(r"^(.*?)[\s_]*[\[(]\s*([^\])]*?)\s*[\])]\s*$", re.DOTALL)
 # Units of one letter that the end of a column's name may be.
-_SYMBOLS = "smVANCK"
+_SYMBOLS = "smVANCKW"
 # A product such as `kg m2`, with exponents of one digit, so that no power is large; then what it is divided by.
 _FACTOR = r"(?:[A-Za-zΩÅ°%]+(?:_[A-Za-z0-9]+)*(?:(?:\^|\*\*)?-?[1-9]|[²³])?)"
 _PRODUCT = rf"{_FACTOR}(?: ?[*·. ] ?{_FACTOR})*"
