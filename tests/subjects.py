@@ -38,18 +38,10 @@ from phnn.network import (
 from phnn.network.bondgraph import BondGraph
 from phnn.network.bondgraph.equations import SumOfEnergies
 from phnn.parameters import Parameter, as_table, positive
+from phnn.recordings.manifest import READY
 from phnn.setup import Setup
 
 CONFIGS = Path(phnn.models.__file__).parents[1] / "configs" / "network"
-# Arguments of models that have no defaults.
-ARGUMENTS: dict[str, Callable[[], dict[str, Any]]] = {
-    "cantilever": lambda: {"modes": 2, "length": 0.1, "rigidity": 0.5, "mass": 0.01},
-    "driven_beam": lambda: {
-        "actuator": phnn.models.from_paper(),
-        "beam": importlib.import_module("phnn.models.variants").cantilever(2, 0.1, 0.5, 0.01),
-        "stiffness": 1e5,
-    },
-}
 # Energy at which states of a network count as typical [J].
 _ENERGY = 1e-3
 
@@ -225,8 +217,9 @@ def network_models() -> Iterator[tuple[str, Callable[[], NetworkSubject]]]:
     for name, thing in _things_of_models():
         makes = inspect.isfunction(thing) and typing.get_type_hints(thing).get("return")
         if makes in (Network, BondGraph, Setup) and name not in ("load_network", "load_graph"):
-            given = ARGUMENTS.get(name, dict)
-            yield name, lambda thing=thing, given=given: NetworkSubject(_networks(thing(**given())))
+            for model in READY if name == "ready" else ("",):
+                given = {"name": model} if model else {}
+                yield model or name, lambda thing=thing, given=given: NetworkSubject(_networks(thing(**given)))
     for file in sorted(CONFIGS.glob("*.yaml")):
         yield f"file {file.stem}", lambda file=file: NetworkSubject(load_network(file))
 

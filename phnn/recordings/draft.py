@@ -122,10 +122,11 @@ def _is_clipped(u: np.ndarray, y: np.ndarray, run: tuple[int, int], step: float)
     arrival, departure = abs(y[first] - y[first - near]), abs(y[last + near - 1] - y[last - 1])
     if arrival < 0.4 * departure:
         return False
-    # Of the way beside the run, a truncated peak makes more than two fifths in the half next to it, a motion that slows
-    # down to its rest and begins from it a quarter, or a third where steps of the sensor are coarse.
-    ways = [(abs(y[first] - y[first - n]), abs(y[last + n - 1] - y[last - 1])) for n in (side // 2, side)]
-    if all(half < 0.38 * whole for half, whole in zip(*ways, strict=True)):
+    # Of the way beside the run, a truncated peak makes a sixth or more in the quarter next to it, a motion that slows
+    # down to its rest or begins from it a sixteenth, and a seventh where steps of the sensor are coarse. What begins
+    # more slowly still takes too few steps to tell: its whole way is short beside that of the arrival.
+    ways = [(abs(y[first] - y[first - n]), abs(y[last + n - 1] - y[last - 1])) for n in (max(side // 4, 1), side)]
+    if all(near < 0.15 * whole or whole < 0.4 * max(ways[1]) for near, whole in zip(*ways, strict=True)):
         return False
     k = np.r_[first - side : first, last : last + side]
     middle = 0.5 * (first + last - 1)
