@@ -78,6 +78,11 @@ def known_unit(text: str | None) -> tuple[str, float] | None:
     return (found.si, found.factor) if found is not None else None
 
 
+def _si(text: str | None) -> str:
+    """Return the SI unit of a unit; empty where phnn does not know it."""
+    return (known_unit(text) or ("", 1.0))[0]
+
+
 @dataclass(frozen=True, eq=False)
 class Seen:
     """One column of numbers.
@@ -191,7 +196,7 @@ def layout_of(table: Table) -> Layout | None:
     answer = _by_words([c for c in free if c is not source], OUTPUT, "displacement")
     u = source or next(c for c in free if c is not answer)
     y = answer or next(c for c in free if c is not u)
-    if [(known_unit(c.unit) or ("", 0.0))[0] for c in (u, y)] == ["V", "A"]:
+    if (_si(u.unit), _si(y.unit)) == ("V", "A"):
         u, y, source, answer = y, u, answer, source  # what is imposed on a cell or a coil is a current
     actuator = _like_an_actuator(u, y)
     return Layout(
@@ -353,8 +358,8 @@ def _setup(actuator: bool, layouts: Sequence[Layout]) -> list[str]:
     if actuator:
         said = f"{{model: {DEFAULT_SETUP['model']}, hysterons: {DEFAULT_SETUP['hysterons']}}}"
         return [f"setup: {said}   # guessed: mass, spring and damper, driven through so many hysterons"]
-    units = {tuple((known_unit(r.unit) or ("", 0.0))[0] for r in (one.input, one.output)) for one in layouts}
-    pair = next(iter(units), ())
+    units = {(_si(one.input.unit), _si(one.output.unit)) for one in layouts}
+    pair = next(iter(units), ("", ""))
     if len(units) != 1 or pair not in _BY_UNITS:
         return [
             "setup: {model: linear}   # guessed: mass, spring and damper; input and output are no voltage and stroke"

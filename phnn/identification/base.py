@@ -1,14 +1,11 @@
 """The base model of a campaign, fitted with sub-steps that keep the numerical error below the noise.
 
-Fits whose sub-steps keep the numerical error below the noise.
+A state that switches a law at a sample more or less makes the sum of squares rough on a small scale: descent stops at a
+local minimum, though the derivatives predict a large decrease beyond. Such fits are resumed with a larger step.
 
-A state that switches a law at a sample more or less makes the sum of squares rough on a small scale: descent stops in
-front of the first local minimum of a non-smooth cost, though the derivatives predict a large decrease beyond. Such fits
-are resumed with a larger step (`resumed`).
-
-A coherent error far below the noise can be significant over many samples and would then be named as physics. So
-the error is measured by halving the step and by changing the reconstruction, and what base parameters and zero
-absorb is projected out; the norm of the rest, over the whole plan, is in units of one standard deviation.
+A coherent error far below the noise can be significant over many samples and would then be named as physics. So the
+error is measured by halving the step and by changing the reconstruction, and what base parameters and zero absorb is
+projected out; the norm of the rest, over the whole plan, is in units of one standard deviation.
 """
 
 from __future__ import annotations
@@ -233,7 +230,7 @@ _BADLY, _WELL = 0.5, 0.25
 # A plant is asked for its stability if the network leaves more than this mean square, in units of the noise, and this
 # share of what there is; a regression tells if it leaves less than this share of the force, and the stiffness lies so
 # many standard errors below zero.
-_NOISY, _POORLY, _EXPLAINED, _CLEARLY = 4.0, 0.02, 0.3, 6.0
+_NOISY, _POORLY, _EXPLAINED, _CLEARLY, _FEWEST = 4.0, 0.02, 0.3, 6.0, 50
 _FINALISTS = 3
 
 
@@ -320,25 +317,23 @@ def _negative_stiffness(fitted: Fit) -> float | None:
         return None
     acts = network.ports[0].on.get(motion.momentum, 0.0)
     gain = fitted.setup.parameters[acts].value if isinstance(acts, str) else acts
-    dt, span = min(r.dt for r in fitted.plan.recordings), max(float(np.ptp(r.t)) for r in fitted.plan.recordings)
     found: list[tuple[float, float, float]] = []
+    recordings = fitted.plan.recordings
+    dt, span = min(r.dt for r in recordings), max(float(np.ptp(r.t)) for r in recordings)
     for tau in np.geomspace(3.0 * dt, max(span / 20.0, 6.0 * dt), 8):
-        rows = []
-        for r in fitted.plan.recordings:
-            powers = [bilinear(np.eye(3)[2 - i], np.poly([-1.0 / tau] * 3) * tau**3, 1.0 / r.dt) for i in range(3)]
+        rows = [np.zeros((0, 5))]
+        for r in recordings:
+            filters = [bilinear(np.eye(3)[2 - i], np.poly([-1.0 / tau] * 3) * tau**3, 1.0 / r.dt) for i in range(3)]
             q, f = r.y - r.y[0], gain * (r.u - r.u[0])
-            columns = [*(lfilter(*p, q) for p in powers), np.ones(q.size), lfilter(*powers[0], f)]
-            rows.append(np.column_stack(columns)[int(8.0 * tau / r.dt) :] if q.size > 16.0 * tau / r.dt else [])
-        table = np.concatenate([x for x in rows if len(x)]) if any(map(len, rows)) else np.zeros((0, 5))
-        if table.shape[0] < 50:
+            columns = [*(lfilter(*x, q) for x in filters), np.ones(q.size), lfilter(*filters[0], f)]
+            rows.append(np.column_stack(columns)[int(8.0 * tau / r.dt) :])
+        a, b = (table := np.concatenate(rows))[:, :4], table[:, 4]
+        if b.size < _FEWEST:
             continue
-        a, b = table[:, :4], table[:, 4]
-        theta = np.linalg.lstsq(a, b, rcond=None)[0]
-        rest, scale = b - a @ theta, np.linalg.norm(a, axis=0)
-        std = np.sqrt(np.linalg.pinv((a / scale).T @ (a / scale))[0, 0] * (rest @ rest) / b.size) / scale[0]
-        found.append(
-            (float(rest @ rest) / max(float(np.sum((b - b.mean()) ** 2)), 1e-300), float(theta[0]), float(std))
-        )
+        theta, scale = np.linalg.lstsq(a, b, rcond=None)[0], np.linalg.norm(a, axis=0)
+        rest, inverse = b - a @ theta, np.linalg.pinv((a / scale).T @ (a / scale))
+        std = float(np.sqrt(inverse[0, 0] * (rest @ rest) / b.size) / scale[0])
+        found.append((float(rest @ rest / max(np.sum((b - b.mean()) ** 2), 1e-300)), float(theta[0]), std))
     left, k, std = min(found, default=(1.0, 0.0, 0.0))
     return k if left < _EXPLAINED and k < -_CLEARLY * std else None
 

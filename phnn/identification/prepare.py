@@ -1,31 +1,16 @@
-"""Everything of an identification that can be refused before it begins.
+"""Everything of an identification that can be refused before it begins, and the hysteresis that an actuator needs.
 
-The hysteresis that an actuator needs, if the user leaves it to the recordings.
+Where the user leaves the hysteresis to the recordings, models with one and two hysterons, with the best of the other
+forms, and with more hysterons are fitted to some of the identification recordings; the others choose (`LeftOut`).
 
-Models with one and two hysterons, with the best of the other forms of hysteresis, and with more hysterons are fitted to
-some of the identification recordings; the others choose (`LeftOut`). One that predicts them clearly better takes the
-place of the one before.
+The gain of one element on recordings that took no part in finding it is compared sample by sample: with the residuals
+``e₀`` and ``e₁`` without and with it, in units of the noise, ``d = e₀² − e₁²`` is summed over blocks of time, and a
+one-sided t-test asks whether its mean is positive (Ibragimov & Müller 2010). Blocks are eight correlation lengths of
+``e₁``, the larger one of ``1 + 2 Σ ρ_k`` over the lags before ``ρ`` first vanishes (slow noise, drift) and
+``1 + 2 Σ ρ_k²`` over the lags up to N/64 (noise that rings; Bayley & Hammersley 1946).
 
-The gain of one element on recordings that took no part in finding it: its size and its significance.
-
-Two models are compared sample by sample, ``e₀`` the residual without the element and ``e₁`` with it, in units of the
-noise. The gain ``d = e₀² − e₁²`` is summed over blocks of time, and a one-sided t-test asks whether its mean is
-positive. The test is paired, because both models see the same noise; it is the large-sample form of a sign-flip
-permutation over the blocks, and stays valid where the blocks' variances differ (Ibragimov & Müller 2010).
-
-Blocks have to be nearly independent. Their length is eight correlation lengths of ``e₁``; a correlation length is the
-larger one of
-
-    1 + 2 Σ ρ_k       over the lags before ``ρ`` first vanishes,
-    1 + 2 Σ ρ_k²      over the lags up to N/64  (Bayley & Hammersley 1946).
-
-The first is that of slow noise and of what drifts: a residual that is coherent over a whole recording leaves one or two
-blocks, for it is a single observation, however many samples it has. The second counts noise that rings, where positive
-and negative correlations cancel.
-
-The mean of each part is taken away before the test: the displacement zero comes from a few samples, and its error
-would be common to all blocks of a recording. Lines and slow drifts are fitted to the samples that are scored, so that
-K of them take ``K/N`` of the power of pure noise; the residual beside them is scaled by ``√(N/(N − K))``.
+The mean of each part is taken away before the test, as the error of the displacement zero is common to all blocks.
+K fitted lines and drifts take ``K/N`` of the power of noise; the residual is scaled by ``√(N/(N − K))``.
 """
 
 from __future__ import annotations
@@ -207,7 +192,7 @@ def leave_out(plan: Plan, fewest_blocks: int) -> LeftOut:
     parts, _, _ = divide([candidate_of(r, excitation_of(r.drive, r.dt)) for r in whole])
     divided = tuple(replace(r, parts=parts[r.name]) for r in whole)
     growth = tuple(r for r in divided if r.mask("identification").any())
-    return LeftOut(replace(plan, recordings=growth), replace(plan, recordings=divided), fewest_blocks)
+    return LeftOut(replace(plan, recordings=growth), replace(plan, recordings=divided), fewest_the blocks.
 
 
 def _identified(recording: Recording) -> Recording:

@@ -209,8 +209,8 @@ def powers(text: str) -> dict[str, float]:
     if found is None or found.si == "1":
         return {}
     registry = _registry()
-    base = _base(registry, registry.Unit(found.si))._units
-    return {str(name): float(power) for name, power in base.items() if name != "radian"}
+    base: dict[str, Any] = dict(_base(registry, registry.Unit(found.si))._units)
+    return {name: float(power) for name, power in base.items() if name != "radian"}
 
 
 def accepted(quantity: str) -> str:

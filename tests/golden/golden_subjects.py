@@ -29,7 +29,6 @@ from phnn.identification.plan import Plan
 from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.models.bouc_wen import bouc_wen
 from phnn.models.network_file import load_network
-from phnn.models.variants import thermal_hrc
 from phnn.network import Coupling, Modulation, ModulatorState, Network, Port, Resistor, Storage
 from phnn.network.elements import interconnect
 from phnn.parameters import Parameter, as_table, constant, positive
@@ -204,7 +203,7 @@ def _effects() -> Iterator[tuple[str, Setup, bool]]:
 def _models() -> Iterator[tuple[str, Setup]]:
     yield from ((f"actuator, {n} hysterons", actuator(n)) for n in (0, 1, 2, 3))
     yield "bouc_wen", bouc_wen()
-    yield "thermal actuator", Setup(thermal_hrc(2))
+    yield "thermal actuator", Setup(load_network(config_folder() / "network/thermal_hrc.yaml"))
     yield "hrcl", Setup(load_network(config_folder() / "network/hrcl.yaml"))
     yield "hrlc", Setup(load_network(config_folder() / "network/hrlc.yaml"))
     yield "hrlc, transducer", Setup(load_network(config_folder() / "network/hrlc_transducer.yaml"))

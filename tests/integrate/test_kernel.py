@@ -26,7 +26,6 @@ from phnn.integrate.residual import check, power_balance
 from phnn.integrate.scheme import Scheme
 from phnn.models.actuator import TABLE_1, from_paper, hrc
 from phnn.models.network_file import load_network
-from phnn.models.variants import thermal_hrc
 from phnn.network import Coupling, Network, Port, PortHamiltonianSystem, Resistor, Storage
 from phnn.parameters import Parameter, as_table
 from phnn.setup import Setup
@@ -368,7 +367,7 @@ QUICK = {
     "threshold that follows the speed": following("rate_dependent_dead_zone", "p", 2.0, 0.1),
     "inlet that follows a temperature": self_heating(0),
     "hysterons that follow a temperature": self_heating(2),
-    "everything follows a temperature": thermal_hrc(2),
+    "everything follows a temperature": load_network(config_folder() / "network/thermal_hrc.yaml"),
 }
 OTHER = {
     "two junctions": second_mode(),

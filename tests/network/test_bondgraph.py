@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from phnn.configuration import config_folder
 from phnn.errors import StructureViolated
-from phnn.models.actuator import TABLE_1, hrc
+from phnn.models.actuator import hrc
 from phnn.models.network_file import load_graph
 from phnn.network import PortHamiltonianSystem
 from phnn.network.bondgraph import TF, Bond, BondGraph, C, I, R, Se, Sf
@@ -167,18 +167,6 @@ def test_a_parameter_that_others_use_keeps_its_meaning() -> None:
     assert network.storages[0].parameters == ("k_q",)
     assert network.parameters["k_q"].value == 6.0
     assert "k" not in network.parameters
-
-
-def test_storages_kept_apart_move_like_merged_ones() -> None:
-    apart, one = (replace(load_graph(FOLDER / "hrc.yaml"), merge=m).network() for m in (False, True))
-    assert apart.state_names == ("Q_1", "Q_2", "Q_C", "q", "p")
-    systems = [PortHamiltonianSystem(n) for n in (apart, one)]
-    alpha = TABLE_1["alpha"]
-    x = torch.tensor([[3e-6, 1e-6, alpha * 2e-4, 2e-4, 1e-3]], dtype=torch.float64)
-    u = torch.tensor([[50.0, 0.3]], dtype=torch.float64)
-    long, short = systems[0].vector_field(x, u)[0], systems[1].vector_field(x[:, [0, 1, 3, 4]], u)[0]
-    torch.testing.assert_close(long[[0, 1, 3, 4]], short, rtol=1e-13, atol=0.0)
-    torch.testing.assert_close(systems[0].energy(x), systems[1].energy(x[:, [0, 1, 3, 4]]), rtol=1e-13, atol=0.0)
 
 
 @settings(max_examples=25, deadline=None)
