@@ -192,7 +192,7 @@ def leave_out(plan: Plan, fewest_blocks: int) -> LeftOut:
     parts, _, _ = divide([candidate_of(r, excitation_of(r.drive, r.dt)) for r in whole])
     divided = tuple(replace(r, parts=parts[r.name]) for r in whole)
     growth = tuple(r for r in divided if r.mask("identification").any())
-    return LeftOut(replace(plan, recordings=growth), replace(plan, recordings=divided), fewest_the blocks.
+    return LeftOut(replace(plan, recordings=growth), replace(plan, recordings=divided), fewest_blocks)
 
 
 def _identified(recording: Recording) -> Recording:

@@ -122,11 +122,12 @@ def _is_clipped(u: np.ndarray, y: np.ndarray, run: tuple[int, int], step: float)
     arrival, departure = abs(y[first] - y[first - near]), abs(y[last + near - 1] - y[last - 1])
     if arrival < 0.4 * departure:
         return False
-    # Of the way beside the run, a truncated peak makes a sixth or more in the quarter next to it, a motion that slows
-    # down to its rest or begins from it a sixteenth, and a seventh where steps of the sensor are coarse. What begins
-    # more slowly still takes too few steps to tell: its whole way is short beside that of the arrival.
-    ways = [(abs(y[first] - y[first - n]), abs(y[last + n - 1] - y[last - 1])) for n in (max(side // 4, 1), side)]
-    if all(near < 0.15 * whole or whole < 0.4 * max(ways[1]) for near, whole in zip(*ways, strict=True)):
+    # Of the way beside the run, a truncated parabola makes (2f + f²)/3 in the share f next to it; a motion that slows
+    # down to its rest or begins from it f², and a little more where steps of the sensor are coarse.
+    quarter, before, after = max(side // 4, 1), max(first - 1, side), min(last, y.size - 1 - side)
+    gentle = 0.8 * (2.0 + quarter / side) * (quarter / side) / 3.0
+    parts, wholes = ((abs(y[before] - y[before - n]), abs(y[after + n] - y[after])) for n in (quarter, side))
+    if all(part < gentle * whole for part, whole in zip(parts, wholes, strict=True)):
         return False
     k = np.r_[first - side : first, last : last + side]
     middle = 0.5 * (first + last - 1)

@@ -30,8 +30,7 @@ from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAG
 from phnn.models.bouc_wen import bouc_wen
 from phnn.models.network_file import load_network
 from phnn.network import Coupling, Modulation, ModulatorState, Network, Port, Resistor, Storage
-from phnn.network.elements import interconnect
-from phnn.parameters import Parameter, as_table, constant, positive
+from phnn.parameters import Parameter, as_table
 from phnn.recordings.recording import Campaign, Recording
 from phnn.setup import Block, Setup, Source
 from phnn.trajectory import simulate
@@ -207,29 +206,7 @@ def _models() -> Iterator[tuple[str, Setup]]:
     yield "hrcl", Setup(load_network(config_folder() / "network/hrcl.yaml"))
     yield "hrlc", Setup(load_network(config_folder() / "network/hrlc.yaml"))
     yield "hrlc, transducer", Setup(load_network(config_folder() / "network/hrlc_transducer.yaml"))
-    yield "actuator of a beam", Setup(driven_beam())
-
-
-def driven_beam() -> Network:
-    """An actuator and the first two modes of a cantilever with an elastic joint between."""
-    values = {"beam_mass": 1.0, "beam_k_1": 1236236.3368326186, "beam_c_1": 11.118616536388952}
-    values |= {"beam_k_2": 48551881.851337, "beam_c_2": 69.67918042811425}
-    table = [constant("beam_mass", values.pop("beam_mass")), *(positive(n, v, "1") for n, v in values.items())]
-    beam = Network(
-        (
-            *(Storage(f"beam_q_{i}", "spring", (f"beam_k_{i}",)) for i in (1, 2)),
-            *(Storage(f"beam_p_{i}", "capacitor", ("beam_mass",)) for i in (1, 2)),
-        ),
-        tuple(Resistor(f"beam_damper_{i}", "linear", {f"beam_p_{i}": 1.0}, (f"beam_c_{i}",)) for i in (1, 2)),
-        tuple(Coupling(f"beam_q_{i}", f"beam_p_{i}") for i in (1, 2)),
-        (Port("load", {"beam_p_1": 14.142135623730951, "beam_p_2": -14.142135623730919}, unit="N"),),
-        as_table(table),
-        "beam_q_1",
-    )
-    joint = positive("joint_k", 1e4, "N/m")
-    return interconnect(
-        phnn.models.hrc(hysterons=1), "force", beam, "load", Storage("joint", "spring", ("joint_k",), "m"), (joint,)
-    )
+    yield "actuator of a beam", Setup(load_network(Path(__file__).with_name("beam.yaml")))
 
 
 def _starts() -> Iterator[tuple[str, Recording, int]]:

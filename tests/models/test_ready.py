@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 from numpy.typing import NDArray
 
 import phnn
@@ -28,39 +29,17 @@ class Lab:
     """What a laboratory has of a plant: values, units and sampling, and the numbers that recordings identify."""
 
     values: dict[str, float]
-    units: tuple[str, str]
+    units: list[str]
     dt: float
     drive: float
     noise: float
     known: dict[str, float] = field(default_factory=dict)
-    combined: dict[str, str] = field(default_factory=dict)
     further: dict[str, str] = field(default_factory=dict)
     input: str = "zero_order"
 
 
-LABS = {
-    "first_order": Lab({"K": 0.14, "T": 3.0}, ("1", "1"), 0.1, 5.0, 1e-3),
-    "mass_damper": Lab({"m": 95.0, "b": 200.0}, ("N", "m"), 0.01, 80.0, 1e-5),
-    "mass_spring_damper": Lab({"m": 0.4, "b": 3.0, "k": 900.0}, ("N", "m"), 2e-3, 5.0, 1e-5),
-    "two_masses": Lab(
-        {"m_1": 0.5, "m_2": 0.2, "k_1": 600.0, "k_12": 400.0, "b_1": 2.0, "b_12": 0.5}, ("N", "m"), 4e-3, 5.0, 1e-5
-    ),
-    "motor": Lab({"K": 0.05, "R": 2.0, "J": 2e-4, "b": 1e-4}, ("V", "rad"), 5e-3, 6.0, 1e-3, {"R": 2.0, "J": 2e-4}),
-    "voice_coil": Lab(
-        {"Bl": 5.0, "R_e": 4.0, "m": 0.012, "b": 1.2, "k": 2000.0}, ("V", "m"), 5e-4, 2.0, 1e-6,
-        {"R_e": 4.0, "m": 0.012},
-    ),
-    "heated_body": Lab({"C": 17.0, "R": 2.6}, ("W", "K"), 0.5, 12.0, 0.02),
-    "room": Lab(
-        {"C": 4e5, "kappa": 6.0, "R_i": 2e-3, "R_o": 1.2e-2}, ("W", "K"), 300.0, 1500.0, 0.02, {},
-        {}, {"outdoor": "K"},
-    ),
-    "rc": Lab({"RC": 4.7e-3}, ("V", "V"), 1e-3, 5.0, 2e-3),
-    "battery": Lab({"C_b": 24e3, "R_0": 8e-3, "C_1": 600.0, "R_1": 5e-3}, ("A", "V"), 0.5, 20.0, 3e-4),
-    "tank": Lab({"A": 0.015, "g": 0.02}, ("m3/s", "m"), 1.0, 1e-4, 5e-4),
-    "friction_rig": Lab({"k": 8e3, "b": 300.0, "F_c": 60.0, "v_s": 2e-2}, ("m", "N"), 2e-3, 5e-3, 0.3, input="cubic"),
-    "piezo_actuator": Lab({}, ("V", "m"), 1e-4, 40.0, 2e-8, {"m": 1.0148e-3}, input="cubic"),
-}  # fmt: skip
+TABLE = yaml.safe_load(Path(__file__).with_name("laboratories.yaml").read_text())
+LABS = {name: Lab(**said) for name, said in TABLE.items()}
 SAMPLES = 1500
 
 
