@@ -21,7 +21,7 @@ import phnn.nn
 from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.modal.elements import DRAG, HARDENING, SOFTENING, STOP, PortElement
 from phnn.modal.model import ModalModel
-from phnn.models.network_file import load_network
+from phnn.models.network_file import load_network, ready
 from phnn.models.store import _KINDS
 from phnn.network import (
     Coupling,
@@ -35,7 +35,6 @@ from phnn.network import (
     SharedEnergy,
     Storage,
 )
-from phnn.network.bondgraph import BondGraph
 from phnn.network.bondgraph.equations import SumOfEnergies
 from phnn.parameters import Parameter, as_table, positive
 from phnn.recordings.manifest import READY
@@ -198,12 +197,6 @@ def _modules_of_models() -> Iterator[Any]:
         yield importlib.import_module(f"phnn.models.{found.name}")
 
 
-def _networks(made: Any) -> Network:
-    if isinstance(made, Setup):
-        return made.network
-    return made.network() if isinstance(made, BondGraph) else made
-
-
 def _things_of_models() -> Iterator[tuple[str, Any]]:
     """Every public function and class that a module of `phnn.models` defines."""
     for module in _modules_of_models():
@@ -216,10 +209,10 @@ def network_models() -> Iterator[tuple[str, Callable[[], NetworkSubject]]]:
     """Every function of `phnn.models` that makes a network, and every shipped network."""
     for name, thing in _things_of_models():
         makes = inspect.isfunction(thing) and typing.get_type_hints(thing).get("return")
-        if makes in (Network, BondGraph, Setup) and name not in ("load_network", "load_graph"):
-            for model in READY if name == "ready" else ("",):
-                given = {"name": model} if model else {}
-                yield model or name, lambda thing=thing, given=given: NetworkSubject(_networks(thing(**given)))
+        if makes in (Network, Setup) and name not in ("load_network", "ready"):
+            yield name, lambda thing=thing: NetworkSubject(getattr(made := thing(), "network", made))
+    for name in READY:
+        yield name, lambda name=name: NetworkSubject(ready(name))
     for file in sorted(CONFIGS.glob("*.yaml")):
         yield f"file {file.stem}", lambda file=file: NetworkSubject(load_network(file))
 

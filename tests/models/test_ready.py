@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from pathlib import Path
+from types import SimpleNamespace as Lab
 from typing import Any
 
 import numpy as np
@@ -24,23 +24,17 @@ from phnn.trajectory import simulate
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Lab:
-    """What a laboratory has of a plant: values, units and sampling, and the numbers that recordings identify."""
-
-    values: dict[str, float]
-    units: list[str]
-    dt: float
-    drive: float
-    noise: float
-    known: dict[str, float] = field(default_factory=dict)
-    further: dict[str, str] = field(default_factory=dict)
-    input: str = "zero_order"
-
-
 TABLE = yaml.safe_load(Path(__file__).with_name("laboratories.yaml").read_text())
-LABS = {name: Lab(**said) for name, said in TABLE.items()}
+LABS = {name: Lab(**{"known": {}, "further": {}, "input": "zero_order"} | said) for name, said in TABLE.items()}
 SAMPLES = 1500
+OSCILLATOR = """setup: {model: mass_spring_damper}
+columns: {input: {column: force_N, unit: N}, output: {column: y_m, unit: m}}
+"""
+
+
+def save(file: Path, table: Array, header: str) -> None:
+    """Write a table with a header."""
+    np.savetxt(file, table, delimiter=",", header=header, comments="")
 
 
 def drives(name: str, lab: Lab, seed: int) -> Array:
@@ -57,8 +51,7 @@ def drives(name: str, lab: Lab, seed: int) -> Array:
 
 def folder_of(name: str, folder: Path) -> Path:
     """Two recordings of a simulated plant and their manifest."""
-    lab = LABS[name]
-    network = ready(name, lab.values)
+    lab, network = LABS[name], ready(name, LABS[name].values)
     folder.mkdir(exist_ok=True)
     t = lab.dt * np.arange(SAMPLES)
     for seed, file in ((1, "a"), (2, "b")):
@@ -69,14 +62,8 @@ def folder_of(name: str, folder: Path) -> Path:
             1.0, "", np.ones(1), None, {}, file, Units(*lab.units), further=further,
         )  # fmt: skip
         y = simulate(Setup(network), run, 8).y + lab.noise * np.random.default_rng(seed + 10).standard_normal(SAMPLES)
-        columns = np.column_stack([t, u, *further.values(), y])
-        np.savetxt(
-            folder / f"{file}.csv",
-            columns,
-            delimiter=",",
-            header="time_s,u,w,y" if further else "time_s,u,y",
-            comments="",
-        )
+        header = "time_s,u,w,y" if further else "time_s,u,y"
+        save(folder / f"{file}.csv", np.column_stack([t, u, *further.values(), y]), header)
     ports = "".join(f"ports: {{{p}: {{column: w, unit: {unit}}}}}\n" for p, unit in lab.further.items())
     keys = ("voltage", "displacement") if name == "piezo_actuator" else ("input", "output")
     known = f"known: {{{', '.join(f'{n}: {v}' for n, v in lab.known.items())}}}\n" if lab.known else ""
@@ -134,10 +121,8 @@ def assert_like_the_model(program: Path, model: phnn.Model, name: str) -> None:
 def test_a_free_decay_tells_ratios_alone_and_a_reversed_sign_is_told(tmp_path: Path) -> None:
     t = 0.004 * np.arange(1500)
     y = 6e-3 * np.exp(-0.4 * t) * np.cos(19.0 * t) + 4e-6 * np.random.default_rng(3).standard_normal(t.size)
-    table = np.column_stack([t, 0.0 * t, y])
-    np.savetxt(tmp_path / "a.csv", table, delimiter=",", header="time_s,force_N,y_m", comments="")
-    keys = "columns: {input: {column: force_N, unit: N}, output: {column: y_m, unit: m}}"
-    (tmp_path / "recordings.yaml").write_text(f"setup: {{model: mass_spring_damper}}\nstart: unknown\n{keys}\n")
+    save(tmp_path / "a.csv", np.column_stack([t, 0.0 * t, y]), "time_s,force_N,y_m")
+    (tmp_path / "recordings.yaml").write_text(f"{OSCILLATOR}start: unknown\n")
     found = phnn.identify(None, tmp_path).fit
     assert not set(found.setup.network.parameters) & {n for n, s in found.std().items() if np.isfinite(s)}
     assert "free decay: a common factor of" in found.open_statement() and "known only relative to" in found.note("m")
@@ -161,10 +146,8 @@ def test_an_unstable_plant_is_told(tmp_path: Path) -> None:
         for _ in range(10):
             v += 1e-4 * (force + 50.0 * q - 0.4 * v) / 0.7
             q += 1e-4 * v
-    np.savetxt(tmp_path / "a.csv", rows, delimiter=",", header="time_s,force_N,y_m", comments="")
-    keys = "columns: {input: {column: force_N, unit: N}, output: {column: y_m, unit: m}}"
-    manifest = f"setup: {{model: mass_spring_damper}}\ninput: zero_order\nvoltage: terminals\n{keys}\n"
-    (tmp_path / "recordings.yaml").write_text(manifest)
+    save(tmp_path / "a.csv", np.array(rows), "time_s,force_N,y_m")
+    (tmp_path / "recordings.yaml").write_text(f"{OSCILLATOR}input: zero_order\n")
     with pytest.raises(InputRefused, match=r"unstable: .* negative stiffness of about -(49|50|51) N/m"):
         phnn.identify(None, tmp_path)
     assert "one row" in one_row(9.6e-4, dt) and not one_row(2e-3, dt)

@@ -126,9 +126,5 @@ def test_heat_stays_in_the_network_that_dissipates_it() -> None:
     # What the other one dissipates warms nobody.
     assert run.efforts[-1, -1] > 0.0
     with pytest.raises(StructureViolated, match="both networks have a memory theta"):
-        one = warming()
-        other = replace(
-            renamed(hrc(0), "b_"),
-            memories=(ModulatorState("theta", "relaxing", ("b_m",), ("b_p",)),),
-        )
-        interconnect(one, "force", other, "b_force", SPRING, (STIFF,))
+        other = replace(renamed(hrc(0), "b_"), memories=(ModulatorState("theta", "relaxing", ("b_m",), ("b_p",)),))
+        interconnect(warming(), "force", other, "b_force", SPRING, (STIFF,))
