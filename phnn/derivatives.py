@@ -57,7 +57,9 @@ def output_derivatives(
     jumps = _by_instants(trajectory) if instants else []
     acting, names = [*_acting(trajectory, names), *jumps], [*names, *(a.name for a in jumps)]
     active = np.concatenate([places, [sweep.carrier(program, a.port) for a in acting]]).astype(np.int64)
-    sensor_nodes, times, samples_of = sensed(setup, trajectory.nodes, trajectory.h)
+    sensor_nodes, times, samples_of = sensed(
+        setup, trajectory.recording, trajectory.driving, trajectory.nodes, trajectory.h
+    )
     none = np.zeros((trajectory.h.size, 0))
     moved = Perturbed(
         active,
@@ -68,7 +70,9 @@ def output_derivatives(
     )
     start = np.insert(_start_derivative(trajectory, moved, places), [active.size] * len(initial), 0.0, axis=1)
     start[:, places.size : active.size] += np.column_stack([np.zeros((start.shape[0], 0)), *(a.rest for a in acting)])
-    out = sweep.sensitivities(_integrated(trajectory), moved, start, np.array(initial, dtype=np.int64), sensor_nodes)
+    wanted, repeated = np.unique(sensor_nodes, return_inverse=True)
+    out = sweep.sensitivities(_integrated(trajectory), moved, start, np.array(initial, dtype=np.int64), wanted)
+    out = out[repeated]
     changes = out
     if list(names) != network_names or acting:
         head = np.zeros((out.shape[0], len(names)))

@@ -42,24 +42,45 @@ def _of(words: str) -> frozenset[str]:
 _WORDS: Mapping[str, frozenset[str]] = {
     TIME: _of("time t zeit timestamp temps sec seconds"),
     INPUT: _of("u in input v voltage volt volts vin drive driving command cmd ref reference setpoint excitation force")
-    | _of("torque pwm spannung eingang"),
+    | _of("torque pwm power heater pump inflow spannung eingang"),
     OUTPUT: _of("y out output vout displacement disp deflection stroke position pos q x z d sensor response level")
-    | _of("height angle speed velocity acceleration strain weg ausgang auslenkung"),
+    | _of("height angle speed velocity acceleration strain temperature weg ausgang auslenkung"),
 }
 # Words that say of an input or an output that the system is no piezo actuator.
-_OTHER_SYSTEMS = _of("force torque pwm level height angle speed velocity acceleration pressure flow")
+_OTHER_SYSTEMS = _of("force torque pwm level height angle speed velocity acceleration pressure flow excursion")
 # Row counters are no times.
 _COUNTERS = _of("index idx sample samples row nr no number n")
 # Further quantities, which are neither input nor output where there is anything else.
 _FURTHER = ("current", "charge", "temperature")
 # Steps of a time may differ by so much of their median and still be a time; `phnn check` then says more.
 _UNEVEN = 0.5
+# Ready models by the SI units of input and output, with what these units say.
+_BY_UNITS: Mapping[tuple[str, str], tuple[str, str]] = {
+    ("N", "m"): ("mass_spring_damper", "a force moves a mass; mass_damper if no spring holds it, two_masses for two"),
+    ("N", "m/s"): ("mass_damper", "a force moves a mass; mass_spring_damper if a spring holds it"),
+    ("V", "rad"): ("motor", "a voltage turns a shaft"),
+    ("V", "rad/s"): ("motor", "a voltage turns a shaft"),
+    ("V", "m"): ("voice_coil", "a voltage moves more than a piezo actuator does"),
+    ("V", "m/s"): ("voice_coil", "a voltage moves more than a piezo actuator does"),
+    ("W", "K"): ("heated_body", "a power heats; room if a wall and the outdoor temperature count"),
+    ("V", "V"): ("rc", "a voltage follows another one; first_order if the gain is not one"),
+    ("A", "V"): ("battery", "a current is imposed and a voltage measured"),
+    ("m³/s", "m"): ("tank", "a flow fills to a level"),
+    ("m", "N"): ("friction_rig", "a motion is imposed and a force measured"),
+    ("m/s", "N"): ("friction_rig", "a motion is imposed and a force measured"),
+    ("K", "K"): ("first_order", "a temperature follows another one"),
+}
 
 
 def known_unit(text: str | None) -> tuple[str, float] | None:
     """SI unit and factor of a unit; None where phnn does not know it."""
     found = find_unit(text) if text else None
     return (found.si, found.factor) if found is not None else None
+
+
+def _si(text: str | None) -> str:
+    """Return the SI unit of a unit; empty where phnn does not know it."""
+    return (known_unit(text) or ("", 1.0))[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,6 +196,8 @@ def layout_of(table: Table) -> Layout | None:
     answer = _by_words([c for c in free if c is not source], OUTPUT, "displacement")
     u = source or next(c for c in free if c is not answer)
     y = answer or next(c for c in free if c is not u)
+    if (_si(u.unit), _si(y.unit)) == ("V", "A"):
+        u, y, source, answer = y, u, answer, source  # what is imposed on a cell or a coil is a current
     actuator = _like_an_actuator(u, y)
     return Layout(
         time,
@@ -300,7 +323,7 @@ def manifest_text(
         with_uses: propose which recordings are held out.
     """
     usable = [f for f in found if not f.reason]
-    lines = [*_head(folder), *_setup(actuator)]
+    lines = [*_head(folder), *_setup(actuator, [f.layout for f in usable if f.layout is not None])]
     lines += [f"# {key}: {value}   # {why}" for key, value, why in _WANTED if key in TOP_KEYS]
     columns = [_columns(f, actuator) for f in usable]
     shared = bool(columns) and all(c == columns[0] for c in columns)
@@ -330,11 +353,23 @@ def _head(folder: str) -> list[str]:
     ]
 
 
-def _setup(actuator: bool) -> list[str]:
+def _setup(actuator: bool, layouts: Sequence[Layout]) -> list[str]:
+    """Return the lines of the proposed model: by the units of input and output, if they are the same in all files."""
     if actuator:
         said = f"{{model: {DEFAULT_SETUP['model']}, hysterons: {DEFAULT_SETUP['hysterons']}}}"
         return [f"setup: {said}   # guessed: mass, spring and damper, driven through so many hysterons"]
-    return ["setup: {model: linear}   # guessed: mass, spring and damper; input and output are no voltage and stroke"]
+    units = {(_si(one.input.unit), _si(one.output.unit)) for one in layouts}
+    pair = next(iter(units), ("", ""))
+    if len(units) != 1 or pair not in _BY_UNITS:
+        return [
+            "setup: {model: linear}   # guessed: mass, spring and damper; input and output are no voltage and stroke"
+        ]
+    model, why = _BY_UNITS[pair]
+    lines = [f"setup: {{model: {model}}}   # guessed from {pair[0]} and {pair[1]}: {why}"]
+    moved = pair[1].endswith("/s")
+    return lines + (
+        ["sensor: {derivative: true}   # the output is a velocity, that of the model a way"] if moved else []
+    )
 
 
 def _columns(f: Found, actuator: bool) -> list[str]:

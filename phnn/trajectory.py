@@ -143,21 +143,44 @@ def source_input(setup: Setup, source: Source, h: Array, lead: float, perturbed:
 
 
 def sensed(
-    setup: Setup, nodes: NDArray[np.int64], h: Array
+    setup: Setup, recording: Recording, driving: Driving, nodes: NDArray[np.int64], h: Array
 ) -> tuple[NDArray[np.int64], Array, NDArray[np.int64] | slice]:
-    """Nodes of the steps at which the sensor is evaluated, their times [s] from the first node, and the samples among
-    them.
+    """Return the nodes of the steps at which the sensor is evaluated, their times [s] from the first node, and the
+    samples among them.
 
     If a block has a state, these are the nodes of all steps, as fast motion between two samples changes that state.
-    Otherwise they are the nodes of the samples.
+    Otherwise they are the nodes of the samples. A node at which an imposed flow jumps is there twice, and its sample
+    is the one on its side of the jump: the effort jumps too.
 
     Args:
         nodes: of the samples; h: (n,) steps.
     """
     times = np.concatenate([[0.0], np.cumsum(h)])
-    if any(b.kind in REMEMBERING for b in setup.sensor):
-        return np.arange(times.size), times, nodes
-    return nodes, times[nodes], slice(None)
+    if not any(b.kind in REMEMBERING for b in setup.sensor):
+        return nodes, times[nodes], slice(None)
+    at, after = _beside_jumps(setup, recording, driving)
+    every, places = np.sort(np.concatenate([np.arange(times.size), nodes[at]])), nodes.copy()
+    places += np.searchsorted(nodes[at], nodes)
+    places[at[after]] += 1
+    return every, times[every], places
+
+
+def _beside_jumps(setup: Setup, recording: Recording, driving: Driving) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """(M,) the samples next to a jump of an imposed flow, and whether each lies behind it; none where a further block
+    of the sensor has a state, which asks for times that differ."""
+    plain = setup.network.senses and not any(b.kind in REMEMBERING for b in setup.sensor[1:])
+    u = driving.command.u
+    if not plain or is_displacement(setup, recording):
+        return np.zeros(0, np.int64), np.zeros(0, bool)
+    if recording.interpolation == "zero_order":
+        held = np.flatnonzero(np.diff(u)) + 1
+        at, after = held, np.ones(held.size, bool)
+    else:
+        jumps = driving.command.breaks.jumps
+        at, after = np.concatenate([jumps - 1, jumps]), np.repeat([False, True], jumps.size)
+    inside = (at > 0) & (at < u.size - 1) & (np.bincount(at, minlength=u.size)[at] == 1)
+    order = np.argsort(at[inside])
+    return at[inside][order], after[inside][order]
 
 
 def measured(setup: Setup, q: Array, times: Array) -> Array:
@@ -304,7 +327,8 @@ def simulate(
     states, efforts, done = _integrated(program, theta, x0, u, h)
     if done < h.size:
         raise SolverFailed(_cause_of_stop(recording, h[:done].sum() - before))
-    y = _measured(setup, states[:, program.output], nodes, h, before, cycle)
+    places = sensed(setup, recording, driving, nodes, h)
+    y = _measured(setup, states[:, program.output], places, before, cycle)
     return Trajectory(
         setup, recording, program, theta, driving, h, nodes, lead, cycle, cycle if initial is None else 0, rest,
         recording.t, y[lead:], fine, u, states, efforts,
@@ -340,13 +364,13 @@ def _cause_of_stop(recording: Recording, t: float) -> str:
     )
 
 
-def _measured(setup: Setup, q: Array, nodes: NDArray[np.int64], h: Array, before: float, cycle: int) -> Array:
+def _measured(setup: Setup, q: Array, places: tuple[Any, Array, Any], before: float, cycle: int) -> Array:
     """(N,) the sensor's output at the samples, from the measured state (n+1,) at the nodes.
 
     Args:
-        before: time from the first node to the first recorded sample [s].
+        places: of `sensed`; before: time from the first node to the first recorded sample [s].
     """
-    sensor_nodes, times, samples_of = sensed(setup, nodes, h)
+    sensor_nodes, times, samples_of = places
     seen, times, copied = with_earlier_cycles(setup, q[sensor_nodes], times - before, cycle, sensor_nodes)
     return measured(setup, seen, times)[copied:][samples_of]
 

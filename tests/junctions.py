@@ -5,15 +5,22 @@ from __future__ import annotations
 import numpy as np
 from networks import remembering
 
+from phnn.configuration import config_folder
 from phnn.integrate import kernel
 from phnn.integrate.program import compile_network
 from phnn.laws import PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
+from phnn.models.network_file import load_network
 from phnn.network import Coupling, Network, Port, Ratio, Resistor, Storage
 from phnn.parameters import Parameter, as_table
 from phnn.recordings.driving import driving_of
 from phnn.recordings.recording import Recording, Start
 from phnn.setup import Setup
 from phnn.trajectory import Trajectory
+
+
+def warming(values: dict[str, float] | None = None) -> Network:
+    """The actuator that warms up, with two hysterons."""
+    return load_network(config_folder() / "network" / "thermal_hrc.yaml").with_values(values or {})
 
 
 def recording(t: np.ndarray, u: np.ndarray, start: Start | None = None, **other: object) -> Recording:

@@ -21,7 +21,7 @@ import phnn.nn
 from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.modal.elements import DRAG, HARDENING, SOFTENING, STOP, PortElement
 from phnn.modal.model import ModalModel
-from phnn.models.network_file import load_network
+from phnn.models.network_file import load_network, ready
 from phnn.models.store import _KINDS
 from phnn.network import (
     Coupling,
@@ -35,21 +35,12 @@ from phnn.network import (
     SharedEnergy,
     Storage,
 )
-from phnn.network.bondgraph import BondGraph
 from phnn.network.bondgraph.equations import SumOfEnergies
 from phnn.parameters import Parameter, as_table, positive
+from phnn.recordings.manifest import READY
 from phnn.setup import Setup
 
 CONFIGS = Path(phnn.models.__file__).parents[1] / "configs" / "network"
-# Arguments of models that have no defaults.
-ARGUMENTS: dict[str, Callable[[], dict[str, Any]]] = {
-    "cantilever": lambda: {"modes": 2, "length": 0.1, "rigidity": 0.5, "mass": 0.01},
-    "driven_beam": lambda: {
-        "actuator": phnn.models.from_paper(),
-        "beam": importlib.import_module("phnn.models.variants").cantilever(2, 0.1, 0.5, 0.01),
-        "stiffness": 1e5,
-    },
-}
 # Energy at which states of a network count as typical [J].
 _ENERGY = 1e-3
 
@@ -206,12 +197,6 @@ def _modules_of_models() -> Iterator[Any]:
         yield importlib.import_module(f"phnn.models.{found.name}")
 
 
-def _networks(made: Any) -> Network:
-    if isinstance(made, Setup):
-        return made.network
-    return made.network() if isinstance(made, BondGraph) else made
-
-
 def _things_of_models() -> Iterator[tuple[str, Any]]:
     """Every public function and class that a module of `phnn.models` defines."""
     for module in _modules_of_models():
@@ -224,9 +209,10 @@ def network_models() -> Iterator[tuple[str, Callable[[], NetworkSubject]]]:
     """Every function of `phnn.models` that makes a network, and every shipped network."""
     for name, thing in _things_of_models():
         makes = inspect.isfunction(thing) and typing.get_type_hints(thing).get("return")
-        if makes in (Network, BondGraph, Setup) and name not in ("load_network", "load_graph"):
-            given = ARGUMENTS.get(name, dict)
-            yield name, lambda thing=thing, given=given: NetworkSubject(_networks(thing(**given())))
+        if makes in (Network, Setup) and name not in ("load_network", "ready"):
+            yield name, lambda thing=thing: NetworkSubject(getattr(made := thing(), "network", made))
+    for name in READY:
+        yield name, lambda name=name: NetworkSubject(ready(name))
     for file in sorted(CONFIGS.glob("*.yaml")):
         yield f"file {file.stem}", lambda file=file: NetworkSubject(load_network(file))
 

@@ -11,8 +11,9 @@ import pytest
 import torch
 
 import phnn
+from phnn.configuration import config_folder
 from phnn.control import Controller, shape, simulate
-from phnn.models.variants import thermal_hrc
+from phnn.models.network_file import load_network
 from phnn.network.elements import Network, Port
 from phnn.network.lyapunov import forced_equilibrium, shifted_energy, shifted_rate
 from phnn.network.small_signal import linearised_at_rest
@@ -156,7 +157,9 @@ REFUSED: dict[str, Callable[[], object]] = {
     "give the lowest voltage": lambda: shape(ACTUATOR, limits=(1.0, -1.0)),
     "no input port": lambda: shape(replace(ACTUATOR, ports=())),
     "does not push the mass": lambda: shape(replace(ACTUATOR, ports=(Port("voltage", {"q": 1.0}),))),
-    "leave out the port law, modulations, modulator states": lambda: shape(thermal_hrc()),
+    "leave out the port law, modulations, modulator states": lambda: shape(
+        load_network(config_folder() / "network/thermal_hrc.yaml")
+    ),
     r"takes 170.* V, outside of -100 to 150 V: give a displacement nearer": lambda: OURS.equilibrium(300e-6),
     "finite displacement": lambda: OURS.equilibrium(math.nan),
     r"sampled loop is unstable.*sample faster": lambda: OURS.sampled(2e-4),

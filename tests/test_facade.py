@@ -98,8 +98,8 @@ def test_what_cannot_be_simulated_is_refused(t: object, u: object, options: dict
 
 
 def test_identify_refuses_what_is_no_model() -> None:
-    with pytest.raises(phnn.InputRefused, match="model: a str: give a Network"):
-        phnn.identify("hrc", campaigns.campaign())  # type: ignore[arg-type]
+    with pytest.raises(phnn.InputRefused, match="model: a int: give a Network"):
+        phnn.identify(3, campaigns.campaign())  # type: ignore[arg-type]
 
 
 def test_identified_model_goes_into_the_diagnosis_and_predicts(tmp_path: Path) -> None:

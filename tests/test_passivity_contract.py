@@ -20,7 +20,7 @@ from phnn.network.bounded import BoundedParameters
 torch.set_num_threads(1)
 both = pytest.mark.parametrize("dtype", [torch.float64, torch.float32], ids=["float64", "float32"])
 optimisers = pytest.mark.parametrize("optimiser", OPTIMISERS)
-FAST = [name for name, _ in (*CORE, *learned(), *learned_together())] + ["from_paper", "thermal_hrc", "neural_hrc"]
+FAST = [name for name, _ in (*CORE, *learned(), *learned_together())] + ["from_paper", "motor", "neural_hrc"]
 
 
 def trained(name: str, dtype: torch.dtype, optimiser: str, kind: str, steps: int) -> None:

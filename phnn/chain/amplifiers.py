@@ -22,14 +22,27 @@ Array = NDArray[Any]
 
 
 def rate(y: Array, t: Array) -> Array:
-    """``dy/dt`` at the samples, the slope of the parabola through each and its neighbours: an error of second order."""
+    """``dy/dt`` at the samples, the slope of the parabola through each and its neighbours: an error of second order.
+
+    A time that is there twice parts what comes before it from what comes after it: the parabola takes one side.
+    """
     shape = (-1,) + (1,) * (y.ndim - 1)
     h = np.diff(t.ravel()).reshape(shape)
+    apart = h == 0.0
     # Products, not quotients: those of complex numbers keep the real part to the last digit.
-    slopes = np.diff(y, axis=0) * (1.0 / h)
-    inner = (h[1:] * slopes[:-1] + h[:-1] * slopes[1:]) * (1.0 / (h[1:] + h[:-1]))
-    first, last = 2.0 * slopes[:1] - inner[:1], 2.0 * slopes[-1:] - inner[-1:]
-    return np.concatenate([first, inner, last])
+    slopes = np.diff(y, axis=0) * (1.0 / np.where(apart, 1.0, h))
+    inner = (h[1:] * slopes[:-1] + h[:-1] * slopes[1:]) * (1.0 / np.maximum(h[1:] + h[:-1], np.finfo(float).tiny))
+    if not apart.any():
+        first, last = 2.0 * slopes[:1] - inner[:1], 2.0 * slopes[-1:] - inner[-1:]
+        return np.concatenate([first, inner, last])
+    found, ends = np.concatenate([slopes[:1], inner, slopes[-1:]]), np.concatenate([[True], apart.ravel(), [True]])
+    whole = ~(ends[1:] | ends[:-1])
+    for side, (at, step) in enumerate(((1, 0), (-1, -1))):
+        edges = np.flatnonzero(ends[side : ends.size - 1 + side] & ~ends[1 - side : ends.size - side])
+        # The straight line through two samples where there is no third on this side.
+        beside = np.where(whole[edges + at].reshape(-1, *shape[1:]), found[edges + at], slopes[edges + step])
+        found[edges] = 2.0 * slopes[edges + step] - beside
+    return found
 
 
 def imposed_rate(fine: Array, h: Array, before: Any) -> Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from phnn.check import check as check_recordings
-from phnn.identification.prepare import prepare
+from phnn.identification.prepare import is_ready, prepare
 from phnn.recordings import read
 from phnn.results import claim, printable
 
@@ -20,7 +20,8 @@ def check(
             are for `modes` and pass.
     """
     campaign = read(folder, manifest, allow_outside=outside)
-    if "network" in campaign.setup or not any(r.further or r.measures for r in campaign.recordings):
+    described = "network" in campaign.setup or is_ready(campaign)
+    if described or not any(r.further or r.measures for r in campaign.recordings):
         prepare(campaign)
     checked = check_recordings(campaign)
     print(printable(checked.text(), lines=True))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -14,7 +13,6 @@ from phnn.commands.terminal import Config, doubt, status
 from phnn.diagnose.diagnosis import score_on_all
 from phnn.identification.base import identify_base
 from phnn.identification.evaluate import Evaluation
-from phnn.identification.fit import Fit
 from phnn.identification.identified import save_fit
 from phnn.identification.options import Options
 from phnn.integrate.cache import compile_ahead
@@ -32,18 +30,21 @@ def identify(
     campaign = read(folder, manifest, allow_outside=outside)
     doubt(campaign)
     with claim(out, "identify", [folder], ("base", "identify.json", PROGRESS), overwrite=overwrite) as place:
-        parameters, scores = _identify(campaign, options, place)
+        said, scores = _identify(campaign, options, place)
     table = Table("parameter", "value", "standard error", "95 % interval", "note", title=f"base model of {folder}")
-    for name, row in parameters.items():
+    for name, row in said["parameters"].items():
         error_text = f"{row['std']:.2g}" if row["std"] is not None else "–"
         value = f"{row['value']:.5g} {row['unit']}"
         table.add_row(name, value, error_text, interval(row["interval_95"]), str(row["held"] or ""))
     Console().print(table)
+    if said["open"]:
+        known = [f"{n} = {r['value']:.5g} ± {r['std']:.2g}" for n, r in said["ratios"].items()]
+        Console().print(f"[bold]{escape(said['open'])}[/bold]. {escape(', '.join(known))}")
     Console().print(_score_table(scores))
 
 
 def _identify(campaign: Campaign, options: Options, place: Place) -> tuple[dict[str, Any], Evaluation]:
-    """Fit the base model and write it; its table of parameters, and its scores."""
+    """Fit the base model and write it; what `identify.json` says, and its scores."""
     with status() as tell, watched(place, "identify", tell) as progress:
         if compile_ahead():
             progress("compile the simulation, once on this machine")
@@ -57,25 +58,21 @@ def _identify(campaign: Campaign, options: Options, place: Place) -> tuple[dict[
             "unit": p.unit,
             "std": finite(std.get(n)),
             "interval_95": fitted.interval(n),
-            "held": _note(fitted, n),
+            "held": fitted.note(n) or None,
         }
         for n, p in fitted.setup.parameters.items()
         if n not in hidden
     }
     content = {
         "parameters": parameters,
+        "open": fitted.open_statement(),
+        "ratios": {n: {"value": v, "std": finite(s)} for n, (v, s) in fitted.ratios().items()},
         "fit": scores.table(),
         "numerical_error_sigma": error.sigma,
         "seed": options.seed,
     }
     (place / "identify.json").write_json(content)
-    return parameters, scores
-
-
-def _note(fitted: Fit, name: str) -> str | None:
-    if not np.isfinite(fitted.std().get(name, 0.0)):
-        return "not identified by these recordings"
-    return fitted.held.get(name)
+    return content, scores
 
 
 def _score_table(scores: Evaluation) -> Table:

@@ -57,8 +57,8 @@ def has_plain_dead_zones(setup: Setup) -> bool:
 
 
 def has_transducer(setup: Setup) -> bool:
-    """A parameter ``alpha`` is the ratio by which the voltage port acts on the momentum."""
-    ports = setup.network.ports
+    """A parameter ``alpha`` is the ratio by which the voltage port acts on the momentum, not through a resistor."""
+    ports = [p for p in setup.network.ports if p.law not in ("resistance", "conductance", "maxwell")]
     return has_motion(setup) and any(p.name == "voltage" and p.on.get("p") == "alpha" for p in ports)
 
 

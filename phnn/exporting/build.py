@@ -308,7 +308,8 @@ class _Builder:
             if self.b.is_linear(name):
                 start = f"{start} / {self.b.capacity(name)}"
             lines += [f"s.found_{j} = {start}", f"s.before_{j} = {start}"]
-        lines += [*self._unknown(), *[f"s.slope = {self._floors()[0]!r}"] * (len(self.b.junctions) == 1)]
+        one = self._floors() if len(self.b.junctions) == 1 else []
+        lines += [*self._unknown(), *(f"s.slope = {floor!r}" for floor in one)]
         self._add("init", ("u", *(f"u_{n}" for n in self.further)), lines, "Begin at rest under constant inputs")
 
     @property

@@ -1,14 +1,11 @@
 """The base model of a campaign, fitted with sub-steps that keep the numerical error below the noise.
 
-Fits whose sub-steps keep the numerical error below the noise.
+A state that switches a law at a sample more or less makes the sum of squares rough on a small scale: descent stops at a
+local minimum, though the derivatives predict a large decrease beyond. Such fits are resumed with a larger step.
 
-A state that switches a law at a sample more or less makes the sum of squares rough on a small scale: descent stops in
-front of the first local minimum of a non-smooth cost, though the derivatives predict a large decrease beyond. Such fits
-are resumed with a larger step (`resumed`).
-
-A coherent error far below the noise can be significant over many samples and would then be named as physics. So
-the error is measured by halving the step and by changing the reconstruction, and what base parameters and zero
-absorb is projected out; the norm of the rest, over the whole plan, is in units of one standard deviation.
+A coherent error far below the noise can be significant over many samples and would then be named as physics. So the
+error is measured by halving the step and by changing the reconstruction, and what base parameters and zero absorb is
+projected out; the norm of the rest, over the whole plan, is in units of one standard deviation.
 """
 
 from __future__ import annotations
@@ -19,12 +16,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
+from scipy.signal import bilinear, lfilter
 
-from phnn.errors import PhnnError, SolverFailed
+from phnn.errors import InputRefused, PhnnError, SolverFailed
 from phnn.identification.fit import Fit, distinct_optima, fit
 from phnn.identification.options import Options
 from phnn.identification.plan import Plan
-from phnn.identification.prepare import Prepared, hysteresis_needed, prepare
+from phnn.identification.prepare import Prepared, hysteresis_needed, is_ready, prepare
 from phnn.identification.problem import Problem, Variables, beyond_limit, starts_unknown, without_nuisances
 from phnn.identification.staged import (
     FURTHER_STARTS,
@@ -35,9 +33,10 @@ from phnn.identification.staged import (
     identify_actuator,
     stated_only,
 )
-from phnn.identification.starting_points import mechanical_points
+from phnn.identification.starting_points import mechanical_points, scaled_points
 from phnn.identification.zero import is_shared, with_own_zeros, with_shared_zero
 from phnn.models.bouc_wen import bouc_wen
+from phnn.network.roles import motions
 from phnn.recordings.recording import Anchor, Campaign, Recording
 from phnn.rescue import late
 from phnn.setup import Setup
@@ -225,10 +224,19 @@ def _coarse_cost(setup: Setup, plan: Plan) -> float:
 
 
 _QUICK, _FULL = 12, 60
+# A network explains recordings badly if it leaves more than this share of their mean square, and the reversed output
+# well if it leaves less than that share of what it left of the recorded one.
+_BADLY, _WELL = 0.5, 0.25
+# A plant is asked for its stability if the network leaves more than this mean square, in units of the noise, and this
+# share of what there is; a regression tells if it leaves less than this share of the force, and the stiffness lies so
+# many standard errors below zero.
+_NOISY, _POORLY, _EXPLAINED, _CLEARLY, _FEWEST = 4.0, 0.02, 0.3, 6.0, 50
 _FINALISTS = 3
 
 
-def identify_network(setup: Setup, plan: Plan, known: Mapping[str, Anchor], starts: int, seed: int) -> Fit:
+def identify_network(
+    setup: Setup, plan: Plan, known: Mapping[str, Anchor], starts: int, seed: int, from_recordings: bool = False
+) -> Fit:
     """Fit a network to the identification samples of a plan.
 
     Args:
@@ -238,16 +246,21 @@ def identify_network(setup: Setup, plan: Plan, known: Mapping[str, Anchor], star
         starts: number of starting points; all but the first have every positive parameter multiplied by a factor around
             one, ``exp N(0, 1)``, and every other moved by its typical size.
         seed: of these factors.
+        from_recordings: the starting values say nothing, and the recordings give them (`scaled_points`).
 
     Raises:
-        InputRefused: a known parameter does not belong to the network.
+        InputRefused: a known parameter does not belong to the network, or the output falls where the input rises.
         PhnnError: no starting point can be simulated.
     """
     check_known(known, setup.parameters)
     setup = setup.with_values({n: a.value for n, a in known.items()})
     held = held_at(known)
     tried: list[Fit] = []
-    for start in _starts(setup, held, starts, seed):
+    points = _starts(setup, held, starts, seed)
+    if from_recordings:
+        points = scaled_points(setup, plan, {n: a.value for n, a in known.items()}) or points
+        setup = points[0]
+    for start in points:
         if tried and late(FURTHER_STARTS):
             break
         try:
@@ -262,7 +275,72 @@ def identify_network(setup: Setup, plan: Plan, known: Mapping[str, Anchor], star
             break
         finished.append(fit_identified(first.setup, plan, held, _FULL, first))
     best, alternatives = distinct_optima(finished)
+    _can_be_explained(best, setup, held)
     return replace(best, alternatives=alternatives)
+
+
+def _can_be_explained(fitted: Fit, setup: Setup, held: Mapping[str, str]) -> None:
+    """Refuse recordings that a network explains badly as they are: of an unstable plant, or of a reversed output."""
+    recordings = fitted.plan.recordings
+    nothing = sum(float(np.sum(_without_model(r) ** 2)) for r in recordings)
+    if fitted.chi2 > _NOISY and fitted.cost > _POORLY * nothing and (stiffness := _negative_stiffness(fitted)):
+        raise InputRefused(
+            f"{recordings[0].source}: the plant is unstable: force and displacement show a negative stiffness of about "
+            f"{stiffness:.2g} N/m, and a passive network has none. Record the plant in its control loop as a whole, or "
+            f"add a known stiffness times the displacement to the recorded force"
+        )
+    if fitted.cost < _BADLY * nothing or any(r.sensor.rectified or r.sensor.is_limited for r in recordings):
+        return
+    turned = replace(fitted.plan, recordings=tuple(replace(r, y=-r.y) for r in recordings))
+    try:
+        reversed_fit = fit_identified(setup, turned, held, _QUICK)
+    except PhnnError:
+        return
+    if reversed_fit.cost < _WELL * fitted.cost:
+        source = max(recordings, key=lambda r: float(np.ptp(r.y))).source
+        raise InputRefused(
+            f"{source}: the output falls where the input rises: reverse a sign (scale: -1 under columns in "
+            f"recordings.yaml, at the input or the output). With the sign reversed the network leaves "
+            f"{reversed_fit.chi2**0.5:.3g} times the noise, as recorded {fitted.chi2**0.5:.3g} times"
+        )
+
+
+def _negative_stiffness(fitted: Fit) -> float | None:
+    """Return the stiffness by which a force moves a measured mass, where it is clearly negative.
+
+    A regression of the filtered force on the filtered displacement and its two derivatives; the filter that leaves the
+    least is taken.
+    """
+    network = fitted.setup.network
+    motion = next(iter(motions(network)), None)
+    if motion is None or network.output != motion.displacement or [p.law for p in network.ports] != ["linear"]:
+        return None
+    acts = network.ports[0].on.get(motion.momentum, 0.0)
+    gain = fitted.setup.parameters[acts].value if isinstance(acts, str) else acts
+    found: list[tuple[float, float, float]] = []
+    recordings = fitted.plan.recordings
+    dt, span = min(r.dt for r in recordings), max(float(np.ptp(r.t)) for r in recordings)
+    for tau in np.geomspace(3.0 * dt, max(span / 20.0, 6.0 * dt), 8):
+        rows = [np.zeros((0, 5))]
+        for r in recordings:
+            filters = [bilinear(np.eye(3)[2 - i], np.poly([-1.0 / tau] * 3) * tau**3, 1.0 / r.dt) for i in range(3)]
+            q, f = r.y - r.y[0], gain * (r.u - r.u[0])
+            columns = [*(lfilter(*x, q) for x in filters), np.ones(q.size), lfilter(*filters[0], f)]
+            rows.append(np.column_stack(columns)[int(8.0 * tau / r.dt) :])
+        a, b = (table := np.concatenate(rows))[:, :4], table[:, 4]
+        if b.size < _FEWEST:
+            continue
+        theta, scale = np.linalg.lstsq(a, b, rcond=None)[0], np.linalg.norm(a, axis=0)
+        rest, inverse = b - a @ theta, np.linalg.pinv((a / scale).T @ (a / scale))
+        std = float(np.sqrt(inverse[0, 0] * (rest @ rest) / b.size) / scale[0])
+        found.append((float(rest @ rest / max(np.sum((b - b.mean()) ** 2), 1e-300)), float(theta[0]), std))
+    left, k, std = min(found, default=(1.0, 0.0, 0.0))
+    return k if left < _EXPLAINED and k < -_CLEARLY * std else None
+
+
+def _without_model(recording: Recording) -> Array:
+    """Return the output at the samples of identification, in units of its noise, without its mean."""
+    return without_nuisances(recording.y, recording.mask("identification"), recording) / recording.noise
 
 
 def _cost(fitted: Fit) -> float:
@@ -320,7 +398,8 @@ def _begun(prepared: Prepared, campaign: Campaign, options: Options, progress: P
     plan, model, hysterons = prepared.plan, prepared.model, prepared.hysterons
     if prepared.described is not None:
         progress(f"identify the network of {prepared.described.name}")
-        return identify_network(prepared.described, plan, campaign.known, options.starts, options.seed)
+        scaled = is_ready(campaign)
+        return identify_network(prepared.described, plan, campaign.known, options.starts, options.seed, scaled)
     if model == "bouc_wen":
         return identify_bouc_wen(plan, campaign, options, progress)
     begun: Fit | None = None

@@ -32,6 +32,15 @@ Array = NDArray[np.float64]
 TOLERANCE = 3e-7
 # A parameter whose estimation coordinate is uncertain by more than this is not identified by the recordings.
 _UNIDENTIFIED = 1.5
+# How the reason ends for which such a parameter is held.
+UNIDENTIFIED = "these recordings do not identify it"
+# Units of masses and moments of inertia.
+_INERTIAS = ("kg", "kg m2", "kg m²")
+# A parameter follows a held one where its coordinate moves by more than this share of the held one's; the followers
+# make up for a change where they leave less than this share of it in the output.
+_FOLLOWS, _MADE_UP = 0.05, 1e-3
+# A combination of parameters, each scaled to a unit norm of its column, that changes the output by less than this.
+_NULL = 1e-6
 # Optima that cost at most this much more are worth keeping, where they are this far apart, and at most so many.
 NEARLY, _APART, _MOST = 1.3, 0.2, 2
 
@@ -125,12 +134,76 @@ class Fit:
         variances = np.square(np.array(list(self.anchors.values()), dtype=float))
         return np.asarray(self.exact_anchors + (self.by_anchors * variances) @ self.by_anchors.T)
 
+    @cached_property
+    def open_directions(self) -> tuple[dict[str, float], ...]:
+        """Return the parameters that move together without any recording noticing, with the change of each coordinate.
+
+        The first of each is the one that is held because the recordings do not identify it. An exponent of one for all
+        is a common factor: only ratios are known.
+        """
+        weak = [n for n, why in self.held.items() if why.endswith(UNIDENTIFIED) and n in self.setup.parameters]
+        if not weak or not self.z.size or self.use != "identification":
+            return ()
+        problem = Problem(self.setup, self.plan, self.variables)
+        p = self.setup.parameters
+        columns = residual_by_anchors(problem, self.z, tuple(weak)) * [p[n].slope(p[n].value) for n in weak]
+        moves = estimates_by_anchors(bread(self.jacobian), self.jacobian, columns)
+        alone, left = (np.linalg.norm(c, axis=0) for c in (columns, columns + self.jacobian @ moves))
+        found = []
+        for name, move, size, rest in zip(weak, moves.T, alone, left, strict=True):
+            with_it = {n: float(m) for n, m in zip(self.variables.names, move, strict=False) if abs(m) > _FOLLOWS}
+            # The output depends on it well enough, and the others make up for all of that.
+            if with_it and size > 1.0 / _UNIDENTIFIED and rest < _MADE_UP * size:
+                found.append({name: 1.0, **with_it})
+        return tuple(found)
+
+    def open_statement(self) -> str:
+        """Return one sentence on what the recordings leave open; empty where they leave nothing."""
+        said = []
+        for direction in self.open_directions:
+            names = f"{', '.join([*direction][:-1])} and {[*direction][-1]}"
+            if all(abs(e - 1.0) < _FOLLOWS for e in direction.values()):
+                said.append(f"a common factor of {names} is open: only their ratios are known")
+            else:
+                moved = ", ".join(f"{n}^{e:.2g}" for n, e in direction.items())
+                said.append(f"{names} can change together ({moved}) without any change of the output")
+        remedy = "; state one of them under `known` in recordings.yaml" if said else ""
+        driven = not said or any(np.ptp(r.drive) > 0.0 for r in self.plan.recordings)
+        return ("" if driven else "The input is constant, so this is a free decay: ") + "; ".join(said) + remedy
+
+    def ratios(self) -> dict[str, tuple[float, float]]:
+        """Return the ratios that are known where a common factor is open, each with its standard error."""
+        found = {}
+        p, order = self.setup.parameters, {n: i for i, n in enumerate(self.variables.names)}
+        for direction in self.open_directions:
+            if all(abs(e - 1.0) < _FOLLOWS and p[n].positive for n, e in direction.items()):
+                # The one that is divided by is the one whose unit is that of an inertia, else the held one.
+                by = next((n for n in direction if p[n].unit in _INERTIAS), next(iter(direction)))
+                for name in (n for n in direction if n != by):
+                    weights = np.zeros(self.z.size)
+                    for n, sign in ((name, 1.0), (by, -1.0)):
+                        if n in order:
+                            weights[order[n]] += sign
+                    value = p[name].value / p[by].value
+                    found[f"{name}/{by}"] = value, value * float(weights @ self.covariance @ weights) ** 0.5
+        return found
+
+    def note(self, name: str) -> str:
+        """Return why a parameter has no standard error; empty where it has one."""
+        others = next(([n for n in d if n != name] for d in self.open_directions if name in d), None)
+        if others is not None:
+            return f"known only relative to {', '.join(others)}"
+        unknown = not np.isfinite(self.std().get(name, 0.0))
+        return self.held.get(name, "not identified by these recordings" if unknown else "")
+
     def std(self) -> dict[str, float]:
         """Standard errors of the estimated parameters and of the held anchors, SI; infinite where the recordings do
-        not identify one."""
+        not identify one, alone or together with others."""
         names, covariance = self.joint_covariance()
         spread = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
-        known = [s <= _UNIDENTIFIED for s in spread[: len(self.variables.names)]] + [True] * len(self.anchors)
+        loose = {n for direction in self.open_directions for n in direction}
+        own = zip(self.variables.names, spread, strict=False)
+        known = [s <= _UNIDENTIFIED and n not in loose for n, s in own] + [True] * len(self.anchors)
         sizes = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         return {n: float(s) if k else float("inf") for n, s, k in zip(names, sizes, known, strict=True)}
 
@@ -295,8 +368,19 @@ def unidentified(jacobian: Array, names: Sequence[str]) -> list[str]:
     """Names that the recordings cannot identify, worst first, from the sensitivities alone.
 
     A parameter is dropped while some direction of the scaled Jacobian leaves a coordinate uncertain by more than
-    a factor ``e^1.5``; what is dropped is the largest entry of the weakest direction.
+    a factor ``e^1.5``; what is dropped is the largest entry of the weakest direction. So is one for which the others
+    make up exactly, together with the initial states in the further columns: a free decay does not tell the mass.
     """
+    further, sizes = jacobian[:, len(names) :], np.linalg.norm(jacobian[:, : len(names)], axis=0)
+    jacobian = jacobian[:, : len(names)]
+    if names and further.any() and sizes.all():
+        basis = np.linalg.qr(further / np.maximum(np.linalg.norm(further, axis=0), 1e-300))[0]
+        alone = (jacobian - basis @ (basis.T @ jacobian)) / sizes
+        _, singular, rows = np.linalg.svd(alone, full_matrices=False)
+        if singular[-1] < _NULL:
+            worst = int(np.argmax(np.abs(rows[-1])))
+            fewer = np.delete(np.hstack([jacobian, further]), worst, axis=1)
+            return [names[worst], *unidentified(fewer, [n for n in names if n != names[worst]])]
     left = list(range(len(names)))
     dropped: list[str] = []
     square = np.asarray(np.linalg.qr(jacobian, mode="r"))

@@ -14,6 +14,8 @@ from phnn.models.actuator import hrc
 from phnn.models.store import save
 from phnn.network.elements import Network
 from phnn.recordings import Campaign, campaign_of
+from phnn.recordings.manifest import MODELS
+from phnn.recordings.values import choice
 from phnn.results import Place
 from phnn.setup import Setup
 
@@ -58,7 +60,7 @@ def save_fit(fitted: Fit, place: Path | Place) -> None:
 
 
 def identify(
-    model: Network | Setup | None,
+    model: Network | Setup | str | None,
     campaign: Campaign | str | Path,
     options: Options | None = None,
     progress: Progress = quiet,
@@ -69,9 +71,9 @@ def identify(
         value, standard_error = fit.parameters["k"]          # [N/m]
 
     Args:
-        model: a network, or one with amplifier and sensor. Of the actuator `phnn.models.hrc` only the number of
-            hysterons counts: it needs no starting values. Any other model starts from its own values. None: the model
-            that the manifest names.
+        model: a network, or one with amplifier and sensor, or the name of a ready model such as ``"motor"``. Of the
+            actuator `phnn.models.hrc` only the number of hysterons counts: it needs no starting values, nor does a
+            ready model by its name. Any other model starts from its own values. None: what the manifest names.
         campaign: recordings, or their folder; see `phnn.read`.
         options: how hard to try.
         progress: called with a line of text at every stage.
@@ -87,12 +89,15 @@ def identify(
     return Identified(stated, fitted, error, chosen)
 
 
-def _manifest_setup(model: Network | Setup) -> dict[str, object]:
+def _manifest_setup(model: Network | Setup | str) -> dict[str, object]:
     """What a manifest would say under ``setup`` for a model.
 
     Raises:
         InputRefused: it is neither a network nor a setup.
     """
+    if isinstance(model, str):
+        choice(model, MODELS, "model")
+        return {"model": model}
     setup = Setup(model) if isinstance(model, Network) else model
     if not isinstance(setup, Setup):
         raise InputRefused(f"model: a {type(model).__name__}: give a Network such as phnn.models.hrc(hysterons=2)")

@@ -1,31 +1,16 @@
-"""Everything of an identification that can be refused before it begins.
+"""Everything of an identification that can be refused before it begins, and the hysteresis that an actuator needs.
 
-The hysteresis that an actuator needs, if the user leaves it to the recordings.
+Where the user leaves the hysteresis to the recordings, models with one and two hysterons, with the best of the other
+forms, and with more hysterons are fitted to some of the identification recordings; the others choose (`LeftOut`).
 
-Models with one and two hysterons, with the best of the other forms of hysteresis, and with more hysterons are fitted to
-some of the identification recordings; the others choose (`LeftOut`). One that predicts them clearly better takes the
-place of the one before.
+The gain of one element on recordings that took no part in finding it is compared sample by sample: with the residuals
+``e₀`` and ``e₁`` without and with it, in units of the noise, ``d = e₀² − e₁²`` is summed over blocks of time, and a
+one-sided t-test asks whether its mean is positive (Ibragimov & Müller 2010). Blocks are eight correlation lengths of
+``e₁``, the larger one of ``1 + 2 Σ ρ_k`` over the lags before ``ρ`` first vanishes (slow noise, drift) and
+``1 + 2 Σ ρ_k²`` over the lags up to N/64 (noise that rings; Bayley & Hammersley 1946).
 
-The gain of one element on recordings that took no part in finding it: its size and its significance.
-
-Two models are compared sample by sample, ``e₀`` the residual without the element and ``e₁`` with it, in units of the
-noise. The gain ``d = e₀² − e₁²`` is summed over blocks of time, and a one-sided t-test asks whether its mean is
-positive. The test is paired, because both models see the same noise; it is the large-sample form of a sign-flip
-permutation over the blocks, and stays valid where the blocks' variances differ (Ibragimov & Müller 2010).
-
-Blocks have to be nearly independent. Their length is eight correlation lengths of ``e₁``; a correlation length is the
-larger one of
-
-    1 + 2 Σ ρ_k       over the lags before ``ρ`` first vanishes,
-    1 + 2 Σ ρ_k²      over the lags up to N/64  (Bayley & Hammersley 1946).
-
-The first is that of slow noise and of what drifts: a residual that is coherent over a whole recording leaves one or two
-blocks, for it is a single observation, however many samples it has. The second counts noise that rings, where positive
-and negative correlations cancel.
-
-The mean of each part is taken away before the test: the displacement zero comes from a few samples, and its error
-would be common to all blocks of a recording. Lines and slow drifts are fitted to the samples that are scored, so that
-K of them take ``K/N`` of the power of pure noise; the residual beside them is scaled by ``√(N/(N − K))``.
+The mean of each part is taken away before the test, as the error of the displacement zero is common to all blocks.
+K fitted lines and drifts take ``K/N`` of the power of noise; the residual is scaled by ``√(N/(N − K))``.
 """
 
 from __future__ import annotations
@@ -50,10 +35,11 @@ from phnn.identification.zero import is_shared, with_unknown_gain
 from phnn.integrate.program import compile_network
 from phnn.models.actuator import hrc
 from phnn.models.bouc_wen import bouc_wen
-from phnn.models.network_file import load_network
+from phnn.models.network_file import load_network, ready
 from phnn.recordings.excitation import excitation_of
+from phnn.recordings.manifest import READY
 from phnn.recordings.partition import candidate_of, divide
-from phnn.recordings.recording import Anchor, Campaign, Recording
+from phnn.recordings.recording import Anchor, Campaign, Recording, is_actuator
 from phnn.results import printable
 from phnn.setup import NOTHING, Own, Setup
 from phnn.trajectory import check_names
@@ -320,7 +306,7 @@ def prepare(campaign: Campaign, workers: int = 1) -> Prepared:
     """
     plan = identification_plan(campaign, workers)
     is_shared(campaign.recordings)
-    if "network" in campaign.setup:
+    if "network" in campaign.setup or is_ready(campaign):
         return Prepared(plan, "network", 0, _described(campaign))
     gain_known(campaign.recordings)
     single(campaign.recordings, "this model has one input and one output")
@@ -336,9 +322,14 @@ def prepare(campaign: Campaign, workers: int = 1) -> Prepared:
     return Prepared(plan, model, hysterons)
 
 
+def is_ready(campaign: Campaign) -> bool:
+    """Whether the manifest names a ready model, whose values mean nothing yet."""
+    return campaign.setup.get("model") in READY and not is_actuator(campaign.setup) and "network" not in campaign.setup
+
+
 def _described(campaign: Campaign) -> Setup:
     """The network of the manifest, a file or a setup, with its anchors."""
-    given = campaign.setup["network"]
+    given = campaign.setup.get("network") or Setup(ready(campaign.setup["model"]), name=campaign.setup["model"])
     path = Path(given.name if isinstance(given, Setup) else str(given))
     setup = given if isinstance(given, Setup) else Setup(load_network(path), name=printable(path.stem))
     check_names(setup.network, campaign.recordings)

@@ -18,6 +18,7 @@ from phnn.identification.evaluate import with_starts
 from phnn.identification.fit import (
     NEARLY,
     TOLERANCE,
+    UNIDENTIFIED,
     Fit,
     distinct_optima,
     fit,
@@ -78,7 +79,6 @@ def _places(recordings: tuple[Recording, ...]) -> Array:
 
 # Parameters that the common factor scales: any one of them, once known, fixes it.
 _SCALED = ("m", "k", "b", "alpha", "C_", "rho_")
-_UNIDENTIFIED = "these recordings do not identify it"
 _SLOW = "held: undetermined, because the recordings are so slow that no mass and no damping shows"
 # Evaluations on all recordings by which the best is chosen, and of the best.
 _SHORT, _FULL = 15, 50
@@ -253,7 +253,7 @@ def fixes_common_factor(known: Iterable[str]) -> bool:
 
 def stated_only(held: Mapping[str, str]) -> dict[str, str]:
     """What is held by a statement; what an earlier fit could not identify is left out, to be asked again."""
-    return {n: why for n, why in held.items() if not why.endswith(_UNIDENTIFIED)}
+    return {n: why for n, why in held.items() if not why.endswith(UNIDENTIFIED)}
 
 
 def fit_identified(
@@ -275,7 +275,7 @@ def fit_identified(
     reasons = dict(held)
     problem = Problem(setup, plan, variables_from(setup, plan, free, origin))
     start = problem.variables.start(setup)
-    jacobian = problem.jacobian(start)[:, : len(free)]
+    jacobian = problem.jacobian(start)
     for name in unidentified(jacobian, free):
         if name not in keep or not jacobian[:, free.index(name)].any():
             reasons[name] = _reason(setup, name)
@@ -283,7 +283,7 @@ def fit_identified(
     if names != free:
         problem = Problem(setup, plan, variables_from(setup, plan, names, origin))
     found = fit_problem(problem, reasons, max_evaluations, tolerance)
-    weak = [n for n in unidentified(found.jacobian[:, : len(names)], names) if n not in keep]
+    weak = [n for n in unidentified(found.jacobian, names) if n not in keep]
     if not weak:
         return found
     reasons |= {n: _reason(found.setup, n) for n in weak}
@@ -293,4 +293,4 @@ def fit_identified(
 
 def _reason(setup: Setup, name: str) -> str:
     p = setup.parameters[name]
-    return f"held at {p.value:.4g} {p.unit}: {_UNIDENTIFIED}"
+    return f"held at {p.value:.4g} {p.unit}: {UNIDENTIFIED}"

@@ -10,17 +10,23 @@ from numpy.typing import NDArray
 
 from phnn.effects import Effect, Scales
 from phnn.effects.hysteresis import BOUC_WEN_HYSTERESIS, DISTRIBUTED_HYSTERESIS
-from phnn.errors import InputRefused
+from phnn.errors import InputRefused, PhnnError
 from phnn.identification.plan import Plan
+from phnn.identification.problem import without_nuisances
 from phnn.models.actuator import hrc
 from phnn.recordings.driving import input_before
 from phnn.recordings.recording import Recording, dominant_frequency
+from phnn.recordings.units import powers
 from phnn.setup import Setup
+from phnn.trajectory import simulate
 
 Array = NDArray[np.float64]
 
 DEFAULT_MASS = 1.0e-3
 RESONANCES_HZ = (200.0, 800.0, 3000.0)
+# Shortest and longest time of a ready model, in samples and as a share of a recording; the logarithm of the ratio of
+# neighbouring ones; how many starting points are fitted.
+_SHORTEST, _LONGEST, _STRIDE, _POINTS = 1.0, 0.5, 0.4, 3
 # Bins of the input over which an output is averaged; share of its way that leads down where it falls throughout.
 _GAIN_BINS, _DOWNHILL = 12, 0.8
 # Forms of hysteresis that may take the place of hysterons in a base model, and their strength over that of their grids.
@@ -141,6 +147,64 @@ def with_form(linear: Setup, plan: Plan, form: str) -> list[Setup]:
     )  # fmt: skip
     points = [FORMS[form].scaled(p, OF_GRID) for p in FORMS[form].grid(scales)]
     return [replace(FORMS[form].add_to(linear, p), name=form) for p in points]
+
+
+def scaled_points(setup: Setup, plan: Plan, anchored: Mapping[str, float]) -> list[Setup]:
+    """Return starting points of a ready model, the best first: its values in units that suit the recordings.
+
+    Its values are of the order of one, for an input, an output and times of the order of one. In other units of mass,
+    length, time, current and temperature they are other numbers of the same model: the input gives one condition on
+    these units, the output another. Times from a few samples to half a recording are tried, each with the gain that
+    fits best.
+    """
+    span = max(float(r.t[-1] - r.t[0]) for r in plan.recordings)
+    step = min(r.dt for r in plan.recordings)
+    first = plan.recordings[0].units
+    drive = drive_amplitude(plan.recordings)
+    sizes = {first.output: 0.5 * max(float(np.ptp(r.y)) for r in plan.recordings)}
+    sizes |= {first.input: drive} if drive else {}
+    found = []
+    for time in np.geomspace(_SHORTEST * step, _LONGEST * span, max(int(np.log(span / step) / _STRIDE), 4)):
+        point = _in_units(setup, sizes, float(time), anchored)
+        try:
+            gain, left = _with_best_gain(point, plan)
+            moved = _in_units(setup, sizes | {first.output: sizes[first.output] * gain}, float(time), anchored)
+            found.append((left, moved))
+        except PhnnError:
+            continue
+    # Where nothing drives, a simulation from rest shows nothing: every time is as good a start as any.
+    found = sorted(found, key=lambda pair: pair[0])[: _POINTS if drive else None]
+    return [point for _, point in found]
+
+
+def _in_units(setup: Setup, sizes: Mapping[str, float], time: float, anchored: Mapping[str, float]) -> Setup:
+    """Return the setup in units in which quantities have given sizes, and ``time`` [s] is one."""
+    bases = sorted({b for unit in sizes for b in powers(unit)} - {"second"})
+    rows = np.array([[powers(unit).get(b, 0.0) for b in bases] for unit in sizes])
+    wanted = [np.log(size) - powers(unit).get("second", 0.0) * np.log(time) for unit, size in sizes.items()]
+    solved = np.linalg.lstsq(rows, np.array(wanted), rcond=None)[0]
+    logs = dict(zip(bases, solved.tolist(), strict=True)) | {"second": float(np.log(time))}
+    table = {}
+    for name, p in setup.network.parameters.items():
+        factor = float(np.exp(sum(power * logs.get(base, 0.0) for base, power in powers(p.unit).items())))
+        table[name] = replace(
+            p, value=p.value * factor, lower=p.lower * factor, upper=p.upper * factor, typical=p.typical * factor
+        )
+    known = {n: v for n, v in anchored.items() if n in table}
+    return replace(setup, network=replace(setup.network, parameters=table)).with_values(known)
+
+
+def _with_best_gain(setup: Setup, plan: Plan) -> tuple[float, float]:
+    """Return the factor on a setup's output that fits recordings best, and the weighted squares that it leaves."""
+    size, along, whole = 0.0, 0.0, 0.0
+    for recording in plan.recordings:
+        mask = recording.mask("identification")
+        y = simulate(setup, recording, 1).y
+        model, seen = (without_nuisances(x, mask, recording) / recording.noise for x in (y, recording.y))
+        size, along, whole = size + float(model @ model), along + float(model @ seen), whole + float(seen @ seen)
+    if not size > 0.0:
+        return 1.0, whole
+    return (abs(along) / size or 1.0), whole - max(along, 0.0) ** 2 / size
 
 
 def drive_amplitude(recordings: Sequence[Recording]) -> float:

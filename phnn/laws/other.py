@@ -155,3 +155,38 @@ register(
         (0.3, 0.2, -0.1, 0.9), (ANY, ANY, ANY, POSITIVE),
     )
 )  # fmt: skip
+
+
+def through_resistance(u: Any, resistance: Any) -> Any:
+    """Return ``ψ(u) = u/R``: what a source drives through a linear resistor before anything moves."""
+    return u / resistance
+
+
+def through_resistance_slope(u: Any, resistance: Any) -> Any:
+    """Return ``ψ'(u) = 1/R``."""
+    return 1.0 / resistance + 0.0 * u
+
+
+def through_conductance(u: Any, conductance: Any) -> Any:
+    """Return ``ψ(u) = G u``, as `through_resistance` with a conductance."""
+    return conductance * u
+
+
+def through_conductance_slope(u: Any, conductance: Any) -> Any:
+    """Return ``ψ'(u) = G``."""
+    return conductance + 0.0 * u
+
+
+def through_maxwell(u: Any, stiffness: Any, tau: Any) -> Any:
+    """Return ``ψ(u) = u/(k τ)``, as the resistor law of the same name."""
+    return u / (stiffness * tau)
+
+
+def through_maxwell_slope(u: Any, stiffness: Any, tau: Any) -> Any:
+    """Return ``ψ'(u) = 1/(k τ)``."""
+    return 1.0 / (stiffness * tau) + 0.0 * u
+
+
+register(PortLaw("resistance", through_resistance, through_resistance_slope, (0.7,)))
+register(PortLaw("conductance", through_conductance, through_conductance_slope, (0.7,)))
+register(PortLaw("maxwell", through_maxwell, through_maxwell_slope, (0.7, 0.4)))

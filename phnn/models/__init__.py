@@ -1,5 +1,6 @@
-"""Models: the HRC actuator, Bouc–Wen, and their form on disk."""
+"""Models: the HRC actuator, ready models by name, Bouc–Wen, and their form on disk."""
 
 from phnn.models.actuator import from_paper, hrc
+from phnn.models.network_file import ready
 
-__all__ = ["from_paper", "hrc"]
+__all__ = ["from_paper", "hrc", "ready"]

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -28,10 +29,12 @@ from phnn.intake.files import named_file
 from phnn.intake.limits import LIMITS
 from phnn.intake.yaml_file import load_yaml
 from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
+from phnn.models.actuator import hrc
 from phnn.network.bondgraph import GY, TF, Bond, BondGraph, C, I, R, Se, Sf
 from phnn.network.bondgraph.description import DIRECTIONS, Element, Link
 from phnn.network.elements import Modulation, ModulatorState, Network, Ratio
 from phnn.parameters import Parameter, positive
+from phnn.recordings.manifest import READY
 from phnn.recordings.values import choice, flag, keys_of, label, mapping, number, shown
 from phnn.results import printable
 
@@ -66,7 +69,36 @@ def load_graph(path: Path | str) -> BondGraph:
             remedy.
     """
     source = named_file(Path(path), absent="give the path of a network's yaml file")
-    content, name = load_yaml(source), source.name
+    return _graph(load_yaml(source), source.name)
+
+
+def ready(name: str, values: Mapping[str, float] | None = None) -> Network:
+    """Return a ready model by its name, one of `phnn.recordings.manifest.READY`.
+
+        motor = phnn.models.ready("motor", {"R": 2.1})
+
+    Args:
+        values: of its parameters, SI; those left out only set the shape, and an identification scales them.
+
+    Raises:
+        InputRefused: no such model; the message lists all.
+    """
+    if name == "piezo_actuator":
+        return hrc(2, dict(values or {}))
+    table = _ready()
+    if name not in table:
+        raise InputRefused(f"model {name!r}: the ready models are {', '.join(READY)}")
+    content = {key: said for key, said in table[name].items() if key != "equation"}
+    return _graph(content, name).network().with_values(values or {})
+
+
+@lru_cache(maxsize=1)
+def _ready() -> Mapping[str, Any]:
+    return mapping(load_yaml(named_file(Path(__file__).with_name("ready.yaml"))), "ready.yaml")
+
+
+def _graph(content: Any, name: str) -> BondGraph:
+    """Return the bond graph that a mapping describes; raises as `load_graph`."""
     top = mapping({} if content is None else content, name)
     keys_of(top, _TOP, name)
     for key in ("junctions", "elements", "parameters", "output"):

@@ -45,13 +45,13 @@ class Imposed:
 
 
 def imposed(network: Network) -> Imposed | None:
-    """The motion that is imposed while its force is measured; None where the output is a storage of its own."""
+    """The motion, or the current, that is imposed while its effort is measured; None where the output is a storage."""
     if not network.senses:
         return None
     contact = next(n for p in network.ports if p.name == network.senses for n in p.on)
     moved = [c.to if c.of == contact else c.of for c in network.couplings if contact in (c.to, c.of)]
     (momentum,) = (n for n in moved if n != network.output)
-    follows = _velocities(network)
+    follows = _flows(network)
     travels = [s.name for s in network.storages if follows.get(s.name) == momentum and s.name not in _held(network)]
     return Imposed(network.senses, contact, network.output, Motion(travels[0], momentum))
 
@@ -92,16 +92,20 @@ def _held(network: Network) -> set[str]:
     return {name for r in network.resistors for name in r.on} | {name for p in network.ports for name in p.on}
 
 
-def _velocities(network: Network) -> dict[str, str]:
-    """Storage to the one whose effort, a velocity, is all of its derivative."""
+def _flows(network: Network) -> dict[str, str]:
+    """Storage to the one whose co-energy is all of its derivative, as a displacement follows a velocity."""
     sources: dict[str, list[tuple[str, Ratio]]] = {}
     for c in network.couplings:
         sources.setdefault(c.to, []).append((c.of, c.ratio))
         # J[to, of] = ratio and J[of, to] = −ratio.
         sources.setdefault(c.of, []).append((c.to, c.ratio if isinstance(c.ratio, str) else -c.ratio))
+    return {name: only[0][0] for name, only in sources.items() if len(only) == 1 and only[0][1] == 1.0}
+
+
+def _velocities(network: Network) -> dict[str, str]:
+    """Displacement to the momentum that moves it: flows between storages that are not electrical."""
     electrical = {s.name for s in network.storages if s.unit in _ELECTRICAL}
-    single = {name: found[0] for name, found in sources.items() if len(found) == 1 and name not in electrical}
-    return {name: of for name, (of, ratio) in single.items() if ratio == 1.0 and of not in electrical}
+    return {name: of for name, of in _flows(network).items() if not electrical & {name, of}}
 
 
 def drive_ratio(network: Network, momentum: str) -> str | None:

@@ -83,7 +83,8 @@ def not_clipped(u: np.ndarray, y: np.ndarray, label: str, factor: float, where: 
 
     A run counts where it is 5 samples or longer, where the input moves during it, and where a parabola through
     the samples on both sides of it passes well beyond the extreme: a resolved reversal that the sensor merely
-    quantises does not. A play, which comes to its plateau gently and leaves it steeply, is no clipping either.
+    quantises does not. A play, which comes to its plateau gently and leaves it steeply, is no clipping either, nor is
+    dry friction, to whose rest the motion slows down and from which it begins more slowly still.
     ``factor`` turns the file's numbers into SI. Samples at a stated limit of the sensor are data.
     """
     step = quantisation_step(y)
@@ -120,6 +121,13 @@ def _is_clipped(u: np.ndarray, y: np.ndarray, run: tuple[int, int], step: float)
     near = max(4, side // 4)
     arrival, departure = abs(y[first] - y[first - near]), abs(y[last + near - 1] - y[last - 1])
     if arrival < 0.4 * departure:
+        return False
+    # Of the way beside the run, a truncated parabola makes (2f + f²)/3 in the share f next to it; a motion that slows
+    # down to its rest or begins from it f², and a little more where steps of the sensor are coarse.
+    quarter, before, after = max(side // 4, 1), max(first - 1, side), min(last, y.size - 1 - side)
+    gentle = 0.8 * (2.0 + quarter / side) * (quarter / side) / 3.0
+    parts, wholes = ((abs(y[before] - y[before - n]), abs(y[after + n] - y[after])) for n in (quarter, side))
+    if all(part < gentle * whole for part, whole in zip(parts, wholes, strict=True)):
         return False
     k = np.r_[first - side : first, last : last + side]
     middle = 0.5 * (first + last - 1)

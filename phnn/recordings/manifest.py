@@ -18,7 +18,12 @@ from phnn.recordings.sensor import PLAIN, Sensor, sensor_of
 from phnn.recordings.units import find_unit
 from phnn.recordings.values import choice, flag, keys_of, label, mapping, number, shown, text
 
-MODELS = ("piezo_actuator", "hrc", "linear", "bouc_wen")
+# Ready models; their networks stand in phnn/models/ready.yaml, but for the actuator's.
+READY = (
+    "first_order", "mass_damper", "mass_spring_damper", "two_masses", "motor", "voice_coil", "heated_body", "room",
+    "rc", "battery", "tank", "friction_rig", "piezo_actuator",
+)  # fmt: skip
+MODELS = (*READY, "hrc", "linear", "bouc_wen")
 STATES = ("rest", "unknown", "periodic")
 INPUTS = ("cubic", "band_limited", "linear", "zero_order")
 USES = ("identification", "confirmation")

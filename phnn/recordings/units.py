@@ -65,7 +65,7 @@ _MULTIPLES = {"": 1.0, "m": 1e-3, "u": 1e-6, "n": 1e-9, "k": 1e3}
 _NAME = re.compile(r"^\s*([A-Za-z]+)\s*(?:_(\S+)|[\[(]\s*([^\])]*?)\s*[\])])?\s*$")
 _BRACKETED = re.compile(r"^(.*?)[\s_]*[\[(]\s*([^\])]*?)\s*[\])]\s*$", re.DOTALL)
 # Units of one letter that the end of a column's name may be.
-_SYMBOLS = "smVANCK"
+_SYMBOLS = "smVANCKW"
 # A product such as `kg m2`, with exponents of one digit, so that no power is large; then what it is divided by.
 _FACTOR = r"(?:[A-Za-zΩÅ°%]+(?:_[A-Za-z0-9]+)*(?:(?:\^|\*\*)?-?[1-9]|[²³])?)"
 _PRODUCT = rf"{_FACTOR}(?: ?[*·. ] ?{_FACTOR})*"
@@ -201,6 +201,16 @@ def same_kind(one: str, other: str) -> bool:
         return one == other or (first is not None and second is not None)
     registry = _registry()
     return _base(registry, registry.Unit(first.si)) == _base(registry, registry.Unit(second.si))
+
+
+def powers(text: str) -> dict[str, float]:
+    """Return the powers of the SI base units in a unit, without angles; none of a text that is no unit."""
+    found = find_unit(text)
+    if found is None or found.si == "1":
+        return {}
+    registry = _registry()
+    base: dict[str, Any] = dict(_base(registry, registry.Unit(found.si))._units)
+    return {name: float(power) for name, power in base.items() if name != "radian"}
 
 
 def accepted(quantity: str) -> str:

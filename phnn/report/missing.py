@@ -398,6 +398,8 @@ def _element(diagnosis: Diagnosis, claim: Claim) -> str:
 
 
 _UP_TO_FACTOR = " Absolute values are known up to one common factor, because nothing anchors them."
+# A delay is that of one row where it differs from the sampling interval by less than this share.
+_SAME_ROW = 0.1
 _NOT_PROVEN = " It is part of the model because it improves predictions; nothing proves that it is the physical cause."
 
 
@@ -432,6 +434,9 @@ def _entry(diagnosis: Diagnosis, claim: Claim) -> dict[str, Any]:
         statement += (
             f" From {quantity(first, 's')} to {quantity(last, 's')} it grows by {growth:.2g} % in every decade."
         )
+    if effect.title == "delay":
+        delayed = parameters[effect.parameters[0]].value
+        statement += one_row(delayed, min(r.dt for r in diagnosis.campaign.recordings))
     return entry | {
         "probability": round(claim.probability, 4),
         "held_out": _held_out(diagnosis, claim),
@@ -445,6 +450,13 @@ def _entry(diagnosis: Diagnosis, claim: Claim) -> dict[str, Any]:
         "passive": effect.passive,
         "parameters": _estimates(diagnosis.final, effect.strengths if claim.learned else effect.parameters),
     }
+
+
+def one_row(delay: float, interval: float) -> str:
+    """Return a sentence on a delay [s] that is one sampling interval [s]; empty on any other."""
+    if abs(delay / interval - 1.0) > _SAME_ROW:
+        return ""
+    return " It is one row: the data acquisition writes one of the two channels a row late."
 
 
 def _p_value(diagnosis: Diagnosis, claim: Claim) -> float:

@@ -507,16 +507,14 @@ def _traces(diagnosis: Diagnosis) -> list[Trace]:
 def _parameters(diagnosis: Diagnosis) -> list[ParameterRow]:
     final = diagnosis.final
     before, after = diagnosis.base.setup.parameters, final.setup.parameters
-    std, held = final.std(), final.held
+    std = final.std()
     anchored = forces_known(diagnosis)
     rows = []
     hidden = auxiliary(final.setup.network)
     for name, p in ((n, p) for n, p in after.items() if n not in hidden):
-        note = held.get(name, "constant" if p.fixed else "")
+        note = final.note(name) or ("constant" if p.fixed else "")
         if not note and not anchored and p.unit in FORCE_UNITS:
             note = "up to one common factor"
-        if not math.isfinite(std.get(name, 0.0)):
-            note = "not identified by these recordings"
         note = note or _unknown_before(diagnosis.base, name)
         old = before[name].value if name in before else None
         ends = final.interval(name)
@@ -526,9 +524,7 @@ def _parameters(diagnosis: Diagnosis) -> list[ParameterRow]:
 
 def _unknown_before(base: Fit, name: str) -> str:
     """Why the base model's value of a parameter says nothing, so that its change says nothing either."""
-    if math.isfinite(base.std().get(name, 0.0)) and name not in base.held:
-        return ""
-    return f"base model: {base.held.get(name, 'not identified by these recordings')}"
+    return f"base model: {note}" if (note := base.note(name)) else ""
 
 
 def _ledger(diagnosis: Diagnosis) -> list[LedgerRow]:

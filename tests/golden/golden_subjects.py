@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 import phnn
 from phnn.chain import AMPLIFIERS, SENSORS, SOURCES
+from phnn.configuration import config_folder
 from phnn.criteria import Criteria
 from phnn.derivatives import output_derivatives
 from phnn.diagnose.linearised import prepare
@@ -28,7 +29,6 @@ from phnn.identification.plan import Plan
 from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.models.bouc_wen import bouc_wen
 from phnn.models.network_file import load_network
-from phnn.models.variants import cantilever, driven_beam, hrcl, hrlc, thermal_hrc
 from phnn.network import Coupling, Modulation, ModulatorState, Network, Port, Resistor, Storage
 from phnn.parameters import Parameter, as_table
 from phnn.recordings.recording import Campaign, Recording
@@ -202,11 +202,11 @@ def _effects() -> Iterator[tuple[str, Setup, bool]]:
 def _models() -> Iterator[tuple[str, Setup]]:
     yield from ((f"actuator, {n} hysterons", actuator(n)) for n in (0, 1, 2, 3))
     yield "bouc_wen", bouc_wen()
-    yield "thermal actuator", Setup(thermal_hrc(2))
-    yield "hrcl", Setup(hrcl(1).network())
-    yield "hrlc", Setup(hrlc(1).network())
-    yield "hrlc, transducer", Setup(hrlc(1, across="transducer").network())
-    yield "actuator of a beam", Setup(driven_beam(phnn.models.hrc(hysterons=1), cantilever(2, 0.1, 2.0, 0.02), 1e4))
+    yield "thermal actuator", Setup(load_network(config_folder() / "network/thermal_hrc.yaml"))
+    yield "hrcl", Setup(load_network(config_folder() / "network/hrcl.yaml"))
+    yield "hrlc", Setup(load_network(config_folder() / "network/hrlc.yaml"))
+    yield "hrlc, transducer", Setup(load_network(config_folder() / "network/hrlc_transducer.yaml"))
+    yield "actuator of a beam", Setup(load_network(Path(__file__).with_name("beam.yaml")))
 
 
 def _starts() -> Iterator[tuple[str, Recording, int]]:

@@ -15,11 +15,12 @@ import numpy as np
 import pytest
 
 import phnn
+from phnn.configuration import config_folder
 from phnn.derivatives import compile_all, output_derivatives
 from phnn.integrate import cache, sweep
 from phnn.models.actuator import hrc
+from phnn.models.network_file import load_network
 from phnn.models.neural import LearnedLaws, neural_hrc
-from phnn.models.variants import hrcl
 from phnn.network.elements import Network
 from phnn.setup import Setup
 from phnn.trajectory import simulate
@@ -120,7 +121,9 @@ def test_an_edited_callee_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.parametrize(
-    "network", [hrc(2), neural_hrc(1, LearnedLaws(3)), hrcl(1).network()], ids=["hrc", "neural", "hrcl"]
+    "network",
+    [hrc(2), neural_hrc(1, LearnedLaws(3)), load_network(config_folder() / "network/hrcl.yaml")],
+    ids=["hrc", "neural", "hrcl"],
 )
 def test_derivatives_are_compiled_ahead_for_all_networks(network: Network) -> None:
     compile_all()

@@ -14,6 +14,7 @@ from junctions import march, random_march, recording
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from phnn.configuration import config_folder
 from phnn.effects import effect
 from phnn.effects.additions import bent_spring
 from phnn.errors import InputRefused, StructureViolated
@@ -24,7 +25,7 @@ from phnn.integrate.program import Program, actions, compile_network
 from phnn.integrate.residual import check, power_balance
 from phnn.integrate.scheme import Scheme
 from phnn.models.actuator import TABLE_1, from_paper, hrc
-from phnn.models.variants import hrlc, thermal_hrc
+from phnn.models.network_file import load_network
 from phnn.network import Coupling, Network, Port, PortHamiltonianSystem, Resistor, Storage
 from phnn.parameters import Parameter, as_table
 from phnn.setup import Setup
@@ -366,11 +367,11 @@ QUICK = {
     "threshold that follows the speed": following("rate_dependent_dead_zone", "p", 2.0, 0.1),
     "inlet that follows a temperature": self_heating(0),
     "hysterons that follow a temperature": self_heating(2),
-    "everything follows a temperature": thermal_hrc(2),
+    "everything follows a temperature": load_network(config_folder() / "network/thermal_hrc.yaml"),
 }
 OTHER = {
     "two junctions": second_mode(),
-    "inductor": hrlc(1).network(),
+    "inductor": load_network(config_folder() / "network/hrlc.yaml"),
     "ratios that follow the displacement": coupled(),
 }
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from junctions import march, recording
+from junctions import march, recording, warming
 
 from phnn.configuration import config_folder
 from phnn.errors import InputRefused, StructureViolated
@@ -18,7 +18,6 @@ from phnn.models.actuator import hrc
 from phnn.models.network_file import load_graph, load_network
 from phnn.models.network_text import as_yaml
 from phnn.models.store import load, save
-from phnn.models.variants import thermal_hrc
 from phnn.network import Modulation, ModulatorState, Network, Port, Resistor, Storage
 from phnn.network.bondgraph import BondGraph, C
 from phnn.network.elements import interconnect, renamed
@@ -30,15 +29,10 @@ SPRING, STIFF = Storage("s", "spring", ("stiff",)), positive("stiff", 1e3, "N/m"
 FILE = config_folder() / "network" / "thermal_hrc.yaml"
 
 
-def test_values_are_those_given() -> None:
-    network = thermal_hrc(1, {"C_T": 2.0, "T_a": 310.0, "k": 2e4})
-    assert [network.parameters[n].value for n in ("C_T", "T_a", "k")] == [2.0, 310.0, 2e4]
-    # At rest the body has the temperature of the ambient.
-    run = simulate(Setup(network), recording(np.arange(5) * 1e-4, np.zeros(5)))
+def test_at_rest_the_body_has_the_temperature_of_the_ambient() -> None:
+    run = simulate(Setup(warming({"T_a": 310.0})), recording(np.arange(5) * 1e-4, np.zeros(5)))
     np.testing.assert_allclose(run.states[:, -1], 310.0 - 293.15, rtol=1e-13)
     assert np.abs(run.y).max() == 0.0
-    with pytest.raises(InputRefused, match="no parameter called heat"):
-        thermal_hrc(1, {"heat": 1.0})
 
 
 def test_a_steady_current_heats_to_its_steady_temperature() -> None:
@@ -57,10 +51,6 @@ def test_a_steady_current_heats_to_its_steady_temperature() -> None:
     found = equilibrium_derivative(program, network, u, np.array([program.names.index(n) for n in ("g", "R_T")]))
     np.testing.assert_allclose(found, [[-2.4, 0.0], [-1.44, 0.18]], rtol=1e-6, atol=1e-9)
     assert equilibrium(program, network, np.zeros(1)).tolist() == [0.0, 0.0]
-
-
-def test_the_file_is_the_function() -> None:
-    assert load_network(FILE) == thermal_hrc(2)
 
 
 def test_what_is_written_is_read(tmp_path: Path) -> None:
@@ -122,13 +112,13 @@ def test_a_ratio_that_follows_a_displacement_is_kept_on_disk(tmp_path: Path) -> 
 
 
 def joined() -> Network:
-    return interconnect(renamed(thermal_hrc(1), "a_"), "a_force", renamed(hrc(1), "b_"), "b_force", SPRING, (STIFF,))
+    return interconnect(renamed(warming(), "a_"), "a_force", renamed(hrc(1), "b_"), "b_force", SPRING, (STIFF,))
 
 
 def test_heat_stays_in_the_network_that_dissipates_it() -> None:
     network = joined()
     assert network.state_names[-1] == "a_theta"
-    assert network.memories[0].of == ("a_hysteron_1", "a_damper")
+    assert network.memories[0].of == ("a_hysteron_1", "a_hysteron_2", "a_damper")
     u = np.zeros((200, len(network.ports)))
     u[:, 0] = 75.0
     run = march(network, u, np.full(200, 1e-5), np.zeros(len(network.state_names)))
@@ -136,9 +126,5 @@ def test_heat_stays_in_the_network_that_dissipates_it() -> None:
     # What the other one dissipates warms nobody.
     assert run.efforts[-1, -1] > 0.0
     with pytest.raises(StructureViolated, match="both networks have a memory theta"):
-        one = thermal_hrc(0)
-        other = replace(
-            renamed(hrc(0), "b_"),
-            memories=(ModulatorState("theta", "relaxing", ("b_m",), ("b_p",)),),
-        )
-        interconnect(one, "force", other, "b_force", SPRING, (STIFF,))
+        other = replace(renamed(hrc(0), "b_"), memories=(ModulatorState("theta", "relaxing", ("b_m",), ("b_p",)),))
+        interconnect(warming(), "force", other, "b_force", SPRING, (STIFF,))

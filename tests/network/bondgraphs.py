@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from phnn.errors import StructureViolated
+from phnn.laws import PORT_LAWS
 from phnn.network import Network, PortHamiltonianSystem
 from phnn.network.bondgraph import GY, TF, Bond, BondGraph, C, I, R, Se, Sf
 from phnn.parameters import Parameter, as_table, positive
@@ -129,5 +130,8 @@ def network_response(network: Network, s: complex) -> tuple[complex, complex]:
     a = system.vector_field(eye, none).detach().numpy().T
     hessian = system.efforts(eye).detach().numpy().T
     b = system.incidences(eye[0])[1].detach().numpy()[:, 0]
+    port = network.ports[0]
+    # Behind a linear resistor the port is that of the equivalent source: its answer lacks what the resistor takes.
+    b = b * PORT_LAWS[port.law].slope(0.0, *(network.parameters[n].value for n in port.parameters))
     x = np.linalg.solve(s * np.eye(n) - a, b)
     return x[network.state_names.index(network.output)], b @ hessian @ x

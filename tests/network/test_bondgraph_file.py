@@ -17,7 +17,6 @@ from phnn.configuration import config_folder
 from phnn.errors import InputRefused
 from phnn.models.network_file import load_graph, load_network
 from phnn.models.network_text import as_yaml
-from phnn.models.variants import hrcl, hrlc, hysteron_choice
 from phnn.network import PortHamiltonianSystem
 from phnn.network.bondgraph import BondGraph, C, I, R, Se
 from phnn.nn import ConvexEnergyMLP
@@ -26,15 +25,6 @@ from phnn.parameters import Parameter, as_table, constant, positive
 torch.set_num_threads(1)
 FOLDER = config_folder() / "network"
 FILES = sorted(FOLDER.glob("*.yaml"))
-VARIANTS = {
-    "hrc": hysteron_choice("parallel_rc"),
-    "series_rl": hysteron_choice("series_rl"),
-    "series_rc": hysteron_choice("series_rc"),
-    "parallel_rl": hysteron_choice("parallel_rl"),
-    "hrlc": hrlc(),
-    "hrlc_transducer": hrlc(across="transducer"),
-    "hrcl": hrcl(),
-}
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda p: p.stem)
@@ -51,28 +41,6 @@ def test_every_network_of_the_package_runs(path: Path) -> None:
     supplied = h * float((path_of.efforts[:, :n] @ system.incidences(rest)[1].detach().numpy() * u).sum())
     stored = system.energy(torch.from_numpy(path_of.states[-1])).item()
     assert stored <= supplied * (1.0 + 1e-9)
-
-
-@pytest.mark.parametrize("name", VARIANTS)
-def test_the_files_are_the_functions(name: str) -> None:
-    assert load_graph(FOLDER / f"{name}.yaml") == VARIANTS[name]
-
-
-def test_mass_damper_moves_as_its_closed_form() -> None:
-    network = load_network(FOLDER / "mass_damper.yaml").with_values({"F_c": 1e-9})
-    m, b = 95.0, 200.0
-    t = np.linspace(0.0, 2.0, 2001)
-    q = march(network, np.ones((2000, 1)), np.full(2000, 1e-3), np.zeros(2)).states[:, 0]
-    wanted = t / b - m / b**2 * (1.0 - np.exp(-b * t / m))
-    np.testing.assert_allclose(q, wanted, atol=1e-6 * wanted[-1])
-
-
-def test_tanks_fill_to_the_level_at_which_they_drain() -> None:
-    network = load_network(FOLDER / "tanks.yaml")
-    inflow, v = 1e-4, {n: p.value for n, p in network.parameters.items()}
-    states = march(network, np.full((4000, 1), inflow), np.full(4000, 0.5), np.zeros(2)).states
-    outer = inflow / v["g_out"]
-    np.testing.assert_allclose(states[-1], [v["A_1"] * (outer + inflow / v["g"]), v["A_2"] * outer], rtol=1e-6)
 
 
 @settings(max_examples=50, deadline=None)

@@ -17,6 +17,7 @@ from phnn.derivatives import output_derivatives
 from phnn.errors import InputRefused, StructureViolated
 from phnn.integrate.ode import odeint
 from phnn.integrate.residual import check, power_balance
+from phnn.models.network_file import ready
 from phnn.models.store import load, save
 from phnn.network.bondgraph import Bond, BondGraph, C, I, R, Sf
 from phnn.network.elements import Network
@@ -126,6 +127,22 @@ def test_what_is_supplied_is_stored_or_dissipated(mass: float) -> None:
     # All energy comes in as force times displacement.
     impulse = np.diff(found.states[:, found.program.output])
     assert np.allclose(balance.supplied.sum(-1).numpy(), impulse * found.u[:, 0], rtol=0, atol=1e-10 * size)
+
+
+@pytest.mark.parametrize("hold", ["zero_order", "cubic"])
+def test_a_jump_of_an_imposed_current_belongs_to_its_side_of_the_sample(hold: str) -> None:
+    # A resistance and a slow pair: the voltage jumps with the current, at the sample that has the new one already.
+    cell = ready("battery", {"C_b": 0.9, "R_0": 0.3, "C_1": 0.02, "R_1": 0.5})
+    u = np.repeat([0.0, 4.0, 0.0, -2.0, 3.0], 60)
+    found = simulate(Setup(cell), replace(recording(u, "A", hold), units=Units("A", "V")), substeps=4)
+    charge, pair, decay = np.zeros(u.size), np.zeros(u.size), np.exp(-DT / (0.5 * 0.02))
+    for k in range(1, u.size):
+        charge[k] = charge[k - 1] + DT * u[k - 1]
+        pair[k] = decay * pair[k - 1] + (1.0 - decay) * 0.5 * u[k - 1]
+    # A jump that is seen between two samples lies half a sample earlier than one at the sample.
+    wanted = charge / 0.9 + pair + 0.3 * u
+    np.testing.assert_allclose(found.y[:-1], wanted[:-1], atol=1e-4 if hold == "zero_order" else 0.1)
+    check(found)
 
 
 def test_a_mass_adds_its_inertia() -> None:

@@ -80,10 +80,18 @@ def flat() -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
     many, fine = sine(10.0, 75.0, samples=2000)
     slow = np.arange(2000) * 1e-3
     hold = np.interp(slow, [0.3, 0.6, 1.4, 1.7], [0.0, 50.0, 50.0, 0.0])
+    # Dry friction stops a mass at its turning points: it slows down, stands still, and begins more slowly still.
+    push, way, speed = 60.0 * np.sin(2 * np.pi * slow / 0.8), np.zeros(slow.size), 0.0
+    for n in range(1, slow.size):
+        pull = push[n] - 8.0 * speed
+        stands = speed * (speed + 1e-3 * 60.0 * (pull - np.sign(speed) * 25.0)) <= 0.0 and abs(push[n]) < 25.0
+        speed = 0.0 if stands else speed + 1e-3 * 60.0 * (pull - 25.0 * (np.sign(speed) or np.sign(pull)))
+        way[n] = way[n - 1] + 1e-3 * speed
     return (
         {f"steps of {step}": (many, fine, output(fine, noise=0.0, step=step)) for step in (20e-9, 0.2e-6, 1e-6)}
         | {f"backlash of {radius}": (t, u, 1e-6 * play(u, radius)) for radius in (2.0, 10.0, 40.0)}
         | {"holds and rests": (slow, hold, 1e-6 * play(hold, 5.0))}
+        | {"dry friction": (slow, push, 1e-7 * np.round(100.0 * way))}
     )
 
 

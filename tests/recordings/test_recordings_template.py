@@ -88,9 +88,28 @@ def test_another_system_is_no_actuator(folder: Path, tmp_path: Path) -> None:
     assert 'input: {column: "torque"' in text
 
 
+@pytest.mark.parametrize(
+    ("header", "model", "more"),
+    [
+        ("time_s,force_N,position_mm", "mass_spring_damper", "mass_damper if no spring"),
+        ("time_s,voltage_V,speed [rad/s]", "motor", "derivative: true"),
+        ("Time(s),Voltage(V),Current(A)", "battery", 'input: {column: "Current(A)"'),
+        ("time_s,temperature_degC,power_W", "heated_body", 'output: {column: "temperature_degC"'),
+        ("time_s,inflow [L/min],level_cm", "tank", "a flow fills"),
+    ],
+)
+def test_units_propose_a_ready_model_and_say_why(
+    folder: Path, tmp_path: Path, header: str, model: str, more: str
+) -> None:
+    save(folder / "a.csv", rows(5.0) * [1.0, 1.0, 30.0], header)
+    text, campaign = written(folder, tmp_path)
+    assert campaign.setup["model"] == model
+    assert "guessed from" in text and more in text
+
+
 def test_numbers_that_no_actuator_gives_are_those_of_another_system(folder: Path, tmp_path: Path) -> None:
     save(folder / "a.csv", rows(5.0) * [1.0, 1e6, 1.0])
-    assert written(folder, tmp_path)[1].setup["model"] == "linear"
+    assert written(folder, tmp_path)[1].setup["model"] == "voice_coil"
 
 
 def test_variables_without_an_order_are_found_by_name(folder: Path, tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from junctions import march, recording
+from junctions import march, recording, warming
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from torch import Tensor
@@ -18,7 +18,6 @@ from phnn.errors import StructureViolated
 from phnn.integrate import kernel
 from phnn.integrate.residual import check, power_balance
 from phnn.models.actuator import hrc
-from phnn.models.variants import thermal_hrc
 from phnn.network import ModulatorState, Network, PortHamiltonianSystem
 from phnn.network.lyapunov import forced_equilibrium, shifted_energy, shifted_rate
 from phnn.network.thermal import ThermalBalance, thermal_balance, thermal_energy, total_energy
@@ -32,10 +31,10 @@ Array = NDArray[np.float64]
 FAST = {"C_T": 2e-4, "R_T": 50.0, "kappa_alpha": 0.02, "kappa_rho": 0.1, "kappa_d": -0.05}
 
 
-def drawn(seed: int, hysterons: int) -> Trajectory:
+def drawn(seed: int) -> Trajectory:
     """Parameters over decades, an ambient of its own, steps of all sizes, inputs with jumps."""
     random = np.random.default_rng(seed)
-    network = thermal_hrc(hysterons)
+    network = warming()
     values = {n: p.value * 10.0 ** random.uniform(-0.5, 0.5) for n, p in network.parameters.items() if p.positive}
     # Where a coupling grows without bound and heat hardly leaves, temperature runs away: none of these does.
     values |= {"C_T": 10.0 ** random.uniform(-2.0, 1.0), "R_T": 10.0 ** random.uniform(-1.0, 3.0)}
@@ -44,7 +43,7 @@ def drawn(seed: int, hysterons: int) -> Trajectory:
     steps = 60
     h = 10.0 ** random.uniform(-6.0, 1.0) * random.choice([1.0, 1.0, 0.2], steps)
     u = random.normal(size=(steps, 2)) * random.choice([0.0, 75.0], (steps, 1))
-    x0 = np.zeros(hysterons + 3)
+    x0 = np.zeros(5)
     x0[-1] = random.uniform(-20.0, 20.0)
     return march(network.with_values(values), u, h, x0)
 
@@ -64,9 +63,9 @@ def balances(trajectory: Trajectory) -> tuple[PortHamiltonianSystem, ThermalBala
 
 
 @settings(max_examples=60, deadline=None)
-@given(st.integers(0, 2**31 - 1), st.integers(0, 4))
-def test_total_energy_changes_by_what_is_supplied_and_released(seed: int, hysterons: int) -> None:
-    trajectory = drawn(seed, hysterons)
+@given(st.integers(0, 2**31 - 1))
+def test_total_energy_changes_by_what_is_supplied_and_released(seed: int) -> None:
+    trajectory = drawn(seed)
     check(trajectory)
     system, thermal, supplied = balances(trajectory)
     x = torch.from_numpy(trajectory.states)
@@ -84,9 +83,9 @@ def test_total_energy_changes_by_what_is_supplied_and_released(seed: int, hyster
 
 
 @settings(max_examples=60, deadline=None)
-@given(st.integers(0, 2**31 - 1), st.integers(0, 4))
-def test_entropy_of_body_and_ambient_never_falls(seed: int, hysterons: int) -> None:
-    trajectory = drawn(seed, hysterons)
+@given(st.integers(0, 2**31 - 1))
+def test_entropy_of_body_and_ambient_never_falls(seed: int) -> None:
+    trajectory = drawn(seed)
     system, thermal, supplied = balances(trajectory)
     x = torch.from_numpy(trajectory.states)
     with torch.no_grad():
@@ -100,12 +99,12 @@ def test_entropy_of_body_and_ambient_never_falls(seed: int, hysterons: int) -> N
 
 def test_a_source_of_energy_in_a_resistor_shows_as_falling_entropy() -> None:
     # A network refuses a negative damping; written into it behind its back, it has to show.
-    active = thermal_hrc(0)
+    active = warming({"rho_1": 1e-12, "rho_2": 1e-12})
     object.__setattr__(active, "parameters", {**active.parameters, "b": Parameter("b", -0.5)})
     steps = 200
     u = np.zeros((steps, 2))
     u[:, 0] = 20.0
-    _, thermal, _ = balances(march(active, u, np.full(steps, 1e-5), np.zeros(3)))
+    _, thermal, _ = balances(march(active, u, np.full(steps, 1e-5), np.zeros(5)))
     assert (thermal.produced < 0.0).all()
 
 
@@ -124,7 +123,7 @@ def test_the_isothermal_limit_is_the_actuator_bit_for_bit(
 ) -> None:
     monkeypatch.setattr(kernel, "KERNELS", {"general": kernel.KERNELS["general"]})
     u, h = driven(0.02, 150.0, 1e-5)
-    warm = march(thermal_hrc(2, values), u, h, np.zeros(5))
+    warm = march(warming(values), u, h, np.zeros(5))
     isothermal = march(hrc(2), u, h, np.zeros(4))
     np.testing.assert_array_equal(warm.states[:, :4], isothermal.states)
     np.testing.assert_array_equal(warm.efforts[:, :4], isothermal.efforts)
@@ -163,7 +162,7 @@ def continuous(network: Network, frequency: float, t: Array) -> Array:
 
 def test_the_march_tends_to_the_irreversible_system() -> None:
     # The first hysteron slower, so that Radau needs no steps of its microsecond.
-    network = thermal_hrc(2, FAST | {"rho_1": 6e-3})
+    network = warming(FAST | {"rho_1": 6e-3})
     seconds, frequency = 0.03, 100.0
     errors = []
     for h in (2e-5, 1e-5):
@@ -184,14 +183,14 @@ def test_the_march_tends_to_the_irreversible_system() -> None:
 
 
 def setup() -> Setup:
-    network = thermal_hrc(2, FAST | {"T_a": 296.0})
+    network = warming(FAST | {"T_a": 296.0})
     network = replace(network, parameters={n: replace(p, fixed=False) for n, p in network.parameters.items()})
     block = Block("lowpass", ("tau",))
     return Setup(network).with_block("amplifier", block, (Parameter("tau", 2e-5, positive=True, lower=1e-9),))
 
 
 def test_heat_is_kept_once_and_by_what_dissipates() -> None:
-    base = thermal_hrc(1)
+    base = warming()
     body = base.memories[0]
     with pytest.raises(StructureViolated, match="damper heats both theta and case"):
         replace(base, memories=(body, replace(body, name="case", of=("damper",))))
@@ -206,7 +205,7 @@ def test_heat_is_kept_once_and_by_what_dissipates() -> None:
 
 
 def test_two_bodies_share_what_is_dissipated() -> None:
-    base = thermal_hrc(2)
+    base = warming()
     ceramic, case = (replace(base.memories[0], name=n, of=of) for n, of in (
         ("theta", ("hysteron_1", "hysteron_2")), ("case", ("damper",))))  # fmt: skip
     u, h = driven(0.01, 100.0, 1e-5)
@@ -219,20 +218,20 @@ def test_two_bodies_share_what_is_dissipated() -> None:
 
 
 def test_shifted_energies_know_no_memory() -> None:
-    network = thermal_hrc(1)
-    system, x = PortHamiltonianSystem(network), torch.zeros(4, dtype=torch.float64)
+    network = warming()
+    system, x = PortHamiltonianSystem(network), torch.zeros(5, dtype=torch.float64)
     for call in (lambda: shifted_energy(system, x, x), lambda: shifted_rate(system, x, x)):
         with pytest.raises(StructureViolated, match="state 'theta' still moves"):
             call()
     with pytest.raises(StructureViolated, match="state 'theta' still moves"):
-        forced_equilibrium(network, torch.zeros(2, dtype=torch.float64), torch.zeros(1, dtype=torch.float64))
+        forced_equilibrium(network, torch.zeros(2, dtype=torch.float64), torch.zeros(2, dtype=torch.float64))
 
 
 def gains(amplitude: float, frequency: float, periods: int, values: dict[str, float]) -> tuple[Array, Trajectory]:
     """Amplitude of the displacement in every period of a sine."""
     per_period = 1000
     u, h = driven(periods / frequency, frequency, 1.0 / (per_period * frequency), amplitude)
-    run = march(thermal_hrc(2, values), u, h, np.zeros(5))
+    run = march(warming(values), u, h, np.zeros(5))
     q = run.states[1:, 2].reshape(periods, per_period)
     return 0.5 * np.ptp(q, axis=1), run
 

@@ -49,7 +49,8 @@ from phnn.parameters import Parameter, constant
 
 @dataclass(frozen=True)
 class Branch:
-    """A resistor in the network: what its law takes, by co-energies, and whether its declared direction was turned."""
+    """A resistor in the network: what its law takes, by co-energies and sources, and whether its declared direction was
+    turned."""
 
     takes: Form
     inverted: bool
@@ -135,10 +136,16 @@ def branch(graph: BondGraph, solution: Solution, resistor: R) -> Branch:
     if fellows:
         _refuse_loop([name, *fellows])
     driving = _names(form, "input")
-    if driving:
+    if driving and not (is_invertible(resistor) or resistor.law == _INVERSE):
         raise StructureViolated(
-            f"the source {', '.join(driving)} drives the resistor {name} directly, so that the input would not enter "
-            "affinely: put a storage between them (a small capacitance or inertia), or use the other kind of source"
+            f"the source {', '.join(driving)} drives the resistor {name} directly, whose law is not linear, so that "
+            "the input would not enter affinely: make the resistor linear, put a storage between them (a small "
+            "capacitance or inertia), or use the other kind of source"
+        )
+    if driving and len(driving) == len(form):
+        raise StructureViolated(
+            f"the source {', '.join(driving)} alone fixes what the resistor {name} takes, so that nothing recorded "
+            "depends on it: leave the resistor out, or put a storage between"
         )
     return Branch(form, gives)
 
@@ -340,7 +347,7 @@ def assemble(
     one = constant(_unused(_ONE, parameters), 1.0, "1", f"makes the law {_INVERSE} the inverse of linear")
     parameters = {**parameters, one.name: one}
     resistors = tuple(_resistor(r, branches[r.name], field, names, parameters, one.name) for r in resistors_of(graph))
-    ports = tuple(_port(s, rates, field, names) for s in sources_of(graph))
+    ports = tuple(_port(s, graph, branches, rates, field, names) for s in sources_of(graph))
     used: list[Ratio] = [n for s in stores for n in s.parameters]
     used += [n for r in resistors for n in (*r.parameters, *r.on.values())]
     used += [n for p in ports for n in (*p.parameters, *p.on.values())] + [c.ratio for c in couplings]
@@ -367,10 +374,37 @@ def _resistor(
     return Resistor(resistor.name, law, {n: _positive(c, where) for n, c in takes.items()}, given, resistor.reads)
 
 
-def _port(element: Se | Sf, rates: Mapping[str, Form], field: Field, names: Sequence[str]) -> Port:
-    where = f"at the source {element.name}"
-    on = {n: _positive(field.expression(c), where) for n in names if (c := rates[n].get(source(element.name)))}
-    return Port(element.name, on, element.law, element.parameters, element.unit)
+def _port(
+    element: Se | Sf,
+    graph: BondGraph,
+    branches: Mapping[str, Branch],
+    rates: Mapping[str, Form],
+    field: Field,
+    names: Sequence[str],
+) -> Port:
+    """The port of a source, which acts on rates directly or through one linear resistor.
+
+    A resistor takes ``ε = bᵀe + c u`` and gives ``φ = G ε`` back: ``ẋ −= b G bᵀe`` is its damping, and
+    ``−b c`` the ratio of a port that acts with ``G u``, or ``u/R``.
+    """
+    where, name = f"at the source {element.name}", source(element.name)
+    on = {n: _positive(field.expression(c), where) for n in names if (c := rates[n].get(name))}
+    behind = [r for r in resistors_of(graph) if name in branches[r.name].takes]
+    if not behind:
+        return Port(element.name, on, element.law, element.parameters, element.unit)
+    if len(behind) > 1 or on or element.law != "linear":
+        paths = [*(r.name for r in behind), *on]
+        raise StructureViolated(
+            f"the source {element.name} acts in several ways ({', '.join(paths)}) or by the law {element.law}, and a "
+            "port has one law: give each way a source of its own, and let `ports` in recordings.yaml read the column"
+        )
+    (resistor,) = behind
+    takes = branches[resistor.name].takes
+    acts = {n: -takes[name] * c for n in names if (c := takes.get(coenergy(n)))}
+    ratios = {n: _positive(field.expression(c), where) for n, c in acts.items()}
+    law = "resistance" if branches[resistor.name].inverted else "conductance"
+    law = _INVERSE if resistor.law == _INVERSE else law
+    return Port(element.name, ratios, law, resistor.parameters, element.unit)
 
 
 def _minuses(coefficients: Mapping[str, Expr]) -> tuple[int, bool]:

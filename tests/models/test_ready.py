@@ -1,0 +1,164 @@
+"""Ready models: each is identified, predicted and exported from simulated recordings, and in full diagnosed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace as Lab
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from numpy.typing import NDArray
+
+import phnn
+from phnn.errors import InputRefused
+from phnn.models.network_file import ready
+from phnn.recordings import describe
+from phnn.recordings.manifest import READY
+from phnn.recordings.recording import Part, Recording, Start, Units
+from phnn.report.missing import one_row
+from phnn.setup import Setup
+from phnn.trajectory import simulate
+
+Array = NDArray[np.float64]
+
+
+TABLE = yaml.safe_load(Path(__file__).with_name("laboratories.yaml").read_text())
+LABS = {name: Lab(**{"known": {}, "further": {}, "input": "zero_order"} | said) for name, said in TABLE.items()}
+SAMPLES = 1500
+OSCILLATOR = """setup: {model: mass_spring_damper}
+columns: {input: {column: force_N, unit: N}, output: {column: y_m, unit: m}}
+"""
+
+
+def save(file: Path, table: Array, header: str) -> None:
+    """Write a table with a header."""
+    np.savetxt(file, table, delimiter=",", header=header, comments="")
+
+
+def drives(name: str, lab: Lab, seed: int) -> Array:
+    """Steps that are held for some samples, or sines that lie still at first, around zero or above it."""
+    rng, t = np.random.default_rng(seed), np.arange(SAMPLES)
+    if lab.input == "cubic":
+        return lab.drive * sum(
+            a * np.sin(2 * np.pi * f * (t - 50) / SAMPLES) for a, f in ((0.5, 6.0 + seed), (0.3, 17.0), (0.1, 90.0))
+        ) * np.clip((t - 50) / 200, 0.0, 1.0)  # fmt: skip
+    held = np.repeat(rng.choice([-1.0, -0.4, 0.0, 0.5, 1.0], SAMPLES // 60 + 1), 60)[:SAMPLES]
+    held[:60] = 0.0
+    return lab.drive * (np.abs(held) if name in ("tank", "heated_body", "room") else held)
+
+
+def folder_of(name: str, folder: Path) -> Path:
+    """Two recordings of a simulated plant and their manifest."""
+    lab, network = LABS[name], ready(name, LABS[name].values)
+    folder.mkdir(exist_ok=True)
+    t = lab.dt * np.arange(SAMPLES)
+    for seed, file in ((1, "a"), (2, "b")):
+        u = drives(name, lab, seed)
+        further = {p: 5.0 * np.cos(2 * np.pi * t / t[-1]) - 5.0 for p in lab.further}
+        run = Recording(
+            file, t, u, np.zeros(SAMPLES), Start("rest", 0.0), lab.input, (Part(file, 0, SAMPLES, "identification"),),
+            1.0, "", np.ones(1), None, {}, file, Units(*lab.units), further=further,
+        )  # fmt: skip
+        y = simulate(Setup(network), run, 8).y + lab.noise * np.random.default_rng(seed + 10).standard_normal(SAMPLES)
+        header = "time_s,u,w,y" if further else "time_s,u,y"
+        save(folder / f"{file}.csv", np.column_stack([t, u, *further.values(), y]), header)
+    ports = "".join(f"ports: {{{p}: {{column: w, unit: {unit}}}}}\n" for p, unit in lab.further.items())
+    keys = ("voltage", "displacement") if name == "piezo_actuator" else ("input", "output")
+    known = f"known: {{{', '.join(f'{n}: {v}' for n, v in lab.known.items())}}}\n" if lab.known else ""
+    (folder / "recordings.yaml").write_text(
+        f"setup: {{model: {name}}}\n{known}{ports}input: {lab.input}\nvoltage: terminals\n"
+        f"start: {{state: rest, input_before: 0.0}}\n"
+        f"columns: {{{keys[0]}: {{column: u, unit: {lab.units[0]}}}, {keys[1]}: {{column: y, unit: {lab.units[1]}}}}}\n"
+        "recordings: [{file: a.csv, use: identification}, {file: b.csv, use: confirmation}]\n"
+    )
+    return folder
+
+
+def test_every_name_has_a_laboratory(tmp_path: Path) -> None:
+    assert set(LABS) == set(READY)
+    folder = folder_of("tank", tmp_path)
+    for refused in (lambda: ready("moter"), lambda: phnn.identify("moter", folder)):
+        with pytest.raises(InputRefused, match=r"mass_damper.*motor"):
+            refused()
+
+
+@pytest.mark.parametrize("name", LABS)
+def test_a_ready_model_goes_all_the_way(name: str, tmp_path: Path) -> None:
+    lab, folder = LABS[name], folder_of(name, tmp_path)
+    campaign = phnn.read(folder)
+    assert name in describe(campaign)
+    found = phnn.identify(None, campaign)
+    assert found.fit.chi2 < 1.3
+    for parameter, value in lab.values.items():
+        estimate, std = found.parameters[parameter]
+        if parameter not in lab.known:
+            assert std is not None and std < 0.1 * value, parameter
+            assert abs(estimate - value) < 6.0 * std + 2e-3 * value, parameter
+    found.model.save(tmp_path / "model")
+    for predicted in phnn.predict(tmp_path / "model", campaign):
+        assert np.sqrt(np.mean(predicted.error**2)) < 1.5 * lab.noise
+    if found.fit.setup.network.senses:
+        with pytest.raises(InputRefused, match="output is a rate"):
+            phnn.export(tmp_path / "model", "python", tmp_path / "python")
+    else:
+        (program, *_) = phnn.export(tmp_path / "model", "python", tmp_path / "python", dt=lab.dt)
+        assert_like_the_model(program, found.model, name)
+
+
+def assert_like_the_model(program: Path, model: phnn.Model, name: str) -> None:
+    """The exported program follows the model under an input without jumps."""
+    lab, u = LABS[name], LABS[name].drive * np.sin(np.arange(200) / 30.0)
+    scope: dict[str, Any] = {}
+    exec(compile(program.read_text(), program.name, "exec"), scope)
+    step = scope["Model"](0.0).step
+    found = [step(float(x)) for x in u[1:]]
+    wanted = model.simulate(lab.dt * np.arange(u.size), u, input_before=0.0, hold="linear")
+    np.testing.assert_allclose(found, wanted[1:], atol=1e-9 * float(np.ptp(wanted)))
+
+
+def test_a_free_decay_tells_ratios_alone_and_a_reversed_sign_is_told(tmp_path: Path) -> None:
+    t = 0.004 * np.arange(1500)
+    y = 6e-3 * np.exp(-0.4 * t) * np.cos(19.0 * t) + 4e-6 * np.random.default_rng(3).standard_normal(t.size)
+    save(tmp_path / "a.csv", np.column_stack([t, 0.0 * t, y]), "time_s,force_N,y_m")
+    (tmp_path / "recordings.yaml").write_text(f"{OSCILLATOR}start: unknown\n")
+    found = phnn.identify(None, tmp_path).fit
+    assert not set(found.setup.network.parameters) & {n for n, s in found.std().items() if np.isfinite(s)}
+    assert "free decay: a common factor of" in found.open_statement() and "known only relative to" in found.note("m")
+    for name, wanted in (("b/m", 0.8), ("k/m", 19.0**2 + 0.4**2)):
+        ratio, error = found.ratios()[name]
+        assert abs(ratio - wanted) < 5.0 * error < 0.01 * wanted
+    folder = folder_of("mass_damper", tmp_path / "reversed")
+    manifest = folder / "recordings.yaml"
+    manifest.write_text(manifest.read_text().replace("column: y, unit: m", "column: y, unit: m, scale: -1"))
+    with pytest.raises(InputRefused, match="the output falls where the input rises: reverse a sign"):
+        phnn.identify(None, folder)
+
+
+def test_an_unstable_plant_is_told(tmp_path: Path) -> None:
+    # A mass on a negative stiffness of -50 N/m, held by a controller that also shakes it.
+    random, dt, (q, v), rows = np.random.default_rng(5), 1e-3, (0.0, 0.0), []
+    shake = np.repeat(random.choice([-1.0, 1.0], 80), 50)
+    for n in range(shake.size):
+        force = -260.0 * q - 9.0 * v + 2.0 * shake[n]
+        rows.append((n * dt, force, q + 2e-6 * random.standard_normal()))
+        for _ in range(10):
+            v += 1e-4 * (force + 50.0 * q - 0.4 * v) / 0.7
+            q += 1e-4 * v
+    save(tmp_path / "a.csv", np.array(rows), "time_s,force_N,y_m")
+    (tmp_path / "recordings.yaml").write_text(f"{OSCILLATOR}input: zero_order\n")
+    with pytest.raises(InputRefused, match=r"unstable: .* negative stiffness of about -(49|50|51) N/m"):
+        phnn.identify(None, tmp_path)
+    assert "one row" in one_row(9.6e-4, dt) and not one_row(2e-3, dt)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", LABS)
+def test_nothing_is_missing_in_a_ready_model(name: str, tmp_path: Path) -> None:
+    folder = folder_of(name, tmp_path)
+    if LABS[name].further:
+        with pytest.raises(InputRefused, match="several inputs"):
+            phnn.diagnose(folder)
+        return
+    assert phnn.diagnose(folder).verdict == "none"
