@@ -282,7 +282,9 @@ def identify_network(
 def _can_be_explained(fitted: Fit, setup: Setup, held: Mapping[str, str]) -> None:
     """Refuse recordings that a network explains badly as they are: of an unstable plant, or of a reversed output."""
     recordings = fitted.plan.recordings
-    nothing = sum(float(np.sum(_without_model(r) ** 2)) for r in recordings)
+    nothing = sum(
+        float(np.sum((without_nuisances(r.y, r.mask("identification"), r) / r.noise) ** 2)) for r in recordings
+    )
     if fitted.chi2 > _NOISY and fitted.cost > _POORLY * nothing and (stiffness := _negative_stiffness(fitted)):
         raise InputRefused(
             f"{recordings[0].source}: the plant is unstable: force and displacement show a negative stiffness of about "
@@ -336,11 +338,6 @@ def _negative_stiffness(fitted: Fit) -> float | None:
         found.append((float(rest @ rest / max(np.sum((b - b.mean()) ** 2), 1e-300)), float(theta[0]), std))
     left, k, std = min(found, default=(1.0, 0.0, 0.0))
     return k if left < _EXPLAINED and k < -_CLEARLY * std else None
-
-
-def _without_model(recording: Recording) -> Array:
-    """Return the output at the samples of identification, in units of its noise, without its mean."""
-    return without_nuisances(recording.y, recording.mask("identification"), recording) / recording.noise
 
 
 def _cost(fitted: Fit) -> float:

@@ -145,7 +145,7 @@ class PortHamiltonianSystem(ParameterisedNetwork):
     float64.
 
     Modulator states have no energy in ``H``: ``x`` has them last, ``ẋ`` their rates, and efforts and matrices leave
-    them out. Of one that holds heat `phnn.network.thermal` has energy and entropy.
+    them out.
 
     The passivity inequality survives any training: parameters that are trained are kept inside their bounds by
     `BoundedParameters`, learned laws are passive for all weights, and of another module that is a law the part of its

@@ -26,7 +26,6 @@ from phnn.diagnose.words import Picture, is_effort, learned_picture, missing_for
 from phnn.effects import Plausible
 from phnn.effects.places import values_by_role
 from phnn.identification.covariance import difference
-from phnn.identification.fit import Fit
 from phnn.identification.identified import save_fit
 from phnn.integrate.residual import power_balance
 from phnn.network.roles import auxiliary, capacitances
@@ -515,16 +514,11 @@ def _parameters(diagnosis: Diagnosis) -> list[ParameterRow]:
         note = final.note(name) or ("constant" if p.fixed else "")
         if not note and not anchored and p.unit in FORCE_UNITS:
             note = "up to one common factor"
-        note = note or _unknown_before(diagnosis.base, name)
+        note = note or (f"base model: {before}" if (before := diagnosis.base.note(name)) else "")
         old = before[name].value if name in before else None
         ends = final.interval(name)
         rows.append(ParameterRow(name, p.description, p.unit, old, p.value, finite(std.get(name)), note, ends))
     return rows
-
-
-def _unknown_before(base: Fit, name: str) -> str:
-    """Why the base model's value of a parameter says nothing, so that its change says nothing either."""
-    return f"base model: {note}" if (note := base.note(name)) else ""
 
 
 def _ledger(diagnosis: Diagnosis) -> list[LedgerRow]:

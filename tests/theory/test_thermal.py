@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from heat import ThermalBalance, thermal_balance, thermal_energy, total_energy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from junctions import march, recording, warming
@@ -20,7 +21,6 @@ from phnn.integrate.residual import check, power_balance
 from phnn.models.actuator import hrc
 from phnn.network import ModulatorState, Network, PortHamiltonianSystem
 from phnn.network.lyapunov import forced_equilibrium, shifted_energy, shifted_rate
-from phnn.network.thermal import ThermalBalance, thermal_balance, thermal_energy, total_energy
 from phnn.parameters import Parameter
 from phnn.setup import Block, Setup
 from phnn.trajectory import Trajectory, simulate

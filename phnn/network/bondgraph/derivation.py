@@ -541,7 +541,7 @@ class _Derivation:
     ) -> tuple[dict[str, Branch], dict[str, Form]]:
         """Merge storages with proportional rates; what remains no longer refers to those that are gone."""
         for names in _proportional(rates):
-            ratios = {b: {a: _quotient(rates[a], rates[b]) for a in names if a != b} for b in names}
+            ratios = {b: {a: rates[a][min(rates[a])] / rates[b][min(rates[b])] for a in names if a != b} for b in names}
             kept = self._kept(ratios)
             for gone, ratio in ratios[kept].items():
                 linear = is_linear(self.stores[kept]) and is_linear(self.stores[gone])
@@ -606,7 +606,3 @@ def _proportional(rates: dict[str, Form]) -> list[Sequence[str]]:
             first = form[min(form)]
             groups.setdefault(frozenset((v, c / first) for v, c in form.items()), []).append(name)
     return [names for names in groups.values() if len(names) > 1]
-
-
-def _quotient(form: Form, other: Form) -> Any:
-    return form[min(form)] / other[min(other)]
