@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import torch
 from hypothesis import strategies as st
-from torch import Tensor
+from torch import Tensor, nn
 
 from phnn.integrate.dense import Dense
 from phnn.integrate.differentiable import solved
@@ -30,7 +30,7 @@ from phnn.network import (
 )
 from phnn.network.checks import PowerBalance
 from phnn.nn import ConvexEnergyMLP, MonotoneMLP
-from phnn.parameters import Parameter, as_table
+from phnn.parameters import Parameter, as_table, positive
 
 
 class _Draw:
@@ -222,4 +222,27 @@ def ledger(
     lost = torch.stack(columns, dim=-1) if columns else balance.dissipated
     return PowerBalance(
         balance.stored, lost, balance.supplied, balance.stored - balance.supplied.sum(-1) + lost.sum(-1)
+    )
+
+
+def shaken(law: nn.Module, seed: int, size: float) -> nn.Module:
+    """The law with weights moved far from their initial values."""
+    random = torch.Generator().manual_seed(seed)
+    with torch.no_grad():
+        for weight in law.parameters():
+            weight.add_(size * torch.randn(weight.shape, generator=random, dtype=torch.float64))
+    return law
+
+
+def oscillator(storage: object = "spring", resistor: object = "linear") -> Network:
+    """A driven mass on a spring with a damper, whose laws can be exchanged."""
+    return Network(
+        (
+            Storage("q", storage, ("k",) if isinstance(storage, str) else ()),
+            Storage("p", "capacitor", ("m",)),
+        ),
+        (Resistor("damper", resistor, {"p": 1.0}, ("b",) if isinstance(resistor, str) else ()),),
+        (Coupling("q", "p"),),
+        (Port("force", {"p": 1.0}),),
+        as_table([positive("m", 2.0, "kg"), positive("k", 8.0, "N/m"), positive("b", 0.5, "N s/m")]),
     )

@@ -514,7 +514,7 @@ def _parameters(diagnosis: Diagnosis) -> list[ParameterRow]:
         note = final.note(name) or ("constant" if p.fixed else "")
         if not note and not anchored and p.unit in FORCE_UNITS:
             note = "up to one common factor"
-        note = note or (f"base model: {before}" if (before := diagnosis.base.note(name)) else "")
+        note = note or (f"base model: {unknown}" if (unknown := diagnosis.base.note(name)) else "")
         old = before[name].value if name in before else None
         ends = final.interval(name)
         rows.append(ParameterRow(name, p.description, p.unit, old, p.value, finite(std.get(name)), note, ends))

@@ -41,12 +41,11 @@ def test_a_fit_that_rests_too_early_goes_on() -> None:
 
 def test_a_simulation_by_the_general_kernel_counts_as_four() -> None:
     best, spent = campaigns.base(), []
-    general = effect("bouc_wen_hysteresis").add_to(best.setup, {"k_B": 1e3, "F_B": 1.0, "n_B": 1.3, "c_B": 0.5})
-    for setup in (best.setup, general):
+    slips = {"k_B": 1e3, "F_B": 1.0, "n_B": 1.3, "c_B": 0.5}
+    for setup in (best.setup, effect("bouc_wen_hysteresis").add_to(best.setup, slips)):
+        variables = variables_of(setup, best.plan, ["k"])
         with accounted() as account:
-            Problem(setup, best.plan, variables_of(setup, best.plan, ["k"])).trajectories(
-                variables_of(setup, best.plan, ["k"]).start(setup)
-            )
+            Problem(setup, best.plan, variables).trajectories(variables.start(setup))
         spent.append(account.spent)
     assert spent[1] == 4.0 * spent[0] > 0.0
 

@@ -7,29 +7,17 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from networks import ledger, networks, random_network, random_states, solve_dense
+from networks import ledger, networks, oscillator, random_network, random_states, solve_dense
 from scipy.integrate import solve_ivp
 from torch import Tensor, nn
 
 from phnn.errors import InputRefused, SolverFailed
 from phnn.integrate.scheme import Scheme
-from phnn.network import Coupling, Network, Port, PortHamiltonianSystem, Resistor, Storage
+from phnn.network import Network, Port, PortHamiltonianSystem, Resistor, Storage
 from phnn.nn import ConvexEnergyMLP, MonotoneMLP, SectorMLP
 from phnn.parameters import as_table, positive
 
 torch.set_num_threads(1)
-
-
-def oscillator(storage: object = "spring", resistor: object = "linear", b: float = 0.5) -> PortHamiltonianSystem:
-    """A driven mass on a spring with a damper, whose laws can be exchanged."""
-    network = Network(
-        (Storage("q", storage, ("k",) if storage == "spring" else ()), Storage("p", "capacitor", ("m",))),
-        (Resistor("damper", resistor, {"p": 1.0}, ("b",) if resistor == "linear" else ()),),
-        (Coupling("q", "p"),),
-        (Port("force", {"p": 1.0}),),
-        as_table([positive("m", 2.0, "kg"), positive("k", 8.0, "N/m"), positive("b", b, "N s/m")]),
-    )
-    return PortHamiltonianSystem(network)
 
 
 def closes(
@@ -84,9 +72,9 @@ def test_gradients_agree_with_finite_differences(kind: str) -> None:
     if kind == "analytic":
         system = PortHamiltonianSystem(random_network(5, 3, 2, 1, monotone=True))
     elif kind == "neural":
-        system = oscillator(ConvexEnergyMLP(1.0, 4.0, 2), MonotoneMLP(1.0, 1.0, 1))
+        system = PortHamiltonianSystem(oscillator(ConvexEnergyMLP(1.0, 4.0, 2), MonotoneMLP(1.0, 1.0, 1)))
     else:
-        system = oscillator(Quartic(), SectorMLP(1.0, 1.0, 3))
+        system = PortHamiltonianSystem(oscillator(Quartic(), SectorMLP(1.0, 1.0, 3)))
     n, ports = len(system.state_names), len(system.network.ports)
     random = torch.Generator().manual_seed(1)
     x0 = torch.randn(n, generator=random, dtype=torch.float64, requires_grad=True)
@@ -165,7 +153,7 @@ class Broken(nn.Module):
 
 
 def test_a_law_that_is_not_finite_is_named_with_its_time() -> None:
-    system = oscillator(resistor=Broken())
+    system = PortHamiltonianSystem(oscillator(resistor=Broken()))
     system.laws["resistor_damper"].broken = True
     u = torch.ones(50, dtype=torch.float64)
     with torch.no_grad(), pytest.raises(SolverFailed, match=r"step from t = 0\.\d+ s .*not finite"):
@@ -173,7 +161,8 @@ def test_a_law_that_is_not_finite_is_named_with_its_time() -> None:
 
 
 def test_unusable_arguments_are_refused() -> None:
-    system, x0, u = oscillator(), torch.zeros(2, dtype=torch.float64), torch.zeros(3, dtype=torch.float64)
+    system = PortHamiltonianSystem(oscillator())
+    x0, u = torch.zeros(2, dtype=torch.float64), torch.zeros(3, dtype=torch.float64)
     for h in (0.0, -1.0, float("nan")):
         with pytest.raises(InputRefused, match="positive"):
             solve_dense(system, x0, u, h)

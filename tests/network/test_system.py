@@ -9,13 +9,13 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from networks import networks, random_network, random_states
+from networks import networks, oscillator, random_network, random_states
 from torch import Tensor, nn
 
 import phnn.network
 from phnn.errors import InputRefused, StructureViolated
 from phnn.models.actuator import from_paper
-from phnn.network import Coupling, Network, Port, PortHamiltonianSystem, Resistor, Storage
+from phnn.network import Network, Port, PortHamiltonianSystem, Storage
 from phnn.nn import ConvexEnergyMLP, MonotoneMLP, SectorMLP
 from phnn.parameters import Parameter, as_table, constant, positive
 
@@ -28,20 +28,6 @@ BATCH = 8
 def states(network: Network, seed: int, count: int = BATCH) -> tuple[Tensor, Tensor]:
     x, u = random_states(network, seed, count)
     return torch.from_numpy(x), torch.from_numpy(u)
-
-
-def oscillator(storage: object = "spring", resistor: object = "linear") -> Network:
-    """A driven mass on a spring with a damper, whose laws can be exchanged."""
-    return Network(
-        (
-            Storage("q", storage, ("k",) if isinstance(storage, str) else ()),
-            Storage("p", "capacitor", ("m",)),
-        ),
-        (Resistor("damper", resistor, {"p": 1.0}, ("b",) if isinstance(resistor, str) else ()),),
-        (Coupling("q", "p"),),
-        (Port("force", {"p": 1.0}),),
-        as_table([positive("m", 2.0, "kg"), positive("k", 8.0, "N/m"), positive("b", 0.5, "N s/m")]),
-    )
 
 
 class QuarticSpring(nn.Module):

@@ -9,6 +9,7 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from networks import shaken
 from torch import Tensor, nn
 
 from phnn.errors import InputRefused
@@ -19,15 +20,6 @@ from phnn.nn import ConvexEnergyMLP, MonotoneMLP, SectorMLP
 torch.set_num_threads(1)
 fuzzy = settings(max_examples=60, deadline=None)
 SCALE = 1e-5
-
-
-def shaken(law: nn.Module, seed: int, size: float) -> nn.Module:
-    """The law with weights moved far from their initial values."""
-    random = torch.Generator().manual_seed(seed)
-    with torch.no_grad():
-        for weight in law.parameters():
-            weight.add_(size * torch.randn(weight.shape, generator=random, dtype=torch.float64))
-    return law
 
 
 def magnitudes(seed: int, count: int = 200) -> Tensor:

@@ -12,6 +12,7 @@ import pytest
 import torch
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from networks import shaken
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
@@ -38,16 +39,6 @@ LAWS: dict[str, WideResistor | WideStorage] = {**WIDE_RESISTORS, **WIDE_STORAGES
 every = pytest.mark.parametrize("name", LAWS)
 fuzzy = settings(max_examples=12, deadline=None)
 shakes = st.tuples(st.integers(0, 10**6), st.floats(0.0, 4.0))
-
-
-def shaken(name: str, seed: int, size: float) -> nn.Module:
-    """A module of the law with weights moved far from their initial values."""
-    module = MODULES[name](UNITS)
-    random = torch.Generator().manual_seed(seed)
-    with torch.no_grad():
-        for weight in module.parameters():
-            weight.add_(size * torch.randn(weight.shape, generator=random, dtype=torch.float64))
-    return module
 
 
 def weights_of(module: nn.Module) -> Tensor:
@@ -142,7 +133,7 @@ def test_a_name_is_registered_once(name: str) -> None:
 @fuzzy
 @given(shakes)
 def test_compiled_values_are_those_of_the_torch_module(name: str, shake: tuple[int, float]) -> None:
-    module, given_ = shaken(name, *shake), arguments(name)
+    module, given_ = shaken(MODULES[name](UNITS), *shake), arguments(name)
     tensors = [torch.from_numpy(x) for x in given_]
     with torch.no_grad():
         value = module(*tensors) if name in WIDE_RESISTORS else module.mean_effort(*tensors)  # type: ignore[operator]
@@ -158,7 +149,7 @@ def test_compiled_values_are_those_of_the_torch_module(name: str, shake: tuple[i
 @given(shakes)
 @example((236926, 4.0))
 def test_complex_step_is_the_slope_of_autograd(name: str, shake: tuple[int, float]) -> None:
-    weights, given_ = weights_of(shaken(name, *shake)), arguments(name)
+    weights, given_ = weights_of(shaken(MODULES[name](UNITS), *shake)), arguments(name)
     tensors = [torch.from_numpy(x).clone().requires_grad_(True) for x in given_]
     slopes = torch.autograd.grad(evaluate(name, tensors, weights).sum(), tensors)
     for k, slope in enumerate(slopes):
@@ -173,7 +164,7 @@ def test_complex_step_is_the_slope_of_autograd(name: str, shake: tuple[int, floa
 @every
 @pytest.mark.parametrize(("seed", "size"), [(0, 0.0), (2, 3.0)])
 def test_complex_step_by_every_weight_is_the_slope_of_autograd(name: str, seed: int, size: float) -> None:
-    weights, given_ = weights_of(shaken(name, seed, size)).requires_grad_(True), arguments(name)
+    weights, given_ = weights_of(shaken(MODULES[name](UNITS), seed, size)).requires_grad_(True), arguments(name)
     values = evaluate(name, [torch.from_numpy(x) for x in given_], weights)
     expected = torch.stack([torch.autograd.grad(v, weights, retain_graph=True)[0] for v in values]).numpy()
     theta = weights.detach().numpy()
@@ -217,7 +208,7 @@ def exact_energy(x: Any, weights: NDArray[np.float64]) -> Any:
 
 @pytest.mark.parametrize(("seed", "size"), [(0, 0.0), (2, 3.0)])
 def test_monotone_law_has_the_digits_of_its_definition(seed: int, size: float) -> None:
-    weights, given_ = weights_of(shaken("monotone", seed, size)).numpy(), arguments("monotone")
+    weights, given_ = weights_of(shaken(MODULES["monotone"](UNITS), seed, size)).numpy(), arguments("monotone")
     with mpmath.workdps(80):
         wanted = [float(exact_flow(x, weights)) for x in map(mpmath.mpf, given_[0])]
     np.testing.assert_allclose(compiled("monotone", given_, weights), wanted, rtol=1e-13)
@@ -225,7 +216,7 @@ def test_monotone_law_has_the_digits_of_its_definition(seed: int, size: float) -
 
 @pytest.mark.parametrize(("seed", "size"), [(0, 0.0), (2, 3.0)])
 def test_energy_and_mean_effort_have_the_digits_of_their_definition(seed: int, size: float) -> None:
-    weights = weights_of(shaken("convex", seed, size))
+    weights = weights_of(shaken(MODULES["convex"](UNITS), seed, size))
     start = arguments("convex")[0][:77:3]
     gaps = [g * s for g in (1e-300, 1e-30, 1e-15, 1e-9, 1e-4, 1e-1, 3.0) for s in (SCALE, -SCALE)]
     a, b = (m.ravel() for m in np.meshgrid(start, [*gaps, 0.0]))
@@ -247,7 +238,7 @@ def test_energy_and_mean_effort_have_the_digits_of_their_definition(seed: int, s
 @fuzzy
 @given(shakes)
 def test_extreme_arguments_give_finite_values(name: str, shake: tuple[int, float]) -> None:
-    weights, given_ = weights_of(shaken(name, *shake)).numpy(), arguments(name, -300, 60)
+    weights, given_ = weights_of(shaken(MODULES[name](UNITS), *shake)).numpy(), arguments(name, -300, 60)
     assert np.isfinite(compiled(name, given_, weights)).all()
     for k in range(len(given_)):
         moved = [x + TINY * 1j if i == k else x + 0j for i, x in enumerate(given_)]
@@ -259,7 +250,7 @@ def test_extreme_arguments_give_finite_values(name: str, shake: tuple[int, float
 
 @every
 def test_gradients_of_extreme_arguments_are_finite(name: str) -> None:
-    weights = weights_of(shaken(name, 4, 2.0)).requires_grad_(True)
+    weights = weights_of(shaken(MODULES[name](UNITS), 4, 2.0)).requires_grad_(True)
     tensors = [torch.from_numpy(x).clone().requires_grad_(True) for x in arguments(name, -300, 60)]
     gradients = torch.autograd.grad(evaluate(name, tensors, weights).sum(), [weights, *tensors])
     assert all(bool(torch.isfinite(g).all()) for g in gradients)
@@ -268,7 +259,7 @@ def test_gradients_of_extreme_arguments_are_finite(name: str) -> None:
 @fuzzy
 @given(shakes)
 def test_mean_effort_is_symmetric_to_the_last_bit(shake: tuple[int, float]) -> None:
-    weights, (a, b) = weights_of(shaken("convex", *shake)).numpy(), arguments("convex")
+    weights, (a, b) = weights_of(shaken(MODULES["convex"](UNITS), *shake)).numpy(), arguments("convex")
     assert (compiled("convex", [a, b], weights) == compiled("convex", [b, a], weights)).all()
 
 
