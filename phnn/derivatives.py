@@ -88,6 +88,22 @@ def output_derivatives(
     return seen[copied:][samples_of][trajectory.lead :]
 
 
+def output_gradient(trajectory: Trajectory, names: Sequence[str], cotangent: Array) -> Array:
+    """(K,) derivative of ``Σ_n c_n q_n`` by network parameters, by one backward sweep whatever their number.
+
+    Args:
+        names: K parameters of the network.
+        cotangent: (N,) ``c``, of the samples of the measured state.
+    """
+    program = trajectory.program
+    places = np.array([program.names.index(n) for n in names], dtype=np.int64)
+    along = np.zeros_like(trajectory.states)
+    along[trajectory.nodes[trajectory.lead :], program.output] = cotangent
+    gradient, back = sweep.adjoint(_integrated(trajectory), places, along)
+    moved = sweep.by_parameters(places, trajectory.h.size)
+    return np.asarray(gradient + (back + along[0]) @ _start_derivative(trajectory, moved, places))
+
+
 def _integrated(trajectory: Trajectory) -> Integrated:
     """The simulation as the sweeps take it."""
     return Integrated(

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from junctions import recording
 
 from phnn.configuration import config_folder
-from phnn.derivatives import input_force, output_derivatives
+from phnn.derivatives import input_force, output_derivatives, output_gradient
 from phnn.effects import effect
 from phnn.errors import SolverFailed
 from phnn.models.actuator import from_paper, hrc
@@ -164,3 +164,7 @@ def test_perturbations_along_signals_and_the_adjoint_follow_it_too() -> None:
     force = input_force(run, run.u[:, 0])[:, None]
     with_state = output_derivatives(run, ["k"], initial=[0], forces=force)
     np.testing.assert_allclose(with_state[:, [0, 2]], np.column_stack([got[:, 0], whole]), rtol=1e-9, atol=1e-16)
+    weights = np.random.default_rng(3).standard_normal(run.y.size)
+    columns = output_derivatives(run, ["k", "b", "alpha", "C_1", "rho_2", "d_1"])
+    back = output_gradient(run, ["k", "b", "alpha", "C_1", "rho_2", "d_1"], weights)
+    np.testing.assert_allclose(back, weights @ columns, rtol=1e-7)
