@@ -16,7 +16,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
-from scipy.signal import bilinear, lfilter
 
 from phnn.errors import InputRefused, PhnnError, SolverFailed
 from phnn.identification.fit import Fit, distinct_optima, fit
@@ -36,7 +35,6 @@ from phnn.identification.staged import (
 from phnn.identification.starting_points import mechanical_points, scaled_points
 from phnn.identification.zero import is_shared, with_own_zeros, with_shared_zero
 from phnn.models.bouc_wen import bouc_wen
-from phnn.network.roles import motions
 from phnn.recordings.recording import Anchor, Campaign, Recording
 from phnn.rescue import late
 from phnn.setup import Setup
@@ -227,10 +225,6 @@ _QUICK, _FULL = 12, 60
 # A network explains recordings badly if it leaves more than this share of their mean square, and the reversed output
 # well if it leaves less than that share of what it left of the recorded one.
 _BADLY, _WELL = 0.5, 0.25
-# A plant is asked for its stability if the network leaves more than this mean square, in units of the noise, and this
-# share of what there is; a regression tells if it leaves less than this share of the force, and the stiffness lies so
-# many standard errors below zero.
-_NOISY, _POORLY, _EXPLAINED, _CLEARLY, _FEWEST = 4.0, 0.02, 0.3, 6.0, 50
 _FINALISTS = 3
 
 
@@ -280,17 +274,11 @@ def identify_network(
 
 
 def _can_be_explained(fitted: Fit, setup: Setup, held: Mapping[str, str]) -> None:
-    """Refuse recordings that a network explains badly as they are: of an unstable plant, or of a reversed output."""
+    """Refuse recordings that a network explains badly as they are and well with the output reversed."""
     recordings = fitted.plan.recordings
     nothing = sum(
         float(np.sum((without_nuisances(r.y, r.mask("identification"), r) / r.noise) ** 2)) for r in recordings
     )
-    if fitted.chi2 > _NOISY and fitted.cost > _POORLY * nothing and (stiffness := _negative_stiffness(fitted)):
-        raise InputRefused(
-            f"{recordings[0].source}: the plant is unstable: force and displacement show a negative stiffness of about "
-            f"{stiffness:.2g} N/m, and a passive network has none. Record the plant in its control loop as a whole, or "
-            f"add a known stiffness times the displacement to the recorded force"
-        )
     if fitted.cost < _BADLY * nothing or any(r.sensor.rectified or r.sensor.is_limited for r in recordings):
         return
     turned = replace(fitted.plan, recordings=tuple(replace(r, y=-r.y) for r in recordings))
@@ -305,39 +293,6 @@ def _can_be_explained(fitted: Fit, setup: Setup, held: Mapping[str, str]) -> Non
             f"recordings.yaml, at the input or the output). With the sign reversed the network leaves "
             f"{reversed_fit.chi2**0.5:.3g} times the noise, as recorded {fitted.chi2**0.5:.3g} times"
         )
-
-
-def _negative_stiffness(fitted: Fit) -> float | None:
-    """Return the stiffness by which a force moves a measured mass, where it is clearly negative.
-
-    A regression of the filtered force on the filtered displacement and its two derivatives; the filter that leaves the
-    least is taken.
-    """
-    network = fitted.setup.network
-    motion = next(iter(motions(network)), None)
-    if motion is None or network.output != motion.displacement or [p.law for p in network.ports] != ["linear"]:
-        return None
-    acts = network.ports[0].on.get(motion.momentum, 0.0)
-    gain = fitted.setup.parameters[acts].value if isinstance(acts, str) else acts
-    found: list[tuple[float, float, float]] = []
-    recordings = fitted.plan.recordings
-    dt, span = min(r.dt for r in recordings), max(float(np.ptp(r.t)) for r in recordings)
-    for tau in np.geomspace(3.0 * dt, max(span / 20.0, 6.0 * dt), 8):
-        rows = [np.zeros((0, 5))]
-        for r in recordings:
-            filters = [bilinear(np.eye(3)[2 - i], np.poly([-1.0 / tau] * 3) * tau**3, 1.0 / r.dt) for i in range(3)]
-            q, f = r.y - r.y[0], gain * (r.u - r.u[0])
-            columns = [*(lfilter(*x, q) for x in filters), np.ones(q.size), lfilter(*filters[0], f)]
-            rows.append(np.column_stack(columns)[int(8.0 * tau / r.dt) :])
-        a, b = (table := np.concatenate(rows))[:, :4], table[:, 4]
-        if b.size < _FEWEST:
-            continue
-        theta, scale = np.linalg.lstsq(a, b, rcond=None)[0], np.linalg.norm(a, axis=0)
-        rest, inverse = b - a @ theta, np.linalg.pinv((a / scale).T @ (a / scale))
-        std = float(np.sqrt(inverse[0, 0] * (rest @ rest) / b.size) / scale[0])
-        found.append((float(rest @ rest / max(np.sum((b - b.mean()) ** 2), 1e-300)), float(theta[0]), std))
-    left, k, std = min(found, default=(1.0, 0.0, 0.0))
-    return k if left < _EXPLAINED and k < -_CLEARLY * std else None
 
 
 def _cost(fitted: Fit) -> float:
