@@ -361,15 +361,12 @@ def _setup(actuator: bool, layouts: Sequence[Layout]) -> list[str]:
     units = {(_si(one.input.unit), _si(one.output.unit)) for one in layouts}
     pair = next(iter(units), ("", ""))
     if len(units) != 1 or pair not in _BY_UNITS:
-        return [
-            "setup: {model: linear}   # guessed: mass, spring and damper; input and output are no voltage and stroke"
-        ]
+        said = "{model: linear}   # guessed: mass, spring and damper; input and output are no voltage and stroke"
+        return [f"setup: {said}"]
     model, why = _BY_UNITS[pair]
-    lines = [f"setup: {{model: {model}}}   # guessed from {pair[0]} and {pair[1]}: {why}"]
-    moved = pair[1].endswith("/s")
-    return lines + (
-        ["sensor: {derivative: true}   # the output is a velocity, that of the model a way"] if moved else []
-    )
+    moves = ["sensor: {derivative: true}   # the output is a velocity, that of the model a way"]
+    said = f"setup: {{model: {model}}}   # guessed from {pair[0]} and {pair[1]}: {why}"
+    return [said, *(moves if pair[1].endswith("/s") else [])]
 
 
 def _columns(f: Found, actuator: bool) -> list[str]:

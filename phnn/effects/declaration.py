@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 from phnn import parameters
+from phnn.laws.other import THROUGH_A_RESISTOR
 from phnn.network.bondgraph.description import effort_unit
 from phnn.network.roles import hysterons
 from phnn.parameters import Parameter
@@ -58,7 +59,7 @@ def has_plain_dead_zones(setup: Setup) -> bool:
 
 def has_transducer(setup: Setup) -> bool:
     """A parameter ``alpha`` is the ratio by which the voltage port acts on the momentum, not through a resistor."""
-    ports = [p for p in setup.network.ports if p.law not in ("resistance", "conductance", "maxwell")]
+    ports = [p for p in setup.network.ports if p.law not in THROUGH_A_RESISTOR]
     return has_motion(setup) and any(p.name == "voltage" and p.on.get("p") == "alpha" for p in ports)
 
 

@@ -22,12 +22,8 @@ def stop_grid(scales: Scales) -> list[dict[str, float]]:
     return [{"k_c": 1e-3 * scales.stiffness, "g_c": gap} for gap in gaps]
 
 
-def round_stop_grid(scales: Scales) -> list[dict[str, float]]:
-    """A weak round stop at a few shares of the displacement on either side."""
-    force, gaps = 1e-3 * scales.stiffness, [side * share for side in (1.0, -1.0) for share in (0.4, 0.6, 0.8)]
-    return [{"k_c": force, "g_c": gap * scales.displacement, "d_c": 0.1 * scales.displacement} for gap in gaps]
-
-
+# Of a round stop, over the displacement.
+_ROUND_GAPS = (0.4, 0.6, 0.8, -0.4, -0.6, -0.8)
 _GAP = limit("g_c", "m", "gap to the stop", 1e2, signed=True)
 CONTACT_STOP = Effect(
     name="contact_stop",
@@ -59,7 +55,9 @@ CONTACT_STOP = Effect(
         constant("d_c", "m", "reference depth of the stop"),
     ),
     adds=Parts((Storage("x_c", "round_stop", ("k_c", "g_c", "d_c"), "m"),), couplings=(Coupling("x_c", "p", 1.0),)),
-    grid=round_stop_grid,
+    grid=Points(
+        *({"k_c": (1e-3, "stiffness"), "g_c": (x, "displacement"), "d_c": (0.1, "displacement")} for x in _ROUND_GAPS)
+    ),
 )
 
 
@@ -246,11 +244,6 @@ def cubic(setup: Setup, parameters: Placed) -> Setup:
     return bent_spring(setup, "cubic_spring", parameters)
 
 
-def quintic_grid(scales: Scales) -> list[dict[str, float]]:
-    """One point: the law is linear in its strength."""
-    return [{"k_5": 1e-3 * scales.stiffness, "q_0": scales.displacement}]
-
-
 CUBIC_STIFFNESS = Effect(
     name="cubic_stiffness",
     kind=kinds.ELASTIC,
@@ -281,7 +274,7 @@ CUBIC_STIFFNESS = Effect(
     ),
     adds=Parts((Storage("x_5", "quintic_spring", ("k_5", "q_0"), "m"),), couplings=(Coupling("x_5", "p", 1.0),)),
     applies=has_motion,
-    grid=quintic_grid,
+    grid=Points({"k_5": (1e-3, "stiffness"), "q_0": "displacement"}),
 )
 
 

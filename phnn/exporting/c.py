@@ -101,9 +101,7 @@ class _Body(Printer):
         if isinstance(node, ast.Assign):
             return self._assign(node.targets[0], node.value)
         if isinstance(node, ast.AugAssign):
-            return self._assign(
-                node.target, ast.BinOp(ast.parse(ast.unparse(node.target), mode="eval").body, node.op, node.value)
-            )
+            return self._assign(node.target, ast.BinOp(_loaded(node.target), node.op, node.value))
         if isinstance(node, ast.If):
             lines = [f"if ({self.expression(node.test)}) {{", *indented(self._block(node.body))]
             if len(node.orelse) == 1 and isinstance(node.orelse[0], ast.If):
@@ -154,6 +152,10 @@ def _own_targets(statement: ast.stmt) -> set[str]:
     if not isinstance(statement, ast.Assign):
         return set()
     return {n.id for n in ast.walk(statement.targets[0]) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
+
+
+def _loaded(target: ast.expr) -> ast.expr:
+    return ast.parse(ast.unparse(target), mode="eval").body
 
 
 def public(program: Program, name: str) -> str:

@@ -276,9 +276,7 @@ def identify_network(
 def _can_be_explained(fitted: Fit, setup: Setup, held: Mapping[str, str]) -> None:
     """Refuse recordings that a network explains badly as they are and well with the output reversed."""
     recordings = fitted.plan.recordings
-    nothing = sum(
-        float(np.sum((without_nuisances(r.y, r.mask("identification"), r) / r.noise) ** 2)) for r in recordings
-    )
+    nothing = sum(np.sum((without_nuisances(r.y, r.mask("identification"), r) / r.noise) ** 2) for r in recordings)
     if fitted.cost < _BADLY * nothing or any(r.sensor.rectified or r.sensor.is_limited for r in recordings):
         return
     turned = replace(fitted.plan, recordings=tuple(replace(r, y=-r.y) for r in recordings))

@@ -187,6 +187,8 @@ def through_maxwell_slope(u: Any, stiffness: Any, tau: Any) -> Any:
     return 1.0 / (stiffness * tau) + 0.0 * u
 
 
+# Port laws of sources that act through a linear resistor.
+THROUGH_A_RESISTOR = ("resistance", "conductance", "maxwell")
 register(PortLaw("resistance", through_resistance, through_resistance_slope, (0.7,)))
 register(PortLaw("conductance", through_conductance, through_conductance_slope, (0.7,)))
 register(PortLaw("maxwell", through_maxwell, through_maxwell_slope, (0.7, 0.4)))

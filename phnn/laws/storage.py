@@ -111,15 +111,21 @@ def weight_mean_effort(a: Any, b: Any, force: Any) -> Any:
     return -force + 0.0 * (a + b)
 
 
+@shared
+def _stop_side(gap: Any) -> Any:
+    """The sign of a stop's side."""
+    return where(real(gap) < 0.0, -1.0 + 0.0 * gap, 1.0 + 0.0 * gap)
+
+
 def stop_energy(x: Any, stiffness: Any, gap: Any) -> Any:
     """One-sided elastic stop, ``H = k max(x − gap, 0)²/2`` for ``gap ≥ 0`` and mirrored for ``gap < 0``."""
-    depth = maximum(where(real(gap) < 0.0, gap - x, x - gap), 0.0 * x)
+    depth = maximum(_stop_side(gap) * (x - gap), 0.0 * x)
     return 0.5 * stiffness * depth * depth
 
 
 def stop_mean_effort(a: Any, b: Any, stiffness: Any, gap: Any) -> Any:
     """``± k`` times the mean depth ``max(±(x − gap), 0)``, with the sign of the stop's side."""
-    side = where(real(gap) < 0.0, -1.0 + 0.0 * gap, 1.0 + 0.0 * gap)
+    side = _stop_side(gap)
     return stiffness * side * _mean_depth(side * (a - gap), side * (b - gap))
 
 
@@ -152,13 +158,13 @@ def _root(x: Any) -> Any:
 def round_stop_energy(x: Any, stiffness: Any, gap: Any, depth: Any) -> Any:
     """Contact of round surfaces (Hertz), effort ``± k p √(p/p₀)``, ``p = max(±(x − gap), 0)``; its side is that of the
     gap."""
-    p = maximum(where(real(gap) < 0.0, gap - x, x - gap), 0.0 * x)
+    p = maximum(_stop_side(gap) * (x - gap), 0.0 * x)
     return 0.4 * stiffness * p * p * _root(p / depth)
 
 
 def round_stop_mean_effort(a: Any, b: Any, stiffness: Any, gap: Any, depth: Any) -> Any:
     """The fifth powers of the roots ``√(p/p₀)``, factored: ``(w⁵ − u⁵)/(w² − u²)``."""
-    side = where(real(gap) < 0.0, -1.0 + 0.0 * gap, 1.0 + 0.0 * gap)
+    side = _stop_side(gap)
     depth_a, depth_b, share = _depths(side * (a - gap), side * (b - gap))
     u, w = _root(depth_a / depth), _root(depth_b / depth)
     total = u + w

@@ -17,7 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from phnn.cli import main
-from phnn.intake.limits import LIMITS
+from phnn.intake.limits import LIMITS, Limits, available_memory
 from phnn.models.actuator import hrc
 from phnn.models.store import FILE, save
 from phnn.results import printable
@@ -315,3 +315,8 @@ def test_every_limit_stands_in_the_documentation() -> None:
     text = DOCUMENT.read_text(encoding="utf-8")
     for name, value, unit, reason in LIMITS.table():
         assert f"| `{name}` | {value:,} | {unit} | {reason} |" in text
+
+
+def test_limits_are_positive_and_memory_is_known() -> None:
+    assert all(value > 0 for _, value, _, _ in Limits().table())
+    assert 0 < LIMITS.memory_for_a_file() < available_memory()

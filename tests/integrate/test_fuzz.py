@@ -109,7 +109,7 @@ def test_ten_thousand_stiff_monotone_networks_are_always_solved() -> None:
 
 
 def test_other_networks_are_solved_or_shorter_steps_lead_on() -> None:
-    assert any_law(range(50)) >= 49
+    assert any_law(seed for seed in range(51) if seed != 4) == 50
     # A network with laws that follow states or fall, a step of which has no solution.
     assert any_law((4,)) == 0
 
