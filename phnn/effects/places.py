@@ -199,11 +199,6 @@ def place_of(effect: Effect, network: Network) -> str:
     return effect.place or next(measured, network.output)
 
 
-def _where(roles: Roles) -> str:
-    """The last part of an effect's name."""
-    return f" at {roles.place}" if roles.place else ""
-
-
 def _at(effect: Effect, roles: Roles) -> Effect:
     """The effect with its law, values and parameters under the names of a network."""
     if roles.plain:
@@ -212,7 +207,7 @@ def _at(effect: Effect, roles: Roles) -> Effect:
     statement = effect.statement
     for role, name in names.items():
         statement = statement.replace("{" + role + "}", "{" + name + "}")
-    where = _where(roles)
+    where = f" at {roles.place}" if roles.place else ""
     return replace(
         effect,
         name=effect.name + where,

@@ -267,12 +267,6 @@ def led_in(reference: Array, dt: float, duration: float) -> Array:
     return np.concatenate([reference[0] + way, reference])
 
 
-def begins_at_rest(reference: Array, dt: float) -> bool:
-    """Whether the speed at the first sample is a small share of the largest one."""
-    speed = np.abs(path_through(reference, dt, 1).velocity)
-    return bool(speed[0] <= _AT_REST * speed.max())
-
-
 def fast_share(command: Array) -> float:
     """The share of a command's (N,) variation, root mean square, that is faster than a quarter of the sampling rate."""
     if not np.ptp(command) > 0.0:
@@ -462,7 +456,8 @@ def invert(setup: Setup, substeps: int, t: Array, reference: Array, options: Inv
     plant = Plant(setup, substeps, dt, options)
     first, before, port = plant.backwards(wanted)
     messages = list(judged(fast_share(first.values), dt))
-    if not begins_at_rest(wanted, dt):
+    speed = np.abs(path_through(wanted, dt, 1).velocity)
+    if not speed[0] <= _AT_REST * speed.max():
         messages.append(
             "The reference begins in motion, and the model at rest, so that the beginning is missed: give a lead_in "
             "(--lead-in), for example of some periods."
