@@ -69,8 +69,8 @@ def starts(
     strengths: Sequence[Declared],
     value: float,
     stressed: Iterable[Iterable[str]],
-    constants: Mapping[str, float],
-) -> list[dict[str, float]]:
+    constants: Mapping[str, Any],
+) -> Points:
     """Grid points: all strengths equal, and then each group of them emphasised in turn.
 
     Args:
@@ -81,7 +81,7 @@ def starts(
     names = named(strengths)
     faint = dict.fromkeys(names, _FAINT * value)
     points = [dict.fromkeys(names, value), *(faint | dict.fromkeys(group, value) for group in stressed)]
-    return [{**point, **constants} for point in points]
+    return Points(*({**point, **constants} for point in points))
 
 
 def each(
@@ -127,12 +127,13 @@ _LOST_GAINS = strengths((*_IN_BANDS, *_BEYOND), "1", "gain lost in the amplifier
 _AMPLIFIER_BLOCKS = tuple(
     Block("dead_band" if i in _BANDS else "knee", (f"a_C{i}", f"U_C{i}")) for i in (*_BANDS, *_AMPLIFIER_KNEES)
 )
-
-
-def amplifier_grid(scales: Scales) -> list[dict[str, float]]:
-    """All strengths equal; then emphasis on the dead bands, and on the ends."""
-    levels = {f"U_C{i}": share * scales.voltage for i, share in (_BANDS | _AMPLIFIER_KNEES).items()}
-    return starts(_LOST_GAINS, _AMPLIFIER_SMALL, (_IN_BANDS, _BEYOND), levels)
+# All strengths equal; then emphasis on the dead bands, and on the ends.
+_AMPLIFIER_GRID = starts(
+    _LOST_GAINS,
+    _AMPLIFIER_SMALL,
+    (_IN_BANDS, _BEYOND),
+    {f"U_C{i}": (share, "voltage") for i, share in (_BANDS | _AMPLIFIER_KNEES).items()},
+)
 
 
 LEARNED_AMPLIFIER = Effect(
@@ -148,7 +149,7 @@ LEARNED_AMPLIFIER = Effect(
     references=("Fleming & Leang 2014, Design, Modeling and Control of Nanopositioning Systems, ch. 14",),
     declares=(*_LOST_GAINS, *constants(_AMPLIFIER_LEVELS, "V", "level below or beyond which the amplifier loses gain")),
     adds=Chain("amplifier", _AMPLIFIER_BLOCKS),
-    grid=amplifier_grid,
+    grid=_AMPLIFIER_GRID,
     neighbours=("amplifier_saturation", "contact_stop", "electrostriction"),
     rescale=Within(_LOST_GAINS),
     related_kinds=(kinds.LIMIT,),
@@ -212,7 +213,7 @@ def damper_grid(scales: Scales) -> list[dict[str, float]]:
         "q_D": scales.displacement, "c_DR": 1.0 / scales.displacement, "c_DL": -1.0 / scales.displacement,
     }  # fmt: skip
     force = _DAMPER_SMALL * scales.stiffness * scales.displacement
-    points = starts(_FORCES, force, (_BY_SPEED, _BY_POSITION), constants)
+    points = starts(_FORCES, force, (_BY_SPEED, _BY_POSITION), constants)(scales)
     return [*points, points[-1] | {"v_Dq": sticking, "n_Dq": 0.0}]
 
 
@@ -330,7 +331,7 @@ def relaxation_grid(scales: Scales) -> list[dict[str, float]]:
     times = np.geomspace(_SHORTEST / scales.fastest, scales.duration, len(_CELLS))
     constants = dict(zip(named(_RELAXATION_TIMES), map(float, times), strict=True))
     names, half = named(_RELAXING), len(_CELLS) // 2
-    return starts(_RELAXING, _RELAXATION_SMALL * scales.stiffness, (names[:half], names[half:]), constants)
+    return starts(_RELAXING, _RELAXATION_SMALL * scales.stiffness, (names[:half], names[half:]), constants)(scales)
 
 
 LEARNED_RELAXATION = Effect(
@@ -459,7 +460,7 @@ def press(setup: Setup, parameters: Placed) -> Setup:
 def spring_grid(scales: Scales) -> list[dict[str, float]]:
     """All strengths equal; then emphasis on the stops on one side, and on the saturating springs."""
     places = {f"g_L{i}": share * scales.displacement for i, share in (_GAPS | _REACHES).items()}
-    return starts(_STIFFNESSES, _SPRING_SMALL * scales.stiffness, (_RIGHT, _LEFT, _YIELDING), places)
+    return starts(_STIFFNESSES, _SPRING_SMALL * scales.stiffness, (_RIGHT, _LEFT, _YIELDING), places)(scales)
 
 
 LEARNED_SPRING = Effect(

@@ -107,18 +107,13 @@ def limited(command: Signal, before: float, dt: float, options: InverseOptions) 
         cause = f"the voltage limits {low:g} V and {high:g} V"
         command = command.then(np.clip(command.values, low, high), lost, cause)
     if options.slew is not None:
-        kept = _followed(command.values, before, dt, options.slew)
+        last = np.concatenate([[before], command.values[:-1]])
+        # The block begins every step where it ended the one before, and has its middle on the straight line.
+        steps = np.column_stack([last, 0.5 * (last + command.values), command.values])
+        kept = slew_limit(steps, np.full(command.values.size, dt), before, options.slew)[:, 2]
         lost = np.abs(kept - command.values) > _ROUNDING * options.slew * dt
         command = command.then(kept, lost, f"the slew limit {options.slew:g} V/s")
     return command
-
-
-def _followed(command: Array, before: float, dt: float, slew: float) -> Array:
-    """(N,) a command that approaches what was asked for at a limited rate."""
-    last = np.concatenate([[before], command[:-1]])
-    # The block begins every step where it ended the one before, and has its middle on the straight line.
-    steps = np.column_stack([last, 0.5 * (last + command), command])
-    return slew_limit(steps, np.full(command.size, dt), before, slew)[:, 2]
 
 
 _FORCE = "the force that the voltage can give"

@@ -303,7 +303,7 @@ def _alone(study: Study, level: int, settings: Settings) -> ModalFit:
 def _with(model: ModalModel, element: PortElement, study: Study) -> ModalModel:
     """A model with an element more at every port, too weak yet to matter much at any amplitude."""
     (low, _), (x, v) = (_extension(model, study.identification(i)[0], study.dt) for i in (0, -1))
-    k, thresholds = element.start(1.0 / (model.b**2).sum(axis=0), x, v), element.thresholds(low)
+    k, thresholds = element.start(1.0 / (model.b**2).sum(axis=0), x, v), low[:, None] * element.reach
     if not model.element.names:
         return replace(model, element=element, k=k, thresholds=thresholds)
     return replace(
