@@ -76,15 +76,11 @@ class Roles:
 
     def inwards(self, setup: Setup) -> Setup:
         """The setup with role names."""
-        return _relabelled(
-            setup, lambda n: self._role(self.elements, n), lambda n: self._role(self.parameters, n)
-        )  # fmt: skip
+        return _relabelled(setup, lambda n: self._role(self.elements, n), lambda n: self._role(self.parameters, n))
 
     def outwards(self, setup: Setup) -> Setup:
         """Give a setup with role names the names of the network again."""
-        return _relabelled(
-            setup, lambda n: self._name(self.elements, n), lambda n: self._name(self.parameters, n)
-        )  # fmt: skip
+        return _relabelled(setup, lambda n: self._name(self.elements, n), lambda n: self._name(self.parameters, n))
 
     def _role(self, pairs: Pairs, name: str) -> str:
         for role, own in pairs:
