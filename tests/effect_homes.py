@@ -11,7 +11,7 @@ from phnn.configuration import config_folder
 from phnn.effects import Effect, catalogue, soundness
 from phnn.effects.formulas import formulas
 from phnn.effects.learned import learned_elements
-from phnn.effects.soundness import Home, actuator, faults, simulated, tanks
+from phnn.effects.soundness import Home, actuator, faults, tanks
 from phnn.models.actuator import hrc
 from phnn.models.network_file import load_network
 from phnn.setup import Setup
@@ -39,7 +39,7 @@ def home(effect_: Effect) -> Home:
 
 
 def run(setup: Setup, where: Home = ACTUATOR) -> Trajectory:
-    return simulated(setup, where)
+    return simulate(setup, where.drive)
 
 
 def base(where: Home) -> Trajectory:

@@ -18,16 +18,8 @@ _ZETA = between("zeta_a", "1", "damping of the amplifier", 0.05, 20.0).plausibly
 )
 
 
-def lowpass_grid(scales: Scales) -> list[dict[str, float]]:
-    """A time constant that is small against the fastest line, and two finite corners, where the response is not
-    proportional."""
-    unit = 1.0 / (2.0 * 3.141592653589793 * scales.fastest)
-    return [{"tau_a": unit * share} for share in (1e-3, 0.1, 1.0, 10.0)]
-
-
-def second_order_lowpass_grid(scales: Scales) -> list[dict[str, float]]:
-    """The same time constants, with high and low damping."""
-    return [{"tau_a": point["tau_a"], "zeta_a": zeta} for point in lowpass_grid(scales) for zeta in (0.5, 1.0)]
+# Time constants: small against the fastest line, and finite corners, where the response is not proportional.
+_CORNERS = (1e-3, 0.1, 1.0, 10.0)
 
 
 AMPLIFIER_LOWPASS = Effect(
@@ -42,7 +34,7 @@ AMPLIFIER_LOWPASS = Effect(
     references=(_BOOK,),
     declares=(_TAU,),
     adds=at_amplifier("lowpass"),
-    grid=lowpass_grid,
+    grid=Points(*({"tau_a": (share, "shortest")} for share in _CORNERS)),
     neighbours=("delay", "sensor_lag"),
 ).or_as(
     equation=r"\tau_a^2 \ddot{V} + 2 \zeta_a \tau_a \dot{V} + V = u",
@@ -50,7 +42,7 @@ AMPLIFIER_LOWPASS = Effect(
     "constant of {tau_a} and a damping of {zeta_a}.",
     declares=(_TAU, _ZETA),
     adds=at_amplifier("second_order_lowpass"),
-    grid=second_order_lowpass_grid,
+    grid=Points(*({"tau_a": (share, "shortest"), "zeta_a": zeta} for share in _CORNERS for zeta in (0.5, 1.0))),
 )
 
 
@@ -106,12 +98,6 @@ AMPLIFIER_SATURATION = Effect(
 )
 
 
-def delay_grid(scales: Scales) -> list[dict[str, float]]:
-    """A delay that is small against the fastest line, and two finite delays, where the response is not proportional."""
-    unit = 1.0 / (2.0 * np.pi * scales.fastest)
-    return [{"tau_d": unit * share} for share in (1e-3, 0.03, 0.3)]
-
-
 DELAY = Effect(
     name="delay",
     kind=kinds.LAG,
@@ -128,7 +114,8 @@ DELAY = Effect(
         ),
     ),
     adds=at_amplifier("delay"),
-    grid=delay_grid,
+    # Small against the fastest line, and two finite delays, where the response is not proportional.
+    grid=Points(*({"tau_d": (share, "shortest")} for share in (1e-3, 0.03, 0.3))),
     neighbours=("amplifier_lowpass", "sensor_lag"),
 )
 

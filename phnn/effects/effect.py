@@ -71,6 +71,11 @@ class Scales:
         return self.effort or self.displacement
 
     @property
+    def shortest(self) -> float:
+        """Time in which the highest excited frequency turns by one radian [s]."""
+        return 1.0 / (2.0 * math.pi * self.fastest)
+
+    @property
     def sensed_rate(self) -> float:
         """Largest rate of the output."""
         return 2.0 * math.pi * self.fastest * self.effort if self.effort else self.velocity

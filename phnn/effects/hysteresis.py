@@ -60,14 +60,6 @@ def bouc_wen_grid(scales: Scales) -> list[dict[str, float]]:
     return [point | {"a_B": 0.0} for point in _slipping_grid(scales, (0.5,))]
 
 
-def voltage_slip_grid(scales: Scales) -> list[dict[str, float]]:
-    """Slip after shares of the voltage and beyond it."""
-    return [
-        {"w_B": _SMALL * share * scales.voltage, "V_B": share * scales.voltage, "n_B": 1.3, "c_B": 0.5, "a_B": 0.0}
-        for share in _SLIP_TRAVELS
-    ]
-
-
 def duhem_grid(scales: Scales) -> list[dict[str, float]]:
     """The same with a way back that is softer, and much stiffer, the larger the force."""
     return _slipping_grid(scales, (-0.3, 2.0))
@@ -139,7 +131,13 @@ BOUC_WEN_HYSTERESIS = _DUHEM.or_as(
     ),
     adds=at_amplifier("slipping"),
     applies=has_transducer,
-    grid=voltage_slip_grid,
+    # Slip after shares of the voltage and beyond it.
+    grid=Points(
+        *(
+            {"w_B": (_SMALL * share, "voltage"), "V_B": (share, "voltage"), "n_B": 1.3, "c_B": 0.5, "a_B": 0.0}
+            for share in _SLIP_TRAVELS
+        )
+    ),
     rescale=None,
 )
 

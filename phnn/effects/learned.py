@@ -11,13 +11,14 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
+from typing import Any
 
 import numpy as np
 
 from phnn.effects import kinds
 from phnn.effects.additions import Chain, Parts, Placed, bent_port
 from phnn.effects.declaration import Declared, bounded, constant, has_motion, has_transducer
-from phnn.effects.effect import Effect, Scales, gathered
+from phnn.effects.effect import Effect, Points, Scales, gathered
 from phnn.laws.resistor import SMOOTHED
 from phnn.network.elements import Coupling, Modulation, Resistor, Storage
 from phnn.parameters import Parameter
@@ -68,8 +69,8 @@ def starts(
     strengths: Sequence[Declared],
     value: float,
     stressed: Iterable[Iterable[str]],
-    constants: Mapping[str, float],
-) -> list[dict[str, float]]:
+    constants: Mapping[str, Any],
+) -> Points:
     """Grid points: all strengths equal, and then each group of them emphasised in turn.
 
     Args:
@@ -80,17 +81,17 @@ def starts(
     names = named(strengths)
     faint = dict.fromkeys(names, _FAINT * value)
     points = [dict.fromkeys(names, value), *(faint | dict.fromkeys(group, value) for group in stressed)]
-    return [{**point, **constants} for point in points]
+    return Points(*({**point, **constants} for point in points))
 
 
 def each(
-    strengths: Sequence[Declared], value: float, constants: Mapping[str, float], groups: Iterable[Iterable[str]] = ()
-) -> list[dict[str, float]]:
+    strengths: Sequence[Declared], value: float, constants: Mapping[str, Any], groups: Iterable[Iterable[str]] = ()
+) -> Points:
     """Grid points of strengths of either sign: one for each strength, or for each group of their names."""
     names = named(strengths)
     none = dict.fromkeys(names, 0.0)
     alone = tuple(groups) or tuple((n,) for n in names)
-    return [{**none, **dict.fromkeys(group, value), **constants} for group in alone]
+    return Points(*({**none, **dict.fromkeys(group, value), **constants} for group in alone))
 
 
 @dataclass(frozen=True)
@@ -126,12 +127,13 @@ _LOST_GAINS = strengths((*_IN_BANDS, *_BEYOND), "1", "gain lost in the amplifier
 _AMPLIFIER_BLOCKS = tuple(
     Block("dead_band" if i in _BANDS else "knee", (f"a_C{i}", f"U_C{i}")) for i in (*_BANDS, *_AMPLIFIER_KNEES)
 )
-
-
-def amplifier_grid(scales: Scales) -> list[dict[str, float]]:
-    """All strengths equal; then emphasis on the dead bands, and on the ends."""
-    levels = {f"U_C{i}": share * scales.voltage for i, share in (_BANDS | _AMPLIFIER_KNEES).items()}
-    return starts(_LOST_GAINS, _AMPLIFIER_SMALL, (_IN_BANDS, _BEYOND), levels)
+# All strengths equal; then emphasis on the dead bands, and on the ends.
+_AMPLIFIER_GRID = starts(
+    _LOST_GAINS,
+    _AMPLIFIER_SMALL,
+    (_IN_BANDS, _BEYOND),
+    {f"U_C{i}": (share, "voltage") for i, share in (_BANDS | _AMPLIFIER_KNEES).items()},
+)
 
 
 LEARNED_AMPLIFIER = Effect(
@@ -147,7 +149,7 @@ LEARNED_AMPLIFIER = Effect(
     references=("Fleming & Leang 2014, Design, Modeling and Control of Nanopositioning Systems, ch. 14",),
     declares=(*_LOST_GAINS, *constants(_AMPLIFIER_LEVELS, "V", "level below or beyond which the amplifier loses gain")),
     adds=Chain("amplifier", _AMPLIFIER_BLOCKS),
-    grid=amplifier_grid,
+    grid=_AMPLIFIER_GRID,
     neighbours=("amplifier_saturation", "contact_stop", "electrostriction"),
     rescale=Within(_LOST_GAINS),
     related_kinds=(kinds.LIMIT,),
@@ -211,7 +213,7 @@ def damper_grid(scales: Scales) -> list[dict[str, float]]:
         "q_D": scales.displacement, "c_DR": 1.0 / scales.displacement, "c_DL": -1.0 / scales.displacement,
     }  # fmt: skip
     force = _DAMPER_SMALL * scales.stiffness * scales.displacement
-    points = starts(_FORCES, force, (_BY_SPEED, _BY_POSITION), constants)
+    points = starts(_FORCES, force, (_BY_SPEED, _BY_POSITION), constants)(scales)
     return [*points, points[-1] | {"v_Dq": sticking, "n_Dq": 0.0}]
 
 
@@ -244,11 +246,6 @@ _CHANGES_BY_DISPLACEMENT = either(
 )
 
 
-def ratio_of_displacement_grid(scales: Scales) -> list[dict[str, float]]:
-    """Each power alone: the law is linear in the strengths."""
-    return each(_CHANGES_BY_DISPLACEMENT, _RATIO_SMALL, {"q_P": scales.displacement})
-
-
 LEARNED_RATIO_OF_DISPLACEMENT = Effect(
     name="learned_ratio_of_displacement",
     kind=kinds.RATIO_BY_DISPLACEMENT,
@@ -262,7 +259,7 @@ LEARNED_RATIO_OF_DISPLACEMENT = Effect(
     references=("van der Schaft & Jeltsema 2014, Port-Hamiltonian Systems Theory, ch. 2 (modulated transformer)",),
     declares=(*_CHANGES_BY_DISPLACEMENT, constant("q_P", "m", "reference displacement of the learned coupling")),
     adds=Parts(modulations=(Modulation("alpha", "q", "cubic", (*named(_CHANGES_BY_DISPLACEMENT), "q_P")),)),
-    grid=ratio_of_displacement_grid,
+    grid=each(_CHANGES_BY_DISPLACEMENT, _RATIO_SMALL, {"q_P": "displacement"}),
     applies=has_transducer,
     neighbours=("displacement_coupling", "electrostriction"),
     rescale=Within(_CHANGES_BY_DISPLACEMENT),
@@ -280,11 +277,6 @@ def has_simple_port(setup: Setup) -> bool:
     return has_transducer(setup) and laws[0] in ("linear", "electrostriction")
 
 
-def ratio_of_voltage_grid(scales: Scales) -> list[dict[str, float]]:
-    """Each power alone: the law is linear in the strengths."""
-    return each(_CHANGES_BY_VOLTAGE, _RATIO_SMALL, {"V_P": scales.voltage})
-
-
 LEARNED_RATIO_OF_VOLTAGE = Effect(
     name="learned_ratio_of_voltage",
     kind=kinds.FORCE_BY_VOLTAGE,
@@ -297,7 +289,7 @@ LEARNED_RATIO_OF_VOLTAGE = Effect(
     declares=(*_CHANGES_BY_VOLTAGE, constant("V_P", "V", "reference voltage of the learned coupling")),
     # The port acts through ψ(V) = V (1 + a₁ s/2 + a₂ s²/3), s = V/V_P: α ψ'(V) = α (1 + a₁ s + a₂ s²).
     adds=partial(bent_port, law="polynomial"),
-    grid=ratio_of_voltage_grid,
+    grid=each(_CHANGES_BY_VOLTAGE, _RATIO_SMALL, {"V_P": "voltage"}),
     applies=has_simple_port,
     neighbours=("electrostriction", "displacement_coupling"),
     rescale=Within(_CHANGES_BY_VOLTAGE),
@@ -339,7 +331,7 @@ def relaxation_grid(scales: Scales) -> list[dict[str, float]]:
     times = np.geomspace(_SHORTEST / scales.fastest, scales.duration, len(_CELLS))
     constants = dict(zip(named(_RELAXATION_TIMES), map(float, times), strict=True))
     names, half = named(_RELAXING), len(_CELLS) // 2
-    return starts(_RELAXING, _RELAXATION_SMALL * scales.stiffness, (names[:half], names[half:]), constants)
+    return starts(_RELAXING, _RELAXATION_SMALL * scales.stiffness, (names[:half], names[half:]), constants)(scales)
 
 
 LEARNED_RELAXATION = Effect(
@@ -377,13 +369,13 @@ _SENSOR_BLOCKS = (
     Block("cubic", ("a_Y2", "a_Y3", "y_Y")),
     *(Block("knee", (f"h_Y{i}", f"y_Y{i}")) for i in _SENSOR_KNEES),
 )
-
-
-def sensor_grid(scales: Scales) -> list[dict[str, float]]:
-    """The cubic's coefficients one by one, and both knees on either side."""
-    levels = {"y_Y": scales.sensed} | {f"y_Y{i}": share * scales.sensed for i, share in _SENSOR_KNEES.items()}
-    groups = (("a_Y2",), ("a_Y3",), ("h_Y1", "h_Y2"), ("h_Y3", "h_Y4"))
-    return each(_ERRORS, _SENSOR_SMALL, levels, groups)
+# The cubic's coefficients one by one, and both knees on either side.
+_SENSOR_GRID = each(
+    _ERRORS,
+    _SENSOR_SMALL,
+    {"y_Y": "sensed"} | {f"y_Y{i}": (share, "sensed") for i, share in _SENSOR_KNEES.items()},
+    (("a_Y2",), ("a_Y3",), ("h_Y1", "h_Y2"), ("h_Y3", "h_Y4")),
+)
 
 
 LEARNED_SENSOR = Effect(
@@ -398,7 +390,7 @@ LEARNED_SENSOR = Effect(
     references=("Fleming 2013, Sensors and Actuators A 190 (position sensors), sec. 2.1",),
     declares=(*_ERRORS, *_SENSOR_LEVELS),
     adds=Chain("sensor", _SENSOR_BLOCKS),
-    grid=sensor_grid,
+    grid=_SENSOR_GRID,
     neighbours=("sensor_nonlinearity", "electrostriction"),
     rescale=Within(_ERRORS),
     related_kinds=(kinds.SENSOR_NONLINEAR,),
@@ -419,7 +411,7 @@ _TIME_BLOCKS = (Block("clock", ("c_Z", "s_Z")), Block("drifting_gain", ("g_Z1", 
 def sensor_over_time_grid(scales: Scales) -> list[dict[str, float]]:
     """One point for each strength."""
     sizes = {"T_Z": scales.duration, "s_Z": 1.0 / (2.0 * math.pi * scales.fastest * scales.duration)}
-    return each(_CHANGES_BY_TIME, _SENSOR_SMALL, sizes)
+    return each(_CHANGES_BY_TIME, _SENSOR_SMALL, sizes)(scales)
 
 
 LEARNED_SENSOR_OVER_TIME = Effect(
@@ -468,7 +460,7 @@ def press(setup: Setup, parameters: Placed) -> Setup:
 def spring_grid(scales: Scales) -> list[dict[str, float]]:
     """All strengths equal; then emphasis on the stops on one side, and on the saturating springs."""
     places = {f"g_L{i}": share * scales.displacement for i, share in (_GAPS | _REACHES).items()}
-    return starts(_STIFFNESSES, _SPRING_SMALL * scales.stiffness, (_RIGHT, _LEFT, _YIELDING), places)
+    return starts(_STIFFNESSES, _SPRING_SMALL * scales.stiffness, (_RIGHT, _LEFT, _YIELDING), places)(scales)
 
 
 LEARNED_SPRING = Effect(

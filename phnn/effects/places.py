@@ -76,15 +76,11 @@ class Roles:
 
     def inwards(self, setup: Setup) -> Setup:
         """The setup with role names."""
-        return _relabelled(
-            setup, lambda n: self._role(self.elements, n), lambda n: self._role(self.parameters, n)
-        )  # fmt: skip
+        return _relabelled(setup, lambda n: self._role(self.elements, n), lambda n: self._role(self.parameters, n))
 
     def outwards(self, setup: Setup) -> Setup:
         """Give a setup with role names the names of the network again."""
-        return _relabelled(
-            setup, lambda n: self._name(self.elements, n), lambda n: self._name(self.parameters, n)
-        )  # fmt: skip
+        return _relabelled(setup, lambda n: self._name(self.elements, n), lambda n: self._name(self.parameters, n))
 
     def _role(self, pairs: Pairs, name: str) -> str:
         for role, own in pairs:
@@ -199,11 +195,6 @@ def place_of(effect: Effect, network: Network) -> str:
     return effect.place or next(measured, network.output)
 
 
-def _where(roles: Roles) -> str:
-    """The last part of an effect's name."""
-    return f" at {roles.place}" if roles.place else ""
-
-
 def _at(effect: Effect, roles: Roles) -> Effect:
     """The effect with its law, values and parameters under the names of a network."""
     if roles.plain:
@@ -212,7 +203,7 @@ def _at(effect: Effect, roles: Roles) -> Effect:
     statement = effect.statement
     for role, name in names.items():
         statement = statement.replace("{" + role + "}", "{" + name + "}")
-    where = _where(roles)
+    where = f" at {roles.place}" if roles.place else ""
     return replace(
         effect,
         name=effect.name + where,

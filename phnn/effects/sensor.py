@@ -90,12 +90,6 @@ SENSOR_DRIFT = Effect(
 )
 
 
-def lag_grid(scales: Scales) -> list[dict[str, float]]:
-    """A lag that is small against the fastest line, and two finite corners, where the response is not proportional."""
-    unit = 1.0 / (2.0 * np.pi * scales.fastest)
-    return [{"tau_y": unit * share} for share in (1e-3, 0.1, 1.0, 10.0)]
-
-
 SENSOR_LAG = Effect(
     name="sensor_lag",
     kind=kinds.LAG_OR_PLAY,
@@ -112,7 +106,8 @@ SENSOR_LAG = Effect(
         ),
     ),
     adds=at_sensor("lag"),
-    grid=lag_grid,
+    # Small against the fastest line, and finite corners, where the response is not proportional.
+    grid=Points(*({"tau_y": (share, "shortest")} for share in (1e-3, 0.1, 1.0, 10.0))),
     neighbours=("amplifier_lowpass", "delay"),
 )
 

@@ -28,7 +28,7 @@ from phnn.models.actuator import from_paper
 from phnn.models.network_file import load_network
 from phnn.network import Network, PortHamiltonianSystem
 from phnn.parameters import quantity
-from phnn.recordings.recording import Recording, Start
+from phnn.recordings.recording import Recording, unrecorded
 from phnn.setup import Setup
 from phnn.trajectory import Trajectory, simulate
 
@@ -42,14 +42,6 @@ class Home:
     drive: Recording
 
 
-def driven(t: np.ndarray, u: np.ndarray) -> Recording:
-    """A recording from rest without an output: samples at ``t`` (N,) [s] of an input ``u`` (N,)."""
-    unknown = np.full(t.size, np.nan)
-    return Recording(
-        "home", t, u, unknown, Start("rest"), "cubic", (), 1e-8, "assumed", np.ones(1), None, {}, "made"
-    )  # fmt: skip
-
-
 @cache
 def actuator() -> Home:
     """The piezo actuator of the paper: two amplitudes of a sine from rest."""
@@ -59,7 +51,7 @@ def actuator() -> Home:
     )  # fmt: skip
     t = np.arange(401) * 5e-5
     u = 75.0 * np.sin(2 * np.pi * 100.0 * t) * np.where(t < 0.01, 0.4, 1.0)
-    return Home(Setup(from_paper()), scales, driven(t, u))
+    return Home(Setup(from_paper()), scales, unrecorded("home", t, u))
 
 
 @cache
@@ -71,7 +63,7 @@ def tanks() -> Home:
     )  # fmt: skip
     t = np.arange(401) * 0.25
     u = 5e-5 * (1.0 - np.cos(2 * np.pi * 0.04 * t)) * np.where(t < 50.0, 0.4, 1.0)
-    return Home(Setup(load_network(config_folder() / "network" / "tanks.yaml")), scales, driven(t, u))
+    return Home(Setup(load_network(config_folder() / "network" / "tanks.yaml")), scales, unrecorded("home", t, u))
 
 
 def home_of(effect: Effect) -> Home | None:
@@ -80,15 +72,10 @@ def home_of(effect: Effect) -> Home | None:
     return next((h for h in (actuator(), tanks()) if effect.can_be_added_to(h.setup)), None)
 
 
-def simulated(setup: Setup, home: Home) -> Trajectory:
-    """A setup driven by the recording of a home."""
-    return simulate(setup, home.drive)
-
-
 @cache
 def base_of(home: Home) -> Trajectory:
     """The simulation without an effect."""
-    return simulated(home.setup, home)
+    return simulate(home.setup, home.drive)
 
 
 # The first grid point changes the output hardly; multiplied by this factor, its strength is visible.
@@ -102,7 +89,7 @@ def point(effect: Effect, home: Home) -> dict[str, float]:
 
 def added(effect: Effect, values: dict[str, float], home: Home) -> Trajectory:
     """The simulation with one effect at parameter values [SI]."""
-    return simulated(effect.add_to(home.setup, values), home)
+    return simulate(effect.add_to(home.setup, values), home.drive)
 
 
 # Largest relative residual of the compiled simulation in the torch module's equations, and rounding of its structure.
@@ -122,7 +109,7 @@ def faults(setup: Setup, home: Home) -> list[str]:
     Weights aside, the network must be passive: ``J = −Jᵀ``, ``D = Dᵀ ≥ 0``, energies not negative, and in every step
     the ports supply the energy that is stored and dissipated.
     """
-    trajectory = simulated(setup, home)
+    trajectory = simulate(setup, home.drive)
     if not np.isfinite(trajectory.y).all():
         return ["its output is not finite"]
     system = PortHamiltonianSystem(setup.network)
@@ -225,7 +212,7 @@ def grid(effect: Effect, home: Home) -> None:
         _require(effect, new == set(values), f"it adds the parameters {sorted(new)}, it declares {sorted(values)}")
         kept = {name: setup.parameters[name].value for name in values} == values
         _require(effect, kept, f"the setup has other parameter values than the grid's {values}")
-        finite = bool(np.isfinite(simulated(setup, home).y).all())
+        finite = bool(np.isfinite(simulate(setup, home.drive).y).all())
         _require(effect, finite, f"the output is not finite at {values}")
 
 
@@ -284,11 +271,11 @@ def derivatives(effect: Effect, home: Home) -> None:
     """Derivatives of the output by its free parameters agree with central differences."""
     setup = effect.add_to(home.setup, point(effect, home))
     names = [name for name in setup.free if name in effect.parameters]
-    got = output_derivatives(simulated(setup, home), names)
+    got = output_derivatives(simulate(setup, home.drive), names)
     for k, name in enumerate(names):
         value = setup.parameters[name].value
         step = _STEP * (abs(value) or setup.parameters[name].typical)
-        ends = [simulated(setup.with_values({name: value + s}), home).y for s in (step, -step)]
+        ends = [simulate(setup.with_values({name: value + s}), home.drive).y for s in (step, -step)]
         wanted = (ends[0] - ends[1]) / (2.0 * step)
         size = float(np.abs(wanted).max())
         _require(effect, size > 0.0, f"the output does not depend on {name}: declare it constant, or leave it out")

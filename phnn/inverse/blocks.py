@@ -218,8 +218,7 @@ def command(setup: Setup, voltage: Signal, h: float) -> Signal:
 
 def command_at_rest(setup: Setup, voltage: float) -> float:
     """The constant command under which the amplifier gives a constant voltage."""
-    at_rest = Signal(np.full(2, voltage), np.zeros(2, dtype=bool))
-    return float(command(setup, at_rest, 1.0).values[0])
+    return float(command(setup, reachable(np.full(2, voltage)), 1.0).values[0])
 
 
 def _static_amplifier(block: Block, voltage: Signal, values: list[float]) -> Signal:

@@ -107,18 +107,13 @@ def limited(command: Signal, before: float, dt: float, options: InverseOptions) 
         cause = f"the voltage limits {low:g} V and {high:g} V"
         command = command.then(np.clip(command.values, low, high), lost, cause)
     if options.slew is not None:
-        kept = _followed(command.values, before, dt, options.slew)
+        last = np.concatenate([[before], command.values[:-1]])
+        # The block begins every step where it ended the one before, and has its middle on the straight line.
+        steps = np.column_stack([last, 0.5 * (last + command.values), command.values])
+        kept = slew_limit(steps, np.full(command.values.size, dt), before, options.slew)[:, 2]
         lost = np.abs(kept - command.values) > _ROUNDING * options.slew * dt
         command = command.then(kept, lost, f"the slew limit {options.slew:g} V/s")
     return command
-
-
-def _followed(command: Array, before: float, dt: float, slew: float) -> Array:
-    """(N,) a command that approaches what was asked for at a limited rate."""
-    last = np.concatenate([[before], command[:-1]])
-    # The block begins every step where it ended the one before, and has its middle on the straight line.
-    steps = np.column_stack([last, 0.5 * (last + command), command])
-    return slew_limit(steps, np.full(command.size, dt), before, slew)[:, 2]
 
 
 _FORCE = "the force that the voltage can give"
@@ -265,12 +260,6 @@ def led_in(reference: Array, dt: float, duration: float) -> Array:
     s = np.arange(count) / count
     way = s**3 * (-4.0 * speed + 0.5 * bend + s * (7.0 * speed - bend + s * (-3.0 * speed + 0.5 * bend)))
     return np.concatenate([reference[0] + way, reference])
-
-
-def begins_at_rest(reference: Array, dt: float) -> bool:
-    """Whether the speed at the first sample is a small share of the largest one."""
-    speed = np.abs(path_through(reference, dt, 1).velocity)
-    return bool(speed[0] <= _AT_REST * speed.max())
 
 
 def fast_share(command: Array) -> float:
@@ -462,7 +451,8 @@ def invert(setup: Setup, substeps: int, t: Array, reference: Array, options: Inv
     plant = Plant(setup, substeps, dt, options)
     first, before, port = plant.backwards(wanted)
     messages = list(judged(fast_share(first.values), dt))
-    if not begins_at_rest(wanted, dt):
+    speed = np.abs(path_through(wanted, dt, 1).velocity)
+    if not speed[0] <= _AT_REST * speed.max():
         messages.append(
             "The reference begins in motion, and the model at rest, so that the beginning is missed: give a lead_in "
             "(--lead-in), for example of some periods."

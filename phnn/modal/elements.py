@@ -74,10 +74,6 @@ class PortElement:
         size[:, self.kinds == DRAG] = (x / v**2)[:, None]
         return np.asarray(_STIFFNESS * stiffness[:, None] * size / max(self.kinds.size, 1))
 
-    def thresholds(self, x: Array) -> Array:
-        """(P, count) of the parts that have one."""
-        return np.asarray(x[:, None] * self.reach)
-
 
 # Parts by the name of their effect.
 _KINDS = {

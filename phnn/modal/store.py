@@ -189,7 +189,7 @@ def _level(level: tuple[Experiment, ...]) -> dict[str, Any]:
 
 def _missing(result: Result) -> list[dict[str, Any]]:
     """One entry for each element beyond the linear model, as in ``diagnosis.json``."""
-    share = result.judgement.share_explained
+    share = result.share_explained
     if share is None:
         return []
     before, after = result.held_out[result.candidates[0].fit], result.held_out[result.final.fit]

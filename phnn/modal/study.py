@@ -86,25 +86,8 @@ class Candidate:
         return float(np.sqrt((self.by_level**2).mean()))
 
 
-@dataclass(frozen=True, eq=False)
-class Judgement:
-    """What is proven about the best model.
-
-    Attributes:
-        verdict: ``none``, ``named``, ``equivalent`` or ``unknown``.
-        members: models that the verdict cannot tell from each other, the best first; where it is ``unknown``, the best
-            model if one helps. Empty where the linear model stands.
-        share_explained: of the squared error that one linear model leaves beyond one for each amplitude; None where
-            there is nothing to explain. Above 1 where the model is better than those.
-    """
-
-    verdict: str
-    members: tuple[Candidate, ...]
-    share_explained: float | None
-
-
-def judged(candidates: Sequence[Candidate], alone_by: Array) -> Judgement:
-    """The verdict, and the models that it names, the best first.
+def judged(candidates: Sequence[Candidate], alone_by: Array) -> tuple[str, tuple[Candidate, ...], float | None]:
+    """The verdict, the models that it is about, and the share that is explained; see `Result`.
 
     A further element counts where it is worth its room; models of one size belong to one class unless the best one
     leaves less of every single experiment.
@@ -114,7 +97,7 @@ def judged(candidates: Sequence[Candidate], alone_by: Array) -> Judgement:
     """
     linear = candidates[0]
     if alone_by.size == 1 or serves(linear, alone_by):
-        return Judgement(NONE, (), None)
+        return NONE, (), None
     best = linear
     for size in range(1, 1 + max(len(c.element.names) for c in candidates)):
         further = min((c for c in candidates if len(c.element.names) == size), key=lambda c: c.error, default=best)
@@ -124,12 +107,12 @@ def judged(candidates: Sequence[Candidate], alone_by: Array) -> Judgement:
     wanted = max(linear.error**2 - float((alone_by**2).mean()), _LEAST * linear.error**2)
     share = (linear.error**2 - best.error**2) / wanted
     if best is linear or share < _EXPLAINS:
-        return Judgement(UNKNOWN, () if best is linear else (best,), share)
+        return UNKNOWN, () if best is linear else (best,), share
     kin = [c for c in candidates if len(c.element.names) == len(best.element.names)]
     lowest = np.concatenate(best.left)
     members = [c for c in kin if c is best or (np.concatenate(c.left) <= lowest).any()]
     members.sort(key=lambda c: c.error)
-    return Judgement(NAMED if len(members) == 1 else EQUIVALENT, tuple(members), share)
+    return NAMED if len(members) == 1 else EQUIVALENT, tuple(members), share
 
 
 def worth(further: Candidate, best: Candidate, linear: Candidate) -> bool:
@@ -202,7 +185,11 @@ class Result:
     Attributes:
         study: what was studied; alone: a linear model for each amplitude; alone_by: (L,) their errors.
         candidates: one model for all amplitudes each, the linear one first.
-        judgement: the verdict and the models that it is about.
+        verdict: ``none``, ``named``, ``equivalent`` or ``unknown``.
+        members: models that the verdict cannot tell from each other, the best first; where it is ``unknown``, the best
+            model if one helps. Empty where the linear model stands.
+        share_explained: of the squared error that one linear model leaves beyond one for each amplitude; None where
+            there is nothing to explain. Above 1 where the model is better than those.
         failed: models that could not be integrated.
         held_out: by fit, the scores on what is held out.
         fitted_choose: whether, at some amplitude, there was nothing to choose by but what was fitted.
@@ -212,20 +199,12 @@ class Result:
     alone: tuple[ModalFit, ...]
     alone_by: Array
     candidates: tuple[Candidate, ...]
-    judgement: Judgement
+    verdict: str
+    members: tuple[Candidate, ...]
+    share_explained: float | None
     failed: tuple[str, ...]
     held_out: Mapping[ModalFit, HeldOut]
     fitted_choose: bool
-
-    @property
-    def verdict(self) -> str:
-        """``none``, ``named``, ``equivalent`` or ``unknown``."""
-        return self.judgement.verdict
-
-    @property
-    def members(self) -> tuple[Candidate, ...]:
-        """Models that the verdict is about, the best first."""
-        return self.judgement.members
 
     @property
     def final(self) -> Candidate:
@@ -256,12 +235,12 @@ def study_modes(
         raise SolverFailed("the linear model of the lowest amplitude cannot be integrated: look at its recordings")
     if len(alone) > 1 and not serves(first, alone_by):
         search.grow(start, first)
-    judgement = judged(list(search.found.values()), alone_by)
     few = any(set(_choosing(study, i, settings)) == set(study.identification(i)) for i in range(len(alone)))
     candidates = tuple(search.found.values())
+    verdict = judged(candidates, alone_by)
     # Nothing is decided behind this line.
     held = {fit: held_out_scores(fit, study) for fit in (*alone, *(c.fit for c in candidates))}
-    return Result(study, tuple(alone), alone_by, candidates, judgement, tuple(search.failed), held, few)
+    return Result(study, tuple(alone), alone_by, candidates, *verdict, tuple(search.failed), held, few)
 
 
 class _Search:
@@ -324,7 +303,7 @@ def _alone(study: Study, level: int, settings: Settings) -> ModalFit:
 def _with(model: ModalModel, element: PortElement, study: Study) -> ModalModel:
     """A model with an element more at every port, too weak yet to matter much at any amplitude."""
     (low, _), (x, v) = (_extension(model, study.identification(i)[0], study.dt) for i in (0, -1))
-    k, thresholds = element.start(1.0 / (model.b**2).sum(axis=0), x, v), element.thresholds(low)
+    k, thresholds = element.start(1.0 / (model.b**2).sum(axis=0), x, v), low[:, None] * element.reach
     if not model.element.names:
         return replace(model, element=element, k=k, thresholds=thresholds)
     return replace(

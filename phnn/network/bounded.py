@@ -46,17 +46,8 @@ _SHORT_CHANGES = 10.0**_SHORT_DECADES
 # Rows of the table: reference, Δ/2 and gain upwards, the same downwards, lowest and highest value, 1 if positive, 1 if
 # not, and the lesser Δ/2 (negative for a value on a bound).
 _ROWS = 10
-_REFERENCE, _UP, _GAIN, _DOWN, _LOWEST, _HIGHEST, _LOGARITHMIC, _LINEAR, _NEAR = (
-    0,
-    slice(1, 3),
-    2,
-    slice(3, 5),
-    5,
-    6,
-    7,
-    8,
-    9,
-)
+_REFERENCE, _UP, _GAIN, _DOWN = 0, slice(1, 3), 2, slice(3, 5)
+_LOWEST, _HIGHEST, _LOGARITHMIC, _LINEAR, _NEAR = range(5, _ROWS)
 # Beyond this many Δ/2 a coordinate makes no difference even in 64 bits.
 _ENOUGH = 1e15
 

@@ -428,30 +428,24 @@ def relabelled(network: Network, element: Label, parameter: Label) -> Network:
     def vector(on: Mapping[str, Ratio]) -> dict[str, Ratio]:
         return {element(n): ratio(r) for n, r in on.items()}
 
+    def one(given: Any, **further: Any) -> Any:
+        return replace(given, name=element(given.name), parameters=parameters(given.parameters), **further)
+
+    def resistor(r: Resistor) -> Resistor:
+        return one(r, on=vector(r.on), modulated_by=None if r.modulated_by is None else element(r.modulated_by))
+
     return Network(
-        tuple(replace(s, name=element(s.name), parameters=parameters(s.parameters)) for s in network.storages),
-        tuple(
-            replace(
-                r, name=element(r.name), on=vector(r.on), parameters=parameters(r.parameters),
-                modulated_by=None if r.modulated_by is None else element(r.modulated_by),
-            )
-            for r in network.resistors
-        ),
+        tuple(map(one, network.storages)),
+        tuple(map(resistor, network.resistors)),
         tuple(Coupling(element(c.to), element(c.of), ratio(c.ratio)) for c in network.couplings),
-        tuple(
-            replace(p, name=element(p.name), on=vector(p.on), parameters=parameters(p.parameters))
-            for p in network.ports
-        ),
+        tuple(one(p, on=vector(p.on)) for p in network.ports),
         {parameter(n): replace(p, name=parameter(n)) for n, p in network.parameters.items()},
         element(network.output),
         tuple(
             replace(m, ratio=parameter(m.ratio), by=element(m.by), parameters=parameters(m.parameters))
             for m in network.modulations
         ),
-        tuple(
-            replace(m, name=element(m.name), parameters=parameters(m.parameters), of=tuple(element(n) for n in m.of))
-            for m in network.memories
-        ),
+        tuple(one(m, of=tuple(map(element, m.of))) for m in network.memories),
         element(network.senses) if network.senses else "",
         tuple(
             replace(m, name=element(m.name), on=tuple(map(vector, m.columns)), reads=tuple(map(element, m.reads)))
@@ -540,11 +534,11 @@ def interconnect(
     """
     near, far = _port(one, port), _port(other, other_port)
     _check_names(one, other)
-    between = _between(near, far, kind)
+    storages, resistors, couplings = _between(near, far, kind)
     return Network(
-        (*other.storages, *between.storages, *one.storages),
-        (*other.resistors, *one.resistors, *between.resistors),
-        (*other.couplings, *one.couplings, *between.couplings),
+        (*other.storages, *storages, *one.storages),
+        (*other.resistors, *one.resistors, *resistors),
+        (*other.couplings, *one.couplings, *couplings),
         (*(p for p in one.ports if p is not near), *(p for p in other.ports if p is not far)),
         as_table((*one.parameters.values(), *other.parameters.values(), *parameters)),
         one.output,
@@ -556,24 +550,19 @@ def interconnect(
     )
 
 
-class _Between(NamedTuple):
-    """The elements that join two ports."""
-
-    storages: tuple[Storage, ...] = ()
-    resistors: tuple[Resistor, ...] = ()
-    couplings: tuple[Coupling, ...] = ()
+_Between = tuple[tuple[Storage, ...], tuple[Resistor, ...], tuple[Coupling, ...]]
 
 
 def _between(near: Port, far: Port, kind: Kind) -> _Between:
     """What joins two ports; see `interconnect`."""
     if isinstance(kind, Storage):
         ratios = [*near.on.items(), *far.on.items()]
-        return _Between((kind,), couplings=tuple(Coupling(kind.name, k, ratio) for k, ratio in ratios))
+        return (kind,), (), tuple(Coupling(kind.name, k, ratio) for k, ratio in ratios)
     if isinstance(kind, Resistor):
-        return _Between(resistors=(replace(kind, on={**near.on, **far.on}),))
+        return (), (replace(kind, on={**near.on, **far.on}),), ()
     if kind == "feedback":
         pairs = ((to, a, of, b) for to, a in far.on.items() for of, b in near.on.items())
-        return _Between(couplings=tuple(_coupling(to, a, of, b) for to, a, of, b in pairs))
+        return (), (), tuple(_coupling(to, a, of, b) for to, a, of, b in pairs)
     raise StructureViolated(f"kind = {kind!r}: write feedback, or give the Storage or Resistor between the ports")
 
 

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from phnn.laws import MEMORY_LAWS
-from phnn.laws.other import advanced, average
+from phnn.laws.other import advanced
 
 if TYPE_CHECKING:
     from phnn.network.system import PortHamiltonianSystem
@@ -68,14 +68,10 @@ def ends(
     h: float | Tensor,  # [s], one for all or shaped to multiply states
 ) -> Tensor:
     """(..., M) modulator states at the end of a step, by the exact flow under constant drives."""
-    return advanced(z, h, rates(system, z, driven), _decays(system))
+    return advanced(z, h, rates(system, z, driven), decays(system))
 
 
-def averages(system: PortHamiltonianSystem, z: Tensor, driven: Tensor, h: float | Tensor) -> Tensor:
-    """(..., M) means of that flow over the step; arguments as of `ends`."""
-    return average(z, h, rates(system, z, driven), _decays(system))
-
-
-def _decays(system: PortHamiltonianSystem) -> Tensor:
+def decays(system: PortHamiltonianSystem) -> Tensor:
+    """(M,) rates at which that flow decays."""
     memories = system.network.memories
     return torch.stack([MEMORY_LAWS[m.law].decay(*map(system.value, m.parameters)) for m in memories])

@@ -92,16 +92,25 @@ class _Band:
         return min((minimize(negative, z, method="Nelder-Mead") for z in points), key=lambda r: float(r.fun))
 
 
+def without_line(y: Array) -> Array:
+    """(N,) samples without the straight line that fits them best."""
+    line = np.polynomial.Polynomial.fit(np.arange(y.size), y, 1)
+    return np.asarray(y - line(np.arange(y.size)))
+
+
+def periodogram(x: Array) -> Array:
+    """Power over that of white noise of unit variance, through a window that leaks nothing from afar."""
+    window = blackmanharris(x.size, sym=False)
+    return np.asarray(np.abs(np.fft.rfft(window * x)) ** 2 / float(window @ window))
+
+
 def fit_first_order(y: np.ndarray) -> FirstOrder | None:
     """First-order noise in ``(N,)`` samples; ``None`` where white noise explains the high frequencies as well, or
     where the signal reaches too high.
 
     What the signal's kinks leave there falls with the fourth power of the frequency and is fitted beside the noise.
     """
-    window = blackmanharris(y.size, sym=False)
-    line = np.polynomial.Polynomial.fit(np.arange(y.size), y, 1)
-    tapered = window * (y - line(np.arange(y.size)))
-    power = np.abs(np.fft.rfft(tapered)) ** 2 / float(window @ window)
+    power = periodogram(without_line(y))
     omega = 2.0 * np.pi * np.fft.rfftfreq(y.size)
     for edge in EDGES:
         band = (omega > 2.0 * np.pi * edge) & (omega < np.pi)

@@ -12,10 +12,18 @@ from math import comb, sqrt
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import coherence, welch
-from scipy.signal.windows import blackmanharris
 from scipy.stats import chi2
 
-from phnn.signals.first_order import EDGES, SMEARED, correlation_of, density, fit_first_order, fits
+from phnn.signals.first_order import (
+    EDGES,
+    SMEARED,
+    correlation_of,
+    density,
+    fit_first_order,
+    fits,
+    periodogram,
+    without_line,
+)
 from phnn.signals.sampling import quantisation_step
 
 # Differences of order p pass white noise with the factor ``√C(2p, p)`` and a tone of angular frequency ω with
@@ -290,28 +298,22 @@ def longest_hold(u: np.ndarray) -> tuple[int, int]:
     return int(edges[2 * longest]), int(edges[2 * longest + 1]) + 1
 
 
-def from_spectrum(y: np.ndarray, dt: float) -> NoiseFloor | None:
-    """First-order noise fitted to the spectrum above what is excited; ``None`` where white noise does as well, or where
-    few samples hold its power."""
-    found = fit_first_order(y)
-    if found is None or not holds_throughout(y, found.deviation, correlation_of(found.coefficient)):
-        return None
-    source = (
-        f"the spectrum above {found.edge / dt:.4g} Hz, carried on below as first-order noise of coefficient "
-        f"{found.coefficient:.2g}"
-    )
-    return NoiseFloor(found.deviation, source, correlation_of(found.coefficient), found.coefficient)
-
-
 def from_high_band(u: np.ndarray, y: np.ndarray, dt: float) -> NoiseFloor:
-    """From the highest frequencies: first-order noise where their spectrum shows it, else white noise.
+    """From the highest frequencies: first-order noise where their spectrum above what is excited shows it in most
+    samples, else white noise.
 
     White noise is that of differences (`by_differences`). An excitation that reaches that high leaves but the
     frequencies between or above its own.
     """
-    coloured = from_spectrum(y, dt)
+    coloured = fit_first_order(y)
     if coloured is not None:
-        return coloured
+        correlation = correlation_of(coloured.coefficient)
+        if holds_throughout(y, coloured.deviation, correlation):
+            source = (
+                f"the spectrum above {coloured.edge / dt:.4g} Hz, carried on below as first-order noise of coefficient "
+                f"{coloured.coefficient:.2g}"
+            )
+            return NoiseFloor(coloured.deviation, source, correlation, coloured.coefficient)
     sigma, order = by_differences(y)
     source = f"the spectrum above {0.25 / dt:.4g} Hz, {AS_WHITE}"
     gain = float(np.ptp(y)) / max(float(np.ptp(u)), 1e-300)
@@ -433,19 +435,14 @@ def estimated(u: Array, y: Array) -> Estimate | None:
     """
     first = max((y.size - _MOST) // 2, 0)
     u, y = u[first : first + _MOST], y[first : first + _MOST]
-    found = [e for e in (_of_spectrum(y), _of_one_step(u, y)) if e is not None]
+    # From the spectrum above what is excited, and from what a predictor leaves.
+    spectrum = _above_an_edge(periodogram(without_line(y))[None, :], False)
+    found = [e for e in (spectrum, _of_one_step(u, y)) if e is not None]
     best = min(found, key=lambda e: e.value, default=None)
     if best is None:
         return None
     agreeing = [e for e in found if e.low <= best.high and e.high >= best.low]
     return replace(best, low=min(e.low for e in agreeing), high=max(e.high for e in agreeing))
-
-
-def _of_spectrum(y: Array) -> Estimate | None:
-    """From the output's own spectrum above what is excited."""
-    line = np.polynomial.Polynomial.fit(np.arange(y.size), y, 1)
-    power = _periodogram(y - line(np.arange(y.size)))
-    return _above_an_edge(power[None, :], False)
 
 
 def _of_one_step(u: Array, y: Array) -> Estimate | None:
@@ -468,7 +465,7 @@ def _of_one_step(u: Array, y: Array) -> Estimate | None:
         error = target[r] - columns[r] @ c
         filtered = np.concatenate([[1.0], -c[:ORDER]])
         gain = np.abs(np.exp(-1j * np.outer(omega, np.arange(ORDER + 1))) @ filtered) ** 2
-        powers.append(_periodogram(error - error.mean()) / np.maximum(gain, 1e-12 * gain.max()))
+        powers.append(periodogram(error - error.mean()) / np.maximum(gain, 1e-12 * gain.max()))
     return _above_an_edge(np.array(powers), True)
 
 
@@ -479,12 +476,6 @@ def _lagged(u: Array, y: Array) -> tuple[Array, Array]:
     past = [y[ORDER - i : ORDER - i + n] for i in range(1, ORDER + 1)]
     driven = [u[ORDER - j : ORDER - j + n] for j in range(ORDER + 1)]
     return np.column_stack([*past, *driven, np.ones(n)]), y[ORDER:]
-
-
-def _periodogram(x: Array) -> Array:
-    """Power over that of white noise of unit variance, through a window that leaks nothing from afar."""
-    window = blackmanharris(x.size, sym=False)
-    return np.asarray(np.abs(np.fft.rfft(window * x)) ** 2 / float(window @ window))
 
 
 def _above_an_edge(power: Array, one_step: bool) -> Estimate | None:

@@ -11,7 +11,8 @@ be placed: its instant is where the smooth pieces on both sides, continued into 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 
@@ -43,25 +44,24 @@ class Stretch:
     first: int
     u: Array
     method: str
-    _spline: object = field(init=False, repr=False)
 
-    def __post_init__(self) -> None:
+    @cached_property
+    def _spline(self) -> Callable[[Array], Array] | None:
         order = min(_ORDER.get(self.method, 3), self.u.size - 1)
-        spline = None
         if self.method == "band_limited" and self.u.size > 32:
-            spline = _band_limited(self.u)
-        elif order >= 1:
-            spline = make_interp_spline(np.arange(self.u.size), self.u, k=order if order % 2 else order - 1)
-        object.__setattr__(self, "_spline", spline)
+            return _band_limited(self.u)
+        if order < 1:
+            return None
+        return make_interp_spline(np.arange(self.u.size), self.u, k=order if order % 2 else order - 1)
 
     def __call__(self, positions: Array) -> Array:
         """Values at positions counted in samples of the whole signal, shape as ``positions``."""
         if self._spline is None:
             return np.full(positions.shape, self.u[0])
-        return np.asarray(self._spline(positions - self.first))  # type: ignore[operator]
+        return np.asarray(self._spline(positions - self.first))
 
 
-def _band_limited(u: Array) -> object:
+def _band_limited(u: Array) -> Callable[[Array], Array]:
     """The spline through a signal resampled eight times as densely."""
     # A straight line is taken out, because the filter assumes zero outside the record.
     line = np.linspace(u[0], u[-1], u.size)

@@ -65,13 +65,10 @@ def quantisation_step(y: np.ndarray) -> float:
     for part in range(1, 9):
         candidate = step / part
         counts = (levels - levels[0]) / candidate
-        refined = candidate * _slope(np.round(counts), counts)
+        whole = np.round(counts)
+        # The least-squares factor between whole numbers and nearly whole counts.
+        refined = candidate * (float(whole @ counts) / max(float(whole @ whole), 1e-300))
         misfit = np.abs((levels - levels[0]) / refined - np.round((levels - levels[0]) / refined))
         if misfit.max() < 0.02:
             return refined
     return 0.0
-
-
-def _slope(whole: np.ndarray, counts: np.ndarray) -> float:
-    """Least-squares factor between whole numbers and nearly whole counts."""
-    return float(whole @ counts) / max(float(whole @ whole), 1e-300)

@@ -19,11 +19,11 @@ from torch import Tensor
 from phnn.errors import StructureViolated
 from phnn.integrate import kernel
 from phnn.integrate.residual import check, power_balance
-from phnn.laws import MEMORY_LAWS
+from phnn.laws import MEMORY_LAWS, other
 from phnn.models.actuator import hrc
 from phnn.network import ModulatorState, Network, PortHamiltonianSystem
 from phnn.network.lyapunov import forced_equilibrium, shifted_energy, shifted_rate
-from phnn.network.modulator_states import averages
+from phnn.network.modulator_states import decays, rates
 from phnn.parameters import Parameter
 from phnn.setup import Block, Setup
 from phnn.trajectory import Trajectory, simulate
@@ -73,7 +73,7 @@ def balances(trajectory: Trajectory) -> tuple[PortHamiltonianSystem, SimpleNames
     first, x, h = len(system.network.storages), torch.from_numpy(trajectory.states), torch.from_numpy(trajectory.h)
     drives, columns = torch.from_numpy(trajectory.efforts[:, first:]), []
     with torch.no_grad():
-        mean = averages(system, x[:-1, first:], drives, h[:, None])
+        mean = other.average(x[:-1, first:], h[:, None], rates(system, x[:-1, first:], drives), decays(system))
         for k, law, values in bodies(system):
             a, b, released = x[:-1, k], x[1:, k], h * law.flow(mean[:, k - first], *values)
             stored, entropy = law.energy(b, *values) - law.energy(a, *values), law.entropy(a, b, *values)
