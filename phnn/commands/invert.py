@@ -26,7 +26,7 @@ from phnn.recordings.recording import ACTUATOR, Units
 from phnn.recordings.sampling import on_grid
 from phnn.recordings.table import Where
 from phnn.recordings.units import known_unit
-from phnn.report.figures import envelope
+from phnn.report.figures import draw_trace
 from phnn.report.figures.style import AFTER, BEFORE, FAINT, MEASURED, RC, new_figure, png, quiet_grid
 from phnn.report.formatting import display_unit, quantity
 from phnn.results import Place, claim
@@ -89,15 +89,12 @@ def draw_inverse(found: Inverse, input_unit: str, output_unit: str) -> Figure:
         (found.reference, MEASURED, 3.0, "reference"),
         (found.reached, AFTER, 1.1, "reached by the model"),
     ):
-        rows = envelope(values)
-        outputs.plot(found.t[rows], values[rows] / unit.scale, color=colour, linewidth=width, label=text)
-    rows = envelope(found.error)
-    errors.plot(found.t[rows], found.error[rows] / fine.scale, color=AFTER, linewidth=1.0)
+        draw_trace(outputs, found.t, values, unit.scale, color=colour, linewidth=width, label=text)
+    draw_trace(errors, found.t, found.error, fine.scale, color=AFTER, linewidth=1.0)
     for stretch in found.missed:
         if stretch.causes:
             errors.axvspan(stretch.start, stretch.end, color=BEFORE, alpha=0.12, linewidth=0.0)
-    rows = envelope(found.voltage)
-    commands.plot(found.t[rows], found.voltage[rows], color=AFTER, linewidth=1.1)
+    draw_trace(commands, found.t, found.voltage, color=AFTER, linewidth=1.1)
     for limit in found.options.limits or ():
         commands.axhline(limit, color=FAINT, linewidth=1.0)
     outputs.set_ylabel(f"output ({unit.name})")
