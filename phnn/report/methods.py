@@ -78,21 +78,14 @@ _PAPER = """@article{diaz_modular,
   doi     = {10.1080/13873954.2025.2533294},
 }"""
 # What BibTeX takes for its own, as LaTeX writes it.
-_ESCAPES = {
-    "\\": r"\textbackslash{}",
-    "{": r"\{",
-    "}": r"\}",
-    "&": r"\&",
-    "%": r"\%",
-    "#": r"\#",
-    "_": r"\_",
-    "$": r"\$",
-}
+_ESCAPES = str.maketrans({"\\": r"\textbackslash{}"} | {letter: f"\\{letter}" for letter in "{}&%#_$"})
 
 
 def methods(diagnosis: Diagnosis) -> Methods:
     """Describe a finished diagnosis as the methods section of a paper would."""
-    sentences = (*_fitted(diagnosis), *_held_out(diagnosis), *_decided(diagnosis), *_found(diagnosis), _software())
+    packages = ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy", "numba"))
+    software = f"Software: phnn {version('phnn')} [1] with Python {python_version()}, {packages}."
+    sentences = (*_fitted(diagnosis), *_held_out(diagnosis), *_decided(diagnosis), *_found(diagnosis), software)
     references = _references(diagnosis)
     return Methods(sentences, (f"phnn {version('phnn')}", _PAPER_SHORT, *references), bibtex(references))
 
@@ -113,10 +106,9 @@ def bibtex(references: Sequence[str]) -> str:
 
 
 def _entry(place: int, text: str) -> str:
-    escaped = "".join(_ESCAPES.get(letter, letter) for letter in text)
     year = re.search(r"\b(1[89]|20)\d\d\b", text)
     dated = f"\n  year = {{{year[0]}}}," if year else ""
-    return f"@misc{{reference_{place},\n  note = {{{escaped}}},{dated}\n}}"
+    return f"@misc{{reference_{place},\n  note = {{{text.translate(_ESCAPES)}}},{dated}\n}}"
 
 
 def _names(names: Sequence[str]) -> str:
@@ -197,8 +189,3 @@ def _cited(diagnosis: Diagnosis, references: Sequence[str]) -> str:
     known = _references(diagnosis)
     numbers = [str(known.index(r) + 3) for r in references]
     return f" [{', '.join(numbers)}]" if numbers else ""
-
-
-def _software() -> str:
-    packages = ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy", "numba"))
-    return f"Software: phnn {version('phnn')} [1] with Python {python_version()}, {packages}."
