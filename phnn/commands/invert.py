@@ -139,8 +139,16 @@ def invert(
             f"{model}: a model of modes in a steady cycle has no inverse: give the model of an actuator, as phnn "
             "identify or phnn diagnose writes it"
         )
-    units, wanted = _units(found), read_reference(reference, outside)
-    _check(reference, wanted, units)
+    network, wanted = found.setup.network, read_reference(reference, outside)
+    measured = next(s.unit for s in network.storages if s.name == network.output)
+    units = Units(next((p.unit for p in network.ports), ""), measured)
+    if wanted.unit != units.output:
+        raise InputRefused(
+            f"{reference.name}: the reference is in {wanted.unit}, the output of the model in {units.output}: give a "
+            "reference of what the model's sensor measures"
+        )
+    if units == ACTUATOR:
+        like_an_actuator(float(np.ptp(wanted.y)), "displacement", "reference", Where(reference.name))
     with claim(out, "invert", [model, reference], RESULTS, overwrite=overwrite) as place:
         inverse = found.inverse(wanted.t, wanted.y, **given)
         _write(inverse, units, wanted.notes, place)
@@ -159,25 +167,6 @@ def invert(
 def _size(error: NDArray[np.float64], unit: str) -> str:
     rms = float(np.sqrt(np.mean(error**2)))
     return f"at most {quantity(float(np.abs(error).max()), unit)}, {quantity(rms, unit)} rms"
-
-
-def _units(model: Model) -> Units:
-    """SI units of a model's input and output."""
-    network = model.setup.network
-    return Units(
-        next((p.unit for p in network.ports), ""), next(s.unit for s in network.storages if s.name == network.output)
-    )
-
-
-def _check(path: Path, wanted: Reference, units: Units) -> None:
-    """Refuse a reference in another unit than the model's output."""
-    if wanted.unit != units.output:
-        raise InputRefused(
-            f"{path.name}: the reference is in {wanted.unit}, the output of the model in {units.output}: give a "
-            "reference of what the model's sensor measures"
-        )
-    if units == ACTUATOR:
-        like_an_actuator(float(np.ptp(wanted.y)), "displacement", "reference", Where(path.name))
 
 
 def _write(inverse: Inverse, units: Units, notes: tuple[str, ...], place: Place) -> None:

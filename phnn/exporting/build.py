@@ -187,15 +187,7 @@ def build(
     further: Sequence[str] = (),
     initial_input: float = 0.0,
 ) -> Program:
-    """The program of a model.
-
-    Args:
-        setup: amplifier, network and sensor.
-        dt: sample time [s]; substeps: integration steps in it.
-        hold: the input between two samples: ``linear`` from one to the next, or ``zero_order``, held.
-        name: prefix of what targets make public; that of the model if empty.
-        further: ports that are inputs beside the first; the input of the others is zero.
-        initial_input: of the first port, at whose rest the program begins if it cannot compute rest by itself.
+    """The program of a model; arguments as of `phnn.export`, ``hold`` is its ``input`` and ``further`` its ``ports``.
 
     Raises:
         InputRefused: a law or block has no exported form; names it, the cause and the remedy.

@@ -209,8 +209,8 @@ class Balance:
     def x(self, name: str) -> str:
         """The field of a state."""
         field = self.e.program.states.setdefault(name, f"x_{self.e.states.of(name)}")
-        unit = next(x.unit for x in (*self.network.memories, *self.network.storages) if x.name == name)
-        return self.e.program.state(field, f"state {name} [{unit}]")
+        units = {s.name: s.unit for s in self.network.storages} | {m.name: m.unit for m in self.network.memories}
+        return self.e.program.state(field, f"state {name} [{units[name]}]")
 
     def end(self, name: str) -> str:
         """The field of a state's value at the end of the step."""

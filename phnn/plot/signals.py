@@ -365,8 +365,10 @@ class Locations:
 
     def tables(self) -> dict[str, pd.DataFrame]:
         """Locations, their shares, and which is best or tied with the best."""
-        scores = self.found.scores if self.found is not None else ()
-        rows = [(name, score, _rank(self.found, name)) for name, score in scores]
+        rows = []
+        if self.found is not None:
+            rank = {**dict.fromkeys(self.found.tied, "tied"), self.found.name: "best"}
+            rows = [(name, score, rank.get(name, "")) for name, score in self.found.scores]
         return {"": pd.DataFrame(rows, columns=["location", "share_of_explainable_residual_1", "rank"])}
 
 
@@ -400,12 +402,6 @@ def located(diagnosis: Diagnosis) -> Locations:
     name, *tied = diagnosis.places
     scores = tuple(sorted(diagnosis.location.scores.items(), key=lambda item: -item[1]))
     return Locations(Location(name, diagnosis.detail, tuple(tied), scores, (), (), ()))
-
-
-def _rank(found: Location | None, name: str) -> str:
-    if found is None or name not in (found.name, *found.tied):
-        return ""
-    return "best" if name == found.name else "tied"
 
 
 # Storages that have a colour of their own; the smallest others are joined.

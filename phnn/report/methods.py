@@ -52,11 +52,6 @@ def _hashed(path: Path, name: str) -> FileHash | None:
         return None
 
 
-def python_version() -> str:
-    """Version of the interpreter."""
-    return platform.python_version()
-
-
 # Names of recordings that are listed; of more, the number is said.
 _LISTED = 16
 _PAPER_SHORT = (
@@ -84,7 +79,7 @@ _ESCAPES = str.maketrans({"\\": r"\textbackslash{}"} | {letter: f"\\{letter}" fo
 def methods(diagnosis: Diagnosis) -> Methods:
     """Describe a finished diagnosis as the methods section of a paper would."""
     packages = ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy", "numba"))
-    software = f"Software: phnn {version('phnn')} [1] with Python {python_version()}, {packages}."
+    software = f"Software: phnn {version('phnn')} [1] with Python {platform.python_version()}, {packages}."
     sentences = (*_fitted(diagnosis), *_held_out(diagnosis), *_decided(diagnosis), *_found(diagnosis), software)
     references = _references(diagnosis)
     return Methods(sentences, (f"phnn {version('phnn')}", _PAPER_SHORT, *references), bibtex(references))
@@ -176,16 +171,13 @@ def _decided(diagnosis: Diagnosis) -> list[str]:
 
 
 def _found(diagnosis: Diagnosis) -> list[str]:
-    elements = [words(c.effect.name) + _cited(diagnosis, c.effect.references) for c in diagnosis.claims]
+    # Numbers of references in brackets, after those of software and paper.
+    known, elements = _references(diagnosis), []
+    for c in diagnosis.claims:
+        numbers = ", ".join(str(known.index(r) + 3) for r in c.effect.references)
+        elements.append(words(c.effect.name) + (f" [{numbers}]" if numbers else ""))
     added = f"the final model adds {listing(elements)}" if elements else "nothing was added to the base model"
     before, after = (e.over_noise("confirmation") for e in (diagnosis.before, diagnosis.after))
     change = f"; on held-out recordings the residual goes from {ratio(before)} to {ratio(after)} times the noise"
-    known = before == before and all(r.noise_found for r in diagnosis.campaign.recordings)
-    return [f"The verdict is “{diagnosis.verdict}”: {added}{change if elements and known else ''}."]
-
-
-def _cited(diagnosis: Diagnosis, references: Sequence[str]) -> str:
-    """The numbers of references in brackets, after those of software and paper."""
-    known = _references(diagnosis)
-    numbers = [str(known.index(r) + 3) for r in references]
-    return f" [{', '.join(numbers)}]" if numbers else ""
+    floors = before == before and all(r.noise_found for r in diagnosis.campaign.recordings)
+    return [f"The verdict is “{diagnosis.verdict}”: {added}{change if elements and floors else ''}."]

@@ -273,7 +273,8 @@ def sentence(diagnosis: Diagnosis) -> str:
             size = quantity(small.rms or 0.0, diagnosis.campaign.recordings[0].units.output)
             return (
                 f"Nothing that matters is missing: {words(small.candidate) or 'something'} is statistically "
-                f"significant, but explains only {size} ({plain(small.share_of_noise, 2)} × noise). The base model stands."
+                f"significant, but explains only {size} ({plain(small.share_of_noise, 2)} × noise). "
+                "The base model stands."
             )
         stands = f"leaves {ratio(diagnosis.base.chi2**0.5)} × noise."
         if bare:
@@ -433,9 +434,12 @@ def _entry(diagnosis: Diagnosis, claim: Claim) -> dict[str, Any]:
         rows = parameters[effect.parameters[0]].value / min(r.dt for r in diagnosis.campaign.recordings)
         late = " It is one row: the data acquisition writes one of the two channels a row late."
         statement += late if abs(rows - 1.0) <= _SAME_ROW else ""
+    gain, held_out = diagnosis.gains[diagnosis.claims.index(claim)], None
+    if gain is not None:
+        held_out = {"before": gain.before, "after": gain.after, "p_value": gain.falls, "rms": gain.rms}
     return entry | {
         "probability": round(claim.probability, 4),
-        "held_out": _held_out(diagnosis, claim),
+        "held_out": held_out,
         "share_explained": claim.share,
         "location": effect.location,
         "place": place_of(effect, diagnosis.base.setup.network),
@@ -462,14 +466,6 @@ def _estimates(final: Fit, names: Iterable[str]) -> dict[str, dict[str, Any]]:
         n: {"value": p.value, "unit": p.unit, "std": std.get(n), "interval_95": final.interval(n)}
         for n, p in ((n, parameters[n]) for n in names)
     }
-
-
-def _held_out(diagnosis: Diagnosis, claim: Claim) -> dict[str, Any] | None:
-    """Return the gain of an element on held-out recordings; null without held-out recordings."""
-    gain = diagnosis.gains[diagnosis.claims.index(claim)]
-    if gain is None:
-        return None
-    return {"before": gain.before, "after": gain.after, "p_value": gain.falls, "rms": gain.rms}
 
 
 def _description(formula: Distilled, effect: Effect) -> dict[str, Any]:

@@ -58,11 +58,6 @@ def _cell(value: Cell) -> str:
     return "" if number is None else repr(number)
 
 
-def data_link(text: str) -> str:
-    """A link that holds a csv text; the mark at its beginning tells a spreadsheet that it is UTF-8."""
-    return "data:text/csv;charset=utf-8;base64," + base64.b64encode(text.encode("utf-8-sig")).decode("ascii")
-
-
 def table_links(document: Document, evidence: Evidence, shares: Sequence[Shares]) -> Mapping[str, str]:
     """A link for each table that has rows, by its name."""
     fit = [
@@ -104,7 +99,9 @@ def table_links(document: Document, evidence: Evidence, shares: Sequence[Shares]
         ),
         "noise": (["recording", f"noise floor ({document.output_unit})"], document.noise_floor),
     }
-    return {name: data_link(csv_text(head, rows)) for name, (head, rows) in tables.items() if rows}
+    # The mark at the beginning tells a spreadsheet that the text is UTF-8.
+    texts = {name: csv_text(head, rows).encode("utf-8-sig") for name, (head, rows) in tables.items() if rows}
+    return {n: f"data:text/csv;charset=utf-8;base64,{base64.b64encode(x).decode('ascii')}" for n, x in texts.items()}
 
 
 # What the example simulates where no recording says anything.
@@ -275,7 +272,12 @@ def render_page(
 
 def usage(traces: Sequence[Trace], input_unit: str, output_unit: str) -> str:
     """A short program: a sine as large and as long as the first recording, simulated with the model beside the page."""
-    amplitude, seconds = _size(traces)
+    # Largest input and duration of the first recording; 1 and 1 s without one.
+    amplitude = seconds = 1.0
+    if traces and len(traces[0].t) >= 2:
+        first = traces[0]
+        amplitude = (finite(np.nanmax(np.abs(first.u))) if np.isfinite(first.u).any() else None) or 1.0
+        seconds = finite(first.t[-1] - first.t[0]) or 1.0
     lines = (
         ('model = phnn.load("model")', "the folder model/ beside this page"),
         (f"t = np.linspace(0.0, {seconds:.4g}, {_SAMPLES + 1})", "time [s]"),
@@ -285,16 +287,6 @@ def usage(traces: Sequence[Trace], input_unit: str, output_unit: str) -> str:
     width = max(len(code) for code, _ in lines)
     shown = "".join(f"{code:{width}}  # {remark}\n" for code, remark in lines)
     return f"import numpy as np\nimport phnn\n\n{shown}print(y.min(), y.max())\n"
-
-
-def _size(traces: Sequence[Trace]) -> tuple[float, float]:
-    """Largest input and duration of the first recording; 1 and 1 s without one."""
-    if not traces or len(traces[0].t) < 2:
-        return 1.0, 1.0
-    first = traces[0]
-    amplitude = finite(np.nanmax(np.abs(first.u))) if np.isfinite(first.u).any() else None
-    seconds = finite(first.t[-1] - first.t[0])
-    return amplitude or 1.0, seconds or 1.0
 
 
 _SIZE = 20.0  # points, the size in which glyphs are laid out

@@ -8,6 +8,7 @@ from dataclasses import asdict, replace
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
+from platform import python_version
 from typing import Any
 
 import numpy as np
@@ -33,7 +34,7 @@ from phnn.parameters import FORCE_UNITS, Parameter, quantity
 from phnn.recordings.recording import ACTUATOR, Recording
 from phnn.report.evidence import Evidence, LedgerRow, ParameterRow, PlausibleRow, Provenance, RivalRow, Support, Trace
 from phnn.report.formatting import likelihood, listing, number, words
-from phnn.report.methods import methods, provenance, python_version
+from phnn.report.methods import methods, provenance
 from phnn.report.missing import candidate_rows, fingerprint, immaterial, missing_entries, model_rows, remains, sentence
 from phnn.report.verdicts import forces_known
 from phnn.report.write import write_report

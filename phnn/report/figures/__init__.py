@@ -118,14 +118,15 @@ class Spectrum:
     noise: float  # m/√Hz, white noise of the stated standard deviation
 
 
+def runs(mask: np.ndarray) -> list[slice]:
+    """The stretches of true values."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], mask.astype(bool), [False])).astype(np.int8)))
+    return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
 def longest_run(mask: np.ndarray) -> slice:
     """The longest stretch of true values (empty where there is none)."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], mask.astype(bool), [False])).astype(np.int8)))
-    if edges.size == 0:
-        return slice(0, 0)
-    first, last = edges[::2], edges[1::2]
-    best = int(np.argmax(last - first))
-    return slice(int(first[best]), int(last[best]))
+    return max(runs(mask), key=lambda run: run.stop - run.start, default=slice(0, 0))
 
 
 def residual_spectrum(
@@ -243,10 +244,7 @@ def error_limits(view: View) -> tuple[float, str]:
 
 def unscored(scored: np.ndarray) -> list[slice]:
     """Stretches that were not scored, none where nothing was."""
-    if not scored.any():
-        return []
-    edges = np.flatnonzero(np.diff(np.concatenate(([True], scored, [True])).astype(np.int8)))
-    return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    return runs(~scored) if scored.any() else []
 
 
 _TIED = "#8fb8d8"
@@ -366,19 +364,13 @@ def _error_panel(axes: Axes, view: View, fit: FitRow | None) -> None:
         edges = trace.t[view.stretch][[0, -1]]
         axes.plot(edges, [1.04 * limit] * 2, color=INK, linewidth=3.0, solid_capstyle="butt", zorder=5)
     axes.set_title("Error (measured − model)")
-    axes.set_xlabel(_error_caption(view, remark))
+    remarks = [remark] if remark else []
+    remarks += [] if view.whole else ["bar: stretch above"]
+    remarks += [] if trace.scored.all() else ["pale: not scored"]
+    axes.set_xlabel("time (s)" + (f" – {'; '.join(remarks)}" if remarks else ""))
     axes.set_ylabel(f"error ({view.error.name})")
     axes.margins(x=0.01)
     axes.legend(loc="upper left", ncols=3, borderaxespad=0.1, columnspacing=1.2)
-
-
-def _error_caption(view: View, remark: str) -> str:
-    remarks = [remark] if remark else []
-    if not view.whole:
-        remarks.append("bar: stretch above")
-    if not view.trace.scored.all():
-        remarks.append("pale: not scored")
-    return "time (s)" + (f" – {'; '.join(remarks)}" if remarks else "")
 
 
 def _spectrum_panel(axes: Axes, view: View) -> None:
@@ -484,17 +476,13 @@ def draw_ledger(rows: Sequence[Shares]) -> Figure:
     return figure
 
 
-def _positions(rows: Sequence[FitRow]) -> list[float]:
-    """A gap between the held-out recordings and the others."""
-    gap = 0.7 if any(r.held_out for r in rows) and not all(r.held_out for r in rows) else 0.0
-    return [i + (0.0 if row.held_out else gap) for i, row in enumerate(rows)]
-
-
 def draw_overview(rows: Sequence[FitRow]) -> Figure:
     """Dots joined by a line for each recording, held-out recordings on top; 1 is the noise floor."""
     figure = new_figure(9.0, 1.0 + 0.29 * max(len(rows), 3))
     axes = figure.subplots()
-    places = _positions(rows)
+    # A gap between the held-out recordings and the others.
+    gap = 0.7 if any(r.held_out for r in rows) and not all(r.held_out for r in rows) else 0.0
+    places = [i + (0.0 if row.held_out else gap) for i, row in enumerate(rows)]
     values = []
     for place, row in zip(places, rows, strict=True):
         pair = [s.residual_over_noise for s in (row.before, row.after)]
