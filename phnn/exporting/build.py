@@ -95,21 +95,21 @@ class Chain:
         state = self.e.program.state(key, "output of the amplifier's low-pass")
         found = first_order_weights(np.array([self.h]), *self.e.values(block.parameters))
         weights = self._weights(key, ("keep", "old", "new"), found)
-        self._follow(state, lambda a, b: self.e.call(first_order_step, key, state, a, b, *weights))
+        self._follow(state, lambda a, b: [f"{state} = {self.e.call(first_order_step, key, state, a, b, *weights)}"])
 
     def _slew(self, block: Block, key: str) -> None:
         state = self.e.program.state(key, "output of the slew-rate limit")
         reach = f"0.5 * H * {self.e.parameter(block.parameters[0])}"
-        self._follow(state, lambda a, b: self.e.call(slew_step, key, state, b, reach))
+        self._follow(state, lambda a, b: [f"{state} = {self.e.call(slew_step, key, state, b, reach)}"])
 
-    def _follow(self, state: str, stepped: Callable[[str, str], str]) -> None:
+    def _follow(self, state: str, stepped: Callable[[str, str], list[str]]) -> None:
         """A block whose state is its output, in equilibrium equal to its input."""
         self.begin.append(f"{state} = u")
         self.step += [
             f"v_start = {state}",
-            f"{state} = {stepped('u_start', 'u_middle')}",
+            *stepped("u_start", "u_middle"),
             f"v_middle = {state}",
-            f"{state} = {stepped('u_middle', 'u_end')}",
+            *stepped("u_middle", "u_end"),
             "u_start = v_start",
             "u_middle = v_middle",
             f"u_end = {state}",
@@ -122,14 +122,14 @@ class Chain:
         found = second_order_weights(np.array([self.h]), tau, zeta)
         s, *weights = self._weights(key, ("s", "even", "odd"), found)
         damping = self.e.parameter(block.parameters[1])
-        self.begin += [f"{state} = u", f"{rate} = 0.0"]
-        self.step.append(f"v_start = {state}")
-        for a, b in (("u_start", "u_middle"), ("u_middle", "u_end")):
+
+        def stepped(a: str, b: str) -> list[str]:
             slope = f"({b} - {a}) / {s}"
             moved = self.e.call(second_order_step, key, f"{state} - {a}", rate, slope, *weights, damping)
-            self.step += [f"v_off, {rate} = {moved}", f"{state} = {b} + v_off"]
-            self.step += [f"v_middle = {state}"] if b == "u_middle" else []
-        self.step += ["u_start = v_start", "u_middle = v_middle", f"u_end = {state}"]
+            return [f"v_off, {rate} = {moved}", f"{state} = {b} + v_off"]
+
+        self._follow(state, stepped)
+        self.begin.append(f"{rate} = 0.0")
 
     def _of_path(self, block: Block, key: str) -> None:
         last = self.e.program.state(f"{key}_last", "last input of the Bouc-Wen hysteresis")

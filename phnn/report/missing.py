@@ -434,6 +434,9 @@ def _entry(diagnosis: Diagnosis, claim: Claim) -> dict[str, Any]:
         rows = parameters[effect.parameters[0]].value / min(r.dt for r in diagnosis.campaign.recordings)
         late = " It is one row: the data acquisition writes one of the two channels a row late."
         statement += late if abs(rows - 1.0) <= _SAME_ROW else ""
+    # An effect's own score in the residual of the base model; its p-value is that times the number of candidates.
+    candidates = diagnosis.screened[0]
+    score = max((c.score for c in candidates if family(c.effect) == claim.name), default=0.0)
     gain, held_out = diagnosis.gains[diagnosis.claims.index(claim)], None
     if gain is not None:
         held_out = {"before": gain.before, "after": gain.after, "p_value": gain.falls, "rms": gain.rms}
@@ -444,19 +447,12 @@ def _entry(diagnosis: Diagnosis, claim: Claim) -> dict[str, Any]:
         "location": effect.location,
         "place": place_of(effect, diagnosis.base.setup.network),
         "equivalent_to": names,
-        "p_value": _p_value(diagnosis, claim),
+        "p_value": chance(score, candidates) if candidates else 1.0,
         "statement": statement + (_UP_TO_FACTOR if free else "") + ("" if claim.claimed else _NOT_PROVEN),
         "equation": effect.equation if formula is None else formula.equation,
         "passive": effect.passive,
         "parameters": _estimates(diagnosis.final, effect.strengths if claim.learned else effect.parameters),
     }
-
-
-def _p_value(diagnosis: Diagnosis, claim: Claim) -> float:
-    """Return the p-value of an effect's own score in the residual of the base model, times the number of candidates."""
-    candidates = diagnosis.screened[0]
-    score = max((c.score for c in candidates if family(c.effect) == claim.name), default=0.0)
-    return chance(score, candidates) if candidates else 1.0
 
 
 def _estimates(final: Fit, names: Iterable[str]) -> dict[str, dict[str, Any]]:
