@@ -160,12 +160,14 @@ def no_proposal(diagnosis: Diagnosis) -> str:
     """Say why no recording is proposed, which experiment would decide in principle, and what was not recorded."""
     if diagnosis.proposal is not None or diagnosis.verdict == NONE:
         return ""
-    # Recordings whose absence `phnn check` reports.
-    lacks = [a.record for a in check(diagnosis.campaign).abilities if not a.able][:_LACKS]
     tied = next((c for c in diagnosis.claims if c.alike), None)
     places = not diagnosis.claims and diagnosis.location is not None and diagnosis.location.tied
+    if tied is None and not places and diagnosis.verdict != UNKNOWN:
+        return ""
+    # Recordings whose absence `phnn check` reports.
+    lacks = [a.record for a in check(diagnosis.campaign).abilities if not a.able][:_LACKS]
     if tied is None and not places:
-        if diagnosis.verdict != UNKNOWN or not lacks:
+        if not lacks:
             return ""
         return (
             "No two models are left between which a recording could be computed to decide, and yet no name is proven. "
