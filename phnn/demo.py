@@ -208,18 +208,14 @@ def _simulate_all(values: Values, plan: Sequence[Drive]) -> list[Array]:
     return [simulate(values, drive) + line for drive, line in zip(plan, lines, strict=True)]
 
 
-def _stuck_peak(base: Values) -> float:
-    """Return the displacement [m] at the largest voltage if no hysteron slipped."""
-    stiffness = base["k"] + base["alpha"] ** 2 * (1.0 / base["C_1"] + 1.0 / base["C_2"])
-    return base["alpha"] * _PEAK / stiffness
-
-
 def _draw_base(rng: Rng) -> dict[str, float]:
     """Draw parameters around Table 1 such that both hysterons slip: a slope and a width that act in no recording
     could not be identified."""
     while True:
         base = {name: value * float(rng.uniform(1.0 - _SPREAD, 1.0 + _SPREAD)) for name, value in TABLE.items()}
-        charge = base["alpha"] * _stuck_peak(base)
+        stiffness = base["k"] + base["alpha"] ** 2 * (1.0 / base["C_1"] + 1.0 / base["C_2"])
+        # At the largest voltage, if no hysteron slipped.
+        charge = base["alpha"] * (base["alpha"] * _PEAK / stiffness)
         if all(charge / base[f"C_{i}"] > _SLIPS * 0.5 * base[f"d_{i}"] for i in (1, 2)):
             return base
 
@@ -293,28 +289,26 @@ def _stacked(paths: Sequence[Array]) -> Array:
     return np.concatenate([path - path.mean() for path in paths])
 
 
-class _Refit:
-    """What a refit of the base model to changed outputs would leave, by one linear step.
+def _refit(base: Values, plan: Sequence[Drive]) -> Callable[[Sequence[Array]], float]:
+    """Return what a refit of the base model to changed outputs would leave [m, root mean square], by one linear step.
 
     Each base parameter but the mass, which only scales the others, is moved by a thousandth: the differences span
-    what a refit can take. The root mean square of the rest is the residual.
+    what a refit can take.
     """
+    at_rest = _stacked(_simulate_all(base, plan))
+    moved = [{**base, name: base[name] * (1.0 + _AHEAD)} for name in TABLE if name != "m"]
+    columns = np.stack([_stacked(_simulate_all(p, plan)) - at_rest for p in moved], axis=1)
+    basis = np.linalg.qr(columns / np.linalg.norm(columns, axis=0))[0]
 
-    def __init__(self, base: Values, plan: Sequence[Drive]) -> None:
-        self._base, self._plan = base, plan
-        self._at_rest = _stacked(_simulate_all(base, plan))
-        moved = [{**base, name: base[name] * (1.0 + _AHEAD)} for name in TABLE if name != "m"]
-        columns = np.stack([_stacked(_simulate_all(p, plan)) - self._at_rest for p in moved], axis=1)
-        self._basis = np.linalg.qr(columns / np.linalg.norm(columns, axis=0))[0]
-
-    def residual(self, outputs: Sequence[Array]) -> float:
-        """Return the root mean square [m] that is left."""
-        change = _stacked(outputs) - self._at_rest
-        rest = change - self._basis @ (self._basis.T @ change)
+    def residual(outputs: Sequence[Array]) -> float:
+        change = _stacked(outputs) - at_rest
+        rest = change - basis @ (basis.T @ change)
         return float(np.sqrt(np.mean(rest**2)))
 
+    return residual
 
-def _scaled(law: Law, guess: float, wanted: float, refit: _Refit, base: Values, plan: Sequence[Drive]) -> _Chosen:
+
+def _scaled(law: Law, guess: float, wanted: float, base: Values, plan: Sequence[Drive]) -> _Chosen:
     """Scale the strength until the residual is what is wanted [m], within a tenth.
 
     Each round multiplies it by (wanted/residual)^0.7: most effects grow linearly with their strength, those with a
@@ -323,11 +317,11 @@ def _scaled(law: Law, guess: float, wanted: float, refit: _Refit, base: Values, 
     Raises:
         SolverFailed: it did not converge.
     """
-    strength = guess
+    strength, residual = guess, _refit(base, plan)
     for _ in range(_ROUNDS):
         parameters = law(strength)
         outputs = _simulate_all({**base, **parameters}, plan)
-        found = refit.residual(outputs)
+        found = residual(outputs)
         if abs(found / wanted - 1.0) < _CLOSE:
             return _Chosen(parameters, outputs, found)
         strength *= min(max((wanted / max(found, 1e-12)) ** _POWER, 0.1), 10.0)
@@ -411,7 +405,7 @@ def make(seed: int, effect: str | None = None, plan: str = "demo") -> Made:
         chosen = _Chosen({}, _simulate_all(base, drives), 0.0)
     else:
         location, law = _EFFECTS[name].location, _EFFECTS[name].law(choices)
-        chosen = _scaled(law, _EFFECTS[name].guess, wanted, _Refit(base, drives), base, drives)
+        chosen = _scaled(law, _EFFECTS[name].guess, wanted, base, drives)
     files = {
         f"{drive.name}.csv": _csv(drive, _read(q, noise, step, sensor))
         for drive, q in zip(drives, chosen.outputs, strict=True)

@@ -6,6 +6,7 @@ import io
 import json
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -22,22 +23,22 @@ from phnn.recordings import read
 SHORT = PLANS["short"]
 
 
+_REFIT = demo._refit
+
+
 @cache
-def _refit(base: tuple[tuple[str, float], ...]) -> demo._Refit:
+def _refit(base: tuple[tuple[str, float], ...]) -> Callable[..., float]:
     return _REFIT(dict(base), SHORT)
-
-
-_REFIT = demo._Refit
 
 
 @pytest.fixture(autouse=True)
 def _one_refit(monkeypatch: pytest.MonkeyPatch) -> None:
     """A seed has one base, whatever it conceals: what a refit of it can take is computed once."""
 
-    def refit(base: dict[str, float], plan: tuple[Drive, ...]) -> demo._Refit:
+    def refit(base: dict[str, float], plan: tuple[Drive, ...]) -> Callable[..., float]:
         return _refit(tuple(base.items())) if len(plan) == len(SHORT) else _REFIT(base, plan)
 
-    monkeypatch.setattr(demo, "_Refit", refit)
+    monkeypatch.setattr(demo, "_refit", refit)
 
 
 @cache

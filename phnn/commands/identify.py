@@ -40,7 +40,11 @@ def identify(
     if said["open"]:
         known = [f"{n} = {r['value']:.5g} ± {r['std']:.2g}" for n, r in said["ratios"].items()]
         Console().print(f"[bold]{escape(said['open'])}[/bold]. {escape(', '.join(known))}")
-    Console().print(_score_table(scores))
+    table = Table("recording", "use", "base", title="fit %, and residual over noise")
+    for part in scores.parts:
+        use = "held out" if part.use == "confirmation" else "identified"
+        table.add_row(escape(part.name), use, f"{part.fit_percent:.2f}  {part.residual_over_noise:.3g}")
+    Console().print(table)
 
 
 def _identify(campaign: Campaign, options: Options, place: Place) -> tuple[dict[str, Any], Evaluation]:
@@ -53,13 +57,8 @@ def _identify(campaign: Campaign, options: Options, place: Place) -> tuple[dict[
     save_fit(fitted, place / "base")
     std, hidden = fitted.std(), auxiliary(fitted.setup.network)
     parameters = {
-        n: {
-            "value": p.value,
-            "unit": p.unit,
-            "std": finite(std.get(n)),
-            "interval_95": fitted.interval(n),
-            "held": fitted.note(n) or None,
-        }
+        n: {"value": p.value, "unit": p.unit, "std": finite(std.get(n)), "interval_95": fitted.interval(n)}
+        | {"held": fitted.note(n) or None}
         for n, p in fitted.setup.parameters.items()
         if n not in hidden
     }
@@ -73,11 +72,3 @@ def _identify(campaign: Campaign, options: Options, place: Place) -> tuple[dict[
     }
     (place / "identify.json").write_json(content)
     return content, scores
-
-
-def _score_table(scores: Evaluation) -> Table:
-    table = Table("recording", "use", "base", title="fit %, and residual over noise")
-    for part in scores.parts:
-        use = "held out" if part.use == "confirmation" else "identified"
-        table.add_row(escape(part.name), use, f"{part.fit_percent:.2f}  {part.residual_over_noise:.3g}")
-    return table

@@ -26,7 +26,7 @@ from phnn.recordings.recording import ACTUATOR, Units
 from phnn.recordings.sampling import on_grid
 from phnn.recordings.table import Where
 from phnn.recordings.units import known_unit
-from phnn.report.figures import envelope
+from phnn.report.figures import draw_trace
 from phnn.report.figures.style import AFTER, BEFORE, FAINT, MEASURED, RC, new_figure, png, quiet_grid
 from phnn.report.formatting import display_unit, quantity
 from phnn.results import Place, claim
@@ -89,15 +89,12 @@ def draw_inverse(found: Inverse, input_unit: str, output_unit: str) -> Figure:
         (found.reference, MEASURED, 3.0, "reference"),
         (found.reached, AFTER, 1.1, "reached by the model"),
     ):
-        rows = envelope(values)
-        outputs.plot(found.t[rows], values[rows] / unit.scale, color=colour, linewidth=width, label=text)
-    rows = envelope(found.error)
-    errors.plot(found.t[rows], found.error[rows] / fine.scale, color=AFTER, linewidth=1.0)
+        draw_trace(outputs, found.t, values, unit.scale, color=colour, linewidth=width, label=text)
+    draw_trace(errors, found.t, found.error, fine.scale, color=AFTER, linewidth=1.0)
     for stretch in found.missed:
         if stretch.causes:
             errors.axvspan(stretch.start, stretch.end, color=BEFORE, alpha=0.12, linewidth=0.0)
-    rows = envelope(found.voltage)
-    commands.plot(found.t[rows], found.voltage[rows], color=AFTER, linewidth=1.1)
+    draw_trace(commands, found.t, found.voltage, color=AFTER, linewidth=1.1)
     for limit in found.options.limits or ():
         commands.axhline(limit, color=FAINT, linewidth=1.0)
     outputs.set_ylabel(f"output ({unit.name})")
@@ -142,8 +139,16 @@ def invert(
             f"{model}: a model of modes in a steady cycle has no inverse: give the model of an actuator, as phnn "
             "identify or phnn diagnose writes it"
         )
-    units, wanted = _units(found), read_reference(reference, outside)
-    _check(reference, wanted, units)
+    network, wanted = found.setup.network, read_reference(reference, outside)
+    measured = next(s.unit for s in network.storages if s.name == network.output)
+    units = Units(next((p.unit for p in network.ports), ""), measured)
+    if wanted.unit != units.output:
+        raise InputRefused(
+            f"{reference.name}: the reference is in {wanted.unit}, the output of the model in {units.output}: give a "
+            "reference of what the model's sensor measures"
+        )
+    if units == ACTUATOR:
+        like_an_actuator(float(np.ptp(wanted.y)), "displacement", "reference", Where(reference.name))
     with claim(out, "invert", [model, reference], RESULTS, overwrite=overwrite) as place:
         inverse = found.inverse(wanted.t, wanted.y, **given)
         _write(inverse, units, wanted.notes, place)
@@ -162,25 +167,6 @@ def invert(
 def _size(error: NDArray[np.float64], unit: str) -> str:
     rms = float(np.sqrt(np.mean(error**2)))
     return f"at most {quantity(float(np.abs(error).max()), unit)}, {quantity(rms, unit)} rms"
-
-
-def _units(model: Model) -> Units:
-    """SI units of a model's input and output."""
-    network = model.setup.network
-    return Units(
-        next((p.unit for p in network.ports), ""), next(s.unit for s in network.storages if s.name == network.output)
-    )
-
-
-def _check(path: Path, wanted: Reference, units: Units) -> None:
-    """Refuse a reference in another unit than the model's output."""
-    if wanted.unit != units.output:
-        raise InputRefused(
-            f"{path.name}: the reference is in {wanted.unit}, the output of the model in {units.output}: give a "
-            "reference of what the model's sensor measures"
-        )
-    if units == ACTUATOR:
-        like_an_actuator(float(np.ptp(wanted.y)), "displacement", "reference", Where(path.name))
 
 
 def _write(inverse: Inverse, units: Units, notes: tuple[str, ...], place: Place) -> None:

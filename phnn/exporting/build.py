@@ -95,21 +95,21 @@ class Chain:
         state = self.e.program.state(key, "output of the amplifier's low-pass")
         found = first_order_weights(np.array([self.h]), *self.e.values(block.parameters))
         weights = self._weights(key, ("keep", "old", "new"), found)
-        self._follow(state, lambda a, b: self.e.call(first_order_step, key, state, a, b, *weights))
+        self._follow(state, lambda a, b: [f"{state} = {self.e.call(first_order_step, key, state, a, b, *weights)}"])
 
     def _slew(self, block: Block, key: str) -> None:
         state = self.e.program.state(key, "output of the slew-rate limit")
         reach = f"0.5 * H * {self.e.parameter(block.parameters[0])}"
-        self._follow(state, lambda a, b: self.e.call(slew_step, key, state, b, reach))
+        self._follow(state, lambda a, b: [f"{state} = {self.e.call(slew_step, key, state, b, reach)}"])
 
-    def _follow(self, state: str, stepped: Callable[[str, str], str]) -> None:
+    def _follow(self, state: str, stepped: Callable[[str, str], list[str]]) -> None:
         """A block whose state is its output, in equilibrium equal to its input."""
         self.begin.append(f"{state} = u")
         self.step += [
             f"v_start = {state}",
-            f"{state} = {stepped('u_start', 'u_middle')}",
+            *stepped("u_start", "u_middle"),
             f"v_middle = {state}",
-            f"{state} = {stepped('u_middle', 'u_end')}",
+            *stepped("u_middle", "u_end"),
             "u_start = v_start",
             "u_middle = v_middle",
             f"u_end = {state}",
@@ -122,14 +122,14 @@ class Chain:
         found = second_order_weights(np.array([self.h]), tau, zeta)
         s, *weights = self._weights(key, ("s", "even", "odd"), found)
         damping = self.e.parameter(block.parameters[1])
-        self.begin += [f"{state} = u", f"{rate} = 0.0"]
-        self.step.append(f"v_start = {state}")
-        for a, b in (("u_start", "u_middle"), ("u_middle", "u_end")):
+
+        def stepped(a: str, b: str) -> list[str]:
             slope = f"({b} - {a}) / {s}"
             moved = self.e.call(second_order_step, key, f"{state} - {a}", rate, slope, *weights, damping)
-            self.step += [f"v_off, {rate} = {moved}", f"{state} = {b} + v_off"]
-            self.step += [f"v_middle = {state}"] if b == "u_middle" else []
-        self.step += ["u_start = v_start", "u_middle = v_middle", f"u_end = {state}"]
+            return [f"v_off, {rate} = {moved}", f"{state} = {b} + v_off"]
+
+        self._follow(state, stepped)
+        self.begin.append(f"{rate} = 0.0")
 
     def _of_path(self, block: Block, key: str) -> None:
         last = self.e.program.state(f"{key}_last", "last input of the Bouc-Wen hysteresis")
@@ -149,11 +149,8 @@ class Chain:
         """A ring of rows, each the input at start, middle and end of a step, read at the point ``τ`` ago."""
         what = "amplifier delay"
         if self.hold == "zero_order":
-            raise refused(
-                what,
-                "an input that jumps at every sample has no parabola",
-                "take --input linear and a target other than fmu",
-            )
+            cause = "an input that jumps at every sample has no parabola"
+            raise refused(what, cause, "take --input linear and a target other than fmu")
         steps = self.e.values(block.parameters)[0] / self.h
         whole = math.floor(steps)
         if whole > _LONGEST:
@@ -190,15 +187,7 @@ def build(
     further: Sequence[str] = (),
     initial_input: float = 0.0,
 ) -> Program:
-    """The program of a model.
-
-    Args:
-        setup: amplifier, network and sensor.
-        dt: sample time [s]; substeps: integration steps in it.
-        hold: the input between two samples: ``linear`` from one to the next, or ``zero_order``, held.
-        name: prefix of what targets make public; that of the model if empty.
-        further: ports that are inputs beside the first; the input of the others is zero.
-        initial_input: of the first port, at whose rest the program begins if it cannot compute rest by itself.
+    """The program of a model; arguments as of `phnn.export`, ``hold`` is its ``input`` and ``further`` its ``ports``.
 
     Raises:
         InputRefused: a law or block has no exported form; names it, the cause and the remedy.
@@ -208,8 +197,7 @@ def build(
         raise refused(setup.name, reason, "export a model with laws of the package")
     if network.senses:
         raise refused(setup.name, "its output is a rate, which needs the sample after", "let its output be a storage")
-    builder = _Builder(setup, dt, substeps, hold, name, further)
-    return builder.program(initial_input)
+    return _Builder(setup, dt, substeps, hold, name, further).program(initial_input)
 
 
 class _Builder:
@@ -240,11 +228,16 @@ class _Builder:
         self._solver_fields()
         self._add("balance", (), self.b.write(), "Equations of a step at the unknowns y: what is left, and its terms")
         solve = self._solver("balance", "FLOORS", "")
-        self._init(self._rest_solver() if self.p.from_rest else "", initial_input)
+        rest = ""
+        if self.p.from_rest:
+            self._add("rest_balance", (), self.rest.write(), "Forces on the junctions at rest at the displacements y")
+            rest = self._solver("rest_balance", "REST_FLOORS", "_rest")
+        self._init(rest, initial_input)
         self._substep(solve)
         self._step()
-        self._output()
-        self.p.prune(ROOTS)
+        lines = [f"y = {self.b.x(self.network.output)}", *self.chain.output, "return y"]
+        self._add("output", (), lines, "What is measured now")
+        self.p.functions = self.p.needed(*ROOTS)
         return self.p
 
     def _add(self, name: str, arguments: tuple[str, ...], lines: list[str], about: str) -> None:
@@ -273,17 +266,13 @@ class _Builder:
             return ""
         floors = self._floors() if not suffix else self.rest.floors()
         about = "least slope of every equation in its unknown"
-        self.p.table(table, (tuple(map(float, floors)),), about)
+        self.p.table(table, (tuple(floors),), about)
         renamed = {"balance": balance, "UNKNOWNS": str(m), "FLOORS": table}
         if m > 1:
             return self.e.sources.name_of(solvers.solve_many, "solver", renamed, f"solve{suffix}", suffix)
         value = self.e.sources.name_of(solvers.balance_value, "solver", renamed, "", suffix)
         renamed = renamed | {"value": value}
         return self.e.sources.name_of(solvers.solve_one, "solver", renamed, f"solve{suffix}", suffix)
-
-    def _rest_solver(self) -> str:
-        self._add("rest_balance", (), self.rest.write(), "Forces on the junctions at rest at the displacements y")
-        return self._solver("rest_balance", "REST_FLOORS", "_rest")
 
     def _floors(self) -> list[float]:
         linear = (2.0 / self.b.stiffness_of(n) if self.b.is_linear(n) else 1.0 for n in self.b.junctions)
@@ -323,16 +312,18 @@ class _Builder:
         lines = [f"s.y[{j}] = 0.0" for j in range(m)]
         lines += self._unknown()
         lines += [f"s.slope = {self.rest.floors()[0]!r}"] if one else []
-        return [*lines, f"solved = {solve}(s)", "if solved < 1.0:", *[f"    {x} = 0.0" for x in self._storages()]]
+        return [
+            *lines,
+            f"solved = {solve}(s)",
+            "if solved < 1.0:",
+            *[f"    {self.b.x(n)} = 0.0" for n in self.network.storage_names],
+        ]
 
     def _unknown(self) -> list[str]:
         """No derivatives are known yet: those of one equation are a slope, of several a matrix."""
         m = len(self.b.junctions)
         cleared = [f"for i in range({m}):", f"    for j in range({m}):", "        s.jacobian[i][j] = 0.0"]
         return ["s.known = 0.0", *(cleared if m > 1 else [])]
-
-    def _storages(self) -> list[str]:
-        return [self.b.x(name) for name in self.network.storage_names]
 
     def _stored(self, initial_input: float) -> list[str]:
         """The state of rest under one input, where something flows at rest."""
@@ -394,7 +385,3 @@ class _Builder:
         ]
         about = "One sample time, to the given input; 1 where all its steps were solved, else 0"
         self._add("step", ("u", *(f"u_{n}" for n in self.further)), lines, about)
-
-    def _output(self) -> None:
-        lines = [f"y = {self.b.x(self.network.output)}", *self.chain.output, "return y"]
-        self._add("output", (), lines, "What is measured now")

@@ -6,13 +6,13 @@ import ast
 from collections.abc import Iterable
 
 from phnn.exporting.program import (
+    CONSTANTS_ABOUT,
     Constant,
     Field,
     Function,
     Printer,
     Program,
     called,
-    constants_about,
     header,
     indented,
     is_taken,
@@ -44,8 +44,7 @@ class _Body(Printer):
         self.named = {n.id for n in nodes if isinstance(n, ast.Name)} | ({"s"} if function.of_state else set())
         slices = [n for s in nodes if isinstance(s, ast.Subscript) for n in ast.walk(s.slice)]
         self.whole = {n.id for n in slices if isinstance(n, ast.Name)}
-        loops = [n.target.id for n in nodes if isinstance(n, ast.For) and isinstance(n.target, ast.Name)]
-        self.loops = set(loops)
+        self.loops = {n.target.id for n in nodes if isinstance(n, ast.For) and isinstance(n.target, ast.Name)}
         self.truths = {
             t.id
             for n in nodes
@@ -88,10 +87,9 @@ class _Body(Printer):
         plain: set[str] = set()
         early: list[str] = []
         for statement in self.function.body:
-            own = _own_targets(statement)
             for node in ast.walk(statement):
                 if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
-                    if node.id in own:
+                    if isinstance(statement, ast.Assign):
                         plain.add(node.id)
                     elif node.id not in plain | known and node.id not in early:
                         early.append(node.id)
@@ -147,13 +145,6 @@ class _Body(Printer):
         return [f"{self._call(node.value, outputs)[0]};", "return;"]  # type: ignore[arg-type]
 
 
-def _own_targets(statement: ast.stmt) -> set[str]:
-    """Names that a statement itself assigns, not one in a block of it."""
-    if not isinstance(statement, ast.Assign):
-        return set()
-    return {n.id for n in ast.walk(statement.targets[0]) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
-
-
 def _loaded(target: ast.expr) -> ast.expr:
     return ast.parse(ast.unparse(target), mode="eval").body
 
@@ -203,17 +194,11 @@ def _step(program: Program) -> str:
     return f"int {program.name}_step({program.name}_state *s, {inputs}, double *y)"
 
 
-def _step_body(program: Program) -> str:
-    inputs = ", ".join(program.functions["step"].arguments[1:])
-    lines = [f"const int solved = {public(program, 'advance')}(s, {inputs}) > 0.0;"]
-    lines += [f"*y = {public(program, 'output')}(s);", "return solved;"]
-    return "\n".join([f"{_step(program)} {{", *indented(lines), "}"])
-
-
 def c_header(program: Program) -> str:
     """The text of the header file."""
     guard = f"{program.name.upper()}_H"
-    lines = [f"/* {line}" if i == 0 else f" * {line}" for i, line in enumerate(_plain(header(program)))]
+    about = map(one_line, header(program).splitlines())
+    lines = [f"/* {line}" if i == 0 else f" * {line}" for i, line in enumerate(about)]
     lines += [" */", f"#ifndef {guard}", f"#define {guard}", ""]
     lines += ["#ifdef __cplusplus", 'extern "C" {', "#endif", ""]
     lines += [f"#define {program.name.upper()}_DT {number(program.dt)} /* sample time [s] */", ""]
@@ -233,12 +218,11 @@ def c_source(program: Program) -> str:
     wanted = {name for f in program.functions.values() for name in called(f)}
     parts = [f'#include "{program.name}.h"\n\n#include <math.h>']
     parts += ["\n".join(text for name, text in _HELPERS.items() if name in wanted)] if wanted & set(_HELPERS) else []
-    about = "/* " + " ".join(constants_about(program)) + " */"
+    about = "/* " + " ".join(CONSTANTS_ABOUT) + " */"
     parts.append("\n".join([about, *map(_constant, program.used_constants())]))
     parts += [_function(program, f, f.name in API) for f in program.functions.values()]
-    parts.append(_step_body(program))
+    inputs = ", ".join(program.functions["step"].arguments[1:])
+    step = [f"const int solved = {public(program, 'advance')}(s, {inputs}) > 0.0;"]
+    step += [f"*y = {public(program, 'output')}(s);", "return solved;"]
+    parts.append("\n".join([f"{_step(program)} {{", *indented(step), "}"]))
     return "\n\n".join(parts) + "\n"
-
-
-def _plain(text: str) -> list[str]:
-    return [one_line(line) for line in text.splitlines()]

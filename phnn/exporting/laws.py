@@ -485,9 +485,10 @@ class Elements:
             f"    total = total + {self.call(law.unit, what, *arguments, *entries)}",
             f"return {self.call(law.combine, what, *arguments, 'total', *given)}",
         ]
-        self.program.functions[name] = self.plain(name, arguments, lines, one_line(f"law of {what}"))
-        return name
+        return self.stateless(name, arguments, lines, one_line(f"law of {what}"))
 
-    def plain(self, name: str, arguments: tuple[str, ...], lines: list[str], about: str) -> Function:
-        """A function that does not know the state."""
-        return function(name, arguments, lines, self.program.functions, about, of_state=False)
+    def stateless(self, name: str, arguments: tuple[str, ...], lines: list[str], about: str) -> str:
+        """Add a function that does not know the state; returns its name."""
+        known = self.program.functions
+        known[name] = function(name, arguments, lines, known, about, of_state=False)
+        return name

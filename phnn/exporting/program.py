@@ -98,29 +98,25 @@ def header(program: Program) -> str:
     """What an exported file is, in a few lines of text."""
     inputs = ", ".join(f"{n} [{unit}]" for n, unit in program.inputs)
     name, unit = program.output
+    begin = "init begins in the state of rest that was computed at the export; its input only fills the amplifier."
+    if program.from_rest:
+        begin = "init begins in the equilibrium under a constant input, in which hysterons are empty."
     text = (
         f"{program.title}: exported by phnn.\n\n"
         f"Input: {inputs}. Output: what is measured of {name} [{unit}], SI.\n"
         f"A call of step advances the model by DT = {program.dt:g} s in {program.substeps} power-preserving step(s);\n"
         f"{_HOLD[program.hold]}. The output is that at the end of DT.\n"
-        f"{_begin(program)}"
+        f"{begin}"
     )
     # In a text of Python it would begin an escape.
     return text.replace("\\", "/")
 
 
-def _begin(program: Program) -> str:
-    if program.from_rest:
-        return "init begins in the equilibrium under a constant input, in which hysterons are empty."
-    return "init begins in the state of rest that was computed at the export; its input only fills the amplifier."
-
-
-def constants_about(program: Program) -> list[str]:
-    """What the constants are."""
-    return [
-        "Parameters P_ in SI units, and constants D_ that follow from them and from the step H.",
-        "Whoever changes a parameter or the step exports the model again.",
-    ]
+# What the constants are.
+CONSTANTS_ABOUT = (
+    "Parameters P_ in SI units, and constants D_ that follow from them and from the step H.",
+    "Whoever changes a parameter or the step exports the model again.",
+)
 
 
 # What every target language offers under some name.
@@ -238,14 +234,13 @@ class Program:
         names = {n.attr for f in self.functions.values() for n in walk(f) if isinstance(n, ast.Attribute)}
         return [f for f in self.fields.values() if f.name in names]
 
-    def prune(self, roots: tuple[str, ...]) -> None:
-        """Drop functions that the roots, and what these call, do not call."""
-        kept: set[str] = set()
+    def needed(self, *roots: str) -> dict[str, Function]:
+        """The functions that are called by the roots, or by what these call, and the roots."""
+        kept = set(roots)
         for name in reversed(self.functions):
-            if name in roots or name in kept:
-                kept.add(name)
-                kept |= {c for c in called(self.functions[name]) if c in self.functions}
-        self.functions = {n: f for n, f in self.functions.items() if n in kept}
+            if name in kept:
+                kept |= set(called(self.functions[name]))
+        return {n: f for n, f in self.functions.items() if n in kept}
 
 
 def _finite(name: str, about: str, value: float) -> float:

@@ -112,11 +112,7 @@ class Rest:
 
     def _added(self, junction: str, term: str) -> list[str]:
         j = self.b.junctions.index(junction)
-        return [
-            f"term = {term}",
-            f"s.force[{j}] = s.force[{j}] + term",
-            f"s.size[{j}] = s.size[{j}] + absolute(term)",
-        ]
+        return added(f"s.force[{j}]", f"s.size[{j}]", term)
 
     def _states(self) -> list[str]:
         lines = [f"{self.b.x(name)} = 0.0" for name in self.network.storage_names if name not in self.lossless]
@@ -152,10 +148,8 @@ def searched(balance: Balance, name: str) -> str:
         stages = e.sources.name_of(solvers.radau, what, renamed | {"value": value}, "", suffix)
         balance.lines.append(f"one_{key}, two_{key} = {stages}(s, {x}, {current})")
         return f"two_{key}, {balance.stiffness(name)} * (0.75 * one_{key} + 0.25 * two_{key})"
-    mean = f"effort_{key}"
-    e.program.functions[mean] = e.plain(
-        mean, ("a", "b"), [f"return {e.mean_effort(storage, 'a', 'b')}"], f"Mean effort of {name} between two states"
-    )
+    lines, about = [f"return {e.mean_effort(storage, 'a', 'b')}"], f"Mean effort of {name} between two states"
+    mean = e.stateless(f"effort_{key}", ("a", "b"), lines, about)
     renamed = renamed | {"mean_effort": mean}
     value = e.sources.name_of(solvers.gradient_value, what, renamed, "", suffix)
     end = e.sources.name_of(solvers.gradient, what, renamed | {"value": value}, "", suffix)
@@ -215,7 +209,8 @@ class Balance:
     def x(self, name: str) -> str:
         """The field of a state."""
         field = self.e.program.states.setdefault(name, f"x_{self.e.states.of(name)}")
-        return self.e.program.state(field, f"state {name} [{self._unit(name)}]")
+        units = {s.name: s.unit for s in self.network.storages} | {m.name: m.unit for m in self.network.memories}
+        return self.e.program.state(field, f"state {name} [{units[name]}]")
 
     def end(self, name: str) -> str:
         """The field of a state's value at the end of the step."""
@@ -244,10 +239,6 @@ class Balance:
     def change(self, name: str) -> str:
         """The local variable of a junction's change of state."""
         return f"change_{self.e.states.of(name)}"
-
-    def _unit(self, name: str) -> str:
-        units = {s.name: s.unit for s in self.network.storages} | {m.name: m.unit for m in self.network.memories}
-        return units[name]
 
     def ratio(self, ratio: Ratio) -> str:
         """The expression of a ratio: a number, the constant of a parameter, or a local variable if it is modulated."""
@@ -340,11 +331,7 @@ class Balance:
 
     def _add(self, junction: str, term: str) -> None:
         key = self.e.states.of(junction)
-        self.lines += [
-            f"term = {term}",
-            f"force_{key} = force_{key} + term",
-            f"size_{key} = size_{key} + absolute(term)",
-        ]
+        self.lines += added(f"force_{key}", f"size_{key}", term)
 
     def _junctions(self) -> None:
         rate = self.e.derived("rate", 1.0 / self.h, "1/H [1/s]")
@@ -425,6 +412,11 @@ class Balance:
             self.lines.append(f"{', '.join(both)} = {self.e.call(relaxation, f'resistor {first.name}', duration)}")
         arguments = (self.x(name), self.current(name), "H", self.stiffness(name), *given, leaking, *both)
         return self.e.call(rc_flow, f"storage {name}", *arguments, leak_one, leak_two)
+
+
+def added(force: str, size: str, term: str) -> list[str]:
+    """Lines that add a term to what is left of an equation, and to the size of its terms."""
+    return [f"term = {term}", f"{force} = {force} + term", f"{size} = {size} + absolute(term)"]
 
 
 def scaled(sign: float, ratio: str, value: str) -> str:

@@ -29,13 +29,12 @@ from phnn.errors import InputRefused, OutputFailed
 from phnn.exporting.build import HOLDS, Hold, build
 from phnn.exporting.c import c_header, c_source
 from phnn.exporting.program import (
+    CONSTANTS_ABOUT,
     Constant,
     Field,
     Function,
     Printer,
     Program,
-    called,
-    constants_about,
     header,
     indented,
     one_line,
@@ -282,10 +281,8 @@ def write(program: Program, to: str, out: Path, given: Sequence[Path] = (), over
 def _setup_of(model: Model | Setup | Network | StoredModes) -> tuple[Setup, int]:
     if isinstance(model, Model):
         return model.setup, model.substeps
-    if isinstance(model, Setup):
-        return model, 1
-    if isinstance(model, Network):
-        return Setup(model), 1
+    if isinstance(model, Setup | Network):
+        return model if isinstance(model, Setup) else Setup(model), 1
     raise InputRefused(
         f"{type(model).__name__} cannot be exported: a model of phnn modes is a network first: "
         "export phnn.load(MODEL).to_network() from Python"
@@ -368,7 +365,7 @@ def python(program: Program) -> str:
     names = [n for n, _ in program.inputs]
     plain = ", ".join(["u", *(f"u_{n}" for n in names[1:])])
     lines = [f'"""{header(program)}\n"""', "", "import math", "", f"DT = {program.dt!r}  # sample time [s]"]
-    lines += ["", *(f"# {line}" for line in constants_about(program))]
+    lines += ["", *(f"# {line}" for line in CONSTANTS_ABOUT)]
     for constant in program.used_constants():
         value = constant.value
         shown = repr(value) if isinstance(value, float) else repr([list(row) for row in value])
@@ -487,21 +484,11 @@ class _Body(Printer):
         return self._called(list(self.results), value)
 
 
-def _constants(program: Program) -> list[str]:
-    lines = ["function c = constants()", *(f"% {line}" for line in constants_about(program))]
-    return [*lines, *map(_constant, program.used_constants()), "end"]
-
-
 def _constant(constant: Constant) -> str:
     value = constant.value
     rows = value if isinstance(value, tuple) else ()
     shown = "[" + "; ".join(", ".join(map(repr, row)) for row in rows) + "]" if rows else repr(value)
     return f"c.{constant.name} = {shown}; % {one_line(constant.about)}"
-
-
-def _fields(program: Program) -> list[str]:
-    """The function that makes an empty state: a structure keeps its fields, as code generation asks."""
-    return ["function s = empty_state()", *map(_field, program.used_fields()), "end"]
 
 
 def _field(field: Field) -> str:
@@ -523,21 +510,21 @@ def matlab(program: Program) -> dict[str, str]:
     block += [f"% {name.upper()}_SIMULINK Body of a MATLAB Function block with the sample time {program.dt!r} s."]
     block += ["persistent s", "if isempty(s)", f"    s = {name}_init({inputs});", "end"]
     block += [f"[s, y] = {name}_step(s, {inputs});", "end"]
+    # A structure keeps its fields, as code generation asks.
+    empty = ["function s = empty_state()", *map(_field, program.used_fields()), "end"]
     return {
-        f"{name}_init.m": _file(program, begin, "init", [_fields(program)]),
-        f"{name}_step.m": _file(program, step, "step", []),
+        f"{name}_init.m": _file(program, [begin, empty], "init"),
+        f"{name}_step.m": _file(program, [step], "step", "output"),
         f"{name}_simulink.m": "\n".join(block) + "\n",
     }
 
 
-def _file(program: Program, first: list[str], root: str, others: list[list[str]]) -> str:
-    """A file: its main function, and the functions of the program that it needs."""
-    needed = {root, *(["output"] if root == "step" else [])}
-    for name in reversed(program.functions):
-        if name in needed:
-            needed |= set(called(program.functions[name]))
-    functions = [f for f in program.functions.values() if f.name in needed]
-    parts = [first, *others, *(_Body(program, f).lines() for f in functions), _constants(program), _WHERE.splitlines()]
+def _file(program: Program, first: list[list[str]], *roots: str) -> str:
+    """A file: its own functions, and those of the program that it needs."""
+    constants = ["function c = constants()", *(f"% {line}" for line in CONSTANTS_ABOUT)]
+    constants += [*map(_constant, program.used_constants()), "end"]
+    bodies = (_Body(program, f).lines() for f in program.needed(*roots).values())
+    parts = [*first, *bodies, constants, _WHERE.splitlines()]
     return "\n\n".join("\n".join(part) for part in parts) + "\n"
 
 

@@ -41,8 +41,20 @@ from phnn.plot.panels import (
 from phnn.prediction import Predicted
 from phnn.recordings import Campaign, campaign_of
 from phnn.report.document import Location
-from phnn.report.figures import envelope, height_of, locations_into, telling_stretch
-from phnn.report.figures.style import AFTER, BEFORE, CATEGORIES, FAINT, INK, MEASURED, RC, literal, quiet_grid, say
+from phnn.report.figures import draw_trace, envelope, height_of, locations_into, telling_stretch
+from phnn.report.figures.style import (
+    AFTER,
+    BEFORE,
+    CATEGORIES,
+    FAINT,
+    INK,
+    MEASURED,
+    RC,
+    headroom,
+    literal,
+    quiet_grid,
+    say,
+)
 from phnn.report.formatting import DASH, finite, percent
 from phnn.trajectory import Trajectory
 
@@ -68,12 +80,8 @@ class Outputs:
     def draw(self, axes: Any = None) -> Panels:
         """(R, 2) axes: output and residual of each recording."""
         count = len(self.found)
-        columns = min(2, count)
         with rc_context(RC):
-            if axes is not None:
-                pairs = grid(axes, count, 2, 0.0, 0.0)
-            else:
-                pairs = _pairs(count, columns)
+            pairs = _pairs(count) if axes is None else grid(axes, count, 2, 0.0, 0.0)
             for (above, below), one in zip(pairs, self.found, strict=True):
                 _draw(above, below, one)
         return pairs
@@ -113,8 +121,9 @@ def compare(
     return Outputs(predictions(model, campaign, recordings)).draw(axes)
 
 
-def _pairs(count: int, columns: int) -> Panels:
+def _pairs(count: int) -> Panels:
     """(R, 2) axes of a new figure, pairs above each other."""
+    columns = min(2, count)
     rows = -(-count // columns)
     width = 10.1 if columns > 1 else 7.2
     panels = grid(None, 2 * rows, columns, width, 3.7 * rows, height_ratios=[2.3, 1.0] * rows)
@@ -139,10 +148,8 @@ def _draw(above: Axes, below: Axes, one: Predicted) -> None:
     usual = max(float(np.percentile(np.abs(error[part]), _USUAL)), _BAND * r.noise if r.noise_found else 0.0)
     left = scaled("residual", r.units.output, usual)
     for y, colour, name, width in ((r.y, MEASURED, "measured", 4.0), (one.y, AFTER, _legend(one), 1.2)):
-        index = envelope(y[part])
-        above.plot(time(r.t[part][index]), out(y[part][index]), color=colour, label=name, linewidth=width)
-    index = envelope(error[part])
-    below.plot(time(r.t[part][index]), left(error[part][index]), color=AFTER, linewidth=0.8)
+        draw_trace(above, time(r.t[part]), y[part], out.size, color=colour, label=name, linewidth=width)
+    draw_trace(below, time(r.t[part]), error[part], left.size, color=AFTER, linewidth=0.8)
     if r.noise_found:
         for edge in (-_BAND, _BAND):
             below.axhline(
@@ -150,11 +157,12 @@ def _draw(above: Axes, below: Axes, one: Predicted) -> None:
                 label="± 2 × noise" if edge > 0.0 else None,
             )  # fmt: skip
         below.legend(loc="upper right", borderaxespad=0.1)
-    _shade(below, one, part, time.size)
+    # The samples before the scored ones.
+    if part.start < one.scored.start < part.stop:
+        below.axvspan(*time(r.t[[part.start, one.scored.start]]), color=FAINT, alpha=0.6, linewidth=0, zorder=0)
     above.set_title(_title(one, part))
     above.set_ylabel(out.label)
-    low, high = above.get_ylim()
-    above.set_ylim(low, high + 0.2 * (high - low))
+    headroom(above, 0.2)
     above.legend(loc="upper left", ncols=2, borderaxespad=0.1)
     reach = float(left(usual)) or 1.0
     # Room for the legend above what is usual.
@@ -165,14 +173,6 @@ def _draw(above: Axes, below: Axes, one: Predicted) -> None:
         axes.margins(x=0.01)
         axes.set_xlim(*(float(time(t)) for t in r.t[part][[0, -1]]))
         quiet_grid(axes)
-
-
-def _shade(axes: Axes, one: Predicted, part: slice, size: float) -> None:
-    """Shade the samples before the scored ones."""
-    first = one.scored.start
-    if part.start < first < part.stop:
-        edges = one.recording.t[[part.start, first]] / size
-        axes.axvspan(edges[0], edges[1], color=FAINT, alpha=0.6, linewidth=0, zorder=0)
 
 
 def _legend(one: Predicted) -> str:
@@ -315,9 +315,8 @@ def _draw_loops(axes: Axes, title: str, some: Sequence[Predicted]) -> None:
     for number, one in enumerate(some):
         rows, u = one.recording.last_periods(1.0), one.recording.u
         for y, colour, name, width in ((one.recording.y, MEASURED, "measured", 4.0), (one.y, AFTER, "simulated", 1.2)):
-            index = envelope(y[rows])
-            axes.plot(
-                into(u[rows][index]), out(y[rows][index]), color=colour, linewidth=width,
+            draw_trace(
+                axes, into(u[rows]), y[rows], out.size, color=colour, linewidth=width,
                 label=name if number == 0 else None, zorder=2.0 if name == "measured" else 3.0,
             )  # fmt: skip
     axes.set_title(title)
@@ -366,8 +365,10 @@ class Locations:
 
     def tables(self) -> dict[str, pd.DataFrame]:
         """Locations, their shares, and which is best or tied with the best."""
-        scores = self.found.scores if self.found is not None else ()
-        rows = [(name, score, _rank(self.found, name)) for name, score in scores]
+        rows = []
+        if self.found is not None:
+            rank = {**dict.fromkeys(self.found.tied, "tied"), self.found.name: "best"}
+            rows = [(name, score, rank.get(name, "")) for name, score in self.found.scores]
         return {"": pd.DataFrame(rows, columns=["location", "share_of_explainable_residual_1", "rank"])}
 
 
@@ -401,12 +402,6 @@ def located(diagnosis: Diagnosis) -> Locations:
     name, *tied = diagnosis.places
     scores = tuple(sorted(diagnosis.location.scores.items(), key=lambda item: -item[1]))
     return Locations(Location(name, diagnosis.detail, tuple(tied), scores, (), (), ()))
-
-
-def _rank(found: Location | None, name: str) -> str:
-    if found is None or name not in (found.name, *found.tied):
-        return ""
-    return "best" if name == found.name else "tied"
 
 
 # Storages that have a colour of their own; the smallest others are joined.
@@ -556,7 +551,8 @@ def _draw_stored(axes: Axes, t: Array, found: Balance) -> None:
         bottom = top
     axes.plot(t[index], unit(found.total_stored[index]), color=INK, linewidth=0.9, label="all storages")
     columns = _NARROW if max(map(len, layers), default=0) < _SHORT else _WIDE
-    _headroom(axes, -(-(len(layers) + 1) // columns))
+    # Room for the rows of the legend.
+    headroom(axes, 0.1 + 0.15 * -(-(len(layers) + 1) // columns))
     axes.set_ylabel(unit.label)
     axes.legend(loc="upper left", ncols=columns, borderaxespad=0.1)
 
@@ -567,10 +563,9 @@ def _draw_powers(axes: Axes, t: Array, found: Balance) -> None:
     for values, colour, name, dashes in (
         (into, AFTER, "supplied", (None, None)), (out, BEFORE, "dissipated", (4, 1.5)),
     ):  # fmt: skip
-        index = envelope(values)
-        axes.plot(t[index], unit(values[index]), color=colour, linewidth=1.1, dashes=dashes, label=name)
+        draw_trace(axes, t, values, unit.size, color=colour, linewidth=1.1, dashes=dashes, label=name)
     axes.axhline(0.0, color=INK, linewidth=0.6)
-    _headroom(axes)
+    headroom(axes, 0.25)
     axes.set_ylabel(unit.label)
     axes.legend(loc="upper left", ncols=2, borderaxespad=0.1)
 
@@ -584,9 +579,8 @@ def _draw_cumulated(axes: Axes, t: Array, found: Balance) -> None:
     )
     unit = scaled("energy", "J", *(values for values, *_ in rows))
     for values, colour, name, style, width in rows:
-        index = envelope(values)
-        axes.plot(t[index], unit(values[index]), color=colour, linestyle=style, linewidth=width, label=name)
-    _headroom(axes)
+        draw_trace(axes, t, values, unit.size, color=colour, linestyle=style, linewidth=width, label=name)
+    headroom(axes, 0.25)
     axes.set_ylabel(unit.label)
     axes.legend(loc="upper left", ncols=3, borderaxespad=0.1)
 
@@ -596,13 +590,6 @@ def _draw_error(axes: Axes, t: Array, found: Balance) -> None:
     relative = found.error / found.turned_over if found.turned_over > 0.0 else found.error
     largest = float(np.abs(relative).max())
     exponent = int(np.floor(np.log10(largest))) if largest > 0.0 else 0
-    index = envelope(relative)
-    axes.plot(t[index], relative[index] / 10.0**exponent, color=INK, linewidth=0.9)
+    draw_trace(axes, t, relative, 10.0**exponent, color=INK, linewidth=0.9)
     axes.axhline(0.0, color=FAINT, linewidth=0.8, zorder=0)
     axes.set_ylabel(f"error over\nsupplied ($10^{{{exponent}}}$)")
-
-
-def _headroom(axes: Axes, rows: int = 1) -> None:
-    """Leave room for the rows of a legend."""
-    low, high = axes.get_ylim()
-    axes.set_ylim(low, high + (0.1 + 0.15 * rows) * (high - low))

@@ -7,11 +7,11 @@ field has its default.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 from phnn.errors import InputRefused
-from phnn.report.formatting import finite
+from phnn.report.formatting import Unit, display_unit, finite
 
 T = TypeVar("T")
 Number = float | None
@@ -221,6 +221,12 @@ class Document:
         """What the noise of a recording is."""
         return next((row for row in self.noise if row.name == name), None)
 
+    @property
+    def rmse_unit(self) -> Unit:
+        """One unit for all root mean squares: that of the largest, yet small ones keep digits."""
+        values = [s.rmse for row in self.fits for s in (row.before, row.after) if s.rmse is not None]
+        return display_unit(max(values, default=None), self.output_unit)
+
     def fit(self, name: str) -> FitRow | None:
         """The row of a recording."""
         return next((row for row in self.fits if row.name == name), None)
@@ -281,15 +287,9 @@ def _without_ratios(row: FitRow) -> FitRow:
 
 def _read(kind: type[T], entry: Any, **further: Any) -> T:
     """Return an entry as a dataclass; ``further`` are fields that it does not have itself."""
-    given, kinds = _mapping(entry), _kinds(kind)
+    given, kinds = _mapping(entry), get_type_hints(kind)
     found = {name: _value(kinds[name], given.get(name)) for name in kinds if name not in further}
     return kind(**{name: value for name, value in found.items() if value is not None}, **further)
-
-
-def _kinds(kind: type) -> dict[str, Any]:
-    """Return the type of every field of a dataclass."""
-    hints = get_type_hints(kind)
-    return {f.name: hints[f.name] for f in fields(kind)}
 
 
 def _value(kind: Any, value: Any) -> Any:

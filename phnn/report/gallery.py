@@ -158,18 +158,11 @@ def _drawing(
     return needed(f"figure {name}", drawn, None)
 
 
-def _worst_first(traces: Sequence[Trace], document: Document) -> list[Trace]:
-    def ratio(trace: Trace) -> float:
-        row = document.fit(trace.name)
-        return (row.before.residual_over_noise or 0.0) if row else 0.0
-
-    return sorted(traces, key=ratio, reverse=True)
-
-
 def _recordings(
     traces: Sequence[Trace], kind: str, document: Document, numbered: Callable[..., Drawing | None]
 ) -> tuple[tuple[Drawing, ...], int]:
-    chosen = _worst_first(traces, document)[:_MOST_DRAWN]
+    pairs = [(trace, document.fit(trace.name)) for trace in traces]
+    pairs.sort(key=lambda pair: (pair[1].before.residual_over_noise or 0.0) if pair[1] else 0.0, reverse=True)
     drawings: list[Drawing | None] = []
     units = document.input_unit, document.output_unit
     figures: list[Figure | None] = [None]
@@ -184,8 +177,7 @@ def _recordings(
     def shown(trace: Trace, fit: FitRow | None) -> str:
         return plots(view_of(trace, *units), fit)
 
-    for trace in chosen:
-        fit = document.fit(trace.name)
+    for trace, fit in pairs[:_MOST_DRAWN]:
         alt = f"{trace.name}: measured and modelled output in time and as a loop, error in time, spectrum of the error"
         stem, both = f"{kind}-{trace.name}", (trace, fit)
         drawings.append(numbered(stem, trace.name, alt, partial(draw, *both), partial(shown, *both)))

@@ -52,11 +52,6 @@ def _hashed(path: Path, name: str) -> FileHash | None:
         return None
 
 
-def python_version() -> str:
-    """Version of the interpreter."""
-    return platform.python_version()
-
-
 # Names of recordings that are listed; of more, the number is said.
 _LISTED = 16
 _PAPER_SHORT = (
@@ -78,21 +73,14 @@ _PAPER = """@article{diaz_modular,
   doi     = {10.1080/13873954.2025.2533294},
 }"""
 # What BibTeX takes for its own, as LaTeX writes it.
-_ESCAPES = {
-    "\\": r"\textbackslash{}",
-    "{": r"\{",
-    "}": r"\}",
-    "&": r"\&",
-    "%": r"\%",
-    "#": r"\#",
-    "_": r"\_",
-    "$": r"\$",
-}
+_ESCAPES = str.maketrans({"\\": r"\textbackslash{}"} | {letter: f"\\{letter}" for letter in "{}&%#_$"})
 
 
 def methods(diagnosis: Diagnosis) -> Methods:
     """Describe a finished diagnosis as the methods section of a paper would."""
-    sentences = (*_fitted(diagnosis), *_held_out(diagnosis), *_decided(diagnosis), *_found(diagnosis), _software())
+    packages = ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy", "numba"))
+    software = f"Software: phnn {version('phnn')} [1] with Python {platform.python_version()}, {packages}."
+    sentences = (*_fitted(diagnosis), *_held_out(diagnosis), *_decided(diagnosis), *_found(diagnosis), software)
     references = _references(diagnosis)
     return Methods(sentences, (f"phnn {version('phnn')}", _PAPER_SHORT, *references), bibtex(references))
 
@@ -113,10 +101,9 @@ def bibtex(references: Sequence[str]) -> str:
 
 
 def _entry(place: int, text: str) -> str:
-    escaped = "".join(_ESCAPES.get(letter, letter) for letter in text)
     year = re.search(r"\b(1[89]|20)\d\d\b", text)
     dated = f"\n  year = {{{year[0]}}}," if year else ""
-    return f"@misc{{reference_{place},\n  note = {{{escaped}}},{dated}\n}}"
+    return f"@misc{{reference_{place},\n  note = {{{text.translate(_ESCAPES)}}},{dated}\n}}"
 
 
 def _names(names: Sequence[str]) -> str:
@@ -184,21 +171,13 @@ def _decided(diagnosis: Diagnosis) -> list[str]:
 
 
 def _found(diagnosis: Diagnosis) -> list[str]:
-    elements = [words(c.effect.name) + _cited(diagnosis, c.effect.references) for c in diagnosis.claims]
+    # Numbers of references in brackets, after those of software and paper.
+    known, elements = _references(diagnosis), []
+    for c in diagnosis.claims:
+        numbers = ", ".join(str(known.index(r) + 3) for r in c.effect.references)
+        elements.append(words(c.effect.name) + (f" [{numbers}]" if numbers else ""))
     added = f"the final model adds {listing(elements)}" if elements else "nothing was added to the base model"
     before, after = (e.over_noise("confirmation") for e in (diagnosis.before, diagnosis.after))
     change = f"; on held-out recordings the residual goes from {ratio(before)} to {ratio(after)} times the noise"
-    known = before == before and all(r.noise_found for r in diagnosis.campaign.recordings)
-    return [f"The verdict is “{diagnosis.verdict}”: {added}{change if elements and known else ''}."]
-
-
-def _cited(diagnosis: Diagnosis, references: Sequence[str]) -> str:
-    """The numbers of references in brackets, after those of software and paper."""
-    known = _references(diagnosis)
-    numbers = [str(known.index(r) + 3) for r in references]
-    return f" [{', '.join(numbers)}]" if numbers else ""
-
-
-def _software() -> str:
-    packages = ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy", "numba"))
-    return f"Software: phnn {version('phnn')} [1] with Python {python_version()}, {packages}."
+    floors = before == before and all(r.noise_found for r in diagnosis.campaign.recordings)
+    return [f"The verdict is “{diagnosis.verdict}”: {added}{change if elements and floors else ''}."]

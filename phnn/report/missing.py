@@ -156,7 +156,7 @@ def binned(y: Array, place: NDArray[np.intp], owner: NDArray[np.intp], bins: int
 
 def _over_frequency(diagnosis: Diagnosis) -> Fingerprint | None:
     """Amplitude of the residuals over that of white noise, in bands of a constant ratio."""
-    rows: list[tuple[Array, Array, Array]] = []
+    rows: list[_Samples] = []
     for r in diagnosis.base.plan.recordings:
         mask = r.mask("identification")
         before, after = ((r.y - e.outputs[r.name])[mask] / r.noise for e in (diagnosis.before, diagnosis.after))
@@ -164,7 +164,7 @@ def _over_frequency(diagnosis: Diagnosis) -> Fingerprint | None:
         _, p_after = periodogram(after, 1.0 / r.dt, detrend="constant")
         # One-sided: white noise of unit variance has the density 2 Δt.
         rows.append((f[1:], p_before[1:] / (2.0 * r.dt), p_after[1:] / (2.0 * r.dt)))
-    f, before, after = (np.concatenate([row[i] for row in rows]) for i in range(3))
+    f, before, after = map(np.concatenate, zip(*rows, strict=True))
     if f.size < _BINS:
         return None
     edges = np.geomspace(float(f.min()), float(f.max()) * (1.0 + 1e-9), _BINS + 1)
@@ -270,7 +270,12 @@ def sentence(diagnosis: Diagnosis) -> str:
     if word == NONE:
         small = immaterial(diagnosis)
         if small is not None:
-            return immaterial_statement(small, diagnosis.campaign.recordings[0].units.output)
+            size = quantity(small.rms or 0.0, diagnosis.campaign.recordings[0].units.output)
+            return (
+                f"Nothing that matters is missing: {words(small.candidate) or 'something'} is statistically "
+                f"significant, but explains only {size} ({plain(small.share_of_noise, 2)} × noise). "
+                "The base model stands."
+            )
         stands = f"leaves {ratio(diagnosis.base.chi2**0.5)} × noise."
         if bare:
             stands = f"fits by {percent(mean_fit(diagnosis.before, 'identification'), 2)} %. {floorless(bare)}"
@@ -322,15 +327,6 @@ def floorless(names: Sequence[str]) -> str:
     more = " and others" if len(names) > _NAMED else ""
     return (
         f"No noise floor was found in {listing(names[:_NAMED])}{more}, so that no residual is compared with the noise."
-    )
-
-
-def immaterial_statement(small: Immaterial, unit: str) -> str:
-    """State an effect that is significant and too small to matter."""
-    size = f"{quantity(small.rms or 0.0, unit)} ({plain(small.share_of_noise, 2)} × noise)"
-    return (
-        f"Nothing that matters is missing: {words(small.candidate) or 'something'} is statistically significant, but "
-        f"explains only {size}. The base model stands."
     )
 
 
@@ -435,16 +431,23 @@ def _entry(diagnosis: Diagnosis, claim: Claim) -> dict[str, Any]:
             f" From {quantity(first, 's')} to {quantity(last, 's')} it grows by {growth:.2g} % in every decade."
         )
     if effect.title == "delay":
-        delayed = parameters[effect.parameters[0]].value
-        statement += one_row(delayed, min(r.dt for r in diagnosis.campaign.recordings))
+        rows = parameters[effect.parameters[0]].value / min(r.dt for r in diagnosis.campaign.recordings)
+        late = " It is one row: the data acquisition writes one of the two channels a row late."
+        statement += late if abs(rows - 1.0) <= _SAME_ROW else ""
+    # An effect's own score in the residual of the base model; its p-value is that times the number of candidates.
+    candidates = diagnosis.screened[0]
+    score = max((c.score for c in candidates if family(c.effect) == claim.name), default=0.0)
+    gain, held_out = diagnosis.gains[diagnosis.claims.index(claim)], None
+    if gain is not None:
+        held_out = {"before": gain.before, "after": gain.after, "p_value": gain.falls, "rms": gain.rms}
     return entry | {
         "probability": round(claim.probability, 4),
-        "held_out": _held_out(diagnosis, claim),
+        "held_out": held_out,
         "share_explained": claim.share,
         "location": effect.location,
         "place": place_of(effect, diagnosis.base.setup.network),
         "equivalent_to": names,
-        "p_value": _p_value(diagnosis, claim),
+        "p_value": chance(score, candidates) if candidates else 1.0,
         "statement": statement + (_UP_TO_FACTOR if free else "") + ("" if claim.claimed else _NOT_PROVEN),
         "equation": effect.equation if formula is None else formula.equation,
         "passive": effect.passive,
@@ -452,40 +455,13 @@ def _entry(diagnosis: Diagnosis, claim: Claim) -> dict[str, Any]:
     }
 
 
-def one_row(delay: float, interval: float) -> str:
-    """Return a sentence on a delay [s] that is one sampling interval [s]; empty on any other."""
-    if abs(delay / interval - 1.0) > _SAME_ROW:
-        return ""
-    return " It is one row: the data acquisition writes one of the two channels a row late."
-
-
-def _p_value(diagnosis: Diagnosis, claim: Claim) -> float:
-    """Return the p-value of an effect's own score in the residual of the base model, times the number of candidates."""
-    candidates = diagnosis.screened[0]
-    score = max((c.score for c in candidates if family(c.effect) == claim.name), default=0.0)
-    return chance(score, candidates) if candidates else 1.0
-
-
 def _estimates(final: Fit, names: Iterable[str]) -> dict[str, dict[str, Any]]:
     """Return value, standard error and 95 % interval of parameters, SI; null where they were not estimated."""
     parameters, std = final.setup.parameters, final.std()
     return {
-        n: {
-            "value": parameters[n].value,
-            "unit": parameters[n].unit,
-            "std": std.get(n),
-            "interval_95": final.interval(n),
-        }
-        for n in names
+        n: {"value": p.value, "unit": p.unit, "std": std.get(n), "interval_95": final.interval(n)}
+        for n, p in ((n, parameters[n]) for n in names)
     }
-
-
-def _held_out(diagnosis: Diagnosis, claim: Claim) -> dict[str, Any] | None:
-    """Return the gain of an element on held-out recordings; null without held-out recordings."""
-    gain = diagnosis.gains[diagnosis.claims.index(claim)]
-    if gain is None:
-        return None
-    return {"before": gain.before, "after": gain.after, "p_value": gain.falls, "rms": gain.rms}
 
 
 def _description(formula: Distilled, effect: Effect) -> dict[str, Any]:

@@ -22,13 +22,12 @@ from matplotlib.path import Path
 from matplotlib.textpath import TextPath
 
 from phnn.report import formatting, verdicts
-from phnn.report.document import Document, FitRow, Score
-from phnn.report.evidence import CandidateRow, Evidence, ModelRow, ParameterRow, Shares, Trace, base_note
-from phnn.report.formatting import Unit, display_unit, finite
+from phnn.report.document import Document, FitRow
+from phnn.report.evidence import CandidateRow, Evidence, Shares, Trace, base_note
+from phnn.report.formatting import display_unit, finite
 from phnn.report.gallery import Gallery
 
 if TYPE_CHECKING:
-    from phnn.diagnose.verdict import Applied
     from phnn.report.figures.style import Drawing
 
 Cell = str | float | bool | None
@@ -59,70 +58,50 @@ def _cell(value: Cell) -> str:
     return "" if number is None else repr(number)
 
 
-def data_link(text: str) -> str:
-    """A link that holds a csv text; the mark at its beginning tells a spreadsheet that it is UTF-8."""
-    return "data:text/csv;charset=utf-8;base64," + base64.b64encode(text.encode("utf-8-sig")).decode("ascii")
-
-
 def table_links(document: Document, evidence: Evidence, shares: Sequence[Shares]) -> Mapping[str, str]:
     """A link for each table that has rows, by its name."""
-    tables = {
-        "fit": _fit(document.fits, document.output_unit),
-        "parameters": _parameters(evidence.parameters),
-        "energy": _energy(shares),
-        "models": _models(evidence.models),
-        "tried": _tried(evidence.candidates),
-        "rules": _rules(evidence.rules),
-        "noise": (
-            ["recording", f"noise floor ({document.output_unit})"], [list(row) for row in document.noise_floor]
+    fit = [
+        [r.name, r.held_out, *(v for s in (r.before, r.after) for v in (s.fit_percent, s.rmse, s.residual_over_noise))]
+        for r in document.fits
+    ]
+    scores = ("fit (%)", f"RMSE ({document.output_unit})", "residual over noise")
+    kinds = shares[0].kinds if shares else ()
+    tables: dict[str, tuple[Sequence[str], Sequence[Sequence[Cell]]]] = {
+        "fit": (["recording", "held out", *(f"{which}: {x}" for which in ("before", "after") for x in scores)], fit),
+        "parameters": (
+            ["parameter", "meaning", "unit", "before", "after", "standard error", "95 % from", "95 % to", "remark"],
+            [
+                [r.name, r.description, r.unit, r.before, r.after, r.std, *(r.interval_95 or (None, None)), r.note]
+                for r in evidence.parameters
+            ],
         ),
-    }  # fmt: skip
-    return {name: data_link(csv_text(head, rows)) for name, (head, rows) in tables.items() if rows}
-
-
-_Table = tuple[list[str], list[list[Cell]]]
-
-
-def _fit(rows: Sequence[FitRow], unit: str) -> _Table:
-    scores = ("fit (%)", f"RMSE ({unit})", "residual over noise")
-    head = ["recording", "held out", *(f"{which}: {score}" for which in ("before", "after") for score in scores)]
-    return head, [[row.name, row.held_out, *_score(row.before), *_score(row.after)] for row in rows]
-
-
-def _score(score: Score) -> list[Cell]:
-    return [score.fit_percent, score.rmse, score.residual_over_noise]
-
-
-def _parameters(rows: Sequence[ParameterRow]) -> _Table:
-    head = ["parameter", "meaning", "unit", "before", "after", "standard error", "95 % from", "95 % to", "remark"]
-    return head, [
-        [r.name, r.description, r.unit, r.before, r.after, r.std, *(r.interval_95 or (None, None)), r.note]
-        for r in rows
-    ]
-
-
-def _energy(rows: Sequence[Shares]) -> _Table:
-    kinds = rows[0].kinds if rows else ()
-    return ["recording", "share of", *kinds], [[r.recording, r.base, *(r.parts[k] for k in kinds)] for r in rows]
-
-
-def _models(rows: Sequence[ModelRow]) -> _Table:
-    head = ["model", "chi2/N fitted", "chi2/N held out", "parameters", "probability", "converged", "final model"]
-    return head, [
-        [r.elements, r.left, r.left_held_out, r.parameters, r.probability, r.converged, r.chosen] for r in rows
-    ]
-
-
-def _tried(rows: Sequence[CandidateRow]) -> _Table:
-    head = ["effect", "location", "score", "predicted fall of chi2/N", "outcome"]
-    return head, [[r.effect, r.location, r.score, r.fall, r.outcome] for r in rows]
-
-
-def _rules(rows: Sequence[Applied]) -> _Table:
-    def numbers(row: Applied) -> str:
-        return "; ".join(f"{name} {value}" for name, value in row.numbers.items())
-
-    return ["rule", "numbers", "applies", "outcome"], [[r.rule, numbers(r), r.applies, r.outcome] for r in rows]
+        "energy": (
+            ["recording", "share of", *kinds],
+            [[r.recording, r.base, *(r.parts[k] for k in kinds)] for r in shares],
+        ),
+        "models": (
+            ["model", "chi2/N fitted", "chi2/N held out", "parameters", "probability", "converged", "final model"],
+            [
+                [r.elements, r.left, r.left_held_out, r.parameters, r.probability, r.converged, r.chosen]
+                for r in evidence.models
+            ],
+        ),
+        "tried": (
+            ["effect", "location", "score", "predicted fall of chi2/N", "outcome"],
+            [[r.effect, r.location, r.score, r.fall, r.outcome] for r in evidence.candidates],
+        ),
+        "rules": (
+            ["rule", "numbers", "applies", "outcome"],
+            [
+                [r.rule, "; ".join(f"{n} {v}" for n, v in r.numbers.items()), r.applies, r.outcome]
+                for r in evidence.rules
+            ],
+        ),
+        "noise": (["recording", f"noise floor ({document.output_unit})"], document.noise_floor),
+    }
+    # The mark at the beginning tells a spreadsheet that the text is UTF-8.
+    texts = {name: csv_text(head, rows).encode("utf-8-sig") for name, (head, rows) in tables.items() if rows}
+    return {n: f"data:text/csv;charset=utf-8;base64,{base64.b64encode(x).decode('ascii')}" for n, x in texts.items()}
 
 
 # What the example simulates where no recording says anything.
@@ -154,20 +133,14 @@ def scripts() -> Scripts:
     library = f"/*\n{content('vendor/uplot/LICENSE')}*/\n{content('vendor/uplot/uPlot.iife.min.js')}"
     texts = (library, content("live.js"))
     style = content("vendor/uplot/uPlot.min.css") + "\n" + content("report.css")
-    return Scripts(tuple(map(Markup, texts)), Markup(style), _policy(texts))
-
-
-def hash_source(text: str) -> str:
-    """A script or style as a policy names it: by the SHA-256 of its text."""
-    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode('ascii')}'"
-
-
-def _policy(texts: tuple[str, ...]) -> str:
-    """Styles stand in attributes, too (lengths of bars, colours of plots), which no hash can allow: any style may."""
-    return (
-        f"default-src 'none'; script-src {' '.join(map(hash_source, texts))}; style-src 'unsafe-inline'; "
+    hashes = (base64.b64encode(hashlib.sha256(text.encode()).digest()).decode("ascii") for text in texts)
+    named = (f"'sha256-{one}'" for one in hashes)
+    # Styles stand in attributes, too (lengths of bars, colours of plots), which no hash can allow: any style may.
+    policy = (
+        f"default-src 'none'; script-src {' '.join(named)}; style-src 'unsafe-inline'; "
         "img-src data:; base-uri 'none'; form-action 'none'"
     )
+    return Scripts(tuple(map(Markup, texts)), Markup(style), policy)
 
 
 def image(drawing: Drawing) -> Markup:
@@ -199,12 +172,6 @@ _LEAST = 0.01
 def plots_id(drawing: Drawing) -> str:
     """Name of the element that holds the traces of a drawing: the number of its file."""
     return f"traces-{drawing.file.partition('-')[0]}"
-
-
-def _error_unit(rows: Sequence[FitRow], unit: str) -> Unit:
-    """One unit for the whole column of root mean squares: that of the largest, yet small ones keep digits."""
-    values = [v for row in rows for v in (row.before.rmse, row.after.rmse) if v is not None]
-    return display_unit(max(values, default=None), unit)
 
 
 def _first(values: Sequence[float], unit: str) -> str:
@@ -251,20 +218,10 @@ def _environment() -> Environment:
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, loader=FunctionLoader(content)
     )
+    shown = ("number", "interval", "ratio", "percent", "p_value", "likelihood", "words", "listing")
+    environment.filters.update({name: getattr(formatting, name) for name in shown})
+    environment.filters.update({f.__name__: f for f in (symbol, image, svg_link, plots_id, formula)})
     environment.filters.update(
-        number=formatting.number,
-        interval=formatting.interval,
-        ratio=formatting.ratio,
-        symbol=symbol,
-        percent=formatting.percent,
-        p_value=formatting.p_value,
-        likelihood=formatting.likelihood,
-        words=formatting.words,
-        listing=formatting.listing,
-        image=image,
-        svg_link=svg_link,
-        plots_id=plots_id,
-        formula=formula,
         equivalence=verdicts.equivalence_sentence,
         passivity=verdicts.passive_sentence,
         heading=verdicts.missing_title,
@@ -302,7 +259,7 @@ def render_page(
             chances=_chances(document),
             frequencies=_first(location.frequencies_Hz, "Hz") if location else "",
             times=_first(location.times_s, "s") if location else "",
-            error_unit=_error_unit(document.fits, document.output_unit),
+            error_unit=document.rmse_unit,
             noise_unit=noise_unit,
             with_error=formatting.with_error,
             change=formatting.change,
@@ -315,7 +272,12 @@ def render_page(
 
 def usage(traces: Sequence[Trace], input_unit: str, output_unit: str) -> str:
     """A short program: a sine as large and as long as the first recording, simulated with the model beside the page."""
-    amplitude, seconds = _size(traces)
+    # Largest input and duration of the first recording; 1 and 1 s without one.
+    amplitude = seconds = 1.0
+    if traces and len(traces[0].t) >= 2:
+        first = traces[0]
+        amplitude = (finite(np.nanmax(np.abs(first.u))) if np.isfinite(first.u).any() else None) or 1.0
+        seconds = finite(first.t[-1] - first.t[0]) or 1.0
     lines = (
         ('model = phnn.load("model")', "the folder model/ beside this page"),
         (f"t = np.linspace(0.0, {seconds:.4g}, {_SAMPLES + 1})", "time [s]"),
@@ -325,16 +287,6 @@ def usage(traces: Sequence[Trace], input_unit: str, output_unit: str) -> str:
     width = max(len(code) for code, _ in lines)
     shown = "".join(f"{code:{width}}  # {remark}\n" for code, remark in lines)
     return f"import numpy as np\nimport phnn\n\n{shown}print(y.min(), y.max())\n"
-
-
-def _size(traces: Sequence[Trace]) -> tuple[float, float]:
-    """Largest input and duration of the first recording; 1 and 1 s without one."""
-    if not traces or len(traces[0].t) < 2:
-        return 1.0, 1.0
-    first = traces[0]
-    amplitude = finite(np.nanmax(np.abs(first.u))) if np.isfinite(first.u).any() else None
-    seconds = finite(first.t[-1] - first.t[0])
-    return amplitude or 1.0, seconds or 1.0
 
 
 _SIZE = 20.0  # points, the size in which glyphs are laid out
@@ -407,18 +359,9 @@ def _svg(line: str) -> Markup:
     left, top = box.x0 - margin, -box.y1 - margin
     width, height = box.width + 2.0 * margin, box.height + 2.0 * margin
     return Markup(
-        '<svg class="formula" role="img" aria-label="{label}" viewBox="{x:.2f} {y:.2f} {w:.2f} {h:.2f}" '
-        'style="width:{we:.3f}em;height:{he:.3f}em"><path fill="currentColor" d="{d}"/></svg>'
-    ).format(
-        label=line,
-        x=left,
-        y=top,
-        w=width,
-        h=height,
-        we=width / _SIZE,
-        he=height / _SIZE,
-        d=_outline(path),
-    )
+        '<svg class="formula" role="img" aria-label="{}" viewBox="{:.2f} {:.2f} {:.2f} {:.2f}" '
+        'style="width:{:.3f}em;height:{:.3f}em"><path fill="currentColor" d="{}"/></svg>'
+    ).format(line, left, top, width, height, width / _SIZE, height / _SIZE, _outline(path))
 
 
 def symbol(name: str) -> Markup:

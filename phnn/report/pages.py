@@ -26,7 +26,7 @@ from phnn.modal.study import EQUIVALENT, NAMED, NONE, UNKNOWN, HeldOut, Result, 
 from phnn.models.store import FILE
 from phnn.recordings.describe import facts
 from phnn.recordings.recording import Part, Recording
-from phnn.report.figures import envelope, style
+from phnn.report.figures import draw_trace, style
 from phnn.report.formatting import DASH, Unit, display_unit, plain, short, words
 from phnn.report.page import plain_page
 from phnn.results import Place
@@ -57,8 +57,7 @@ def draw_recorded(recording: Recording) -> Figure:
 
 
 def _in_time(axes: Axes, t: Array, x: Array, label: str, colour: str, parts: Sequence[Part]) -> None:
-    index = envelope(x)
-    axes.plot(t[index], x[index], color=colour, linewidth=0.9)
+    draw_trace(axes, t, x, color=colour, linewidth=0.9)
     for part in (p for p in parts if p.use == "confirmation"):
         axes.axvspan(t[part.first], t[part.last - 1], color=style.FAINT, alpha=0.5, linewidth=0, zorder=0)
     axes.set_ylabel(label)
@@ -225,12 +224,6 @@ def _draw(axes: Axes, power: tuple[Array, Array], unit: Unit, colour: str, label
     axes.loglog(power[0][some], np.sqrt(power[1][some]) / unit.scale, color=colour, linewidth=1.2, label=label)
 
 
-def resonance_title(result: Result) -> str:
-    """What that figure shows, in a sentence."""
-    levels = ", ".join(f"{short(level[0].amplitude)} {result.study.units[0]}" for level in result.study.levels)
-    return f"The resonance that moves most, at {levels}: measured (dots) and by one model (lines)."
-
-
 # What `phnn modes` writes into its folder.
 RESULTS = ("modes.json", "report.html", "figures", "model", "models")
 # Frequencies at two amplitudes belong to one mode if they differ by less than this.
@@ -241,13 +234,13 @@ def write_modes(result: Result, folder: str, place: Place) -> None:
     """Write document, figures and page into a folder."""
     (place / "modes.json").write_json(study_document(result))
     (place / "model" / FILE).write_json(model_document(result.final.fit, channels_of(result.study)))
+    levels = names_of(result.study.levels, result)
     with rc_context(style.RC):
         drawings = [
             style.Drawing(
                 "resonance.png",
-                resonance_title(result),
-                "the resonance that moves most",
-                style.png(draw_resonance(result)),
+                f"The resonance that moves most, at {', '.join(levels)}: measured (dots) and by one model (lines).",
+                "the resonance that moves most", style.png(draw_resonance(result)),
             ),
             style.Drawing(
                 "left.png", "Residuals of the models on held-out recordings, by frequency, all outputs together.",
@@ -264,8 +257,8 @@ def write_modes(result: Result, folder: str, place: Place) -> None:
         headline=headline,
         explanation=explanation,
         folder=folder,
-        levels=level_names(result),
-        apart=apart_names(result),
+        levels=levels,
+        apart=names_of(result.study.apart, result),
         unit=unit.name,
         models=rows(result, unit.scale),
         modes=_modes(result),
@@ -280,8 +273,12 @@ def show(result: Result, console: Console) -> None:
     """The headline and the table of models on a terminal."""
     headline, explanation = sentences(result)
     unit = display_unit(_largest(result), result.study.units[1])
-    columns = [c for level in level_names(result) for c in (f"left, {level} (%)", f"held out, {level} ({unit.name})")]
-    columns += [f"amplitude held out, {level} ({unit.name})" for level in apart_names(result)]
+    columns = [
+        c
+        for level in names_of(result.study.levels, result)
+        for c in (f"left, {level} (%)", f"held out, {level} ({unit.name})")
+    ]
+    columns += [f"amplitude held out, {level} ({unit.name})" for level in names_of(result.study.apart, result)]
     table = Table("at the ports", *columns)
     for name, cells in rows(result, unit.scale):
         table.add_row(name, *cells)
@@ -291,14 +288,9 @@ def show(result: Result, console: Console) -> None:
     console.print(escape(f"{headline}. {explanation}".strip()))
 
 
-def level_names(result: Result) -> list[str]:
+def names_of(levels: Sequence[Sequence[Experiment]], result: Result) -> list[str]:
     """Amplitudes with their unit."""
-    return [f"{short(level[0].amplitude)} {result.study.units[0]}" for level in result.study.levels]
-
-
-def apart_names(result: Result) -> list[str]:
-    """Amplitudes that are held out as a whole, with their unit."""
-    return [f"{short(level[0].amplitude)} {result.study.units[0]}" for level in result.study.apart]
+    return [f"{short(level[0].amplitude)} {result.study.units[0]}" for level in levels]
 
 
 def sentences(result: Result) -> tuple[str, str]:

@@ -8,6 +8,7 @@ from dataclasses import asdict, replace
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
+from platform import python_version
 from typing import Any
 
 import numpy as np
@@ -31,18 +32,9 @@ from phnn.integrate.residual import power_balance
 from phnn.network.roles import auxiliary, capacitances
 from phnn.parameters import FORCE_UNITS, Parameter, quantity
 from phnn.recordings.recording import ACTUATOR, Recording
-from phnn.report.evidence import (
-    Evidence,
-    LedgerRow,
-    ParameterRow,
-    PlausibleRow,
-    Provenance,
-    RivalRow,
-    Support,
-    Trace,
-)
+from phnn.report.evidence import Evidence, LedgerRow, ParameterRow, PlausibleRow, Provenance, RivalRow, Support, Trace
 from phnn.report.formatting import likelihood, listing, number, words
-from phnn.report.methods import methods, provenance, python_version
+from phnn.report.methods import methods, provenance
 from phnn.report.missing import candidate_rows, fingerprint, immaterial, missing_entries, model_rows, remains, sentence
 from phnn.report.verdicts import forces_known
 from phnn.report.write import write_report
@@ -59,27 +51,19 @@ _RIVALS = 8
 
 def supports(diagnosis: Diagnosis) -> tuple[Support, ...]:
     """Return one entry for each element, in the order of ``missing``."""
-    return tuple(_support(diagnosis, c) for c in diagnosis.claims)
-
-
-def _support(diagnosis: Diagnosis, claim: Claim) -> Support:
-    effect, before = claim.effect, diagnosis.final.setup.parameters
+    known, anchored = diagnosis.final.setup.parameters, forces_known(diagnosis)
     actuator = diagnosis.campaign.recordings[0].units == ACTUATOR
-    anchored = forces_known(diagnosis)
-    return Support(
-        effect=effect.name,
-        expected=effect.fingerprint,
-        seen=fingerprint(diagnosis, effect),
-        leaves=math.sqrt(diagnosis.chosen.left),
-        rivals=_rivals(diagnosis, claim),
-        separation=effect.separation,
-        references=effect.references,
-        plausible=tuple(
-            plausible_row(before[n], effect.plausible[n], before, anchored, actuator)
-            for n in effect.parameters
-            if not before[n].fixed
-        ),
-    )
+
+    def support(claim: Claim) -> Support:
+        effect = claim.effect
+        free = [n for n in effect.parameters if not known[n].fixed]
+        plausible = tuple(plausible_row(known[n], effect.plausible[n], known, anchored, actuator) for n in free)
+        return Support(
+            effect.name, effect.fingerprint, fingerprint(diagnosis, effect), math.sqrt(diagnosis.chosen.left),
+            _rivals(diagnosis, claim), effect.separation, effect.references, plausible,
+        )  # fmt: skip
+
+    return tuple(map(support, diagnosis.claims))
 
 
 def _rivals(diagnosis: Diagnosis, claim: Claim) -> tuple[RivalRow, ...]:
@@ -148,7 +132,7 @@ def next_experiment(proposal: NextExperiment | None) -> dict[str, Any] | None:
         return None
     e = proposal.experiment
     return {
-        "recording": proposal.experiment.words,
+        "recording": e.words,
         "separates": list(proposal.separates),
         "why": proposal.why,
         "separation": proposal.separation,
@@ -178,8 +162,17 @@ def no_proposal(diagnosis: Diagnosis) -> str:
         return ""
     tied = next((c for c in diagnosis.claims if c.alike), None)
     places = not diagnosis.claims and diagnosis.location is not None and diagnosis.location.tied
+    if tied is None and not places and diagnosis.verdict != UNKNOWN:
+        return ""
+    # Recordings whose absence `phnn check` reports.
+    lacks = [a.record for a in check(diagnosis.campaign).abilities if not a.able][:_LACKS]
     if tied is None and not places:
-        return _further(diagnosis) if diagnosis.verdict == UNKNOWN else ""
+        if not lacks:
+            return ""
+        return (
+            "No two models are left between which a recording could be computed to decide, and yet no name is proven. "
+            f"Recordings that these lack would narrow it down: {'; '.join(lacks)}."
+        )
     members = () if tied is None else (tied.effect, *tied.alike)
     if members:
         start = (
@@ -193,25 +186,8 @@ def no_proposal(diagnosis: Diagnosis) -> str:
             "the places that are tied have not two that fit better than the base model."
         )
     told = [f"For {words(e.name)}: {e.separation}" for e in members[:2]]
-    lacks = _lacks(diagnosis)
     also = f"These recordings also lack: {'; '.join(lacks)}." if lacks else ""
     return " ".join(x for x in (start, *told, also) if x)
-
-
-def _further(diagnosis: Diagnosis) -> str:
-    """Say what to record if nothing is tied and no name is proven."""
-    lacks = _lacks(diagnosis)
-    if not lacks:
-        return ""
-    return (
-        "No two models are left between which a recording could be computed to decide, and yet no name is proven. "
-        f"Recordings that these lack would narrow it down: {'; '.join(lacks)}."
-    )
-
-
-def _lacks(diagnosis: Diagnosis) -> list[str]:
-    """List the recordings whose absence `phnn check` reports."""
-    return [a.record for a in check(diagnosis.campaign).abilities if not a.able][:_LACKS]
 
 
 def write_waveform(proposal: NextExperiment | None, setup: Setup, unit: str, place: Place) -> None:
@@ -248,23 +224,14 @@ def statements(
         mask = max(chosen, key=np.count_nonzero)
         residual = ((r.y - outputs[r.name]) / r.noise)[mask]
         speed = (np.gradient(outputs[r.name], r.dt) / r.noise)[mask]
-        found[r.name] = noise_statement(
-            r.noise, r.noise_source, r.units.output, _sample(r, residual, speed, complete, plant)
-        )
+        # The residual if it is not significant, else the part that does not repeat, where there is one.
+        shown = residual if complete else difference(residual, r)
+        sample = None
+        if shown is not None:
+            step = quantisation_step(r.y) / r.noise
+            sample = Sample(shown, r.dt, speed[-shown.size :], step, plant, r.noise)
+        found[r.name] = noise_statement(r.noise, r.noise_source, r.units.output, sample)
     return found
-
-
-def _sample(
-    r: Recording, residual: Array, speed: Array, complete: bool, plant: Callable[[Array], Array] | None
-) -> Sample | None:
-    """Return the residual if it is not significant, else the part that does not repeat, or None."""
-    step = quantisation_step(r.y) / r.noise
-    if complete:
-        return Sample(residual, r.dt, speed, step, plant, r.noise)
-    changed = difference(residual, r)
-    if changed is None:
-        return None
-    return Sample(changed, r.dt, speed[-changed.size :], step, plant, r.noise)
 
 
 def plant_gain(setup: Setup) -> Callable[[Array], Array] | None:
@@ -359,18 +326,23 @@ def _told(diagnosis: Diagnosis, further: Sequence[Failure] = ()) -> dict[str, An
 def document(diagnosis: Diagnosis) -> dict[str, Any]:
     """``diagnosis.json`` as a mapping; numbers that are not finite become null, and so do parts that fail."""
     campaign = diagnosis.campaign
+    found = {r.name: r.noise_found for r in campaign.recordings}
     parts: dict[str, Callable[[], Any]] = {
         "test": lambda: _test(diagnosis),
         "probability": lambda: {n: round(p, 4) for n, p in diagnosis.probability.items() if p >= _TOLD or n == NONE},
         "missing": lambda: missing_entries(diagnosis),
         "remainder": lambda: _remainder(diagnosis),
         "location": lambda: _location(diagnosis),
-        "noise": lambda: _noise(diagnosis),
+        "noise": lambda: {n: s.document() | {"found": found[n]} for n, s in noise_statements(diagnosis).items()},
         "noise_floor": lambda: {r.name: r.noise for r in campaign.recordings},
         "numerical_error_sigma": lambda: diagnosis.error.sigma,
         "kernel_residual": lambda: diagnosis.kernel_residual,
         "units": lambda: campaign.recordings[0].units._asdict(),
-        "fit": lambda: _fit(diagnosis),
+        "fit": lambda: {
+            "before": diagnosis.before.table(),
+            "after": diagnosis.after.table() if diagnosis.final is not diagnosis.base else {},
+            "held_out": [p.name for p in diagnosis.before.parts if p.use == "confirmation"],
+        },
         "next_experiment": lambda: next_experiment(diagnosis.proposal),
         "versions": lambda: {"python": python_version()} | {name: version(name) for name in _PACKAGES},
         "rules": lambda: [r.document() for r in diagnosis.outcome.rules],
@@ -381,19 +353,6 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
     content |= {"seed": diagnosis.options.seed, "seconds": round(diagnosis.seconds, 2)}
     whole: dict[str, Any] = finite(content | _told(diagnosis))
     return whole
-
-
-def _noise(diagnosis: Diagnosis) -> dict[str, Any]:
-    known = {r.name: r for r in diagnosis.campaign.recordings}
-    return {n: s.document() | {"found": known[n].noise_found} for n, s in noise_statements(diagnosis).items()}
-
-
-def _fit(diagnosis: Diagnosis) -> dict[str, Any]:
-    return {
-        "before": diagnosis.before.table(),
-        "after": diagnosis.after.table() if diagnosis.final is not diagnosis.base else {},
-        "held_out": [p.name for p in diagnosis.before.parts if p.use == "confirmation"],
-    }
 
 
 def _test(diagnosis: Diagnosis) -> dict[str, Any]:

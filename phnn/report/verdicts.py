@@ -67,16 +67,14 @@ def ended_sentence(document: Document) -> str:
     """Say how a search ended that did not come to its end; empty for one that did."""
     ended, best = document.ended, "The answer is the best that was finished until then."
     left = f" Not tried, or not to the end: {listing(ended.not_tried)}." if ended.not_tried else ""
-    if ended.why == "seconds":
-        size = "" if ended.budget is None else f" of {ended.budget:g} s"
-        return f"The search ended early, because its time{size} was used up. {best}{left}"
-    if ended.why == "evaluations":
-        return f"The search ended early, because its number of evaluations was used up. {best}{left}"
-    if ended.why == "interrupted":
-        return f"The search was interrupted. {best}{left}"
-    if ended.why == "failure":
-        return f"The search ended early, because a part of it failed. {best}{left}"
-    return ""
+    size = "" if ended.budget is None else f" of {ended.budget:g} s"
+    ways = {
+        "seconds": f"ended early, because its time{size} was used up",
+        "evaluations": "ended early, because its number of evaluations was used up",
+        "interrupted": "was interrupted",
+        "failure": "ended early, because a part of it failed",
+    }
+    return f"The search {ways[ended.why]}. {best}{left}" if ended.why in ways else ""
 
 
 def lost_sentence(lost: Lost) -> str:

@@ -68,14 +68,11 @@ def _fit_table(document: Document) -> list[RenderableType]:
     rows = document.fits
     if not rows:
         return []
-    largest = max((score.rmse or 0.0 for row in rows for score in (row.before, row.after)), default=None)
-    unit = formatting.display_unit(largest, document.output_unit)
+    unit = document.rmse_unit
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
     table.add_column("recording", no_wrap=True, overflow="ellipsis", max_width=30)
-    for heading in ("fit %", f"RMSE {unit.name}", "× noise"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    if document.has_after:
-        for heading in ("→ fit %", f"RMSE {unit.name}", "× noise"):
+    for arrow in ("", "→ ") if document.has_after else ("",):
+        for heading in (f"{arrow}fit %", f"RMSE {unit.name}", "× noise"):
             table.add_column(heading, justify="right", no_wrap=True)
     for row in rows[:_MOST_ROWS]:
         cells = _cells(row.before, unit) + (_cells(row.after, unit) if document.has_after else [])

@@ -25,10 +25,12 @@ from phnn.report.figures.style import (
     FAINT,
     INK,
     MEASURED,
+    headroom,
     label,
     literal,
     new_figure,
     quiet_grid,
+    quiet_rows,
     say,
 )
 from phnn.report.formatting import Unit, display_unit, quantity, ratio, words
@@ -51,6 +53,12 @@ def envelope(
         return np.arange(count)
     width = -(-count // bins)
     return np.unique(np.concatenate(([0], extremes(y, width).ravel(), [count - 1])))
+
+
+def draw_trace(axes: Axes, x: np.ndarray, y: np.ndarray, size: float = 1.0, **style: Any) -> None:
+    """Draw ``y / size`` over ``x``, through its envelope."""
+    index = envelope(y)
+    axes.plot(x[index], y[index] / size, **style)
 
 
 def extremes(y: np.ndarray, width: int) -> np.ndarray:
@@ -110,14 +118,15 @@ class Spectrum:
     noise: float  # m/√Hz, white noise of the stated standard deviation
 
 
+def runs(mask: np.ndarray) -> list[slice]:
+    """The stretches of true values."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], mask.astype(bool), [False])).astype(np.int8)))
+    return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
 def longest_run(mask: np.ndarray) -> slice:
     """The longest stretch of true values (empty where there is none)."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], mask.astype(bool), [False])).astype(np.int8)))
-    if edges.size == 0:
-        return slice(0, 0)
-    first, last = edges[::2], edges[1::2]
-    best = int(np.argmax(last - first))
-    return slice(int(first[best]), int(last[best]))
+    return max(runs(mask), key=lambda run: run.stop - run.start, default=slice(0, 0))
 
 
 def residual_spectrum(
@@ -235,10 +244,7 @@ def error_limits(view: View) -> tuple[float, str]:
 
 def unscored(scored: np.ndarray) -> list[slice]:
     """Stretches that were not scored, none where nothing was."""
-    if not scored.any():
-        return []
-    edges = np.flatnonzero(np.diff(np.concatenate(([True], scored, [True])).astype(np.int8)))
-    return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    return runs(~scored) if scored.any() else []
 
 
 _TIED = "#8fb8d8"
@@ -279,10 +285,8 @@ def locations_into(axes: Axes, location: Location) -> None:
         tick.set_color(INK)
     axes.set_xlim(min(0.0, *values, 0.0), 1.08 * max(1.0, *values, 1.0))
     axes.set_ylim(len(values) - 0.4, -0.6)
-    axes.tick_params(axis="y", length=0)
-    axes.spines["left"].set_visible(False)
     axes.axvline(0.0, color="#8f969c", linewidth=0.8)
-    quiet_grid(axes, "x")
+    quiet_rows(axes)
     label = "share of the explainable residual, predicted on recordings left out (1 = all of it)"
     best = dict(location.scores).get(location.name)
     if best is not None and max(values) > best:
@@ -303,31 +307,34 @@ def locations_into(axes: Axes, location: Location) -> None:
 _MARGINS = {"left": 0.072, "right": 0.992, "bottom": 0.09, "top": 0.95, "wspace": 0.175, "hspace": 0.38}
 
 
-def _time_panel(axes: Axes, view: View) -> None:
-    trace, part = view.trace, view.stretch
-    t = trace.t[part]
-    series = [(trace.measured, MEASURED, "measured", 4.0, "-"), (trace.before, BEFORE, view.names[0], 1.5, (0, (4, 2)))]
+def _series(view: View) -> list[tuple[np.ndarray, str, str, float, Any]]:
+    """What is drawn of the outputs: values, colour, name, width and style of the line."""
+    trace = view.trace
+    series: list[tuple[np.ndarray, str, str, float, Any]] = [
+        (trace.measured, MEASURED, "measured", 4.0, "-"),
+        (trace.before, BEFORE, view.names[0], 1.5, (0, (4, 2))),
+    ]
     if view.changed:
         series.append((trace.after, AFTER, view.names[1], 1.1, "-"))
-    for y, colour, name, width, style in series:
-        index = envelope(y[part])
-        values = y[part][index] / view.output.scale
-        axes.plot(t[index], values, color=colour, label=name, linewidth=width, linestyle=style)
+    return series
+
+
+def _time_panel(axes: Axes, view: View) -> None:
+    part = view.stretch
+    t = view.trace.t[part]
+    for y, colour, name, width, style in _series(view):
+        draw_trace(axes, t, y[part], view.output.scale, color=colour, label=name, linewidth=width, linestyle=style)
     axes.set_title("In time" if view.whole else "In time, where the base model is worst")
     axes.set_ylabel(view.output_label)
     axes.set_xlabel("time (s)")
     axes.margins(x=0.01)
-    low, high = axes.get_ylim()
-    axes.set_ylim(low, high + 0.16 * (high - low))
+    headroom(axes, 0.16)
     axes.legend(loc="upper left", ncols=3, borderaxespad=0.1, columnspacing=1.2)
 
 
 def _loop_panel(axes: Axes, view: View) -> None:
     trace, part = view.trace, view.stretch
-    series = [(trace.measured, MEASURED, 4.0, "-"), (trace.before, BEFORE, 1.5, (0, (4, 2)))]
-    if view.changed:
-        series.append((trace.after, AFTER, 1.1, "-"))
-    for y, colour, width, style in series:
+    for y, colour, _, width, style in _series(view):
         axes.plot(trace.u[part], y[part] / view.output.scale, color=colour, linewidth=width, linestyle=style)
     axes.set_title("Loop" if view.whole else "Loop, same stretch")
     axes.set_xlabel(view.input_label)
@@ -345,9 +352,8 @@ def _error_panel(axes: Axes, view: View, fit: FitRow | None) -> None:
     if view.changed:
         series.append((view.error_after, AFTER, view.names[1], levels[1]))
     for y, colour, name, level in series:
-        index = envelope(y)
         text = name if level is None else f"{name}: {ratio(level)} × noise"
-        axes.plot(trace.t[index], y[index] / scale, color=colour, linewidth=0.8, label=text)
+        draw_trace(axes, trace.t, y, scale, color=colour, linewidth=0.8, label=text)
     limit, remark = error_limits(view)
     limit /= scale
     axes.set_ylim(-limit, 1.3 * limit)
@@ -358,19 +364,13 @@ def _error_panel(axes: Axes, view: View, fit: FitRow | None) -> None:
         edges = trace.t[view.stretch][[0, -1]]
         axes.plot(edges, [1.04 * limit] * 2, color=INK, linewidth=3.0, solid_capstyle="butt", zorder=5)
     axes.set_title("Error (measured − model)")
-    axes.set_xlabel(_error_caption(view, remark))
+    remarks = [remark] if remark else []
+    remarks += [] if view.whole else ["bar: stretch above"]
+    remarks += [] if trace.scored.all() else ["pale: not scored"]
+    axes.set_xlabel("time (s)" + (f" – {'; '.join(remarks)}" if remarks else ""))
     axes.set_ylabel(f"error ({view.error.name})")
     axes.margins(x=0.01)
     axes.legend(loc="upper left", ncols=3, borderaxespad=0.1, columnspacing=1.2)
-
-
-def _error_caption(view: View, remark: str) -> str:
-    remarks = [remark] if remark else []
-    if not view.whole:
-        remarks.append("bar: stretch above")
-    if not view.trace.scored.all():
-        remarks.append("pale: not scored")
-    return "time (s)" + (f" – {'; '.join(remarks)}" if remarks else "")
 
 
 def _spectrum_panel(axes: Axes, view: View) -> None:
@@ -398,12 +398,6 @@ def _spectrum_panel(axes: Axes, view: View) -> None:
     axes.set_ylabel(f"error ({view.error.name}/√Hz)")
 
 
-def _panels() -> Figure:
-    figure = new_figure(10.1, 5.5, constrained=False)
-    figure.subplots(2, 2, width_ratios=[1.75, 1.0], gridspec_kw=_MARGINS)
-    return figure
-
-
 def _emptied(figure: Figure) -> Figure:
     """The panels as they were before anything was drawn into them, but with their ticks, which take longest to make."""
     for axes in figure.axes:
@@ -425,7 +419,11 @@ def draw_recording(
         reused: the figure of another recording, no longer needed: it is emptied and drawn anew.
     """
     view = view_of(trace, input_unit, output_unit)
-    figure = _panels() if reused is None else _emptied(reused)
+    if reused is None:
+        figure = new_figure(10.1, 5.5, constrained=False)
+        figure.subplots(2, 2, width_ratios=[1.75, 1.0], gridspec_kw=_MARGINS)
+    else:
+        figure = _emptied(reused)
     time, loop, error, spectrum = figure.axes
     _time_panel(time, view)
     _loop_panel(loop, view)
@@ -434,11 +432,6 @@ def draw_recording(
     for axes in figure.axes:
         quiet_grid(axes)
     return figure
-
-
-def _by_rows(items: list[Any], columns: int) -> list[Any]:
-    """A legend fills its columns one after the other: reorder so that it reads along its rows."""
-    return [item for column in range(columns) for item in items[column::columns]]
 
 
 def draw_ledger(rows: Sequence[Shares]) -> Figure:
@@ -473,27 +466,23 @@ def draw_ledger(rows: Sequence[Shares]) -> Figure:
     axes.set_xlim(min(left) * 1.05, max(max(right) * 1.02, 102.0))
     axes.axvline(100.0, color="#4d555c", linewidth=0.9, dashes=(3, 2))
     axes.axvline(0.0, color="#8f969c", linewidth=0.8)
-    axes.tick_params(axis="y", length=0)
-    axes.spines["left"].set_visible(False)
-    quiet_grid(axes, "x")
+    quiet_rows(axes)
     supplied = all(row.base == SUPPLIED for row in rows)
     axes.set_xlabel(f"share of the {'energy supplied' if supplied else 'largest flow of energy'} (%)")
-    handles = _by_rows(axes.get_legend_handles_labels()[0], 4)
+    # A legend fills its columns one after the other: in this order it reads along its rows.
+    bars = axes.get_legend_handles_labels()[0]
+    handles = [bar for column in range(4) for bar in bars[column::4]]
     axes.legend(handles=handles, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, borderaxespad=0.2)
     return figure
-
-
-def _positions(rows: Sequence[FitRow]) -> list[float]:
-    """A gap between the held-out recordings and the others."""
-    gap = 0.7 if any(r.held_out for r in rows) and not all(r.held_out for r in rows) else 0.0
-    return [i + (0.0 if row.held_out else gap) for i, row in enumerate(rows)]
 
 
 def draw_overview(rows: Sequence[FitRow]) -> Figure:
     """Dots joined by a line for each recording, held-out recordings on top; 1 is the noise floor."""
     figure = new_figure(9.0, 1.0 + 0.29 * max(len(rows), 3))
     axes = figure.subplots()
-    places = _positions(rows)
+    # A gap between the held-out recordings and the others.
+    gap = 0.7 if any(r.held_out for r in rows) and not all(r.held_out for r in rows) else 0.0
+    places = [i + (0.0 if row.held_out else gap) for i, row in enumerate(rows)]
     values = []
     for place, row in zip(places, rows, strict=True):
         pair = [s.residual_over_noise for s in (row.before, row.after)]
@@ -519,9 +508,7 @@ def draw_overview(rows: Sequence[FitRow]) -> Figure:
     for tick, row in zip(axes.get_yticklabels(), rows, strict=True):
         tick.set_fontweight("bold" if row.held_out else "normal")
     axes.set_ylim((places[-1] if places else 0.0) + 0.6, -0.6)
-    axes.tick_params(axis="y", length=0)
-    axes.spines["left"].set_visible(False)
-    quiet_grid(axes, "both")
+    quiet_rows(axes, "both")
     subs = (1.0, 2.0, 5.0) if high / low < 300.0 else (1.0,)
     axes.xaxis.set_major_locator(LogLocator(base=10.0, subs=subs))
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))

@@ -165,6 +165,19 @@ def quiet_grid(axes: Axes, axis: str = "both") -> None:
     axes.grid(True, axis=axis, which="major")  # type: ignore[arg-type]
 
 
+def quiet_rows(axes: Axes, axis: str = "x") -> None:
+    """Rows that have a name each, without an axis beside the names, on a faint grid."""
+    axes.tick_params(axis="y", length=0)
+    axes.spines["left"].set_visible(False)
+    quiet_grid(axes, axis)
+
+
+def headroom(axes: Axes, share: float) -> None:
+    """Leave room for a legend above the data, as a share of their height."""
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, high + share * (high - low))
+
+
 def say(axes: Axes, text: str) -> None:
     """A sentence in place of data."""
     axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color="#6a7278", wrap=True)
