@@ -292,7 +292,8 @@ def simulate(
     theta = program.theta(network)
     driving = driving_of(recording, substeps, method)
     lead, nodes = driving.lead, np.concatenate([[0], np.cumsum(driving.counts)])
-    h, cycle = np.repeat(recording.dt / driving.counts, driving.counts), int(nodes[recording.cycle])
+    h = np.repeat(recording.dt * driving.lengths / driving.counts, driving.counts)
+    cycle = int(nodes[recording.cycle])
     fine, u, held = _port_inputs(setup, network, recording, driving, h, cycle)
     rest = None if cycle or initial is not None else held
     x0 = initial

@@ -49,7 +49,8 @@ def digest(campaign: Campaign) -> str:
         found.update(repr((*facts, *known, sorted(r.channels), sorted(r.further))).encode())
         others = [values for _, values in (*sorted(r.channels.items()), *sorted(r.further.items()))]
         instants = [] if r.instants is None else [r.instants]
-        for values in (r.t, r.u, r.y, r.noise_correlation, *others, *instants):
+        seen = [] if r.seen is None else [r.seen]
+        for values in (r.t, r.u, r.y, r.noise_correlation, *others, *instants, *seen):
             found.update(np.ascontiguousarray(values).tobytes())
     found.update(repr((sorted(campaign.setup.items()), sorted(campaign.known.items()))).encode())
     return found.hexdigest()

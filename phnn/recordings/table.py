@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -66,6 +66,8 @@ class Table:
         notes: what was left out of the file, and why.
         segments: rows with which a further recording begins, where the file tells.
         shape: realisations, periods and samples of an array of a periodic experiment, which stand one after another.
+        stamps: name of the column of dates, in seconds since the first; empty where there is none.
+        own: by name of a column, (N,) at which rows it was sampled, where other columns have clocks of their own.
     """
 
     where: Where
@@ -75,6 +77,8 @@ class Table:
     notes: tuple[str, ...] = ()
     shape: tuple[int, ...] = ()
     segments: tuple[int, ...] = ()
+    stamps: str = ""
+    own: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def with_columns_of(self, other: Table) -> Table:
         """The columns of both, those of the other where they share a name, with its segments."""
