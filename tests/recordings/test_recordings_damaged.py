@@ -32,7 +32,7 @@ T, U = sine(10.0, 75.0, samples=120)
 COLUMNS = {"time_s": T, "voltage_V": U, "displacement_um": output(U) * 1e6}
 NAMES = list(COLUMNS)
 # A short number among long ones.
-COLUMNS["displacement_um"][7] = 0.0
+COLUMNS["displacement_um"][7] = 16.5
 # Bytes that a value takes at least, whatever the format.
 SHORTEST = 4
 # What one damaged place may change beside the rows that it covers: those it begins and ends in.
