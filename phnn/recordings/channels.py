@@ -22,12 +22,13 @@ from phnn.recordings.units import (
     to_si,
 )
 
-
 # What loggers write for a value that is missing, or beyond a counter.
 MARKS = (-99.0, -999.0, -9999.0, -99999.0, 999.0, 9999.0, 99999.0, 65535.0, 32767.0, -32768.0, 2147483647.0,
          -2147483648.0, 4294967295.0)  # fmt: skip
 # A mark lies off all other numbers by this share of their range; a glitch off its neighbours by these multiples of what
 # 99 of 100 samples do and of the steps of a converter, and by this share of the range.
+# How many values a column has beside such a mark: an input on a few levels may have any of them.
+_VALUES = 10
 _APART, _TIMES_OFF, _STEPS, _SHARE = 0.5, 50.0, 20.0, 0.02
 # Ranges after which angles and counters start again; the share of it that a signal covers, and that it may jump.
 _TURNS = (360.0, 2.0 * np.pi, 400.0, 1.0, 100.0, 1000.0, 3600.0, *(2.0**k for k in range(8, 33)))
@@ -86,17 +87,19 @@ def _channel(table: Table, quantity: str, said: Column, name: str, spoken_for: M
     label = table.label(index)
     if said.place is not None and table.names[index] == "":
         label = f"column {said.place}"
-    unit = "s" if quantity == "time" and table.names[index] == table.stamps else _unit(table, index, quantity, said)
+    unit, notes = "s", ()
+    if quantity != "time" or table.names[index] != table.stamps:
+        unit, notes = _unit(table, index, quantity, said)
     where, marked = f"{name} ({label})", np.zeros(0, dtype=bool)
     values = table.numbers(index)
     if quantity != "time":
         values, marked = _without_marks(values, said, where, table.where, quantity not in DRIVING)
     checks.finite(values, where, table.where, f"columns: {{{quantity}: {{missing: {EMPTY}}}}}")
-    own, notes = table.own.get(table.names[index]), ()
+    own = table.own.get(table.names[index])
     if marked.any():
         own = ~marked if own is None else own & ~marked
         row = table.where.row(int(np.argmax(marked)))
-        notes = (f"{where}: {int(marked.sum())} values masked, the first in {row}",)
+        notes = (*notes, f"{where}: {int(marked.sum())} values masked, the first in {row}")
     factor = said.scale * known_unit(unit).factor
     return Channel(to_si(said.scale * values, unit), label, unit, factor, own, notes)
 
@@ -117,10 +120,10 @@ def _without_marks(
         return values, np.zeros(values.size, dtype=bool)
     for mark in MARKS:
         others = good[good != mark]
-        if others.size in (0, good.size):
+        if others.size in (0, good.size) or np.unique(others).size < _VALUES:
             continue
         far = max(others.min() - mark, mark - others.max())
-        if far > _APART * max(float(np.ptp(others)), abs(float(others[0])), 1e-300):
+        if far > _APART * float(np.ptp(others)):
             row = int(np.flatnonzero((values == mark) & ~marked)[0])
             raise InputRefused(
                 f"{where}: {label}, {where.row(row)}: {good.size - others.size} values of {mark:g}, all others lie "
@@ -174,7 +177,7 @@ def _wraps(x: np.ndarray) -> float | None:
 def _glitches(x: np.ndarray) -> np.ndarray:
     """Return single samples that lie far off both neighbours, to one side."""
     before, after = x[1:-1] - x[:-2], x[1:-1] - x[2:]
-    off = np.where(before * after > 0.0, np.minimum(np.abs(before), np.abs(after)), 0.0)
+    off = np.where(np.sign(before) == np.sign(after), np.minimum(np.abs(before), np.abs(after)), 0.0)
     usual = float(np.quantile(off, 0.99))
     middle = float(np.median(off[off > 0.0])) if (off > 0.0).any() else 0.0
     spread = float(np.ptp(np.quantile(x, [0.005, 0.995])))
@@ -205,17 +208,30 @@ def _by_name(table: Table, quantity: str, spoken_for: Mapping[int, Column]) -> i
     return known[0] if known else None
 
 
-def _unit(table: Table, index: int, quantity: str, said: Column) -> str:
-    """Return the unit of a column: what the manifest says wins over what its name says."""
-    named, stated = stated_by_name(table.names[index], quantity), said.unit
+def _unit(table: Table, index: int, quantity: str, said: Column) -> tuple[str, tuple[str, ...]]:
+    """Return the unit of a column, and what is said of others: that of the manifest wins over what the file states.
+
+    Raises:
+        InputRefused: the file contradicts itself, or there is no unit.
+    """
+    name = table.names[index]
+    named, beside, stated = stated_by_name(name, quantity), table.units.get(name), said.unit
     where = f"{table.where}: {table.label(index)}"
-    # Whoever states a scale has looked at the numbers.
-    if stated is not None and said.scale == 1.0 and suits(quantity, named) and _differ(stated, named or "", quantity):
+    if stated is not None:
+        # Whoever states a scale has looked at the numbers.
+        others = [
+            u
+            for u in (named, beside)
+            if said.scale == 1.0 and suits(quantity, u) and _differ(stated, u or "", quantity)
+        ]
+        notes = tuple(f"{name}: the file says {u}, recordings.yaml says {stated}, which counts" for u in others)
+        return check_unit(quantity, stated, where), notes
+    if named is not None and beside is not None and suits(quantity, beside) and _differ(named, beside, quantity):
         raise InputRefused(
-            f"{where}: the name says {named}, recordings.yaml says {stated}: make them agree, or leave out the latter; "
-            f"where the name is wrong, rename the column, or write its true unit by a scale (unit: {named}, scale: ...)"
+            f"{where}: the name says {named}, what stands beside it {beside}: correct one, or say which counts in "
+            f"recordings.yaml, columns: {{{quantity}: {{column: {name}, unit: {named}}}}}"
         )
-    return check_unit(quantity, stated if stated is not None else named, where)
+    return check_unit(quantity, beside if named is None else named, where), ()
 
 
 def _differ(one: str, other: str, quantity: str) -> bool:

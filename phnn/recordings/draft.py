@@ -368,7 +368,8 @@ def _sampled(
     found = stamped(time.values[first:last], known_unit(time.unit).factor, values, where, entry.input == "zero_order")
     checks.enough_samples(found.t.size, where)
     rate, interval = entry.sample_rate_hz, float(np.median(np.diff(found.t)))
-    notes = list(found.notes)
+    # Where channels have clocks of their own, their union has uneven intervals.
+    notes = [] if table.own else list(found.notes)
     if rate is not None and abs(rate * interval - 1.0) > _RATE:
         notes.append(
             f"sample_rate_hz {rate:g} is not used: the times are {interval:.6g} s apart ({1 / interval:.6g} Hz)"

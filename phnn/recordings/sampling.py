@@ -18,6 +18,8 @@ _NEGLIGIBLE = 1e-4  # of the interval: moving a sample by less changes nothing t
 _LARGEST_ROUNDING = 0.05  # of the interval
 # Share of the rows that may be out of order or repeated, where sorting repairs them.
 _DISORDER = 0.05
+# Share of the usual interval that a row which was out of order keeps to its neighbours.
+_ROOM = 0.3
 # An interval of more usual ones than the first is a gap, over which an input that is not held is interpolated up to the
 # second; beyond it, what drove the system is not known.
 _GAP, _BRIDGED = 1.5, 12.0
@@ -83,8 +85,14 @@ def _in_order(t: Array, channels: Mapping[str, Array], where: Where) -> tuple[Ar
     if (steps > 0.0).all():
         return t, np.arange(t.size), ()
     usual, back = float(np.median(np.abs(steps))), np.flatnonzero(steps < 0.0)
-    far = back.size and (back.size > _DISORDER * t.size or float(-steps.min()) > _BRIDGED * usual)
+    far = back.size > 0 and (back.size > _DISORDER * t.size or float(-steps.min()) > _BRIDGED * usual)
     order = np.arange(t.size) if far else np.argsort(t, kind="stable")
+    if back.size and not far:
+        # A row that was written late leaves room for itself; a time that is wrong comes close to another.
+        moved = np.flatnonzero(order != np.arange(t.size))
+        close = np.diff(t[order])[np.clip([moved - 1, moved], 0, t.size - 2)]
+        far = bool((close[close > 0.0] < _ROOM * usual).any())
+        order = np.arange(t.size) if far else order
     again = np.flatnonzero(np.diff(t[order]) == 0.0) + 1
     same = all(np.array_equal(x[order[again]], x[order[again - 1]]) for x in channels.values())
     if far or not same or again.size > _DISORDER * t.size:

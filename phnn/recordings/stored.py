@@ -20,12 +20,14 @@ class Stored:
     name: of the array, groups before it.
     shape, dtype: as the file states them.
     load: reads the numbers; raises InputRefused where they are damaged or too large.
+    unit: that the file states beside the name; empty where it states none.
     """
 
     name: str
     shape: tuple[int, ...]
     dtype: np.dtype
     load: Callable[[], np.ndarray]
+    unit: str = ""
 
 
 def lazily(stored: Stored) -> Callable[[], np.ndarray]:

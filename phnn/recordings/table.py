@@ -69,6 +69,7 @@ class Table:
         segments: rows with which a further recording begins, where the file tells.
         shape: realisations, periods and samples of an array of a periodic experiment, which stand one after another.
         stamps: name of the column of dates, in seconds since the first; empty where there is none.
+        units: by name of a column, what is stated beside it.
         own: by name of a column, (N,) at which rows it was sampled, where other columns have clocks of their own.
     """
 
@@ -80,6 +81,7 @@ class Table:
     shape: tuple[int, ...] = ()
     segments: tuple[int, ...] = ()
     stamps: str = ""
+    units: Mapping[str, str] = field(default_factory=dict)
     own: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def with_columns_of(self, other: Table) -> Table:
@@ -231,7 +233,7 @@ def _epoch_scale(column: np.ndarray, name: str) -> float:
     if name.strip().lower() not in _EPOCH_NAMES or not column.size or not np.isfinite(column).all():
         return 0.0
     scales = (1.0, 1e3, 1e6, 1e9)
-    return next((s for s in scales if _EPOCH <= column.min() / s and column.max() / s <= _LATEST), 0.0)
+    return next((s for s in scales if column.min() / s >= _EPOCH and column.max() / s <= _LATEST), 0.0)
 
 
 def beside(tables: Sequence[Table]) -> Table:
@@ -258,4 +260,7 @@ def beside(tables: Sequence[Table]) -> Table:
         tuple(n for t in tables for n in t.notes),
         first.shape,
         first.segments,
+        next((t.stamps for t in tables if t.stamps), ""),
+        {n: u for t in tables for n, u in t.units.items()},
+        {n: rows for t in tables for n, rows in t.own.items()},
     )

@@ -204,9 +204,11 @@ def _footer(last: Sequence[str], dialect: Dialect) -> list[str]:
         return (
             not line.strip()
             or line.strip()[0] in _MARKS
-            or any(c.isalpha() for c in head)
-            and not dialect.is_row(line)
-            and len([c for c in cells if dialect.is_number(c)]) < max(len(dialect.numeric), 2)
+            or (
+                any(c.isalpha() for c in head)
+                and not dialect.is_row(line)
+                and len([c for c in cells if dialect.is_number(c)]) < max(len(dialect.numeric), 2)
+            )
         )
 
     count = len(list(itertools.takewhile(is_footer, reversed(last))))

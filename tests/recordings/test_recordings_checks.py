@@ -124,18 +124,17 @@ def test_name_that_only_resembles_a_quantity_is_left_alone(tmp_path: Path) -> No
     assert any("voltage_monitor" in note for note in campaign.notes)
 
 
-def test_small_jitter_is_put_on_a_grid(tmp_path: Path) -> None:
+def test_samples_that_jitter_keep_their_instants(tmp_path: Path) -> None:
     t, _ = sine(10.0, 75.0)
-    jittered = t + np.random.default_rng(1).uniform(-0.009, 0.009, t.size) * t[1]
+    jittered = t + np.random.default_rng(1).uniform(-0.3, 0.3, t.size) * t[1]
     u = 75.0 * np.sin(2.0 * np.pi * 10.0 * jittered)
     write(tmp_path / "a.csv", jittered, u, 1e-6 * u)
     campaign = read(tmp_path)
     r = campaign.recordings[0]
     assert any("jitters" in note for note in campaign.notes)
-    assert np.allclose(np.diff(r.t), r.dt, rtol=1e-9)
-    truth = 75.0 * np.sin(2.0 * np.pi * 10.0 * (r.t + jittered[0]))
-    # the grid's phase is known to a hundredth of an interval
-    assert np.abs(r.u - truth).max() < 75.0 * 2.0 * np.pi * 10.0 * 0.012 * t[1]
+    assert np.allclose(r.t, jittered - jittered[0], rtol=0.0, atol=1e-12)
+    assert np.array_equal(r.u, u)
+    assert r.clock is not None
 
 
 def test_rounded_times_are_no_jitter(tmp_path: Path) -> None:
