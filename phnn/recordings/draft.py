@@ -76,6 +76,8 @@ def _edges(entry: Entry, channels: Mapping[str, Channel], size: int, first: int,
 
 LARGEST_CLIPPED_SHARE = 0.02
 SHORTEST_CLIPPED_RUN = 5
+# Share of the way beside a plateau that lies in its nearest quarter: a parabola cut off has 0.19, one at rest 0.06.
+_COMES_TO_REST = 0.12
 
 
 def not_clipped(u: np.ndarray, y: np.ndarray, label: str, factor: float, where: Where, sensor: Sensor = PLAIN) -> None:
@@ -120,6 +122,10 @@ def _is_clipped(u: np.ndarray, y: np.ndarray, run: tuple[int, int], step: float)
     near = max(4, side // 4)
     arrival, departure = abs(y[first] - y[first - near]), abs(y[last + near - 1] - y[last - 1])
     if arrival < 0.4 * departure:
+        return False
+    # What dry friction holds at a turning point comes to rest there and leaves from rest; a sensor cuts at some speed.
+    ways = abs(y[first] - y[first - side]), abs(y[last + side - 1] - y[last - 1])
+    if all(max(n - step, 0.0) < _COMES_TO_REST * (w - step) for n, w in zip((arrival, departure), ways, strict=True)):
         return False
     k = np.r_[first - side : first, last : last + side]
     middle = 0.5 * (first + last - 1)

@@ -105,10 +105,9 @@ def by_pint(name: str) -> Unit | None:
     """`find_unit` of a text in its common spelling, asked of pint."""
     if len(name) > LIMITS.unit_characters or _UNIT.fullmatch(name) is None or _CONSTANT.search(name):
         return None
-    name = _POWER.sub(r"**\1", _NEWTON_METRE.sub(r"\1N*m", name))
     registry = _registry()
     try:
-        parsed = registry.Unit(name.replace("·", "*").replace(".", "*").replace("****", "**"))
+        parsed = registry.Unit(spelled_for_pint(name))
         return _as_si(registry, parsed)
     except Exception:  # pint has several of its own for a text that is no unit, and raises those of Python besides
         return None
@@ -201,6 +200,26 @@ def same_kind(one: str, other: str) -> bool:
         return one == other or (first is not None and second is not None)
     registry = _registry()
     return _base(registry, registry.Unit(first.si)) == _base(registry, registry.Unit(second.si))
+
+
+def times_of_seconds(one: str, other: str) -> int | None:
+    """Return the power of time by which the dimension of a unit differs from another's; None where more differs.
+
+    Angles have no dimension. A text that is no unit differs from nothing.
+    """
+    if one == other or find_unit(one) is None or find_unit(other) is None:
+        return 0
+    registry = _registry()
+    ratio = (registry.Unit(spelled_for_pint(one)) / registry.Unit(spelled_for_pint(other))).dimensionality
+    power = float(ratio.get("[time]", 0))
+    return int(power) if power.is_integer() and set(ratio) <= {"[time]"} else None
+
+
+def spelled_for_pint(unit: str) -> str:
+    """Return a unit as pint reads it."""
+    name = _POWER.sub(r"**\1", _NEWTON_METRE.sub(r"\1N*m", spelled(unit)))
+    name = name.replace("²", "**2").replace("³", "**3")
+    return name.replace("·", "*").replace(".", "*").replace("****", "**")
 
 
 def accepted(quantity: str) -> str:
