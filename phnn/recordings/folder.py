@@ -169,8 +169,7 @@ def read_sheet(source: Source) -> Table:
             frame = pd.read_excel(file, header=None, dtype=object)
         return str(frame.to_csv(sep="\t", header=False, index=False))
 
-    text = _by_pandas(source, sheet, "openpyxl", "xlsx").rstrip()
-    return table_of_lines(source.name, Lines(text, len(text)))
+    return table_of_lines(source.name, Lines(_by_pandas(source, sheet, "openpyxl", "xlsx")))
 
 
 def read_parquet(source: Source) -> Table:

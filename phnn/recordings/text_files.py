@@ -121,7 +121,7 @@ def table_of_lines(name: str, text: Lines) -> Table:
     """Return the columns of a text; ``name`` is that of its file. Raises InputRefused as `read_text`."""
     dialect = _recognised(text)
     if not dialect.numeric:
-        head = next(line.strip() for line in text if line.strip())
+        head = next(line.strip() for line in text.of(0, len(text)) if line.strip())
         raise InputRefused(
             f"{name}: no rows of numbers in it, it begins with {head[:60]!r}: the recording is empty or no "
             f"table: record it again or remove it"
@@ -130,22 +130,21 @@ def table_of_lines(name: str, text: Lines) -> Table:
         raise InputRefused(
             f"{name}: {dialect.width} columns, at most {LIMITS.text_columns} are accepted: write one row per sample"
         )
-    first = next(i for i, line in enumerate(text) if dialect.is_row(line))
-    above = list(itertools.islice(text, first + 1))
-    names, header = _names(name, above, first, dialect)
+    first = next(i for i in range(len(text)) if dialect.is_row(text[i]))
+    names, header = _names(name, list(text.of(0, first + 1)), first, dialect)
     tables = _blocks(name, text, first, header if any(names) else (), dialect)
     notes: list[str] = []
     if len(tables) > 1:
         notes.append(f"{len(tables)} tables stand in the file, each below a header: each is a recording of its own")
     begin, end = tables[-1]
-    if end == text.count:
-        footer = _footer(list(itertools.islice(text, max(begin + 1, end - _FOOTER), None)), dialect)
+    if end == len(text):
+        footer = _footer(list(text.of(max(begin + 1, end - _FOOTER), end)), dialect)
         if footer:
             notes.append(f"below the last row stands {footer[0].strip()[:_SHOWN]!r}, which was left alone")
             end -= len(footer)
         elif not text.ended and end > begin + 1:
-            *_, last = text
-            others = (line for _, lines, _ in _pieces(text, [*tables[:-1], Block(begin, end - 1)]) for line in lines)
+            last = text[end - 1]
+            others = (line for block in [*tables[:-1], Block(begin, end - 1)] for line in text.of(*block))
             if _breaks_off(others, last, dialect):
                 notes.append(f"its last line, {last.strip()[:40]!r}, was left out: the file ends within it")
                 end -= 1
@@ -169,24 +168,19 @@ def looks_like_numbers(source: Source) -> bool:
 
 def _recognised(text: Lines) -> Dialect:
     """Return the dialect under which most cells of the lines are numbers in rows."""
-    counts = [len(_filled(block)) for block in text.blocks()]
-    count, before = sum(counts), 0
-    chosen = np.unique(np.linspace(0, count - 1, _LOOKED_AT).astype(int)) if count else np.zeros(0, int)
-    shown: list[str] = []
-    for block, size in zip(text.blocks(), counts, strict=True):
-        here = chosen[(chosen >= before) & (chosen < before + size)] - before
-        if here.size:
-            filled = _filled(block)
-            shown += [filled[i] for i in here]
-        before += size
+    filled = np.flatnonzero(np.diff(text.starts) > 1)
+    marked = np.isin(np.frombuffer(text.raw, dtype=np.uint8)[text.starts[filled]], [ord(c) for c in _MARKS])
+    filled = filled[~marked]
+    chosen = np.unique(np.linspace(0, filled.size - 1, _LOOKED_AT).astype(int)) if filled.size else []
+    shown = _filled([text[int(i)] for i in filled[chosen]])
     best, most = _DIALECTS[0], (0, 0)
     for plain in _DIALECTS:
         dialect = plain.fitted([plain.cells(line) for line in shown])
         rows = sum(map(dialect.is_row, shown)) if dialect.numeric else 0
         # Lines of numbers alone speak for a dialect before those that hold words too.
         whole = rows if len(dialect.numeric) + len(dialect.empty) == dialect.width else 0
-        if (whole, rows * len(dialect.numeric) if not whole else 0) > most:
-            best, most = dialect, (whole, rows * len(dialect.numeric) if not whole else 0)
+        if (whole, 0 if whole else rows * len(dialect.numeric)) > most:
+            best, most = dialect, (whole, 0 if whole else rows * len(dialect.numeric))
     return best
 
 
@@ -330,8 +324,8 @@ def _blocks(name: str, text: Lines, first: int, header: Sequence[str], dialect: 
         InputRefused: a repeated header has other units, or there are more tables than recordings in a folder.
     """
     names = header[0].strip() if header else ""
-    if not names or text.content.count(names) < 2:
-        return [Block(first, text.count)]
+    if not names or text.raw.count(names.encode("utf-8", "surrogatepass")) < 2:
+        return [Block(first, len(text))]
     found, begin = [], first
     for above, below, lines in _headers(text, first, names, dialect):
         at = next(i for i, line in enumerate(lines) if line.strip() == names)
@@ -348,94 +342,74 @@ def _blocks(name: str, text: Lines, first: int, header: Sequence[str], dialect: 
         begin = below
         if len(found) >= LIMITS.recordings:
             raise InputRefused(f"{name}: more than {LIMITS.recordings} tables in one file: divide them among files")
-    return [b for b in [*found, Block(begin, text.count)] if b.last > b.first]
+    return [b for b in [*found, Block(begin, len(text))] if b.last > b.first]
 
 
 def _headers(text: Lines, first: int, names: str, dialect: Dialect) -> Iterator[tuple[int, int, list[str]]]:
     """Yield runs of lines that are no rows and hold the names: the first line, the one behind, and the lines."""
     run: list[str] = []
-    number = 0
-    for number, line in enumerate(itertools.chain(text, [""])):
-        if number < first:
-            continue
-        if number < text.count and not dialect.is_row(line):
-            run.append(line)
+    for i in range(first, len(text) + 1):
+        if i < len(text) and not dialect.is_row(text[i]):
+            run.append(text[i])
             continue
         # Nothing is measured under a header at the end.
         if any(other.strip() == names for other in run):
-            yield number - len(run), number, run
+            yield i - len(run), i, run
         run = []
 
 
 def _parsed(name: str, text: Lines, tables: Sequence[Block], names: tuple[str, ...], dialect: Dialect) -> Table:
-    """Return the columns of some lines; they are parsed a few thousand at a time: cells take many times the memory of
-    their numbers.
+    """Return the columns of some lines.
 
     Raises:
         InputRefused: rows of unequal length, or cells that cannot be told apart.
     """
-    total = sum(last - first for first, last in tables)
-    columns: list[np.ndarray] = []
-    head, done = "", 0
-    starts: list[tuple[int, int]] = []
-    for begin, here, table in _pieces(text, tables):
-        if len(starts) <= table:
-            starts.append((done, begin))
-        # The first row of all stands above every block: it says how many cells the others have.
-        head = head or here[0]
-        frame = _frame(name, [head, *here], begin - 1, len(names), dialect).iloc[1:]
-        columns = columns or [np.empty(total) for _ in frame.columns]
-        found = [_column(frame[i], dialect) for i in frame.columns]
-        for i, values in enumerate(found):
-            if values.dtype.kind not in "iuf" and columns[i].dtype.kind != "O":
-                columns[i] = columns[i].astype(object)
-            columns[i][done : done + values.size] = values
-        done += len(frame)
+    frames = [list(_frames(name, text, block, dialect)) for block in tables]
+    rows = np.cumsum([0, *(sum(map(len, some)) for some in frames)]).tolist()
+    every = [frame for some in frames for frame in some]
     shown = tuple(printable(n) for n in names)
-    between = tuple((row, line - row - starts[0][1]) for row, line in starts[1:])
-    where = Where(name, starts[0][1] + 1, between=between)
-    kept = [i for i in range(len(columns)) if shown[i : i + 1] != ("",) or i not in dialect.empty or i == 0]
-    # Cells in quotes may reach over several lines.
-    cut = tuple(columns[i][:done] for i in kept)
-    return Table(where, tuple(shown[i] for i in kept), cut, segments=tuple(row for row, _ in between))
+    begin = tables[0].first
+    between = tuple((row, block.first - row - begin) for row, block in zip(rows[1:-1], tables[1:], strict=True))
+    kept = [i for i in range(dialect.width) if shown[i] or i not in dialect.empty or i == 0]
+    columns = []
+    for i in kept:
+        parts = [_column(frame[i], dialect) for frame in every]
+        words = any(part.dtype.kind == "O" for part in parts)
+        columns.append(np.concatenate([part.astype(object if words else float) for part in parts]))
+    return Table(
+        Where(name, begin + 1, between=between), tuple(shown[i] for i in kept), tuple(columns),
+        segments=tuple(row for row, _ in between),
+    )  # fmt: skip
 
 
-def _pieces(text: Lines, tables: Sequence[Block]) -> Iterator[tuple[int, list[str], int]]:
-    """Yield rows in blocks of some thousand lines: the first line's number, the lines, and the number of their table."""
-    line, table = 0, 0
-    for block in text.blocks():
-        end = line + len(block)
-        while table < len(tables):
-            first, last = tables[table]
-            here = block[max(first - line, 0) : max(last - line, 0)]
-            if here:
-                yield max(line, first), here, table
-            if last > end:
-                break
-            table += 1
-        line = end
+# Rows that are parsed at once: cells take many times the memory of their numbers.
+_ROWS = 20_000
 
 
-def _frame(name: str, lines: list[str], before: int, width: int, dialect: Dialect) -> pd.DataFrame:
-    """Return some rows; ``before`` of the lines of the file stand above them."""
+def _frames(name: str, text: Lines, block: Block, dialect: Dialect) -> Iterator[pd.DataFrame]:
+    """Yield the rows of a table."""
     import pandas as pd
 
+    file = io.BytesIO(text.raw)
+    file.seek(int(text.starts[block.first]))
     try:
-        return pd.read_csv(
-            io.StringIO("\n".join(lines)),
+        yield from pd.read_csv(
+            file,
             header=None,
             sep=r"\s+" if dialect.separator == " " else dialect.separator,
             decimal=dialect.decimal,
             skipinitialspace=True,
-            low_memory=False,
             skip_blank_lines=False,
+            nrows=block.last - block.first,
+            chunksize=_ROWS,
+            encoding_errors="replace",
         )
     except (pd.errors.ParserError, pd.errors.EmptyDataError, csv.Error) as error:
         found = re.search(r"line (\d+), saw (\d+)", str(error))
         if found is None:
             raise InputRefused(f"{name}: cannot be parsed ({error}): export it again") from error
         raise InputRefused(
-            f"{name}: line {int(found[1]) + before} has {found[2]} cells, the rows before it {width}: "
+            f"{name}: line {int(found[1]) + block.first} has {found[2]} cells, the rows before it {dialect.width}: "
             f"delete the surplus cells; {REMEDY_COMMA}"
         ) from error
 
@@ -445,7 +419,7 @@ def _column(column: pd.Series, dialect: Dialect) -> np.ndarray:
     values = np.asarray(column)
     if values.dtype.kind in "iuf":
         return values
-    texts = values.astype(object)
+    texts = (values.astype(str) if values.dtype.kind == "b" else values).astype(object)
     if dialect.decimal == ".":
         return texts
     return np.array([_pointed(v) if isinstance(v, str) else v for v in texts], dtype=object)

@@ -23,7 +23,7 @@ from recordings_example import output, sine
 from phnn.check import check
 from phnn.errors import InputRefused
 from phnn.intake.files import named_file
-from phnn.recordings import lines, read
+from phnn.recordings import read, text_files
 from phnn.recordings.reader import READERS
 from phnn.recordings.text_files import read_text
 
@@ -276,7 +276,7 @@ def test_blocks_give_the_numbers_of_the_whole(end: str, tmp_path: Path, monkeypa
     whole = _table(tmp_path / "whole.csv", text)
     assert np.array_equal(whole[0], np.arange(200.0)) and np.isnan(whole[2]).sum() == 18
     for size in (1, 50, 333):
-        monkeypatch.setattr(lines, "_BLOCK", size)
+        monkeypatch.setattr(text_files, "_ROWS", size)
         for a, b in zip(_table(tmp_path / "blocks.csv", text), whole, strict=True):
             assert np.array_equal(a, b, equal_nan=True)
 
@@ -289,8 +289,8 @@ def test_damage_far_down_is_found_at_its_line(
 ) -> None:
     rows = [f"{i},{i},{i}" for i in range(150)]
     text = "\n".join(["time_s,voltage_V,displacement_um", *rows, row, *rows]) + "\n"
-    for size in (lines._BLOCK, 1, 100):
-        monkeypatch.setattr(lines, "_BLOCK", size)
+    for size in (text_files._ROWS, 1, 100):
+        monkeypatch.setattr(text_files, "_ROWS", size)
         with pytest.raises(InputRefused, match=said):
             _table(tmp_path / "a.csv", text)
 

@@ -167,14 +167,17 @@ def with_record(value: str) -> str:
     return ("[\n" + ",\n".join(rows) + "\n]").replace('"@"', value)
 
 
+NO_JSON = ("0x1p3", "1_0", "01", ".5", "1.", "+1", "1,5.5.5")
+
+
 @pytest.mark.parametrize(
     "value", ['"1.5"', '"1,5"', "true", "[1]", "{}", "0x1p3", "1_0", "01", ".5", "1.", "+1", "1,5.5.5"]
 )
 def test_a_sample_that_is_no_number_is_named(tmp_path: Path, value: str) -> None:
     (tmp_path / "a.json").write_text(with_value(value))
-    refused(tmp_path, "a.json", "line 1, column")
+    refused(tmp_path, "a.json", "line 1, column" if value in NO_JSON else "row 8")
     (tmp_path / "a.json").write_text(with_record(value))
-    refused(tmp_path, "a.json", "line 9" if value not in ("[1]", "{}") else "line", "8" if value != "{}" else "")
+    refused(tmp_path, "a.json", "line 9" if value in NO_JSON else "row 8")
 
 
 @pytest.mark.parametrize("value", ["null", "NaN", "Infinity", "1e999", "9" * 400])
@@ -186,22 +189,22 @@ def test_a_missing_sample_is_refused_with_its_row(tmp_path: Path, value: str, fo
 
 WRONG = {
     "unequal": (json.dumps({**ARRAYS, "voltage_V": U.tolist()[1:]}), "unequal"),
-    "a key twice": (JSON["arrays"].replace("displacement_m", "voltage_V"), "second time"),
+    "a key twice": (JSON["arrays"].replace("displacement_m", "voltage_V"), "twice"),
     "a key twice in a record": (JSON["records"].replace("displacement_m", "voltage_V", 1), "twice"),
     "a record without a key": (json.dumps([*RECORDS[:5], {"time_s": 1.0, "voltage_V": 0.0}]), "record 6"),
     "a record with one more": (json.dumps([*RECORDS[:5], {**RECORDS[5], "x": 1}]), "'x'"),
-    "two documents": (JSON["arrays"] * 2, "behind the end"),
+    "two documents": (JSON["arrays"] * 2, "Extra data"),
     "no value": ('{"a": }', "not json"),
-    "no colon": ('{"a" [1]}', "belongs"),
-    "a text": ('"abc"', "neither an object nor a list"),
-    "prose": ("not json at all", "neither an object nor a list"),
-    "no end": (JSON["arrays"][:-1], "belongs"),
-    "no end of an array": (JSON["arrays"][:-2], "no end"),
-    "no end of a text": ('{"a', "closed text"),
+    "no colon": ('{"a" [1]}', "not json"),
+    "a text": ('"abc"', "without arrays of numbers"),
+    "prose": ("not json at all", "not json"),
+    "no end": (JSON["arrays"][:-1], "not json"),
+    "no end of an array": (JSON["arrays"][:-2], "not json"),
+    "no end of a text": ('{"a', "not json"),
     "deep": ('{"a":' * 10_000 + "1" + "}" * 10_000, "deep"),
-    "deep lists": ('{"a":' + "[" * 10**6 + "]" * 10**6 + "}", "line 1"),
-    "a huge other value": ('{"a": ["' + "x" * 3_000_000 + '"]}', "no array of numbers"),
-    "a huge record": ('[{"a": "' + "x" * 3_000_000 + '"}]', "record 1"),
+    "deep lists": ('{"a":' + "[" * 10**6 + "]" * 10**6 + "}", "deep"),
+    "a huge other value": ('{"a": ["' + "x" * 3_000_000 + '"]}', "without arrays of numbers"),
+    "a huge record": ('[{"a": "' + "x" * 3_000_000 + '"}]', "without arrays of numbers"),
     "many keys": ("{" + ",".join(f'"k{i}": 1' for i in range(20_000)) + "}", "10000"),
     "brackets": ("[" * 10**6, "a.json"),
     "empty object": ("{}", "a.json"),
