@@ -35,7 +35,7 @@ _NEWTON_METRE = re.compile(r"(?<![A-Za-z])([munkM]?)Nm(?![A-Za-z])")
 # Symbols that are constants of nature to pint: a column output_c is hardly in multiples of the speed of light.
 _CONSTANT = re.compile(r"(?<![A-Za-z_])[cek](?![A-Za-z_])")
 # Names of SI units for people; other units are written in powers of them, such as m³/s.
-_SI = (
+_SI = [
     "s",
     "m",
     "kg",
@@ -57,7 +57,7 @@ _SI = (
     "H",
     "T",
     "Wb",
-)
+]
 
 # Multiples of the SI units of recordings are known without pint, whose definitions take half a second to load.
 _MULTIPLES = {"": 1.0, "m": 1e-3, "u": 1e-6, "n": 1e-9, "k": 1e3}
