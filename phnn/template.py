@@ -71,7 +71,7 @@ _WANTED: tuple[tuple[str, str, str], ...] = (
 class _Seen(NamedTuple):
     """A column of numbers: where it stands, its name, its unit where phnn knows it, the words of its name, values."""
 
-    index: int
+    place: int
     name: str
     unit: str | None
     words: frozenset[str]
@@ -265,7 +265,7 @@ def _columns(f: Found, actuator: bool) -> list[str]:
     lines = []
     for key, role in ((keys[r], f.roles[r]) for r in keys if r in f.roles):
         guessed = f"; guessed: {' and '.join(role.guessed)}" if role.guessed else ""
-        place, called = _place(table, role.column.index), _called(table, role.column.index)
+        place, called = _place(table, role.column.place), _called(table, role.column.place)
         lines.append(f"{key}: {{column: {place}, unit: {role.unit}}}   # {called}{guessed}")
     calls: dict[str, list[tuple[int, str | None]]] = {}
     for i, name in enumerate(table.names):
@@ -278,7 +278,7 @@ def _columns(f: Found, actuator: bool) -> list[str]:
             unit = unit or QUANTITIES[key] or "1"
             lines.append(f"{key}: {{column: {_place(table, index)}, unit: {unit}}}   # guessed: not in use")
     if f.others:
-        lines.append(f"# not used: {', '.join(_called(table, c.index) for c in f.others)}")
+        lines.append(f"# not used: {', '.join(_called(table, c.place) for c in f.others)}")
     return lines
 
 

@@ -361,7 +361,7 @@ def _header(stream: BinaryIO | Any) -> tuple[tuple[int, ...], np.dtype]:
 
 
 def stored_arrays(content: Mapping[str, Any], prefix: str = "") -> Iterator[Stored]:
-    """Yield the values of a mapping as arrays, those of a mapping in it as ``group.name``, signals by their names too."""
+    """Yield the values of a mapping as arrays, those of one in it as ``group.name``, signals by their names too."""
     for name, value in content.items():
         full = prefix + name
         members = _members(value)
@@ -500,7 +500,7 @@ def _load_npy(source: Source) -> np.ndarray:
 
 
 def _load_v5(source: Source) -> tuple[Mapping[str, Any], list[tuple[str, str]]]:
-    """Return the variables of a file of version 5 or 4, and names and classes of those that are objects."""
+    """Return the variables of a file of version 5 or 4, and names and classes of its objects."""
     import mmap
 
     import scipy.io

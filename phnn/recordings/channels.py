@@ -87,7 +87,7 @@ def _channel(table: Table, quantity: str, said: Column, name: str, spoken_for: M
     label = table.label(index)
     if said.place is not None and table.names[index] == "":
         label = f"column {said.place}"
-    unit, notes = "s", ()
+    unit, notes = "s", tuple[str, ...]()
     if quantity != "time" or table.names[index] != table.stamps:
         unit, notes = _unit(table, index, quantity, said)
     where, marked = f"{name} ({label})", np.zeros(0, dtype=bool)
@@ -112,7 +112,7 @@ def _without_marks(
     Raises:
         InputRefused: numbers that mark a missing value, glitches or wraps, of which the manifest says nothing.
     """
-    marked = np.isin(values, [v for v in said.missing if not isinstance(v, str)])
+    marked = np.isin(values, [mark for mark in said.missing if not isinstance(mark, str)])
     if EMPTY in said.missing:
         marked |= ~np.isfinite(values)
     good = values[~marked]
@@ -134,8 +134,8 @@ def _without_marks(
     if output and said.unwrap is None and (turn := _wraps(good)) is not None:
         row = int(np.flatnonzero(~marked)[int(np.argmax(np.abs(np.diff(good)) > _JUMPS * turn)) + 1])
         raise InputRefused(
-            f"{where}: {label}, {where.row(row)}: jumps by its whole range of {turn:.6g}, as an angle or a counter that "
-            f"starts again: say unwrap: {turn:.6g} for this column in recordings.yaml, in the numbers of the file"
+            f"{where}: {label}, {where.row(row)}: jumps by its whole range of {turn:.6g}, as an angle or a counter "
+            f"that starts again: say unwrap: {turn:.6g} for this column in recordings.yaml, in the numbers of the file"
         )
     off = _glitches(unwrapped) if output else np.zeros(0, dtype=np.int64)
     if off.size:
@@ -143,8 +143,8 @@ def _without_marks(
         if GLITCHES not in said.missing:
             raise InputRefused(
                 f"{where}: {label}, {where.row(int(rows[0]))}: {values[rows[0]]:g} between {values[rows[0] - 1]:g} and "
-                f"{values[rows[0] + 1]:g}, and {off.size - 1} more single values as far off their neighbours: glitches? "
-                f"Say missing: [{GLITCHES}] for this column in recordings.yaml, or repair these rows"
+                f"{values[rows[0] + 1]:g}, and {off.size - 1} more single values as far off their neighbours: "
+                f"glitches? Say missing: [{GLITCHES}] for this column in recordings.yaml, or repair these rows"
             )
         marked[rows] = True
         unwrapped = np.delete(unwrapped, off)
@@ -152,8 +152,8 @@ def _without_marks(
         return unwrapped, marked
     kept = np.flatnonzero(~marked)
     if not output and int(np.diff(np.concatenate([[-1], kept, [values.size]])).max()) > _MASKED + 1:
-        row = where.row(int(np.argmax(marked)))
-        raise InputRefused(f"{where}: {label}, {row}: more than {_MASKED} values of an input are missing in a row: cut "
+        place = where.row(int(np.argmax(marked)))
+        raise InputRefused(f"{where}: {label}, {place}: more than {_MASKED} values of an input are missing in a row: cut "
                            f"the recording there (`slice` in recordings.yaml)")  # fmt: skip
     return np.interp(np.arange(values.size), kept, unwrapped), marked
 

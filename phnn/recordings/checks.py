@@ -190,9 +190,8 @@ def time_advances(t: np.ndarray, where: Where, rows: np.ndarray | None = None) -
     ):
         if bad.any():
             i = int(np.argmax(bad)) + 1
-            raise InputRefused(
-                f"{where}: time, {where.row(i if rows is None else int(rows[i]))}: {cause} ({t[i - 1]:.9g} s, then {t[i]:.9g} s): {remedy}"
-            )
+            row = where.row(i if rows is None else int(rows[i]))
+            raise InputRefused(f"{where}: time, {row}: {cause} ({t[i - 1]:.9g} s, then {t[i]:.9g} s): {remedy}")
 
 
 def interval(dt: float, where: Where) -> None:
@@ -209,8 +208,8 @@ def no_gap(i: int, steps: np.ndarray, usual: float, row: str, where: Where) -> N
     """Refuse the i-th interval, a gap over which nobody knows the input."""
     raise InputRefused(
         f"{where}: time, {row}: a gap of {steps[i]:.6g} s where samples are {usual:.6g} s apart: split the file there, "
-        f"or in recordings.yaml say `segments: true`, take one side of it with `slice`, or say `input: zero_order` where "
-        f"the input was held"
+        f"or in recordings.yaml say `segments: true`, take one side of it with `slice`, or say `input: zero_order` "
+        f"where the input was held"
     )
 
 

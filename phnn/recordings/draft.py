@@ -136,7 +136,7 @@ def _is_clipped(u: np.ndarray, y: np.ndarray, run: tuple[int, int], step: float)
 
 FURTHER = ("current", "charge", "force", "temperature")
 _NEAR_ZERO = 0.01  # of the input's range
-# Share of the rows that are stamps of input or output where two rasters were merged; by how much a stated rate may miss.
+# Share of the rows that are stamps of one channel where two rasters were merged; by how much a stated rate may miss.
 _ALL, _RATE = 0.9, 0.01
 
 
@@ -248,7 +248,8 @@ def _as_sampled(
     """
     u_name, y_name = roles
     assert y_name is not None
-    u, y, notes = values[u_name], values[y_name], []
+    notes: list[str] = []
+    u, y = values[u_name], values[y_name]
     mine = own_rows(t, y, u) if y_name not in own else None
     if mine is None:
         return notes
@@ -332,7 +333,7 @@ def _noise(signals: _Signals, start: Start, sensor: Sensor, excitation: Excitati
 
 
 def _longest_even(t: np.ndarray) -> np.ndarray:
-    """Return the rows of the longest stretch with one rate; all where there is none of some length."""
+    """Return the rows of the longest stretch with one rate; all rows where every such stretch is short."""
     steps = np.diff(t)
     edges = np.flatnonzero(np.abs(np.log(steps[1:] / steps[:-1])) > np.log(_JUMP)) + 1
     edges = np.concatenate([[0], edges, [t.size]])

@@ -7,6 +7,7 @@ import os
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -78,19 +79,21 @@ def read_tdms(source: Source) -> Table:
                 f"{_START} with each waveform, or export them with one time"
             )
         first = min(clock.start for clock in kinds)
-        stamps = {n: c.start - first + c.interval * np.arange(columns[n].size) for n, c in every.items()}
+        stamps = {n: 1e-9 * (c.start - first) + c.interval * np.arange(columns[n].size) for n, c in every.items()}
         t, columns, own = merged({n: (stamps[n], columns[n]) for n in columns}, where)
         own = {n: rows for n, rows in own.items() if not rows.all()}
-        said = "; ".join(f"{n} from {c.start - first:.6g} s on, every {c.interval:g} s" for n, c in every.items())
+        said = "; ".join(
+            f"{n} from {1e-9 * (c.start - first):.6g} s on, every {c.interval:g} s" for n, c in every.items()
+        )
         notes = (*notes, f"channels with clocks of their own ({said}): aligned by their absolute times")
         columns["time_s"] = t - t[0]
     return Table(Where(source.name), tuple(columns), tuple(columns.values()), by_name=True, notes=notes, own=own)
 
 
 class _Clock(NamedTuple):
-    """When a waveform began, s after 1970 where it is dated, and seconds between its samples, 0 if nothing is said."""
+    """When a waveform began, ns after 1970 where it is dated, and seconds between its samples, 0 if nothing is said."""
 
-    start: float
+    start: int
     interval: float
     dated: bool
 
@@ -118,11 +121,11 @@ def _clock(properties: Mapping[str, Any]) -> _Clock:
     if isinstance(said, bool) or not isinstance(said, int | float | np.number) or not 0.0 <= said < math.inf:
         raise ValueError(f"its property {_INTERVAL} is {said!r:.60}, not seconds")
     start, offset = properties.get(_START), properties.get(_OFFSET, 0.0)
-    dated = isinstance(start, np.datetime64) and not np.isnat(start)
-    # Parts of a second apart from whole ones, which are large numbers.
-    begun = float((start - np.datetime64(0, "s")) / np.timedelta64(1, "us")) * 1e-6 if dated else 0.0
+    dated = isinstance(start, np.datetime64) and not bool(np.isnat(start))
+    # Whole nanoseconds: a second since 1970 has not many digits left.
+    begun = int(start.astype("datetime64[ns]").astype(np.int64)) if dated and start is not None else 0
     more = float(offset) if isinstance(offset, int | float | np.number) and math.isfinite(offset) else 0.0
-    return _Clock(begun + more, float(said), dated)
+    return _Clock(begun + round(1e9 * more), float(said), dated)
 
 
 def _closed(source: Source) -> bool:
@@ -181,7 +184,7 @@ def read_parquet(source: Source) -> Table:
     import pandas as pd
 
     def frame() -> Table:
-        from pyarrow import parquet
+        parquet = import_module("pyarrow.parquet")
 
         with source.open() as file:
             said = parquet.ParquetFile(file).metadata

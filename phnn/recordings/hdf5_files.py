@@ -48,7 +48,7 @@ def datasets(source: Source) -> list[Stored]:
 
 
 def matlab_content(source: Source) -> tuple[dict[str, Any], list[tuple[str, str]]]:
-    """Return the variables of a MATLAB file of version 7.3, and names and classes of those that are objects.
+    """Return the variables of a MATLAB file of version 7.3, and names and classes of its objects.
 
     Structures are mappings, arrays of structures and cells are lists, texts are texts, numbers are `Stored`.
 
@@ -117,7 +117,7 @@ def _walk(file: Any, source: Source) -> Iterator[tuple[str, Any]]:
     for name, link in found.items():
         if any(part.startswith("#") for part in name.split("/")):
             continue
-        # A link that leads nowhere, or round in a circle, has no item.
+        # A link without a target, or round in a circle, has no item.
         item = file.get(name)
         several = [(name, item)]
         if not isinstance(link, h5py.HardLink) and isinstance(item, h5py.Group):

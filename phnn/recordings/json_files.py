@@ -94,7 +94,7 @@ def _numbers(values: list[Any], name: str) -> np.ndarray:
     for i, value in enumerate(values, start=1):
         if not isinstance(value, float | None):
             raise ValueError(
-                f"{name}, row {i}: {printable(repr(value)[:_SHOWN])} is no number: write numbers with a point as decimal "
-                f"sign, and null where a sample is missing"
+                f"{name}, row {i}: {printable(repr(value)[:_SHOWN])} is no number: write numbers with a point as "
+                f"decimal sign, and null where a sample is missing"
             )
     return np.array([np.nan if value is None else value for value in values])

@@ -171,7 +171,7 @@ def _recognised(text: Lines) -> Dialect:
     filled = np.flatnonzero(np.diff(text.starts) > 1)
     marked = np.isin(np.frombuffer(text.raw, dtype=np.uint8)[text.starts[filled]], [ord(c) for c in _MARKS])
     filled = filled[~marked]
-    chosen = np.unique(np.linspace(0, filled.size - 1, _LOOKED_AT).astype(int)) if filled.size else []
+    chosen = np.unique(np.linspace(0, max(filled.size - 1, 0), _LOOKED_AT).astype(int))[: filled.size]
     shown = _filled([text[int(i)] for i in filled[chosen]])
     best, most = _DIALECTS[0], (0, 0)
     for plain in _DIALECTS:
@@ -292,8 +292,8 @@ def _disagreeing(file: str, names: tuple[str, ...], line: int) -> tuple[str, ...
         column, _, unit = name.partition("\n")
         if unit:
             raise InputRefused(
-                f"{file}: line {line + 1}: the row of units says {unit[:_SHOWN]} of {column[:_SHOWN]!r}: correct the name "
-                f"or the unit, in the file"
+                f"{file}: line {line + 1}: the row of units says {unit[:_SHOWN]} of {column[:_SHOWN]!r}: correct "
+                f"the name or the unit, in the file"
             )
     return names
 

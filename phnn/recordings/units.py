@@ -35,29 +35,8 @@ _NEWTON_METRE = re.compile(r"(?<![A-Za-z])([munkM]?)Nm(?![A-Za-z])")
 # Symbols that are constants of nature to pint: a column output_c is hardly in multiples of the speed of light.
 _CONSTANT = re.compile(r"(?<![A-Za-z_])[cek](?![A-Za-z_])")
 # Names of SI units for people; other units are written in powers of them, such as m³/s.
-_SI = [
-    "s",
-    "m",
-    "kg",
-    "A",
-    "K",
-    "rad",
-    "mol",
-    "cd",
-    "Hz",
-    "N",
-    "Pa",
-    "J",
-    "W",
-    "C",
-    "V",
-    "ohm",
-    "S",
-    "F",
-    "H",
-    "T",
-    "Wb",
-]
+_SI = ("s", "m", "kg", "A", "K", "rad", "mol", "cd", "Hz", "N", "Pa", "J", "W", "C", "V", "ohm", "S", "F", "H", "T",
+       "Wb")  # fmt: skip
 
 # Multiples of the SI units of recordings are known without pint, whose definitions take half a second to load.
 _MULTIPLES = {"": 1.0, "m": 1e-3, "u": 1e-6, "n": 1e-9, "k": 1e3}
