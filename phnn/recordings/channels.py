@@ -153,8 +153,8 @@ def _without_marks(
     kept = np.flatnonzero(~marked)
     if not output and int(np.diff(np.concatenate([[-1], kept, [values.size]])).max()) > _MASKED + 1:
         place = where.row(int(np.argmax(marked)))
-        raise InputRefused(f"{where}: {label}, {place}: more than {_MASKED} values of an input are missing in a row: cut "
-                           f"the recording there (`slice` in recordings.yaml)")  # fmt: skip
+        cause = f"more than {_MASKED} values of an input are missing in a row"
+        raise InputRefused(f"{where}: {label}, {place}: {cause}: cut the recording there (`slice` in recordings.yaml)")
     return np.interp(np.arange(values.size), kept, unwrapped), marked
 
 

@@ -17,7 +17,7 @@ from phnn.recordings.driving import with_declared
 from phnn.recordings.excitation import Excitation, excitation_of
 from phnn.recordings.manifest import Entry, Manifest
 from phnn.recordings.recording import ACTUATOR, Recording, Start, Units, drive_of, is_actuator
-from phnn.recordings.sampling import between, evenly, own_rows, stamped
+from phnn.recordings.sampling import between, evenly, interpolated, own_rows, stamped
 from phnn.recordings.sensor import PLAIN, Sensor, check_unit_of_limits, longest_free
 from phnn.recordings.table import Table, Where
 from phnn.recordings.units import known_unit
@@ -186,6 +186,9 @@ def _draft(
     u_name, y_name = roles
     name = entry.name or printable(Path(entry.file).stem)
     t, values, own, where, notes = _sampled(entry, table, channels)
+    if t.size > _LONG:
+        notes.append(_thinned_note(t.size, stride := 1 if own else _stride(t, values, roles)))
+        t, values = t[::stride], {q: x[::stride] for q, x in values.items()}
     if y_name is not None:
         notes += _as_sampled(t, values, own, roles, channels, entry.input == "zero_order")
     u, seen = values[u_name], own.get(y_name or "")
@@ -230,6 +233,36 @@ def _draft(
         what,
         tuple(f"{recording.name}: {n}." for n in (*notes, *used, *table.notes)),
     )
+
+
+# Samples from which on a recording is thinned, and to which; what thinning may change of an input, in shares of its
+# range, and of an output, over what it changes if every second sample stays, for that is noise.
+_LONG, _ENOUGH = 200_000, 50_000
+_INPUT_CHANGES, _OUTPUT_CHANGES = 1e-3, 1.3
+
+
+def _stride(t: np.ndarray, values: Mapping[str, np.ndarray], roles: tuple[str, str | None]) -> int:
+    """Return the largest n of which every n-th sample tells what lies between; 1 where none does."""
+
+    def changes(x: np.ndarray, stride: int) -> float:
+        kept = t[::stride]
+        inside = slice(0, (kept.size - 1) * stride)
+        return float(np.sqrt(np.mean((interpolated(kept, x[::stride], t[inside]) - x[inside]) ** 2)))
+
+    u, y = values[roles[0]], values[roles[1]] if roles[1] is not None else values[roles[0]]
+    most = _OUTPUT_CHANGES * changes(y, 2) + 1e-5 * float(np.ptp(y))
+    stride = t.size // _ENOUGH
+    while stride > 1:
+        if changes(u, stride) <= _INPUT_CHANGES * float(np.ptp(u)) and changes(y, stride) <= most:
+            return stride
+        stride = stride * 3 // 4
+    return 1
+
+
+def _thinned_note(size: int, stride: int) -> str:
+    if stride == 1:
+        return f"{size} samples, all of which are needed: a fit takes {size // _ENOUGH} times as long as one of {_ENOUGH}; cut it by `slice`"
+    return f"{size} samples, of which one in {stride} is used: what lies between follows from these"
 
 
 def _as_sampled(

@@ -520,3 +520,13 @@ def test_what_stands_beside_a_dataset_is_taken_over(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "a.h5", "a") as file:
         file["voltage_V"].attrs["units"] = "mV"
     refused(tmp_path, "the name says V", "mV")
+
+
+def test_a_long_recording_is_thinned_by_what_its_signals_need(tmp_path: Path) -> None:
+    t = np.arange(250_000) * 1e-4
+    y = 3e-5 * np.sin(11.0 * t - 0.2) + 2e-8 * np.random.default_rng(2).standard_normal(t.size)
+    np.savez(tmp_path / "a.npz", time_s=t, voltage_V=30.0 * np.sin(11.0 * t), displacement_m=y)
+    campaign = read(tmp_path)
+    assert campaign.recordings[0].t.size == 50_000 and any("one in 5 is used" in n for n in campaign.notes)
+    np.savez(tmp_path / "a.npz", time_s=t, voltage_V=np.sign(np.sin(2900.0 * t)), displacement_m=y)
+    assert any("cut it by `slice`" in n for n in read(tmp_path).notes)

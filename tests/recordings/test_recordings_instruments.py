@@ -14,7 +14,6 @@ from recordings_example import output, refused, sine
 
 from phnn.intake.files import named_file
 from phnn.recordings import read
-from phnn.recordings.json_files import read_json
 from phnn.recordings.text_files import read_text
 
 T, U = sine(10.0, 75.0, samples=120)
@@ -227,24 +226,3 @@ def test_json_recordings_are_bounded_in_size(tmp_path: Path) -> None:
     with (tmp_path / "a.json").open("wb") as file:
         file.truncate(70 * 2**20)
     refused(tmp_path, "a.json", "json recording", "67.1 MB")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("form", ["arrays", "records"])
-def test_long_json_takes_little_memory(tmp_path: Path, form: str) -> None:
-    count = 100_000
-    one = '{"time_s":%d,"voltage_V":0.5}'
-    content = (
-        '{"time_s":[' + ",".join("1" * count) + '],"voltage_V":[' + ",".join("2" * count) + "]}"
-        if form == "arrays"
-        else "[" + ",".join(one % i for i in range(count)) + "]"
-    )
-    (tmp_path / "a.json").write_text(content)
-    source = named_file(tmp_path / "a.json")
-    tracemalloc.start()
-    found = read_json(source)
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert found.numbers(1).size == count
-    # The block in hand takes up to 100 MB, whatever the size of the file.
-    assert peak < 8 * source.size + 10**8
