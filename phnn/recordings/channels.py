@@ -17,6 +17,7 @@ from phnn.recordings.units import (
     find_unit,
     known_unit,
     parse_name,
+    split_unit,
     stated_by_name,
     suits,
     to_si,
@@ -64,6 +65,8 @@ def select(table: Table, columns: Mapping[str, Column], named: Mapping[str, tupl
     """
     asked = {quantity: (quantity, columns.get(quantity, Column())) for quantity in QUANTITIES}
     every = {**asked, **named}
+    if not table.by_name and not table.stamps and asked["time"][1].place is None:
+        _one_clock(table)
     spoken_for = {table.find(c.place): c for _, c in every.values() if c.place is not None}
     found = {name: _channel(table, *said, name, spoken_for) for name, said in every.items()}
     channels = {name: channel for name, channel in found.items() if channel is not None}
@@ -73,6 +76,20 @@ def select(table: Table, columns: Mapping[str, Column], named: Mapping[str, tupl
     lengths = {f"{q} ({c.label})": c.values.size for q, c in channels.items()}
     checks.equal_lengths(lengths, table.where)
     return channels
+
+
+def _one_clock(table: Table) -> None:
+    """Refuse several columns of seconds that grow, of which none is called the time. Raises InputRefused."""
+    clocks = [i for i, n in enumerate(table.names) if n and suits("time", split_unit(n)[1])]
+    if len(clocks) < 2 or any((parse_name(table.names[i]) or ("",))[0] == "time" for i in clocks):
+        return
+    times = [(t := table.numbers(i))[np.isfinite(t)] for i in clocks]
+    if all(t.size and (np.diff(t) > 0.0).all() for t in times):
+        said = "; ".join(f"{table.label(i)} ends at {t[-1]:g} s" for i, t in zip(clocks, times, strict=True))
+        raise InputRefused(
+            f"{table.where}: two clocks ({said}): export all channels with one time, or name one of these in "
+            f"recordings.yaml, columns: {{time: {{column: ...}}}}"
+        )
 
 
 def _channel(table: Table, quantity: str, said: Column, name: str, spoken_for: Mapping[int, Column]) -> Channel | None:

@@ -261,7 +261,10 @@ def _stride(t: np.ndarray, values: Mapping[str, np.ndarray], roles: tuple[str, s
 
 def _thinned_note(size: int, stride: int) -> str:
     if stride == 1:
-        return f"{size} samples, all of which are needed: a fit takes {size // _ENOUGH} times as long as one of {_ENOUGH}; cut it by `slice`"
+        longer = size // _ENOUGH
+        return (
+            f"{size} samples, all of which are needed: a fit takes {longer} times as long as of {_ENOUGH}; see `slice`"
+        )
     return f"{size} samples, of which one in {stride} is used: what lies between follows from these"
 
 

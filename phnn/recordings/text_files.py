@@ -39,6 +39,8 @@ _MARKS = "#%"
 _SHOWN = 40
 # Lines that are looked at to recognise the columns; the share of them in which a column of numbers holds numbers.
 _LOOKED_AT, _MOSTLY = 60, 0.8
+# Share of its numbers that the first row has: what stands above may hold some too.
+_FILLED = 0.5
 # Lines below the last row that may be a footer.
 _FOOTER = 20
 _WHOLE = re.compile(r"\s*[-+]?\d+([eE][-+]?\d+)?\s*")
@@ -83,11 +85,11 @@ class Dialect:
         """Return whether a cell is a number."""
         return bool(NUMBER[self.decimal].fullmatch(cell) or (self.decimal == "," and _THOUSANDS.fullmatch(cell)))
 
-    def is_row(self, line: str) -> bool:
-        """Return whether a line is a row: numbers, of which some may be missing, in the columns of numbers."""
+    def is_row(self, line: str, share: float = 0.0) -> bool:
+        """Return whether a line is a row: numbers, of which more than a share are there, in the columns of numbers."""
         cells = self.cells(line)
         filled = [cells[i] for i in self.numeric if cells[i]] if len(cells) == self.width else []
-        return bool(filled) and all(map(self.is_number, filled))
+        return len(filled) > share * len(self.numeric) and all(map(self.is_number, filled))
 
     def fitted(self, lines: Sequence[Sequence[str]]) -> Dialect:
         """Return the dialect with the columns that most of some lines, given as cells, have."""
@@ -130,7 +132,8 @@ def table_of_lines(name: str, text: Lines) -> Table:
         raise InputRefused(
             f"{name}: {dialect.width} columns, at most {LIMITS.text_columns} are accepted: write one row per sample"
         )
-    first = next(i for i in range(len(text)) if dialect.is_row(text[i]))
+    rows = (next((i for i in range(len(text)) if dialect.is_row(text[i], share)), None) for share in (_FILLED, 0.0))
+    first = next(i for i in rows if i is not None)
     names, header = _names(name, list(text.of(0, first + 1)), first, dialect)
     tables = _blocks(name, text, first, header if any(names) else (), dialect)
     notes: list[str] = []

@@ -529,4 +529,11 @@ def test_a_long_recording_is_thinned_by_what_its_signals_need(tmp_path: Path) ->
     campaign = read(tmp_path)
     assert campaign.recordings[0].t.size == 50_000 and any("one in 5 is used" in n for n in campaign.notes)
     np.savez(tmp_path / "a.npz", time_s=t, voltage_V=np.sign(np.sin(2900.0 * t)), displacement_m=y)
-    assert any("cut it by `slice`" in n for n in read(tmp_path).notes)
+    assert any("see `slice`" in n for n in read(tmp_path).notes)
+
+
+def test_two_time_columns_in_a_text_are_refused_with_both(tmp_path: Path) -> None:
+    body = [f",{i * STEP:.3f},{u:.4f},{0.8 * i * STEP:.4f},{y:.4f}" for i, u, y in zip(N, FORCE, NOISY, strict=True)]
+    head = ["Start,10:00:01,,10:00:02,", "Interval,0.01,,0.008,", "Channel,Force,,Place,", "Unit,s,N,s,mm"]
+    rig(tmp_path, "\n".join([*head, *body, ""]), "{input: {column: 2, unit: N}, output: {column: 4, unit: mm}}")
+    refused(tmp_path, "two clocks", "Force [s]", "Place [s]")
