@@ -200,7 +200,7 @@ def _dates(column: np.ndarray, beside: Any, name: str) -> tuple[np.ndarray, str]
         return None
     import pandas as pd
 
-    cells = pd.Series(column)
+    cells, of_day = pd.Series(column), False
     if column.dtype.kind == "m":
         return np.asarray(cells.dt.total_seconds() - cells.dt.total_seconds().iloc[0], dtype=float), str(cells.iloc[0])
     if column.dtype.kind in "OUS" and not isinstance(cells.dropna().iloc[:1].squeeze(), datetime):
@@ -222,7 +222,8 @@ def _dates(column: np.ndarray, beside: Any, name: str) -> tuple[np.ndarray, str]
     if found.dt.normalize().nunique() == 1 and np.nanmin(np.diff(seconds), initial=0.0) < -0.5 * _DAY:
         # Times of day that pass midnight.
         seconds = np.unwrap(seconds, period=_DAY)
-    return seconds, str(first)
+    # A time of day has no date of its own.
+    return seconds, str(cells.iloc[0] if of_day else first)
 
 
 _DAY = 86_400.0
