@@ -74,8 +74,11 @@ def stamped(t: Array, resolution: float, channels: Mapping[str, Array], where: W
     if largest <= min(0.6 * printed, _LARGEST_ROUNDING * dt):
         notes += (f"times are rounded to {printed:.3g} s; taken as a uniform grid of {dt:.9g} s",)
         return Stamped(dt * k, values, rows, notes)
-    if not notes or largest <= dt:
-        notes += (f"sampling jitters by up to {largest / dt:.2%} of the interval; each sample keeps its own instant",)
+    if largest <= dt:
+        said = f"sampling jitters by up to {largest / dt:.2%} of the interval"
+    else:
+        said = f"intervals of {np.diff(t).min():.4g} to {np.diff(t).max():.4g} s"
+    notes += (f"{said}; each sample keeps its own instant",)
     return Stamped(t - t[0], values, rows, notes)
 
 
