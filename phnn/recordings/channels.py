@@ -34,6 +34,8 @@ _APART, _TIMES_OFF, _STEPS, _SHARE = 0.5, 50.0, 20.0, 0.02
 # Ranges after which angles and counters start again; the share of it that a signal covers, and that it may jump.
 _TURNS = (360.0, 2.0 * np.pi, 400.0, 1.0, 100.0, 1000.0, 3600.0, *(2.0**k for k in range(8, 33)))
 _COVERED, _JUMPS = 0.85, 0.5
+# By how much a glitch exceeds the difference of its neighbours; bends that are left when a wrap is undone, as a share.
+_AGREE, _BENDS = 2.0, 0.1
 # Rows in a row over which a masked input is interpolated.
 _MASKED = 10
 
@@ -185,6 +187,9 @@ def _wraps(x: np.ndarray) -> float | None:
             continue
         rest = np.abs(steps[~jumps])
         after = np.abs(np.abs(steps[jumps]) - turn)
+        bends = float(np.std(np.diff(np.unwrap(x, period=turn), 2)))
+        if bends > _BENDS * min(turn, float(np.std(np.diff(x, 2)))):
+            continue
         middle = np.mean(np.abs(x - 0.5 * (x.min() + x.max())) < 0.4 * size)
         if after.max() <= 2.0 * rest.max(initial=0.0) + 1e-3 * turn and middle > 0.3:
             return turn
@@ -201,7 +206,8 @@ def _glitches(x: np.ndarray) -> np.ndarray:
     steps = np.abs(np.diff(x))
     step = float(steps[steps > 0.0].min(initial=np.inf)) if (steps > 0.0).any() else 0.0
     least = max(_TIMES_OFF * max(usual, middle), _STEPS * step, _SHARE * spread)
-    return np.flatnonzero(off > least) + 1
+    # Both neighbours have to agree: what follows a jump overshoots to one side as well.
+    return np.flatnonzero((off > least) & (off > _AGREE * np.abs(x[2:] - x[:-2]))) + 1
 
 
 def _by_name(table: Table, quantity: str, spoken_for: Mapping[int, Column]) -> int | None:
