@@ -34,8 +34,10 @@ _APART, _TIMES_OFF, _STEPS, _SHARE = 0.5, 50.0, 20.0, 0.02
 # Ranges after which angles and counters start again; the share of it that a signal covers, and that it may jump.
 _TURNS = (360.0, 2.0 * np.pi, 400.0, 1.0, 100.0, 1000.0, 3600.0, *(2.0**k for k in range(8, 33)))
 _COVERED, _JUMPS = 0.85, 0.5
-# By how much a glitch exceeds the difference of its neighbours; bends that are left when a wrap is undone, as a share.
+# By how much a glitch exceeds the differences of the samples around it; share of the bends that undoing a wrap leaves.
 _AGREE, _BENDS = 2.0, 0.1
+# Differences of samples that are looked at on either side.
+_AROUND = 6
 # Rows in a row over which a masked input is interpolated.
 _MASKED = 10
 
@@ -206,8 +208,10 @@ def _glitches(x: np.ndarray) -> np.ndarray:
     steps = np.abs(np.diff(x))
     step = float(steps[steps > 0.0].min(initial=np.inf)) if (steps > 0.0).any() else 0.0
     least = max(_TIMES_OFF * max(usual, middle), _STEPS * step, _SHARE * spread)
-    # Both neighbours have to agree: what follows a jump overshoots to one side as well.
-    return np.flatnonzero((off > least) & (off > _AGREE * np.abs(x[2:] - x[:-2]))) + 1
+    # What follows a jump rings to one side as well: the samples around a glitch, and its neighbours, have to agree.
+    found = np.flatnonzero((off > least) & (off > _AGREE * np.abs(x[2:] - x[:-2]))) + 1
+    around = (np.r_[steps[max(i - 1 - _AROUND, 0) : i - 1], steps[i + 1 : i + 1 + _AROUND], 0.0].max() for i in found)
+    return found[[off[i - 1] > _AGREE * most for i, most in zip(found, around, strict=True)]]
 
 
 def _by_name(table: Table, quantity: str, spoken_for: Mapping[int, Column]) -> int | None:
