@@ -80,8 +80,9 @@ class Settings:
 
     def __post_init__(self) -> None:
         check(self)
-        if not isinstance(self.allow_outside, bool):
-            raise InputRefused(f"setting allow_outside={self.allow_outside} must be true or false")
+        for name in ("allow_outside", "tensorboard", "resume"):
+            if not isinstance(getattr(self, name), bool):
+                raise InputRefused(f"setting {name}={getattr(self, name)} must be true or false")
         if self.window == 1:
             raise InputRefused("setting window=1: a window has two samples at least; 0 takes whole recordings")
         for name, keys in (("model", ("kind", TARGET)), ("solver", ("name",))):
