@@ -275,7 +275,8 @@ def _setup(usable: Sequence[Found], actuator: bool) -> list[str]:
     if actuator:
         said = f"{{model: {DEFAULT_SETUP['model']}, hysterons: {DEFAULT_SETUP['hysterons']}}}"
         return [f"setup: {said}   # guessed: mass, spring and damper, driven through so many hysterons"]
-    pairs = {(f.roles[INPUT].column.size[2], f.roles[OUTPUT].column.size[2]) for f in usable}
+    units = ([find_unit(f.roles[role].unit) for role in (INPUT, OUTPUT)] for f in usable)
+    pairs = {(u.si, y.si) for u, y in units if u is not None and y is not None}
     pair = next(iter(pairs), ("", ""))
     if len(pairs) != 1 or pair not in _BY_UNITS:
         return [

@@ -76,8 +76,6 @@ def _edges(entry: Entry, channels: Mapping[str, Channel], size: int, first: int,
 
 LARGEST_CLIPPED_SHARE = 0.02
 SHORTEST_CLIPPED_RUN = 5
-# Share of the way beside a plateau that lies in its nearest quarter: a parabola cut off has 0.19, one at rest 0.06.
-_COMES_TO_REST = 0.12
 
 
 def not_clipped(u: np.ndarray, y: np.ndarray, label: str, factor: float, where: Where, sensor: Sensor = PLAIN) -> None:
