@@ -239,6 +239,16 @@ class Duhem(Operator):
         return np.column_stack(columns), np.array([*z, u[-1]])
 
 
+def transfer(theta: Array, rate: float) -> tuple[Array, Array]:
+    """Return numerator and denominator of the dynamics in s over ``rate``; ``theta`` as in `discretised`."""
+    omega, zeta = rate * np.exp(theta[0]), np.exp(theta[1])
+    a, b = np.array([1.0 / omega**2, 2.0 * zeta / omega, 1.0]), np.array([theta[2] / omega, 1.0])
+    for log_tau, lead in theta[3:].reshape(-1, 2):
+        tau = np.exp(log_tau) / rate
+        a, b = np.polymul(a, [tau, 1.0]), np.polymul(b, [lead * tau, 1.0])
+    return b, a
+
+
 def discretised(theta: Array, rate: float, dt: float, held: bool) -> tuple[Array, Array]:
     """Return numerator and denominator in z⁻¹ of the dynamics, exact for inputs held or linear between samples.
 
@@ -246,11 +256,7 @@ def discretised(theta: Array, rate: float, dt: float, held: bool) -> tuple[Array
         theta: (ln ω/rate, ln ζ, z, ln rate·τ_1, k_1, …); rate: unit of ω, rad/s; dt: sampling interval, s.
     """
     # In units of dt: coefficients in seconds would be numbers of very different size.
-    omega, zeta, rate = rate * dt * np.exp(theta[0]), np.exp(theta[1]), rate * dt
-    a, b = np.array([1.0 / omega**2, 2.0 * zeta / omega, 1.0]), np.array([theta[2] / omega, 1.0])
-    for log_tau, lead in theta[3:].reshape(-1, 2):
-        tau = np.exp(log_tau) / rate
-        a, b = np.polymul(a, [tau, 1.0]), np.polymul(b, [lead * tau, 1.0])
+    b, a = transfer(theta, rate * dt)
     n = a.size - 1
     row = np.concatenate([np.zeros(n - b.size), b])[None, :] / a[0]
     companion = (np.vstack([-a[1:] / a[0], np.eye(n)[:-1]]), np.eye(n)[:, :1], row, np.zeros((1, 1)))
@@ -310,6 +316,10 @@ class Structure:
         b, a = self.filter(x, recording.dt, recording.interpolation == "zero_order")
         return np.asarray(lfilter(b, a, columns, axis=0, zi=lfilter_zi(b, a)[:, None] * resting)[0])[cycle:]
 
+    def stepper(self, fitted: Separable, dt: float) -> Stepper:
+        """Return a fitted structure sample by sample, at the interval ``dt`` [s]."""
+        return _Stepper(fitted, dt)
+
     def nuisance(self, x: Array, recording: Recording) -> Array:
         """Return (N, order) free responses where the start is unknown, (N, 0) otherwise."""
         if recording.start.state != "unknown":
@@ -337,7 +347,7 @@ class Separable(Fitted):
         return self.structure.nuisance(self.x, recording)
 
     def stepper(self, dt: float) -> Stepper:
-        return _Stepper(self, dt)
+        return self.structure.stepper(self, dt)
 
 
 class _Stepper(Stepper):
@@ -432,10 +442,11 @@ class SeparableRival(Rival):
     """A family of structures from small to large.
 
     Attributes:
-        sizes: operator and number of lags of each.
+        sizes: operator and number of lags of each; structure: joins them to dynamics.
     """
 
     sizes: Sequence[tuple[Operator, int]]
+    structure: type[Structure] = Structure
     how = "variable projection: weights by least squares, dynamics and shape by a trust region with finite differences"
 
     def warm(self) -> None:
@@ -449,7 +460,7 @@ class SeparableRival(Rival):
             own = budget.share(_SEARCH, len(self.sizes) - k)
             if own.seconds <= 0.0:
                 break
-            structure = Structure(operator, lags, scales)
+            structure = self.structure(operator, lags, scales)
             fitted = fit_structure(structure, recordings, parts.fit, _starts(structure, tried), own)
             if fitted is not None:
                 tried.append((over_noise(fitted, recordings, parts.check), fitted))

@@ -27,6 +27,13 @@ _CLASSES = {
     "gru": ("GRU", "networks.Gru"),
     "lstm": ("LSTM", "networks.Lstm"),
     "subnet": ("SUBNET", "networks.Subnet"),
+    "bouc_wen_before_1": ("Bouc–Wen before the mass, 1 term", "bouc_wen.BoucWenBefore"),
+    "bouc_wen_before_3": ("Bouc–Wen before the mass, 3 terms", "bouc_wen.BoucWenBefore3"),
+    "bouc_wen_loop_1": ("Bouc–Wen in the loop, 1 term", "bouc_wen.BoucWenLoop"),
+    "bouc_wen_loop_3": ("Bouc–Wen in the loop, 3 terms", "bouc_wen.BoucWenLoop3"),
+    "trained_ode": ("neural ODE", "continuous.NeuralOde"),
+    "oe_phnn": ("OE-pHNN", "continuous.OePhnn"),
+    "sphnn": ("sPHNN", "continuous.SPhnn"),
 }
 NAMES = tuple(_CLASSES)
 HEADS = {n: kind.title for n, kind in MODELS.items()} | {n: title for n, (title, _) in _CLASSES.items()}

@@ -33,7 +33,7 @@ from torch import Tensor, nn
 from phnn.errors import SolverFailed
 from phnn.recordings.recording import Recording
 from studies.rival_models.grid import Data, Gridded, OnGrid, data_on
-from studies.rival_models.hysteresis import STARTS, Static, Structure, fit_structure, free_responses
+from studies.rival_models.hysteresis import STARTS, Static, Structure, fit_structure, free_responses, transfer
 from studies.rival_models.rival import Budget, Fitted, Rival, State, Stepper, over_noise, split
 
 Array = NDArray[np.float64]
@@ -51,10 +51,14 @@ _REST = 400  # samples of constant input before a rest ends
 
 @dataclass(frozen=True)
 class Linear:
-    """Scaled output of a scaled input on the grid: numerator ``b`` and denominator ``a`` in z⁻¹, third order."""
+    """Scaled output of a scaled input on the grid: numerator ``b`` and denominator ``a`` in z⁻¹, third order.
+
+    ``transfer`` is the same in s times the grid interval.
+    """
 
     b: Array
     a: Array
+    transfer: tuple[Array, Array] = (np.zeros(1), np.ones(1))
 
     def run(self, u: Array, state: Array) -> tuple[Array, Array]:
         """Return (N,) outputs, and the filter's state behind them."""
@@ -88,7 +92,9 @@ def linear_model(recordings: Sequence[Recording], data: Data, budget: Budget) ->
     if fitted is None:
         raise SolverFailed("no linear model was found within the budget: allow more time")
     b, a = structure.filter(fitted.x, data.dt)
-    return Linear(b * float(fitted.weights[0]) / data.scales.y, a)
+    gain = float(fitted.weights[0]) / data.scales.y
+    numerator, denominator = transfer(structure.parted(fitted.x)[0], data.scales.rate * data.dt)
+    return Linear(b * gain, a, (numerator * gain, denominator))
 
 
 class Net(nn.Module):
