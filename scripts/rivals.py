@@ -1,6 +1,6 @@
-"""Models of hysteresis side by side: ``python scripts/rivals.py study=truths [out=DIR] [compare.budget=60]``.
+"""Models of hysteresis side by side: ``python scripts/rivals.py study=table [out=DIR] [compare.budget=60]``.
 
-The studies are ``truths``, ``scarcity``, ``real``, ``loops`` and ``long``.
+The studies are ``table``, ``real`` and ``loops``.
 
 Writes ``STUDY.csv`` and ``STUDY.md``; ``page=FILE`` also fills the table of that study in a page of markdown. ``real``
 takes ``folder=DIR``, which holds a folder for each set of recordings.

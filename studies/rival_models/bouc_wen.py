@@ -21,8 +21,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from phnn.recordings.recording import Recording
-from studies.rival_models.hysteresis import Operator, Separable, SeparableRival, Structure
-from studies.rival_models.rival import Scales, State, Stepper
+from studies.rival_models.hysteresis import Operator, Separable, SeparableRival, Static, Structure, discretised
+from studies.rival_models.rival import Scales, State, Stepper, run_in
 
 Array = NDArray[np.float64]
 
@@ -137,7 +137,10 @@ class Loop(Structure):
         return np.array([np.log(omega), np.log(zeta), *np.insert(shape, 0, 0.3, axis=1).ravel()])
 
     def parted(self, x: Array) -> tuple[Array, Array]:
-        return np.array([*x[:2], 0.0]), x[2:]
+        return x[:2], x[2:]
+
+    def filter(self, x: Array, dt: float, held: bool = False) -> tuple[Array, Array]:
+        return discretised(np.append(x[:2], 0.0), self.scales.rate, dt, held)
 
     def path(self, x: Array, state: Array, u: Array, dt: float) -> Array:
         """Return q (N,) under scaled inputs; the state (q, q̇, z_1…, last input) is moved on."""
@@ -161,7 +164,7 @@ class Loop(Structure):
         return _Stepper(fitted, dt)
 
     def columns(self, x: Array, recording: Recording) -> Array:
-        u, cycle = recording.u / self.scales.u, recording.cycle
+        u, cycle = recording.u / self.scales.u, run_in(recording)
         before = u[0] if recording.start.state != "rest" else recording.start.input_before / self.scales.u
         if cycle:
             u = np.concatenate([u[-cycle:], u])
@@ -186,14 +189,14 @@ class _Stepper(Stepper):
 
 
 class _BoucWenRival(SeparableRival):
-    """A number of terms in one of the two places."""
+    """A number of terms in one of the two places, from the best linear model."""
 
     source = "Bouc 1967; Wen 1976; Ismail, Ikhouane, Rodellar 2009"
     count: int
 
     @property
     def sizes(self) -> Sequence[tuple[Operator, int]]:  # type: ignore[override]
-        return ((BoucWen(self.count), 0),)
+        return (Static(1), 0), (BoucWen(self.count), 0)
 
     def warm(self) -> None:
         _before(np.zeros(1), 0.0, np.zeros(2), np.ones((1, 3)), np.zeros((2, 1)))
@@ -219,7 +222,9 @@ class BoucWenLoop(_BoucWenRival):
 
     words = "mass, spring and damper with a Bouc–Wen element of one term, free exponent"
     count = 1
-    structure = Loop
+
+    def join(self, operator: Operator, lags: int, scales: Scales) -> Structure:
+        return (Loop if isinstance(operator, BoucWen) else Structure)(operator, lags, scales)  # type: ignore[arg-type]
 
 
 class BoucWenLoop3(BoucWenLoop):

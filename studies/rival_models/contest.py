@@ -1,4 +1,7 @@
-"""Studies of rivals: all models on actuators of three kinds, on few recordings, and on public recordings.
+"""Studies of rivals: the table of all models on several sets of recordings, few recordings, and public ones.
+
+The table fits every model with the same processor time to each set, several times with other seeds. A seed draws the
+noise of recordings that are made, the actuator of those that are not of Table 1, and what a fit begins with.
 
 Of public recordings, every model is fitted to the identification parts of a folder and scored on its held-out parts.
 The ratio of the best model of phnn to the best rival is below one where phnn predicts better. With several inputs
@@ -17,7 +20,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from phnn.comparison.models import Settings
+from phnn.comparison.models import MODELS, Settings
 from phnn.comparison.run import compare
 from phnn.configuration import check, checked, config_folder, number, positive, whole
 from phnn.diagnose.diagnosis import diagnose, score_on_all
@@ -29,22 +32,33 @@ from phnn.recordings import Campaign, read
 from phnn.report.formatting import DASH, markdown_table, ratio
 from phnn.report.result import document
 from phnn.results import Place
-from studies.comparison.uses import CONFIRMATION, OUTSIDE, USES, over_noise, uses
 from studies.generator.plans import sine
-from studies.recordings import comparison_plan
+from studies.recordings import (
+    PHS,
+    TRUTHS,
+    USES,
+    Conditions,
+    comparison_plan,
+    over_noise,
+    uses,
+    write_recordings,
+    write_truth,
+)
 from studies.rival_models.names import HEADS, NAMES, register_rivals, rival
-from studies.rival_models.runs import long, loops
-from studies.rival_models.truths import write_truth
+from studies.rival_models.runs import loops
 
-STUDIES = ("truths", "scarcity", "real", "loops", "long")
-COUNTS, ENOUGH = (1, 2, 4, 7), 1.2
+STUDIES = ("table", "real", "loops")
 # In this order recordings are added: the first few span amplitude and frequency as well as they can.
 _ADDED = ((50.0, 75.0), (1.0, 75.0), (150.0, 75.0), (100.0, 40.0), (10.0, 40.0), (25.0, 75.0), (100.0, 75.0))
 _HELD = ((10.0, 75.0), (75.0, 75.0), (75.0, 40.0), (18.0, 60.0), (120.0, 55.0))
-FOLDERS = ("piezo-stack", "steering-mirror", "silverbox", "emps", "tanks", "mr-damper", "shaking-table")
+# Sets of the table: made ones of Table 1 by the second effect that they hold, of other actuators, and public folders.
+TABLE, CREEP, _RESIDUAL_UM = "table_1", "creep", 0.5
+# Of an actuator of hysterons with so many identification recordings, and five others held out.
+FEW = {f"{PHS}_{count}": count for count in (1, 2, 4, 7)}
+FOLDERS = ("piezo-stack", "steering-mirror", "silverbox", "emps", "tanks", "mr-damper", "shaking-table", "bouc-wen")
 _OWN = {"base": "phnn, base model", "diagnosed": "phnn, diagnosed"}  # that of the manifest, that of phnn diagnose
-# A manifest with another name than usual: this one identifies on a quarter of the training samples.
-_MANIFESTS = {"silverbox": "quarter.yaml"}
+# Manifests with other names than usual: these identify on a quarter of the training samples.
+_MANIFESTS = {"silverbox": "quarter.yaml", "bouc-wen": "period.yaml"}
 # The second and the third realisation at 100 mV are contaminated; one of each amplitude identifies.
 _MIRROR = ("100mV_1", "300mV_1", "100mV_test_1", "300mV_test_1")
 
@@ -54,22 +68,20 @@ class Chosen:
     """The keys of ``configs/experiment/rivals.yaml`` beside those under ``compare``.
 
     Attributes:
-        study: one of `STUDIES`; truths: kinds of actuator; seeds: of actuators, noise and models.
+        study: one of `STUDIES`; sets: of recordings, for the table; seeds: of actuators, noise and models.
         noise_um: standard deviation of the sensor's noise, µm.
-        runs: of each model in a loop; samples, drives: of long runs.
+        runs: of each model in a loop.
         folder, only: of real recordings; diagnoses: whether the models of diagnoses join them.
     """
 
     study: str
-    truths: tuple[str, ...]
+    sets: tuple[str, ...]
     seeds: tuple[int, ...]
     only: tuple[str, ...]
     folder: str | None
     diagnoses: bool
     noise_um: float = positive(0.05)
     runs: int = whole(20, least=1)
-    samples: int = whole(10_000_000, least=1)
-    drives: int = whole(3, least=1)
 
     def __post_init__(self) -> None:
         check(self)
@@ -81,14 +93,17 @@ class Chosen:
             raise InputRefused("folder: is not given: name the folder that holds a folder for each set of recordings")
         if not isinstance(self.diagnoses, bool):
             raise InputRefused(f"diagnoses: {self.diagnoses!r} is neither true nor false")
-        if self.study != "real" and not (self.truths and self.seeds):
-            raise InputRefused("truths, seeds: one of them is empty: name one at least")
+        if self.study != "real" and not (self.sets and self.seeds):
+            raise InputRefused("sets, seeds: one of them is empty: name one at least")
+        for name in self.sets:
+            if name not in (known := (TABLE, CREEP, *TRUTHS, *FEW, *FOLDERS)):
+                raise InputRefused(f"sets: nothing is called {name!r}: choose from {', '.join(known)}")
 
     @classmethod
     def from_config(cls, config: Mapping[str, Any]) -> Chosen:
         """Take the composed configuration; a single value serves as a list of one. Raises InputRefused."""
         given = {name: config[name] for name in cls.__dataclass_fields__}
-        for name in ("truths", "seeds", "only"):
+        for name in ("sets", "seeds", "only"):
             value = given[name]
             given[name] = tuple(value) if isinstance(value, list | tuple) else () if value is None else (value,)
         return cls(**given)
@@ -113,75 +128,120 @@ def run(config: Mapping[str, Any], progress: Progress = quiet) -> Path:
     place = Place(Path(config["out"] or f"out/rivals/{c.study}").resolve())
     if c.study == "real":
         real(place, settings, Path(str(c.folder)), c.only, c.diagnoses, progress)
-    elif c.study in ("truths", "scarcity"):
-        contest(c.study, place, settings, c.truths, c.seeds, c.noise_um, progress)
     elif c.study == "loops":
         loops(place, settings, c.seeds, c.noise_um, c.runs, progress)
     else:
-        long(place, settings, c.seeds, c.noise_um, (c.samples, c.drives), progress)
+        contest(c, place, settings, progress)
     return place.path / f"{c.study}.md"
 
 
-def contest(
-    study: str, place: Place, settings: Settings, chosen: Sequence[str], seeds: Sequence[int], noise_um: float,
-    progress: Progress = quiet,
-) -> pd.DataFrame:  # fmt: skip
-    """Fit all models to simulated recordings; write csv and markdown after every set of recordings.
+def contest(c: Chosen, place: Place, settings: Settings, progress: Progress = quiet) -> pd.DataFrame:
+    """Fit all models to all sets of recordings, seed by seed; write ``table.csv`` and ``table.md`` after each.
 
-    ``truths`` takes four sines of each kind of actuator and seed, and scores on those, and held out inside and outside.
-    ``scarcity`` takes 1, 2, 4 and 7 recordings of the first kind and seed, and scores on five others.
+    Public folders that are not there are left out, and the page says so.
 
     Returns:
         A row for each model on each set of recordings: residual over noise by use, root mean square over recordings.
     """
     began, rows = time.process_time(), list[dict[str, Any]]()
-    for truth in chosen if study == "truths" else chosen[:1]:
-        for seed in seeds:
-            for count in COUNTS if study == "scarcity" else (None,):
-                plan = comparison_plan()
-                if count is not None:
-                    added, held = (tuple(sine(f, a) for f, a in each) for each in (_ADDED[:count], _HELD))
-                    uses = dict.fromkeys((e.name for e in added), "identification")
-                    plan = uses | dict.fromkeys((e.name for e in held), "confirmation"), (*added, *held)
-                home = place / (f"{truth}_{seed}" if count is None else f"{truth}_{seed}_{count}")
-                folder = (home / "recordings").own_folder()
-                write_truth(folder, truth, seed, plan, noise_um)
-                case = {"truth": truth, "seed": seed}
-                rows += _compared(read(folder), home, settings, case, progress)
-                spent = f"{time.process_time() - began:.0f} processor seconds in this run"
-                table, page = pd.DataFrame(rows), truths_page if study == "truths" else scarcity_page
-                (place / f"{study}.csv").write(table.to_csv(index=False).encode())
-                (place / f"{study}.md").write((page(table, settings, spent) + "\n").encode())
+    absent = [n for n in c.sets if n in FOLDERS and not (c.folder and (Path(c.folder) / n).is_dir())]
+    _warm(settings, place, progress)
+    for seed in c.seeds:
+        for name in (n for n in c.sets if n not in absent):
+            home = place / f"{name}_{seed}"
+            public = name in FOLDERS
+            campaign = one_to_one(Path(str(c.folder)) / name, name) if public else _made(home, name, seed, c.noise_um)
+            rows += _compared(campaign, home, settings, {"set": name, "seed": seed}, progress)
+            table, spent = pd.DataFrame(rows), f"{time.process_time() - began:.0f} processor seconds in this run"
+            (place / "table.csv").write(table.to_csv(index=False).encode())
+            (place / "table.md").write((table_page(table, settings, spent, absent) + "\n").encode())
     return pd.DataFrame(rows)
+
+
+def _made(home: Place, name: str, seed: int, noise_um: float) -> Campaign:
+    """Make the recordings of a set, and read them."""
+    plan = comparison_plan()
+    if name in FEW:
+        added, held = (tuple(sine(f, a) for f, a in each) for each in (_ADDED[: FEW[name]], _HELD))
+        chosen = dict.fromkeys((e.name for e in added), "identification")
+        plan = chosen | dict.fromkeys((e.name for e in held), "confirmation"), (*added, *held)
+    folder = (home / "recordings").own_folder()
+    if name in (TABLE, CREEP):
+        effect = "none" if name == TABLE else name
+        write_recordings(folder, Conditions(effect, _RESIDUAL_UM, noise_um, seed=seed), plan)
+    else:
+        write_truth(folder, PHS if name in FEW else name, seed, plan, noise_um)
+    return read(folder)
+
+
+def _warm(settings: Settings, place: Place, progress: Progress) -> None:
+    """Fit phnn's models to one short recording: what is compiled then takes no time from a model's budget."""
+    chosen = tuple(m for m in settings.models if m in MODELS)
+    if not chosen or (place / "warm").path.exists():
+        return
+    progress("compile")
+    home, plan = place / "warm", ({sine(50.0).name: "identification"}, (sine(50.0, periods=1),))
+    write_truth((home / "recordings").own_folder(), PHS, 0, plan, 0.05)
+    own = limited(replace(settings, models=chosen, options=replace(settings.options, starts=1)), 0.1)
+    compare(read((home / "recordings").path), Path(home.path) / "models", own)
+
+
+def limited(settings: Settings, budget: float) -> Settings:
+    """Return settings under which every training has the processor seconds of a rival, shared among its stages."""
+    recipes = {
+        name: replace(r, stages={k: {**s, "seconds": budget / len(r.stages)} for k, s in r.stages.items()})
+        for name, r in settings.recipes.items()
+    }
+    return replace(settings, budget=budget, recipes=recipes)
 
 
 def _compared(
     campaign: Campaign, home: Place, settings: Settings, case: dict[str, Any], progress: Progress
 ) -> list[dict[str, Any]]:
     """Return a row for each model on one folder, by `phnn.comparison`."""
-    own = replace(settings, options=replace(settings.options, seed=case["seed"]))
-    told: Progress = lambda line: progress(f"{case['truth']}, seed {case['seed']}: {line}")  # noqa: E731
+    own = limited(replace(settings, options=replace(settings.options, seed=case["seed"])), settings.budget)
+    told: Progress = lambda line: progress(f"{case['set']}, seed {case['seed']}: {line}")  # noqa: E731
     kinds, results = uses(campaign.recordings), compare(campaign, Path(home.path) / "models", own, told)
     case = case | {"recordings": sum(bool(r.mask("identification").any()) for r in campaign.recordings)}
     rows = []
     for model, result in results.items():
         facts, scores = result.facts, {use: over_noise(result.evaluation, kinds, use) for use in USES}
-        seconds = float(facts.get("processor_seconds", facts["seconds"]))
-        made = {"parameters": int(facts["parameters"]), "processor_seconds": seconds, "budget": settings.budget}
-        rows.append(case | {"model": model} | scores | made | {"size": str(facts.get("size", ""))})
+        made = {n: facts.get(n, np.nan) for n in ("parameters", "evaluations", "processor_seconds", "seconds")}
+        errors = {f"rmse {p.name}": p.rmse for p in result.evaluation.parts if p.use != "identification"}
+        row = case | {"model": model} | scores | made | {"budget": settings.budget, "size": str(facts.get("size", ""))}
+        rows.append(row | (errors if case["set"] in FOLDERS else {}))
     return rows
 
 
-def truths_page(table: pd.DataFrame, settings: Settings, spent: str) -> str:
-    """Return the page of residual over noise by truth, use and model, and processor seconds: medians over seeds."""
-    models, body = list(dict.fromkeys(table["model"])), []
-    for truth, own in table.groupby("truth", sort=False):
-        middle = own.groupby("model").median(numeric_only=True)
-        for use, words in (*USES.items(), ("processor_seconds", "processor seconds")):
-            body.append([str(truth), words, *(_cell(middle[use][m]) for m in models)])
-    heads = ["truth", "recordings", *(HEADS[m] for m in models)]
-    lines = ["# Models on three truths", "", _words(table, settings, spent), "", *markdown_table(heads, body)]
+def table_page(table: pd.DataFrame, settings: Settings, spent: str, absent: Sequence[str] = ()) -> str:
+    """Return the page of mean and standard deviation over seeds: errors, effort and size of every model, by set."""
+    lines = ["# All models on the same recordings", "", _words(table, settings, spent)]
+    lines += ["", *(f"{name}: skipped, its folder is not there." for name in absent)]
+    for name, own in table.groupby("set", sort=False):
+        official = [n for n in own.columns if n.startswith("rmse ") and own[n].notna().any()]
+        scored = [n for n in USES if own[n].notna().any()]
+        heads = ["model", "parameters", *(USES[n] for n in scored)]
+        heads += [f"{n.removeprefix('rmse ')} [{_UNIT[1]}]" for n in official]
+        body = []
+        for model, rows in own.groupby("model", sort=False):
+            cells = [_spread(rows[n]) for n in scored] + [_spread(_UNIT[0] * rows[n]) for n in official]
+            effort = [f"{rows[n].mean():.0f}" for n in ("processor_seconds", "seconds")]
+            count = rows["evaluations"].mean()
+            body.append([HEADS[str(model)], f"{rows['parameters'].mean():.0f}", *cells, *effort,
+                         DASH if np.isnan(count) else f"{count:.0f}"])  # fmt: skip
+        lines += ["", f"## {name}", "", *markdown_table([*heads, "processor s", "wall s", "evaluations"], body)]
     return "\n".join(lines)
+
+
+_UNIT = 1e6, "10⁻⁶"  # of the errors on public recordings, in the unit of their output
+
+
+def _spread(values: pd.Series[float]) -> str:
+    """Write mean and standard deviation over seeds; a model that left the finite numbers says how often."""
+    lost = int((~np.isfinite(values)).sum())
+    if lost:
+        return f"diverged {lost} of {len(values)}"
+    return ratio(float(values.mean())) + (f" ± {ratio(float(values.std()))}" if len(values) > 1 else "")
 
 
 def _cell(score: float) -> str:
@@ -189,35 +249,12 @@ def _cell(score: float) -> str:
     return "diverged" if score == float("inf") else ratio(score)
 
 
-def scarcity_page(table: pd.DataFrame, settings: Settings, spent: str) -> str:
-    """Return the page of held-out residual over noise by number of recordings, and the number from which it stays
-    below 1.2."""
-    counts, body = list(dict.fromkeys(table["recordings"])), []
-    for model, own in table.groupby("model", sort=False):
-        reached = [held_out(own[own["recordings"] == c]) for c in counts]
-        near = (str(c) for k, c in enumerate(counts) if all(x <= ENOUGH for x in reached[k:]))
-        body.append([HEADS[str(model)], *(_cell(x) for x in reached), next(near, f"> {counts[-1]}")])
-    heads = ["model", *(f"from {c}" for c in counts), f"needed for {ENOUGH} × noise"]
-    lines = ["# Models on few recordings", "", _words(table, settings, spent), "", *markdown_table(heads, body)]
-    return "\n".join(lines)
-
-
-def held_out(rows: pd.DataFrame) -> float:
-    """Return the median over seeds of the root mean square over all held-out recordings, inside the range or not.
-
-    The uses are weighted alike: with one recording nearly all others lie outside.
-    """
-    squares = rows[[CONFIRMATION, OUTSIDE]].replace(np.inf, np.nan) ** 2
-    return float(np.sqrt(squares.mean(axis=1)).fillna(np.inf).median())
-
-
 def _words(table: pd.DataFrame, settings: Settings, spent: str) -> str:
     seeds = ", ".join(str(s) for s in dict.fromkeys(table["seed"]))
     return (
-        f"Residual over noise, median over the seeds {seeds}. Budget of each rival: {settings.budget:g} processor "
-        f"seconds; {spent}. PHS, Bouc–Wen and the linear model are fitted until they converge; learned hysterons, the "
-        "fully neural PHS and the neural ODE are trained by stages of their own, and their time is not that of the "
-        "processor but what passed."
+        f"Residual over noise, root mean square over recordings; seeds {seeds}. Budget of each model: "
+        f"{settings.budget:g} seconds of one processor, twice as much for the neural ODE; {spent}. PHS, the linear "
+        "model and Bouc–Wen blocks end when they converge; a training ends after the epoch in which its time is over."
     )
 
 

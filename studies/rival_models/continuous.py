@@ -6,19 +6,19 @@
 
     J = S − Sᵀ,   R = L Lᵀ,   y = C x
 
-S, L and G are networks of the state. Displacement and voltage are no power pair, so that the output is learned beside the
-ports. Time is over the grid interval and every sample takes one Runge–Kutta step of fourth order, with the input linear
-between samples. All begin as the best linear model: its modes turn and decay, which is a skew J and a positive R with
-H = ½ |x|², and lags over the band of the recordings stand beside them.
+S, L and G are networks of the state. Displacement and voltage are no power pair, so that the output is learned beside
+the ports. Time is over the grid interval, and every sample takes one Runge–Kutta step of fourth order, with the input
+linear between samples. All begin as the best linear model: its modes turn and decay, which is a skew J and a positive R
+with H = ½ |x|². Lags over the band of the recordings stand beside them.
 
-They are trained on the error of free simulation from the recordings' starts, an unknown one fitted to the first samples.
-The authors of both port-Hamiltonian networks take Adam on short sections, whose starts an encoder tells. Here damped
+They are trained on the error of free simulation; an unknown start is fitted to the first samples of a recording. The
+authors of both port-Hamiltonian networks take Adam on short sections, whose starts an encoder tells. Here damped
 Gauss–Newton steps on whole recordings take their place: within the same time they come much further. The derivative of
 a step by state and weights is that of torch, for many samples at once; those of the outputs follow by
 ``S_k+1 = ∂Φ/∂x S_k + ∂Φ/∂θ``.
 
-References: Moradi, Beintema, Jaensson, Tóth, Schoukens 2025, arXiv 2502.14432 (OE-pHNN); Roth, Klein, Kannapinn, Peters,
-Weeger 2025, arXiv 2502.02480 (sPHNN); Chen et al. 2018 (neural ODE).
+References: Moradi, Beintema, Jaensson, Tóth, Schoukens 2025, arXiv 2502.14432 (OE-pHNN); Roth, Klein, Kannapinn,
+Peters, Weeger 2025, arXiv 2502.02480 (sPHNN); Chen et al. 2018 (neural ODE).
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ _FASTEST = 1.5  # |pole| times the grid interval at the start: Runge–Kutta ste
 _RATES = (2e-3, 0.3)  # of the lags at the start, over the grid interval
 _FAINT = 0.05  # random weights of outputs at the start
 _CHUNK, _ROWS = 1024, 12_000  # samples whose derivatives are taken at once; rows of the normal equations
-_FIRST, _REST = 100, 2000  # samples that tell an unknown start, and that a rest takes
+_FIRST, _REST, _FORGOTTEN = 100, 2000, 1000  # samples that tell an unknown start, of a rest, and of a run-in that count
 _SEARCH, _PATIENCE = 0.5, 8  # share of the budget for all sizes; steps without a better check
 _DAMPING, _EASED, _RAISED, _MOST = 1e-2, 0.3, 4.0, 1e7
 _BLACK, _OPEN, _STABLE = 0, 1, 2
@@ -197,8 +197,9 @@ class ContinuousFitted(OnGrid):
     net: Field = None  # type: ignore[assignment]
 
     def rest(self, u: float) -> Array:
-        """Return the state (n,) after a rest at a scaled input, from the state zero."""
-        return self.net.run(np.zeros(self.net.states), np.full(_REST, u))[-1]
+        """Return the state (n,) after a rest at a scaled input: zero for zero, else what follows from there."""
+        x = np.zeros(self.net.states)
+        return self.net.run(x, np.full(_REST, u))[-1] if u else x
 
     def start(self, g: Gridded) -> Array:
         """Return the state (n,) before a recording: at rest, else the one that its first outputs tell best."""
@@ -245,9 +246,9 @@ class _Stepper(Stepper):
 class _Training:
     """Damped Gauss–Newton on the error of free simulation, over noise."""
 
-    def __init__(self, fitted: ContinuousFitted, gridded: Sequence[Gridded], fit: Sequence[Mask], check: Sequence[Mask]):
+    def __init__(self, fitted: ContinuousFitted, grids: Sequence[Gridded], fit: Sequence[Mask], check: Sequence[Mask]):
         self.fitted, self.net, self.damping, self.steps, self.evaluations = fitted, fitted.net, _DAMPING, 0, 0
-        self.fit, self.check = ([(g, m) for g, m in zip(gridded, ms, strict=True) if m.any()] for ms in (fit, check))
+        self.fit, self.check = ([(g, m) for g, m in zip(grids, ms, strict=True) if m.any()] for ms in (fit, check))
         self.best, self.kept, self.since = self.error(self.check), copy.deepcopy(self.net.state_dict()), 0
 
     def error(self, used: Sequence[tuple[Gridded, Mask]]) -> float:
@@ -294,15 +295,19 @@ class _Training:
 
     def _normal(self, budget: Budget) -> tuple[Array, Array]:
         """Return JᵀJ (P, P) and Jᵀ r (P,) of the weighted outputs, over the number of samples."""
-        total, slope, samples = 0.0, 0.0, sum(int(m.sum()) for _, m in self.fit)
+        size = sum(p.numel() for p in self.net.parameters())
+        total, slope, samples = np.zeros((size, size)), np.zeros(size), sum(int(m.sum()) for _, m in self.fit)
         stride = max(1, samples // _ROWS)
         for g, mask in self.fit:
             states = self.fitted.states(g)
-            rows = self._sensitivities(states, np.append(g.before, g.u), budget)[mask][:: stride] / g.noise
-            error = (g.y - states[1:] @ self.net.c.detach().numpy())[mask][:: stride] / g.noise
+            # Most of a run-in is forgotten: its last part gives the sensitivities that a recording begins with.
+            first = max(0, g.run_in - _FORGOTTEN)
+            rows = self._sensitivities(states[first:], np.append(g.before, g.u)[first:], budget)[mask[first:]]
+            rows = rows[::stride] / g.noise
+            error = (g.y - states[1:] @ self.net.c.detach().numpy())[mask][::stride] / g.noise
             rows -= rows.mean(axis=0)
             total, slope = total + rows.T @ rows, slope + rows.T @ (error - error.mean())
-        return np.asarray(total) * stride / samples, np.asarray(slope) * stride / samples
+        return total * stride / samples, slope * stride / samples
 
     def _sensitivities(self, x: Array, u: Array, budget: Budget) -> Array:
         """Return (N, P) derivatives of the outputs by all parameters."""
@@ -376,7 +381,7 @@ class _Continuous(Rival):
         checked = sum(int(m.sum()) for m in data.check)
         facts: dict[str, Any] = {
             "size": f"{self.sizes[k]}, grid {data.dt:.3g} s", "sizes_tried": len({k for _, k, _ in tried}),
-            "updates": sum(t.steps for *_, t in tried), "evaluations": sum(t.evaluations for *_, t in tried),
+            "steps": sum(t.steps for *_, t in tried), "evaluations": sum(t.evaluations for *_, t in tried),
             "check_over_noise": math.sqrt(score * checked / data.checked), "processor_seconds": budget.used,
         }  # fmt: skip
         count = sum(p.numel() for p in training.net.parameters())
@@ -389,6 +394,7 @@ class NeuralOde(_Continuous):
     words = "neural ordinary differential equation, from the best linear model"
     source = "Chen et al. 2018"
     sizes = ((4, 16), (6, 32))
+    times = 2.0
     kind = _BLACK
 
 

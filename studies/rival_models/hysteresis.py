@@ -36,6 +36,7 @@ from studies.rival_models.rival import (
     State,
     Stepper,
     over_noise,
+    run_in,
     scales_of,
     split,
 )
@@ -307,7 +308,7 @@ class Structure:
         u, before = recording.u / self.scales.u, recording.u[0] / self.scales.u
         if recording.start.state == "rest":
             before = recording.start.input_before / self.scales.u
-        cycle = recording.cycle
+        cycle = run_in(recording)
         if cycle:
             u = np.concatenate([u[-cycle:], u])
         rates = np.abs(np.diff(u, prepend=before)) / (recording.dt * self.scales.rate)
@@ -378,10 +379,12 @@ class _Projection:
         pairs = [(r, m) for r, m in zip(recordings, masks, strict=True) if m.any()]
         self.structure, self.pairs, self.budget = structure, pairs, budget
         self.best: tuple[float, Array, Array] | None = None
+        self.evaluations = 0
 
     def __call__(self, x: Array) -> Array:
         """Return the (M,) residual over noise."""
         self.budget.check()
+        self.evaluations += 1
         blocks = []
         for r, mask in self.pairs:
             rows = np.column_stack([self.structure.columns(x, r)[mask], r.y[mask]]) / r.noise
@@ -435,19 +438,23 @@ def fit_structure(
     if projection.best is None:
         return None
     _, x, weights = projection.best
-    return Separable(x.size + int(np.count_nonzero(weights)), {}, structure, x, weights)
+    facts = {"evaluations": projection.evaluations}
+    return Separable(x.size + int(np.count_nonzero(weights)), facts, structure, x, weights)
 
 
 class SeparableRival(Rival):
     """A family of structures from small to large.
 
     Attributes:
-        sizes: operator and number of lags of each; structure: joins them to dynamics.
+        sizes: operator and number of lags of each.
     """
 
     sizes: Sequence[tuple[Operator, int]]
-    structure: type[Structure] = Structure
     how = "variable projection: weights by least squares, dynamics and shape by a trust region with finite differences"
+
+    def join(self, operator: Operator, lags: int, scales: Scales) -> Structure:
+        """Return an operator with its dynamics."""
+        return Structure(operator, lags, scales)
 
     def warm(self) -> None:
         played(np.zeros(1), np.zeros(2), np.zeros(2), np.zeros((2, 1)))
@@ -460,7 +467,7 @@ class SeparableRival(Rival):
             own = budget.share(_SEARCH, len(self.sizes) - k)
             if own.seconds <= 0.0:
                 break
-            structure = self.structure(operator, lags, scales)
+            structure = self.join(operator, lags, scales)
             fitted = fit_structure(structure, recordings, parts.fit, _starts(structure, tried), own)
             if fitted is not None:
                 tried.append((over_noise(fitted, recordings, parts.check), fitted))
@@ -471,12 +478,13 @@ class SeparableRival(Rival):
         rng, (low, high) = np.random.default_rng(seed), best.structure.bounds
         moved = (best.x + _SPREAD * rng.standard_normal(best.x.size) for _ in range(_AGAIN))
         starts = [best.x, *(np.clip(x, low, high) for x in moved)]
-        last = fit_structure(best.structure, recordings, parts.both, starts, budget) or best
+        last = fit_structure(best.structure, recordings, parts.both, starts, budget)
+        evaluations = sum(f.facts["evaluations"] for f in [*(f for _, f in tried), *([last] if last else [])])
         facts: dict[str, Any] = {
             "size": str(best.structure.operator), "lags": best.structure.lags, "sizes_tried": len(tried),
-            "check_over_noise": score, "processor_seconds": budget.used,
+            "evaluations": evaluations, "check_over_noise": score, "processor_seconds": budget.used,
         }  # fmt: skip
-        return replace(last, facts=facts)
+        return replace(last or best, facts=facts)
 
 
 def _starts(structure: Structure, tried: Sequence[tuple[float, Separable]]) -> list[Array]:
@@ -485,7 +493,7 @@ def _starts(structure: Structure, tried: Sequence[tuple[float, Separable]]) -> l
         return [structure.start(*start) for start in STARTS]
     best = min(tried, key=lambda t: t[0])[1]
     start, (theta, shape) = structure.start(*STARTS[0]), best.structure.parted(best.x)
-    number = min(theta.size, 3 + 2 * structure.lags)
+    number = min(theta.size, structure.parted(start)[0].size)
     start[:number] = theta[:number]
     if type(best.structure.operator) is type(structure.operator) and shape.size == structure.operator.shape[0].size:
         start[3 + 2 * structure.lags :] = shape

@@ -71,7 +71,7 @@ def _fit(
 ) -> tuple[dict[str, NDArray[np.float64]], Mapping[str, Any]]:
     """Fit a rival within its budget; return outputs by recording, and facts."""
     chosen = rival(name)
-    fitted = chosen.fit(campaign.recordings, budget, seed)
+    fitted = chosen.fit(campaign.recordings, chosen.times * budget, seed)
     outputs = zip((r.name for r in campaign.recordings), fitted.outputs(campaign.recordings), strict=True)
     about = {"kind": f"{chosen.words} ({chosen.source})", "parameters": fitted.parameters, "gradient": chosen.how}
     return dict(outputs), about | dict(fitted.facts)

@@ -313,7 +313,7 @@ class NetRival(Rival):
         if not np.isfinite(score):
             raise SolverFailed("no network stayed finite in simulation: allow more time, or scale the recordings")
         facts = {
-            "size": f"{size}, grid {data.dt:.3g} s", "sizes_tried": len(tried), "updates": updates,
+            "size": f"{size}, grid {data.dt:.3g} s", "sizes_tried": len(tried), "evaluations": updates,
             "check_over_noise": score, "processor_seconds": budget.used,
         }  # fmt: skip
         parameters = sum(p.numel() for p in fitted.net.parameters()) + linear.a.size + linear.b.size
