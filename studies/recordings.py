@@ -164,9 +164,7 @@ def write_recordings(
 
 PHS, PLAYS = "phs", "prandtl_ishlinskii"
 TRUTHS = (PHS, PLAYS, BOUC_WEN)
-_STEP_NM = 1
-_FINE = 100.0  # grid steps in the shortest time constant
-_COUNT = 5  # plays
+_STEP_NM, _FINE, _COUNT = 1, 100.0, 5  # least step, nm; grid steps in the shortest time constant; plays
 _RATED = (2e-5, 6e-5)  # λ times the largest rate of 75 V at 150 Hz is 0.02 to 0.06 of the largest voltage
 
 
@@ -279,7 +277,7 @@ class Range:
         """Whether an input stays within; steps have no frequency and no least amplitude."""
         if peak > (1.0 + _SAME) * self.peak:
             return False
-        if not _oscillates(excitation) or np.isnan(self.high_Hz):
+        if excitation.high_Hz <= 0.0 or np.isnan(self.high_Hz):
             return True
         return (
             excitation.low_Hz >= (1.0 - _SAME) * self.low_Hz
@@ -291,7 +289,7 @@ class Range:
 def identified_range(recordings: Sequence[Recording]) -> Range:
     """The range of the recordings that serve identification, at least in part."""
     chosen = [r for r in recordings if r.mask("identification").any()]
-    moving = [e for e in (excitation_of(r.u, r.dt) for r in chosen) if _oscillates(e)]
+    moving = [e for e in (excitation_of(r.u, r.dt) for r in chosen) if e.high_Hz > 0.0]
     return Range(
         low_Hz=min((e.low_Hz for e in moving), default=float("nan")),
         high_Hz=max((e.high_Hz for e in moving), default=float("nan")),
@@ -318,10 +316,6 @@ def over_noise(evaluation: Evaluation, kinds: Mapping[str, str], use: str) -> fl
     """Root mean square of the residual over noise over the parts of one use, as `uses` gives it; NaN for none."""
     found = [p.residual_over_noise for p in evaluation.parts if kinds[p.name] == use]
     return float(np.sqrt(np.mean(np.square(found)))) if found else float("nan")
-
-
-def _oscillates(excitation: Measured) -> bool:
-    return excitation.high_Hz > 0.0
 
 
 def _peak(recording: Recording) -> float:

@@ -88,8 +88,7 @@ def train(
 
     Returns:
         The model; its scores on all recordings, at the samples they were recorded with; and facts: numbers that were
-        trained, seconds, the mean square of the residual over noise on the recordings that stopped each stage, and the
-        names of those.
+        trained, seconds, simulations of the loss, the validation of each stage, and the recordings that stopped it.
 
     Raises:
         InputRefused: settings that cannot be used, or other than those of the training that lies there.

@@ -13,8 +13,8 @@ References: Bouc 1967; Wen 1976; Ismail, Ikhouane, Rodellar 2009; Noël, Schouke
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numba import njit
@@ -188,47 +188,23 @@ class _Stepper(Stepper):
         return state, q * float(self._fitted.weights[0])
 
 
-class _BoucWenRival(SeparableRival):
-    """A number of terms in one of the two places, from the best linear model."""
+class BoucWenRival(SeparableRival):
+    """A number of terms before the mass or in its loop, from the best linear model."""
 
     source = "Bouc 1967; Wen 1976; Ismail, Ikhouane, Rodellar 2009"
-    count: int
 
-    @property
-    def sizes(self) -> Sequence[tuple[Operator, int]]:  # type: ignore[override]
-        return (Static(1), 0), (BoucWen(self.count), 0)
+    def __init__(self, place: str, count: int) -> None:
+        self.place, self.sizes = place, ((Static(1), 0), (BoucWen(count), 0))
+        self.words = f"mass, spring and damper with {count} Bouc–Wen terms {place}, free exponents"
+
+    def join(self, operator: Operator, lags: int, scales: Scales) -> Structure:
+        looped = self.place == "in the loop" and isinstance(operator, BoucWen)
+        return Loop(operator, lags, scales) if looped else Structure(operator, lags, scales)  # type: ignore[arg-type]
 
     def warm(self) -> None:
         _before(np.zeros(1), 0.0, np.zeros(2), np.ones((1, 3)), np.zeros((2, 1)))
         _within(np.zeros(3), 0.0, np.zeros(2), 1.0, 1, 1.0, 1.0, np.ones((1, 4)))
 
 
-class BoucWenBefore(_BoucWenRival):
-    """One term before the mass."""
-
-    words = "Bouc–Wen block of one term, free exponent, in front of second-order dynamics"
-    count = 1
-
-
-class BoucWenBefore3(BoucWenBefore):
-    """Three terms before the mass."""
-
-    words = "Bouc–Wen block of three terms, free exponents, in front of second-order dynamics"
-    count = 3
-
-
-class BoucWenLoop(_BoucWenRival):
-    """One term in the loop."""
-
-    words = "mass, spring and damper with a Bouc–Wen element of one term, free exponent"
-    count = 1
-
-    def join(self, operator: Operator, lags: int, scales: Scales) -> Structure:
-        return (Loop if isinstance(operator, BoucWen) else Structure)(operator, lags, scales)  # type: ignore[arg-type]
-
-
-class BoucWenLoop3(BoucWenLoop):
-    """Three terms in the loop."""
-
-    words = "mass, spring and damper with Bouc–Wen elements of three terms, free exponents"
-    count = 3
+before_1, before_3 = partial(BoucWenRival, "before the mass", 1), partial(BoucWenRival, "before the mass", 3)
+loop_1, loop_3 = partial(BoucWenRival, "in the loop", 1), partial(BoucWenRival, "in the loop", 3)

@@ -1,4 +1,4 @@
-"""Networks from input to output beside the best linear model: GRU, LSTM, and a state-space network with an encoder.
+"""Networks from input to output beside the best linear model: a GRU, and a state-space network with an encoder.
 
     z_k = (u_k, 8 Δu_k),   y_k = l_k + h(x_k, z_k),   x_{k+1} = f(x_k, z_k)
 
@@ -9,9 +9,8 @@ The state at a window's beginning is that of a recurrent network after the sampl
 makes of their inputs and outputs. Every size gets the same share of the time; the best one goes on with the rest. What
 counts is the state with the least error on the samples set aside.
 
-References: Cho et al. 2014 (GRU); Hochreiter, Schmidhuber 1997 (LSTM); Beintema, Schoukens, Tóth 2023, Automatica 156
-(SUBNET). deepSI, the code of the latter's authors, asks for an older nonlinear_benchmarks than the one that phnn is
-tested with: the encoder is written in torch here.
+References: Cho et al. 2014 (GRU); Beintema, Schoukens, Tóth 2023, Automatica 156
+(SUBNET).
 """
 
 from __future__ import annotations
@@ -115,11 +114,11 @@ class Net(nn.Module):
 
 
 class RecurrentNet(Net):
-    """A recurrent layer of torch with a linear output."""
+    """Gated recurrent units of torch with a linear output."""
 
-    def __init__(self, layer: type[nn.GRU] | type[nn.LSTM], hidden: int) -> None:
+    def __init__(self, hidden: int) -> None:
         super().__init__()
-        self.layer = layer(3, hidden, batch_first=True, dtype=torch.float64)
+        self.layer = nn.GRU(3, hidden, batch_first=True, dtype=torch.float64)
         self.out = nn.Linear(hidden, 1, dtype=torch.float64)
         _shrink(self.out)
 
@@ -363,18 +362,7 @@ class Gru(NetRival):
     sizes = (8, 16, 32)  # units
 
     def build(self, size: Any) -> Net:
-        return RecurrentNet(nn.GRU, size)
-
-
-class Lstm(NetRival):
-    """Long short-term memory."""
-
-    words = "recurrent network of long short-term memory"
-    source = "Hochreiter, Schmidhuber 1997"
-    sizes = (8, 16, 32)  # units
-
-    def build(self, size: Any) -> Net:
-        return RecurrentNet(nn.LSTM, size)
+        return RecurrentNet(size)
 
 
 class Subnet(NetRival):

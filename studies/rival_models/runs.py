@@ -33,7 +33,7 @@ from phnn.exporting.write import compiled, program_of
 from phnn.identification.base import Progress, quiet
 from phnn.identification.identified import identify
 from phnn.model import Model
-from phnn.recordings import Campaign, read
+from phnn.recordings import read
 from phnn.report.formatting import markdown_table
 from phnn.results import Place
 from studies.generator.plans import PEAK
@@ -246,7 +246,12 @@ def loops(
             row: dict[str, Any] = {"seed": seed, "model": model, "dt_s": math.nan, "why": ""}
             stiffness = base_of(seed)["k"] / base_of(seed)["alpha"]
             try:
-                stepper = fitted_stepper(campaign, model, settings, seed)
+                if model == PHS:
+                    own = identify(None, campaign, replace(settings.options, seed=seed, workers=1)).model
+                    stepper: Stepper = CompiledStepper(own, DT)
+                else:
+                    fitted = rival(model).fit(campaign.recordings, settings.budget, seed)
+                    stepper = fitted.stepper(fitted.dt or DT)
                 drawn = drawn_loops(runs, (_LENGTH, stepper.dt), PEAK, _HIGHEST_HZ, stiffness, seed)
                 rows.append(row | {"dt_s": stepper.dt} | asdict(closed(stepper, drawn, 1.0 / stiffness)))
             except (SolverFailed, OutputFailed) as error:
@@ -257,24 +262,10 @@ def loops(
     return pd.DataFrame(rows)
 
 
-def fitted_stepper(campaign: Campaign, model: str, settings: Settings, seed: int) -> Stepper:
-    """Fit a model to a campaign, and return it sample by sample; at 1e-4 s where any interval serves.
-
-    Raises:
-        SolverFailed: the model could not be fitted.
-        OutputFailed: nothing compiles the port-Hamiltonian model.
-    """
-    if model == PHS:
-        options = replace(settings.options, seed=seed, workers=1)
-        return CompiledStepper(identify(None, campaign, options).model, DT)
-    fitted = rival(model).fit(campaign.recordings, settings.budget, seed)
-    return fitted.stepper(fitted.dt or DT)
-
-
 def loops_page(table: pd.DataFrame, settings: Settings, spent: str) -> str:
     """Return the page of counts by model."""
-    table = table.reindex(columns=[*table.columns, *(n for n in asdict(Counts()) if n not in table.columns)])
-    sums = table.groupby("model", sort=False)[list(asdict(Counts()))].sum()
+    counts = list(asdict(Counts()))
+    sums = table.reindex(columns=["model", *counts]).groupby("model", sort=False)[counts].sum()
     body = [[HEADS[str(model)], *(f"{x:.0f}" for x in row)] for model, row in zip(sums.index, sums.values, strict=True)]
     listed = ", ".join(str(s) for s in dict.fromkeys(table["seed"]))
     words = (

@@ -198,7 +198,7 @@ def test_narx_recovers_a_difference_equation() -> None:
     assert error(fitted.outputs([*made, held]), [*made, held]) < 1.2
 
 
-@pytest.mark.parametrize("name", ["gru", "subnet", pytest.param("lstm", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", ["gru", "subnet"])
 def test_networks_learn_a_linear_system(name: str) -> None:
     recordings = linear_recordings()
     untrained = rival(name).fit(recordings, math.inf, 0, most=1)
