@@ -191,7 +191,7 @@ class _Stepper(Stepper):
 class BoucWenRival(SeparableRival):
     """A number of terms before the mass or in its loop, from the best linear model."""
 
-    source = "Bouc 1967; Wen 1976; Ismail, Ikhouane, Rodellar 2009"
+    source, leading = "Bouc 1967; Wen 1976; Ismail, Ikhouane, Rodellar 2009", 1
 
     def __init__(self, place: str, count: int) -> None:
         self.place, self.sizes = place, ((Static(1), 0), (BoucWen(count), 0))

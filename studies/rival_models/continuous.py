@@ -346,10 +346,10 @@ def _chained(state: Array, into: Array, driven: Array, c: Array) -> Array:
 
 
 class _Continuous(Rival):
-    """A network in continuous time, from the best linear model; the better one of two sizes goes on."""
+    """A network in continuous time, from the best linear model; the best one of several sizes goes on."""
 
     kind: int
-    sizes = ((4, 8), (6, 16))  # states, hidden units
+    sizes: Sequence[tuple[int, int]] = ((4, 8),)  # states, hidden units
     how = "from the best linear model, damped Gauss–Newton on the error of free simulation"
 
     def warm(self) -> None:
@@ -362,17 +362,19 @@ class _Continuous(Rival):
         linear = linear_model(recordings, data, budget)
         torch.manual_seed(seed)
         tried: list[tuple[float, int, _Training]] = []
+        both = [f | c for f, c in zip(data.fit, data.check, strict=True)]
         for k, (states, width) in enumerate(self.sizes):
             net = Field(self.kind, states, width, linear)
             fitted = ContinuousFitted(0, {}, data.dt, data.scales, data.zero, net)
             training = _Training(fitted, data.gridded, data.fit, data.check)
-            tried.append((training.run(budget.share(_SEARCH, len(self.sizes) - k)), k, training))
+            # One size needs no choice.
+            turn = budget.share(_SEARCH, len(self.sizes) - k) if len(self.sizes) > 1 else replace(budget, most=0)
+            tried.append((training.run(turn), k, training))
             if budget.left <= 0.0:
                 break
         score, k, training = min(tried, key=lambda t: t[:2])
         if budget.left > 0.0:
             # The samples set aside have chosen the size: the rest of the time is for all of them together.
-            both = [f | c for f, c in zip(data.fit, data.check, strict=True)]
             last = _Training(training.fitted, data.gridded, both, both)
             last.run(budget)
             tried.append((score, k, last))
@@ -391,24 +393,17 @@ class _Continuous(Rival):
 class NeuralOde(_Continuous):
     """A neural ordinary differential equation."""
 
-    words = "neural ordinary differential equation, from the best linear model"
-    source = "Chen et al. 2018"
-    sizes = ((4, 16), (6, 32))
-    times = 2.0
-    kind = _BLACK
+    words, source = "neural ordinary differential equation, from the best linear model", "Chen et al. 2018"
+    kind, sizes, times = _BLACK, ((4, 16), (6, 32)), 2.0
 
 
 class OePhnn(_Continuous):
     """An output-error port-Hamiltonian network."""
 
-    words = "output-error port-Hamiltonian network (OE-pHNN)"
-    source = "Moradi et al. 2025"
-    kind = _OPEN
+    words, source, kind = "output-error port-Hamiltonian network (OE-pHNN)", "Moradi et al. 2025", _OPEN
 
 
 class SPhnn(_Continuous):
     """A stable port-Hamiltonian network."""
 
-    words = "stable port-Hamiltonian network with a convex energy (sPHNN)"
-    source = "Roth et al. 2025"
-    kind = _STABLE
+    words, source, kind = "stable port-Hamiltonian network with a convex energy (sPHNN)", "Roth et al. 2025", _STABLE

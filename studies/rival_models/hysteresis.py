@@ -446,10 +446,11 @@ class SeparableRival(Rival):
     """A family of structures from small to large.
 
     Attributes:
-        sizes: operator and number of lags of each.
+        sizes: operator and number of lags of each; leading: how many of them serve as a start for the others alone.
     """
 
     sizes: Sequence[tuple[Operator, int]]
+    leading: int = 0
     how = "variable projection: weights by least squares, dynamics and shape by a trust region with finite differences"
 
     def join(self, operator: Operator, lags: int, scales: Scales) -> Structure:
@@ -468,12 +469,12 @@ class SeparableRival(Rival):
             if own.seconds <= 0.0:
                 break
             structure = self.join(operator, lags, scales)
-            fitted = fit_structure(structure, recordings, parts.fit, _starts(structure, tried), own)
+            fitted = fit_structure(structure, recordings, parts.fit, _starts(structure, tried, self.leading), own)
             if fitted is not None:
                 tried.append((over_noise(fitted, recordings, parts.check), fitted))
         if not tried:
             raise SolverFailed(f"{self.words}: no candidate was simulated within the budget: allow more time")
-        score, best = min(tried, key=lambda t: t[0])
+        score, best = min(tried[self.leading :] or tried, key=lambda t: t[0])
         # From the best parameters, then from random ones about them for as long as there is time.
         rng, (low, high) = np.random.default_rng(seed), best.structure.bounds
         moved = (best.x + _SPREAD * rng.standard_normal(best.x.size) for _ in range(_AGAIN))
@@ -487,17 +488,18 @@ class SeparableRival(Rival):
         return replace(last or best, facts=facts)
 
 
-def _starts(structure: Structure, tried: Sequence[tuple[float, Separable]]) -> list[Array]:
-    """Return the dynamics of the best size so far; starts of its own for the first size."""
+def _starts(structure: Structure, tried: Sequence[tuple[float, Separable]], leading: int) -> list[Array]:
+    """Return the dynamics of the best size so far; starts of its own for the first size that counts as well."""
+    further = [structure.start(*start) for start in STARTS] if len(tried) <= leading else []
     if not tried:
-        return [structure.start(*start) for start in STARTS]
+        return further
     best = min(tried, key=lambda t: t[0])[1]
     start, (theta, shape) = structure.start(*STARTS[0]), best.structure.parted(best.x)
     number = min(theta.size, structure.parted(start)[0].size)
     start[:number] = theta[:number]
     if type(best.structure.operator) is type(structure.operator) and shape.size == structure.operator.shape[0].size:
         start[3 + 2 * structure.lags :] = shape
-    return [start]
+    return [start, *further]
 
 
 class PrandtlIshlinskii(SeparableRival):
