@@ -23,6 +23,7 @@ from typing import Any
 
 from phnn.errors import InputRefused, meant
 from phnn.intake.limits import LIMITS
+from phnn.results import message
 
 _LEAST = "least"
 
@@ -121,13 +122,15 @@ def _values(content: Any, command: str, overrides: Sequence[str], verb: str, rem
             import hydra
             from hydra.errors import HydraException
 
-            refused = (OmegaConfBaseException, HydraException)
+            # Python refuses to convert thousands of digits.
+            refused = (OmegaConfBaseException, HydraException, ValueError, OverflowError)
             with hydra.initialize_config_dir(str(config_folder()), version_base=None, job_name=f"phnn_{command}"):
                 content = hydra.compose(command, list(overrides))
         return OmegaConf.to_container(content, resolve=True, throw_on_missing=True)
     except refused as error:
         reason = str(error).strip().splitlines()[0]
-        raise InputRefused(f"settings {' '.join(overrides)} cannot be {verb} ({reason}): {remedy}") from error
+        said = message(" ".join(overrides), LIMITS.name_characters)
+        raise InputRefused(f"settings {said} cannot be {verb} ({reason}): {remedy}") from error
 
 
 def checked(command: str, given: Mapping[str, Any]) -> dict[str, Any]:

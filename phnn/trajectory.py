@@ -29,6 +29,7 @@ from phnn.network.elements import Network
 from phnn.parameters import as_table, constant
 from phnn.recordings.driving import Driving, driving_of, input_before, made_periodic
 from phnn.recordings.recording import Recording
+from phnn.recordings.units import times_of_seconds
 from phnn.setup import Block, Setup, Source
 from phnn.signals.reconstruct import mean_input
 
@@ -47,7 +48,7 @@ def sensing(setup: Setup, recording: Recording) -> Setup:
     setup, said = _moved(setup, recording), recording.sensor
     blocks = (
         *((_RATE,) if setup.network.senses and not recording.measures else ()),
-        *((_RATE,) if said.derivative else ()),
+        *((_RATE,) * said.derivative),
         *((Block("lag", (_LAG,)),) if said.lag else ()),
         *((Block("rectification"),) if said.rectified else ()),
     )
@@ -315,7 +316,8 @@ def simulate(
     theta = program.theta(network)
     driving = driving_of(recording, substeps, method)
     lead, nodes = driving.lead, np.concatenate([[0], np.cumsum(driving.counts)])
-    h, cycle = np.repeat(recording.dt / driving.counts, driving.counts), int(nodes[recording.cycle])
+    h = np.repeat(recording.dt * driving.lengths / driving.counts, driving.counts)
+    cycle = int(nodes[recording.cycle])
     fine, u, held = _port_inputs(setup, network, recording, driving, h, cycle)
     rest = None if cycle or initial is not None else held
     x0 = initial
@@ -428,6 +430,34 @@ def check_names(network: Network, recordings: Sequence[Recording]) -> None:
                     f"{recording.source}: {key}: the network has no {strange[0]!r}; it has "
                     f"{', '.join(known) or 'none beside its first port'}: correct recordings.yaml"
                 )
+        if np.isfinite(recording.y).all():
+            _check_dimension(network, recording)
+
+
+# What a sensor may measure of an output, in powers of time.
+_REMEDIES = {-1: "sensor: {derivative: true}", -2: "sensor: {second_derivative: true}"}
+
+
+def _check_dimension(network: Network, recording: Recording) -> None:
+    """Refuse an output whose unit is not that of what the network gives. Numbers without a unit may be anything."""
+    measured, said = measured_network(network, recording), recording.sensor.derivative
+    units = {s.name: s.unit for s in measured.storages}
+    orders = said + bool(measured.senses)
+    recorded, unit = recording.units.output, units[measured.output]
+    found = times_of_seconds(recorded, unit)
+    if found == -orders or recorded == "1" or unit in ("", "1"):
+        return
+    what = f"the effort at {measured.senses}" if measured.senses else f"its output {measured.output}"
+    if found is not None and not measured.senses and found in _REMEDIES:
+        remedy = f"if the column is right, say {_REMEDIES[found]}"
+    else:
+        others = [n for n, u in units.items() if times_of_seconds(recorded, u) == 0 and n != measured.output]
+        kind = f"name another output, such as `output: {others[0]}` in the network" if others else "correct the column"
+        remedy = f"{kind}, or take a source of flow as the output where its effort was measured"
+    per = {0: "", 1: " per second", 2: " per second squared"}.get(orders, "")
+    raise InputRefused(
+        f"{recording.source}: the output column is in {recorded}, but {what} in the network is in {unit}{per}: {remedy}"
+    )
 
 
 def driven(setup: Setup, fine: Any, h: Array, before: Any, cycle: int) -> tuple[Any, Any]:

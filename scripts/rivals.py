@@ -1,9 +1,8 @@
-"""Models of hysteresis side by side: ``python scripts/rivals.py study=truths [out=DIR] [compare.budget=60]``.
+"""Models of hysteresis side by side: ``python scripts/rivals.py study=table [out=DIR] [compare.budget=60]``.
 
-The studies are ``truths``, ``scarcity``, ``real``, ``loops`` and ``long``.
+The studies are ``table`` and ``loops``. Public sets of the table take ``folder=DIR``, which holds a folder for each.
 
-Writes ``STUDY.csv`` and ``STUDY.md``; ``page=FILE`` also fills the table of that study in a page of markdown. ``real``
-takes ``folder=DIR``, which holds a folder for each set of recordings.
+Writes ``STUDY.csv`` and ``STUDY.md``; ``page=FILE`` also fills the table of that study in a page of markdown.
 """
 
 from __future__ import annotations

@@ -30,13 +30,12 @@ from phnn.recordings import Campaign, read
 from phnn.report.figures.style import CATEGORIES, RC, literal, new_figure, png, quiet_grid
 from phnn.report.formatting import markdown_table
 from phnn.results import Place, write_atomic
-from studies.comparison.uses import CONFIRMATION, OUTSIDE, over_noise, uses
 from studies.generator.cases import with_hysterons
 from studies.generator.noise import Noise
 from studies.generator.plans import sine
 from studies.generator.seal import MANIFEST, refuse_strangers, reported, write_folder
 from studies.generator.world import TABLE, simulate_all
-from studies.recordings import Conditions, comparison_plan, write_recordings
+from studies.recordings import CONFIRMATION, OUTSIDE, Conditions, comparison_plan, over_noise, uses, write_recordings
 from studies.results import write_results
 
 # Hysteron 1 of Table 1, slowed down until an explicit method can follow it: it relaxes at C/ϱ⁻¹ = 0.5 ms.
@@ -118,16 +117,6 @@ class Outcome:
         return self.curve[-1][1]
 
 
-class _Counting(Objective):
-    """An objective that counts how often it was solved."""
-
-    solved = 0
-
-    def forward(self) -> torch.Tensor:
-        self.solved += 1
-        return super().forward()
-
-
 def compare_trainers(
     place: Place, cases: Mapping[str, Case], ways: Mapping[str, Way], noise_um: float, seed: int, progress: Progress
 ) -> list[Outcome]:
@@ -183,9 +172,9 @@ def _trained(name: str, case: Case, label: str, way: Way, campaign: Campaign, se
     """Train in one way."""
     used = [thinned(r, case.stride) for r in campaign.recordings if r.mask("identification").any()]
 
-    def objective() -> _Counting:
+    def objective() -> Objective:
         plant = plant_for(case.model, campaign, seed)
-        made = _Counting(plant, discrete_gradient, used, way.window, case.substeps)
+        made = Objective(plant, discrete_gradient, used, way.window, case.substeps)
         # Windows begin on the trajectory of the untrained model, which the compiled kernel computes for all trainers.
         made.solver = solver_for(way.solver, plant)
         made.solved = 0
@@ -206,7 +195,7 @@ def _trained(name: str, case: Case, label: str, way: Way, campaign: Campaign, se
 
 
 def _epochs(
-    objective: _Counting, way: Way, settings: Settings, case: Case, progress: Progress
+    objective: Objective, way: Way, settings: Settings, case: Case, progress: Progress
 ) -> tuple[list[tuple[float, float]], bool]:
     """Return the curve of a training, and whether it came to rest."""
     method = method_of(way.method, objective, settings, 1.0)

@@ -61,7 +61,9 @@ def odd_units(campaign: Campaign) -> dict[str, list[Finding]]:
     for some in kinds.values():
         largest = max(float(np.ptp(r.u)) for r in some)
         moving = {r.name: r for r in some if _has_gain(r, largest)}
-        for name, finding in (*_against_others(moving), *_absolute(moving, campaign.voltage)):
+        # A network of the user's own may have any gain.
+        absolute = [] if "network" in campaign.setup else _absolute(moving, campaign.voltage)
+        for name, finding in (*_against_others(moving), *absolute):
             found[name].append(finding)
     return found
 

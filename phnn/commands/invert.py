@@ -23,7 +23,7 @@ from phnn.recordings.channels import select
 from phnn.recordings.checks import like_an_actuator
 from phnn.recordings.folder import reader_of
 from phnn.recordings.recording import ACTUATOR, Units
-from phnn.recordings.sampling import on_grid
+from phnn.recordings.sampling import evenly, stamped
 from phnn.recordings.table import Where
 from phnn.recordings.units import known_unit
 from phnn.report.figures import draw_trace
@@ -73,9 +73,9 @@ def read_reference(path: Path, allow_outside: bool = False) -> Reference:
     checks.enough_samples(channel.values.size, table.where)
     checks.output_moves(channel.values, f"{quantity} ({channel.label})", table.where)
     factor = known_unit(time.unit).factor
-    dt, values, note = on_grid(time.values, factor, {quantity: channel.values}, table.where)
-    y = values[quantity]
-    notes = (f"The reference: {note}.",) if note else ()
+    times = stamped(time.values, factor, {quantity: channel.values}, table.where)
+    dt, y = evenly(times.t, times.values[quantity])
+    notes = tuple(f"The reference: {note}." for note in times.notes)
     return Reference(time.values[0] + dt * np.arange(y.size), y, known_unit(channel.unit).si, notes)
 
 

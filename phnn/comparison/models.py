@@ -30,7 +30,7 @@ from phnn.identification.plan import Plan
 from phnn.identification.prepare import identification_plan
 from phnn.identification.staged import identify_actuator
 from phnn.learn.plant import NetworkPlant
-from phnn.models.store import save
+from phnn.models.store import is_storable, save
 from phnn.recordings.recording import Campaign, Recording
 from phnn.recordings.stored import digest
 from phnn.results import Place, file_name, finite, same
@@ -66,6 +66,10 @@ MODELS = {
         "PHS, learned hysterons", "port-Hamiltonian network, hysterons with learned resistors, started from phs",
         "damped Gauss–Newton with exact forward sensitivities of the compiled power-preserving step",
     ),
+    "hybrid": Kind(
+        "PHS, learned multi-port", "port-Hamiltonian network with a learned dissipation on hysterons and mass together "
+        "and a learned transducer ratio, started from phs", "L-BFGS through the power-preserving step",
+    ),
     "phs_adjoint": Kind("PHS, by adjoint", "port-Hamiltonian network, hysterons with dead zones", _ADJOINT),
     "phs_neural_adjoint": Kind(
         "PHS, learned hysterons, by adjoint", "port-Hamiltonian network, hysterons with learned resistors", _ADJOINT
@@ -82,7 +86,7 @@ MODELS = {
     ),
 }  # fmt: skip
 # Networks whose time step the identified model tells, and models that begin without an identified one.
-NETWORKS, BLACK_BOXES = ("phs_neural", "phs_adjoint", "phs_neural_adjoint"), ("neural_phs", "neural_ode")
+NETWORKS, BLACK_BOXES = ("phs_neural", "hybrid", "phs_adjoint", "phs_neural_adjoint"), ("neural_phs", "neural_ode")
 TRAINED = (*NETWORKS, *BLACK_BOXES)
 _RIVALS: dict[str, tuple[RivalFit, str]] = {}
 
@@ -319,18 +323,18 @@ def _identified(bench: Bench, model: str, fitted: Fit, times: Mapping[str, float
 
 def _trained(bench: Bench, model: str) -> Result:
     """Train, score and save a neural model."""
-    recipe, options = bench.settings.recipes[model], bench.settings.options
+    recipe, options, began = bench.settings.recipes[model], bench.settings.options, _now()
     substeps, base = 1, None
     if model in NETWORKS:
         substeps = bench.plan().finest
-        base = bench.home("phs").path if model == "phs_neural" else None
+        base = bench.home("phs").path if model in ("phs_neural", "hybrid") else None
         stated = bench.campaign.setup.get("hysterons", 2)
         recipe = replace(recipe, model={**recipe.model, "hysterons": stated if isinstance(stated, int) else 2})
     training = Training(model, recipe, bench.campaign, bench.home(model), options.seed, bench.settings.resume)
     plant, scores, facts = train(training, substeps, base, bench.progress)
-    if isinstance(plant, NetworkPlant):
+    if isinstance(plant, NetworkPlant) and is_storable(plant.network):
         save(Setup(plant.network, name=model), bench.home(model), substeps)
-    return Result(model, scores, bench.facts(model, facts))
+    return Result(model, scores, bench.facts(model, {**facts, **_since(*began)}))
 
 
 def _rival(bench: Bench, model: str) -> Result:

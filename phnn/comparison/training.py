@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,13 +23,11 @@ from phnn.errors import InputRefused
 from phnn.identification.base import Progress
 from phnn.identification.evaluate import Evaluation
 from phnn.learn import Settings, checkpoint
-from phnn.learn.objective import Objective
 from phnn.learn.plant import Plant
-from phnn.learn.run import validation_names
-from phnn.learn.score import evaluate, set_aside, substeps_needed, whole
-from phnn.learn.solvers import Solver, solver_for
+from phnn.learn.run import fitted, validation_names
+from phnn.learn.score import evaluate
+from phnn.learn.solvers import solver_for
 from phnn.learn.starts import plant_for, scales_of
-from phnn.learn.trainer import Trainer
 from phnn.learn.windows import thinned
 from phnn.recordings.recording import Campaign, Recording
 from phnn.recordings.stored import digest
@@ -91,35 +88,34 @@ def train(
 
     Returns:
         The model; its scores on all recordings, at the samples they were recorded with; and facts: numbers that were
-        trained, seconds, the mean square of the residual over noise on the recordings that stopped each stage, and the
-        names of those.
+        trained, seconds, simulations of the loss, the validation of each stage, and the recordings that stopped it.
 
     Raises:
         InputRefused: settings that cannot be used, or other than those of the training that lies there.
         SolverFailed: the model could not be simulated however small the steps of training.
     """
-    recipe, campaign, place = training.recipe, training.campaign, training.place
+    recipe, campaign = training.recipe, training.campaign
     torch.manual_seed(training.seed)
     aside = validation_names(campaign, None)
     plant = plant_for(recipe.model, campaign, training.seed, None if base is None else str(base))
-    solver = solver_for(recipe.solver, plant)
-    fitted, stopping = set_aside(campaign.recordings, aside)
-    used, held = (_thinned(rs, recipe, scales_of([*fitted, *stopping]).time) for rs in (fitted, stopping))
-    seconds, losses = 0.0, {}
+    used = [r for r in campaign.recordings if r.mask("identification").any()]
+    thin = replace(campaign, recordings=tuple(_thinned(used, recipe, scales_of(used).time)))
+    seconds, losses, solved = 0.0, {}, 0
     for stage in recipe.stages:
-        settings = _settings(training, stage)
-        steps = settings.substeps or substeps_needed(plant, solver, used)
-        objective = Objective(plant, solver, used, settings.window, steps, settings.continuity)
-        told = partial(_told, progress, f"train {training.name}, {stage}")
-        validate = partial(_loss, plant, solver, held, steps) if held else None
-        found = Trainer(objective, validate, settings, place / stage, told, digest(campaign)).run()
-        seconds, losses[stage] = seconds + found.seconds, found.best
+
+        def told(line: str, what: str = f"train {training.name}, {stage}") -> None:
+            progress(f"{what}: {line}")
+
+        settings = replace(_settings(training, stage), validation=aside)
+        done = fitted(plant, thin, settings, training.place / stage, digest(campaign), told).facts
+        seconds, solved = seconds + done["seconds"], solved + done["evaluations"]
+        losses[stage] = done["best_validation"]
     progress(f"score {training.name}")
-    scores = evaluate(plant, solver, campaign.recordings, substeps, {})
+    scores = evaluate(plant, solver_for(recipe.solver, plant), campaign.recordings, substeps, {})
     count = sum(p.numel() for p in plant.trained())
-    (place / "weights.pt").write(checkpoint.as_bytes(plant.state_dict()))
-    facts = {"parameters": count, "seconds": round(seconds, 1), "loss_by_stage": losses, "stopped_by": list(aside)}
-    return plant, scores, facts
+    (training.place / "weights.pt").write(checkpoint.as_bytes(plant.state_dict()))
+    facts = {"parameters": count, "seconds": round(seconds, 1), "evaluations": solved, "loss_by_stage": losses}
+    return plant, scores, {**facts, "stopped_by": list(aside)}
 
 
 def _settings(training: Training, stage: str) -> Settings:
@@ -138,14 +134,6 @@ def _settings(training: Training, stage: str) -> Settings:
         if key in own:
             raise InputRefused(f"{training.name}.stages.{stage}.{key}: is set for the whole model; leave it out here")
     return Settings.from_config(none | dict(given) | own)
-
-
-def _loss(plant: Plant, solver: Solver, held: Sequence[Recording], substeps: int) -> float:
-    return float(whole(plant, solver, held, substeps)())
-
-
-def _told(progress: Progress, what: str, line: str) -> None:
-    progress(f"{what}: {line}")
 
 
 def _thinned(recordings: Sequence[Recording], recipe: Recipe, unit: float) -> list[Recording]:

@@ -113,7 +113,7 @@ class LinearisedFit:
 
         def found(f: Array) -> Array:
             rate = 2.0 * np.pi * f
-            return output_gain(network, f) * (rate if sensor.derivative else 1.0) / np.hypot(1.0, rate * sensor.lag)
+            return output_gain(network, f) * rate**sensor.derivative / np.hypot(1.0, rate * sensor.lag)
 
         return found
 

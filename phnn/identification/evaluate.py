@@ -207,7 +207,9 @@ def with_instants(setup: Setup, recording: Recording, substeps: int, initial: Ar
 
 
 def score_part(recording: Recording, y: Array, first: int, last: int, name: str, use: str) -> PartScore:
-    measured, model = recording.y[first:last], y[first:last]
+    rows = np.arange(first, last)
+    rows = rows if recording.seen is None else rows[recording.seen[rows]]
+    measured, model = recording.y[rows], y[rows]
     error = measured - model
     rmse = float(np.sqrt(np.mean(error**2)))
     # The mean of a constant is rounded: the rest beside the mean is no motion.

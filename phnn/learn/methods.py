@@ -96,6 +96,7 @@ class GaussNewton:
     def linearised(self) -> tuple[Array, Array]:
         """(N,) residual over noise and (N, K) its derivatives by all that is trained."""
         o = self.objective
+        o.solved += 1
         columns = sum(p.numel() for p in o.trained())
         chain = self._chain()
         x0 = o.initial().detach()

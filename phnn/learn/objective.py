@@ -45,7 +45,10 @@ class Objective(nn.Module):
     Attributes:
         windows: of all recordings, in order.
         origin: (W, n) initial states to which the scaled ``offsets`` (K, n) of the ``unknown`` windows are added.
+        solved: how often the windows were simulated.
     """
+
+    solved = 0
 
     def __init__(
         self,
@@ -102,6 +105,7 @@ class Objective(nn.Module):
         Raises:
             SolverFailed: a window could not be solved.
         """
+        self.solved += 1
         x0 = self.initial()
         states = self.solver(self.plant, self.windows, x0)
         loss = self.residuals(self._joined(states)).square().mean()

@@ -411,6 +411,7 @@ def _metrics(
         "loss": float(loss),
         "best_validation": progress.best if np.isfinite(progress.best) else None,
         "epochs": len(progress.rows),
+        "evaluations": objective.solved,
         "held_out_over_noise": _finite(scores.over_noise("confirmation")),
         "recordings": table,
         "passivity": {"states": _STATES, "violations": violations(plant, voltage, _STATES, settings.seed)},

@@ -45,6 +45,8 @@ class Settings:
         optimiser: what the epochs of ``adam`` take instead: a function of the parameters to a torch optimiser, or a
             mapping with ``_target_``; scheduler: a function of this optimiser, or such a mapping.
         lbfgs_iterations: within one epoch.
+        seconds: processor time of a run or of what is left of it after a stop, None for no limit; the epoch that begins
+            within it is finished.
         patience: epochs without a validation that is better by a thousandth, after which a method ends.
         validate_every, checkpoint_every: epochs.
         tensorboard: write a log for it as well.
@@ -72,6 +74,7 @@ class Settings:
     optimiser: Any = None
     scheduler: Any = None
     lbfgs_iterations: int = whole(10, least=1)
+    seconds: float | None = None
     patience: int = whole(8, least=1)
     validate_every: int = whole(1, least=1)
     checkpoint_every: int = whole(1, least=1)
@@ -80,8 +83,11 @@ class Settings:
 
     def __post_init__(self) -> None:
         check(self)
-        if not isinstance(self.allow_outside, bool):
-            raise InputRefused(f"setting allow_outside={self.allow_outside} must be true or false")
+        for name in ("allow_outside", "tensorboard", "resume"):
+            if not isinstance(getattr(self, name), bool):
+                raise InputRefused(f"setting {name}={getattr(self, name)} must be true or false")
+        if self.seconds is not None:
+            number("seconds", self.seconds, 0.0)
         if self.window == 1:
             raise InputRefused("setting window=1: a window has two samples at least; 0 takes whole recordings")
         for name, keys in (("model", ("kind", TARGET)), ("solver", ("name",))):

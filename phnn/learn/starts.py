@@ -28,10 +28,10 @@ from phnn.models.actuator import hrc
 from phnn.models.neural import STARTS, LearnedLaws, Motion, effort_and_flow, neural_hrc, staggered
 from phnn.models.neural_ode import NeuralODE
 from phnn.models.store import load
-from phnn.network.elements import MultiPort, Network
+from phnn.network.elements import Modulation, MultiPort, Network
 from phnn.network.system import PortHamiltonianSystem
 from phnn.nn.learned_system import LearnedSystem, Scales
-from phnn.nn.multi_ports import LearnedDissipation
+from phnn.nn.multi_ports import LearnedDissipation, LearnedRatio
 from phnn.recordings.recording import Campaign, Recording, dominant_frequency
 from phnn.recordings.values import shown
 
@@ -69,7 +69,8 @@ def plant_for(model: Mapping[str, Any], campaign: Campaign, seed: int, base: str
             `neural_hrc` and `LearnedLaws`. ``start`` of both: ``parametric`` begins from the identified base model,
             ``none`` from one of the recordings' gain whose hysterons have no dead zone, ``staggered`` (of ``hrc``) from
             the dead zones that the drive alone gives, with which learned resistors begin under ``none``.
-            ``hybrid`` is ``hrc`` with a `LearnedDissipation` of ``width`` on all hysterons and the mass together.
+            ``hybrid`` is ``hrc`` with a `LearnedDissipation` of ``width`` on all hysterons and the mass together, and
+            with ``ratio`` a transducer ratio that follows the displacement by a `LearnedRatio`.
             ``fully_neural`` is a `LearnedSystem` and ``neural_ode`` a `NeuralODE` of ``states`` and ``width``; their
             ``start`` is ``linear``, relaxations with the gain and the band of the recordings, or ``random``.
             Instead of ``kind``, ``_target_`` names a class or function of the user's own, which the other arguments are
@@ -90,7 +91,7 @@ def plant_for(model: Mapping[str, Any], campaign: Campaign, seed: int, base: str
         return _latent(kind, arguments, campaign, recordings, seed)
     if kind not in NETWORKS:
         raise InputRefused(f"model.kind = {kind!r}: choose one of {', '.join((*NETWORKS, *LATENT))}")
-    form = {"neural_hrc": tuple(f.name for f in fields(LearnedLaws)), "hybrid": ("width",)}.get(kind, ())
+    form = {"neural_hrc": tuple(f.name for f in fields(LearnedLaws)), "hybrid": ("width", "ratio")}.get(kind, ())
     _check(kind, arguments, ("hysterons", "start", *form))
     hysterons, start = int(arguments.get("hysterons", 2)), str(arguments.get("start", "parametric"))
     if kind != "neural_hrc" and start not in (*STARTS, STAGGERED):
@@ -104,6 +105,9 @@ def plant_for(model: Mapping[str, Any], campaign: Campaign, seed: int, base: str
         network = _held(hrc(hysterons, values), hold)
         if kind == "hybrid":
             network = _with_multi_port(network, motion, int(arguments.get("width", 16)), seed)
+            if arguments.get("ratio"):
+                modulated = Modulation("alpha", "q", LearnedRatio(state_scale=motion.reach))
+                network = network.extend(modulations=(modulated,))
     else:
         if start == "none":
             # A closed dead zone is no start to be fitted to.

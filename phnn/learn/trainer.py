@@ -77,6 +77,7 @@ class Trainer:
         self.place, self.made_of = place, {**settings.plain(), "recordings": recordings}
         self.progress = Progress(parameters=self._present())
         self.method: Method | None = None
+        self.until = math.inf
 
     def run(self) -> Progress:
         """Train to the end, from the checkpoint of an earlier run where there is one.
@@ -87,7 +88,7 @@ class Trainer:
         """
         if self.settings.resume and self.place is not None:
             self._resume(self.place)
-        p = self.progress
+        p, self.until = self.progress, time.process_time() + (self.settings.seconds or math.inf)
         if not p.rows:
             # A training that only harms ends where it began.
             p.best = self._value()
@@ -110,6 +111,8 @@ class Trainer:
         if epochs and self.method is None:
             self.method = method_of(name, self.objective, self.settings, self.progress.factor)
         while self.progress.epoch < epochs and self.progress.since < self.settings.patience:
+            if time.process_time() > self.until:
+                break
             began = time.perf_counter()
             loss = self._attempt(name)
             value = self._judged()

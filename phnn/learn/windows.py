@@ -84,8 +84,8 @@ def windows_of(recordings: Sequence[Recording], length: int, substeps: int) -> l
 
 def _windows(index: int, recording: Recording, length: int, substeps: int) -> list[Window]:
     counts = substep_counts(recording.u, input_before(recording, recording.u), substeps)
-    fine = substep_input(recording.u, counts, recording.interpolation)
-    h = np.repeat(recording.dt / counts, counts)
+    fine = substep_input(recording.u, counts, recording.interpolation, clock=recording.clock)
+    h = np.repeat((recording.dt if recording.clock is None else np.diff(recording.t)) / counts, counts)
     nodes = np.concatenate([[0], np.cumsum(counts)])
     intervals = recording.t.size - 1
     pieces = 1 if length == 0 else max(1, round(intervals / (length - 1)))

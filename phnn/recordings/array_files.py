@@ -14,14 +14,14 @@ import zipfile
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 
 from phnn.errors import InputRefused
 from phnn.intake.files import Source
 from phnn.intake.limits import LIMITS
-from phnn.recordings.hdf5_files import check_dataset, datasets, is_hdf5, refused_file
+from phnn.recordings.hdf5_files import datasets, is_hdf5, matlab_content
 from phnn.recordings.iddata import FIELDS, KIND, iddata_table, is_iddata, refused_object
 from phnn.recordings.stored import NUMBERS, Stored, lazily
 from phnn.recordings.table import Column, Table, Where
@@ -176,123 +176,135 @@ def _nested(raw: Raw, position: int, end: int, order: str, kind: int, count: int
         position = element.next
 
 
-_CLASS, _EMPTY, _OBJECT = "MATLAB_class", "MATLAB_empty", "MATLAB_object_decode"
-
-
-def matlab_value(source: Source, name: str) -> Any:
-    """A number array, a text, or a list of the cells of a cell array; None for a structure in a cell.
-
-    Args:
-        name: of the dataset, groups before it, as ``group.dataset``.
-
-    Raises:
-        InputRefused: damaged, too large, or leading to other files.
-    """
-    import h5py
-
-    try:
-        with h5py.File(source.path, "r") as file:
-            return _decoded(source, file, file[name.replace(".", "/")], 0)
-    except Exception as error:  # on damaged bytes h5py raises errors of many kinds
-        raise refused_file(source, "damaged .mat v7.3 file", error, "save it again from MATLAB") from error
-
-
-def objects_of(source: Source, kind: str) -> list[str]:
-    """Names of the variables that are objects of a class."""
-    import h5py
-
-    with h5py.File(source.path, "r") as file:
-        plain = [n for n in file if isinstance(file.get(n, getlink=True), h5py.HardLink)]
-        return [n for n in plain if _OBJECT in file[n].attrs and _class(file[n]) == kind]
-
-
-def _decoded(source: Source, file: Any, item: Any, depth: int) -> Any:
-    import h5py
-
-    if not isinstance(item, h5py.Dataset) or item.shape is None or depth > LIMITS.groups:
-        return None
-    if not source.outside:
-        check_dataset(item, item.name)
-    if _EMPTY in item.attrs:
-        return np.empty((0, 0))
-    source.check_memory(item.nbytes, item.id.get_storage_size() < item.nbytes)
-    if h5py.check_ref_dtype(item.dtype) is not None:
-        if item.size > LIMITS.variables:
-            raise ValueError(f"{item.name} has more than {LIMITS.variables} cells")
-        return [_decoded(source, file, file[ref], depth + 1) for ref in item[()].T.ravel()]
-    values = np.asarray(item[()]).T
-    return "".join(map(chr, values.ravel())) if _class(item) == "char" else values
-
-
-def _class(item: Any) -> str:
-    said = item.attrs.get(_CLASS, b"")
-    return said.decode("ascii", "replace") if isinstance(said, bytes) else str(said)
-
-
 _SHOWN = 5
 
 
 def read_mat(source: Source) -> Table:
-    """The numeric variables of a .mat file.
+    """Return the numeric variables of a .mat file.
 
-    Vectors are found by name, structure fields as ``name.field``, the columns of a matrix as ``name[0]``, …. A
-    structure with the fields of an ``iddata`` brings its time and its channels besides.
+    Vectors are found by name, structure fields as ``name.field``, the columns of a matrix as ``name[0]``, …, signals
+    that are structures with a name, data and a unit by that name (ControlDesk, Simulink). A structure with the fields
+    of an ``iddata`` brings its time and its channels besides; of an array or cells of experiments, each is a segment.
 
     Raises:
         InputRefused: not a .mat file, damaged, too large, without numbers, or with an object alone.
     """
     where = Where(source.name)
-    if is_hdf5(source):
-        found = datasets(source, "damaged .mat v7.3 file", "save it again from MATLAB", transposed=True)
-        objects = objects_of(source, KIND)
-        found = [stored for stored in found if stored.name not in objects]
-        structures: Mapping[str, Mapping[str, Any]] = _structures(source, found)
-    else:
-        content = _load_v5(source)
-        found = list(stored_arrays(content))
-        objects = _objects(content)
-        structures = {n: v for n, v in content.items() if isinstance(v, Mapping) and is_iddata(v)}
+    content, classes = matlab_content(source) if is_hdf5(source) else _load_v5(source)
+    objects = [name for name, kind in classes if kind == KIND]
+    structures = {n: v for n, v in content.items() if isinstance(v, Mapping) and is_iddata(v)}
     if len(structures) > 1:
         raise InputRefused(f"{where}: several iddata ({', '.join(structures)}): save each into a file of its own")
-    if objects and not any(stored.dtype.kind in NUMBERS for stored in found):
+    experiments = {n: e for n, v in content.items() if (e := _experiments(n, v))}
+    found = list(stored_arrays({n: v for n, v in content.items() if n not in experiments}))
+    if not any(stored.dtype.kind in NUMBERS for stored in found) and not experiments and objects:
         raise refused_object(where, printable(objects[0]))
-    table = table_of(where, found)
+    if len(experiments) == 1:
+        ((name, columns),) = experiments.items()
+        note = f"{name}: {len(columns[0].values)} experiments, each a recording"
+        table = Table(
+            where, tuple(c.name for c in columns), tuple(np.concatenate(c.values) for c in columns), True, (note,),
+            segments=tuple(int(n) for n in np.cumsum([v.size for v in columns[0].values])[:-1]),
+        )  # fmt: skip
+    else:
+        table = table_of(where, found)
     if objects:
-        table = replace(
-            table, notes=(f"{printable(', '.join(objects))}: left alone, objects that only MATLAB can read",)
-        )
-    return table.with_columns_of(iddata_table(where, *structures.values())) if structures else table
+        note = f"{printable(', '.join(objects))}: left alone, objects that only MATLAB can read"
+        table = replace(table, notes=(*table.notes, note))
+    fields = ({k: _loaded(v) for k, v in one.items() if k in FIELDS} for one in structures.values())
+    return table.with_columns_of(iddata_table(where, *fields)) if structures else table
 
 
-def _structures(source: Source, found: Iterable[Stored]) -> dict[str, dict[str, Any]]:
-    """The fields of every ``iddata`` in a MATLAB v7.3 file, by the name of its variable."""
-    groups: dict[str, list[str]] = {}
-    for stored in found:
-        group, _, name = stored.name.rpartition(".")
-        groups.setdefault(group, []).append(name)
-    chosen = {group: names for group, names in groups.items() if group and is_iddata(names)}
-    return {
-        group: {n: matlab_value(source, f"{group}.{n}") for n in names if n in FIELDS}
-        for group, names in chosen.items()
-    }
+def _loaded(value: Any) -> Any:
+    """Return a value of a structure with its numbers read."""
+    if isinstance(value, list):
+        return [_loaded(v) for v in value]
+    return value.load() if isinstance(value, Stored) else value
 
 
-def _objects(content: Mapping[str, Any]) -> list[str]:
-    """Names of the ``iddata`` objects of a MATLAB v5 file: scipy hands on their names and classes alone."""
+class _Parts(NamedTuple):
+    """A column of several experiments: its name, and its (n,) values in each."""
+
+    name: str
+    values: list[np.ndarray]
+
+
+def _experiments(name: str, value: Any) -> list[_Parts]:
+    """Return the columns that the experiments of an array of structures or of a cell array share; empty for others."""
+    members = _members(value)
+    if len(members) < 2:
+        return []
+    one = members[0]
+    if all(isinstance(m, Mapping) for m in members):
+        if any(m.keys() != one.keys() or _signal(m) for m in members):
+            return []
+        keys = [k for k in one if all(_is_vector(m[k]) for m in members)]
+        parts = [_Parts(printable(k), [np.ravel(_loaded(m[k])) for m in members]) for k in keys]
+    else:
+        arrays = [_loaded(m) for m in members if isinstance(m, Stored | np.ndarray)]
+        if len(arrays) < len(members) or len({a.shape[1:] for a in arrays}) > 1 or arrays[0].ndim != 2:
+            return []
+        parts = [
+            _Parts(f"{name}[{i}]", [a[:, i] for a in arrays]) for i in range(min(arrays[0].shape[1], LIMITS.columns))
+        ]
+    sizes = {tuple(v.size for v in part.values) for part in parts}
+    return parts if len(parts) > 1 and len(sizes) == 1 and min(*sizes.pop(), LIMITS.columns) > 1 else []
+
+
+def _members(value: Any) -> list[Any]:
+    """Return the members of a cell array or an array of structures; empty for anything else."""
+    if isinstance(value, np.ndarray) and value.dtype == object:
+        return list(value.ravel())
+    return list(value) if isinstance(value, list) else []
+
+
+def _is_vector(value: Any) -> bool:
+    shape = value.shape if isinstance(value, Stored | np.ndarray) else ()
+    numbers = isinstance(value, Stored | np.ndarray) and value.dtype.kind in NUMBERS
+    return numbers and max(shape, default=1) == math.prod(shape) > 1
+
+
+# Fields of a structure that is a signal: its name, its numbers and its unit.
+_NAMES, _DATA, _UNITS = (
+    ("Name", "name", "label", "title"),
+    ("Data", "data", "values", "Values"),
+    ("Unit", "unit", "Units", "units"),
+)
+
+
+def _signal(value: Any) -> Stored | None:
+    """Return the numbers of a structure that is a signal, with its name and unit; None for any other."""
+    if not isinstance(value, Mapping):
+        return None
+    held = next((value[k] for k in _DATA if k in value), None)
+    if not isinstance(held, Stored | np.ndarray) or held.dtype.kind not in NUMBERS or max(held.shape, default=1) < 2:
+        return None
+    named = any(k in value for k in _NAMES)
+    name, unit = (
+        next((v for k in keys if isinstance(v := value.get(k), str) and v.strip()), "").strip()
+        for keys in (_NAMES, _UNITS)
+    )
+    stored = held if isinstance(held, Stored) else Stored("", held.shape, held.dtype, held.view)
+    return replace(stored, name=name.strip("<>"), unit=unit) if named else None
+
+
+def _objects(content: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return names and classes of the objects of a MATLAB v5 file: scipy hands on these alone."""
     opaque = [v for v in content.values() if isinstance(v, np.ndarray) and v.dtype.names == ("s0", "s1", "s2", "arr")]
-    named = [
-        tuple(bytes(part).decode("ascii", "replace") for part in (v[0]["s0"], v[0]["s2"])) for v in opaque if v.size
+    return [
+        (bytes(v[0]["s0"]).decode("ascii", "replace"), bytes(v[0]["s2"]).decode("ascii", "replace"))
+        for v in opaque
+        if v.size
     ]
-    return [name for name, kind in named if kind == KIND]
 
 
 def read_hdf5(source: Source) -> Table:
-    """The numeric datasets of an HDF5 file, those of a group as ``group.dataset``, columns as in `read_mat`.
+    """Return the numeric datasets of an HDF5 file, those of a group as ``group.dataset``, columns as in `read_mat`.
 
     Raises:
         InputRefused: not an HDF5 file, damaged, too large, leading to other files, or without numbers.
     """
-    return table_of(Where(source.name), datasets(source, "not a readable HDF5 file", "export it again"))
+    return table_of(Where(source.name), datasets(source))
 
 
 def read_npz(source: Source) -> Table:
@@ -349,23 +361,42 @@ def _header(stream: BinaryIO | Any) -> tuple[tuple[int, ...], np.dtype]:
 
 
 def stored_arrays(content: Mapping[str, Any], prefix: str = "") -> Iterator[Stored]:
-    """The values of a mapping as arrays, those of a mapping in it as ``group.name``."""
+    """Yield the values of a mapping as arrays, those of one in it as ``group.name``, signals by their names too."""
     for name, value in content.items():
         full = prefix + name
-        if isinstance(value, Mapping):
+        members = _members(value)
+        if any(isinstance(m, Mapping | Stored) for m in members):
+            yield from stored_arrays({f"[{i}]": m for i, m in enumerate(members)}, full)
+        elif isinstance(value, Mapping):
+            signal = _signal(value)
+            if signal is not None:
+                time = not signal.name and signal.unit in ("s", "ms", "us")
+                yield replace(signal, name=signal.name or ("time" if time else full))
+            elif "signals" in value and _is_vector(value.get("time")):
+                # A scope of Simulink, "structure with time".
+                yield from stored_arrays({"time": {"name": "time", "data": value["time"], "unit": "s"}})
             yield from stored_arrays(value, full + ".")
-            continue
-        array = np.asarray(value)
-        yield Stored(full, array.shape, array.dtype, array.view)
+        elif isinstance(value, Stored):
+            yield replace(value, name=full)
+        elif hasattr(value, "magnitude") and hasattr(value, "units"):
+            # A quantity of pint.
+            array = np.asarray(value.magnitude)
+            yield Stored(full, array.shape, array.dtype, array.view, f"{value.units:~C}")
+        else:
+            array = (
+                np.ma.filled(value.astype(float), np.nan) if isinstance(value, np.ma.MaskedArray) else np.asarray(value)
+            )
+            yield Stored(full, array.shape, array.dtype, array.view)
 
 
 def table_of(where: Where, found: Iterable[Stored]) -> Table:
-    """The columns of all arrays of numbers, by name.
+    """Return the columns of all arrays of numbers, by name; of several of one name, the first.
 
     Raises:
         InputRefused: there are none.
     """
     columns: dict[str, Column] = {}
+    units: dict[str, str] = {}
     left: list[str] = []
     for stored in found:
         name = printable(stored.name)
@@ -374,15 +405,18 @@ def table_of(where: Where, found: Iterable[Stored]) -> Table:
             continue
         load = lazily(stored)
         if len(shape) <= 1:
-            columns[name] = _vector(load)
+            several = {name: _vector(load)}
         elif len(shape) == 2 and shape[1] <= LIMITS.columns:
-            columns |= {f"{name}[{i}]": _column_of(load, i) for i in range(shape[1])}
+            several = {f"{name}[{i}]": _column_of(load, i) for i in range(shape[1])}
         else:
             left.append(f"{name}, {' × '.join(map(str, stored.shape))}")
+            continue
+        columns |= {n: c for n, c in several.items() if n not in columns}
+        units |= {n: stored.unit for n in several if stored.unit and n not in units}
     if not columns:
         more = f" (left out, with more than {LIMITS.columns} columns: {'; '.join(left[:_SHOWN])})" if left else ""
         raise InputRefused(f"{where}: no numeric variables in it{more}: save the samples as vectors")
-    return Table(where, tuple(columns), tuple(columns.values()), by_name=True)
+    return Table(where, tuple(columns), tuple(columns.values()), by_name=True, units=units)
 
 
 def _vector(load: Callable[[], np.ndarray]) -> Column:
@@ -465,7 +499,8 @@ def _load_npy(source: Source) -> np.ndarray:
         ) from error
 
 
-def _load_v5(source: Source) -> Mapping[str, Any]:
+def _load_v5(source: Source) -> tuple[Mapping[str, Any], list[tuple[str, str]]]:
+    """Return the variables of a file of version 5 or 4, and names and classes of its objects."""
     import mmap
 
     import scipy.io
@@ -488,4 +523,4 @@ def _load_v5(source: Source) -> Mapping[str, Any]:
         raise InputRefused(
             f"{source.name}: not a readable .mat file ({type(error).__name__}: {error}): save it again from MATLAB"
         ) from error
-    return {name: value for name, value in content.items() if not name.startswith("__")}
+    return {name: value for name, value in content.items() if not name.startswith("__")}, _objects(content)

@@ -20,7 +20,6 @@ FEWEST_SAMPLES = 50
 _MUCH = 10**8
 # Characters of a path in a message.
 _SHOWN = 200
-LARGEST_JITTER = 0.01  # of the sampling interval
 LARGEST_VALUE = 1e30
 # What varies by less is constant, in any unit; its squares would be no numbers any more.
 SMALLEST_RANGE = 1e-60
@@ -165,7 +164,7 @@ def enough_samples(size: int, where: Where) -> None:
         )
 
 
-def finite(values: np.ndarray, label: str, where: Where) -> None:
+def finite(values: np.ndarray, label: str, where: Where, key: str = "") -> None:
     """Refuse missing (NaN) and infinite values, and numbers that no instrument writes but as a marker."""
     bad = ~(np.abs(values) < LARGEST_VALUE)
     if bad.any():
@@ -174,11 +173,12 @@ def finite(values: np.ndarray, label: str, where: Where) -> None:
         raise InputRefused(
             f"{where}: {label}, {where.row(row)}: the value {what}, {int(bad.sum())} such rows in all: "
             f"repair them, or cut the recording there (`slice` in recordings.yaml)"
+            + (f", or mask them by {key}" if key else "")
         )
 
 
-def time_advances(t: np.ndarray, where: Where) -> None:
-    """Refuse time that goes back or stands still."""
+def time_advances(t: np.ndarray, where: Where, rows: np.ndarray | None = None) -> None:
+    """Refuse time that goes back or stands still; ``rows`` are those of the file, where they were sorted."""
     steps = np.diff(t)
     for bad, cause, remedy in (
         (
@@ -190,9 +190,8 @@ def time_advances(t: np.ndarray, where: Where) -> None:
     ):
         if bad.any():
             i = int(np.argmax(bad)) + 1
-            raise InputRefused(
-                f"{where}: time, {where.row(i)}: {cause} ({t[i - 1]:.9g} s, then {t[i]:.9g} s): {remedy}"
-            )
+            row = where.row(i if rows is None else int(rows[i]))
+            raise InputRefused(f"{where}: time, {row}: {cause} ({t[i - 1]:.9g} s, then {t[i]:.9g} s): {remedy}")
 
 
 def interval(dt: float, where: Where) -> None:
@@ -205,35 +204,13 @@ def interval(dt: float, where: Where) -> None:
         )
 
 
-def no_gaps(t: np.ndarray, where: Where) -> None:
-    """Refuse gaps and a change of the sampling rate within one file."""
-    steps = np.diff(t)
-    typical = float(np.median(steps))
-    ends = [float(np.median(part)) for part in (steps[: steps.size // 5 + 1], steps[-(steps.size // 5 + 1) :])]
-    if max(ends) > 1.1 * min(ends):
-        i = int(np.argmax(np.abs(np.log(steps / ends[0])) > 0.5 * abs(np.log(ends[1] / ends[0])))) + 1
-        raise InputRefused(
-            f"{where}: time, {where.row(i)}: the sampling rate changes from {1 / ends[0]:.6g} Hz to "
-            f"{1 / ends[1]:.6g} Hz within the file: split it into one file per rate"
-        )
-    gap = steps > 1.5 * typical
-    if gap.any():
-        i = int(np.argmax(gap)) + 1
-        raise InputRefused(
-            f"{where}: time, {where.row(i)}: a gap of {steps[i - 1]:.6g} s where samples are {typical:.6g} s apart: "
-            f"split the file there, or in recordings.yaml say `segments: true`, or take one side of it with `slice`"
-        )
-
-
-def little_jitter(deviation: np.ndarray, dt: float, where: Where) -> None:
-    """Refuse sample times that leave a uniform grid; ``deviation`` ``(N,)`` is in s."""
-    i = int(np.argmax(np.abs(deviation)))
-    if abs(deviation[i]) > LARGEST_JITTER * dt:
-        raise InputRefused(
-            f"{where}: time, {where.row(i)}: jittered sampling, this sample lies {abs(deviation[i]):.3g} s "
-            f"({abs(deviation[i]) / dt:.1%} of the interval) off a uniform grid of {dt:.6g} s, at most "
-            f"{LARGEST_JITTER:.0%} is accepted: resample to a uniform rate with a clock you trust"
-        )
+def no_gap(i: int, steps: np.ndarray, usual: float, row: str, where: Where) -> None:
+    """Refuse the i-th interval, a gap over which nobody knows the input."""
+    raise InputRefused(
+        f"{where}: time, {row}: a gap of {steps[i]:.6g} s where samples are {usual:.6g} s apart: split the file there, "
+        f"or in recordings.yaml say `segments: true`, take one side of it with `slice`, or say `input: zero_order` "
+        f"where the input was held"
+    )
 
 
 def output_moves(y: np.ndarray, label: str, where: Where) -> None:

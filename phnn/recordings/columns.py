@@ -12,6 +12,8 @@ from phnn.recordings.values import choice, keys_of, label, mapping, number, show
 
 DRIVING = ("input", "voltage", "force")
 GAINS = ("known", "unknown")
+# What may be missing beside numbers: cells without a number, and single samples far off their neighbours.
+EMPTY, GLITCHES = "empty", "glitches"
 AXES = ("time", "channel", "realisation", "period")
 
 
@@ -19,13 +21,18 @@ AXES = ("time", "channel", "realisation", "period")
 class Column:
     """Where a quantity is found and how it is read: SI value = unit(scale × number).
 
-    ``gain`` is ``"unknown"`` where the number is proportional to what drives the system by an unknown factor.
+    Attributes:
+        gain: ``"unknown"`` where the number is proportional to what drives the system by an unknown factor.
+        unwrap: the number by which a counter or an angle starts again, None where it does not.
+        missing: numbers that mark a missing value; `EMPTY` for empty cells, `GLITCHES` for single samples far off.
     """
 
     place: int | str | None = None
     unit: str | None = None
     scale: float = 1.0
     gain: str = "known"
+    unwrap: float | None = None
+    missing: tuple[float | str, ...] = ()
 
 
 def columns_of(value: Any, inherited: Mapping[str, Column], where: str) -> dict[str, Column]:
@@ -72,7 +79,9 @@ def _column(said: Any, inherited: Column, quantity: str, where: str) -> Column:
     if isinstance(said, (int, str)) and not isinstance(said, bool):
         said = {"column": said}
     content = mapping(said, where)
-    keys_of(content, ("column", "unit", "scale", *(("gain",) if quantity in DRIVING else ())), where)
+    keys_of(
+        content, ("column", "unit", "scale", "unwrap", "missing", *(("gain",) if quantity in DRIVING else ())), where
+    )
     column = inherited
     if "column" in content:
         place = content["column"]
@@ -85,6 +94,12 @@ def _column(said: Any, inherited: Column, quantity: str, where: str) -> Column:
         column = replace(column, unit=check_unit(quantity, str(content["unit"]), where))
     if "gain" in content:
         column = replace(column, gain=choice(content["gain"], GAINS, f"{where}: gain"))
+    if "unwrap" in content:
+        column = replace(column, unwrap=number(content["unwrap"], f"{where}: unwrap", above=0.0))
+    if "missing" in content:
+        said = content["missing"] if isinstance(content["missing"], list) else [content["missing"]]
+        marks = tuple(v if v in (EMPTY, GLITCHES) else number(v, f"{where}: missing") for v in said)
+        column = replace(column, missing=marks)
     if "scale" in content:
         scale = number(content["scale"], f"{where}: scale")
         if scale == 0.0:

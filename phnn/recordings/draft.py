@@ -17,7 +17,7 @@ from phnn.recordings.driving import with_declared
 from phnn.recordings.excitation import Excitation, excitation_of
 from phnn.recordings.manifest import Entry, Manifest
 from phnn.recordings.recording import ACTUATOR, Recording, Start, Units, drive_of, is_actuator
-from phnn.recordings.sampling import on_grid
+from phnn.recordings.sampling import between, evenly, interpolated, own_rows, stamped
 from phnn.recordings.sensor import PLAIN, Sensor, check_unit_of_limits, longest_free
 from phnn.recordings.table import Table, Where
 from phnn.recordings.units import known_unit
@@ -138,6 +138,8 @@ def _is_clipped(u: np.ndarray, y: np.ndarray, run: tuple[int, int], step: float)
 
 FURTHER = ("current", "charge", "force", "temperature")
 _NEAR_ZERO = 0.01  # of the input's range
+# Share of the rows that are stamps of one channel where two rasters were merged; by how much a stated rate may miss.
+_ALL, _RATE = 0.9, 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,8 +186,14 @@ def _draft(
     entry: Entry, table: Table, channels: Mapping[str, Channel], roles: tuple[str, str | None], said: Manifest
 ) -> Draft:
     u_name, y_name = roles
-    dt, values, where, notes = _sampled(entry, table, channels)
-    u = values[u_name]
+    name = entry.name or printable(Path(entry.file).stem)
+    t, values, own, where, notes = _sampled(entry, table, channels)
+    if t.size > _LONG:
+        notes.append(_thinned_note(t.size, stride := 1 if own else _stride(t, values, roles)))
+        t, values = t[::stride], {q: x[::stride] for q, x in values.items()}
+    if y_name is not None:
+        notes += _as_sampled(t, values, own, roles, channels, entry.input == "zero_order")
+    u, seen = values[u_name], own.get(y_name or "")
     y = values[y_name] if y_name is not None else np.full(u.size, np.nan)
     ports = {port: values[port] for port in entry.ports}
     drive = drive_of(u, ports)
@@ -205,11 +213,10 @@ def _draft(
     if is_actuator(said.setup) and (largest > 0.0 or start.state != "unknown"):
         # Under no voltage what began before the first sample may go on, as it may under a constant one.
         checks.like_an_actuator(largest, "voltage", channels[u_name].label, where)
-    excitation = _excitation(drive, dt, entry, table, where)
-    name, measures = entry.name or printable(Path(entry.file).stem), y_name if y_name in entry.outputs else None
-    if measures is not None:
-        name = f"{name}.{measures}"
-    floor, recording = _recording(name, entry, _Signals(dt, u, y, drive), start, excitation)
+    signals = _Signals(t, u, y, drive, seen)
+    excitation = _excitation(signals, entry, table, where)
+    measures = y_name if y_name in entry.outputs else None
+    floor, recording = _recording(name if measures is None else f"{name}.{measures}", entry, signals, start, excitation)
     further = {q: values[q] for q in FURTHER if q in values and q != u_name}
     units = Units(_si(channels[u_name]), _si(channels[y_name]) if y_name is not None else ACTUATOR.output)
     gain = entry.columns[u_name].gain if u_name in entry.columns else recording.gain
@@ -218,9 +225,83 @@ def _draft(
     what = ", ".join(f"{q} from {c.label} in {c.unit}" for q, c in channels.items())
     spare = unused(table, channels)
     if spare and not table.by_name:
-        notes.append(f"{name}: columns not used: {', '.join(spare)}.")
-    notes.extend(f"{name}: {note}." for note in table.notes)
-    return Draft(recording, floor, excitation, entry.use, what, tuple(notes))
+        notes.append(f"columns not used: {', '.join(spare)}")
+    used = [note for q in (*roles, *ports) if q is not None for note in channels[q].notes]
+    return Draft(
+        recording,
+        floor,
+        excitation,
+        entry.use,
+        what,
+        tuple(f"{recording.name}: {n}." for n in (*notes, *used, *table.notes)),
+    )
+
+
+# Samples from which on a recording is thinned, and to which; what thinning may change of an input, in shares of its
+# range, and of an output, over what it changes if every second sample stays, for that is noise.
+_LONG, _ENOUGH = 200_000, 50_000
+_INPUT_CHANGES, _OUTPUT_CHANGES = 1e-3, 1.3
+
+
+def _stride(t: np.ndarray, values: Mapping[str, np.ndarray], roles: tuple[str, str | None]) -> int:
+    """Return the largest n of which every n-th sample tells what lies between; 1 where none does."""
+
+    def changes(x: np.ndarray, stride: int) -> float:
+        kept = t[::stride]
+        inside = slice(0, (kept.size - 1) * stride)
+        return float(np.sqrt(np.mean((interpolated(kept, x[::stride], t[inside]) - x[inside]) ** 2)))
+
+    u, y = values[roles[0]], values[roles[1]] if roles[1] is not None else values[roles[0]]
+    most = _OUTPUT_CHANGES * changes(y, 2) + 1e-5 * float(np.ptp(y))
+    stride = t.size // _ENOUGH
+    while stride > 1:
+        if changes(u, stride) <= _INPUT_CHANGES * float(np.ptp(u)) and changes(y, stride) <= most:
+            return stride
+        stride = stride * 3 // 4
+    return 1
+
+
+def _thinned_note(size: int, stride: int) -> str:
+    if stride == 1:
+        longer = size // _ENOUGH
+        return (
+            f"{size} samples, all of which are needed: a fit takes {longer} times as long as of {_ENOUGH}; see `slice`"
+        )
+    return f"{size} samples, of which one in {stride} is used: what lies between follows from these"
+
+
+def _as_sampled(
+    t: np.ndarray,
+    values: dict[str, np.ndarray],
+    own: dict[str, np.ndarray],
+    roles: tuple[str, str | None],
+    channels: Mapping[str, Channel],
+    held: bool,
+) -> list[str]:
+    """Take input and output where they repeat values at their own instants alone, in place; return what was done.
+
+    Args:
+        own: by channel, (N,) at which rows it was sampled.
+        held: the input stays where it is between its changes.
+    """
+    u_name, y_name = roles
+    assert y_name is not None
+    notes: list[str] = []
+    u, y = values[u_name], values[y_name]
+    mine = own_rows(t, y, u) if y_name not in own else None
+    if mine is None:
+        return notes
+    theirs = own_rows(t, u) if u_name not in own else None
+    if theirs is not None and (mine | theirs).mean() > _ALL and not held:
+        # Two rasters on the union of their stamps.
+        values[u_name] = between(t, theirs, u)
+        notes.append(f"{u_name} ({channels[u_name].label}) repeats values: taken at its own {theirs.sum()} stamps")
+    own[y_name], values[y_name] = mine, between(t, mine, y)
+    every = np.median(np.diff(np.flatnonzero(mine)))
+    notes.append(
+        f"{y_name} ({channels[y_name].label}) changes only in every {every:.3g}th row: taken at these {mine.sum()} rows"
+    )
+    return notes
 
 
 def _si(channel: Channel) -> str:
@@ -228,56 +309,75 @@ def _si(channel: Channel) -> str:
 
 
 class _Signals(NamedTuple):
-    """Signals on a uniform grid.
+    """Signals at their sampling instants.
 
     Attributes:
-        dt: sampling interval [s].
+        t: (N,) instants [s].
         u, y: (N,) first input, and output; NaN where none was recorded.
         drive: (N,) what all inputs do together, see `phnn.recordings.recording.drive_of`.
+        seen: (N,) where the output was recorded; None for everywhere.
     """
 
-    dt: float
+    t: np.ndarray
     u: np.ndarray
     y: np.ndarray
     drive: np.ndarray
+    seen: np.ndarray | None
 
 
 def _recording(
     name: str, entry: Entry, signals: _Signals, start: Start, excitation: Excitation
 ) -> tuple[NoiseFloor, Recording]:
-    floor = NoiseFloor(float("nan"), "no output recorded", WHITE)
-    if np.isfinite(signals.y).all():
-        floor = _noise(signals, start, entry.sensor, excitation)
-    return floor, Recording(
+    recording = Recording(
         name=name,
-        t=signals.dt * np.arange(signals.u.size),
+        t=signals.t,
         u=signals.u,
         y=signals.y,
         start=start,
         interpolation=entry.input or "cubic",
         parts=(),
-        noise=floor.value,
-        noise_source=floor.source,
-        noise_correlation=floor.correlation,
+        noise=float("nan"),
+        noise_source="",
+        noise_correlation=WHITE,
         period=excitation.period,
         channels={},
         source=printable(", ".join(entry.files)),
         sensor=entry.sensor,
         offset=entry.offset,
+        seen=signals.seen,
     )
+    floor = NoiseFloor(float("nan"), "no output recorded", WHITE)
+    if np.isfinite(signals.y).all():
+        floor = _noise(signals, start, entry.sensor, excitation, recording.clock is None)
+    return floor, replace(recording, noise=floor.value, noise_source=floor.source, noise_correlation=floor.correlation)
 
 
-def _noise(signals: _Signals, start: Start, sensor: Sensor, excitation: Excitation) -> NoiseFloor:
-    """The noise floor of an output; where a sensor saturates, samples at the limit carry no noise."""
-    drive, y, dt = signals.drive, signals.y, signals.dt
+def _noise(signals: _Signals, start: Start, sensor: Sensor, excitation: Excitation, uniform: bool) -> NoiseFloor:
+    """Return the noise floor of an output; where a sensor saturates, samples at the limit carry no noise."""
+    t, drive, y = signals.t, signals.drive, signals.y
+    dt, period, span = float(t[-1]) / (t.size - 1), excitation.period, excitation.span
+    if not uniform or signals.seen is not None:
+        # Of samples that were taken; interpolated ones have less noise.
+        rows = np.flatnonzero(signals.seen) if signals.seen is not None else _longest_even(t)
+        (dt, y), (_, drive), period, span = evenly(t[rows], y[rows]), evenly(t[rows], drive[rows]), None, (0, rows.size)
     stuck = sensor.at_limit(y) != 0
-    floor = noise_floor(drive, y, dt, excitation.period, excitation.span, start.state == "periodic")
+    floor = noise_floor(drive, y, dt, period, span, start.state == "periodic")
     if not stuck.any():
         return floor
     first, last = longest_free(stuck)
     if not floor.source.startswith(FROM_PERIODS) and last - first >= checks.FEWEST_SAMPLES:
         return noise_floor(drive[first:last], y[first:last], dt)
     return replace(floor, value=floor.value / max(1.0 - float(stuck.mean()), 1.0 / y.size) ** 0.5)
+
+
+def _longest_even(t: np.ndarray) -> np.ndarray:
+    """Return the rows of the longest stretch with one rate; all rows where every such stretch is short."""
+    steps = np.diff(t)
+    edges = np.flatnonzero(np.abs(np.log(steps[1:] / steps[:-1])) > np.log(_JUMP)) + 1
+    edges = np.concatenate([[0], edges, [t.size]])
+    k = int(np.argmax(np.diff(edges)))
+    rows = np.arange(edges[k], edges[k + 1])
+    return rows if rows.size >= max(checks.FEWEST_SAMPLES, 0.1 * t.size) else np.arange(t.size)
 
 
 def _roles(
@@ -297,20 +397,29 @@ def _roles(
 
 def _sampled(
     entry: Entry, table: Table, channels: Mapping[str, Channel]
-) -> tuple[float, dict[str, np.ndarray], Where, list[str]]:
-    """The interval and the channels on a uniform grid, cut to the slice."""
+) -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, np.ndarray], Where, list[str]]:
+    """Return the instants and the channels, cut to the slice, at which rows each was sampled, and notes."""
     assert entry.slice is not None
     first, last = entry.slice
     where = table.where.after(first)
     values = {q: c.values[first:last] for q, c in channels.items() if q != "time"}
+    own = {q: c.own[first:last] for q, c in channels.items() if c.own is not None}
     checks.enough_samples(last - first, where)
     if "time" not in channels:
         dt = 1.0 / checks.rate_present(entry.sample_rate_hz, table.names, table.where)
         checks.interval(dt, table.where)
-        return dt, values, where, []
+        return dt * np.arange(last - first), values, own, where, []
     time = channels["time"]
-    dt, values, note = on_grid(time.values[first:last], known_unit(time.unit).factor, values, where)
-    return dt, values, where, [f"{entry.name or printable(Path(entry.file).stem)}: {note}."] if note else []
+    found = stamped(time.values[first:last], known_unit(time.unit).factor, values, where, entry.input == "zero_order")
+    checks.enough_samples(found.t.size, where)
+    rate, interval = entry.sample_rate_hz, float(np.median(np.diff(found.t)))
+    # Where channels have clocks of their own, their union has uneven intervals.
+    notes = [] if table.own else list(found.notes)
+    if rate is not None and abs(rate * interval - 1.0) > _RATE:
+        notes.append(
+            f"sample_rate_hz {rate:g} is not used: the times are {interval:.6g} s apart ({1 / interval:.6g} Hz)"
+        )
+    return found.t, found.values, {q: x[found.rows] for q, x in own.items()}, where, notes
 
 
 def _default_start(*inputs: np.ndarray) -> Start:
@@ -318,7 +427,8 @@ def _default_start(*inputs: np.ndarray) -> Start:
     return Start("rest", 0.0) if near else Start("unknown")
 
 
-def _excitation(drive: np.ndarray, dt: float, entry: Entry, table: Table, where: Where) -> Excitation:
+def _excitation(signals: _Signals, entry: Entry, table: Table, where: Where) -> Excitation:
+    dt, drive = evenly(signals.t, signals.drive)
     found = excitation_of(drive, dt)
     if entry.periodic is False and found.period is not None:
         return replace(found, period=None)

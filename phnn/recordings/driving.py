@@ -37,6 +37,7 @@ class Driving(NamedTuple):
         where the recording starts with a jump from it, whose instant is not known.
     command: the first input; further: (n, F) means of the other ones.
     group: (J,) which of the recording's instants each jump of the first input has.
+    lengths: (N−1,) of the sample intervals, in mean ones.
     """
 
     counts: NDArray[np.int64]
@@ -44,6 +45,7 @@ class Driving(NamedTuple):
     command: Reconstruction
     further: Array
     group: NDArray[np.int64]
+    lengths: Array
 
     def fine(self, recording: Recording) -> Array:
         """(n, 3) the first input with jumps at the recording's instants."""
@@ -88,6 +90,7 @@ def driving_of(recording: Recording, substeps: int, method: str | None = None) -
         _Same(recording.u), tuple(_Same(x) for x in recording.further.values()), recording.cycle,
         input_before(recording, recording.u), recording.rise / recording.dt,
         0.0 if declared else (recording.period or 0.0) / recording.dt, declared,
+        None if recording.clock is None else _Same(recording.t),
     )  # fmt: skip
     return _driving(given, substeps, method or recording.interpolation)
 
@@ -100,6 +103,7 @@ class _Given(NamedTuple):
         cycle: samples of a steady cycle; before: the input before the first sample.
         rise, period: of a jump and of the input in sample intervals; 0 for none.
         alone: every jump has an instant of its own.
+        times: sampling instants that are not uniform, s.
     """
 
     u: _Same
@@ -109,6 +113,7 @@ class _Given(NamedTuple):
     rise: float
     period: float
     alone: bool
+    times: _Same | None
 
 
 @lru_cache(maxsize=64)
@@ -123,17 +128,23 @@ def _driving(given: _Given, substeps: int, method: str) -> Driving:
     counts = substep_counts(samples, before, substeps)
     for x in others:
         counts = np.maximum(counts, substep_counts(x, float(x[0]), substeps))
-    counts = made_periodic(counts, cycle)
-    command = Reconstruction(samples, counts, method, given.rise)
+    counts, clock, lengths = made_periodic(counts, cycle), None, np.ones(counts.size)
+    if given.times is not None:
+        t = given.times.array
+        clock = np.concatenate([-np.arange(lead, 0.0, -1.0), t * (t.size - 1) / t[-1]])
+        lengths = np.diff(clock)
+        # As many steps in a unit of time, whatever the intervals.
+        counts = counts * np.maximum(np.rint(lengths / np.median(lengths)), 1.0).astype(np.int64)
+    command = Reconstruction(samples, counts, method, given.rise, clock=clock)
     means = np.zeros((int(counts.sum()), len(others)))
     for k, x in enumerate(others):
-        means[:, k] = mean_input(substep_input(x, counts, method))
+        means[:, k] = mean_input(substep_input(x, counts, method, clock=clock))
     means.flags.writeable = False
     group = _shared(command.breaks.jumps, cycle, given.period, samples.size, given.alone)
     if group.max(initial=-1) + 1 < group.size:
         # Jumps that share an instant have to mean the same by it.
         command = replace(command, sharp=True)
-    return Driving(counts, lead, command, means, group)
+    return Driving(counts, lead, command, means, group, lengths)
 
 
 def _shared(jumps: NDArray[np.int64], cycle: int, period: float, samples: int, alone: bool) -> NDArray[np.int64]:
@@ -178,13 +189,14 @@ def with_declared(recording: Recording, times: Sequence[float], rise: float) -> 
     jumps = driving.command.breaks.jumps - driving.lead
     places = np.searchsorted(recording.t, np.sort(np.asarray(times)) + 1e-9 * recording.dt)
     if not np.array_equal(places, jumps):
-        seen = ", ".join(f"{recording.dt * (n - 1):.6g} to {recording.dt * n:.6g}" for n in jumps.tolist()) or "nowhere"
+        seen = ", ".join(f"{recording.t[n - 1]:.6g} to {recording.t[n]:.6g}" for n in jumps.tolist()) or "nowhere"
         raise InputRefused(
             f"{recording.source}: jumps_at_s: {', '.join(f'{t:g}' for t in times)} s, but the input jumps between "
             f"samples at {seen} s: give one time for each of these intervals"
         )
     # The instants are counted over the room that a transition of this duration has within its interval.
-    centre, share = np.sort(np.asarray(times)) / recording.dt - (jumps - 1), rise / recording.dt
+    lengths, share = recording.t[jumps] - recording.t[jumps - 1], rise / recording.dt
+    centre = (np.sort(np.asarray(times)) - recording.t[jumps - 1]) / lengths
     room = max(1.0 - share, np.finfo(float).eps)
     return replace(stated, instants=np.clip((centre - 0.5 * share) / room, 0.0, 1.0))
 

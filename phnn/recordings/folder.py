@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 import os
+import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -15,17 +17,20 @@ from phnn.errors import InputRefused
 from phnn.intake.files import Source, list_folder, named_file
 from phnn.intake.limits import LIMITS
 from phnn.recordings import checks
+from phnn.recordings.adapters.collected import given_frame
 from phnn.recordings.array_files import read_hdf5, read_mat, read_npy, read_npz
 from phnn.recordings.json_files import NoRecording, read_json
+from phnn.recordings.lines import Lines
 from phnn.recordings.manifest import Entry, Manifest
+from phnn.recordings.sampling import merged
 from phnn.recordings.table import Table, Where
-from phnn.recordings.text_files import looks_like_numbers, read_text
+from phnn.recordings.text_files import looks_like_numbers, read_text, table_of_lines
 from phnn.recordings.units import parse_name
 from phnn.results import printable
 
 # Bytes before the content of a segment, and the flag of its first byte order.
 _LEAD_IN, _BIG_ENDIAN, _UNCLOSED = 28, 1 << 6, b"\xff" * 8
-_INTERVAL, _UNIT = "wf_increment", "unit_string"
+_INTERVAL, _START, _OFFSET, _UNIT = "wf_increment", "wf_start_time", "wf_start_offset", "unit_string"
 
 
 def read_tdms(source: Source) -> Table:
@@ -42,7 +47,7 @@ def read_tdms(source: Source) -> Table:
         closed = _closed(source)
         with source.open() as file, TdmsFile.open(file) as content:
             numeric = _numeric(source, content)
-        intervals = {_interval(of) for _, of in numeric.values()}
+        clocks = {names: _clock(of) for names, (_, of) in numeric.items()}
     except InputRefused:
         raise
     except Exception as error:  # on damaged bytes npTDMS raises errors of many kinds
@@ -59,10 +64,38 @@ def read_tdms(source: Source) -> Table:
         notes = ("the file was not closed, its channels are as long as the shortest",)
     several = len({group for group, _ in numeric}) > 1
     columns = {_name(group, name, of, several): values for (group, name), (values, of) in numeric.items()}
-    if len(intervals) == 1 and (interval := intervals.pop()) > 0.0:
+    own: dict[str, np.ndarray] = {}
+    kinds = set(clocks.values())
+    if len(kinds) == 1 and (interval := kinds.pop().interval) > 0.0:
         longest = max(values.size for values in columns.values())
         columns.setdefault("time_s", interval * np.arange(longest))
-    return Table(Where(source.name), tuple(columns), tuple(columns.values()), by_name=True, notes=notes)
+    elif kinds and all(clock.interval > 0.0 for clock in kinds):
+        where = Where(source.name)
+        every = dict(zip(columns, clocks.values(), strict=True))
+        if not all(clock.dated for clock in kinds):
+            said = "; ".join(f"{name}: every {clock.interval:g} s" for name, clock in every.items())
+            raise InputRefused(
+                f"{where}: channels with clocks of their own, and not all say when they began ({said}): write "
+                f"{_START} with each waveform, or export them with one time"
+            )
+        first = min(clock.start for clock in kinds)
+        stamps = {n: 1e-9 * (c.start - first) + c.interval * np.arange(columns[n].size) for n, c in every.items()}
+        t, columns, own = merged({n: (stamps[n], columns[n]) for n in columns}, where)
+        own = {n: rows for n, rows in own.items() if not rows.all()}
+        said = "; ".join(
+            f"{n} from {1e-9 * (c.start - first):.6g} s on, every {c.interval:g} s" for n, c in every.items()
+        )
+        notes = (*notes, f"channels with clocks of their own ({said}): aligned by their absolute times")
+        columns["time_s"] = t - t[0]
+    return Table(Where(source.name), tuple(columns), tuple(columns.values()), by_name=True, notes=notes, own=own)
+
+
+class _Clock(NamedTuple):
+    """When a waveform began, ns after 1970 where it is dated, and seconds between its samples, 0 if nothing is said."""
+
+    start: int
+    interval: float
+    dated: bool
 
 
 def _numeric(source: Source, content: Any) -> dict[tuple[str, str], tuple[np.ndarray, dict[str, Any]]]:
@@ -78,8 +111,8 @@ def _numeric(source: Source, content: Any) -> dict[tuple[str, str], tuple[np.nda
     return {names: (values, of) for names, (values, of) in found.items() if values.ndim == 1 and values.size}
 
 
-def _interval(properties: Mapping[str, Any]) -> float:
-    """Seconds between samples of a waveform; 0 where nothing is said.
+def _clock(properties: Mapping[str, Any]) -> _Clock:
+    """Return the clock of a waveform.
 
     Raises:
         ValueError: what is said is no interval.
@@ -87,7 +120,12 @@ def _interval(properties: Mapping[str, Any]) -> float:
     said = properties.get(_INTERVAL, 0.0)
     if isinstance(said, bool) or not isinstance(said, int | float | np.number) or not 0.0 <= said < math.inf:
         raise ValueError(f"its property {_INTERVAL} is {said!r:.60}, not seconds")
-    return float(said)
+    start, offset = properties.get(_START), properties.get(_OFFSET, 0.0)
+    dated = isinstance(start, np.datetime64) and not bool(np.isnat(start))
+    # Whole nanoseconds: a second since 1970 has not many digits left.
+    begun = int(start.astype("datetime64[ns]").astype(np.int64)) if dated and start is not None else 0
+    more = float(offset) if isinstance(offset, int | float | np.number) and math.isfinite(offset) else 0.0
+    return _Clock(begun + round(1e9 * more), float(said), dated)
 
 
 def _closed(source: Source) -> bool:
@@ -120,6 +158,59 @@ def _name(group: str, channel: str, properties: Mapping[str, Any], several: bool
     return printable(f"{group}.{name}" if several else name)
 
 
+def read_sheet(source: Source) -> Table:
+    """Return the columns of the first sheet of a workbook, whose rows are read as those of a text are.
+
+    Raises:
+        InputRefused: pandas lacks the package openpyxl, the file is damaged or too large, or as `read_text`.
+    """
+    import pandas as pd
+
+    def sheet() -> str:
+        with source.open() as file, zipfile.ZipFile(file) as archive:
+            source.check_memory(sum(member.file_size for member in archive.infolist()), unpacked=True)
+            frame = pd.read_excel(file, header=None, dtype=object)
+        return str(frame.to_csv(sep="\t", header=False, index=False))
+
+    return table_of_lines(source.name, Lines(_by_pandas(source, sheet, "openpyxl", "xlsx")))
+
+
+def read_parquet(source: Source) -> Table:
+    """Return the columns of a parquet file, with its index where that is a time.
+
+    Raises:
+        InputRefused: pandas lacks the package pyarrow, the file is damaged or too large.
+    """
+    import pandas as pd
+
+    def frame() -> Table:
+        parquet = import_module("pyarrow.parquet")
+
+        with source.open() as file:
+            said = parquet.ParquetFile(file).metadata
+            source.check_memory(8 * said.num_rows * said.num_columns, unpacked=True)
+            return replace(given_frame(pd.read_parquet(file)).table, where=Where(source.name))
+
+    return _by_pandas(source, frame, "pyarrow", "parquet")
+
+
+Read = TypeVar("Read")
+
+
+def _by_pandas(source: Source, load: Callable[[], Read], package: str, kind: str) -> Read:
+    """Return what pandas reads with a package that may not be there; what it stumbles over is refused."""
+    try:
+        return load()
+    except InputRefused:
+        raise
+    except ImportError as error:
+        raise InputRefused(f"{source.name}: .{kind} files need the package {package}: pip install {package}") from error
+    except Exception as error:  # on damaged bytes the packages raise errors of many kinds
+        raise InputRefused(
+            f"{source.name}: not a readable .{kind} file ({printable(str(error))}): export it again, or as .csv"
+        ) from error
+
+
 Reader = Callable[[Source], Table]
 READERS: Mapping[str, Reader] = {
     **dict.fromkeys((".csv", ".tsv", ".dat", ".txt", ".asc", ".lvm"), read_text),
@@ -129,6 +220,8 @@ READERS: Mapping[str, Reader] = {
     ".npz": read_npz,
     ".tdms": read_tdms,
     ".json": read_json,
+    ".xlsx": read_sheet,
+    ".parquet": read_parquet,
 }
 
 

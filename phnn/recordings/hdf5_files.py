@@ -1,7 +1,7 @@
 """The datasets of an HDF5 file: those that lie in the file itself.
 
-External storage, external links, soft links through them and virtual datasets of other files are refused, unless the
-user allows them: a file must not make the program read another one.
+External storage, external links and virtual datasets are refused, unless the user allows them: a file must not make
+the program read another one.
 """
 
 from __future__ import annotations
@@ -18,12 +18,11 @@ from phnn.intake.limits import LIMITS
 from phnn.recordings.stored import Stored
 from phnn.results import printable
 
-# Bytes of an HDF5 superblock up to the length of the file, whatever its version.
-_SUPERBLOCK = 52
-# Bytes that are looked at together.
-_BLOCK = 2**20
-# Soft links that lead to soft links; HDF5 follows 16 of them.
-_LINKS = 32
+# Bytes of an HDF5 superblock up to the length of the file, whatever its version; bytes that are looked at together.
+_SUPERBLOCK, _BLOCK = 52, 2**20
+# Attributes of the CF conventions: of a unit, of numbers that are packed, of values that are missing.
+_UNITS, _PACKED, _MISSING = ("units", "unit"), ("scale_factor", "add_offset"), ("_FillValue", "missing_value")
+_CLASS, _EMPTY, _OBJECT = "MATLAB_class", "MATLAB_empty", "MATLAB_object_decode"
 
 
 class _Outside(ValueError):
@@ -31,150 +30,208 @@ class _Outside(ValueError):
 
 
 def is_hdf5(source: Source) -> bool:
-    """Whether a file has the signature of an HDF5 file."""
+    """Return whether a file has the signature of an HDF5 file."""
     import h5py
 
     return bool(h5py.is_hdf5(source.path))
 
 
-def datasets(source: Source, cause: str, remedy: str, transposed: bool = False) -> list[Stored]:
-    """All datasets of a file that hold numbers, fields of tables as ``dataset.field``.
-
-    Args:
-        cause, remedy: of a refusal.
-        transposed: MATLAB stores every array transposed.
+def datasets(source: Source) -> list[Stored]:
+    """Return all datasets of a file that hold numbers, fields of tables as ``dataset.field``.
 
     Raises:
         InputRefused: damaged, or with parts in other files.
     """
+    return _read(
+        source, lambda file: [s for path, item in _walk(file, source) for s in _stored(source, path, item)], False
+    )
+
+
+def matlab_content(source: Source) -> tuple[dict[str, Any], list[tuple[str, str]]]:
+    """Return the variables of a MATLAB file of version 7.3, and names and classes of its objects.
+
+    Structures are mappings, arrays of structures and cells are lists, texts are texts, numbers are `Stored`.
+
+    Raises:
+        InputRefused: as `datasets`.
+    """
+
+    def content(file: Any) -> tuple[dict[str, Any], list[tuple[str, str]]]:
+        walked = [name for name, _ in _walk(file, source)]
+        top = dict.fromkeys(name.partition("/")[0] for name in walked)
+        objects = [(n, _class(file[n])) for n in top if _OBJECT in file[n].attrs]
+        named = [n for n in top if n not in dict(objects)]
+        return {n: _decoded(source, file, n, file[n], 0) for n in named}, objects
+
+    found: tuple[dict[str, Any], list[tuple[str, str]]] = _read(source, content, True)
+    return found
+
+
+def _read(source: Source, what: Callable[[Any], Any], matlab: bool) -> Any:
     import h5py
-
-    def read(path: str, field: str | None, size: int, packed: bool) -> Callable[[], np.ndarray]:
-        def load() -> np.ndarray:
-            source.check_memory(size, packed)
-            try:
-                with h5py.File(source.path, "r") as file:
-                    array = np.asarray(file[path][field] if field is not None else file[path][()])
-                    return array.T if transposed else array
-            except Exception as error:  # on damaged bytes h5py raises errors of many kinds
-                raise refused_file(source, cause, error, remedy) from error
-
-        return load
 
     try:
         with h5py.File(source.path, "r") as file:
             _check_length(source, file.userblock_size)
-            found = []
-            for path, dataset in _walk(file, source.outside):
-                name = path.strip("/").replace("/", ".")
-                # Numbers that are packed, or were never written, take less room in the file.
-                packed = dataset.id.get_storage_size() < dataset.nbytes
-                for part, field, dtype in _parts(dataset.dtype):
-                    shape = dataset.shape[::-1] if transposed else dataset.shape
-                    size = math.prod(shape) * dtype.itemsize
-                    found.append(Stored(name + part, shape, dtype, read(path, field, size, packed)))
-                if len(found) > LIMITS.variables:
-                    raise ValueError(f"more than {LIMITS.variables} datasets")
-            return found
-    except _Outside as error:
-        raise InputRefused(
-            f"{source.name}: {error}: copy everything into one file, or give the option {OUTSIDE} if you trust who "
-            f"made it"
-        ) from error
+            return what(file)
     except Exception as error:  # on damaged bytes h5py raises errors of many kinds
-        raise refused_file(source, cause, error, remedy) from error
+        raise _refused(source, error, matlab) from error
 
 
-def refused_file(source: Source, cause: str, error: Exception, remedy: str) -> InputRefused:
-    """The refusal of a file on which the library stumbled; a refusal stays as it is."""
+def _refused(source: Source, error: Exception, matlab: bool) -> InputRefused:
+    """Return the refusal of a file on which the library stumbled; a refusal stays as it is."""
     if isinstance(error, InputRefused):
         return error
+    if isinstance(error, _Outside):
+        return InputRefused(
+            f"{source.name}: {error}: copy everything into one file, or give the option {OUTSIDE} if you trust who "
+            f"made it"
+        )
+    cause, remedy = "not a readable HDF5 file", "export it again"
+    if matlab:
+        cause, remedy = "damaged .mat v7.3 file", "save it again from MATLAB"
     return InputRefused(f"{source.name}: {cause} ({printable(str(error))}): {remedy}")
 
 
-def _parts(dtype: np.dtype) -> Iterator[tuple[str, str | None, np.dtype]]:
-    """Fields of a table, with the names that they add; the whole of an array."""
-    if dtype.names is None:
-        yield "", None, dtype
-        return
-    for name in dtype.names:
-        yield f".{name}", name, dtype[name]
+def _walk(file: Any, source: Source) -> Iterator[tuple[str, Any]]:
+    """Yield path and dataset of everything in a file, in the order of the names, every link once.
 
-
-def _walk(file: Any, outside: bool) -> Iterator[tuple[str, Any]]:
-    """Path and dataset of everything in a file, in the order of the names, no group twice on one path."""
-    import h5py
-
-    seen = {_address(file)}
-
-    def inside(group: Any, prefix: str, depth: int) -> Iterator[tuple[str, Any]]:
-        if depth > LIMITS.groups:
-            raise ValueError(f"groups more than {LIMITS.groups} levels deep")
-        for name in group:
-            path = f"{prefix}/{name}"
-            if not outside:
-                _check_link(file, path, 0)
-            item = group.get(name)
-            if isinstance(item, h5py.Dataset) and item.shape is not None:
-                if not outside:
-                    check_dataset(item, path)
-                yield path, item
-            elif isinstance(item, h5py.Group) and not name.startswith("#") and _address(item) not in seen:
-                seen.add(_address(item))
-                yield from inside(item, path, depth + 1)
-
-    yield from inside(file, "", 0)
-
-
-def _address(item: Any) -> tuple[int, Any]:
-    import h5py
-
-    found = h5py.h5o.get_info(item.id)
-    return found.fileno, found.addr
-
-
-def _check_link(file: Any, path: str, depth: int) -> None:
-    """Refuse a path on which an external link stands; soft links are followed by their texts.
-
-    Raises:
-        _Outside: names the path and the file that it leads to.
+    Without leave, no link and no dataset may lead to another file.
     """
     import h5py
 
-    if depth > _LINKS:
-        # The library itself follows fewer: the target does not exist.
+    found: dict[str, Any] = {}
+
+    def visit(name: str, link: Any) -> ValueError | None:
+        # What is returned ends the walk; what is raised would be lost within the library.
+        if name.count("/") >= LIMITS.groups:
+            return ValueError(f"groups more than {LIMITS.groups} levels deep")
+        if isinstance(link, h5py.ExternalLink) and not source.outside:
+            return _Outside(f"/{name} is a link to the file {printable(str(link.filename))!r}")
+        found[name] = link
+        return None
+
+    if (stopped := file.visititems_links(visit)) is not None:
+        raise stopped
+    count = 0
+    for name, link in found.items():
+        if any(part.startswith("#") for part in name.split("/")):
+            continue
+        # A link without a target, or round in a circle, has no item.
+        item = file.get(name)
+        several = [(name, item)]
+        if not isinstance(link, h5py.HardLink) and isinstance(item, h5py.Group):
+            several = []
+            item.visititems(lambda inner, x, outer=name, into=several: into.append((f"{outer}/{inner}", x)))
+        for path, one in several:
+            if not isinstance(one, h5py.Dataset) or one.shape is None:
+                continue
+            _check_dataset(source, one)
+            count += 1
+            if count > LIMITS.variables:
+                raise ValueError(f"more than {LIMITS.variables} datasets")
+            yield path, one
+
+
+def _check_dataset(source: Source, dataset: Any) -> None:
+    """Refuse numbers that may lie in other files."""
+    if source.outside:
         return
-    done = ""
-    parts = [part for part in path.split("/") if part not in ("", ".")]
-    for i, part in enumerate(parts):
-        here = f"{done}/{part}"
-        link = file.get(here, getlink=True)
-        if isinstance(link, h5py.ExternalLink):
-            raise _Outside(f"{here} is a link to the file {printable(str(link.filename))!r}")
-        if isinstance(link, h5py.SoftLink):
-            target = link.path if link.path.startswith("/") else f"{done}/{link.path}"
-            rest = "/".join([target, *parts[i + 1 :]])
-            try:
-                _check_link(file, rest, depth + 1)
-            except KeyError:
-                # Its target does not exist.
-                return
-            return
-        done = here
-
-
-def check_dataset(dataset: Any, path: str) -> None:
-    """Refuse numbers that lie in other files. Raises ValueError."""
     if dataset.external:
-        raise _Outside(f"{path} has its numbers in the file {printable(str(dataset.external[0][0]))!r}")
+        raise _Outside(f"{dataset.name} has its numbers in the file {printable(str(dataset.external[0][0]))!r}")
     if dataset.is_virtual:
-        for part in dataset.virtual_sources():
-            if part.file_name != ".":
-                raise _Outside(f"{path} is made of parts of the file {printable(str(part.file_name))!r}")
+        parts = ", ".join(printable(str(part.file_name)) for part in dataset.virtual_sources()[:3])
+        raise _Outside(f"{dataset.name} is a virtual dataset, made of parts of {parts!r}")
+
+
+def _stored(source: Source, path: str, item: Any, matlab: bool = False) -> Iterator[Stored]:
+    """Yield a dataset, or the fields of a table; MATLAB stores every array transposed."""
+    name = path.strip("/").replace("/", ".")
+    said = {} if matlab else dict(item.attrs)
+    unit = next((printable(_text(said[key])) for key in _UNITS if key in said), "")
+    # Numbers that are packed, or were never written, take less room in the file.
+    packed = item.id.get_storage_size() < item.nbytes
+    for field in item.dtype.names or (None,):
+        dtype = item.dtype if field is None else item.dtype[field]
+        shape = item.shape[::-1] if matlab else item.shape
+        size = math.prod(shape) * dtype.itemsize
+
+        def load(field: str | None = field, size: int = size) -> np.ndarray:
+            source.check_memory(size, packed)
+
+            def numbers(file: Any) -> np.ndarray:
+                array = np.asarray(file[path][field] if field is not None else file[path][()])
+                return array.T if matlab else _unpacked(array, said)
+
+            return np.asarray(_read(source, numbers, matlab))
+
+        yield Stored(name if field is None else f"{name}.{field}", shape, dtype, load, unit)
+
+
+def _unpacked(array: np.ndarray, said: dict[str, Any]) -> np.ndarray:
+    """Return the numbers that an array stands for by its attributes, missing ones as NaN."""
+    if array.dtype.kind not in "iuf":
+        return array
+    missing = [float(v) for key in _MISSING if key in said for v in np.atleast_1d(said[key])]
+    scale, offset = (float(np.ravel(said.get(key, usual))[0]) for key, usual in zip(_PACKED, (1.0, 0.0), strict=True))
+    hidden = np.isin(array, missing) if missing else np.zeros(0, dtype=bool)
+    if scale == 1.0 and offset == 0.0 and not hidden.any():
+        return array
+    values = array * scale + offset
+    return np.where(hidden, np.nan, values) if hidden.any() else values
+
+
+def _decoded(source: Source, file: Any, path: str, item: Any, depth: int) -> Any:
+    """Return a variable of MATLAB as `matlab_content` says; None where it is of no known kind."""
+    import h5py
+
+    if depth > LIMITS.groups:
+        return None
+    if isinstance(item, h5py.Group):
+        fields = {n: item[n] for n in item}
+        found = {n: _decoded(source, file, f"{path}/{n}", x, depth + 1) for n, x in fields.items()}
+        # The fields of an array of structures are references that are no cells.
+        arrays = [isinstance(x, h5py.Dataset) and _references(x) and _class(x) != "cell" for x in fields.values()]
+        if not found or not all(arrays) or len({len(v) for v in found.values()}) != 1:
+            return found
+        return [dict(zip(found, values, strict=True)) for values in zip(*found.values(), strict=True)]
+    if not isinstance(item, h5py.Dataset) or item.shape is None:
+        return None
+    _check_dataset(source, item)
+    if _EMPTY in item.attrs:
+        return np.empty((0, 0))
+    if _references(item):
+        if item.size > LIMITS.variables:
+            raise ValueError(f"{item.name} has more than {LIMITS.variables} cells")
+        cells = (file[ref] for ref in item[()].T.ravel())
+        return [_decoded(source, file, cell.name, cell, depth + 1) for cell in cells]
+    if _class(item) == "char":
+        source.check_memory(item.nbytes, True)
+        return "".join(map(chr, np.asarray(item[()]).T.ravel()))
+    parts = {s.name.rpartition(".")[2]: s for s in _stored(source, path, item, matlab=True)}
+    return next(iter(parts.values())) if item.dtype.names is None else parts
+
+
+def _references(item: Any) -> bool:
+    import h5py
+
+    return h5py.check_ref_dtype(item.dtype) is not None
+
+
+def _class(item: Any) -> str:
+    return _text(item.attrs.get(_CLASS, b""))
+
+
+def _text(said: Any) -> str:
+    return (
+        said.decode("utf-8", "replace")
+        if isinstance(said, bytes)
+        else str(np.ravel(said)[0] if np.ndim(said) else said)
+    )
 
 
 def _check_length(source: Source, superblock: int) -> None:
-    """An HDF5 file states its length in its superblock; bytes that slipped in have moved what lies behind them.
+    """Refuse another length than the superblock states; bytes that slipped in have moved what lies behind them.
 
     Zeros at the end, which fill a block, have not.
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import codecs
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
-from functools import cached_property
+
+import numpy as np
 
 from phnn.errors import InputRefused
 from phnn.intake.files import Source
@@ -17,46 +17,39 @@ from phnn.intake.limits import LIMITS
 _TIMES = 6
 _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f]")
 _UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
-# What `str.splitlines` takes for the end of a line; characters that are split into lines at once.
-_END = re.compile("\r\n|[\n\r\x0b\x0c\x85\u2028\u2029]")
-_BLOCK = 2**20
+# What `str.splitlines` takes for the end of a line.
+_END = re.compile("\r\n|[\r\x0b\x0c\x85\u2028\u2029]")
 
 
-@dataclass(frozen=True, eq=False)
 class Lines:
-    """Attributes:
-    content: the whole text; size: characters of it without white space at its end.
+    """The lines of a text.
+
+    Attributes:
+        raw: the text in UTF-8, without white space at its end; starts: (n+1,) where its lines begin.
+        ended: whether the last line ends as the others do.
     """
 
-    content: str
-    size: int
+    def __init__(self, content: str) -> None:
+        content = _END.sub("\n", content) if _END.search(content) else content
+        self.ended = content.endswith("\n")
+        self.raw = content.rstrip().encode("utf-8", "surrogatepass") + b"\n"
+        ends = np.flatnonzero(np.frombuffer(self.raw, dtype=np.uint8) == ord("\n")) + 1
+        self.starts = np.concatenate([[0], ends])
 
-    def blocks(self) -> Iterator[list[str]]:
-        """All lines, some thousands at a time."""
-        begin = 0
-        while begin < self.size:
-            end = _END.search(self.content, min(begin + _BLOCK, self.size), self.size)
-            stop = end.end() if end else self.size
-            yield self.content[begin:stop].splitlines()
-            begin = stop
+    def __len__(self) -> int:
+        return self.starts.size - 1
 
-    def __iter__(self) -> Iterator[str]:
-        for block in self.blocks():
-            yield from block
+    def __getitem__(self, i: int) -> str:
+        """Return the i-th line, without its end."""
+        return self.raw[self.starts[i] : self.starts[i + 1] - 1].decode("utf-8", "surrogatepass")
 
-    @cached_property
-    def count(self) -> int:
-        """How many lines there are."""
-        return sum(len(block) for block in self.blocks())
-
-    @property
-    def ended(self) -> bool:
-        """Whether the last line ends as the others do."""
-        return self.content.endswith(("\n", "\r"))
+    def of(self, first: int, last: int) -> Iterator[str]:
+        """Yield some lines."""
+        return (self[i] for i in range(first, min(last, len(self))))
 
 
 def read_content(source: Source, most: int, what: str) -> str:
-    """The text of a file in any of the usual encodings.
+    """Return the text of a file in any of the usual encodings.
 
     Args:
         most: bytes; what: of a kind of file, for the message.
@@ -82,23 +75,15 @@ def read_content(source: Source, most: int, what: str) -> str:
 
 
 def read_lines(source: Source) -> Lines:
-    """The lines of a file.
+    """Return the lines of a file.
 
     Raises:
         InputRefused: as `read_content`, or it has a line that no table has.
     """
     source.check_memory(_TIMES * source.size)
-    content = read_content(source, LIMITS.text_bytes, "a text file")
-    size = len(content)
-    while content[size - 1].isspace():
-        size -= 1
-    lines = Lines(content, size)
-    before = 0
-    for block in lines.blocks():
-        if max(map(len, block)) > LIMITS.line_characters:
-            i = next(i for i, line in enumerate(block) if len(line) > LIMITS.line_characters)
-            raise InputRefused(
-                f"{source.name}: line {before + i + 1} has {len(block[i])} characters: write one row per sample"
-            )
-        before += len(block)
+    lines = Lines(read_content(source, LIMITS.text_bytes, "a text file"))
+    sizes = np.diff(lines.starts) - 1
+    if sizes.max() > LIMITS.line_characters:
+        i = int(np.argmax(sizes > LIMITS.line_characters))
+        raise InputRefused(f"{source.name}: line {i + 1} has {sizes[i]} characters: write one row per sample")
     return lines

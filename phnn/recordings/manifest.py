@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -35,7 +36,7 @@ _SHARED = (
     "outputs", "axes", "sensor", "offset",
 )  # fmt: skip
 _TOP = ("setup", "known", "voltage", *_SHARED, "recordings")
-_EACH = ("file", "name", *_SHARED, "jumps_at_s", "slice", "use")
+_EACH = (*_SHARED, "jumps_at_s", "slice", "use", "file", "name")
 
 
 @dataclass(frozen=True)
@@ -161,49 +162,21 @@ def _entries(listed: Any, common: Entry, name: str) -> tuple[Entry, ...]:
 
 
 def _entry(item: Mapping[str, Any], common: Entry, where: str) -> Entry:
-    """One entry laid over the common one: what it says itself wins, quantity by quantity for columns."""
+    """Return one entry laid over the common one: what it says itself wins, quantity by quantity for columns."""
     keys_of(item, _EACH, where)
-    entry = common
-    if "columns" in item:
-        entry = replace(entry, columns=columns_of(item["columns"], entry.columns, f"{where}: columns"))
-    if "variables" in item:
-        entry = replace(entry, columns=variables_of(item["variables"], entry.columns, f"{where}: variables"))
-    if "sample_rate_hz" in item:
-        rate = number(item["sample_rate_hz"], f"{where}: sample_rate_hz", above=0.0)
-        entry = replace(entry, sample_rate_hz=rate)
-    if "start" in item:
-        entry = replace(entry, start=_start(item["start"], f"{where}: start"))
-    if "periodic" in item:
-        entry = replace(entry, periodic=flag(item["periodic"], f"{where}: periodic"))
-    if "input" in item:
-        entry = replace(entry, input=choice(item["input"], INPUTS, f"{where}: input"))
-    if "rise_time_s" in item:
-        entry = replace(entry, rise_time_s=number(item["rise_time_s"], f"{where}: rise_time_s", above=0.0))
-    if "jumps_at_s" in item:
-        entry = replace(entry, jumps_at_s=_times(item["jumps_at_s"], f"{where}: jumps_at_s"))
-    if "segments" in item:
-        entry = replace(entry, segments=_segments(item["segments"], f"{where}: segments"))
-    if "ports" in item:
-        entry = replace(entry, ports=named_of(item["ports"], "input", f"{where}: ports"))
-    if "outputs" in item:
-        entry = replace(entry, outputs=named_of(item["outputs"], "output", f"{where}: outputs"))
-    if "axes" in item:
-        entry = replace(entry, axes=axes_of(item["axes"], f"{where}: axes"))
-    if "sensor" in item:
-        entry = replace(entry, sensor=sensor_of(item["sensor"], f"{where}: sensor"))
-    if "offset" in item:
-        entry = replace(entry, offset=choice(item["offset"], OFFSETS, f"{where}: offset"))
-    if "slice" in item:
-        entry = replace(entry, slice=_slice(item["slice"], f"{where}: slice"))
-    if "use" in item:
-        entry = replace(entry, use=choice(item["use"], USES, f"{where}: use"))
-    if "file" in item:
-        files = item["file"] if isinstance(item["file"], list) and item["file"] else [item["file"]]
-        first, *beside = (text(file, f"{where}: file") for file in files)
-        entry = replace(entry, file=first, beside=tuple(beside))
-    if "name" in item:
-        entry = replace(entry, name=label(item["name"], f"{where}: name"))
-    return entry
+    said: dict[str, Any] = {}
+    for key in (key for key in _EACH if key in item):
+        value, here = item[key], f"{where}: {key}"
+        if key in ("columns", "variables"):
+            laid = columns_of if key == "columns" else variables_of
+            said["columns"] = laid(value, said.get("columns", common.columns), here)
+        elif key == "file":
+            files = value if isinstance(value, list) and value else [value]
+            said["file"], *beside = (text(file, here) for file in files)
+            said["beside"] = tuple(beside)
+        else:
+            said[key] = _READ[key](value, here)
+    return replace(common, **said)
 
 
 def _start(value: Any, where: str) -> Start:
@@ -238,6 +211,20 @@ def _segments(value: Any, where: str) -> bool | int:
     raise InputRefused(
         f"{where}: {shown(value)} is neither true (jumps of time separate the segments) nor a number of samples of each"
     )
+
+
+def _one_of(accepted: tuple[str, ...]) -> Callable[[Any, str], str]:
+    return lambda value, where: choice(value, accepted, where)
+
+
+# How the value of a key is read; the text says where it stands.
+_READ: Mapping[str, Callable[[Any, str], Any]] = {
+    "sample_rate_hz": partial(number, above=0.0), "rise_time_s": partial(number, above=0.0), "start": _start,
+    "periodic": flag, "input": _one_of(INPUTS), "jumps_at_s": _times, "segments": _segments,
+    "ports": lambda value, where: named_of(value, "input", where), "axes": axes_of, "sensor": sensor_of,
+    "outputs": lambda value, where: named_of(value, "output", where), "offset": _one_of(OFFSETS),
+    "slice": _slice, "use": _one_of(USES), "name": label,
+}  # fmt: skip
 
 
 def _known(value: Any, name: str) -> dict[str, Anchor]:

@@ -96,10 +96,7 @@ def whole_parts(one: Candidate, held_out: bool) -> tuple[Part, ...]:
     """The parts of a recording that serves one use; a held-out one spends its head on zero and initial state."""
     if not held_out:
         return (Part(one.name, 0, one.size, "identification"),)
-    return (
-        Part(f"{one.name}[start]", 0, one.head, "nuisance"),
-        Part(one.name, one.head, one.size, "confirmation"),
-    )
+    return (Part(f"{one.name}[start]", 0, one.head, "nuisance"), Part(one.name, one.head, one.size, "confirmation"))
 
 
 def split_one(one: Candidate) -> tuple[tuple[Part, ...], str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,6 +27,8 @@ IN_MEMORY = "recordings in memory"
 # Weights of further inputs, which no simple relation makes cancel; and by how much of a sample a whole number of
 # periods may miss a whole number of samples.
 _GOLDEN, _WHOLE = 0.618, 0.02
+# Intervals between samples that differ by less, as a share of their mean, differ by rounding only.
+_ROUNDING = 1e-6
 
 # Names of recordings in a short form of a campaign.
 _SHOWN = 4
@@ -62,11 +65,11 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """One uniformly sampled recording in SI units.
+    """One recording in SI units.
 
     Attributes:
         name: unique in its campaign.
-        t: ``(N,)`` time in s, uniform, starts at 0.
+        t: ``(N,)`` sampling instants in s, ascending from 0; see `clock`.
         u: ``(N,)`` input, for an actuator in V.
         y: ``(N,)`` output, for an actuator in m; all NaN where none was recorded and none was asked for.
         start: how the recording begins.
@@ -90,6 +93,8 @@ class Recording:
         noise_found: False where the recording shows no noise; ``noise`` then only weights the fit.
         noise_interval: bounds that hold the deviation of the noise with 95 %, where one spectrum gave it.
         gain: ``"unknown"`` where the first input is known up to one factor that all recordings share.
+        seen: ``(N,)`` bool, the samples at which the output was recorded, None for all. The others, where the input has
+            a stamp of its own or a value was masked, carry an interpolated output and are never scored.
     """
 
     name: str
@@ -116,6 +121,14 @@ class Recording:
     noise_found: bool = True
     noise_interval: tuple[float, float] | None = None
     gain: str = "known"
+    seen: np.ndarray | None = None
+
+    @cached_property
+    def clock(self) -> np.ndarray | None:
+        """``(N,)`` sampling instants in mean intervals; None where all intervals are equal."""
+        steps = np.diff(self.t)
+        even = steps.size == 0 or float(np.abs(steps - self.dt).max()) <= _ROUNDING * self.dt
+        return None if even else self.t / self.dt
 
     @property
     def drive(self) -> np.ndarray:
@@ -125,7 +138,7 @@ class Recording:
     @property
     def cycle(self) -> int:
         """Samples of the fewest whole periods that are a whole number of samples; 0 where the recording has none."""
-        if self.start.state != "periodic" or self.period is None:
+        if self.start.state != "periodic" or self.period is None or self.clock is not None:
             return 0
         size = self.period / self.dt
         for count in range(1, int(self.t.size / size + 1e-6) + 1):
@@ -149,13 +162,14 @@ class Recording:
             t=self.t[rows],
             u=self.u[rows],
             y=self.y[rows],
+            seen=None if self.seen is None else self.seen[rows],
             channels={n: x[rows] for n, x in self.channels.items()},
             further={n: x[rows] for n, x in self.further.items()},
         )
 
     @property
     def dt(self) -> float:
-        """Sampling interval in s."""
+        """Sampling interval in s, the mean where intervals differ."""
         return float(self.t[-1] - self.t[0]) / (self.t.size - 1)
 
     @property
@@ -169,7 +183,7 @@ class Recording:
         for part in self.parts:
             if part.use == use:
                 chosen[part.first : part.last] = True
-        return chosen
+        return chosen if self.seen is None else chosen & self.seen
 
 
 def unrecorded(

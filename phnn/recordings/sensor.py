@@ -28,14 +28,14 @@ class Sensor:
             say only that the true output lies at or beyond the limit.
         rectified: it shows the size of the output without its sign.
         lag: its time constant [s].
-        derivative: it measures the rate of the network's output.
+        derivative: how many times what it measures is derived from the network's output by time: 0, 1 or 2.
         unit: SI unit of the limits.
     """
 
     saturates: tuple[float, float] = (-math.inf, math.inf)
     rectified: bool = False
     lag: float = 0.0
-    derivative: bool = False
+    derivative: int = False
     unit: str = ""
 
     @property
@@ -63,11 +63,14 @@ class Sensor:
             found.append(f"saturates at {' and '.join(ends)}, where {count} samples sit: they say no more than that")
         found += ["shows the size without its sign"] if self.rectified else []
         found += [f"lags by {quantity(self.lag, 's')}"] if self.lag else []
-        found += ["measures the rate of the output"] if self.derivative else []
+        found += [
+            ("measures the rate of the output", "measures the second derivative of the output")[self.derivative - 1]
+        ] * bool(self.derivative)
         return "; ".join(found)
 
 
 PLAIN = Sensor()
+_DERIVATIVES = ("derivative", "second_derivative")
 
 
 def sensor_of(value: Any, where: str) -> Sensor:
@@ -77,13 +80,14 @@ def sensor_of(value: Any, where: str) -> Sensor:
         InputRefused: an unknown key, a limit or lag without a unit, limits in the wrong order.
     """
     content = mapping(value, where)
-    keys_of(content, ("saturates", "rectified", "lag", "derivative"), where)
+    keys_of(content, ("saturates", "rectified", "lag", *_DERIVATIVES), where)
+    said = {key: key in content and flag(content[key], f"{where}: {key}") for key in _DERIVATIVES}
     saturates, unit = _limits(content, f"{where}: saturates")
     return Sensor(
         saturates,
         "rectified" in content and flag(content["rectified"], f"{where}: rectified"),
         _lag(content, f"{where}: lag"),
-        "derivative" in content and flag(content["derivative"], f"{where}: derivative"),
+        2 if said["second_derivative"] else said["derivative"],
         unit,
     )
 

@@ -20,12 +20,14 @@ class Stored:
     name: of the array, groups before it.
     shape, dtype: as the file states them.
     load: reads the numbers; raises InputRefused where they are damaged or too large.
+    unit: that the file states beside the name; empty where it states none.
     """
 
     name: str
     shape: tuple[int, ...]
     dtype: np.dtype
     load: Callable[[], np.ndarray]
+    unit: str = ""
 
 
 def lazily(stored: Stored) -> Callable[[], np.ndarray]:
@@ -49,7 +51,8 @@ def digest(campaign: Campaign) -> str:
         found.update(repr((*facts, *known, sorted(r.channels), sorted(r.further))).encode())
         others = [values for _, values in (*sorted(r.channels.items()), *sorted(r.further.items()))]
         instants = [] if r.instants is None else [r.instants]
-        for values in (r.t, r.u, r.y, r.noise_correlation, *others, *instants):
+        seen = [] if r.seen is None else [r.seen]
+        for values in (r.t, r.u, r.y, r.noise_correlation, *others, *instants, *seen):
             found.update(np.ascontiguousarray(values).tobytes())
     found.update(repr((sorted(campaign.setup.items()), sorted(campaign.known.items()))).encode())
     return found.hexdigest()

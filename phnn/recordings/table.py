@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from datetime import datetime
+from typing import Any
 
 import numpy as np
 
@@ -66,6 +68,9 @@ class Table:
         notes: what was left out of the file, and why.
         segments: rows with which a further recording begins, where the file tells.
         shape: realisations, periods and samples of an array of a periodic experiment, which stand one after another.
+        stamps: name of the column of dates, in seconds since the first; empty where there is none.
+        units: by name of a column, what is stated beside it.
+        own: by name of a column, (N,) at which rows it was sampled, where other columns have clocks of their own.
     """
 
     where: Where
@@ -75,6 +80,9 @@ class Table:
     notes: tuple[str, ...] = ()
     shape: tuple[int, ...] = ()
     segments: tuple[int, ...] = ()
+    stamps: str = ""
+    units: Mapping[str, str] = field(default_factory=dict)
+    own: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def with_columns_of(self, other: Table) -> Table:
         """The columns of both, those of the other where they share a name, with its segments."""
@@ -138,13 +146,95 @@ class Table:
         if bad.any():
             row = int(np.argmax(bad))
             cell = str(column[row])
-            comma = DECIMAL_COMMA.match(cell) is not None
+            comma, point = DECIMAL_COMMA.match(cell) is not None, cell.endswith("?")
             cause = "a comma as decimal sign" if comma else "not a number"
             remedy = REMEDY_COMMA if comma else "correct or delete that row"
+            if point:
+                cell, cause = (
+                    cell[:-1],
+                    "a point among numbers with a decimal comma, and may be a thousand times as large",
+                )
+                remedy = "write all numbers of the file with one decimal sign and without thousands separators"
             raise InputRefused(
                 f"{self.where}: {self.label(index)}, {self.where.row(row)}: {cell[:40]!r} is {cause}: {remedy}"
             )
         return values
+
+
+# Dates, with a time of day behind them or none; times of day; when numbers without a unit are seconds since 1970, or
+# their thousandths and so on: between 2001 and 2096.
+_DATE = re.compile(r"\d{1,4}([-./])\d{1,2}\1\d{1,4}([ T]+\d{1,2}:.*)?|\d{4}\d{4}T\d{4,6}.*")
+_OF_DAY = re.compile(r"\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?(\s?[AaPp][Mm])?")
+_EPOCH, _LATEST = 1e9, 4e9
+_EPOCH_NAMES = frozenset({"timestamp", "epoch", "unix", "time", "unixtime", "time_stamp", "unix_time", "ts"})
+_LOOKED_AT = 5
+
+
+def with_stamps(table: Table) -> Table:
+    """Return the table with its dates, or stamps counted from 1970, as seconds since the first of them.
+
+    A date and a time of day beside it are one column. What cannot be read as a date becomes a missing value.
+    """
+    for i, held in enumerate(table.columns):
+        if callable(held):
+            continue
+        dates = _dates(held, i + 1 < len(table.columns) and table.columns[i + 1], table.names[i])
+        if dates is None:
+            continue
+        seconds, first = dates
+        name = table.names[i] or "date"
+        columns = (*table.columns[:i], seconds, *table.columns[i + 1 :])
+        note = f"{name}: dates, taken as seconds since {first}"
+        names = (*table.names[:i], name, *table.names[i + 1 :])
+        return replace(table, columns=columns, names=names, stamps=name, notes=(*table.notes, note))
+    return table
+
+
+def _dates(column: np.ndarray, beside: Any, name: str) -> tuple[np.ndarray, str] | None:
+    """Return seconds since the first date of a column, and that date; None where it holds none."""
+    if column.dtype.kind in "iuf":
+        scale = _epoch_scale(column, name)
+        whole = column - column[0] if scale else column
+        return (np.asarray(whole, dtype=float) / scale, f"{column[0] / scale:.6f} s after 1970") if scale else None
+    if column.dtype.kind not in "OUSmM" or column.ndim != 1 or not column.size:
+        return None
+    import pandas as pd
+
+    cells, of_day = pd.Series(column), False
+    if column.dtype.kind == "m":
+        return np.asarray(cells.dt.total_seconds() - cells.dt.total_seconds().iloc[0], dtype=float), str(cells.iloc[0])
+    if column.dtype.kind in "OUS" and not isinstance(cells.dropna().iloc[:1].squeeze(), datetime):
+        head = [str(c).strip() for c in cells.dropna().iloc[:_LOOKED_AT]]
+        of_day = bool(head) and all(_OF_DAY.fullmatch(c) for c in head)
+        if not head or not (of_day or all(_DATE.fullmatch(c) for c in head)):
+            return None
+        cells = cells.astype(str).str.strip().str.replace(",", ".")
+        if not of_day and isinstance(beside, np.ndarray) and beside.dtype.kind in "OUS" and ":" not in head[0]:
+            later = pd.Series(beside).astype(str).str.strip()
+            if all(_OF_DAY.fullmatch(c) for c in later.iloc[:_LOOKED_AT]):
+                cells = cells + " " + later.str.replace(",", ".")
+    european = "." in str(cells.iloc[0]).split(":")[0].split(" ")[0]
+    found = pd.to_datetime(cells, errors="coerce", utc=True, dayfirst=european, format="mixed")
+    if found.isna().all():
+        return None
+    first = found.dropna().iloc[0]
+    seconds = np.asarray((found - first) / pd.Timedelta(1, "s"), dtype=float)
+    if found.dt.normalize().nunique() == 1 and np.nanmin(np.diff(seconds), initial=0.0) < -0.5 * _DAY:
+        # Times of day that pass midnight.
+        seconds = np.unwrap(seconds, period=_DAY)
+    # A time of day has no date of its own.
+    return seconds, str(cells.iloc[0] if of_day else first)
+
+
+_DAY = 86_400.0
+
+
+def _epoch_scale(column: np.ndarray, name: str) -> float:
+    """Return how many of a column's numbers are a second, where they count from 1970; 0 where they do not."""
+    if name.strip().lower() not in _EPOCH_NAMES or not column.size or not np.isfinite(column).all():
+        return 0.0
+    scales = (1.0, 1e3, 1e6, 1e9)
+    return next((s for s in scales if column.min() / s >= _EPOCH and column.max() / s <= _LATEST), 0.0)
 
 
 def beside(tables: Sequence[Table]) -> Table:
@@ -171,4 +261,7 @@ def beside(tables: Sequence[Table]) -> Table:
         tuple(n for t in tables for n in t.notes),
         first.shape,
         first.segments,
+        next((t.stamps for t in tables if t.stamps), ""),
+        {n: u for t in tables for n, u in t.units.items()},
+        {n: rows for t in tables for n, rows in t.own.items()},
     )

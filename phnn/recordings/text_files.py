@@ -1,7 +1,8 @@
 """Reading text: columns of numbers, below whatever an instrument writes above them.
 
-Separator and decimal sign are those under which most lines are nothing but numbers; the rows begin with the first such
-line. The names stand right above, with a row of units between them or none; what stands higher is left alone.
+Separator and decimal sign are those under which most lines are rows: lines of one width whose columns of numbers hold
+nothing else. Other columns hold dates or words. The names stand right above the first row, with a row of units between
+them or none; what stands higher is left alone, and so is a footer.
 """
 
 from __future__ import annotations
@@ -21,17 +22,30 @@ from phnn.errors import InputRefused
 from phnn.intake.files import Source
 from phnn.intake.limits import LIMITS
 from phnn.recordings.lines import Lines, read_lines
-from phnn.recordings.table import REMEDY_COMMA, Table, Where
+from phnn.recordings.table import REMEDY_COMMA, Table, Where, with_stamps
 from phnn.recordings.units import find_unit, parse_name
 from phnn.results import printable
 
-# An instrument that writes a segment at a time repeats its header: lines of ``name: value``, the names of the
-# columns, a line of units. The line of names tells such a header: it is the same in all. Each table is a segment, a
-# recording.
+if TYPE_CHECKING:
+    import pandas as pd
 
-# A line that may be a row of numbers; whether it is one is seen when it is converted.
-_ROW = re.compile(r"[-+0-9.,;eE\s\"naifNAIF]*[0-9naifNAIF\"][-+0-9.,;eE\s\"naifNAIF]*")
+NUMBER = {
+    sign: re.compile(rf"[-+]?(\d+{re.escape(sign)}?\d*|{re.escape(sign)}\d+)([eE][-+]?\d+)?|[-+]?(nan|inf)", re.I)
+    for sign in ".,"
+}
+# A number with points between thousands; one that may be that, or may have a point as its decimal sign.
+_THOUSANDS, _DOUBTFUL = re.compile(r"[-+]?\d{1,3}(\.\d{3})+,\d*"), re.compile(r"[-+]?\d*\.\d+")
+_MARKS = "#%"
 _SHOWN = 40
+# Lines that are looked at to recognise the columns; the share of them in which a column of numbers holds numbers.
+_LOOKED_AT, _MOSTLY = 60, 0.8
+# Share of its numbers that the first row has: what stands above may hold some too.
+_FILLED = 0.5
+# Lines below the last row that may be a footer.
+_FOOTER = 20
+_WHOLE = re.compile(r"\s*[-+]?\d+([eE][-+]?\d+)?\s*")
+# A word, with a unit in brackets behind it.
+_WORD = re.compile(r"\S+(?:\s*[\[(][^\])]*[\])])?")
 
 
 class Block(NamedTuple):
@@ -41,8 +55,269 @@ class Block(NamedTuple):
     last: int
 
 
-def blocks(name: str, text: Lines, first: int, header: Sequence[str]) -> list[Block]:
-    """The tables of a text, the first of which begins at a line; one where no header is repeated.
+@dataclass(frozen=True)
+class Dialect:
+    """How a text has its rows.
+
+    Attributes:
+        separator: of columns; a blank stands for any white space. decimal: sign.
+        width: columns of a row; 0 where no line is one.
+        numeric: the columns that hold numbers; empty: those that hold nothing.
+    """
+
+    separator: str
+    decimal: str
+    width: int = 0
+    numeric: tuple[int, ...] = ()
+    empty: tuple[int, ...] = ()
+
+    def cells(self, line: str) -> list[str]:
+        """Return the cells of a line, quotes removed."""
+        if self.separator == " ":
+            return line.split()
+        try:
+            found = next(csv.reader([line], delimiter=self.separator, skipinitialspace=True), [])
+        except csv.Error:
+            return []
+        return [cell.strip() for cell in found]
+
+    def is_number(self, cell: str) -> bool:
+        """Return whether a cell is a number."""
+        return bool(NUMBER[self.decimal].fullmatch(cell) or (self.decimal == "," and _THOUSANDS.fullmatch(cell)))
+
+    def is_row(self, line: str, share: float = 0.0) -> bool:
+        """Return whether a line is a row: numbers, of which more than a share are there, in the columns of numbers."""
+        cells = self.cells(line)
+        filled = [cells[i] for i in self.numeric if cells[i]] if len(cells) == self.width else []
+        return len(filled) > share * len(self.numeric) and all(map(self.is_number, filled))
+
+    def fitted(self, lines: Sequence[Sequence[str]]) -> Dialect:
+        """Return the dialect with the columns that most of some lines, given as cells, have."""
+        some = [[bool(cell) and self.is_number(cell) for cell in cells] for cells in lines]
+        widths = Counter(len(cells) for cells, known in zip(lines, some, strict=True) if any(known))
+        width = max(widths.items(), key=lambda item: item[1], default=(0, 0))[0]
+        rows = [(c, k) for c, k in zip(lines, some, strict=True) if len(c) == width and any(k)]
+        filled = [sum(bool(c[i]) for c, _ in rows) for i in range(width)]
+        numbers = [sum(k[i] for _, k in rows) for i in range(width)]
+        numeric = tuple(i for i in range(width) if numbers[i] and numbers[i] >= _MOSTLY * filled[i])
+        return replace(self, width=width, numeric=numeric, empty=tuple(i for i in range(width) if not filled[i]))
+
+
+# Of several that fit as well, the first is meant. Commas may be both where the cells are quoted.
+_DIALECTS = tuple(
+    Dialect(*pair)
+    for pair in ((",", "."), (";", "."), (";", ","), ("\t", "."), ("\t", ","), (",", ","), (" ", "."), (" ", ","))
+)
+
+
+def read_text(source: Source) -> Table:
+    """Return columns separated by commas, semicolons, tabulators or blanks, with a point or a comma as decimal sign.
+
+    Raises:
+        InputRefused: not text, no columns of numbers, damaged rows, rows of unequal length, a header of another length.
+    """
+    return table_of_lines(source.name, read_lines(source))
+
+
+def table_of_lines(name: str, text: Lines) -> Table:
+    """Return the columns of a text; ``name`` is that of its file. Raises InputRefused as `read_text`."""
+    dialect = _recognised(text)
+    if not dialect.numeric:
+        head = next(line.strip() for line in text.of(0, len(text)) if line.strip())
+        raise InputRefused(
+            f"{name}: no rows of numbers in it, it begins with {head[:60]!r}: the recording is empty or no "
+            f"table: record it again or remove it"
+        )
+    if dialect.width > LIMITS.text_columns:
+        raise InputRefused(
+            f"{name}: {dialect.width} columns, at most {LIMITS.text_columns} are accepted: write one row per sample"
+        )
+    rows = (next((i for i in range(len(text)) if dialect.is_row(text[i], share)), None) for share in (_FILLED, 0.0))
+    first = next(i for i in rows if i is not None)
+    names, header = _names(name, list(text.of(0, first + 1)), first, dialect)
+    tables = _blocks(name, text, first, header if any(names) else (), dialect)
+    notes: list[str] = []
+    if len(tables) > 1:
+        notes.append(f"{len(tables)} tables stand in the file, each below a header: each is a recording of its own")
+    begin, end = tables[-1]
+    if end == len(text):
+        footer = _footer(list(text.of(max(begin + 1, end - _FOOTER), end)), dialect)
+        if footer:
+            notes.append(f"below the last row stands {footer[0].strip()[:_SHOWN]!r}, which was left alone")
+            end -= len(footer)
+        elif not text.ended and end > begin + 1:
+            last = text[end - 1]
+            others = (line for block in [*tables[:-1], Block(begin, end - 1)] for line in text.of(*block))
+            if _breaks_off(others, last, dialect):
+                notes.append(f"its last line, {last.strip()[:40]!r}, was left out: the file ends within it")
+                end -= 1
+            else:
+                notes.append(
+                    f"its last line, {last.strip()[:40]!r}, has no end: if the file was cut there, its last number is "
+                    f"wrong"
+                )
+    table = _parsed(name, text, [*tables[:-1], Block(begin, end)], names, dialect)
+    return with_stamps(replace(table, notes=tuple(notes)))
+
+
+def looks_like_numbers(source: Source) -> bool:
+    """Return whether a text file holds columns of numbers rather than prose."""
+    try:
+        dialect = _recognised(read_lines(source))
+        return dialect.width - len(dialect.empty) >= 2 and len(dialect.numeric) > 0.5 * dialect.width
+    except InputRefused:
+        return False
+
+
+def _recognised(text: Lines) -> Dialect:
+    """Return the dialect under which most cells of the lines are numbers in rows."""
+    filled = np.flatnonzero(np.diff(text.starts) > 1)
+    marked = np.isin(np.frombuffer(text.raw, dtype=np.uint8)[text.starts[filled]], [ord(c) for c in _MARKS])
+    filled = filled[~marked]
+    chosen = np.unique(np.linspace(0, max(filled.size - 1, 0), _LOOKED_AT).astype(int))[: filled.size]
+    shown = _filled([text[int(i)] for i in filled[chosen]])
+    best, most = _DIALECTS[0], (0, 0)
+    for plain in _DIALECTS:
+        dialect = plain.fitted([plain.cells(line) for line in shown])
+        rows = sum(map(dialect.is_row, shown)) if dialect.numeric else 0
+        # Lines of numbers alone speak for a dialect before those that hold words too.
+        whole = rows if len(dialect.numeric) + len(dialect.empty) == dialect.width else 0
+        if (whole, 0 if whole else rows * len(dialect.numeric)) > most:
+            best, most = dialect, (whole, 0 if whole else rows * len(dialect.numeric))
+    return best
+
+
+def _filled(lines: Sequence[str]) -> list[str]:
+    """Return the lines that are neither empty nor a remark."""
+    return [line for line in lines if line.strip() and line.strip()[0] not in _MARKS]
+
+
+def _footer(last: Sequence[str], dialect: Dialect) -> list[str]:
+    """Return the lines below the last row that begin with words where numbers belong."""
+
+    def is_footer(line: str) -> bool:
+        cells = dialect.cells(line)
+        head = next((cells[i] for i in dialect.numeric if i < len(cells) and cells[i]), cells[0] if cells else "")
+        return (
+            not line.strip()
+            or line.strip()[0] in _MARKS
+            or (
+                any(c.isalpha() for c in head)
+                and not dialect.is_row(line)
+                and len([c for c in cells if dialect.is_number(c)]) < max(len(dialect.numeric), 2)
+            )
+        )
+
+    count = len(list(itertools.takewhile(is_footer, reversed(last))))
+    return list(last[len(last) - count :])
+
+
+def _breaks_off(others: Iterable[str], row: str, dialect: Dialect) -> bool:
+    """Return whether the last row lacks cells, or its last number digits that all other rows have in one number.
+
+    What an instrument writes with a fixed number of digits shows it; of others nothing can be said.
+    """
+    last = dialect.cells(row) or [""]
+    fewest, formats, words = LIMITS.text_columns + 1, set(), dialect.width - 1 not in dialect.numeric
+    for other in others:
+        cells = dialect.cells(other) or [""]
+        fewest = min(fewest, len(cells))
+        formats.add(_format(cells[-1], dialect.decimal))
+    if len(last) < fewest or not (words or dialect.is_number(last[-1])):
+        return True
+    return not words and len(formats) == 1 and formats != {_format(last[-1], dialect.decimal)}
+
+
+def _format(number: str, decimal: str) -> tuple[int, int]:
+    """Return the digits behind the decimal sign and in the exponent."""
+    mantissa, _, exponent = number.lower().partition("e")
+    return len(mantissa.partition(decimal)[2]), len(exponent.lstrip("+-"))
+
+
+def _names(name: str, lines: Sequence[str], first: int, dialect: Dialect) -> tuple[tuple[str, ...], Sequence[str]]:
+    """Return the names of the columns from what stands above them, empty where nothing does, and these lines."""
+    width = dialect.width
+    filled = [i for i in range(first) if lines[i].strip().strip(_MARKS)]
+    rows = [_words(lines[i].strip().lstrip(_MARKS).strip(), dialect) for i in filled[-2:]]
+    nothing = ("",) * width
+    if not rows:
+        return nothing, ()
+    nearest = rows[-1]
+    header = lines[filled[-1] : first]
+    if len(nearest) != width:
+        if any(parse_name(word) for word in nearest):
+            _refuse_width(name, lines[first], first, dialect, len(nearest))
+        return nothing, header
+    if bad := [cell for i, cell in enumerate(nearest) if i in dialect.numeric and dialect.is_number(cell)]:
+        wrong = next(
+            (c for i, c in enumerate(nearest) if i in dialect.numeric and c and not dialect.is_number(c)), bad[0]
+        )
+        raise InputRefused(
+            f"{name}: line {filled[-1] + 1}: {wrong[:40]!r} is not a number: correct or delete that row; if it is a "
+            f"header, give every column a name in words"
+        )
+    asked = [cell for i, cell in enumerate(nearest) if i not in dialect.empty]
+    if len(rows) == 2 and len(rows[0]) == width and all(map(_is_unit, asked)):
+        named = tuple(_with_unit(n, unit) for n, unit in zip(rows[0], nearest, strict=True))
+        return _disagreeing(name, named, filled[-1]), lines[filled[-2] : first]
+    return tuple(nearest), header
+
+
+def _words(line: str, dialect: Dialect) -> list[str]:
+    """Return the cells of a header: between blanks, units in brackets belong to the word before them; surplus
+    separators at the end of header or rows stand for nothing."""
+    cells = dialect.cells(line)
+    if dialect.separator == " " and len(cells) != dialect.width:
+        return _WORD.findall(line)
+    while len(cells) > dialect.width and not cells[-1]:
+        cells = cells[:-1]
+    while len(cells) < dialect.width and len(cells) in dialect.empty:
+        cells = [*cells, ""]
+    return cells
+
+
+def _is_unit(cell: str) -> bool:
+    """Return whether a cell is a unit, with or without brackets, or empty."""
+    return not cell or (cell[0] in "([" and cell[-1] in ")]") or find_unit(cell) is not None
+
+
+def _with_unit(name: str, unit: str) -> str:
+    """Return a column's name with the unit from the row below it, unless it has one."""
+    known, bare = parse_name(name), unit.strip("()[] ")
+    if bare and known is not None and known[1] is not None and find_unit(known[1]) not in (None, find_unit(bare)):
+        return f"{name}\n{bare}"
+    return name if not bare or (known is not None and known[1] is not None) else f"{name} [{bare}]"
+
+
+def _disagreeing(file: str, names: tuple[str, ...], line: int) -> tuple[str, ...]:
+    """Refuse a column whose name states another unit than the row of units. Raises InputRefused."""
+    for name in names:
+        column, _, unit = name.partition("\n")
+        if unit:
+            raise InputRefused(
+                f"{file}: line {line + 1}: the row of units says {unit[:_SHOWN]} of {column[:_SHOWN]!r}: correct "
+                f"the name or the unit, in the file"
+            )
+    return names
+
+
+def _refuse_width(name: str, row: str, line: int, dialect: Dialect, header: int) -> None:
+    cells = dialect.cells(row)
+    if dialect.separator == "," and len(cells) > header and all(_WHOLE.fullmatch(cell) for cell in cells):
+        raise InputRefused(
+            f"{name}: line {line + 1}: {row[:60]!r} has a comma as decimal sign, which here also separates the "
+            f"columns: separate them by semicolons, or {REMEDY_COMMA}"
+        )
+    raise InputRefused(
+        f"{name}: line {line + 1} has {len(cells)} cells, the header {header}: give every row the header's columns"
+    )
+
+
+def _blocks(name: str, text: Lines, first: int, header: Sequence[str], dialect: Dialect) -> list[Block]:
+    """Return the tables of a text, the first of which begins at a line; one where no header is repeated.
+
+    An instrument that writes a segment at a time repeats its header. The line of names tells such a header: it is the
+    same in all. Each table is a segment, a recording.
 
     Args:
         name: of the file, for messages.
@@ -52,10 +327,10 @@ def blocks(name: str, text: Lines, first: int, header: Sequence[str]) -> list[Bl
         InputRefused: a repeated header has other units, or there are more tables than recordings in a folder.
     """
     names = header[0].strip() if header else ""
-    if not names or text.content.count(names) < 2:
-        return [Block(first, text.count)]
+    if not names or text.raw.count(names.encode("utf-8", "surrogatepass")) < 2:
+        return [Block(first, len(text))]
     found, begin = [], first
-    for above, below, lines in _headers(text, first, names):
+    for above, below, lines in _headers(text, first, names, dialect):
         at = next(i for i, line in enumerate(lines) if line.strip() == names)
         under = [line.strip() for line in lines[at + 1 :] if line.strip()]
         wanted = [line.strip() for line in header[1:] if line.strip()]
@@ -70,312 +345,92 @@ def blocks(name: str, text: Lines, first: int, header: Sequence[str]) -> list[Bl
         begin = below
         if len(found) >= LIMITS.recordings:
             raise InputRefused(f"{name}: more than {LIMITS.recordings} tables in one file: divide them among files")
-    return [b for b in [*found, Block(begin, text.count)] if b.last > b.first]
+    return [b for b in [*found, Block(begin, len(text))] if b.last > b.first]
 
 
-def _headers(text: Lines, first: int, names: str) -> list[tuple[int, int, list[str]]]:
-    """Runs of lines that are no rows and hold the names: the first line, the one behind, and the lines."""
-    found: list[tuple[int, int, list[str]]] = []
+def _headers(text: Lines, first: int, names: str, dialect: Dialect) -> Iterator[tuple[int, int, list[str]]]:
+    """Yield runs of lines that are no rows and hold the names: the first line, the one behind, and the lines."""
     run: list[str] = []
-    begin, number = 0, 0
-    for number, line in enumerate(text):
-        if number < first:
+    for i in range(first, len(text) + 1):
+        if i < len(text) and not dialect.is_row(text[i]):
+            run.append(text[i])
             continue
-        if not _ROW.fullmatch(line):
-            begin = begin if run else number
-            run.append(line)
-            continue
-        if run and any(other.strip() == names for other in run):
-            found.append((begin, number, run))
+        # Nothing is measured under a header at the end.
+        if any(other.strip() == names for other in run):
+            yield i - len(run), i, run
         run = []
-    # Nothing is measured under the last header.
-    if run and any(other.strip() == names for other in run):
-        found.append((begin, number + 1, run))
-    return found
 
 
-_MARKS = "#%"
-# Lines that are looked at to recognise the columns.
-_LOOKED_AT = 60
-_WHOLE = re.compile(r"\s*[-+]?\d+([eE][-+]?\d+)?\s*")
-# A word, with a unit in brackets behind it.
-_WORD = re.compile(r"\S+(?:\s*[\[(][^\])]*[\])])?")
-
-
-@dataclass(frozen=True)
-class Dialect:
-    """How columns are separated (a blank stands for any white space), and the decimal sign."""
-
-    separator: str
-    decimal: str
-
-    def cells(self, line: str) -> list[str]:
-        """The cells of a line, quotes removed."""
-        if self.separator == " ":
-            return line.split()
-        try:
-            found = next(csv.reader([line], delimiter=self.separator, skipinitialspace=True), [])
-        except csv.Error:
-            return []
-        return [cell.strip() for cell in found]
-
-    def width(self, line: str) -> int:
-        """How many columns of numbers a line has; 0 where a cell is none. Some may be empty."""
-        cells = self.cells(line)
-        filled = [cell for cell in cells if cell]
-        return len(cells) if filled and all(NUMBER[self.decimal].fullmatch(cell) for cell in filled) else 0
-
-
-# Of several that fit as well, the first is meant. Commas may be both where the cells are quoted.
-_DIALECTS = tuple(
-    Dialect(*pair)
-    for pair in ((",", "."), (";", "."), (";", ","), ("\t", "."), ("\t", ","), (",", ","), (" ", "."), (" ", ","))
-)
-
-
-def read_text(source: Source) -> Table:
-    """Columns separated by commas, semicolons, tabulators or blanks, numbers with a point or a comma as decimal sign.
-
-    Raises:
-        InputRefused: not text, no columns of numbers, damaged rows, rows of unequal length, a header of another length.
-    """
-    text = read_lines(source)
-    dialect, width = _recognised(text)
-    if not width:
-        head = next(line.strip() for line in text if line.strip())
-        raise InputRefused(
-            f"{source.name}: no rows of numbers in it, it begins with {head[:60]!r}: the recording is empty or no "
-            f"table: record it again or remove it"
-        )
-    if width > LIMITS.text_columns:
-        raise InputRefused(
-            f"{source.name}: {width} columns, at most {LIMITS.text_columns} are accepted: write one row per sample"
-        )
-    first = next(i for i, line in enumerate(text) if dialect.width(line) == width)
-    above = list(itertools.islice(text, first + 1))
-    names = _names(source, above, first, dialect, width)
-    tables = blocks(source.name, text, first, _header(above, first, dialect, width) if any(names) else ())
-    notes: tuple[str, ...] = ()
-    if len(tables) > 1:
-        notes = (f"{len(tables)} tables stand in the file, each below a header: each is a recording of its own",)
-    begin, end = tables[-1]
-    if text.ended or end == begin + 1 or end < text.count:
-        return replace(parsed(source, text, tables, names, dialect), notes=notes)
-    *_, last = text
-    others = (line for _, lines, _ in pieces(text, [*tables[:-1], Block(begin, end - 1)]) for line in lines)
-    if _breaks_off(others, last, dialect):
-        note = f"its last line, {last.strip()[:40]!r}, was left out: the file ends within it"
-        tables = [*tables[:-1], Block(begin, end - 1)]
-    else:
-        note = f"its last line, {last.strip()[:40]!r}, has no end: if the file was cut there, its last number is wrong"
-    return replace(parsed(source, text, tables, names, dialect), notes=(*notes, note))
-
-
-def looks_like_numbers(source: Source) -> bool:
-    """Whether a text file holds columns of numbers rather than prose."""
-    try:
-        return _recognised(read_lines(source))[1] >= 2
-    except InputRefused:
-        return False
-
-
-def _breaks_off(others: Iterable[str], row: str, dialect: Dialect) -> bool:
-    """Whether the last row lacks cells, or its last number digits that all other rows have in one number.
-
-    What an instrument writes with a fixed number of digits shows it; of others nothing can be said.
-    """
-    last = dialect.cells(row) or [""]
-    fewest, formats = LIMITS.text_columns + 1, set()
-    for other in others:
-        cells = dialect.cells(other) or [""]
-        fewest = min(fewest, len(cells))
-        formats.add(_format(cells[-1], dialect.decimal))
-    if len(last) < fewest or not NUMBER[dialect.decimal].fullmatch(last[-1]):
-        return True
-    return len(formats) == 1 and formats != {_format(last[-1], dialect.decimal)}
-
-
-def _format(number: str, decimal: str) -> tuple[int, int]:
-    """Digits behind the decimal sign and in the exponent."""
-    mantissa, _, exponent = number.lower().partition("e")
-    return len(mantissa.partition(decimal)[2]), len(exponent.lstrip("+-"))
-
-
-def _recognised(text: Lines) -> tuple[Dialect, int]:
-    """The dialect under which most lines are rows of numbers, and how many columns these have; 0 where none are."""
-    counts = [len(_filled(block)) for block in text.blocks()]
-    count, before = sum(counts), 0
-    chosen = np.unique(np.linspace(0, count - 1, _LOOKED_AT).astype(int)) if count else np.zeros(0, int)
-    shown: list[str] = []
-    for block, size in zip(text.blocks(), counts, strict=True):
-        here = chosen[(chosen >= before) & (chosen < before + size)] - before
-        if here.size:
-            filled = _filled(block)
-            shown += [filled[i] for i in here]
-        before += size
-    best, most, columns = _DIALECTS[0], 0, 0
-    for dialect in _DIALECTS:
-        widths = Counter(w for line in shown if (w := dialect.width(line)))
-        width, count = max(widths.items(), key=lambda item: item[1], default=(0, 0))
-        if count > most:
-            best, most, columns = dialect, count, width
-    return best, columns
-
-
-def _filled(lines: Sequence[str]) -> list[str]:
-    """Lines that are neither empty nor a remark."""
-    return [line for line in lines if line.strip() and line.strip()[0] not in _MARKS]
-
-
-def _names(source: Source, lines: Sequence[str], first: int, dialect: Dialect, width: int) -> tuple[str, ...]:
-    """Names of the columns from what stands above them; empty ones where nothing does."""
-    above = [(i, lines[i].strip().lstrip(_MARKS).strip()) for i in range(first) if lines[i].strip().strip(_MARKS)]
-    rows = [(i, _words(line, dialect, width)) for i, line in above[-2:]]
-    if not rows:
-        return ("",) * width
-    line, nearest = rows[-1]
-    if len(nearest) == width:
-        if any(NUMBER[dialect.decimal].fullmatch(cell) for cell in nearest):
-            bad = next(cell for cell in nearest if not NUMBER[dialect.decimal].fullmatch(cell))
-            raise InputRefused(
-                f"{source.name}: line {line + 1}: {bad[:40]!r} is not a number: correct or delete that row; if it is a "
-                f"header, give every column a name in words"
-            )
-        if len(rows) == 2 and len(rows[0][1]) == width and all(_is_unit(cell) for cell in nearest):
-            return tuple(_with_unit(name, unit) for name, unit in zip(rows[0][1], nearest, strict=True))
-        return tuple(nearest)
-    if any(parse_name(word) for word in nearest):
-        _refuse_width(source, lines[first], first, dialect, len(nearest))
-    return ("",) * width
-
-
-def _header(lines: Sequence[str], first: int, dialect: Dialect, width: int) -> Sequence[str]:
-    """The line of names and what stands below it, above the first row."""
-    filled = [i for i in range(first) if lines[i].strip().strip(_MARKS)]
-    rows = [_words(lines[i].strip().lstrip(_MARKS).strip(), dialect, width) for i in filled[-2:]]
-    units = len(rows) == 2 and all(len(row) == width for row in rows) and all(_is_unit(cell) for cell in rows[1])
-    return lines[filled[-2 if units else -1] : first]
-
-
-def _words(line: str, dialect: Dialect, width: int) -> list[str]:
-    """The cells of a header. Between blanks, units in brackets belong to the word before them."""
-    cells = dialect.cells(line)
-    return _WORD.findall(line) if dialect.separator == " " and len(cells) != width else cells
-
-
-def _is_unit(cell: str) -> bool:
-    """Whether a cell is a unit, with or without brackets, or empty."""
-    return not cell or (cell[0] in "([" and cell[-1] in ")]") or find_unit(cell) is not None
-
-
-def _with_unit(name: str, unit: str) -> str:
-    """A column's name with the unit from the row below it, unless it has one."""
-    known, bare = parse_name(name), unit.strip("()[] ")
-    return name if not bare or (known is not None and known[1] is not None) else f"{name} [{bare}]"
-
-
-def _refuse_width(source: Source, row: str, line: int, dialect: Dialect, header: int) -> None:
-    cells = dialect.cells(row)
-    if dialect.separator == "," and len(cells) > header and all(_WHOLE.fullmatch(cell) for cell in cells):
-        raise InputRefused(
-            f"{source.name}: line {line + 1}: {row[:60]!r} has a comma as decimal sign, which here also separates the "
-            f"columns: separate them by semicolons, or {REMEDY_COMMA}"
-        )
-    raise InputRefused(
-        f"{source.name}: line {line + 1} has {len(cells)} cells, the header {header}: give every row the "
-        f"header's columns"
-    )
-
-
-if TYPE_CHECKING:
-    import pandas as pd
-
-NUMBER = {
-    sign: re.compile(rf"[-+]?(\d+{re.escape(sign)}?\d*|{re.escape(sign)}\d+)([eE][-+]?\d+)?|[-+]?(nan|inf)", re.I)
-    for sign in ".,"
-}
-
-
-def parsed(
-    source: Source, text: Lines, tables: Sequence[tuple[int, int]], names: tuple[str, ...], dialect: Dialect
-) -> Table:
-    """The columns of the lines ``[first, last)`` of one or several tables of a text, counted from 0, ascending.
-
-    They are parsed a few thousand at a time: cells take many times the memory of their numbers.
+def _parsed(name: str, text: Lines, tables: Sequence[Block], names: tuple[str, ...], dialect: Dialect) -> Table:
+    """Return the columns of some lines.
 
     Raises:
         InputRefused: rows of unequal length, or cells that cannot be told apart.
     """
-    total = sum(last - first for first, last in tables)
-    columns: list[np.ndarray] = []
-    head, done = "", 0
-    starts: list[tuple[int, int]] = []
-    for begin, here, table in pieces(text, tables):
-        if len(starts) <= table:
-            starts.append((done, begin))
-        # The first row of all stands above every block: it says how many cells the others have.
-        head = head or here[0]
-        frame = _frame(source, [head, *here], begin - 1, len(names), dialect).iloc[1:]
-        columns = columns or [np.empty(total) for _ in frame.columns]
-        found = [_column(frame[i], dialect) for i in frame.columns]
-        for i, values in enumerate(found):
-            if values.dtype.kind not in "iuf" and columns[i].dtype.kind != "O":
-                columns[i] = columns[i].astype(object)
-            columns[i][done : done + values.size] = values
-        done += len(frame)
-    shown = tuple(printable(name) for name in names)
-    between = tuple((row, line - row - starts[0][1]) for row, line in starts[1:])
-    where = Where(source.name, starts[0][1] + 1, between=between)
-    # Cells in quotes may reach over several lines.
-    return Table(where, shown, tuple(column[:done] for column in columns), segments=tuple(row for row, _ in between))
+    frames = [list(_frames(name, text, block, dialect)) for block in tables]
+    rows = np.cumsum([0, *(sum(map(len, some)) for some in frames)]).tolist()
+    every = [frame for some in frames for frame in some]
+    shown = tuple(printable(n) for n in names)
+    begin = tables[0].first
+    between = tuple((row, block.first - row - begin) for row, block in zip(rows[1:-1], tables[1:], strict=True))
+    kept = [i for i in range(dialect.width) if shown[i] or i not in dialect.empty or i == 0]
+    columns = []
+    for i in kept:
+        parts = [_column(frame[i], dialect) for frame in every]
+        words = any(part.dtype.kind == "O" for part in parts)
+        columns.append(np.concatenate([part.astype(object if words else float) for part in parts]))
+    return Table(
+        Where(name, begin + 1, between=between), tuple(shown[i] for i in kept), tuple(columns),
+        segments=tuple(row for row, _ in between),
+    )  # fmt: skip
 
 
-def pieces(text: Lines, tables: Sequence[tuple[int, int]]) -> Iterator[tuple[int, list[str], int]]:
-    """Rows in blocks of some thousand lines: the number of the first line, the lines, and the number of their table."""
-    line, table = 0, 0
-    for block in text.blocks():
-        end = line + len(block)
-        while table < len(tables):
-            first, last = tables[table]
-            here = block[max(first - line, 0) : max(last - line, 0)]
-            if here:
-                yield max(line, first), here, table
-            if last > end:
-                break
-            table += 1
-        line = end
+# Rows that are parsed at once: cells take many times the memory of their numbers.
+_ROWS = 20_000
 
 
-def _frame(source: Source, lines: list[str], before: int, width: int, dialect: Dialect) -> pd.DataFrame:
-    """Some rows; ``before`` of the lines of the file stand above them."""
+def _frames(name: str, text: Lines, block: Block, dialect: Dialect) -> Iterator[pd.DataFrame]:
+    """Yield the rows of a table."""
     import pandas as pd
 
+    file = io.BytesIO(text.raw)
+    file.seek(int(text.starts[block.first]))
     try:
-        return pd.read_csv(
-            io.StringIO("\n".join(lines)),
+        yield from pd.read_csv(
+            file,
             header=None,
             sep=r"\s+" if dialect.separator == " " else dialect.separator,
             decimal=dialect.decimal,
             skipinitialspace=True,
-            low_memory=False,
             skip_blank_lines=False,
+            nrows=block.last - block.first,
+            chunksize=_ROWS,
+            encoding_errors="replace",
         )
     except (pd.errors.ParserError, pd.errors.EmptyDataError, csv.Error) as error:
         found = re.search(r"line (\d+), saw (\d+)", str(error))
         if found is None:
-            raise InputRefused(f"{source.name}: cannot be parsed ({error}): export it again") from error
+            raise InputRefused(f"{name}: cannot be parsed ({error}): export it again") from error
         raise InputRefused(
-            f"{source.name}: line {int(found[1]) + before} has {found[2]} cells, the rows before it {width}: "
+            f"{name}: line {int(found[1]) + block.first} has {found[2]} cells, the rows before it {dialect.width}: "
             f"delete the surplus cells; {REMEDY_COMMA}"
         ) from error
 
 
 def _column(column: pd.Series, dialect: Dialect) -> np.ndarray:
-    """One column; texts among the numbers leave these as they were written, with a point as decimal sign."""
+    """Return one column; texts among the numbers leave these as they were written, with a point as decimal sign."""
     values = np.asarray(column)
     if values.dtype.kind in "iuf":
         return values
-    texts = values.astype(object)
+    texts = (values.astype(str) if values.dtype.kind == "b" else values).astype(object)
     if dialect.decimal == ".":
         return texts
-    return np.array([v.replace(",", ".") if isinstance(v, str) else v for v in texts], dtype=object)
+    return np.array([_pointed(v) if isinstance(v, str) else v for v in texts], dtype=object)
+
+
+def _pointed(cell: str) -> str:
+    """Return a number with a decimal comma as one with a point; one with a point already is marked as no number."""
+    cell = cell.strip()
+    if _THOUSANDS.fullmatch(cell):
+        return cell.replace(".", "").replace(",", ".")
+    return f"{cell}?" if _DOUBTFUL.fullmatch(cell) else cell.replace(",", ".")

@@ -35,29 +35,8 @@ _NEWTON_METRE = re.compile(r"(?<![A-Za-z])([munkM]?)Nm(?![A-Za-z])")
 # Symbols that are constants of nature to pint: a column output_c is hardly in multiples of the speed of light.
 _CONSTANT = re.compile(r"(?<![A-Za-z_])[cek](?![A-Za-z_])")
 # Names of SI units for people; other units are written in powers of them, such as m³/s.
-_SI = (
-    "s",
-    "m",
-    "kg",
-    "A",
-    "K",
-    "rad",
-    "mol",
-    "cd",
-    "Hz",
-    "N",
-    "Pa",
-    "J",
-    "W",
-    "C",
-    "V",
-    "ohm",
-    "S",
-    "F",
-    "H",
-    "T",
-    "Wb",
-)
+_SI = ("s", "m", "kg", "A", "K", "rad", "mol", "cd", "Hz", "N", "Pa", "J", "W", "C", "V", "ohm", "S", "F", "H", "T",
+       "Wb")  # fmt: skip
 
 # Multiples of the SI units of recordings are known without pint, whose definitions take half a second to load.
 _MULTIPLES = {"": 1.0, "m": 1e-3, "u": 1e-6, "n": 1e-9, "k": 1e3}
@@ -105,10 +84,9 @@ def by_pint(name: str) -> Unit | None:
     """`find_unit` of a text in its common spelling, asked of pint."""
     if len(name) > LIMITS.unit_characters or _UNIT.fullmatch(name) is None or _CONSTANT.search(name):
         return None
-    name = _POWER.sub(r"**\1", _NEWTON_METRE.sub(r"\1N*m", name))
     registry = _registry()
     try:
-        parsed = registry.Unit(name.replace("·", "*").replace(".", "*").replace("****", "**"))
+        parsed = registry.Unit(spelled_for_pint(name))
         return _as_si(registry, parsed)
     except Exception:  # pint has several of its own for a text that is no unit, and raises those of Python besides
         return None
@@ -211,6 +189,26 @@ def powers(text: str) -> dict[str, float]:
     registry = _registry()
     base: dict[str, Any] = dict(_base(registry, registry.Unit(found.si))._units)
     return {name: float(power) for name, power in base.items() if name != "radian"}
+
+
+def times_of_seconds(one: str, other: str) -> int | None:
+    """Return the power of time by which the dimension of a unit differs from another's; None where more differs.
+
+    Angles have no dimension. A text that is no unit differs from nothing.
+    """
+    if one == other or find_unit(one) is None or find_unit(other) is None:
+        return 0
+    registry = _registry()
+    ratio = (registry.Unit(spelled_for_pint(one)) / registry.Unit(spelled_for_pint(other))).dimensionality
+    power = float(ratio.get("[time]", 0))
+    return int(power) if power.is_integer() and set(ratio) <= {"[time]"} else None
+
+
+def spelled_for_pint(unit: str) -> str:
+    """Return a unit as pint reads it."""
+    name = _POWER.sub(r"**\1", _NEWTON_METRE.sub(r"\1N*m", spelled(unit)))
+    name = name.replace("²", "**2").replace("³", "**3")
+    return name.replace("·", "*").replace(".", "*").replace("****", "**")
 
 
 def accepted(quantity: str) -> str:

@@ -39,25 +39,30 @@ class Stretch:
         first: index of the first sample.
         u: (M,) samples.
         method: ``linear``, ``cubic``, ``quintic`` or ``band_limited``.
+        clock: instants of all samples of the signal in mean intervals, where these are not equal.
     """
 
     first: int
     u: Array
     method: str
+    clock: Array | None = None
 
     @cached_property
     def _spline(self) -> Callable[[Array], Array] | None:
         order = min(_ORDER.get(self.method, 3), self.u.size - 1)
-        if self.method == "band_limited" and self.u.size > 32:
+        if self.method == "band_limited" and self.u.size > 32 and self.clock is None:
             return _band_limited(self.u)
         if order < 1:
             return None
-        return make_interp_spline(np.arange(self.u.size), self.u, k=order if order % 2 else order - 1)
+        at = np.arange(self.u.size) if self.clock is None else self.clock[self.first : self.first + self.u.size]
+        return make_interp_spline(at, self.u, k=order if order % 2 else order - 1)
 
     def __call__(self, positions: Array) -> Array:
         """Values at positions counted in samples of the whole signal, shape as ``positions``."""
         if self._spline is None:
             return np.full(positions.shape, self.u[0])
+        if self.clock is not None:
+            return np.asarray(self._spline(np.interp(positions, np.arange(self.clock.size), self.clock)))
         return np.asarray(self._spline(positions - self.first))
 
 
@@ -111,12 +116,12 @@ class Breaks:
         """(J,) the sample indices ``n`` of the jumps."""
         return self.at[np.isnan(self.instant)]
 
-    def stretches(self, u: Array, method: str) -> list[Stretch]:
+    def stretches(self, u: Array, method: str, clock: Array | None = None) -> list[Stretch]:
         """The B + 1 smooth stretches of the input (N,)."""
         edges = [0, *self.at.tolist(), u.size]
         # A curve through few samples, continued beyond them, leads far away from what they say.
         short = _CURVED if self.at.size else 0
-        return [Stretch(a, u[a:b], method if b - a >= short else "linear") for a, b in pairwise(edges)]
+        return [Stretch(a, u[a:b], method if b - a >= short else "linear", clock) for a, b in pairwise(edges)]
 
 
 def find_jumps(u: Array) -> NDArray[np.int64]:
@@ -140,7 +145,7 @@ def find_jumps(u: Array) -> NDArray[np.int64]:
     return np.flatnonzero((steps > _JUMP_SHARE * span) & (steps > _JUMP_RATIO * typical)) + 1
 
 
-def find_breaks(u: Array) -> Breaks:
+def find_breaks(u: Array, clock: Array | None = None) -> Breaks:
     """Jumps and kinks of an input (N,).
 
     A band-limited signal that is sampled well has second differences that vary slowly from sample to sample. A kink
@@ -148,8 +153,8 @@ def find_breaks(u: Array) -> Breaks:
     the smooth stretches on both sides do not meet within the interval, the value jumps.
     """
     jumps = _without_ramps(u, find_jumps(u))
-    at = np.union1d(jumps, _kinks(u, jumps))
-    sides = Breaks(at, np.full(at.size, np.nan)).stretches(u, "cubic")
+    at = np.union1d(jumps, _kinks(u, jumps, clock))
+    sides = Breaks(at, np.full(at.size, np.nan)).stretches(u, "cubic", clock)
     near = _TOUCHING * float(np.ptp(u))
     return Breaks(at, np.array([_meeting(n, a, b, near) for n, (a, b) in zip(at, pairwise(sides), strict=True)]))
 
@@ -181,12 +186,14 @@ def _without_ramps(u: Array, jumps: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.array(kept, dtype=np.int64)
 
 
-def _kinks(u: Array, jumps: NDArray[np.int64]) -> NDArray[np.int64]:
+def _kinks(u: Array, jumps: NDArray[np.int64], clock: Array | None = None) -> NDArray[np.int64]:
     """Indices ``n`` of the intervals ``(n − 1, n)`` in which the slope changes."""
     span = float(np.ptp(u))
     if span == 0.0 or u.size < 2 * _BESIDE + 4:
         return np.zeros(0, np.int64)
     bend = np.diff(u, 2)  # bend[i] belongs to sample i + 1
+    if clock is not None:
+        bend = 2.0 * np.diff(np.diff(u) / np.diff(clock)) / (clock[2:] - clock[:-2])
     # A difference across a jump says nothing of slopes.
     across = np.concatenate([jumps - 2, jumps - 1])
     bend[across[(across >= 0) & (across < bend.size)]] = 0.0
@@ -246,9 +253,11 @@ def mean_input(fine: Array) -> Array:
     return np.asarray((fine[..., 0] + 4.0 * fine[..., 1] + fine[..., 2]) / 6.0)
 
 
-def substep_input(u: Array, counts: NDArray[np.int64], method: str, instants: Array | None = None) -> Array:
+def substep_input(
+    u: Array, counts: NDArray[np.int64], method: str, instants: Array | None = None, clock: Array | None = None
+) -> Array:
     """The input at the start, middle and end of every sub-step; see `Reconstruction`."""
-    return Reconstruction(u, counts, method).fine(instants)
+    return Reconstruction(u, counts, method, clock=clock).fine(instants)
 
 
 @dataclass(frozen=True, eq=False)
@@ -261,6 +270,7 @@ class Reconstruction:
         method: one of ``cubic``, ``quintic``, ``band_limited``, ``linear``, ``zero_order``.
         rise: how long jumps take, in sample intervals, 0 to 1.
         sharp: whether jumps to and from a single sample happen at once like all others.
+        clock: (N,) instants of the samples in mean intervals, where these are not equal.
 
     Raises:
         InputRefused: an unknown method.
@@ -271,6 +281,7 @@ class Reconstruction:
     method: str
     rise: float = 0.0
     sharp: bool = False
+    clock: Array | None = None
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
@@ -280,7 +291,7 @@ class Reconstruction:
     def breaks(self) -> Breaks:
         """Where the input is not smooth."""
         if self.method in WITH_BREAKS:
-            return find_breaks(self.u)
+            return find_breaks(self.u, self.clock)
         return Breaks(np.zeros(0, np.int64), np.zeros(0))
 
     @cached_property
@@ -328,7 +339,7 @@ class Reconstruction:
 
     @cached_property
     def _stretches(self) -> list[Stretch]:
-        return self.breaks.stretches(self.u, self.method)
+        return self.breaks.stretches(self.u, self.method, self.clock)
 
     @cached_property
     def _known(self) -> Array:

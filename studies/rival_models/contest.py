@@ -1,50 +1,54 @@
-"""Studies of rivals: all models on actuators of three kinds, on few recordings, and on public recordings.
+"""The table of all models on several sets of recordings, and models in a loop.
 
-Of public recordings, every model is fitted to the identification parts of a folder and scored on its held-out parts.
-The ratio of the best model of phnn to the best rival is below one where phnn predicts better. With several inputs
-(steering mirror) the first output is scored against the first input alone: the other inputs act as a disturbance on all
-models alike.
+The table fits every model with the same processor time to each set, several times with other seeds. A seed draws the
+noise of recordings that are made, the actuator of those that are not of Table 1, and what a fit begins with. Of public
+recordings, every model is fitted to the identification parts of a folder and scored on its held-out parts. With several
+inputs (steering mirror) the first output is scored against the first input alone: the other inputs act as a disturbance
+on all models alike.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from phnn.comparison.models import Settings
+from phnn.comparison.models import MODELS, Bench, Settings, register_rival, title
 from phnn.comparison.run import compare
 from phnn.configuration import check, checked, config_folder, number, positive, whole
 from phnn.diagnose.diagnosis import diagnose, score_on_all
 from phnn.errors import InputRefused, SolverFailed
 from phnn.identification.base import Progress, identify_base, quiet
-from phnn.identification.evaluate import Evaluation, PartScore, score_part
+from phnn.identification.options import Options
 from phnn.identification.zero import own_zeros
 from phnn.recordings import Campaign, read
 from phnn.report.formatting import DASH, markdown_table, ratio
-from phnn.report.result import document
 from phnn.results import Place
-from studies.comparison.uses import CONFIRMATION, OUTSIDE, USES, over_noise, uses
+from studies import recordings as made
 from studies.generator.plans import sine
-from studies.recordings import comparison_plan
-from studies.rival_models.names import HEADS, NAMES, register_rivals, rival
-from studies.rival_models.runs import long, loops
-from studies.rival_models.truths import write_truth
+from studies.recordings import PHS, TRUTHS, USES
+from studies.rival_models.names import register_rivals
+from studies.rival_models.runs import loops
 
-STUDIES = ("truths", "scarcity", "real", "loops", "long")
-COUNTS, ENOUGH = (1, 2, 4, 7), 1.2
+STUDIES = ("table", "loops")
 # In this order recordings are added: the first few span amplitude and frequency as well as they can.
 _ADDED = ((50.0, 75.0), (1.0, 75.0), (150.0, 75.0), (100.0, 40.0), (10.0, 40.0), (25.0, 75.0), (100.0, 75.0))
 _HELD = ((10.0, 75.0), (75.0, 75.0), (75.0, 40.0), (18.0, 60.0), (120.0, 55.0))
-FOLDERS = ("piezo-stack", "steering-mirror", "silverbox", "emps", "tanks", "mr-damper", "shaking-table")
-_OWN = {"base": "phnn, base model", "diagnosed": "phnn, diagnosed"}  # that of the manifest, that of phnn diagnose
-# A manifest with another name than usual: this one identifies on a quarter of the training samples.
-_MANIFESTS = {"silverbox": "quarter.yaml"}
+# Sets of the table: made ones of Table 1 by the second effect that they hold, of other actuators, and public folders.
+TABLE, CREEP, _RESIDUAL_UM = "table_1", "creep", 0.5
+# Of an actuator of hysterons with so many identification recordings, and five others held out.
+FEW = {f"{PHS}_{count}": count for count in (1, 2, 4, 7)}
+FOLDERS = ("piezo-stack", "steering-mirror", "silverbox", "emps", "tanks", "mr-damper", "shaking-table", "bouc-wen")
+# phnn's own models of public recordings: that of the manifest, and that of a diagnosis.
+_OWN = {"base": "phnn, model of the manifest", "diagnosed": "phnn, diagnosed"}
+# Manifests with other names than usual: these identify on a quarter of the training samples.
+_MANIFESTS = {"silverbox": "quarter.yaml", "bouc-wen": "period.yaml"}
 # The second and the third realisation at 100 mV are contaminated; one of each amplitude identifies.
 _MIRROR = ("100mV_1", "300mV_1", "100mV_test_1", "300mV_test_1")
 
@@ -54,22 +58,17 @@ class Chosen:
     """The keys of ``configs/experiment/rivals.yaml`` beside those under ``compare``.
 
     Attributes:
-        study: one of `STUDIES`; truths: kinds of actuator; seeds: of actuators, noise and models.
-        noise_um: standard deviation of the sensor's noise, µm.
-        runs: of each model in a loop; samples, drives: of long runs.
-        folder, only: of real recordings; diagnoses: whether the models of diagnoses join them.
+        study: one of `STUDIES`; sets: of recordings, for the table; seeds: of actuators, noise and models.
+        noise_um: standard deviation of the sensor's noise, µm; runs: of each model in a loop.
+        folder: holds a folder for each set of public recordings.
     """
 
     study: str
-    truths: tuple[str, ...]
+    sets: tuple[str, ...]
     seeds: tuple[int, ...]
-    only: tuple[str, ...]
     folder: str | None
-    diagnoses: bool
     noise_um: float = positive(0.05)
     runs: int = whole(20, least=1)
-    samples: int = whole(10_000_000, least=1)
-    drives: int = whole(3, least=1)
 
     def __post_init__(self) -> None:
         check(self)
@@ -77,18 +76,17 @@ class Chosen:
             number("seeds", seed, 0)
         if self.study not in STUDIES:
             raise InputRefused(f"study: nothing is called {self.study!r}: choose from {', '.join(STUDIES)}")
-        if self.study == "real" and self.folder is None:
-            raise InputRefused("folder: is not given: name the folder that holds a folder for each set of recordings")
-        if not isinstance(self.diagnoses, bool):
-            raise InputRefused(f"diagnoses: {self.diagnoses!r} is neither true nor false")
-        if self.study != "real" and not (self.truths and self.seeds):
-            raise InputRefused("truths, seeds: one of them is empty: name one at least")
+        if not (self.sets and self.seeds):
+            raise InputRefused("sets, seeds: one of them is empty: name one at least")
+        for name in self.sets:
+            if name not in (known := (TABLE, CREEP, *TRUTHS, *FEW, *FOLDERS)):
+                raise InputRefused(f"sets: nothing is called {name!r}: choose from {', '.join(known)}")
 
     @classmethod
     def from_config(cls, config: Mapping[str, Any]) -> Chosen:
         """Take the composed configuration; a single value serves as a list of one. Raises InputRefused."""
         given = {name: config[name] for name in cls.__dataclass_fields__}
-        for name in ("truths", "seeds", "only"):
+        for name in ("sets", "seeds"):
             value = given[name]
             given[name] = tuple(value) if isinstance(value, list | tuple) else () if value is None else (value,)
         return cls(**given)
@@ -105,165 +103,150 @@ def run(config: Mapping[str, Any], progress: Progress = quiet) -> Path:
         The page of markdown that was written.
 
     Raises:
-        InputRefused: an unknown study, or settings that it cannot use.
-        SolverFailed: an actuator or a model could not be simulated.
+        InputRefused: an unknown study, or settings that it cannot use. SolverFailed: no actuator could be simulated.
     """
     register_rivals()
+    for name, words in _OWN.items():
+        register_rival(name, partial(_own, name), words)
     c, settings = Chosen.from_config(config), Settings.from_config(checked("compare", config["compare"]))
     place = Place(Path(config["out"] or f"out/rivals/{c.study}").resolve())
-    if c.study == "real":
-        real(place, settings, Path(str(c.folder)), c.only, c.diagnoses, progress)
-    elif c.study in ("truths", "scarcity"):
-        contest(c.study, place, settings, c.truths, c.seeds, c.noise_um, progress)
-    elif c.study == "loops":
+    if c.study == "loops":
         loops(place, settings, c.seeds, c.noise_um, c.runs, progress)
     else:
-        long(place, settings, c.seeds, c.noise_um, (c.samples, c.drives), progress)
+        contest(c, place, settings, progress)
     return place.path / f"{c.study}.md"
 
 
-def contest(
-    study: str, place: Place, settings: Settings, chosen: Sequence[str], seeds: Sequence[int], noise_um: float,
-    progress: Progress = quiet,
-) -> pd.DataFrame:  # fmt: skip
-    """Fit all models to simulated recordings; write csv and markdown after every set of recordings.
+def contest(c: Chosen, place: Place, settings: Settings, progress: Progress = quiet) -> pd.DataFrame:
+    """Fit all models to all sets of recordings, seed by seed; write ``table.csv`` and ``table.md`` after each.
 
-    ``truths`` takes four sines of each kind of actuator and seed, and scores on those, and held out inside and outside.
-    ``scarcity`` takes 1, 2, 4 and 7 recordings of the first kind and seed, and scores on five others.
+    Public folders that are not there are left out, and the page says so.
 
     Returns:
         A row for each model on each set of recordings: residual over noise by use, root mean square over recordings.
     """
     began, rows = time.process_time(), list[dict[str, Any]]()
-    for truth in chosen if study == "truths" else chosen[:1]:
-        for seed in seeds:
-            for count in COUNTS if study == "scarcity" else (None,):
-                plan = comparison_plan()
-                if count is not None:
-                    added, held = (tuple(sine(f, a) for f, a in each) for each in (_ADDED[:count], _HELD))
-                    uses = dict.fromkeys((e.name for e in added), "identification")
-                    plan = uses | dict.fromkeys((e.name for e in held), "confirmation"), (*added, *held)
-                home = place / (f"{truth}_{seed}" if count is None else f"{truth}_{seed}_{count}")
-                folder = (home / "recordings").own_folder()
-                write_truth(folder, truth, seed, plan, noise_um)
-                case = {"truth": truth, "seed": seed}
-                rows += _compared(read(folder), home, settings, case, progress)
-                spent = f"{time.process_time() - began:.0f} processor seconds in this run"
-                table, page = pd.DataFrame(rows), truths_page if study == "truths" else scarcity_page
-                (place / f"{study}.csv").write(table.to_csv(index=False).encode())
-                (place / f"{study}.md").write((page(table, settings, spent) + "\n").encode())
+    absent = [n for n in c.sets if n in FOLDERS and not (c.folder and (Path(c.folder) / n).is_dir())]
+    _warm(settings, place, progress)
+    for seed in c.seeds:
+        for name in (n for n in c.sets if n not in absent):
+            home = place / f"{name}_{seed}"
+            public = name in FOLDERS
+            campaign = one_to_one(Path(str(c.folder)) / name, name) if public else _made(home, name, seed, c.noise_um)
+            rows.extend(_compared(campaign, home, settings, {"set": name, "seed": seed}, progress))
+            table, spent = pd.DataFrame(rows), f"{time.process_time() - began:.0f} processor seconds in this run"
+            (place / "table.csv").write(table.to_csv(index=False).encode())
+            (place / "table.md").write((table_page(table, settings, spent, absent) + "\n").encode())
     return pd.DataFrame(rows)
+
+
+def _made(home: Place, name: str, seed: int, noise_um: float) -> Campaign:
+    """Make the recordings of a set, and read them."""
+    plan = made.comparison_plan()
+    if name in FEW:
+        added, held = (tuple(sine(f, a) for f, a in each) for each in (_ADDED[: FEW[name]], _HELD))
+        chosen = dict.fromkeys((e.name for e in added), "identification")
+        plan = chosen | dict.fromkeys((e.name for e in held), "confirmation"), (*added, *held)
+    folder = (home / "recordings").own_folder()
+    if name in (TABLE, CREEP):
+        effect = "none" if name == TABLE else name
+        made.write_recordings(folder, made.Conditions(effect, _RESIDUAL_UM, noise_um, seed=seed), plan)
+    else:
+        made.write_truth(folder, PHS if name in FEW else name, seed, plan, noise_um)
+    return read(folder)
+
+
+def _warm(settings: Settings, place: Place, progress: Progress) -> None:
+    """Fit phnn's models to one short recording: what is compiled then takes no time from a model's budget."""
+    chosen = tuple(m for m in settings.models if m in MODELS)
+    if not chosen or (place / "warm").path.exists():
+        return
+    progress("compile")
+    home, plan = place / "warm", ({sine(50.0).name: "identification"}, (sine(50.0, periods=1),))
+    made.write_truth((home / "recordings").own_folder(), PHS, 0, plan, 0.05)
+    own = limited(replace(settings, models=chosen, options=replace(settings.options, starts=1)), 0.1)
+    compare(read((home / "recordings").path), Path(home.path) / "models", own)
+
+
+def limited(settings: Settings, budget: float) -> Settings:
+    """Return settings under which every training has the processor seconds of a rival, shared among its stages."""
+    recipes = {
+        name: replace(r, stages={k: {**s, "seconds": budget / len(r.stages)} for k, s in r.stages.items()})
+        for name, r in settings.recipes.items()
+    }
+    return replace(settings, budget=budget, recipes=recipes)
 
 
 def _compared(
     campaign: Campaign, home: Place, settings: Settings, case: dict[str, Any], progress: Progress
-) -> list[dict[str, Any]]:
-    """Return a row for each model on one folder, by `phnn.comparison`."""
-    own = replace(settings, options=replace(settings.options, seed=case["seed"]))
-    told: Progress = lambda line: progress(f"{case['truth']}, seed {case['seed']}: {line}")  # noqa: E731
-    kinds, results = uses(campaign.recordings), compare(campaign, Path(home.path) / "models", own, told)
-    case = case | {"recordings": sum(bool(r.mask("identification").any()) for r in campaign.recordings)}
-    rows = []
-    for model, result in results.items():
-        facts, scores = result.facts, {use: over_noise(result.evaluation, kinds, use) for use in USES}
-        seconds = float(facts.get("processor_seconds", facts["seconds"]))
-        made = {"parameters": int(facts["parameters"]), "processor_seconds": seconds, "budget": settings.budget}
-        rows.append(case | {"model": model} | scores | made | {"size": str(facts.get("size", ""))})
-    return rows
+) -> Iterator[dict[str, Any]]:
+    """Yield a row for each model on one folder; one that cannot be simulated states the reason in ``why``."""
+    own = limited(replace(settings, options=replace(settings.options, seed=case["seed"])), settings.budget)
+    told: Progress = lambda line: progress(f"{case['set']}, seed {case['seed']}: {line}")  # noqa: E731
+    campaign, kinds = replace(campaign, recordings=own_zeros(campaign.recordings)), made.uses(campaign.recordings)
+    bench = Bench(campaign, own, Place((home / "models").own_folder()), told)
+    for model in own.models:
+        row = case | {"model": model, "budget": settings.budget, "why": ""}
+        try:
+            result = bench.result(model)
+        except SolverFailed as error:
+            yield row | {"why": str(error)}
+            continue
+        row |= {n: result.facts.get(n, np.nan) for n in ("parameters", "evaluations", "processor_seconds", "seconds")}
+        row |= {use: made.over_noise(result.evaluation, kinds, use) for use in USES}
+        parts = result.evaluation.parts if case["set"] in FOLDERS else ()
+        yield row | {f"rmse {p.name}": p.rmse for p in parts if p.use != "identification"}
 
 
-def truths_page(table: pd.DataFrame, settings: Settings, spent: str) -> str:
-    """Return the page of residual over noise by truth, use and model, and processor seconds: medians over seeds."""
-    models, body = list(dict.fromkeys(table["model"])), []
-    for truth, own in table.groupby("truth", sort=False):
-        middle = own.groupby("model").median(numeric_only=True)
-        for use, words in (*USES.items(), ("processor_seconds", "processor seconds")):
-            body.append([str(truth), words, *(_cell(middle[use][m]) for m in models)])
-    heads = ["truth", "recordings", *(HEADS[m] for m in models)]
-    lines = ["# Models on three truths", "", _words(table, settings, spent), "", *markdown_table(heads, body)]
-    return "\n".join(lines)
+def table_page(table: pd.DataFrame, settings: Settings, spent: str, absent: Sequence[str] = ()) -> str:
+    """Return the page of mean and standard deviation over seeds: errors, effort and size of every model, by set."""
+    lines = ["# All models on the same recordings", "", _words(table, settings, spent)]
+    lines += ["", *(f"{name}: skipped, its folder is not there." for name in absent)]
+    for name, own in table.groupby("set", sort=False):
+        official = [n for n in own.columns if n.startswith("rmse ") and own[n].notna().any()]
+        scored = [n for n in USES if own[n].notna().any()]
+        heads = ["model", "parameters", *(USES[n] for n in scored)]
+        heads += [f"{n.removeprefix('rmse ')} [{_UNIT[1]}]" for n in official]
+        body = []
+        for model, rows in own.groupby("model", sort=False):
+            cells = [_spread(rows[n]) for n in scored] + [_spread(_UNIT[0] * rows[n]) for n in official]
+            effort = [f"{rows[n].mean():.0f}" for n in ("processor_seconds", "seconds")]
+            count = rows["evaluations"].mean()
+            body.append([title(str(model)), f"{rows['parameters'].mean():.0f}", *cells, *effort,
+                         DASH if np.isnan(count) else f"{count:.0f}"])  # fmt: skip
+        lines += ["", f"## {name}", "", *markdown_table([*heads, "processor s", "wall s", "evaluations"], body)]
+    lines += ["", *(f"* {r.set}, seed {r.seed}, {r.model}: {r.why}" for r in table[table["why"] != ""].itertuples())]
+    return "\n".join(lines).rstrip()
 
 
-def _cell(score: float) -> str:
-    """Write a residual over noise; a model that left the finite numbers says so."""
-    return "diverged" if score == float("inf") else ratio(score)
+_UNIT = 1e6, "10⁻⁶"  # of the errors on public recordings, in the unit of their output
 
 
-def scarcity_page(table: pd.DataFrame, settings: Settings, spent: str) -> str:
-    """Return the page of held-out residual over noise by number of recordings, and the number from which it stays
-    below 1.2."""
-    counts, body = list(dict.fromkeys(table["recordings"])), []
-    for model, own in table.groupby("model", sort=False):
-        reached = [held_out(own[own["recordings"] == c]) for c in counts]
-        near = (str(c) for k, c in enumerate(counts) if all(x <= ENOUGH for x in reached[k:]))
-        body.append([HEADS[str(model)], *(_cell(x) for x in reached), next(near, f"> {counts[-1]}")])
-    heads = ["model", *(f"from {c}" for c in counts), f"needed for {ENOUGH} × noise"]
-    lines = ["# Models on few recordings", "", _words(table, settings, spent), "", *markdown_table(heads, body)]
-    return "\n".join(lines)
-
-
-def held_out(rows: pd.DataFrame) -> float:
-    """Return the median over seeds of the root mean square over all held-out recordings, inside the range or not.
-
-    The uses are weighted alike: with one recording nearly all others lie outside.
-    """
-    squares = rows[[CONFIRMATION, OUTSIDE]].replace(np.inf, np.nan) ** 2
-    return float(np.sqrt(squares.mean(axis=1)).fillna(np.inf).median())
+def _spread(values: pd.Series[float]) -> str:
+    """Write mean and standard deviation over seeds; a model that left the finite numbers says how often."""
+    lost = int((~np.isfinite(values)).sum())
+    if lost:
+        return f"diverged {lost} of {len(values)}"
+    return ratio(float(values.mean())) + (f" ± {ratio(float(values.std()))}" if len(values) > 1 else "")
 
 
 def _words(table: pd.DataFrame, settings: Settings, spent: str) -> str:
     seeds = ", ".join(str(s) for s in dict.fromkeys(table["seed"]))
     return (
-        f"Residual over noise, median over the seeds {seeds}. Budget of each rival: {settings.budget:g} processor "
-        f"seconds; {spent}. PHS, Bouc–Wen and the linear model are fitted until they converge; learned hysterons, the "
-        "fully neural PHS and the neural ODE are trained by stages of their own, and their time is not that of the "
-        "processor but what passed."
+        f"Residual over noise, root mean square over recordings; seeds {seeds}. Budget of each model: "
+        f"{settings.budget:g} seconds of one processor, twice as much for the neural ODE; {spent}. PHS, the linear "
+        "model and Bouc–Wen blocks end when they converge; a training ends after the epoch in which its time is over."
     )
 
 
-def real(
-    place: Place, settings: Settings, folder: Path, only: Sequence[str], diagnoses: bool, progress: Progress = quiet
-) -> pd.DataFrame:
-    """Fit the base model of each manifest and the rivals among ``settings.models`` to all folders that are there.
-
-    Writes ``real.csv`` and ``real.md`` after every model.
-
-    Args:
-        folder: holds folders of the names ``FOLDERS``.
-        only: which of them; all where empty.
-        diagnoses: whether the model of a diagnosis joins them; its ``diagnosis.json`` is kept in ``NAME/``, and each
-            rival has the processor time that it took, ``settings.budget`` at least.
-
-    Raises:
-        InputRefused: an unknown name, or no folder of these names.
-    """
-    unknown = [name for name in only if name not in FOLDERS]
-    if unknown:
-        raise InputRefused(f"only: no manifest is known for {unknown[0]!r}: choose from {', '.join(FOLDERS)}")
-    there = [n for n in FOLDERS if (folder / n).is_dir() and (not only or n in only)]
-    if not there:
-        raise InputRefused(f"{folder}: has no folder called {', '.join(only or FOLDERS)}")
-    rows: list[dict[str, Any]] = []
-    models = ["base", *(["diagnosed"] if diagnoses else []), *(m for m in settings.models if m in NAMES)]
-    for name in there:
-        campaign, budget = one_to_one(folder / name, name), settings.budget
-        for model in models:
-            progress(f"{name}: fit {model}")
-            began, why = time.process_time(), ""
-            try:
-                parts = _parts(campaign, model, replace(settings, budget=budget), place / name, progress)
-            except (InputRefused, SolverFailed) as error:
-                # A model that cannot be fitted states the reason in the place of its score.
-                parts, why = (), str(error)
-            held, identified = (Evaluation({}, parts).over_noise(use) for use in ("confirmation", "identification"))
-            seconds, given = time.process_time() - began, float("nan") if model in _OWN else budget
-            row = {"recordings": name, "model": model, "held_out": held, "identified": identified}
-            rows.append(row | {"processor_seconds": seconds, "budget": given, "why_not": why})
-            budget = max(budget, seconds) if model == "diagnosed" else budget
-            table = pd.DataFrame(rows)
-            (place / "real.csv").write(table.assign(seed=settings.options.seed).to_csv(index=False).encode())
-            (place / "real.md").write((real_page(table, settings) + "\n").encode())
-    return pd.DataFrame(rows)
+def _own(which: str, campaign: Campaign, seed: int, budget: float) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
+    """Fit the model that the recordings' manifest states, or the one of a diagnosis, which takes what time it needs."""
+    options = Options(seed=seed, workers=1)
+    if which == "base":
+        fitted = identify_base(campaign, options)[0]
+        return score_on_all(fitted, campaign).outputs, {"parameters": len(fitted.variables.names), "kind": "manifest"}
+    found = diagnose(campaign, options)
+    return found.after.outputs, {"parameters": len(found.chosen.fit.variables.names), "kind": found.verdict}
 
 
 def one_to_one(folder: Path, name: str) -> Campaign:
@@ -275,51 +258,3 @@ def one_to_one(folder: Path, name: str) -> Campaign:
         chosen = [r for r in chosen if r.name.partition(".")[0] in _MIRROR]
     plain = (replace(r, further={}, measures="") for r in chosen)
     return replace(campaign, recordings=own_zeros(tuple(plain)))
-
-
-def _parts(
-    campaign: Campaign, model: str, settings: Settings, home: Place, progress: Progress
-) -> tuple[PartScore, ...]:
-    """Fit a model and return its scores on all parts of the recordings."""
-    if model == "base":
-        return score_on_all(identify_base(campaign, settings.options)[0], campaign).parts
-    if model == "diagnosed":
-        diagnosis = diagnose(campaign, settings.options, progress)
-        (home / "diagnosis.json").write_json(document(diagnosis))
-        return diagnosis.after.parts
-    outputs = rival(model).fit(campaign.recordings, settings.budget, settings.options.seed).outputs(campaign.recordings)
-    return tuple(
-        score_part(r, y, p.first, p.last, p.name, p.use)
-        for r, y in zip(campaign.recordings, outputs, strict=True)
-        for p in r.parts
-        if p.use != "nuisance"
-    )
-
-
-def real_page(table: pd.DataFrame, settings: Settings) -> str:
-    """Return the page of held-out residual over noise by folder and model, and the ratio of the best of phnn to the
-    best rival."""
-    models, body = list(dict.fromkeys(table["model"])), []
-    for name, rows in table.groupby("recordings", sort=False):
-        scores = rows.set_index("model")["held_out"]
-        known = scores[np.isfinite(scores)]
-        ours, theirs = known[known.index.isin(list(_OWN))], known[~known.index.isin(list(_OWN))]
-        best = DASH if theirs.empty else HEADS[str(theirs.idxmin())]
-        compared = DASH if ours.empty or theirs.empty else ratio(float(ours.min() / theirs.min()))
-        body.append([str(name), *(_cell(scores.get(m, np.nan)) for m in models), best, compared])
-    taken = table[table["model"] == "diagnosed"]["processor_seconds"]
-    spent = (
-        f"Each rival had {settings.budget:g} processor seconds. "
-        if taken.empty
-        else f"A diagnosis took {taken.min():.0f} to {taken.max():.0f} processor seconds, and each rival had as many, "
-        f"{settings.budget:g} at least; held-out recordings may take elements out of a diagnosis's model, and no rival "
-        "has seen them. "
-    )
-    words = (
-        f"Residual over noise on the held-out parts, root mean square. Seed {settings.options.seed}. {spent}"
-        "Below 1 in the last column, phnn predicts better."
-    )
-    heads = ["recordings", *(_OWN.get(m) or HEADS[m] for m in models), "best rival", "phnn / best rival"]
-    failed = table[table["why_not"] != ""]
-    why = [f"* {r.recordings}, {r.model}: {r.why_not}" for r in failed.itertuples()]
-    return "\n".join(["# Models on public recordings", "", words, "", *markdown_table(heads, body), "", *why])

@@ -17,7 +17,7 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import savgol_filter
 
 from phnn.recordings.recording import Recording
-from studies.rival_models.rival import Fitted, Mask, Scales, highest, scales_of, split
+from studies.rival_models.rival import Fitted, Mask, Scales, highest, run_in, scales_of, split
 
 Array = NDArray[np.float64]
 
@@ -62,7 +62,7 @@ def gridded(recording: Recording, dt: float, scales: Scales, zero: float) -> Gri
         zero: of recordings that do not start from rest, SI.
     """
     rest = recording.start.state == "rest"
-    u, y, cycle = recording.u, recording.y, recording.cycle
+    u, y, cycle = recording.u, recording.y, run_in(recording)
     zero = _first_zero(recording) if rest else zero
     if cycle:
         u, y = np.concatenate([u[-cycle:], u]), np.concatenate([y[-cycle:], y])

@@ -36,6 +36,7 @@ from studies.rival_models.rival import (
     State,
     Stepper,
     over_noise,
+    run_in,
     scales_of,
     split,
 )
@@ -239,6 +240,16 @@ class Duhem(Operator):
         return np.column_stack(columns), np.array([*z, u[-1]])
 
 
+def transfer(theta: Array, rate: float) -> tuple[Array, Array]:
+    """Return numerator and denominator of the dynamics in s over ``rate``; ``theta`` as in `discretised`."""
+    omega, zeta = rate * np.exp(theta[0]), np.exp(theta[1])
+    a, b = np.array([1.0 / omega**2, 2.0 * zeta / omega, 1.0]), np.array([theta[2] / omega, 1.0])
+    for log_tau, lead in theta[3:].reshape(-1, 2):
+        tau = np.exp(log_tau) / rate
+        a, b = np.polymul(a, [tau, 1.0]), np.polymul(b, [lead * tau, 1.0])
+    return b, a
+
+
 def discretised(theta: Array, rate: float, dt: float, held: bool) -> tuple[Array, Array]:
     """Return numerator and denominator in z⁻¹ of the dynamics, exact for inputs held or linear between samples.
 
@@ -246,11 +257,7 @@ def discretised(theta: Array, rate: float, dt: float, held: bool) -> tuple[Array
         theta: (ln ω/rate, ln ζ, z, ln rate·τ_1, k_1, …); rate: unit of ω, rad/s; dt: sampling interval, s.
     """
     # In units of dt: coefficients in seconds would be numbers of very different size.
-    omega, zeta, rate = rate * dt * np.exp(theta[0]), np.exp(theta[1]), rate * dt
-    a, b = np.array([1.0 / omega**2, 2.0 * zeta / omega, 1.0]), np.array([theta[2] / omega, 1.0])
-    for log_tau, lead in theta[3:].reshape(-1, 2):
-        tau = np.exp(log_tau) / rate
-        a, b = np.polymul(a, [tau, 1.0]), np.polymul(b, [lead * tau, 1.0])
+    b, a = transfer(theta, rate * dt)
     n = a.size - 1
     row = np.concatenate([np.zeros(n - b.size), b])[None, :] / a[0]
     companion = (np.vstack([-a[1:] / a[0], np.eye(n)[:-1]]), np.eye(n)[:, :1], row, np.zeros((1, 1)))
@@ -301,7 +308,7 @@ class Structure:
         u, before = recording.u / self.scales.u, recording.u[0] / self.scales.u
         if recording.start.state == "rest":
             before = recording.start.input_before / self.scales.u
-        cycle = recording.cycle
+        cycle = run_in(recording)
         if cycle:
             u = np.concatenate([u[-cycle:], u])
         rates = np.abs(np.diff(u, prepend=before)) / (recording.dt * self.scales.rate)
@@ -309,6 +316,10 @@ class Structure:
         columns, _ = self.operator.run(shape, state, u, rates)
         b, a = self.filter(x, recording.dt, recording.interpolation == "zero_order")
         return np.asarray(lfilter(b, a, columns, axis=0, zi=lfilter_zi(b, a)[:, None] * resting)[0])[cycle:]
+
+    def stepper(self, fitted: Separable, dt: float) -> Stepper:
+        """Return a fitted structure sample by sample, at the interval ``dt`` [s]."""
+        return _Stepper(fitted, dt)
 
     def nuisance(self, x: Array, recording: Recording) -> Array:
         """Return (N, order) free responses where the start is unknown, (N, 0) otherwise."""
@@ -337,7 +348,7 @@ class Separable(Fitted):
         return self.structure.nuisance(self.x, recording)
 
     def stepper(self, dt: float) -> Stepper:
-        return _Stepper(self, dt)
+        return self.structure.stepper(self, dt)
 
 
 class _Stepper(Stepper):
@@ -368,10 +379,12 @@ class _Projection:
         pairs = [(r, m) for r, m in zip(recordings, masks, strict=True) if m.any()]
         self.structure, self.pairs, self.budget = structure, pairs, budget
         self.best: tuple[float, Array, Array] | None = None
+        self.evaluations = 0
 
     def __call__(self, x: Array) -> Array:
         """Return the (M,) residual over noise."""
         self.budget.check()
+        self.evaluations += 1
         blocks = []
         for r, mask in self.pairs:
             rows = np.column_stack([self.structure.columns(x, r)[mask], r.y[mask]]) / r.noise
@@ -425,18 +438,24 @@ def fit_structure(
     if projection.best is None:
         return None
     _, x, weights = projection.best
-    return Separable(x.size + int(np.count_nonzero(weights)), {}, structure, x, weights)
+    facts = {"evaluations": projection.evaluations}
+    return Separable(x.size + int(np.count_nonzero(weights)), facts, structure, x, weights)
 
 
 class SeparableRival(Rival):
     """A family of structures from small to large.
 
     Attributes:
-        sizes: operator and number of lags of each.
+        sizes: operator and number of lags of each; leading: how many of them serve as a start for the others alone.
     """
 
     sizes: Sequence[tuple[Operator, int]]
+    leading: int = 0
     how = "variable projection: weights by least squares, dynamics and shape by a trust region with finite differences"
+
+    def join(self, operator: Operator, lags: int, scales: Scales) -> Structure:
+        """Return an operator with its dynamics."""
+        return Structure(operator, lags, scales)
 
     def warm(self) -> None:
         played(np.zeros(1), np.zeros(2), np.zeros(2), np.zeros((2, 1)))
@@ -449,36 +468,38 @@ class SeparableRival(Rival):
             own = budget.share(_SEARCH, len(self.sizes) - k)
             if own.seconds <= 0.0:
                 break
-            structure = Structure(operator, lags, scales)
-            fitted = fit_structure(structure, recordings, parts.fit, _starts(structure, tried), own)
+            structure = self.join(operator, lags, scales)
+            fitted = fit_structure(structure, recordings, parts.fit, _starts(structure, tried, self.leading), own)
             if fitted is not None:
                 tried.append((over_noise(fitted, recordings, parts.check), fitted))
         if not tried:
             raise SolverFailed(f"{self.words}: no candidate was simulated within the budget: allow more time")
-        score, best = min(tried, key=lambda t: t[0])
+        score, best = min(tried[self.leading :] or tried, key=lambda t: t[0])
         # From the best parameters, then from random ones about them for as long as there is time.
         rng, (low, high) = np.random.default_rng(seed), best.structure.bounds
         moved = (best.x + _SPREAD * rng.standard_normal(best.x.size) for _ in range(_AGAIN))
         starts = [best.x, *(np.clip(x, low, high) for x in moved)]
-        last = fit_structure(best.structure, recordings, parts.both, starts, budget) or best
+        last = fit_structure(best.structure, recordings, parts.both, starts, budget)
+        evaluations = sum(f.facts["evaluations"] for f in [*(f for _, f in tried), *([last] if last else [])])
         facts: dict[str, Any] = {
             "size": str(best.structure.operator), "lags": best.structure.lags, "sizes_tried": len(tried),
-            "check_over_noise": score, "processor_seconds": budget.used,
+            "evaluations": evaluations, "check_over_noise": score, "processor_seconds": budget.used,
         }  # fmt: skip
-        return replace(last, facts=facts)
+        return replace(last or best, facts=facts)
 
 
-def _starts(structure: Structure, tried: Sequence[tuple[float, Separable]]) -> list[Array]:
-    """Return the dynamics of the best size so far; starts of its own for the first size."""
+def _starts(structure: Structure, tried: Sequence[tuple[float, Separable]], leading: int) -> list[Array]:
+    """Return the dynamics of the best size so far; starts of its own for the first size that counts as well."""
+    further = [structure.start(*start) for start in STARTS] if len(tried) <= leading else []
     if not tried:
-        return [structure.start(*start) for start in STARTS]
+        return further
     best = min(tried, key=lambda t: t[0])[1]
     start, (theta, shape) = structure.start(*STARTS[0]), best.structure.parted(best.x)
-    number = min(theta.size, 3 + 2 * structure.lags)
+    number = min(theta.size, structure.parted(start)[0].size)
     start[:number] = theta[:number]
     if type(best.structure.operator) is type(structure.operator) and shape.size == structure.operator.shape[0].size:
         start[3 + 2 * structure.lags :] = shape
-    return [start]
+    return [start, *further]
 
 
 class PrandtlIshlinskii(SeparableRival):

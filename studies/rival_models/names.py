@@ -25,8 +25,14 @@ _CLASSES = {
     "hammerstein": ("Hammerstein", "hysteresis.Hammerstein"),
     "narx": ("NARX", "narx.Narx"),
     "gru": ("GRU", "networks.Gru"),
-    "lstm": ("LSTM", "networks.Lstm"),
     "subnet": ("SUBNET", "networks.Subnet"),
+    "bouc_wen_before_1": ("Bouc–Wen before the mass, 1 term", "bouc_wen.before_1"),
+    "bouc_wen_before_3": ("Bouc–Wen before the mass, 3 terms", "bouc_wen.before_3"),
+    "bouc_wen_loop_1": ("Bouc–Wen in the loop, 1 term", "bouc_wen.loop_1"),
+    "bouc_wen_loop_3": ("Bouc–Wen in the loop, 3 terms", "bouc_wen.loop_3"),
+    "trained_ode": ("neural ODE", "continuous.NeuralOde"),
+    "oe_phnn": ("OE-pHNN", "continuous.OePhnn"),
+    "sphnn": ("sPHNN", "continuous.SPhnn"),
 }
 NAMES = tuple(_CLASSES)
 HEADS = {n: kind.title for n, kind in MODELS.items()} | {n: title for n, (title, _) in _CLASSES.items()}
@@ -64,7 +70,7 @@ def _fit(
 ) -> tuple[dict[str, NDArray[np.float64]], Mapping[str, Any]]:
     """Fit a rival within its budget; return outputs by recording, and facts."""
     chosen = rival(name)
-    fitted = chosen.fit(campaign.recordings, budget, seed)
+    fitted = chosen.fit(campaign.recordings, chosen.times * budget, seed)
     outputs = zip((r.name for r in campaign.recordings), fitted.outputs(campaign.recordings), strict=True)
     about = {"kind": f"{chosen.words} ({chosen.source})", "parameters": fitted.parameters, "gradient": chosen.how}
     return dict(outputs), about | dict(fitted.facts)

@@ -6,8 +6,7 @@ Differences in place of lags span the same polynomials and are better conditione
 polynomial have a hysteresis that does not depend on rate, as in a Duhem model (Martins, Aguirre 2016). Orthogonal
 matching pursuit on the one-step error orders the terms (forward regression by orthogonal least squares, Billings 2013);
 how many are kept, the grid and the degree are chosen by free simulation of the samples set aside; the weights then
-follow from the error of free simulation (Piroddi, Spinelli 2003). The regression is scikit-learn's: sysidentpy 0.3
-to 0.9 ask for an older numpy than the one that phnn is tested with.
+follow from the error of free simulation (Piroddi, Spinelli 2003). The regression is scikit-learn's.
 """
 
 from __future__ import annotations

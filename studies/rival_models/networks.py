@@ -1,4 +1,4 @@
-"""Networks from input to output beside the best linear model: GRU, LSTM, and a state-space network with an encoder.
+"""Networks from input to output beside the best linear model: a GRU, and a state-space network with an encoder.
 
     z_k = (u_k, 8 Δu_k),   y_k = l_k + h(x_k, z_k),   x_{k+1} = f(x_k, z_k)
 
@@ -9,9 +9,8 @@ The state at a window's beginning is that of a recurrent network after the sampl
 makes of their inputs and outputs. Every size gets the same share of the time; the best one goes on with the rest. What
 counts is the state with the least error on the samples set aside.
 
-References: Cho et al. 2014 (GRU); Hochreiter, Schmidhuber 1997 (LSTM); Beintema, Schoukens, Tóth 2023, Automatica 156
-(SUBNET). deepSI, the code of the latter's authors, asks for an older nonlinear_benchmarks than the one that phnn is
-tested with: the encoder is written in torch here.
+References: Cho et al. 2014 (GRU); Beintema, Schoukens, Tóth 2023, Automatica 156
+(SUBNET).
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ from torch import Tensor, nn
 from phnn.errors import SolverFailed
 from phnn.recordings.recording import Recording
 from studies.rival_models.grid import Data, Gridded, OnGrid, data_on
-from studies.rival_models.hysteresis import STARTS, Static, Structure, fit_structure, free_responses
+from studies.rival_models.hysteresis import STARTS, Static, Structure, fit_structure, free_responses, transfer
 from studies.rival_models.rival import Budget, Fitted, Rival, State, Stepper, over_noise, split
 
 Array = NDArray[np.float64]
@@ -51,10 +50,14 @@ _REST = 400  # samples of constant input before a rest ends
 
 @dataclass(frozen=True)
 class Linear:
-    """Scaled output of a scaled input on the grid: numerator ``b`` and denominator ``a`` in z⁻¹, third order."""
+    """Scaled output of a scaled input on the grid: numerator ``b`` and denominator ``a`` in z⁻¹, third order.
+
+    ``transfer`` is the same in s times the grid interval.
+    """
 
     b: Array
     a: Array
+    transfer: tuple[Array, Array] = (np.zeros(1), np.ones(1))
 
     def run(self, u: Array, state: Array) -> tuple[Array, Array]:
         """Return (N,) outputs, and the filter's state behind them."""
@@ -88,7 +91,9 @@ def linear_model(recordings: Sequence[Recording], data: Data, budget: Budget) ->
     if fitted is None:
         raise SolverFailed("no linear model was found within the budget: allow more time")
     b, a = structure.filter(fitted.x, data.dt)
-    return Linear(b * float(fitted.weights[0]) / data.scales.y, a)
+    gain = float(fitted.weights[0]) / data.scales.y
+    numerator, denominator = transfer(structure.parted(fitted.x)[0], data.scales.rate * data.dt)
+    return Linear(b * gain, a, (numerator * gain, denominator))
 
 
 class Net(nn.Module):
@@ -109,11 +114,11 @@ class Net(nn.Module):
 
 
 class RecurrentNet(Net):
-    """A recurrent layer of torch with a linear output."""
+    """Gated recurrent units of torch with a linear output."""
 
-    def __init__(self, layer: type[nn.GRU] | type[nn.LSTM], hidden: int) -> None:
+    def __init__(self, hidden: int) -> None:
         super().__init__()
-        self.layer = layer(3, hidden, batch_first=True, dtype=torch.float64)
+        self.layer = nn.GRU(3, hidden, batch_first=True, dtype=torch.float64)
         self.out = nn.Linear(hidden, 1, dtype=torch.float64)
         _shrink(self.out)
 
@@ -307,7 +312,7 @@ class NetRival(Rival):
         if not np.isfinite(score):
             raise SolverFailed("no network stayed finite in simulation: allow more time, or scale the recordings")
         facts = {
-            "size": f"{size}, grid {data.dt:.3g} s", "sizes_tried": len(tried), "updates": updates,
+            "size": f"{size}, grid {data.dt:.3g} s", "sizes_tried": len(tried), "evaluations": updates,
             "check_over_noise": score, "processor_seconds": budget.used,
         }  # fmt: skip
         parameters = sum(p.numel() for p in fitted.net.parameters()) + linear.a.size + linear.b.size
@@ -357,18 +362,7 @@ class Gru(NetRival):
     sizes = (8, 16, 32)  # units
 
     def build(self, size: Any) -> Net:
-        return RecurrentNet(nn.GRU, size)
-
-
-class Lstm(NetRival):
-    """Long short-term memory."""
-
-    words = "recurrent network of long short-term memory"
-    source = "Hochreiter, Schmidhuber 1997"
-    sizes = (8, 16, 32)  # units
-
-    def build(self, size: Any) -> Net:
-        return RecurrentNet(nn.LSTM, size)
+        return RecurrentNet(size)
 
 
 class Subnet(NetRival):

@@ -164,8 +164,10 @@ class Rival(ABC):
     """A kind of model with its rule for choosing a size.
 
     Attributes:
-        words: what it is; source: who proposed it; how: by what it is fitted.
+        words: what it is; source: who proposed it; how: by what it is fitted; times: its budget over that of others.
     """
+
+    times: float = 1.0
 
     words: str
     source: str
@@ -243,6 +245,11 @@ def scales_of(recordings: Sequence[Recording]) -> Scales:
     u = max(float(np.abs(r.u).max()) for r in recordings)
     y = max(0.5 * float(np.ptp(r.y[r.mask("identification")])) for r in recordings)
     return Scales(u or 1.0, y or 1.0, 2.0 * np.pi * highest(recordings))
+
+
+def run_in(recording: Recording) -> int:
+    """Return the samples in front of a periodic recording that it is run through first; 0 for another start."""
+    return recording.cycle or (recording.t.size if recording.start.state == "periodic" else 0)
 
 
 def highest(recordings: Sequence[Recording]) -> float:

@@ -1,4 +1,4 @@
-"""Models that run: in a closed loop with a compliant load, and freely over many samples.
+"""Models in a closed loop with a compliant load.
 
 A spring of stiffness ``k_L`` between the moving mass and a fixed frame pulls with ``−k_L q``, which a model from
 voltage to displacement feels as the voltage ``−(k_L/α) q``. At every sample the loop is closed without delay,
@@ -6,9 +6,8 @@ voltage to displacement feels as the voltage ``−(k_L/α) q``. At every sample 
     u_n = v_n − (k_L/α) y_n,        y_n = model(state, u_n)
 
 solved for ``u_n`` by secants. A passive actuator with this spring is passive: once the voltage rests at zero, what
-moves decays (van der Schaft & Jeltsema 2014, Port-Hamiltonian Systems Theory, Ch. 2). Freely, under a periodic voltage,
-it approaches a periodic steady state, which repeats itself, and comes to rest after the voltage ends. All runs begin at
-rest under another voltage than that at which the drive begins: a wrong initial state.
+moves decays (van der Schaft & Jeltsema 2014, Port-Hamiltonian Systems Theory, Ch. 2). All runs
+begin at rest under another voltage than that at which the drive begins: a wrong initial state.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from __future__ import annotations
 import ctypes
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -34,14 +33,13 @@ from phnn.exporting.write import compiled, program_of
 from phnn.identification.base import Progress, quiet
 from phnn.identification.identified import identify
 from phnn.model import Model
-from phnn.recordings import Campaign, read
-from phnn.report.formatting import DASH, markdown_table
+from phnn.recordings import read
+from phnn.report.formatting import markdown_table
 from phnn.results import Place
 from studies.generator.plans import PEAK
-from studies.recordings import comparison_plan
+from studies.recordings import PHS, base_of, comparison_plan, write_truth
 from studies.rival_models.names import HEADS, NAMES, rival
 from studies.rival_models.rival import State, Stepper
-from studies.rival_models.truths import PHS, base_of, write_truth
 
 Array = NDArray[np.float64]
 
@@ -55,15 +53,6 @@ FAR = 10.0
 GROWS, MOVES = 1.05, 1e-3
 # What a model that has diverged may raise.
 FAILS = (PhnnError, ArithmeticError, ValueError)
-# Period of the voltage of a long run, s, and its tones in multiples of the lowest: 10, 30 and 70 Hz are within the
-# identified range; samples that are computed at once; periods that a run has at least.
-PERIOD, MULTIPLES, CHUNK, LEAST = 0.1, (1.0, 3.0, 7.0), 100_000, 20
-# Parts of a long run: behind the first the period that is compared, behind the last the voltage is zero.
-_COMPARED, _DRIVEN = 0.01, 0.9
-# Difference of two periods over the output's r.m.s. above which a model counts as drifted: 1 %, ten times the 0.001
-# that the transient of the identified actuator leaves in runs of 200,000 samples. Slow lags of stable models can exceed
-# it; their late drift tells them from a model that keeps moving.
-DRIFTED = 1e-2
 _NAME, _REST = "stepped", 0.1  # of the compiled program; seconds of constant voltage before a rest ends
 # A state is handed over as 64-bit words, which are aligned like the structure that they hold.
 _LOOP = f"""
@@ -231,279 +220,59 @@ def _solved(
     return None
 
 
-@dataclass(frozen=True)
-class Drive:
-    """A periodic voltage of three tones.
-
-    Attributes:
-        amplitudes: (3,) V; phases: (3,) rad.
-        before: constant voltage before the first sample, V.
-    """
-
-    amplitudes: Array
-    phases: Array
-    before: float
-
-    @property
-    def peak(self) -> float:
-        """Largest voltage of the drive and of the rest in front of it, V."""
-        return max(abs(self.before), float(np.abs(self.period(PERIOD / 2000)).max()))
-
-    def period(self, dt: float) -> Array:
-        """Return one period (P,) [V] at the sampling interval nearest to ``dt`` [s] that divides it."""
-        angles = 2.0 * np.pi * np.outer(np.linspace(0.0, 1.0, max(1, round(PERIOD / dt)), endpoint=False), MULTIPLES)
-        return np.asarray(np.sin(angles + self.phases) @ self.amplitudes)
-
-
-def drawn_drive(peak: float, seed: int, number: int) -> Drive:
-    """Draw phases and amplitudes, with a largest voltage of 0.3 to 0.95 times ``peak`` [V].
-
-    The voltage before has the sign that the drive does not begin with, and at least a tenth of the peak. Models with
-    different sampling intervals get the same voltage.
-    """
-    rng = np.random.default_rng([seed, number])
-    drive = Drive(rng.uniform(0.2, 1.0, len(MULTIPLES)), rng.uniform(0.0, 2.0 * np.pi, len(MULTIPLES)), 0.0)
-    amplitudes = drive.amplitudes * peak * rng.uniform(0.3, 0.95) / drive.peak
-    side = -1.0 if drive.period(PERIOD)[0] >= 0.0 else 1.0
-    return Drive(amplitudes, drive.phases, side * peak * rng.uniform(0.1, 1.0))
-
-
-@dataclass(frozen=True)
-class LongRun:
-    """What became of a long run.
-
-    Attributes:
-        samples: before the run ended or the output left the range.
-        diverged: the output is not finite, or ten times the largest static one.
-        drift: r.m.s. difference between the output in a period at one hundredth of the run and in the last driven one,
-            over its r.m.s. in the former; NaN where the model diverged before.
-        late: the same from a period in the middle of the drive to the last driven one.
-        motion: r.m.s. about the mean in the last quarter of the rest, over that in its first quarter; NaN where the
-            model diverged.
-        gained: the motion grew during the rest, and is large enough to count.
-        seconds: processor time.
-    """
-
-    samples: int
-    diverged: bool
-    drift: float = math.nan
-    late: float = math.nan
-    motion: float = math.nan
-    gained: bool = False
-    seconds: float = 0.0
-
-
-def long_run(stepper: Stepper, drive: Drive, gain: float, samples: int) -> LongRun:
-    """Run a model freely; samples are fed in chunks, and only what is compared is kept.
-
-    Args:
-        gain: static displacement per volt of the actuator, m/V.
-        samples: of the run, at the model's own interval.
-
-    Raises:
-        InputRefused: the run is shorter than twenty periods.
-    """
-    one = drive.period(stepper.dt)
-    size = one.size
-    if samples < LEAST * size:
-        raise InputRefused(f"samples = {samples}: give {LEAST * size} or more, {LEAST} periods of the voltage")
-    periods = int(_DRIVEN * samples) // size
-    rest = np.linspace(periods * size, samples, 5).astype(int)
-    early, middle, end = ((k * size, (k + 1) * size) for k in (max(1, int(_COMPARED * samples) // size), periods // 2,
-                                                              periods - 1))  # fmt: skip
-    kept = {span: np.full(span[1] - span[0], np.nan) for span in (early, middle, end)}
-    quarters = {(rest[k], rest[k + 1]): np.full(rest[k + 1] - rest[k], np.nan) for k in (0, 3)}
-    far, spent, largest, done = FAR * gain * drive.peak, 0.0, 0.0, samples
-    try:
-        state = stepper.rest(drive.before)
-        for first in range(0, samples, CHUNK):
-            done = first
-            places = np.arange(first, min(first + CHUNK, samples))
-            began = time.process_time()
-            state, y = stepper.run(state, np.where(places < periods * size, one[places % size], 0.0))
-            spent += time.process_time() - began
-            lost = np.flatnonzero(~(np.abs(y) < far))
-            y = y[: lost[0]] if lost.size else y
-            largest, done = max(largest, float(np.abs(y).max(initial=0.0))), first + y.size
-            for (a, b), values in (kept | quarters).items():
-                low, high = max(a, first), min(b, done)
-                if low < high:
-                    values[low - a : high - a] = y[low - first : high - first]
-            if lost.size:
-                break
-    except FAILS:
-        return LongRun(done, True, _change(kept[early], kept[end]), _change(kept[middle], kept[end]), seconds=spent)
-    drift, late = _change(kept[early], kept[end]), _change(kept[middle], kept[end])
-    if done < samples:
-        return LongRun(done, True, drift, late, seconds=spent)
-    before, after = (float(np.std(values)) for values in quarters.values())
-    motion = _over(after, before)
-    return LongRun(samples, False, drift, late, motion, motion > GROWS and after > MOVES * largest, spent)
-
-
-def _change(before: Array, after: Array) -> float:
-    """Return the r.m.s. difference of two periods over the r.m.s. of the former."""
-    return _over(float(np.sqrt(np.mean((after - before) ** 2))), float(np.sqrt(np.mean(before**2))))
-
-
-def _over(value: float, size: float) -> float:
-    """Return a ratio; zero over zero is zero, as nothing has moved."""
-    return 0.0 if value == 0.0 else value / size if size != 0.0 else math.inf
-
-
 def loops(
     place: Place, settings: Settings, seeds: Sequence[int], noise_um: float, runs: int, progress: Progress = quiet
 ) -> pd.DataFrame:
     """Close the loop around each model of the paper's actuator; write ``loops.csv`` and ``loops.md``.
 
-    Models that are neither ``phs`` nor a rival are left out: they have no form that takes single samples.
+    Models that are neither ``phs`` nor a rival are left out: they have no form that takes single samples. A model that
+    was not fitted or cannot be stepped has a row with the reason in ``why``.
 
     Raises:
         InputRefused: no model is left.
         SolverFailed: the actuator could not be simulated.
     """
 
-    def run(stepper: Stepper, base: dict[str, float], seed: int) -> Iterator[dict[str, Any]]:
-        stiffness = base["k"] / base["alpha"]
-        drawn = drawn_loops(runs, (_LENGTH, stepper.dt), PEAK, _HIGHEST_HZ, stiffness, seed)
-        yield asdict(closed(stepper, drawn, 1.0 / stiffness))
-
-    return _each(place, "loops", settings, (seeds, noise_um), run, loops_page, progress)
-
-
-def long(
-    place: Place, settings: Settings, seeds: Sequence[int], noise_um: float, size: tuple[int, int],
-    progress: Progress = quiet,
-) -> pd.DataFrame:  # fmt: skip
-    """Run each model of the paper's actuator freely; write ``long.csv`` and ``long.md``, as `loops` does.
-
-    Args:
-        size: samples of a run, and how many runs of each model.
-    """
-    samples, drives = size
-    # Models on a grid of their own have longer intervals.
-    least = LEAST * round(PERIOD / DT)
-    if samples < least:
-        raise InputRefused(f"samples = {samples}: give {least} or more, {LEAST} periods of the voltage")
-
-    def run(stepper: Stepper, base: dict[str, float], seed: int) -> Iterator[dict[str, Any]]:
-        for drive in range(drives):
-            # Outputs of a model that diverges may overflow before they are counted.
-            with np.errstate(over="ignore", invalid="ignore"):
-                done = long_run(stepper, drawn_drive(PEAK, seed, drive), base["alpha"] / base["k"], samples)
-            yield {"drive": drive, **asdict(done)}
-
-    return _each(place, "long", settings, (seeds, noise_um), run, partial(long_page, size=size), progress)
-
-
-def _each(
-    place: Place, study: str, settings: Settings, draws: tuple[Sequence[int], float],
-    run: Callable[[Stepper, dict[str, float], int], Iterator[dict[str, Any]]],
-    page: Callable[[pd.DataFrame, Settings, str], str], progress: Progress,
-) -> pd.DataFrame:  # fmt: skip
-    """Fit each model that takes single samples to recordings of each seed, and run it; write csv and page after each.
-
-    A model that cannot be stepped or was not fitted has a row with the reason in ``why``.
-    """
     models = [m for m in settings.models if m in (PHS, *NAMES)]
     if not models:
         raise InputRefused(f"models: none of {', '.join(settings.models)} takes single samples: name {PHS} or a rival")
     began, rows = time.process_time(), list[dict[str, Any]]()
-    for seed in draws[0]:
+    for seed in seeds:
         folder = (place / f"{PHS}_{seed}" / "recordings").own_folder()
-        write_truth(folder, PHS, seed, comparison_plan(), draws[1])
+        write_truth(folder, PHS, seed, comparison_plan(), noise_um)
         campaign = read(folder)
         for model in models:
             progress(f"seed {seed}: {model}")
             row: dict[str, Any] = {"seed": seed, "model": model, "dt_s": math.nan, "why": ""}
+            stiffness = base_of(seed)["k"] / base_of(seed)["alpha"]
             try:
-                stepper = fitted_stepper(campaign, model, settings, seed)
-                rows += [row | {"dt_s": stepper.dt} | found for found in run(stepper, base_of(seed), seed)]
+                if model == PHS:
+                    own = identify(None, campaign, replace(settings.options, seed=seed, workers=1)).model
+                    stepper: Stepper = CompiledStepper(own, DT)
+                else:
+                    fitted = rival(model).fit(campaign.recordings, settings.budget, seed)
+                    stepper = fitted.stepper(fitted.dt or DT)
+                drawn = drawn_loops(runs, (_LENGTH, stepper.dt), PEAK, _HIGHEST_HZ, stiffness, seed)
+                rows.append(row | {"dt_s": stepper.dt} | asdict(closed(stepper, drawn, 1.0 / stiffness)))
             except (SolverFailed, OutputFailed) as error:
                 rows.append(row | {"why": str(error)})
             table, spent = pd.DataFrame(rows), f"{time.process_time() - began:.0f} processor seconds"
-            (place / f"{study}.csv").write(table.to_csv(index=False).encode())
-            (place / f"{study}.md").write(page(table, settings, spent).encode())
+            (place / "loops.csv").write(table.to_csv(index=False).encode())
+            (place / "loops.md").write(loops_page(table, settings, spent).encode())
     return pd.DataFrame(rows)
-
-
-def fitted_stepper(campaign: Campaign, model: str, settings: Settings, seed: int) -> Stepper:
-    """Fit a model to a campaign, and return it sample by sample; at 1e-4 s where any interval serves.
-
-    Raises:
-        SolverFailed: the model could not be fitted.
-        OutputFailed: nothing compiles the port-Hamiltonian model.
-    """
-    if model == PHS:
-        options = replace(settings.options, seed=seed, workers=1)
-        return CompiledStepper(identify(None, campaign, options).model, DT)
-    fitted = rival(model).fit(campaign.recordings, settings.budget, seed)
-    return fitted.stepper(fitted.dt or DT)
-
-
-def _how_fitted(table: pd.DataFrame, settings: Settings) -> str:
-    listed = ", ".join(str(s) for s in dict.fromkeys(table["seed"]))
-    return (
-        f"Each model was fitted to four recordings of the paper's actuator (seeds {listed}; {settings.budget:g} "
-        "processor seconds for each rival)"
-    )
 
 
 def loops_page(table: pd.DataFrame, settings: Settings, spent: str) -> str:
     """Return the page of counts by model."""
-    table = table.reindex(columns=[*table.columns, *(n for n in asdict(Counts()) if n not in table.columns)])
-    sums = table.groupby("model", sort=False)[list(asdict(Counts()))].sum()
+    counts = list(asdict(Counts()))
+    sums = table.reindex(columns=["model", *counts]).groupby("model", sort=False)[counts].sum()
     body = [[HEADS[str(model)], *(f"{x:.0f}" for x in row)] for model, row in zip(sums.index, sums.values, strict=True)]
+    listed = ", ".join(str(s) for s in dict.fromkeys(table["seed"]))
     words = (
-        f"{_how_fitted(table, settings)} and then met a spring of a tenth to three times the "
+        f"Each model was fitted to four recordings of the paper's actuator (seeds {listed}; {settings.budget:g} "
+        "processor seconds for each rival) and then met a spring of a tenth to three times the "
         f"actuator's stiffness. Runs of {_LENGTH:g} s, from rest under another voltage than that at which the drive "
         f"begins; {spent}."
     )
     heads = ["model", "runs", "diverged", "of these without a solution", "moved more after the drive"]
     return "\n".join(["# Models in a loop with a compliant load", "", words, "", *markdown_table(heads, body), ""])
-
-
-def long_page(table: pd.DataFrame, settings: Settings, spent: str, size: tuple[int, int]) -> str:
-    """Return the page of counts, largest drift and motion, and processor time by model."""
-    body = [_line(str(model), own) for model, own in table.groupby("model", sort=False)]
-    words = (
-        f"{_how_fitted(table, settings)} and then ran freely over {size[0]:,} samples, "
-        f"{'once under a' if size[1] == 1 else f'{size[1]} times under another'} periodic voltage, from rest "
-        f"under another voltage, which jumps to the drive at the first sample. For the last tenth the voltage is zero. "
-        f"Drift: r.m.s. difference between the periods of {PERIOD:g} s at a hundredth of the run and at the end of the "
-        f"drive, over the output's r.m.s.; above {DRIFTED:g}, ten times what the port-Hamiltonian model leaves in "
-        f"200,000 samples, a model drifted. Late drift: the same from the middle of the drive to its end. Motion: "
-        f"r.m.s. about the mean in the last quarter of the rest over that in the first. All three are the largest of "
-        f"all runs; {spent}."
-    )
-    heads = [
-        "model", "interval [ms]", "runs", "diverged", "after samples", "drifted", "drift", "late drift",
-        "gained motion", "motion", "processor seconds", "µs a sample",
-    ]  # fmt: skip
-    return "\n".join(["# Models over long runs", "", words, "", *markdown_table(heads, body), ""])
-
-
-def _line(model: str, rows: pd.DataFrame) -> list[str]:
-    own = rows[rows["why"] == ""]
-    if own.empty:
-        return [HEADS[model], DASH, "0", "0", DASH, "0", DASH, DASH, "0", DASH, "0", DASH]
-    gone = own["diverged"].astype(bool)
-    lost, complete = own[gone], own[~gone]
-
-    def largest(name: str) -> str:
-        return DASH if own[name].isna().all() else f"{own[name].max():.2g}"
-
-    return [
-        HEADS[model],
-        ", ".join(dict.fromkeys(f"{1e3 * dt:.3g}" for dt in own["dt_s"])),
-        str(len(own)),
-        str(len(lost)),
-        DASH if lost.empty else f"{int(lost['samples'].min()):,}",
-        str(int((own["drift"] > DRIFTED).sum())),
-        largest("drift"),
-        largest("late"),
-        str(int(own["gained"].sum())),
-        largest("motion"),
-        f"{own['seconds'].sum():.3g}",
-        DASH if complete.empty else f"{1e6 * complete['seconds'].sum() / complete['samples'].sum():.3g}",
-    ]

@@ -10,14 +10,21 @@ from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from recordings_example import output, play, refused, sine, write, write_sine
 
+from phnn.errors import InputRefused
+from phnn.identification.prepare import prepare
+from phnn.models.network_file import load_network
 from phnn.recordings import read
+from phnn.recordings.recording import unrecorded
 from phnn.recordings.units import QUANTITIES, accepted, by_pint, find_unit, known_unit, parse_name, suits, to_si
+from phnn.setup import Setup
+from phnn.trajectory import simulate
 
 
 def good() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -132,18 +139,17 @@ def test_name_that_only_resembles_a_quantity_is_left_alone(tmp_path: Path) -> No
     assert any("voltage_monitor" in note for note in campaign.notes)
 
 
-def test_small_jitter_is_put_on_a_grid(tmp_path: Path) -> None:
+def test_samples_that_jitter_keep_their_instants(tmp_path: Path) -> None:
     t, _ = sine(10.0, 75.0)
-    jittered = t + np.random.default_rng(1).uniform(-0.009, 0.009, t.size) * t[1]
+    jittered = t + np.random.default_rng(1).uniform(-0.3, 0.3, t.size) * t[1]
     u = 75.0 * np.sin(2.0 * np.pi * 10.0 * jittered)
     write(tmp_path / "a.csv", jittered, u, 1e-6 * u)
     campaign = read(tmp_path)
     r = campaign.recordings[0]
     assert any("jitters" in note for note in campaign.notes)
-    assert np.allclose(np.diff(r.t), r.dt, rtol=1e-9)
-    truth = 75.0 * np.sin(2.0 * np.pi * 10.0 * (r.t + jittered[0]))
-    # the grid's phase is known to a hundredth of an interval
-    assert np.abs(r.u - truth).max() < 75.0 * 2.0 * np.pi * 10.0 * 0.012 * t[1]
+    assert np.allclose(r.t, jittered - jittered[0], rtol=0.0, atol=1e-12)
+    assert np.array_equal(r.u, u)
+    assert r.clock is not None
 
 
 def test_rounded_times_are_no_jitter(tmp_path: Path) -> None:
@@ -278,8 +284,6 @@ def test_tdms_without_its_package_names_the_extra(tmp_path: Path, monkeypatch: p
 
 
 def test_datasets_of_a_group_by_name(tmp_path: Path) -> None:
-    import h5py
-
     with h5py.File(tmp_path / "a.h5", "w") as file:
         for name, column in zip(("T", "V1", "V2"), made().T, strict=True):
             file[f"scope/{name}"] = column
@@ -329,3 +333,215 @@ def test_prediction_needs_no_output(tmp_path: Path) -> None:
     r = read(tmp_path, need_output=False).recordings[0]
     assert np.isnan(r.y).all()
     np.testing.assert_array_equal(r.u, made()[:, 1])
+
+
+NETWORK = """junctions: {mass: 1}
+elements:
+  q: {type: C, junction: mass, law: spring, parameters: [k], unit: m}
+  p: {type: I, junction: mass, law: capacitor, parameters: [m], unit: kg m/s}
+  damper: {type: R, junction: mass, law: linear, parameters: [b], direction: resistance}
+  force: {type: Se, junction: mass, unit: N}
+parameters:
+  k: {value: 400.0, unit: N/m, positive: true}
+  m: {value: 0.9, unit: kg, positive: true}
+  b: {value: 4.0, unit: N s/m, positive: true}
+output: q
+"""
+STEP = 0.01
+N = np.arange(600)
+FORCE, PLACE = 7.0 * np.sin(1.9 * N * STEP), 31.0 * np.sin(1.9 * N * STEP - 0.3)
+NOISY = PLACE + 0.02 * np.random.default_rng(3).standard_normal(N.size)
+
+
+def rig(folder: Path, text: str, columns: str = "", more: str = "") -> None:
+    """Write a recording of a mass on a spring, its network and its manifest."""
+    (folder / "rig.yaml").write_text(NETWORK)
+    (folder / "a.csv").write_text(text)
+    said = columns or "{input: {column: force_N, unit: N}, output: {column: place_mm, unit: mm}}"
+    (folder / "recordings.yaml").write_text(f"setup: {{network: rig.yaml}}\ncolumns: {said}\n{more}")
+
+
+def rows(t: np.ndarray, u: np.ndarray, y: np.ndarray, head: str = "time_s,force_N,place_mm", form: str = "%.4f") -> str:
+    """Return a csv."""
+    return "\n".join(
+        [head, *(",".join([form % a, f"{b:.5f}", f"{c:.5f}"]) for a, b, c in zip(t, u, y, strict=True)), ""]
+    )
+
+
+def test_words_dates_and_footers_stand_beside_numbers(tmp_path: Path) -> None:
+    stamps = np.datetime64("2031-05-06T23:59:58.500") + (10 * N).astype("timedelta64[ms]")
+    text = [f"{str(s).replace('T', ' ')}+02:00,{u:.5f},{y:.5f},{'up' if u > 0 else 'down'},"
+            for s, u, y in zip(stamps, FORCE, NOISY, strict=True)]  # fmt: skip
+    rig(tmp_path, "\n".join(["when,force_N,place_mm,phase", *text, "end of file,,,,"]) + "\n")
+    campaign = read(tmp_path)
+    (r,) = campaign.recordings
+    assert r.t.size == N.size and r.dt == pytest.approx(STEP, rel=1e-9)
+    np.testing.assert_allclose(r.y, 1e-3 * np.round(NOISY, 5), rtol=1e-12)
+    assert all(any(word in note for note in campaign.notes) for word in ("phase", "when: dates", "end of file"))
+
+
+@pytest.mark.parametrize(("cell", "value"), [("-1.234,50", -1234.5), ("1.234", None)])
+def test_a_point_among_decimal_commas_is_thousands_or_refused(tmp_path: Path, cell: str, value: float | None) -> None:
+    body = [f"{i / 100:.2f};{u:.5f};{y:.5f}".replace(".", ",") for i, u, y in zip(N, FORCE, 100.0 * NOISY, strict=True)]
+    body[300] = f"3,00;{cell};{body[300].split(';')[2]}"
+    rig(tmp_path, "\n".join(["time;force;place", "s;N;mm", *body, ""]), "{input: {column: 1}, output: {column: 2}}")
+    if value is None:
+        refused(tmp_path, "row 301", "1.234", "thousand")
+    else:
+        assert read(tmp_path).recordings[0].u[300] == value
+
+
+def test_a_row_of_units_that_contradicts_a_name_is_refused(tmp_path: Path) -> None:
+    rig(tmp_path, rows(N * STEP, FORCE, NOISY, "time_s,force_N,place_mm\ns,kN,mm"))
+    refused(tmp_path, "line 2", "force_N", "kN")
+
+
+def test_the_model_is_evaluated_at_the_stamps(tmp_path: Path) -> None:
+    t = np.sort(N * STEP + np.random.default_rng(5).uniform(-0.4, 0.4, N.size) * STEP)
+    t -= t[0]
+    rig(tmp_path, rows(t, 7.0 * np.sin(1.9 * t), NOISY, form="%.9f"))
+    (r,) = read(tmp_path).recordings
+    np.testing.assert_allclose(r.t, t, atol=1e-9)
+    setup = Setup(load_network(tmp_path / "rig.yaml"), name="rig")
+    fine = np.linspace(0.0, t[-1], 20 * N.size)
+    exact = simulate(setup, unrecorded("fine", fine, 7.0 * np.sin(1.9 * fine)), 2).y
+    found = simulate(setup, r, 8).y
+    assert np.abs(found - np.interp(t, fine, exact)).max() < 2e-4 * np.ptp(exact)
+
+
+def test_rows_twice_swapped_and_missing_are_repaired_with_a_word(tmp_path: Path) -> None:
+    order = np.delete(N, [200, 201, 202])
+    order[[90, 91]] = order[[91, 90]]
+    order = np.insert(order, 50, order[49])
+    rig(tmp_path, rows(order * STEP, FORCE[order], NOISY[order]))
+    campaign = read(tmp_path)
+    np.testing.assert_allclose(campaign.recordings[0].t, STEP * np.delete(N, [200, 201, 202]), atol=1e-9)
+    for words in ("1 times go back, the first at row 9", "1 rows repeat", "1 intervals are longer"):
+        assert any(words in note for note in campaign.notes), words
+    rig(tmp_path, rows(np.insert(N, 50, 49) * STEP, np.insert(FORCE, 50, 1.0), np.insert(NOISY, 50, NOISY[50])))
+    refused(tmp_path, "row 51", "two rows with one time")
+
+
+@pytest.mark.parametrize("every", [4, 7])
+def test_a_held_output_counts_where_it_was_sampled(tmp_path: Path, every: int) -> None:
+    rig(tmp_path, rows(N * STEP, FORCE, NOISY[N - N % every]))
+    campaign = read(tmp_path)
+    (r,) = campaign.recordings
+    assert r.seen is not None and np.array_equal(np.flatnonzero(r.seen), N[::every])
+    assert any(f"every {every}th row" in note for note in campaign.notes)
+    assert 0.5 * 2e-5 < r.noise < 2.0 * 2e-5
+
+
+def test_two_rates_in_one_file_are_read_where_the_input_is_held(tmp_path: Path) -> None:
+    t = np.concatenate([np.arange(0.0, 60.0, 1.0), np.arange(60.0, 64.0, 0.05), np.arange(64.0, 140.0, 1.0)])
+    u = np.where((t >= 60.0) & (t < 64.0), 5.0, 0.0)
+    rig(tmp_path, rows(t, u, 10.0 * u + 0.1 * np.sin(t)), more="input: zero_order\n")
+    assert read(tmp_path).recordings[0].t[-1] == pytest.approx(139.0)
+
+
+def test_channels_of_two_clocks_are_aligned_or_refused(tmp_path: Path) -> None:
+    from nptdms import ChannelObject, TdmsWriter
+
+    def written(dated: bool) -> None:
+        start = np.datetime64("2030-01-01T00:00:00.000")
+        late = {"wf_start_time": start + np.timedelta64(70, "ms")} if dated else {}
+        with TdmsWriter(tmp_path / "a.tdms") as writer:
+            writer.write_segment([
+                ChannelObject("g", "force_N", FORCE, {"wf_increment": STEP, "wf_start_time": start}),
+                ChannelObject("g", "place_mm", NOISY, {"wf_increment": STEP, **late}),
+            ])  # fmt: skip
+
+    rig(tmp_path, "")
+    (tmp_path / "a.csv").unlink()
+    written(dated=True)
+    (r,) = read(tmp_path).recordings
+    np.testing.assert_allclose(r.u, FORCE[7:], rtol=1e-12)
+    np.testing.assert_allclose(r.y, 1e-3 * NOISY[:-7], rtol=1e-12)
+    written(dated=False)
+    refused(tmp_path, "clocks of their own", "force_N", "place_mm")
+
+
+@pytest.mark.parametrize(("fault", "words", "key"), [
+    ("mark", ("row 124", "-999", "missing: [-999]"), "missing: -999"),
+    ("glitch", ("row 124", "glitches"), "missing: glitches"),
+    ("wrap", ("row", "unwrap: 360"), "unwrap: 360"),
+    ("hole", ("row 124", "missing: empty"), "missing: empty"),
+])  # fmt: skip
+def test_marks_glitches_and_wraps_are_named_and_masked_by_a_key(
+    tmp_path: Path, fault: str, words: tuple[str, ...], key: str
+) -> None:
+    y = NOISY.copy()
+    if fault == "wrap":
+        y = np.mod(np.cumsum(40.0 + PLACE), 360.0)
+    else:
+        y[123] = {"mark": -999.0, "glitch": 77.0, "hole": np.nan}[fault]
+    text = rows(N * STEP, FORCE, y).replace("nan", "")
+    rig(tmp_path, text)
+    refused(tmp_path, "a.csv", *words)
+    rig(tmp_path, text, f"{{input: {{column: force_N, unit: N}}, output: {{column: place_mm, unit: mm, {key}}}}}")
+    (r,) = read(tmp_path).recordings
+    truth = np.cumsum(40.0 + PLACE) if fault == "wrap" else NOISY
+    seen = np.ones(N.size, dtype=bool) if r.seen is None else r.seen
+    assert seen.sum() == N.size - (fault != "wrap")
+    np.testing.assert_allclose((r.y - r.y[0])[seen], 1e-3 * (truth - truth[0])[seen], atol=2e-8)
+
+
+@pytest.mark.parametrize(("unit", "words"), [
+    ("mm/s", "derivative: true"), ("m/s2", "second_derivative: true"), ("N s", "output: p"), ("degC", "correct"),
+])  # fmt: skip
+def test_an_output_of_another_dimension_is_refused(tmp_path: Path, unit: str, words: str) -> None:
+    rig(
+        tmp_path,
+        rows(N * STEP, FORCE, NOISY),
+        f"{{input: {{column: 1, unit: N}}, output: {{column: 2, unit: {unit}}}}}",
+    )
+    with pytest.raises(InputRefused, match=words):
+        prepare(read(tmp_path))
+
+
+def test_signals_and_experiments_of_matlab_are_found_by_their_names(tmp_path: Path) -> None:
+    import scipy.io
+
+    rig(tmp_path, "")
+    (tmp_path / "a.csv").unlink()
+    signals = [{"Name": n, "Data": x, "Unit": u} for n, x, u in (("F/1", FORCE, "N"), ("P 2", NOISY, "mm"))]
+    scope = {"X": {"Name": "", "Data": N * STEP, "Unit": "s"}, "Y": np.array(signals, dtype=object)}
+    scipy.io.savemat(tmp_path / "a.mat", {"rec": scope})
+    said = "setup: {network: rig.yaml}\ncolumns: {input: {column: F/1}, output: {column: P 2}}\n"
+    (tmp_path / "recordings.yaml").write_text(said)
+    np.testing.assert_allclose(read(tmp_path).recordings[0].y, 1e-3 * NOISY, rtol=1e-12)
+    cells = np.empty(2, dtype=object)
+    cells[:] = [{"time_s": N[:n] * STEP, "force_N": FORCE[:n], "place_mm": NOISY[:n]} for n in (400, 600)]
+    scipy.io.savemat(tmp_path / "a.mat", {"runs": cells})
+    (tmp_path / "recordings.yaml").write_text(
+        said.replace("F/1", "force_N, unit: N").replace("P 2", "place_mm, unit: mm")
+    )
+    assert [r.t.size for r in read(tmp_path).recordings] == [400, 600]
+
+
+def test_what_stands_beside_a_dataset_is_taken_over(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["time_s"], file["voltage_V"] = N * STEP, FORCE
+        file["displacement"] = np.round(NOISY * 100.0).astype(np.int16)
+        file["displacement"].attrs.update({"units": "um", "scale_factor": 0.01, "_FillValue": -32768})
+    np.testing.assert_allclose(read(tmp_path).recordings[0].y, 1e-6 * np.round(NOISY, 2), atol=1e-14)
+    with h5py.File(tmp_path / "a.h5", "a") as file:
+        file["voltage_V"].attrs["units"] = "mV"
+    refused(tmp_path, "the name says V", "mV")
+
+
+def test_a_long_recording_is_thinned_by_what_its_signals_need(tmp_path: Path) -> None:
+    t = np.arange(250_000) * 1e-4
+    y = 3e-5 * np.sin(11.0 * t - 0.2) + 2e-8 * np.random.default_rng(2).standard_normal(t.size)
+    np.savez(tmp_path / "a.npz", time_s=t, voltage_V=30.0 * np.sin(11.0 * t), displacement_m=y)
+    campaign = read(tmp_path)
+    assert campaign.recordings[0].t.size == 50_000 and any("one in 5 is used" in n for n in campaign.notes)
+    np.savez(tmp_path / "a.npz", time_s=t, voltage_V=np.sign(np.sin(2900.0 * t)), displacement_m=y)
+    assert any("see `slice`" in n for n in read(tmp_path).notes)
+
+
+def test_two_time_columns_in_a_text_are_refused_with_both(tmp_path: Path) -> None:
+    body = [f",{i * STEP:.3f},{u:.4f},{0.8 * i * STEP:.4f},{y:.4f}" for i, u, y in zip(N, FORCE, NOISY, strict=True)]
+    head = ["Start,10:00:01,,10:00:02,", "Interval,0.01,,0.008,", "Channel,Force,,Place,", "Unit,s,N,s,mm"]
+    rig(tmp_path, "\n".join([*head, *body, ""]), "{input: {column: 2, unit: N}, output: {column: 4, unit: mm}}")
+    refused(tmp_path, "two clocks", "Force [s]", "Place [s]")

@@ -14,7 +14,6 @@ from recordings_example import output, refused, sine
 
 from phnn.intake.files import named_file
 from phnn.recordings import read
-from phnn.recordings.json_files import read_json
 from phnn.recordings.text_files import read_text
 
 T, U = sine(10.0, 75.0, samples=120)
@@ -167,14 +166,17 @@ def with_record(value: str) -> str:
     return ("[\n" + ",\n".join(rows) + "\n]").replace('"@"', value)
 
 
+NO_JSON = ("0x1p3", "1_0", "01", ".5", "1.", "+1", "1,5.5.5")
+
+
 @pytest.mark.parametrize(
     "value", ['"1.5"', '"1,5"', "true", "[1]", "{}", "0x1p3", "1_0", "01", ".5", "1.", "+1", "1,5.5.5"]
 )
 def test_a_sample_that_is_no_number_is_named(tmp_path: Path, value: str) -> None:
     (tmp_path / "a.json").write_text(with_value(value))
-    refused(tmp_path, "a.json", "line 1, column")
+    refused(tmp_path, "a.json", "line 1, column" if value in NO_JSON else "row 8")
     (tmp_path / "a.json").write_text(with_record(value))
-    refused(tmp_path, "a.json", "line 9" if value not in ("[1]", "{}") else "line", "8" if value != "{}" else "")
+    refused(tmp_path, "a.json", "line 9" if value in NO_JSON else "row 8")
 
 
 @pytest.mark.parametrize("value", ["null", "NaN", "Infinity", "1e999", "9" * 400])
@@ -186,22 +188,22 @@ def test_a_missing_sample_is_refused_with_its_row(tmp_path: Path, value: str, fo
 
 WRONG = {
     "unequal": (json.dumps({**ARRAYS, "voltage_V": U.tolist()[1:]}), "unequal"),
-    "a key twice": (JSON["arrays"].replace("displacement_m", "voltage_V"), "second time"),
+    "a key twice": (JSON["arrays"].replace("displacement_m", "voltage_V"), "twice"),
     "a key twice in a record": (JSON["records"].replace("displacement_m", "voltage_V", 1), "twice"),
     "a record without a key": (json.dumps([*RECORDS[:5], {"time_s": 1.0, "voltage_V": 0.0}]), "record 6"),
     "a record with one more": (json.dumps([*RECORDS[:5], {**RECORDS[5], "x": 1}]), "'x'"),
-    "two documents": (JSON["arrays"] * 2, "behind the end"),
+    "two documents": (JSON["arrays"] * 2, "Extra data"),
     "no value": ('{"a": }', "not json"),
-    "no colon": ('{"a" [1]}', "belongs"),
-    "a text": ('"abc"', "neither an object nor a list"),
-    "prose": ("not json at all", "neither an object nor a list"),
-    "no end": (JSON["arrays"][:-1], "belongs"),
-    "no end of an array": (JSON["arrays"][:-2], "no end"),
-    "no end of a text": ('{"a', "closed text"),
+    "no colon": ('{"a" [1]}', "not json"),
+    "a text": ('"abc"', "without arrays of numbers"),
+    "prose": ("not json at all", "not json"),
+    "no end": (JSON["arrays"][:-1], "not json"),
+    "no end of an array": (JSON["arrays"][:-2], "not json"),
+    "no end of a text": ('{"a', "not json"),
     "deep": ('{"a":' * 10_000 + "1" + "}" * 10_000, "deep"),
-    "deep lists": ('{"a":' + "[" * 10**6 + "]" * 10**6 + "}", "line 1"),
-    "a huge other value": ('{"a": ["' + "x" * 3_000_000 + '"]}', "no array of numbers"),
-    "a huge record": ('[{"a": "' + "x" * 3_000_000 + '"}]', "record 1"),
+    "deep lists": ('{"a":' + "[" * 10**6 + "]" * 10**6 + "}", "deep"),
+    "a huge other value": ('{"a": ["' + "x" * 3_000_000 + '"]}', "without arrays of numbers"),
+    "a huge record": ('[{"a": "' + "x" * 3_000_000 + '"}]', "without arrays of numbers"),
     "many keys": ("{" + ",".join(f'"k{i}": 1' for i in range(20_000)) + "}", "10000"),
     "brackets": ("[" * 10**6, "a.json"),
     "empty object": ("{}", "a.json"),
@@ -224,24 +226,3 @@ def test_json_recordings_are_bounded_in_size(tmp_path: Path) -> None:
     with (tmp_path / "a.json").open("wb") as file:
         file.truncate(70 * 2**20)
     refused(tmp_path, "a.json", "json recording", "67.1 MB")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("form", ["arrays", "records"])
-def test_long_json_takes_little_memory(tmp_path: Path, form: str) -> None:
-    count = 100_000
-    one = '{"time_s":%d,"voltage_V":0.5}'
-    content = (
-        '{"time_s":[' + ",".join("1" * count) + '],"voltage_V":[' + ",".join("2" * count) + "]}"
-        if form == "arrays"
-        else "[" + ",".join(one % i for i in range(count)) + "]"
-    )
-    (tmp_path / "a.json").write_text(content)
-    source = named_file(tmp_path / "a.json")
-    tracemalloc.start()
-    found = read_json(source)
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert found.numbers(1).size == count
-    # The block in hand takes up to 100 MB, whatever the size of the file.
-    assert peak < 8 * source.size + 10**8

@@ -147,13 +147,15 @@ def test_a_heavy_mass_without_a_unit_is_doubted(tmp_path: Path) -> None:
     ("header", "stated"),
     [("pos [um]", "nm"), ("pos_um", "nm"), ("weg (nm)", "um"), ("displacement_um", "nm")],
 )
-def test_a_unit_that_contradicts_the_name_is_refused(header: str, stated: str, tmp_path: Path) -> None:
+def test_the_unit_of_the_manifest_wins_over_the_name_and_that_is_said(header: str, stated: str, tmp_path: Path) -> None:
     u, y = loops(tmp_path)
     (tmp_path / "loops.dat").unlink()
     table = np.column_stack([np.arange(u.size) / 4000, u, 1e6 * y])
     np.savetxt(tmp_path / "a.csv", table, delimiter=",", header=f"time_s,voltage_V,{header}", comments="")
     manifest(tmp_path, f"columns: {{displacement: {{column: 2, unit: {stated}}}}}\n")
-    refused(tmp_path, "the name says", stated, "scale")
+    campaign = read(tmp_path)
+    assert np.allclose(campaign.recordings[0].y, {"nm": 1e-9, "um": 1e-6}[stated] * 1e6 * y)
+    assert any("the file says" in note and f"recordings.yaml says {stated}" in note for note in campaign.notes)
     manifest(tmp_path, f"columns: {{displacement: {{column: 2, unit: {stated}, scale: 2}}}}\n")
     assert np.allclose(read(tmp_path).recordings[0].y, {"nm": 2e-9, "um": 2e-6}[stated] * 1e6 * y)
     manifest(tmp_path, "columns: {displacement: {column: 2}}\n")

@@ -11,10 +11,8 @@ from dataclasses import replace
 from phnn.errors import InputRefused
 from phnn.recordings.adapters.collected import given
 from phnn.recordings.adapters.given import Given
-from phnn.recordings.columns import Column
 from phnn.recordings.manifest import Entry, Manifest
 from phnn.recordings.table import Table, beside
-from phnn.recordings.units import QUANTITIES, check_unit, parse_name
 from phnn.recordings.values import shown
 
 
@@ -49,40 +47,13 @@ def _described(entry: Entry, by_name: Mapping[str, Given]) -> tuple[Entry, Table
     table = beside([one.table for one in several])
     if entry.axes:
         raise InputRefused(f"{table.where}: `axes` describe a .npy array: leave them out, and give columns")
-    units = {name: unit for one in several for name, unit in one.units.items()}
     first = several[0]
     return replace(
         entry,
         name=entry.name or first.name,
         use=entry.use or first.use,
         sample_rate_hz=entry.sample_rate_hz or first.sample_rate_hz,
-        columns=_with_units(entry.columns, units, table),
-        ports={n: _with_unit(c, "input", units, table) for n, c in entry.ports.items()},
-        outputs={n: _with_unit(c, "output", units, table) for n, c in entry.outputs.items()},
     ), table
-
-
-def _with_units(columns: Mapping[str, Column], units: Mapping[str, str], table: Table) -> dict[str, Column]:
-    """The manifest's columns by quantity, those of other quantities by their names, with the units of the objects."""
-    found = {quantity: _with_unit(column, quantity, units, table) for quantity, column in columns.items()}
-    for name in table.names:
-        parsed = parse_name(name)
-        if parsed is not None and parsed[1] is None and name in units:
-            stated = found.get(parsed[0], Column())
-            if stated.place is None:
-                found[parsed[0]] = _with_unit(replace(stated, place=name), parsed[0], units, table)
-    assert set(found) <= set(QUANTITIES)
-    return found
-
-
-def _with_unit(column: Column, quantity: str, units: Mapping[str, str], table: Table) -> Column:
-    """A column with the unit that its object states, where the manifest states none."""
-    if column.unit is not None or column.place is None:
-        return column
-    name = table.names[table.find(column.place)]
-    return (
-        replace(column, unit=check_unit(quantity, units[name], f"{table.where}: {name}")) if name in units else column
-    )
 
 
 __all__ = ["Given", "described", "given"]

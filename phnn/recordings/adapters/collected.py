@@ -132,7 +132,9 @@ def given_frame(frame: Any, name: str = "") -> Given:
 
 def _time(index: Any) -> tuple[str, np.ndarray] | None:
     """Name and numbers of an index of times; None where it only counts rows."""
-    values = np.asarray(index)
+    index = index.to_timestamp() if hasattr(index, "to_timestamp") else index
+    zoned = getattr(index, "tz", None) is not None
+    values = np.asarray(index.tz_convert(None) if zoned else index)
     elapsed = seconds(values)
     if elapsed is not None:
         return "time_s", elapsed

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from phnn.recordings.table import Table, Where
+from phnn.recordings.table import Table, Where, with_stamps
 from phnn.recordings.values import choice, number
 from phnn.results import printable
 
@@ -22,14 +22,12 @@ class Given:
     Attributes:
         name: of the recording; empty where the object has none.
         table: its columns.
-        units: of columns, by name, where the name does not tell.
         use: ``"identification"``, ``"confirmation"`` or None.
         sample_rate_hz: where no column is a time.
     """
 
     name: str
     table: Table
-    units: Mapping[str, str] = field(default_factory=dict)
     use: str | None = None
     sample_rate_hz: float | None = None
 
@@ -44,8 +42,7 @@ def given_of(attributes: Mapping[Any, Any], table: Table, units: Mapping[str, st
     use, rate = attributes.get("use"), attributes.get("sample_rate_hz")
     return Given(
         name or printable(str(attributes.get("name", ""))),
-        table,
-        units,
+        with_stamps(replace(table, units=units)),
         None if use is None else choice(use, USES, f"{where}['use']"),
         None if rate is None else number(plain(rate), f"{where}['sample_rate_hz']", above=0.0),
     )

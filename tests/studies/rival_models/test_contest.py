@@ -1,47 +1,38 @@
-"""The studies of rivals: what they make and conclude; models in a closed loop and free over many samples."""
+"""The studies of rivals: what they make and conclude, the use of recordings, and models in a closed loop."""
 
 from __future__ import annotations
 
 import csv
+import json
 import os
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
+import compare_example as example
 import numpy as np
 import pandas as pd
 import pytest
+from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from phnn.comparison import models
 from phnn.comparison.models import Settings
+from phnn.comparison.run import compare
 from phnn.configuration import compose
-from phnn.errors import InputRefused, OutputFailed, SolverFailed
+from phnn.errors import InputRefused, OutputFailed
 from phnn.model import Model
 from phnn.models.actuator import hrc
 from phnn.recordings import read
-from phnn.results import Place
+from phnn.recordings.recording import Part, Recording, Start
 from phnn.setup import Setup
 from studies.generator.plans import sine
-from studies.rival_models.contest import COUNTS, FOLDERS, contest, one_to_one, real_page, run, scarcity_page
+from studies.recordings import TRUTHS, comparison_plan, uses, write_truth
+from studies.rival_models.contest import FOLDERS, one_to_one, run, table_page
 from studies.rival_models.names import register_rivals
 from studies.rival_models.rival import State, Stepper
-from studies.rival_models.runs import (
-    DRIFTED,
-    CompiledStepper,
-    Drive,
-    Loop,
-    closed,
-    closed_path,
-    drawn_drive,
-    drawn_loops,
-    long,
-    long_run,
-)
-from studies.rival_models.truths import TRUTHS, write_truth
+from studies.rival_models.runs import CompiledStepper, Loop, closed, closed_path, drawn_loops
 
-ROOT = Path(__file__).resolve().parents[3]
+Array = NDArray[np.float64]
 PLAN = ({"sine_050Hz_75V": "identification", "sine_020Hz_40V": "confirmation"}, (sine(50.0), sine(20.0, 40.0)))
 QUICK = ("starts=1", "workers=1", "budget=1.5")
 
@@ -72,16 +63,38 @@ def test_a_truth_is_drawn_by_its_seed(truth: str, tmp_path: Path) -> None:
     assert area > 10.0 * noise
 
 
-def test_the_study_of_truths_writes_its_table(tmp_path: Path) -> None:
-    chosen = settings("models=[hammerstein,dahl]")
-    rows = contest("truths", Place(tmp_path), chosen, ["prandtl_ishlinskii"], [4], 0.05)
-    assert list(rows["model"]) == ["dahl", "hammerstein"]
-    with (tmp_path / "truths.csv").open() as file:
+def study(out: Path, **changes: object) -> dict[str, object]:
+    """The settings of a small study."""
+    config = {
+        "study": "table", "out": str(out), "sets": ["prandtl_ishlinskii"], "seeds": [4], "noise_um": 0.05,
+        "folder": None, "runs": 2, "compare": compose("compare", QUICK),
+    }  # fmt: skip
+    return config | changes
+
+
+def test_the_table_is_written_and_read_back(tmp_path: Path) -> None:
+    chosen = compose("compare", [*QUICK, "models=[hammerstein,dahl]"])
+    asked = study(tmp_path, compare=chosen, sets=["prandtl_ishlinskii", "silverbox"], seeds=[4, 5])
+    text = run(asked).read_text()
+    with (tmp_path / "table.csv").open() as file:
         written = list(csv.DictReader(file))
-    assert {(r["truth"], r["seed"], r["budget"]) for r in written} == {("prandtl_ishlinskii", "4", "1.5")}
-    assert float(written[0]["confirmation"]) == pytest.approx(rows["confirmation"][0])
-    text = (tmp_path / "truths.md").read_text()
-    assert "seeds 4" in text and "1.5 processor seconds" in text and "Hammerstein" in text
+    assert [(r["set"], r["seed"], r["model"]) for r in written] == [
+        ("prandtl_ishlinskii", seed, model) for seed in "45" for model in ("dahl", "hammerstein")
+    ]
+    assert "seeds 4, 5" in text and "1.5 seconds of one processor" in text and "silverbox: skipped" in text
+    line = next(x for x in text.splitlines() if x.startswith("| Hammerstein"))
+    assert line.count("±") == 3 and float(line.split("|")[-2]) > 0
+    # Finished models are read back with the time that they took.
+    assert [x for x in run(asked).read_text().splitlines() if x.startswith("| ")] == [
+        x for x in text.splitlines() if x.startswith("| ")
+    ]
+
+
+def test_a_model_that_diverged_says_how_often() -> None:
+    rows = [row("phs", 4, v, v, s) | {"set": "phs", "seconds": 2.0, "evaluations": np.nan, "parameters": 9, "why": ""}
+            for s, v in enumerate((1.0, 3.0, np.inf))]  # fmt: skip
+    text = table_page(pd.DataFrame(rows), settings("models=[phs]"), "")
+    assert "| PHS | 9 | 1.00 ± 0.00 | diverged 1 of 3 | diverged 1 of 3 | 1 | 2 | – |" in text
 
 
 def row(model: str, count: int, inside: float, outside: float, seed: int = 0) -> dict[str, Any]:
@@ -89,49 +102,17 @@ def row(model: str, count: int, inside: float, outside: float, seed: int = 0) ->
     return {"truth": "phs", "seed": seed, "recordings": count, "model": model} | scores
 
 
-def test_recordings_needed_are_the_fewest_from_which_on_all_stay_near_the_noise() -> None:
-    rows = [row("phs", c, v, v) for c, v in zip(COUNTS, (9.0, 1.1, 1.0, 1.0), strict=True)]
-    rows += [row("narx", c, v, v) for c, v in zip(COUNTS, (1.1, 3.0, 1.1, 2.0), strict=True)]
-    lines = scarcity_page(pd.DataFrame(rows), settings("models=[phs]"), "").splitlines()
-    assert next(x for x in lines if x.startswith("| PHS")).endswith("| 2 |")
-    assert next(x for x in lines if x.startswith("| NARX")).endswith("| > 7 |")
-
-
-def test_the_ratio_is_best_of_phnn_over_best_rival() -> None:
-    nan = float("nan")
-    columns = ["recordings", "model", "held_out", "identified", "processor_seconds", "budget", "why_not"]
-    rows = [
-        ("tanks", "base", 6.0, 5.0, 1.0, nan, ""), ("tanks", "diagnosed", 2.0, 2.0, 1.0, nan, ""),
-        ("tanks", "narx", 4.0, 4.0, 1.0, 2.0, ""), ("tanks", "gru", nan, nan, 1.0, 2.0, "no time"),
-    ]  # fmt: skip
-    text = real_page(pd.DataFrame(rows, columns=columns), settings("models=[phs]"))
-    line = next(x for x in text.splitlines() if x.startswith("| tanks"))
-    assert line.endswith("| NARX | 0.50 |")
-    assert "tanks, gru: no time" in text
-    assert "A diagnosis took 1 to 1 processor seconds, and each rival had as many" in text
-
-
 @pytest.mark.parametrize(
     ("change", "needle"),
     [
-        ({"study": "beauty"}, "beauty"), ({"study": "real"}, "folder"), ({"seeds": []}, "seeds"),
-        ({"study": "real", "folder": "nowhere"}, "nowhere"),
-        ({"study": "real", "folder": "x", "only": ["moon"]}, "moon"),
-        ({"study": "real", "folder": "x", "only": "moon"}, "moon"),
-        ({"study": "real", "folder": "x", "diagnoses": "no"}, "neither true nor false"),
+        ({"study": "beauty"}, "beauty"), ({"seeds": []}, "seeds"), ({"sets": "moon"}, "moon"),
         ({"noise_um": "x"}, "noise_um=x"), ({"noise_um": -1}, "noise_um=-1"), ({"seeds": [-1]}, "seeds=-1"),
-        ({"seeds": "x"}, "seeds=x"), ({"study": "loops", "runs": "x"}, "runs=x"), ({"samples": 0.5}, "samples=0.5"),
-        ({"drives": 0}, "drives=0"),
+        ({"seeds": "x"}, "seeds=x"), ({"study": "loops", "runs": "x"}, "runs=x"),
     ],
 )  # fmt: skip
 def test_studies_refuse_what_they_cannot_use(change: dict[str, object], needle: str, tmp_path: Path) -> None:
-    config = {
-        "study": "truths", "out": str(tmp_path / "out"), "truths": ["phs"], "seeds": [0], "noise_um": 0.05,
-        "folder": None, "only": [], "diagnoses": False,
-        "runs": 2, "samples": 20000, "drives": 1, "compare": compose("compare", QUICK),
-    }  # fmt: skip
     with pytest.raises(InputRefused, match=needle):
-        run({**config, **change})
+        run(study(tmp_path / "out", **change))
 
 
 def test_public_recordings_are_read_with_one_input_and_one_output() -> None:
@@ -144,22 +125,6 @@ def test_public_recordings_are_read_with_one_input_and_one_output() -> None:
         assert not any(r.further or r.measures for r in campaign.recordings)
         uses = {p.use for r in campaign.recordings for p in r.parts}
         assert {"identification", "confirmation"} <= uses
-
-
-def script(*arguments: str) -> None:
-    done = subprocess.run([sys.executable, "scripts/rivals.py", *arguments], cwd=ROOT, capture_output=True, text=True)
-    assert done.returncode == 0, done.stderr
-
-
-@pytest.mark.slow
-def test_a_passive_model_repeats_itself_over_a_long_run(tmp_path: Path) -> None:
-    page, out = tmp_path / "page.md", tmp_path / "out"
-    page.write_text("<!-- begin long -->\n<!-- end long -->\n")
-    small = ["seeds=[1]", "samples=200000", "drives=2", "compare.models=[phs,hammerstein]", "compare.budget=4"]
-    script("study=long", f"out={out}", f"page={page}", *small)
-    assert "| PHS | 0.1 | 2 | 0 | – | 0 |" in page.read_text()
-    assert "| Hammerstein | 0.1 | 2 | 0 | – |" in page.read_text()
-    assert len((out / "long.csv").read_text().splitlines()) == 5
 
 
 DT, M, K, ALPHA = 1e-4, 1e-3, 5e4, 5.0
@@ -231,72 +196,62 @@ def test_a_compiled_model_steps_as_it_is_simulated() -> None:
         stepper.run(state, np.array([0.0, np.nan]))
 
 
-INTERVAL, GAIN, SAMPLES, PERIOD = 1e-3, 1e-6, 2500, 100
-SILENT = Drive(np.zeros(3), np.zeros(3), 50.0)
+def used(name: str, use: str, u: Array, dt: float) -> Recording:
+    t = dt * np.arange(u.size)
+    parts = (Part(name, 0, u.size, use),)
+    return Recording(name, t, u, u, Start("rest"), "cubic", parts, 1e-8, "given", np.ones(1), None, {}, f"{name}.csv")
 
 
-class Lag(Stepper):
-    """``x ← pole x + (1 − pole) gain u``; the output's gain grows by ``slope`` a sample."""
-
-    def __init__(self, pole: float, slope: float = 0.0) -> None:
-        self.dt, self._pole, self._slope = INTERVAL, pole, slope
-
-    def rest(self, u: float) -> State:
-        return GAIN * u, 0
-
-    def step(self, state: State, u: float) -> tuple[State, float]:
-        x, n = state
-        x = self._pole * x + (1.0 - self._pole) * GAIN * u
-        return (x, n + 1), x * (1.0 + self._slope * n)
+def tone(use: str, frequency: float, amplitude: float) -> Recording:
+    u = amplitude * np.sin(2 * np.pi * 3.0 * np.arange(600) / 600)
+    return used(f"{frequency:g} Hz {amplitude:g} V", use, u, 3.0 / frequency / 600)
 
 
-def test_a_stable_model_repeats_itself_and_comes_to_rest() -> None:
-    for number in range(3):
-        found = long_run(Lag(0.8), drawn_drive(75.0, 1, number), GAIN, SAMPLES)
-        assert (found.samples, found.diverged, found.gained) == (SAMPLES, False, False)
-        assert found.drift < 1e-9
-        assert found.motion < 1e-9
-        assert found.seconds >= 0.0
+def test_the_plan_of_the_comparison_is_grouped() -> None:
+    stated, plan = comparison_plan()
+    found = uses([used(e.name, stated[e.name], e.voltage(e.t), e.dt) for e in plan])
+    beyond = {n for n, use in found.items() if use == "outside"}
+    assert beyond == {
+        "sine_300Hz_75V", "sine_010Hz_37.5V", "sine_075Hz_37.5V", "sine_150Hz_37.5V", "sine_025Hz_90V",
+    }  # fmt: skip
+    assert {n for n, use in found.items() if use == "confirmation"} == {f"sine_{f:03}Hz_75V" for f in (10, 25, 75)}
 
 
-def test_drift_is_the_difference_of_two_periods() -> None:
-    drive, slope = drawn_drive(75.0, 1, 0), 1e-4
-    found = long_run(Lag(0.0, slope), drive, GAIN, SAMPLES)
-    # The last driven period is the 22nd, the first that is compared the second one.
-    u, n = drive.period(INTERVAL), np.arange(PERIOD)
-    early = u * (1.0 + slope * (PERIOD + n))
-    late = u * (1.0 + slope * (21 * PERIOD + n))
-    assert found.drift == pytest.approx(np.sqrt(np.mean((late - early) ** 2) / np.mean(early**2)))
-    middle = u * (1.0 + slope * (11 * PERIOD + n))
-    assert found.late == pytest.approx(np.sqrt(np.mean((late - middle) ** 2) / np.mean(middle**2)))
-    assert found.drift > DRIFTED
+@pytest.mark.parametrize(
+    ("frequency", "amplitude", "use"),
+    [
+        (20.0, 60.0, "confirmation"),
+        (10.2, 40.1, "confirmation"),
+        (9.0, 60.0, "outside"),
+        (60.0, 60.0, "outside"),
+        (20.0, 30.0, "outside"),
+        (20.0, 90.0, "outside"),
+    ],
+)
+def test_frequency_and_amplitude_both_count(frequency: float, amplitude: float, use: str) -> None:
+    known = [tone("identification", 10.0, 75.0), tone("identification", 50.0, 40.0)]
+    other = tone("confirmation", frequency, amplitude)
+    assert uses([*known, other])[other.name] == use
 
 
-def test_a_model_that_leaves_the_range_has_diverged() -> None:
-    found = long_run(Lag(1.01), SILENT, GAIN, SAMPLES)
-    assert found.diverged and not found.gained and np.isnan(found.motion) and np.isnan(found.drift)
-    # 1.01^n reaches 10 at n = 232, which is the sample 231.
-    assert found.samples == 231
+def test_a_step_is_judged_by_its_height() -> None:
+    levels = np.concatenate([np.zeros(100), np.ones(400)])
+    known = tone("identification", 10.0, 75.0)
+    for height, use in ((75.0, "confirmation"), (90.0, "outside"), (20.0, "confirmation")):
+        assert uses([known, used("step", "confirmation", height * levels, 1e-3)])["step"] == use
+    # Nothing oscillated: a sine of any frequency counts by its height alone.
+    only = used("step", "identification", 75.0 * levels, 1e-3)
+    assert uses([only, tone("confirmation", 10.0, 75.0)])["10 Hz 75 V"] == "confirmation"
 
 
-@pytest.mark.parametrize("error", [SolverFailed("no root"), ArithmeticError("no root")])
-def test_a_step_without_a_solution_ends_a_run(error: Exception) -> None:
-    class Fails(Lag):
-        def step(self, state: State, u: float) -> tuple[State, float]:
-            raise error
-
-    assert long_run(Fails(0.5), SILENT, GAIN, SAMPLES).diverged
-
-    class Endless(Lag):
-        def step(self, state: State, u: float) -> tuple[State, float]:
-            return state, float("nan")
-
-    found = long_run(Endless(0.5), SILENT, GAIN, SAMPLES)
-    assert found.diverged and found.samples == 0
-
-
-def test_short_runs_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputRefused, match="samples = 1999"):
-        long_run(Lag(0.5), SILENT, GAIN, 1999)
-    with pytest.raises(InputRefused, match="samples = 19999"):
-        long(Place(tmp_path), Settings.from_config(compose("compare")), (0,), 0.05, (19_999, 1))
+def test_rivals_are_scored_like_the_others(tmp_path: Path) -> None:
+    campaign = read(example.written(tmp_path / "recordings"))
+    results = compare(campaign, tmp_path / "out", example.settings("models=[dahl,subnet]"))
+    facts = json.loads((tmp_path / "out" / "models.json").read_text())
+    assert all(f["budget"] == 1.0 and f["processor_seconds"] < 5.0 and f["size"] for f in facts.values())
+    over = {m: r.evaluation.over_noise("identification") for m, r in results.items()}
+    assert over["dahl"] < over["subnet"]
+    again = compare(campaign, tmp_path / "out", example.settings("models=[dahl]"))
+    assert again["dahl"].evaluation.parts == results["dahl"].evaluation.parts
+    with pytest.raises(InputRefused, match="budget"):
+        compare(campaign, tmp_path / "out", example.settings("models=[dahl]", "budget=2.0"))

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.signal import cont2discrete, dlsim, lfilter
@@ -16,10 +17,13 @@ from scipy.signal import cont2discrete, dlsim, lfilter
 from phnn.errors import InputRefused
 from phnn.recordings.recording import Part, Recording, Start
 from studies.rival_models import narx
+from studies.rival_models.bouc_wen import BoucWen, Loop
+from studies.rival_models.continuous import ContinuousFitted, Field, _Training
 from studies.rival_models.grid import data_on
 from studies.rival_models.hysteresis import Duhem, Operator, Plane, Plays, discretised, played
 from studies.rival_models.names import NAMES, rival
-from studies.rival_models.rival import split
+from studies.rival_models.networks import linear_model
+from studies.rival_models.rival import Budget, scales_of, split
 
 Array = NDArray[np.float64]
 DT, NOISE = 1e-3, 1e-3
@@ -194,7 +198,7 @@ def test_narx_recovers_a_difference_equation() -> None:
     assert error(fitted.outputs([*made, held]), [*made, held]) < 1.2
 
 
-@pytest.mark.parametrize("name", ["gru", "subnet", pytest.param("lstm", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", ["gru", "subnet"])
 def test_networks_learn_a_linear_system(name: str) -> None:
     recordings = linear_recordings()
     untrained = rival(name).fit(recordings, math.inf, 0, most=1)
@@ -325,3 +329,97 @@ INPUT = np.concatenate([np.zeros(8), np.random.default_rng(2).uniform(-1.0, 1.0,
 
 def test_forward_regression_selects_the_terms_of_a_bilinear_system() -> None:
     assert selected(INPUT) == pytest.approx({(1, 0): 0.2 - 1.0, (0, 1): 0.9, (1, 1): 0.1}, abs=0.01)
+
+
+CONTINUOUS = {"trained_ode": 0, "oe_phnn": 1, "sphnn": 2}
+
+
+def untrained(name: str) -> tuple[ContinuousFitted, Any]:
+    """A network of three states in continuous time before its training, weights moved at random, and its data."""
+    recordings = linear_recordings()
+    data = data_on(recordings, 16.0)
+    torch.manual_seed(2)
+    net = Field(CONTINUOUS[name], 4, 3, linear_model(recordings, data, Budget(math.inf, 40)))
+    return ContinuousFitted(0, {}, data.dt, data.scales, data.zero, net), data
+
+
+@pytest.mark.parametrize("name", CONTINUOUS)
+def test_networks_begin_as_the_linear_model_and_have_exact_sensitivities(name: str) -> None:
+    fitted, data = untrained(name)
+    # Random outputs are small at the start: within some percent the linear system that made the recordings.
+    missing = [np.ptp(g.y - fitted.run_grid(g)) / np.ptp(g.y) for g in data.gridded]
+    assert max(missing) < 0.3
+    net, g = fitted.net, data.gridded[0]
+    x = fitted.states(g)
+    u = torch.from_numpy(np.append(g.before, g.u))[:, None]
+    with torch.no_grad():
+        stepped = net(torch.from_numpy(x[:-1]), u[:-1], u[1:]).numpy()
+    assert np.allclose(stepped, x[1:], rtol=1e-9, atol=1e-12)
+    training = _Training(fitted, data.gridded, data.fit, data.check)
+    rows = training._sensitivities(x, u[:, 0].numpy(), Budget(math.inf))
+    flat = torch.nn.utils.parameters_to_vector(net.parameters()).detach()
+    for k in range(0, flat.numel(), 5):
+        outputs = []
+        for step in (1e-5, -1e-5):
+            moved = flat.clone()
+            moved[k] += step
+            training._move(moved)
+            outputs.append(fitted.run_grid(g))
+        assert np.allclose(rows[:, k], (outputs[0] - outputs[1]) / 2e-5, rtol=1e-4, atol=1e-6)
+    training._move(flat)
+
+
+@pytest.mark.parametrize("name", ["oe_phnn", "sphnn"])
+def test_learned_port_hamiltonian_networks_have_their_structure(name: str) -> None:
+    net = untrained(name)[0].net
+    with torch.no_grad():
+        for p in net.parameters():
+            p.add_(torch.randn_like(p))
+        x = 3.0 * torch.randn(500, net.states, dtype=torch.float64)
+        e, rest = net.gradient(x), torch.zeros(1, net.states, dtype=torch.float64)
+        lost = (e * net.field(x, torch.zeros(500, 1, dtype=torch.float64))).sum(-1)
+        assert float(lost.max()) <= 1e-9 * float(lost.abs().max())
+        if name == "sphnn":
+            assert float(net.gradient(rest).abs().max()) < 1e-12
+            other = x[torch.randperm(500)]
+            assert float(((net.gradient(other) - e) * (other - x)).sum(-1).min()) >= 0.0  # convex
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CONTINUOUS)
+def test_networks_in_continuous_time_learn_a_nonlinear_oscillator(name: str) -> None:
+    """``q̈ + 2ζω q̇ + ω² (q + q³/8) = ω² u``, a port-Hamiltonian system."""
+
+    def made(key: str, u: Array, use: str = "identification") -> Recording:
+        t = np.arange(u.size) * DT
+
+        def rate(at: float, x: Array) -> list[float]:
+            return [x[1], 150.0**2 * (np.interp(at, t, u) - x[0] - x[0] ** 3 / 8.0) - 90.0 * x[1]]
+
+        path = solve_ivp(rate, (0.0, t[-1]), [0.0, 0.0], t_eval=t, max_step=DT, rtol=1e-8)
+        return recording(key, u, path.y[0], use)
+
+    known = [made(key, sweep(*drive)) for key, drive in DRIVES.items()]
+    held = made("held", sweep(1.5, 3.0, 15.0), "confirmation")
+    linear = error(rival("hammerstein").fit(known, 3.0, 0, most=20).outputs([held]), [held])
+    assert error(rival(name).fit(known, 20.0, 0).outputs([held]), [held]) < min(5.0, 0.2 * linear)
+
+
+@pytest.mark.parametrize("place", ["before", "loop"])
+def test_bouc_wen_recovers_its_own_truth(place: str) -> None:
+    scales = scales_of(linear_recordings())
+    if place == "loop":
+        law = Loop(BoucWen(1), 0, scales)
+        truth = np.array([np.log(1.2), np.log(0.3), 0.5, np.arcsinh(3.0), np.arcsinh(1.0), np.log(1.6)])
+
+    def made(key: str, u: Array, use: str = "identification") -> Recording:
+        if place == "loop":
+            return recording(key, u, law.columns(truth, recording(key, u, u))[:, 0], use)
+        columns = run(BoucWen(1), u / 2.0, np.array([np.arcsinh(3.0), np.arcsinh(1.0), np.log(1.6)]))
+        return recording(key, u, second_order(columns @ np.array([1.0, -0.5])), use)
+
+    known = [made(key, sweep(*drive)) for key, drive in DRIVES.items()]
+    held = made("held", sweep(1.7, 3.0, 15.0), "confirmation")
+    fitted = rival(f"bouc_wen_{place}_1").fit(known, 10.0, 0)
+    assert error(fitted.outputs([*known, held]), [*known, held]) < 1.3
+    assert error(rival("hammerstein").fit(known, 2.0, 0).outputs(known), known) > 5.0
