@@ -40,11 +40,7 @@ def identify(
     if said["open"]:
         known = [f"{n} = {r['value']:.5g} ± {r['std']:.2g}" for n, r in said["ratios"].items()]
         Console().print(f"[bold]{escape(said['open'])}[/bold]. {escape(', '.join(known))}")
-    table = Table("recording", "use", "base", title="fit %, and residual over noise")
-    for part in scores.parts:
-        use = "held out" if part.use == "confirmation" else "identified"
-        table.add_row(escape(part.name), use, f"{part.fit_percent:.2f}  {part.residual_over_noise:.3g}")
-    Console().print(table)
+    Console().print(_score_table(scores))
 
 
 def _identify(campaign: Campaign, options: Options, place: Place) -> tuple[dict[str, Any], Evaluation]:
@@ -72,3 +68,11 @@ def _identify(campaign: Campaign, options: Options, place: Place) -> tuple[dict[
     }
     (place / "identify.json").write_json(content)
     return content, scores
+
+
+def _score_table(scores: Evaluation) -> Table:
+    table = Table("recording", "use", "base", title="fit %, and residual over noise")
+    for part in scores.parts:
+        use = "held out" if part.use == "confirmation" else "identified"
+        table.add_row(escape(part.name), use, f"{part.fit_percent:.2f}  {part.residual_over_noise:.3g}")
+    return table
