@@ -45,8 +45,7 @@ class Settings:
         optimiser: what the epochs of ``adam`` take instead: a function of the parameters to a torch optimiser, or a
             mapping with ``_target_``; scheduler: a function of this optimiser, or such a mapping.
         lbfgs_iterations: within one epoch.
-        seconds: processor time of a run or of what is left of it after a stop, None for no limit; the epoch that begins
-            within it is finished.
+        seconds: of the processor, counted anew after a stop, None for no limit; an epoch that has begun is finished.
         patience: epochs without a validation that is better by a thousandth, after which a method ends.
         validate_every, checkpoint_every: epochs.
         tensorboard: write a log for it as well.

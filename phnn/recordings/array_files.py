@@ -12,8 +12,9 @@ import struct
 import warnings
 import zipfile
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
@@ -43,8 +44,7 @@ class BadLayout(ValueError):
     """An element that does not fit; the message says where."""
 
 
-@dataclass(frozen=True)
-class _Element:
+class _Element(NamedTuple):
     type: int
     first: int  # of its data
     last: int
@@ -76,11 +76,15 @@ def check_layout(raw: Raw, most: int) -> int:
         if element.type == _MATRIX:
             _matrix(raw, element, order, 0)
         elif element.type == _COMPRESSED:
-            inner = _unpacked(raw, element, most - unpacked)
+            stream = zlib.decompressobj()
+            with memoryview(raw) as view, view[element.first : element.last] as packed:
+                inner = stream.decompress(packed, most - unpacked + 1)
             unpacked += len(inner)
             if unpacked > most:
                 return unpacked
-            _matrix(inner, _typed(inner, 0, len(inner), order, frozenset({_MATRIX})), order, 0)
+            if not stream.eof:
+                raise BadLayout(f"the compressed element at byte {element.first} has no end")
+            _matrix(inner, _element(inner, 0, len(inner), order, (_MATRIX,)), order, 0)
         else:
             raise BadLayout(f"unknown element type {element.type} at byte {position}")
         # compressed elements are not padded to 8 bytes
@@ -88,36 +92,23 @@ def check_layout(raw: Raw, most: int) -> int:
     return unpacked
 
 
-def _unpacked(raw: Raw, element: _Element, most: int) -> bytes:
-    """The content of a compressed element, or a little more than ``most`` bytes of it."""
-    stream = zlib.decompressobj()
-    with memoryview(raw) as view, view[element.first : element.last] as packed:
-        content = stream.decompress(packed, most + 1)
-    if len(content) <= most and not stream.eof:
-        raise BadLayout(f"the compressed element at byte {element.first} has no end")
-    return content
-
-
-def _element(raw: Raw, position: int, end: int, order: str) -> _Element:
+def _element(raw: Raw, position: int, end: int, order: str, accepted: Collection[int] = ()) -> _Element:
+    """Return the element at a position, of one of the accepted types where these are given."""
     if position + 8 > end:
         raise BadLayout(f"the file ends within an element at byte {position}")
     kind, count = struct.unpack_from(order + "II", raw, position)
     if kind >> 16:  # a small element: type and size share four bytes, the data takes the other four
-        small = _Element(kind & 0xFFFF, position + 4, position + 4 + (kind >> 16), position + 8)
-        if small.last > small.next:
+        found = _Element(kind & 0xFFFF, position + 4, position + 4 + (kind >> 16), position + 8)
+        if found.last > found.next:
             raise BadLayout(f"a small element of {kind >> 16} bytes at byte {position}")
-        return small
-    last = position + 8 + count
-    if last > end:
-        raise BadLayout(f"an element of {count} bytes at byte {position} reaches beyond its container")
-    return _Element(kind, position + 8, last, min(last + (-count) % 8, end))
-
-
-def _typed(raw: Raw, position: int, end: int, order: str, accepted: frozenset[int]) -> _Element:
-    element = _element(raw, position, end, order)
-    if element.type not in accepted:
-        raise BadLayout(f"unexpected element type {element.type} at byte {position}")
-    return element
+    else:
+        last = position + 8 + count
+        if last > end:
+            raise BadLayout(f"an element of {count} bytes at byte {position} reaches beyond its container")
+        found = _Element(kind, position + 8, last, min(last + (-count) % 8, end))
+    if accepted and found.type not in accepted:
+        raise BadLayout(f"unexpected element type {found.type} at byte {position}")
+    return found
 
 
 def _matrix(raw: Raw, matrix: _Element, order: str, depth: int) -> None:
@@ -126,52 +117,48 @@ def _matrix(raw: Raw, matrix: _Element, order: str, depth: int) -> None:
     if depth > _DEEPEST:
         raise BadLayout(f"nested too deeply at byte {matrix.first}")
     end = matrix.last
-    flags = _typed(raw, matrix.first, end, order, frozenset({6}))
+    flags = _element(raw, matrix.first, end, order, (6,))
     if flags.last - flags.first != 8:
         raise BadLayout(f"array flags of {flags.last - flags.first} bytes at byte {matrix.first}")
     (word,) = struct.unpack_from(order + "I", raw, flags.first)
     kind, is_complex = word & 0xFF, bool((word >> 8) & _COMPLEX)
     if kind > _LAST_NUMERIC:
         return  # functions and opaque objects hold no samples
-    shape = _typed(raw, flags.next, end, order, frozenset({5, 6}))
+    shape = _element(raw, flags.next, end, order, (5, 6))
     dimensions = struct.unpack_from(f"{order}{(shape.last - shape.first) // 4}i", raw, shape.first)
     if len(dimensions) < 2 or min(dimensions) < 0:
         raise BadLayout(f"dimensions {dimensions} at byte {flags.next}")
-    name = _typed(raw, shape.next, end, order, frozenset({1, 16}))
-    count = math.prod(dimensions)
+    position, count = _element(raw, shape.next, end, order, (1, 16)).next, math.prod(dimensions)
     if kind in (_CELL, _STRUCT, _IN_OBJECT):
-        _nested(raw, name.next, end, order, kind, count, depth)
+        _nested(raw, position, end, order, kind, count, depth)
     elif kind == _CHAR:
-        _typed(raw, name.next, end, order, _TEXT)
+        _element(raw, position, end, order, _TEXT)
     elif kind == _SPARSE or kind >= _FIRST_NUMERIC:
-        _numbers(raw, name.next, end, order, None if kind == _SPARSE else count, is_complex)
+        # Real and imaginary part of so many numbers; of a sparse array, of None, rows and columns before them.
+        stated = None if kind == _SPARSE else count
+        for _ in range((3 if stated is None else 1) + is_complex):
+            element = _element(raw, position, end, order, _BYTES)
+            size = element.last - element.first
+            if size % _BYTES[element.type] or (stated is not None and size != stated * _BYTES[element.type]):
+                raise BadLayout(f"{size} bytes of numbers at byte {position} where the dimensions say {stated} numbers")
+            position = element.next
     else:
         raise BadLayout(f"unknown array class {kind} at byte {matrix.first}")
 
 
-def _numbers(raw: Raw, position: int, end: int, order: str, count: int | None, is_complex: bool) -> None:
-    """Real part (and imaginary part) of ``count`` numbers; for a sparse array (``None``) rows, columns and values."""
-    for _ in range((3 if count is None else 1) + is_complex):
-        element = _typed(raw, position, end, order, frozenset(_BYTES))
-        size = element.last - element.first
-        if size % _BYTES[element.type] or (count is not None and size != count * _BYTES[element.type]):
-            raise BadLayout(f"{size} bytes of numbers at byte {position} where the dimensions say {count} numbers")
-        position = element.next
-
-
 def _nested(raw: Raw, position: int, end: int, order: str, kind: int, count: int, depth: int) -> None:
     if kind == _IN_OBJECT:
-        position = _typed(raw, position, end, order, frozenset({1})).next
+        position = _element(raw, position, end, order, (1,)).next
     if kind != _CELL:
-        length = _typed(raw, position, end, order, frozenset({5}))
-        names = _typed(raw, length.next, end, order, frozenset({1}))
+        length = _element(raw, position, end, order, (5,))
+        names = _element(raw, length.next, end, order, (1,))
         (width,) = struct.unpack_from(order + "i", raw, length.first)
         if length.last - length.first != 4 or width <= 0 or (names.last - names.first) % width:
             raise BadLayout(f"field names of {width} characters at byte {position}")
         count *= (names.last - names.first) // width
         position = names.next
     for _ in range(count):
-        element = _typed(raw, position, end, order, frozenset({_MATRIX}))
+        element = _element(raw, position, end, order, (_MATRIX,))
         _matrix(raw, element, order, depth + 1)
         position = element.next
 
@@ -201,11 +188,10 @@ def read_mat(source: Source) -> Table:
         raise refused_object(where, printable(objects[0]))
     if len(experiments) == 1:
         ((name, columns),) = experiments.items()
-        note = f"{name}: {len(columns[0].values)} experiments, each a recording"
-        table = Table(
-            where, tuple(c.name for c in columns), tuple(np.concatenate(c.values) for c in columns), True, (note,),
-            segments=tuple(int(n) for n in np.cumsum([v.size for v in columns[0].values])[:-1]),
-        )  # fmt: skip
+        names, values = zip(*columns, strict=True)
+        note = f"{name}: {len(values[0])} experiments, each a recording"
+        segments = tuple(np.cumsum([v.size for v in values[0]])[:-1].tolist())
+        table = Table(where, names, tuple(map(np.concatenate, values)), True, (note,), segments=segments)
     else:
         table = table_of(where, found)
     if objects:
@@ -222,15 +208,11 @@ def _loaded(value: Any) -> Any:
     return value.load() if isinstance(value, Stored) else value
 
 
-class _Parts(NamedTuple):
-    """A column of several experiments: its name, and its (n,) values in each."""
+def _experiments(name: str, value: Any) -> list[tuple[str, list[np.ndarray]]]:
+    """Return the columns that the experiments of an array of structures or of a cell array share; empty for others.
 
-    name: str
-    values: list[np.ndarray]
-
-
-def _experiments(name: str, value: Any) -> list[_Parts]:
-    """Return the columns that the experiments of an array of structures or of a cell array share; empty for others."""
+    A column is its name, and its (n,) values in each experiment.
+    """
     members = _members(value)
     if len(members) < 2:
         return []
@@ -239,15 +221,14 @@ def _experiments(name: str, value: Any) -> list[_Parts]:
         if any(m.keys() != one.keys() or _signal(m) for m in members):
             return []
         keys = [k for k in one if all(_is_vector(m[k]) for m in members)]
-        parts = [_Parts(printable(k), [np.ravel(_loaded(m[k])) for m in members]) for k in keys]
+        parts = [(printable(k), [np.ravel(_loaded(m[k])) for m in members]) for k in keys]
     else:
         arrays = [_loaded(m) for m in members if isinstance(m, Stored | np.ndarray)]
         if len(arrays) < len(members) or len({a.shape[1:] for a in arrays}) > 1 or arrays[0].ndim != 2:
             return []
-        parts = [
-            _Parts(f"{name}[{i}]", [a[:, i] for a in arrays]) for i in range(min(arrays[0].shape[1], LIMITS.columns))
-        ]
-    sizes = {tuple(v.size for v in part.values) for part in parts}
+        width = min(arrays[0].shape[1], LIMITS.columns)
+        parts = [(f"{name}[{i}]", [a[:, i] for a in arrays]) for i in range(width)]
+    sizes = {tuple(v.size for v in values) for _, values in parts}
     return parts if len(parts) > 1 and len(sizes) == 1 and min(*sizes.pop(), LIMITS.columns) > 1 else []
 
 
@@ -259,17 +240,14 @@ def _members(value: Any) -> list[Any]:
 
 
 def _is_vector(value: Any) -> bool:
-    shape = value.shape if isinstance(value, Stored | np.ndarray) else ()
-    numbers = isinstance(value, Stored | np.ndarray) and value.dtype.kind in NUMBERS
-    return numbers and max(shape, default=1) == math.prod(shape) > 1
+    if not isinstance(value, Stored | np.ndarray) or value.dtype.kind not in NUMBERS:
+        return False
+    return max(value.shape, default=1) == math.prod(value.shape) > 1
 
 
 # Fields of a structure that is a signal: its name, its numbers and its unit.
-_NAMES, _DATA, _UNITS = (
-    ("Name", "name", "label", "title"),
-    ("Data", "data", "values", "Values"),
-    ("Unit", "unit", "Units", "units"),
-)
+_NAMES, _DATA = ("Name", "name", "label", "title"), ("Data", "data", "values", "Values")
+_UNITS = ("Unit", "unit", "Units", "units")
 
 
 def _signal(value: Any) -> Stored | None:
@@ -279,23 +257,11 @@ def _signal(value: Any) -> Stored | None:
     held = next((value[k] for k in _DATA if k in value), None)
     if not isinstance(held, Stored | np.ndarray) or held.dtype.kind not in NUMBERS or max(held.shape, default=1) < 2:
         return None
-    named = any(k in value for k in _NAMES)
-    name, unit = (
-        next((v for k in keys if isinstance(v := value.get(k), str) and v.strip()), "").strip()
-        for keys in (_NAMES, _UNITS)
-    )
-    stored = held if isinstance(held, Stored) else Stored("", held.shape, held.dtype, held.view)
-    return replace(stored, name=name.strip("<>"), unit=unit) if named else None
-
-
-def _objects(content: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return names and classes of the objects of a MATLAB v5 file: scipy hands on these alone."""
-    opaque = [v for v in content.values() if isinstance(v, np.ndarray) and v.dtype.names == ("s0", "s1", "s2", "arr")]
-    return [
-        (bytes(v[0]["s0"]).decode("ascii", "replace"), bytes(v[0]["s2"]).decode("ascii", "replace"))
-        for v in opaque
-        if v.size
-    ]
+    if not any(k in value for k in _NAMES):
+        return None
+    texts = {k: v.strip() for k, v in value.items() if isinstance(v, str) and v.strip()}
+    name, unit = (next((texts[k] for k in keys if k in texts), "") for keys in (_NAMES, _UNITS))
+    return Stored(name.strip("<>"), held.shape, held.dtype, held.load if isinstance(held, Stored) else held.view, unit)
 
 
 def read_hdf5(source: Source) -> Table:
@@ -313,43 +279,41 @@ def read_npz(source: Source) -> Table:
     Raises:
         InputRefused: not an archive of arrays, damaged, or without numbers.
     """
-    try:
-        with source.open() as file, zipfile.ZipFile(file) as archive:
-            members = [m for m in archive.infolist() if m.filename.endswith(".npy")]
-            if len(members) > LIMITS.variables:
-                raise ValueError(f"{len(members)} arrays, at most {LIMITS.variables} are accepted")
-            found = []
-            for member in members:
-                with archive.open(member) as stream:
-                    shape, dtype = _header(stream)
-                found.append(Stored(member.filename[:-4], shape, dtype, _member(source, member, shape, dtype)))
-    except InputRefused:
-        raise
-    except Exception as error:  # a damaged archive raises whatever zipfile and numpy stumble over
-        raise _unreadable_npz(source, error) from error
+    with _readable(source, ".npz", "with numpy.savez"), source.open() as file, zipfile.ZipFile(file) as archive:
+        members = [m for m in archive.infolist() if m.filename.endswith(".npy")]
+        if len(members) > LIMITS.variables:
+            raise ValueError(f"{len(members)} arrays, at most {LIMITS.variables} are accepted")
+        found = [_member(source, archive, member) for member in members]
     return table_of(Where(source.name), found)
 
 
-def _member(
-    source: Source, member: zipfile.ZipInfo, shape: tuple[int, ...], dtype: np.dtype
-) -> Callable[[], np.ndarray]:
+def _member(source: Source, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> Stored:
+    with archive.open(member) as stream:
+        shape, dtype = _header(stream)
+
     def load() -> np.ndarray:
         source.check_memory(math.prod(shape) * dtype.itemsize, member.compress_type != zipfile.ZIP_STORED)
-        try:
-            with source.open() as file, zipfile.ZipFile(file) as archive, archive.open(member) as stream:
+        with _readable(source, ".npz", "with numpy.savez"), source.open() as file, zipfile.ZipFile(file) as archive:
+            with archive.open(member) as stream:
                 array: np.ndarray = np.lib.format.read_array(stream, allow_pickle=False)
                 # The checksum is held against the content at its end.
                 if stream.read(1):
                     raise ValueError(f"{member.filename} is longer than it says")
-                return array
-        except Exception as error:  # as above
-            raise _unreadable_npz(source, error) from error
+            return array
 
-    return load
+    return Stored(member.filename[:-4], shape, dtype, load)
 
 
-def _unreadable_npz(source: Source, error: Exception) -> InputRefused:
-    return InputRefused(f"{source.name}: not a readable .npz file ({error}): save it again with numpy.savez")
+@contextmanager
+def _readable(source: Source, kind: str, remedy: str) -> Iterator[None]:
+    """Refuse a damaged file, on which numpy, scipy and zipfile raise errors of any kind; a refusal stays as it is."""
+    try:
+        yield
+    except InputRefused:
+        raise
+    except Exception as error:
+        cause = f"{type(error).__name__}: {error}" if kind == ".mat" else printable(str(error))
+        raise InputRefused(f"{source.name}: not a readable {kind} file ({cause}): save it again {remedy}") from error
 
 
 def _header(stream: BinaryIO | Any) -> tuple[tuple[int, ...], np.dtype]:
@@ -383,9 +347,8 @@ def stored_arrays(content: Mapping[str, Any], prefix: str = "") -> Iterator[Stor
             array = np.asarray(value.magnitude)
             yield Stored(full, array.shape, array.dtype, array.view, f"{value.units:~C}")
         else:
-            array = (
-                np.ma.filled(value.astype(float), np.nan) if isinstance(value, np.ma.MaskedArray) else np.asarray(value)
-            )
+            masked = isinstance(value, np.ma.MaskedArray)
+            array = np.ma.filled(value.astype(float), np.nan) if masked else np.asarray(value)
             yield Stored(full, array.shape, array.dtype, array.view)
 
 
@@ -405,9 +368,9 @@ def table_of(where: Where, found: Iterable[Stored]) -> Table:
             continue
         load = lazily(stored)
         if len(shape) <= 1:
-            several = {name: _vector(load)}
+            several = {name: _column(load)}
         elif len(shape) == 2 and shape[1] <= LIMITS.columns:
-            several = {f"{name}[{i}]": _column_of(load, i) for i in range(shape[1])}
+            several = {f"{name}[{i}]": _column(load, i) for i in range(shape[1])}
         else:
             left.append(f"{name}, {' × '.join(map(str, stored.shape))}")
             continue
@@ -419,12 +382,9 @@ def table_of(where: Where, found: Iterable[Stored]) -> Table:
     return Table(where, tuple(columns), tuple(columns.values()), by_name=True, units=units)
 
 
-def _vector(load: Callable[[], np.ndarray]) -> Column:
-    return lambda: np.atleast_1d(np.squeeze(load()))
-
-
-def _column_of(load: Callable[[], np.ndarray], i: int) -> Column:
-    return lambda: np.squeeze(load())[:, i]
+def _column(load: Callable[[], np.ndarray], i: int | None = None) -> Column:
+    """Return what reads the i-th column of an array; without an index, the array as a vector."""
+    return lambda: np.atleast_1d(np.squeeze(load())) if i is None else np.squeeze(load())[:, i]
 
 
 def read_npy(source: Source) -> Table:
@@ -435,9 +395,8 @@ def read_npy(source: Source) -> Table:
     """
     array, most = _load_npy(source), LIMITS.columns
     if array.dtype.names:
-        fields = array.reshape(-1)
-        names = [printable(name) for name in array.dtype.names]
-        return Table(Where(source.name), tuple(names), tuple(fields[name] for name in array.dtype.names))
+        names = array.dtype.names
+        return Table(Where(source.name), tuple(map(printable, names)), tuple(array.reshape(-1)[n] for n in names))
     if array.ndim != 2:
         raise InputRefused(
             f"{source.name}: an array of shape {array.shape}: save it as (samples, columns) with voltage and "
@@ -449,6 +408,10 @@ def read_npy(source: Source) -> Table:
     if array.shape[1] > most:
         raise InputRefused(f"{source.name}: shape {array.shape} is no table of samples: save it as (samples, columns)")
     return Table(Where(source.name), ("",) * array.shape[1], tuple(array.T))
+
+
+# Axes of an array of a periodic experiment, in the order in which it is read.
+_AXES = ("realisation", "period", "time", "channel")
 
 
 def read_axes(source: Source, axes: Sequence[str]) -> Table:
@@ -467,60 +430,45 @@ def read_axes(source: Source, axes: Sequence[str]) -> Table:
             f"{source.name}: an array of shape {array.shape} and type {array.dtype}, said to have the axes "
             f"{', '.join(axes)}: name as many, of real numbers"
         )
-    whole = np.expand_dims(array, tuple(range(array.ndim, 4)))
-    absent = [name for name in ("realisation", "period", "time", "channel") if name not in axes]
-    order = [[*axes, *absent].index(name) for name in ("realisation", "period", "time", "channel")]
-    ordered = whole.transpose(order)
-    realisations, periods, samples, channels = ordered.shape
+    absent = [name for name in _AXES if name not in axes]
+    ordered = np.expand_dims(array, tuple(range(array.ndim, 4))).transpose([[*axes, *absent].index(n) for n in _AXES])
+    channels = ordered.shape[3]
     if channels > LIMITS.columns:
         raise InputRefused(f"{source.name}: {channels} channels: correct the order of `axes`")
     if not array.size:
         raise InputRefused(f"{source.name}: an array of shape {array.shape} holds no samples: save it again")
     columns = ordered.reshape(-1, channels)
-    return Table(Where(source.name), ("",) * channels, tuple(columns.T), shape=(realisations, periods, samples))
+    return Table(Where(source.name), ("",) * channels, tuple(columns.T), shape=ordered.shape[:3])
 
 
 def _load_npy(source: Source) -> np.ndarray:
-    try:
-        with source.open() as file:
-            shape, dtype = _header(file)
-            size, held = math.prod(shape) * dtype.itemsize, source.size - file.tell()
-            if size > held:
-                raise ValueError(f"its head states {size} bytes of numbers, {held} follow")
-            source.check_memory(size)
-            file.seek(0)
-            array: np.ndarray = np.load(file, allow_pickle=False)
-            return array
-    except InputRefused:
-        raise
-    except Exception as error:  # a damaged header raises whatever numpy's parser stumbles over
-        raise InputRefused(
-            f"{source.name}: not a readable .npy file ({printable(str(error))}): save it again with numpy.save"
-        ) from error
+    with _readable(source, ".npy", "with numpy.save"), source.open() as file:
+        shape, dtype = _header(file)
+        size, held = math.prod(shape) * dtype.itemsize, source.size - file.tell()
+        if size > held:
+            raise ValueError(f"its head states {size} bytes of numbers, {held} follow")
+        source.check_memory(size)
+        file.seek(0)
+        array: np.ndarray = np.load(file, allow_pickle=False)
+        return array
 
 
-def _load_v5(source: Source) -> tuple[Mapping[str, Any], list[tuple[str, str]]]:
+def _load_v5(source: Source) -> tuple[Mapping[str, Any], Sequence[Sequence[str]]]:
     """Return the variables of a file of version 5 or 4, and names and classes of its objects."""
-    import mmap
-
     import scipy.io
 
     if source.size == 0:
         raise InputRefused(f"{source.name}: the file is empty: record it again or remove it")
     source.check_memory(source.size)
-    try:
-        with source.open() as file:
-            # Only what is looked at comes into memory.
-            with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as raw:
-                if is_v5(raw):
-                    source.check_memory(check_layout(raw, LIMITS.unpacked_bytes + source.size), unpacked=True)
-            with warnings.catch_warnings():
-                warnings.filterwarnings("error", message="We do not support byte ordering")
-                content = scipy.io.loadmat(file, simplify_cells=True)
-    except InputRefused:
-        raise
-    except Exception as error:  # on damaged bytes scipy raises whatever its reader stumbles over
-        raise InputRefused(
-            f"{source.name}: not a readable .mat file ({type(error).__name__}: {error}): save it again from MATLAB"
-        ) from error
-    return {name: value for name, value in content.items() if not name.startswith("__")}, _objects(content)
+    with _readable(source, ".mat", "from MATLAB"), source.open() as file:
+        # Only what is looked at comes into memory.
+        with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as raw:
+            if is_v5(raw):
+                source.check_memory(check_layout(raw, LIMITS.unpacked_bytes + source.size), unpacked=True)
+        with warnings.catch_warnings():
+            warnings.filterwarnings("error", message="We do not support byte ordering")
+            content = scipy.io.loadmat(file, simplify_cells=True)
+    # Of objects scipy hands on name and class alone.
+    opaque = [v for v in content.values() if isinstance(v, np.ndarray) and v.dtype.names == ("s0", "s1", "s2", "arr")]
+    objects = [[bytes(v[0][f]).decode("ascii", "replace") for f in ("s0", "s2")] for v in opaque if v.size]
+    return {name: value for name, value in content.items() if not name.startswith("__")}, objects

@@ -67,9 +67,8 @@ def select(table: Table, columns: Mapping[str, Column], named: Mapping[str, tupl
         InputRefused: a column that is absent, ambiguous, without a unit or with an impossible one, of unequal
             length, or with cells that are no finite numbers.
     """
-    asked = {quantity: (quantity, columns.get(quantity, Column())) for quantity in QUANTITIES}
-    every = {**asked, **named}
-    if not table.by_name and not table.stamps and asked["time"][1].place is None:
+    every = {**{quantity: (quantity, columns.get(quantity, Column())) for quantity in QUANTITIES}, **named}
+    if not table.by_name and not table.stamps and columns.get("time", Column()).place is None:
         _one_clock(table)
     spoken_for = {table.find(c.place): c for _, c in every.values() if c.place is not None}
     found = {name: _channel(table, *said, name, spoken_for) for name, said in every.items()}
@@ -77,8 +76,7 @@ def select(table: Table, columns: Mapping[str, Column], named: Mapping[str, tupl
     if "time" not in channels and table.stamps:
         index = table.names.index(table.stamps)
         channels["time"] = Channel(table.numbers(index), table.label(index), "s", 1.0)
-    lengths = {f"{q} ({c.label})": c.values.size for q, c in channels.items()}
-    checks.equal_lengths(lengths, table.where)
+    checks.equal_lengths({f"{q} ({c.label})": c.values.size for q, c in channels.items()}, table.where)
     return channels
 
 
@@ -108,9 +106,8 @@ def _channel(table: Table, quantity: str, said: Column, name: str, spoken_for: M
     label = table.label(index)
     if said.place is not None and table.names[index] == "":
         label = f"column {said.place}"
-    unit, notes = "s", tuple[str, ...]()
-    if quantity != "time" or table.names[index] != table.stamps:
-        unit, notes = _unit(table, index, quantity, said)
+    dates = quantity == "time" and table.names[index] == table.stamps
+    unit, notes = ("s", ()) if dates else _unit(table, index, quantity, said)
     where, marked = f"{name} ({label})", np.zeros(0, dtype=bool)
     values = table.numbers(index)
     if quantity != "time":
@@ -181,19 +178,16 @@ def _without_marks(
 
 def _wraps(x: np.ndarray) -> float | None:
     """Return the number after which a column starts again, where it jumps by nearly its whole range to do so."""
-    size = float(np.ptp(x))
+    size, steps = float(np.ptp(x)), np.diff(x)
+    middle = np.mean(np.abs(x - 0.5 * (x.min() + x.max())) < 0.4 * size)
     for turn in _TURNS:
-        steps = np.diff(x)
         jumps = np.abs(steps) > _JUMPS * turn
         if not _COVERED * turn <= size <= 1.0001 * turn or not jumps.any() or np.unique(x).size <= 2 * jumps.sum():
             continue
-        rest = np.abs(steps[~jumps])
-        after = np.abs(np.abs(steps[jumps]) - turn)
+        rest, after = np.abs(steps[~jumps]).max(initial=0.0), np.abs(np.abs(steps[jumps]) - turn).max()
         bends = float(np.std(np.diff(np.unwrap(x, period=turn), 2)))
-        if bends > _BENDS * min(turn, float(np.std(np.diff(x, 2)))):
-            continue
-        middle = np.mean(np.abs(x - 0.5 * (x.min() + x.max())) < 0.4 * size)
-        if after.max() <= 2.0 * rest.max(initial=0.0) + 1e-3 * turn and middle > 0.3:
+        smooth = bends <= _BENDS * min(turn, float(np.std(np.diff(x, 2))))
+        if smooth and after <= 2.0 * rest + 1e-3 * turn and middle > 0.3:
             return turn
     return None
 
@@ -209,20 +203,21 @@ def _glitches(x: np.ndarray) -> np.ndarray:
     step = float(steps[steps > 0.0].min(initial=np.inf)) if (steps > 0.0).any() else 0.0
     least = max(_TIMES_OFF * max(usual, middle), _STEPS * step, _SHARE * spread)
     # What follows a jump rings to one side as well: the samples around a glitch, and its neighbours, have to agree.
-    found = np.flatnonzero((off > least) & (off > _AGREE * np.abs(x[2:] - x[:-2]))) + 1
+    found = np.flatnonzero((off > least) & (off / _AGREE > np.abs(x[2:] - x[:-2]))) + 1
     around = (np.r_[steps[max(i - 1 - _AROUND, 0) : i - 1], steps[i + 1 : i + 1 + _AROUND], 0.0].max() for i in found)
-    return found[[off[i - 1] > _AGREE * most for i, most in zip(found, around, strict=True)]]
+    return found[[off[i - 1] / _AGREE > most for i, most in zip(found, around, strict=True)]]
 
 
 def _by_name(table: Table, quantity: str, spoken_for: Mapping[int, Column]) -> int | None:
     """Return the index of the one column whose name says ``quantity``."""
-    parsed = [parse_name(name) if name else None for name in table.names]
-    named = [(i, p[1]) for i, p in enumerate(parsed) if p is not None and p[0] == quantity]
+    parsed = [(i, parse_name(name)) for i, name in enumerate(table.names) if name]
     # What the manifest takes for something else is not asked again for a unit, or for marks.
     named = [
-        (i, u)
-        for i, u in named
-        if i not in spoken_for or (suits(quantity, u) and not spoken_for[i].missing and not spoken_for[i].unwrap)
+        (i, p[1])
+        for i, p in parsed
+        if p is not None
+        and p[0] == quantity
+        and (i not in spoken_for or (suits(quantity, p[1]) and not (spoken_for[i].missing or spoken_for[i].unwrap)))
     ]
     # a name such as voltage_monitor belongs to another column where voltage_V stands beside it
     known = [i for i, u in named if suits(quantity, u)] or [i for i, _ in named]
@@ -246,14 +241,10 @@ def _unit(table: Table, index: int, quantity: str, said: Column) -> tuple[str, t
     where = f"{table.where}: {table.label(index)}"
     if stated is not None:
         # Whoever states a scale has looked at the numbers.
-        others = [
-            u
-            for u in (named, beside)
-            if said.scale == 1.0 and suits(quantity, u) and _differ(stated, u or "", quantity)
-        ]
+        others = [u for u in (named, beside) if said.scale == 1.0 and _contradicts(stated, u, quantity)]
         notes = tuple(f"{name}: the file says {u}, recordings.yaml says {stated}, which counts" for u in others)
         return check_unit(quantity, stated, where), notes
-    if named is not None and beside is not None and suits(quantity, beside) and _differ(named, beside, quantity):
+    if named is not None and _contradicts(named, beside, quantity):
         raise InputRefused(
             f"{where}: the name says {named}, what stands beside it {beside}: correct one, or say which counts in "
             f"recordings.yaml, columns: {{{quantity}: {{column: {name}, unit: {named}}}}}"
@@ -261,11 +252,11 @@ def _unit(table: Table, index: int, quantity: str, said: Column) -> tuple[str, t
     return check_unit(quantity, beside if named is None else named, where), ()
 
 
-def _differ(one: str, other: str, quantity: str) -> bool:
+def _contradicts(one: str, other: str | None, quantity: str) -> bool:
     """Whether two units give one number different values; of a quantity in any unit, units of one kind alone."""
-    first, second = find_unit(one), find_unit(other)
+    first, second = find_unit(one), find_unit(other or "")
     alike = first is None or second is None or first.si == second.si
-    return first != second and (alike or QUANTITIES[quantity] is not None)
+    return suits(quantity, other) and first != second and (alike or QUANTITIES[quantity] is not None)
 
 
 def unused(table: Table, channels: Mapping[str, Channel]) -> list[str]:

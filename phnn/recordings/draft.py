@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from phnn.errors import InputRefused
 from phnn.recordings import checks
 from phnn.recordings.channels import Channel, select, unused
+from phnn.recordings.columns import Column
 from phnn.recordings.driving import with_declared
 from phnn.recordings.excitation import Excitation, excitation_of
 from phnn.recordings.manifest import Entry, Manifest
 from phnn.recordings.recording import ACTUATOR, Recording, Start, Units, drive_of, is_actuator
-from phnn.recordings.sampling import between, evenly, interpolated, own_rows, stamped
+from phnn.recordings.sampling import evenly, interpolated, own_rows, stamped
 from phnn.recordings.sensor import PLAIN, Sensor, check_unit_of_limits, longest_free
 from phnn.recordings.table import Table, Where
 from phnn.recordings.units import known_unit
@@ -42,36 +42,32 @@ def segmented(entry: Entry, channels: Mapping[str, Channel], table: Table) -> li
     first, last = entry.slice or (0, one)
     checks.slice_inside((first, last), one, where)
     pieces = [(i + first, i + last) for i in range(0, max(size, 1), max(one, 1))]
-    if entry.segments is not False and not table.shape:
-        edges = [first, *(first + e for e in _edges(entry, channels, last - first, first, where)), last]
-        pieces = list(itertools.pairwise(edges))
-    elif table.segments:
-        pieces = list(itertools.pairwise([first, *(row for row in table.segments if first < row < last), last]))
-        if len(pieces) == 1:
-            return [replace(entry, slice=pieces[0])]
-    elif len(pieces) == 1:
+    counted = entry.segments is not False and not table.shape
+    if counted or table.segments:
+        inner = _edges(entry, channels, first, last, where) if counted else table.segments
+        pieces = list(itertools.pairwise([first, *(row for row in inner if first < row < last), last]))
+    if len(pieces) == 1 and not counted:
         return [replace(entry, slice=pieces[0])]
     stem, digits = entry.name or printable(Path(entry.file).stem), len(str(len(pieces)))
     return [replace(entry, slice=piece, name=f"{stem}_{i:0{digits}d}") for i, piece in enumerate(pieces, start=1)]
 
 
-def _edges(entry: Entry, channels: Mapping[str, Channel], size: int, first: int, where: Where) -> list[int]:
-    """Where the second segment and every further one begins, counted from the first."""
+def _edges(entry: Entry, channels: Mapping[str, Channel], first: int, last: int, where: Where) -> Sequence[int]:
+    """Where the second segment and every further one begins."""
     if entry.segments is not True:
-        count = int(entry.segments)
-        if size % count:
+        if (last - first) % entry.segments:
             raise InputRefused(
-                f"{where}: {size} samples are no whole number of segments of {count}: correct `segments` in "
-                f"recordings.yaml, or cut the rest off with `slice`"
+                f"{where}: {last - first} samples are no whole number of segments of {entry.segments}: correct "
+                f"`segments` in recordings.yaml, or cut the rest off with `slice`"
             )
-        return list(range(count, size, count))
+        return range(first + entry.segments, last, entry.segments)
     if "time" not in channels:
         raise InputRefused(
             f"{where}: no time column to tell segments by: write the number of samples of each, segments: 8192"
         )
-    steps = np.diff(channels["time"].values[first : first + size])
+    steps = np.diff(channels["time"].values[first:last])
     usual = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
-    return [int(i) + 1 for i in np.flatnonzero((steps < 0.0) | (steps > _JUMP * usual))]
+    return (np.flatnonzero((steps < 0.0) | (steps > _JUMP * usual)) + first + 1).tolist()
 
 
 LARGEST_CLIPPED_SHARE = 0.02
@@ -92,7 +88,8 @@ def not_clipped(u: np.ndarray, y: np.ndarray, label: str, factor: float, where: 
     for extreme, name in ((float(y.max()), "largest"), (float(y.min()), "smallest")):
         if known[y == extreme].any():
             continue
-        runs = [run for run in _runs(y == extreme) if _is_clipped(u, y, run, step)]
+        edges = np.flatnonzero(np.diff(y == extreme, prepend=False, append=False)).reshape(-1, 2)
+        runs = [(first, last) for first, last in edges.tolist() if _is_clipped(u, y, first, last, step)]
         stuck = sum(last - first for first, last in runs)
         if stuck > LARGEST_CLIPPED_SHARE * y.size:
             raise InputRefused(
@@ -102,25 +99,16 @@ def not_clipped(u: np.ndarray, y: np.ndarray, label: str, factor: float, where: 
             )
 
 
-def _runs(stuck: np.ndarray) -> list[tuple[int, int]]:
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], stuck.astype(int), [0]))))
-    pairs = zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True)
-    return [(first, last) for first, last in pairs if last - first >= SHORTEST_CLIPPED_RUN]
-
-
-def _is_clipped(u: np.ndarray, y: np.ndarray, run: tuple[int, int], step: float) -> bool:
-    first, last = run
-    side = max(4, (last - first) // 2)
-    if first < side or last + side > y.size:
-        return False  # nothing on one side to judge by
-    least = max(3.0 * step, 5e-4 * float(np.ptp(y)))
+def _is_clipped(u: np.ndarray, y: np.ndarray, first: int, last: int, step: float) -> bool:
+    side, reach = max(4, (last - first) // 2), float(np.ptp(y))
+    if last - first < SHORTEST_CLIPPED_RUN or first < side or last + side > y.size:
+        return False  # too short, or nothing on one side to judge by
+    least = max(3.0 * step, 5e-4 * reach)
     inside = u[first:last]
     share = float(np.quantile(inside, 0.9) - np.quantile(inside, 0.1)) / max(float(np.ptp(u)), 1e-300)
-    if share * float(np.ptp(y)) < least:
-        return False
     near = max(4, side // 4)
     arrival, departure = abs(y[first] - y[first - near]), abs(y[last + near - 1] - y[last - 1])
-    if arrival < 0.4 * departure:
+    if share * reach < least or arrival < 0.4 * departure:
         return False
     # Of the way beside the run, a truncated parabola makes (2f + f²)/3 in the share f next to it; a motion that slows
     # down to its rest or begins from it f², and a little more where steps of the sensor are coarse.
@@ -140,6 +128,8 @@ FURTHER = ("current", "charge", "force", "temperature")
 _NEAR_ZERO = 0.01  # of the input's range
 # Share of the rows that are stamps of one channel where two rasters were merged; by how much a stated rate may miss.
 _ALL, _RATE = 0.9, 0.01
+# (N,) by channel.
+_Values = dict[str, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,15 +179,22 @@ def _draft(
     name = entry.name or printable(Path(entry.file).stem)
     t, values, own, where, notes = _sampled(entry, table, channels)
     if t.size > _LONG:
-        notes.append(_thinned_note(t.size, stride := 1 if own else _stride(t, values, roles)))
+        stride = 1 if own else _stride(t, values, roles)
+        notes.append(
+            f"{t.size} samples, of which one in {stride} is used: what lies between follows from these"
+            if stride > 1
+            else f"{t.size} samples, all of which are needed: a fit takes {t.size // _ENOUGH} times as long as of "
+            f"{_ENOUGH}; see `slice`"
+        )
         t, values = t[::stride], {q: x[::stride] for q, x in values.items()}
     if y_name is not None:
-        notes += _as_sampled(t, values, own, roles, channels, entry.input == "zero_order")
-    u, seen = values[u_name], own.get(y_name or "")
+        notes += _as_sampled(t, values, own, u_name, y_name, channels, entry.input == "zero_order")
+    u = values[u_name]
     y = values[y_name] if y_name is not None else np.full(u.size, np.nan)
     ports = {port: values[port] for port in entry.ports}
     drive = drive_of(u, ports)
-    start = entry.start or _default_start(u, *ports.values())
+    near_zero = all(abs(float(x[0])) <= _NEAR_ZERO * float(np.ptp(x)) for x in (u, *ports.values()))
+    start = entry.start or Start("rest" if near_zero else "unknown")
     before = start.input_before if start.state == "rest" else None
     if y_name is not None:
         if entry.start is None or start.state != "unknown":
@@ -213,28 +210,32 @@ def _draft(
     if is_actuator(said.setup) and (largest > 0.0 or start.state != "unknown"):
         # Under no voltage what began before the first sample may go on, as it may under a constant one.
         checks.like_an_actuator(largest, "voltage", channels[u_name].label, where)
-    signals = _Signals(t, u, y, drive, seen)
-    excitation = _excitation(signals, entry, table, where)
     measures = y_name if y_name in entry.outputs else None
-    floor, recording = _recording(name if measures is None else f"{name}.{measures}", entry, signals, start, excitation)
-    further = {q: values[q] for q in FURTHER if q in values and q != u_name}
-    units = Units(_si(channels[u_name]), _si(channels[y_name]) if y_name is not None else ACTUATOR.output)
-    gain = entry.columns[u_name].gain if u_name in entry.columns else recording.gain
-    full = replace(recording, channels=further, units=units, further=ports, measures=measures or "", gain=gain)
-    recording = with_declared(full, entry.jumps_at_s, entry.rise_time_s)
+    recording = Recording(
+        name=name if measures is None else f"{name}.{measures}", t=t, u=u, y=y, start=start,
+        interpolation=entry.input or "cubic", parts=(), noise=np.nan, noise_source="", noise_correlation=WHITE,
+        period=None, channels={q: values[q] for q in FURTHER if q in values and q != u_name},
+        source=printable(", ".join(entry.files)),
+        units=Units(_si(channels[u_name]), _si(channels[y_name]) if y_name is not None else ACTUATOR.output),
+        further=ports, measures=measures or "", sensor=entry.sensor, offset=entry.offset,
+        gain=entry.columns.get(u_name, Column()).gain, seen=own.get(y_name or ""),
+    )  # fmt: skip
+    excitation = _excitation(recording, entry, table, where)
+    floor = NoiseFloor(float("nan"), "no output recorded", WHITE)
+    if np.isfinite(y).all():
+        floor = _noise(recording, excitation)
+    recording = replace(
+        recording, period=excitation.period, noise=floor.value, noise_source=floor.source,
+        noise_correlation=floor.correlation,
+    )  # fmt: skip
+    recording = with_declared(recording, entry.jumps_at_s, entry.rise_time_s)
     what = ", ".join(f"{q} from {c.label} in {c.unit}" for q, c in channels.items())
     spare = unused(table, channels)
     if spare and not table.by_name:
         notes.append(f"columns not used: {', '.join(spare)}")
     used = [note for q in (*roles, *ports) if q is not None for note in channels[q].notes]
-    return Draft(
-        recording,
-        floor,
-        excitation,
-        entry.use,
-        what,
-        tuple(f"{recording.name}: {n}." for n in (*notes, *used, *table.notes)),
-    )
+    sentences = tuple(f"{recording.name}: {n}." for n in (*notes, *used, *table.notes))
+    return Draft(recording, floor, excitation, entry.use, what, sentences)
 
 
 # Samples from which on a recording is thinned, and to which; what thinning may change of an input, in shares of its
@@ -261,22 +262,8 @@ def _stride(t: np.ndarray, values: Mapping[str, np.ndarray], roles: tuple[str, s
     return 1
 
 
-def _thinned_note(size: int, stride: int) -> str:
-    if stride == 1:
-        longer = size // _ENOUGH
-        return (
-            f"{size} samples, all of which are needed: a fit takes {longer} times as long as of {_ENOUGH}; see `slice`"
-        )
-    return f"{size} samples, of which one in {stride} is used: what lies between follows from these"
-
-
 def _as_sampled(
-    t: np.ndarray,
-    values: dict[str, np.ndarray],
-    own: dict[str, np.ndarray],
-    roles: tuple[str, str | None],
-    channels: Mapping[str, Channel],
-    held: bool,
+    t: np.ndarray, values: _Values, own: _Values, u_name: str, y_name: str, channels: Mapping[str, Channel], held: bool
 ) -> list[str]:
     """Take input and output where they repeat values at their own instants alone, in place; return what was done.
 
@@ -284,8 +271,6 @@ def _as_sampled(
         own: by channel, (N,) at which rows it was sampled.
         held: the input stays where it is between its changes.
     """
-    u_name, y_name = roles
-    assert y_name is not None
     notes: list[str] = []
     u, y = values[u_name], values[y_name]
     mine = own_rows(t, y, u) if y_name not in own else None
@@ -294,9 +279,9 @@ def _as_sampled(
     theirs = own_rows(t, u) if u_name not in own else None
     if theirs is not None and (mine | theirs).mean() > _ALL and not held:
         # Two rasters on the union of their stamps.
-        values[u_name] = between(t, theirs, u)
+        values[u_name] = interpolated(t[theirs], u[theirs], t)
         notes.append(f"{u_name} ({channels[u_name].label}) repeats values: taken at its own {theirs.sum()} stamps")
-    own[y_name], values[y_name] = mine, between(t, mine, y)
+    own[y_name], values[y_name] = mine, interpolated(t[mine], y[mine], t)
     every = np.median(np.diff(np.flatnonzero(mine)))
     notes.append(
         f"{y_name} ({channels[y_name].label}) changes only in every {every:.3g}th row: taken at these {mine.sum()} rows"
@@ -308,60 +293,16 @@ def _si(channel: Channel) -> str:
     return known_unit(channel.unit).si
 
 
-class _Signals(NamedTuple):
-    """Signals at their sampling instants.
-
-    Attributes:
-        t: (N,) instants [s].
-        u, y: (N,) first input, and output; NaN where none was recorded.
-        drive: (N,) what all inputs do together, see `phnn.recordings.recording.drive_of`.
-        seen: (N,) where the output was recorded; None for everywhere.
-    """
-
-    t: np.ndarray
-    u: np.ndarray
-    y: np.ndarray
-    drive: np.ndarray
-    seen: np.ndarray | None
-
-
-def _recording(
-    name: str, entry: Entry, signals: _Signals, start: Start, excitation: Excitation
-) -> tuple[NoiseFloor, Recording]:
-    recording = Recording(
-        name=name,
-        t=signals.t,
-        u=signals.u,
-        y=signals.y,
-        start=start,
-        interpolation=entry.input or "cubic",
-        parts=(),
-        noise=float("nan"),
-        noise_source="",
-        noise_correlation=WHITE,
-        period=excitation.period,
-        channels={},
-        source=printable(", ".join(entry.files)),
-        sensor=entry.sensor,
-        offset=entry.offset,
-        seen=signals.seen,
-    )
-    floor = NoiseFloor(float("nan"), "no output recorded", WHITE)
-    if np.isfinite(signals.y).all():
-        floor = _noise(signals, start, entry.sensor, excitation, recording.clock is None)
-    return floor, replace(recording, noise=floor.value, noise_source=floor.source, noise_correlation=floor.correlation)
-
-
-def _noise(signals: _Signals, start: Start, sensor: Sensor, excitation: Excitation, uniform: bool) -> NoiseFloor:
+def _noise(recording: Recording, excitation: Excitation) -> NoiseFloor:
     """Return the noise floor of an output; where a sensor saturates, samples at the limit carry no noise."""
-    t, drive, y = signals.t, signals.drive, signals.y
-    dt, period, span = float(t[-1]) / (t.size - 1), excitation.period, excitation.span
-    if not uniform or signals.seen is not None:
+    t, y, drive, seen = recording.t, recording.y, recording.drive, recording.seen
+    dt, period, span = recording.dt, excitation.period, excitation.span
+    if seen is not None or recording.clock is not None:
         # Of samples that were taken; interpolated ones have less noise.
-        rows = np.flatnonzero(signals.seen) if signals.seen is not None else _longest_even(t)
+        rows = np.flatnonzero(seen) if seen is not None else _longest_even(t)
         (dt, y), (_, drive), period, span = evenly(t[rows], y[rows]), evenly(t[rows], drive[rows]), None, (0, rows.size)
-    stuck = sensor.at_limit(y) != 0
-    floor = noise_floor(drive, y, dt, period, span, start.state == "periodic")
+    stuck = recording.sensor.at_limit(y) != 0
+    floor = noise_floor(drive, y, dt, period, span, recording.start.state == "periodic")
     if not stuck.any():
         return floor
     first, last = longest_free(stuck)
@@ -372,12 +313,10 @@ def _noise(signals: _Signals, start: Start, sensor: Sensor, excitation: Excitati
 
 def _longest_even(t: np.ndarray) -> np.ndarray:
     """Return the rows of the longest stretch with one rate; all rows where every such stretch is short."""
-    steps = np.diff(t)
+    steps, every = np.diff(t), np.arange(t.size)
     edges = np.flatnonzero(np.abs(np.log(steps[1:] / steps[:-1])) > np.log(_JUMP)) + 1
-    edges = np.concatenate([[0], edges, [t.size]])
-    k = int(np.argmax(np.diff(edges)))
-    rows = np.arange(edges[k], edges[k + 1])
-    return rows if rows.size >= max(checks.FEWEST_SAMPLES, 0.1 * t.size) else np.arange(t.size)
+    rows = max(np.split(every, edges), key=len)
+    return rows if rows.size >= max(checks.FEWEST_SAMPLES, 0.1 * t.size) else every
 
 
 def _roles(
@@ -385,19 +324,18 @@ def _roles(
 ) -> tuple[str, list[str | None]]:
     """Which channels are the first input and the outputs. A force drives only what is no piezo actuator."""
     actuator = is_actuator(said.setup)
-    inputs = ["voltage"] if actuator else ["input", "voltage", "force"]
-    outputs = list(entry.outputs) or (["displacement"] if actuator else ["output", "displacement"])
-    found_inputs = [q for q in inputs if q in channels]
-    found_outputs: list[str | None] = [q for q in outputs if q in channels]
-    checks.input_present(bool(found_inputs), table.names, table.where)
+    inputs = [q for q in (["voltage"] if actuator else ["input", "voltage", "force"]) if q in channels]
+    asked = list(entry.outputs) or (["displacement"] if actuator else ["output", "displacement"])
+    outputs: list[str | None] = [q for q in asked if q in channels]
+    checks.input_present(bool(inputs), table.names, table.where)
     if need_output:
-        checks.output_present(bool(found_outputs), table.names, table.where)
-    return found_inputs[0], (found_outputs if entry.outputs else found_outputs[:1]) or [None]
+        checks.output_present(bool(outputs), table.names, table.where)
+    return inputs[0], (outputs if entry.outputs else outputs[:1]) or [None]
 
 
 def _sampled(
     entry: Entry, table: Table, channels: Mapping[str, Channel]
-) -> tuple[np.ndarray, dict[str, np.ndarray], dict[str, np.ndarray], Where, list[str]]:
+) -> tuple[np.ndarray, _Values, _Values, Where, list[str]]:
     """Return the instants and the channels, cut to the slice, at which rows each was sampled, and notes."""
     assert entry.slice is not None
     first, last = entry.slice
@@ -422,13 +360,8 @@ def _sampled(
     return found.t, found.values, {q: x[found.rows] for q, x in own.items()}, where, notes
 
 
-def _default_start(*inputs: np.ndarray) -> Start:
-    near = all(abs(float(u[0])) <= _NEAR_ZERO * float(np.ptp(u)) for u in inputs)
-    return Start("rest", 0.0) if near else Start("unknown")
-
-
-def _excitation(signals: _Signals, entry: Entry, table: Table, where: Where) -> Excitation:
-    dt, drive = evenly(signals.t, signals.drive)
+def _excitation(recording: Recording, entry: Entry, table: Table, where: Where) -> Excitation:
+    dt, drive = evenly(recording.t, recording.drive)
     found = excitation_of(drive, dt)
     if entry.periodic is False and found.period is not None:
         return replace(found, period=None)

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 import os
 import zipfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -39,21 +40,13 @@ def read_tdms(source: Source) -> Table:
     Raises:
         InputRefused: the package npTDMS is missing, the file is damaged or too large, or has no numeric channels.
     """
-    try:
+    with _by_package(source, "npTDMS", "'phnn[tdms]'", "export it again"):
         from nptdms import TdmsFile
-    except ModuleNotFoundError as error:
-        raise InputRefused(f"{source.name}: .tdms files need the package npTDMS: pip install 'phnn[tdms]'") from error
-    try:
+
         closed = _closed(source)
         with source.open() as file, TdmsFile.open(file) as content:
             numeric = _numeric(source, content)
         clocks = {names: _clock(of) for names, (_, of) in numeric.items()}
-    except InputRefused:
-        raise
-    except Exception as error:  # on damaged bytes npTDMS raises errors of many kinds
-        raise InputRefused(
-            f"{source.name}: not a readable .tdms file ({printable(str(error))}): export it again"
-        ) from error
     if not numeric:
         raise InputRefused(f"{source.name}: no numeric channels in it: record it again or remove it")
     notes: tuple[str, ...] = ()
@@ -63,7 +56,11 @@ def read_tdms(source: Source) -> Table:
         numeric = {names: (values[:whole], of) for names, (values, of) in numeric.items()}
         notes = ("the file was not closed, its channels are as long as the shortest",)
     several = len({group for group, _ in numeric}) > 1
-    columns = {_name(group, name, of, several): values for (group, name), (values, of) in numeric.items()}
+    columns: dict[str, np.ndarray] = {}
+    for (group, name), (values, of) in numeric.items():
+        unit = str(of.get(_UNIT, "")).strip()
+        shown = f"{name} [{unit}]" if unit and not name.endswith(("]", ")")) else name
+        columns[printable(f"{group}.{shown}" if several else shown)] = values
     own: dict[str, np.ndarray] = {}
     kinds = set(clocks.values())
     if len(kinds) == 1 and (interval := kinds.pop().interval) > 0.0:
@@ -151,28 +148,20 @@ def _closed(source: Source) -> bool:
     return True
 
 
-def _name(group: str, channel: str, properties: Mapping[str, Any], several: bool) -> str:
-    """A channel's name with its unit, and with its group where there are several of them."""
-    unit = str(properties.get(_UNIT, "")).strip()
-    name = f"{channel} [{unit}]" if unit and not channel.endswith(("]", ")")) else channel
-    return printable(f"{group}.{name}" if several else name)
-
-
 def read_sheet(source: Source) -> Table:
     """Return the columns of the first sheet of a workbook, whose rows are read as those of a text are.
 
     Raises:
         InputRefused: pandas lacks the package openpyxl, the file is damaged or too large, or as `read_text`.
     """
-    import pandas as pd
+    with _by_package(source, "openpyxl"):
+        import pandas as pd
 
-    def sheet() -> str:
         with source.open() as file, zipfile.ZipFile(file) as archive:
             source.check_memory(sum(member.file_size for member in archive.infolist()), unpacked=True)
             frame = pd.read_excel(file, header=None, dtype=object)
-        return str(frame.to_csv(sep="\t", header=False, index=False))
-
-    return table_of_lines(source.name, Lines(_by_pandas(source, sheet, "openpyxl", "xlsx")))
+        text = str(frame.to_csv(sep="\t", header=False, index=False))
+    return table_of_lines(source.name, Lines(text))
 
 
 def read_parquet(source: Source) -> Table:
@@ -181,33 +170,32 @@ def read_parquet(source: Source) -> Table:
     Raises:
         InputRefused: pandas lacks the package pyarrow, the file is damaged or too large.
     """
-    import pandas as pd
+    with _by_package(source, "pyarrow"):
+        import pandas as pd
 
-    def frame() -> Table:
         parquet = import_module("pyarrow.parquet")
-
         with source.open() as file:
             said = parquet.ParquetFile(file).metadata
             source.check_memory(8 * said.num_rows * said.num_columns, unpacked=True)
             return replace(given_frame(pd.read_parquet(file)).table, where=Where(source.name))
 
-    return _by_pandas(source, frame, "pyarrow", "parquet")
 
-
-Read = TypeVar("Read")
-
-
-def _by_pandas(source: Source, load: Callable[[], Read], package: str, kind: str) -> Read:
-    """Return what pandas reads with a package that may not be there; what it stumbles over is refused."""
+@contextmanager
+def _by_package(
+    source: Source, package: str, install: str = "", remedy: str = "export it again, or as .csv"
+) -> Iterator[None]:
+    """Refuse a file whose package is not there, and one that the package stumbles over."""
     try:
-        return load()
+        yield
     except InputRefused:
         raise
     except ImportError as error:
-        raise InputRefused(f"{source.name}: .{kind} files need the package {package}: pip install {package}") from error
+        raise InputRefused(
+            f"{source.name}: {source.suffix} files need the package {package}: pip install {install or package}"
+        ) from error
     except Exception as error:  # on damaged bytes the packages raise errors of many kinds
         raise InputRefused(
-            f"{source.name}: not a readable .{kind} file ({printable(str(error))}): export it again, or as .csv"
+            f"{source.name}: not a readable {source.suffix} file ({printable(str(error))}): {remedy}"
         ) from error
 
 
@@ -245,15 +233,15 @@ class Files:
         """The entries to read, and the files left alone, each with its reason where that is not plain."""
         said, present = self.said, self._present()
         if said.path is not None:
-            present = [p for p in present if _real(p) != _real(said.path)]
+            present = [p for p in present if os.path.realpath(p) != os.path.realpath(said.path)]
         if said.entries is not None:
             where = said.path.name if said.path is not None else "recordings.yaml"
             paths = [(i, self.home / file) for i, entry in enumerate(said.entries) for file in entry.files]
             for i, path in paths:
                 checks.file_exists(path, f"{where}: recordings[{i}]")
                 reader_of(path)
-            listed = {_real(path) for _, path in paths}
-            return list(said.entries), [_shown(p) for p in present if _real(p) not in listed]
+            listed = {os.path.realpath(path) for _, path in paths}
+            return list(said.entries), [_shown(p) for p in present if os.path.realpath(p) not in listed]
         chosen, left = [], []
         for path in present:
             reason = self._no_recording(path)
@@ -295,42 +283,24 @@ class Files:
             return ""
         if not os.path.isfile(path):
             return " (no regular file)"
-        if kind == ".csv" or (READERS[kind] not in (read_text, read_json) and self._columns_stated):
+        reader, stated = READERS[kind], {c.place for c in self.said.common.columns.values() if c.place is not None}
+        if kind == ".csv" or (stated and reader not in (read_text, read_json)):
             return None
         source = self.source(path.name)
-        if READERS[kind] is read_json:
-            return self._other_json(source)
-        if READERS[kind] is read_text and not looks_like_numbers(source):
+        if reader is read_text and not looks_like_numbers(source):
             return ""
-        if self._columns_stated:
+        if reader is read_text and stated:
             return None
-        return _undescribed(READERS[kind](source).names)
-
-    def _other_json(self, source: Source) -> str | None:
-        """The same of a json file: settings and results may lie beside recordings."""
         try:
-            names = read_json(source).names
+            names = reader(source).names
         except NoRecording:
             return " (json without arrays of numbers)"
-        stated = {c.place for c in self.said.common.columns.values() if isinstance(c.place, str)}
-        return None if stated and stated <= set(names) else _undescribed(names)
-
-    @property
-    def _columns_stated(self) -> bool:
-        return any(column.place is not None for column in self.said.common.columns.values())
-
-
-def _undescribed(names: Sequence[str]) -> str | None:
-    """Why a file with these columns is no recording, in words to follow its name; None if an input is among them."""
-    described = {p[0] for name in names if name and (p := parse_name(name)) is not None}
-    if described & {"voltage", "input", "force"}:
-        return None
-    return " (numbers that nothing describes: to use it, say in recordings.yaml which columns are what)"
-
-
-def _real(path: Path) -> str:
-    """The path with links resolved; a link that leads round in a circle stays as it is."""
-    return os.path.realpath(path)
+        # Settings and results in json may lie beside recordings.
+        stated = {place for place in stated if isinstance(place, str)}
+        described = {p[0] for name in names if name and (p := parse_name(name)) is not None}
+        if (stated and stated <= set(names)) or described & {"voltage", "input", "force"}:
+            return None
+        return " (numbers that nothing describes: to use it, say in recordings.yaml which columns are what)"
 
 
 def _shown(path: Path) -> str:

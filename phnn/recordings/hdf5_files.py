@@ -42,9 +42,7 @@ def datasets(source: Source) -> list[Stored]:
     Raises:
         InputRefused: damaged, or with parts in other files.
     """
-    return _read(
-        source, lambda file: [s for path, item in _walk(file, source) for s in _stored(source, path, item)], False
-    )
+    return _read(source, lambda file: [s for found in _walk(file, source) for s in _stored(source, *found)], False)
 
 
 def matlab_content(source: Source) -> tuple[dict[str, Any], list[tuple[str, str]]]:
@@ -57,14 +55,12 @@ def matlab_content(source: Source) -> tuple[dict[str, Any], list[tuple[str, str]
     """
 
     def content(file: Any) -> tuple[dict[str, Any], list[tuple[str, str]]]:
-        walked = [name for name, _ in _walk(file, source)]
-        top = dict.fromkeys(name.partition("/")[0] for name in walked)
+        top = dict.fromkeys(name.partition("/")[0] for name, _ in _walk(file, source))
         objects = [(n, _class(file[n])) for n in top if _OBJECT in file[n].attrs]
         named = [n for n in top if n not in dict(objects)]
         return {n: _decoded(source, file, n, file[n], 0) for n in named}, objects
 
-    found: tuple[dict[str, Any], list[tuple[str, str]]] = _read(source, content, True)
-    return found
+    return _read(source, content, True)
 
 
 def _read(source: Source, what: Callable[[Any], Any], matlab: bool) -> Any:
@@ -74,23 +70,15 @@ def _read(source: Source, what: Callable[[Any], Any], matlab: bool) -> Any:
         with h5py.File(source.path, "r") as file:
             _check_length(source, file.userblock_size)
             return what(file)
+    except InputRefused:
+        raise
+    except _Outside as error:
+        remedy = f"copy everything into one file, or give the option {OUTSIDE} if you trust who made it"
+        raise InputRefused(f"{source.name}: {error}: {remedy}") from error
     except Exception as error:  # on damaged bytes h5py raises errors of many kinds
-        raise _refused(source, error, matlab) from error
-
-
-def _refused(source: Source, error: Exception, matlab: bool) -> InputRefused:
-    """Return the refusal of a file on which the library stumbled; a refusal stays as it is."""
-    if isinstance(error, InputRefused):
-        return error
-    if isinstance(error, _Outside):
-        return InputRefused(
-            f"{source.name}: {error}: copy everything into one file, or give the option {OUTSIDE} if you trust who "
-            f"made it"
-        )
-    cause, remedy = "not a readable HDF5 file", "export it again"
-    if matlab:
-        cause, remedy = "damaged .mat v7.3 file", "save it again from MATLAB"
-    return InputRefused(f"{source.name}: {cause} ({printable(str(error))}): {remedy}")
+        cause = "damaged .mat v7.3 file" if matlab else "not a readable HDF5 file"
+        remedy = "save it again from MATLAB" if matlab else "export it again"
+        raise InputRefused(f"{source.name}: {cause} ({printable(str(error))}): {remedy}") from error
 
 
 def _walk(file: Any, source: Source) -> Iterator[tuple[str, Any]]:
@@ -223,11 +211,9 @@ def _class(item: Any) -> str:
 
 
 def _text(said: Any) -> str:
-    return (
-        said.decode("utf-8", "replace")
-        if isinstance(said, bytes)
-        else str(np.ravel(said)[0] if np.ndim(said) else said)
-    )
+    if isinstance(said, bytes):
+        return said.decode("utf-8", "replace")
+    return str(np.ravel(said)[0] if np.ndim(said) else said)
 
 
 def _check_length(source: Source, superblock: int) -> None:

@@ -56,15 +56,27 @@ def stamped(t: Array, resolution: float, channels: Mapping[str, Array], where: W
     Raises:
         InputRefused: rows of one time differ, time goes back farther than rows can be swapped, gaps.
     """
-    if _in_pairs(t):
+    if t.size % 2 == 0 and t.size > 2 and np.array_equal(t[::2], t[1::2]) and (np.diff(t[::2]) > 0.0).all():
+        # An oscilloscope keeps the extremes of every interval.
         means = {name: 0.5 * (values[::2] + values[1::2]) for name, values in channels.items()}
         one = stamped(t[::2], resolution, means, where, held)
         pairs = "two rows with every time, least and largest value: their means are taken"
         return Stamped(one.t, one.values, 2 * one.rows, (pairs, *one.notes))
     t, rows, notes = _in_order(t, channels, where)
     values = {name: x[rows] for name, x in channels.items()}
-    checks.interval(float(np.median(np.diff(t))), where)
-    notes += _gaps(t, rows, where, held)
+    steps = np.diff(t)
+    usual = float(np.median(steps))
+    checks.interval(usual, where)
+    gap = np.flatnonzero(steps > _GAP * usual)
+    unknown = gap[steps[gap] > _BRIDGED * usual]
+    if unknown.size and not held:
+        checks.no_gap(int(unknown[0]), steps, usual, where.row(int(rows[unknown[0] + 1])), where)
+    if gap.size:
+        how = "held" if held else "interpolated"
+        notes += (
+            f"{gap.size} intervals are longer than the usual {usual:.4g} s, up to {steps[gap].max():.4g} s, the first "
+            f"before {where.row(int(rows[gap[0] + 1]))}: the input is {how} there",
+        )
     k = np.arange(t.size)
     dt, start = (float(c) for c in np.polyfit(k, t - t[0], 1))
     largest = float(np.abs(t - t[0] - (start + dt * k)).max())
@@ -74,10 +86,9 @@ def stamped(t: Array, resolution: float, channels: Mapping[str, Array], where: W
     if largest <= min(0.6 * printed, _LARGEST_ROUNDING * dt):
         notes += (f"times are rounded to {printed:.3g} s; taken as a uniform grid of {dt:.9g} s",)
         return Stamped(dt * k, values, rows, notes)
-    if largest <= dt:
-        said = f"sampling jitters by up to {largest / dt:.2%} of the interval"
-    else:
-        said = f"intervals of {np.diff(t).min():.4g} to {np.diff(t).max():.4g} s"
+    said = f"sampling jitters by up to {largest / dt:.2%} of the interval"
+    if largest > dt:
+        said = f"intervals of {steps.min():.4g} to {steps.max():.4g} s"
     notes += (f"{said}; each sample keeps its own instant",)
     return Stamped(t - t[0], values, rows, notes)
 
@@ -108,27 +119,6 @@ def _in_order(t: Array, channels: Mapping[str, Array], where: Where) -> tuple[Ar
         notes.append(f"{again.size} rows repeat the one before them, the first at {row}: taken once")
     rows = np.delete(order, again)
     return t[rows], rows, tuple(notes)
-
-
-def _gaps(t: Array, rows: Array, where: Where, held: bool) -> tuple[str, ...]:
-    """Return what is said of intervals that are longer than usual.
-
-    Raises:
-        InputRefused: a long one, over which nobody knows the input.
-    """
-    steps = np.diff(t)
-    usual = float(np.median(steps))
-    gap = np.flatnonzero(steps > _GAP * usual)
-    if not gap.size:
-        return ()
-    unknown = gap[steps[gap] > _BRIDGED * usual]
-    if unknown.size and not held:
-        checks.no_gap(int(unknown[0]), steps, usual, where.row(int(rows[unknown[0] + 1])), where)
-    how = "held" if held else "interpolated"
-    return (
-        f"{gap.size} intervals are longer than the usual {usual:.4g} s, up to {steps[gap].max():.4g} s, the first "
-        f"before {where.row(int(rows[gap[0] + 1]))}: the input is {how} there",
-    )
 
 
 def own_rows(t: Array, x: Array, drive: Array | None = None) -> Array | None:
@@ -167,11 +157,6 @@ def own_rows(t: Array, x: Array, drive: Array | None = None) -> Array | None:
     missing = np.flatnonzero((off <= _OFF) & ~np.isin(slot, slot[own]))
     own[missing[np.unique(slot[missing], return_index=True)[1]]] = True
     return own
-
-
-def between(t: Array, own: Array, values: Array) -> Array:
-    """Return (N,) a channel at all instants, interpolated from those at which it was sampled."""
-    return interpolated(t[own], values[own], t)
 
 
 def interpolated(t: Array, values: Array, at: Array) -> Array:
@@ -215,11 +200,6 @@ def merged(
         own[name] = np.abs(t[near] - every) <= 2.0 * slack
         values[name] = x[near] if own[name].all() else np.where(own[name], x[near], interpolated(t, x, every))
     return every, values, own
-
-
-def _in_pairs(t: Array) -> bool:
-    """Return whether every time stands in two rows, as where an oscilloscope keeps the extremes of every interval."""
-    return t.size % 2 == 0 and t.size > 2 and np.array_equal(t[::2], t[1::2]) and bool((np.diff(t[::2]) > 0.0).all())
 
 
 def _printed_resolution(numbers: Array) -> float:

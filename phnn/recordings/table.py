@@ -18,8 +18,6 @@ _LISTED = 12
 # Kinds of numpy's types that may hold numbers: those themselves, texts, and complex ones, refused by name.
 _READ = "iufbcOUS"
 REMEDY_COMMA = "write numbers with a point as decimal sign"
-
-
 # The numbers or texts of a column, or what reads them.
 Column = np.ndarray | Callable[[], np.ndarray]
 
@@ -86,7 +84,7 @@ class Table:
 
     def with_columns_of(self, other: Table) -> Table:
         """The columns of both, those of the other where they share a name, with its segments."""
-        both = dict(zip(self.names, self.columns, strict=True)) | dict(zip(other.names, other.columns, strict=True))
+        both = dict(zip(self.names + other.names, self.columns + other.columns, strict=True))
         notes = (*self.notes, *other.notes)
         return replace(self, names=tuple(both), columns=tuple(both.values()), notes=notes, segments=other.segments)
 
@@ -143,22 +141,18 @@ class Table:
         cells = pd.Series(column)
         values = np.asarray(pd.to_numeric(cells, errors="coerce"), dtype=float)
         bad = np.isnan(values) & ~np.asarray(cells.isna())
-        if bad.any():
-            row = int(np.argmax(bad))
-            cell = str(column[row])
-            comma, point = DECIMAL_COMMA.match(cell) is not None, cell.endswith("?")
-            cause = "a comma as decimal sign" if comma else "not a number"
-            remedy = REMEDY_COMMA if comma else "correct or delete that row"
-            if point:
-                cell, cause = (
-                    cell[:-1],
-                    "a point among numbers with a decimal comma, and may be a thousand times as large",
-                )
-                remedy = "write all numbers of the file with one decimal sign and without thousands separators"
-            raise InputRefused(
-                f"{self.where}: {self.label(index)}, {self.where.row(row)}: {cell[:40]!r} is {cause}: {remedy}"
-            )
-        return values
+        if not bad.any():
+            return values
+        row = int(np.argmax(bad))
+        cell, cause, remedy = str(column[row]), "not a number", "correct or delete that row"
+        if DECIMAL_COMMA.match(cell):
+            cause, remedy = "a comma as decimal sign", REMEDY_COMMA
+        elif cell.endswith("?"):
+            cell, cause = cell[:-1], "a point among numbers with a decimal comma, and may be a thousand times as large"
+            remedy = "write all numbers of the file with one decimal sign and without thousands separators"
+        raise InputRefused(
+            f"{self.where}: {self.label(index)}, {self.where.row(row)}: {cell[:40]!r} is {cause}: {remedy}"
+        )
 
 
 # Dates, with a time of day behind them or none; times of day; when numbers without a unit are seconds since 1970, or
@@ -167,7 +161,7 @@ _DATE = re.compile(r"\d{1,4}([-./])\d{1,2}\1\d{1,4}([ T]+\d{1,2}:.*)?|\d{4}\d{4}
 _OF_DAY = re.compile(r"\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?(\s?[AaPp][Mm])?")
 _EPOCH, _LATEST = 1e9, 4e9
 _EPOCH_NAMES = frozenset({"timestamp", "epoch", "unix", "time", "unixtime", "time_stamp", "unix_time", "ts"})
-_LOOKED_AT = 5
+_LOOKED_AT, _DAY = 5, 86_400.0
 
 
 def with_stamps(table: Table) -> Table:
@@ -181,21 +175,24 @@ def with_stamps(table: Table) -> Table:
         dates = _dates(held, i + 1 < len(table.columns) and table.columns[i + 1], table.names[i])
         if dates is None:
             continue
-        seconds, first = dates
         name = table.names[i] or "date"
-        columns = (*table.columns[:i], seconds, *table.columns[i + 1 :])
-        note = f"{name}: dates, taken as seconds since {first}"
+        columns = (*table.columns[:i], dates[0], *table.columns[i + 1 :])
         names = (*table.names[:i], name, *table.names[i + 1 :])
-        return replace(table, columns=columns, names=names, stamps=name, notes=(*table.notes, note))
+        notes = (*table.notes, f"{name}: dates, taken as seconds since {dates[1]}")
+        return replace(table, columns=columns, names=names, stamps=name, notes=notes)
     return table
 
 
 def _dates(column: np.ndarray, beside: Any, name: str) -> tuple[np.ndarray, str] | None:
     """Return seconds since the first date of a column, and that date; None where it holds none."""
     if column.dtype.kind in "iuf":
-        scale = _epoch_scale(column, name)
-        whole = column - column[0] if scale else column
-        return (np.asarray(whole, dtype=float) / scale, f"{column[0] / scale:.6f} s after 1970") if scale else None
+        if name.strip().lower() not in _EPOCH_NAMES or not column.size or not np.isfinite(column).all():
+            return None
+        # How many of the numbers are a second.
+        for scale in (1.0, 1e3, 1e6, 1e9):
+            if column.min() / scale >= _EPOCH and column.max() / scale <= _LATEST:
+                return np.asarray(column - column[0], float) / scale, f"{column[0] / scale:.6f} s after 1970"
+        return None
     if column.dtype.kind not in "OUSmM" or column.ndim != 1 or not column.size:
         return None
     import pandas as pd
@@ -226,17 +223,6 @@ def _dates(column: np.ndarray, beside: Any, name: str) -> tuple[np.ndarray, str]
     return seconds, str(cells.iloc[0] if of_day else first)
 
 
-_DAY = 86_400.0
-
-
-def _epoch_scale(column: np.ndarray, name: str) -> float:
-    """Return how many of a column's numbers are a second, where they count from 1970; 0 where they do not."""
-    if name.strip().lower() not in _EPOCH_NAMES or not column.size or not np.isfinite(column).all():
-        return 0.0
-    scales = (1.0, 1e3, 1e6, 1e9)
-    return next((s for s in scales if column.min() / s >= _EPOCH and column.max() / s <= _LATEST), 0.0)
-
-
 def beside(tables: Sequence[Table]) -> Table:
     """The columns of several files of one recording, side by side, counted through.
 
@@ -253,15 +239,9 @@ def beside(tables: Sequence[Table]) -> Table:
             f"{where}: arrays of different shapes ({', '.join(shapes)} realisations, periods and samples): give input "
             f"and output of one experiment"
         )
-    return Table(
-        where,
-        tuple(n for t in tables for n in t.names),
-        tuple(c for t in tables for c in t.columns),
-        any(t.by_name for t in tables),
-        tuple(n for t in tables for n in t.notes),
-        first.shape,
-        first.segments,
-        next((t.stamps for t in tables if t.stamps), ""),
-        {n: u for t in tables for n, u in t.units.items()},
-        {n: rows for t in tables for n, rows in t.own.items()},
-    )
+    both: dict[str, Any] = {
+        name: tuple(one for t in tables for one in getattr(t, name)) for name in ("names", "columns", "notes")
+    }
+    both |= {name: {k: v for t in tables for k, v in getattr(t, name).items()} for name in ("units", "own")}
+    stamps = next((t.stamps for t in tables if t.stamps), "")
+    return replace(first, where=where, by_name=any(t.by_name for t in tables), stamps=stamps, **both)

@@ -14,7 +14,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -46,13 +46,6 @@ _FOOTER = 20
 _WHOLE = re.compile(r"\s*[-+]?\d+([eE][-+]?\d+)?\s*")
 # A word, with a unit in brackets behind it.
 _WORD = re.compile(r"\S+(?:\s*[\[(][^\])]*[\])])?")
-
-
-class Block(NamedTuple):
-    """Lines ``[first, last)`` of a text that hold the rows of one table, counted from 0."""
-
-    first: int
-    last: int
 
 
 @dataclass(frozen=True)
@@ -139,7 +132,7 @@ def table_of_lines(name: str, text: Lines) -> Table:
     notes: list[str] = []
     if len(tables) > 1:
         notes.append(f"{len(tables)} tables stand in the file, each below a header: each is a recording of its own")
-    begin, end = tables[-1]
+    begin, end = tables[-1].start, tables[-1].stop
     if end == len(text):
         footer = _footer(list(text.of(max(begin + 1, end - _FOOTER), end)), dialect)
         if footer:
@@ -147,7 +140,7 @@ def table_of_lines(name: str, text: Lines) -> Table:
             end -= len(footer)
         elif not text.ended and end > begin + 1:
             last = text[end - 1]
-            others = (line for block in [*tables[:-1], Block(begin, end - 1)] for line in text.of(*block))
+            others = (text[i] for block in [*tables[:-1], range(begin, end - 1)] for i in block)
             if _breaks_off(others, last, dialect):
                 notes.append(f"its last line, {last.strip()[:40]!r}, was left out: the file ends within it")
                 end -= 1
@@ -156,7 +149,7 @@ def table_of_lines(name: str, text: Lines) -> Table:
                     f"its last line, {last.strip()[:40]!r}, has no end: if the file was cut there, its last number is "
                     f"wrong"
                 )
-    table = _parsed(name, text, [*tables[:-1], Block(begin, end)], names, dialect)
+    table = _parsed(name, text, [*tables[:-1], range(begin, end)], names, dialect)
     return with_stamps(replace(table, notes=tuple(notes)))
 
 
@@ -175,21 +168,18 @@ def _recognised(text: Lines) -> Dialect:
     marked = np.isin(np.frombuffer(text.raw, dtype=np.uint8)[text.starts[filled]], [ord(c) for c in _MARKS])
     filled = filled[~marked]
     chosen = np.unique(np.linspace(0, max(filled.size - 1, 0), _LOOKED_AT).astype(int))[: filled.size]
-    shown = _filled([text[int(i)] for i in filled[chosen]])
+    lines = [text[int(i)] for i in filled[chosen]]
+    shown = [line for line in lines if line.strip() and line.strip()[0] not in _MARKS]
     best, most = _DIALECTS[0], (0, 0)
     for plain in _DIALECTS:
         dialect = plain.fitted([plain.cells(line) for line in shown])
         rows = sum(map(dialect.is_row, shown)) if dialect.numeric else 0
         # Lines of numbers alone speak for a dialect before those that hold words too.
-        whole = rows if len(dialect.numeric) + len(dialect.empty) == dialect.width else 0
-        if (whole, 0 if whole else rows * len(dialect.numeric)) > most:
-            best, most = dialect, (whole, 0 if whole else rows * len(dialect.numeric))
+        whole = len(dialect.numeric) + len(dialect.empty) == dialect.width
+        score = (rows, 0) if whole else (0, rows * len(dialect.numeric))
+        if score > most:
+            best, most = dialect, score
     return best
-
-
-def _filled(lines: Sequence[str]) -> list[str]:
-    """Return the lines that are neither empty nor a remark."""
-    return [line for line in lines if line.strip() and line.strip()[0] not in _MARKS]
 
 
 def _footer(last: Sequence[str], dialect: Dialect) -> list[str]:
@@ -198,15 +188,10 @@ def _footer(last: Sequence[str], dialect: Dialect) -> list[str]:
     def is_footer(line: str) -> bool:
         cells = dialect.cells(line)
         head = next((cells[i] for i in dialect.numeric if i < len(cells) and cells[i]), cells[0] if cells else "")
-        return (
-            not line.strip()
-            or line.strip()[0] in _MARKS
-            or (
-                any(c.isalpha() for c in head)
-                and not dialect.is_row(line)
-                and len([c for c in cells if dialect.is_number(c)]) < max(len(dialect.numeric), 2)
-            )
-        )
+        if not line.strip() or line.strip()[0] in _MARKS:
+            return True
+        few = sum(map(dialect.is_number, cells)) < max(len(dialect.numeric), 2)
+        return few and any(c.isalpha() for c in head) and not dialect.is_row(line)
 
     count = len(list(itertools.takewhile(is_footer, reversed(last))))
     return list(last[len(last) - count :])
@@ -245,21 +230,30 @@ def _names(name: str, lines: Sequence[str], first: int, dialect: Dialect) -> tup
     nearest = rows[-1]
     header = lines[filled[-1] : first]
     if len(nearest) != width:
-        if any(parse_name(word) for word in nearest):
-            _refuse_width(name, lines[first], first, dialect, len(nearest))
-        return nothing, header
-    if bad := [cell for i, cell in enumerate(nearest) if i in dialect.numeric and dialect.is_number(cell)]:
-        wrong = next(
-            (c for i, c in enumerate(nearest) if i in dialect.numeric and c and not dialect.is_number(c)), bad[0]
+        if not any(parse_name(word) for word in nearest):
+            return nothing, header
+        row, cells = lines[first], dialect.cells(lines[first])
+        if dialect.separator == "," and len(cells) > len(nearest) and all(_WHOLE.fullmatch(cell) for cell in cells):
+            raise InputRefused(
+                f"{name}: line {first + 1}: {row[:60]!r} has a comma as decimal sign, which here also separates the "
+                f"columns: separate them by semicolons, or {REMEDY_COMMA}"
+            )
+        raise InputRefused(
+            f"{name}: line {first + 1} has {len(cells)} cells, the header {len(nearest)}: give every row the header's "
+            f"columns"
         )
+    above = [nearest[i] for i in dialect.numeric]
+    if bad := [cell for cell in above if dialect.is_number(cell)]:
+        wrong = next((cell for cell in above if cell and not dialect.is_number(cell)), bad[0])
         raise InputRefused(
             f"{name}: line {filled[-1] + 1}: {wrong[:40]!r} is not a number: correct or delete that row; if it is a "
             f"header, give every column a name in words"
         )
     asked = [cell for i, cell in enumerate(nearest) if i not in dialect.empty]
     if len(rows) == 2 and len(rows[0]) == width and all(map(_is_unit, asked)):
-        named = tuple(_with_unit(n, unit) for n, unit in zip(rows[0], nearest, strict=True))
-        return _disagreeing(name, named, filled[-1]), lines[filled[-2] : first]
+        place = f"{name}: line {filled[-1] + 1}"
+        named = tuple(_with_unit(n, unit, place) for n, unit in zip(rows[0], nearest, strict=True))
+        return named, lines[filled[-2] : first]
     return tuple(nearest), header
 
 
@@ -281,40 +275,19 @@ def _is_unit(cell: str) -> bool:
     return not cell or (cell[0] in "([" and cell[-1] in ")]") or find_unit(cell) is not None
 
 
-def _with_unit(name: str, unit: str) -> str:
-    """Return a column's name with the unit from the row below it, unless it has one."""
-    known, bare = parse_name(name), unit.strip("()[] ")
-    if bare and known is not None and known[1] is not None and find_unit(known[1]) not in (None, find_unit(bare)):
-        return f"{name}\n{bare}"
-    return name if not bare or (known is not None and known[1] is not None) else f"{name} [{bare}]"
-
-
-def _disagreeing(file: str, names: tuple[str, ...], line: int) -> tuple[str, ...]:
-    """Refuse a column whose name states another unit than the row of units. Raises InputRefused."""
-    for name in names:
-        column, _, unit = name.partition("\n")
-        if unit:
-            raise InputRefused(
-                f"{file}: line {line + 1}: the row of units says {unit[:_SHOWN]} of {column[:_SHOWN]!r}: correct "
-                f"the name or the unit, in the file"
-            )
-    return names
-
-
-def _refuse_width(name: str, row: str, line: int, dialect: Dialect, header: int) -> None:
-    cells = dialect.cells(row)
-    if dialect.separator == "," and len(cells) > header and all(_WHOLE.fullmatch(cell) for cell in cells):
+def _with_unit(name: str, unit: str, place: str) -> str:
+    """Return a column's name with the unit from the row below it, unless it has one. Raises InputRefused for two."""
+    bare, own = unit.strip("()[] "), (parse_name(name) or ("", None))[1]
+    if bare and own is not None and find_unit(own) not in (None, find_unit(bare)):
         raise InputRefused(
-            f"{name}: line {line + 1}: {row[:60]!r} has a comma as decimal sign, which here also separates the "
-            f"columns: separate them by semicolons, or {REMEDY_COMMA}"
+            f"{place}: the row of units says {bare[:_SHOWN]} of {name[:_SHOWN]!r}: correct the name or the unit, in "
+            f"the file"
         )
-    raise InputRefused(
-        f"{name}: line {line + 1} has {len(cells)} cells, the header {header}: give every row the header's columns"
-    )
+    return name if not bare or own is not None else f"{name} [{bare}]"
 
 
-def _blocks(name: str, text: Lines, first: int, header: Sequence[str], dialect: Dialect) -> list[Block]:
-    """Return the tables of a text, the first of which begins at a line; one where no header is repeated.
+def _blocks(name: str, text: Lines, first: int, header: Sequence[str], dialect: Dialect) -> list[range]:
+    """Return the lines of the tables of a text, the first of which begins at a line; one where no header is repeated.
 
     An instrument that writes a segment at a time repeats its header. The line of names tells such a header: it is the
     same in all. Each table is a segment, a recording.
@@ -328,40 +301,31 @@ def _blocks(name: str, text: Lines, first: int, header: Sequence[str], dialect: 
     """
     names = header[0].strip() if header else ""
     if not names or text.raw.count(names.encode("utf-8", "surrogatepass")) < 2:
-        return [Block(first, len(text))]
+        return [range(first, len(text))]
     found, begin = [], first
-    for above, below, lines in _headers(text, first, names, dialect):
-        at = next(i for i, line in enumerate(lines) if line.strip() == names)
-        under = [line.strip() for line in lines[at + 1 :] if line.strip()]
-        wanted = [line.strip() for line in header[1:] if line.strip()]
+    wanted = [line.strip() for line in header[1:] if line.strip()]
+    for is_row, run in itertools.groupby(range(first, len(text)), lambda i: dialect.is_row(text[i])):
+        lines = {} if is_row else {i: text[i].strip() for i in run}
+        at = next((i for i, line in lines.items() if line == names), None)
+        if at is None:
+            continue
+        under = [line for i, line in lines.items() if line and i > at]
         if under != wanted:
             differs = next((line for line in under if line not in wanted), "nothing")
             raise InputRefused(
-                f"{name}: line {above + at + 2}: {differs[:_SHOWN]!r} stands under the names of this table, "
+                f"{name}: line {at + 2}: {differs[:_SHOWN]!r} stands under the names of this table, "
                 f"{' '.join(wanted)[:_SHOWN]!r} under those of the first: give all tables of a file the same units, or "
                 f"split the file"
             )
-        found.append(Block(begin, above))
-        begin = below
+        found.append(range(begin, min(lines)))
+        begin = max(lines) + 1
         if len(found) >= LIMITS.recordings:
             raise InputRefused(f"{name}: more than {LIMITS.recordings} tables in one file: divide them among files")
-    return [b for b in [*found, Block(begin, len(text))] if b.last > b.first]
+    # Nothing is measured under a header at the end.
+    return [block for block in [*found, range(begin, len(text))] if block]
 
 
-def _headers(text: Lines, first: int, names: str, dialect: Dialect) -> Iterator[tuple[int, int, list[str]]]:
-    """Yield runs of lines that are no rows and hold the names: the first line, the one behind, and the lines."""
-    run: list[str] = []
-    for i in range(first, len(text) + 1):
-        if i < len(text) and not dialect.is_row(text[i]):
-            run.append(text[i])
-            continue
-        # Nothing is measured under a header at the end.
-        if any(other.strip() == names for other in run):
-            yield i - len(run), i, run
-        run = []
-
-
-def _parsed(name: str, text: Lines, tables: Sequence[Block], names: tuple[str, ...], dialect: Dialect) -> Table:
+def _parsed(name: str, text: Lines, tables: Sequence[range], names: tuple[str, ...], dialect: Dialect) -> Table:
     """Return the columns of some lines.
 
     Raises:
@@ -371,8 +335,8 @@ def _parsed(name: str, text: Lines, tables: Sequence[Block], names: tuple[str, .
     rows = np.cumsum([0, *(sum(map(len, some)) for some in frames)]).tolist()
     every = [frame for some in frames for frame in some]
     shown = tuple(printable(n) for n in names)
-    begin = tables[0].first
-    between = tuple((row, block.first - row - begin) for row, block in zip(rows[1:-1], tables[1:], strict=True))
+    begin = tables[0].start
+    between = tuple((row, block.start - row - begin) for row, block in zip(rows[1:-1], tables[1:], strict=True))
     kept = [i for i in range(dialect.width) if shown[i] or i not in dialect.empty or i == 0]
     columns = []
     for i in kept:
@@ -389,30 +353,23 @@ def _parsed(name: str, text: Lines, tables: Sequence[Block], names: tuple[str, .
 _ROWS = 20_000
 
 
-def _frames(name: str, text: Lines, block: Block, dialect: Dialect) -> Iterator[pd.DataFrame]:
+def _frames(name: str, text: Lines, block: range, dialect: Dialect) -> Iterator[pd.DataFrame]:
     """Yield the rows of a table."""
     import pandas as pd
 
     file = io.BytesIO(text.raw)
-    file.seek(int(text.starts[block.first]))
+    file.seek(int(text.starts[block.start]))
     try:
         yield from pd.read_csv(
-            file,
-            header=None,
-            sep=r"\s+" if dialect.separator == " " else dialect.separator,
-            decimal=dialect.decimal,
-            skipinitialspace=True,
-            skip_blank_lines=False,
-            nrows=block.last - block.first,
-            chunksize=_ROWS,
-            encoding_errors="replace",
-        )
+            file, header=None, sep=r"\s+" if dialect.separator == " " else dialect.separator, decimal=dialect.decimal,
+            skipinitialspace=True, skip_blank_lines=False, nrows=len(block), chunksize=_ROWS, encoding_errors="replace",
+        )  # fmt: skip
     except (pd.errors.ParserError, pd.errors.EmptyDataError, csv.Error) as error:
         found = re.search(r"line (\d+), saw (\d+)", str(error))
         if found is None:
             raise InputRefused(f"{name}: cannot be parsed ({error}): export it again") from error
         raise InputRefused(
-            f"{name}: line {int(found[1]) + block.first} has {found[2]} cells, the rows before it {dialect.width}: "
+            f"{name}: line {int(found[1]) + block.start} has {found[2]} cells, the rows before it {dialect.width}: "
             f"delete the surplus cells; {REMEDY_COMMA}"
         ) from error
 

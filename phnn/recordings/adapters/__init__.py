@@ -32,12 +32,9 @@ def described(found: Sequence[Given], said: Manifest) -> tuple[list[tuple[Entry,
     if said.entries is None:
         return [_described(replace(said.common, file=one.name), by_name) for one in found], []
     for i, entry in enumerate(said.entries):
-        for file in entry.files:
-            if file not in by_name:
-                raise InputRefused(
-                    f"recordings[{i}]: no recording is called {shown(file)}, there are {', '.join(by_name)}: correct "
-                    f"`file`"
-                )
+        if unknown := [file for file in entry.files if file not in by_name]:
+            cause = f"no recording is called {shown(unknown[0])}, there are {', '.join(by_name)}"
+            raise InputRefused(f"recordings[{i}]: {cause}: correct `file`")
     asked = {file for entry in said.entries for file in entry.files}
     return [_described(e, by_name) for e in said.entries], [name for name in by_name if name not in asked]
 

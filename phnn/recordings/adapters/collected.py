@@ -23,10 +23,21 @@ from phnn.results import printable
 _TIMES = ("time", "t")
 
 
-def is_labelled(data: object) -> bool:
-    """Whether an object is a Dataset or a DataArray."""
-    xarray = sys.modules.get("xarray")
-    return xarray is not None and isinstance(data, xarray.Dataset | xarray.DataArray)
+# Libraries that may be loaded, and their classes whose objects are recordings.
+_CLASSES = {
+    "pandas": ("DataFrame",),
+    "xarray": ("Dataset", "DataArray"),
+    "nonlinear_benchmarks.utilities": ("Input_output_data",),
+}
+
+
+def _library(data: object) -> str:
+    """Return the first word of the library whose recording an object is; empty for any other object."""
+    for name, classes in _CLASSES.items():
+        module = sys.modules.get(name)
+        if module is not None and isinstance(data, tuple(getattr(module, c) for c in classes)):
+            return name.partition(".")[0]
+    return ""
 
 
 def given_labelled(data: Any, name: str = "") -> Iterator[Given]:
@@ -36,7 +47,7 @@ def given_labelled(data: Any, name: str = "") -> Iterator[Given]:
         InputRefused: the dimensions are not those of recordings, or attributes say what is not understood.
     """
     where = where_of(data, name)
-    data = _dataset(data)
+    data = data if hasattr(data, "data_vars") else _dataset(data)
     time, further = _dimensions(data, where)
     if further is None:
         yield _given(data, time, name, where)
@@ -47,9 +58,7 @@ def given_labelled(data: Any, name: str = "") -> Iterator[Given]:
 
 
 def _dataset(data: Any) -> Any:
-    """A Dataset; a DataArray with a coordinate of names becomes one, with the attributes of its own."""
-    if hasattr(data, "data_vars"):
-        return data
+    """A DataArray with a coordinate of names as a Dataset, with the attributes of its own."""
     channels = [d for d in data.dims if d in data.coords and data.coords[d].dtype.kind in "UOT"]
     if len(channels) != 1:
         raise InputRefused(
@@ -96,15 +105,8 @@ def _given(data: Any, time: str, name: str, where: Any) -> Given:
         if label != time and time in units:
             units[label] = units.pop(time)
         columns.setdefault(label, values if elapsed is None else elapsed)
-    return given_of(
-        data.attrs, Table(where, tuple(columns), tuple(columns.values()), by_name=True), units, printable(name)
-    )
-
-
-def is_frame(data: object) -> bool:
-    """Whether an object is a DataFrame."""
-    pandas = sys.modules.get("pandas")
-    return pandas is not None and isinstance(data, pandas.DataFrame)
+    table = Table(where, tuple(columns), tuple(columns.values()), by_name=True)
+    return given_of(data.attrs, table, units, printable(name))
 
 
 def given_frame(frame: Any, name: str = "") -> Given:
@@ -140,15 +142,6 @@ def _time(index: Any) -> tuple[str, np.ndarray] | None:
         return "time_s", elapsed
     named = parse_name(str(index.name)) if index.name is not None else None
     return (str(index.name), values) if named is not None and named[0] == "time" else None
-
-
-_MODULE = "nonlinear_benchmarks.utilities"
-
-
-def is_benchmark(data: object) -> bool:
-    """Whether an object is an ``Input_output_data``."""
-    module = sys.modules.get(_MODULE)
-    return module is not None and isinstance(data, module.Input_output_data)
 
 
 def given_benchmark(data: Any, names: tuple[str, str], name: str = "", use: str | None = None) -> Given:
@@ -209,23 +202,31 @@ def given(data: Any, said: Manifest) -> list[Given]:
             raise InputRefused(f"{type(data).__name__}: more than {LIMITS.recordings} recordings: give fewer")
     if not found:
         raise InputRefused(f"{type(data).__name__}: it is empty, there is no recording in it: give {_ACCEPTED}")
-    return _named_apart(found)
+    # Those without a name are called "recording", several by their number.
+    digits = len(str(len(found)))
+    numbered = (f"recording_{i:0{digits}d}" if len(found) > 1 else "recording" for i in range(1, len(found) + 1))
+    return [replace(one, name=one.name or name) for one, name in zip(found, numbered, strict=True)]
 
 
 def _collected(data: Any, name: str, names: tuple[str, str]) -> Iterator[Given]:
-    if is_frame(data):
+    library = _library(data)
+    if library == "pandas":
         yield given_frame(data, name)
-    elif is_labelled(data):
+    elif library == "xarray":
         yield from given_labelled(data, name)
-    elif is_benchmark(data):
+    elif library:
         yield given_benchmark(data, names, name)
     elif _is_pair(data):
-        yield from _pair(data, name, names)
+        for part, (word, use) in zip(data, _PARTS, strict=True):
+            several = [part] if _library(part) else list(part)
+            for i, one in enumerate(several, start=1):
+                label = _joined(name, word) + (f"_{i}" if len(several) > 1 else "")
+                yield given_benchmark(one, names, label, use)
     elif isinstance(data, Mapping) and any(map(_is_recording, data.values())):
         for key, one in data.items():
             yield from _collected(one, _joined(name, key), names)
-    elif _is_arrays(data):
-        yield _given_arrays(data, name)
+    elif isinstance(data, Mapping) and data and all(map(_is_numbers, data.values())):
+        yield Given(name, table_of(where_of(data, name), stored_arrays({str(k): v for k, v in data.items()})))
     elif isinstance(data, list | tuple) and not name:
         for one in data:
             yield from _collected(one, name, names)
@@ -240,7 +241,7 @@ def _collected(data: Any, name: str, names: tuple[str, str]) -> Iterator[Given]:
 
 def _is_recording(data: Any) -> bool:
     """Whether an object is a recording or several, not one column: what has a name in a mapping."""
-    return isinstance(data, Mapping) or is_frame(data) or is_labelled(data) or is_benchmark(data) or _is_pair(data)
+    return isinstance(data, Mapping) or _library(data) != "" or _is_pair(data)
 
 
 def _joined(name: str, key: object) -> str:
@@ -251,37 +252,8 @@ def _is_pair(data: Any) -> bool:
     """Whether an object is (train, test) of a benchmark, each one recording or several."""
     if not isinstance(data, tuple) or len(data) != 2:
         return False
-    return all(is_benchmark(d) or (isinstance(d, list | tuple) and d and all(map(is_benchmark, d))) for d in data)
-
-
-def _pair(data: Any, name: str, names: tuple[str, str]) -> Iterator[Given]:
-    for part, (word, use) in zip(data, _PARTS, strict=True):
-        several = [part] if is_benchmark(part) else list(part)
-        for i, one in enumerate(several, start=1):
-            label = _joined(name, word) + (f"_{i}" if len(several) > 1 else "")
-            yield given_benchmark(one, names, label, use)
-
-
-def _named_apart(found: list[Given]) -> list[Given]:
-    """Every recording with a name: its own, else ``recording`` and, among several, its number."""
-    digits = len(str(len(found)))
-    numbered = (f"recording_{i:0{digits}d}" if len(found) > 1 else "recording" for i in range(1, len(found) + 1))
-    return [replace(one, name=one.name or name) for one, name in zip(found, numbered, strict=True)]
-
-
-def _is_arrays(data: object) -> bool:
-    """Whether an object maps names to numbers, arrays or lists."""
-    return isinstance(data, Mapping) and bool(data) and all(map(_is_numbers, data.values()))
-
-
-def _given_arrays(data: Mapping[str, Any], name: str = "") -> Given:
-    """The arrays by name, the columns of a matrix as ``name[0]``, ….
-
-    Raises:
-        InputRefused: there are no arrays of numbers.
-    """
-    where = where_of(data, name)
-    return Given(name, table_of(where, stored_arrays({str(k): v for k, v in data.items()})))
+    parts = [part if isinstance(part, list | tuple) else [part] for part in data]
+    return all(part and all(_library(one) == "nonlinear_benchmarks" for one in part) for part in parts)
 
 
 def _is_numbers(value: Any) -> bool:

@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from phnn.recordings.manifest import USES
 from phnn.recordings.table import Table, Where, with_stamps
 from phnn.recordings.values import choice, number
 from phnn.results import printable
-
-USES = ("identification", "confirmation")
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,9 +55,7 @@ def where_of(data: object, name: str) -> Where:
 
 def plain(value: Any) -> Any:
     """A number of numpy as one of Python."""
-    return (
-        value.item() if isinstance(value, np.generic) or (isinstance(value, np.ndarray) and value.size == 1) else value
-    )
+    return value.item() if isinstance(value, np.generic | np.ndarray) and value.size == 1 else value
 
 
 def seconds(times: np.ndarray) -> np.ndarray | None:
