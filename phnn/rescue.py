@@ -71,7 +71,7 @@ class Ended:
         failed: models that could not be simulated or fitted; they were no candidates.
         warnings: parts that failed otherwise, or that the answer lacks.
         budget: seconds that there were; None without a bound.
-        evaluations: what was spent, in simulations of all recordings.
+        evaluations: what was spent, see `allow`.
         interruption: what interrupted it, to be raised again when the answer is written.
     """
 
@@ -121,7 +121,7 @@ class Account:
 
     @property
     def evaluations(self) -> float:
-        """What was spent so far, in simulations of all recordings; 0 where the size of one is not known."""
+        """What was spent so far, see `allow`; 0 where nothing is bounded."""
         return self.spent / self.unit
 
     def run(self, part: str, work: Callable[[], T], otherwise: T, checked: bool, ends: bool) -> T:
@@ -216,7 +216,7 @@ def allow(evaluations: float, unit: float) -> None:
     """Bound what may be spent.
 
     Args:
-        evaluations: simulations of all recordings, those before among them; unit: steps of one.
+        evaluations: simulations that may be done, those before among them; unit: steps of one.
     """
     account = _ACCOUNT.get()
     if account is not None:

@@ -38,9 +38,8 @@ from phnn.setup import Setup
 _NUMERICAL = 0.001
 # Nearly independent blocks of time below which a gain has no p-value.
 _BLOCKS = 8
-# Steps of one evaluation of the budget, at least and at most: many simulations of short recordings take no time, and
-# one of long recordings counts as several.
-_LEAST_STEPS, _MOST_STEPS = 100_000, 300_000
+# Steps of simulation that count as one evaluation of the budget: the same time for short and for long recordings.
+_STEPS = 300_000
 # Models that compete in the question for the next recording.
 _RIVALS = 4
 
@@ -221,7 +220,7 @@ def diagnose(
         if on_base is not None:
             needed("files of the base model", partial(on_base, base), None)
         progress(f"base model: {base.chi2**0.5:.3g} × noise; look for what it misses")
-        allow(chosen.evaluations, min(max(base.plan.size, _LEAST_STEPS), _MOST_STEPS))
+        allow(chosen.evaluations, _STEPS)
 
         def ready() -> Search:
             named = list(effects) if effects is not None else available(campaign, base.setup, left_out)

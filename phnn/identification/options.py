@@ -20,8 +20,8 @@ class Options:
         starts: starting points of the nonlinear stage per resonance.
         error_bound_sigma: bound on the numerical error over the plan, in standard deviations.
         max_effects: how many elements a diagnosis may add.
-        evaluations: what a diagnosis may spend, in simulations of all recordings; derivatives by eight variables count
-            as four, a simulation of more than 300,000 steps as several, and one by the slower general kernel as four.
+        evaluations: what a diagnosis may spend, in simulations of 300,000 steps; derivatives by eight variables count
+            as four simulations, and a step of the slower general kernel as four.
         without: effects of the catalogue that a diagnosis must not use.
         criteria: values of `phnn.criteria.Criteria` that replace the defaults, by name.
         workers: threads of a fit.

@@ -175,7 +175,7 @@ class Ending:
 
     Attributes:
         why: ``nothing left``, ``evaluations``, ``seconds``, ``interrupted`` or ``failure``; budget: seconds that there
-            were; evaluations: of the whole plan of recordings that were used.
+            were; evaluations: simulations of 300,000 steps that were used.
         not_tried: moves that were given up or not begun; failed: models that were no candidates.
     """
 
