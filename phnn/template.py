@@ -166,7 +166,10 @@ def _found(file: str, table: Table) -> Found:
     """Return the roles of a table's columns, with a reason where fewer than two may be input and output."""
     columns = _columns_seen(table)
     time = _time(columns, table)
-    rest = [c for c in columns if c is not time and not c.words & _COUNTERS]
+    # An instrument may write the same numbers twice: those that state a unit are meant.
+    stated = sorted(columns, key=lambda c: (c is not time, c.unit is None))
+    first = {c.values.tobytes(): c for c in reversed(stated)}
+    rest = [c for c in columns if first[c.values.tobytes()] is c is not time and not c.words & _COUNTERS]
     free = [c for c in rest if c.moves and not c.words & _FURTHER]
     free = free if len(free) >= 2 else [c for c in rest if c.moves]
     if len(free) < 2:

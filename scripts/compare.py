@@ -17,6 +17,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # studies/ is not 
 from phnn.commands.compare import compare
 from phnn.commands.terminal import refusals
 from phnn.configuration import checked
+from phnn.errors import InputRefused
 from studies.rival_models.names import register_rivals
 
 
@@ -24,6 +25,8 @@ from studies.rival_models.names import register_rivals
 def main(config: DictConfig) -> None:
     """Run, and refuse bad input in one line."""
     with refusals("compare"):
+        if config.folder is None:
+            raise InputRefused("no recordings: name their folder, folder=DIR")
         register_rivals()
         chosen = checked("compare", OmegaConf.to_container(config.compare, resolve=True))
         compare(Path(config.folder), Path(config.out), Path(config.manifest) if config.manifest else None, chosen)

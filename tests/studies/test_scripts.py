@@ -11,14 +11,11 @@ from scripts_example import script
 @pytest.mark.parametrize(
     ("name", "settings", "needle"),
     [
-        *((name, setting, needle) for name in ("compare", "experiment") for setting, needle in (
-            ("recordings.effect=gravity", "gravity"), ("recordings.noise_um=much", "noise_um"),
-            ("folder=nowhere", "nowhere"),
-        )),
-        ("experiment", "fit.starts=0", "starts"),
-        ("compare", "compare.starts=0", "starts"),
-        ("compare", "inputs=0", "inputs"),
-        ("compare", "compare.models=[phs,transformer]", "transformer"),
+        ("experiment", "recordings.effect=gravity", "gravity"), ("experiment", "recordings.noise_um=much", "noise_um"),
+        ("experiment", "folder=nowhere", "nowhere"), ("experiment", "fit.starts=0", "starts"),
+        ("compare", "folder=nowhere", "nowhere"), ("compare", "folder=null", "folder=DIR"),
+        ("rivals", "sets=[gravity]", "gravity"), ("rivals", "noise_um=much", "noise_um"),
+        ("rivals", "compare.starts=0", "starts"), ("rivals", "compare.models=[phs,transformer]", "transformer"),
         ("trainers", "only=[gravity]", "no case 'gravity'"),
         ("trainers", "only=[slow] cases.slow.ways=[magic]", "no trainer 'magic'"),
     ],
