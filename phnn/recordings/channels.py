@@ -26,10 +26,10 @@ from phnn.recordings.units import (
 # What loggers write for a value that is missing, or beyond a counter.
 MARKS = (-99.0, -999.0, -9999.0, -99999.0, 999.0, 9999.0, 99999.0, 65535.0, 32767.0, -32768.0, 2147483647.0,
          -2147483648.0, 4294967295.0)  # fmt: skip
-# A mark lies off all other numbers by this share of their range; a glitch off its neighbours by these multiples of what
-# 99 of 100 samples do and of the steps of a converter, and by this share of the range.
 # How many values a column has beside such a mark: an input on a few levels may have any of them.
 _VALUES = 10
+# A mark lies off all other numbers by this share of their range; a glitch off its neighbours by these multiples of what
+# 99 of 100 samples do and of the steps of a converter, and by this share of the range.
 _APART, _TIMES_OFF, _STEPS, _SHARE = 0.5, 50.0, 20.0, 0.02
 # Ranges after which angles and counters start again; the share of it that a signal covers, and that it may jump.
 _TURNS = (360.0, 2.0 * np.pi, 400.0, 1.0, 100.0, 1000.0, 3600.0, *(2.0**k for k in range(8, 33)))

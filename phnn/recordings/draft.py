@@ -18,12 +18,12 @@ from phnn.recordings.excitation import Excitation, excitation_of
 from phnn.recordings.manifest import Entry, Manifest
 from phnn.recordings.recording import ACTUATOR, Recording, Start, Units, drive_of, is_actuator
 from phnn.recordings.sampling import evenly, interpolated, own_rows, stamped
-from phnn.recordings.sensor import PLAIN, Sensor, check_unit_of_limits, longest_free
+from phnn.recordings.sensor import PLAIN, Sensor, check_unit_of_limits
 from phnn.recordings.table import Table, Where
 from phnn.recordings.units import known_unit
 from phnn.results import printable
 from phnn.signals.noise import FROM_PERIODS, WHITE, NoiseFloor, noise_floor
-from phnn.signals.sampling import quantisation_step
+from phnn.signals.sampling import longest_run, quantisation_step, runs
 
 # A step of time longer than this many usual ones begins a new recording.
 _JUMP = 1.5
@@ -88,12 +88,11 @@ def not_clipped(u: np.ndarray, y: np.ndarray, label: str, factor: float, where: 
     for extreme, name in ((float(y.max()), "largest"), (float(y.min()), "smallest")):
         if known[y == extreme].any():
             continue
-        edges = np.flatnonzero(np.diff(y == extreme, prepend=False, append=False)).reshape(-1, 2)
-        runs = [(first, last) for first, last in edges.tolist() if _is_clipped(u, y, first, last, step)]
-        stuck = sum(last - first for first, last in runs)
+        clipped = [run for run in runs(y == extreme) if _is_clipped(u, y, run.start, run.stop, step)]
+        stuck = sum(run.stop - run.start for run in clipped)
         if stuck > LARGEST_CLIPPED_SHARE * y.size:
             raise InputRefused(
-                f"{where}: {label}, {where.row(runs[0][0])}: clipped, {stuck} samples ({stuck / y.size:.1%}) sit "
+                f"{where}: {label}, {where.row(clipped[0].start)}: clipped, {stuck} samples ({stuck / y.size:.1%}) sit "
                 f"exactly at the {name} value {extreme / factor:.6g} while the input moves on: record again within the "
                 f"sensor's range, or say in recordings.yaml where it ends, sensor: {{saturates: [LEAST, LARGEST]}}"
             )
@@ -305,9 +304,9 @@ def _noise(recording: Recording, excitation: Excitation) -> NoiseFloor:
     floor = noise_floor(drive, y, dt, period, span, recording.start.state == "periodic")
     if not stuck.any():
         return floor
-    first, last = longest_free(stuck)
-    if not floor.source.startswith(FROM_PERIODS) and last - first >= checks.FEWEST_SAMPLES:
-        return noise_floor(drive[first:last], y[first:last], dt)
+    free = longest_run(~stuck)
+    if not floor.source.startswith(FROM_PERIODS) and free.stop - free.start >= checks.FEWEST_SAMPLES:
+        return noise_floor(drive[free], y[free], dt)
     return replace(floor, value=floor.value / max(1.0 - float(stuck.mean()), 1.0 / y.size) ** 0.5)
 
 

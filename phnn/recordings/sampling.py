@@ -32,10 +32,12 @@ _LEVELS, _ONE_STEP = 8, 0.5
 
 @dataclass(frozen=True, eq=False)
 class Stamped:
-    """Attributes:
-    t: (N,) sampling instants from 0 on, s; uniform where the stamps are, but for rounding.
-    values: (N,) SI values by channel; rows: (N,) of the file, from its first one in use.
-    notes: what was repaired or assumed.
+    """Channels at their sampling instants, in order.
+
+    Attributes:
+        t: (N,) sampling instants from 0 on, s; uniform where the stamps are, but for rounding.
+        values: (N,) SI values by channel; rows: (N,) of the file, from its first one in use.
+        notes: what was repaired or assumed.
     """
 
     t: Array

@@ -101,15 +101,6 @@ def check_unit_of_limits(sensor: Sensor, si: str, label: str, where: object) -> 
         )
 
 
-def longest_free(stuck: NDArray[np.bool_]) -> tuple[int, int]:
-    """Samples ``[first, last)`` of the longest stretch off the limits."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([1], stuck.astype(int), [1]))))
-    if not edges.size:
-        return 0, 0
-    longest = int(np.argmax(edges[1::2] - edges[::2]))
-    return int(edges[2 * longest]), int(edges[2 * longest + 1])
-
-
 def _limits(content: Mapping[str, Any], where: str) -> tuple[tuple[float, float], str]:
     if "saturates" not in content:
         return PLAIN.saturates, ""

@@ -72,3 +72,14 @@ def quantisation_step(y: np.ndarray) -> float:
         if misfit.max() < 0.02:
             return refined
     return 0.0
+
+
+def runs(mask: NDArray[np.bool_]) -> list[slice]:
+    """Return the stretches of true values."""
+    edges = np.flatnonzero(np.diff(mask, prepend=False, append=False)).tolist()
+    return [slice(a, b) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def longest_run(mask: NDArray[np.bool_]) -> slice:
+    """Return the longest stretch of true values, the first of several; an empty one where there is none."""
+    return max(runs(mask), key=lambda run: run.stop - run.start, default=slice(0, 0))

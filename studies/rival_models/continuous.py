@@ -39,9 +39,9 @@ from torch.func import functional_call, jacrev, vmap
 
 from phnn.errors import SolverFailed
 from phnn.recordings.recording import Recording
-from studies.rival_models.grid import Gridded, OnGrid, data_on
+from studies.rival_models.grid import Gridded, GridStepper, OnGrid, data_on
 from studies.rival_models.networks import PER_PERIOD, Linear, linear_model
-from studies.rival_models.rival import Budget, Fitted, Mask, Rival, Spent, State, Stepper
+from studies.rival_models.rival import Budget, Fitted, Mask, Rival, Spent, State
 
 Array = NDArray[np.float64]
 
@@ -190,10 +190,24 @@ def _rollout(
         x[k] = now + (f0 + 2.0 * (f1 + f2) + f3) / 6.0
 
 
+class _Stepper(GridStepper):
+    """The state holds the network's and the last scaled input."""
+
+    def rest(self, u: float) -> State:
+        x = u / self._fitted.scales.u
+        return self._fitted.rest(x), x
+
+    def run(self, state: State, u: Array) -> tuple[State, Array]:
+        x = np.append(state[1], u / self._fitted.scales.u)
+        path = self._fitted.net.run(state[0], x)
+        return (path[-1], x[-1]), path[1:] @ self._fitted.net.c.detach().numpy() * self._fitted.scales.y
+
+
 @dataclass(frozen=True)
 class ContinuousFitted(OnGrid):
     """A trained vector field on a grid."""
 
+    steps = _Stepper
     net: Field = None  # type: ignore[assignment]
 
     def rest(self, u: float) -> Array:
@@ -221,26 +235,6 @@ class ContinuousFitted(OnGrid):
 
     def run_grid(self, g: Gridded) -> Array:
         return np.asarray(self.states(g)[1:] @ self.net.c.detach().numpy())
-
-    def stepper(self, dt: float) -> Stepper:
-        self._same_interval(dt)
-        return _Stepper(self)
-
-
-class _Stepper(Stepper):
-    """The state holds the network's and the last scaled input."""
-
-    def __init__(self, fitted: ContinuousFitted) -> None:
-        self.dt, self._fitted = fitted.grid, fitted
-
-    def rest(self, u: float) -> State:
-        x = u / self._fitted.scales.u
-        return self._fitted.rest(x), x
-
-    def run(self, state: State, u: Array) -> tuple[State, Array]:
-        x = np.append(state[1], u / self._fitted.scales.u)
-        path = self._fitted.net.run(state[0], x)
-        return (path[-1], x[-1]), path[1:] @ self._fitted.net.c.detach().numpy() * self._fitted.scales.y
 
 
 class _Training:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import savgol_filter
 
 from phnn.recordings.recording import Recording
-from studies.rival_models.rival import Fitted, Mask, Scales, highest, run_in, scales_of, split
+from studies.rival_models.rival import Fitted, Mask, Scales, Stepper, highest, run_in, scales_of, split
 
 Array = NDArray[np.float64]
 
@@ -97,15 +98,24 @@ def _first_zero(recording: Recording) -> float:
     return float(np.linalg.lstsq(np.column_stack([np.ones(x.size), x**2, x**3]), first, rcond=None)[0][0])
 
 
+class GridStepper(Stepper):
+    """A model of `OnGrid`, one sample after the other."""
+
+    def __init__(self, fitted: Any) -> None:
+        self.dt, self._fitted = fitted.grid, fitted
+
+
 @dataclass(frozen=True)
 class OnGrid(Fitted):
     """A fitted model in discrete time.
 
     Attributes:
+        steps: its model sample by sample.
         grid: its sampling interval, s; scales: of what it takes and gives.
         zero: of the output, SI, in recordings that do not start from rest.
     """
 
+    steps: ClassVar[type[GridStepper]]
     grid: float = 0.0
     scales: Scales = None  # type: ignore[assignment]
     zero: float = 0.0
@@ -128,6 +138,10 @@ class OnGrid(Fitted):
     def run_grid(self, g: Gridded) -> Array:
         """Return the (N,) scaled outputs of free simulation on the grid; not finite where it diverged."""
         raise NotImplementedError
+
+    def stepper(self, dt: float) -> Stepper:
+        self._same_interval(dt)
+        return self.steps(self)
 
 
 @dataclass(frozen=True)

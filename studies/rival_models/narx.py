@@ -24,9 +24,9 @@ from scipy.optimize import least_squares
 
 from phnn.errors import SolverFailed
 from phnn.recordings.recording import Recording
-from studies.rival_models.grid import Data, Gridded, OnGrid, data_on, interval
+from studies.rival_models.grid import Data, Gridded, GridStepper, OnGrid, data_on, interval
 from studies.rival_models.names import needed
-from studies.rival_models.rival import Budget, Fitted, Mask, Rival, Spent, State, Stepper
+from studies.rival_models.rival import Budget, Fitted, Mask, Rival, Spent, State
 
 Array = NDArray[np.float64]
 Powers = NDArray[np.int64]
@@ -80,26 +80,8 @@ def free(powers: Powers, weights: Array, g: Gridded) -> Array:
     return y if good else np.full(y.size, np.inf)
 
 
-@dataclass(frozen=True)
-class NarxFitted(OnGrid):
-    """Terms with powers (T, V) and weights (T,) on a grid."""
-
-    powers: Powers = None  # type: ignore[assignment]
-    weights: Array = None  # type: ignore[assignment]
-
-    def run_grid(self, g: Gridded) -> Array:
-        return free(self.powers, self.weights, g)
-
-    def stepper(self, dt: float) -> Stepper:
-        self._same_interval(dt)
-        return _Stepper(self)
-
-
-class _Stepper(Stepper):
+class _Stepper(GridStepper):
     """The state is an array: the last input, the one before, and two outputs alike, scaled."""
-
-    def __init__(self, fitted: NarxFitted) -> None:
-        self.dt, self._fitted = fitted.grid, fitted
 
     def rest(self, u: float) -> State:
         """Return the equilibrium that free simulation reaches from zero under a constant input."""
@@ -111,6 +93,18 @@ class _Stepper(Stepper):
         _simulate(x, state, y, f.powers, f.weights, np.inf)
         inputs, outputs = np.append(state[[1, 0]], x), np.append(state[[3, 2]], y)
         return np.array([inputs[-1], inputs[-2], outputs[-1], outputs[-2]]), y * f.scales.y
+
+
+@dataclass(frozen=True)
+class NarxFitted(OnGrid):
+    """Terms with powers (T, V) and weights (T,) on a grid."""
+
+    steps = _Stepper
+    powers: Powers = None  # type: ignore[assignment]
+    weights: Array = None  # type: ignore[assignment]
+
+    def run_grid(self, g: Gridded) -> Array:
+        return free(self.powers, self.weights, g)
 
 
 def error(data: Data, powers: Powers, weights: Array, masks: Sequence[Mask]) -> Array:

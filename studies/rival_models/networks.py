@@ -31,9 +31,9 @@ from torch import Tensor, nn
 
 from phnn.errors import SolverFailed
 from phnn.recordings.recording import Recording
-from studies.rival_models.grid import Data, Gridded, OnGrid, data_on
+from studies.rival_models.grid import Data, Gridded, GridStepper, OnGrid, data_on
 from studies.rival_models.hysteresis import STARTS, Static, Structure, fit_structure, free_responses, transfer
-from studies.rival_models.rival import Budget, Fitted, Rival, State, Stepper, over_noise, split
+from studies.rival_models.rival import Budget, Fitted, Rival, State, over_noise, split
 
 Array = NDArray[np.float64]
 
@@ -197,10 +197,27 @@ def _tensor(rows: Array) -> Tensor:
     return torch.from_numpy(np.ascontiguousarray(rows))[None]
 
 
+class _Stepper(GridStepper):
+    """The state holds those of the network and of the linear model, and the last scaled input."""
+
+    def rest(self, u: float) -> State:
+        x = u / self._fitted.scales.u
+        return self._fitted.rested(x), self._fitted.linear.rest(x), x
+
+    @torch.no_grad()
+    def run(self, state: State, u: Array) -> tuple[State, Array]:
+        inner, kept, last = state
+        x = u / self._fitted.scales.u
+        linear, kept = self._fitted.linear.run(x, kept)
+        y, inner = self._fitted.net.simulate(_tensor(_rows(x, last, linear)), inner)
+        return (inner, kept, float(x[-1])), y[0].numpy() * self._fitted.scales.y
+
+
 @dataclass(frozen=True)
 class NetFitted(OnGrid):
     """A trained network beside a linear model, on a grid."""
 
+    steps = _Stepper
     net: Net = None  # type: ignore[assignment]
     linear: Linear = None  # type: ignore[assignment]
 
@@ -229,29 +246,6 @@ class NetFitted(OnGrid):
             state = self.net.begin(_tensor(rows[: _PAST + first]))
         y = self.net.simulate(_tensor(rows[_PAST + first :]), state)[0][0].numpy()
         return np.concatenate([g.y[:first], y])
-
-    def stepper(self, dt: float) -> Stepper:
-        self._same_interval(dt)
-        return _Stepper(self)
-
-
-class _Stepper(Stepper):
-    """The state holds those of the network and of the linear model, and the last scaled input."""
-
-    def __init__(self, fitted: NetFitted) -> None:
-        self.dt, self._fitted = fitted.grid, fitted
-
-    def rest(self, u: float) -> State:
-        x = u / self._fitted.scales.u
-        return self._fitted.rested(x), self._fitted.linear.rest(x), x
-
-    @torch.no_grad()
-    def run(self, state: State, u: Array) -> tuple[State, Array]:
-        inner, kept, last = state
-        x = u / self._fitted.scales.u
-        linear, kept = self._fitted.linear.run(x, kept)
-        y, inner = self._fitted.net.simulate(_tensor(_rows(x, last, linear)), inner)
-        return (inner, kept, float(x[-1])), y[0].numpy() * self._fitted.scales.y
 
 
 class _Windows:

@@ -17,11 +17,11 @@ from phnn.report.figures import (
     draw_overview,
     draw_recording,
     envelope,
-    longest_run,
     residual_spectrum,
     telling_stretch,
 )
 from phnn.report.page import formula, symbol
+from phnn.signals.sampling import longest_run
 
 
 @given(st.integers(1, 3000), st.integers(1, 60), st.integers(0, 2**32 - 1))

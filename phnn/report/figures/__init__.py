@@ -34,6 +34,7 @@ from phnn.report.figures.style import (
     say,
 )
 from phnn.report.formatting import Unit, display_unit, quantity, ratio, words
+from phnn.signals.sampling import longest_run, runs
 
 if TYPE_CHECKING:
     from phnn.diagnose.words import Picture
@@ -116,17 +117,6 @@ class Spectrum:
     before: np.ndarray  # (K,) m/√Hz
     after: np.ndarray  # (K,) m/√Hz
     noise: float  # m/√Hz, white noise of the stated standard deviation
-
-
-def runs(mask: np.ndarray) -> list[slice]:
-    """The stretches of true values."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], mask.astype(bool), [False])).astype(np.int8)))
-    return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-
-
-def longest_run(mask: np.ndarray) -> slice:
-    """The longest stretch of true values (empty where there is none)."""
-    return max(runs(mask), key=lambda run: run.stop - run.start, default=slice(0, 0))
 
 
 def residual_spectrum(
