@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import partial
 from itertools import product
 
 import numpy as np
 
 from phnn.effects import kinds
-from phnn.effects.additions import Parts, Placed, at_amplifier, with_following_dead_zones
+from phnn.effects.additions import Parts, Placed, Slipping, at_amplifier, with_following_dead_zones
 from phnn.effects.declaration import (
     between,
     bounded,
@@ -31,20 +30,6 @@ from phnn.setup import Setup
 # Displacements after which the spring slips, over the largest one; a stiffness over that of the base model, with which
 # the response is still proportional to it.
 _SLIP_TRAVELS, _SMALL = (0.05, 0.2, 0.6, 2.0), 1e-3
-
-
-@dataclass(frozen=True)
-class _Slipping:
-    """``F += −E(z)``, ``ż = v − φ``: a storage whose slip reads the momentum."""
-
-    form: str
-    spring: Storage
-    shape: tuple[str, ...]
-    passive = True
-
-    def __call__(self, setup: Setup, parameters: Placed) -> Setup:
-        slip = Resistor("slip_B", self.form, {"z_B": 1.0}, (*self.shape, inertia(setup)), "p")
-        return Parts((self.spring,), (slip,), (Coupling("z_B", "p"),))(setup, parameters)
 
 
 def _slipping_grid(scales: Scales, backs: tuple[float, ...]) -> list[dict[str, float]]:
@@ -98,7 +83,9 @@ _DUHEM = Effect(
         "Visintin 1994, Differential Models of Hysteresis (Duhem)",
     ),
     declares=(*_SPRING, *_STIFFENS),
-    adds=_Slipping("duhem", Storage("z_B", "exponential_spring", ("k_B", "F_B", "c_B"), "m"), ("F_B", "n_B", "c_B")),
+    adds=Slipping(
+        "slip_B", "duhem", Storage("z_B", "exponential_spring", ("k_B", "F_B", "c_B"), "m"), ("F_B", "n_B", "c_B")
+    ),
     grid=duhem_grid,
     applies=has_inertia,
     neighbours=("extra_hysteron", "coulomb_friction", "creep"),
@@ -112,7 +99,7 @@ BOUC_WEN_HYSTERESIS = _DUHEM.or_as(
     "{F_B}, with an exponent of {n_B}, and on the way back {c_B} times as much. Forwards that force is the share "
     "{a_B} larger, backwards smaller.",
     declares=(*_SPRING, *_SLIPS),
-    adds=_Slipping("bouc_wen", Storage("z_B", "spring", ("k_B",), "m"), ("F_B", "n_B", "c_B", "a_B")),
+    adds=Slipping("slip_B", "bouc_wen", Storage("z_B", "spring", ("k_B",), "m"), ("F_B", "n_B", "c_B", "a_B")),
     grid=bouc_wen_grid,
 ).or_as(
     equation=r"V = u - w s, \quad \dot{s} = (\dot{u} - \beta\,|\dot{u}|\,e\,\mathrm{sgn}\,s - \gamma\,\dot{u}\,e)/V_B,"
