@@ -18,10 +18,18 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from phnn.errors import InputRefused, PhnnError, SolverFailed
-from phnn.identification.fit import Fit, distinct_optima, fit
+from phnn.identification.fit import Fit, fit
 from phnn.identification.options import Options
 from phnn.identification.plan import Plan
-from phnn.identification.prepare import Prepared, hysteresis_needed, is_ready, prepare
+from phnn.identification.prepare import (
+    Prepared,
+    hysteresis_needed,
+    is_ready,
+    is_shared,
+    own_zeros,
+    prepare,
+    with_shared_zero,
+)
 from phnn.identification.problem import Problem, Variables, beyond_limit, starts_unknown, without_nuisances
 from phnn.identification.staged import (
     FURTHER_STARTS,
@@ -33,7 +41,6 @@ from phnn.identification.staged import (
     stated_only,
 )
 from phnn.identification.starting_points import mechanical_points, scaled_points
-from phnn.identification.zero import is_shared, with_own_zeros, with_shared_zero
 from phnn.models.bouc_wen import bouc_wen
 from phnn.recordings.recording import Anchor, Campaign, Recording
 from phnn.rescue import late
@@ -182,7 +189,7 @@ def with_bounded_error(first: Fit, bound: float) -> tuple[Fit, NumericalError]:
     free = released(fitted)
     if free is not fitted:
         fitted, error = free, numerical_error(free)
-    return replace(fitted, alternatives=first.alternatives), error
+    return fitted, error
 
 
 def released(fitted: Fit, keep: Sequence[str] = ()) -> Fit:
@@ -264,13 +271,13 @@ def identify_network(
     if not tried:
         raise PhnnError(f"no starting point of {setup.name} can be simulated ({failure}): give other starting values")
     finished: list[Fit] = []
-    for first in sorted(tried, key=_cost)[:_FINALISTS]:
+    for first in sorted(tried, key=lambda f: f.cost)[:_FINALISTS]:
         if finished and late(FURTHER_STARTS):
             break
         finished.append(fit_identified(first.setup, plan, held, _FULL, first))
-    best, alternatives = distinct_optima(finished)
+    best = min(finished, key=lambda f: f.cost)
     _can_be_explained(best, setup, held)
-    return replace(best, alternatives=alternatives)
+    return best
 
 
 def _can_be_explained(fitted: Fit, setup: Setup, held: Mapping[str, str]) -> None:
@@ -291,10 +298,6 @@ def _can_be_explained(fitted: Fit, setup: Setup, held: Mapping[str, str]) -> Non
             f"recordings.yaml, at the input or the output). With the sign reversed the network leaves "
             f"{reversed_fit.chi2**0.5:.3g} times the noise, as recorded {fitted.chi2**0.5:.3g} times"
         )
-
-
-def _cost(fitted: Fit) -> float:
-    return fitted.cost
 
 
 def _starts(setup: Setup, held: Mapping[str, str], count: int, seed: int) -> list[Setup]:
@@ -328,8 +331,10 @@ def identify_base(
     """
     prepared = prepare(campaign, options.workers)
     if is_shared(campaign.recordings):
-        own = replace(prepared, plan=with_own_zeros(prepared.plan))
-        first = with_shared_zero(_begun(own, campaign, options, progress), prepared.plan)
+        # Starting values are sought with a zero for each recording.
+        own = replace(prepared.plan, recordings=own_zeros(prepared.plan.recordings))
+        begun = _begun(replace(prepared, plan=own), campaign, options, progress)
+        first = with_shared_zero(begun, prepared.plan)
     else:
         first = _begun(prepared, campaign, options, progress)
     found = with_bounded_error(first, _bound(first, options, share))
