@@ -109,12 +109,10 @@ class NumericalError:
     """Attributes:
     error: (N,) weighted error over the identification samples, stacked over recordings.
     sigma: its norm after projection on what base and zero cannot absorb.
-    shares: weighted norm by recording before the projection.
     """
 
     error: Array
     sigma: float
-    shares: dict[str, float]
 
 
 def substeps_for(setup: Setup, plan: Plan, bound: float, initial: Mapping[str, Array] | None = None) -> Plan:
@@ -162,15 +160,12 @@ def numerical_error(fit: Fit) -> NumericalError:
         hidden = beyond_limit(recording, base, mask, fit.setup.own)
         return without_nuisances(solver + reconstruction, mask, recording, fit.setup.own, hidden) / recording.noise
 
-    parts = plan.each(one, simulations=4.0)
-    error = np.concatenate(parts)
+    error = np.concatenate(plan.each(one, simulations=4.0))
     rest = error
     if fit.jacobian.shape[1]:
         q, _ = np.linalg.qr(fit.jacobian)
         rest = error - q @ (q.T @ error)
-    names = [r.name for r in plan.recordings]
-    shares = {n: float(np.linalg.norm(p)) for n, p in zip(names, parts, strict=True)}
-    return NumericalError(error, float(np.linalg.norm(rest)), shares)
+    return NumericalError(error, float(np.linalg.norm(rest)))
 
 
 def with_bounded_error(first: Fit, bound: float) -> tuple[Fit, NumericalError]:
