@@ -33,7 +33,6 @@ from phnn.identification.prepare import (
 from phnn.identification.problem import Problem, Variables, beyond_limit, starts_unknown, without_nuisances
 from phnn.identification.staged import (
     FURTHER_STARTS,
-    check_known,
     fit_identified,
     held_at,
     held_by_statement,
@@ -236,7 +235,7 @@ def identify_network(
     """Fit a network to the identification samples of a plan.
 
     Args:
-        setup: the network with starting values; the first start are these.
+        setup: the network with starting values and the values of the anchors; the first start are these.
         plan: recordings and sub-steps.
         known: anchors; a known parameter is held at its value.
         starts: number of starting points; all but the first have every positive parameter multiplied by a factor around
@@ -245,11 +244,9 @@ def identify_network(
         from_recordings: the starting values say nothing, and the recordings give them (`scaled_points`).
 
     Raises:
-        InputRefused: a known parameter does not belong to the network, or the output falls where the input rises.
+        InputRefused: the output falls where the input rises.
         PhnnError: no starting point can be simulated.
     """
-    check_known(known, setup.parameters)
-    setup = setup.with_values({n: a.value for n, a in known.items()})
     held = held_at(known)
     tried: list[Fit] = []
     points = _starts(setup, held, starts, seed)

@@ -184,7 +184,7 @@ def places(content: Any, at: tuple[str | int, ...] = ()) -> list[tuple[str | int
     return [p for key, value in items for p in ((*at, key), *places(value, (*at, key)))]
 
 
-@often(120)
+@often(40)
 @given(data=st.data())
 def test_models_with_something_at_random(
     data: st.DataObject, attack: Attack, good: Path, model: dict[str, Any]
@@ -373,7 +373,7 @@ VALUES_NETWORKS = st.sampled_from([
 PLACES = [i for i, c in enumerate(GOOD) if c in " {}[],:\n"]
 
 
-@often(80)
+@often(30)
 @given(at=st.sampled_from(PLACES), cut=st.integers(0, 9), piece=VALUES_NETWORKS)
 def test_networks_with_a_damaged_place(at: int, cut: int, piece: str, attack: Attack, good: Path) -> None:
     described(good, GOOD[:at] + f" {piece} " + GOOD[at + cut :])

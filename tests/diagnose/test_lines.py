@@ -16,6 +16,7 @@ from scipy.signal import cont2discrete, dlsim, lfilter
 
 import phnn
 from phnn.criteria import Criteria
+from phnn.derivatives import output_derivatives
 from phnn.diagnose import screen
 from phnn.diagnose.diagnosis import available
 from phnn.diagnose.linearised import LinearisedFit, prepare
@@ -34,6 +35,7 @@ from phnn.diagnose.locations import (
 )
 from phnn.diagnose.search import material
 from phnn.effects import effect
+from phnn.errors import StructureViolated
 from phnn.identification.covariance import NoiseSpectrum, most_excess, noise_spectra
 from phnn.models.actuator import hrc
 from phnn.network.small_signal import output_gain
@@ -293,6 +295,11 @@ def test_nothing_is_missing_and_the_parameters_are_right(heated: Campaign) -> No
     values = found.final.setup.values()
     assert [values["c"], values["g"]] == pytest.approx([CAPACITY, RATE], rel=0.01)
     assert np.isfinite(list(locate(found.linearised[0]).scores.values())).all()
+    # The output is no position, so that no force acts on it.
+    trajectory = found.linearised[0].trajectories[0]
+    assert trajectory.velocity == pytest.approx(np.diff(trajectory.states[:, 0]) / trajectory.h)
+    with pytest.raises(StructureViolated, match="no force acts"):
+        output_derivatives(trajectory, (), (), np.ones((trajectory.h.size, 1)))
 
 
 HEATED_DT = 1e-4

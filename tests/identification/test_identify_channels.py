@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-import campaigns
 import numpy as np
 import pandas as pd
 import pytest
@@ -343,12 +342,3 @@ def test_what_is_coherent_over_a_recording_is_one_observation_and_no_test() -> N
     found = gain(*models(made, [0.0 * drift] * 2, [60.0 * drift] * 2), made, "confirmation", 8)
     assert found is not None and found.falls is None
     assert found.after < 0.5 * found.before
-
-
-def test_the_noise_of_a_campaign_is_the_unit() -> None:
-    held = next(r for r in campaigns.campaign().recordings if any(p.use == "confirmation" for p in r.parts))
-    y = {held.name: held.y + held.noise}
-    exact = {held.name: held.y}
-    found = gain(Evaluation(y, ()), Evaluation(exact, ()), [held], "confirmation", 8)
-    assert found is not None
-    assert (found.before, found.after, found.rms) == pytest.approx((1.0, 0.0, held.noise))

@@ -149,6 +149,12 @@ def test_a_class_is_right_with_the_truth_in_it() -> None:
     assert not case(*MODELS, effects=("e0",)).in_class(many)
 
 
+def test_statements_leave_out_learned_elements_and_what_acts_beside() -> None:
+    stated = answer((("creep", "delay"), 0.6), (("learned_spring",), 0.395), ((), 0.005))
+    own = case(*MODELS, effects=("delay",), group="listed, with a background").statements(stated)
+    assert own == [(0.6, True)]
+
+
 def test_calibration_error_and_log_score_by_hand() -> None:
     assert calibration_error([(0.9, True), (0.9, False), (0.2, False), (0.2, False)]) == pytest.approx(0.3)
     assert calibration_error([(1.0, True), (0.0, False)]) == 0.0
