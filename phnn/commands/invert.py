@@ -17,7 +17,7 @@ from phnn.errors import InputRefused
 from phnn.intake.files import named_file
 from phnn.inverse import Inverse, InverseOptions
 from phnn.model import Model
-from phnn.predictor import loaded
+from phnn.predictor import load
 from phnn.recordings import checks
 from phnn.recordings.channels import select
 from phnn.recordings.checks import like_an_actuator
@@ -133,7 +133,7 @@ def invert(
     if "limits" in given:
         given["limits"] = tuple(given["limits"])
     chosen = InverseOptions(**given)
-    found = loaded(model, outside)
+    found = load(model, outside)
     if not isinstance(found, Model):
         raise InputRefused(
             f"{model}: a model of modes in a steady cycle has no inverse: give the model of an actuator, as phnn "

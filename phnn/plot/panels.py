@@ -15,12 +15,12 @@ import pandas as pd
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
+from phnn import predictor
 from phnn.diagnose.diagnosis import Diagnosis
 from phnn.errors import InputRefused
 from phnn.model import Model
 from phnn.parameters import prefixed
 from phnn.prediction import Predicted
-from phnn.predictor import loaded, predictor
 from phnn.recordings import Campaign, campaign_of
 from phnn.recordings.excitation import excitation_of
 from phnn.recordings.recording import Recording
@@ -139,7 +139,7 @@ def model_of(given: Any, outside: bool = False) -> Model | StoredModes:
     if isinstance(given, Diagnosis):
         return given.model
     if isinstance(given, str | Path):
-        return loaded(Path(given), outside)
+        return predictor.load(given, outside)
     found: Model | StoredModes = given
     return found
 
@@ -160,8 +160,7 @@ def network_model(given: Any) -> Model:
 
 def predictions(given: Any, campaign: Campaign | str | Path, recordings: Sequence[str] | None) -> tuple[Predicted, ...]:
     """Predictions of the recordings that are drawn; see `chosen`."""
-    simulated: Iterable[Predicted] = predictor(model_of(given))(chosen(campaign, recordings))
-    return tuple(simulated)
+    return tuple(predictor.predictions(model_of(given), chosen(campaign, recordings)))
 
 
 def chosen(campaign: Campaign | str | Path, recordings: Sequence[str] | None) -> Campaign:

@@ -24,7 +24,7 @@ from phnn.signals.first_order import (
     periodogram,
     without_line,
 )
-from phnn.signals.sampling import quantisation_step
+from phnn.signals.sampling import longest_run, quantisation_step
 
 # Differences of order p pass white noise with the factor ``√C(2p, p)`` and a tone of angular frequency ω with
 # ``(2 sin(ω dt/2))^p``: with rising order what was excited vanishes, and the estimate comes to rest at the noise. Jumps
@@ -291,11 +291,8 @@ def from_rest(u: np.ndarray, y: np.ndarray) -> NoiseFloor | None:
 def longest_hold(u: np.ndarray) -> tuple[int, int]:
     """Samples ``[first, last)`` of the longest stretch of constant input."""
     still = np.abs(np.diff(u)) <= 1e-9 * max(float(np.ptp(u)), 1e-300)
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], still.astype(int), [0]))))
-    if edges.size == 0:
-        return 0, 0
-    longest = int(np.argmax(edges[1::2] - edges[::2]))
-    return int(edges[2 * longest]), int(edges[2 * longest + 1]) + 1
+    longest = longest_run(still)
+    return (longest.start, longest.stop + 1) if longest.stop else (0, 0)
 
 
 def from_high_band(u: np.ndarray, y: np.ndarray, dt: float) -> NoiseFloor:

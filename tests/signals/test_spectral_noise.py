@@ -12,7 +12,7 @@ from scipy.signal import butter, chirp, cont2discrete, lfilter, sosfilt
 from phnn.recordings.reader import DIFFERENT, alike, pooled
 from phnn.signals import least_squares
 from phnn.signals.first_order import correlation_of
-from phnn.signals.noise import AS_WHITE, SILENT, WHITE, NoiseFloor, by_differences, estimated, noise_floor
+from phnn.signals.noise import SILENT, WHITE, NoiseFloor, estimated, noise_floor
 from phnn.signals.noise_statement import NoiseStatement, Sample, noise_statement
 
 Array = NDArray[np.float64]
@@ -77,12 +77,6 @@ def covered(drive: str, noise: str, draws: range, most: int = 40) -> tuple[int, 
 
 
 @pytest.mark.slow
-def test_intervals_hold_the_truth() -> None:
-    counts = np.array([covered(*what, range(4)) for what in WHAT]).sum(axis=0)
-    assert counts[1] >= 30 and counts[0] >= 0.9 * counts[1], counts
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(("drive", "noise"), WHAT)
 def test_intervals_hold_the_truth_in_nine_draws_of_ten(drive: str, noise: str) -> None:
     # Where the input reaches the highest frequencies, few recordings show the noise.
@@ -120,7 +114,7 @@ def test_noise_too_small_to_fit_to_is_told() -> None:
 
 def test_recordings_are_said_to_differ_as_often_as_the_level_says() -> None:
     rng = np.random.default_rng(5)
-    apart, draws = 0, 4000
+    apart, draws = 0, 2000
     for _ in range(draws):
         errors = rng.uniform(0.01, 0.1, 6)
         logs = errors * rng.normal(size=6)
@@ -144,16 +138,6 @@ def test_one_that_differs_keeps_its_own_floor() -> None:
     assert pooled([floor_of(1.0), replace(floor_of(2.0), smaller=white)], ["a"] * 2)[1] is white
     # Other outputs and rates have floors of their own.
     assert pooled(floors[:2], ["a", "b"]) == floors[:2]
-
-
-def test_estimates_of_long_recordings_take_bounded_time() -> None:
-    import time
-
-    rng = np.random.default_rng(6)
-    u = np.cumsum(rng.normal(size=10**6))
-    begin = time.perf_counter()
-    estimated(u, 1e-6 * u + NOISE * rng.normal(size=u.size))
-    assert time.perf_counter() - begin < 10.0
 
 
 def test_a_spectrum_that_a_signal_fills_is_no_word_on_the_noise() -> None:
@@ -187,17 +171,6 @@ def test_a_floor_taken_as_white_at_the_highest_frequencies_agrees_with_first_ord
     others = replace(high, value=0.2 * 40e-9), replace(high, value=0.65 * 40e-9), replace(high, interval=(16e-9, 18e-9))
     for other in (*others, replace(high, source=SILENT)):
         assert pooled([*known, other])[-1] is other
-
-
-def test_first_order_noise_taken_as_white_at_the_highest_frequencies_is_pooled_to_its_deviation() -> None:
-    rng, a = np.random.default_rng(7), 0.7
-    t = np.arange(20_000) * DT
-    drive = chirp(t, 1.0, t[-1], 100.0)
-    y = 1e-6 * drive + NOISE * np.sqrt(1.0 - a * a) * lfilter([1.0], [1.0, -a], rng.normal(size=t.size))
-    high = NoiseFloor(by_differences(y)[0], AS_WHITE, WHITE, 0.0)
-    assert high.value < 0.6 * NOISE
-    found = pooled([NoiseFloor(NOISE, "spectrum", correlation_of(a), a)] * 3 + [high])[-1]
-    assert found.value == pytest.approx(NOISE)
 
 
 @pytest.mark.parametrize("dependent", [False, True])
