@@ -7,7 +7,7 @@ balance misses.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -40,8 +40,7 @@ from phnn.plot.panels import (
 )
 from phnn.prediction import Predicted
 from phnn.recordings import Campaign, campaign_of
-from phnn.report.document import Location
-from phnn.report.figures import draw_trace, envelope, height_of, locations_into, telling_stretch
+from phnn.report.figures import draw_trace, envelope, height_of, locations_into, ranked, telling_stretch
 from phnn.report.figures.style import (
     AFTER,
     BEFORE,
@@ -56,6 +55,7 @@ from phnn.report.figures.style import (
     say,
 )
 from phnn.report.formatting import DASH, finite, percent
+from phnn.report.result import location_document
 from phnn.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -349,12 +349,12 @@ class Locations:
     found: where the mismatch is; None where there is none.
     """
 
-    found: Location | None
+    found: Mapping[str, Any] | None
 
     def draw(self, axes: Any = None) -> Axes:
         """Draw the bars, or a sentence where nothing is located."""
         with rc_context(RC):
-            height = 2.0 if self.found is None else height_of(self.found)
+            height = 2.0 if self.found is None else height_of(self.found["scores"])
             panel: Axes = grid(axes, 1, 1, 7.2, height)[0, 0]
             if self.found is None:
                 say(panel, _NOTHING)
@@ -367,8 +367,8 @@ class Locations:
         """Locations, their shares, and which is best or tied with the best."""
         rows = []
         if self.found is not None:
-            rank = {**dict.fromkeys(self.found.tied, "tied"), self.found.name: "best"}
-            rows = [(name, score, rank.get(name, "")) for name, score in self.found.scores]
+            rank = {**dict.fromkeys(self.found["tied"], "tied"), self.found["name"]: "best"}
+            rows = [(name, score, rank.get(name, "")) for name, score in ranked(self.found)]
         return {"": pd.DataFrame(rows, columns=["location", "share_of_explainable_residual_1", "rank"])}
 
 
@@ -397,11 +397,7 @@ def located(diagnosis: Diagnosis) -> Locations:
         raise InputRefused(
             f"a {type(diagnosis).__name__} has no locations: give a diagnosis, what phnn.diagnose(folder) returns"
         )
-    if diagnosis.location is None:
-        return Locations(None)
-    name, *tied = diagnosis.places
-    scores = tuple(sorted(diagnosis.location.scores.items(), key=lambda item: -item[1]))
-    return Locations(Location(name, diagnosis.detail, tuple(tied), scores, (), (), ()))
+    return Locations(location_document(diagnosis))
 
 
 # Storages that have a colour of their own; the smallest others are joined.
