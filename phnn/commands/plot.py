@@ -67,7 +67,7 @@ def plot(
             campaign = None if folder is None else read(folder, options["manifest"], allow_outside=outside)
             found = _computed(kind, model_of(model, outside), campaign, options)
             _tell(kind, campaign, recording)
-        (place / f"{kind}.svg").write(svg(np.ravel(found.draw())[0].figure))
+        (place / f"{kind}.svg").write(svg(found.draw()))
         for end, table in found.tables().items():
             files.append(f"{kind}{end}.csv")
             safe = table.map(lambda value: literal_text(value) if isinstance(value, str) else value)

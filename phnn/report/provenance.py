@@ -1,4 +1,4 @@
-"""Where a run came from: its command line, and hashes of what it read."""
+"""The origin of a run: its command line, and hashes of what it read."""
 
 from __future__ import annotations
 

@@ -6,8 +6,10 @@ Every part is made by itself: one that fails is left out, and is among the warni
 from __future__ import annotations
 
 import math
+from base64 import b64encode
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
+from html import escape
 from typing import Any
 
 import numpy as np
@@ -18,6 +20,7 @@ from phnn.check.quality import doubts_of_units
 from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.verdict import NAMED, UNKNOWN, Claim
 from phnn.diagnose.words import Picture, learned_picture, picture
+from phnn.html import paragraph, table, titled
 from phnn.network.roles import auxiliary
 from phnn.parameters import FORCE_UNITS
 from phnn.recordings.recording import ACTUATOR
@@ -48,6 +51,7 @@ from phnn.report.statements import (
     early_ending,
     failure,
     forces_known,
+    headline,
     location_name,
     next_recording,
     notes,
@@ -126,6 +130,21 @@ def error_title(trace: Trace) -> str:
     use = "held-out recording" if trace.held_out else "recording"
     whole = trace.stretch == slice(0, trace.t.size)
     return f"Error on the {use} {trace.name}" + ("." if whole else ", where the base model is worst.")
+
+
+def error_figure(diagnosis: Diagnosis) -> Figure:
+    """Return a figure of the error before and after against the noise, on the worst held-out recording."""
+    with rc_context(RC):
+        return draw_error(traces_of(diagnosis)[0])
+
+
+def notebook(diagnosis: Diagnosis) -> str:
+    """Return the first screen for a notebook."""
+    heading = headline(diagnosis)
+    drawn = b64encode(svg(error_figure(diagnosis))).decode("ascii")
+    picture = f'<img alt="{escape(heading)}: error before and after" src="data:image/svg+xml;base64,{drawn}">'
+    likely = table(("cause", "probability"), ((name, likelihood(p)) for name, p in causes(diagnosis)))
+    return titled(heading, paragraph(consequence(diagnosis)), picture, likely)
 
 
 def _first(diagnosis: Diagnosis, traces: Sequence[Trace]) -> list[Block]:
@@ -251,8 +270,8 @@ def _recordings(diagnosis: Diagnosis, document: dict[str, Any], traces: Sequence
 
     names = sorted(fit["before"], key=lambda n: n not in fit["held_out"])
     rows = [[n, "held out" if n in fit["held_out"] else "", *cells(n)] for n in names]
-    table = Table(["recording", "", "fit (%)", f"RMSE ({unit.name})", "error (× noise)"], rows, 2)
-    blocks: list[Block] = [remainder_in_words(diagnosis), table]
+    scores_table = Table(["recording", "", "fit (%)", f"RMSE ({unit.name})", "error (× noise)"], rows, 2)
+    blocks: list[Block] = [remainder_in_words(diagnosis), scores_table]
     for trace in traces[:_DRAWN]:
         alt = f"Measured and modelled output of {trace.name} over time, and the errors below"
         title = f"{trace.name}, held out" if trace.held_out else trace.name
@@ -317,10 +336,8 @@ def _understood(diagnosis: Diagnosis, document: dict[str, Any]) -> list[Block]:
         [n, v["source"] if v["found"] else "none was found", v["colour"], "; ".join(v["notes"]), size.show(v["rms"])]
         for n, v in noise.items()
     ]
-    table: list[Block] = (
-        [Table(["noise of", "from", "colour", "remark", f"rms ({size.name})"], rows, 4)] if rows else []
-    )
-    return [*doubts_of_units(diagnosis.campaign), *diagnosis.campaign.notes, *table]
+    floors = [Table(["noise of", "from", "colour", "remark", f"rms ({size.name})"], rows, 4)] if rows else []
+    return [*doubts_of_units(diagnosis.campaign), *diagnosis.campaign.notes, *floors]
 
 
 def usage(traces: Sequence[Trace], input_unit: str, output_unit: str) -> str:

@@ -1,4 +1,4 @@
-"""What a diagnosis says to a person: the verdict in a line, its consequence, and how its elements are told.
+"""The sentences of a diagnosis: the verdict in a line, its consequence, and its elements.
 
 One number stands for the quality of a model everywhere: its error on held-out recordings, in units of the noise.
 Without a noise floor the error is a share of the signal.
