@@ -133,7 +133,7 @@ def test_a_folder_stands_for_its_recordings(tmp_path: Path) -> None:
     as_predicted = phnn.read(folder, need_output=False)
     found, same = (phnn.predict(model, given) for given in (str(folder), as_predicted))
     assert [f.table.equals(s.table) for f, s in zip(found, same, strict=True)] == [True] * 4
-    assert phnn.plot.loops(model, folder).size
+    assert phnn.plot.loops(model, folder).axes
     with pytest.raises(phnn.InputRefused, match="no such folder"):
         phnn.diagnose(tmp_path / "absent")
 

@@ -11,7 +11,6 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from html.entities import html5
 from importlib.resources import files
 
 import numpy as np
@@ -218,17 +217,6 @@ def _svg(line: str) -> Markup:
         '<svg class="formula" role="img" aria-label="{}" viewBox="{:.2f} {:.2f} {:.2f} {:.2f}" '
         'style="width:{:.3f}em;height:{:.3f}em"><path fill="currentColor" d="{}"/></svg>'
     ).format(line, left, top, width, height, width / _SIZE, height / _SIZE, _outline(path))
-
-
-def symbol(name: str) -> Markup:
-    """A parameter's name as it is printed: ``rho_1`` → ρ with a subscript; long names as code."""
-    base, _, index = name.partition("_")
-    letter = html5.get(f"{'epsilon' if base == 'eps' else base};", "")
-    letter = letter if "α" <= letter <= "ω" else base
-    if len(letter) <= 2:
-        sub = Markup("<sub>{}</sub>").format(index) if index else ""
-        return Markup("<i>{}</i>{}").format(letter, sub)
-    return Markup("<code>{}</code>").format(name)
 
 
 def formula(latex: str) -> Markup:

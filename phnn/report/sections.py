@@ -175,7 +175,7 @@ def _missing(diagnosis: Diagnosis, document: dict[str, Any]) -> list[Block]:
     blocks: list[Block] = []
     entries = document["missing"] or []
     for claim, entry in zip(diagnosis.claims, entries, strict=False):
-        name = words(entry["effect"]) if claim.claimed else f"acts like {words(claim.name)}"
+        name = words(claim.name) if claim.claimed or claim.learned else f"acts like {words(claim.name)}"
         blocks.append(f"{capital(name)}: {entry['statement']}")
         if entry["equation"]:
             blocks.append(Formula(entry["equation"]))
@@ -224,9 +224,7 @@ def curve_of(diagnosis: Diagnosis, claim: Claim) -> Picture | None:
     where, base, effect = diagnosis.location, diagnosis.linearised[0], claim.effect
     if where is None or (where.name, where.detail) != (effect.location, effect.kind.name):
         return None
-    if claim.learned:
-        if where.name != "mechanical":
-            return None
+    if claim.learned and where.name == "mechanical":
         values = diagnosis.final.setup.values()
         return learned_picture(base, where, effect.add_to(base.fit.setup, {n: values[n] for n in effect.parameters}))
     found = picture(base, where)

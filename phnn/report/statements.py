@@ -260,6 +260,8 @@ def acts_like(diagnosis: Diagnosis) -> str:
         share = min((diagnosis.base.cost - model.fit.cost) / excess, 1.0)
         name = words(family(model.elements[0]))
         told = f"It acts most like {name}, which alone explains {100.0 * share:.0f} % of the excess over the noise. "
+    if not diagnosis.claims and diagnosis.ended.early:
+        return f"{told}The search ended before it accepted an element."
     if not diagnosis.claims:
         return f"{told}No effect and no learned element is in the model, because none describes the recordings better."
     rule = diagnosis.outcome.rules[-1].rule if diagnosis.outcome.rules else ""

@@ -156,14 +156,14 @@ class Trace:
 
 def draw_error(trace: Trace) -> Figure:
     """Draw the error of a recording before and after, against the band of its noise."""
-    figure = new_figure(6.4, 2.7)
+    figure = new_figure(5.4, 2.7)
     error_into(figure.subplots(), trace)
     return figure
 
 
 def draw_recording(trace: Trace) -> Figure:
     """Draw a recording and both models, with their errors below."""
-    figure = new_figure(6.4, 4.4)
+    figure = new_figure(5.4, 4.2)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.2, 1.0])
     part = trace.stretch
     unit = display_unit(_reach(trace.measured[part], 100.0), trace.unit, floor=1.0)
@@ -212,7 +212,7 @@ def _reach(y: np.ndarray, share: float) -> float:
 
 def draw_curve(curve: Picture) -> Figure:
     """Draw what was learned where an element acts, or the law of a learned element."""
-    figure = new_figure(5.6, 3.0)
+    figure = new_figure(5.4, 2.8)
     axes = figure.subplots()
     order = np.argsort(curve.x, kind="stable")
     x, y = curve.x[order], curve.y[order]
