@@ -110,6 +110,10 @@ def test_identified_model_goes_into_the_diagnosis_and_predicts(tmp_path: Path) -
     assert fit.parameters == stated.parameters
     value, error = fit.parameters["k"]
     assert error is not None
+    table = fit.to_dataframe()
+    assert tuple(table.loc["k", ["value", "std_error", "unit"]]) == (value, error, "N/m")
+    assert table.loc["k", "low_95"] < value < table.loc["k", "high_95"]
+    assert all(name in fit._repr_html_() for name in table.index)
     assert 0.0 < error < value
     diagnosis = phnn.diagnose(fit)
     assert diagnosis.verdict == "none"

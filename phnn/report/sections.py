@@ -200,11 +200,11 @@ def _missing(diagnosis: Diagnosis, document: dict[str, Any]) -> list[Block]:
             blocks += drawing(f"curve-{claim.effect.name}", title, title, partial(draw_curve, curve))
         blocks.append(f"How it shows in recordings: {claim.effect.fingerprint}")
         blocks += _plausible(diagnosis, claim)
-        passive = "stays passive" if entry["passive"] else "is not passive: the element feeds energy in"
-        blocks.append(f"The model with it {passive}. References: {'; '.join(claim.effect.references)}.")
-    why = [] if diagnosis.proposal is None else [diagnosis.proposal.why]
-    surer = _next(diagnosis) if diagnosis.verdict == NAMED else []
-    return [*(blocks or [e["statement"] for e in entries]), *surer, *why]
+        passive = "The model with it stays passive." if entry["passive"] else "It is no part of the passive network."
+        blocks.append(f"{passive} References: {'; '.join(claim.effect.references)}.")
+    proposal = None if diagnosis.verdict == NAMED else diagnosis.proposal
+    why = [] if proposal is None else [f"Why the next recording: {proposal.why}"]
+    return [*(blocks or [e["statement"] for e in entries]), *why]
 
 
 def _plausible(diagnosis: Diagnosis, claim: Claim) -> list[str]:
@@ -227,8 +227,7 @@ def curve_of(diagnosis: Diagnosis, claim: Claim) -> Picture | None:
     if claim.learned and where.name == "mechanical":
         values = diagnosis.final.setup.values()
         return learned_picture(base, where, effect.add_to(base.fit.setup, {n: values[n] for n in effect.parameters}))
-    found = picture(base, where)
-    return None if found is None or found.std is None else found
+    return picture(base, where)
 
 
 def _where(diagnosis: Diagnosis, document: dict[str, Any]) -> list[Block]:
