@@ -129,7 +129,10 @@ def _recorded(recording: Recording) -> list[Block]:
     """Return the facts and the picture of a recording."""
     rows = [list(fact) for fact in facts(recording)]
     title = f"{recording.name}: input and output in time (held-out samples on grey), as a loop, and their spectra."
-    return [Table(["", ""], rows, 2), *drawing(recording.name, title, title, partial(draw_recorded, recording))]
+    return [
+        Table(["", ""], rows, 2),
+        *drawing(recording.name, title, title, partial(draw_recorded, recording), lines=False),
+    ]
 
 
 # Half width of the resonance that is shown, in half-power widths; bands of the spectra in an octave.

@@ -43,7 +43,7 @@ from phnn.report.statements import (
     forces_known,
     headline,
     immaterial,
-    nearest,
+    likenesses,
     remains,
 )
 from phnn.rescue import Failure, accounted, documents, needed, warnings
@@ -330,14 +330,14 @@ def _description(formula: Distilled, effect: Effect) -> dict[str, Any]:
 
 def _nameless(diagnosis: Diagnosis) -> dict[str, Any]:
     """Return the entry of a mismatch that no element describes."""
-    where, model = diagnosis.location, nearest(diagnosis)
+    where, alike = diagnosis.location, likenesses(diagnosis)
     fitted = "" if where is None else fitted_in_words(diagnosis.linearised[0], where)
     free = where is not None and is_effort(where) and not forces_known(diagnosis)
     factor = _UP_TO_FACTOR if free and vocabulary_of(diagnosis.base.setup.network).mechanical else ""
     return {
         "effect": "unknown",
         "status": "provisional",
-        "nearest": None if model is None else family(model.elements[0]),
+        "nearest": alike[0][0] if alike else None,
         "probability": None,
         "held_out": None,
         "share_explained": None,

@@ -52,6 +52,7 @@ from phnn.report.statements import (
     failure,
     forces_known,
     headline,
+    likenesses,
     location_name,
     next_recording,
     notes,
@@ -98,13 +99,17 @@ def drawings_of(every: Sequence[Section]) -> list[Drawing]:
     return [block for section in every for block in section.blocks if isinstance(block, Drawing)]
 
 
-def drawing(stem: str, title: str, alt: str, draw: Callable[[], Figure]) -> list[Drawing]:
-    """Return a picture; none where it cannot be drawn."""
+def drawing(stem: str, title: str, alt: str, draw: Callable[[], Figure], lines: bool = True) -> list[Drawing]:
+    """Return a picture; none where it cannot be drawn.
+
+    Args:
+        lines: the page shows it as SVG; otherwise as PNG, which is smaller where many points are drawn.
+    """
 
     def drawn() -> list[Drawing]:
         with rc_context(RC):
             figure = draw()
-            return [Drawing(file_name(stem, ".png"), title, alt, png(figure), svg(figure, stem))]
+            return [Drawing(file_name(stem, ".png"), title, alt, png(figure), svg(figure, stem) if lines else b"")]
 
     return needed(f"figure {stem}", drawn, [])
 
@@ -158,10 +163,13 @@ def _first(diagnosis: Diagnosis, traces: Sequence[Trace]) -> list[Block]:
         alt = f"Error {both} over time, on {trace.name}, with the band of the noise"
         shown = drawing(f"error-{trace.name}", error_title(trace), alt, partial(draw_error, trace))
     bars = needed("probabilities", lambda: [Bar(name, p, likelihood(p)) for name, p in causes(diagnosis)], nothing)
+    alike = needed("effects that explain most", lambda: likenesses(diagnosis), nothing) if open_name else []
+    rows = [Bar(words(n), share, f"{100.0 * share:.0f} %") for n, share in alike]
+    others = [Bars("Share of the excess over the noise that one effect alone explains", rows)] if rows else []
     following = [] if named else needed("next recording", lambda: _next(diagnosis), nothing)
     said = notes(diagnosis)
     more = [f"{len(said) - _NOTES} more parts failed: see “What was tried”."] if len(said) > _NOTES else []
-    return [*answer, *said[:_NOTES], *more, *like, *shown, Bars("Probabilities", bars), *following]
+    return [*answer, *said[:_NOTES], *more, *like, *shown, Bars("Probabilities", bars), *others, *following]
 
 
 def _next(diagnosis: Diagnosis) -> list[Block]:

@@ -13,7 +13,7 @@ from typing import Any
 
 from phnn.check import check
 from phnn.diagnose.diagnosis import Diagnosis
-from phnn.diagnose.number import Visited, family, is_learned
+from phnn.diagnose.number import family, is_learned
 from phnn.diagnose.search import material
 from phnn.diagnose.verdict import EQUIVALENT, NONE, UNKNOWN, Claim
 from phnn.diagnose.words import vocabulary_of
@@ -241,25 +241,28 @@ def causes(diagnosis: Diagnosis) -> list[tuple[str, float]]:
     likely = [(words(n), p) for n, p in of.items() if n != NONE and p >= _LEAST]
     best = max(of, key=lambda n: of[n])
     complete = of[best] / weight if (weight := diagnosis.visited.probability.get(best, 0.0)) > 0.0 else 1.0
-    beyond = [("nothing of the catalogue", 1.0 - complete)] if complete < 1.0 - _LEAST else []
+    beyond = [("something else", 1.0 - complete)] if complete < 1.0 - _LEAST else []
     return [*likely[:_CAUSES], *beyond, ("nothing is missing", of.get(NONE, 0.0))]
 
 
-def nearest(diagnosis: Diagnosis) -> Visited | None:
-    """Return the model with one effect that leaves least, if it leaves less than the base model."""
-    models = [m for m in diagnosis.visited.models if len(m.elements) == 1 and not is_learned(m.elements[0])]
-    best = min(models, key=lambda m: m.fit.cost, default=None)
-    return best if best is not None and best.fit.cost < diagnosis.base.cost else None
+def likenesses(diagnosis: Diagnosis) -> list[tuple[str, float]]:
+    """Return the effects that alone explain most, with the share of the excess over the noise that each explains."""
+    excess = diagnosis.base.beyond_noise
+    shares: dict[str, float] = {}
+    for model in diagnosis.visited.models:
+        if len(model.elements) == 1 and not is_learned(model.elements[0]) and excess > 0.0:
+            name, share = family(model.elements[0]), (diagnosis.base.cost - model.fit.cost) / excess
+            shares[name] = max(shares.get(name, 0.0), min(share, 1.0))
+    ranked = sorted(shares.items(), key=lambda item: -item[1])
+    return [(name, share) for name, share in ranked if share > 0.0][:_CAUSES]
 
 
 def acts_like(diagnosis: Diagnosis) -> str:
     """Say what a mismatch without a proven name acts like and by how much, and why no name is proven."""
-    model, excess = nearest(diagnosis), diagnosis.base.beyond_noise
     told = ""
-    if model is not None and excess > 0.0:
-        share = min((diagnosis.base.cost - model.fit.cost) / excess, 1.0)
-        name = words(family(model.elements[0]))
-        told = f"It acts most like {name}, which alone explains {100.0 * share:.0f} % of the excess over the noise. "
+    for name, share in likenesses(diagnosis)[:1]:
+        part = f"{100.0 * share:.0f} % of the excess over the noise"
+        told = f"It acts most like {words(name)}, which alone explains {part}. "
     if not diagnosis.claims and diagnosis.ended.early:
         return f"{told}The search ended before it accepted an element."
     if not diagnosis.claims:

@@ -164,7 +164,9 @@ def test_tanks_in_volts_are_told_in_volts(group: int) -> None:
     assert not any(word in told for word in MECHANICAL), told
     assert "effort" in told
     drawn = picture(linearised, at(group, linearised))
-    assert drawn is not None
+    assert (drawn is None) == (GROUPS[group].static is None)
+    if drawn is None:
+        return
     assert not any(word in f"{drawn.x_label} {drawn.y_label}" for word in MECHANICAL)
     if GROUPS[group].kind.name == "dissipative":
         assert drawn.x_label == "rate of the output [V/s]"
