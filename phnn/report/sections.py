@@ -155,7 +155,7 @@ def notebook(diagnosis: Diagnosis) -> str:
 def _first(diagnosis: Diagnosis, traces: Sequence[Trace]) -> list[Block]:
     nothing: list[Any] = []
     answer = needed("sentence of the verdict", lambda: [consequence(diagnosis)], nothing)
-    open_name, named = diagnosis.verdict == UNKNOWN, diagnosis.verdict == NAMED
+    open_name = diagnosis.verdict == UNKNOWN
     like = needed("what it acts like", lambda: [acts_like(diagnosis)], nothing) if open_name else []
     shown: list[Drawing] = []
     for trace in traces[:1]:
@@ -166,7 +166,7 @@ def _first(diagnosis: Diagnosis, traces: Sequence[Trace]) -> list[Block]:
     alike = needed("effects that explain most", lambda: likenesses(diagnosis), nothing) if open_name else []
     rows = [Bar(words(n), share, f"{100.0 * share:.0f} %") for n, share in alike]
     others = [Bars("Share of the excess over the noise that one effect alone explains", rows)] if rows else []
-    following = [] if named else needed("next recording", lambda: _next(diagnosis), nothing)
+    following = needed("next recording", lambda: _next(diagnosis), nothing)
     said = notes(diagnosis)
     more = [f"{len(said) - _NOTES} more parts failed: see “What was tried”."] if len(said) > _NOTES else []
     return [*answer, *said[:_NOTES], *more, *like, *shown, Bars("Probabilities", bars), *others, *following]

@@ -15,7 +15,7 @@ from phnn.check import check
 from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.number import family, is_learned
 from phnn.diagnose.search import material
-from phnn.diagnose.verdict import EQUIVALENT, NONE, UNKNOWN, Claim
+from phnn.diagnose.verdict import EQUIVALENT, NAMED, NONE, UNKNOWN, Claim
 from phnn.diagnose.words import vocabulary_of
 from phnn.effects import Plausible
 from phnn.identification.evaluate import Evaluation
@@ -281,11 +281,13 @@ def _described(diagnosis: Diagnosis, claim: Claim) -> str:
 
 
 def next_recording(diagnosis: Diagnosis) -> str:
-    """Return the next recording in one line; else why none is proposed, where a name is open; empty otherwise."""
+    """Return the next recording in one line, or why none is proposed; empty where no name is open."""
+    if diagnosis.verdict in (NAMED, NONE):
+        return ""
     if diagnosis.proposal is not None:
         return f"Record next: {diagnosis.proposal.experiment.words}."
     tied = next((c for c in diagnosis.claims if c.alike), None)
-    if diagnosis.verdict == NONE or (tied is None and diagnosis.verdict != UNKNOWN):
+    if tied is None and diagnosis.verdict != UNKNOWN:
         return ""
     members = () if tied is None else (tied.effect, *tied.alike)
     told = [f"For {words(e.name)}: {e.separation}" for e in members[:2]]
