@@ -37,7 +37,7 @@ class Diagnosis(Finished):
         print(diagnosis)                                 # Creep is missing: 97 % sure …
         diagnosis.verdict                                # named, equivalent, unknown or none
         diagnosis.missing                                # ("creep",)
-        diagnosis.probability["creep"]                   # 0.97
+        diagnosis.probability                            # {"creep": 0.97, "extra_hysteron": 0.03, "none": 0.0}
         diagnosis.after.over_noise("confirmation")       # held-out residual over noise
         diagnosis.model.simulate(t, voltage)             # (N,) displacement [m]
         diagnosis.plot()                                 # figure: held-out error before and after
