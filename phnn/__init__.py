@@ -3,8 +3,8 @@
     import phnn
 
     campaign  = phnn.read("recordings/")
-    fit       = phnn.identify(phnn.models.hrc(hysterons=2), campaign)
-    diagnosis = phnn.diagnose(fit)
+    diagnosis = phnn.diagnose(campaign)
+    print(diagnosis)
     diagnosis.write("out/")
     y = diagnosis.model.simulate(t, voltage)
 

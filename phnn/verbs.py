@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from phnn.diagnose.diagnosis import Diagnosis as Finished
 from phnn.diagnose.diagnosis import diagnose as run_diagnosis
@@ -15,21 +15,49 @@ from phnn.identification.identified import Identified
 from phnn.identification.options import Options
 from phnn.recordings import Campaign, campaign_of
 from phnn.report.result import write
+from phnn.report.statements import summary
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Diagnosis(Finished):
     """A finished diagnosis that can be written.
 
         diagnosis = phnn.diagnose(phnn.read("recordings/"))
+        print(diagnosis)                                 # Creep is missing: 97 % sure …
         diagnosis.verdict                                # named, equivalent, unknown or none
-        diagnosis.probability["creep"]                   # 0.97
+        diagnosis.missing                                # ("creep",)
+        diagnosis.probability                            # {"creep": 0.97, "extra_hysteron": 0.03, "none": 0.0}
         diagnosis.after.over_noise("confirmation")       # held-out residual over noise
         diagnosis.model.simulate(t, voltage)             # (N,) displacement [m]
+        diagnosis.plot()                                 # figure: held-out error before and after
         diagnosis.write("out/")                          # diagnosis.json, report.html, model/
 
     All attributes are those of `phnn.diagnose.diagnosis.Diagnosis`.
     """
+
+    def __str__(self) -> str:
+        return summary(self)
+
+    def _repr_html_(self) -> str:
+        from phnn.report.sections import notebook
+
+        return notebook(self)
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """The effects that the base model leaves out, ``"unknown"`` for one without a proven name; empty for none."""
+        if self.verdict == "none":
+            return ()
+        return tuple(c.name if c.claimed else "unknown" for c in self.claims) or ("unknown",)
+
+    def plot(self) -> Figure:
+        """Return a figure of the error before and after against the noise, on the worst held-out recording."""
+        from phnn.report.sections import error_figure
+
+        return error_figure(self)
 
     def write(self, out: str | Path, overwrite: bool = False) -> dict[str, Any]:
         """Write models, ``diagnosis.json`` and ``report.html`` into a folder; returns the document.

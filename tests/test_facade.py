@@ -108,6 +108,10 @@ def test_identified_model_goes_into_the_diagnosis_and_predicts(tmp_path: Path) -
     fit = phnn.identify(phnn.models.hrc(hysterons=2), campaign, phnn.Options(starts=1, workers=1))
     value, error = fit.parameters["k"]
     assert error is not None
+    table = fit.to_dataframe()
+    assert tuple(table.loc["k", ["value", "std_error", "unit"]]) == (value, error, "N/m")
+    assert table.loc["k", "low_95"] < value < table.loc["k", "high_95"]
+    assert all(name in fit._repr_html_() for name in table.index)
     assert 0.0 < error < value
     diagnosis = phnn.diagnose(fit)
     assert diagnosis.verdict == "none"
@@ -131,7 +135,7 @@ def test_a_folder_stands_for_its_recordings(tmp_path: Path) -> None:
     as_predicted = phnn.read(folder, need_output=False)
     found, same = (phnn.predict(model, given) for given in (str(folder), as_predicted))
     assert [f.table.equals(s.table) for f, s in zip(found, same, strict=True)] == [True] * 4
-    assert phnn.plot.loops(model, folder).size
+    assert phnn.plot.loops(model, folder).axes
     with pytest.raises(phnn.InputRefused, match="no such folder"):
         phnn.diagnose(tmp_path / "absent")
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.commands.terminal import status
+from phnn.diagnose.verdict import EQUIVALENT, NAMED, NONE, UNKNOWN
 from phnn.errors import InputRefused
 from phnn.intake.files import named_file
 from phnn.intake.json_file import load_json
@@ -18,7 +19,6 @@ from phnn.plot.frequency import response, whiteness
 from phnn.plot.panels import MOST, Plot, chosen, model_of, network_model, predictions
 from phnn.plot.signals import Locations, Outputs, balance, hysteresis
 from phnn.recordings import Campaign, read
-from phnn.report.document import Location, read_document
 from phnn.report.figures.style import svg
 from phnn.report.page import literal_text
 from phnn.results import claim
@@ -67,7 +67,7 @@ def plot(
             campaign = None if folder is None else read(folder, options["manifest"], allow_outside=outside)
             found = _computed(kind, model_of(model, outside), campaign, options)
             _tell(kind, campaign, recording)
-        (place / f"{kind}.svg").write(svg(np.ravel(found.draw())[0].figure))
+        (place / f"{kind}.svg").write(svg(found.draw()))
         for end, table in found.tables().items():
             files.append(f"{kind}{end}.csv")
             safe = table.map(lambda value: literal_text(value) if isinstance(value, str) else value)
@@ -118,10 +118,13 @@ def _spaced(ends: Sequence[float] | None) -> NDArray[np.float64] | None:
     return np.geomspace(low, high, _POINTS)
 
 
-def _located(folder: Path, outside: bool) -> Location | None:
-    """The location in the ``diagnosis.json`` of a folder, as the report reads it."""
+def _located(folder: Path, outside: bool) -> dict[str, Any] | None:
+    """Return the location in the ``diagnosis.json`` of a folder."""
     path = folder / _DIAGNOSIS
     remedy = "give the folder of a diagnosis"
     source = named_file(path, (folder,), "", remedy, outside)
     content = load_json(source, LIMITS.json_bytes, "a diagnosis", remedy)
-    return read_document(content if isinstance(content, dict) else {}).location
+    if not isinstance(content, dict) or content.get("verdict") not in (NAMED, EQUIVALENT, UNKNOWN, NONE):
+        raise InputRefused(f"{path}: this is no diagnosis: {remedy}")
+    where = content.get("location")
+    return where if isinstance(where, dict) and {"name", "tied", "scores"} <= set(where) else None

@@ -18,6 +18,7 @@ import numpy as np
 import pandas as pd
 from matplotlib import rc_context
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import norm
 
@@ -32,6 +33,7 @@ from phnn.plot.panels import (
     Point,
     Scaled,
     column,
+    figure_of,
     grid,
     network_model,
     point,
@@ -100,10 +102,10 @@ class Bode:
         into, out = self.units
         return out if into == "1" else f"{out}/({into})" if "/" in into or " " in into else f"{out}/{into}"
 
-    def draw(self, axes: Any = None) -> Panels:
-        """(3,) axes: magnitude, phase, harmonics."""
+    def draw(self) -> Figure:
+        """Return a figure with magnitude, phase and harmonics."""
         with rc_context(RC):
-            panels = grid(axes, 3, 1, 7.2, 8.4, sharex=True, height_ratios=[1.3, 1.0, 1.0])[:, 0]
+            panels = grid(3, 1, 7.2, 8.4, sharex=True, height_ratios=[1.3, 1.0, 1.0])[:, 0]
             gain = scaled(f"{self.words[1]} by {self.words[0]}", self.gain_unit, np.abs(self.gain))
             at = f"at {quantity(self.amplitude, self.units[0])}"
             _draw_response(panels[0], self, at, lambda g: gain(np.abs(g)))
@@ -118,7 +120,7 @@ class Bode:
                 quiet_grid(one)
             panels[0].legend(loc="best")
             panels[2].set_xlabel("frequency (Hz)")
-        return panels
+        return figure_of(panels)
 
     def tables(self) -> dict[str, pd.DataFrame]:
         """The model's responses, and those measured where there are any."""
@@ -168,11 +170,10 @@ def bode(
     *,
     offset: float = 0.0,
     campaign: Campaign | str | Path | None = None,
-    axes: Any = None,
-) -> Panels:
+) -> Figure:
     """Draw the frequency response of a model at an amplitude, and its response to small amplitudes.
 
-        axes = phnn.plot.bode(model, np.geomspace(1.0, 1000.0, 40), amplitude=75.0)
+        figure = phnn.plot.bode(model, np.geomspace(1.0, 1000.0, 40), amplitude=75.0)
 
     Args:
         model: a model, a diagnosis (its final model), or the folder of either.
@@ -180,17 +181,16 @@ def bode(
         amplitude: of the input, SI; the largest of the campaign's sines if left out.
         offset: constant input about which it swings.
         campaign: recordings whose single sines are drawn as points.
-        axes: three axes to draw into.
 
     Returns:
-        (3,) axes: magnitude, phase, and harmonics 2 to 5 over the fundamental.
+        A figure with magnitude, phase, and harmonics 2 to 5 over the fundamental.
 
     Raises:
         InputRefused: there is no such model, frequencies or amplitude are not positive, or are left out where no sine
             was recorded.
         SolverFailed: a step has no solution, or there is no steady cycle; names the frequency.
     """
-    return response(model, frequencies, amplitude, offset, campaign).draw(axes)
+    return response(model, frequencies, amplitude, offset, campaign).draw()
 
 
 def response(
@@ -370,17 +370,17 @@ class Residuals:
 
     found: tuple[Tested, ...]
 
-    def draw(self, axes: Any = None) -> Panels:
-        """(R, 3) axes: autocorrelation, correlation with the input, spectrum of each recording."""
+    def draw(self) -> Figure:
+        """Return a figure with autocorrelation, correlation with the input and spectrum of each recording."""
         count = len(self.found)
         with rc_context(RC):
-            panels = grid(axes, count, 3, 11.4, 2.9 * count + 0.3)
+            panels = grid(count, 3, 11.4, 2.9 * count + 0.3)
             for row, one in zip(panels, self.found, strict=True):
                 _draw_correlated(row[0], one.own, "autocorrelation of the residual")
                 _draw_correlated(row[1], one.by_input, "correlation with the input")
                 _draw_spectrum(row[2], one)
                 row[0].set_title(literal(one.recording.name, 40))
-        return panels
+        return figure_of(panels)
 
     def tables(self) -> dict[str, pd.DataFrame]:
         """Correlations with their bands, and spectra."""
@@ -396,12 +396,11 @@ def residuals(
     *,
     recordings: Sequence[str] | None = None,
     lags: int | None = None,
-    axes: Any = None,
-) -> Panels:
+) -> Figure:
     """Draw what a model leaves: is it noise, or does it follow from its own past or from the input?
 
-        axes = phnn.plot.residuals(diagnosis)
-        axes = phnn.plot.residuals("out/model", phnn.read("recordings/"), lags=25)
+        figure = phnn.plot.residuals(diagnosis)
+        figure = phnn.plot.residuals("out/model", phnn.read("recordings/"), lags=25)
 
     The bands hold 99 % of the correlations that noise alone would give; noise has the autocorrelation that the
     recordings showed before any model was fitted. The legend counts the correlations outside. Lags of a slow or
@@ -412,16 +411,15 @@ def residuals(
         campaign: recordings with outputs; those of the diagnosis if left out.
         recordings: names of those to draw; the first twelve if left out.
         lags: largest lag in samples; 100, or a quarter of the samples, if left out.
-        axes: (R, 3) axes to draw into.
 
     Returns:
-        (R, 3) axes: autocorrelation, correlation with the input, amplitude density against that of the noise.
+        A figure with autocorrelation, correlation with the input, and amplitude density against that of the noise.
 
     Raises:
-        InputRefused: there is no such model or recording, too few samples, or another number of axes.
+        InputRefused: there is no such model or recording, too few samples.
         SolverFailed: a step has no solution.
     """
-    return whiteness(model, campaign, recordings, lags).draw(axes)
+    return whiteness(model, campaign, recordings, lags).draw()
 
 
 def whiteness(

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from phnn import predictor
@@ -82,8 +82,8 @@ MOST = 12
 class Plot(Protocol):
     """What a kind of plot has computed: it can be drawn, and is the same as tables."""
 
-    def draw(self, axes: Any = None) -> Any:
-        """Draw into axes, or into a new figure."""
+    def draw(self) -> Figure:
+        """Return a figure of all panels."""
 
     def tables(self) -> Mapping[str, pd.DataFrame]:
         """Everything that is drawn, by the ending of a file's name; columns have units, ``_1`` for none."""
@@ -113,18 +113,15 @@ def column(name: str, unit: str) -> str:
     return f"{name}_{unit.replace(' ', '')}"
 
 
-def grid(axes: Any, rows: int, columns: int, width: float, height: float, **layout: Any) -> Panels:
-    """(rows, columns) axes of a new figure [inches], or those given; call inside ``rc_context(RC)``.
+def grid(rows: int, columns: int, width: float, height: float, **layout: Any) -> Panels:
+    """Return (rows, columns) axes of a new figure [inches]; call inside ``rc_context(RC)``."""
+    return np.asarray(new_figure(width, height).subplots(rows, columns, squeeze=False, **layout))
 
-    Raises:
-        InputRefused: another number of axes was given.
-    """
-    if axes is None:
-        return np.asarray(new_figure(width, height).subplots(rows, columns, squeeze=False, **layout))
-    given = np.array(axes, dtype=object).reshape(-1)
-    if given.size != rows * columns or not all(isinstance(a, Axes) for a in given):
-        raise InputRefused(f"axes: {given.size} given: this plot draws {rows} × {columns} matplotlib axes")
-    return given.reshape(rows, columns)
+
+def figure_of(panels: Any) -> Figure:
+    """Return the figure of some axes."""
+    figure: Figure = np.ravel(panels)[0].figure
+    return figure
 
 
 def model_of(given: Any, outside: bool = False) -> Model | StoredModes:

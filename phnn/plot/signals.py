@@ -7,7 +7,7 @@ balance misses.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,6 +17,7 @@ import pandas as pd
 import torch
 from matplotlib import rc_context
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
 from phnn.diagnose.diagnosis import Diagnosis
@@ -31,6 +32,7 @@ from phnn.plot.panels import (
     Panels,
     chosen,
     column,
+    figure_of,
     grid,
     hide_unused,
     network_model,
@@ -40,8 +42,7 @@ from phnn.plot.panels import (
 )
 from phnn.prediction import Predicted
 from phnn.recordings import Campaign, campaign_of
-from phnn.report.document import Location
-from phnn.report.figures import draw_trace, envelope, height_of, locations_into, telling_stretch
+from phnn.report.figures import draw_trace, envelope, height_of, locations_into, ranked, telling_stretch
 from phnn.report.figures.style import (
     AFTER,
     BEFORE,
@@ -56,6 +57,7 @@ from phnn.report.figures.style import (
     say,
 )
 from phnn.report.formatting import DASH, finite, percent
+from phnn.report.result import reasons
 from phnn.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -77,14 +79,14 @@ class Outputs:
 
     found: tuple[Predicted, ...]
 
-    def draw(self, axes: Any = None) -> Panels:
-        """(R, 2) axes: output and residual of each recording."""
+    def draw(self) -> Figure:
+        """Return a figure with output and residual of each recording."""
         count = len(self.found)
         with rc_context(RC):
-            pairs = _pairs(count) if axes is None else grid(axes, count, 2, 0.0, 0.0)
+            pairs = _pairs(count)
             for (above, below), one in zip(pairs, self.found, strict=True):
                 _draw(above, below, one)
-        return pairs
+        return figure_of(pairs)
 
     def tables(self) -> dict[str, pd.DataFrame]:
         """Samples of all recordings; ``shown_1`` is 1 for those that are drawn."""
@@ -96,11 +98,10 @@ def compare(
     campaign: Campaign | str | Path,
     *,
     recordings: Sequence[str] | None = None,
-    axes: Any = None,
-) -> Panels:
+) -> Figure:
     """Draw measured and simulated outputs with fit % and RMSE, and the residuals with ± 2 deviations of the noise.
 
-        axes = phnn.plot.compare("out/model", phnn.read("recordings/"))
+        figure = phnn.plot.compare("out/model", phnn.read("recordings/"))
 
     Of a recording with many cycles those are shown where the residual is largest. Samples that give zero and initial
     state are shaded: they are not scored.
@@ -109,16 +110,15 @@ def compare(
         model: a model, a diagnosis (its final model), or the folder of either.
         campaign: recordings with outputs.
         recordings: names of those to draw; the first twelve if left out.
-        axes: (R, 2) axes to draw into.
 
     Returns:
-        (R, 2) axes: output above and residual below, for each recording.
+        A figure with the output above and the residual below, for each recording.
 
     Raises:
-        InputRefused: there is no such model or recording, or another number of axes.
+        InputRefused: there is no such model or recording.
         SolverFailed: a step has no solution.
     """
-    return Outputs(predictions(model, campaign, recordings)).draw(axes)
+    return Outputs(predictions(model, campaign, recordings)).draw()
 
 
 def _pairs(count: int) -> Panels:
@@ -126,7 +126,7 @@ def _pairs(count: int) -> Panels:
     columns = min(2, count)
     rows = -(-count // columns)
     width = 10.1 if columns > 1 else 7.2
-    panels = grid(None, 2 * rows, columns, width, 3.7 * rows, height_ratios=[2.3, 1.0] * rows)
+    panels = grid(2 * rows, columns, width, 3.7 * rows, height_ratios=[2.3, 1.0] * rows)
     places = [(2 * (i // columns), i % columns) for i in range(rows * columns)]
     pairs = np.array([[panels[row, place], panels[row + 1, place]] for row, place in places], dtype=object)
     hide_unused(pairs, 2 * count)
@@ -224,21 +224,18 @@ class Loops:
 
     found: dict[str, tuple[Predicted, ...]]
 
-    def draw(self, axes: Any = None) -> Panels:
-        """(F,) axes, one for each frequency."""
+    def draw(self) -> Figure:
+        """Return a figure with a panel for each frequency."""
         count = len(self.found)
         columns = min(3, count)
         rows = -(-count // columns)
         with rc_context(RC):
-            if axes is None:
-                panels = grid(None, rows, columns, 3.6 * columns + (1.4 if columns == 1 else 0.2), 3.2 * rows)
-                hide_unused(panels, count)
-                panels = panels.reshape(-1)[:count]
-            else:
-                panels = grid(axes, 1, count, 0.0, 0.0)[0]
+            panels = grid(rows, columns, 3.6 * columns + (1.4 if columns == 1 else 0.2), 3.2 * rows)
+            hide_unused(panels, count)
+            panels = panels.reshape(-1)[:count]
             for one, (title, some) in zip(panels, self.found.items(), strict=True):
                 _draw_loops(one, title, some)
-        return panels
+        return figure_of(panels)
 
     def tables(self) -> dict[str, pd.DataFrame]:
         """The loops that are drawn."""
@@ -250,11 +247,10 @@ def loops(
     campaign: Campaign | str | Path,
     *,
     recordings: Sequence[str] | None = None,
-    axes: Any = None,
-) -> Panels:
+) -> Figure:
     """Draw hysteresis loops, the output over the input in the last period, measured and simulated.
 
-        axes = phnn.plot.loops(diagnosis.model, campaign)
+        figure = phnn.plot.loops(diagnosis.model, campaign)
 
     Recordings of one frequency share a panel.
 
@@ -263,16 +259,15 @@ def loops(
         campaign: recordings with outputs, some of which repeat.
         recordings: names of those to draw, also some that do not repeat: these are drawn as a whole. The first twelve
             that repeat if left out.
-        axes: one for each frequency to draw into.
 
     Returns:
-        (F,) axes, from the lowest frequency to the highest.
+        A figure with a panel for each frequency, the lowest first.
 
     Raises:
-        InputRefused: there is no such model or recording, nothing repeats, or another number of axes.
+        InputRefused: there is no such model or recording, or nothing repeats.
         SolverFailed: a step has no solution.
     """
-    return hysteresis(model, campaign, recordings).draw(axes)
+    return hysteresis(model, campaign, recordings).draw()
 
 
 def hysteresis(model: Any, campaign: Campaign | str | Path, recordings: Sequence[str] | None = None) -> Loops:
@@ -349,42 +344,41 @@ class Locations:
     found: where the mismatch is; None where there is none.
     """
 
-    found: Location | None
+    found: Mapping[str, Any] | None
 
-    def draw(self, axes: Any = None) -> Axes:
+    def draw(self) -> Figure:
         """Draw the bars, or a sentence where nothing is located."""
         with rc_context(RC):
-            height = 2.0 if self.found is None else height_of(self.found)
-            panel: Axes = grid(axes, 1, 1, 7.2, height)[0, 0]
+            height = 2.0 if self.found is None else height_of(self.found["scores"])
+            panel: Axes = grid(1, 1, 7.2, height)[0, 0]
             if self.found is None:
                 say(panel, _NOTHING)
                 panel.set_xlabel("share of the explainable residual (1)")
             else:
                 locations_into(panel, self.found)
-        return panel
+        return figure_of(panel)
 
     def tables(self) -> dict[str, pd.DataFrame]:
         """Locations, their shares, and which is best or tied with the best."""
         rows = []
         if self.found is not None:
-            rank = {**dict.fromkeys(self.found.tied, "tied"), self.found.name: "best"}
-            rows = [(name, score, rank.get(name, "")) for name, score in self.found.scores]
+            rank = {**dict.fromkeys(self.found["tied"], "tied"), self.found["name"]: "best"}
+            rows = [(name, score, rank.get(name, "")) for name, score in ranked(self.found)]
         return {"": pd.DataFrame(rows, columns=["location", "share_of_explainable_residual_1", "rank"])}
 
 
-def location(diagnosis: Diagnosis, *, ax: Axes | None = None) -> Axes:
+def location(diagnosis: Diagnosis) -> Figure:
     """Draw the share of the explainable residual that each location predicts on recordings left out.
 
-        ax = phnn.plot.location(diagnosis)
+        figure = phnn.plot.location(diagnosis)
 
     Args:
         diagnosis: a finished diagnosis.
-        ax: axes to draw into.
 
     Returns:
-        The axes; they hold a sentence where the diagnosis has located nothing.
+        A figure; it holds a sentence where the diagnosis has located nothing.
     """
-    return located(diagnosis).draw(ax)
+    return located(diagnosis).draw()
 
 
 def located(diagnosis: Diagnosis) -> Locations:
@@ -397,11 +391,12 @@ def located(diagnosis: Diagnosis) -> Locations:
         raise InputRefused(
             f"a {type(diagnosis).__name__} has no locations: give a diagnosis, what phnn.diagnose(folder) returns"
         )
-    if diagnosis.location is None:
+    where = diagnosis.location
+    if where is None:
         return Locations(None)
     name, *tied = diagnosis.places
-    scores = tuple(sorted(diagnosis.location.scores.items(), key=lambda item: -item[1]))
-    return Locations(Location(name, diagnosis.detail, tuple(tied), scores, (), (), ()))
+    found = {"name": name, "tied": tied, "scores": where.scores, "reasons": reasons(diagnosis, where)}
+    return Locations(found)
 
 
 # Storages that have a colour of their own; the smallest others are joined.
@@ -456,11 +451,11 @@ class Balance:
         found = [np.append(0.0, np.diff(x) / h) for x in (self.total_supplied, self.total_dissipated)]
         return found[0], found[1]
 
-    def draw(self, axes: Any = None) -> Panels:
-        """(4,) axes: stored energy, powers, cumulated balance, its error."""
+    def draw(self) -> Figure:
+        """Return a figure with stored energy, powers, cumulated balance and its error."""
         with rc_context(RC):
             ratios = [1.2, 1.0, 1.2, 0.7]
-            panels = grid(axes, 4, 1, 7.6, 8.8, sharex=True, height_ratios=ratios)[:, 0]
+            panels = grid(4, 1, 7.6, 8.8, sharex=True, height_ratios=ratios)[:, 0]
             time = scaled("time", "s", self.t)
             t = time(self.t)
             _draw_stored(panels[0], t, self)
@@ -471,7 +466,7 @@ class Balance:
                 one.set_xlim(t[0], t[-1])
                 quiet_grid(one)
             panels[3].set_xlabel(time.label)
-        return panels
+        return figure_of(panels)
 
     def tables(self) -> dict[str, pd.DataFrame]:
         """Energies at the nodes, and mean powers of the steps that end there."""
@@ -485,12 +480,10 @@ class Balance:
         return {"": pd.DataFrame(content | {"supplied_W": power_in, "dissipated_W": power_out})}
 
 
-def energy(
-    model: Model | Diagnosis | str | Path, t: ArrayLike, u: ArrayLike, *, axes: Any = None, **options: Any
-) -> Panels:
+def energy(model: Model | Diagnosis | str | Path, t: ArrayLike, u: ArrayLike, **options: Any) -> Figure:
     """Draw the energy balance of a model from rest under an input: passivity as it can be seen.
 
-        axes = phnn.plot.energy(model, t, 75.0 * np.sin(2.0 * np.pi * 10.0 * t))
+        figure = phnn.plot.energy(model, t, 75.0 * np.sin(2.0 * np.pi * 10.0 * t))
 
     What is dissipated never falls, and stored energy grows by no more than what is supplied. Without a mass or force
     that anchors them, joules are known up to one common factor.
@@ -498,17 +491,16 @@ def energy(
     Args:
         model: a model, a diagnosis (its final model), or the folder of either.
         t: (N,) time [s], increasing in equal steps; u: (N,) input, SI.
-        axes: four axes to draw into.
         options: ``input_before``, ``further`` and ``substeps`` as of `phnn.Model.simulate`.
 
     Returns:
-        (4,) axes: energy by storage, power supplied and dissipated, cumulated balance, error of the balance.
+        A figure with energy by storage, power supplied and dissipated, cumulated balance, error of the balance.
 
     Raises:
-        InputRefused: there is no such model, an input that cannot be simulated, or another number of axes.
+        InputRefused: there is no such model, an input that cannot be simulated.
         SolverFailed: a step has no solution.
     """
-    return balance(network_model(model).trajectory(t, u, **options)).draw(axes)
+    return balance(network_model(model).trajectory(t, u, **options)).draw()
 
 
 def balance(trajectory: Trajectory) -> Balance:

@@ -10,6 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from phnn.html import table, titled
+from phnn.parameters import quantity
 from phnn.recordings.sensor import PLAIN, Sensor
 from phnn.signals.noise import AS_WHITE
 
@@ -267,10 +269,25 @@ class Campaign:
         names = ", ".join(r.name for r in self.recordings[:_SHOWN]) + (", …" if len(self.recordings) > _SHOWN else "")
         return f"<Campaign {self.folder}: {len(self.recordings)} recordings ({names}); phnn.describe tells more>"
 
+    def _repr_html_(self) -> str:
+        head = ("recording", "use", "samples", "rate (Hz)", "input", "output", "noise rms")
+        rows = (
+            (r.name, ", ".join(dict.fromkeys(p.use for p in r.parts)), r.t.size, 1.0 / r.dt, _span(r.u, r.units.input),
+             _span(r.y, r.units.output), quantity(r.noise, r.units.output) if r.noise_found else None)
+            for r in self.recordings
+        )  # fmt: skip
+        return titled(f"Campaign {self.folder}", table(head, rows))
+
     @property
     def inputs(self) -> list[Path]:
         """Folders that results must not be written into, as they were read from."""
         return [] if self.in_memory else [Path(self.folder)]
+
+
+def _span(x: np.ndarray, unit: str) -> str:
+    """Return the range of a signal with its unit; empty where nothing was recorded."""
+    known = x[np.isfinite(x)]
+    return f"{quantity(float(known.min()), unit)} to {quantity(float(known.max()), unit)}" if known.size else ""
 
 
 def is_actuator(setup: Mapping[str, Any]) -> bool:

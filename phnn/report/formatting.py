@@ -142,8 +142,8 @@ def short(value: float | None) -> str:
 
 
 def words(name: str | None) -> str:
-    """A canonical name as words: ``charge_leakage`` → ``charge leakage``."""
-    return (name or "").replace("_", " ")
+    """Return a canonical name as words: ``charge_leakage`` → ``charge leakage``; people keep their capitals."""
+    return (name or "").replace("_", " ").replace("bouc wen", "Bouc–Wen").replace("coulomb", "Coulomb")
 
 
 def listing(names: Iterable[str], last: str = "and") -> str:

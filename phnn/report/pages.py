@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
-from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Table
+from rich.table import Table as Listing
 from scipy.optimize import linear_sum_assignment
 from scipy.signal import periodogram
 
@@ -28,7 +28,8 @@ from phnn.recordings.describe import facts
 from phnn.recordings.recording import Part, Recording
 from phnn.report.figures import draw_trace, style
 from phnn.report.formatting import DASH, Unit, display_unit, plain, short, words
-from phnn.report.page import plain_page
+from phnn.report.page import Block, Section, Table, page
+from phnn.report.sections import drawing
 from phnn.results import Place
 
 Array = NDArray[np.float64]
@@ -106,24 +107,32 @@ def _drawn(f: Array, density: Array) -> tuple[Array, Array]:
 def write_check(checked: Checked, place: Place) -> None:
     """Write ``check.json`` and ``check.html`` into a folder."""
     (place / "check.json").write_json(checked.document())
-    recordings = checked.campaign.recordings
-    page = plain_page(
-        "phnn.report",
-        "checked.html",
-        checked=checked,
-        noticed=[(name, f) for name, found in checked.findings.items() for f in found],
-        place={r.name: i for i, r in enumerate(recordings, start=1)},
-        entries=[_entry(r) for r in recordings],
-    )
-    (place / "check.html").write(page)
+    campaign = checked.campaign
+    noticed = [[name, f.severity, f.text] for name, findings in checked.findings.items() for f in findings]
+    noise = [[name, n.colour, "; ".join(n.notes)] for name, n in checked.noise.items()]
+    able = [[a.shows, "yes" if a.able else "no", "" if a.able else a.record] for a in checked.abilities]
+    first: list[Block] = [campaign.folder]
+    first.append(Table(["recording", "", "what was noticed"], noticed, 3) if noticed else "Nothing suspicious.")
+    sections = [
+        Section(None, first),
+        Section("What these recordings can show", [Table(["effects", "", "to record for them"], able, 3)], open=True),
+        Section("Noise", [Table(["recording", "colour", "what else"], noise, 3)]),
+        *(Section(f"{r.name} ({r.source})", _recorded(r)) for r in campaign.recordings),
+        Section("What was understood", list(campaign.notes)),
+    ]
+    count = len(campaign.recordings)
+    heading = f"What was understood of {count} recording{'s' if count != 1 else ''}"
+    (place / "check.html").write(page(f"Recordings: {campaign.folder}", heading, sections))
 
 
-def _entry(recording: Recording) -> tuple[str, list[tuple[str, str]], style.Drawing]:
-    """Return the head, the facts and the figure of a recording."""
-    with rc_context(style.RC):
-        picture = style.png(draw_recorded(recording))
-    title = f"{recording.name}: input and output in time, loop, spectra"
-    return f"{recording.name} ({recording.source})", facts(recording), style.Drawing("", title, title, picture)
+def _recorded(recording: Recording) -> list[Block]:
+    """Return the facts and the picture of a recording."""
+    rows = [list(fact) for fact in facts(recording)]
+    title = f"{recording.name}: input and output in time (held-out samples on grey), as a loop, and their spectra."
+    return [
+        Table(["", ""], rows, 2),
+        *drawing(recording.name, title, title, partial(draw_recorded, recording), lines=False),
+    ]
 
 
 # Half width of the resonance that is shown, in half-power widths; bands of the spectra in an octave.
@@ -234,39 +243,38 @@ def write_modes(result: Result, folder: str, place: Place) -> None:
     """Write document, figures and page into a folder."""
     (place / "modes.json").write_json(study_document(result))
     (place / "model" / FILE).write_json(model_document(result.final.fit, channels_of(result.study)))
-    levels = names_of(result.study.levels, result)
-    with rc_context(style.RC):
-        drawings = [
-            style.Drawing(
-                "resonance.png",
-                f"The resonance that moves most, at {', '.join(levels)}: measured (dots) and by one model (lines).",
-                "the resonance that moves most", style.png(draw_resonance(result)),
-            ),
-            style.Drawing(
-                "left.png", "Residuals of the models on held-out recordings, by frequency, all outputs together.",
-                "spectra of residuals", style.png(draw_left(result)),
-            ),
-        ]  # fmt: skip
-    for drawing in drawings:
-        (place / "figures" / drawing.file).write(drawing.png)
+    levels, apart = names_of(result.study.levels, result), names_of(result.study.apart, result)
+    resonance = f"The resonance that moves most, at {', '.join(levels)}: measured (dots) and by one model (lines)."
+    left = "Residuals of the models on held-out recordings, by frequency, all outputs together."
+    drawings = [
+        *drawing("resonance", resonance, resonance, partial(draw_resonance, result)),
+        *drawing("left", left, left, partial(draw_left, result)),
+    ]
+    for one in drawings:
+        (place / "figures" / one.file).write(one.png)
     headline, explanation = sentences(result)
     unit = display_unit(_largest(result), result.study.units[1])
-    page = plain_page(
-        "phnn.report",
-        "modes.html",
-        headline=headline,
-        explanation=explanation,
-        folder=folder,
-        levels=levels,
-        apart=names_of(result.study.apart, result),
-        unit=unit.name,
-        models=rows(result, unit.scale),
-        modes=_modes(result),
-        drawings=drawings,
-        left_out=[*result.study.left_out.items(), *((n, "a step had no solution") for n in result.failed)],
-        fitted_choose=result.fitted_choose,
+    head = [c for level in levels for c in (f"left to choose by, {level}", f"held out, {level}")]
+    head += [f"amplitude held out, {level}" for level in apart]
+    models = [[name, *cells] for name, cells in rows(result, unit.scale)]
+    moved = [c for level in levels for c in (f"Hz, {level} alone", "damping, %")]
+    chosen = (
+        "the recordings that were fitted, as there are no others" if result.fitted_choose else "recordings left out"
     )
-    (place / "report.html").write(page)
+    note = (
+        f"Held out: root mean square error over all recorded periods, averaged over the outputs, in {unit.name}. "
+        f"To choose by: what is left over what was measured, in per cent, of {chosen}."
+    )
+    absent = [*result.study.left_out.items(), *((n, "a step had no solution") for n in result.failed)]
+    sections = [
+        Section(None, [explanation, folder, *drawings[:1]]),
+        Section(
+            "One model for all amplitudes", [Table(["at the ports", *head], models), note, *drawings[1:]], open=True
+        ),
+        Section("Modes", [Table([*moved, "moved, %"], _modes(result), 0)]),
+        *([Section("Left out", [f"{name}: {reason}" for name, reason in absent])] if absent else []),
+    ]
+    (place / "report.html").write(page(f"Modes: {folder}", headline, sections))
 
 
 def show(result: Result, console: Console) -> None:
@@ -279,7 +287,7 @@ def show(result: Result, console: Console) -> None:
         for c in (f"left, {level} (%)", f"held out, {level} ({unit.name})")
     ]
     columns += [f"amplitude held out, {level} ({unit.name})" for level in names_of(result.study.apart, result)]
-    table = Table("at the ports", *columns)
+    table = Listing("at the ports", *columns)
     for name, cells in rows(result, unit.scale):
         table.add_row(name, *cells)
     console.print(table)

@@ -30,7 +30,7 @@ from phnn.models.actuator import hrc
 from phnn.parallel import executor
 from phnn.recordings import Campaign, read
 from phnn.recordings.recording import Start
-from phnn.report.missing import missing_entries
+from phnn.report.result import missing_entries
 from phnn.setup import Setup
 
 SCALES = Scales(90.0, 1e-4, 0.1, 2.5e4, 0.046, 50.0, 150.0, 0.06, 1e-8)

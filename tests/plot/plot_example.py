@@ -71,7 +71,7 @@ def diagnosis(scores: dict[str, float] | None = None) -> Any:
     if scores is None:
         return SimpleNamespace(location=None, places=())
     where = SimpleNamespace(detail="elastic", scores=scores)
-    return SimpleNamespace(location=where, places=("mechanical", "amplifier"), detail=where.detail)
+    return SimpleNamespace(location=where, places=("mechanical", "amplifier"), detail=where.detail, claims=())
 
 
 SCORES = {"sensor": 0.2, "mechanical": 0.95, "amplifier": 0.93, "thermal": 0.0}

@@ -73,8 +73,7 @@ class Drawing:
 
     Attributes:
         file: name of the picture's file; title, alt: what it shows, in a few words and in a sentence.
-        svg: the same picture as SVG; empty where that would be larger than the page allows.
-        plots: the traces of zoomable plots as json, see `phnn.report.gallery.plots`; empty where there are none.
+        svg: the same picture as SVG, for a page that has dark colours too.
     """
 
     file: str
@@ -82,7 +81,6 @@ class Drawing:
     alt: str
     png: bytes
     svg: bytes = b""
-    plots: str = ""
 
 
 def new_figure(width: float, height: float, constrained: bool = True) -> Figure:
@@ -115,12 +113,12 @@ def png(figure: Figure) -> bytes:
     return buffer.getvalue()
 
 
-def svg(figure: Figure) -> bytes:
-    """The figure as SVG with text as text; the same figure gives the same bytes."""
+def svg(figure: Figure, salt: str = "phnn") -> bytes:
+    """Return the figure as SVG with text as text; the same figure and salt give the same bytes."""
     from matplotlib.backends.backend_svg import FigureCanvasSVG
 
     buffer = io.BytesIO()
-    with rc_context({**RC, "svg.fonttype": "none", "svg.hashsalt": "phnn"}), _any_script():
+    with rc_context({**RC, "svg.fonttype": "none", "svg.hashsalt": salt}), _any_script():
         FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None, "Creator": None})
     return buffer.getvalue()
 
