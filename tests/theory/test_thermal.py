@@ -22,7 +22,6 @@ from phnn.integrate.residual import check, power_balance
 from phnn.laws import MEMORY_LAWS, other
 from phnn.models.actuator import hrc
 from phnn.network import ModulatorState, Network, PortHamiltonianSystem
-from phnn.network.lyapunov import forced_equilibrium, shifted_energy, shifted_rate
 from phnn.network.modulator_states import decays, rates
 from phnn.parameters import Parameter
 from phnn.setup import Block, Setup
@@ -235,16 +234,6 @@ def test_two_bodies_share_what_is_dissipated() -> None:
     dissipated = power_balance(run).dissipated
     torch.testing.assert_close(thermal.received[:, 1], dissipated[:, 2], rtol=1e-10, atol=1e-20)
     torch.testing.assert_close(thermal.received[:, 0], dissipated[:, 0] + dissipated[:, 1], rtol=1e-10, atol=1e-20)
-
-
-def test_shifted_energies_know_no_memory() -> None:
-    network = warming()
-    system, x = PortHamiltonianSystem(network), torch.zeros(5, dtype=torch.float64)
-    for call in (lambda: shifted_energy(system, x, x), lambda: shifted_rate(system, x, x)):
-        with pytest.raises(StructureViolated, match="state 'theta' still moves"):
-            call()
-    with pytest.raises(StructureViolated, match="state 'theta' still moves"):
-        forced_equilibrium(network, torch.zeros(2, dtype=torch.float64), torch.zeros(2, dtype=torch.float64))
 
 
 def gains(amplitude: float, frequency: float, periods: int, values: dict[str, float]) -> tuple[Array, Trajectory]:
