@@ -24,9 +24,8 @@ class StorageLaw:
 
     Attributes:
         name: as used in networks.
-        energy: ``H(x, *θ)`` [J].
-        mean_effort: ``(H(b) − H(a)) / (b − a)`` as ``mean_effort(a, b, *θ)``, in a form without
-            cancellation; the effort ``H'(x)`` is ``mean_effort(x, x, *θ)``.
+        mean_effort: ``ē = (H(b) − H(a))/(b − a)`` as ``mean_effort(a, b, *θ)``, in a form without cancellation. It
+            says all: the effort ``H'(x)`` is ``ē(x, x)``, and the energy ``H(x) = x ē(0, x)``.
         example: parameter values for the contract tests.
         convex: whether the effort is monotone.
         bounded: whether ``H ≥ 0``; a weight, whose energy falls without end, is a source and not passive.
@@ -34,7 +33,6 @@ class StorageLaw:
     """
 
     name: str
-    energy: Callable[..., Any]
     mean_effort: Callable[..., Any]
     example: tuple[float, ...]
     convex: bool = True
@@ -43,6 +41,10 @@ class StorageLaw:
 
     def __post_init__(self) -> None:
         _complete(self)
+
+    def energy(self, x: Any, *theta: Any) -> Any:
+        """Return ``H(x; θ)`` [J]."""
+        return x * self.mean_effort(0.0 * x, x, *theta)
 
 
 @dataclass(frozen=True)

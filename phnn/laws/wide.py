@@ -1,8 +1,7 @@
 """Laws with as many weights as one likes: a sum over equal units, written once for tensors and for the kernel.
 
     resistor:  φ(ε)    = combine(ε, Σ_i unit(ε, *w_i), *head)
-    storage:   H(x)    = energy_combine(x, Σ_i energy_unit(x, *w_i), *head)
-               ē(a, b) = combine(a, b, Σ_i unit(a, b, *w_i), *head)
+    storage:   ē(a, b) = combine(a, b, Σ_i unit(a, b, *w_i), *head),     H(x) = x ē(0, x)
 
 The weights are physical (positive ones positive, scales of effort and flow included) and lie in one flat vector
 ``[*head, *w_1, *w_2, …]``. Units and combinations are written with `phnn.laws.namespace`.
@@ -60,8 +59,6 @@ class WideStorage:
 
     Attributes:
         name: as used by torch modules and the kernel.
-        energy_unit: ``energy_unit(x, *w_i)``.
-        energy_combine: ``H = energy_combine(x, sum, *head)`` [J].
         unit: ``unit(a, b, *w_i)``.
         combine: ``(H(b) − H(a))/(b − a) = combine(a, b, sum, *head)``, ``H'(a)`` where ``b = a``.
         head: number of weights before those of the units.
@@ -70,8 +67,6 @@ class WideStorage:
     """
 
     name: str
-    energy_unit: Callable[..., Any]
-    energy_combine: Callable[..., Any]
     unit: Callable[..., Any]
     combine: Callable[..., Any]
     head: int
@@ -162,8 +157,7 @@ def energy(
     weights: Any,  # (head + U·per_unit,) flat
 ) -> Any:
     """(...) ``H(x)`` [J]."""
-    head, units = _unpacked(law, weights)
-    return law.energy_combine(x, law.energy_unit(x[..., None], *units).sum(-1), *head)
+    return x * mean_effort(law, 0.0 * x, x, weights)
 
 
 def _unpacked(law: WideResistor | WideStorage, weights: Any) -> tuple[list[Any], list[Any]]:
@@ -264,21 +258,8 @@ def monotone_combine(effort: Any, total: Any, slope: Any) -> Any:
     return slope * effort + total
 
 
-def convex_energy_unit(x: Any, weight: Any, gain: Any, position: Any) -> Any:
-    """``(w/k) [S(kx + c) − S(c) − σ(c) kx] ≥ 0``: a hinge less its tangent at zero."""
-    start, r_start = hinge(position)
-    product = start * hinge(gain * x + position)[0]
-    share = reciprocal(1.0 + product)
-    return weight * gain * x * x * product * share * share * reciprocal(r_start)
-
-
-def convex_energy_combine(x: Any, total: Any, curvature: Any) -> Any:
-    """``H = c x²/2 + Σ`` with the curvature ``c``."""
-    return 0.5 * curvature * x * x + total
-
-
 def convex_unit(a: Any, b: Any, weight: Any, gain: Any, position: Any) -> Any:
-    """``w [(S(kb + c) − S(ka + c))/(kb − ka) − σ(c)]``, symmetric in ``a`` and ``b``.
+    """``w [(S(kb + c) − S(ka + c))/(kb − ka) − σ(c)]``, symmetric in ``a`` and ``b``: of a hinge less its tangent at 0.
 
     With ``A, B, C = S(ka + c), S(kb + c), S(c)`` the bracket is ``AB/(1 + AB) − C²/(1 + C²)``, and in
     ``AB − C² = ½ (A + C)(B − C) + ½ (B + C)(A − C)`` the differences are proportional to ``b`` and to ``a``.
@@ -303,6 +284,4 @@ def convex_combine(a: Any, b: Any, total: Any, curvature: Any) -> Any:
 register_wide(WideResistor("damping", damping_unit, damping_combine, 1, 3, monotone=False))
 register_wide(WideResistor("symmetric_damping", symmetric_damping_unit, damping_combine, 1, 3, monotone=False))
 register_wide(WideResistor("monotone", monotone_unit, monotone_combine, 1, 9, monotone=True))
-register_wide(
-    WideStorage("convex", convex_energy_unit, convex_energy_combine, convex_unit, convex_combine, 1, 3, convex=True)
-)
+register_wide(WideStorage("convex", convex_unit, convex_combine, 1, 3, convex=True))
