@@ -18,8 +18,24 @@ from phnn.errors import StructureViolated
 from phnn.parameters import POSITIVE, Domain
 
 
+class _Law:
+    """What has parameters, each with a domain; those that are left out are positive."""
+
+    name: str
+    example: tuple[float, ...]
+    domains: tuple[Domain, ...]
+
+    def __post_init__(self) -> None:
+        domains = self.domains or (POSITIVE,) * len(self.example)
+        if len(domains) != len(self.example):
+            raise StructureViolated(
+                f"the law {self.name} has {len(self.example)} parameters and {len(domains)} domains: give one for each"
+            )
+        object.__setattr__(self, "domains", domains)
+
+
 @dataclass(frozen=True)
-class StorageLaw:
+class StorageLaw(_Law):
     """An energy ``H(x; θ) ≥ H(0) = 0``, but for a source of constant effort.
 
     Attributes:
@@ -39,16 +55,13 @@ class StorageLaw:
     bounded: bool = True
     domains: tuple[Domain, ...] = ()
 
-    def __post_init__(self) -> None:
-        _complete(self)
-
     def energy(self, x: Any, *theta: Any) -> Any:
         """Return ``H(x; θ)`` [J]."""
         return x * self.mean_effort(0.0 * x, x, *theta)
 
 
 @dataclass(frozen=True)
-class ResistorLaw:
+class ResistorLaw(_Law):
     """A sector law ``ε φ(ε, q; θ) ≥ 0``; ``q`` is a read-only argument (a state of the network).
 
     Attributes:
@@ -75,12 +88,9 @@ class ResistorLaw:
     monotone: bool = True
     domains: tuple[Domain, ...] = ()
 
-    def __post_init__(self) -> None:
-        _complete(self)
-
 
 @dataclass(frozen=True)
-class PortLaw:
+class PortLaw(_Law):
     """How a port's input acts: ``ẋ += g ψ(u)``; the conjugate output is ``y = ψ'(u) gᵀ∇H``.
 
     Attributes:
@@ -97,12 +107,9 @@ class PortLaw:
     example: tuple[float, ...]
     domains: tuple[Domain, ...] = ()
 
-    def __post_init__(self) -> None:
-        _complete(self)
-
 
 @dataclass(frozen=True)
-class FactorLaw:
+class FactorLaw(_Law):
     """How a ratio follows a storage's or a memory's state: the ratio is multiplied by ``f(q; θ)``.
 
     Attributes:
@@ -116,9 +123,6 @@ class FactorLaw:
     factor: Callable[..., Any]
     example: tuple[float, ...]
     domains: tuple[Domain, ...] = ()
-
-    def __post_init__(self) -> None:
-        _complete(self)
 
 
 @dataclass(frozen=True)
@@ -139,7 +143,7 @@ class Heat:
 
 
 @dataclass(frozen=True)
-class MemoryLaw:
+class MemoryLaw(_Law):
     """How a slow state follows its drive: ``ż = f(z, s; θ)``, affine in ``z`` with the slope ``−d(θ)``.
 
     Attributes:
@@ -157,9 +161,6 @@ class MemoryLaw:
     example: tuple[float, ...]
     heat: Heat | None = None
     domains: tuple[Domain, ...] = ()
-
-    def __post_init__(self) -> None:
-        _complete(self)
 
 
 Law = StorageLaw | ResistorLaw | PortLaw | FactorLaw | MemoryLaw
@@ -222,13 +223,3 @@ def close_tables() -> None:
     """Accept no further law: compiled code numbers the laws by their order in the tables."""
     global _closed
     _closed = True
-
-
-def _complete(law: Any) -> None:
-    """Fill in the domains that a law leaves out."""
-    domains = law.domains or (POSITIVE,) * len(law.example)
-    if len(domains) != len(law.example):
-        raise StructureViolated(
-            f"the law {law.name} has {len(law.example)} parameters and {len(domains)} domains: give one for each"
-        )
-    object.__setattr__(law, "domains", domains)
