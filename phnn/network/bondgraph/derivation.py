@@ -56,11 +56,6 @@ class Branch:
     inverted: bool
 
 
-def stores_of(graph: BondGraph) -> list[C | I]:
-    """The storages in the order of the graph."""
-    return [e for e in graph.elements if isinstance(e, C | I)]
-
-
 def resistors_of(graph: BondGraph) -> list[R]:
     """The resistors in the order of the graph."""
     return [e for e in graph.elements if isinstance(e, R)]
@@ -177,12 +172,6 @@ def _refuse_direction(resistor: R, form: Form) -> None:
 
 def _names(form: Form, *roles: str) -> list[str]:
     return [v.of for v in form if v.role in roles]
-
-
-def dependence(solution: Solution, name: str) -> Form | None:
-    """What fixes the co-energy of a storage from outside; None where it has integral causality."""
-    variable: Variable = coenergy(name)
-    return solution.of(variable) if solution.determined(variable) else None
 
 
 _LINEAR = ("capacitor", "spring")
@@ -471,7 +460,7 @@ class _Derivation:
     def __init__(self, graph: BondGraph) -> None:
         self.graph = graph
         self.field = Field(graph.ratios)
-        self.stores: dict[str, C | I] = {s.name: s for s in stores_of(graph)}
+        self.stores: dict[str, C | I] = {s.name: s for s in graph.elements if isinstance(s, C | I)}
         self.parameters: dict[str, Parameter] = dict(graph.parameters)
         self.merges: list[Merge] = []
 
@@ -491,10 +480,11 @@ class _Derivation:
         equations: list[Form] = junction_equations(self.graph, self.field)
         while True:
             solution = causal(self.graph, self.field, equations, self.stores)
-            found = ((n, form) for n in self.stores if (form := dependence(solution, n)) is not None)
-            name, form = next(found, ("", {}))
+            # A storage whose co-energy is fixed from outside has no integral causality.
+            name = next((n for n in self.stores if solution.determined(coenergy(n))), "")
             if not name:
                 return solution
+            form = solution.of(coenergy(name))
             other = check_dependent(self.stores[name], form, self.stores)
             ratio = form[coenergy(other.name)]
             pair = {name: {other.name: self.field.number(1) / ratio}, other.name: {name: ratio}}

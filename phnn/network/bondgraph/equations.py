@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from typing import Any, NamedTuple
 
 from sympy import QQ, Expr, Symbol
@@ -110,34 +111,11 @@ def times(factor: Any, form: Form) -> dict[Variable, Any]:
     return {variable: factor * coefficient for variable, coefficient in form.items()}
 
 
-def rate(name: str) -> Variable:
-    """``ẋ`` of a storage: flow of a C, effort of an I."""
-    return Variable("rate", name)
-
-
-def coenergy(name: str) -> Variable:
-    """``H'(x)`` of a storage: effort of a C, flow of an I."""
-    return Variable("coenergy", name)
-
-
-def argument(name: str) -> Variable:
-    """What a resistor's law takes in its declared direction."""
-    return Variable("argument", name)
-
-
-def result(name: str) -> Variable:
-    """What a resistor's law gives in its declared direction."""
-    return Variable("result", name)
-
-
-def source(name: str) -> Variable:
-    """``ψ(u)`` of a source."""
-    return Variable("input", name)
-
-
-def answer(name: str) -> Variable:
-    """What a source does not impose: flow of an Se, effort of an Sf."""
-    return Variable("answer", name)
+# Columns by the name of an element: ``ẋ`` of a storage (flow of a C, effort of an I) and its co-energy ``H'(x)``; what
+# the law of a resistor takes and gives in its declared direction; ``ψ(u)`` of a source, and what it does not impose.
+rate, coenergy, argument, result, source, answer = (
+    partial(Variable, role) for role in ("rate", "coenergy", "argument", "result", "input", "answer")
+)
 
 
 @dataclass(frozen=True)
