@@ -126,23 +126,6 @@ class FactorLaw(_Law):
 
 
 @dataclass(frozen=True)
-class Heat:
-    """Heat and entropy of a modulator state.
-
-    Attributes:
-        energy: thermal energy ``U(z, *θ)`` [J].
-        entropy: its change of entropy ``S(b) − S(a)`` as ``entropy(a, b, *θ)`` [J/K].
-        flow: heat that flows to the ambient, ``q(z, *θ)`` [W], affine in ``z``.
-        ambient: temperature of the ambient ``T_a(*θ)`` [K].
-    """
-
-    energy: Callable[..., Any]
-    entropy: Callable[..., Any]
-    flow: Callable[..., Any]
-    ambient: Callable[..., Any]
-
-
-@dataclass(frozen=True)
 class MemoryLaw(_Law):
     """How a slow state follows its drive: ``ż = f(z, s; θ)``, affine in ``z`` with the slope ``−d(θ)``.
 
@@ -151,7 +134,7 @@ class MemoryLaw(_Law):
         rate: ``f(z, s, *θ)``.
         decay: ``d(*θ) ≥ 0`` [1/s].
         example: parameter values for the contract tests.
-        heat: of a law whose drive is dissipated power [W] that is kept as heat, ``U' ż = s − q``.
+        heats: whether its drive is dissipated power [W] that is kept as heat.
         domains: of the parameters; all positive where left out.
     """
 
@@ -159,7 +142,7 @@ class MemoryLaw(_Law):
     rate: Callable[..., Any]
     decay: Callable[..., Any]
     example: tuple[float, ...]
-    heat: Heat | None = None
+    heats: bool = False
     domains: tuple[Domain, ...] = ()
 
 
