@@ -197,7 +197,7 @@ def _check_chain(setup: Setup) -> None:
 
 
 def _setup(content: Mapping[str, Any]) -> Setup:
-    # Files of earlier versions have neither modulations nor memories, nor sources and nuisances.
+    # Files of earlier versions have no modulations, modulator states, sources and nuisances.
     former: dict[str, Any] = {"modulations": [], "memories": [], **{key: [] for key in _OPTIONAL}, **content}
     elements: dict[str, Any] = {key: _all(former[key], key, kind) for key, kind in (_NEEDED | _OPTIONAL).items()}
     network = Network(
