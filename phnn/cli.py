@@ -36,7 +36,7 @@ _COMMANDS = {
     "diagnose": "find out what the base model leaves out",
     "predict": "simulate recordings with a model that was written earlier",
     "invert": "find the voltage with which a model's displacement follows a reference",
-    "export": "write a model as a program: C, FMU or Python",
+    "export": "write a model as a program: C, FMU, Python or MATLAB",
     "plot": "draw a model or a diagnosis as a figure, with its data as a table",
     "compare": "fit several kinds of model and compare them",
     "modes": "find the modes of a structure, and what moves them with amplitude",
@@ -204,7 +204,7 @@ def _number(text: str) -> float:
 
 def _add_export(command: argparse.ArgumentParser) -> None:
     add = command.add_argument
-    add("--to", required=True, metavar="TARGET", help="c, fmu or python")
+    add("--to", required=True, metavar="TARGET", help="c, fmu, python or matlab")
     add("--dt", type=_number, default=1e-4, metavar="S", help="sample time in seconds; default: %(default)s")
     add("--substeps", type=int, metavar="N", help="integration steps in a sample time; default: those of the model")
     add("--input", dest="hold", default="linear", metavar="HOLD", help="between samples: linear (default), zero_order")

@@ -10,13 +10,13 @@ from phnn.exporting.program import (
     Constant,
     Field,
     Function,
+    Printer,
     Program,
     called,
     header,
     indented,
     is_taken,
     one_line,
-    walk,
 )
 
 _FUNCTIONS = {"absolute": "fabs", "isfinite": "isfinite"}
@@ -35,21 +35,12 @@ def number(value: float | int) -> str:
     return text if any(c in text for c in ".en") else f"{text}.0"
 
 
-_OPERATORS: dict[type, tuple[str, int]] = {
-    ast.Add: ("+", 6), ast.Sub: ("-", 6), ast.Mult: ("*", 7), ast.Div: ("/", 7), ast.Lt: ("<", 5), ast.LtE: ("<=", 5),
-    ast.Gt: (">", 5), ast.GtE: (">=", 5), ast.Eq: ("==", 5), ast.NotEq: ("!=", 5), ast.And: ("&&", 3),
-    ast.Or: ("||", 2),
-}  # fmt: skip
-# How strongly a conditional, a sign and a name bind, beside the operators.
-_CONDITIONAL, _UNARY, _PRIMARY = 1, 8, 9
-
-
-class _Body:
+class _Body(Printer):
     """Prints the statements of one function in C."""
 
     def __init__(self, program: Program, function: Function) -> None:
-        self.program, self.function = program, function
-        nodes = list(walk(function))
+        super().__init__(program, function)
+        nodes = self.nodes
         self.named = {n.id for n in nodes if isinstance(n, ast.Name)} | ({"s"} if function.of_state else set())
         slices = [n for s in nodes if isinstance(s, ast.Subscript) for n in ast.walk(s.slice)]
         self.whole = {n.id for n in slices if isinstance(n, ast.Name)}
@@ -62,52 +53,21 @@ class _Body:
             if isinstance(t, ast.Name)
         }
 
-    def name(self, name: str) -> str:
-        """A local name; words of a language get an underscore."""
-        return f"{name}_" if is_taken(name) else name
+    def _number(self, value: float | int) -> str:
+        return str(value) if isinstance(value, int) and not isinstance(value, bool) else number(value)
 
-    def expression(self, node: ast.expr, level: int = 0) -> str:
-        """An expression in brackets if it binds less than ``level``."""
-        text, own = self._expression(node)
-        return f"({text})" if own < level else text
-
-    def _expression(self, node: ast.expr) -> tuple[str, int]:
-        if isinstance(node, ast.Constant):
-            whole = isinstance(node.value, int) and not isinstance(node.value, bool)
-            return str(node.value) if whole else number(node.value), _PRIMARY  # type: ignore[arg-type]
-        if isinstance(node, ast.Name):
-            return self.name(node.id), _PRIMARY
-        if isinstance(node, ast.Attribute):
-            return f"s->{node.attr}", _PRIMARY
-        if isinstance(node, ast.Subscript):
-            return f"{self.expression(node.value, _PRIMARY)}[{self.expression(node.slice)}]", _PRIMARY
-        if isinstance(node, ast.UnaryOp):
-            sign = "!" if isinstance(node.op, ast.Not) else "-"
-            return f"{sign}{self.expression(node.operand, _UNARY + 1)}", _UNARY
-        if isinstance(node, ast.BinOp):
-            sign, level = _OPERATORS[type(node.op)]
-            return f"{self.expression(node.left, level)} {sign} {self.expression(node.right, level + 1)}", level
-        if isinstance(node, ast.Compare):
-            sign, level = _OPERATORS[type(node.ops[0])]
-            # Brackets around comparisons that are compared, which compilers ask for.
-            return f"{self.expression(node.left, 6)} {sign} {self.expression(node.comparators[0], 6)}", level
-        if isinstance(node, ast.BoolOp):
-            sign, level = _OPERATORS[type(node.op)]
-            # Brackets around mixed conditions, which compilers ask for.
-            return f" {sign} ".join(self.expression(v, 4) for v in node.values), level
-        if isinstance(node, ast.Call):
-            return self._call(node)
-        raise TypeError(ast.dump(node))
+    def _entry(self, node: ast.Subscript) -> str:
+        return f"{self.expression(node.value, self.primary)}[{self.expression(node.slice)}]"
 
     def _call(self, node: ast.Call, outputs: Iterable[str] = ()) -> tuple[str, int]:
         name = node.func.id  # type: ignore[attr-defined]
         if name == "where":
-            condition, yes, no = (self.expression(a, _CONDITIONAL + 1) for a in node.args)
-            return f"{condition} ? {yes} : {no}", _CONDITIONAL
+            condition, yes, no = (self.expression(a, self.conditional + 1) for a in node.args)
+            return f"{condition} ? {yes} : {no}", self.conditional
         arguments = [self.expression(a) for a in node.args]
         if name in self.program.functions:
             name = public(self.program, name)
-        return f"{_FUNCTIONS.get(name, name)}({', '.join([*arguments, *outputs])})", _PRIMARY
+        return f"{_FUNCTIONS.get(name, name)}({', '.join([*arguments, *outputs])})", self.primary
 
     def lines(self) -> list[str]:
         """The function's body."""
@@ -118,9 +78,6 @@ class _Body:
         start = [f"(void){self.name(a)};" for a in self.function.arguments if a not in self.named]
         start += [f"{kind} {n} = {'0' if kind == 'int' else '0.0'};" for kind, n in kinds]
         return [*start, *self._block(self.function.body)]
-
-    def _block(self, body: Iterable[ast.stmt]) -> list[str]:
-        return [line for statement in body for line in self._statement(statement)]
 
     def _type(self, name: str) -> str:
         return "int" if name in self.whole | self.truths else "double"

@@ -1,6 +1,6 @@
 """The program of an exported model: functions in a small part of Python, constants and a state.
 
-Printers turn it into C and Python. A function is a syntax tree of Python's own `ast` module that uses only
+Printers turn it into C, Python and MATLAB. A function is a syntax tree of Python's own `ast` module that uses only
 
     assignments, ``if``, ``for i in range(n)``, ``break``, ``return`` of one value or of several,
     numbers, names, entries of arrays, fields ``s.x`` of the state, calls of other functions of the program and of
@@ -19,6 +19,7 @@ import re
 import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, replace
+from typing import ClassVar
 
 from phnn.errors import InputRefused
 
@@ -37,7 +38,7 @@ assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp 
 stddef stdint stdio stdlib stdnoreturn string tgmath threads time uchar wchar wctype fmi2
 """
 _FILES = frozenset(_HEADERS.split()) | sys.stdlib_module_names | frozenset(w.lower() for w in keyword.kwlist)
-# Longest identifier: compilers may tell apart the first 63 characters, with what is put before and behind it.
+# Longest identifier: MATLAB takes 63 characters, with what is put before and behind it.
 _LONGEST = 40
 
 
@@ -75,7 +76,8 @@ def prefix(name: str, title: str) -> str:
         return plain
     if name:
         raise InputRefused(
-            f"name: {name!r} is a word of C or Python or a file of theirs: choose another, such as {plain}_model"
+            f"name: {name!r} is a word of C, Python or MATLAB or a file of theirs: choose another, such as "
+            f"{plain}_model"
         )
     return f"{plain}_model"
 
@@ -310,3 +312,71 @@ def indented(lines: Iterable[str]) -> list[str]:
 def is_taken(name: str) -> bool:
     """Whether a local name is a word of some target language."""
     return name in RESERVED - {"s", "y", "u", "h"}
+
+
+class Printer:
+    """Prints the statements of one function, in a language whose expressions have the operators and levels of C."""
+
+    negation = "!"
+    field = "s->"
+    operators: ClassVar[dict[type, tuple[str, int]]] = {
+        ast.Add: ("+", 6), ast.Sub: ("-", 6), ast.Mult: ("*", 7), ast.Div: ("/", 7), ast.Lt: ("<", 5),
+        ast.LtE: ("<=", 5), ast.Gt: (">", 5), ast.GtE: (">=", 5), ast.Eq: ("==", 5), ast.NotEq: ("!=", 5),
+        ast.And: ("&&", 3), ast.Or: ("||", 2),
+    }  # fmt: skip
+    conditional, unary, primary = 1, 8, 9
+
+    def __init__(self, program: Program, function: Function) -> None:
+        self.program, self.function = program, function
+        self.nodes = list(walk(function))
+
+    def name(self, name: str) -> str:
+        """A local name; words of a language get an underscore."""
+        return f"{name}_" if is_taken(name) else name
+
+    def expression(self, node: ast.expr, level: int = 0) -> str:
+        """An expression in brackets if it binds less than ``level``."""
+        text, own = self._expression(node)
+        return f"({text})" if own < level else text
+
+    def _expression(self, node: ast.expr) -> tuple[str, int]:
+        if isinstance(node, ast.Constant):
+            return self._number(node.value), self.primary  # type: ignore[arg-type]
+        if isinstance(node, ast.Name):
+            return self.name(node.id), self.primary
+        if isinstance(node, ast.Attribute):
+            return f"{self.field}{node.attr}", self.primary
+        if isinstance(node, ast.Subscript):
+            return self._entry(node), self.primary
+        if isinstance(node, ast.UnaryOp):
+            sign = self.negation if isinstance(node.op, ast.Not) else "-"
+            return f"{sign}{self.expression(node.operand, self.unary + 1)}", self.unary
+        if isinstance(node, ast.BinOp):
+            sign, level = self.operators[type(node.op)]
+            return f"{self.expression(node.left, level)} {sign} {self.expression(node.right, level + 1)}", level
+        if isinstance(node, ast.Compare):
+            sign, level = self.operators[type(node.ops[0])]
+            # Brackets around comparisons that are compared, which compilers ask for.
+            return f"{self.expression(node.left, 6)} {sign} {self.expression(node.comparators[0], 6)}", level
+        if isinstance(node, ast.BoolOp):
+            sign, level = self.operators[type(node.op)]
+            # Brackets around mixed conditions, which compilers ask for.
+            return f" {sign} ".join(self.expression(v, 4) for v in node.values), level
+        if isinstance(node, ast.Call):
+            return self._call(node)
+        raise TypeError(ast.dump(node))
+
+    def _number(self, value: float | int) -> str:
+        return repr(value)
+
+    def _entry(self, node: ast.Subscript) -> str:
+        raise NotImplementedError
+
+    def _call(self, node: ast.Call) -> tuple[str, int]:
+        raise NotImplementedError
+
+    def _statement(self, node: ast.stmt) -> list[str]:
+        raise NotImplementedError
+
+    def _block(self, body: Iterable[ast.stmt]) -> list[str]:
+        return [line for statement in body for line in self._statement(statement)]

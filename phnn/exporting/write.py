@@ -22,7 +22,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 from xml.sax.saxutils import quoteattr
 
 from phnn.errors import InputRefused, OutputFailed
@@ -30,8 +30,10 @@ from phnn.exporting.build import HOLDS, Hold, build
 from phnn.exporting.c import c_header, c_source
 from phnn.exporting.program import (
     CONSTANTS_ABOUT,
+    Constant,
     Field,
     Function,
+    Printer,
     Program,
     header,
     indented,
@@ -196,7 +198,7 @@ def export(
 
     Args:
         model: what `phnn.load` returned, or its folder, or that of a diagnosis.
-        to: ``c`` (C99 without dependencies), ``fmu`` (FMI 2.0 co-simulation) or ``python`` (one file).
+        to: ``c`` (C99 without dependencies), ``fmu`` (FMI 2.0 co-simulation), ``python`` (one file) or ``matlab``.
         out: folder of the files.
         dt: sample time [s].
         substeps: integration steps in a sample time; those of the model if None.
@@ -380,8 +382,155 @@ def python(program: Program) -> str:
     )
 
 
+_WHERE = """function r = where(condition, a, b)
+if condition
+    r = a;
+else
+    r = b;
+end
+end"""
+
+
+class _Body(Printer):
+    """Prints one function in MATLAB."""
+
+    negation = "~"
+    field = "s."
+    operators: ClassVar[dict[type, tuple[str, int]]] = Printer.operators | {ast.NotEq: ("~=", 5)}
+
+    def __init__(self, program: Program, function: Function) -> None:
+        super().__init__(program, function)
+        self.local = {n.id for n in self.nodes if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
+        self.local |= set(function.arguments)
+        self.results = [f"out_{i}" for i in range(function.returns)]
+
+    def name(self, name: str) -> str:
+        """A local name or a field of the constants; words of the language get an underscore."""
+        if name in self.program.constants and name not in self.local:
+            return f"c.{name}"
+        return f"{name}_" if name in ("i", "c", "where") else super().name(name)
+
+    def _call(self, node: ast.Call) -> tuple[str, int]:
+        name = node.func.id  # type: ignore[attr-defined]
+        arguments = ", ".join(self.expression(a) for a in node.args)
+        return f"{_BUILTIN.get(name, name)}({arguments})", self.primary
+
+    def _entry(self, node: ast.Subscript) -> str:
+        """An entry of an array, counted from one."""
+        indices: list[str] = []
+        value: ast.expr = node
+        while isinstance(value, ast.Subscript):
+            at = value.slice
+            plain = isinstance(at, ast.Constant)
+            indices.insert(0, str(at.value + 1) if plain else f"{self.expression(at)} + 1")  # type: ignore[attr-defined]
+            value = value.value
+        return f"{self.expression(value)}({', '.join(indices)})"
+
+    def lines(self) -> list[str]:
+        """The function, from its head to its end."""
+        f = self.function
+        results = [*["s"] * f.changes, *self.results]
+        left = f"[{', '.join(results)}] = " if len(results) > 1 else f"{results[0]} = " if results else ""
+        lines = [f"function {left}{f.name}({', '.join(map(self.name, f.arguments))})"]
+        lines += [f"% {one_line(f.about)}"] if f.about else []
+        named = {n.id for n in self.nodes if isinstance(n, ast.Name)}
+        lines += ["c = constants();"] if (named - self.local) & set(self.program.constants) else []
+        return [*lines, *self._block(f.body), "end"]
+
+    def _statement(self, node: ast.stmt) -> list[str]:
+        if isinstance(node, ast.Assign):
+            return self._assign(node.targets[0], node.value)
+        if isinstance(node, ast.AugAssign):
+            left = self.expression(node.target)
+            return [f"{left} = {left} {self.operators[type(node.op)][0]} ({self.expression(node.value)});"]
+        if isinstance(node, ast.If):
+            return [*self._branches(node, "if"), "end"]
+        if isinstance(node, ast.For):
+            i, n = self.name(node.target.id), node.iter.args[0].value  # type: ignore[attr-defined]
+            return [f"for {i} = 0:{n - 1}", *indented(self._block(node.body)), "end"]
+        if isinstance(node, ast.Break):
+            return ["break;"]
+        if isinstance(node, ast.Return):
+            return [*self._returned(node), "return;"]
+        if isinstance(node, ast.Expr):
+            return self._called([], node.value)
+        raise TypeError(ast.dump(node))
+
+    def _branches(self, node: ast.If, word: str) -> list[str]:
+        lines = [f"{word} {self.expression(node.test)}", *indented(self._block(node.body))]
+        if len(node.orelse) == 1 and isinstance(node.orelse[0], ast.If):
+            return [*lines, *self._branches(node.orelse[0], "elseif")]
+        return [*lines, "else", *indented(self._block(node.orelse))] if node.orelse else lines
+
+    def _assign(self, target: ast.expr, value: ast.expr) -> list[str]:
+        targets = target.elts if isinstance(target, ast.Tuple) else [target]
+        if isinstance(value, ast.Tuple):
+            return [line for one, own in zip(targets, value.elts, strict=True) for line in self._assign(one, own)]
+        return self._called([self.expression(t) for t in targets], value)
+
+    def _called(self, left: list[str], value: ast.expr) -> list[str]:
+        """An assignment; a function that changes the state gives it back."""
+        name = value.func.id if isinstance(value, ast.Call) else ""  # type: ignore[attr-defined]
+        known = self.program.functions.get(name)
+        left = ["s", *left] if known is not None and known.changes else left
+        shown = f"[{', '.join(left)}]" if len(left) > 1 else left[0]
+        return [f"{shown} = {self.expression(value)};"]
+
+    def _returned(self, node: ast.Return) -> list[str]:
+        value = node.value
+        assert value is not None
+        if isinstance(value, ast.Tuple):
+            return [f"{r} = {self.expression(v)};" for r, v in zip(self.results, value.elts, strict=True)]
+        return self._called(list(self.results), value)
+
+
+def _constant(constant: Constant) -> str:
+    value = constant.value
+    rows = value if isinstance(value, tuple) else ()
+    shown = "[" + "; ".join(", ".join(map(repr, row)) for row in rows) + "]" if rows else repr(value)
+    return f"c.{constant.name} = {shown}; % {one_line(constant.about)}"
+
+
+def _field(field: Field) -> str:
+    shape = (*field.shape, 1)[:2] if field.shape else ()
+    return f"s.{field.name} = {f'zeros({shape[0]}, {shape[1]})' if shape else '0.0'}; % {one_line(field.about)}"
+
+
+def matlab(program: Program) -> dict[str, str]:
+    """Texts of the files by name."""
+    name, inputs = program.name, ", ".join(program.functions["step"].arguments[1:])
+    about = [f"% {one_line(line)}" for line in header(program).splitlines()]
+    begin = [f"function s = {name}_init({inputs})", f"% {name.upper()}_INIT The state at the start.", *about]
+    begin += ["s = empty_state();", f"s = init(s, {inputs});", "end"]
+    step = [f"function [s, y] = {name}_step(s, {inputs})"]
+    step += [f"% {name.upper()}_STEP One sample time: the state and the output at its end.", *about]
+    step += [f"[s, solved] = step(s, {inputs});", "if solved < 1.0"]
+    step += ["    error('a step has no solution: is the input finite?');", "end", "y = output(s);", "end"]
+    block = [f"function y = {name}_simulink({inputs})"]
+    block += [f"% {name.upper()}_SIMULINK Body of a MATLAB Function block with the sample time {program.dt!r} s."]
+    block += ["persistent s", "if isempty(s)", f"    s = {name}_init({inputs});", "end"]
+    block += [f"[s, y] = {name}_step(s, {inputs});", "end"]
+    # A structure keeps its fields, as code generation asks.
+    empty = ["function s = empty_state()", *map(_field, program.used_fields()), "end"]
+    return {
+        f"{name}_init.m": _file(program, [begin, empty], "init"),
+        f"{name}_step.m": _file(program, [step], "step", "output"),
+        f"{name}_simulink.m": "\n".join(block) + "\n",
+    }
+
+
+def _file(program: Program, first: list[list[str]], *roots: str) -> str:
+    """A file: its own functions, and those of the program that it needs."""
+    constants = ["function c = constants()", *(f"% {line}" for line in CONSTANTS_ABOUT)]
+    constants += [*map(_constant, program.used_constants()), "end"]
+    bodies = (_Body(program, f).lines() for f in program.needed(*roots).values())
+    parts = [*first, *bodies, constants, _WHERE.splitlines()]
+    return "\n\n".join("\n".join(part) for part in parts) + "\n"
+
+
 TARGETS: dict[str, Callable[[Program], Files]] = {
     "c": lambda program: {f"{program.name}.h": c_header(program), f"{program.name}.c": c_source(program)},
     "fmu": lambda program: {f"{program.name}.fmu": fmu(program)},
     "python": lambda program: {f"{program.name}.py": python(program)},
+    "matlab": matlab,
 }

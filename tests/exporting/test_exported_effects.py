@@ -165,19 +165,20 @@ def test_a_second_export_replaces_the_first_and_no_file_of_others(model: Path, t
 
 
 REFUSALS: list[tuple[dict[str, Any], str]] = [
-    ({"to": "rust"}, "'rust' is no target: choose one of c, fmu, python"),
+    ({"to": "rust"}, "'rust' is no target: choose one of c, fmu, python, matlab"),
     ({"input": "cubic"}, "'cubic' between samples is not exported: choose linear or zero_order"),
     ({"dt": 0.0}, "0 s is no sample time"),
     ({"dt": float("inf")}, "inf s is no sample time"),
     ({"dt": 1e-310}, "1e-310 s is no sample time"),
     (
         {"name": "math"},
-        "name: 'math' is a word of C or Python or a file of theirs: choose another",
+        "name: 'math' is a word of C, Python or MATLAB or a file of theirs: choose another",
     ),
     ({"name": "class"}, "such as class_model"),
     ({"name": "Stdio", "to": "c"}, "such as Stdio_model"),
     ({"name": "fmi2", "to": "fmu"}, "such as fmi2_model"),
     ({"name": "json"}, "such as json_model"),
+    ({"name": "function", "to": "matlab"}, "such as function_model"),
     ({"substeps": 0}, "substeps: 0: give 1 to"),
     ({"initial_input": float("nan")}, "initial_input: nan"),
     ({"ports": ("torque",)}, "no further port 'torque'; it has force"),
@@ -251,7 +252,7 @@ def test_texts_of_a_model_end_no_comment(tmp_path: Path) -> None:
     from dataclasses import replace
 
     hostile = replace(BASE, name='*/ int x; """ \n" + evil() + "')
-    for to in ("c", "python"):
+    for to in ("c", "python", "matlab"):
         for path in phnn.export(hostile, to, tmp_path / to, name="stage"):
             text = path.read_text("utf-8")
             assert "*/ int x" not in text

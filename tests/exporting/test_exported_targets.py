@@ -27,7 +27,7 @@ from phnn.exporting.build import build
 from phnn.exporting.c import c_header, c_source
 from phnn.exporting.laws import Sources
 from phnn.exporting.program import Program, function
-from phnn.exporting.write import python
+from phnn.exporting.write import matlab, python
 from phnn.laws.namespace import where
 from phnn.models.network_file import load_network
 from phnn.parameters import positive
@@ -38,6 +38,7 @@ from phnn.trajectory import simulate
 
 PROMISED = 1e-9
 DT = 5e-5
+OCTAVE = shutil.which("octave-cli") or shutil.which("octave")
 LAG = (positive("tau_a", 1e-4, "s", "time constant of the amplifier"),)
 PIEZO = BASE.with_block("amplifier", Block("lowpass", ("tau_a",)), LAG)
 MODES = effect("second_mode").add_to(PIEZO, point(effect("second_mode")))
@@ -191,6 +192,23 @@ def test_python_runs_where_phnn_and_numpy_are_not_installed(tmp_path: Path) -> N
     command = [sys.executable, "-I", "-S", "-c", program]
     done = subprocess.run(command, input=json.dumps(u[1:].tolist()), capture_output=True, text=True, check=True)
     assert apart(np.array(json.loads(done.stdout)), reference(PIEZO, t, u, 1)[1:]) < PROMISED
+
+
+@pytest.mark.skipif(OCTAVE is None, reason="octave is not installed")
+@pytest.mark.parametrize("setup", [PIEZO, MODES], ids=["piezo", "modes"])
+def test_matlab(setup: Setup, tmp_path: Path) -> None:
+    t, u = drive(201)
+    phnn.export(setup, "matlab", tmp_path / "m", dt=DT, name="stage")
+    np.savetxt(tmp_path / "u.txt", u)
+    script = tmp_path / "run.m"
+    script.write_text(
+        f"addpath('{tmp_path / 'm'}'); u = load('{tmp_path / 'u.txt'}'); s = stage_init(u(1)); y = zeros(size(u));\n"
+        f"b = y; for k = 2:numel(u), [s, y(k)] = stage_step(s, u(k)); end\n"
+        f"stage_simulink(0); clear stage_simulink; for k = 2:numel(u), b(k) = stage_simulink(u(k)); end\n"
+        f"dlmwrite('{tmp_path / 'y.txt'}', y, 'precision', '%.17g');"
+    )
+    subprocess.run([str(OCTAVE), "--no-gui", "--norc", "--quiet", str(script)], check=True, capture_output=True)
+    assert apart(np.loadtxt(tmp_path / "y.txt"), reference(setup, t, u, 1)) < PROMISED
 
 
 def test_an_fmu_holds_its_description_and_its_sources(tmp_path: Path) -> None:
@@ -367,6 +385,13 @@ def test_laws_have_their_values_in_c(tmp_path: Path) -> None:
         found.argtypes, found.restype = [ctypes.c_double] * 2, ctypes.c_double
         for x, y in POINTS:
             assert found(x, y) == float(law(np.float64(x), np.float64(y))), (law.__name__, x, y)
+
+
+def test_matlab_has_no_operator_of_python() -> None:
+    text = matlab(program_of(LAWS))["law_step.m"]
+    assert "--" not in text
+    assert "where(~(x > y), x, y)" in text
+    assert "-1.0 < x && x < y && y <= 1.0" in text
 
 
 @pytest.mark.parametrize("law", REFUSED, ids=lambda f: f.__name__)
