@@ -136,16 +136,6 @@ def positive(name: str, value: float, unit: str, description: str = "", span: fl
 _FAR = 1e6
 
 
-def time_constant(name: str, value: float, description: str) -> Parameter:
-    """A delay or lag [s]: from 1 ns to 10 s as in actuators, or a factor 10⁶ either way around its value.
-
-    What drives a system gives the value a start, so that tanks that are sampled every few seconds have room as well.
-    """
-    return Parameter(
-        name, value, "s", min(1e-9, value / _FAR), max(10.0, value * _FAR), positive=True, description=description
-    )
-
-
 def signed(name: str, value: float, unit: str, reach: float, typical: float, description: str) -> Parameter:
     """A parameter of either sign, up to ``reach`` or a factor 10⁶ beyond the size it is placed with."""
     reach = max(reach, _FAR * abs(value))

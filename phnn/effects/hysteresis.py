@@ -89,7 +89,6 @@ _DUHEM = Effect(
     grid=duhem_grid,
     applies=has_inertia,
     neighbours=("extra_hysteron", "coulomb_friction", "creep"),
-    related_kinds=(kinds.THRESHOLD_BY_DISPLACEMENT, kinds.THRESHOLD_BY_RATE),
     rescale=rescale_slipping,
 )
 BOUC_WEN_HYSTERESIS = _DUHEM.or_as(
@@ -178,7 +177,6 @@ DISTRIBUTED_HYSTERESIS = Effect(
     grid=distributed_grid,
     applies=has_motion,
     neighbours=("extra_hysteron", "coulomb_friction", "bouc_wen_hysteresis"),
-    related_kinds=(kinds.THRESHOLD_BY_DISPLACEMENT, kinds.THRESHOLD_BY_RATE),
 )
 
 
@@ -266,7 +264,6 @@ EXTRA_HYSTERON = Effect(
     grid=hysteron_grid,
     applies=has_transducer,
     neighbours=("creep", "coulomb_friction"),
-    related_kinds=(kinds.CAPACITANCE_BY_CHARGE, kinds.THRESHOLD_BY_DISPLACEMENT, kinds.THRESHOLD_BY_RATE),
     rescale=rescale_hysteron,
     special_cases=(SpecialCase("creep", as_creep),),
     equivalents=equivalents,
@@ -300,11 +297,6 @@ def follow_rate(setup: Setup, parameters: Placed) -> Setup:
     return with_following_dead_zones(setup, parameters, "rate_dependent_dead_zone", "p", (inertia(setup),))
 
 
-def rate_grid(scales: Scales) -> list[dict[str, float]]:
-    """One point: the law is linear in its strength."""
-    return [{"kappa_v": 1e-3 / scales.velocity}]
-
-
 def moves_plain_dead_zones(setup: Setup) -> bool:
     """At least one resistor has a dead zone that follows no state yet, and a mass of constant inertia moves."""
     return has_inertia(setup) and has_plain_dead_zones(setup)
@@ -321,7 +313,7 @@ RATE_DEPENDENT_THRESHOLD = Effect(
     references=("Al Janaideh, Rakheja & Su 2009, Mechatronics 19 (rate-dependent play)",),
     declares=(positive("kappa_v", "s/m", "growth of the dead zones with the speed", 1e8, strength=True),),
     adds=follow_rate,
-    grid=rate_grid,
+    grid=Points({"kappa_v": (1e-3, "1/velocity")}),
     applies=moves_plain_dead_zones,
     neighbours=("extra_hysteron", "quadratic_drag"),
 )

@@ -14,14 +14,6 @@ from phnn.effects.effect import Effect, Points, Scales
 from phnn.network.elements import Coupling, Network, Resistor, Storage
 from phnn.setup import Setup
 
-
-def stop_grid(scales: Scales) -> list[dict[str, float]]:
-    """A weak stop at shares of the displacement on either side."""
-    shares = (0.3, 0.5, 0.65, 0.8, 0.9, 0.97)
-    gaps = [side * share * scales.displacement for side in (1.0, -1.0) for share in shares]
-    return [{"k_c": 1e-3 * scales.stiffness, "g_c": gap} for gap in gaps]
-
-
 # Of a round stop, over the displacement.
 _ROUND_GAPS = (0.4, 0.6, 0.8, -0.4, -0.6, -0.8)
 _GAP = limit("g_c", "m", "gap to the stop", 1e2, signed=True)
@@ -41,7 +33,14 @@ CONTACT_STOP = Effect(
         _GAP,
     ),
     adds=Parts((Storage("x_c", "stop", ("k_c", "g_c"), "m"),), couplings=(Coupling("x_c", "p", 1.0),)),
-    grid=stop_grid,
+    # A weak stop at shares of the displacement on either side.
+    grid=Points(
+        *(
+            {"k_c": (1e-3, "stiffness"), "g_c": (side * share, "displacement")}
+            for side in (1.0, -1.0)
+            for share in (0.3, 0.5, 0.65, 0.8, 0.9, 0.97)
+        )
+    ),
     applies=has_motion,
     neighbours=("amplifier_saturation", "quadratic_stiffness", "cubic_stiffness"),
 ).or_as(
@@ -309,21 +308,9 @@ CUBIC_STIFFNESS = Effect(
 )
 
 
-def drag_grid(scales: Scales) -> list[dict[str, float]]:
-    """One point: the law is linear in its strength."""
-    force = 1e-4 * scales.stiffness * scales.displacement
-    return [{"c_2": force / scales.velocity**2}]
-
-
 def moves_without_drag(setup: Setup) -> bool:
     """The output is a displacement ``q`` that a momentum ``p`` moves, without a quadratic_drag yet."""
     return has_motion(setup) and all(r.name != "quadratic_drag" for r in setup.network.resistors)
-
-
-def power_drag_grid(scales: Scales) -> list[dict[str, float]]:
-    """Powers below and above two."""
-    force = 1e-4 * scales.stiffness * scales.displacement
-    return [{"F_2": force, "n_2": n, "v_2": scales.velocity} for n in (1.5, 2.6)]
 
 
 QUADRATIC_DRAG = Effect(
@@ -345,7 +332,7 @@ QUADRATIC_DRAG = Effect(
         ),
     ),
     adds=Parts(resistors=(Resistor("quadratic_drag", "quadratic_drag", {"p": 1.0}, ("c_2",)),)),
-    grid=drag_grid,
+    grid=Points({"c_2": (1e-4, "stiffness", "displacement", "1/velocity", "1/velocity")}),
     applies=moves_without_drag,
     neighbours=("slew_limit",),
 ).or_as(
@@ -359,7 +346,8 @@ QUADRATIC_DRAG = Effect(
         constant("v_2", "m/s", "reference velocity of the drag"),
     ),
     adds=Parts(resistors=(Resistor("quadratic_drag", "power_damper", {"p": 1.0}, ("F_2", "F_2", "n_2", "v_2"), "q"),)),
-    grid=power_drag_grid,
+    # Powers below and above two.
+    grid=Points(*({"F_2": (1e-4, "stiffness", "displacement"), "n_2": n, "v_2": "velocity"} for n in (1.5, 2.6))),
 )
 
 
@@ -430,6 +418,5 @@ SECOND_MODE = Effect(
     grid=mode_grid,
     applies=has_motion,
     neighbours=("delay", "sensor_lag"),
-    related_kinds=(kinds.RINGING_MODE,),
     rescale=rescale_mode,
 )

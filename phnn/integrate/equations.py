@@ -18,8 +18,7 @@ from phnn.integrate.reducible import Surroundings, advanced
 from phnn.integrate.scheme import Scheme
 from phnn.network import modulator_states
 from phnn.network.checks import evaluation
-from phnn.network.incidence import combined
-from phnn.network.system import PortHamiltonianSystem
+from phnn.network.system import PortHamiltonianSystem, combined
 
 _KNOWN: WeakKeyDictionary[PortHamiltonianSystem, dict[Scheme, dict[int, int]]] = WeakKeyDictionary()
 

@@ -39,8 +39,7 @@ from phnn.errors import InputRefused
 from phnn.integrate.differentiable import simulated
 from phnn.integrate.inputs import port_inputs
 from phnn.integrate.scheme import Scheme
-from phnn.network.driven import DrivenSystem
-from phnn.network.system import PortHamiltonianSystem
+from phnn.network.system import DrivenSystem, PortHamiltonianSystem
 
 try:
     from torchdiffeq._impl.misc import _PerturbFunc, _ReverseFunc

@@ -20,8 +20,7 @@ from phnn.errors import InputRefused, SolverFailed
 from phnn.integrate import method as own
 from phnn.integrate.method import METHOD
 from phnn.integrate.scheme import Scheme
-from phnn.network.driven import DrivenSystem
-from phnn.network.system import PortHamiltonianSystem
+from phnn.network.system import DrivenSystem, PortHamiltonianSystem
 
 ADAPTIVE = ("dopri5", "dopri8", "bosh3", "adaptive_heun", "fehlberg2")
 FIXED = ("euler", "midpoint", "heun2", "heun3", "rk4")

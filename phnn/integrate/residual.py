@@ -23,9 +23,8 @@ from phnn.integrate.reducible import Surroundings, advanced, shares
 from phnn.integrate.stages import gradient_defect
 from phnn.integrate.tables import GRADIENT, LOSSLESS
 from phnn.network.checks import PowerBalance, evaluation
-from phnn.network.incidence import combined
 from phnn.network.modulator_states import ends
-from phnn.network.system import PortHamiltonianSystem
+from phnn.network.system import PortHamiltonianSystem, combined
 
 if TYPE_CHECKING:
     from phnn.trajectory import Trajectory

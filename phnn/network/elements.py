@@ -275,7 +275,7 @@ class Network:
         kept: dict[str, str] = {}
         resistors = [r.name for r in self.resistors]
         for memory in self.memories:
-            if memory.law not in MEMORY_LAWS or MEMORY_LAWS[memory.law].heat is None:
+            if memory.law not in MEMORY_LAWS or not MEMORY_LAWS[memory.law].heats:
                 continue
             if self.multi_ports:
                 raise StructureViolated(

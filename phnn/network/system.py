@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 import torch
 from torch import Tensor, nn
 
+from phnn.errors import InputRefused
 from phnn.laws import FACTOR_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS, gradient
 from phnn.laws.diverged import LARGEST_WEIGHT, check_weights
 from phnn.laws.wide import form_of, is_passive_by_form
@@ -27,9 +28,57 @@ from phnn.network.checks import (
     mean_efforts_of,
     present_of,
 )
-from phnn.network.driven import DrivenSystem
-from phnn.network.elements import MultiPort, Network, WithLaw, check_laws
-from phnn.network.incidence import Entry, Incidence, columns, combined
+from phnn.network.elements import MultiPort, Network, Port, Ratio, Resistor, WithLaw, check_laws
+
+Entry = tuple[int, int, Ratio]
+
+
+class Incidence(nn.Module):
+    """A matrix given by its entries ``(row, column, ratio)``; entries at one place add up.
+
+    Called with the function that gives a named ratio's present value (...), it returns the (..., rows, columns)
+    matrix, differentiable by the ratios that have names.
+    """
+
+    base: Tensor
+    places: Tensor
+
+    def __init__(self, rows: int, columns: int, entries: Sequence[Entry]) -> None:
+        super().__init__()
+        base = torch.zeros(rows, columns, dtype=torch.float64)
+        named = [(i, j, ratio) for i, j, ratio in entries if isinstance(ratio, str)]
+        for i, j, ratio in entries:
+            if not isinstance(ratio, str):
+                base[i, j] += ratio
+        self.names = tuple(dict.fromkeys(ratio for _, _, ratio in named))
+        places = torch.zeros(len(self.names), rows, columns, dtype=torch.float64)
+        for i, j, ratio in named:
+            places[self.names.index(ratio), i, j] += 1.0
+        self.register_buffer("base", base, persistent=False)
+        self.register_buffer("places", places, persistent=False)
+
+    def forward(self, value: Callable[[str], Tensor]) -> Tensor:
+        """(..., rows, columns) the matrix at present values."""
+        matrix = self.base
+        # A sum of products per entry, so that a matrix of one batch member never depends on the others.
+        for name, places in zip(self.names, self.places, strict=True):
+            matrix = matrix + value(name)[..., None, None] * places
+        return matrix
+
+
+def combined(
+    row: Tensor,  # (..., n)
+    matrix: Tensor,  # (n, k) or (..., n, k)
+) -> Tensor:
+    """(..., k) product of a row with a matrix, batched or not."""
+    return row @ matrix if matrix.ndim == 2 else (row.unsqueeze(-2) @ matrix).squeeze(-2)
+
+
+def columns(elements: Sequence[Resistor | Port], place: Mapping[str, int]) -> Incidence:
+    """The (n, number of elements) matrix whose columns are the elements' ``on`` vectors."""
+    vectors = [element.on for element in elements]
+    entries: list[Entry] = [(place[name], j, ratio) for j, on in enumerate(vectors) for name, ratio in on.items()]
+    return Incidence(len(place), len(elements), entries)
 
 
 class ParameterisedNetwork(nn.Module):
@@ -468,3 +517,58 @@ class _Placed:
         power = (epsilon * flows).sum(-1)[..., None, None]
         outer = flows.unsqueeze(-1) * flows.unsqueeze(-2)
         return torch.where(power > 0.0, outer / torch.where(power > 0.0, power, 1.0), 0.0)
+
+
+class DrivenSystem(nn.Module):
+    """``ẋ = f(x, u(t))``, sharing the parameters of the system.
+
+    Args:
+        system: the system that is driven.
+        u: time () to input (..., k), or () for a single port. A module's parameters become this module's, so that
+            the adjoint method differentiates by them; tensors that a plain function carries do not.
+        ports: names of the k ports that ``u`` fills, the others stay at zero; all ports where left out.
+
+    Raises:
+        InputRefused: a port that the network does not have, or an input of the wrong shape.
+    """
+
+    def __init__(
+        self, system: PortHamiltonianSystem, u: Callable[[Tensor], Tensor], ports: Sequence[str] | None = None
+    ) -> None:
+        super().__init__()
+        self.system = system
+        self.u = u
+        known = [p.name for p in system.network.ports]
+        names = known if ports is None else list(ports)
+        for name in names:
+            if name not in known:
+                raise InputRefused(f"no port called {name!r}: this network has {', '.join(known) or 'none'}")
+        self.ports = tuple(names)
+        self._places = None if names == known else tuple(known.index(name) for name in names)
+        self._count = len(known)
+
+    def input(
+        self,
+        t: Tensor,  # ()
+    ) -> Tensor:
+        """(..., P) the inputs of all ports at a time."""
+        value = self.u(t)
+        if value.ndim == 0 and len(self.ports) == 1:
+            value = value.unsqueeze(-1)
+        if value.shape[-1:] != (len(self.ports),):
+            raise InputRefused(
+                f"the input function returned shape {tuple(value.shape)} at t = {float(t):g} s: its last dimension "
+                f"must be {len(self.ports)} ({', '.join(self.ports)}); name the ports it fills with ports=(...)"
+            )
+        if self._places is None:
+            return value
+        full = value.new_zeros(*value.shape[:-1], self._count)
+        return full.index_copy(-1, torch.tensor(self._places, device=value.device), value)
+
+    def forward(
+        self,
+        t: Tensor,  # ()
+        x: Tensor,  # (..., n)
+    ) -> Tensor:
+        """(..., n) ``ẋ`` at a time and state."""
+        return self.system.vector_field(x, self.input(t))

@@ -24,7 +24,7 @@ from torch import Tensor, nn
 
 from phnn.errors import InputRefused
 from phnn.laws.diverged import LARGEST_WEIGHT, check_weights
-from phnn.laws.wide import convex_energy_unit, convex_unit, hinge, register_compiled
+from phnn.laws.wide import convex_unit, hinge, register_compiled
 
 # By how much the entries of a learned matrix vary at the start, of which those on the diagonal are near one.
 _VARIED = 0.3
@@ -247,7 +247,7 @@ class LearnedEnergy(nn.Module):
     def energy(self, x: Tensor) -> Tensor:  # x: (..., k)
         """(...) ``H(x)`` [J]."""
         projected = x @ (self.directions / self.scale.abs()).mT
-        return convex_energy_unit(projected, self._weights(), 1.0, self.positions).sum(-1)
+        return (projected * convex_unit(0.0 * projected, projected, self._weights(), 1.0, self.positions)).sum(-1)
 
     def mean_efforts(
         self,

@@ -38,13 +38,14 @@ DIRECTIONS = ("conductance", "resistance")
 
 
 @dataclass(frozen=True)
-class C:
-    """A store of displacement: charge on a capacitor, elongation of a spring, volume in a tank.
+class _Store:
+    """A store of energy.
 
     Attributes:
         name: of its energy variable.
         junction: the one that it hangs on.
-        law: name of a storage law in `phnn.laws`, or a torch module with ``energy(x)``.
+        law: name of a storage law in `phnn.laws`, or a torch module with ``energy(x)``; of a mass or coil
+            ``capacitor`` is the law ``H = p²/(2m)``.
         parameters: names of the law's parameters, in the law's order.
         unit: of the energy variable.
     """
@@ -56,15 +57,12 @@ class C:
     unit: str = "1"
 
 
-@dataclass(frozen=True)
-class I:  # noqa: E742 - the letter of every bond graph
-    """A store of momentum: of a mass, flux linkage of a coil; ``capacitor`` is the law ``H = p²/(2m)``."""
+class C(_Store):
+    """A store of displacement: charge on a capacitor, elongation of a spring, volume in a tank."""
 
-    name: str
-    junction: str
-    law: Any = "capacitor"
-    parameters: tuple[str, ...] = ()
-    unit: str = "1"
+
+class I(_Store):  # noqa: E742 - the letter of every bond graph
+    """A store of momentum: of a mass, flux linkage of a coil."""
 
 
 @dataclass(frozen=True)
@@ -129,17 +127,12 @@ class TF:
     ratio: Ratio = 1.0
 
 
-@dataclass(frozen=True)
-class GY:
+class GY(TF):
     """A gyrator: ``e_start = r f_end``, ``e_end = r f_start``; the ratio is given as that of a transformer."""
-
-    start: str
-    end: str
-    ratio: Ratio = 1.0
 
 
 Element = C | I | R | Se | Sf
-Link = Bond | TF | GY
+Link = Bond | TF
 
 
 @dataclass(frozen=True)
