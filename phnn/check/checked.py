@@ -14,6 +14,7 @@ import numpy as np
 from phnn.check.quality import (
     WARNING,
     Finding,
+    buried,
     comes_back,
     drift,
     lead,
@@ -277,7 +278,7 @@ def _hold(recording: Recording) -> float:
 _NUMBER = re.compile(r"[-−]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?: [nµmkM]?(?:m|V|s|N|A|Hz|rad)\b)?")
 # Names in a line before only their number is said; check.json has all.
 _LISTED = 3
-_CHECKS = (quantisation, limits, drift, mains, lead)
+_CHECKS = (buried, quantisation, limits, drift, mains, lead)
 
 
 @dataclass(frozen=True)

@@ -367,6 +367,9 @@ def unknown_statement(diagnosis: Diagnosis) -> str:
     real = f"{names}Something {'else ' if proven else ''}is missing{_place(diagnosis)}."
     if early and not claims:
         return f"{real} The search ended before it accepted an element. The model is still the base model."
+    nothing = diagnosis.base.nothing_statement()
+    if not claims and nothing:
+        return f"{nothing}. No effect describes it either, so the model is still the base model."
     if not claims:
         return f"{real} No effect or learned element describes it, so the model is still the base model."
     rule = diagnosis.outcome.rules[-1].rule if diagnosis.outcome.rules else ""

@@ -16,7 +16,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from phnn.check import check
-from phnn.check.quality import doubts_of_units
+from phnn.check.quality import doubts
 from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.locations import where_and_when
 from phnn.diagnose.number import family, uid
@@ -411,7 +411,7 @@ def evidence(diagnosis: Diagnosis, made_of: Provenance | None = None) -> Evidenc
         models=needed("table of models", lambda: tuple(model_rows(diagnosis)), ()),
         candidates=needed("table of candidates", lambda: tuple(candidate_rows(diagnosis)), ()),
         ledger=needed("energy ledger", lambda: tuple(_ledger(diagnosis)), ()),
-        notes=needed("notes", lambda: (*doubts_of_units(diagnosis.campaign), *diagnosis.campaign.notes), ()),
+        notes=needed("notes", lambda: (*doubts(diagnosis.campaign), *diagnosis.campaign.notes), ()),
         verdict_sentence=needed("sentence of the verdict", lambda: sentence(diagnosis), ""),
         no_proposal=needed("reason why nothing is proposed", lambda: no_proposal(diagnosis), ""),
         supports=needed("support of the elements", lambda: supports(diagnosis), ()),
