@@ -184,10 +184,10 @@ class Fit:
         """Return one sentence where the model explains nothing of the output; empty where it does."""
         if self.explained >= EXPLAINS:
             return ""
+        share = max(100.0 * self.explained, 0.0)
         return (
-            f"The model explains {max(100.0 * self.explained, 0.0):.2g} % of the power of the output, which is nothing: "
-            f"whether something is missing in it cannot be judged. Compare the columns, their units and the wiring, or "
-            f"drive the system more"
+            f"The model explains {share:.2g} % of the power of the output, which is nothing: whether something is "
+            f"missing in it cannot be judged. Compare the columns, their units and the wiring, or drive the system more"
         )
 
     def ratios(self) -> dict[str, tuple[float, float]]:

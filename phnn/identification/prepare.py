@@ -352,10 +352,10 @@ def single(recordings: Sequence[Recording], why: str, further: bool = False) -> 
     """
     several = [r.source for r in recordings if r.measures or (r.further and not further)]
     if several:
-        what, one = ("outputs (`outputs`", "") if further else ("inputs or outputs (`ports`, `outputs`", "one input and ")
+        what, one = ("outputs (", "") if further else ("inputs or outputs (`ports`, ", "one input and ")
         raise InputRefused(
-            f"{several[0]}: several {what} in recordings.yaml), but {why}: describe the system as a network and use "
-            f"phnn check, identify and predict, or give {one}one output"
+            f"{several[0]}: several {what}`outputs` in recordings.yaml), but {why}: describe the system as a network "
+            f"and use phnn check, identify and predict, or give {one}one output"
         )
 
 
