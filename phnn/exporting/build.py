@@ -311,7 +311,8 @@ class _Builder:
             (moved,) = self.b.moved
             lines.append(f"{self.b.x(moved)} = {self.b.action(self.network.senses)} * {self.b.capacity(moved)}")
             lines += [f"s.y[{j}] = s.found_{j}" for j in range(len(self.b.junctions))]
-            lines += [f"solved = {solve}(s)" if solve else "balance(s)", "s.effort = s.supplied"]
+            solved = [f"solved = {solve}(s)", "if solved < 1.0:", "    s.supplied = 0.0"]
+            lines += [*(solved if solve else ["balance(s)"]), "s.effort = s.supplied"]
             lines += ["s.effort_before = s.effort", "s.begins = 1.0"]
             self.p.state("effort", "mean effort at the source in the last step")
             self.p.state("effort_before", "and in the one before")
