@@ -30,8 +30,9 @@ from phnn.identification.covariance import difference
 from phnn.identification.identified import save_fit
 from phnn.integrate.residual import power_balance
 from phnn.network.roles import auxiliary, capacitances
-from phnn.parameters import FORCE_UNITS, Parameter, quantity
+from phnn.parameters import Parameter, quantity
 from phnn.recordings.recording import ACTUATOR, Recording
+from phnn.recordings.units import scales_with_forces
 from phnn.report.evidence import Evidence, LedgerRow, ParameterRow, PlausibleRow, Provenance, RivalRow, Support, Trace
 from phnn.report.formatting import likelihood, listing, number, words
 from phnn.report.methods import methods, provenance
@@ -106,7 +107,7 @@ def plausible_row(
         value, unit = value / other.value, f"× {known.over}" if other.unit == unit else f"{unit}/{other.unit}"
         unit = "1/s" if unit == "S/F" else unit
         said = f"{said}, that is {value:.3g} {unit}"
-    elif not anchored and unit in FORCE_UNITS:
+    elif not anchored and scales_with_forces(unit):
         return PlausibleRow(
             name, f"{said}: known up to one common factor only, hence not comparable with a range.", None
         )
@@ -471,7 +472,7 @@ def _parameters(diagnosis: Diagnosis) -> list[ParameterRow]:
     hidden = auxiliary(final.setup.network)
     for name, p in ((n, p) for n, p in after.items() if n not in hidden):
         note = final.note(name) or ("constant" if p.fixed else "")
-        if not note and not anchored and p.unit in FORCE_UNITS:
+        if not note and not anchored and scales_with_forces(p.unit):
             note = "up to one common factor"
         note = note or (f"base model: {unknown}" if (unknown := diagnosis.base.note(name)) else "")
         old = before[name].value if name in before else None

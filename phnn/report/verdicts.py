@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from phnn.parameters import FORCE_UNITS
+from phnn.recordings.units import scales_with_forces
 from phnn.report.document import Document, Lost, Missing, Remainder
 from phnn.report.formatting import finite, listing, number, p_value, quantity, ratio, words
 
@@ -22,7 +22,7 @@ def forces_known(diagnosis: Diagnosis) -> bool:
     # An input of unknown gain is a force in no known unit.
     measured = (recording.units.output, *([recording.units.input] if recording.gain == "known" else []))
     stated = [p.unit for n, p in setup.parameters.items() if n in diagnosis.campaign.known or (p.fixed and p.value)]
-    return bool(setup.network.senses) or any(unit in FORCE_UNITS for unit in (*measured, *stated))
+    return bool(setup.network.senses) or any(map(scales_with_forces, (*measured, *stated)))
 
 
 # Units of outputs that move, or of what moves them, and what the location `mechanical` is called where nothing does.

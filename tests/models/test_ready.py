@@ -13,11 +13,14 @@ from numpy.typing import NDArray
 
 import phnn
 from phnn.check.quality import doubts
+from phnn.effects.effect import effect
+from phnn.effects.places import attached
 from phnn.errors import InputRefused
 from phnn.models.network_file import ready
 from phnn.recordings import describe
 from phnn.recordings.manifest import READY
 from phnn.recordings.recording import Part, Recording, Start, Units
+from phnn.recordings.units import scales_with_forces
 from phnn.report.missing import sentence
 from phnn.setup import Setup
 from phnn.trajectory import simulate
@@ -162,6 +165,31 @@ def test_starting_values_on_another_time_scale_end_where_the_truth_does(tmp_path
     for name, value in values.items():
         estimate, std = found.parameters[name]
         assert std is not None and abs(estimate - value) < 5.0 * std < 0.2 * value, name
+
+
+def test_effects_speak_the_units_of_the_network() -> None:
+    shaft, heated = Setup(ready("motor")), Setup(ready("heated_body"))
+
+    def units_of(name: str, setup: Setup) -> dict[str, str]:
+        (one, *_) = attached(effect(name), setup)
+        built = one.build(setup, dict.fromkeys(one.parameters, 0.1))
+        added = {s.name: s.unit for s in built.network.storages if s.name not in setup.network.storage_names}
+        return {n: built.parameters[n].unit for n in one.parameters} | added
+
+    assert units_of("output_backlash", shaft) == {"delta_b": "rad"}
+    assert units_of("coulomb_friction", shaft) == {"F_c": "N m", "v_s": "rad/s"}
+    assert units_of("contact_stop", shaft) == {"k_c": "N m/rad", "g_c": "rad", "x_c": "rad"}
+    assert units_of("quadratic_drag", shaft)["c_2"] == "N m s²/rad²"
+    mode = units_of("second_mode", shaft)
+    assert mode["m_2"] == "kg m2" and mode["x_2"] == "rad" and mode["p_2"] == "N m s"
+    assert units_of("sensor_drift", heated)["drift_rate"] == "K/s"
+    assert units_of("slew_limit", heated) == {"S": "W/s"}
+    assert units_of("contact_stop", Setup(ready("mass_damper")))["k_c"] == "N/m"
+
+
+def test_a_fixed_torque_constant_anchors_all_torques() -> None:
+    told = {"N m/V": True, "kg m2": True, "ohm": True, "V": False, "N m/A": False, "rad/s": False, "V s/m": False}
+    assert {unit: scales_with_forces(unit) for unit in told} == told
 
 
 def unrelated(folder: Path) -> Path:
