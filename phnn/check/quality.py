@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from phnn.parameters import quantity
 from phnn.recordings.excitation import Excitation
-from phnn.recordings.recording import Campaign, Recording, dominant_frequency
+from phnn.recordings.recording import Campaign, Recording, dominant_frequency, is_actuator
 from phnn.signals.least_squares import residual
 from phnn.signals.noise import OWN_FLOOR
 from phnn.signals.noise_statement import NoiseStatement, Sample, noise_statement
@@ -62,8 +62,8 @@ def odd_units(campaign: Campaign) -> dict[str, list[Finding]]:
     for some in kinds.values():
         largest = max(float(np.ptp(r.u)) for r in some)
         moving = {r.name: r for r in some if _has_gain(r, largest)}
-        # A network of the user's own may have any gain.
-        absolute = [] if "network" in campaign.setup else _absolute(moving, campaign.voltage)
+        # Any other system may have any gain.
+        absolute = _absolute(moving, campaign.voltage) if is_actuator(campaign.setup) else []
         for name, finding in (*_against_others(moving), *absolute):
             found[name].append(finding)
     return found
