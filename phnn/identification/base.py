@@ -274,7 +274,7 @@ def identify_network(
 
 
 def _tried(points: Sequence[Setup], plan: Plan, held: Mapping[str, str], tried: list[Fit]) -> PhnnError | None:
-    """Add a short fit from each starting point, and return why the last of those that failed did."""
+    """Add a short fit from each starting point, and return the last failure."""
     failure = None
     for start in points:
         if tried and late(FURTHER_STARTS):
