@@ -178,13 +178,6 @@ def with_values(table: Mapping[str, Parameter], values: Mapping[str, float]) -> 
     }
 
 
-# Units of what a common factor of all forces and charges changes, where voltages and displacements stay as they are;
-# with the power of that factor.
-FORCE_UNITS = dict.fromkeys(
-    ("kg", "N", "N/m", "N s/m", "N s²/m²", "N/V", "kg m/s", "N m", "N m/rad", "N m s/rad", "kg m²", "C", "C/m", "A",
-     "F", "S"),
-    1,
-) | dict.fromkeys(("Ohm", "ohm", "H"), -1)  # fmt: skip
 _PREFIXES = {-15: "f", -12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 # Symbols of more than two letters that take a prefix.
 _LONG = ("rad", "ohm", "Ohm")

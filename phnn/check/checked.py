@@ -14,6 +14,7 @@ import numpy as np
 from phnn.check.quality import (
     WARNING,
     Finding,
+    buried,
     comes_back,
     drift,
     lead,
@@ -26,7 +27,7 @@ from phnn.check.quality import (
 from phnn.parameters import duration
 from phnn.recordings.describe import describe
 from phnn.recordings.excitation import Excitation, excitation_of
-from phnn.recordings.recording import ACTUATOR, Campaign, Recording
+from phnn.recordings.recording import ACTUATOR, Campaign, Recording, is_actuator
 from phnn.signals.noise import LONG_REST, longest_hold
 from phnn.signals.noise_statement import NoiseStatement
 from phnn.signals.reconstruct import find_jumps
@@ -242,7 +243,7 @@ def abilities(campaign: Campaign, excitations: Mapping[Recording, Excitation]) -
     """Every question that recordings may answer, in the order in which they are worth asking, in the words of the
     system: a network of the user's own is asked for nothing that only an actuator has."""
     chosen = [r for r in campaign.recordings if r.mask("identification").any()]
-    actuator = "network" not in campaign.setup and all(r.units == ACTUATOR for r in chosen)
+    actuator = is_actuator(campaign.setup) and all(r.units == ACTUATOR for r in chosen)
     offered = _Set(chosen, [excitations[r] for r in chosen], campaign.voltage)
     words = offered.words()
     return [
@@ -277,7 +278,7 @@ def _hold(recording: Recording) -> float:
 _NUMBER = re.compile(r"[-−]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?: [nµmkM]?(?:m|V|s|N|A|Hz|rad)\b)?")
 # Names in a line before only their number is said; check.json has all.
 _LISTED = 3
-_CHECKS = (quantisation, limits, drift, mains, lead)
+_CHECKS = (buried, quantisation, limits, drift, mains, lead)
 
 
 @dataclass(frozen=True)
@@ -360,8 +361,8 @@ def check(campaign: Campaign) -> Checked:
     excitations = {r: excitation_of(r.drive, r.dt) for r in campaign.recordings}
     among = contaminated(recorded, excitations)
     units = odd_units(campaign)
-    # A network of the user's own may give an output that leads its input, such as the force of an imposed motion.
-    actuator = "network" not in campaign.setup
+    # Any other system may give an output that leads its input, such as the force of an imposed motion.
+    actuator = is_actuator(campaign.setup)
     findings: dict[str, list[Finding]] = {r.name: [] for r in campaign.recordings}
     for r in recorded:
         findings[r.name] = [

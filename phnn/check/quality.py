@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from phnn.parameters import quantity
 from phnn.recordings.excitation import Excitation
-from phnn.recordings.recording import Campaign, Recording, dominant_frequency
+from phnn.recordings.recording import Campaign, Recording, dominant_frequency, is_actuator
 from phnn.signals.least_squares import residual
+from phnn.signals.noise import OWN_FLOOR
 from phnn.signals.noise_statement import NoiseStatement, Sample, noise_statement
 from phnn.signals.sampling import quantisation_step
 
@@ -26,7 +27,7 @@ NOTE, WARNING = "note", "warning"
 @dataclass(frozen=True)
 class Finding:
     """Attributes:
-    kind: ``quantisation``, ``limits``, ``drift``, ``mains``, ``lead``, ``units`` or ``contaminated``.
+    kind: ``quantisation``, ``limits``, ``drift``, ``mains``, ``lead``, ``units``, ``noise`` or ``contaminated``.
     severity: ``note``, or ``warning`` where it may mislead a diagnosis.
     text: one sentence for a person, with what to do about a warning.
     values: its numbers, SI.
@@ -61,16 +62,31 @@ def odd_units(campaign: Campaign) -> dict[str, list[Finding]]:
     for some in kinds.values():
         largest = max(float(np.ptp(r.u)) for r in some)
         moving = {r.name: r for r in some if _has_gain(r, largest)}
-        # A network of the user's own may have any gain.
-        absolute = [] if "network" in campaign.setup else _absolute(moving, campaign.voltage)
+        # Any other system may have any gain.
+        absolute = _absolute(moving, campaign.voltage) if is_actuator(campaign.setup) else []
         for name, finding in (*_against_others(moving), *absolute):
             found[name].append(finding)
     return found
 
 
-def doubts_of_units(campaign: Campaign) -> tuple[str, ...]:
-    """What `phnn check` warns of in the units of a campaign, a sentence each."""
-    return tuple(f"{name}: {f.text}." for name, findings in odd_units(campaign).items() for f in findings)
+def buried(recording: Recording, excitation: Excitation | None = None) -> list[Finding]:
+    """A noise floor that is as large as the output: a signal is not its own noise floor."""
+    share = recording.noise / max(float(np.std(recording.y)), 1e-300)
+    if not recording.noise_found or not share >= OWN_FLOOR:
+        return []
+    text = (
+        f"the noise floor is {share:.2g} times the deviation of the whole output: noise hides what the input moves, or "
+        f"the output does not follow this input and counts as noise. Compare columns and wiring, drive it more, or "
+        f"record a rest"
+    )
+    return [Finding("noise", WARNING, text, {"noise_over_output": share})]
+
+
+def doubts(campaign: Campaign) -> tuple[str, ...]:
+    """What makes an identification of a campaign doubtful, a sentence each: odd units, and outputs that are noise."""
+    odd = odd_units(campaign)
+    found = {r.name: [*odd[r.name], *(buried(r) if np.isfinite(r.y).all() else ())] for r in campaign.recordings}
+    return tuple(f"{name}: {f.text}." for name, findings in found.items() for f in findings)
 
 
 def _has_gain(r: Recording, largest: float) -> bool:

@@ -239,7 +239,7 @@ def _base(
 ) -> tuple[Campaign, Fit, NumericalError]:
     """The recordings and their base model, fitted where that has not been done."""
     campaign = recorded.campaign if isinstance(recorded, Identified) else recorded
-    single(campaign.recordings, "a diagnosis follows one input to one output")
+    single(campaign.recordings, "a diagnosis follows one output", further=True)
     if isinstance(recorded, Identified):
         return campaign, recorded.fit, recorded.error
     return campaign, *identify_base(campaign, options, progress, _NUMERICAL)

@@ -5,7 +5,7 @@ physics is proven:
 
 | word | when |
 |---|---|
-| ``none`` | no element: the base model is the most probable one, and near the noise |
+| ``none`` | no element: the base model is the most probable one, near the noise, and explains the output |
 | ``named`` | every element is proven |
 | ``equivalent`` | a few alternatives together are |
 | ``unknown`` | otherwise: the model predicts better, and its physics is not proven |
@@ -25,6 +25,7 @@ from typing import Any
 from phnn.criteria import Criteria
 from phnn.diagnose.number import Visited, Weighed, best_to_write, family, is_learned, key_of
 from phnn.effects import Effect
+from phnn.identification.fit import EXPLAINS
 
 NAMED, EQUIVALENT, UNKNOWN, NONE = "named", "equivalent", "unknown", "none"
 # Status of an element beside the words of a verdict.
@@ -82,6 +83,7 @@ class Facts:
         alternatives: how many sets of effects together have `Criteria.proven` of the weight.
         complete: probability that the catalogue holds all physics of the recordings; it bounds all others.
         base_left: mean square of the residual of the base model over that of the noise, on fitted recordings.
+        explained: share of the squares of the fitted outputs that the base model takes.
         falls: whether the held-out error falls with every element.
         new: whether held-out recordings bring an amplitude or a frequency that the others lack.
         promising: candidates that promised a material gain to the base model; remaining: that still promise one to the
@@ -97,12 +99,18 @@ class Facts:
     alternatives: int
     complete: float
     base_left: float
+    explained: float
     falls: bool
     new: bool
     promising: int
     remaining: int
     early: bool
     criteria: Criteria
+
+    @property
+    def nothing(self) -> bool:
+        """Whether the base model explains nothing of the recordings, as where an output follows no input."""
+        return self.explained < EXPLAINS
 
 
 @dataclass(frozen=True)
@@ -125,13 +133,14 @@ class Rule:
 RULES: tuple[Rule, ...] = (
     Rule(
         "nothing_promises",
-        lambda f: not f.promising and not f.early and f.base_left <= f.criteria.far**2, NONE,
-        ("promising", "remaining", "base_left"),
+        lambda f: not f.nothing and not f.promising and not f.early and f.base_left <= f.criteria.far**2, NONE,
+        ("explained", "promising", "remaining", "base_left"),
         "process noise of a tenth of the drive raises the residual above the floor, and no candidate explains it",
     ),
     Rule(
         "the_base_model_is_enough",
-        lambda f: f.none >= _HALF and f.base_left <= f.criteria.explained and not f.early, NONE, ("none", "base_left"),
+        lambda f: not f.nothing and f.none >= _HALF and f.base_left <= f.criteria.explained and not f.early, NONE,
+        ("explained", "none", "base_left"),
         "a gain of a hundredth of the noise, which BIC would accept",
     ),
     Rule(
@@ -231,6 +240,7 @@ def conclude(
         alternatives=len(proven),
         complete=complete,
         base_left=base.left,
+        explained=base.fit.explained,
         falls=all(_falls(c, model) for c in claims),
         new=new,
         promising=promising[0],

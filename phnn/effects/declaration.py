@@ -6,6 +6,7 @@ A condition says whether an effect can act in a setup; where it fails, its docst
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass, replace
 
 from phnn.laws.other import THROUGH_A_RESISTOR
@@ -66,10 +67,34 @@ def has_tanks(setup: Setup) -> bool:
     return all(s.law == "capacitor" for s in network.storages) and not network.couplings
 
 
-def sensed_unit(setup: Setup) -> str:
-    """SI unit of the sensor's quantity: of a displacement, or of the effort that an imposed motion requires."""
+# Metres and newtons in the unit of an effect.
+_METRE, _NEWTON = re.compile(r"\bm(?=[\s/)²]|$)"), re.compile(r"\bN\b")
+
+
+def in_own_units(unit: str, setup: Setup) -> str:
+    """Return the unit of an effect in those of a setup's own motion: ``N/m`` is ``N m/rad`` of a shaft.
+
+    Args:
+        unit: for a motion ``q`` in metres and an input in volts; ``{sensed}`` in it stands for the unit of the sensor's
+            quantity: of the output, or of the effort that an imposed motion requires.
+        setup: with role names.
+    """
     network = setup.network
-    return next((effort_unit(p.unit) for p in network.ports if p.name == network.senses), "m")
+    units = {s.name: s.unit for s in network.storages}
+    sensed = next((effort_unit(p.unit) for p in network.ports if p.name == network.senses), units[network.output])
+    source = network.ports[0].unit if network.ports else "V"
+    for text, own in (("{sensed}", sensed), ("V", source)):
+        if text in unit:
+            plain = unit.replace(f"/{text}^2", "").replace(f"/{text}", "") if own == "1" else unit
+            return plain.replace(text, own).replace("/s/s", "/s²")
+    moved = units.get("q", "m")
+    effort = effort_unit(f"{moved}/s")
+    if moved == "m" or effort == "1":
+        return unit
+    inertia_of = {"kg": "kg m2" if moved == "rad" else f"{effort} s²/{moved}", "kg m/s": f"{effort} s"}
+    if unit in inertia_of:
+        return inertia_of[unit]
+    return _NEWTON.sub(effort, _METRE.sub(moved, unit))
 
 
 @dataclass(frozen=True)
@@ -100,7 +125,7 @@ class Declared:
 
     Attributes:
         name: unique among the parameters of all effects.
-        unit: SI; ``{sensed}`` in it stands for the unit of the sensor's quantity.
+        unit: SI, of a motion in metres; see `in_own_units`.
         description: text for readers.
         strength: whether the parameter is zero when the effect is absent.
         lower, upper: bounds that hold in every setup.
@@ -137,7 +162,7 @@ class Declared:
         Raises:
             InputRefused: the value is not finite or lies outside the bounds.
         """
-        unit = self.unit.replace("{sensed}", sensed_unit(setup))
+        unit = in_own_units(self.unit, setup)
         if self.scale == "fixed":
             return Parameter(self.name, value, unit, fixed=True, description=self.description)
         positive, size = self.scale == "log", abs(value)

@@ -12,7 +12,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from phnn.effects.additions import Addition
-from phnn.effects.declaration import Declared, Plausible, always
+from phnn.effects.declaration import Declared, Plausible, always, in_own_units
 from phnn.effects.kinds import Kind
 from phnn.errors import InputRefused, meant
 from phnn.setup import Setup
@@ -259,7 +259,12 @@ class Effect:
 
     def build(self, setup: Setup, values: Values) -> Setup:
         """The setup with the effect's addition, its parameters at the given values [SI]."""
-        return self.adds(setup, {d.name: d.at(values[d.name], setup) for d in self.declares})
+        built = self.adds(setup, {d.name: d.at(values[d.name], setup) for d in self.declares})
+        network, before = built.network, setup.network.storage_names
+        storages = tuple(
+            s if s.name in before else replace(s, unit=in_own_units(s.unit, setup)) for s in network.storages
+        )
+        return replace(built, network=replace(network, storages=storages)) if storages != network.storages else built
 
     def add_to(self, setup: Setup, values: Values) -> Setup:
         """The setup with this effect at the given parameter values [SI], renamed to say so.

@@ -227,12 +227,17 @@ _QUICK, _FULL = 12, 60
 # well if it leaves less than that share of what it left of the recorded one.
 _BADLY, _WELL = 0.5, 0.25
 _FINALISTS = 3
+# Weighted mean square up to which a short fit is near the noise and nothing further starts.
+_NEAR = 1.4
 
 
 def identify_network(
     setup: Setup, plan: Plan, known: Mapping[str, Anchor], starts: int, seed: int, from_recordings: bool = False
 ) -> Fit:
     """Fit a network to the identification samples of a plan.
+
+    Where no start comes near the noise, the starting values may belong to another time scale: there the network in
+    units that suit the recordings (`scaled_points`) starts too.
 
     Args:
         setup: the network with starting values and the values of the anchors; the first start are these.
@@ -249,17 +254,12 @@ def identify_network(
     """
     held = held_at(known)
     tried: list[Fit] = []
-    points = _starts(setup, held, starts, seed)
-    if from_recordings:
-        points = scaled_points(setup, plan, {n: a.value for n, a in known.items()}) or points
-        setup = points[0]
-    for start in points:
-        if tried and late(FURTHER_STARTS):
-            break
-        try:
-            tried.append(fit_identified(start, plan, held, _QUICK))
-        except PhnnError as error:
-            failure = error
+    stated = {n: a.value for n, a in known.items()}
+    points = scaled_points(setup, plan, stated) if from_recordings else []
+    setup = points[0] if points else setup
+    failure = _tried(points or _starts(setup, held, starts, seed), plan, held, tried)
+    if not points and min((f.chi2 for f in tried), default=np.inf) > _NEAR and not late(FURTHER_STARTS):
+        failure = _tried(scaled_points(setup, plan, stated), plan, held, tried) or failure
     if not tried:
         raise PhnnError(f"no starting point of {setup.name} can be simulated ({failure}): give other starting values")
     finished: list[Fit] = []
@@ -272,11 +272,23 @@ def identify_network(
     return best
 
 
+def _tried(points: Sequence[Setup], plan: Plan, held: Mapping[str, str], tried: list[Fit]) -> PhnnError | None:
+    """Add a short fit from each starting point, and return the last failure."""
+    failure = None
+    for start in points:
+        if tried and late(FURTHER_STARTS):
+            break
+        try:
+            tried.append(fit_identified(start, plan, held, _QUICK))
+        except PhnnError as error:
+            failure = error
+    return failure
+
+
 def _can_be_explained(fitted: Fit, setup: Setup, held: Mapping[str, str]) -> None:
     """Refuse recordings that a network explains badly as they are and well with the output reversed."""
     recordings = fitted.plan.recordings
-    nothing = sum(np.sum((without_nuisances(r.y, r.mask("identification"), r) / r.noise) ** 2) for r in recordings)
-    if fitted.cost < _BADLY * nothing or any(r.sensor.rectified or r.sensor.is_limited for r in recordings):
+    if fitted.explained > 1.0 - _BADLY or any(r.sensor.rectified or r.sensor.is_limited for r in recordings):
         return
     turned = replace(fitted.plan, recordings=tuple(replace(r, y=-r.y) for r in recordings))
     try:

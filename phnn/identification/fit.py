@@ -21,7 +21,7 @@ from phnn.identification.covariance import (
     scatter,
 )
 from phnn.identification.plan import Plan
-from phnn.identification.problem import Problem, Variables, variables_of
+from phnn.identification.problem import Problem, Variables, variables_of, without_nuisances
 from phnn.recordings.driving import unknown_instants
 from phnn.setup import Setup
 
@@ -40,6 +40,8 @@ _INERTIAS = ("kg", "kg m2", "kg m²")
 _FOLLOWS, _MADE_UP = 0.05, 1e-3
 # A combination of parameters, each scaled to a unit norm of its column, that changes the output by less than this.
 _NULL = 1e-6
+# A model that takes less than this share of the output's squares explains nothing of it.
+EXPLAINS = 0.1
 
 
 @dataclass(frozen=True)
@@ -83,6 +85,13 @@ class Fit:
     def cost(self) -> float:
         """Weighted sum of squares."""
         return float(self.residual @ self.residual)
+
+    @cached_property
+    def explained(self) -> float:
+        """Share of the weighted squares of the fitted outputs, without their nuisances, that the model takes."""
+        recordings = self.plan.recordings
+        nothing = sum(np.sum((without_nuisances(r.y, r.mask(self.use), r) / r.noise) ** 2) for r in recordings)
+        return 1.0 - self.cost / max(float(nothing), 1e-300)
 
     @property
     def beyond_noise(self) -> float:
@@ -169,6 +178,16 @@ class Fit:
         remedy = "; state one of them under `known` in recordings.yaml" if said else ""
         driven = not said or any(np.ptp(r.drive) > 0.0 for r in self.plan.recordings)
         return ("" if driven else "The input is constant, so this is a free decay: ") + "; ".join(said) + remedy
+
+    def nothing_statement(self) -> str:
+        """Return one sentence where the model explains nothing of the output; empty where it does."""
+        if self.explained >= EXPLAINS:
+            return ""
+        share = max(100.0 * self.explained, 0.0)
+        return (
+            f"The model explains {share:.2g} % of the power of the output, which is nothing: whether something is "
+            f"missing in it cannot be judged. Compare the columns, their units and the wiring, or drive the system more"
+        )
 
     def ratios(self) -> dict[str, tuple[float, float]]:
         """Return the ratios that are known where a common factor is open, each with its standard error."""

@@ -371,17 +371,18 @@ def _refuse_for_an_actuator(recordings: Sequence[Recording]) -> None:
         )
 
 
-def single(recordings: Sequence[Recording], why: str) -> None:
-    """Refuse recordings of several inputs or outputs.
+def single(recordings: Sequence[Recording], why: str, further: bool = False) -> None:
+    """Refuse recordings of several outputs, and those of several inputs unless ``further`` ones are allowed.
 
     Raises:
         InputRefused: names one.
     """
-    several = [r.source for r in recordings if r.further or r.measures]
+    several = [r.source for r in recordings if r.measures or (r.further and not further)]
     if several:
+        what, one = ("outputs (", "") if further else ("inputs or outputs (`ports`, ", "one input and ")
         raise InputRefused(
-            f"{several[0]}: several inputs or outputs (`ports`, `outputs` in recordings.yaml), but {why}: describe the "
-            f"system as a network and use phnn check, identify and predict, or give one input and one output"
+            f"{several[0]}: several {what}`outputs` in recordings.yaml), but {why}: describe the system as a network "
+            f"and use phnn check, identify and predict, or give {one}one output"
         )
 
 

@@ -18,14 +18,13 @@ from phnn.errors import InputRefused
 from phnn.intake.files import Source, list_folder, named_file
 from phnn.intake.limits import LIMITS
 from phnn.recordings import checks
-from phnn.recordings.adapters.collected import given_frame
 from phnn.recordings.array_files import read_hdf5, read_mat, read_npy, read_npz
 from phnn.recordings.json_files import NoRecording, read_json
-from phnn.recordings.lines import Lines
 from phnn.recordings.manifest import Entry, Manifest
+from phnn.recordings.memory import given_frame
 from phnn.recordings.sampling import merged
 from phnn.recordings.table import Table, Where
-from phnn.recordings.text_files import looks_like_numbers, read_text, table_of_lines
+from phnn.recordings.text_files import Lines, looks_like_numbers, read_text, table_of_lines
 from phnn.recordings.units import parse_name
 from phnn.results import printable
 

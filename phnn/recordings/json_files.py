@@ -11,8 +11,8 @@ import numpy as np
 from phnn.errors import InputRefused
 from phnn.intake.files import Source
 from phnn.intake.limits import LIMITS
-from phnn.recordings.lines import read_content
 from phnn.recordings.table import Table, Where
+from phnn.recordings.text_files import read_content
 from phnn.results import printable
 
 # A text takes at most so many times its size while it is read: an object of 32 bytes for each "0,", and itself.

@@ -12,11 +12,11 @@ from scipy.stats import chi2, norm
 
 from phnn.errors import InputRefused
 from phnn.recordings import checks
-from phnn.recordings.adapters import described, given
 from phnn.recordings.array_files import read_axes
 from phnn.recordings.draft import Draft, drafts_of
 from phnn.recordings.folder import READERS, Files
 from phnn.recordings.manifest import Entry, Manifest, load_manifest, manifest_of
+from phnn.recordings.memory import described, given
 from phnn.recordings.partition import candidate_of, divide, whole_parts
 from phnn.recordings.recording import IN_MEMORY, Campaign, Part, Recording, is_actuator
 from phnn.recordings.table import Table, beside

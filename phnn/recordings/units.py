@@ -191,6 +191,15 @@ def powers(text: str) -> dict[str, float]:
     return {name: float(power) for name, power in base.items() if name != "radian"}
 
 
+def scales_with_forces(unit: str) -> bool:
+    """Return whether a quantity changes by the common factor of all forces and charges.
+
+    Voltages and motions leave that factor open. Kilograms and amperes change by it, volts do not.
+    """
+    base = powers(unit)
+    return base.get("kilogram", 0.0) + base.get("ampere", 0.0) != 0.0
+
+
 def times_of_seconds(one: str, other: str) -> int | None:
     """Return the power of time by which the dimension of a unit differs from another's; None where more differs.
 

@@ -32,8 +32,9 @@ from phnn.identification.covariance import difference
 from phnn.identification.fit import Fit
 from phnn.identification.identified import save_fit
 from phnn.network.roles import capacitances
-from phnn.parameters import FORCE_UNITS, quantity
+from phnn.parameters import quantity
 from phnn.recordings.recording import Recording
+from phnn.recordings.units import scales_with_forces
 from phnn.report.formatting import words
 from phnn.report.provenance import Provenance, provenance
 from phnn.report.statements import (
@@ -270,7 +271,7 @@ def _entry(diagnosis: Diagnosis, claim: Claim) -> dict[str, Any]:
     if formula is not None:
         status = "described" if claim.status == LEARNED else claim.status
         entry |= {"status": status, "description": _description(formula, effect)}
-    free = not forces_known(diagnosis) and any(parameters[n].unit in FORCE_UNITS for n in effect.parameters)
+    free = not forces_known(diagnosis) and any(scales_with_forces(parameters[n].unit) for n in effect.parameters)
     statement = effect.statement.format(**shown) if formula is None else formula.words
     network, scales = diagnosis.final.setup.network, diagnosis.linearised[0].scales
     stiffness, first, last = values_by_role(network).get("k"), 1.0 / scales.fastest, scales.duration

@@ -16,14 +16,14 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from phnn.check.quality import doubts_of_units
+from phnn.check.quality import doubts
 from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.verdict import NAMED, UNKNOWN, Claim
 from phnn.diagnose.words import Picture, learned_picture, picture
 from phnn.html import paragraph, table, titled
 from phnn.network.roles import auxiliary
-from phnn.parameters import FORCE_UNITS
 from phnn.recordings.recording import ACTUATOR
+from phnn.recordings.units import scales_with_forces
 from phnn.report.figures import Trace, draw_curve, draw_error, draw_recording, ranked
 from phnn.report.figures.style import RC, Drawing, png, svg
 from phnn.report.formatting import (
@@ -291,7 +291,7 @@ def parameter_rows(diagnosis: Diagnosis) -> Iterator[list[str]]:
     anchored, hidden = forces_known(diagnosis), auxiliary(final.setup.network)
     for name, p in ((n, p) for n, p in after.items() if n not in hidden):
         note = final.note(name) or ("constant" if p.fixed else "")
-        if not note and not anchored and p.unit in FORCE_UNITS:
+        if not note and not anchored and scales_with_forces(p.unit):
             note = "up to one common factor"
         note = note or (f"base model: {unknown}" if (unknown := diagnosis.base.note(name)) else "")
         old = before[name].value if name in before else None
@@ -342,7 +342,7 @@ def _understood(diagnosis: Diagnosis, document: dict[str, Any]) -> list[Block]:
         for n, v in noise.items()
     ]
     floors = [Table(["noise of", "from", "colour", "remark", f"rms ({size.name})"], rows, 4)] if rows else []
-    return [*doubts_of_units(diagnosis.campaign), *diagnosis.campaign.notes, *floors]
+    return [*doubts(diagnosis.campaign), *diagnosis.campaign.notes, *floors]
 
 
 def usage(traces: Sequence[Trace], input_unit: str, output_unit: str) -> str:

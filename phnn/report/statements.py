@@ -19,7 +19,8 @@ from phnn.diagnose.verdict import EQUIVALENT, NAMED, NONE, UNKNOWN, Claim
 from phnn.diagnose.words import vocabulary_of
 from phnn.effects import Plausible
 from phnn.identification.evaluate import Evaluation
-from phnn.parameters import FORCE_UNITS, Parameter, quantity
+from phnn.parameters import Parameter, quantity
+from phnn.recordings.units import scales_with_forces
 from phnn.report.formatting import likelihood, listing, plain, ratio, with_error, words
 from phnn.rescue import documents, warnings
 
@@ -263,6 +264,8 @@ def acts_like(diagnosis: Diagnosis) -> str:
     for name, share in likenesses(diagnosis)[:1]:
         part = f"{100.0 * share:.0f} % of the excess over the noise"
         told = f"It acts most like {words(name)}, which alone explains {part}. "
+    if not diagnosis.claims and (nothing := diagnosis.base.nothing_statement()):
+        return f"{nothing}."
     if not diagnosis.claims and diagnosis.ended.early:
         return f"{told}The search ended before it accepted an element."
     if not diagnosis.claims:
@@ -354,7 +357,7 @@ def forces_known(diagnosis: Diagnosis) -> bool:
     # An input of unknown gain is a force in no known unit.
     measured = (recording.units.output, *([recording.units.input] if recording.gain == "known" else []))
     stated = [p.unit for n, p in setup.parameters.items() if n in diagnosis.campaign.known or (p.fixed and p.value)]
-    return bool(setup.network.senses) or any(unit in FORCE_UNITS for unit in (*measured, *stated))
+    return bool(setup.network.senses) or any(map(scales_with_forces, (*measured, *stated)))
 
 
 def plausibility(parameter: Parameter, known: Plausible, base: dict[str, Parameter], anchored: bool) -> str:
@@ -373,7 +376,7 @@ def plausibility(parameter: Parameter, known: Plausible, base: dict[str, Paramet
         value, unit = value / other.value, f"× {known.over}" if other.unit == unit else f"{unit}/{other.unit}"
         unit = "1/s" if unit == "S/F" else unit
         said = f"{said}, that is {value:.3g} {unit},"
-    elif not anchored and unit in FORCE_UNITS:
+    elif not anchored and scales_with_forces(unit):
         return ""
     limits = f"{'0' if known.lower == 0.0 else quantity(known.lower, unit)} to {quantity(known.upper, unit)}"
     if known.lower <= value <= known.upper:

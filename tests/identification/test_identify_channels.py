@@ -135,11 +135,12 @@ def test_what_does_not_fit_is_refused(
         assert word in message
 
 
-def test_a_diagnosis_says_that_it_follows_one_input_to_one_output(
+def test_a_diagnosis_says_that_it_follows_one_output(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["diagnose", str(folder), "--out", str(tmp_path / "out")]) == 2
-    assert "one input to one output" in capsys.readouterr().err
+    told = capsys.readouterr().err
+    assert "several outputs (`outputs` in recordings.yaml), but a diagnosis follows one output" in told
 
 
 def test_a_check_knows_of_further_inputs(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -12,7 +12,7 @@ from scipy.signal import butter, chirp, cont2discrete, lfilter, sosfilt
 from phnn.recordings.reader import DIFFERENT, alike, pooled
 from phnn.signals import least_squares
 from phnn.signals.first_order import correlation_of
-from phnn.signals.noise import SILENT, WHITE, NoiseFloor, estimated, noise_floor
+from phnn.signals.noise import SILENT, WHITE, NoiseFloor, estimated, from_rest, noise_floor
 from phnn.signals.noise_statement import NoiseStatement, Sample, noise_statement
 
 Array = NDArray[np.float64]
@@ -102,6 +102,17 @@ def test_a_floor_that_repetition_or_rest_gives_stays() -> None:
     u = np.where(t < 500, 50.0, 0.0)
     floor = noise_floor(u, 1e-6 * u + NOISE * rng.normal(size=SIZE), DT)
     assert floor.interval is None and "at rest" in floor.source
+
+
+def test_a_shaft_that_coasts_while_its_input_rests_is_no_noise() -> None:
+    t = 0.01 * np.arange(3000)
+    u = np.where(t < 2.0, 3.0, 0.0)
+    angle = 9.0 * np.where(t < 2.0, t**2, 4.0 * t - 4.0) % 6.28
+    noisy = angle + 1e-3 * np.random.default_rng(4).standard_normal(t.size)
+    assert from_rest(u, noisy) is None
+    resting = np.where(t < 2.0, angle, angle[199]) + noisy - angle
+    rest = from_rest(u, resting)
+    assert rest is not None and 0.8e-3 < rest.value < 1.2e-3
 
 
 def test_noise_too_small_to_fit_to_is_told() -> None:

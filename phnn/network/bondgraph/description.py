@@ -261,7 +261,7 @@ def _among(name: Any, accepted: Iterable[str], what: str) -> None:
 # Compliance [m/N] of the contact and mass [kg] of a massless junction, SI of whatever domain: in sums with any quantity
 # that can be measured they are lost in rounding. `phnn.integrate.solve` therefore takes the velocity for that of the
 # source, and the force for what the balance needs.
-_RIGID, _MASSLESS = 1e-60, 1e-30
+_RIGID, MASSLESS = 1e-60, 1e-30
 # By the unit of an imposed flow: that of its effort, and of their integrals over time.
 _UNITS = {
     "m/s": ("N", "m", "N s"),
@@ -317,7 +317,7 @@ def with_contact(graph: BondGraph, source: Sf) -> BondGraph:
     storage(C, contact, names[0], "capacitor", _RIGID, travel, "compliance of the rigid contact")
     storage(I, contact, names[3], "spring", 0.0, impulse, "no compliance: sums up the force alone")
     if not any(isinstance(e, I) for e in here):
-        storage(I, source.junction, names[2], "capacitor", _MASSLESS, impulse, "mass of a massless junction")
+        storage(I, source.junction, names[2], "capacitor", MASSLESS, impulse, "mass of a massless junction")
     moved = tuple(replace(e, junction=contact) if e is source else e for e in graph.elements)
     return replace(
         graph,

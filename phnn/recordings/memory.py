@@ -1,24 +1,78 @@
-"""Recordings given as one object, as a list of them, by names, or as a pair to train and test."""
+"""Recordings that are objects in memory: one object, a list of them, some by names, or a pair to train and test.
+
+No library is loaded: an object can only be given where its library is loaded already.
+"""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from phnn.errors import InputRefused
 from phnn.intake.limits import LIMITS
-from phnn.recordings.adapters.given import Given, given_of, plain, seconds, where_of
 from phnn.recordings.array_files import stored_arrays, table_of
-from phnn.recordings.manifest import Manifest
+from phnn.recordings.manifest import USES, Entry, Manifest
 from phnn.recordings.recording import is_actuator
-from phnn.recordings.table import Table
+from phnn.recordings.table import Table, Where, beside, with_stamps
 from phnn.recordings.units import parse_name
-from phnn.recordings.values import mapping
+from phnn.recordings.values import choice, mapping, number, shown
 from phnn.results import printable
+
+
+@dataclass(frozen=True, eq=False)
+class Given:
+    """The columns of one recording, and what its object says about them.
+
+    Attributes:
+        name: of the recording; empty where the object has none.
+        table: its columns.
+        use: ``"identification"``, ``"confirmation"`` or None.
+        sample_rate_hz: where no column is a time.
+    """
+
+    name: str
+    table: Table
+    use: str | None = None
+    sample_rate_hz: float | None = None
+
+
+def given_of(attributes: Mapping[Any, Any], table: Table, units: Mapping[str, str], name: str = "") -> Given:
+    """A recording with what the attributes of its object say: ``name``, ``use``, ``sample_rate_hz``.
+
+    Raises:
+        InputRefused: a use or a rate that is not one.
+    """
+    where = f"{table.where}: attrs"
+    use, rate = attributes.get("use"), attributes.get("sample_rate_hz")
+    return Given(
+        name or printable(str(attributes.get("name", ""))),
+        with_stamps(replace(table, units=units)),
+        None if use is None else choice(use, USES, f"{where}['use']"),
+        None if rate is None else number(plain(rate), f"{where}['sample_rate_hz']", above=0.0),
+    )
+
+
+def where_of(data: object, name: str) -> Where:
+    """The place of a recording, for messages: its name where it has one, and what it is."""
+    kind = type(data).__name__
+    return Where(f"{printable(name)} ({kind})" if name else kind)
+
+
+def plain(value: Any) -> Any:
+    """A number of numpy as one of Python."""
+    return value.item() if isinstance(value, np.generic | np.ndarray) and value.size == 1 else value
+
+
+def seconds(times: np.ndarray) -> np.ndarray | None:
+    """(N,) dates or differences of time as seconds since the first; None where they are neither."""
+    if times.dtype.kind not in "mM":
+        return None
+    return np.asarray((times - times[:1]) / np.timedelta64(1, "ns"), dtype=float) * 1e-9
+
 
 _TIMES = ("time", "t")
 
@@ -264,3 +318,40 @@ def _is_numbers(value: Any) -> bool:
         # Lists of unequal lengths, tensors on another device or with gradients.
         return False
     return array.dtype.kind in "iufb" and array.ndim > 0
+
+
+def described(found: Sequence[Given], said: Manifest) -> tuple[list[tuple[Entry, Table]], list[str]]:
+    """Every recording that the manifest asks for, and the names of the others; all where it lists none.
+
+    ``file`` in the manifest is the name of a recording. What the manifest says wins over what an object says.
+
+    Raises:
+        InputRefused: the manifest names a recording that was not given, or two have one name.
+    """
+    by_name: dict[str, Given] = {}
+    for one in found:
+        if one.name in by_name:
+            raise InputRefused(f"two recordings are called {one.name!r}: give a mapping from names to recordings")
+        by_name[one.name] = one
+    if said.entries is None:
+        return [_described(replace(said.common, file=one.name), by_name) for one in found], []
+    for i, entry in enumerate(said.entries):
+        if unknown := [file for file in entry.files if file not in by_name]:
+            cause = f"no recording is called {shown(unknown[0])}, there are {', '.join(by_name)}"
+            raise InputRefused(f"recordings[{i}]: {cause}: correct `file`")
+    asked = {file for entry in said.entries for file in entry.files}
+    return [_described(e, by_name) for e in said.entries], [name for name in by_name if name not in asked]
+
+
+def _described(entry: Entry, by_name: Mapping[str, Given]) -> tuple[Entry, Table]:
+    several = [by_name[file] for file in entry.files]
+    table = beside([one.table for one in several])
+    if entry.axes:
+        raise InputRefused(f"{table.where}: `axes` describe a .npy array: leave them out, and give columns")
+    first = several[0]
+    return replace(
+        entry,
+        name=entry.name or first.name,
+        use=entry.use or first.use,
+        sample_rate_hz=entry.sample_rate_hz or first.sample_rate_hz,
+    ), table
