@@ -22,17 +22,23 @@ from collections.abc import Callable, Mapping, Sequence
 from math import prod
 from typing import NamedTuple
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from phnn.errors import SolverFailed, StructureViolated
 from phnn.integrate.compilable import partly_driven
-from phnn.integrate.equations import linearised, reducible_rules, step_residual
+from phnn.integrate.equations import linearised, means, reducible_rules, step_residual
 from phnn.integrate.scheme import Scheme
+from phnn.integrate.steady import steady_state
 from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.wide import has_kernel, is_passive_by_form
 from phnn.network.checks import evaluation
+from phnn.network.elements import Network
 from phnn.network.system import PortHamiltonianSystem
+
+Array = NDArray[np.float64]
 
 # Residuals are measured in units of the terms of their own equation: rounding, and what is accepted where the
 # iteration stops; in units of the numbers' precision.
@@ -42,6 +48,8 @@ _KEPT = 0.1  # share by which a residual has to fall for a Jacobian to be kept
 _FIRST, _MOST = 32, 512  # steps of the first stretch, and of the longest
 _AT_ONCE = 1 << 11  # steps of all members of a batch, whose derivatives by all weights are held in memory together
 _TOGETHER = 1 << 14  # steps of all members of a batch together, of a stretch that begins near its solution
+_FEWEST = 8  # steps at the head of a stretch that are kept where the others were not solved
+_CYCLES, _CLOSED, _NEUTRAL = 30, 1e-9, 1e-9  # of a steady cycle: iterations, relative change at its end, rank
 _SMALLEST_PART = 2.0**-10
 # Shares of a step at which slopes of laws, and the sign of the Jacobian's determinant, are looked at.
 _ALONG = 9
@@ -81,6 +89,9 @@ def march(
         root = _newton(run, near[1:][part] if fits else run.x.expand(h[part].shape[0], *run.x.shape))
         if not root.cause:
             done, length = part.stop, min(2 * length, longest)
+        elif root.solved >= _FEWEST:
+            done, length = done + root.solved, length if fits else max(_FEWEST, 2 * root.solved)
+            root = _Root(root.x[: root.solved])
         elif fits and alone:
             raise SolverFailed(root.cause)
         elif fits:
@@ -94,6 +105,48 @@ def march(
             done += 1
         states.append(root.x)
     return torch.cat(states)
+
+
+def integrated(
+    network: Network, x0: Array | None, u: Array, h: Array, cycle: int, held: Array, scheme: Scheme, start: float
+) -> tuple[Array, Array]:
+    """Return the states (N+1, n) and mean efforts (N, n) of a network under mean inputs (N, P), as arrays.
+
+    Args:
+        x0: (n,) initial state; None: the steady one under the inputs ``held`` (P,) or, where the first ``cycle`` steps
+            are a period, that of the steady cycle.
+        start: time of the first state, for messages.
+
+    Raises:
+        SolverFailed: as of `march`; or there is no steady state or cycle.
+    """
+    system, inputs, steps = PortHamiltonianSystem(network), torch.from_numpy(u), torch.from_numpy(h).unsqueeze(-1)
+    x = torch.from_numpy(steady_state(network, held) if x0 is None else np.asarray(x0, dtype=float))
+    for _ in range(_CYCLES if cycle and x0 is None else 0):
+        states = march(system, x, inputs[:cycle], steps[:cycle], scheme, start)
+        _, by_next, by_start = linearised(system, states[:-1], states[1:], inputs[:cycle], steps[:cycle], scheme)
+        period = torch.eye(len(x)).to(x)
+        for carry in -torch.linalg.solve(by_next, by_start):
+            period = carry @ period
+        # What no cycle changes keeps its value.
+        moved = torch.linalg.pinv(torch.eye(len(x)).to(x) - period, rtol=_NEUTRAL) @ (states[-1] - x)
+        x = x + moved
+        if bool((moved.abs() <= _CLOSED * states.abs().amax(0)).all()):
+            break
+    else:
+        if cycle and x0 is None:
+            raise SolverFailed("no steady cycle was found: begin the recording at rest, or state its start as unknown")
+    states = march(system, x, inputs, steps, scheme, start)
+    with torch.no_grad():
+        efforts = means(system, scheme, states[:-1], states[1:], inputs, steps).efforts
+    return states.numpy(), efforts.numpy()
+
+
+def by_start(network: Network, states: Array, u: Array, h: Array, nodes: NDArray[np.int64], row: int) -> Array:
+    """(K, n) derivatives of one state at nodes of a trajectory by its initial state; arguments as of `integrated`."""
+    steps = Dense(PortHamiltonianSystem(network).requires_grad_(False))
+    given = (torch.from_numpy(np.ascontiguousarray(v)).unsqueeze(1) for v in (states, u, h[:, None]))
+    return sensitivities(steps, *given, [torch.from_numpy(nodes)], row)[0].numpy()
 
 
 class Dense(nn.Module):
@@ -200,7 +253,7 @@ def sensitivities(
         part = slice(first, first + length)
         x, ends = states[:-1][part], states[1:][part]
         _, by_next, by_start = linearised(steps.system, x, ends, u[part], h[part], steps.scheme)
-        own = _by_weights(steps, weights, x, ends, u[part], h[part])
+        own = _by_weights(steps, weights, x, ends, u[part], h[part]) if weights else by_start[..., :0]
         inverse = -torch.linalg.inv(by_next)
         carry, own = inverse @ by_start, inverse @ own
         for k in range(len(x)):
@@ -241,10 +294,14 @@ def first_order(
 
 
 class _Root(NamedTuple):
-    """End states (N, ..., n) of a stretch, or the reason ``cause`` why there are none; it is empty on success."""
+    """End states (N, ..., n) of a stretch, or the reason ``cause`` why there are none; it is empty on success.
+
+    Of a stretch that was not solved the first ``solved`` steps are: what happens later does not act on them.
+    """
 
     x: Tensor
     cause: str = ""
+    solved: int = 0
 
 
 class _Run(NamedTuple):
@@ -255,6 +312,10 @@ class _Run(NamedTuple):
     u: Tensor
     h: Tensor
     scheme: Scheme
+
+    def first(self, steps: int) -> _Run:
+        """The first steps of the stretch."""
+        return self._replace(u=self.u[:steps], h=self.h[:steps])
 
     def starts(self, z: Tensor) -> Tensor:
         """(N, ..., n) states at the starts of steps that end at ``z``."""
@@ -317,10 +378,19 @@ def _newton(run: _Run, z: Tensor) -> _Root:
     # The comparison also fails for NaN.
     if not worst <= _ACCEPTED * precision:
         bad = ~(residual.abs() <= _ACCEPTED * precision * scale)
-        return _Root(z, f"Newton's iteration stopped at a residual of {worst:.1e} ({_names(system, bad)})")
-    if not (_has_one_root(run, z) or _is_connected(run, z)):
+        wrong = ~(residual.abs() <= _ROUNDING * precision * scale).flatten(1).all(1)
+        solved = int(wrong.float().argmax())
+        if solved and not _is_sure(run.first(solved), z[:solved]):
+            solved = 0
+        return _Root(z, f"Newton's iteration stopped at a residual of {worst:.1e} ({_names(system, bad)})", solved)
+    if not _is_sure(run, z):
         return _Root(z, "the solution is not connected to the previous state (a law falls too steeply for this step)")
     return _Root(z)
+
+
+def _is_sure(run: _Run, z: Tensor) -> bool:
+    """Whether the steps have one solution each, or theirs are connected to their starts."""
+    return _has_one_root(run, z) or _is_connected(run, z)
 
 
 def _sizes(matrix: Tensor, state: Tensor) -> Tensor:

@@ -324,9 +324,7 @@ def method_of(name: str, objective: Objective, settings: Settings, factor: float
         return GaussNewton(objective)
     if name == "lbfgs":
         return QuasiNewton(objective, settings.lbfgs_iterations)
-    if settings.optimiser is not None:
-        return OfOwn(objective, settings, factor)
-    return Adam(objective, settings.rate * factor, settings.adam)
+    return Stepwise(objective, settings, factor)
 
 
 def with_gradients(objective: Objective) -> Tensor:
@@ -345,48 +343,30 @@ def with_gradients(objective: Objective) -> Tensor:
     return loss.detach()
 
 
-class Adam:
-    """Adam along a cosine from the full rate to a hundredth of it (Kingma & Ba 2015; Loshchilov & Hutter 2017)."""
+class Stepwise:
+    """A torch optimiser, a step an epoch: Adam along a cosine from the full rate to a hundredth of it (Kingma & Ba
+    2015; Loshchilov & Hutter 2017), or one of the user's choice, with a scheduler if there is one."""
 
-    def __init__(self, objective: Objective, rate: float, epochs: int) -> None:
-        self.objective, self.rate, self.epochs = objective, rate, epochs
-        self.optimiser = torch.optim.Adam(objective.trained(), lr=rate)
+    def __init__(self, objective: Objective, settings: Settings, factor: float) -> None:
+        self.objective, self.settings, self.rate = objective, settings, settings.rate * factor
+        own, trained = settings.optimiser, objective.trained()
+        self.optimiser: torch.optim.Optimizer = (
+            torch.optim.Adam(trained, lr=self.rate) if own is None else _made(own, "params", trained)
+        )
+        for group in self.optimiser.param_groups if own is not None else ():
+            group["lr"] = factor * group["lr"]
+        given = None if own is None else settings.scheduler
+        self.scheduler: Any = None if given is None else _made(given, "optimizer", self.optimiser)
 
     def now(self, epoch: int) -> float:
-        """The rate of an epoch."""
-        share = 0.5 * (1.0 + math.cos(math.pi * epoch / self.epochs))
+        """The rate of Adam in an epoch."""
+        share = 0.5 * (1.0 + math.cos(math.pi * epoch / self.settings.adam))
         return self.rate * (_LEAST_RATE + (1.0 - _LEAST_RATE) * share)
 
     def __call__(self, epoch: int) -> float:
         """One step."""
-        for group in self.optimiser.param_groups:
+        for group in self.optimiser.param_groups if self.settings.optimiser is None else ():
             group["lr"] = self.now(epoch)
-        loss = with_gradients(self.objective)
-        self.optimiser.step()
-        return float(loss)
-
-    def state_dict(self) -> dict[str, Any]:
-        """Moments and step counts."""
-        return self.optimiser.state_dict()
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Go on from a state."""
-        self.optimiser.load_state_dict(dict(state))
-
-
-class OfOwn:
-    """An optimiser of the user's choice, with a scheduler if there is one; a step an epoch."""
-
-    def __init__(self, objective: Objective, settings: Settings, factor: float) -> None:
-        self.objective = objective
-        self.optimiser: torch.optim.Optimizer = _made(settings.optimiser, "params", objective.trained())
-        for group in self.optimiser.param_groups:
-            group["lr"] = factor * group["lr"]
-        given = settings.scheduler
-        self.scheduler: Any = None if given is None else _made(given, "optimizer", self.optimiser)
-
-    def __call__(self, epoch: int) -> float:
-        """One step."""
         loss = with_gradients(self.objective)
         self.optimiser.step()
         if self.scheduler is not None:
@@ -394,7 +374,7 @@ class OfOwn:
         return float(loss)
 
     def state_dict(self) -> dict[str, Any]:
-        """The state of both."""
+        """The state of optimiser and scheduler."""
         later = None if self.scheduler is None else self.scheduler.state_dict()
         return {"optimiser": self.optimiser.state_dict(), "scheduler": later}
 

@@ -23,6 +23,8 @@ from phnn.learn.plant import NetworkPlant, Plant
 from phnn.learn.windows import Window
 
 _ROUNDING = 1e-9
+# States of a shorter share of a recording do not replace those of a longer one.
+_LONG = 0.9
 
 # Name of the solver without torchdiffeq.
 OWN = "discrete_gradient"
@@ -86,7 +88,8 @@ def near(plant: NetworkPlant, windows: Sequence[Window]) -> Tensor | None:
     found = []
     for w in windows:
         times, states = plant.near.get(w.name, (w.times[:0], w.times[:0]))
-        if not len(times) or times[0] > w.times[0] or times[-1] < w.times[-1] - _ROUNDING:
+        # The last sample of a thinned recording lies up to an interval before that of the recording.
+        if len(times) < 2 or times[0] > w.times[0] or 2.0 * times[-1] - times[-2] < w.times[-1] - _ROUNDING:
             return None
         k = (torch.searchsorted(times, w.times, right=True) - 1).clamp(0, len(times) - 2)
         share = ((w.times - times[k]) / (times[k + 1] - times[k])).unsqueeze(-1)
@@ -102,7 +105,7 @@ def remember(plant: NetworkPlant, windows: Sequence[Window], states: Tensor) -> 
         last = len(mine) - 1
         times = torch.cat([w.times[: None if k == last else -1] for k, (w, _) in enumerate(mine)])
         known = plant.near.get(name)
-        if known is None or times[-1] - times[0] >= known[0][-1] - known[0][0] - _ROUNDING:
+        if known is None or times[-1] - times[0] > _LONG * (known[0][-1] - known[0][0]):
             plant.near[name] = times, torch.cat([x[: None if k == last else -1] for k, (_, x) in enumerate(mine)])
 
 

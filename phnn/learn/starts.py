@@ -20,6 +20,7 @@ from phnn.identification.prepare import identification_plan
 from phnn.identification.staged import held_by_statement
 from phnn.identification.starting_points import drive_amplitude, mechanical_points, middle_frequency
 from phnn.intake.limits import LIMITS
+from phnn.integrate.compilable import can_compile
 from phnn.integrate.differentiable import simulated
 from phnn.learn.plant import LatentPlant, NetworkPlant, Plant
 from phnn.learn.settings import TARGET, accepted, instantiate
@@ -279,6 +280,15 @@ def near_to(plant: NetworkPlant, known: NetworkPlant, recordings: Sequence[Recor
     except SolverFailed:
         plant.near.clear()
     return plant
+
+
+def near_known_part(plant: NetworkPlant, recordings: Sequence[Recording]) -> None:
+    """Let the first iterations begin at the states of the network without its laws on several variables, where these
+    are what has no kernel."""
+    network = plant.network
+    known = replace(network, multi_ports=(), shared_energies=())
+    if known.resistors and not can_compile(network) and can_compile(known):
+        near_to(plant, NetworkPlant(known, plant.scale), recordings, torch.eye(len(plant.scale)).double())
 
 
 def typical_states(given: Network | PortHamiltonianSystem, recordings: Sequence[Recording]) -> Tensor:

@@ -151,12 +151,14 @@ class LearnedSystem(PortHamiltonianSystem):
         lost = scales.time * unit * root[:, None] * system.dissipation(points)[:, order][:, :, order] * root
         lost = lost + _LEAST_DAMPING * (1.0 + lost.diagonal(dim1=1, dim2=2).mean()) * torch.eye(n, dtype=torch.float64)
         factors = torch.linalg.cholesky(lost)[:, *rows]
-        if typical is None:
-            dissipation.entries.begin(factors[0])
-        else:
-            # Units along the axes of those efforts that bend the dissipation: a threshold lies across one of them.
-            dissipation.entries.spread(root * reach[order])
+        diagonal = lost.diagonal(dim1=1, dim2=2)
+        bent = torch.nonzero(diagonal.std(0) > _LEAST_DAMPING * diagonal.mean()).flatten()
+        if len(bent):
+            # Units along the axes of the efforts that bend the dissipation: a threshold lies across one of them.
+            dissipation.entries.spread((root * reach[order]), bent)
             dissipation.entries.fit(points[:, order] * root, factors)
+        else:
+            dissipation.entries.begin(factors[0])
         size = torch.tensor([scales.output, *[1.0] * (n - 1)], dtype=torch.float64)
         found.from_given = (size * root)[:, None] * torch.eye(n, dtype=torch.float64)[order]
         columns = found.from_given @ system.incidences(rest)[1]

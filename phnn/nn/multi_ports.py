@@ -30,6 +30,8 @@ from phnn.laws.wide import convex_energy_unit, convex_unit, hinge, register_comp
 _VARIED = 0.3
 # The ridge that keeps fitted weights small.
 _RIDGE = 1e-6
+# Steps of units that are spread over a range: their slope over that of one as wide as the range.
+_SHARP = 4.0
 # Scales of several variables: one for all of them, or one each.
 Scale = float | Sequence[float]
 
@@ -83,14 +85,13 @@ class Perceptron(nn.Module):
         return hidden @ last.mT + offset, rates.unflatten(-1, (len(last), x.shape[-1]))
 
     @torch.no_grad()
-    def spread(self, reach: Tensor, sharp: float = 4.0) -> None:
-        """Let the units of the first layer step across one input each, spread over ``reach`` (sizes[0],) both ways."""
-        units, inputs = self.weights[0].shape
-        each = torch.arange(units) % inputs
-        gains = sharp / reach.clamp_min(torch.finfo(reach.dtype).tiny)
-        self.weights[0].zero_()[torch.arange(units), each] = gains[each]
-        shares = torch.linspace(-1.0, 1.0, max(2, -(-units // inputs)), dtype=torch.float64)
-        self.biases[0].copy_(sharp * shares[torch.arange(units) // inputs])
+    def spread(self, reach: Tensor, inputs: Tensor) -> None:
+        """Let the units of the first layer step across one of some inputs (K,) each, evenly over ``reach`` (sizes[0],)
+        both ways."""
+        unit = torch.arange(len(self.biases[0]))
+        each, number = inputs[unit % len(inputs)], unit // len(inputs)
+        self.weights[0].zero_()[unit, each] = _SHARP / reach[each]
+        self.biases[0].copy_(_SHARP * (2.0 * number / number.max().clamp_min(1) - 1.0))
 
     @torch.no_grad()
     def begin(self, values: Tensor, left: float = 0.05) -> None:
