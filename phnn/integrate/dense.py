@@ -80,13 +80,14 @@ def march(
     names = [system.state_names[k] for k in reducible_rules(system, scheme)]
     if reason := partly_driven(system.network, names):
         raise StructureViolated(f"{scheme}: {reason}")
-    fits = near is not None and near.shape == (len(h) + 1, *x0.shape)
+    guess = x0.new_zeros(0) if near is None else near
+    fits = guess.shape == (len(h) + 1, *x0.shape)
     longest = max(_FIRST, _TOGETHER // max(1, prod(x0.shape[:-1]))) if fits else _MOST
     states, length, done = [x0.detach().unsqueeze(0)], longest if fits else _FIRST, 0
     while done < h.shape[0]:
         part = slice(done, min(done + length, h.shape[0]))
         run = _Run(system, states[-1][-1], u[part].detach(), h[part].detach(), scheme)
-        root = _newton(run, near[1:][part] if fits else run.x.expand(h[part].shape[0], *run.x.shape))
+        root = _newton(run, guess[1:][part] if fits else run.x.expand(h[part].shape[0], *run.x.shape))
         if not root.cause:
             done, length = part.stop, min(2 * length, longest)
         elif root.solved >= _FEWEST:
@@ -118,7 +119,7 @@ def integrated(
         start: time of the first state, for messages.
 
     Raises:
-        SolverFailed: as of `march`; or there is no steady state or cycle.
+        SolverFailed: as of `Dense.solve`; or there is no steady state or cycle.
     """
     system, inputs, steps = PortHamiltonianSystem(network), torch.from_numpy(u), torch.from_numpy(h).unsqueeze(-1)
     x = torch.from_numpy(steady_state(network, held) if x0 is None else np.asarray(x0, dtype=float))
@@ -145,15 +146,15 @@ def integrated(
 def by_start(network: Network, states: Array, u: Array, h: Array, nodes: NDArray[np.int64], row: int) -> Array:
     """(K, n) derivatives of one state at nodes of a trajectory by its initial state; arguments as of `integrated`."""
     steps = Dense(PortHamiltonianSystem(network).requires_grad_(False))
-    given = (torch.from_numpy(np.ascontiguousarray(v)).unsqueeze(1) for v in (states, u, h[:, None]))
-    return sensitivities(steps, *given, [torch.from_numpy(nodes)], row)[0].numpy()
+    x, inputs, sizes = (torch.from_numpy(np.ascontiguousarray(v)).unsqueeze(1) for v in (states, u, h[:, None]))
+    return sensitivities(steps, x, inputs, sizes, [torch.from_numpy(nodes)], row)[0].numpy()
 
 
 class Dense(nn.Module):
     """The steps of a system in torch. Called with states at their starts and ends it returns their residuals.
 
     Args:
-        near: where the iteration begins, see `march`.
+        near: states from which the iteration begins, (N+1, ..., n).
     """
 
     def __init__(
@@ -265,7 +266,7 @@ def sensitivities(
 def _by_weights(steps: Dense, weights: Mapping[str, Tensor], x: Tensor, ends: Tensor, u: Tensor, h: Tensor) -> Tensor:
     """(N, B, n, W) derivatives of the residuals of single steps."""
 
-    def residual(given: Mapping[str, Tensor], *step: Tensor) -> Tensor:
+    def residual(given: dict[str, Tensor], *step: Tensor) -> Tensor:
         return torch.func.functional_call(steps, given, (*step[:2], step[0][:0], *step[2:], False), tie_weights=False)[
             0
         ]
@@ -283,10 +284,10 @@ def first_order(
     weights = {name: p.detach() for name, p in steps.named_parameters() if name in moved}
     x, ends = states[:-1], states[1:]
 
-    def residual(given: Mapping[str, Tensor]) -> Tensor:
+    def residual(given: dict[str, Tensor]) -> Tensor:
         return torch.func.functional_call(steps, given, (x, ends, x[:0], u, h, False), tie_weights=False)[0]
 
-    _, change = torch.func.jvp(residual, (weights,), ({name: moved[name] for name in weights},))
+    change = torch.func.jvp(residual, (weights,), ({name: moved[name] for name in weights},))[1]
     _, by_next, by_start = linearised(steps.system, x, ends, u, h, steps.scheme)
     change[0] += _times(by_start[0], start)
     inverse = -torch.linalg.inv(by_next)

@@ -159,7 +159,8 @@ class Compiled(nn.Module):
     def forward(self, x: Tensor, ends: Tensor, efforts: Tensor, u: Tensor, h: Tensor) -> tuple[Tensor, ...]:
         """(N, ..., n+m) residuals of the steps, and what `weights` is given."""
         sizes = h.expand(*u.shape[:-1], 1).reshape(-1)
-        found = steps_residual(self.system, self.program, *(v.flatten(0, -2) for v in (x, ends, efforts, u)), sizes)
+        start, end, means, inputs = (v.flatten(0, -2) for v in (x, ends, efforts, u))
+        found = steps_residual(self.system, self.program, start, end, means, inputs, sizes)
         return found.value.reshape(*u.shape[:-1], -1), x, ends, efforts, u.detach(), h.detach()
 
 

@@ -145,7 +145,8 @@ def linearised(
         # Members of a batch are independent, so that one backward pass gives one row for all of them.
         each = torch.eye(residual.shape[-1]).to(residual)
         rows = [torch.autograd.grad(residual, (end, start), e.expand_as(residual), retain_graph=True) for e in each]
-    return residual, *(torch.stack(r, dim=-2) for r in zip(*rows, strict=True))
+    by_next, by_start = (torch.stack(r, dim=-2) for r in zip(*rows, strict=True))
+    return residual, by_next, by_start
 
 
 def has_slopes(system: PortHamiltonianSystem, scheme: Scheme) -> bool:

@@ -53,6 +53,9 @@ class LearnedSystem(PortHamiltonianSystem):
     efforts, one `LearnedEnergy` of all states and learned columns ``g``; so it does all that other networks do. The
     first state is measured.
 
+    Attributes:
+        from_given: (n, n) matrix from the states of the system that it was made near to, to its own.
+
     Args:
         states: their number, or their names.
         ports: their number, or their names.
@@ -63,6 +66,8 @@ class LearnedSystem(PortHamiltonianSystem):
     Raises:
         InputRefused: fewer than two states, no port, or no unit.
     """
+
+    from_given: Tensor
 
     def __init__(
         self,
