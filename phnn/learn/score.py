@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -73,12 +74,14 @@ def substeps_needed(plant: Plant, solver: Solver, recordings: Sequence[Recording
     if not isinstance(plant, NetworkPlant) or isinstance(plant.system, LearnedSystem):
         return 1
     whole = can_compile(plant.system.network)
+    chosen = [] if whole else _pieces(windows_of(recordings, _PIECE, 1))
 
     def outputs(substeps: int) -> list[tuple[float, Tensor]]:
         if whole:
             found = Objective(plant, solver, recordings, substeps=substeps).outputs()
             return [(r.noise, y) for r, y in zip(recordings, found, strict=True)]
-        pieces = _pieces(windows_of(recordings, _PIECE, substeps))
+        windows = windows_of(recordings, _PIECE, substeps)
+        pieces = [windows[k] for k in chosen]
         begun = [near(plant, [w]) for w in pieces]
         x0 = torch.stack(
             [
@@ -99,13 +102,13 @@ def substeps_needed(plant: Plant, solver: Solver, recordings: Sequence[Recording
     return count
 
 
-def _pieces(windows: Sequence[Window]) -> list[Window]:
-    """Of every recording the first window, and the one whose input changes fastest between samples."""
+def _pieces(windows: Sequence[Window]) -> list[int]:
+    """Number of every recording's first window, and of the one whose input changes fastest between samples."""
     found = []
-    for k in dict.fromkeys(w.recording for w in windows):
-        own = [w for w in windows if w.recording == k]
-        steepest = max(own, key=lambda w: float(((w.fine[:, 2] - w.fine[:, 0]) / w.h).abs().amax()))
-        found += [own[0]] if steepest is own[0] else [own[0], steepest]
+    for r in dict.fromkeys(w.recording for w in windows):
+        own = [k for k, w in enumerate(windows) if w.recording == r]
+        rates = [float(((windows[k].fine[:, 2] - windows[k].fine[:, 0]) / windows[k].h).abs().amax()) for k in own]
+        found += sorted({own[0], own[int(np.argmax(rates))]})
     return found
 
 

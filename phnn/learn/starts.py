@@ -73,7 +73,8 @@ def plant_for(model: Mapping[str, Any], campaign: Campaign, seed: int, base: str
             the dead zones that the drive alone gives, with which learned resistors begin under ``none``.
             ``hybrid`` is ``hrc`` with a `LearnedDissipation` of ``width`` on all hysterons and the mass together.
             ``fully_neural`` is a `LearnedSystem` and ``neural_ode`` a `NeuralODE` of ``states`` and ``width``; their
-            ``start`` is ``linear``, relaxations with the gain and the band of the recordings, or ``random``.
+            ``start`` is ``linear``, relaxations with the gain and the band of the recordings, or ``random``; of the
+            former also ``staggered``, hysterons with the thresholds that the drive alone gives.
             Instead of ``kind``, ``_target_`` names a class or function of the user's own, which the other arguments are
             passed to: it makes a network, a system, or a law of one effort for all ``hysterons``.
         base: folder of an identified base model, to save its identification.
@@ -156,7 +157,7 @@ def _latent(
 ) -> Plant:
     """A model of latent states from its start."""
     known = LATENT_STARTS[: 2 if kind == "neural_ode" else 3]
-    start, scales = arguments.get("start", known[-1] if kind != "neural_ode" else "linear"), scales_of(recordings)
+    start, scales = arguments.get("start", "linear"), scales_of(recordings)
     if start not in known:
         raise InputRefused(f"model.start = {start!r}: choose {' or '.join(known)}")
     states, width = int(arguments.get("states", 4)), int(arguments.get("width", 32))
