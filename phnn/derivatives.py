@@ -23,6 +23,7 @@ from phnn.trajectory import (
     driven,
     driven_changes,
     measured_changes,
+    measured_network,
     place_of,
     sensed,
     source_input,
@@ -49,6 +50,8 @@ def output_derivatives(
         forces: (n, F) perturbations of the junction force, constant within each step.
         varied: W pairs of a network parameter and the (n,) signal by which it is perturbed.
     """
+    if trajectory.compiled is None and not (len(names) or instants or forces is not None or varied):
+        return _by_start(trajectory, initial)
     setup, program = trajectory.setup, trajectory.program
     network_names = [n for n in names if n in program.names]
     asked = len(network_names)
@@ -86,6 +89,22 @@ def output_derivatives(
     both, times, copied = with_earlier_cycles(setup, both, times, trajectory.run_in, sensor_nodes)
     seen = measured_changes(setup, both[:, 0], times, both[:, 1:], names)
     return seen[copied:][samples_of][trajectory.lead :]
+
+
+def _by_start(trajectory: Trajectory, initial: Sequence[int]) -> Array:
+    """(N, S) derivatives of an output by initial states, of a network that torch has solved."""
+    from phnn.integrate.dense import by_start
+
+    nodes, times, samples_of = sensed(
+        trajectory.setup, trajectory.recording, trajectory.driving, trajectory.nodes, trajectory.h
+    )
+    network = measured_network(trajectory.setup.network, trajectory.recording)
+    changes = by_start(network, trajectory.states, trajectory.u, trajectory.h, nodes, trajectory.output)
+    times = times - trajectory.lead * trajectory.recording.dt
+    seen = measured_changes(
+        trajectory.setup, trajectory.states[nodes, trajectory.output], times, changes[:, list(initial)], ()
+    )
+    return seen[samples_of][trajectory.lead :]
 
 
 def output_gradient(trajectory: Trajectory, names: Sequence[str], cotangent: Array) -> Array:

@@ -18,20 +18,27 @@ backwards, transposed.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from math import prod
 from typing import NamedTuple
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from phnn.errors import SolverFailed, StructureViolated
 from phnn.integrate.compilable import partly_driven
-from phnn.integrate.equations import derivatives, linearised, reducible_rules, step_residual
+from phnn.integrate.equations import linearised, means, reducible_rules, step_residual
 from phnn.integrate.scheme import Scheme
+from phnn.integrate.steady import steady_state
 from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.wide import has_kernel, is_passive_by_form
 from phnn.network.checks import evaluation
+from phnn.network.elements import Network
 from phnn.network.system import PortHamiltonianSystem
+
+Array = NDArray[np.float64]
 
 # Residuals are measured in units of the terms of their own equation: rounding, and what is accepted where the
 # iteration stops; in units of the numbers' precision.
@@ -39,6 +46,10 @@ _ROUNDING, _ACCEPTED = 450.0, 45000.0
 _ITERATIONS, _POLISHES = 25, 3
 _KEPT = 0.1  # share by which a residual has to fall for a Jacobian to be kept
 _FIRST, _MOST = 32, 512  # steps of the first stretch, and of the longest
+_AT_ONCE = 1 << 11  # steps of all members of a batch, whose derivatives by all weights are held in memory together
+_TOGETHER = 1 << 14  # steps of all members of a batch together, of a stretch that begins near its solution
+_FEWEST = 8  # steps at the head of a stretch that are kept where the others were not solved
+_CYCLES, _CLOSED, _NEUTRAL = 30, 1e-9, 1e-9  # of a steady cycle: iterations, relative change at its end, rank
 _SMALLEST_PART = 2.0**-10
 # Shares of a step at which slopes of laws, and the sign of the Jacobian's determinant, are looked at.
 _ALONG = 9
@@ -53,8 +64,14 @@ def march(
     h: Tensor,  # (N, ..., 1) [s], which multiplies states
     scheme: Scheme = Scheme.DISCRETE_GRADIENT,
     start: float = 0.0,
+    near: Tensor | None = None,
+    alone: bool = False,
 ) -> Tensor:
     """(N+1, ..., n) states, without gradients, of steps that need not be equal; messages count time from ``start``.
+
+    Args:
+        near: (N+1, ..., n) states to begin the iteration from, all steps at once; not used where it has another shape.
+        alone: fail where this does not converge.
 
     Raises:
         SolverFailed: a step has no solution connected to its start; names time, state and remedy.
@@ -63,13 +80,24 @@ def march(
     names = [system.state_names[k] for k in reducible_rules(system, scheme)]
     if reason := partly_driven(system.network, names):
         raise StructureViolated(f"{scheme}: {reason}")
-    states, length, done = [x0.detach().unsqueeze(0)], _FIRST, 0
+    guess = x0.new_zeros(0) if near is None else near
+    fits = guess.shape == (len(h) + 1, *x0.shape)
+    longest = max(_FIRST, _TOGETHER // max(1, prod(x0.shape[:-1]))) if fits else _MOST
+    states, length, done = [x0.detach().unsqueeze(0)], longest if fits else _FIRST, 0
     while done < h.shape[0]:
         part = slice(done, min(done + length, h.shape[0]))
         run = _Run(system, states[-1][-1], u[part].detach(), h[part].detach(), scheme)
-        root = _newton(run, run.x.expand(h[part].shape[0], *run.x.shape))
+        root = _newton(run, guess[1:][part] if fits else run.x.expand(h[part].shape[0], *run.x.shape))
         if not root.cause:
-            done, length = part.stop, min(2 * length, _MOST)
+            done, length = part.stop, min(2 * length, longest)
+        elif root.solved >= _FEWEST:
+            done, length = done + root.solved, length if fits else max(_FEWEST, 2 * root.solved)
+            root = _Root(root.x[: root.solved])
+        elif fits and alone:
+            raise SolverFailed(root.cause)
+        elif fits:
+            fits, length, longest = False, _FIRST, _MOST
+            continue
         elif length > 1:
             length = max(1, (part.stop - done) // 4)
             continue
@@ -80,32 +108,79 @@ def march(
     return torch.cat(states)
 
 
+def integrated(
+    network: Network, x0: Array | None, u: Array, h: Array, cycle: int, held: Array, scheme: Scheme, start: float
+) -> tuple[Array, Array]:
+    """Return the states (N+1, n) and mean efforts (N, n) of a network under mean inputs (N, P), as arrays.
+
+    Args:
+        x0: (n,) initial state; None: the steady one under the inputs ``held`` (P,) or, where the first ``cycle`` steps
+            are a period, that of the steady cycle.
+        start: time of the first state, for messages.
+
+    Raises:
+        SolverFailed: as of `Dense.solve`; or there is no steady state or cycle.
+    """
+    system, inputs, steps = PortHamiltonianSystem(network), torch.from_numpy(u), torch.from_numpy(h).unsqueeze(-1)
+    x = torch.from_numpy(steady_state(network, held) if x0 is None else np.asarray(x0, dtype=float))
+    for _ in range(_CYCLES if cycle and x0 is None else 0):
+        states = march(system, x, inputs[:cycle], steps[:cycle], scheme, start)
+        _, by_next, by_start = linearised(system, states[:-1], states[1:], inputs[:cycle], steps[:cycle], scheme)
+        period = torch.eye(len(x)).to(x)
+        for carry in -torch.linalg.solve(by_next, by_start):
+            period = carry @ period
+        # What no cycle changes keeps its value.
+        moved = torch.linalg.pinv(torch.eye(len(x)).to(x) - period, rtol=_NEUTRAL) @ (states[-1] - x)
+        x = x + moved
+        if bool((moved.abs() <= _CLOSED * states.abs().amax(0)).all()):
+            break
+    else:
+        if cycle and x0 is None:
+            raise SolverFailed("no steady cycle was found: begin the recording at rest, or state its start as unknown")
+    states = march(system, x, inputs, steps, scheme, start)
+    with torch.no_grad():
+        efforts = means(system, scheme, states[:-1], states[1:], inputs, steps).efforts
+    return states.numpy(), efforts.numpy()
+
+
+def by_start(network: Network, states: Array, u: Array, h: Array, nodes: NDArray[np.int64], row: int) -> Array:
+    """(K, n) derivatives of one state at nodes of a trajectory by its initial state; arguments as of `integrated`."""
+    steps = Dense(PortHamiltonianSystem(network).requires_grad_(False))
+    x, inputs, sizes = (torch.from_numpy(np.ascontiguousarray(v)).unsqueeze(1) for v in (states, u, h[:, None]))
+    return sensitivities(steps, x, inputs, sizes, [torch.from_numpy(nodes)], row)[0].numpy()
+
+
 class Dense(nn.Module):
-    """The steps of a system in torch. Called with states at their starts and ends it returns their residuals."""
+    """The steps of a system in torch. Called with states at their starts and ends it returns their residuals.
 
-    linearises = True
+    Args:
+        near: states from which the iteration begins, (N+1, ..., n).
+    """
 
-    def __init__(self, system: PortHamiltonianSystem, scheme: Scheme = Scheme.DISCRETE_GRADIENT) -> None:
+    def __init__(
+        self,
+        system: PortHamiltonianSystem,
+        scheme: Scheme = Scheme.DISCRETE_GRADIENT,
+        near: Tensor | None = None,
+    ) -> None:
         super().__init__()
-        self.system, self.scheme = system, scheme
+        self.system, self.scheme, self.near = system, scheme, near
 
     def solve(self, x0: Tensor, u: Tensor, h: Tensor, start: float) -> tuple[Tensor, Tensor]:
         """(N+1, ..., n) states, and an empty tensor (N, ..., 0) in the place of mean efforts."""
-        states = march(self.system, x0, u, h, self.scheme, start)
+        states = march(self.system, x0, u, h, self.scheme, start, self.near)
         return states, states[1:, ..., :0]
 
-    def weights(
-        self, residual: Tensor, x: Tensor, ends: Tensor, others: tuple[Tensor, ...], wanted: Tensor, carry: Tensor
-    ) -> tuple[Tensor, Tensor]:
+    @staticmethod
+    def weights(residual: Tensor, given: Sequence[Tensor], wanted: Tensor, carry: Tensor) -> tuple[Tensor, Tensor]:
         """Return ``−μ`` (N, ..., n) of some steps, and (..., n) ``∂L/∂x`` at their start, without that state's own.
 
         Args:
-            residual: (N, ..., n) of the steps, with its graph to their starts ``x`` and ``ends``.
-            others: ignored.
+            residual, given: what a call has returned for the steps.
             wanted: (N, ..., n) ``∂L/∂x`` at the ends of the steps.
             carry: (..., n) what later steps add to the last of them.
         """
-        by_next, by_start = derivatives(residual, ends, x)
+        by_next, by_start = given
         inverse = torch.linalg.inv(by_next).mT
         back = by_start.mT @ inverse
         # λ_k = w_k − (Bᵀ A⁻ᵀ)_{k+1} λ_{k+1}, from the end.
@@ -113,9 +188,14 @@ class Dense(nn.Module):
         totals = recursion(-back.flip(0).roll(1, 0), wanted.flip(0)).flip(0)
         return -_times(inverse, totals), -_times(back[0], totals[0])
 
-    def forward(self, x: Tensor, ends: Tensor, none: Tensor, u: Tensor, h: Tensor) -> Tensor:
-        """(N, ..., n) residuals of the steps."""
-        return step_residual(self.system, x, ends, u, h, self.scheme)
+    def forward(
+        self, x: Tensor, ends: Tensor, none: Tensor, u: Tensor, h: Tensor, linearise: bool = True
+    ) -> tuple[Tensor, ...]:
+        """(N, ..., n) residuals of the steps, with their derivatives by ``ends`` and ``x`` unless these are not asked
+        for."""
+        if not linearise:
+            return (step_residual(self.system, x, ends, u, h, self.scheme),)
+        return linearised(self.system, x, ends, u, h, self.scheme)
 
 
 def recursion(m: Tensor, r: Tensor) -> Tensor:
@@ -140,11 +220,89 @@ def _times(matrix: Tensor, vector: Tensor) -> Tensor:
     return (matrix @ vector.unsqueeze(-1)).squeeze(-1)
 
 
+@torch.no_grad()
+def sensitivities(
+    steps: Dense, states: Tensor, u: Tensor, h: Tensor, nodes: Sequence[Tensor], row: int
+) -> list[Tensor]:
+    """Return derivatives of one state at nodes of every member, by all that is trained and then by its initial state.
+
+    Args:
+        states: (N+1, B, n), of the steps ``h`` (N, B, 1) under ``u`` (N, B, P).
+        nodes: (K,) of every member, increasing; row: number of the state.
+
+    Returns:
+        (K, W + n) for every member, the weights in the order of ``steps.named_parameters()``.
+
+    Raises:
+        RuntimeError: a law does what `torch.func.vmap` cannot follow.
+    """
+    members, n = states.shape[1:]
+    weights = {name: p.detach() for name, p in steps.named_parameters() if p.requires_grad}
+    by = torch.eye(n).to(states).expand(members, n, n)
+    by = torch.cat([by.new_zeros(members, n, sum(p.numel() for p in weights.values())), by], dim=-1)
+    found = [by.new_empty(len(k), by.shape[-1]) for k in nodes]
+    each = [dict(zip(k.tolist(), range(len(k)), strict=True)) for k in nodes]
+
+    def keep(node: int) -> None:
+        for b, place in enumerate(each):
+            if node in place:
+                found[b][place[node]] = by[b, row]
+
+    keep(0)
+    length = max(1, _AT_ONCE // members)
+    for first in range(0, len(h), length):
+        part = slice(first, first + length)
+        x, ends = states[:-1][part], states[1:][part]
+        _, by_next, by_start = linearised(steps.system, x, ends, u[part], h[part], steps.scheme)
+        own = _by_weights(steps, weights, x, ends, u[part], h[part]) if weights else by_start[..., :0]
+        inverse = -torch.linalg.inv(by_next)
+        carry, own = inverse @ by_start, inverse @ own
+        for k in range(len(x)):
+            by = torch.cat([torch.baddbmm(own[k], carry[k], by[..., :-n]), carry[k] @ by[..., -n:]], dim=-1)
+            keep(first + k + 1)
+    return found
+
+
+def _by_weights(steps: Dense, weights: Mapping[str, Tensor], x: Tensor, ends: Tensor, u: Tensor, h: Tensor) -> Tensor:
+    """(N, B, n, W) derivatives of the residuals of single steps."""
+
+    def residual(given: dict[str, Tensor], *step: Tensor) -> Tensor:
+        return torch.func.functional_call(steps, given, (*step[:2], step[0][:0], *step[2:], False), tie_weights=False)[
+            0
+        ]
+
+    flat = [v.expand(*x.shape[:-1], v.shape[-1]).flatten(0, 1) for v in (x, ends, u, h)]
+    found = torch.func.vmap(torch.func.jacrev(residual), (None, 0, 0, 0, 0))(dict(weights), *flat)
+    return torch.cat([v.reshape(*v.shape[:2], -1) for v in found.values()], dim=-1).unflatten(0, x.shape[:-1])
+
+
+@torch.no_grad()
+def first_order(
+    steps: Dense, states: Tensor, u: Tensor, h: Tensor, moved: Mapping[str, Tensor], start: Tensor
+) -> Tensor:
+    """(N+1, ..., n) changes of the states by small changes of weights and of the initial state (..., n)."""
+    weights = {name: p.detach() for name, p in steps.named_parameters() if name in moved}
+    x, ends = states[:-1], states[1:]
+
+    def residual(given: dict[str, Tensor]) -> Tensor:
+        return torch.func.functional_call(steps, given, (x, ends, x[:0], u, h, False), tie_weights=False)[0]
+
+    change = torch.func.jvp(residual, (weights,), ({name: moved[name] for name in weights},))[1]
+    _, by_next, by_start = linearised(steps.system, x, ends, u, h, steps.scheme)
+    change[0] += _times(by_start[0], start)
+    inverse = -torch.linalg.inv(by_next)
+    return torch.cat([start.unsqueeze(0), recursion(inverse @ by_start, _times(inverse, change))])
+
+
 class _Root(NamedTuple):
-    """End states (N, ..., n) of a stretch, or the reason ``cause`` why there are none; it is empty on success."""
+    """End states (N, ..., n) of a stretch, or the reason ``cause`` why there are none; it is empty on success.
+
+    Of a stretch that was not solved the first ``solved`` steps are: what happens later does not act on them.
+    """
 
     x: Tensor
     cause: str = ""
+    solved: int = 0
 
 
 class _Run(NamedTuple):
@@ -155,6 +313,10 @@ class _Run(NamedTuple):
     u: Tensor
     h: Tensor
     scheme: Scheme
+
+    def first(self, steps: int) -> _Run:
+        """The first steps of the stretch."""
+        return self._replace(u=self.u[:steps], h=self.h[:steps])
 
     def starts(self, z: Tensor) -> Tensor:
         """(N, ..., n) states at the starts of steps that end at ``z``."""
@@ -188,6 +350,7 @@ def _newton(run: _Run, z: Tensor) -> _Root:
     for _ in range(_ITERATIONS):
         x = run.starts(z)
         residual, by_next, by_start = linearised(system, x, z, run.u, run.h, run.scheme)
+        residual = residual.detach()
         if not bool(torch.isfinite(residual).all()):
             return _Root(z, f"the vector field is not finite ({_names(system, ~torch.isfinite(residual))})")
         scale = _sizes(by_next, z) + _sizes(by_start, x) + torch.finfo(z.dtype).tiny
@@ -216,10 +379,19 @@ def _newton(run: _Run, z: Tensor) -> _Root:
     # The comparison also fails for NaN.
     if not worst <= _ACCEPTED * precision:
         bad = ~(residual.abs() <= _ACCEPTED * precision * scale)
-        return _Root(z, f"Newton's iteration stopped at a residual of {worst:.1e} ({_names(system, bad)})")
-    if not (_has_one_root(run, z) or _is_connected(run, z)):
+        wrong = ~(residual.abs() <= _ROUNDING * precision * scale).flatten(1).all(1)
+        solved = int(wrong.float().argmax())
+        if solved and not _is_sure(run.first(solved), z[:solved]):
+            solved = 0
+        return _Root(z, f"Newton's iteration stopped at a residual of {worst:.1e} ({_names(system, bad)})", solved)
+    if not _is_sure(run, z):
         return _Root(z, "the solution is not connected to the previous state (a law falls too steeply for this step)")
     return _Root(z)
+
+
+def _is_sure(run: _Run, z: Tensor) -> bool:
+    """Whether the steps have one solution each, or theirs are connected to their starts."""
+    return _has_one_root(run, z) or _is_connected(run, z)
 
 
 def _sizes(matrix: Tensor, state: Tensor) -> Tensor:

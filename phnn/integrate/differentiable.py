@@ -13,6 +13,7 @@ does it in torch for all others. Steps and gradients are the same.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import prod
 from typing import Any
 
@@ -82,11 +83,13 @@ def simulated(
     h: float | Tensor,  # steps [s]: one for all, (N,), or (N, ...) of every member of a batch its own
     scheme: Scheme = Scheme.DISCRETE_GRADIENT,
     start: float = 0.0,
+    near: Tensor | None = None,
 ) -> Tensor:
     """Integrate the steps of a batch; returns the states (N+1, ..., n), differentiable by parameters, x0, u and h.
 
     Args:
         start: time of the first state, for messages.
+        near: (N+1, ..., n) states from which the iteration in torch begins, of the same steps at other parameters.
 
     Raises:
         InputRefused, SolverFailed: as of `simulate`.
@@ -95,7 +98,7 @@ def simulated(
     h = h.expand(len(u), *x0.shape[: max(0, h.ndim - 1)])
     check(system, x0, u, h)
     compiles = x0.device.type == "cpu" and x0.dtype == torch.float64 and can_compile(system.network)
-    return solved(Compiled(system, scheme) if compiles else Dense(system, scheme), x0, u, h, start)
+    return solved(Compiled(system, scheme) if compiles else Dense(system, scheme, near), x0, u, h, start)
 
 
 def solved(steps: Compiled | Dense, x0: Tensor, u: Tensor, h: Tensor, start: float = 0.0) -> Tensor:
@@ -111,8 +114,6 @@ def _trained(steps: nn.Module) -> dict[str, Tensor]:
 
 class Compiled(nn.Module):
     """The compiled steps of a system. Called with states and mean efforts it returns the residuals of the steps."""
-
-    linearises = False
 
     def __init__(self, system: PortHamiltonianSystem, scheme: Scheme) -> None:
         super().__init__()
@@ -140,10 +141,10 @@ class Compiled(nn.Module):
         return _batch(states, x0.shape), _batch(efforts, x0.shape)
 
     def weights(
-        self, residual: Tensor, x: Tensor, ends: Tensor, others: tuple[Tensor, ...], wanted: Tensor, carry: Tensor
+        self, residual: Tensor, given: Sequence[Tensor], wanted: Tensor, carry: Tensor
     ) -> tuple[Tensor, Tensor]:
         """Return ``−μ`` (N, ..., n+m) of some steps, and (..., n) ``∂L/∂x`` at their start; see `Dense.weights`."""
-        efforts, u, h = others
+        x, ends, efforts, u, h = given
         states, cotangent = (_members(torch.cat([v[:1], w])) for v, w in ((x, ends), (0.0 * wanted, wanted)))
         means, inputs, sizes = (_members(v) for v in (efforts, u, h.expand(*u.shape[:-1], 1)))
         before = _members(carry.unsqueeze(0))[:, 0]
@@ -155,12 +156,12 @@ class Compiled(nn.Module):
         mu[..., : x.shape[-1]] *= -1.0
         return _batch(mu, carry.shape), torch.from_numpy(before).reshape(carry.shape)
 
-    def forward(self, x: Tensor, ends: Tensor, efforts: Tensor, u: Tensor, h: Tensor) -> Tensor:
-        """(N, ..., n+m) residuals of the steps."""
+    def forward(self, x: Tensor, ends: Tensor, efforts: Tensor, u: Tensor, h: Tensor) -> tuple[Tensor, ...]:
+        """(N, ..., n+m) residuals of the steps, and what `weights` is given."""
         sizes = h.expand(*u.shape[:-1], 1).reshape(-1)
-        x, ends, efforts, inputs = (v.flatten(0, -2) for v in (x, ends, efforts, u))
-        found = steps_residual(self.system, self.program, x, ends, efforts, inputs, sizes)
-        return found.value.reshape(*u.shape[:-1], -1)
+        start, end, means, inputs = (v.flatten(0, -2) for v in (x, ends, efforts, u))
+        found = steps_residual(self.system, self.program, start, end, means, inputs, sizes)
+        return found.value.reshape(*u.shape[:-1], -1), x, ends, efforts, u.detach(), h.detach()
 
 
 def _members(tensor: Tensor) -> Array:
@@ -193,17 +194,16 @@ class _Implicit(torch.autograd.Function):
         carry, length = torch.zeros_like(wanted[0]), max(1, BLOCK // max(1, prod(wanted.shape[1:-1])))
         for first in reversed(range(0, len(efforts), length)):
             part = slice(first, first + length)
-            x, ends = (v[part].detach().requires_grad_(ctx.steps.linearises) for v in (states[:-1], states[1:]))
+            x, ends = states[:-1][part], states[1:][part]
             own = [v[part] if i < 2 else v for i, v in enumerate(inputs)]
             own = [v.detach().requires_grad_(need) for v, need in zip(own, needs, strict=True)]
             with torch.enable_grad():
                 # By name, because the caller may have replaced the module's parameters for the duration of the call.
                 named = dict(zip(ctx.names, own[2:], strict=True))
-                residual = torch.func.functional_call(
+                residual, *given = torch.func.functional_call(
                     ctx.steps, named, (x, ends, efforts[part], *own[:2]), tie_weights=False
                 )
-            given = efforts[part], own[0], own[1]
-            weights, carry = ctx.steps.weights(residual, x, ends, given, wanted[1:][part], carry)
+            weights, carry = ctx.steps.weights(residual, given, wanted[1:][part], carry)
             asked = [i for i, need in enumerate(needs) if need]
             # A network may hold parameters and ports that do not occur in any of its equations.
             if not (asked and residual.requires_grad):

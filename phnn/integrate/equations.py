@@ -7,6 +7,7 @@ gives under its current ``i``. That of a modulator state is ``z⁺ − Z(z, s̄)
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -16,12 +17,14 @@ from torch import Tensor
 from phnn.integrate.partition import reducible, resistors_of
 from phnn.integrate.reducible import Surroundings, advanced
 from phnn.integrate.scheme import Scheme
+from phnn.laws.wide import is_passive_by_form
 from phnn.network import modulator_states
 from phnn.network.checks import evaluation
 from phnn.network.incidence import combined
 from phnn.network.system import PortHamiltonianSystem
 
 _KNOWN: WeakKeyDictionary[PortHamiltonianSystem, dict[Scheme, dict[int, int]]] = WeakKeyDictionary()
+_SLOPES: WeakKeyDictionary[PortHamiltonianSystem, dict[Scheme, bool]] = WeakKeyDictionary()
 
 
 class Means(NamedTuple):
@@ -128,19 +131,66 @@ def linearised(
     h: float | Tensor,
     scheme: Scheme = Scheme.DISCRETE_GRADIENT,
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """(..., N) residual and its (..., N, N) derivatives by the end and by the start of the step."""
+    """(..., N) residual and its (..., N, N) derivatives by the end and by the start of the step.
+
+    The residual is differentiable by all but the two states, where gradients are enabled.
+    """
+    if has_slopes(system, scheme):
+        residual = step_residual(system, x, z, u, h, scheme)
+        with torch.no_grad():
+            return residual, *closed_form(system, x, z, h)
     with torch.enable_grad():
         end, start = z.detach().requires_grad_(True), x.detach().requires_grad_(True)
         residual = step_residual(system, start, end, u, h, scheme)
-    return residual.detach(), *derivatives(residual, end, start)
-
-
-def derivatives(residual: Tensor, end: Tensor, start: Tensor) -> tuple[Tensor, Tensor]:
-    """(..., N, N) derivatives of a residual (..., N) by the end and by the start of the step, row by row.
-
-    Members of a batch are independent, so that one backward pass gives one row for all of them.
-    """
-    each = torch.eye(residual.shape[-1]).to(residual)
-    rows = [torch.autograd.grad(residual, (end, start), e.expand_as(residual), retain_graph=True) for e in each]
+        # Members of a batch are independent, so that one backward pass gives one row for all of them.
+        each = torch.eye(residual.shape[-1]).to(residual)
+        rows = [torch.autograd.grad(residual, (end, start), e.expand_as(residual), retain_graph=True) for e in each]
     by_next, by_start = (torch.stack(r, dim=-2) for r in zip(*rows, strict=True))
-    return by_next, by_start
+    return residual, by_next, by_start
+
+
+def has_slopes(system: PortHamiltonianSystem, scheme: Scheme) -> bool:
+    """Whether `closed_form` has the derivatives of the steps: in networks with laws on several variables that know
+    their slopes, and beside them resistors and storages that follow one variable each."""
+    network = system.network
+    if scheme not in _SLOPES.setdefault(system, {}):
+        together = [m.law for m in network.multi_ports] + [e.law for e in network.shared_energies]
+        others = network.modulations or network.memories or any(r.modulated_by for r in network.resistors)
+        known = together and all(is_passive_by_form(law) for law in together)
+        _SLOPES[system][scheme] = bool(known and not others and not reducible_rules(system, scheme))
+    return _SLOPES[system][scheme]
+
+
+@evaluation
+def closed_form(system: PortHamiltonianSystem, x: Tensor, z: Tensor, h: float | Tensor) -> tuple[Tensor, Tensor]:
+    """(..., N, N) derivatives of a step's residual by its end and by its start, as products of the laws' slopes."""
+    middle, network = 0.5 * (x + z), system.network
+    efforts, branches = system.mean_efforts(x, z), system.incidences(middle)[0]
+    by_start, by_end = (torch.diag_embed(s) for s in _elementwise(system.mean_effort, x, z))
+    for places, law in system.shared:
+        for total, own in zip((by_start, by_end), law.effort_slopes(x[..., places], z[..., places]), strict=True):
+            total[..., torch.tensor(places).unsqueeze(-1), places] += own
+    by_effort = system.interconnection(middle).expand_as(by_end)
+    by_middle = torch.zeros_like(by_end)
+    if network.resistors:
+        epsilon = combined(efforts, branches)
+        (slopes,) = _elementwise(lambda r, e: system.branch_flow(r, e, middle), epsilon)
+        by_effort = by_effort - (branches * slopes.unsqueeze(-2)) @ branches.mT
+    for port in system.multi_ports:
+        b = port.columns(system.ratios(middle))
+        slopes = b @ port.law.flow_slopes(combined(efforts, b), middle[..., port.reads])
+        by_effort = by_effort - slopes[..., : b.shape[-1]] @ b.mT
+        by_middle[..., port.reads] -= slopes[..., b.shape[-1] :]
+    h, one = (h.unsqueeze(-1) if isinstance(h, Tensor) and h.ndim else h), torch.eye(x.shape[-1]).to(x)
+    half = 0.5 * by_middle
+    return one - h * (by_effort @ by_end + half), -one - h * (by_effort @ by_start + half)
+
+
+def _elementwise(law: Callable[..., Tensor], *given: Tensor) -> list[Tensor]:
+    """(..., K) derivatives of functions ``law(k, …)`` of the k-th column of every given tensor, by each of these."""
+    with torch.enable_grad():
+        at = [[v.detach().requires_grad_(True) for v in t.unbind(-1)] for t in given]
+        values = [law(k, *one) for k, one in enumerate(zip(*at, strict=True))]
+        flat = [v for columns in at for v in columns]
+        found = torch.autograd.grad([v.sum() for v in values], flat, materialize_grads=True)
+    return [torch.stack(found[i : i + len(values)], dim=-1) for i in range(0, len(found), len(values))]

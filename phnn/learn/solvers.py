@@ -23,6 +23,8 @@ from phnn.learn.plant import NetworkPlant, Plant
 from phnn.learn.windows import Window
 
 _ROUNDING = 1e-9
+# States of a shorter share of a recording do not replace those of a longer one.
+_LONG = 0.9
 
 # Name of the solver without torchdiffeq.
 OWN = "discrete_gradient"
@@ -59,18 +61,52 @@ def solver_for(settings: Mapping[str, Any], plant: Plant) -> Solver:
 def discrete_gradient(plant: Plant, windows: Sequence[Window], x0: Tensor) -> list[Tensor]:
     """Integrate windows of a network in batches, by compiled code where it can and in torch otherwise."""
     assert isinstance(plant, NetworkPlant)
-    network = plant.system.network
+    compiles = can_compile(plant.system.network)
 
     def solved(members: Sequence[Window], starts: Tensor) -> Tensor:
-        # Shorter windows go on under their last input, and what they do there counts for nothing.
-        count = torch.arange(max(len(w.h) for w in members))
-        rows = [count.clamp_max(len(w.h) - 1) for w in members]
-        u = plant.inputs(torch.stack([w.mean[k] for w, k in zip(members, rows, strict=True)], dim=1))
-        h = torch.stack([w.h[k] for w, k in zip(members, rows, strict=True)], dim=1)
-        return simulated(plant.system, starts, u, h)
+        u, h = together(plant, members)
+        states = simulated(plant.system, starts, u, h, near=None if compiles else near(plant, members))
+        if not compiles:
+            remember(plant, members, states.detach())
+        return states
 
     # Compiled code takes one member after the other: there no step should be wasted.
-    return _by_groups(solved, windows, x0, [len(w.h) if can_compile(network) else 0 for w in windows])
+    return _by_groups(solved, windows, x0, [len(w.h) if compiles else len(w.h).bit_length() for w in windows])
+
+
+def together(plant: Plant, windows: Sequence[Window]) -> tuple[Tensor, Tensor]:
+    """Mean inputs (N, B, P) and steps (N, B) of windows; shorter ones go on under their last input, which counts for
+    nothing."""
+    count = torch.arange(max(len(w.h) for w in windows))
+    rows = [count.clamp_max(len(w.h) - 1) for w in windows]
+    u = plant.inputs(torch.stack([w.mean[k] for w, k in zip(windows, rows, strict=True)], dim=1))
+    return u, torch.stack([w.h[k] for w, k in zip(windows, rows, strict=True)], dim=1)
+
+
+def near(plant: NetworkPlant, windows: Sequence[Window]) -> Tensor | None:
+    """(N+1, B, n) states that were last found at the times of some windows, interpolated; None where any is missing."""
+    found = []
+    for w in windows:
+        times, states = plant.near.get(w.name, (w.times[:0], w.times[:0]))
+        # The last sample of a thinned recording lies up to an interval before that of the recording.
+        if len(times) < 2 or times[0] > w.times[0] or 2.0 * times[-1] - times[-2] < w.times[-1] - _ROUNDING:
+            return None
+        k = (torch.searchsorted(times, w.times, right=True) - 1).clamp(0, len(times) - 2)
+        share = ((w.times - times[k]) / (times[k + 1] - times[k])).unsqueeze(-1)
+        found.append(states[k] + share * (states[k + 1] - states[k]))
+    longest = max(map(len, found))
+    return torch.stack([torch.cat([x, x[-1:].expand(longest - len(x), -1)]) for x in found], dim=1)
+
+
+def remember(plant: NetworkPlant, windows: Sequence[Window], states: Tensor) -> None:
+    """Keep the states (N+1, B, n) of windows of whole recordings."""
+    for name in dict.fromkeys(w.name for w in windows):
+        mine = [(w, states[: len(w.h) + 1, k]) for k, w in enumerate(windows) if w.name == name]
+        last = len(mine) - 1
+        times = torch.cat([w.times[: None if k == last else -1] for k, (w, _) in enumerate(mine)])
+        known = plant.near.get(name)
+        if known is None or times[-1] - times[0] > _LONG * (known[0][-1] - known[0][0]):
+            plant.near[name] = times, torch.cat([x[: None if k == last else -1] for k, (_, x) in enumerate(mine)])
 
 
 def _by_groups(
