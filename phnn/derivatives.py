@@ -93,7 +93,7 @@ def output_derivatives(
 
 def _by_start(trajectory: Trajectory, initial: Sequence[int]) -> Array:
     """(N, S) derivatives of an output by initial states, of a network that torch has solved."""
-    from phnn.integrate.dense import by_start
+    from phnn.integrate.differentiable import by_start
 
     nodes, times, samples_of = sensed(
         trajectory.setup, trajectory.recording, trajectory.driving, trajectory.nodes, trajectory.h
@@ -105,22 +105,6 @@ def _by_start(trajectory: Trajectory, initial: Sequence[int]) -> Array:
         trajectory.setup, trajectory.states[nodes, trajectory.output], times, changes[:, list(initial)], ()
     )
     return seen[samples_of][trajectory.lead :]
-
-
-def output_gradient(trajectory: Trajectory, names: Sequence[str], cotangent: Array) -> Array:
-    """(K,) derivative of ``Σ_n c_n q_n`` by network parameters, by one backward sweep whatever their number.
-
-    Args:
-        names: K parameters of the network.
-        cotangent: (N,) ``c``, of the samples of the measured state.
-    """
-    program = trajectory.program
-    places = np.array([program.names.index(n) for n in names], dtype=np.int64)
-    along = np.zeros_like(trajectory.states)
-    along[trajectory.nodes[trajectory.lead :], program.output] = cotangent
-    gradient, back = sweep.adjoint(_integrated(trajectory), places, along)
-    moved = sweep.by_parameters(places, trajectory.h.size)
-    return np.asarray(gradient + (back + along[0]) @ _start_derivative(trajectory, moved, places))
 
 
 def _integrated(trajectory: Trajectory) -> Integrated:

@@ -230,7 +230,7 @@ class Trajectory:
     """A simulated recording: ``N`` samples and ``n`` steps, those of a run-in among them.
 
     Attributes:
-        setup, recording, compiled, theta: what was simulated; ``compiled`` is None where torch has solved the steps.
+        setup, recording, scheme, compiled, theta: what was simulated; ``compiled`` is None where torch took the steps.
         driving: the recorded input on the steps.
         h: (n,) steps [s].
         nodes: (N + lead,) step index of every sample.
@@ -247,6 +247,7 @@ class Trajectory:
 
     setup: Setup
     recording: Recording
+    scheme: Scheme
     compiled: Program | None
     theta: Array
     driving: Driving
@@ -345,7 +346,7 @@ def simulate(
     x0 = initial
     before = lead * recording.dt
     if program is None:
-        from phnn.integrate.dense import integrated
+        from phnn.integrate.differentiable import integrated
 
         states, efforts = integrated(network, x0, u, h, cycle, held, scheme, -before)
     else:
@@ -359,7 +360,7 @@ def simulate(
     places = sensed(setup, recording, driving, nodes, h)
     y = _measured(setup, states[:, network.state_names.index(network.output)], places, before, cycle)
     return Trajectory(
-        setup, recording, program, theta, driving, h, nodes, lead, cycle, cycle if initial is None else 0, rest,
+        setup, recording, scheme, program, theta, driving, h, nodes, lead, cycle, cycle if initial is None else 0, rest,
         recording.t, y[lead:], fine, u, states, efforts,
     )  # fmt: skip
 

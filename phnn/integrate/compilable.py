@@ -1,4 +1,4 @@
-"""Test whether the compiled kernels can solve a network; `phnn.integrate.dense` solves the others in torch."""
+"""Test whether the compiled kernels can solve a network; `phnn.integrate.differentiable` solves the others in torch."""
 
 from __future__ import annotations
 
@@ -59,6 +59,6 @@ def partly_driven(network: Network, storages: Iterable[str]) -> str:
             if named and missing:
                 return (
                     f"modulator state {memory.name}: {named[0]} drives it and {missing[0]}, on the same storage "
-                    f"{storage}, does not: name both or neither, or solve with phnn.integrate.dense and Scheme.MIDPOINT"
+                    f"{storage}, does not: name both or neither, or take Scheme.MIDPOINT"
                 )
     return ""

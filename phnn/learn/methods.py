@@ -15,7 +15,7 @@ from torch import Tensor, nn
 from phnn.errors import InputRefused, SolverFailed
 from phnn.integrate import kernel, sweep
 from phnn.integrate.compilable import can_compile
-from phnn.integrate.dense import Dense, first_order, march, sensitivities
+from phnn.integrate.differentiable import Steps, first_order, march, sensitivities
 from phnn.integrate.program import Program, compile_network
 from phnn.learn.objective import Objective
 from phnn.learn.plant import NetworkPlant
@@ -154,7 +154,7 @@ class InTorch:
     def __init__(self, objective: Objective) -> None:
         plant = objective.plant
         assert isinstance(plant, NetworkPlant)
-        self.objective, self.plant, self.steps = objective, plant, Dense(plant.system)
+        self.objective, self.plant, self.steps = objective, plant, Steps(plant.system)
         self.row = plant.system.state_names.index(plant.system.network.output)
         self.trained = {n: p for n, p in self.steps.named_parameters() if p.requires_grad}
         # Of equal lengths: no step is wasted.

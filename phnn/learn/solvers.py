@@ -11,18 +11,22 @@ from functools import partial
 from typing import Any
 
 import torch
+import torchdiffeq
 from torch import Tensor, nn
 from torch.nn.utils.rnn import pad_sequence
 
-from phnn.errors import InputRefused
+from phnn.errors import InputRefused, SolverFailed
 from phnn.integrate.compilable import can_compile
 from phnn.integrate.differentiable import simulated
-from phnn.integrate.method import METHOD
-from phnn.integrate.ode import ADAPTIVE, odeint
+from phnn.integrate.method import METHOD, solve
 from phnn.learn.plant import NetworkPlant, Plant
 from phnn.learn.windows import Window
 
+ADAPTIVE = ("dopri5", "dopri8", "bosh3", "adaptive_heun", "fehlberg2")
+FIXED = ("euler", "midpoint", "heun2", "heun3", "rk4")
+
 _ROUNDING = 1e-9
+_MAX_STEPS = 1_000_000
 # States of a shorter share of a recording do not replace those of a longer one.
 _LONG = 0.9
 
@@ -130,9 +134,9 @@ class Torchdiffeq:
     lengths and steps apart, one batch for each, in true time.
 
     Args:
-        method: ``phnn``, the power-preserving step (`phnn.integrate.method`), for networks; or any other one of
-            `phnn.integrate.ode.odeint`.
-        adjoint: gradients by `odeint_adjoint`.
+        method: ``phnn``, the power-preserving step (`phnn.integrate.method`), for networks; or an `ADAPTIVE` or
+            `FIXED` method of torchdiffeq. Those of several steps have inexact gradients, and scipy's have none.
+        adjoint: gradients by `odeint_adjoint`; those of ``phnn`` are exact either way.
         rtol, atol: of adaptive methods; ``atol`` in units of the typical states.
     """
 
@@ -141,6 +145,8 @@ class Torchdiffeq:
     ) -> None:
         if method == METHOD and not isinstance(plant, NetworkPlant):
             raise InputRefused(f"method = {method} under torchdiffeq is for networks: take rk4 or dopri5")
+        if method not in (METHOD, *ADAPTIVE, *FIXED):
+            raise InputRefused(f"method = {method}: choose one of {', '.join((METHOD, *ADAPTIVE, *FIXED))}")
         self.method, self.adjoint, self.rtol, self.atol = method, adjoint, rtol, atol
 
     def __call__(self, plant: Plant, windows: Sequence[Window], x0: Tensor) -> list[Tensor]:
@@ -152,9 +158,21 @@ class Torchdiffeq:
     def _general(self, plant: Plant, windows: Sequence[Window], x0: Tensor) -> Tensor:
         counted = _Counted(plant, windows)
         t = torch.arange(counted.h.shape[0] + 1, dtype=torch.float64)
-        jumps = counted.jumps() if self.method in ADAPTIVE else None
-        atol = self.atol * plant.scale
-        return odeint(counted, x0, t, self.method, self.rtol, atol, self.adjoint, jumps)
+        integrate = torchdiffeq.odeint_adjoint if self.adjoint else torchdiffeq.odeint
+        # Both sides of a jump are seen: adaptive steps end there, and so do outputs, which are not interpolated.
+        options: dict[str, Any] = {"perturb": True}
+        if self.method in ADAPTIVE:
+            options = {"jump_t": counted.jumps(), "max_num_steps": _MAX_STEPS}
+        adjoint = {"adjoint_atol": self.atol * float(plant.scale.min())} if self.adjoint else {}
+        tolerances = {"rtol": self.rtol, "atol": self.atol * plant.scale}
+        try:
+            states: Tensor = integrate(counted, x0, t, method=self.method, options=options, **tolerances, **adjoint)
+        except AssertionError as error:
+            raise SolverFailed(f"torchdiffeq stopped: {error}; the model is too stiff for {self.method}") from error
+        finite = torch.isfinite(states).flatten(1).all(1)
+        if not bool(finite.all()):
+            raise SolverFailed(f"{self.method} is unstable from step {int((~finite).int().argmax())} on: add sub-steps")
+        return states
 
 
 def _preserving(plant: Plant, windows: Sequence[Window], x0: Tensor) -> Tensor:
@@ -170,8 +188,7 @@ def _preserving(plant: Plant, windows: Sequence[Window], x0: Tensor) -> Tensor:
         start, end, of_step = (v.index_select(0, k.reshape(1))[0] for v, k in ((t, step), (t, step + 1), (fine, step)))
         return plant.inputs(_quadratic(of_step, (time - start) / (end - start)))
 
-    # Its gradients are those of the adjoint, found in one sweep.
-    return odeint(plant.system.with_input(inputs), x0, t, METHOD)
+    return solve(plant.system.with_input(inputs), x0, t)
 
 
 def _quadratic(fine: Tensor, share: Tensor) -> Tensor:

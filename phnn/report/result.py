@@ -28,7 +28,7 @@ from phnn.effects import Plausible
 from phnn.effects.places import values_by_role
 from phnn.identification.covariance import difference
 from phnn.identification.identified import save_fit
-from phnn.integrate.residual import power_balance
+from phnn.integrate.equations import power_balance
 from phnn.network.roles import auxiliary, capacitances
 from phnn.parameters import FORCE_UNITS, Parameter, quantity
 from phnn.recordings.recording import ACTUATOR, Recording

@@ -15,8 +15,7 @@ from torch import Tensor, nn
 
 from phnn.derivatives import output_derivatives
 from phnn.errors import InputRefused, SolverFailed, StructureViolated
-from phnn.integrate.dense import Dense, sensitivities
-from phnn.integrate.differentiable import simulated
+from phnn.integrate.differentiable import Steps, sensitivities, simulated
 from phnn.integrate.equations import closed_form, step_residual
 from phnn.integrate.scheme import Scheme
 from phnn.laws import RESISTOR_LAWS
@@ -247,10 +246,10 @@ def test_slopes_in_closed_form_and_sensitivities_are_those_of_automatic_differen
     h = torch.full((5, 2, 1), 0.1, dtype=torch.float64)
     end, start, u = z.clone().requires_grad_(), x.clone().requires_grad_(), torch.ones(5, 2, 1, dtype=torch.float64)
     residual = step_residual(system, start, end, u, h)
-    for found, at in zip(closed_form(system, x, z, h), (end, start), strict=True):
+    for found, at in zip(closed_form(system, x, z, u, h, Scheme.DISCRETE_GRADIENT), (end, start), strict=True):
         rows = [torch.autograd.grad(residual[..., i].sum(), at, retain_graph=True)[0] for i in range(3)]
         assert torch.allclose(found, torch.stack(rows, dim=-2), rtol=1e-12, atol=1e-14)
-    steps, x0 = Dense(system), 0.1 * x[0]
+    steps, x0 = Steps(system), 0.1 * x[0]
     states = simulated(system, x0, u, h[..., 0])
     by = sensitivities(steps, states.detach(), u, h, [torch.arange(6)] * 2, 0)
     weights = [p for p in steps.parameters() if p.requires_grad]

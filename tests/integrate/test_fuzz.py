@@ -11,8 +11,8 @@ from junctions import trajectory_of
 from networks import random_network, remembering
 
 from phnn.integrate import kernel
+from phnn.integrate.equations import check, power_balance, rounding
 from phnn.integrate.program import compile_network
-from phnn.integrate.residual import check, power_balance, rounding
 from phnn.network import Network, PortHamiltonianSystem, Resistor
 from phnn.nn import SectorMLP
 

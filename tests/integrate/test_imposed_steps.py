@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from phnn.errors import SolverFailed
 from phnn.integrate import dense, kernel
+from phnn.integrate.equations import check, power_balance
 from phnn.integrate.program import compile_network
-from phnn.integrate.residual import check, power_balance
 from phnn.network import Coupling, Network, PortHamiltonianSystem, Resistor, Storage
 from phnn.network.bondgraph import Bond, BondGraph, C, I, R, Sf
 from phnn.network.bondgraph.description import Element
