@@ -193,9 +193,10 @@ class Steps(nn.Module):
         theta = program.filled(
             {n: (values[n] if n in values else self.system.value(n)).item() for n in program.names}, self.system.network
         )
+        members = prod(x0.shape[:-1])
         # (B, N, k) arrays of the members of a batch.
         starts, inputs, sizes = (
-            np.ascontiguousarray(v.detach().reshape(len(v), -1, v.shape[-1]).transpose(0, 1).numpy())
+            np.ascontiguousarray(v.detach().reshape(len(v), members, v.shape[-1]).transpose(0, 1).numpy())
             for v in (x0.unsqueeze(0), u, h.expand(*u.shape[:-1], 1))
         )
         states, efforts = np.empty((len(starts), len(u) + 1, x0.shape[-1])), np.empty((len(u), x0.shape[-1]))

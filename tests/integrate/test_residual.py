@@ -186,5 +186,8 @@ def test_unusable_arguments_are_refused() -> None:
         simulated(system, x0, u.float(), 1e-5)
     with pytest.raises(InputRefused, match=r"not finite at index \(1, 0\)"):
         simulated(system, x0, u + torch.tensor([[0.0], [np.nan], [0.0]], dtype=torch.float64), 1e-5)
-    with pytest.raises(InputRefused, match="positive, finite steps"):
-        simulated(system, x0, u, 0.0)
+    for h in (0.0, -1.0, float("nan")):
+        with pytest.raises(InputRefused, match="positive, finite steps"):
+            simulated(system, x0, u, h)
+    with pytest.raises(InputRefused, match="do not fit"):
+        simulated(system, torch.zeros(4, 4, dtype=torch.float64), torch.zeros(3, 5, 2, dtype=torch.float64), 0.1)
