@@ -35,8 +35,6 @@ from phnn.network.system import PortHamiltonianSystem
 if TYPE_CHECKING:
     from phnn.trajectory import Trajectory
 
-# Stages of Radau IIA: residual relative to their terms, in units of the numbers' precision; Newton steps and halvings.
-_STAGES, _NEWTON_STEPS, _HALVINGS = 45.0, 60, 60
 # A motion that dies away passes through subnormal numbers, where relative accuracy is lost.
 _NOTHING = 1e-180
 
@@ -85,7 +83,9 @@ def means(
     inflow = inflow + combined(system.actions(u), system.incidences(middle)[1].mT)
     currents, ends = {k: inflow[..., k] for k in rules}, {}
     for k, rule in rules.items():
-        ends[k], efforts[k] = advanced(system, k, rule, x[..., k], currents[k], middle, _of_one_storage(h))
+        ends[k], efforts[k] = advanced(
+            system, k, rule, x[..., k], currents[k], x_next[..., k], middle, _of_one_storage(h)
+        )
     return Means(torch.stack(efforts, dim=-1), middle, currents, ends)
 
 
@@ -185,10 +185,10 @@ def closed_form(
             total[..., torch.tensor(places).unsqueeze(-1), places] += own
     ends = {}
     for k, rule in rules.items():
-        # The efforts of other storages drive it; its end and its mean effort follow from its start and its current.
-        by_state, by_current = _leaf_slopes(system, k, rule, x[..., k], step, _of_one_storage(h))
+        # The efforts of other storages drive it; its end and its mean effort follow from its states and its current.
+        slopes = _leaf_slopes(system, k, rule, x[..., k], z[..., k], step, _of_one_storage(h))
         of_end, of_start = ((structure[..., k : k + 1, :] @ by).squeeze(-2) for by in (by_end, by_start))
-        end, effort = ((by_current[o] * of_end, by_current[o] * of_start + by_state[o] * one[k]) for o in (0, 1))
+        end, effort = ((i * of_end + b * one[k], i * of_start + a * one[k]) for a, i, b in slopes)
         ends[k] = end
         by_end[..., k, :], by_start[..., k, :] = effort
     by_effort, by_middle = structure.expand_as(by_end), torch.zeros_like(by_end)
@@ -221,15 +221,14 @@ def _slopes(values: Callable[..., list[Tensor]], *given: Tensor) -> tuple[Tensor
 
 
 def _leaf_slopes(
-    system: PortHamiltonianSystem, k: int, rule: int, x: Tensor, step: Means, h: float | Tensor
-) -> tuple[list[Tensor], list[Tensor]]:
-    """Return derivatives (..., 1) of the end and the mean effort of a reducible storage, by state and by current."""
-    current = step.currents[k].detach().requires_grad_(True)
+    system: PortHamiltonianSystem, k: int, rule: int, x: Tensor, end: Tensor, step: Means, h: float | Tensor
+) -> list[list[Tensor]]:
+    """Return derivatives (..., 1) of the end and the mean effort of a reducible storage, by start, current and end."""
     with torch.enable_grad():
-        start = x.detach().expand_as(current).clone().requires_grad_(True)
-        both = advanced(system, k, rule, start, current, step.middle, h)
-        found = [torch.autograd.grad(v.sum(), (start, current), retain_graph=True) for v in both]
-    return [by[0].unsqueeze(-1) for by in found], [by[1].unsqueeze(-1) for by in found]
+        at = [v.detach().expand_as(step.currents[k]).clone().requires_grad_(True) for v in (x, step.currents[k], end)]
+        both = advanced(system, k, rule, *at, step.middle, h)
+        found = [torch.autograd.grad(v.sum(), at, retain_graph=True, materialize_grads=True) for v in both]
+    return [[slope.unsqueeze(-1) for slope in by] for by in found]
 
 
 # ------------------------------------------------------------------------------------------------- reducible storages
@@ -241,6 +240,7 @@ def advanced(
     rule: int,
     x: Tensor,  # (...) state at the start of the step
     current: Tensor,  # (...) constant inflow
+    end: Tensor,  # (...) state at the end of the step
     middle: Tensor,  # (..., N) state that laws read
     h: float | Tensor,  # [s], a number or (...)
 ) -> tuple[Tensor, Tensor]:
@@ -248,7 +248,8 @@ def advanced(
 
     Args:
         rule: ``EXACT`` for the flow `phnn.laws.leaf.rc_flow`, which the compiled kernels call too; ``PATH`` for the
-            closed form of a law of the path; or ``RADAU`` (`phnn.integrate.stages`).
+            closed form of a law of the path; or ``RADAU`` (`phnn.integrate.stages`), which reads the end state that it
+            returns: both are equal at the solution alone.
     """
     network, small = system.network, torch.full_like(current, NEAR_REST)
     x, stiffness = x + 0.0 * current, system.mean_effort(k, small, small) / NEAR_REST
@@ -268,75 +269,19 @@ def advanced(
         leak = sum((system.branch_flow(r, one, middle) for r in others), torch.zeros_like(one))
         relaxed = *relaxation(h * (rho + leak) * stiffness), *relaxation(h * leak * stiffness)
         return rc_flow(x, current, h + 0.0 * one, stiffness, rho, low, high, leak, *relaxed)
+    # Both stages: the second is the end, the first follows from the second defect; the first defect is left.
     branches = system.incidences(middle)[0][..., k, :]
-
-    def lost(state: Tensor) -> Tensor:
-        return _flows_of(system, k, stiffness * state, branches, middle).sum(0)
-
-    return _radau(lost, x, current, h, stiffness)
+    lost = _flows_of(system, k, stiffness * end, branches, middle).sum(0)
+    one = x + (2.5 * (end - x) - h * (current - lost)) / 4.5
+    lost = torch.stack([_flows_of(system, k, stiffness * one, branches, middle).sum(0), lost])
+    defect = radau_defects(one - x, end - x, current, h, *lost)[0]
+    return end - 0.75 * defect, stiffness * (0.75 * one + 0.25 * end)
 
 
 def _flows_of(system: PortHamiltonianSystem, k: int, effort: Tensor, branches: Tensor, middle: Tensor) -> Tensor:
     """Return (R, ...) ``b φ(b ε)`` of the resistors on a storage alone."""
     on = resistors_of(system.network, system.state_names[k])
     return torch.stack([branches[..., r] * system.branch_flow(r, branches[..., r] * effort, middle) for r in on])
-
-
-def _radau(
-    lost: Callable[[Tensor], Tensor], x: Tensor, current: Tensor, h: float | Tensor, stiffness: Tensor
-) -> tuple[Tensor, Tensor]:
-    """Return the end state and mean effort of Radau's step; one Newton step from its stages carries the derivatives."""
-    stages = _radau_stages(lost, x.detach(), current.detach(), h)
-    slope = _with_slope(lost, stages)[1]
-    g1, g2 = radau_defects(stages[0] - x, stages[1] - x, current, h, *lost(stages))
-    moved = _radau_step(g1, g2, slope, h.detach() if isinstance(h, Tensor) else h)
-    one, two = stages - moved
-    return two, stiffness * (0.75 * one + 0.25 * two)
-
-
-def _radau_step(g1: Tensor, g2: Tensor, slope: Tensor, h: float | Tensor) -> Tensor:
-    """Return (2, ...) ``M⁻¹ g`` with the matrix ``M = [[a, 1/2], [−9/2, b]]`` of the defects of both stages."""
-    a, b = 1.5 + h * slope[0], 2.5 + h * slope[1]
-    return torch.stack([b * g1 - 0.5 * g2, 4.5 * g1 + a * g2]) / (a * b + 2.25)
-
-
-def _with_slope(lost: Callable[[Tensor], Tensor], state: Tensor) -> tuple[Tensor, Tensor]:
-    """Return the flow lost at a state and its slope, both without gradients."""
-    with torch.enable_grad():
-        at = state.detach().clone().requires_grad_(True)
-        flow = lost(at)
-        (slope,) = torch.autograd.grad(flow.sum(), at, materialize_grads=True)
-    return flow.detach(), slope
-
-
-@torch.no_grad()
-def _radau_stages(lost: Callable[[Tensor], Tensor], x: Tensor, i: Tensor, h: float | Tensor) -> Tensor:
-    """Return (2, ...) both stages, NaN where they are not found.
-
-    A Newton step is halved until the defects fall. They are strictly monotone for every law that is, after the first
-    is multiplied by nine.
-    """
-    stages, tolerance = torch.stack([x, x]), _STAGES * torch.finfo(x.dtype).eps
-
-    def defects(at: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        flow, slope = _with_slope(lost, at)
-        return torch.stack(radau_defects(at[0] - x, at[1] - x, i, h, *flow)), flow, slope
-
-    left, flow, slope = defects(stages)
-    for _ in range(_NEWTON_STEPS):
-        terms = stages.abs().sum(0) + x.abs() + h * i.abs() + h * (flow.abs() + (slope * stages).abs())
-        arrived = (left.abs() <= tolerance * terms + torch.finfo(x.dtype).tiny).all(0)
-        if bool(arrived.all()):
-            break
-        step, size = torch.where(arrived, 0.0, _radau_step(*left, slope, h)), left.abs().sum(0)
-        for _ in range(_HALVINGS):
-            after, flow, slope = defects(stages - step)
-            worse = ~arrived & ~(after.abs().sum(0) < size)
-            if not bool(worse.any()):
-                break
-            step = torch.where(worse, 0.5 * step, step)
-        stages, left = stages - step, after
-    return torch.where(arrived, stages, torch.nan)
 
 
 # ------------------------------------------------------------------------------ balance and check of integrated steps
