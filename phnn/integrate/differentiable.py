@@ -4,12 +4,12 @@
     λ_k = ∂L/∂x_k − B_kᵀ μ_k,     A_kᵀ μ_k = λ_{k+1},     dL/dθ = −Σ_k μ_kᵀ ∂R_k/∂θ
 
 Compiled code (`phnn.integrate.kernel`) takes the steps where it can: in 64 bits, on the processor, laws with a kernel.
-`march` takes all others in torch, and the numbers are the same. The forward pass keeps the states of all steps. The
+Torch takes all others, and the numbers are the same. The forward pass keeps the states of all steps. The
 backward pass goes over them block by block from the end: it evaluates the residuals of a block at once with their
 Jacobians (`phnn.integrate.equations`) and finds all multipliers ``μ`` in one sweep, so that the cost of a gradient
 hardly depends on the number of parameters.
 
-`march` solves many steps at once, of all members of a batch. Newton's step of a stretch is the recursion
+Torch solves many steps at once, of all members of a batch. Newton's step of a stretch is the recursion
 
     A_k δ_{k+1} = −R_k − B_k δ_k,     δ_0 = 0,
 
@@ -602,7 +602,7 @@ def integrated(
         start: time of the first state, for messages.
 
     Raises:
-        SolverFailed: as of `Dense.solve`; or there is no steady state or cycle.
+        SolverFailed: as of `march`; or there is no steady state or cycle.
     """
     system, inputs, steps = PortHamiltonianSystem(network), torch.from_numpy(u), torch.from_numpy(h).unsqueeze(-1)
     x = torch.from_numpy(steady_state(network, held) if x0 is None else np.asarray(x0, dtype=float))
