@@ -186,9 +186,9 @@ def closed_form(
     ends = {}
     for k, rule in rules.items():
         # The efforts of other storages drive it; its end and its mean effort follow from its states and its current.
-        slopes = _leaf_slopes(system, k, rule, x[..., k], z[..., k], step, _of_one_storage(h))
+        of_leaf = _leaf_slopes(system, k, rule, x[..., k], z[..., k], step, _of_one_storage(h))
         of_end, of_start = ((structure[..., k : k + 1, :] @ by).squeeze(-2) for by in (by_end, by_start))
-        end, effort = ((i * of_end + b * one[k], i * of_start + a * one[k]) for a, i, b in slopes)
+        end, effort = ((i * of_end + b * one[k], i * of_start + a * one[k]) for a, i, b in of_leaf)
         ends[k] = end
         by_end[..., k, :], by_start[..., k, :] = effort
     by_effort, by_middle = structure.expand_as(by_end), torch.zeros_like(by_end)
@@ -216,7 +216,7 @@ def _slopes(values: Callable[..., list[Tensor]], *given: Tensor) -> tuple[Tensor
     with torch.enable_grad():
         at = [g.detach().requires_grad_(True) for g in given]
         # A constant law has a slope too.
-        total = sum((v.sum() for v in values(*at)), sum(0.0 * a.sum() for a in at))
+        total = torch.stack([v.sum() for v in values(*at)] + [0.0 * a.sum() for a in at]).sum()
         return torch.autograd.grad(total, at)
 
 
@@ -225,8 +225,9 @@ def _leaf_slopes(
 ) -> list[list[Tensor]]:
     """Return derivatives (..., 1) of the end and the mean effort of a reducible storage, by start, current and end."""
     with torch.enable_grad():
-        at = [v.detach().expand_as(step.currents[k]).clone().requires_grad_(True) for v in (x, step.currents[k], end)]
-        both = advanced(system, k, rule, *at, step.middle, h)
+        current = step.currents[k]
+        at = [v.detach().expand_as(current).clone().requires_grad_(True) for v in (x, current, end)]
+        both = advanced(system, k, rule, at[0], at[1], at[2], step.middle, h)
         found = [torch.autograd.grad(v.sum(), at, retain_graph=True, materialize_grads=True) for v in both]
     return [[slope.unsqueeze(-1) for slope in by] for by in found]
 
