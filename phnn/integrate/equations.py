@@ -104,7 +104,14 @@ def step_residual(
     scheme: Scheme = Scheme.DISCRETE_GRADIENT,
 ) -> Tensor:
     """Return the (..., N) residual of the step equations, zero at their solution; steps in a batch are independent."""
-    step, first = means(system, scheme, x, x_next, u, h), len(system.network.storages)
+    return _residual(system, means(system, scheme, x, x_next, u, h), x, x_next, u, h)
+
+
+def _residual(
+    system: PortHamiltonianSystem, step: Means, x: Tensor, x_next: Tensor, u: Tensor, h: float | Tensor
+) -> Tensor:
+    """Return the residual of `step_residual` from the means of the step."""
+    first = len(system.network.storages)
     residual = x_next[..., :first] - x[..., :first] - h * system.rate(step.efforts, step.middle, u)
     if step.ends:
         columns = list(residual.unbind(-1))
@@ -133,6 +140,7 @@ def _powers(system: PortHamiltonianSystem, step: Means, x: Tensor, h: float | Te
 # ---------------------------------------------------------------------------------------------- derivatives of a step
 
 
+@evaluation
 def linearised(
     system: PortHamiltonianSystem,
     x: Tensor,  # (..., N) state at the start of the step
@@ -146,9 +154,10 @@ def linearised(
     The residual is differentiable by all but the two states, where gradients are enabled.
     """
     if has_closed_form(system):
-        residual = step_residual(system, x, z, u, h, scheme)
+        step = means(system, scheme, x, z, u, h)
+        residual = _residual(system, step, x, z, u, h)
         with torch.no_grad():
-            return residual, *closed_form(system, x, z, u, h, scheme)
+            return residual, *_closed_form(system, x, z, step, h, reducible_rules(system, scheme))
     with torch.enable_grad():
         end, start = z.detach().requires_grad_(True), x.detach().requires_grad_(True)
         residual = step_residual(system, start, end, u, h, scheme)
@@ -160,20 +169,18 @@ def linearised(
 
 
 def has_closed_form(system: PortHamiltonianSystem) -> bool:
-    """Return whether `closed_form` serves: no ratio or resistor follows a state, and multi-ports know their slopes."""
+    """Return whether `_closed_form` serves: no ratio or resistor follows a state, and multi-ports know their slopes."""
     network = system.network
     together = [m.law for m in network.multi_ports] + [e.law for e in network.shared_energies]
     follows = network.modulations or network.memories or any(r.modulated_by for r in network.resistors)
     return not follows and all(map(is_passive_by_form, together))
 
 
-@evaluation
-def closed_form(
-    system: PortHamiltonianSystem, x: Tensor, z: Tensor, u: Tensor, h: float | Tensor, scheme: Scheme
+def _closed_form(
+    system: PortHamiltonianSystem, x: Tensor, z: Tensor, step: Means, h: float | Tensor, rules: dict[int, int]
 ) -> tuple[Tensor, Tensor]:
     """Return the (..., N, N) derivatives of a step's residual by its end and by its start, products of laws' slopes."""
-    step, network, rules = means(system, scheme, x, z, u, h), system.network, reducible_rules(system, scheme)
-    branches, structure = system.incidences(step.middle)[0], system.interconnection(step.middle)
+    network, structure = system.network, system.interconnection(step.middle)
     one, size = torch.eye(x.shape[-1]).to(x), h.unsqueeze(-1) if isinstance(h, Tensor) and h.ndim else h
 
     def efforts(a: Tensor, b: Tensor) -> list[Tensor]:
@@ -197,6 +204,7 @@ def closed_form(
         def flows(epsilon: Tensor) -> list[Tensor]:
             return [system.branch_flow(r, e, step.middle) for r, e in enumerate(epsilon.unbind(-1))]
 
+        branches = system.incidences(step.middle)[0]
         (slopes,) = _slopes(flows, combined(step.efforts, branches))
         by_effort = by_effort - (branches * slopes.unsqueeze(-2)) @ branches.mT
     for port in system.multi_ports:
