@@ -602,7 +602,7 @@ def integrated(
         start: time of the first state, for messages.
 
     Raises:
-        SolverFailed: as of `march`; or there is no steady state or cycle.
+        SolverFailed: a step has no solution, with its time; or there is no steady state or cycle.
     """
     system, inputs, steps = PortHamiltonianSystem(network), torch.from_numpy(u), torch.from_numpy(h).unsqueeze(-1)
     x = torch.from_numpy(steady_state(network, held) if x0 is None else np.asarray(x0, dtype=float))
