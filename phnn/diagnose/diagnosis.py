@@ -26,7 +26,7 @@ from phnn.identification.identified import Identified, model_of
 from phnn.identification.options import Options
 from phnn.identification.plan import Plan
 from phnn.identification.prepare import Gain, gain, single
-from phnn.integrate.residual import check
+from phnn.integrate.equations import check
 from phnn.model import Model
 from phnn.parallel import SERIAL, Executor, executor
 from phnn.recordings.recording import Campaign

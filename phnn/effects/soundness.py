@@ -21,7 +21,7 @@ from phnn.derivatives import output_derivatives
 from phnn.effects.effect import Effect, Scales
 from phnn.effects.kinds import LOCATIONS
 from phnn.errors import InputRefused, PhnnError
-from phnn.integrate.residual import check, power_balance
+from phnn.integrate.equations import check, power_balance
 from phnn.laws import STORAGE_LAWS
 from phnn.models.actuator import from_paper
 from phnn.models.network_file import load_network

@@ -223,9 +223,9 @@ class PortHamiltonianSystem(ParameterisedNetwork):
         self._inputs = columns(network.ports, place)
         place = {name: k for k, name in enumerate(network.state_names)}
         self._modulators = tuple(None if r.modulated_by is None else place[r.modulated_by] for r in network.resistors)
-        self._multi_ports = [_Placed(m, place, n) for m in network.multi_ports]
-        self._columns = nn.ModuleList(m.columns for m in self._multi_ports)
-        self._shared = [([place[name] for name in e.of], e.law) for e in network.shared_energies]
+        self.multi_ports = [_Placed(m, place, n) for m in network.multi_ports]
+        self._columns = nn.ModuleList(m.columns for m in self.multi_ports)
+        self.shared = [([place[name] for name in e.of], e.law) for e in network.shared_energies]
 
     @evaluation
     def energies(self, x: Tensor) -> Tensor:  # x: (..., n)
@@ -240,7 +240,7 @@ class PortHamiltonianSystem(ParameterisedNetwork):
     def energy(self, x: Tensor) -> Tensor:  # x: (..., n)
         """(...) stored energy ``H(x)`` [J]."""
         own = self.energies(x).sum(-1)
-        return own + sum(energy_of(law)(x[..., places]) for places, law in self._shared) if self._shared else own
+        return own + sum(energy_of(law)(x[..., places]) for places, law in self.shared) if self.shared else own
 
     @evaluation
     def mean_efforts(
@@ -257,7 +257,7 @@ class PortHamiltonianSystem(ParameterisedNetwork):
 
     def with_shared(self, own: Tensor, a: Tensor, b: Tensor) -> Tensor:
         """(..., n) mean efforts of the storages' own energies, and those of shared energies added to them."""
-        for places, law in self._shared:
+        for places, law in self.shared:
             at = torch.tensor(places, device=own.device)
             start = a[..., places]
             own = own.index_add(-1, at, mean_efforts_of(law, start, start if a is b else b[..., places]))
@@ -286,11 +286,16 @@ class PortHamiltonianSystem(ParameterisedNetwork):
         skew = self._skew(x)
         return skew.expand(*x.shape[:-1], *skew.shape[-2:])
 
+    def interconnection(self, x: Tensor) -> Tensor:  # x: (..., n)
+        """(n, n) or (..., n, n) ``J`` of the couplings, without that of multi-ports."""
+        half = self._half(self.ratios(x))
+        return half - half.mT
+
     def _skew(self, x: Tensor) -> Tensor:
         """(n, n) or (..., n, n) ``J``, without leading dimensions where it does not depend on ``x``."""
         ratios = self.ratios(x)
         half = self._half(ratios)
-        for port in self._multi_ports:
+        for port in self.multi_ports:
             if port.conserves:
                 b = port.columns(ratios)
                 half = half + b @ port.law.lower(x[..., port.reads]) @ b.mT
@@ -309,7 +314,7 @@ class PortHamiltonianSystem(ParameterisedNetwork):
             epsilon = combined(efforts, branches)
             each = [self._conductance(r, epsilon[..., r], x) for r in range(epsilon.shape[-1])]
             found = found + (branches * torch.stack(each, dim=-1).unsqueeze(-2)) @ branches.mT
-        for port in self._multi_ports:
+        for port in self.multi_ports:
             if not port.conserves:
                 b = port.columns(self.ratios(x))
                 found = found + b @ port.dissipation(combined(efforts, b), x) @ b.mT
@@ -412,7 +417,7 @@ class PortHamiltonianSystem(ParameterisedNetwork):
     def _through_multi_ports(self, efforts: Tensor, x: Tensor) -> list[tuple[Tensor, Tensor, Tensor]]:
         """Columns (n, k), efforts (..., k) and flows (..., k) of every multi-port that is not part of ``J``."""
         found = []
-        for port in self._multi_ports:
+        for port in self.multi_ports:
             if not port.conserves:
                 b = port.columns(self.ratios(x))
                 epsilon = combined(efforts, b)

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 
 from phnn.diagnose.diagnosis import Diagnosis
 from phnn.errors import InputRefused
-from phnn.integrate.residual import power_balance
+from phnn.integrate.equations import power_balance
 from phnn.model import Model
 from phnn.network.system import PortHamiltonianSystem
 from phnn.parameters import prefixed, quantity

@@ -19,7 +19,7 @@ from phnn.effects import Effect, Kind, catalogue, kinds
 from phnn.effects.kinds import LOCATIONS
 from phnn.effects.learned import learned_elements
 from phnn.effects.places import attached
-from phnn.integrate.residual import power_balance
+from phnn.integrate.equations import power_balance
 from phnn.trajectory import Trajectory, simulate
 
 # Functions of time alone act without any motion.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -11,11 +13,20 @@ from networks import ledger, networks, oscillator, random_network, random_states
 from scipy.integrate import solve_ivp
 from torch import Tensor, nn
 
-from phnn.errors import InputRefused, SolverFailed
+from phnn.derivatives import output_derivatives
+from phnn.errors import SolverFailed, StructureViolated
+from phnn.integrate.differentiable import Steps, sensitivities, simulated
+from phnn.integrate.equations import linearised, step_residual
 from phnn.integrate.scheme import Scheme
+from phnn.laws import RESISTOR_LAWS
+from phnn.model import Model
+from phnn.models import hrc
 from phnn.network import Network, Port, PortHamiltonianSystem, Resistor, Storage
-from phnn.nn import ConvexEnergyMLP, MonotoneMLP, SectorMLP
-from phnn.parameters import as_table, positive
+from phnn.nn import ConvexEnergyMLP, LearnedSystem, MonotoneMLP, SectorMLP
+from phnn.parameters import as_table, constant, positive
+from phnn.recordings.recording import Start, unrecorded
+from phnn.setup import Block, Setup
+from phnn.trajectory import simulate
 
 torch.set_num_threads(1)
 
@@ -160,22 +171,6 @@ def test_a_law_that_is_not_finite_is_named_with_its_time() -> None:
         solve_dense(system, torch.zeros(2, dtype=torch.float64), u, 0.02)
 
 
-def test_unusable_arguments_are_refused() -> None:
-    system = PortHamiltonianSystem(oscillator())
-    x0, u = torch.zeros(2, dtype=torch.float64), torch.zeros(3, dtype=torch.float64)
-    for h in (0.0, -1.0, float("nan")):
-        with pytest.raises(InputRefused, match="positive"):
-            solve_dense(system, x0, u, h)
-    with pytest.raises(InputRefused, match=r"\.double"):
-        solve_dense(system, x0.float(), u, 0.1)
-    with pytest.raises(InputRefused, match=r"not finite at index \(1, 0\)"):
-        solve_dense(system, x0, torch.tensor([0.0, float("nan"), 0.0], dtype=torch.float64), 0.1)
-    with pytest.raises(InputRefused, match="number of ports"):
-        solve_dense(system, x0, torch.zeros(3, 2, dtype=torch.float64), 0.1)
-    with pytest.raises(InputRefused, match="do not fit"):
-        solve_dense(system, torch.zeros(4, 2, dtype=torch.float64), torch.zeros(3, 5, 1, dtype=torch.float64), 0.1)
-
-
 @pytest.mark.slow
 def test_steep_friction_is_solved_at_any_step() -> None:
     network = Network(
@@ -192,3 +187,55 @@ def test_steep_friction_is_solved_at_any_step() -> None:
         with torch.no_grad():
             x = solve_dense(system, torch.zeros(1, dtype=torch.float64), u, h)
         assert closes(system, x, u, h)
+
+
+class DeadZone(nn.Module):
+    """A registered law, in a module that has no kernel."""
+
+    def __init__(self, law: str, *values: float) -> None:
+        super().__init__()
+        self.law_name, self.values = law, nn.Parameter(torch.tensor(values, dtype=torch.float64))
+
+    def forward(self, effort: Tensor) -> Tensor:
+        return RESISTOR_LAWS[self.law_name].flow(effort, torch.zeros_like(effort), *self.values)
+
+
+def test_a_model_whose_law_has_no_kernel_simulates_and_predicts_as_the_compiled_one() -> None:
+    network = hrc(hysterons=1)
+    (resistor,) = (r for r in network.resistors if r.name == "hysteron_1")
+    values = [network.parameters[n].value for n in resistor.parameters]
+    own = network.replace("hysteron_1", DeadZone(str(resistor.law), *values))
+    t = np.arange(120) * 2e-4
+    block = {
+        "amplifier": (Block("lowpass", ("t_a",)),), "sensor": (Block("lag", ("t_s",)),),
+        "block_parameters": as_table([constant(n, 3e-4, "s", "test") for n in ("t_a", "t_s")]),
+    }  # fmt: skip
+    outputs = [Model(Setup(n, **block), 8).simulate(t, 20.0 + 60.0 * np.sin(300.0 * t)) for n in (network, own)]
+    assert np.abs(outputs[0] - outputs[1]).max() < 1e-3 * np.ptp(outputs[0])
+    rest = [Model(Setup(n)).simulate(t[:3], np.full(3, 20.0)) for n in (network, own)]
+    assert rest[0] == pytest.approx(rest[1], rel=1e-9)
+    recording = replace(unrecorded("r", t, 60.0 * np.sin(300.0 * t), "cubic", 0.0, {}), start=Start("unknown"))
+    run = simulate(Setup(own), recording, 2, initial=np.zeros(3))
+    slope = output_derivatives(run, (), range(3))
+    moved = [simulate(Setup(own), recording, 2, initial=np.array([0.0, 0.0, s])).y for s in (1e-8, -1e-8)]
+    assert slope[:, 2] == pytest.approx((moved[0] - moved[1]) / 2e-8, rel=1e-4, abs=1e-6 * np.abs(slope[:, 2]).max())
+    with pytest.raises(StructureViolated, match="has no kernel: take simulate, predict"):
+        output_derivatives(run, ("k",))
+
+
+def test_slopes_in_closed_form_and_sensitivities_are_those_of_automatic_differentiation() -> None:
+    system = LearnedSystem(states=3, ports=1, width=6)
+    random = torch.Generator().manual_seed(0)
+    x, z = torch.randn(2, 5, 2, 3, generator=random, dtype=torch.float64)
+    h = torch.full((5, 2, 1), 0.1, dtype=torch.float64)
+    end, start, u = z.clone().requires_grad_(), x.clone().requires_grad_(), torch.ones(5, 2, 1, dtype=torch.float64)
+    residual = step_residual(system, start, end, u, h)
+    for found, at in zip(linearised(system, x, z, u, h)[1:], (end, start), strict=True):
+        rows = [torch.autograd.grad(residual[..., i].sum(), at, retain_graph=True)[0] for i in range(3)]
+        assert torch.allclose(found, torch.stack(rows, dim=-2), rtol=1e-12, atol=1e-14)
+    steps, x0 = Steps(system), 0.1 * x[0]
+    states = simulated(system, x0, u, h[..., 0])
+    by = sensitivities(steps, states.detach(), u, h, [torch.arange(6)] * 2, 0)
+    weights = [p for p in steps.parameters() if p.requires_grad]
+    exact = torch.autograd.grad(states[5, 1, 0], weights)
+    assert torch.allclose(by[1][5, :-3], torch.cat([g.reshape(-1) for g in exact]), rtol=1e-9, atol=1e-12)

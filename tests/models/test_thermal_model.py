@@ -12,8 +12,8 @@ from junctions import march, recording, warming
 
 from phnn.configuration import config_folder
 from phnn.errors import InputRefused, StructureViolated
+from phnn.integrate.equations import check
 from phnn.integrate.program import compile_network
-from phnn.integrate.residual import check
 from phnn.integrate.rest import equilibrium, equilibrium_derivative
 from phnn.models.actuator import hrc
 from phnn.models.network_file import load_graph, load_network

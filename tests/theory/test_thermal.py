@@ -18,7 +18,7 @@ from torch import Tensor
 
 from phnn.errors import StructureViolated
 from phnn.integrate import kernel
-from phnn.integrate.residual import check, power_balance
+from phnn.integrate.equations import check, power_balance
 from phnn.laws import MEMORY_LAWS
 from phnn.laws.leaf import relaxation
 from phnn.models.actuator import hrc
