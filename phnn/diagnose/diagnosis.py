@@ -345,13 +345,13 @@ def _questions(outcome: Verdict, model: Visited, weighed: Weighed) -> list[Quest
     """The models that compete for each element whose name is not proven alone."""
     asked = []
     for claim in outcome.claims:
-        others = [e for e in model.elements if e is not claim.effect]
+        others = [e for e in model.elements if e not in claim.elements]
         rivals = [
             m for m in weighed.models
             if m.converged and len(m.elements) == len(model.elements) and m is not model
             and all(e in m.elements for e in others) and m.fit.cost < model.fit.cost + TIE * max(1.0, model.left)
         ]  # fmt: skip
-        own = refitted_rival(claim.effect.name, model.fit, claim.effect.parameters)
+        own = refitted_rival(claim.effect.name, model.fit, claim.parameters)
         models = [own]
         for rival in rivals[: _RIVALS - 1]:
             other = next(e for e in rival.elements if e not in others)

@@ -38,10 +38,10 @@ _HALF = 0.5
 
 @dataclass(frozen=True)
 class Claim:
-    """One element of the model that is written, and its status.
+    """One effect in the model that is written, and its status.
 
     Attributes:
-        effect: which.
+        effect: which; copies: the further ones of its family, as of a creep with several times.
         status: ``named``, ``equivalent``, ``likely``, ``learned`` or ``provisional``.
         probability: of all models that hold its family; of a learned element, that of models with it.
         alike: other effects of which one may stand in its place, the most probable first.
@@ -55,6 +55,17 @@ class Claim:
     alike: tuple[Effect, ...]
     without: Visited | None
     share: float | None
+    copies: tuple[Effect, ...] = ()
+
+    @property
+    def elements(self) -> tuple[Effect, ...]:
+        """The effect and its copies."""
+        return (self.effect, *self.copies)
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Their names of parameters."""
+        return tuple(n for e in self.elements for n in e.parameters)
 
     @property
     def learned(self) -> bool:
@@ -201,7 +212,7 @@ class Verdict:
     """Attributes:
     word: ``named``, ``equivalent``, ``unknown`` or ``none``.
     probability: of every effect that some model holds, and of ``none``; the largest first.
-    claims: the elements of the model that is written, in the order in which they were added.
+    claims: the effects of the model that is written, in the order in which they were added.
     rules: all that were asked, in order; the last one gave the word.
     """
 
@@ -231,7 +242,8 @@ def conclude(
     complete = _complete(weighed, model, promising[1], criteria)
     probability = {n: complete * p for n, p in weighed.probability.items()}
     proven = _enough(weighed, criteria)
-    claims = [_claim(e, model, weighed, probability, proven, base) for e in model.elements]
+    together = [tuple(e for e in model.elements if family(e) == n) for n in dict.fromkeys(map(family, model.elements))]
+    claims = [_claim(elements, model, weighed, probability, proven, base) for elements in together]
     facts = Facts(
         elements=len(claims),
         learned=sum(c.learned for c in claims),
@@ -291,11 +303,12 @@ def _enough(weighed: Weighed, criteria: Criteria) -> list[tuple[str, ...]]:
 
 
 def _claim(
-    effect: Effect, model: Visited, weighed: Weighed, probability: Mapping[str, float],
+    elements: tuple[Effect, ...], model: Visited, weighed: Weighed, probability: Mapping[str, float],
     proven: Sequence[tuple[str, ...]], base: Visited,
 ) -> Claim:  # fmt: skip
+    effect, *copies = elements
     own = family(effect)
-    rest = tuple(e for e in model.elements if e is not effect)
+    rest = tuple(e for e in model.elements if e not in elements)
     without = next((m for m in weighed.models if m.key == key_of(rest)), None)
     rest_families = set(model.families) - {own}
     others = {f for families in proven for f in families if set(families) - {f} == rest_families} - {own}
@@ -305,7 +318,7 @@ def _claim(
     status = LIKELY if weighed.probability.get(own, 0.0) >= _HALF else PROVISIONAL
     return Claim(
         effect, status, probability.get(own, 0.0), tuple(alike[n] for n in ranked), without,
-        _share(model, without or base),
+        _share(model, without or base), tuple(copies),
     )  # fmt: skip
 
 

@@ -35,7 +35,7 @@ from phnn.network.roles import capacitances
 from phnn.parameters import quantity
 from phnn.recordings.recording import Recording
 from phnn.recordings.units import scales_with_forces
-from phnn.report.formatting import words
+from phnn.report.formatting import listing, words
 from phnn.report.provenance import Provenance, provenance
 from phnn.report.statements import (
     acts_like,
@@ -260,7 +260,7 @@ def missing_entries(diagnosis: Diagnosis) -> list[dict[str, Any]]:
 
 def _entry(diagnosis: Diagnosis, claim: Claim) -> dict[str, Any]:
     effect, parameters = claim.effect, diagnosis.final.setup.parameters
-    shown = {n: quantity(parameters[n].value, parameters[n].unit) for n in effect.parameters}
+    shown = {n: quantity(parameters[n].value, parameters[n].unit) for n in claim.parameters}
     names = list(dict.fromkeys(e.title for e in claim.alike))
     # An element whose name is not claimed belongs to the model all the same.
     entry: dict[str, Any] = {"effect": claim.name, "status": claim.status}
@@ -271,8 +271,10 @@ def _entry(diagnosis: Diagnosis, claim: Claim) -> dict[str, Any]:
     if formula is not None:
         status = "described" if claim.status == LEARNED else claim.status
         entry |= {"status": status, "description": _description(formula, effect)}
-    free = not forces_known(diagnosis) and any(scales_with_forces(parameters[n].unit) for n in effect.parameters)
+    free = not forces_known(diagnosis) and any(scales_with_forces(parameters[n].unit) for n in claim.parameters)
     statement = effect.statement.format(**shown) if formula is None else formula.words
+    for copy in claim.copies:
+        statement += f" It acts once more, with {listing(f'{n} = {shown[n]}' for n in copy.parameters)}."
     network, scales = diagnosis.final.setup.network, diagnosis.linearised[0].scales
     stiffness, first, last = values_by_role(network).get("k"), 1.0 / scales.fastest, scales.duration
     # Neither a motion without a spring grows under a force, nor one that was recorded for less than a period.
@@ -303,7 +305,7 @@ def _entry(diagnosis: Diagnosis, claim: Claim) -> dict[str, Any]:
         "statement": statement + (_UP_TO_FACTOR if free else "") + ("" if claim.claimed else _NOT_PROVEN),
         "equation": effect.equation if formula is None else formula.equation,
         "passive": effect.passive,
-        "parameters": _estimates(diagnosis.final, effect.strengths if claim.learned else effect.parameters),
+        "parameters": _estimates(diagnosis.final, effect.strengths if claim.learned else claim.parameters),
     }
 
 

@@ -195,7 +195,7 @@ def _missing(diagnosis: Diagnosis, document: dict[str, Any]) -> list[Block]:
                 shown_unit(known[n].unit),
                 interval(diagnosis.final.interval(n)),
             ]
-            for n in ([] if claim.learned else claim.effect.parameters)
+            for n in ([] if claim.learned else claim.parameters)
         ]
         if rows:
             blocks.append(Table(["parameter", "value", "unit", "95 % interval"], rows))

@@ -221,9 +221,7 @@ def parameters_in_words(diagnosis: Diagnosis, claim: Claim) -> str:
     if formula is not None or claim.learned:
         return formula.words if formula is not None else ""
     known, std = diagnosis.final.setup.parameters, diagnosis.final.std()
-    told = (
-        f"{n} = {with_error(known[n].value, std.get(n))} {shown_unit(known[n].unit)}" for n in claim.effect.parameters
-    )
+    told = (f"{n} = {with_error(known[n].value, std.get(n))} {shown_unit(known[n].unit)}" for n in claim.parameters)
     return ", ".join(map(str.rstrip, told))
 
 
