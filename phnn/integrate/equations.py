@@ -339,7 +339,7 @@ def check(trajectory: Trajectory, tolerance: float = 1e-10, system: PortHamilton
     """
     system, (x, x_next, u, h) = _steps(trajectory, system)
     residual, by_next, by_start = linearised(system, x, x_next, u, h, trajectory.scheme)
-    scale = combined(x_next.abs(), by_next.abs().mT) + combined(x.abs(), by_start.abs().mT)
+    scale = combined(x_next.abs(), by_next.abs().mT) + combined(x.abs(), by_start.abs().mT) + x.abs()
     # A step that is not finite has a residual that is not, and no scale; a maximum would not show NaN.
     scale = torch.nan_to_num(scale, nan=0.0, posinf=0.0).amax(0) + _NOTHING if len(x) else scale.new_ones(())
     worst = torch.nan_to_num(residual.detach().abs() / scale, nan=torch.inf)

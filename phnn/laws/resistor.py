@@ -201,8 +201,11 @@ register(
 )
 register(ResistorLaw("coulomb", coulomb, (0.4, 0.3), domains=(NONNEGATIVE, POSITIVE)))
 register(
-    ResistorLaw("stribeck", stribeck, (0.4, 0.3, 0.5, 0.8), domains=(NONNEGATIVE, POSITIVE, NONNEGATIVE, POSITIVE))
-)
+    ResistorLaw(
+        "stribeck", stribeck, (0.4, 0.3, 0.5, 0.8), domains=(NONNEGATIVE, POSITIVE, NONNEGATIVE, POSITIVE),
+        monotone=False,
+    )
+)  # fmt: skip
 register(ResistorLaw("quadratic_drag", quadratic_drag, (0.8,), domains=(NONNEGATIVE,)))
 register(
     ResistorLaw(

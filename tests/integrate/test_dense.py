@@ -54,7 +54,7 @@ def test_power_balance_is_exact_for_any_network_and_step(network: Network, seed:
     assert closes(system, x, u, h)
 
 
-@pytest.mark.parametrize("seed", [0, 1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seed", [0, 3, pytest.param(2, marks=pytest.mark.slow)])
 def test_agrees_with_radau_at_second_order(seed: int) -> None:
     network = random_network(seed, 4, 3, 1, monotone=True)
     system = PortHamiltonianSystem(network)

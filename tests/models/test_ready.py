@@ -21,7 +21,7 @@ from phnn.recordings import describe
 from phnn.recordings.manifest import READY
 from phnn.recordings.recording import Part, Recording, Start, Units
 from phnn.recordings.units import scales_with_forces
-from phnn.report.missing import sentence
+from phnn.report.statements import acts_like
 from phnn.setup import Setup
 from phnn.trajectory import simulate
 
@@ -217,4 +217,4 @@ def test_an_output_that_follows_no_input_is_said_to_be_unexplained(tmp_path: Pat
 def test_nothing_is_never_missing_where_nothing_is_explained(tmp_path: Path) -> None:
     found = phnn.diagnose(unrelated(tmp_path))
     assert found.verdict == "unknown"
-    assert "which is nothing" in sentence(found)
+    assert "which is nothing" in acts_like(found)
