@@ -108,9 +108,9 @@ def test_ten_thousand_stiff_monotone_networks_are_always_solved() -> None:
 
 
 def test_other_networks_are_solved_or_shorter_steps_lead_on() -> None:
-    # Two networks with laws that follow states or fall have a step without a solution.
-    assert any_law(seed for seed in range(52) if seed not in (4, 42)) == 50
-    assert any_law((4, 42)) == 0
+    assert any_law(seed for seed in range(51) if seed != 42) == 50
+    # A network with laws that follow states or fall, a step of which has no solution.
+    assert any_law((42,)) == 0
 
 
 @pytest.mark.slow
