@@ -1,13 +1,12 @@
-"""Plots of signals: measured and simulated outputs over time, hysteresis loops, locations, and the energy balance.
+"""Plots of signals: measured and simulated outputs over time, hysteresis loops, and the energy balance.
 
-`compare` draws outputs with the residual below, `loops` output over input by frequency, and `location` the share of the
-explainable residual that each location predicts. `energy` draws what is stored, supplied and dissipated, and what the
-balance misses.
+`compare` draws outputs with the residual below, and `loops` output over input by frequency. `energy` draws what is
+stored, supplied and dissipated, and what the balance misses.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -42,7 +41,7 @@ from phnn.plot.panels import (
 )
 from phnn.prediction import Predicted
 from phnn.recordings import Campaign, campaign_of
-from phnn.report.figures import draw_trace, envelope, height_of, locations_into, ranked, telling_stretch
+from phnn.report.figures import draw_trace, envelope, telling_stretch
 from phnn.report.figures.style import (
     AFTER,
     BEFORE,
@@ -54,10 +53,8 @@ from phnn.report.figures.style import (
     headroom,
     literal,
     quiet_grid,
-    say,
 )
 from phnn.report.formatting import DASH, finite, percent
-from phnn.report.result import reasons
 from phnn.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -333,70 +330,6 @@ def _loop_table(one: Predicted) -> pd.DataFrame:
             column("simulated", r.units.output): one.y[rows],
         }
     )
-
-
-_NOTHING = "The residual as a whole is not significant: there is nothing to locate."
-
-
-@dataclass(frozen=True)
-class Locations:
-    """Attributes:
-    found: where the mismatch is; None where there is none.
-    """
-
-    found: Mapping[str, Any] | None
-
-    def draw(self) -> Figure:
-        """Draw the bars, or a sentence where nothing is located."""
-        with rc_context(RC):
-            height = 2.0 if self.found is None else height_of(self.found["scores"])
-            panel: Axes = grid(1, 1, 7.2, height)[0, 0]
-            if self.found is None:
-                say(panel, _NOTHING)
-                panel.set_xlabel("share of the explainable residual (1)")
-            else:
-                locations_into(panel, self.found)
-        return figure_of(panel)
-
-    def tables(self) -> dict[str, pd.DataFrame]:
-        """Locations, their shares, and which is best or tied with the best."""
-        rows = []
-        if self.found is not None:
-            rank = {**dict.fromkeys(self.found["tied"], "tied"), self.found["name"]: "best"}
-            rows = [(name, score, rank.get(name, "")) for name, score in ranked(self.found)]
-        return {"": pd.DataFrame(rows, columns=["location", "share_of_explainable_residual_1", "rank"])}
-
-
-def location(diagnosis: Diagnosis) -> Figure:
-    """Draw the share of the explainable residual that each location predicts on recordings left out.
-
-        figure = phnn.plot.location(diagnosis)
-
-    Args:
-        diagnosis: a finished diagnosis.
-
-    Returns:
-        A figure; it holds a sentence where the diagnosis has located nothing.
-    """
-    return located(diagnosis).draw()
-
-
-def located(diagnosis: Diagnosis) -> Locations:
-    """What `location` draws.
-
-    Raises:
-        InputRefused: it is no diagnosis.
-    """
-    if not hasattr(diagnosis, "places"):
-        raise InputRefused(
-            f"a {type(diagnosis).__name__} has no locations: give a diagnosis, what phnn.diagnose(folder) returns"
-        )
-    where = diagnosis.location
-    if where is None:
-        return Locations(None)
-    name, *tied = diagnosis.places
-    found = {"name": name, "tied": tied, "scores": where.scores, "reasons": reasons(diagnosis, where)}
-    return Locations(found)
 
 
 # Storages that have a colour of their own; the smallest others are joined.

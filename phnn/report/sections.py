@@ -24,7 +24,7 @@ from phnn.html import paragraph, table, titled
 from phnn.network.roles import auxiliary
 from phnn.recordings.recording import ACTUATOR
 from phnn.recordings.units import scales_with_forces
-from phnn.report.figures import Trace, draw_curve, draw_error, draw_recording, ranked
+from phnn.report.figures import Trace, draw_curve, draw_error, draw_recording
 from phnn.report.figures.style import RC, Drawing, png, svg
 from phnn.report.formatting import (
     change,
@@ -242,9 +242,11 @@ def _where(diagnosis: Diagnosis, document: dict[str, Any]) -> list[Block]:
     location = document["location"]
     if location is None:
         return []
+    # The winner stands first, then the longest bars.
+    ranked = sorted(location["scores"].items(), key=lambda item: (item[0] != location["name"], -item[1]))
     rows = [
         Bar(location_name(diagnosis, name), score, f"{score:.2f}".replace("-", "−"), location["reasons"].get(name, ""))
-        for name, score in ranked(location)
+        for name, score in ranked
     ]
     strongest = sorted(location["recordings"].items(), key=lambda item: -(item[1]["residual_over_noise"] or 0.0))[:3]
     seen = [f"{name} ({ratio(v['residual_over_noise'])} × noise)" for name, v in strongest]

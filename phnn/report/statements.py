@@ -234,14 +234,18 @@ def causes(diagnosis: Diagnosis) -> list[tuple[str, float]]:
     """Return the likeliest effects with their probabilities, then what no effect of the catalogue explains, then none.
 
     The probability of an effect is the share of all fitted models that hold it, times the probability that the
-    catalogue lists all that acts.
+    catalogue lists all that acts. While the verdict is open and the model holds no element, the last two are one: the
+    weight of the base model says only that nothing that was tried is better.
     """
     of = diagnosis.probability
-    likely = [(words(n), p) for n, p in of.items() if n != NONE and p >= _LEAST]
+    likely = [(words(n), p) for n, p in of.items() if n != NONE and p >= _LEAST][:_CAUSES]
     best = max(of, key=lambda n: of[n])
     complete = of[best] / weight if (weight := diagnosis.visited.probability.get(best, 0.0)) > 0.0 else 1.0
+    nothing = of.get(NONE, 0.0)
+    if diagnosis.verdict == UNKNOWN and not diagnosis.claims:
+        return [*likely, ("none of the effects that were tried", 1.0 - complete + nothing)]
     beyond = [("something else", 1.0 - complete)] if complete < 1.0 - _LEAST else []
-    return [*likely[:_CAUSES], *beyond, ("nothing is missing", of.get(NONE, 0.0))]
+    return [*likely, *beyond, ("nothing is missing", nothing)]
 
 
 def likenesses(diagnosis: Diagnosis) -> list[tuple[str, float]]:

@@ -10,7 +10,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import campaigns
 import numpy as np
 import pandas as pd
 import pytest
@@ -24,14 +23,12 @@ from plot_example import (
     MODEL,
     NOISE,
     PLOTS,
-    SCORES,
     VALUES,
     WRONG,
     T,
     campaign,
     campaign_of,
     computed,
-    diagnosis,
     recording,
     sine,
 )
@@ -41,14 +38,13 @@ from phnn.cli import main
 from phnn.models.store import save
 from phnn.parameters import as_table, constant
 from phnn.plot.frequency import response, whiteness
-from phnn.plot.signals import balance, hysteresis, located
+from phnn.plot.signals import balance, hysteresis
 from phnn.report.figures.style import svg
-from phnn.report.result import write
 from phnn.setup import Block
 from phnn.signals.first_order import correlation, cross_deviation, own_deviation
 
 # Columns of words.
-_WORDS = {"recording", "with", "location", "rank"}
+_WORDS = {"recording", "with"}
 _PREFIXES = {"f": -15, "p": -12, "n": -9, "µ": -6, "m": -3, "": 0, "k": 3, "M": 6, "G": 9}
 
 
@@ -81,9 +77,6 @@ def test_axes_have_labels_with_units(kind: str) -> None:
         assert isinstance(axes, Axes)
         # Residuals stand below their outputs, with the same time.
         labels = [axes.get_ylabel(), common(found[place + 1] if kind == "compare" and place % 2 == 0 else axes)]
-        if kind == "location":
-            labels = labels[1:]
-            assert [t.get_text() for t in axes.get_yticklabels()] == ["mechanical", "amplifier", "sensor", "thermal"]
         for text in labels:
             assert re.search(r"\(.+\)", text), (kind, text)
 
@@ -213,18 +206,6 @@ def test_energies_are_drawn_as_in_the_table() -> None:
         x, y = drawn(found[panel], line)
         kept = np.isin(np.arange(t.size), np.searchsorted(t, x - 1e-9))
         equal((x, y), t[kept], table[name][kept])
-
-
-def test_locations_are_drawn_as_in_the_table() -> None:
-    table, (axes,) = computed("location").tables()[""], computed("location").draw().axes
-    assert dict(zip(table["location"], table["share_of_explainable_residual_1"], strict=True)) == SCORES
-    assert list(table["rank"]) == ["best", "tied", "", ""]
-    assert [bar.get_width() for bar in axes.patches] == list(table["share_of_explainable_residual_1"])
-
-
-def test_nothing_located_is_said() -> None:
-    (axes,) = phnn.plot.location(diagnosis()).axes
-    assert "nothing to locate" in axes.texts[0].get_text()
 
 
 def test_functions_return_figures() -> None:
@@ -424,28 +405,12 @@ def test_the_command_draws_every_kind(stored: Path, tmp_path: Path) -> None:
     assert not (out / "bode_measured.csv").exists()
 
 
-@pytest.mark.slow
-def test_a_diagnosis_is_drawn_as_its_folder_is(tmp_path: Path) -> None:
-    found = campaigns.diagnosis("quadratic_drag", "quadratic_drag")
-    write(found, tmp_path / "diagnosis")
-    assert main(["plot", "location", str(tmp_path / "diagnosis"), "--out", str(tmp_path / "out")]) == 0
-    table = pd.read_csv(tmp_path / "out" / "location.csv", keep_default_na=False)
-    own = located(found).tables()[""]
-    assert list(table["location"]) == list(own["location"])
-    assert list(table["rank"]) == list(own["rank"])
-    # The file has four digits.
-    np.testing.assert_allclose(table.iloc[:, 1], own.iloc[:, 1], atol=6e-5)
-    assert phnn.plot.residuals(found, recordings=["sine_010Hz_75V"]).axes
-
-
 @pytest.mark.parametrize(
     ("given", "message"),
     [
         (["compare"], "no recordings: name their folder"),
         (["bode"], "give both, or recordings"),
         (["bode", "--frequencies", "0", "5"], "--frequencies 0 5"),
-        (["location"], "diagnosis.json: there is no such file"),
-        (["location", "--recording", "a"], "location does not take --recording"),
         (["bode", "--recording", "a"], "bode does not take --recording"),
         (["compare", "--amplitude", "1"], "compare does not take --amplitude"),
         (["energy", "--recording", "a", "--recording", "b"], "energy draws one recording"),

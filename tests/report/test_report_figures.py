@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from matplotlib.figure import Figure
 
 from phnn.diagnose.words import Picture
 from phnn.report.figures import (
@@ -18,7 +17,6 @@ from phnn.report.figures import (
     draw_error,
     draw_recording,
     envelope,
-    locations_into,
     telling_stretch,
 )
 from phnn.report.figures.style import Drawing, png, svg
@@ -111,16 +109,6 @@ def test_without_a_second_model_there_is_one_error() -> None:
     one = trace()
     (axes,) = draw_error(replace(one, after=one.before)).axes
     assert [text.get_text() for text in axes.get_legend().get_texts()] == ["noise (± 2 σ)", "base model"]
-
-
-def test_the_winner_stands_first_and_a_longer_bar_has_its_reason() -> None:
-    axes = Figure().subplots()
-    scores = {"electrical": 0.95, "mechanical": 0.4, "sensor": -0.1}
-    where = {"name": "mechanical", "tied": [], "scores": scores, "reasons": {"electrical": "longer bar, but …"}}
-    locations_into(axes, where)
-    assert [t.get_text() for t in axes.get_yticklabels()] == ["mechanical", "electrical", "sensor"]
-    assert [bar.get_width() for bar in axes.patches] == [0.4, 0.95, -0.1]
-    assert "longer bar, but …" in [text.get_text() for text in axes.texts]
 
 
 def test_a_curve_with_labels_that_are_no_mathematics_is_drawn() -> None:

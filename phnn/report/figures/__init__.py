@@ -5,7 +5,6 @@ Traces are drawn through their envelope: no spike is lost, and nothing aliases.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -22,12 +21,10 @@ from phnn.report.figures.style import (
     MEASURED,
     headroom,
     label,
-    literal,
     new_figure,
     quiet_grid,
-    quiet_rows,
 )
-from phnn.report.formatting import display_unit, words
+from phnn.report.formatting import display_unit
 
 if TYPE_CHECKING:
     from phnn.diagnose.words import Picture
@@ -230,46 +227,3 @@ def draw_curve(curve: Picture) -> Figure:
     axes.set_ylabel(label(curve.y_label))
     axes.legend(loc="best")
     return figure
-
-
-_TIED = "#8fb8d8"
-
-
-def height_of(scores: Mapping[str, float]) -> float:
-    """Return the height of a figure of locations in inches."""
-    return 0.95 + 0.42 * max(len(scores), 2)
-
-
-def locations_into(axes: Axes, location: Mapping[str, Any]) -> None:
-    """Draw the share that each location explains, the winner on top, with the reason where a longer bar lost.
-
-    Args:
-        location: that of ``diagnosis.json``.
-    """
-    best, tied, reasons = location["name"], location["tied"], location.get("reasons", {})
-    rows = ranked(location)
-    values = [max(score, 0.0) for _, score in rows]
-    for row, (name, score) in enumerate(rows):
-        colour = AFTER if name == best else _TIED if name in tied else FAINT
-        axes.barh(row, score, height=0.6, color=colour)
-        note = f"{score:.2f}  {reasons.get(name, '')}".replace("-", "−").rstrip()
-        longest = score > 0.5
-        axes.annotate(
-            note if not longest else note.partition(" ")[0], (max(score, 0.0), row), xytext=(4, 0),
-            textcoords="offset points", va="center", fontweight="bold" if name == best else "normal",
-        )  # fmt: skip
-        if longest and name in reasons:
-            axes.annotate(
-                reasons[name], (0.0, row), xytext=(4, -10), textcoords="offset points", va="center", fontsize=7.5
-            )
-    axes.set_yticks(range(len(rows)), [literal(words(name)) for name, _ in rows])
-    axes.set_xlim(min(0.0, *(score for _, score in rows)), 1.08 * max(1.0, *values))
-    axes.set_ylim(len(rows) - 0.4, -0.6)
-    quiet_rows(axes)
-    axes.set_xlabel("share of the explainable residual, predicted on recordings left out (1 = all of it)")
-
-
-def ranked(location: Mapping[str, Any]) -> list[tuple[str, float]]:
-    """Return locations with their shares, the winner first, then the longest bars."""
-    scores = location["scores"].items()
-    return sorted(scores, key=lambda item: (item[0] != location["name"], -item[1]))

@@ -163,13 +163,6 @@ def quiet_grid(axes: Axes, axis: str = "both") -> None:
     axes.grid(True, axis=axis, which="major")  # type: ignore[arg-type]
 
 
-def quiet_rows(axes: Axes, axis: str = "x") -> None:
-    """Rows that have a name each, without an axis beside the names, on a faint grid."""
-    axes.tick_params(axis="y", length=0)
-    axes.spines["left"].set_visible(False)
-    quiet_grid(axes, axis)
-
-
 def headroom(axes: Axes, share: float) -> None:
     """Leave room for a legend above the data, as a share of their height."""
     low, high = axes.get_ylim()
