@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from phnn.commands.terminal import status
 from phnn.errors import InputRefused
-from phnn.plot.frequency import response, whiteness
-from phnn.plot.panels import MOST, Plot, chosen, model_of, network_model, predictions
-from phnn.plot.signals import Outputs, balance, hysteresis
+from phnn.plot.frequency import response, tested, whiteness
+from phnn.plot.panels import MOST, Plot, chosen, model_of, network_model
+from phnn.plot.signals import balance, hysteresis, outputs
 from phnn.recordings import Campaign, read
 from phnn.report.figures.style import svg
 from phnn.report.page import literal_text
@@ -59,8 +59,8 @@ def plot(
         campaign = None if folder is None else read(folder, options["manifest"], allow_outside=outside)
         found = _computed(kind, model_of(model, outside), campaign, options)
         _tell(kind, campaign, recording)
-        (place / f"{kind}.svg").write(svg(found.draw()))
-        for end, table in found.tables().items():
+        (place / f"{kind}.svg").write(svg(found.figure()))
+        for end, table in found.tables.items():
             files.append(f"{kind}{end}.csv")
             safe = table.map(lambda value: literal_text(value) if isinstance(value, str) else value)
             (place / files[-1]).write(safe.to_csv(index=False).encode())
@@ -87,17 +87,17 @@ def _tell(kind: str, campaign: Campaign | None, recording: Sequence[str] | None)
 def _computed(kind: str, simulator: Any, campaign: Campaign | None, options: Mapping[str, Any]) -> Plot:
     recording = options["recording"]
     if kind == "bode":
-        return response(simulator, _spaced(options["frequencies"]), options["amplitude"], campaign=campaign)
+        return response(simulator, _spaced(options["frequencies"]), options["amplitude"], campaign=campaign).plot()
     if campaign is None:
         raise InputRefused(f"phnn plot {kind}: no recordings: name their folder after that of the model")
     if kind == "compare":
-        return Outputs(predictions(simulator, campaign, recording))
+        return outputs(simulator, campaign, recording)
     if kind == "residuals":
-        return whiteness(simulator, campaign, recording)
+        return whiteness(tested(simulator, campaign, recording))
     if kind == "loops":
         return hysteresis(simulator, campaign, recording)
     found = network_model(simulator)
-    return balance(simulate(found.setup, chosen(campaign, recording).recordings[0], found.substeps))
+    return balance(simulate(found.setup, chosen(campaign, recording).recordings[0], found.substeps)).plot()
 
 
 def _spaced(ends: Sequence[float] | None) -> NDArray[np.float64] | None:

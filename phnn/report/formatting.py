@@ -6,11 +6,12 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from phnn.parameters import prefixed
+
 DASH = "–"
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 # The tails of residuals are not those of a normal deviate: smaller p-values are shown as smaller than this.
 _FLOOR = 2.0001e-5
-_LENGTHS = ((1e-9, "nm"), (1e-6, "µm"), (1e-3, "mm"), (1.0, "m"))
 
 
 def finite(value: object) -> float | None:
@@ -184,7 +185,7 @@ class Unit:
     name: str
 
     def show(self, value: float | None) -> str:
-        """The value in this unit, without the unit's name; one decimal for a length, so that columns align."""
+        """The value in this unit, without the unit's name; one decimal where it has a prefix, so that columns align."""
         value = finite(value)
         if value is None:
             return DASH
@@ -192,28 +193,6 @@ class Unit:
         return _fixed(shown, 1) if self.scale != 1.0 and abs(shown) >= 1.0 else plain(shown)
 
 
-def display_unit(largest: float | None, unit: str = "m", floor: float = 10.0) -> Unit:
-    """The metric unit in which ``largest`` reads as a handy number (``floor`` or more, where there is one).
-
-    Only metres are rescaled; every other unit is shown as it is.
-    """
-    largest = finite(largest)
-    if unit != "m":
-        return Unit(1.0, unit)
-    if not largest:
-        return Unit(1e-6, "µm")
-    for scale, name in reversed(_LENGTHS):
-        if abs(largest) >= floor * scale:
-            return Unit(scale, name)
-    return Unit(*_LENGTHS[0])
-
-
-def quantity(value: float | None, unit: str = "m") -> str:
-    """A value with its unit, lengths in the unit that suits: ``52 nm``."""
-    value = finite(value)
-    if value is None:
-        return DASH
-    if unit != "m":
-        return f"{number(value)} {unit}".strip()
-    shown = display_unit(value, unit, floor=1.0)
-    return f"{number(value / shown.scale)} {shown.name}"
+def display_unit(largest: float | None, unit: str) -> Unit:
+    """Return the unit in which a column up to ``largest`` reads well: its largest number is 3 to 3000."""
+    return Unit(*prefixed((finite(largest) or 0.0) / 3.0, unit))

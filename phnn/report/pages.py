@@ -44,7 +44,7 @@ def draw_recorded(recording: Recording) -> Figure:
     figure = style.new_figure(10.1, 4.9)
     (u_axes, loop), (y_axes, spectrum) = figure.subplots(2, 2, width_ratios=[1.75, 1.0])
     measured = bool(np.isfinite(recording.y).all())
-    scale = display_unit(float(np.abs(recording.y).max()) if measured else None, recording.units.output, floor=1.0)
+    scale = display_unit(float(np.abs(recording.y).max()) if measured else None, recording.units.output)
     _in_time(u_axes, recording.t, recording.u, f"input ({recording.units.input})", style.BEFORE, recording.parts)
     if measured:
         _in_time(y_axes, recording.t, recording.y / scale.scale, f"output ({scale.name})", style.AFTER, recording.parts)

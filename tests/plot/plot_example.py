@@ -11,9 +11,8 @@ import numpy as np
 
 import phnn
 from phnn.models.actuator import hrc
-from phnn.plot.frequency import response, whiteness
-from phnn.plot.panels import predictions
-from phnn.plot.signals import Outputs, balance, hysteresis
+from phnn.plot.frequency import response, tested, whiteness
+from phnn.plot.signals import balance, hysteresis, outputs
 from phnn.recordings.recording import Campaign, Part, Recording, Start, unrecorded
 from phnn.setup import Setup
 from phnn.trajectory import simulate
@@ -69,11 +68,11 @@ FREQUENCIES = np.array([5.0, 20.0, 50.0, 200.0])
 
 # What each function draws, and the number of its panels.
 PLOTS: dict[str, tuple[Callable[[], Any], int]] = {
-    "compare": (lambda: Outputs(predictions(MODEL, campaign(), None)), 8),
-    "residuals": (lambda: whiteness(MODEL, campaign(), ["large", "broad"]), 6),
+    "compare": (lambda: outputs(MODEL, campaign()), 8),
+    "residuals": (lambda: whiteness(tested(MODEL, campaign(), ["large", "broad"])), 6),
     "loops": (lambda: hysteresis(MODEL, campaign()), 2),
-    "bode": (lambda: response(MODEL, FREQUENCIES, 60.0, campaign=campaign()), 3),
-    "energy": (lambda: balance(MODEL.trajectory(T, sine(20.0, 60.0))), 4),
+    "bode": (lambda: response(MODEL, FREQUENCIES, 60.0, campaign=campaign()).plot(), 3),
+    "energy": (lambda: balance(MODEL.trajectory(T, sine(20.0, 60.0))).plot(), 3),
 }
 
 

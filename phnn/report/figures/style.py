@@ -14,7 +14,6 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.mathtext import MathTextParser
 from matplotlib.ticker import FuncFormatter, LogFormatter
 
 # Okabe & Ito's palette; before and after also differ in lightness, so that they survive a grey print
@@ -49,6 +48,7 @@ RC: dict[Any, Any] = {
     "ytick.labelsize": 8.5,
     "legend.fontsize": 8.5,
     "legend.frameon": False,
+    "legend.borderaxespad": 0.1,
     "legend.handlelength": 1.6,
     "grid.color": "#eceef0",
     "grid.linewidth": 0.8,
@@ -83,15 +83,9 @@ class Drawing:
     svg: bytes = b""
 
 
-def new_figure(width: float, height: float, constrained: bool = True) -> Figure:
-    """An empty figure in inches; call inside ``rc_context(RC)``.
-
-    Args:
-        constrained: whether the room for labels is measured; otherwise whoever draws the panels leaves it.
-    """
-    figure = Figure(figsize=(width, height))
-    figure.set_layout_engine("constrained" if constrained else "none")
-    return figure
+def new_figure(width: float, height: float) -> Figure:
+    """An empty figure in inches; call inside ``rc_context(RC)``."""
+    return Figure(figsize=(width, height), layout="constrained")
 
 
 def png(figure: Figure) -> bytes:
@@ -139,17 +133,6 @@ def literal(text: str, longest: int = 60) -> str:
     return text.replace("$", r"\$")
 
 
-def label(text: str) -> str:
-    """A label that may hold ``$mathematics$``; taken literally where that cannot be parsed."""
-    if "$" not in text:
-        return text
-    try:
-        MathTextParser("agg").parse(text)
-    except (ValueError, RuntimeError):
-        return literal(text, longest=len(text))
-    return text
-
-
 def log_axis(axes: Axes, which: str = "x") -> None:
     """Make an axis logarithmic, with plain numbers: ``0.1, 1, 10``, and 1.2, 1.4 within a decade."""
     axis = axes.xaxis if which == "x" else axes.yaxis
@@ -158,15 +141,27 @@ def log_axis(axes: Axes, which: str = "x") -> None:
     axis.set_minor_formatter(LogFormatter(minor_thresholds=(1.0, 0.4)))
 
 
-def quiet_grid(axes: Axes, axis: str = "both") -> None:
+def quiet_grid(axes: Axes) -> None:
     """A faint grid behind the data."""
-    axes.grid(True, axis=axis, which="major")  # type: ignore[arg-type]
+    axes.grid(True, which="major")
 
 
-def headroom(axes: Axes, share: float) -> None:
-    """Leave room for a legend above the data, as a share of their height."""
+def finish(
+    axes: Axes, x_label: str, y_label: str, legend: str | None = "best", columns: int = 1, room: float = 0.0
+) -> None:
+    """Label axes and draw grid and legend.
+
+    Args:
+        legend: where it stands; None for no legend.
+        room: for the legend above the data, as a share of their height.
+    """
     low, high = axes.get_ylim()
-    axes.set_ylim(low, high + share * (high - low))
+    axes.set_ylim(low, high + room * (high - low))
+    axes.set_xlabel(x_label)
+    axes.set_ylabel(y_label)
+    if legend is not None:
+        axes.legend(loc=legend, ncols=columns)
+    quiet_grid(axes)
 
 
 def say(axes: Axes, text: str) -> None:
