@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from phnn.commands.terminal import status
 from phnn.errors import InputRefused
-from phnn.plot.frequency import response, tested, whiteness
+from phnn.plot.frequency import residual_tests, response, whiteness
 from phnn.plot.panels import MOST, Plot, chosen, model_of, network_model
 from phnn.plot.signals import balance, hysteresis, outputs
 from phnn.recordings import Campaign, read
@@ -93,7 +93,7 @@ def _computed(kind: str, simulator: Any, campaign: Campaign | None, options: Map
     if kind == "compare":
         return outputs(simulator, campaign, recording)
     if kind == "residuals":
-        return whiteness(tested(simulator, campaign, recording))
+        return whiteness(residual_tests(simulator, campaign, recording))
     if kind == "loops":
         return hysteresis(simulator, campaign, recording)
     found = network_model(simulator)

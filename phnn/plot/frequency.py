@@ -279,8 +279,7 @@ def _draw_harmonics(axes: Axes, found: Bode) -> None:
     if largest > 0.0:
         # Harmonics that symmetry forbids are rounding, and would press all others against the top.
         axes.set_ylim(_VISIBLE * largest, 3.0 * largest)
-    finish(axes, "frequency (Hz)", "harmonics over fundamental (%)", columns=HARMONICS - 1)
-    axes.get_legend().set_title("harmonic")
+    finish(axes, "frequency (Hz)", "harmonics over fundamental (%)", ncols=HARMONICS - 1, title="harmonic")
 
 
 # Probability that a correlation of noise lies within its band.
@@ -363,10 +362,10 @@ def residuals(
         InputRefused: there is no such model or recording, too few samples.
         SolverFailed: a step has no solution.
     """
-    return whiteness(tested(model, campaign, recordings, lags)).figure()
+    return whiteness(residual_tests(model, campaign, recordings, lags)).figure()
 
 
-def tested(
+def residual_tests(
     model: Any, campaign: Campaign | str | Path | None, recordings: Sequence[str] | None = None, lags: int | None = None
 ) -> list[Tested]:
     """Test the residual of each recording."""

@@ -377,7 +377,7 @@ def _draw_stored(axes: Axes, t: Array, found: Balance) -> None:
     axes.plot(t[index], unit(found.total_stored[index]), color=INK, linewidth=0.9, label="all storages")
     # Short names, as `q_1`, stand five in a row.
     columns = 5 if max(map(len, layers), default=0) < 10 else 3
-    finish(axes, "", unit.label, "upper left", columns, room=0.1 + 0.15 * -(-(len(layers) + 1) // columns))
+    finish(axes, "", unit.label, "upper left", 0.1 + 0.15 * -(-(len(layers) + 1) // columns), ncols=columns)
 
 
 def _draw_cumulated(axes: Axes, t: Array, found: Balance) -> None:
@@ -390,7 +390,7 @@ def _draw_cumulated(axes: Axes, t: Array, found: Balance) -> None:
     unit = scaled("energy", "J", *(values for values, *_ in rows))
     for values, colour, name, style, width in rows:
         draw_trace(axes, t, values, unit.size, color=colour, linestyle=style, linewidth=width, label=name)
-    finish(axes, "", unit.label, "upper left", 3, room=0.25)
+    finish(axes, "", unit.label, "upper left", 0.25, ncols=3)
 
 
 def _draw_error(axes: Axes, t: Array, time: str, found: Balance) -> None:

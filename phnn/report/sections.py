@@ -48,7 +48,6 @@ from phnn.report.statements import (
     capital,
     causes,
     consequence,
-    early_ending,
     failure,
     forces_known,
     headline,
@@ -64,7 +63,6 @@ from phnn.report.statements import (
 from phnn.rescue import documents, needed, warnings
 from phnn.results import file_name
 
-WAVEFORM = "next_experiment.csv"
 # Recordings that are drawn beside that of the first screen; rows of models and of candidates.
 _DRAWN, _ROWS = 3, 12
 # Notes of parts that failed on the first screen.
@@ -130,13 +128,6 @@ def traces_of(diagnosis: Diagnosis) -> list[Trace]:
     return sorted(found, key=lambda t: (not t.held_out, -(finite(t.over_noise) or 0.0)))
 
 
-def error_title(trace: Trace) -> str:
-    """Return the caption of the picture of an error."""
-    use = "held-out recording" if trace.held_out else "recording"
-    whole = trace.stretch == slice(0, trace.t.size)
-    return f"Error on the {use} {trace.name}" + ("." if whole else ", where the base model is worst.")
-
-
 def error_figure(diagnosis: Diagnosis) -> Figure:
     """Return a figure of the error before and after against the noise, on the worst held-out recording."""
     with rc_context(RC):
@@ -159,9 +150,12 @@ def _first(diagnosis: Diagnosis, traces: Sequence[Trace]) -> list[Block]:
     like = needed("what it acts like", lambda: [acts_like(diagnosis)], nothing) if open_name else []
     shown: list[Drawing] = []
     for trace in traces[:1]:
+        use = "held-out recording" if trace.held_out else "recording"
+        whole = trace.stretch == slice(0, trace.t.size)
+        title = f"Error on the {use} {trace.name}" + ("." if whole else ", where the base model is worst.")
         both = "of base model and final model" if trace.changed else "of the base model"
         alt = f"Error {both} over time, on {trace.name}, with the band of the noise"
-        shown = drawing(f"error-{trace.name}", error_title(trace), alt, partial(draw_error, trace))
+        shown = drawing(f"error-{trace.name}", title, alt, partial(draw_error, trace))
     bars = needed("probabilities", lambda: [Bar(name, p, likelihood(p)) for name, p in causes(diagnosis)], nothing)
     alike = needed("effects that explain most", lambda: likenesses(diagnosis), nothing) if open_name else []
     rows = [Bar(words(n), share, f"{100.0 * share:.0f} %") for n, share in alike]
@@ -176,7 +170,7 @@ def _next(diagnosis: Diagnosis) -> list[Block]:
     following = next_recording(diagnosis)
     if not following:
         return []
-    return [following] if diagnosis.proposal is None else [Link(following, WAVEFORM)]
+    return [following] if diagnosis.proposal is None else [Link(following, "next_experiment.csv")]
 
 
 def _missing(diagnosis: Diagnosis, document: dict[str, Any]) -> list[Block]:
@@ -187,15 +181,9 @@ def _missing(diagnosis: Diagnosis, document: dict[str, Any]) -> list[Block]:
         blocks.append(f"{capital(name)}: {entry['statement']}")
         if entry["equation"]:
             blocks.append(Formula(entry["equation"]))
-        known, std = diagnosis.final.setup.parameters, diagnosis.final.std()
         rows = [
-            [
-                n,
-                with_error(known[n].value, std.get(n)),
-                shown_unit(known[n].unit),
-                interval(diagnosis.final.interval(n)),
-            ]
-            for n in ([] if claim.learned else claim.parameters)
+            [n, with_error(p["value"], p["std"]), shown_unit(p["unit"]), interval(p["interval_95"])]
+            for n, p in ({} if claim.learned else entry["parameters"]).items()
         ]
         if rows:
             blocks.append(Table(["parameter", "value", "unit", "95 % interval"], rows))
@@ -319,11 +307,8 @@ def _tried(diagnosis: Diagnosis) -> list[Block]:
         for c in sorted(diagnosis.screened[0], key=lambda c: -c.score)[:_ROWS]
     ]
     _, p, name = diagnosis.significance()
-    early, failed = (
-        early_ending(diagnosis),
-        [failure(f) for f in documents((*diagnosis.ended.failed, *diagnosis.ended.warnings, *warnings()))],
-    )
-    blocks: list[Block] = [*([early] if early else []), *failed]
+    failed = documents((*diagnosis.ended.failed, *diagnosis.ended.warnings, *warnings()))
+    blocks: list[Block] = [failure(f) for f in failed]
     if name:
         blocks.append(f"The largest score in the residual of the base model is that of {words(name)} ({p_value(p)}).")
     blocks.append(

@@ -11,7 +11,7 @@ import numpy as np
 
 import phnn
 from phnn.models.actuator import hrc
-from phnn.plot.frequency import response, tested, whiteness
+from phnn.plot.frequency import residual_tests, response, whiteness
 from phnn.plot.signals import balance, hysteresis, outputs
 from phnn.recordings.recording import Campaign, Part, Recording, Start, unrecorded
 from phnn.setup import Setup
@@ -69,7 +69,7 @@ FREQUENCIES = np.array([5.0, 20.0, 50.0, 200.0])
 # What each function draws, and the number of its panels.
 PLOTS: dict[str, tuple[Callable[[], Any], int]] = {
     "compare": (lambda: outputs(MODEL, campaign()), 8),
-    "residuals": (lambda: whiteness(tested(MODEL, campaign(), ["large", "broad"])), 6),
+    "residuals": (lambda: whiteness(residual_tests(MODEL, campaign(), ["large", "broad"])), 6),
     "loops": (lambda: hysteresis(MODEL, campaign()), 2),
     "bode": (lambda: response(MODEL, FREQUENCIES, 60.0, campaign=campaign()).plot(), 3),
     "energy": (lambda: balance(MODEL.trajectory(T, sine(20.0, 60.0))).plot(), 3),

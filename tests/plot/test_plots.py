@@ -37,7 +37,7 @@ import phnn
 from phnn.cli import main
 from phnn.models.store import save
 from phnn.parameters import as_table, constant
-from phnn.plot.frequency import response, tested
+from phnn.plot.frequency import residual_tests, response
 from phnn.plot.signals import balance, hysteresis
 from phnn.report.figures.style import svg
 from phnn.setup import Block
@@ -341,13 +341,13 @@ def test_deviations_of_white_noise_are_those_of_the_number_of_pairs() -> None:
 
 
 def test_the_true_model_leaves_noise_and_a_wrong_one_does_not() -> None:
-    for one in tested(MODEL, campaign()):
+    for one in residual_tests(MODEL, campaign()):
         assert one.own.outside.sum() <= 5
         assert one.by_input.outside.mean() <= 0.1
         assert np.median(one.density / one.noise) == pytest.approx(1.0, abs=0.2)
-    for one in tested(WRONG, campaign()):
+    for one in residual_tests(WRONG, campaign()):
         assert one.own.outside.mean() > 0.5
-    broad = tested(WRONG, campaign())[3]
+    broad = residual_tests(WRONG, campaign())[3]
     assert broad.by_input.outside.mean() > 0.3
     assert broad.density.max() > 10.0 * broad.noise.max()
 

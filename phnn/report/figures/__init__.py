@@ -160,7 +160,8 @@ def draw_recording(trace: Trace) -> Figure:
     part = trace.stretch
     lines = [(trace.measured, MEASURED, "measured", 4.0), (trace.before, BEFORE, "base model", 1.5)]
     lines += [(trace.after, AFTER, "final model", 1.1)] if trace.changed else []
-    outputs_into(above, trace.t[part], [(y[part], *style) for y, *style in lines], trace.unit, _STRETCHES)
+    shown = [(y[part], colour, name, width) for y, colour, name, width in lines]
+    outputs_into(above, trace.t[part], shown, trace.unit, _STRETCHES)
     _errors_of(below, trace)
     return figure
 
@@ -178,7 +179,7 @@ def outputs_into(axes: Axes, t: np.ndarray, lines: Sequence[Line], unit: str, bi
     for y, colour, name, width in lines:
         draw_trace(axes, t, y, shown.scale, bins, color=colour, label=name, linewidth=width)
     axes.margins(x=0.01)
-    finish(axes, "", f"output ({shown.name})", "upper left", len(lines), room=0.2)
+    finish(axes, "", f"output ({shown.name})", "upper left", room=0.2, ncols=len(lines))
 
 
 def errors_into(
@@ -194,7 +195,7 @@ def errors_into(
         draw_trace(axes, t, y, shown.scale, bins, color=colour, label=name, linewidth=width)
     axes.set_ylim(-limit / shown.scale, 1.35 * limit / shown.scale)
     axes.margins(x=0.01)
-    finish(axes, "time (s)", f"error ({shown.name})", "upper left", 3)
+    finish(axes, "time (s)", f"error ({shown.name})", "upper left", ncols=3)
 
 
 def _reach(y: np.ndarray, share: float) -> float:
@@ -218,5 +219,5 @@ def draw_curve(curve: Picture) -> Figure:
         axes.set_xscale("log")
     if x.size and x[0] < 0.0 < x[-1]:
         axes.axvline(0.0, color=INK, linewidth=0.5, zorder=0)
-    finish(axes, *(literal(text, len(text)) for text in (curve.x_label, curve.y_label)))
+    finish(axes, literal(curve.x_label, 120), literal(curve.y_label, 120))
     return figure

@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib import rc_context
@@ -60,6 +60,7 @@ RC: dict[Any, Any] = {
     "figure.constrained_layout.h_pad": 0.08,
     "figure.constrained_layout.w_pad": 0.06,
 }
+Corner = Literal["best", "upper left", "upper right"] | None
 DPI = 150
 # Of 9 at most: twice this takes half as long again, for files smaller by a tenth.
 _EFFORT = 3
@@ -146,21 +147,20 @@ def quiet_grid(axes: Axes) -> None:
     axes.grid(True, which="major")
 
 
-def finish(
-    axes: Axes, x_label: str, y_label: str, legend: str | None = "best", columns: int = 1, room: float = 0.0
-) -> None:
+def finish(axes: Axes, x_label: str, y_label: str, legend: Corner = "best", room: float = 0.0, **style: Any) -> None:
     """Label axes and draw grid and legend.
 
     Args:
         legend: where it stands; None for no legend.
         room: for the legend above the data, as a share of their height.
+        style: of the legend, such as ``ncols``.
     """
     low, high = axes.get_ylim()
     axes.set_ylim(low, high + room * (high - low))
     axes.set_xlabel(x_label)
     axes.set_ylabel(y_label)
     if legend is not None:
-        axes.legend(loc=legend, ncols=columns)
+        axes.legend(loc=legend, **style)
     quiet_grid(axes)
 
 
