@@ -26,12 +26,12 @@ from phnn.diagnose.words import vocabulary_of
 from phnn.errors import InputRefused, SolverFailed
 from phnn.model import Model
 from phnn.parameters import quantity
-from phnn.plot.panels import Array, Panels, Plot, Point, column, grid, network_model, point, predictions, scaled
+from phnn.plot.panels import Array, Plot, Point, column, network_model, point, predictions, scaled
 from phnn.prediction import Predicted
 from phnn.recordings import Campaign, campaign_of
 from phnn.recordings.recording import Recording, Start, unrecorded
 from phnn.report.figures import amplitude_density
-from phnn.report.figures.style import AFTER, BEFORE, CATEGORIES, FAINT, INK, finish, literal, log_axis
+from phnn.report.figures.style import AFTER, BEFORE, CATEGORIES, FAINT, INK, finish, literal, log_axis, new_figure
 from phnn.setup import Setup
 from phnn.signals.first_order import correlation, cross_deviation, density_of, own_deviation
 from phnn.signals.least_squares import HARMONICS, harmonic_weights
@@ -116,8 +116,9 @@ class Bode:
         ]
         return Plot(self._draw, {"": model, "_measured": pd.DataFrame(rows)} if rows else {"": model})
 
-    def _draw(self) -> Panels:
-        panels = grid(3, 1, 7.2, 8.4, sharex=True, height_ratios=[1.3, 1.0, 1.0])[:, 0]
+    def _draw(self) -> Figure:
+        figure = new_figure(7.2, 8.4)
+        panels = figure.subplots(3, 1, sharex=True, height_ratios=[1.3, 1.0, 1.0])
         gain = scaled(f"{self.words[1]} by {self.words[0]}", self.gain_unit, np.abs(self.gain))
         at = f"at {quantity(self.amplitude, self.units[0])}"
         shown: tuple[Callable[[Complex], Array], ...] = (lambda g: gain(np.abs(g)), _degrees)
@@ -143,7 +144,7 @@ class Bode:
             log_axis(axes)
         finish(panels[0], "", gain.label)
         finish(panels[1], "", "phase (degrees)", None)
-        return panels
+        return figure
 
     def at_its_amplitude(self, own: bool) -> list[Point]:
         """Measured responses at the amplitude of the model's, or those at another one."""
@@ -379,14 +380,14 @@ def residual_tests(
 def whiteness(found: Sequence[Tested]) -> Plot:
     """What `residuals` draws: a row of panels for each recording."""
 
-    def draw() -> Panels:
-        panels = grid(len(found), 3, 11.4, 2.9 * len(found) + 0.3)
-        for row, one in zip(panels, found, strict=True):
+    def draw() -> Figure:
+        figure = new_figure(11.4, 2.9 * len(found) + 0.3)
+        for row, one in zip(figure.subplots(len(found), 3, squeeze=False), found, strict=True):
             _draw_correlated(row[0], one.own, "autocorrelation of the residual")
             _draw_correlated(row[1], one.by_input, "correlation with the input")
             _draw_spectrum(row[2], one)
             row[0].set_title(literal(one.recording.name, 40))
-        return panels
+        return figure
 
     tables = {"": _correlations, "_spectrum": lambda one: [_spectrum(one)]}
     joined = {end: pd.concat([t for one in found for t in of(one)], ignore_index=True) for end, of in tables.items()}

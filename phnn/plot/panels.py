@@ -25,7 +25,7 @@ from phnn.prediction import Predicted
 from phnn.recordings import Campaign, campaign_of
 from phnn.recordings.excitation import excitation_of
 from phnn.recordings.recording import Recording
-from phnn.report.figures.style import RC, new_figure
+from phnn.report.figures.style import RC
 from phnn.report.formatting import listing
 from phnn.signals.least_squares import HARMONICS, deviation, harmonic_weights
 
@@ -73,9 +73,6 @@ def point(recording: Recording) -> Point | None:
 
 
 Array = NDArray[np.float64]
-# Axes of matplotlib in an array, one for each panel.
-Panels = NDArray[Any]
-
 # Recordings that are drawn where nobody chose some: more do not fit on a screen.
 MOST = 12
 
@@ -85,18 +82,17 @@ class Plot:
     """A kind of plot: how it is drawn, and the same as tables.
 
     Attributes:
-        draw: draws its panels on a new figure and returns them.
+        draw: returns a new figure of all panels.
         tables: everything that is drawn, by the ending of a file's name; columns have units, ``_1`` for none.
     """
 
-    draw: Callable[[], Panels]
+    draw: Callable[[], Figure]
     tables: Mapping[str, pd.DataFrame]
 
     def figure(self) -> Figure:
-        """Return a figure of all panels."""
+        """Return a figure in the look of all figures."""
         with rc_context(RC):
-            figure: Figure = np.ravel(self.draw())[0].figure
-        return figure
+            return self.draw()
 
 
 @dataclass(frozen=True)
@@ -121,11 +117,6 @@ def scaled(name: str, unit: str, *values: Any) -> Scaled:
 def column(name: str, unit: str) -> str:
     """Name of a column with its unit."""
     return f"{name}_{unit.replace(' ', '')}"
-
-
-def grid(rows: int, columns: int, width: float, height: float, **layout: Any) -> Panels:
-    """Return (rows, columns) axes of a new figure [inches]; call inside ``rc_context(RC)``."""
-    return np.asarray(new_figure(width, height).subplots(rows, columns, squeeze=False, **layout))
 
 
 def model_of(given: Any, outside: bool = False) -> Model | StoredModes:
@@ -179,10 +170,3 @@ def chosen(campaign: Campaign | str | Path, recordings: Sequence[str] | None) ->
         raise InputRefused(f"{campaign.folder}: no output was recorded: there is nothing to compare a model with")
     kept = [known[name] for name in recordings] if recordings else list(known.values())[:MOST]
     return replace(campaign, recordings=tuple(kept))
-
-
-def hide_unused(panels: Panels, used: int) -> Panels:
-    """Hide the panels of a grid behind the first ones, which are returned."""
-    for axes in panels[used:].reshape(-1):
-        axes.set_visible(False)
-    return panels[:used]

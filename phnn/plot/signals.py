@@ -27,12 +27,9 @@ from phnn.parameters import prefixed, quantity
 from phnn.plot.panels import (
     MOST,
     Array,
-    Panels,
     Plot,
     chosen,
     column,
-    grid,
-    hide_unused,
     network_model,
     predictions,
     scaled,
@@ -40,7 +37,7 @@ from phnn.plot.panels import (
 from phnn.prediction import Predicted
 from phnn.recordings import Campaign, campaign_of
 from phnn.report.figures import draw_trace, envelope, errors_into, outputs_into, telling_stretch
-from phnn.report.figures.style import AFTER, BEFORE, CATEGORIES, FAINT, INK, MEASURED, finish, literal
+from phnn.report.figures.style import AFTER, BEFORE, CATEGORIES, FAINT, INK, MEASURED, finish, literal, new_figure
 from phnn.report.formatting import DASH, finite, percent
 from phnn.trajectory import Trajectory
 
@@ -80,24 +77,16 @@ def outputs(model: Any, campaign: Campaign | str | Path, recordings: Sequence[st
     """What `compare` draws; ``shown_1`` of its table is 1 for the samples that are drawn."""
     found = predictions(model, campaign, recordings)
 
-    def draw() -> Panels:
-        pairs = _pairs(len(found))
-        for (above, below), one in zip(pairs, found, strict=True):
+    def draw() -> Figure:
+        columns = min(2, len(found))
+        rows = -(-len(found) // columns)
+        figure = new_figure(10.1 if columns > 1 else 7.2, 3.7 * rows)
+        for place, one in zip(figure.subfigures(rows, columns, squeeze=False).flat, found, strict=False):
+            above, below = place.subplots(2, 1, height_ratios=[2.0, 1.2])
             _draw(above, below, one)
-        return pairs
+        return figure
 
     return Plot(draw, {"": pd.concat(map(_table, found), ignore_index=True)})
-
-
-def _pairs(count: int) -> Panels:
-    """(R, 2) axes of a new figure, pairs above each other."""
-    columns = min(2, count)
-    rows = -(-count // columns)
-    width = 10.1 if columns > 1 else 7.2
-    panels = grid(2 * rows, columns, width, 3.7 * rows, height_ratios=[2.3, 1.0] * rows)
-    places = [(2 * (i // columns), i % columns) for i in range(rows * columns)]
-    pairs = np.array([[panels[row, place], panels[row + 1, place]] for row, place in places], dtype=object)
-    return hide_unused(pairs, count)
 
 
 def _shown(one: Predicted) -> slice:
@@ -209,13 +198,13 @@ def hysteresis(model: Any, campaign: Campaign | str | Path, recordings: Sequence
             panels[title] = []
         panels[title].append(one)
 
-    def draw() -> Panels:
+    def draw() -> Figure:
         columns = min(3, len(panels))
         rows = -(-len(panels) // columns)
-        axes = grid(rows, columns, 3.6 * columns + (1.4 if columns == 1 else 0.2), 3.2 * rows).reshape(-1)
-        for one, (title, some) in zip(axes, panels.items(), strict=False):
-            _draw_loops(one, title, some)
-        return hide_unused(axes, len(panels))
+        figure = new_figure(3.6 * columns + (1.4 if columns == 1 else 0.2), 3.2 * rows)
+        for place, (title, some) in enumerate(panels.items(), start=1):
+            _draw_loops(figure.add_subplot(rows, columns, place), title, some)
+        return figure
 
     return Plot(draw, {"": pd.concat(map(_loop_table, found), ignore_index=True)})
 
@@ -310,15 +299,16 @@ class Balance:
         content |= {"dissipated_J": self.total_dissipated, "balance_error_J": self.error}
         return Plot(self._draw, {"": pd.DataFrame(content)})
 
-    def _draw(self) -> Panels:
-        panels = grid(3, 1, 7.6, 7.2, sharex=True, height_ratios=[1.2, 1.2, 0.7])[:, 0]
+    def _draw(self) -> Figure:
+        figure = new_figure(7.6, 7.2)
+        above, middle, below = figure.subplots(3, 1, sharex=True, height_ratios=[1.2, 1.2, 0.7])
         time = scaled("time", "s", self.t)
         t = time(self.t)
-        _draw_stored(panels[0], t, self)
-        _draw_cumulated(panels[1], t, self)
-        _draw_error(panels[2], t, time.label, self)
-        panels[0].set_xlim(t[0], t[-1])
-        return panels
+        _draw_stored(above, t, self)
+        _draw_cumulated(middle, t, self)
+        _draw_error(below, t, time.label, self)
+        below.set_xlim(t[0], t[-1])
+        return figure
 
 
 def energy(model: Model | Diagnosis | str | Path, t: ArrayLike, u: ArrayLike, **options: Any) -> Figure:

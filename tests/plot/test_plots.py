@@ -48,13 +48,8 @@ _WORDS = {"recording", "with"}
 _PREFIXES = {"f": -15, "p": -12, "n": -9, "µ": -6, "m": -3, "": 0, "k": 3, "M": 6, "G": 9}
 
 
-# Places of the panels of `compare` in its figure of two columns, so that each residual follows its output.
-_PAIRS = (0, 2, 1, 3, 4, 6, 5, 7)
-
-
 def panels(kind: str) -> list[Axes]:
-    axes = list(figure_of(kind).axes)
-    return [axes[i] for i in _PAIRS] if kind == "compare" else axes
+    return list(figure_of(kind).axes)
 
 
 def figure_of(kind: str) -> Figure:

@@ -193,7 +193,7 @@ def errors_into(
         axes.axhspan(-band / shown.scale, band / shown.scale, color=FAINT, linewidth=0, label="noise (± 2 σ)")
     for y, colour, name, width in lines:
         draw_trace(axes, t, y, shown.scale, bins, color=colour, label=name, linewidth=width)
-    axes.set_ylim(-limit / shown.scale, 1.35 * limit / shown.scale)
+    axes.set_ylim(-limit / shown.scale, 1.5 * limit / shown.scale)
     axes.margins(x=0.01)
     finish(axes, "time (s)", f"error ({shown.name})", "upper left", ncols=3)
 

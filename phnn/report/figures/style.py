@@ -162,10 +162,3 @@ def finish(axes: Axes, x_label: str, y_label: str, legend: Corner = "best", room
     if legend is not None:
         axes.legend(loc=legend, **style)
     quiet_grid(axes)
-
-
-def say(axes: Axes, text: str) -> None:
-    """A sentence in place of data."""
-    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color="#6a7278", wrap=True)
-    axes.set_xticks([])
-    axes.set_yticks([])
