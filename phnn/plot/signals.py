@@ -23,12 +23,11 @@ from phnn.errors import InputRefused
 from phnn.integrate.equations import power_balance
 from phnn.model import Model
 from phnn.network.system import PortHamiltonianSystem
-from phnn.parameters import prefixed, quantity
+from phnn.parameters import quantity
 from phnn.plot.panels import (
     MOST,
     Array,
     Plot,
-    chosen,
     column,
     network_model,
     predictions,
@@ -116,13 +115,9 @@ def _legend(one: Predicted) -> str:
 
 
 def _title(one: Predicted, part: slice) -> str:
-    r = one.recording
-    use = ", held out" if one.held_out or r.mask("confirmation").any() else ""
-    if part == slice(0, r.t.size):
-        return literal(r.name, 40) + use
-    size, unit = prefixed(float(r.t[-1]), "s")
-    first, last, whole = (f"{t / size:.3g}" for t in (r.t[part.start], r.t[part.stop - 1], r.t[-1]))
-    return f"{literal(r.name, 30)}{use}: {first} to {last} of {whole} {unit}"
+    use = ", held out" if one.held_out or one.recording.mask("confirmation").any() else ""
+    whole = part == slice(0, one.y.size)
+    return literal(one.recording.name, 30) + use + ("" if whole else ", where the residual is largest")
 
 
 def _table(one: Predicted) -> pd.DataFrame:
@@ -181,28 +176,22 @@ def hysteresis(model: Any, campaign: Campaign | str | Path, recordings: Sequence
     if recordings is None:
         recordings = [r.name for r in campaign.recordings if r.period is not None and np.isfinite(r.y).any()][:MOST]
         if not recordings:
-            names = ", ".join(r.name for r in chosen(campaign, None).recordings)
-            raise InputRefused(
-                f"no recording repeats, so that there is no loop: name some of {names} to draw as a whole"
-            )
+            raise InputRefused("no recording repeats, so that there is no loop: name some to draw them as a whole")
     found = sorted(predictions(model, campaign, recordings), key=_order)
-    panels: dict[str, list[Predicted]] = {}
+    panels: list[tuple[str, list[Predicted]]] = []
     last = None
     for one in found:
         period = one.recording.period
         if last is None or period is None or abs(period / last - 1.0) > _ALIKE:
             last, title = period, literal(one.recording.name, 34) if period is None else quantity(1.0 / period, "Hz")
-            while title in panels:
-                # Another panel whose shortened name or rounded frequency is the same.
-                title += "′"
-            panels[title] = []
-        panels[title].append(one)
+            panels.append((title, []))
+        panels[-1][1].append(one)
 
     def draw() -> Figure:
         columns = min(3, len(panels))
         rows = -(-len(panels) // columns)
         figure = new_figure(3.6 * columns + (1.4 if columns == 1 else 0.2), 3.2 * rows)
-        for place, (title, some) in enumerate(panels.items(), start=1):
+        for place, (title, some) in enumerate(panels, start=1):
             _draw_loops(figure.add_subplot(rows, columns, place), title, some)
         return figure
 
@@ -217,10 +206,8 @@ def _order(one: Predicted) -> tuple[float, float]:
 
 def _draw_loops(axes: Axes, title: str, some: Sequence[Predicted]) -> None:
     r = some[0].recording
-    into = scaled("voltage" if r.units.input == "V" else "input", r.units.input, *(one.recording.u for one in some))
-    out = scaled(
-        "displacement" if r.units.output == "m" else "output", r.units.output, *(one.recording.y for one in some)
-    )
+    into = scaled("input", r.units.input, *(one.recording.u for one in some))
+    out = scaled("output", r.units.output, *(one.recording.y for one in some))
     for number, one in enumerate(some):
         rows, u = one.recording.last_periods(1.0), one.recording.u
         for y, colour, name, width in ((one.recording.y, MEASURED, "measured", 4.0), (one.y, AFTER, "simulated", 1.2)):

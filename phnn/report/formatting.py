@@ -41,29 +41,23 @@ def _fixed(value: float, decimals: int) -> str:
     return text.replace("-", "−") if float(text) else f"{0.0:.{decimals}f}"
 
 
-def plain(value: float | None, digits: int = 3) -> str:
-    """``digits`` significant digits without an exponent, for columns that share a unit; extreme values keep one."""
-    value = finite(value)
-    if value is None:
-        return DASH
-    if value and not 1e-6 <= abs(value) < 1e9:
-        return number(value, digits)
-    exponent = _exponent(value, digits)
-    return _fixed(round(value, digits - 1 - exponent), digits - 1 - exponent)
-
-
-def number(value: float | None, digits: int = 3) -> str:
-    """``digits`` significant digits, with a power of ten outside 0.001 … 99999."""
+def number(value: float | None, digits: int = 3, lowest: int = -3, highest: int = 4) -> str:
+    """``digits`` significant digits, with a power of ten outside 0.001 … 99999 or other decades."""
     value = finite(value)
     if value is None:
         return DASH
     if value == 0.0:
         return "0"
     exponent = _exponent(value, digits)
-    if -4 < exponent < 5:
+    if lowest <= exponent <= highest:
         return _fixed(round(value, digits - 1 - exponent), digits - 1 - exponent)
     mantissa = f"{value:.{digits - 1}e}".partition("e")[0].replace("-", "−")
     return f"{mantissa} × {power_of_ten(exponent)}"
+
+
+def plain(value: float | None, digits: int = 3) -> str:
+    """``digits`` significant digits without an exponent, for columns that share a unit; extreme values keep one."""
+    return number(value, digits, lowest=-6, highest=8)
 
 
 def with_error(value: float | None, std: float | None) -> str:
@@ -101,17 +95,12 @@ def interval(ends: tuple[float, float] | None) -> str:
 
 
 def p_value(value: float | None) -> str:
-    """``p = 0.041``, ``p = 3 × 10⁻⁵``, and ``p < 2 × 10⁻⁵`` below that: nobody knows the noise so well that smaller
+    """``p = 0.04``, ``p = 3 × 10⁻⁵``, and ``p < 2 × 10⁻⁵`` below that: nobody knows the noise so well that smaller
     tails are to be believed."""
     value = finite(value)
     if value is None:
         return "p not computed"
-    if value <= _FLOOR:
-        return f"p < 2 × {power_of_ten(-5)}"
-    if value >= 0.001:
-        return f"p = {value:.2g}"
-    mantissa, _, exponent = f"{value:.0e}".partition("e")
-    return f"p = {'' if mantissa == '1' else f'{mantissa} × '}{power_of_ten(int(exponent))}"
+    return f"p {'=' if value > _FLOOR else '<'} {number(max(value, _FLOOR), 1)}"
 
 
 def likelihood(value: float | None) -> str:
@@ -153,22 +142,6 @@ def listing(names: Iterable[str], last: str = "and") -> str:
     if len(items) < 2:
         return "".join(items)
     return f"{', '.join(items[:-1])} {last} {items[-1]}"
-
-
-def change(before: float | None, after: float | None) -> str:
-    """Relative change in percent, as ``+3.2 %``; a factor where it is large."""
-    before, after = finite(before), finite(after)
-    if before is None or after is None or before == 0.0:
-        return DASH
-    factor = finite(after / before)
-    if factor is None:
-        return DASH
-    if factor <= 0.0 or factor >= 10.0:
-        return f"× {number(factor, 2)}"
-    relative = 100.0 * (factor - 1.0)
-    if abs(relative) < 0.05:
-        return "0 %"
-    return f"{'+' if relative > 0 else '−'}{_fixed(abs(relative), 1)} %"
 
 
 def markdown_table(head: Sequence[str], body: Sequence[Sequence[str]]) -> list[str]:

@@ -129,11 +129,8 @@ _COLOURS = {
 def image(drawing: Drawing) -> Markup:
     """Return a picture as part of the page: as SVG in the colours of the page, or as PNG where there is no SVG."""
     if not drawing.svg:
-        width, height = (int.from_bytes(drawing.png[start : start + 4], "big") for start in (16, 20))
         data = base64.b64encode(drawing.png).decode("ascii")
-        return Markup('<img src="data:image/png;base64,{}" alt="{}" width="{}" height="{}">').format(
-            data, drawing.alt, round(width * 96 / 150), round(height * 96 / 150)
-        )
+        return Markup('<img src="data:image/png;base64,{}" alt="{}">').format(data, drawing.alt)
     text = drawing.svg.decode("utf-8")
     text = re.sub(r"<metadata>.*?</metadata>", "", text[text.index("<svg") :], flags=re.DOTALL)
     # Names that nothing refers to would stand twice on a page of several pictures.

@@ -27,7 +27,6 @@ from phnn.recordings.units import scales_with_forces
 from phnn.report.figures import Trace, draw_curve, draw_error, draw_recording
 from phnn.report.figures.style import RC, Drawing, png, svg
 from phnn.report.formatting import (
-    change,
     display_unit,
     finite,
     interval,
@@ -160,17 +159,20 @@ def _first(diagnosis: Diagnosis, traces: Sequence[Trace]) -> list[Block]:
     alike = needed("effects that explain most", lambda: likenesses(diagnosis), nothing) if open_name else []
     rows = [Bar(words(n), share, f"{100.0 * share:.0f} %") for n, share in alike]
     others = [Bars("Share of the excess over the noise that one effect alone explains", rows)] if rows else []
-    following = needed("next recording", lambda: _next(diagnosis), nothing)
+    told = needed("next recording", lambda: next_recording(diagnosis), "")
+    following = [told] if diagnosis.proposal is None else [Link(told, "next_experiment.csv")]
     said = notes(diagnosis)
     more = [f"{len(said) - _NOTES} more parts failed: see “What was tried”."] if len(said) > _NOTES else []
-    return [*answer, *said[:_NOTES], *more, *like, *shown, Bars("Probabilities", bars), *others, *following]
-
-
-def _next(diagnosis: Diagnosis) -> list[Block]:
-    following = next_recording(diagnosis)
-    if not following:
-        return []
-    return [following] if diagnosis.proposal is None else [Link(following, "next_experiment.csv")]
+    return [
+        *answer,
+        *said[:_NOTES],
+        *more,
+        *like,
+        *shown,
+        Bars("Probabilities", bars),
+        *others,
+        *(following if told else []),
+    ]
 
 
 def _missing(diagnosis: Diagnosis, document: dict[str, Any]) -> list[Block]:
@@ -286,11 +288,11 @@ def parameter_rows(diagnosis: Diagnosis) -> Iterator[list[str]]:
         note = note or (f"base model: {unknown}" if (unknown := diagnosis.base.note(name)) else "")
         old = before[name].value if name in before else None
         value, ends = with_error(p.value, finite(std.get(name))), interval(final.interval(name))
-        yield [name, p.description, note, number(old), value, ends, shown_unit(p.unit), change(old, p.value)]
+        yield [name, p.description, note, number(old), value, ends, shown_unit(p.unit)]
 
 
 def _parameters(diagnosis: Diagnosis) -> list[Block]:
-    head = ["parameter", "meaning", "remark", "before", "after ± standard error", "95 % interval", "unit", "change"]
+    head = ["parameter", "meaning", "remark", "before", "after ± standard error", "95 % interval", "unit"]
     return [Table(head, list(parameter_rows(diagnosis)), 3)]
 
 
@@ -338,16 +340,12 @@ def usage(traces: Sequence[Trace], input_unit: str, output_unit: str) -> str:
     if traces and np.isfinite(traces[0].u).any():
         amplitude = float(np.nanmax(np.abs(traces[0].u))) or 1.0
         seconds = float(np.ptp(traces[0].t)) or 1.0
-    return "\n".join(
-        [
-            "import numpy as np",
-            "import phnn",
-            "",
-            'model = phnn.load("model")  # the folder beside this page',
-            f"t = np.linspace(0.0, {seconds:.4g}, 2001)  # [s]",
-            f"u = {amplitude:.4g} * np.sin({6.0 * math.pi / seconds:.4g} * t)  # [{input_unit}]",
-            f"y = model.simulate(t, u)  # [{output_unit}]",
-        ]
+    return (
+        "import numpy as np\nimport phnn\n\n"
+        'model = phnn.load("model")  # the folder beside this page\n'
+        f"t = np.linspace(0.0, {seconds:.4g}, 2001)  # [s]\n"
+        f"u = {amplitude:.4g} * np.sin({6.0 * math.pi / seconds:.4g} * t)  # [{input_unit}]\n"
+        f"y = model.simulate(t, u)  # [{output_unit}]"
     )
 
 

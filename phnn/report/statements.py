@@ -108,7 +108,8 @@ def headline(diagnosis: Diagnosis) -> str:
     names = [listing(class_of(c), "or") for c in claims]
     verb = "is" if len(names) == 1 else "are"
     many = f"{len(names)} effects are" if len(names) > 1 else f"One of {len(class_of(claims[0]))} effects is"
-    end = f" missing: {_sure(min(c.probability for c in claims))}"
+    sure = likelihood(min(c.probability for c in claims)).replace(">", "more than").replace("<", "less than")
+    end = f" missing: {sure} sure"
     if any(c.alike for c in claims):
         end = " missing; these recordings cannot tell which"
     elif word == EQUIVALENT:
@@ -198,10 +199,6 @@ def location_name(diagnosis: Diagnosis, name: str) -> str:
 def capital(text: str) -> str:
     """Return a text that begins with a capital letter."""
     return text[:1].upper() + text[1:]
-
-
-def _sure(probability: float) -> str:
-    return f"{likelihood(probability).replace('>', 'more than').replace('<', 'less than')} sure"
 
 
 def class_of(claim: Claim) -> list[str]:

@@ -34,27 +34,18 @@ def envelope(
     if count <= 2 * bins:
         return np.arange(count)
     width = -(-count // bins)
-    return np.unique(np.concatenate(([0], extremes(y, width).ravel(), [count - 1])))
+    blocks = np.full((-(-count // width), width), np.nan)
+    blocks.ravel()[:count] = y
+    finite = np.isfinite(blocks)
+    lowest, highest = np.where(finite, blocks, np.inf).argmin(axis=1), np.where(finite, blocks, -np.inf).argmax(axis=1)
+    starts = width * np.arange(len(blocks))
+    return np.unique(np.concatenate(([0], starts + lowest, starts + highest, [count - 1])))
 
 
 def draw_trace(axes: Axes, x: np.ndarray, y: np.ndarray, size: float = 1.0, bins: int = 1500, **style: Any) -> None:
     """Draw ``y / size`` over ``x``, through its envelope of ``bins`` stretches."""
     index = envelope(y, bins)
     axes.plot(x[index], y[index] / size, **style)
-
-
-def extremes(y: np.ndarray, width: int) -> np.ndarray:
-    """(B, 2) indices of the smallest and the largest finite sample of every ``width`` samples (N,).
-
-    Of a stretch without one both are its first sample.
-    """
-    rows = -(-len(y) // width)
-    padded = np.full(rows * width, np.nan)
-    padded[: len(y)] = y
-    blocks = padded.reshape(rows, width)
-    known = np.isfinite(blocks)
-    ends = (np.where(known, blocks, np.inf).argmin(axis=1), np.where(known, blocks, -np.inf).argmax(axis=1))
-    return np.stack(ends, axis=1) + np.arange(rows)[:, None] * width
 
 
 def cycles(u: np.ndarray) -> float:
