@@ -160,19 +160,11 @@ def _first(diagnosis: Diagnosis, traces: Sequence[Trace]) -> list[Block]:
     rows = [Bar(words(n), share, f"{100.0 * share:.0f} %") for n, share in alike]
     others = [Bars("Share of the excess over the noise that one effect alone explains", rows)] if rows else []
     told = needed("next recording", lambda: next_recording(diagnosis), "")
-    following = [told] if diagnosis.proposal is None else [Link(told, "next_experiment.csv")]
+    link: list[Block] = [told] if diagnosis.proposal is None else [Link(told, "next_experiment.csv")]
+    following = link if told else []
     said = notes(diagnosis)
     more = [f"{len(said) - _NOTES} more parts failed: see “What was tried”."] if len(said) > _NOTES else []
-    return [
-        *answer,
-        *said[:_NOTES],
-        *more,
-        *like,
-        *shown,
-        Bars("Probabilities", bars),
-        *others,
-        *(following if told else []),
-    ]
+    return [*answer, *said[:_NOTES], *more, *like, *shown, Bars("Probabilities", bars), *others, *following]
 
 
 def _missing(diagnosis: Diagnosis, document: dict[str, Any]) -> list[Block]:

@@ -240,7 +240,7 @@ def causes(diagnosis: Diagnosis) -> list[tuple[str, float]]:
     complete = of[best] / weight if (weight := diagnosis.visited.probability.get(best, 0.0)) > 0.0 else 1.0
     nothing = of.get(NONE, 0.0)
     if diagnosis.verdict == UNKNOWN and not diagnosis.claims:
-        return [*likely, ("none of the effects that were tried", 1.0 - complete + nothing)]
+        return [*likely, ("nothing that was tried", 1.0 - complete + nothing)]
     beyond = [("something else", 1.0 - complete)] if complete < 1.0 - _LEAST else []
     return [*likely, *beyond, ("nothing is missing", nothing)]
 
