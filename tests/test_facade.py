@@ -145,8 +145,6 @@ def test_other_values_than_models_and_diagnoses_are_refused() -> None:
     with pytest.raises(phnn.InputRefused, match="made of a Setup, not of a Network"):
         phnn.Model(network)  # type: ignore[arg-type]
     model = phnn.Model(phnn.Setup(network))
-    with pytest.raises(phnn.InputRefused, match="a Model has no locations: give a diagnosis"):
-        phnn.plot.location(model)  # type: ignore[arg-type]
     t = np.arange(0.0, 0.1, 1e-4)
     with pytest.raises(phnn.InputRefused, match=r"reaches 40 m, a piezo actuator at most 0.01 m: give it in metres"):
         model.inverse(t, 40.0 * np.sin(50.0 * t) ** 3)

@@ -17,6 +17,7 @@ from phnn.errors import InputRefused
 from phnn.intake.files import named_file
 from phnn.inverse import Inverse, InverseOptions
 from phnn.model import Model
+from phnn.parameters import quantity
 from phnn.predictor import load
 from phnn.recordings import checks
 from phnn.recordings.channels import select
@@ -28,7 +29,7 @@ from phnn.recordings.table import Where
 from phnn.recordings.units import known_unit
 from phnn.report.figures import draw_trace
 from phnn.report.figures.style import AFTER, BEFORE, FAINT, MEASURED, RC, new_figure, png, quiet_grid
-from phnn.report.formatting import display_unit, quantity
+from phnn.report.formatting import display_unit
 from phnn.results import Place, claim
 
 # Columns that may hold a reference, the first that is there counts.

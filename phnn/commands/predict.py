@@ -10,10 +10,11 @@ from rich.markup import escape
 from rich.table import Table
 
 from phnn.commands.terminal import console
+from phnn.parameters import quantity
 from phnn.prediction import document
 from phnn.predictor import load, predictions
 from phnn.recordings import read
-from phnn.report.formatting import DASH, percent, quantity, ratio
+from phnn.report.formatting import DASH, percent, ratio
 from phnn.results import claim, printable, unique_names
 
 

@@ -9,6 +9,6 @@ files.
 from __future__ import annotations
 
 from phnn.plot.frequency import bode, residuals
-from phnn.plot.signals import compare, energy, location, loops
+from phnn.plot.signals import compare, energy, loops
 
-__all__ = ["bode", "compare", "energy", "location", "loops", "residuals"]
+__all__ = ["bode", "compare", "energy", "loops", "residuals"]

@@ -5,13 +5,14 @@ Measured points of a frequency response, from recordings of single sines.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
+from matplotlib import rc_context
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -24,7 +25,7 @@ from phnn.prediction import Predicted
 from phnn.recordings import Campaign, campaign_of
 from phnn.recordings.excitation import excitation_of
 from phnn.recordings.recording import Recording
-from phnn.report.figures.style import new_figure
+from phnn.report.figures.style import RC
 from phnn.report.formatting import listing
 from phnn.signals.least_squares import HARMONICS, deviation, harmonic_weights
 
@@ -72,21 +73,26 @@ def point(recording: Recording) -> Point | None:
 
 
 Array = NDArray[np.float64]
-# Axes of matplotlib in an array, one for each panel.
-Panels = NDArray[Any]
-
 # Recordings that are drawn where nobody chose some: more do not fit on a screen.
 MOST = 12
 
 
-class Plot(Protocol):
-    """What a kind of plot has computed: it can be drawn, and is the same as tables."""
+@dataclass(frozen=True)
+class Plot:
+    """A kind of plot: how it is drawn, and the same as tables.
 
-    def draw(self) -> Figure:
-        """Return a figure of all panels."""
+    Attributes:
+        draw: returns a new figure of all panels.
+        tables: everything that is drawn, by the ending of a file's name; columns have units, ``_1`` for none.
+    """
 
-    def tables(self) -> Mapping[str, pd.DataFrame]:
-        """Everything that is drawn, by the ending of a file's name; columns have units, ``_1`` for none."""
+    draw: Callable[[], Figure]
+    tables: Mapping[str, pd.DataFrame]
+
+    def figure(self) -> Figure:
+        """Return a figure in the look of all figures."""
+        with rc_context(RC):
+            return self.draw()
 
 
 @dataclass(frozen=True)
@@ -111,17 +117,6 @@ def scaled(name: str, unit: str, *values: Any) -> Scaled:
 def column(name: str, unit: str) -> str:
     """Name of a column with its unit."""
     return f"{name}_{unit.replace(' ', '')}"
-
-
-def grid(rows: int, columns: int, width: float, height: float, **layout: Any) -> Panels:
-    """Return (rows, columns) axes of a new figure [inches]; call inside ``rc_context(RC)``."""
-    return np.asarray(new_figure(width, height).subplots(rows, columns, squeeze=False, **layout))
-
-
-def figure_of(panels: Any) -> Figure:
-    """Return the figure of some axes."""
-    figure: Figure = np.ravel(panels)[0].figure
-    return figure
 
 
 def model_of(given: Any, outside: bool = False) -> Model | StoredModes:
@@ -175,14 +170,3 @@ def chosen(campaign: Campaign | str | Path, recordings: Sequence[str] | None) ->
         raise InputRefused(f"{campaign.folder}: no output was recorded: there is nothing to compare a model with")
     kept = [known[name] for name in recordings] if recordings else list(known.values())[:MOST]
     return replace(campaign, recordings=tuple(kept))
-
-
-def under_each_other(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
-    """Tables as one; a column that a table does not have stays empty in its rows."""
-    return pd.concat(tables, ignore_index=True)
-
-
-def hide_unused(panels: Panels, used: int) -> None:
-    """Hide the panels of a grid behind the first ones."""
-    for axes in panels.reshape(-1)[used:]:
-        axes.set_visible(False)

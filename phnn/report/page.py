@@ -15,7 +15,7 @@ from importlib.resources import files
 
 import numpy as np
 from jinja2 import Environment, StrictUndefined
-from markupsafe import Markup, escape
+from markupsafe import Markup
 from matplotlib.font_manager import FontProperties
 from matplotlib.path import Path
 from matplotlib.textpath import TextPath
@@ -129,11 +129,8 @@ _COLOURS = {
 def image(drawing: Drawing) -> Markup:
     """Return a picture as part of the page: as SVG in the colours of the page, or as PNG where there is no SVG."""
     if not drawing.svg:
-        width, height = (int.from_bytes(drawing.png[start : start + 4], "big") for start in (16, 20))
         data = base64.b64encode(drawing.png).decode("ascii")
-        return Markup('<img src="data:image/png;base64,{}" alt="{}" width="{}" height="{}">').format(
-            data, drawing.alt, round(width * 96 / 150), round(height * 96 / 150)
-        )
+        return Markup('<img src="data:image/png;base64,{}" alt="{}">').format(data, drawing.alt)
     text = drawing.svg.decode("utf-8")
     text = re.sub(r"<metadata>.*?</metadata>", "", text[text.index("<svg") :], flags=re.DOTALL)
     # Names that nothing refers to would stand twice on a page of several pictures.
@@ -145,7 +142,7 @@ def image(drawing: Drawing) -> Markup:
 
 
 _SIZE = 20.0  # points, the size in which glyphs are laid out
-_WRAPPERS = (("$$", "$$"), (r"\[", r"\]"), (r"\(", r"\)"), ("$", "$"))
+_FRACTION = re.compile(r"\\frac\b")  # is drawn at full size
 _COMMANDS = {
     int(Path.MOVETO): "M",
     int(Path.LINETO): "L",
@@ -153,40 +150,6 @@ _COMMANDS = {
     int(Path.CURVE4): "C",
     int(Path.CLOSEPOLY): "Z",
 }
-# mathtext lacks these; the right-hand sides mean the same
-_SUBSTITUTES = (
-    (re.compile(r"\\begin\{[a-z]+\*?\}|\\end\{[a-z]+\*?\}"), ""),
-    (re.compile(r"\\tfrac\b"), r"\\frac"),
-    (re.compile(r"\\[lr]vert\b"), "|"),
-    (re.compile(r"\\[lr]Vert\b"), r"\\Vert "),
-    (re.compile(r"\\(?:displaystyle|textstyle|nonumber)\b"), ""),
-    (re.compile(r"\\(?:bigl|bigr|Bigl|Bigr|big|Big)\b"), ""),
-    (re.compile(r"\\!"), ""),
-    (re.compile(r"\\(le|ge|ne)(?![A-Za-z])"), r"\\\g<1>q"),
-    (re.compile(r"(?<!\\)&"), ""),
-)
-
-
-def _lines(latex: str) -> list[str]:
-    """The formula without its delimiters, split at ``\\\\``."""
-    text = latex.strip()
-    for start, end in _WRAPPERS:
-        if len(text) > len(start) + len(end) and text.startswith(start) and text.endswith(end):
-            text = text[len(start) : -len(end)]
-            break
-    for pattern, replacement in _SUBSTITUTES:
-        text = pattern.sub(replacement, text)
-    text = text.replace("\n", " ")
-    return [line.strip() for line in re.split(r"\\\\(?:\[[^\]]*\])?", text) if line.strip()]
-
-
-def _display_fractions(line: str) -> str:
-    """Fractions at full size where they stand on the line, not inside braces."""
-    depth, pieces = 0, []
-    for piece in re.split(r"(\\frac\b|\\.|[{}])", line):
-        depth += {"{": 1, "}": -1}.get(piece, 0)
-        pieces.append(r"\dfrac" if piece == r"\frac" and depth == 0 else piece)
-    return "".join(pieces)
 
 
 def _outline(path: Path) -> str:
@@ -201,30 +164,20 @@ def _outline(path: Path) -> str:
     return "".join(pieces)
 
 
-def _svg(line: str) -> Markup:
-    if "$" in line:
-        raise ValueError("a dollar sign inside a formula")
-    path = TextPath(
-        (0.0, 0.0), f"${_display_fractions(line)}$", size=_SIZE, prop=FontProperties(math_fontfamily="stix")
-    )
-    if not len(path.vertices):
-        raise ValueError("nothing to draw")
-    box = path.get_extents()
-    margin = 0.05 * _SIZE
+def formula(latex: str) -> Markup:
+    """Return an equation as inline SVG; its LaTeX where mathtext cannot parse it."""
+    try:
+        if "$" in latex:
+            raise ValueError("a dollar sign inside a formula")
+        font = FontProperties(math_fontfamily="stix")
+        shown = _FRACTION.sub(r"\\dfrac", latex)
+        path = TextPath((0.0, 0.0), f"${shown}$", size=_SIZE, prop=font)
+    except (ValueError, RuntimeError):
+        return Markup('<div class="equation"><code>{}</code></div>').format(latex)
+    box, margin = path.get_extents(), 0.05 * _SIZE
     left, top = box.x0 - margin, -box.y1 - margin
     width, height = box.width + 2.0 * margin, box.height + 2.0 * margin
     return Markup(
-        '<svg class="formula" role="img" aria-label="{}" viewBox="{:.2f} {:.2f} {:.2f} {:.2f}" '
-        'style="width:{:.3f}em;height:{:.3f}em"><path fill="currentColor" d="{}"/></svg>'
-    ).format(line, left, top, width, height, width / _SIZE, height / _SIZE, _outline(path))
-
-
-def formula(latex: str) -> Markup:
-    """A LaTeX formula as inline SVG, one drawing for each line; the text itself where mathtext cannot parse it."""
-    lines = _lines(latex)
-    if not lines:
-        return Markup("")
-    try:
-        return Markup("\n").join(Markup('<div class="equation">{}</div>').format(_svg(line)) for line in lines)
-    except (ValueError, RuntimeError):
-        return Markup('<div class="equation"><code>{}</code></div>').format(escape(latex.strip()))
+        '<div class="equation"><svg class="formula" role="img" aria-label="{}" viewBox="{:.2f} {:.2f} {:.2f} {:.2f}" '
+        'style="width:{:.3f}em;height:{:.3f}em"><path fill="currentColor" d="{}"/></svg></div>'
+    ).format(latex, left, top, width, height, width / _SIZE, height / _SIZE, _outline(path))

@@ -159,7 +159,12 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "missing": lambda: missing_entries(diagnosis),
         "remainder": lambda: _remainder(diagnosis),
         "location": lambda: location_document(diagnosis),
-        "noise": lambda: {n: s.document() | {"found": found[n]} for n, s in noise_statements(diagnosis).items()},
+        "noise": lambda: {
+            n: s.document() | {"found": found[n]}
+            for n, s in statements(
+                campaign.recordings, diagnosis.after.outputs, diagnosis.final.setup, not remains(diagnosis)
+            ).items()
+        },
         "noise_floor": lambda: {r.name: r.noise for r in campaign.recordings},
         "numerical_error_sigma": lambda: diagnosis.error.sigma,
         "kernel_residual": lambda: diagnosis.kernel_residual,
@@ -394,24 +399,18 @@ def write_waveform(proposal: NextExperiment | None, setup: Setup, unit: str, pla
     place.write(table.to_csv(index=False, float_format="%.9g").encode())
 
 
-def noise_statements(diagnosis: Diagnosis) -> dict[str, NoiseStatement]:
-    """Return the noise by recording, held-out ones included: it decides nothing. Recordings that could not be simulated
-    have none."""
-    outputs, setup = diagnosis.after.outputs, diagnosis.final.setup
-    shown = [r for r in diagnosis.campaign.recordings if r.name in outputs]
-    return statements(shown, outputs, setup, not remains(diagnosis))
-
-
 def statements(
     recordings: Sequence[Recording], outputs: Mapping[str, Array], setup: Setup, complete: bool
 ) -> dict[str, NoiseStatement]:
-    """The same from the outputs of a model.
+    """Return the noise by recording, held-out ones included: it decides nothing. Recordings that could not be simulated
+    have none.
 
     Args:
+        outputs: of a model, by recording.
         complete: the model leaves nothing that matters.
     """
     plant, found = plant_gain(setup), {}
-    for r in recordings:
+    for r in (r for r in recordings if r.name in outputs):
         chosen = [r.mask(use) for use in ("identification", "confirmation")]
         mask = max(chosen, key=np.count_nonzero)
         residual = ((r.y - outputs[r.name]) / r.noise)[mask]

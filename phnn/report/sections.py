@@ -24,10 +24,9 @@ from phnn.html import paragraph, table, titled
 from phnn.network.roles import auxiliary
 from phnn.recordings.recording import ACTUATOR
 from phnn.recordings.units import scales_with_forces
-from phnn.report.figures import Trace, draw_curve, draw_error, draw_recording, ranked
+from phnn.report.figures import Trace, draw_curve, draw_error, draw_recording
 from phnn.report.figures.style import RC, Drawing, png, svg
 from phnn.report.formatting import (
-    change,
     display_unit,
     finite,
     interval,
@@ -48,7 +47,6 @@ from phnn.report.statements import (
     capital,
     causes,
     consequence,
-    early_ending,
     failure,
     forces_known,
     headline,
@@ -64,7 +62,6 @@ from phnn.report.statements import (
 from phnn.rescue import documents, needed, warnings
 from phnn.results import file_name
 
-WAVEFORM = "next_experiment.csv"
 # Recordings that are drawn beside that of the first screen; rows of models and of candidates.
 _DRAWN, _ROWS = 3, 12
 # Notes of parts that failed on the first screen.
@@ -130,13 +127,6 @@ def traces_of(diagnosis: Diagnosis) -> list[Trace]:
     return sorted(found, key=lambda t: (not t.held_out, -(finite(t.over_noise) or 0.0)))
 
 
-def error_title(trace: Trace) -> str:
-    """Return the caption of the picture of an error."""
-    use = "held-out recording" if trace.held_out else "recording"
-    whole = trace.stretch == slice(0, trace.t.size)
-    return f"Error on the {use} {trace.name}" + ("." if whole else ", where the base model is worst.")
-
-
 def error_figure(diagnosis: Diagnosis) -> Figure:
     """Return a figure of the error before and after against the noise, on the worst held-out recording."""
     with rc_context(RC):
@@ -159,24 +149,22 @@ def _first(diagnosis: Diagnosis, traces: Sequence[Trace]) -> list[Block]:
     like = needed("what it acts like", lambda: [acts_like(diagnosis)], nothing) if open_name else []
     shown: list[Drawing] = []
     for trace in traces[:1]:
+        use = "held-out recording" if trace.held_out else "recording"
+        whole = trace.stretch == slice(0, trace.t.size)
+        title = f"Error on the {use} {trace.name}" + ("." if whole else ", where the base model is worst.")
         both = "of base model and final model" if trace.changed else "of the base model"
         alt = f"Error {both} over time, on {trace.name}, with the band of the noise"
-        shown = drawing(f"error-{trace.name}", error_title(trace), alt, partial(draw_error, trace))
+        shown = drawing(f"error-{trace.name}", title, alt, partial(draw_error, trace))
     bars = needed("probabilities", lambda: [Bar(name, p, likelihood(p)) for name, p in causes(diagnosis)], nothing)
     alike = needed("effects that explain most", lambda: likenesses(diagnosis), nothing) if open_name else []
     rows = [Bar(words(n), share, f"{100.0 * share:.0f} %") for n, share in alike]
     others = [Bars("Share of the excess over the noise that one effect alone explains", rows)] if rows else []
-    following = needed("next recording", lambda: _next(diagnosis), nothing)
+    told = needed("next recording", lambda: next_recording(diagnosis), "")
+    link: list[Block] = [told] if diagnosis.proposal is None else [Link(told, "next_experiment.csv")]
+    following = link if told else []
     said = notes(diagnosis)
     more = [f"{len(said) - _NOTES} more parts failed: see “What was tried”."] if len(said) > _NOTES else []
     return [*answer, *said[:_NOTES], *more, *like, *shown, Bars("Probabilities", bars), *others, *following]
-
-
-def _next(diagnosis: Diagnosis) -> list[Block]:
-    following = next_recording(diagnosis)
-    if not following:
-        return []
-    return [following] if diagnosis.proposal is None else [Link(following, WAVEFORM)]
 
 
 def _missing(diagnosis: Diagnosis, document: dict[str, Any]) -> list[Block]:
@@ -187,15 +175,9 @@ def _missing(diagnosis: Diagnosis, document: dict[str, Any]) -> list[Block]:
         blocks.append(f"{capital(name)}: {entry['statement']}")
         if entry["equation"]:
             blocks.append(Formula(entry["equation"]))
-        known, std = diagnosis.final.setup.parameters, diagnosis.final.std()
         rows = [
-            [
-                n,
-                with_error(known[n].value, std.get(n)),
-                shown_unit(known[n].unit),
-                interval(diagnosis.final.interval(n)),
-            ]
-            for n in ([] if claim.learned else claim.parameters)
+            [n, with_error(p["value"], p["std"]), shown_unit(p["unit"]), interval(p["interval_95"])]
+            for n, p in ({} if claim.learned else entry["parameters"]).items()
         ]
         if rows:
             blocks.append(Table(["parameter", "value", "unit", "95 % interval"], rows))
@@ -242,9 +224,11 @@ def _where(diagnosis: Diagnosis, document: dict[str, Any]) -> list[Block]:
     location = document["location"]
     if location is None:
         return []
+    # The winner stands first, then the longest bars.
+    ranked = sorted(location["scores"].items(), key=lambda item: (item[0] != location["name"], -item[1]))
     rows = [
         Bar(location_name(diagnosis, name), score, f"{score:.2f}".replace("-", "−"), location["reasons"].get(name, ""))
-        for name, score in ranked(location)
+        for name, score in ranked
     ]
     strongest = sorted(location["recordings"].items(), key=lambda item: -(item[1]["residual_over_noise"] or 0.0))[:3]
     seen = [f"{name} ({ratio(v['residual_over_noise'])} × noise)" for name, v in strongest]
@@ -296,11 +280,11 @@ def parameter_rows(diagnosis: Diagnosis) -> Iterator[list[str]]:
         note = note or (f"base model: {unknown}" if (unknown := diagnosis.base.note(name)) else "")
         old = before[name].value if name in before else None
         value, ends = with_error(p.value, finite(std.get(name))), interval(final.interval(name))
-        yield [name, p.description, note, number(old), value, ends, shown_unit(p.unit), change(old, p.value)]
+        yield [name, p.description, note, number(old), value, ends, shown_unit(p.unit)]
 
 
 def _parameters(diagnosis: Diagnosis) -> list[Block]:
-    head = ["parameter", "meaning", "remark", "before", "after ± standard error", "95 % interval", "unit", "change"]
+    head = ["parameter", "meaning", "remark", "before", "after ± standard error", "95 % interval", "unit"]
     return [Table(head, list(parameter_rows(diagnosis)), 3)]
 
 
@@ -317,11 +301,8 @@ def _tried(diagnosis: Diagnosis) -> list[Block]:
         for c in sorted(diagnosis.screened[0], key=lambda c: -c.score)[:_ROWS]
     ]
     _, p, name = diagnosis.significance()
-    early, failed = (
-        early_ending(diagnosis),
-        [failure(f) for f in documents((*diagnosis.ended.failed, *diagnosis.ended.warnings, *warnings()))],
-    )
-    blocks: list[Block] = [*([early] if early else []), *failed]
+    failed = documents((*diagnosis.ended.failed, *diagnosis.ended.warnings, *warnings()))
+    blocks: list[Block] = [failure(f) for f in failed]
     if name:
         blocks.append(f"The largest score in the residual of the base model is that of {words(name)} ({p_value(p)}).")
     blocks.append(
@@ -351,16 +332,12 @@ def usage(traces: Sequence[Trace], input_unit: str, output_unit: str) -> str:
     if traces and np.isfinite(traces[0].u).any():
         amplitude = float(np.nanmax(np.abs(traces[0].u))) or 1.0
         seconds = float(np.ptp(traces[0].t)) or 1.0
-    return "\n".join(
-        [
-            "import numpy as np",
-            "import phnn",
-            "",
-            'model = phnn.load("model")  # the folder beside this page',
-            f"t = np.linspace(0.0, {seconds:.4g}, 2001)  # [s]",
-            f"u = {amplitude:.4g} * np.sin({6.0 * math.pi / seconds:.4g} * t)  # [{input_unit}]",
-            f"y = model.simulate(t, u)  # [{output_unit}]",
-        ]
+    return (
+        "import numpy as np\nimport phnn\n\n"
+        'model = phnn.load("model")  # the folder beside this page\n'
+        f"t = np.linspace(0.0, {seconds:.4g}, 2001)  # [s]\n"
+        f"u = {amplitude:.4g} * np.sin({6.0 * math.pi / seconds:.4g} * t)  # [{input_unit}]\n"
+        f"y = model.simulate(t, u)  # [{output_unit}]"
     )
 
 

@@ -108,7 +108,8 @@ def headline(diagnosis: Diagnosis) -> str:
     names = [listing(class_of(c), "or") for c in claims]
     verb = "is" if len(names) == 1 else "are"
     many = f"{len(names)} effects are" if len(names) > 1 else f"One of {len(class_of(claims[0]))} effects is"
-    end = f" missing: {_sure(min(c.probability for c in claims))}"
+    sure = likelihood(min(c.probability for c in claims)).replace(">", "more than").replace("<", "less than")
+    end = f" missing: {sure} sure"
     if any(c.alike for c in claims):
         end = " missing; these recordings cannot tell which"
     elif word == EQUIVALENT:
@@ -200,10 +201,6 @@ def capital(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def _sure(probability: float) -> str:
-    return f"{likelihood(probability).replace('>', 'more than').replace('<', 'less than')} sure"
-
-
 def class_of(claim: Claim) -> list[str]:
     """Return the name of an element and those of the effects that may stand in its place."""
     return list(dict.fromkeys(words(n) for n in (claim.name, *(e.title for e in claim.alike))))
@@ -234,14 +231,18 @@ def causes(diagnosis: Diagnosis) -> list[tuple[str, float]]:
     """Return the likeliest effects with their probabilities, then what no effect of the catalogue explains, then none.
 
     The probability of an effect is the share of all fitted models that hold it, times the probability that the
-    catalogue lists all that acts.
+    catalogue lists all that acts. While the verdict is open and the model holds no element, the last two are one: the
+    weight of the base model says only that nothing that was tried is better.
     """
     of = diagnosis.probability
-    likely = [(words(n), p) for n, p in of.items() if n != NONE and p >= _LEAST]
+    likely = [(words(n), p) for n, p in of.items() if n != NONE and p >= _LEAST][:_CAUSES]
     best = max(of, key=lambda n: of[n])
     complete = of[best] / weight if (weight := diagnosis.visited.probability.get(best, 0.0)) > 0.0 else 1.0
+    nothing = of.get(NONE, 0.0)
+    if diagnosis.verdict == UNKNOWN and not diagnosis.claims:
+        return [*likely, ("nothing that was tried", 1.0 - complete + nothing)]
     beyond = [("something else", 1.0 - complete)] if complete < 1.0 - _LEAST else []
-    return [*likely[:_CAUSES], *beyond, ("nothing is missing", of.get(NONE, 0.0))]
+    return [*likely, *beyond, ("nothing is missing", nothing)]
 
 
 def likenesses(diagnosis: Diagnosis) -> list[tuple[str, float]]:

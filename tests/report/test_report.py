@@ -121,6 +121,14 @@ def test_probabilities_are_at_most_one_and_nothing_missing_is_last(verdict: str)
     assert all(0.0 <= p <= 1.0 + 1e-12 for _, p in rows)
 
 
+def test_a_base_model_that_nothing_improves_is_no_answer() -> None:
+    found = made("unknown")
+    bare = replace(found, outcome=replace(found.outcome, word="unknown", claims=()))
+    rows = dict(causes(bare))
+    assert "nothing is missing" not in rows and "something else" not in rows
+    assert rows["nothing that was tried"] >= found.probability["none"]
+
+
 def test_page_opens_offline_without_scripts(report: tuple[Diagnosis, Path, Page]) -> None:
     _, folder, shown = report
     assert not {"link", "iframe", "object", "base", "script"} & set(shown.tags)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from matplotlib.figure import Figure
 
 from phnn.diagnose.words import Picture
+from phnn.effects import Effect, catalogue
 from phnn.report.figures import (
     Trace,
     amplitude_density,
@@ -18,7 +18,6 @@ from phnn.report.figures import (
     draw_error,
     draw_recording,
     envelope,
-    locations_into,
     telling_stretch,
 )
 from phnn.report.figures.style import Drawing, png, svg
@@ -113,16 +112,6 @@ def test_without_a_second_model_there_is_one_error() -> None:
     assert [text.get_text() for text in axes.get_legend().get_texts()] == ["noise (± 2 σ)", "base model"]
 
 
-def test_the_winner_stands_first_and_a_longer_bar_has_its_reason() -> None:
-    axes = Figure().subplots()
-    scores = {"electrical": 0.95, "mechanical": 0.4, "sensor": -0.1}
-    where = {"name": "mechanical", "tied": [], "scores": scores, "reasons": {"electrical": "longer bar, but …"}}
-    locations_into(axes, where)
-    assert [t.get_text() for t in axes.get_yticklabels()] == ["mechanical", "electrical", "sensor"]
-    assert [bar.get_width() for bar in axes.patches] == [0.4, 0.95, -0.1]
-    assert "longer bar, but …" in [text.get_text() for text in axes.texts]
-
-
 def test_a_curve_with_labels_that_are_no_mathematics_is_drawn() -> None:
     odd = Picture(np.arange(3.0), np.arange(3.0), None, "$x", r"$\nonsense$", r"$\frac{$")
     assert png(draw_curve(odd)).startswith(b"\x89PNG")
@@ -135,26 +124,10 @@ def test_a_picture_on_the_page_has_an_alternative_text_and_the_colours_of_the_pa
     assert "<metadata" not in text and "http" not in text.replace("http://www.w3.org/", "")
 
 
-CATALOGUE = (
-    r"\tau \dot V = u - V",
-    r"V(t) = u(t - \tau)",
-    r"|\dot V| \le S",
-    r"F = k q \left(1 + \kappa_2 s + \tfrac{1}{3} \kappa_2^2 s^2\right), \quad s = q / q_0",
-    r"F_c \tanh\!\left(\frac{v}{v_s}\right)",
-    r"k_c \max(q - q_c, 0)^{3/2}",
-    r"C_T \dot T = P_{\mathrm{diss}} - \frac{T - T_a}{R_T}",
-    r"V = \operatorname{clip}(u, \pm V_{\max})",
-    r"$$\ddot q = \sum_{i=1}^{n} e_i$$",
-    r"\begin{aligned} F &= k_s s \\ \dot s &= v - s/\tau \end{aligned}",
-)
-
-
-@pytest.mark.parametrize("latex", CATALOGUE)
-def test_formulae_become_drawings(latex: str) -> None:
-    drawn = formula(latex)
-    assert "<svg" in drawn
-    assert "<code>" not in drawn
-    assert drawn.count("<svg") == (2 if "aligned" in latex else 1)
+@pytest.mark.parametrize("effect", catalogue().values(), ids=str)
+def test_equations_of_all_effects_become_drawings(effect: Effect) -> None:
+    drawn = formula(effect.equation)
+    assert drawn.count("<svg") == 1 and "<code>" not in drawn
 
 
 @pytest.mark.parametrize("latex", [r"\notacommand{x}", r"\frac{a", "a$b", "<script>"])
@@ -162,4 +135,3 @@ def test_formulae_that_cannot_be_parsed_stay_text(latex: str) -> None:
     drawn = formula(latex)
     assert "<script" not in drawn
     assert ("<code>" in drawn) == (latex != "<script>")
-    assert formula("") == ""

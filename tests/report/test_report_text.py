@@ -67,13 +67,13 @@ def test_number_keeps_three_digits(value: float) -> None:
     ("p", "text"),
     [
         (0.4, "p = 0.4"),
-        (0.0412, "p = 0.041"),
+        (0.0412, "p = 0.04"),
         (1e-5, "p < 2 × 10⁻⁵"),
         (2.0 / 100_001.0, "p < 2 × 10⁻⁵"),
         (1e-9, "p < 2 × 10⁻⁵"),
         (2.1e-5, "p = 2 × 10⁻⁵"),
         (3.2e-4, "p = 3 × 10⁻⁴"),
-        (9.7e-5, "p = 10⁻⁴"),
+        (9.7e-5, "p = 1 × 10⁻⁴"),
         (0.0, "p < 2 × 10⁻⁵"),
         (None, "p not computed"),
     ],
@@ -84,7 +84,7 @@ def test_p_value(p: float | None, text: str) -> None:
 
 @given(st.floats(allow_nan=True, allow_infinity=True), st.floats(allow_nan=True, allow_infinity=True))
 def test_every_float_has_a_text(value: float, std: float) -> None:
-    for text in (f.number(value), f.with_error(value, std), f.p_value(value), f.plain(value), f.change(value, std)):
+    for text in (f.number(value), f.with_error(value, std), f.p_value(value), f.plain(value)):
         assert text
         assert not {"nan", "inf"} & set(text.split())
 

@@ -5,7 +5,7 @@ Traces are drawn through their envelope: no spike is lost, and nothing aliases.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -14,20 +14,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.signal import welch
 
-from phnn.report.figures.style import (
-    AFTER,
-    BEFORE,
-    FAINT,
-    INK,
-    MEASURED,
-    headroom,
-    label,
-    literal,
-    new_figure,
-    quiet_grid,
-    quiet_rows,
-)
-from phnn.report.formatting import display_unit, words
+from phnn.report.figures.style import AFTER, BEFORE, FAINT, INK, MEASURED, finish, literal, new_figure
+from phnn.report.formatting import display_unit
 
 if TYPE_CHECKING:
     from phnn.diagnose.words import Picture
@@ -46,27 +34,18 @@ def envelope(
     if count <= 2 * bins:
         return np.arange(count)
     width = -(-count // bins)
-    return np.unique(np.concatenate(([0], extremes(y, width).ravel(), [count - 1])))
+    blocks = np.full((-(-count // width), width), np.nan)
+    blocks.ravel()[:count] = y
+    finite = np.isfinite(blocks)
+    lowest, highest = np.where(finite, blocks, np.inf).argmin(axis=1), np.where(finite, blocks, -np.inf).argmax(axis=1)
+    starts = width * np.arange(len(blocks))
+    return np.unique(np.concatenate(([0], starts + lowest, starts + highest, [count - 1])))
 
 
-def draw_trace(axes: Axes, x: np.ndarray, y: np.ndarray, size: float = 1.0, **style: Any) -> None:
-    """Draw ``y / size`` over ``x``, through its envelope."""
-    index = envelope(y)
+def draw_trace(axes: Axes, x: np.ndarray, y: np.ndarray, size: float = 1.0, bins: int = 1500, **style: Any) -> None:
+    """Draw ``y / size`` over ``x``, through its envelope of ``bins`` stretches."""
+    index = envelope(y, bins)
     axes.plot(x[index], y[index] / size, **style)
-
-
-def extremes(y: np.ndarray, width: int) -> np.ndarray:
-    """(B, 2) indices of the smallest and the largest finite sample of every ``width`` samples (N,).
-
-    Of a stretch without one both are its first sample.
-    """
-    rows = -(-len(y) // width)
-    padded = np.full(rows * width, np.nan)
-    padded[: len(y)] = y
-    blocks = padded.reshape(rows, width)
-    known = np.isfinite(blocks)
-    ends = (np.where(known, blocks, np.inf).argmin(axis=1), np.where(known, blocks, -np.inf).argmax(axis=1))
-    return np.stack(ends, axis=1) + np.arange(rows)[:, None] * width
 
 
 def cycles(u: np.ndarray) -> float:
@@ -154,10 +133,14 @@ class Trace:
         return telling_stretch(self.u, self.measured - self.before, np.isfinite(self.measured))
 
 
+# A line of a picture: its samples, colour, name and width.
+Line = tuple[np.ndarray, str, str, float]
+
+
 def draw_error(trace: Trace) -> Figure:
     """Draw the error of a recording before and after, against the band of its noise."""
     figure = new_figure(5.4, 2.7)
-    error_into(figure.subplots(), trace)
+    _errors_of(figure.subplots(), trace)
     return figure
 
 
@@ -166,42 +149,44 @@ def draw_recording(trace: Trace) -> Figure:
     figure = new_figure(5.4, 4.2)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=[1.2, 1.0])
     part = trace.stretch
-    unit = display_unit(_reach(trace.measured[part], 100.0), trace.unit, floor=1.0)
     lines = [(trace.measured, MEASURED, "measured", 4.0), (trace.before, BEFORE, "base model", 1.5)]
     lines += [(trace.after, AFTER, "final model", 1.1)] if trace.changed else []
-    for y, colour, name, width in lines:
-        _line(above, trace.t[part], y[part] / unit.scale, color=colour, label=name, linewidth=width)
-    above.set_ylabel(f"output ({unit.name})")
-    headroom(above, 0.2)
-    above.legend(loc="upper left", ncols=3, borderaxespad=0.1)
-    quiet_grid(above)
-    error_into(below, trace)
+    shown = [(y[part], colour, name, width) for y, colour, name, width in lines]
+    outputs_into(above, trace.t[part], shown, trace.unit, _STRETCHES)
+    _errors_of(below, trace)
     return figure
 
 
-def error_into(axes: Axes, trace: Trace) -> None:
-    """Draw the errors of a recording into axes."""
+def _errors_of(axes: Axes, trace: Trace) -> None:
     part = trace.stretch
-    t, before, after = trace.t[part], (trace.measured - trace.before)[part], (trace.measured - trace.after)[part]
-    band = _BAND * trace.noise if trace.noise else 0.0
-    limit = 1.1 * max(_reach(np.concatenate([before, after]), _USUAL), 1.5 * band) or 1.0
-    unit = display_unit(limit, trace.unit)
-    if band:
-        axes.axhspan(-band / unit.scale, band / unit.scale, color=FAINT, linewidth=0, label="noise (± 2 σ)")
-    _line(axes, t, before / unit.scale, color=BEFORE, linewidth=0.9, label="base model")
-    if trace.changed:
-        _line(axes, t, after / unit.scale, color=AFTER, linewidth=0.9, label="final model")
-    axes.set_ylim(-limit / unit.scale, 1.35 * limit / unit.scale)
-    axes.set_ylabel(f"error ({unit.name})")
-    axes.set_xlabel("time (s)")
+    lines = [((trace.measured - trace.before)[part], BEFORE, "base model", 0.9)]
+    lines += [((trace.measured - trace.after)[part], AFTER, "final model", 0.9)] if trace.changed else []
+    errors_into(axes, trace.t[part], lines, trace.noise, trace.unit, _STRETCHES)
+
+
+def outputs_into(axes: Axes, t: np.ndarray, lines: Sequence[Line], unit: str, bins: int = 1500) -> None:
+    """Draw outputs over time [s] into axes; the first line gives the unit that suits."""
+    shown = display_unit(_reach(lines[0][0], 100.0), unit)
+    for y, colour, name, width in lines:
+        draw_trace(axes, t, y, shown.scale, bins, color=colour, label=name, linewidth=width)
     axes.margins(x=0.01)
-    axes.legend(loc="upper left", ncols=3, borderaxespad=0.1)
-    quiet_grid(axes)
+    finish(axes, "", f"output ({shown.name})", "upper left", room=0.2, ncols=len(lines))
 
 
-def _line(axes: Axes, x: np.ndarray, y: np.ndarray, **style: Any) -> None:
-    index = envelope(y, _STRETCHES)
-    axes.plot(x[index], y[index], **style)
+def errors_into(
+    axes: Axes, t: np.ndarray, lines: Sequence[Line], noise: float | None, unit: str, bins: int = 1500
+) -> None:
+    """Draw errors over time [s] into axes, against the band of the noise where its standard deviation is known."""
+    band = _BAND * noise if noise else 0.0
+    limit = 1.1 * max(_reach(np.concatenate([y for y, *_ in lines]), _USUAL), 1.5 * band) or 1.0
+    shown = display_unit(limit, unit)
+    if band:
+        axes.axhspan(-band / shown.scale, band / shown.scale, color=FAINT, linewidth=0, label="noise (± 2 σ)")
+    for y, colour, name, width in lines:
+        draw_trace(axes, t, y, shown.scale, bins, color=colour, label=name, linewidth=width)
+    axes.set_ylim(-limit / shown.scale, 1.5 * limit / shown.scale)
+    axes.margins(x=0.01)
+    finish(axes, "time (s)", f"error ({shown.name})", "upper left", ncols=3)
 
 
 def _reach(y: np.ndarray, share: float) -> float:
@@ -225,51 +210,5 @@ def draw_curve(curve: Picture) -> Figure:
         axes.set_xscale("log")
     if x.size and x[0] < 0.0 < x[-1]:
         axes.axvline(0.0, color=INK, linewidth=0.5, zorder=0)
-    quiet_grid(axes)
-    axes.set_xlabel(label(curve.x_label))
-    axes.set_ylabel(label(curve.y_label))
-    axes.legend(loc="best")
+    finish(axes, literal(curve.x_label, 120), literal(curve.y_label, 120))
     return figure
-
-
-_TIED = "#8fb8d8"
-
-
-def height_of(scores: Mapping[str, float]) -> float:
-    """Return the height of a figure of locations in inches."""
-    return 0.95 + 0.42 * max(len(scores), 2)
-
-
-def locations_into(axes: Axes, location: Mapping[str, Any]) -> None:
-    """Draw the share that each location explains, the winner on top, with the reason where a longer bar lost.
-
-    Args:
-        location: that of ``diagnosis.json``.
-    """
-    best, tied, reasons = location["name"], location["tied"], location.get("reasons", {})
-    rows = ranked(location)
-    values = [max(score, 0.0) for _, score in rows]
-    for row, (name, score) in enumerate(rows):
-        colour = AFTER if name == best else _TIED if name in tied else FAINT
-        axes.barh(row, score, height=0.6, color=colour)
-        note = f"{score:.2f}  {reasons.get(name, '')}".replace("-", "−").rstrip()
-        longest = score > 0.5
-        axes.annotate(
-            note if not longest else note.partition(" ")[0], (max(score, 0.0), row), xytext=(4, 0),
-            textcoords="offset points", va="center", fontweight="bold" if name == best else "normal",
-        )  # fmt: skip
-        if longest and name in reasons:
-            axes.annotate(
-                reasons[name], (0.0, row), xytext=(4, -10), textcoords="offset points", va="center", fontsize=7.5
-            )
-    axes.set_yticks(range(len(rows)), [literal(words(name)) for name, _ in rows])
-    axes.set_xlim(min(0.0, *(score for _, score in rows)), 1.08 * max(1.0, *values))
-    axes.set_ylim(len(rows) - 0.4, -0.6)
-    quiet_rows(axes)
-    axes.set_xlabel("share of the explainable residual, predicted on recordings left out (1 = all of it)")
-
-
-def ranked(location: Mapping[str, Any]) -> list[tuple[str, float]]:
-    """Return locations with their shares, the winner first, then the longest bars."""
-    scores = location["scores"].items()
-    return sorted(scores, key=lambda item: (item[0] != location["name"], -item[1]))
