@@ -70,6 +70,7 @@ def simulate(
     """Simulate a batch of inputs; returns the states (..., T, n) and port outputs (..., T, P).
 
         system = phnn.PortHamiltonianSystem(phnn.models.hrc(hysterons=2))
+        u = torch.as_tensor(voltage)[:, None]             # (T, P) samples of the inputs
         x, y = phnn.simulate(system, u, dt=1e-4)          # differentiable by parameters, u and x0
 
     One power-preserving step leads from sample to sample, under the mean of its two inputs. Compiled code takes the
