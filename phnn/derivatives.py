@@ -99,7 +99,9 @@ def _by_start(trajectory: Trajectory, initial: Sequence[int]) -> Array:
         trajectory.setup, trajectory.recording, trajectory.driving, trajectory.nodes, trajectory.h
     )
     network = measured_network(trajectory.setup.network, trajectory.recording)
-    changes = by_start(network, trajectory.states, trajectory.u, trajectory.h, nodes, trajectory.output)
+    changes = by_start(
+        network, trajectory.states, trajectory.u, trajectory.h, nodes, trajectory.output, trajectory.scheme
+    )
     times = times - trajectory.lead * trajectory.recording.dt
     seen = measured_changes(
         trajectory.setup, trajectory.states[nodes, trajectory.output], times, changes[:, list(initial)], ()

@@ -334,7 +334,8 @@ def simulate(
     """
     setup = sensing(setup, recording)
     network = measured_network(setup.network, recording)
-    kernels = all(has_kernel(one.element.law) for one in network.with_laws())
+    # The start and the force of an imposed motion are the kernel's alone.
+    kernels = bool(network.senses) or all(has_kernel(one.element.law) for one in network.with_laws())
     program = compile_network(network, scheme) if kernels else None
     theta = np.zeros(0) if program is None else program.theta(network)
     driving = driving_of(recording, substeps, method)

@@ -37,7 +37,7 @@ def _law_obstacle(one: WithLaw) -> str:
     law = one.element.law
     if not isinstance(law, str):
         known = form_of(law) in LAWS[one.kind][1]
-        why = "this torch module has no kernel: take simulate, predict, phnn.train"
+        why = "this torch module has no kernel: take simulate, predict or phnn.train, and no imposed motion"
         return "" if known else f"{one.called}: {why}"
     count = len(one.element.parameters)
     return "" if count <= SCALARS else f"{one.called}: {count} parameters; the kernel passes {SCALARS}"

@@ -257,7 +257,7 @@ class _Implicit(torch.autograd.Function):
                 # By name, because the caller may have replaced the module's parameters for the duration of the call.
                 named = dict(zip(ctx.names, own[2:], strict=True))
                 residual, by_next, by_start = torch.func.functional_call(
-                    ctx.steps, named, (states[:-1][part], states[1:][part], *own[:2]), tie_weights=False
+                    ctx.steps, named, (states[:-1][part], states[1:][part], *own[:2]), tie_weights=True
                 )
             weights, carry = _multipliers(by_next, by_start, wanted[1:][part], carry)
             asked = [i for i, need in enumerate(needs) if need]
@@ -388,6 +388,8 @@ def _newton(run: _Run, z: Tensor) -> _Root:
         if not bool(torch.isfinite(residual).all()):
             return _Root(z, f"the vector field is not finite ({_names(system, ~torch.isfinite(residual))})")
         scale = _sizes(by_next, z) + _sizes(by_start, x) + torch.finfo(z.dtype).tiny
+        if not bool(torch.isfinite(scale).all()):
+            return _Root(z, f"the step's Jacobian is not finite ({_names(system, ~torch.isfinite(scale))})")
         worst = float((residual.abs() / scale).max())
         if worst <= _ROUNDING * precision:
             break
@@ -470,7 +472,8 @@ def _rises(law: Callable[[Tensor], Tensor], a: Tensor, b: Tensor) -> bool:
     """Whether a law's slope is positive or zero at points between ``a`` and ``b``."""
     with torch.enable_grad():
         at = _between(a, b).requires_grad_(True)
-        (slope,) = torch.autograd.grad(law(at).sum(), at)
+        # A constant law has a slope too.
+        (slope,) = torch.autograd.grad((law(at) + 0.0 * at).sum(), at)
     return bool((slope >= 0.0).all())
 
 
@@ -564,7 +567,7 @@ def _by_weights(steps: Steps, weights: Mapping[str, Tensor], x: Tensor, ends: Te
     """(N, B, n, W) derivatives of the residuals of single steps."""
 
     def residual(given: dict[str, Tensor], *step: Tensor) -> Tensor:
-        return torch.func.functional_call(steps, given, (*step, False), tie_weights=False)[0]
+        return torch.func.functional_call(steps, given, (*step, False), tie_weights=True)[0]
 
     flat = [v.expand(*x.shape[:-1], v.shape[-1]).flatten(0, 1) for v in (x, ends, u, h)]
     found = torch.func.vmap(torch.func.jacrev(residual), (None, 0, 0, 0, 0))(dict(weights), *flat)
@@ -580,7 +583,7 @@ def first_order(
     x, ends = states[:-1], states[1:]
 
     def residual(given: dict[str, Tensor]) -> Tensor:
-        return torch.func.functional_call(steps, given, (x, ends, u, h, False), tie_weights=False)[0]
+        return torch.func.functional_call(steps, given, (x, ends, u, h, False), tie_weights=True)[0]
 
     change = torch.func.jvp(residual, (weights,), ({name: moved[name] for name in weights},))[1]
     _, by_next, by_start = linearised(steps.system, x, ends, u, h, steps.scheme)
@@ -606,18 +609,21 @@ def integrated(
         SolverFailed: a step has no solution, with its time; or there is no steady state or cycle.
     """
     system, inputs, steps = PortHamiltonianSystem(network), torch.from_numpy(u), torch.from_numpy(h).unsqueeze(-1)
-    x = torch.from_numpy(steady_state(network, held) if x0 is None else np.asarray(x0, dtype=float))
+    x = torch.from_numpy(_at_rest(network, held, cycle) if x0 is None else np.asarray(x0, dtype=float))
     for _ in range(_CYCLES if cycle and x0 is None else 0):
         states = march(system, x, inputs[:cycle], steps[:cycle], scheme, start)
         _, by_next, by_start = linearised(system, states[:-1], states[1:], inputs[:cycle], steps[:cycle], scheme)
         period = torch.eye(len(x)).to(x)
         for carry in -torch.linalg.solve(by_next, by_start):
             period = carry @ period
-        # What no cycle changes keeps its value.
-        moved = torch.linalg.pinv(torch.eye(len(x)).to(x) - period, rtol=_NEUTRAL) @ (states[-1] - x)
-        x = x + moved
-        if bool((moved.abs() <= _CLOSED * states.abs().amax(0)).all()):
+        gap, reach = states[-1] - x, states.amax(0) - states.amin(0)
+        reach = torch.maximum(reach, _NEUTRAL * states.abs().amax(0))
+        reach = torch.where(reach > 0.0, reach, 1.0)
+        if bool((gap.abs() <= _CLOSED * reach).all()):
             break
+        # Scaled, because states differ in size; what no cycle changes keeps its value.
+        matrix = torch.eye(len(x)).to(x) - period * reach / reach.unsqueeze(-1)
+        x = x + reach * (torch.linalg.pinv(matrix, rtol=_NEUTRAL) @ (gap / reach))
     else:
         if cycle and x0 is None:
             raise SolverFailed("no steady cycle was found: begin the recording at rest, or state its start as unknown")
@@ -627,8 +633,20 @@ def integrated(
     return states.numpy(), efforts.numpy()
 
 
-def by_start(network: Network, states: Array, u: Array, h: Array, nodes: NDArray[np.int64], row: int) -> Array:
+def _at_rest(network: Network, held: Array, cycle: int) -> Array:
+    """(n,) steady state under an input; without one a cycle is looked for from zero."""
+    try:
+        return steady_state(network, held)
+    except SolverFailed:
+        if not cycle:
+            raise
+        return np.zeros(len(network.state_names))
+
+
+def by_start(
+    network: Network, states: Array, u: Array, h: Array, nodes: NDArray[np.int64], row: int, scheme: Scheme
+) -> Array:
     """(K, n) derivatives of one state at nodes of a trajectory by its initial state; arguments as of `integrated`."""
-    steps = Steps(PortHamiltonianSystem(network).requires_grad_(False))
+    steps = Steps(PortHamiltonianSystem(network).requires_grad_(False), scheme)
     x, inputs, sizes = (torch.from_numpy(np.ascontiguousarray(v)).unsqueeze(1) for v in (states, u, h[:, None]))
     return sensitivities(steps, x, inputs, sizes, [torch.from_numpy(nodes)], row)[0].numpy()

@@ -209,6 +209,7 @@ class InTorch:
         Raises:
             SolverFailed: that did not converge.
         """
+        _move(self.objective, before)
         x0, named, first = self.objective.initial(), {id(p): n for n, p in self.trained.items()}, 0
         moved = {}
         for p in self.plant.trained():
@@ -336,7 +337,10 @@ def with_gradients(objective: Objective) -> Tensor:
     """
     objective.zero_grad()
     loss = objective()
-    loss.backward()
+    try:
+        loss.backward()
+    except AssertionError as error:
+        raise SolverFailed(f"the way back failed ({error}): the model is stiff, set solver.adjoint=false") from error
     gradients = [p.grad for p in objective.trained() if p.grad is not None]
     if not bool(torch.isfinite(loss)) or not all(bool(torch.isfinite(g).all()) for g in gradients):
         value = float(loss.detach())

@@ -136,7 +136,7 @@ class Torchdiffeq:
     Args:
         method: ``phnn``, the power-preserving step (`phnn.integrate.method`), for networks; or an `ADAPTIVE` or
             `FIXED` method of torchdiffeq. Those of several steps have inexact gradients, and scipy's have none.
-        adjoint: gradients by `odeint_adjoint`; those of ``phnn`` are exact either way.
+        adjoint: gradients by `odeint_adjoint`, of adaptive methods; those of ``phnn`` are exact either way.
         rtol, atol: of adaptive methods; ``atol`` in units of the typical states.
     """
 
@@ -158,12 +158,14 @@ class Torchdiffeq:
     def _general(self, plant: Plant, windows: Sequence[Window], x0: Tensor) -> Tensor:
         counted = _Counted(plant, windows)
         t = torch.arange(counted.h.shape[0] + 1, dtype=torch.float64)
-        integrate = torchdiffeq.odeint_adjoint if self.adjoint else torchdiffeq.odeint
-        # Both sides of a jump are seen: adaptive steps end there, and so do outputs, which are not interpolated.
+        # A fixed step backwards is not the transpose of the one forwards: the graph alone has its gradients.
+        backwards = self.adjoint and self.method in ADAPTIVE
+        integrate = torchdiffeq.odeint_adjoint if backwards else torchdiffeq.odeint
+        # Both sides of a jump are seen: adaptive steps end there.
         options: dict[str, Any] = {"perturb": True}
         if self.method in ADAPTIVE:
             options = {"jump_t": counted.jumps(), "max_num_steps": _MAX_STEPS}
-        adjoint = {"adjoint_atol": self.atol * float(plant.scale.min())} if self.adjoint else {}
+        adjoint = {"adjoint_atol": self.atol * float(plant.scale.min())} if backwards else {}
         tolerances = {"rtol": self.rtol, "atol": self.atol * plant.scale}
         try:
             states: Tensor = integrate(counted, x0, t, method=self.method, options=options, **tolerances, **adjoint)
