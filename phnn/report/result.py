@@ -31,7 +31,6 @@ from phnn.effects.places import place_of, values_by_role
 from phnn.identification.covariance import difference
 from phnn.identification.fit import Fit
 from phnn.identification.identified import save_fit
-from phnn.network.roles import capacitances
 from phnn.parameters import quantity
 from phnn.recordings.recording import Recording
 from phnn.recordings.units import scales_with_forces
@@ -397,20 +396,20 @@ def write_waveform(proposal: NextExperiment | None, setup: Setup, unit: str, pla
 def noise_statements(diagnosis: Diagnosis) -> dict[str, NoiseStatement]:
     """Return the noise by recording, held-out ones included: it decides nothing. Recordings that could not be simulated
     have none."""
-    outputs, setup = diagnosis.after.outputs, diagnosis.final.setup
+    outputs = diagnosis.after.outputs
     shown = [r for r in diagnosis.campaign.recordings if r.name in outputs]
-    return statements(shown, outputs, setup, not remains(diagnosis))
+    return statements(shown, outputs, not remains(diagnosis))
 
 
 def statements(
-    recordings: Sequence[Recording], outputs: Mapping[str, Array], setup: Setup, complete: bool
+    recordings: Sequence[Recording], outputs: Mapping[str, Array], complete: bool
 ) -> dict[str, NoiseStatement]:
     """The same from the outputs of a model.
 
     Args:
         complete: the model leaves nothing that matters.
     """
-    plant, found = plant_gain(setup), {}
+    found = {}
     for r in recordings:
         chosen = [r.mask(use) for use in ("identification", "confirmation")]
         mask = max(chosen, key=np.count_nonzero)
@@ -421,26 +420,6 @@ def statements(
         sample = None
         if shown is not None:
             step = quantisation_step(r.y) / r.noise
-            sample = Sample(shown, r.dt, speed[-shown.size :], step, plant, r.noise)
+            sample = Sample(shown, r.dt, speed[-shown.size :], step, r.noise)
         found[r.name] = noise_statement(r.noise, r.noise_source, r.units.output, sample)
     return found
-
-
-def plant_gain(setup: Setup) -> Callable[[Array], Array] | None:
-    """Power gain from a force on the moving mass to the displacement, hysterons at rest.
-
-        |G|² = 1/|k + α² Σ 1/C_i − m ω² + i ω b|²
-
-    None where the model has no such parameters.
-    """
-    network, values = setup.network, values_by_role(setup.network)
-    if not {"m", "k", "b"} <= set(values):
-        return None
-    alpha = values.get("alpha", 0.0)
-    stiffness = values["k"] + alpha**2 * sum(1.0 / network.parameters[n].value for n in capacitances(network))
-
-    def gain(f: Array) -> Array:
-        omega = 2.0 * np.pi * f
-        return np.asarray(1.0 / ((stiffness - values["m"] * omega**2) ** 2 + (omega * values["b"]) ** 2))
-
-    return gain
