@@ -46,8 +46,7 @@ from phnn.learn.solvers import solver_for
 from phnn.learn.starts import plant_for, scales_of
 from phnn.learn.windows import thinned
 from phnn.models.store import is_storable, save
-from phnn.recordings.recording import Campaign, Recording
-from phnn.recordings.stored import digest
+from phnn.recordings.recording import Campaign, Recording, digest
 from phnn.results import Place, file_name, finite, same
 from phnn.setup import Setup
 

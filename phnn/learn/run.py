@@ -35,7 +35,7 @@ from phnn.network.elements import Network
 from phnn.recordings import Campaign, read
 from phnn.recordings.excitation import excitation_of
 from phnn.recordings.partition import candidate_of, choose
-from phnn.recordings.stored import digest
+from phnn.recordings.recording import digest
 from phnn.results import Origin, Place, claim, finished, sha256_of
 from phnn.setup import Setup
 

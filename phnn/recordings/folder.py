@@ -28,17 +28,15 @@ from phnn.recordings.text_files import Lines, looks_like_numbers, read_text, tab
 from phnn.recordings.units import parse_name
 from phnn.results import printable
 
+# Characters of a path in a message.
+_SHOWN = 200
 # Bytes before the content of a segment, and the flag of its first byte order.
 _LEAD_IN, _BIG_ENDIAN, _UNCLOSED = 28, 1 << 6, b"\xff" * 8
 _INTERVAL, _START, _OFFSET, _UNIT = "wf_increment", "wf_start_time", "wf_start_offset", "unit_string"
 
 
 def read_tdms(source: Source) -> Table:
-    """The numeric channels as ``group.channel``, with their units; waveforms of one interval bring their time.
-
-    Raises:
-        InputRefused: the package npTDMS is missing, the file is damaged or too large, or has no numeric channels.
-    """
+    """The numeric channels as ``group.channel``, with their units; waveforms of one interval bring their time."""
     with _by_package(source, "npTDMS", "'phnn[tdms]'", "export it again"):
         from nptdms import TdmsFile
 
@@ -148,11 +146,7 @@ def _closed(source: Source) -> bool:
 
 
 def read_sheet(source: Source) -> Table:
-    """Return the columns of the first sheet of a workbook, whose rows are read as those of a text are.
-
-    Raises:
-        InputRefused: pandas lacks the package openpyxl, the file is damaged or too large, or as `read_text`.
-    """
+    """Return the columns of the first sheet of a workbook, whose rows are read as those of a text are."""
     with _by_package(source, "openpyxl"):
         import pandas as pd
 
@@ -164,11 +158,7 @@ def read_sheet(source: Source) -> Table:
 
 
 def read_parquet(source: Source) -> Table:
-    """Return the columns of a parquet file, with its index where that is a time.
-
-    Raises:
-        InputRefused: pandas lacks the package pyarrow, the file is damaged or too large.
-    """
+    """Return the columns of a parquet file, with its index where that is a time."""
     with _by_package(source, "pyarrow"):
         import pandas as pd
 
@@ -176,7 +166,7 @@ def read_parquet(source: Source) -> Table:
         with source.open() as file:
             said = parquet.ParquetFile(file).metadata
             source.check_memory(8 * said.num_rows * said.num_columns, unpacked=True)
-            return replace(given_frame(pd.read_parquet(file)).table, where=Where(source.name))
+            return replace(given_frame(pd.read_parquet(file))[1], where=Where(source.name))
 
 
 @contextmanager
@@ -237,7 +227,12 @@ class Files:
             where = said.path.name if said.path is not None else "recordings.yaml"
             paths = [(i, self.home / file) for i, entry in enumerate(said.entries) for file in entry.files]
             for i, path in paths:
-                checks.file_exists(path, f"{where}: recordings[{i}]")
+                if not os.path.lexists(path):
+                    name, home = printable(path.name)[:_SHOWN], printable(str(path.parent))[:_SHOWN]
+                    raise InputRefused(
+                        f"{where}: recordings[{i}]: file {name!r} is not in {home}: correct its name or remove the "
+                        f"entry"
+                    )
                 reader_of(path)
             listed = {os.path.realpath(path) for _, path in paths}
             return list(said.entries), [_shown(p) for p in present if os.path.realpath(p) not in listed]

@@ -67,8 +67,8 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 def _columns(content: Any, prefix: str, depth: int, left: list[str]) -> Iterator[tuple[str, np.ndarray]]:
     """Yield names and numbers of all arrays; ``left`` takes the names of what is none."""
-    if depth > LIMITS.groups:
-        raise ValueError(f"objects more than {LIMITS.groups} levels deep: {_REMEDY}")
+    if depth > LIMITS.depth:
+        raise ValueError(f"objects more than {LIMITS.depth} levels deep: {_REMEDY}")
     if isinstance(content, dict):
         for key, value in content.items():
             name = prefix + printable(key[: LIMITS.name_characters])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -303,3 +304,19 @@ def dominant_frequency(recording: Recording) -> float:
     spectrum = np.abs(np.fft.rfft(u * np.hanning(u.size)))
     peak = int(np.argmax(spectrum[1:])) + 1
     return peak / (u.size * recording.dt)
+
+
+def digest(campaign: Campaign) -> str:
+    """SHA-256, in hexadecimal, of all that fits and scores see of the recordings: samples, uses, starts, anchors."""
+    found = hashlib.sha256()
+    for r in campaign.recordings:
+        facts = (r.name, r.start, r.interpolation, r.parts, r.noise, r.period, r.units, r.measures, r.rise)
+        known = (r.sensor, r.offset, r.gain, r.instants_declared)
+        found.update(repr((*facts, *known, sorted(r.channels), sorted(r.further))).encode())
+        others = [values for _, values in (*sorted(r.channels.items()), *sorted(r.further.items()))]
+        instants = [] if r.instants is None else [r.instants]
+        seen = [] if r.seen is None else [r.seen]
+        for values in (r.t, r.u, r.y, r.noise_correlation, *others, *instants, *seen):
+            found.update(np.ascontiguousarray(values).tobytes())
+    found.update(repr((sorted(campaign.setup.items()), sorted(campaign.known.items()))).encode())
+    return found.hexdigest()

@@ -70,9 +70,6 @@ def read_content(source: Source, most: int, what: str) -> str:
 
     Args:
         most: bytes; what: of a kind of file, for the message.
-
-    Raises:
-        InputRefused: it is empty, no text, or too large.
     """
     raw = source.read(most, what)
     try:
@@ -92,11 +89,7 @@ def read_content(source: Source, most: int, what: str) -> str:
 
 
 def read_lines(source: Source) -> Lines:
-    """Return the lines of a file.
-
-    Raises:
-        InputRefused: as `read_content`, or it has a line that no table has.
-    """
+    """Return the lines of a file."""
     source.check_memory(_TIMES * source.size)
     lines = Lines(read_content(source, LIMITS.text_bytes, "a text file"))
     sizes = np.diff(lines.starts) - 1
@@ -181,11 +174,7 @@ _DIALECTS = tuple(
 
 
 def read_text(source: Source) -> Table:
-    """Return columns separated by commas, semicolons, tabulators or blanks, with a point or a comma as decimal sign.
-
-    Raises:
-        InputRefused: not text, no columns of numbers, damaged rows, rows of unequal length, a header of another length.
-    """
+    """Return columns separated by commas, semicolons, tabulators or blanks, with a point or a comma as decimal sign."""
     return table_of_lines(source.name, read_lines(source))
 
 
@@ -372,9 +361,6 @@ def _blocks(name: str, text: Lines, first: int, header: Sequence[str], dialect: 
     Args:
         name: of the file, for messages.
         header: the line of names and what stands between it and the first row; empty where there are no names.
-
-    Raises:
-        InputRefused: a repeated header has other units, or there are more tables than recordings in a folder.
     """
     names = header[0].strip() if header else ""
     if not names or text.raw.count(names.encode("utf-8", "surrogatepass")) < 2:
@@ -403,11 +389,7 @@ def _blocks(name: str, text: Lines, first: int, header: Sequence[str], dialect: 
 
 
 def _parsed(name: str, text: Lines, tables: Sequence[range], names: tuple[str, ...], dialect: Dialect) -> Table:
-    """Return the columns of some lines.
-
-    Raises:
-        InputRefused: rows of unequal length, or cells that cannot be told apart.
-    """
+    """Return the columns of some lines."""
     frames = [list(_frames(name, text, block, dialect)) for block in tables]
     rows = np.cumsum([0, *(sum(map(len, some)) for some in frames)]).tolist()
     every = [frame for some in frames for frame in some]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from phnn.recordings import Campaign
-from phnn.recordings.stored import digest
+from phnn.recordings.recording import digest
 from phnn.results import printable, sha256_of
 
 _MANIFEST = "recordings.yaml"

@@ -31,7 +31,6 @@ from phnn.effects.places import place_of, values_by_role
 from phnn.identification.covariance import difference
 from phnn.identification.fit import Fit
 from phnn.identification.identified import save_fit
-from phnn.network.roles import capacitances
 from phnn.parameters import quantity
 from phnn.recordings.recording import Recording
 from phnn.recordings.units import scales_with_forces
@@ -161,9 +160,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "location": lambda: location_document(diagnosis),
         "noise": lambda: {
             n: s.document() | {"found": found[n]}
-            for n, s in statements(
-                campaign.recordings, diagnosis.after.outputs, diagnosis.final.setup, not remains(diagnosis)
-            ).items()
+            for n, s in statements(campaign.recordings, diagnosis.after.outputs, not remains(diagnosis)).items()
         },
         "noise_floor": lambda: {r.name: r.noise for r in campaign.recordings},
         "numerical_error_sigma": lambda: diagnosis.error.sigma,
@@ -400,7 +397,7 @@ def write_waveform(proposal: NextExperiment | None, setup: Setup, unit: str, pla
 
 
 def statements(
-    recordings: Sequence[Recording], outputs: Mapping[str, Array], setup: Setup, complete: bool
+    recordings: Sequence[Recording], outputs: Mapping[str, Array], complete: bool
 ) -> dict[str, NoiseStatement]:
     """Return the noise by recording, held-out ones included: it decides nothing. Recordings that could not be simulated
     have none.
@@ -409,7 +406,7 @@ def statements(
         outputs: of a model, by recording.
         complete: the model leaves nothing that matters.
     """
-    plant, found = plant_gain(setup), {}
+    found = {}
     for r in (r for r in recordings if r.name in outputs):
         chosen = [r.mask(use) for use in ("identification", "confirmation")]
         mask = max(chosen, key=np.count_nonzero)
@@ -420,26 +417,6 @@ def statements(
         sample = None
         if shown is not None:
             step = quantisation_step(r.y) / r.noise
-            sample = Sample(shown, r.dt, speed[-shown.size :], step, plant, r.noise)
+            sample = Sample(shown, r.dt, speed[-shown.size :], step, r.noise)
         found[r.name] = noise_statement(r.noise, r.noise_source, r.units.output, sample)
     return found
-
-
-def plant_gain(setup: Setup) -> Callable[[Array], Array] | None:
-    """Power gain from a force on the moving mass to the displacement, hysterons at rest.
-
-        |G|² = 1/|k + α² Σ 1/C_i − m ω² + i ω b|²
-
-    None where the model has no such parameters.
-    """
-    network, values = setup.network, values_by_role(setup.network)
-    if not {"m", "k", "b"} <= set(values):
-        return None
-    alpha = values.get("alpha", 0.0)
-    stiffness = values["k"] + alpha**2 * sum(1.0 / network.parameters[n].value for n in capacitances(network))
-
-    def gain(f: Array) -> Array:
-        omega = 2.0 * np.pi * f
-        return np.asarray(1.0 / ((stiffness - values["m"] * omega**2) ** 2 + (omega * values["b"]) ** 2))
-
-    return gain

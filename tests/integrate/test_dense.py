@@ -21,7 +21,7 @@ from phnn.integrate.scheme import Scheme
 from phnn.laws import RESISTOR_LAWS
 from phnn.model import Model
 from phnn.models import hrc
-from phnn.network import Network, Port, PortHamiltonianSystem, Resistor, Storage
+from phnn.network import Coupling, Network, Port, PortHamiltonianSystem, Resistor, Storage
 from phnn.nn import ConvexEnergyMLP, LearnedSystem, MonotoneMLP, SectorMLP
 from phnn.parameters import as_table, constant, positive
 from phnn.recordings.recording import Start, unrecorded
@@ -215,10 +215,13 @@ def test_a_model_whose_law_has_no_kernel_simulates_and_predicts_as_the_compiled_
     rest = [Model(Setup(n)).simulate(t[:3], np.full(3, 20.0)) for n in (network, own)]
     assert rest[0] == pytest.approx(rest[1], rel=1e-9)
     recording = replace(unrecorded("r", t, 60.0 * np.sin(300.0 * t), "cubic", 0.0, {}), start=Start("unknown"))
-    run = simulate(Setup(own), recording, 2, initial=np.zeros(3))
-    slope = output_derivatives(run, (), range(3))
-    moved = [simulate(Setup(own), recording, 2, initial=np.array([0.0, 0.0, s])).y for s in (1e-8, -1e-8)]
-    assert slope[:, 2] == pytest.approx((moved[0] - moved[1]) / 2e-8, rel=1e-4, abs=1e-6 * np.abs(slope[:, 2]).max())
+    for scheme in Scheme:
+        run = simulate(Setup(own), recording, 2, initial=np.zeros(3), scheme=scheme)
+        slope = output_derivatives(run, (), range(3))[:, 2]
+        ends = [
+            simulate(Setup(own), recording, 2, initial=np.array([0.0, 0.0, s]), scheme=scheme).y for s in (1e-8, -1e-8)
+        ]
+        assert slope == pytest.approx((ends[0] - ends[1]) / 2e-8, rel=1e-4, abs=1e-6 * np.abs(slope).max()), scheme
     with pytest.raises(StructureViolated, match="has no kernel: take simulate, predict"):
         output_derivatives(run, ("k",))
 
@@ -239,3 +242,65 @@ def test_slopes_in_closed_form_and_sensitivities_are_those_of_automatic_differen
     weights = [p for p in steps.parameters() if p.requires_grad]
     exact = torch.autograd.grad(states[5, 1, 0], weights)
     assert torch.allclose(by[1][5, :-3], torch.cat([g.reshape(-1) for g in exact]), rtol=1e-9, atol=1e-12)
+
+
+class Tied(nn.Module):
+    """A law that holds one weight under two names."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.slope = self.bend = nn.Parameter(torch.tensor(2e-4, dtype=torch.float64))
+
+    def forward(self, effort: Tensor) -> Tensor:
+        return self.slope.abs() * effort + self.bend.abs() * effort**3 / 100.0
+
+
+def test_the_gradient_by_a_tied_weight_counts_both_of_its_places() -> None:
+    system = PortHamiltonianSystem(hrc(hysterons=1).replace("hysteron_1", Tied()))
+    u = 60.0 * torch.sin(0.1 * torch.arange(60, dtype=torch.float64))[:, None]
+    (weight,) = (p for n, p in system.named_parameters() if n.endswith("hysteron_1.slope"))
+
+    def loss() -> Tensor:
+        return (1e6 * simulated(system, torch.zeros(3, dtype=torch.float64), u, 1e-4)[:, 0]).square().sum()
+
+    (gradient,) = torch.autograd.grad(loss(), weight)
+    with torch.no_grad():
+        weight += 2e-8
+        above = loss()
+        weight -= 4e-8
+        assert float(gradient) == pytest.approx(float(above - loss()) / 4e-8, rel=1e-5)
+
+
+@pytest.mark.parametrize("mass", [1e-3, 1e3])
+def test_a_steady_cycle_closes_in_any_units(mass: float) -> None:
+    stiffness = 1e6 * mass
+    network = Network(
+        (Storage("q", "spring", ("k",), "m"), Storage("p", "capacitor", ("m",), "kg m/s")),
+        (Resistor("damper", "linear", {"p": 1.0}, ("b",)),), (Coupling("q", "p"),), (Port("force", {"p": 1.0}),),
+        as_table([positive("m", mass), positive("k", stiffness), positive("b", 10.0 * mass)]), "q",
+    )  # fmt: skip
+    own = network.replace("damper", DeadZone("linear", 10.0 * mass))
+    t = 1e-4 * np.arange(200)
+    drive = 1e-3 * stiffness * np.sin(2.0 * np.pi * t / 5e-3)
+    recording = replace(unrecorded("r", t, drive, "cubic", 0.0, {}), start=Start("periodic"), period=5e-3)
+    compiled, torched = (simulate(Setup(n), recording, 2) for n in (network, own))
+    assert compiled.compiled is not None and torched.compiled is None
+    assert torched.y == pytest.approx(compiled.y, abs=1e-9 * np.ptp(compiled.y))
+
+
+class Sinh(nn.Module):
+    """A law whose slope leaves the range of numbers before the law does what a step asks."""
+
+    def forward(self, effort: Tensor) -> Tensor:
+        return torch.sinh(effort)
+
+
+@pytest.mark.parametrize(("kind", "guess"), [(torch.float32, 88.0), (torch.float64, 708.0)])
+def test_a_step_whose_slope_is_infinite_is_not_taken_for_solved(kind: torch.dtype, guess: float) -> None:
+    table = as_table([positive("k", 1e4)])
+    spring, port = (Storage("q", "spring", ("k",)),), (Port("flow", {"q": 1.0}),)
+    system = PortHamiltonianSystem(Network(spring, (Resistor("r", Sinh(), {"q": 1.0}),), (), port, table, "q")).to(kind)
+    h, k = 1e-3, 1e4
+    flow = 2.0 * guess / k * (1.0 + 0.5 * h * k) / h
+    ends = simulated(system, torch.full((1,), 1e-9, dtype=kind), torch.full((1, 1), flow, dtype=kind), h)
+    assert float(0.5 * k * ends[-1, 0]) == pytest.approx(np.arcsinh(flow), rel=0.05)

@@ -206,24 +206,13 @@ SPEED = 0.05 * np.cos(2.0 * np.pi * 50.0 * T)
 SIGMA = 5e-8
 
 
-def plant(f: np.ndarray) -> np.ndarray:
-    """A damped mode at 800 Hz."""
-    return np.asarray(1.0 / ((1.0 - (f / 800.0) ** 2) ** 2 + (0.6 * f / 800.0) ** 2))
-
-
 def stated(noise: np.ndarray, step: float = 0.0, above: float = 0.0) -> NoiseStatement:
-    sample = Sample(noise / SIGMA, DT_STATEMENT, SPEED / SIGMA, step / SIGMA, plant, SIGMA, above)
+    sample = Sample(noise / SIGMA, DT_STATEMENT, SPEED / SIGMA, step / SIGMA, SIGMA, above)
     return noise_statement(SIGMA, "stated", "m", sample)
 
 
 def white(seed: int) -> np.ndarray:
     return np.asarray(SIGMA * np.random.default_rng(seed).standard_normal(COUNT))
-
-
-def through_the_plant(x: np.ndarray) -> np.ndarray:
-    f = np.fft.rfftfreq(COUNT, DT_STATEMENT)
-    y = np.fft.irfft(np.fft.rfft(x) * np.sqrt(plant(f)), COUNT)
-    return np.asarray(y * x.std() / y.std())
 
 
 def test_white_noise_is_white_and_nothing_else() -> None:
@@ -232,15 +221,6 @@ def test_white_noise_is_white_and_nothing_else() -> None:
     assert sum(f.colour != "white" for f in found) <= 6
     assert sum(bool(f.notes) for f in found) <= 12
     assert found[0].rms == SIGMA and found[0].source == "stated"
-
-
-def test_noise_that_passes_through_the_plant() -> None:
-    for share in (0.3, 0.7):
-        found = stated(np.sqrt(1.0 - share) * white(0) + np.sqrt(share) * through_the_plant(white(1)))
-        assert found.colour == "spectrum"
-        assert "the spectrum has the resonance of the plant (7" in found.notes[0]
-        told = float(found.notes[0].partition("): ")[2].partition(" %")[0]) / 100.0
-        assert told == pytest.approx(share, abs=0.1)
 
 
 @pytest.mark.parametrize(("phi", "side"), [(0.5, "low"), (-0.5, "high")])
