@@ -124,7 +124,7 @@ def test_a_picture_on_the_page_has_an_alternative_text_and_the_colours_of_the_pa
     assert "<metadata" not in text and "http" not in text.replace("http://www.w3.org/", "")
 
 
-@pytest.mark.parametrize("effect", catalogue().values(), ids=str)
+@pytest.mark.parametrize("effect", catalogue().values(), ids=lambda effect: effect.name)
 def test_equations_of_all_effects_become_drawings(effect: Effect) -> None:
     drawn = formula(effect.equation)
     assert drawn.count("<svg") == 1 and "<code>" not in drawn
