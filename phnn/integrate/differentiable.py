@@ -257,7 +257,10 @@ class _Implicit(torch.autograd.Function):
                 # By name, because the caller may have replaced the module's parameters for the duration of the call.
                 named = dict(zip(ctx.names, own[2:], strict=True))
                 residual, by_next, by_start = torch.func.functional_call(
-                    ctx.steps, named, (states[:-1][part], states[1:][part], *own[:2]), tie_weights=True
+                    ctx.steps,
+                    _everywhere(ctx.steps, named),
+                    (states[:-1][part], states[1:][part], *own[:2]),
+                    tie_weights=False,
                 )
             weights, carry = _multipliers(by_next, by_start, wanted[1:][part], carry)
             asked = [i for i, need in enumerate(needs) if need]
@@ -563,11 +566,25 @@ def sensitivities(
     return found
 
 
+def _everywhere(module: nn.Module, given: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """Return tensors for parameters by every name under which a module holds these, each module once.
+
+    `functional_call` ties two names of one weight itself, but leaves a module that stands at two places without it.
+    """
+    known = dict(module.named_parameters())
+    tensors = {id(known[name]): v for name, v in given.items()}
+    return {
+        f"{at}.{name}" if at else name: tensors[id(p)]
+        for at, one in module.named_modules() for name, p in one.named_parameters(recurse=False, remove_duplicate=False)
+        if id(p) in tensors
+    }  # fmt: skip
+
+
 def _by_weights(steps: Steps, weights: Mapping[str, Tensor], x: Tensor, ends: Tensor, u: Tensor, h: Tensor) -> Tensor:
     """(N, B, n, W) derivatives of the residuals of single steps."""
 
     def residual(given: dict[str, Tensor], *step: Tensor) -> Tensor:
-        return torch.func.functional_call(steps, given, (*step, False), tie_weights=True)[0]
+        return torch.func.functional_call(steps, _everywhere(steps, given), (*step, False), tie_weights=False)[0]
 
     flat = [v.expand(*x.shape[:-1], v.shape[-1]).flatten(0, 1) for v in (x, ends, u, h)]
     found = torch.func.vmap(torch.func.jacrev(residual), (None, 0, 0, 0, 0))(dict(weights), *flat)
@@ -583,7 +600,9 @@ def first_order(
     x, ends = states[:-1], states[1:]
 
     def residual(given: dict[str, Tensor]) -> Tensor:
-        return torch.func.functional_call(steps, given, (x, ends, u, h, False), tie_weights=True)[0]
+        return torch.func.functional_call(steps, _everywhere(steps, given), (x, ends, u, h, False), tie_weights=False)[
+            0
+        ]
 
     change = torch.func.jvp(residual, (weights,), ({name: moved[name] for name in weights},))[1]
     _, by_next, by_start = linearised(steps.system, x, ends, u, h, steps.scheme)
