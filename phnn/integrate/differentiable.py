@@ -31,6 +31,7 @@ from torch import Tensor, nn
 from phnn.errors import InputRefused, SolverFailed, StructureViolated
 from phnn.integrate import kernel
 from phnn.integrate.compilable import can_compile, partly_driven
+from phnn.integrate.cycle import reach_of, steady_change
 from phnn.integrate.equations import linearised, means, reducible_rules, step_residual
 from phnn.integrate.program import compile_network
 from phnn.integrate.scheme import Scheme
@@ -54,7 +55,7 @@ _FIRST, _MOST = 32, 512  # steps of the first stretch, and of the longest
 _AT_ONCE = 1 << 11  # steps of all members of a batch, whose derivatives by all weights are held in memory together
 _TOGETHER = 1 << 14  # steps of all members of a batch together, of a stretch that begins near its solution
 _FEWEST = 8  # steps at the head of a stretch that are kept where the others were not solved
-_CYCLES, _CLOSED, _NEUTRAL = 30, 1e-9, 1e-9  # of a steady cycle: iterations, relative change at its end, rank
+_CYCLES, _CLOSED = 30, 1e-9  # of a steady cycle: iterations, and its change at the end over the range of a state
 _SMALLEST_PART = 2.0**-10
 # Shares of a step at which slopes of laws, and the sign of the Jacobian's determinant, are looked at.
 _ALONG = 9
@@ -256,12 +257,7 @@ class _Implicit(torch.autograd.Function):
             with torch.enable_grad():
                 # By name, because the caller may have replaced the module's parameters for the duration of the call.
                 named = dict(zip(ctx.names, own[2:], strict=True))
-                residual, by_next, by_start = torch.func.functional_call(
-                    ctx.steps,
-                    _everywhere(ctx.steps, named),
-                    (states[:-1][part], states[1:][part], *own[:2]),
-                    tie_weights=False,
-                )
+                residual, by_next, by_start = _with(named, ctx.steps, states[:-1][part], states[1:][part], *own[:2])
             weights, carry = _multipliers(by_next, by_start, wanted[1:][part], carry)
             asked = [i for i, need in enumerate(needs) if need]
             # A network may hold parameters and ports that do not occur in any of its equations.
@@ -566,25 +562,26 @@ def sensitivities(
     return found
 
 
-def _everywhere(module: nn.Module, given: Mapping[str, Tensor]) -> dict[str, Tensor]:
-    """Return tensors for parameters by every name under which a module holds these, each module once.
+def _with(given: Mapping[str, Tensor], module: nn.Module, *arguments: Any) -> Any:
+    """Call a module with other tensors in the place of some parameters, by all names under which it holds these.
 
     `functional_call` ties two names of one weight itself, but leaves a module that stands at two places without it.
     """
     known = dict(module.named_parameters())
     tensors = {id(known[name]): v for name, v in given.items()}
-    return {
+    everywhere = {
         f"{at}.{name}" if at else name: tensors[id(p)]
         for at, one in module.named_modules() for name, p in one.named_parameters(recurse=False, remove_duplicate=False)
         if id(p) in tensors
     }  # fmt: skip
+    return torch.func.functional_call(module, everywhere, arguments, tie_weights=False)
 
 
 def _by_weights(steps: Steps, weights: Mapping[str, Tensor], x: Tensor, ends: Tensor, u: Tensor, h: Tensor) -> Tensor:
     """(N, B, n, W) derivatives of the residuals of single steps."""
 
     def residual(given: dict[str, Tensor], *step: Tensor) -> Tensor:
-        return torch.func.functional_call(steps, _everywhere(steps, given), (*step, False), tie_weights=False)[0]
+        return _with(given, steps, *step, False)[0]
 
     flat = [v.expand(*x.shape[:-1], v.shape[-1]).flatten(0, 1) for v in (x, ends, u, h)]
     found = torch.func.vmap(torch.func.jacrev(residual), (None, 0, 0, 0, 0))(dict(weights), *flat)
@@ -600,9 +597,7 @@ def first_order(
     x, ends = states[:-1], states[1:]
 
     def residual(given: dict[str, Tensor]) -> Tensor:
-        return torch.func.functional_call(steps, _everywhere(steps, given), (x, ends, u, h, False), tie_weights=False)[
-            0
-        ]
+        return _with(given, steps, x, ends, u, h, False)[0]
 
     change = torch.func.jvp(residual, (weights,), ({name: moved[name] for name in weights},))[1]
     _, by_next, by_start = linearised(steps.system, x, ends, u, h, steps.scheme)
@@ -635,14 +630,10 @@ def integrated(
         period = torch.eye(len(x)).to(x)
         for carry in -torch.linalg.solve(by_next, by_start):
             period = carry @ period
-        gap, reach = states[-1] - x, states.amax(0) - states.amin(0)
-        reach = torch.maximum(reach, _NEUTRAL * states.abs().amax(0))
-        reach = torch.where(reach > 0.0, reach, 1.0)
-        if bool((gap.abs() <= _CLOSED * reach).all()):
+        gap, reach = (states[-1] - x).numpy(), reach_of(states.numpy())
+        if (np.abs(gap) <= _CLOSED * reach).all():
             break
-        # Scaled, because states differ in size; what no cycle changes keeps its value.
-        matrix = torch.eye(len(x)).to(x) - period * reach / reach.unsqueeze(-1)
-        x = x + reach * (torch.linalg.pinv(matrix, rtol=_NEUTRAL) @ (gap / reach))
+        x = x + torch.from_numpy(steady_change(period.numpy(), gap[:, None], reach)[:, 0])
     else:
         if cycle and x0 is None:
             raise SolverFailed("no steady cycle was found: begin the recording at rest, or state its start as unknown")
