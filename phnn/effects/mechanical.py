@@ -100,23 +100,25 @@ def falling_friction_grid(scales: Scales) -> list[dict[str, float]]:
     return [{**v, "r_f": 0.5, "v_d": times * v["v_s"]} for v in friction_grid(scales) for times in (5.0, 50.0)]
 
 
-def bent_bristles_grid(scales: Scales) -> list[dict[str, float]]:
-    """Slip after shares of the displacement; friction falls over a share of the speeds, or hardly."""
+def _bristles(scales: Scales) -> list[dict[str, float]]:
+    """Bristles of a friction that is hardly noticeable, which slip after shares of the displacement."""
     force = 1e-4 * scales.stiffness * scales.displacement
-    return [
-        {"k_f": force / (share * scales.displacement), "F_c": force, "r_f": r, "v_d": 0.1 * scales.velocity}
-        for share in (3e-4, 3e-3, 3e-2) for r in (0.05, 0.5)
-    ]  # fmt: skip
+    return [{"k_f": force / (share * scales.displacement), "F_c": force} for share in (3e-4, 3e-3, 3e-2)]
+
+
+def bent_bristles_grid(scales: Scales) -> list[dict[str, float]]:
+    """Friction falls over a share of the speeds, or hardly."""
+    return [{**v, "r_f": r, "v_d": 0.1 * scales.velocity} for v in _bristles(scales) for r in (0.05, 0.5)]
 
 
 def creeping_bristles_grid(scales: Scales) -> list[dict[str, float]]:
-    """Bristles that slip at once beyond a share of the displacement, with a resistance that is hardly noticeable, and
-    creep slower and faster than the fastest line."""
-    force = 1e-4 * scales.stiffness * scales.displacement
-    slip = scales.velocity / (_HARDLY * force)
+    """Bristles that slip with a resistance that is hardly noticeable, and creep slower and faster than the fastest
+    line."""
     rates = [2.0 * math.pi * share * scales.fastest for share in _RATES]
-    stiff = [force / (share * scales.displacement) for share in (3e-4, 3e-3, 3e-2)]
-    return [{"k_f": k, "F_c": force, "slip_f": slip, "rho_f": rate / k} for k in stiff for rate in rates]
+    return [
+        {**v, "slip_f": scales.velocity / (_HARDLY * v["F_c"]), "rho_f": rate / v["k_f"]}
+        for v in _bristles(scales) for rate in rates
+    ]  # fmt: skip
 
 
 def rescale_bristles(values: Mapping[str, float], factor: float) -> dict[str, float]:
