@@ -37,6 +37,7 @@ from phnn.recordings.units import scales_with_forces
 from phnn.report.formatting import listing, words
 from phnn.report.provenance import Provenance, provenance
 from phnn.report.statements import (
+    WAVEFORM,
     acts_like,
     failure,
     first_screen,
@@ -53,7 +54,6 @@ from phnn.signals.noise_statement import NoiseStatement, Sample, noise_statement
 from phnn.signals.sampling import quantisation_step
 
 Array = NDArray[np.float64]
-WAVEFORM = "next_experiment.csv"
 
 
 SCHEMA = "phnn.diagnosis/1"

@@ -43,6 +43,7 @@ from phnn.report.formatting import (
 from phnn.report.page import Bar, Bars, Block, Code, Formula, Link, Section, Table
 from phnn.report.provenance import Provenance
 from phnn.report.statements import (
+    WAVEFORM,
     acts_like,
     capital,
     causes,
@@ -160,7 +161,7 @@ def _first(diagnosis: Diagnosis, traces: Sequence[Trace]) -> list[Block]:
     rows = [Bar(words(n), share, f"{100.0 * share:.0f} %") for n, share in alike]
     others = [Bars("Share of the excess over the noise that one effect alone explains", rows)] if rows else []
     told = needed("next recording", lambda: next_recording(diagnosis), "")
-    link: list[Block] = [told] if diagnosis.proposal is None else [Link(told, "next_experiment.csv")]
+    link: list[Block] = [told] if diagnosis.proposal is None else [Link(told, WAVEFORM)]
     following = link if told else []
     said = notes(diagnosis)
     more = [f"{len(said) - _NOTES} more parts failed: see “What was tried”."] if len(said) > _NOTES else []

@@ -45,6 +45,8 @@ _WHY = {
 }
 # Least probability of a cause that is listed, and how many are.
 _LEAST, _CAUSES = 0.01, 3
+# File beside the report with the input of the next recording.
+WAVEFORM = "next_experiment.csv"
 # Recordings that are asked for at a time.
 _LACKS = 3
 
