@@ -24,7 +24,6 @@ from phnn.errors import InputRefused
 from phnn.intake.files import Source
 from phnn.intake.limits import LIMITS
 from phnn.recordings.hdf5_files import datasets, is_hdf5, matlab_content
-from phnn.recordings.iddata import FIELDS, KIND, iddata_table, is_iddata, refused_object
 from phnn.recordings.table import NUMBERS, Column, Stored, Table, Where
 from phnn.results import printable
 
@@ -163,6 +162,9 @@ def _nested(raw: Raw, position: int, end: int, order: str, kind: int, count: int
         position = element.next
 
 
+# The object of MATLAB's System Identification Toolbox, and its time, input and output.
+_IDDATA, _FIELDS = "iddata", ("SamplingInstants", "InputData", "OutputData")
+# Arrays that a message lists.
 _SHOWN = 5
 
 
@@ -170,19 +172,22 @@ def read_mat(source: Source) -> Table:
     """Return the numeric variables of a .mat file.
 
     Vectors are found by name, structure fields as ``name.field``, the columns of a matrix as ``name[0]``, …, signals
-    that are structures with a name, data and a unit by that name (ControlDesk, Simulink). A structure with the fields
-    of an ``iddata`` brings its time and its channels besides; of an array or cells of experiments, each is a segment.
+    that are structures with a name, data and a unit by that name (ControlDesk, Simulink). Of an array or cells of
+    experiments, each is a segment.
     """
     where = Where(source.name)
     content, classes = matlab_content(source) if is_hdf5(source) else _load_v5(source)
-    objects = [name for name, kind in classes if kind == KIND]
-    structures = {n: v for n, v in content.items() if isinstance(v, Mapping) and is_iddata(v)}
-    if len(structures) > 1:
-        raise InputRefused(f"{where}: several iddata ({', '.join(structures)}): save each into a file of its own")
+    objects = [(printable(name), printable(kind)) for name, kind in classes]
     experiments = {n: e for n, v in content.items() if (e := _experiments(n, v))}
     found = list(stored_arrays({n: v for n, v in content.items() if n not in experiments}))
     if not any(stored.dtype.kind in NUMBERS for stored in found) and not experiments and objects:
-        raise refused_object(where, printable(objects[0]))
+        name, kind = objects[0]
+        time, u, y = (f"{name}.{field}" for field in _FIELDS) if kind == _IDDATA else ("…", "…", "…")
+        raise InputRefused(
+            f"{where}: {name} is an object of class {kind}, whose content only MATLAB can read: save its numbers "
+            f"there, with their units: time_s = {time}; input_V = {u}; output_m = {y}; save('{name}.mat', 'time_s', "
+            f"'input_V', 'output_m')"
+        )
     if len(experiments) == 1:
         ((name, columns),) = experiments.items()
         names, values = zip(*columns, strict=True)
@@ -192,16 +197,13 @@ def read_mat(source: Source) -> Table:
     else:
         table = table_of(where, found)
     if objects:
-        note = f"{printable(', '.join(objects))}: left alone, objects that only MATLAB can read"
+        note = f"{', '.join(name for name, _ in objects)}: left alone, objects that only MATLAB can read"
         table = replace(table, notes=(*table.notes, note))
-    fields = ({k: _loaded(v) for k, v in one.items() if k in FIELDS} for one in structures.values())
-    return table.with_columns_of(iddata_table(where, *fields)) if structures else table
+    return table
 
 
 def _loaded(value: Any) -> Any:
-    """Return a value of a structure with its numbers read."""
-    if isinstance(value, list):
-        return [_loaded(v) for v in value]
+    """Return the numbers of a value of a structure."""
     return value.load() if isinstance(value, Stored) else value
 
 

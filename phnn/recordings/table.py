@@ -98,12 +98,6 @@ class Table:
     units: Mapping[str, str] = field(default_factory=dict)
     own: Mapping[str, np.ndarray] = field(default_factory=dict)
 
-    def with_columns_of(self, other: Table) -> Table:
-        """The columns of both, those of the other where they share a name, with its segments."""
-        both = dict(zip(self.names + other.names, self.columns + other.columns, strict=True))
-        notes = (*self.notes, *other.notes)
-        return replace(self, names=tuple(both), columns=tuple(both.values()), notes=notes, segments=other.segments)
-
     def find(self, place: int | str) -> int:
         """Index of the column at an index or of a name."""
         named = [n for n in self.names if n]

@@ -289,27 +289,6 @@ FILES["mat of version 5, a structure"] = _mat(
 )
 
 
-def _iddata(**changes: Any) -> dict[str, Any]:
-    _, u, y = signals(43)
-
-    def cell(value: str) -> Any:
-        found = np.empty((1, 1), dtype=object)
-        found[0, 0] = value
-        return found
-
-    return {
-        "Domain": "Time", "Name": "", "OutputData": 1e6 * y[:, None], "OutputName": cell("y1"),
-        "OutputUnit": cell("um"), "InputData": u[:, None], "InputName": cell("u1"), "InputUnit": cell("V"),
-        "Period": np.inf, "InterSample": cell("zoh"), "Ts": STEP, "Tstart": np.empty((0, 0)),
-        "SamplingInstants": np.empty((0, 0)), "TimeUnit": "seconds", "ExperimentName": cell("Exp1"),
-        "Notes": np.empty((0, 0)),
-    } | changes  # fmt: skip
-
-
-FILES["mat of version 5, iddata"] = _mat({"data": _iddata()})
-FILES["mat of version 5, iddata in frequencies"] = _mat({"data": _iddata(Domain="Frequency")})
-
-
 @made("mat of version 7.3")
 def _(home: Path) -> None:
     import h5py

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import struct
 import time
 import tracemalloc
 from pathlib import Path
@@ -226,3 +227,29 @@ def test_json_recordings_are_bounded_in_size(tmp_path: Path) -> None:
     with (tmp_path / "a.json").open("wb") as file:
         file.truncate(70 * 2**20)
     refused(tmp_path, "a.json", "json recording", "67.1 MB")
+
+
+def object_of_version_5(path: Path) -> None:
+    def element(kind: int, content: bytes) -> bytes:
+        return struct.pack("<II", kind, len(content)) + content + b"\0" * (-len(content) % 8)
+
+    numbers = element(6, struct.pack("<II", 13, 0)) + element(5, struct.pack("<ii", 6, 1)) + element(1, b"")
+    numbers += element(6, struct.pack("<6I", 0xDD000000, 2, 1, 1, 1, 1))
+    names = b"".join(element(1, name) for name in (b"z", b"MCOS", b"iddata"))
+    body = element(6, struct.pack("<II", 17, 0)) + names + element(14, numbers)
+    path.write_bytes(b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<HH", 0x100, 0x4D49) + element(14, body))
+
+
+def object_of_version_73(path: Path) -> None:
+    import h5py
+
+    with h5py.File(path, "w") as file:
+        made = file.create_dataset("z", data=np.array([[0xDD000000], [2], [1], [1], [1], [1]], dtype=np.uint32))
+        made.attrs["MATLAB_class"] = np.bytes_("iddata")
+        made.attrs["MATLAB_object_decode"] = 3
+
+
+@pytest.mark.parametrize("write", [object_of_version_5, object_of_version_73])
+def test_an_object_of_matlab_is_refused_with_the_lines_that_save_its_numbers(tmp_path: Path, write: Any) -> None:
+    write(tmp_path / "a.mat")
+    refused(tmp_path, "a.mat: z is an object of class iddata", "output_m = z.OutputData; save('z.mat', 'time_s'")
