@@ -12,7 +12,6 @@ import numpy as np
 from phnn.errors import InputRefused
 from phnn.recordings import checks
 from phnn.recordings.channels import Channel, select
-from phnn.recordings.driving import with_declared
 from phnn.recordings.excitation import Excitation, excitation_of
 from phnn.recordings.manifest import Column, Entry, Manifest
 from phnn.recordings.recording import ACTUATOR, Recording, Start, Units, drive_of, is_actuator
@@ -223,7 +222,6 @@ def _draft(
         recording, period=excitation.period, noise=floor.value, noise_source=floor.source,
         noise_correlation=floor.correlation,
     )  # fmt: skip
-    recording = with_declared(recording, entry.jumps_at_s, entry.rise_time_s)
     what = ", ".join(f"{q} from {c.label} in {c.unit}" for q, c in channels.items())
     used = {channel.label for channel in channels.values()}
     spare = [n for i, n in enumerate(table.names) if n and table.label(i) not in used]

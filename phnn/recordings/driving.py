@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -10,7 +9,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.errors import InputRefused
 from phnn.recordings.recording import Recording
 from phnn.signals.reconstruct import (
     WITH_BREAKS,
@@ -85,11 +83,9 @@ def driving_of(recording: Recording, substeps: int, method: str | None = None) -
         substeps: steps a sample interval, more of them after jumps.
         method: another reconstruction than the recording's.
     """
-    declared = recording.instants_declared
     given = _Given(
         _Same(recording.u), tuple(_Same(x) for x in recording.further.values()), recording.cycle,
-        input_before(recording, recording.u), recording.rise / recording.dt,
-        0.0 if declared else (recording.period or 0.0) / recording.dt, declared,
+        input_before(recording, recording.u), (recording.period or 0.0) / recording.dt,
         None if recording.clock is None else _Same(recording.t),
     )  # fmt: skip
     return _driving(given, substeps, method or recording.interpolation)
@@ -101,8 +97,7 @@ class _Given(NamedTuple):
     Attributes:
         u: the first input; further: the other ones.
         cycle: samples of a steady cycle; before: the input before the first sample.
-        rise, period: of a jump and of the input in sample intervals; 0 for none.
-        alone: every jump has an instant of its own.
+        period: of the input in sample intervals; 0 for none.
         times: sampling instants that are not uniform, s.
     """
 
@@ -110,9 +105,7 @@ class _Given(NamedTuple):
     further: tuple[_Same, ...]
     cycle: int
     before: float
-    rise: float
     period: float
-    alone: bool
     times: _Same | None
 
 
@@ -135,76 +128,31 @@ def _driving(given: _Given, substeps: int, method: str) -> Driving:
         lengths = np.diff(clock)
         # As many steps in a unit of time, whatever the intervals.
         counts = counts * np.maximum(np.rint(lengths / np.median(lengths)), 1.0).astype(np.int64)
-    command = Reconstruction(samples, counts, method, given.rise, clock=clock)
+    command = Reconstruction(samples, counts, method, clock=clock)
     means = np.zeros((int(counts.sum()), len(others)))
     for k, x in enumerate(others):
         means[:, k] = mean_input(substep_input(x, counts, method, clock=clock))
     means.flags.writeable = False
-    group = _shared(command.breaks.jumps, cycle, given.period, samples.size, given.alone)
+    group = _shared(command.breaks.jumps, cycle, given.period, samples.size)
     if group.max(initial=-1) + 1 < group.size:
         # Jumps that share an instant have to mean the same by it.
         command = replace(command, sharp=True)
     return Driving(counts, lead, command, means, group, lengths)
 
 
-def _shared(jumps: NDArray[np.int64], cycle: int, period: float, samples: int, alone: bool) -> NDArray[np.int64]:
-    """(J,) numbers of the instants: those of one phase of the cycle share one, and all do where there are many.
-
-    Args:
-        alone: each has one of its own.
-    """
+def _shared(jumps: NDArray[np.int64], cycle: int, period: float, samples: int) -> NDArray[np.int64]:
+    """(J,) numbers of the instants: those of one phase of the cycle share one, and all do where there are many."""
     whole = round(period)
     if cycle:
         jumps = jumps % cycle
     elif whole and abs(period - whole) * samples / period < _WHOLE:
         jumps = jumps % whole
     group = np.unique(jumps, return_inverse=True)[1].astype(np.int64)
-    return group if alone or group.max(initial=-1) < _ALONE else np.zeros_like(group)
-
-
-def with_declared(recording: Recording, times: Sequence[float], rise: float) -> Recording:
-    """The recording with what is stated of its input's jumps.
-
-    Args:
-        times: the middle of each, s from the first sample; empty where only their duration is stated.
-        rise: how long each takes, s.
-
-    Raises:
-        InputRefused: a jump lasts longer than a sample interval; the times are not those of the input's jumps.
-    """
-    if rise > recording.dt:
-        raise InputRefused(
-            f"{recording.source}: rise_time_s: {rise:g} s is longer than the sample interval, {recording.dt:g} s, so "
-            f"that the samples show it: leave it out"
-        )
-    stated = replace(recording, rise=rise, instants_declared=bool(times))
-    if not times:
-        return stated
-    if recording.cycle:
-        raise InputRefused(
-            f"{recording.source}: jumps_at_s: a recording that starts in a steady cycle has its jumps estimated, one "
-            f"instant for each phase of the cycle: leave jumps_at_s out, or state another start"
-        )
-    driving = driving_of(stated, 1)
-    jumps = driving.command.breaks.jumps - driving.lead
-    places = np.searchsorted(recording.t, np.sort(np.asarray(times)) + 1e-9 * recording.dt)
-    if not np.array_equal(places, jumps):
-        seen = ", ".join(f"{recording.t[n - 1]:.6g} to {recording.t[n]:.6g}" for n in jumps.tolist()) or "nowhere"
-        raise InputRefused(
-            f"{recording.source}: jumps_at_s: {', '.join(f'{t:g}' for t in times)} s, but the input jumps between "
-            f"samples at {seen} s: give one time for each of these intervals"
-        )
-    # The instants are counted over the room that a transition of this duration has within its interval.
-    lengths, share = recording.t[jumps] - recording.t[jumps - 1], rise / recording.dt
-    centre = (np.sort(np.asarray(times)) - recording.t[jumps - 1]) / lengths
-    room = max(1.0 - share, np.finfo(float).eps)
-    return replace(stated, instants=np.clip((centre - 0.5 * share) / room, 0.0, 1.0))
+    return group if group.max(initial=-1) < _ALONE else np.zeros_like(group)
 
 
 def unknown_instants(recording: Recording) -> Array:
-    """(G,) present values of the instants that are to be estimated, none where they are declared."""
-    if recording.instants_declared:
-        return np.zeros(0)
+    """(G,) present values of the instants that are to be estimated."""
     return driving_of(recording, 1).instants(recording)
 
 

@@ -129,12 +129,12 @@ OFFSETS = ("own", "shared")
 VOLTAGES = ("command", "terminals")
 
 _SHARED = (
-    "columns", "variables", "sample_rate_hz", "start", "periodic", "input", "rise_time_s", "segments", "ports",
+    "columns", "variables", "sample_rate_hz", "start", "periodic", "input", "segments", "ports",
     "outputs", "axes", "sensor", "offset",
 )  # fmt: skip
 # What a manifest may say of the whole folder.
 TOP_KEYS = ("setup", "known", "voltage", *_SHARED, "recordings")
-_EACH = (*_SHARED, "jumps_at_s", "slice", "use", "file", "name")
+_EACH = (*_SHARED, "slice", "use", "file", "name")
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,6 @@ class Entry:
     """What the manifest says about one recording; ``None`` means it says nothing.
 
     Attributes:
-        rise_time_s: how long jumps of the input take; jumps_at_s: when they happen, from the first sample on.
         segments: the file holds several recordings one after another, separated by jumps of time or, where a number
             is given, so many samples each.
         beside: further files whose columns stand beside those of the first.
@@ -160,8 +159,6 @@ class Entry:
     start: Start | None = None
     periodic: bool | None = None
     input: str | None = None
-    rise_time_s: float = 0.0
-    jumps_at_s: tuple[float, ...] = ()
     segments: bool | int = False
     beside: tuple[str, ...] = ()
     ports: Mapping[str, Column] = field(default_factory=dict)
@@ -283,12 +280,6 @@ def _start(value: Any, where: str) -> Start:
     return Start(state, number(content.get("input_before", 0.0), f"{where}: input_before"))
 
 
-def _times(value: Any, where: str) -> tuple[float, ...]:
-    if not isinstance(value, list) or not value:
-        raise InputRefused(f"{where}: {shown(value)} is no list of times: write [0.0503, …], in seconds")
-    return tuple(number(t, where) for t in value)
-
-
 def _slice(value: Any, where: str) -> tuple[int, int]:
     whole = isinstance(value, list) and len(value) == 2 and all(type(v) is int for v in value)
     if not whole or not 0 <= value[0] < value[1]:
@@ -312,8 +303,8 @@ def _one_of(accepted: tuple[str, ...]) -> Callable[[Any, str], str]:
 
 # How the value of a key is read; the text says where it stands.
 _READ: Mapping[str, Callable[[Any, str], Any]] = {
-    "sample_rate_hz": partial(number, above=0.0), "rise_time_s": partial(number, above=0.0), "start": _start,
-    "periodic": flag, "input": _one_of(INPUTS), "jumps_at_s": _times, "segments": _segments,
+    "sample_rate_hz": partial(number, above=0.0), "start": _start,
+    "periodic": flag, "input": _one_of(INPUTS), "segments": _segments,
     "ports": lambda value, where: named_of(value, "input", where), "axes": axes_of, "sensor": sensor_of,
     "outputs": lambda value, where: named_of(value, "output", where), "offset": _one_of(OFFSETS),
     "slice": _slice, "use": _one_of(USES), "name": label,

@@ -89,8 +89,6 @@ class Recording:
         measures: the storage of the network that is measured; its ``output`` where empty.
         instants: ``(G,)`` when the input jumps, in sample intervals (0 to 1) behind the sample before the jump; jumps
             may share one (`phnn.recordings.driving`). None where nothing is known: the samples do not tell.
-        instants_declared: they are stated, not to be estimated.
-        rise: how long a jump of the input takes, s.
         sensor: what is known of the sensor.
         offset: ``"own"``, the zero of the output belongs to the recording, or ``"shared"``: all have one.
         noise_found: False where the recording shows no noise; ``noise`` then only weights the fit.
@@ -117,8 +115,6 @@ class Recording:
     further: Mapping[str, np.ndarray] = field(default_factory=dict)
     measures: str = ""
     instants: np.ndarray | None = None
-    instants_declared: bool = False
-    rise: float = 0.0
     sensor: Sensor = PLAIN
     offset: str = "own"
     noise_found: bool = True
@@ -161,7 +157,6 @@ class Recording:
         return replace(
             self,
             instants=None,
-            instants_declared=False,
             t=self.t[rows],
             u=self.u[rows],
             y=self.y[rows],
@@ -310,8 +305,8 @@ def digest(campaign: Campaign) -> str:
     """SHA-256, in hexadecimal, of all that fits and scores see of the recordings: samples, uses, starts, anchors."""
     found = hashlib.sha256()
     for r in campaign.recordings:
-        facts = (r.name, r.start, r.interpolation, r.parts, r.noise, r.period, r.units, r.measures, r.rise)
-        known = (r.sensor, r.offset, r.gain, r.instants_declared)
+        facts = (r.name, r.start, r.interpolation, r.parts, r.noise, r.period, r.units, r.measures)
+        known = (r.sensor, r.offset, r.gain)
         found.update(repr((*facts, *known, sorted(r.channels), sorted(r.further))).encode())
         others = [values for _, values in (*sorted(r.channels.items()), *sorted(r.further.items()))]
         instants = [] if r.instants is None else [r.instants]

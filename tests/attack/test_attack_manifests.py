@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 KEYS = (
     "setup", "known", "voltage", "columns", "variables", "sample_rate_hz", "start", "periodic", "input",
-    "rise_time_s", "segments", "ports", "outputs", "axes", "recordings",
+    "segments", "ports", "outputs", "axes", "recordings",
 )  # fmt: skip
-EACH = ("file", "name", "jumps_at_s", "slice", "use", *KEYS[3:14])
+EACH = ("file", "name", "slice", "use", *KEYS[3:13])
 VALUES = [
     "null", "''", "nonsense", "x" * 5000, "0", "-1", "9" * 18, "9" * 400, ".inf", "-.inf", ".nan", "1e308", "1e-320",
     "true", "[]", "[1, 2, 3]", "[[[[1]]]]", "{}", "{a: 1}", "{1: 2, 3: 4}", "{null: 1}", "{a: {b: {c: {d: 1}}}}",

@@ -94,9 +94,9 @@ def test_any_cell(column: str, row: int, attack: Attack, good: Path) -> None:
     *((1.0, said) for said in (
         "sample_rate_hz: 1e-150", "sample_rate_hz: 1e150", "columns: {voltage: {column: 1, scale: 1e150}}",
         "columns: {voltage: {column: 1, scale: 1e-150}}", "columns: {displacement: {column: 2, scale: -1}}",
-        "start: {state: rest, input_before: 1e150}", "rise_time_s: 1e150", "rise_time_s: 1e-150", "segments: 1",
+        "start: {state: rest, input_before: 1e150}", "segments: 1",
         "segments: 119", "segments: 60", "recordings: [{file: a.csv, slice: [0, 1]}]", "start: periodic",
-        "recordings: [{file: a.csv, jumps_at_s: [1e150]}]", "periodic: true", "input: zero_order",
+        "periodic: true", "input: zero_order",
     )),
 ])  # fmt: skip
 @pytest.mark.parametrize("named", [True, False])

@@ -178,8 +178,6 @@ def _tables() -> None:
     u = 20.0 * (np.floor(t / 0.01 + 1e-6) % 3)
     said = "input: zero_order\nstart: {state: rest, input_before: 0.0}\n"
     FILES["csv, a held input with jumps"] = as_text("a.csv", (t, u, y), said=said)
-    said = "recordings:\n  - {file: a.csv, jumps_at_s: [0.0202], rise_time_s: 1.0e-4}\n"
-    FILES["csv, jumps at stated times"] = as_text("a.csv", (t, 20.0 * (t > 0.0202), y), said=said)
     FILES["csv, segments of equal length"] = as_text(
         "a.csv", signals(20)[1:], _HEADER[1:], said="sample_rate_hz: 4000\nsegments: 80\n"
     )

@@ -219,8 +219,6 @@ def _starts() -> Iterator[tuple[str, Recording, int]]:
     yield "steady cycle, band-limited", recording(t, whole, start="periodic", periodic=True, input="band_limited"), 2
     yield "linear input", recording(t, u, input="linear"), 2
     yield "held input", recording(t, steps, input="zero_order"), 3
-    yield "held input that rises", recording(t, steps, input="zero_order", rise_time_s=4e-5), 3
-    yield "stated jumps", recording(t, steps, jumps_at_s=[0.00248, 0.00497, 0.00746, 0.00998]), 2
     yield "sensor with lag", recording(t, u, sensor={"lag": "0.2 ms", "rectified": True}), 1
 
 

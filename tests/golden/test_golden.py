@@ -46,7 +46,7 @@ def what_was_read(campaign: phnn.recordings.Campaign) -> dict[str, Any]:
         recordings[r.name] = {
             "samples": int(r.t.size),
             "start": [r.start.state, rounded(r.start.input_before)],
-            "input": [r.interpolation, rounded(r.rise), r.gain],
+            "input": [r.interpolation, r.gain],
             "jumps": fingerprint(r.instants if r.instants is not None else [], 4),
             "units": [r.units.input, r.units.output],
             "parts": [[p.name, p.first, p.last, p.use] for p in r.parts],

@@ -12,14 +12,13 @@ from hypothesis import strategies as st
 from phnn.configuration import config_folder
 from phnn.derivatives import output_derivatives
 from phnn.effects import effect
-from phnn.errors import InputRefused
-from phnn.identification.evaluate import evaluate, with_instants
+from phnn.identification.evaluate import evaluate
 from phnn.identification.fit import fit
 from phnn.identification.plan import Plan
 from phnn.models import from_paper
 from phnn.models.network_file import load_network
 from phnn.prediction import output_spread
-from phnn.recordings.driving import driving_of, unknown_instants, with_declared
+from phnn.recordings.driving import driving_of, unknown_instants
 from phnn.recordings.recording import Part, Recording, Start
 from phnn.setup import Setup
 from phnn.trajectory import simulate
@@ -99,11 +98,9 @@ def test_instants_are_estimated_with_the_parameters_and_for_a_held_out_recording
     assert scores.over_noise("confirmation") == pytest.approx(1.0, abs=0.1)
 
 
-def test_declared_instants_are_believed() -> None:
+def test_only_a_smooth_input_has_jumps_of_unknown_instants() -> None:
     u = steps_at(DT * np.arange(600), 0.01, 0.02)
-    stated = replace(recording(u), instants=np.array([0.2, 0.4]), instants_declared=True)
-    assert unknown_instants(stated).size == 0
-    assert with_instants(Setup(from_paper()), stated, 1, None)[0] is stated
+    assert unknown_instants(recording(u)).size == 2
     for interpolation in ("linear", "zero_order", "band_limited"):
         assert unknown_instants(replace(recording(u), interpolation=interpolation)).size == 0
 
@@ -133,29 +130,6 @@ def test_a_start_with_a_jump_has_an_unknown_instant_before_the_first_sample() ->
         known = simulate(setup, replace(inside, instants=np.array([instant])), 4).y
         np.testing.assert_allclose(found[:-1], known[2:], atol=1e-10)
     assert simulate(setup, replace(begun, instants=np.array([0.75])), 4).y[0] > 1e-8
-
-
-def test_stated_jumps_and_rises_are_taken_or_refused() -> None:
-    u = steps_at(DT * np.arange(600), 0.010_03, 0.020_08)
-    stated = with_declared(recording(u), (0.020_08, 0.010_03), 5e-5)
-    assert stated.instants_declared
-    assert stated.rise == 5e-5
-    # Three and eight tenths of the interval, of which a transition of half an interval may use the inner half.
-    np.testing.assert_allclose(stated.instants, [0.1, 1.0], atol=1e-6)
-    # With the same centre only the second moment differs: Δ α/m r²/24, 0.2 µm for 60 V.
-    setup = Setup(from_paper())
-    soft = simulate(setup, stated, 4).y
-    sharp = simulate(setup, replace(stated, rise=0.0, instants=np.array([0.3, 0.75])), 4).y
-    assert 1e-9 < np.abs(sharp - soft).max() < 3e-7
-    assert with_declared(recording(u), (), 0.0).instants is None
-    with pytest.raises(
-        InputRefused, match=r"steps: rise_time_s: 0.0002 s is longer than the sample interval, 0.0001 s"
-    ):
-        with_declared(recording(u), (), 2e-4)
-    with pytest.raises(
-        InputRefused, match=r"jumps_at_s: 0.01003, 0.0301 s, but the input jumps .* 0.01 to 0.0101, 0.02 to 0.0201"
-    ):
-        with_declared(recording(u), (0.010_03, 0.030_1), 0.0)
 
 
 def test_the_spread_of_a_prediction_is_that_of_jumps_anywhere_in_their_intervals() -> None:
@@ -195,17 +169,10 @@ def test_a_jump_outside_the_fitted_samples_does_not_stop_the_fit() -> None:
 
 def test_a_stretch_of_a_recording_knows_no_instants_of_the_whole() -> None:
     u = steps_at(DT * np.arange(600), 0.01, 0.04)
-    stated = replace(recording(u), instants=np.array([0.2, 0.4]), instants_declared=True)
+    stated = replace(recording(u), instants=np.array([0.2, 0.4]))
     part = stated.only(slice(300))
     assert part.instants is None
     assert unknown_instants(part).size == 1
-
-
-def test_times_of_jumps_in_a_steady_cycle_are_refused() -> None:
-    wave = np.tile(np.repeat([0.0, 10.0], 50), 6)
-    cyclic = replace(recording(wave), period=100 * DT, start=Start("periodic"))
-    with pytest.raises(InputRefused, match=r"jumps_at_s: a recording that starts in a steady cycle"):
-        with_declared(cyclic, (0.005,), 0.0)
 
 
 def test_instants_of_another_reconstruction_are_not_taken_for_those_of_this_one() -> None:
