@@ -21,18 +21,16 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
-from html import escape
 from importlib.metadata import version
 from numbers import Integral, Real
 from pathlib import Path, PurePosixPath
 from typing import Any
-from urllib.parse import quote
 
 from filelock import FileLock, Timeout
 
 from phnn.errors import InputRefused, OutputFailed, OutputRefused, PhnnError
 
-NOTES, INCOMPLETE, PROGRESS, INDEX = ".phnn", "INCOMPLETE.txt", "progress.json", "index.html"
+NOTES, INCOMPLETE, PROGRESS = ".phnn", "INCOMPLETE.txt", "progress.json"
 _LIST, _PART = f"{NOTES}/manifest.json", ".phnn.part"
 _LEAST_FREE = 8 << 20  # bytes before work begins: a report with its figures has some 3 MB
 _LONGEST = 180  # bytes of a file name; file systems take 255
@@ -349,7 +347,6 @@ def claim(
     results: Sequence[str] = (),
     origin: Origin | None = None,
     overwrite: bool | None = None,
-    index: bool = True,
 ) -> Iterator[Place]:
     """Claim a folder for the results of one run; all that the run writes goes through the `Place`.
 
@@ -363,7 +360,6 @@ def claim(
         results: names directly below ``out`` that the command writes: strangers' files are refused before the work.
         origin: what the results are made of; None if no run can resume from them.
         overwrite: replace results even where they were changed since; None where the user has no such option.
-        index: write ``index.html``, which links the results.
 
     Raises:
         InputRefused: the folder belongs to recordings, to another run or to a stranger, or cannot be written to.
@@ -401,8 +397,6 @@ def claim(
             if by == command and file.partition("/")[0] in results and not file.endswith("/"):
                 replace(place, name=PurePosixPath(file)).remove()
         _remove_parts(root)
-        if index:
-            _write_index(place)
         mark.remove()
         replace(run, complete=True, files=_Manifest.read(root).existing(root)).write(root)
 
@@ -488,7 +482,7 @@ def _check_room(root: Path) -> None:
 def _remove_parts(root: Path) -> None:
     """Remove what a run that was killed has left half written."""
     pattern, manifest = f".{'[0-9a-f]' * 16}{_PART}", _Manifest.read(root)
-    names = [*manifest.files, *manifest.earlier, INDEX, _LIST]
+    names = [*manifest.files, *manifest.earlier, _LIST]
     whole, parents = {root / n for n in names if n.endswith("/")}, {(root / n).parent for n in names}
     for part in [p for f in whole for p in f.rglob(pattern)] + [p for f in parents for p in f.glob(pattern)]:
         part.unlink(missing_ok=True)
@@ -523,43 +517,3 @@ def watched(place: Place, command: str, tell: Callable[[str], None]) -> Iterator
 
 def _now() -> str:
     return datetime.now(UTC).isoformat(timespec="milliseconds")
-
-
-_PAGE = """<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta http-equiv="Content-Security-Policy" content="default-src 'none'; style-src 'unsafe-inline'">
-<title>{title}</title>
-<style>
-table {{ border-collapse: collapse; }}
-body {{ margin: 2rem auto; max-width: 60rem; padding: 0 1rem; color: #23282d; font: 16px/1.5 system-ui, sans-serif; }}
-th, td {{ border-bottom: 1px solid #dfe3e6; padding: 0.25rem 1.2rem 0.25rem 0; text-align: left; }}
-</style>
-</head>
-<body>
-<h1>{title}</h1>
-<table>
-<tr><th>file</th><th>written by</th></tr>
-{rows}
-</table>
-</body>
-</html>
-"""
-
-
-def _write_index(place: Place) -> None:
-    """Link all that phnn wrote into a folder: pages first, then other files, then those in folders of it.
-
-    A stranger's ``index.html`` stays.
-    """
-    files = _Manifest.read(place.root).existing(place.root)
-    lines = []
-    for name in sorted(files, key=lambda n: (n.count("/"), not n.endswith(".html"), n)):
-        if name not in (INDEX, INCOMPLETE, PROGRESS):
-            link = f'<a href="./{quote(name, errors="surrogateescape")}">{escape(printable(name))}</a>'
-            lines.append(f"<tr><td>{link}</td><td>phnn {escape(files[name])}</td></tr>")
-    title = escape(f"Results of phnn {place.by}")
-    with suppress(OutputRefused):
-        (place / INDEX).write(_PAGE.format(title=title, rows="\n".join(lines)).encode())

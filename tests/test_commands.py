@@ -47,7 +47,7 @@ def test_identify_writes_a_model_that_predicts(folder: str, tmp_path: Path, caps
         table = pd.read_csv(tmp_path / "y" / f"{recording.name}.csv")
         assert list(table.columns) == ["time_s", "displacement_m"]
         assert np.std(table["displacement_m"] - recording.y) < 1.2 * recording.noise
-    assert sorted(p.name for p in out.iterdir()) == [".phnn", "base", "identify.json", "index.html"]
+    assert sorted(p.name for p in out.iterdir()) == [".phnn", "base", "identify.json"]
 
 
 def test_predict_without_an_output_starts_at_rest_with_no_offset(tmp_path: Path) -> None:
@@ -71,7 +71,7 @@ def test_diagnose_finds_nothing_where_nothing_is_missing(folder: str, tmp_path: 
     content = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
     assert content["verdict"] == "none"
     assert content["seed"] == 1
-    names = {".phnn", "diagnosis.json", "report.html", "index.html", "model", "base", "figures"}
+    names = {".phnn", "diagnosis.json", "report.html", "model", "base", "figures"}
     assert {p.name for p in (tmp_path / "out").iterdir()} == names
 
 

@@ -6,24 +6,19 @@ import json
 import multiprocessing
 import os
 import pickle
-import re
 import signal
 import subprocess
 import sys
 import time
-from html import unescape
 from pathlib import Path, PurePosixPath
-from urllib.parse import unquote
 
 import pytest
-from chromium import PROGRAM, chromium
 from hypothesis import given
 from hypothesis import strategies as st
 
 from phnn.errors import InputRefused, OutputFailed, SolverFailed
 from phnn.results import (
     INCOMPLETE,
-    INDEX,
     NOTES,
     PROGRESS,
     Origin,
@@ -39,8 +34,8 @@ RESULTS = ("report.html", "figures", "next.csv")
 
 
 def seen(folder: Path) -> dict[str, bytes]:
-    """Return the files of a folder but for phnn's notes and index."""
-    files = (p for p in folder.rglob("*") if p.is_file() and NOTES not in p.parts and p.name != INDEX)
+    """Return the files of a folder but for phnn's notes."""
+    files = (p for p in folder.rglob("*") if p.is_file() and NOTES not in p.parts)
     return {p.relative_to(folder).as_posix(): p.read_bytes() for p in files}
 
 
@@ -308,38 +303,3 @@ def test_progress_is_on_disk_while_a_run_goes_on_and_after_it_failed(
     with claim(tmp_path, "identify") as place, watched(place, "identify", told.append) as progress:
         progress("again")
     assert not (tmp_path / PROGRESS).exists()
-
-
-HOSTILE = ("<script>alert(1)</script>", 'a"onmouseover="x', "a&b=%2e%2e#c?d", "{{ 7*7 }}", "é \u202e x", "a\udcffb")
-
-
-def test_an_index_links_what_was_written_and_escapes_it(tmp_path: Path) -> None:
-    with claim(tmp_path, "diagnose", (), RESULTS) as place:
-        for part in ("data.json", "report.html"):
-            (place / part).write(b"1")
-        (place / "figures" / "a b.png").write(b"1")
-    (tmp_path / "mine.txt").write_text("mine")
-    links = re.findall(r'href="\./([^"]*)"', (tmp_path / INDEX).read_text())
-    assert links == ["report.html", "data.json", "figures/a%20b.png"]
-    with claim(tmp_path / "hostile", "diagnose") as place:
-        for name in HOSTILE:
-            Place(place.root, PurePosixPath(name), by=HOSTILE[1]).write(b"1")
-    page = (tmp_path / "hostile" / INDEX).read_text()
-    assert "<script" not in page and '"onmouseover' not in page and "\u202e" not in page
-    addresses = (unescape(href) for href in re.findall(r'href="\./([^"]*)"', page))
-    assert {unquote(a, errors="surrogateescape") for a in addresses} == set(HOSTILE)
-    # An index of somebody else stays, and stops no run.
-    (tmp_path / "other").mkdir()
-    (tmp_path / "other" / INDEX).write_text("mine")
-    run(tmp_path / "other", report=b"1")
-    assert (tmp_path / "other" / INDEX).read_text() == "mine"
-
-
-@pytest.mark.skipif(PROGRAM is None, reason="no Chromium is installed: the page is not opened")
-def test_an_index_leads_to_the_report_in_a_browser(tmp_path: Path) -> None:
-    run(tmp_path / "o ü", **{"report.html": b"<!doctype html><title>the report</title>"})
-    with chromium(tmp_path / "profile") as page:
-        page.open((tmp_path / "o ü" / INDEX).as_uri())
-        assert page.complaints() == []
-        page.open(str(page.value("document.querySelector('a').href")))
-        assert page.value("document.title") == "the report"

@@ -272,7 +272,7 @@ def write(program: Program, to: str, out: Path, given: Sequence[Path] = (), over
         InputRefused: the folder cannot be written to.
     """
     files = TARGETS[to](program)
-    with claim(out, "export", given, tuple(files), overwrite=overwrite, index=False) as place:
+    with claim(out, "export", given, tuple(files), overwrite=overwrite) as place:
         for name, content in files.items():
             (place / name).write(content.encode() if isinstance(content, str) else content)
     return [out / name for name in files]

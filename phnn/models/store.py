@@ -92,7 +92,7 @@ def save(setup: Setup, folder: Path | Place, substeps: int = 1, inputs: tuple[fl
     if isinstance(folder, Place):
         (folder / FILE).write(data)
         return
-    with claim(folder, "save", (), (FILE,), index=False) as place:
+    with claim(folder, "save", (), (FILE,)) as place:
         (place / FILE).write(data)
 
 

@@ -18,8 +18,8 @@ from phnn.models.store import save
 
 
 def seen(folder: Path) -> dict[str, bytes]:
-    """Content of all files but phnn's own notes and index."""
-    found = (p for p in sorted(folder.rglob("*")) if p.is_file() and ".phnn" not in p.parts and p.name != "index.html")
+    """Content of all files but phnn's own notes."""
+    found = (p for p in sorted(folder.rglob("*")) if p.is_file() and ".phnn" not in p.parts)
     return {p.relative_to(folder).as_posix(): p.read_bytes() for p in found}
 
 

@@ -46,7 +46,6 @@ def test_the_command_can_be_given_to_the_model(home: Path, capsys: pytest.Captur
         "command.csv",
         "invert.json",
         "invert.png",
-        "index.html",
     }
     found = pd.read_csv(home / "out" / "command.csv")
     assert list(found.columns) == ["time_s", "voltage_V", "displacement_m", "reference_m", "error_m"]

@@ -58,7 +58,7 @@ def test_a_network_is_trained_scored_and_stored(tmp_path: Path) -> None:
     content = train_folder(settings)
     assert json.loads((out / "metrics.json").read_text()) == content
     assert {p.name for p in out.iterdir()} == {
-        ".phnn", "checkpoint.pt", "config.yaml", "index.html", "log.csv", "metrics.json", "model", "weights.pt",
+        ".phnn", "checkpoint.pt", "config.yaml", "log.csv", "metrics.json", "model", "weights.pt",
     }  # fmt: skip
     log = pd.read_csv(out / "log.csv")
     assert list(log["method"]) == ["gauss_newton"] * 3

@@ -285,7 +285,7 @@ def test_files_are_written_and_the_model_gives_the_output_back(tmp_path: Path, c
     assert page.lstrip().lower().startswith("<!doctype html")
     assert not re.search(r"""(src|href)=["']https?:""", page)
     assert sorted(p.name for p in tmp_path.iterdir()) == [
-        ".phnn", "base", "diagnosis.json", "figures", "index.html", "model", "report.html",
+        ".phnn", "base", "diagnosis.json", "figures", "model", "report.html",
     ]  # fmt: skip
     assert list((tmp_path / "figures").iterdir())
     assert not list(tmp_path.rglob("*.part"))

@@ -229,7 +229,7 @@ def test_one_command_line(effect: str | None, tmp_path: Path) -> None:
     models = {"phs", "bouc_wen"} | (set() if own else {"phs_published", "bouc_wen_published"})
     assert all(set(row["models"]) == models for row in content["table"].values())
     written = {p.name for p in tmp_path.iterdir()}
-    files = {".phnn", "index.html", "experiment.json", "experiment.md", "table3.csv", "figures", "phs", "bouc_wen"}
+    files = {".phnn", "experiment.json", "experiment.md", "table3.csv", "figures", "phs", "bouc_wen"}
     assert written == files | (set() if own else {"recordings"})
     assert len(list((tmp_path / "figures").glob("fig1*.png"))) == (4 if own else 6)
     if not own:
