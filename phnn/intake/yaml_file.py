@@ -7,14 +7,12 @@ number. Every alias counts as what it stands for, so that aliases of aliases can
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from typing import Any
 
 from phnn.errors import InputRefused
 from phnn.intake.files import Source
 from phnn.intake.limits import LIMITS
 
-_TAG = "tag:yaml.org,2002:"
 _WORDS: dict[str, Any] = {"": None, "~": None} | {
     form: value
     for word, value in (("null", None), ("yes", True), ("no", False), ("true", True), ("false", False), ("on", True),
@@ -29,10 +27,15 @@ _REAL = re.compile(
 _MERGE = "<<"
 # What other readers of yaml would replace, from the environment for instance.
 _INTERPOLATION = "${"
+_TOO_DEEP = f"lists and mappings more than {LIMITS.depth} levels deep: write less"
 
 
 class _Refused(ValueError):
-    """What is wrong, and the remedy; the line comes before it."""
+    """What is wrong at a node, and the remedy; the line comes before it."""
+
+    def __init__(self, node: Any, said: str) -> None:
+        super().__init__(said)
+        self.line = node.start_mark.line + 1
 
 
 def load_yaml(source: Source) -> Any:
@@ -55,130 +58,89 @@ def plain_values(text: str, name: str) -> Any:
     """The one document of a yaml text; ``name`` is that of the file. Raises InputRefused as `load_yaml`."""
     import yaml
 
-    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-    events = _Events(yaml.parse(text, Loader=loader))
+    # Without a meaning of their own, values have the tags that somebody wrote, or say whether they stood in quotes.
+    loader = type("AsWritten", (getattr(yaml, "CSafeLoader", yaml.SafeLoader),), {"resolve": _as_written})
     try:
-        return events.document()
+        depth = 0
+        # The composer takes long for what is deep, the parser does not.
+        for event in yaml.parse(text, Loader=loader):
+            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+            if depth > LIMITS.depth + 1:
+                raise _Refused(event, _TOO_DEEP)
+        documents = list(yaml.compose_all(text, Loader=loader))
+        if len(documents) > 1:
+            raise _Refused(documents[1], "a second document begins: one file holds one")
+        return _Values().of(documents[0], 0) if documents else None
     except _Refused as error:
-        raise InputRefused(f"{name}: line {events.line}: {error}") from error
-    except yaml.YAMLError as error:
+        raise InputRefused(f"{name}: line {error.line}: {error}") from error
+    except (yaml.YAMLError, RecursionError) as error:
         cause = " ".join(str(error).split())
         raise InputRefused(f"{name}: not readable as yaml ({cause}): correct it at the line named") from error
 
 
-class _Events:
-    """Values from the events of a parser, which itself never recurs."""
+_PLAIN, _QUOTED = "", "quoted"
 
-    def __init__(self, events: Iterator[Any]) -> None:
-        self.events = events
-        self.line = 1
-        # What anchors stand for, and how many values that is.
-        self.anchors: dict[str, tuple[Any, int]] = {}
+
+def _as_written(loader: Any, kind: Any, value: Any, implicit: Any) -> str:
+    return _QUOTED if isinstance(implicit, tuple) and not implicit[0] else _PLAIN
+
+
+class _Values:
+    """Plain values from the nodes of a document, counted; an alias is the node that it stands for, again."""
+
+    def __init__(self) -> None:
         self.count = 0
 
-    def document(self) -> Any:
-        """The one document."""
-        found = None
-        around = ("StreamStartEvent", "StreamEndEvent", "DocumentStartEvent", "DocumentEndEvent")
-        for number, event in enumerate(e for e in self.events if type(e).__name__ not in around):
-            if number:
-                raise _Refused("a second document begins: one file holds one")
-            found = self._value(event, 0)
-        return found
-
-    def _value(self, event: Any, depth: int) -> Any:
-        self.line = event.start_mark.line + 1
-        kind = type(event).__name__
-        if kind == "AliasEvent":
-            return self._alias(event)
+    def of(self, node: Any, depth: int) -> Any:
+        """Return the value of a node that lies so deep in others."""
+        self.count += 1
+        if self.count > LIMITS.yaml_values:
+            raise _Refused(node, f"more than {LIMITS.yaml_values} values, aliases written out: write less")
         if depth > LIMITS.depth:
-            raise _Refused(f"lists and mappings {depth} levels deep, at most {LIMITS.depth} are accepted")
-        before = self.count
-        self._add(1)
-        if kind == "ScalarEvent":
-            value = _scalar(event)
-        elif kind == "SequenceStartEvent":
-            _check_tag(event, ("seq",))
-            value = list(self._items("SequenceEndEvent", depth))
-        else:
-            _check_tag(event, ("map",))
-            value = self._mapping(depth)
-        if event.anchor is not None:
-            self.anchors[event.anchor] = value, self.count - before
-        return value
+            raise _Refused(node, _TOO_DEEP)
+        if node.tag not in (_PLAIN, _QUOTED):
+            raise _Refused(node, f"the tag {node.tag!r} is not accepted: write plain values without tags")
+        if node.id == "scalar":
+            return _scalar(node)
+        if node.id == "sequence":
+            return [self.of(inner, depth + 1) for inner in node.value]
+        return self._mapping(node, depth + 1)
 
-    def _items(self, end: str, depth: int) -> Iterator[Any]:
-        for event in self.events:
-            if type(event).__name__ == end:
-                return
-            yield self._value(event, depth + 1)
-
-    def _mapping(self, depth: int) -> dict[Any, Any]:
+    def _mapping(self, node: Any, depth: int) -> dict[Any, Any]:
         own: dict[Any, Any] = {}
         merged: dict[Any, Any] = {}
-        for key in (items := self._items("MappingEndEvent", depth)):
-            line = self.line
+        for key_node, value_node in node.value:
+            key, value = self.of(key_node, depth), self.of(value_node, depth)
             if isinstance(key, list | dict):
-                raise _Refused("a list or mapping as a key: write a name")
-            value = next(items)
-            if key == _MERGE:
-                _merge(merged, value)
-                continue
+                raise _Refused(key_node, "a list or mapping as a key: write a name")
             if key in own:
-                self.line = line
-                raise _Refused(f"the key {key!r} is given twice: remove one")
-            own[key] = value
+                raise _Refused(key_node, f"the key {key!r} is given twice: remove one")
+            if key != _MERGE:
+                own[key] = value
+                continue
+            for mapping in value if isinstance(value, list) else [value]:
+                if not isinstance(mapping, dict):
+                    raise _Refused(key_node, "<< stands before something that is no mapping: name a mapping")
+                # The first mapping that has a key wins.
+                merged = mapping | merged
         return merged | own
 
-    def _alias(self, event: Any) -> Any:
-        if event.anchor not in self.anchors:
-            raise _Refused(f"the alias *{event.anchor} stands for nothing that is complete: define it before")
-        value, size = self.anchors[event.anchor]
-        self._add(size)
-        return value
 
-    def _add(self, count: int) -> None:
-        self.count += count
-        if self.count > LIMITS.yaml_values:
-            raise _Refused(f"more than {LIMITS.yaml_values} values, aliases written out: write less")
-
-
-def _merge(merged: dict[Any, Any], value: Any) -> None:
-    """What ``<<`` brings: the first mapping that has a key wins."""
-    for mapping in value if isinstance(value, list) else [value]:
-        if not isinstance(mapping, dict):
-            raise _Refused("<< stands before something that is no mapping: name a mapping")
-        for key, said in mapping.items():
-            merged.setdefault(key, said)
-
-
-def _scalar(event: Any) -> Any:
-    text, tag = event.value, event.tag
-    _check_tag(event, ("str", "int", "float", "bool", "null"))
+def _scalar(node: Any) -> Any:
+    text = node.value
     if _INTERPOLATION in text:
-        raise _Refused(f"{text[:60]!r}: nothing is put in for ${{…}} here: write the value itself")
-    if (not event.implicit[0] and tag is None) or tag == f"{_TAG}str" or tag == "!":
+        raise _Refused(node, f"{text[:60]!r}: nothing is put in for ${{…}} here: write the value itself")
+    if node.tag == _QUOTED:
         return text
-    value = _plain(text)
-    wanted = {f"{_TAG}int": int, f"{_TAG}float": int | float, f"{_TAG}bool": bool}.get(tag or "")
-    if wanted is not None and (not isinstance(value, wanted) or (wanted is not bool and isinstance(value, bool))):
-        raise _Refused(f"{text[:60]!r} is not what its tag says: leave the tag out")
-    return float(value) if tag == f"{_TAG}float" else value
-
-
-def _plain(text: str) -> Any:
     if text in _WORDS:
         return _WORDS[text]
     if _WHOLE.fullmatch(text):
         digits = sum(c.isdigit() for c in text)
         if digits > LIMITS.digits:
-            raise _Refused(f"a whole number of {digits} digits, at most {LIMITS.digits} are accepted: write 1e{digits}")
+            raise _Refused(
+                node, f"a whole number of {digits} digits, at most {LIMITS.digits} are accepted: write 1e{digits}"
+            )
         return int(text.replace("_", ""))
     if _REAL.fullmatch(text):
         return float(text.replace("_", "").lower().replace(".inf", "inf").replace(".nan", "nan"))
     return text
-
-
-def _check_tag(event: Any, accepted: tuple[str, ...]) -> None:
-    if event.tag not in (None, "!", *(_TAG + name for name in accepted)):
-        raise _Refused(f"the tag {event.tag!r} is not accepted: write plain values without tags")
