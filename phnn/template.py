@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import re
-import tempfile
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -19,7 +18,7 @@ import numpy as np
 
 from phnn.errors import InputRefused, OutputRefused
 from phnn.intake.limits import LIMITS
-from phnn.parameters import quantity
+from phnn.intake.yaml_file import plain_values
 from phnn.recordings import checks, read
 from phnn.recordings.folder import READERS, Files
 from phnn.recordings.manifest import DEFAULT_SETUP, Entry, Manifest
@@ -260,7 +259,7 @@ def manifest_text(
         use = ""
         if with_uses and len(usable) >= _HELD_OUT:
             use = "identification" if (i + 1) % _HELD_OUT else "confirmation   # proposed: held out"
-        lines += [f"  # {_extent(f)}", f"  - file: {_quoted(f.file)}"]
+        lines += [f"  - file: {_quoted(f.file)}"]
         lines += [*([f"    name: {_quoted(f.name)}"] if f.name else []), *([f"    use: {use}"] if use else [])]
         lines += [] if shared else ["    columns:", *(f"      {line}" for line in columns[i])]
     if usable and len(usable) < _HELD_OUT:
@@ -328,19 +327,6 @@ def _called(table: Table, index: int) -> str:
     """Return a column in words that fit into a comment."""
     name = table.names[index]
     return _comment(name) if name else f"column {index}, without a name"
-
-
-def _extent(f: Found) -> str:
-    """Return samples, sampling, and the sizes of input and output in words."""
-    said = f"{f.roles[INPUT].column.values.size} samples"
-    if TIME in f.roles:
-        time, unit = f.roles[TIME].column, find_unit(f.roles[TIME].unit)
-        step = float(np.median(np.diff(time.values))) * (unit.factor if unit is not None else 1.0)
-        said += f", one every {quantity(step, 's')}"
-    for what in (INPUT, OUTPUT):
-        values, unit_of = f.roles[what].column.values, f.roles[what].unit
-        said += f"; {what} {values.min():.4g} to {values.max():.4g}" + ("" if unit_of == "1" else f" {unit_of}")
-    return said
 
 
 def _comment(text: str) -> str:
@@ -431,13 +417,8 @@ def _readable(found: Sequence[Found], folder: Path, actuator: bool, outside: boo
 def _refusal(found: Sequence[Found], folder: Path, actuator: bool, outside: bool) -> str:
     """Return why these files cannot be read with the guessed manifest; empty where they can."""
     text = manifest_text(found, (), str(folder), actuator, with_uses=len(found) > 1)
-    with tempfile.TemporaryDirectory() as home:
-        path = Path(home) / MANIFEST
-        try:
-            path.write_text(text, encoding="utf-8")
-            read(folder, path, allow_outside=outside)
-        except InputRefused as error:
-            return str(error)
-        except UnicodeEncodeError:
-            return "its name is no text: rename it"
+    try:
+        read(folder, plain_values(text, MANIFEST), allow_outside=outside)
+    except InputRefused as error:
+        return str(error)
     return ""

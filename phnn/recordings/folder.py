@@ -272,21 +272,15 @@ class Files:
 
     def _no_recording(self, path: Path) -> str | None:
         """Why a file found in the folder is no recording, in words to follow its name; ``None`` if it is one."""
+        if not self._numbers(path):
+            special = path.suffix.lower() in READERS and not os.path.isfile(path) and not os.path.isdir(path)
+            return " (no regular file)" if special else ""
+        stated = {c.place for c in self.said.common.columns.values() if c.place is not None}
         kind = path.suffix.lower()
-        if kind not in READERS or os.path.isdir(path):
-            return ""
-        if not os.path.isfile(path):
-            return " (no regular file)"
-        reader, stated = READERS[kind], {c.place for c in self.said.common.columns.values() if c.place is not None}
-        if kind == ".csv" or (stated and reader not in (read_text, read_json)):
-            return None
-        source = self.source(path.name)
-        if reader is read_text and not looks_like_numbers(source):
-            return ""
-        if reader is read_text and stated:
+        if kind == ".csv" or (stated and kind != ".json"):
             return None
         try:
-            names = reader(source).names
+            names = READERS[kind](self.source(path.name)).names
         except NoRecording:
             return " (json without arrays of numbers)"
         # Settings and results in json may lie beside recordings.

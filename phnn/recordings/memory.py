@@ -1,4 +1,4 @@
-"""Recordings that are objects in memory: one object, a list of them, some by names, or a pair to train and test.
+"""Recordings that are objects in memory: one object, a list of them, or some by names.
 
 No library is loaded: an object can only be given where its library is loaded already.
 """
@@ -62,7 +62,7 @@ _TIMES = ("time", "t")
 # Libraries that may be loaded, and their classes whose objects are recordings.
 _CLASSES = {
     "pandas": ("DataFrame",),
-    "xarray": ("Dataset", "DataArray"),
+    "xarray": ("Dataset",),
     "nonlinear_benchmarks.utilities": ("Input_output_data",),
 }
 
@@ -77,9 +77,8 @@ def _library(data: object) -> str:
 
 
 def given_labelled(data: Any, name: str = "") -> Iterator[Given]:
-    """The recordings of a Dataset, one for each index of a second dimension; a DataArray has its channels along one."""
+    """The recordings of a Dataset, one for each index of a second dimension."""
     where = where_of(data, name)
-    data = data if hasattr(data, "data_vars") else _dataset(data)
     time, further = _dimensions(data, where)
     if further is None:
         yield _given(data, time, name, where)
@@ -87,23 +86,6 @@ def given_labelled(data: Any, name: str = "") -> Iterator[Given]:
     labels = data.coords[further].values if further in data.coords else np.arange(data.sizes[further])
     for i, label in enumerate(labels):
         yield _given(data.isel({further: i}), time, f"{name or data.attrs.get('name', further)}_{label}", where)
-
-
-def _dataset(data: Any) -> Any:
-    """A DataArray with a coordinate of names as a Dataset, with the attributes of its own."""
-    channels = [d for d in data.dims if d in data.coords and data.coords[d].dtype.kind in "UOT"]
-    if len(channels) != 1:
-        raise InputRefused(
-            f"{where_of(data, '')}: dimensions {', '.join(map(str, data.dims))}, of which one must name its channels, "
-            f"such as voltage_V and displacement_um: give it such a coordinate, or give a Dataset"
-        )
-    found = data.to_dataset(dim=channels[0])
-    units = data.attrs.get("units")
-    for variable in found.data_vars:
-        found[variable].attrs.pop("units", None)
-        if isinstance(units, dict) and variable in units:
-            found[variable].attrs["units"] = units[variable]
-    return found.assign_attrs({k: v for k, v in data.attrs.items() if k != "units"})
 
 
 def _dimensions(data: Any, where: object) -> tuple[str, str | None]:
@@ -168,42 +150,31 @@ def _time(index: Any) -> tuple[str, np.ndarray] | None:
     return (str(index.name), values) if named is not None and named[0] == "time" else None
 
 
-def given_benchmark(data: Any, names: tuple[str, str], name: str = "", use: str | None = None) -> Given:
-    """Input and output of a benchmark; several of them are called ``u[0]``, ``y[0]``, ….
+def given_benchmark(data: Any, names: tuple[str, str], name: str) -> Given:
+    """Return input and output of a benchmark; several of them are called ``u[0]``, ``y[0]``, ….
 
     Args:
         names: of a single input and a single output, as the setup calls them.
     """
-    where = where_of(data, name or str(data.name))
+    where = where_of(data, name)
     interval = plain(data.sampling_time)
     if not isinstance(interval, int | float) or not interval > 0.0:
         raise InputRefused(
             f"{where}: sampling_time is {interval!r:.40}: set it to the interval between samples in seconds"
         )
-    columns = _channels(data.u, names[0], "u", where) | _channels(data.y, names[1], "y", where)
-    table = Table(where, tuple(columns), tuple(columns.values()))
-    return Entry(name=name or printable(str(data.name)), use=use, sample_rate_hz=1.0 / interval), table
-
-
-def _channels(values: Any, single: str, several: str, where: object) -> dict[str, np.ndarray]:
-    array = np.asarray(values)
-    if array.ndim == 2 and array.shape[1] == 1:
-        array = array[:, 0]
-    if array.ndim == 1:
-        return {single: array}
-    if array.ndim != 2 or array.shape[1] > LIMITS.columns:
-        raise InputRefused(f"{where}: {several} has the shape {array.shape}: give (samples,) or (samples, channels)")
-    return {f"{several}[{i}]": column for i, column in enumerate(array.T)}
+    pairs = zip(names, ("u", "y"), (data.u, data.y), strict=True)
+    columns = {one if np.squeeze(values).ndim < 2 else several: values for one, several, values in pairs}
+    table = table_of(where, stored_arrays(columns))
+    return Entry(name=name, sample_rate_hz=1.0 / interval), table
 
 
 _ACCEPTED = (
-    "a folder, a pandas DataFrame, an xarray Dataset or DataArray, an Input_output_data of nonlinear_benchmarks or its "
-    "(train, test), a mapping from column names to arrays, or a list of these or a mapping from names to these"
+    "a folder, a pandas DataFrame, an xarray Dataset (of a DataArray: "
+    "array.to_dataset(dim='channel')), an Input_output_data of nonlinear_benchmarks, a "
+    "mapping from column names to arrays, or a list of these or a mapping from names to these"
 )
 # Members of a mapping that a message lists.
 _SHOWN = 5
-# Names of the two parts of a benchmark, and what they serve as.
-_PARTS = (("train", "identification"), ("test", "confirmation"))
 
 
 def given(data: Any, manifest: Manifest) -> list[Given]:
@@ -233,13 +204,7 @@ def _collected(data: Any, name: str, names: tuple[str, str]) -> Iterator[Given]:
     elif library == "xarray":
         yield from given_labelled(data, name)
     elif library:
-        yield given_benchmark(data, names, name)
-    elif _is_pair(data):
-        for part, (word, use) in zip(data, _PARTS, strict=True):
-            several = [part] if _library(part) else list(part)
-            for i, one in enumerate(several, start=1):
-                label = _joined(name, word) + (f"_{i}" if len(several) > 1 else "")
-                yield given_benchmark(one, names, label, use)
+        yield given_benchmark(data, names, name or printable(str(data.name)))
     elif isinstance(data, Mapping) and any(map(_is_recording, data.values())):
         for key, one in data.items():
             yield from _collected(one, _joined(name, key), names)
@@ -260,19 +225,11 @@ def _collected(data: Any, name: str, names: tuple[str, str]) -> Iterator[Given]:
 
 def _is_recording(data: Any) -> bool:
     """Whether an object is a recording or several, not one column: what has a name in a mapping."""
-    return isinstance(data, Mapping) or _library(data) != "" or _is_pair(data)
+    return isinstance(data, Mapping) or _library(data) != ""
 
 
 def _joined(name: str, key: object) -> str:
     return f"{name}_{printable(str(key))}" if name else printable(str(key))
-
-
-def _is_pair(data: Any) -> bool:
-    """Whether an object is (train, test) of a benchmark, each one recording or several."""
-    if not isinstance(data, tuple) or len(data) != 2:
-        return False
-    parts = [part if isinstance(part, list | tuple) else [part] for part in data]
-    return all(part and all(_library(one) == "nonlinear_benchmarks" for one in part) for part in parts)
 
 
 def _is_numbers(value: Any) -> bool:

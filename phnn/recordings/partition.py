@@ -17,6 +17,8 @@ _NUISANCE_SHARE, _NUISANCE_LEAST = 0.02, 50
 _COVERED = 0.9
 # Of a recording that starts nobody knows how, where its input has no swing after which a hysteresis has forgotten.
 _UNKNOWN_SHARE = 0.2
+# Names of recordings in a note.
+_SHOWN = 6
 _SAME = 0.05  # amplitudes and frequencies nearer than this are no new ones
 
 
@@ -79,6 +81,7 @@ def divide(candidates: Sequence[Candidate]) -> tuple[Mapping[str, tuple[Part, ..
     else:
         held = choose(candidates)
         note = f"Held out for confirmation, chosen here within the span of the others: {', '.join(sorted(held))}."
+        note += _kept_for_their_start([c for c in candidates if c.untold and c.name not in held])
     if not held:
         note += " No result can be confirmed on recordings that were not used."
     parts_by_name = {c.name: whole_parts(c, c.name in held) for c in candidates}
@@ -88,6 +91,18 @@ def divide(candidates: Sequence[Candidate]) -> tuple[Mapping[str, tuple[Part, ..
     if held:
         note += f" They bring {'an' if new else 'no'} amplitude or frequency that identification lacks."
     return parts_by_name, new, (note,)
+
+
+def _kept_for_their_start(untold: Sequence[Candidate]) -> str:
+    """Return why recordings of unknown start are not held out, as a sentence; empty where there are none."""
+    if not untold:
+        return ""
+    names = ", ".join(c.name for c in untold[:_SHOWN]) + (f" and {len(untold) - _SHOWN} more" * (len(untold) > _SHOWN))
+    return (
+        f" Not held out, because nobody knows how they start: {names}; in the first samples, which would tell state "
+        f"and zero, the input covers less than {_COVERED:.0%} of its range. Say `start: rest`, or begin the slice "
+        f"earlier."
+    )
 
 
 def whole_parts(one: Candidate, held_out: bool) -> tuple[Part, ...]:

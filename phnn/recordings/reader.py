@@ -164,8 +164,8 @@ def read(
 
     Args:
         folder: holds one file per recording, and ``recordings.yaml`` where something is to be said about them. Or a
-            pandas DataFrame, an xarray Dataset or DataArray, an ``Input_output_data`` of nonlinear_benchmarks or its
-            tuple (train, test), a mapping from column names to arrays; a list of these, or a mapping from names.
+            pandas DataFrame, an xarray Dataset, an ``Input_output_data`` of nonlinear_benchmarks, a
+            mapping from column names to arrays; a list of these, or a mapping from names.
         manifest: a ``recordings.yaml`` that lies elsewhere, or a mapping of its content.
         need_output: refuse recordings without an output. Otherwise (to predict) such recordings have ``y`` NaN
             and ``noise`` NaN, and no recording is set aside: every one is a confirmation part as a whole.

@@ -99,9 +99,10 @@ def _data_arrays(columns: dict[str, Columns]) -> dict[str, Any]:
     for name, c in columns.items():
         names = ["voltage_V", "displacement_um"]
         values = np.stack([c[n] for n in names])
-        found[name] = xarray.DataArray(
-            values, dims=("channel", "time_s"), coords={"channel": names, "time_s": c["time_s"]}
-        )
+        array = xarray.DataArray(values, dims=("channel", "time_s"), coords={"channel": names, "time_s": c["time_s"]})
+        with pytest.raises(InputRefused, match=r"DataArray.*array\.to_dataset\(dim='channel'\)"):
+            phnn.read({name: array})
+        found[name] = array.to_dataset(dim="channel")
     return found
 
 
@@ -180,14 +181,15 @@ def test_recordings_along_a_second_dimension(columns: dict[str, Columns], folder
     _as_read(found, expected)
 
 
-def test_train_and_test_of_a_benchmark(columns: dict[str, Columns], folder: Path) -> None:
+def test_parts_of_a_benchmark_by_their_names(columns: dict[str, Columns], folder: Path) -> None:
     benchmarks = pytest.importorskip("nonlinear_benchmarks")
-    pair = tuple(
+    train, test = (
         benchmarks.Input_output_data(c["voltage_V"], c["displacement_um"][:, None], 1.0 / (400.0 * DRIVES[name][0]))
         for name, c in ((n, columns[n]) for n in ("low", "high"))
     )
-    said = {"columns": {"voltage": {"unit": "V"}, "displacement": {"unit": "um"}}}
-    found = phnn.read(pair, said)
+    units = {"columns": {"voltage": {"unit": "V"}, "displacement": {"unit": "um"}}}
+    said = {**units, "recordings": ["train", {"file": "test", "use": "confirmation"}]}
+    found = phnn.read({"train": train, "test": test}, said)
     files = [{"file": "low.csv", "name": "train"}, {"file": "high.csv", "name": "test", "use": "confirmation"}]
     expected = phnn.read(folder, {"recordings": files})
     assert found.held_out == {"test"}
@@ -199,20 +201,17 @@ def test_train_and_test_of_a_benchmark(columns: dict[str, Columns], folder: Path
         np.testing.assert_allclose(ours.t, theirs.t, rtol=1e-12)
         assert ours.noise == pytest.approx(theirs.noise, rel=1e-9)
     with pytest.raises(InputRefused, match=r"no unit for the voltage.*second argument of phnn.read"):
-        phnn.read(pair)
-    pair[0].sampling_time = None
+        phnn.read(train)
+    train.sampling_time = None
     with pytest.raises(InputRefused, match=r"train .Input_output_data.: sampling_time is None: set it"):
-        phnn.read(pair, said)
+        phnn.read({"train": train}, said)
 
 
 def test_several_channels_of_a_benchmark(columns: dict[str, Columns]) -> None:
     benchmarks = pytest.importorskip("nonlinear_benchmarks")
     u, y = columns["low"]["voltage_V"], columns["low"]["displacement_um"]
     data = benchmarks.Input_output_data(np.stack([u, 2 * u], axis=1), y, 1e-3, name="bench")
-    said = {
-        "setup": "linear",
-        "columns": {"input": {"column": "u[1]", "unit": "V"}, "output": {"unit": "um"}},
-    }
+    said = {"setup": "linear", "columns": {"input": {"column": "u[1]", "unit": "V"}, "output": {"unit": "um"}}}
     found = phnn.read(data, said).recordings[0]
     np.testing.assert_array_equal(found.u, 2 * u)
     assert found.name == "bench"

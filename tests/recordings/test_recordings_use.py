@@ -191,8 +191,10 @@ def test_a_slice_whose_first_samples_tell_nothing_of_its_start_is_not_held_out()
     assert not candidate_of(early, step).untold
     assert not candidate_of(replace(late, start=Start("rest", 0.0)), step).untold
     others = [replace(candidate_of(early, step), name=name) for name in ("a", "b", "c")]
-    parts, _, _ = divide([candidate_of(late, step), *others])
+    parts, _, (note,) = divide([candidate_of(late, step), *others])
     assert [p.use for p in parts["late"]] == ["identification"]
+    assert "Not held out, because nobody knows how they start: late; in the first samples" in note
+    assert "nobody knows how" not in divide(others)[2][0]
 
 
 @pytest.mark.parametrize(("periods", "first", "untold"), [(0.7, 0.2, True), (2.5, 0.2, False), (0.6, 0.25, True)])
