@@ -101,7 +101,7 @@ def _data_arrays(columns: dict[str, Columns]) -> dict[str, Any]:
         values = np.stack([c[n] for n in names])
         array = xarray.DataArray(values, dims=("channel", "time_s"), coords={"channel": names, "time_s": c["time_s"]})
         with pytest.raises(InputRefused, match=r"DataArray.*array\.to_dataset\(dim='channel'\)"):
-            phnn.read({name: array})
+            phnn.read(array)
         found[name] = array.to_dataset(dim="channel")
     return found
 
