@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from phnn.chain import AMPLIFIERS, LINEAR, MEMORYLESS, REMEMBERING, SENSORS, SOURCES
 from phnn.chain.amplifiers import rate
 from phnn.errors import InputRefused, SolverFailed, StructureViolated
-from phnn.integrate import kernel
+from phnn.integrate import solve
 from phnn.integrate.cycle import steady_cycle
 from phnn.integrate.program import Program, compile_network
 from phnn.integrate.rest import equilibrium
@@ -384,7 +384,7 @@ def _integrated(program: Program, theta: Array, x0: Array, u: Array, h: Array) -
     """States (n+1, N) and mean efforts (n, N) under mean inputs, and how many of the steps could be solved."""
     n = u.shape[0]
     states, efforts = np.empty((n + 1, x0.size)), np.empty((n, x0.size))
-    done = kernel.march(program, theta, x0, u, h, states, efforts)
+    done = solve.march(program, theta, x0, u, h, states, efforts)
     return states, efforts, done
 
 

@@ -50,11 +50,10 @@ class Pattern(NamedTuple):
         in_ports: (K,) number of a parameter among those in port laws, −1 for the others.
         first, input: of the pairs.
         shifts: (pairs,) whether an input changes the storage's current, except for unknowns of junctions at a constant
-            ratio; follows: (pairs,) whether it changes the modulated thresholds of the storage.
-        affine, varies: (L,) see `phnn.integrate.program`; reads: (L,) whether thresholds are modulated.
+            ratio.
+        affine, varies: (L,) see `phnn.integrate.program`.
         plain: (R,) rows of the junctions' linear terms; terms: (T,) rows of the others, and their inputs.
         slots: (G,) inputs that change a ratio, the first −1 for none; slot: (I,) the place of an input among them.
-        scaled: rows with a modulated ratio.
         memory, source: inputs of the law of every modulator state and of every source.
     """
 
@@ -63,17 +62,14 @@ class Pattern(NamedTuple):
     first: Integers
     input: Integers
     shifts: NDArray[np.bool_]
-    follows: NDArray[np.bool_]
     affine: NDArray[np.bool_]
     varies: NDArray[np.bool_]
-    reads: NDArray[np.bool_]
     plain: Integers
     terms: Integers
     term_first: Integers
     term_input: Integers
     slots: Integers
     slot: Integers
-    scaled: Integers
     memory_first: Integers
     memory_input: Integers
     source_first: Integers
@@ -93,7 +89,6 @@ def pattern_of(program: Program, active: tuple[int, ...]) -> Pattern:
         (name >= known or sparsity.varies[k]) and name in sparsity.currents[k]
         for k, name in zip(leaf, names, strict=True)
     ]
-    by_threshold = [name in sparsity.thresholds[k] for k, name in zip(leaf, names, strict=True)]
     ratios = {known + int(place) for place in table[1:, RATIO] if place >= 0}
     slots = [i for i, name in enumerate(inputs) if name in ratios or name in sparsity.gains]
     slot = np.zeros(len(inputs), dtype=np.int64)
@@ -104,16 +99,13 @@ def pattern_of(program: Program, active: tuple[int, ...]) -> Pattern:
         first,
         given,
         np.array(by_current, dtype=np.bool_),
-        np.array(by_threshold, dtype=np.bool_),
         np.array(sparsity.affine, dtype=np.bool_),
         np.array(sparsity.varies, dtype=np.bool_),
-        np.array([bool(found) for found in sparsity.thresholds], dtype=np.bool_),
         np.array(sparsity.plain, dtype=np.int64),
         np.array(list(sparsity.others), dtype=np.int64),
         *_listed(sparsity.others.values(), inputs),
         np.array([-1, *slots], dtype=np.int64),
         slot,
-        np.array(sparsity.scaled, dtype=np.int64),
         *_listed(sparsity.modulators, inputs),
         *_listed(sparsity.sources, inputs),
     )

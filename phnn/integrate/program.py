@@ -33,9 +33,11 @@ from phnn.integrate.tables import (
     FIRST_BRANCH,
     FIRST_LINK,
     FIRST_RESISTOR,
+    FIRST_SCALED,
     FIRST_SOURCE,
     FROM_PORT,
     GYRATORS,
+    IN_MATRIX,
     IS_LINEAR,
     JUNCTION_INLETS,
     JUNCTION_RESISTORS,
@@ -45,6 +47,7 @@ from phnn.integrate.tables import (
     LAST_INLET,
     LAST_LINK,
     LAST_RESISTOR,
+    LAST_SCALED,
     LAST_SOURCE,
     LAW,
     LEAF_INLETS,
@@ -63,6 +66,7 @@ from phnn.integrate.tables import (
     READ,
     READS,
     RULE,
+    SCALED,
     SOURCE_EFFORT,
     SOURCE_FLOW,
     SOURCE_LEAF,
@@ -297,13 +301,18 @@ class _Builder:
         # A reducible storage that a ratio reads may have ratios that follow a modulator state: these come first.
         for m in sorted(network.modulations, key=lambda m: m.by in network.storage_names):
             law = self._law("modulation", m.ratio, m.law, m.parameters)
-            rows[FACTORS].append([*law, self.reads.index(m.by), self._place(m.ratio)])
+            place, first = self._place(m.ratio), len(rows[SCALED])
+            # Counted within their kinds as yet.
+            rows[SCALED] += [[k, i] for k, of in self.ratios.items() for i, (own, _) in enumerate(of) if own == place]
+            rows[FACTORS].append([*law, self.reads.index(m.by), place, first, len(rows[SCALED])])
         for memory in network.memories:
             law = self._law("memory", memory.name, memory.law, memory.parameters)
             sources = source_rows(network, memory, leaves, junctions)
             rows[MODULATOR_STATES].append([*law, len(rows[SOURCES]), len(rows[SOURCES]) + len(sources)])
             rows[SOURCES] += sources
         table, given = self._absolute(rows), imposed(network)
+        sparsity = sparsity_of(table)
+        table[list(sparsity.plain), IN_MATRIX] = 1
         places = (
             ()
             if given is None
@@ -311,7 +320,7 @@ class _Builder:
         )
         return Program(
             self.names, self.constants, tuple(self.modules), self.states, junctions, leaves, table,
-            self.states.index(network.output), sparsity_of(table), self.scheme, *places,
+            self.states.index(network.output), sparsity, self.scheme, *places,
         )  # fmt: skip
 
     def _read(self, name: str) -> list[int]:
@@ -337,6 +346,9 @@ class _Builder:
             found[:, READ] = np.where(found[:, READ] >= 0, found[:, READ] + first[READS], NONE)
         rows_of(table, JUNCTION_RESISTORS)[:, FIRST_BRANCH : LAST_BRANCH + 1] += first[BRANCHES]
         rows_of(table, MODULATOR_STATES)[:, FIRST_SOURCE : LAST_SOURCE + 1] += first[SOURCES]
+        rows_of(table, FACTORS)[:, FIRST_SCALED : LAST_SCALED + 1] += first[SCALED]
+        scaled = rows_of(table, SCALED)
+        scaled[:, 0] = first[scaled[:, 0]] + scaled[:, 1]
         branches = rows_of(table, SOURCES)[:, SOURCE_RESISTOR]
         branches[branches >= 0] += first[JUNCTION_RESISTORS]
         return table
@@ -375,26 +387,23 @@ class Sparsity(NamedTuple):
 
     Attributes:
         leaves: inputs of the end state, the mean effort and the forces of each reducible storage.
-        currents: of each reducible storage's current alone; thresholds: of the modulated thresholds of its first
-            resistor.
-        affine: by reducible storage, whether its junctions are linear, and its flow exact or lossless once ratios and
-            thresholds are known; varies: whether its ratios are modulated.
-        plain, others: rows of junction resistors, gyrators and junction inlets: plain ones are linear in the flows with
-            constant factors; for the others, their inputs.
-        gains, scaled: inputs of all modulated ratios, and the rows that have them.
+        currents: of each reducible storage's current alone.
+        affine: by reducible storage, whether its junctions are linear, and its flow exact with constant thresholds or
+            linear and lossless once ratios are known; varies: whether its ratios are modulated.
+        plain, others: rows of junction resistors, gyrators and junction inlets: plain ones are linear in one flow or
+            action with a constant factor; for the others, their inputs.
+        gains: inputs of all modulated ratios.
         modulators: inputs of each modulator state's law, its state included, without its drive;
             sources: of every source except reducible storages.
     """
 
     leaves: tuple[Inputs, ...]
     currents: tuple[Inputs, ...]
-    thresholds: tuple[Inputs, ...]
     affine: tuple[bool, ...]
     varies: tuple[bool, ...]
     plain: tuple[int, ...]
     others: Mapping[int, Inputs]
     gains: Inputs
-    scaled: tuple[int, ...]
     modulators: tuple[Inputs, ...]
     sources: tuple[Inputs, ...]
 
@@ -410,13 +419,11 @@ def sparsity_of(table: Integers) -> Sparsity:
     return Sparsity(
         tuple(frozenset(found.leaf(leaf)) for leaf in leaves),
         tuple(frozenset(found.current(leaf)) for leaf in leaves),
-        tuple(frozenset(found.thresholds(leaf)) for leaf in leaves),
         tuple(found.is_affine(leaf) for leaf in leaves),
         tuple(found.varies(leaf) for leaf in leaves),
         tuple(plain),
         {row: frozenset(found.term(row)) for row in terms if row not in plain},
         frozenset().union(*ratios),
-        tuple(np.flatnonzero(np.isin(table[:, RATIO], list(found.modulated))).tolist()),
         tuple(frozenset(found.modulator(k)) for k in range(len(rows_of(table, MODULATOR_STATES)))),
         tuple(frozenset(found.source(row)) for row in rows_of(table, SOURCES)),
     )
@@ -502,18 +509,12 @@ class _Finder:
             found |= self._resistor(resistor) | self.ratio(resistor[RATIO])
         return found
 
-    def thresholds(self, leaf: int) -> set[int]:
-        """Inputs of the modulated thresholds of a reducible storage's first resistor."""
-        row = self.leaf_rows[leaf]
-        follows = row[RULE] == EXACT and self.table[row[FIRST_RESISTOR], READ] >= 0
-        return self._resistor(self.table[row[FIRST_RESISTOR]]) if follows else set()
-
     def is_affine(self, leaf: int) -> bool:
-        """Whether known ratios make the current linear in the unknowns, and the flow is exact or lossless."""
+        """Whether known ratios make the current linear in the unknowns, and the flow exact between constant thresholds,
+        or linear and lossless."""
         row, (links, _) = self.leaf_rows[leaf], self._connections(leaf)
-        # A nonlinear law with a modulated ratio is differentiated in full.
-        plain = row[RULE] == EXACT or (row[RULE] == LOSSLESS and (row[IS_LINEAR] > 0 or not self.varies(leaf)))
-        return bool(plain and all(self.junction_rows[r[TO_JUNCTION], IS_LINEAR] for r in links))
+        plain = self.table[row[FIRST_RESISTOR], READ] < 0 if row[RULE] == EXACT else row[RULE] == LOSSLESS
+        return bool(plain and row[IS_LINEAR] > 0 and all(self.junction_rows[r[TO_JUNCTION], IS_LINEAR] for r in links))
 
     def varies(self, leaf: int) -> bool:
         """Whether a ratio between a reducible storage and a junction or a port is modulated."""
@@ -524,11 +525,14 @@ class _Finder:
         return self.table[row[FIRST_BRANCH] : row[LAST_BRANCH]]
 
     def is_plain(self, place: int) -> bool:
-        """Whether a term of the junctions is linear in the flows, or in an action, with a constant factor."""
+        """Whether a term of the junctions is linear in one flow, or in an action, with a constant factor.
+
+        A resistor between junctions takes their difference first, which loses digits as a sum of two terms.
+        """
         row, kind = self.table[place], self._kind(place)
         if kind == JUNCTION_RESISTORS:
             rows = self._branches(row)
-            linear = row[LAW] in LINEAR_RESISTOR_CODES and row[READ] < 0
+            linear = row[LAW] in LINEAR_RESISTOR_CODES and row[READ] < 0 and len(rows) == 1
             ends = rows[:, TO_JUNCTION]
         else:
             rows, linear = row[None], True

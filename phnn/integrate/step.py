@@ -47,9 +47,11 @@ from phnn.integrate.tables import (
     FIRST_INLET,
     FIRST_LINK,
     FIRST_RESISTOR,
+    FIRST_SCALED,
     FIRST_SOURCE,
     FROM_PORT,
     GYRATORS,
+    IN_MATRIX,
     INTO_JUNCTION,
     IS_LINEAR,
     JUNCTION_INLETS,
@@ -59,6 +61,7 @@ from phnn.integrate.tables import (
     LAST_INLET,
     LAST_LINK,
     LAST_RESISTOR,
+    LAST_SCALED,
     LAST_SOURCE,
     LEAVES,
     LOSSLESS,
@@ -68,12 +71,12 @@ from phnn.integrate.tables import (
     PATH,
     RADAU,
     RATIO,
-    RATIO_PLACE,
     READ,
     READ_JUNCTION,
     READ_LEAF,
     READ_MODULATOR,
     RULE,
+    SCALED,
     SIGN,
     SOURCE_EFFORT,
     SOURCE_FLOW,
@@ -89,41 +92,55 @@ from phnn.laws.other import advanced
 
 # Quantities that are the same in all steps of one size: constants of storages and junctions, and gains.
 #
-# c (L+m, 9)  of a reducible storage: s = 1/C of a linear one; ρ, lo, hi of a piecewise linear resistor that reads no
-#             state; the relaxation functions of h (ρ + g) s; g of the leaks in parallel; the relaxation functions of
-#             h g s. Of a junction, in the rows after the reducible storages: 1/s
+# c (L+m, …)  of a reducible storage: s = 1/C of a linear one; ρ, lo, hi of a piecewise linear resistor, at zero of what
+#             it reads; the relaxation functions of h (ρ + g) s; g of the leaks in parallel; the relaxation functions of
+#             h g s. Of a junction, in the rows after the reducible storages: 1/s, and its row of the matrix of the
+#             linear terms with constant factors
 # g (rows,)   signed ratio of every row of the table that has a ratio
 #
 # The third array of a step, a (P,), holds the ports' actions ψ_p(ū_p) from `phnn.integrate.program`.
 STIFFNESS, RHO, LOW, HIGH, ONE, TWO, LEAK, LEAK_ONE, LEAK_TWO = range(9)
-CONSTANTS = 9
-CAPACITY = 0
+CAPACITY, MATRIX = range(2)
+
+
+def shape_of_constants(leaves: int, junctions: int) -> tuple[int, int]:
+    """Return the shape of ``c``."""
+    return leaves + junctions, max(LEAK_TWO, junctions) + 1
 
 
 @plain
-def fill_constants(t: Any, theta: Any, h: Any, c: Any) -> None:
+def fill_constants(t: Any, theta: Any, g: Any, h: Any, c: Any) -> None:
     """Fill ``c`` for steps of size ``h``."""
     stay_outside()
-    leaves = count(t, LEAVES)
+    leaves, m, none = count(t, LEAVES), count(t, JUNCTIONS), 0.0 * theta[0]
     for leaf in range(leaves):
         row = t[0, LEAVES] + leaf
         if t[row, IS_LINEAR] > 0 or t[row, RULE] == PATH:
             c[leaf, STIFFNESS] = stiffness(t, t[row, OWN_STORAGE], theta)
-        r, none = t[row, FIRST_RESISTOR], 0.0 * theta[0]
-        leak = none
+        r, leak = t[row, FIRST_RESISTOR], none
         if t[row, RULE] == EXACT:
             # Under this rule, all resistors of the storage but the first are linear.
             for other in range(r + 1, t[row, LAST_RESISTOR]):
                 leak += resistor_flow(t, other, 1.0 + none, none, theta)
         c[leaf, LEAK] = leak
         c[leaf, LEAK_ONE], c[leaf, LEAK_TWO] = relaxation(h * leak * c[leaf, STIFFNESS])
-        if t[row, RULE] == EXACT and t[r, READ] < 0:
+        if t[row, RULE] == EXACT:
             rho, low, high = resistor_thresholds(t, r, none, theta)
             c[leaf, RHO], c[leaf, LOW], c[leaf, HIGH] = rho, low, high
             c[leaf, ONE], c[leaf, TWO] = relaxation(h * (rho + leak) * c[leaf, STIFFNESS])
-    for j in range(count(t, JUNCTIONS)):
+    for j in range(m):
         if is_linear(t, j):
             c[leaves + j, CAPACITY] = 1.0 / stiffness(t, junction_storage(t, j), theta)
+        for i in range(m):
+            c[leaves + j, MATRIX + i] = none
+    for r in range(t[0, JUNCTION_RESISTORS], t[0, JUNCTION_RESISTORS + 1]):
+        if t[r, IN_MATRIX] > 0:
+            b = t[r, FIRST_BRANCH]
+            j = t[b, TO_JUNCTION]
+            c[leaves + j, MATRIX + j] += g[b] * g[b] * resistor_flow(t, r, 1.0 + none, none, theta)
+    for r in range(t[0, GYRATORS], t[0, GYRATORS + 1]):
+        if t[r, IN_MATRIX] > 0:
+            c[leaves + t[r, TO_JUNCTION], MATRIX + t[r, OF_JUNCTION]] -= g[r]
 
 
 @plain
@@ -135,18 +152,8 @@ def fill_gains(t: Any, theta: Any, g: Any) -> None:
             g[r] = t[r, SIGN] * theta[t[r, RATIO]]
 
 
-@plain
-def scale_gains(t: Any, place: Any, by: Any, g: Any) -> None:
-    """Multiply the gains of one ratio."""
-    stay_outside()
-    for r in range(t.shape[0]):
-        if t[r, RATIO] == place:
-            g[r] *= by
-
-
-# Rows of the two work arrays: per junction (4, m) and per storage (2, N).
+# Rows of the work array of the junctions.
 FLOW, CHANGE, FORCE, SIZE = range(4)
-NEXT, EFFORT = range(2)
 
 
 class Step(NamedTuple):
@@ -157,6 +164,7 @@ class Step(NamedTuple):
         c, g, a: constants, ratios and actions, see above.
         x: (N,) state at its start; y: (m,) unknowns; h: its size [s].
         wj: (4, m) filled with ``v̄``, ``z − p``, ``F`` and the size of its terms.
+        ends, means: (N,) filled with the end states, and with the mean efforts and the mean drives.
     """
 
     theta: Any
@@ -167,6 +175,8 @@ class Step(NamedTuple):
     y: Any
     h: Any
     wj: Any
+    ends: Any
+    means: Any
 
 
 @inline
@@ -174,6 +184,12 @@ def junction_change(t: Any, j: Any, c: Any, x: Any, y: Any) -> Any:
     """``z_j − p_j``; of a linear storage ``2 (v̄/s − p)``, which takes no difference of end states."""
     p = x[junction_storage(t, j)]
     return 2.0 * (y[j] * c[count(t, LEAVES) + j, CAPACITY] - p) if is_linear(t, j) else y[j] - p
+
+
+@inline
+def inertia(t: Any, j: Any, c: Any) -> Any:
+    """``d(z_j − p_j)/dy_j``: twice the mass of a linear junction, else one."""
+    return 2.0 * c[count(t, LEAVES) + j, CAPACITY] if is_linear(t, j) else 1.0 + 0.0 * c[0, 0]
 
 
 @inline
@@ -263,29 +279,36 @@ def junction_term(t: Any, r: Any, step: Step) -> None:
 @inline
 def junction_terms(t: Any, step: Step) -> None:
     """``F`` without the reducible storages, the size of its terms, and ``z − p``."""
-    x, g, wj = step.x, step.g, step.wj
-    rate = 1.0 / step.h
-    for j in range(count(t, JUNCTIONS)):
-        change = junction_change(t, j, step.c, x, step.y)
+    x, c, wj = step.x, step.c, step.wj
+    rate, m, own = 1.0 / step.h, count(t, JUNCTIONS), count(t, LEAVES)
+    for j in range(m):
+        change = junction_change(t, j, c, x, step.y)
         wj[CHANGE, j] = change
         wj[FORCE, j] = change * rate
         wj[SIZE, j] = (abs(change.real) + abs(x[junction_storage(t, j)].real)) * rate
+        for i in range(m):
+            add(c[own + j, MATRIX + i] * wj[FLOW, i], j, wj)
     for r in range(t[0, JUNCTION_RESISTORS], t[0, JUNCTION_RESISTORS + 1]):
-        _resistor_term(t, r, step)
+        if t[r, IN_MATRIX] <= 0:
+            _resistor_term(t, r, step)
     for r in range(t[0, GYRATORS], t[0, GYRATORS + 1]):
-        _gyrator_term(t, r, g, wj)
+        if t[r, IN_MATRIX] <= 0:
+            _gyrator_term(t, r, step.g, wj)
     for r in range(t[0, JUNCTION_INLETS], t[0, JUNCTION_INLETS + 1]):
-        _inlet_term(t, r, g, step.a, wj)
+        _inlet_term(t, r, step.g, step.a, wj)
 
 
 @plain
 def modulate(t: Any, step: Step) -> None:
-    """Set the gains to their values at mid-step."""
+    """Set the modulated gains to their values at mid-step."""
     stay_outside()
     theta, g = step.theta, step.g
-    fill_gains(t, theta, g)
-    for r in range(t[0, FACTORS], t[0, FACTORS + 1]):
-        scale_gains(t, t[r, RATIO_PLACE], factor(t, r, read(t, t[r, READ], step), theta), g)
+    for s in range(t[0, SCALED], t[0, SCALED + 1]):
+        g[t[s, 0]] = t[t[s, 0], SIGN] * theta[t[t[s, 0], RATIO]]
+    for f in range(t[0, FACTORS], t[0, FACTORS + 1]):
+        by = factor(t, f, read(t, t[f, READ], step), theta)
+        for s in range(t[f, FIRST_SCALED], t[f, LAST_SCALED]):
+            g[t[s, 0]] *= by
 
 
 @inline
@@ -394,7 +417,8 @@ def leaf_closed(t: Any, leaf: Any, step: Step) -> Any:
     r = t[row, FIRST_RESISTOR]
     if t[r, READ] >= 0:
         rho, low, high = resistor_thresholds(t, r, read(t, t[r, READ], step), theta)
-        one, two = relaxation(h * (rho + leak) * c[leaf, STIFFNESS])
+        if rho != c[leaf, RHO]:
+            one, two = relaxation(h * (rho + leak) * c[leaf, STIFFNESS])
     return rc_flow(
         x[k], current, h, c[leaf, STIFFNESS], rho, low, high, leak, one, two,
         c[leaf, LEAK_ONE], c[leaf, LEAK_TWO],
@@ -419,13 +443,8 @@ def leaf_forces(t: Any, leaf: Any, g: Any, effort: Any, wj: Any) -> None:
 
 
 @inline
-def inlined_balance(t: Any, step: Step, wx: Any) -> None:
-    """Evaluate ``F`` at the unknowns of a step, with the end states and mean efforts.
-
-    Args:
-        t: table; step: its modulated gains are filled in here.
-        wx: (2, N) filled with end states and mean efforts.
-    """
+def inlined_balance(t: Any, step: Step) -> None:
+    """Evaluate ``F`` at the unknowns of a step, with its modulated gains, its end states and its mean efforts."""
     x, wj = step.x, step.wj
     junction_flows(t, step.theta, x, step.y, wj)
     if count(t, FACTORS) > 0:
@@ -434,55 +453,51 @@ def inlined_balance(t: Any, step: Step, wx: Any) -> None:
     for leaf in range(count(t, LEAVES)):
         end, mean = leaf_step(t, leaf, step)
         k = t[t[0, LEAVES] + leaf, OWN_STORAGE]
-        wx[NEXT, k] = end
-        wx[EFFORT, k] = mean
+        step.ends[k] = end
+        step.means[k] = mean
         leaf_forces(t, leaf, step.g, mean, wj)
     for j in range(count(t, JUNCTIONS)):
         k = junction_storage(t, j)
-        wx[NEXT, k] = x[k] + wj[CHANGE, j]
-        wx[EFFORT, k] = wj[FLOW, j]
+        step.ends[k] = x[k] + wj[CHANGE, j]
+        step.means[k] = wj[FLOW, j]
 
 
 @plain
-def balance(t: Any, step: Step, wx: Any) -> None:
+def balance(t: Any, step: Step) -> None:
     """`inlined_balance` as a call."""
     stay_outside()
-    inlined_balance(t, step, wx)
+    inlined_balance(t, step)
 
 
 @inline
-def _source(t: Any, s: Any, step: Step, wx: Any) -> Any:
+def _source(t: Any, s: Any, step: Step) -> Any:
     """Contribution of the source in row ``s`` to ``s̄``."""
     theta, g, x, wj = step.theta, step.g, step.x, step.wj
     leaf, r = t[s, SOURCE_LEAF], t[s, SOURCE_RESISTOR]
     if leaf >= 0:
         k = t[t[0, LEAVES] + leaf, OWN_STORAGE]
-        end = wx[NEXT, k]
-        stored = mean_effort(t, k, x[k], end, theta) * (end - x[k]) / step.h
-        return leaf_current(t, leaf, g, step.a, wj) * wx[EFFORT, k] - stored
+        stored = mean_effort(t, k, x[k], step.ends[k], theta) * (step.ends[k] - x[k]) / step.h
+        return leaf_current(t, leaf, g, step.a, wj) * step.means[k] - stored
     if r >= 0:
         effort = branch_effort(t, r, g, wj)
         return effort * resistor_flow(t, r, effort, read(t, t[r, READ], step), theta)
     if t[s, SOURCE_EFFORT] >= 0:
-        return wx[EFFORT, t[s, SOURCE_EFFORT]]
+        return step.means[t[s, SOURCE_EFFORT]]
     if t[s, SOURCE_FLOW] >= 0:
         return wj[FLOW, t[s, SOURCE_FLOW]]
     return step.a[t[s, SOURCE_PORT]]
 
 
 @plain
-def advance(t: Any, step: Step, wx: Any) -> None:
-    """Fill the end states and the mean drives ``s̄`` of all modulator states from those of a solved step.
-
-    Args: as of `inlined_balance`; states and ``wx`` have the modulator states after the storages.
-    """
+def advance(t: Any, step: Step) -> None:
+    """Fill the end states and the mean drives ``s̄`` of all modulator states, which follow those of the storages."""
     stay_outside()
     first = count(t, STORAGES)
     for k in range(count(t, MODULATOR_STATES)):
         row, z = t[0, MODULATOR_STATES] + k, step.x[first + k]
         total = 0.0 * step.g[0]
         for s in range(t[row, FIRST_SOURCE], t[row, LAST_SOURCE]):
-            total += _source(t, s, step, wx)
-        wx[EFFORT, first + k] = total
+            total += _source(t, s, step)
+        step.means[first + k] = total
         rate, decay = memory_rate(t, row, z, total, step.theta), memory_decay(t, row, step.theta)
-        wx[NEXT, first + k] = advanced(z, step.h, rate, decay)
+        step.ends[first + k] = advanced(z, step.h, rate, decay)

@@ -27,18 +27,22 @@ PORTS = 8  # law (6)
 LEAF_INLETS = 9  # port number; ratio
 JUNCTION_INLETS = 10  # port number, junction number; ratio
 READS = 11  # number of a reducible storage or -1, of a junction or -1, of a modulator state or -1
-FACTORS = 12  # law (6), row of the variable that it reads, place of the ratio that it multiplies
+FACTORS = (
+    12  # law (6), row of the variable that it reads, place of the ratio that it multiplies; first, last row of SCALED
+)
 MODULATOR_STATES = 13  # law (6), first and last row of its sources; modulator states follow the states of the storages
 # One of these, the others being -1: number of a reducible storage (power of its resistors), row of a junction resistor
 # (its power), number of a reducible storage (its effort), of a junction (its flow), of a port (its action).
 SOURCES = 14
-KINDS = 15
+SCALED = 15  # number of a row with a modulated ratio
+KINDS = 16
 # Columns of a row: the code of its law; the places of its parameters, or of a block of weights and its units; the row
 # of the variable that it reads; the ratio that it multiplies; the rows that belong to it.
 LAW, PLACE_1, PLACE_2, PLACE_3, PLACE_4, PLACE_5 = range(6)
 READ = 6
 RATIO_PLACE = 7
 FIRST_BRANCH, LAST_BRANCH = 7, 8
+FIRST_SCALED, LAST_SCALED = 8, 9
 FIRST_SOURCE, LAST_SOURCE = 6, 7
 # A junction has the first and the third of these columns, a reducible storage all.
 OWN_STORAGE, RULE, IS_LINEAR = range(3)
@@ -50,7 +54,9 @@ READ_LEAF, READ_JUNCTION, READ_MODULATOR = range(3)
 SOURCE_LEAF, SOURCE_RESISTOR, SOURCE_EFFORT, SOURCE_FLOW, SOURCE_PORT = range(5)
 # A row with a ratio has its place and its sign in the last two columns; a row without one has the place -1.
 RATIO, SIGN = 16, 17
-_COLUMNS = 18
+# Whether the term of a junction resistor or a gyrator is in the matrix of the constant linear terms.
+IN_MATRIX = 18
+_COLUMNS = 19
 
 # Rules of a reducible storage: without resistors; exact flow; two-stage Radau IIA; discrete gradient.
 LOSSLESS, EXACT, RADAU, GRADIENT, PATH = range(5)
@@ -73,5 +79,5 @@ def stack(rows: Mapping[int, Sequence[Sequence[int]]], ratios: Mapping[int, Sequ
 
 
 def rows_of(table: Integers, kind: int) -> Integers:
-    """(…, 18) the rows of one kind."""
+    """(…, 19) the rows of one kind."""
     return table[table[0, kind] : table[0, kind + 1]]

@@ -48,7 +48,7 @@ _FINGERPRINT = "from phnn.integrate.cache import fingerprint; print(fingerprint(
 
 _DISCHARGE = """
 import numpy as np
-from phnn.integrate import kernel
+from phnn.integrate import solve
 from phnn.integrate.program import compile_network
 from phnn.network import Network, Port, Resistor, Storage
 from phnn.parameters import Parameter, as_table
@@ -63,8 +63,7 @@ network = Network(
 )
 program = compile_network(network)
 states, efforts = np.zeros((11, 1)), np.zeros((10, 1))
-states[0] = 1.0
-kernel.march_any(program, program.theta(network), np.zeros((10, 1)), np.full(10, 0.1), states, efforts)
+solve.march(program, program.theta(network), np.ones(1), np.zeros((10, 1)), np.full(10, 0.1), states, efforts)
 print(float(states[-1, 0]))
 """
 
