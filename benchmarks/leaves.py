@@ -36,8 +36,8 @@ from benchmarks.table import RESULTS, Contender, machine, save, show, timed, wri
 from phnn.derivatives import output_derivatives
 from phnn.errors import SolverFailed
 from phnn.integrate import solve
+from phnn.integrate.partition import Scheme
 from phnn.integrate.program import compile_network
-from phnn.integrate.scheme import Scheme
 from phnn.recordings.recording import Recording
 from phnn.trajectory import Trajectory, simulate
 

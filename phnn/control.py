@@ -38,7 +38,7 @@ from torch import Tensor
 
 from phnn.errors import InputRefused, SolverFailed
 from phnn.integrate import solve
-from phnn.integrate.compilable import obstacle
+from phnn.integrate.partition import obstacle
 from phnn.integrate.program import compile_network
 from phnn.inverse.blocks import FlatNetwork
 from phnn.model import Model

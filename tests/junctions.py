@@ -7,8 +7,8 @@ from networks import remembering
 
 from phnn.configuration import config_folder
 from phnn.integrate import solve
+from phnn.integrate.partition import Scheme
 from phnn.integrate.program import compile_network
-from phnn.integrate.scheme import Scheme
 from phnn.laws import PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.models.network_file import load_network
 from phnn.network import Coupling, Network, Port, Ratio, Resistor, Storage

@@ -16,10 +16,9 @@ from networks import random_network, remembering
 from subjects import _KINDS, NETWORKS, NetworkSubject, body
 
 from phnn.integrate import solve, sweep
-from phnn.integrate.compilable import can_compile
 from phnn.integrate.differentiable import Steps, simulated
+from phnn.integrate.partition import Scheme, can_compile
 from phnn.integrate.program import compile_network
-from phnn.integrate.scheme import Scheme
 from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
 from phnn.network import Coupling, Network, PortHamiltonianSystem, Resistor, Storage
 from phnn.parameters import Parameter, as_table

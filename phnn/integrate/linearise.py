@@ -25,9 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.integrate.cache import inline, plain, stay_outside
-from phnn.integrate.pattern import Pattern, Run
+from phnn.integrate.partition import LOSSLESS, is_linear
 from phnn.integrate.step import (
-    FLOW,
     FORCE,
     HIGH,
     LEAK,
@@ -40,58 +39,47 @@ from phnn.integrate.step import (
     STIFFNESS,
     TWO,
     Step,
-    branch_effort,
+    count,
     fill_constants,
     fill_gains,
     inertia,
     is_closed,
     junction_flows,
+    junction_storage,
     junction_term,
     leaf_closed,
-    leaf_current,
     leaf_moved,
     leaf_search,
-    modulate,
-    read,
-    shape_of_constants,
-)
-from phnn.integrate.table_access import (
-    count,
-    is_linear,
-    junction_storage,
-    mean_effort,
     memory_decay,
     memory_rate,
-    resistor_flow,
+    modulate,
+    shape_of_constants,
+    source,
 )
-from phnn.integrate.tables import (
+from phnn.integrate.table import (
     FACTORS,
     FIRST_INLET,
     FIRST_LINK,
     FIRST_SOURCE,
     FROM_PORT,
     INTO_JUNCTION,
-    IS_LINEAR,
     JUNCTION_INLETS,
     JUNCTIONS,
     LAST_INLET,
     LAST_LINK,
     LAST_SOURCE,
     LEAVES,
-    LOSSLESS,
     MODULATOR_STATES,
     OWN_STORAGE,
-    READ,
     RULE,
     SOURCE_EFFORT,
-    SOURCE_FLOW,
     SOURCE_LEAF,
-    SOURCE_PORT,
-    SOURCE_RESISTOR,
     SOURCES,
     STORAGES,
     TO_JUNCTION,
     Integers,
+    Pattern,
+    Run,
     rows_of,
 )
 from phnn.laws.leaf import relaxed, slides_on
@@ -117,7 +105,7 @@ class Derivatives(NamedTuple):
     """Work arrays for the derivatives of one step by I inputs, K of them parameters.
 
     Attributes:
-        theta, x, y: as of `phnn.integrate.step`, complex; wj: (4, m).
+        theta, x, y, ends, means: as of `phnn.integrate.step`, complex; wj: (4, m).
         a: (1+S, P) actions, first unperturbed, then perturbed by each parameter of a port law.
         c: (K+1, L+m, …) constants, perturbed by one parameter each; the last ones are unperturbed.
         g: (G, rows) ratios, first unperturbed, then perturbed by each input that changes one.
@@ -128,7 +116,7 @@ class Derivatives(NamedTuple):
         kinds: (L, 4) of a reducible storage: its number, how it is differentiated, the junction of its only link (−1
             with other links, with inlets or a modulated ratio), whether an input shifts its current; values: (L, 5) its
             stiffness, leak and thresholds, and the ratio of that link.
-        by_ratio: (pairs,) the derivatives of that ratio; by_current: (pairs,) the other derivatives of the current.
+        by_ratio: (pairs,) the derivatives of that ratio.
         junction: (m, m+1, I) the derivatives of the linear terms of ``F`` as functions of flows and 1; change: (m, I)
             those of ``z − p`` by parameters as multiples of the junction's own flow.
         flows: (m,) mean efforts of the junctions; todo: (L,) reducible storages to be differentiated in full.
@@ -141,6 +129,8 @@ class Derivatives(NamedTuple):
     theta: Any
     x: Any
     y: Any
+    ends: Any
+    means: Any
     wj: Any
     a: Any
     c: Any
@@ -151,7 +141,6 @@ class Derivatives(NamedTuple):
     kinds: Any
     values: Any
     by_ratio: Any
-    by_current: Any
     junction: Any
     change: Any
     flows: Any
@@ -172,6 +161,8 @@ def new_derivatives(t: Integers, p: Pattern, theta: Array, run: Run) -> Derivati
         theta.astype(np.complex128),
         np.zeros(states, np.complex128),
         np.zeros(m, np.complex128),
+        np.zeros(states, np.complex128),
+        np.zeros(states, np.complex128),
         np.zeros((4, m), np.complex128),
         np.zeros((1 + run.by_port.shape[0], run.actions.shape[1]), np.complex128),
         np.zeros((with_none, *shape_of_constants(leaves, m)), np.complex128),
@@ -181,7 +172,6 @@ def new_derivatives(t: Integers, p: Pattern, theta: Array, run: Run) -> Derivati
         np.zeros((pairs, _PIECES, COEFFICIENTS + 2)),
         np.zeros((leaves, 4), np.int64),
         np.zeros((leaves, 5)),
-        np.zeros(pairs),
         np.zeros(pairs),
         np.zeros((m, m + 1, inputs)),
         np.zeros((m, inputs)),
@@ -224,7 +214,7 @@ def places_of(p: Any, d: Any, i: Any) -> Any:
 @inline
 def step_of(d: Any, which: Any, slot: Any, act: Any, h: Any) -> Step:
     """The step with the constants, ratios and actions in some rows, see `places_of`."""
-    return Step(d.theta, d.c[which], d.g[slot], d.a[act], d.x, d.y, h, d.wj, d.x, d.x)
+    return Step(d.theta, d.c[which], d.g[slot], d.a[act], d.x, d.y, h, d.wj, d.ends, d.means)
 
 
 @inline
@@ -282,7 +272,7 @@ def terms_in_full(t: Any, p: Any, d: Any, h: Any) -> None:
 def leaf_in_full(t: Any, p: Any, d: Any, leaf: Any, h: Any) -> None:
     """Fill the derivatives of a reducible storage."""
     none, row = p.active.shape[0], t[0, LEAVES] + leaf
-    closed = is_closed(t, leaf)
+    closed = is_closed(t, row)
     found = (0.0, 0.0, 0.0, 0.0)
     if not closed:
         # Solved once, for all derivatives of the step.
@@ -295,7 +285,7 @@ def leaf_in_full(t: Any, p: Any, d: Any, leaf: Any, h: Any) -> None:
         junction_flows(t, d.theta, d.x, d.y, d.wj)
         step = step_of(d, which, slot, act, h)
         if closed:
-            end, mean = leaf_closed(t, leaf, step)
+            end, mean = leaf_closed(t, leaf, row, step)
         else:
             end, mean = leaf_moved(t, leaf, step, found)
         perturb(p, d, i, 0.0)
@@ -370,9 +360,9 @@ def _shifted(t: Any, p: Any, d: Any, leaf: Any, end: Any, mean: Any) -> None:
     """Add the effect of inputs on the current; ``end`` and ``mean`` are the derivatives by the current."""
     for pair in range(p.first[leaf], p.first[leaf + 1]):
         if p.shifts[pair]:
-            d.by_current[pair] = _shift(t, p, d, t[0, LEAVES] + leaf, p.input[pair])
-            d.by_leaf[pair] += end * d.by_current[pair]
-            d.by_mean[pair] += mean * d.by_current[pair]
+            shift = _shift(t, p, d, t[0, LEAVES] + leaf, p.input[pair])
+            d.by_leaf[pair] += end * shift
+            d.by_mean[pair] += mean * shift
 
 
 @inline
@@ -428,80 +418,28 @@ def plain_leaf(t: Any, p: Any, d: Any, leaf: Any, x: Any, mean: Any) -> Any:
 
 #     z⁺ = advanced(z, s̄; θ),     δz⁺ = ∂z⁺/∂z δz + ∂z⁺/∂θ δθ + ∂z⁺/∂s̄ Σ δ(sources)
 #
-# Each factor comes from complex steps through the functions of the integration itself. The derivative of a reducible
-# storage's power follows from those of its end state and mean effort, which are computed before.
+# Each factor comes from complex steps through the functions of the integration itself. What a reducible storage gives
+# follows from the derivatives of its end state and mean effort, which are computed before.
 @inline
-def _known_power(p: Any, d: Any, leaf: Any, current: Any, n: Any, run: Any) -> None:
-    """`_leaf_power` of a linear reducible storage whose step lies within an affine piece."""
-    k, stiffness = d.kinds[leaf, STORAGE], d.values[leaf, STIFF]
-    start, end, mean, rate = run.states[n, k], run.states[n + 1, k], run.efforts[n, k], 1.0 / run.h[n]
-    between, moved, only = 0.5 * stiffness * (start + end), end - start, d.kinds[leaf, ONLY_LINK]
-    flow = d.flows[only] if only >= 0 else 0.0
-    for pair in range(p.first[leaf], p.first[leaf + 1]):
-        i, by_end = p.input[pair], d.by_leaf[pair]
-        by_start = 1.0 if i == k else 0.0
-        by_between = 0.5 * stiffness * (by_start + by_end)
-        if parameter(d, i) >= 0:
-            by_between += 0.5 * d.c[parameter(d, i), leaf, STIFFNESS].imag / TINY * (start + end)
-        stored = by_between * moved + between * (by_end - by_start)
-        by_current = d.by_current[pair] + d.by_ratio[pair] * flow
-        d.by_drive[i] += by_current * mean + current * d.by_mean[pair] - stored * rate
-
-
-@inline
-def _leaf_power(t: Any, p: Any, d: Any, leaf: Any, n: Any, run: Any) -> None:
-    """Add the derivatives of ``i ē − ΔH/h``, the power that the resistors of a reducible storage dissipate."""
-    row, h = t[0, LEAVES] + leaf, run.h[n]
-    k = t[row, OWN_STORAGE]
-    for pair in range(p.first[leaf], p.first[leaf + 1]):
-        i = p.input[pair]
+def _drive(t: Any, p: Any, d: Any, s: Any, n: Any, run: Any) -> None:
+    """Add the derivatives of what the source in row ``s`` contributes to a drive."""
+    own, leaf, k = s - t[0, SOURCES], t[s, SOURCE_LEAF], t[s, SOURCE_EFFORT]
+    for other in range(count(t, LEAVES) if k >= 0 else 0):
+        if t[t[0, LEAVES] + other, OWN_STORAGE] == k:
+            leaf = other
+    first, last = p.source_first[own], p.source_first[own + 1]
+    if leaf >= 0:
+        first, last, k = p.first[leaf], p.first[leaf + 1], t[t[0, LEAVES] + leaf, OWN_STORAGE]
+    for place in range(first, last):
+        i = p.input[place] if leaf >= 0 else p.source_input[place]
         which, slot, act = places_of(p, d, i)
         perturb(p, d, i, TINY)
         junction_flows(t, d.theta, d.x, d.y, d.wj)
-        current, start = leaf_current(t, leaf, d.g[slot], d.a[act], d.wj), d.x[k]
-        end = complex(run.states[n + 1, k], TINY * d.by_leaf[pair])
-        mean = complex(run.efforts[n, k], TINY * d.by_mean[pair])
-        if t[row, IS_LINEAR] > 0:
-            between = 0.5 * d.c[which, leaf, STIFFNESS] * (start + end)
-        else:
-            between = mean_effort(t, k, start, end, d.theta)
-        d.by_drive[i] += (current * mean - between * (end - start) / h).imag / TINY
+        if leaf >= 0:
+            d.ends[k] = complex(run.states[n + 1, k], TINY * d.by_leaf[place])
+            d.means[k] = complex(run.efforts[n, k], TINY * d.by_mean[place])
+        d.by_drive[i] += source(t, s, step_of(d, which, slot, act, run.h[n])).imag / TINY
         perturb(p, d, i, 0.0)
-
-
-@inline
-def _junction_power(t: Any, p: Any, d: Any, s: Any, h: Any) -> None:
-    """Add the derivatives of the power that the junction resistor of the source in row ``s`` dissipates."""
-    r, source = t[s, SOURCE_RESISTOR], s - t[0, SOURCES]
-    for place in range(p.source_first[source], p.source_first[source + 1]):
-        i = p.source_input[place]
-        which, slot, act = places_of(p, d, i)
-        perturb(p, d, i, TINY)
-        junction_flows(t, d.theta, d.x, d.y, d.wj)
-        effort = branch_effort(t, r, d.g[slot], d.wj)
-        q = read(t, t[r, READ], step_of(d, which, slot, act, h))
-        d.by_drive[i] += (effort * resistor_flow(t, r, effort, q, d.theta)).imag / TINY
-        perturb(p, d, i, 0.0)
-
-
-@inline
-def _signal(t: Any, p: Any, d: Any, s: Any) -> None:
-    """Add the derivatives of the effort of a reducible storage, the flow of a junction or the action of a port."""
-    for leaf in range(count(t, LEAVES) if t[s, SOURCE_EFFORT] >= 0 else 0):
-        if t[t[0, LEAVES] + leaf, OWN_STORAGE] == t[s, SOURCE_EFFORT]:
-            for pair in range(p.first[leaf], p.first[leaf + 1]):
-                d.by_drive[p.input[pair]] += d.by_mean[pair]
-    source = s - t[0, SOURCES]
-    for place in range(p.source_first[source], p.source_first[source + 1]):
-        i = p.source_input[place]
-        _, _, act = places_of(p, d, i)
-        if t[s, SOURCE_FLOW] >= 0:
-            perturb(p, d, i, TINY)
-            junction_flows(t, d.theta, d.x, d.y, d.wj)
-            d.by_drive[i] += d.wj[FLOW, t[s, SOURCE_FLOW]].imag / TINY
-            perturb(p, d, i, 0.0)
-        else:
-            d.by_drive[i] += d.a[act, t[s, SOURCE_PORT]].imag / TINY
 
 
 @plain
@@ -518,15 +456,7 @@ def memories_by(t: Any, p: Any, d: Any, k: Any, n: Any, run: Any) -> None:
     for i in range(out.shape[0]):
         d.by_drive[i] = 0.0
     for s in range(t[row, FIRST_SOURCE], t[row, LAST_SOURCE]):
-        leaf = t[s, SOURCE_LEAF]
-        if leaf >= 0 and not d.todo[leaf]:
-            _known_power(p, d, leaf, current_of(t, d, leaf), n, run)
-        elif leaf >= 0:
-            _leaf_power(t, p, d, leaf, n, run)
-        elif t[s, SOURCE_RESISTOR] >= 0:
-            _junction_power(t, p, d, s, h)
-        else:
-            _signal(t, p, d, s)
+        _drive(t, p, d, s, n, run)
     drive = complex(run.efforts[n, state], TINY)
     by = _end(t, row, d.x[state], drive, h, d.theta).imag / TINY
     drive = complex(run.efforts[n, state], 0.0)
@@ -581,9 +511,9 @@ def prepare_pairs(t: Any, p: Any, d: Any, leaf: Any) -> None:
         i = p.input[pair]
         k = parameter(d, i)
         # Derivative of the current by the unknown.
-        d.by_current[pair], d.by_ratio[pair] = 0.0, 0.0
+        by_current, d.by_ratio[pair] = 0.0, 0.0
         for r in range(t[row, FIRST_LINK], t[row, LAST_LINK]):
-            d.by_current[pair] += d.g[0, r].real if i == n + t[r, TO_JUNCTION] and not p.varies[leaf] else 0.0
+            by_current += d.g[0, r].real if i == n + t[r, TO_JUNCTION] and not p.varies[leaf] else 0.0
         if only and p.shifts[pair]:
             d.by_ratio[pair] = d.g[p.slot[i], t[row, FIRST_LINK]].imag / TINY
         for piece in range(3):
@@ -596,7 +526,7 @@ def prepare_pairs(t: Any, p: Any, d: Any, leaf: Any) -> None:
                     by[4 * out + term] = d.whole[k, leaf, piece, 3 * out + term] if k >= 0 else 0.0
                 by[4 * out + 1] = by[4 * out + 1] * times + of[3 * out + 1] * d.by_ratio[pair]
                 own = of[3 * out] if i == t[row, OWN_STORAGE] else 0.0
-                by[4 * out + 3] = own + of[3 * out + 1] * d.by_current[pair] + of[3 * out + 2] * threshold
+                by[4 * out + 3] = own + of[3 * out + 1] * by_current + of[3 * out + 2] * threshold
 
 
 @plain

@@ -16,31 +16,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.integrate.cache import inline, loop_entry, plain, stay_outside
-from phnn.integrate.pattern import eliminate
+from phnn.integrate.partition import is_linear
 from phnn.integrate.program import Program, actions
-from phnn.integrate.roots import NOTHING, RELAXED, TOLERANCE, extrapolated, make_root
+from phnn.integrate.roots import NOTHING, RELAXED, TOLERANCE, eliminate, extrapolated, make_root
 from phnn.integrate.step import (
     FORCE,
     SIZE,
     Step,
     advance,
     balance,
+    count,
     fill_constants,
     fill_gains,
     inertia,
     inlined_balance,
+    junction_storage,
+    mean_effort,
     shape_of_constants,
 )
-from phnn.integrate.table_access import count, is_linear, junction_storage, mean_effort
-from phnn.integrate.tables import (
-    FROM_PORT,
-    INTO_JUNCTION,
-    JUNCTION_INLETS,
-    JUNCTIONS,
-    LEAVES,
-    MODULATOR_STATES,
-    rows_of,
-)
+from phnn.integrate.table import FROM_PORT, INTO_JUNCTION, JUNCTION_INLETS, JUNCTIONS, LEAVES, MODULATOR_STATES, rows_of
 from phnn.laws.namespace import TINY
 
 Array = NDArray[np.float64]

@@ -23,25 +23,13 @@ derivatives of the same step, so that no derivative is written by hand.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from phnn.integrate.cache import inline, plain, stay_outside
-from phnn.integrate.stages import make_gradient, make_radau
-from phnn.integrate.table_access import (
-    count,
-    factor,
-    is_linear,
-    junction_storage,
-    mean_effort,
-    memory_decay,
-    memory_rate,
-    resistor_flow,
-    resistor_path,
-    resistor_thresholds,
-    stiffness,
-)
-from phnn.integrate.tables import (
-    EXACT,
+from phnn.integrate.partition import EXACT, LOSSLESS, PATH, RADAU
+from phnn.integrate.roots import make_gradient, make_radau
+from phnn.integrate.table import (
     FACTORS,
     FIRST_BRANCH,
     FIRST_INLET,
@@ -63,13 +51,13 @@ from phnn.integrate.tables import (
     LAST_RESISTOR,
     LAST_SCALED,
     LAST_SOURCE,
+    LAW,
     LEAVES,
-    LOSSLESS,
     MODULATOR_STATES,
     OF_JUNCTION,
     OWN_STORAGE,
-    PATH,
-    RADAU,
+    PLACE_1,
+    PLACE_2,
     RATIO,
     READ,
     READ_JUNCTION,
@@ -86,9 +74,99 @@ from phnn.integrate.tables import (
     STORAGES,
     TO_JUNCTION,
 )
+from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, RESISTOR_LAWS, STORAGE_LAWS
+from phnn.laws.law import close_tables
 from phnn.laws.leaf import rc_flow, relaxation
 from phnn.laws.namespace import real
 from phnn.laws.other import advanced
+from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES, compiled
+
+# The functions below compile the laws that exist now.
+close_tables()
+
+
+def look_up(name: str, laws: Mapping[str, Any], leading: int, wide: Sequence[Any] = ()) -> Any:
+    """A compiled ``name(t, r, a_1…a_leading, theta)`` that calls the function ``name`` of the law in row ``r``.
+
+    Args:
+        laws: by code; some may lack the function.
+        leading: number of arguments before the parameters.
+        wide: functions of neural laws, with the codes that follow: ``(a_1…a_leading, theta, first, units)``.
+    """
+    arguments = ", ".join(f"a{i}" for i in range(leading))
+    scope: dict[str, Any] = {"stay_outside": stay_outside, "__name__": __name__}
+    branches = []
+    for code, law in enumerate(laws.values()):
+        if function := getattr(law, name):
+            scope[f"f{code}"] = inline(function)
+            places = ", ".join(f"theta[t[r, {PLACE_1 + k}]]" for k in range(len(law.example)))
+            branches.append((code, ", ".join(filter(None, (arguments, places)))))
+    for code, function in enumerate(wide, len(laws)):
+        scope[f"f{code}"] = function
+        branches.append((code, f"{arguments}, theta, t[r, {PLACE_1}], t[r, {PLACE_2}]"))
+    lines = [f"def {name}({', '.join(filter(None, ('t, r', arguments, 'theta')))}):", "    stay_outside()"]
+    lines += [f"    if t[r, {LAW}] == {code}:\n        return f{code}({given})" for code, given in branches[:-1]]
+    # The last branch needs no test, so that the function returns on every path. The text is built from positions only.
+    code, given = branches[-1]
+    exec("\n".join([*lines, f"    return f{code}({given})"]), scope)
+    # Not inlined: it has many call sites, and the constants of the common laws are computed beforehand.
+    return plain(scope[name])
+
+
+def _unmodulated(flow: Any) -> Any:
+    """A flow with an unused read-only argument."""
+
+    def with_read(effort: Any, q: Any, theta: Any, first: Any, units: Any) -> Any:
+        return flow(effort, theta, first, units)
+
+    return plain(with_read)
+
+
+# A state so small that every spring is linear up to it; a power of two, so that a linear one is divided exactly.
+NEAR_REST = 2.0**-80
+
+# Of the row of a storage between two states; of a resistor at an effort and what it reads; ``(ρ, lo, hi)`` of what a
+# piecewise linear one reads; ``(x⁺, ē)`` of ``x, i, h, s`` of the storage ``E = s x`` of one that depends on the path
+# alone; of a modulation of what it reads; of a modulator state at ``z, s``; its decay.
+storage_effort = look_up("mean_effort", STORAGE_LAWS, 2, [compiled(x) for x in WIDE_STORAGES.values()])
+resistor_flow = look_up("flow", RESISTOR_LAWS, 2, [_unmodulated(compiled(x)) for x in WIDE_RESISTORS.values()])
+resistor_thresholds = look_up("thresholds", RESISTOR_LAWS, 1)
+resistor_path = look_up("path", RESISTOR_LAWS, 4)
+factor = look_up("factor", FACTOR_LAWS, 1)
+memory_rate = look_up("rate", MEMORY_LAWS, 2)
+memory_decay = look_up("decay", MEMORY_LAWS, 0)
+
+
+@inline
+def count(t: Any, kind: Any) -> Any:
+    """Number of rows of a kind."""
+    return t[0, kind + 1] - t[0, kind]
+
+
+@inline
+def mean_effort(t: Any, k: Any, a: Any, b: Any, theta: Any) -> Any:
+    """``ē`` of storage ``k`` between two states."""
+    return storage_effort(t, t[0, STORAGES] + k, a, b, theta)
+
+
+@inline
+def stiffness(t: Any, k: Any, theta: Any) -> Any:
+    """``s`` of a linear storage, ``E = s x``, or of another one at rest."""
+    small = NEAR_REST + 0.0 * theta[0]
+    return mean_effort(t, k, small, small, theta) / NEAR_REST
+
+
+@inline
+def junction_storage(t: Any, j: Any) -> Any:
+    """Number of the storage of junction ``j``."""
+    return t[t[0, JUNCTIONS] + j, OWN_STORAGE]
+
+
+@inline
+def is_linear(t: Any, j: Any) -> Any:
+    """Whether the unknown of junction ``j`` is its mean effort; otherwise it is its end state."""
+    return t[t[0, JUNCTIONS] + j, IS_LINEAR] > 0
+
 
 # Quantities that are the same in all steps of one size: constants of storages and junctions, and gains.
 #
@@ -193,9 +271,8 @@ def inertia(t: Any, j: Any, c: Any) -> Any:
 
 
 @inline
-def leaf_current(t: Any, leaf: Any, g: Any, a: Any, wj: Any) -> Any:
-    """``i_l``."""
-    row = t[0, LEAVES] + leaf
+def leaf_current(t: Any, row: Any, g: Any, a: Any, wj: Any) -> Any:
+    """``i_l`` of the reducible storage in a row."""
     total = 0.0 * g[0]
     for r in range(t[row, FIRST_LINK], t[row, LAST_LINK]):
         total += g[r] * wj[FLOW, t[r, TO_JUNCTION]]
@@ -217,8 +294,8 @@ def read(t: Any, r: Any, step: Step) -> Any:
     if t[r, READ_MODULATOR] >= 0:
         return step.x[t[r, READ_MODULATOR]]
     if leaf >= 0:
-        start = step.x[t[t[0, LEAVES] + leaf, OWN_STORAGE]]
-        return start + 0.5 * step.h * leaf_current(t, leaf, step.g, step.a, step.wj)
+        row = t[0, LEAVES] + leaf
+        return step.x[t[row, OWN_STORAGE]] + 0.5 * step.h * leaf_current(t, row, step.g, step.a, step.wj)
     return step.x[junction_storage(t, j)] + 0.5 * junction_change(t, j, step.c, step.x, step.y)
 
 
@@ -279,15 +356,16 @@ def junction_term(t: Any, r: Any, step: Step) -> None:
 @inline
 def junction_terms(t: Any, step: Step) -> None:
     """``F`` without the reducible storages, the size of its terms, and ``z − p``."""
-    x, c, wj = step.x, step.c, step.wj
+    c, wj = step.c, step.wj
     rate, m, own = 1.0 / step.h, count(t, JUNCTIONS), count(t, LEAVES)
     for j in range(m):
-        change = junction_change(t, j, c, x, step.y)
-        wj[CHANGE, j] = change
-        wj[FORCE, j] = change * rate
-        wj[SIZE, j] = (abs(change.real) + abs(x[junction_storage(t, j)].real)) * rate
+        change = junction_change(t, j, c, step.x, step.y)
+        force, size = change * rate, (abs(change.real) + abs(step.x[junction_storage(t, j)].real)) * rate
         for i in range(m):
-            add(c[own + j, MATRIX + i] * wj[FLOW, i], j, wj)
+            term = c[own + j, MATRIX + i] * wj[FLOW, i]
+            force += term
+            size += abs(term.real)
+        wj[CHANGE, j], wj[FORCE, j], wj[SIZE, j] = change, force, size
     for r in range(t[0, JUNCTION_RESISTORS], t[0, JUNCTION_RESISTORS + 1]):
         if t[r, IN_MATRIX] <= 0:
             _resistor_term(t, r, step)
@@ -365,18 +443,18 @@ _gradient_search, _gradient_moved = make_gradient(_between_states(_lost), _betwe
 
 
 @inline
-def is_closed(t: Any, leaf: Any) -> Any:
-    """Whether the equations of a reducible storage have a closed solution."""
-    rule = t[t[0, LEAVES] + leaf, RULE]
+def is_closed(t: Any, row: Any) -> Any:
+    """Whether the equations of the reducible storage in a row have a closed solution."""
+    rule = t[row, RULE]
     return (rule == LOSSLESS) | (rule == EXACT) | (rule == PATH)
 
 
 @plain
 def leaf_search(t: Any, leaf: Any, step: Step) -> Any:
-    """Solve the equations of a storage without a closed solution, in real numbers: see `phnn.integrate.stages`."""
+    """Solve the equations of a storage without a closed solution, in real numbers: see `phnn.integrate.roots`."""
     stay_outside()
     row = t[0, LEAVES] + leaf
-    start, current = real(step.x[t[row, OWN_STORAGE]]), real(leaf_current(t, leaf, step.g, step.a, step.wj))
+    start, current = real(step.x[t[row, OWN_STORAGE]]), real(leaf_current(t, row, step.g, step.a, step.wj))
     context = (t, leaf, step)
     if t[row, RULE] == RADAU:
         return _radau_search(start, current, step.h, context)
@@ -391,7 +469,7 @@ def leaf_moved(t: Any, leaf: Any, step: Step, found: Any) -> Any:
     row = t[0, LEAVES] + leaf
     k = t[row, OWN_STORAGE]
     context, start = (t, leaf, step), step.x[k]
-    current = leaf_current(t, leaf, step.g, step.a, step.wj)
+    current = leaf_current(t, row, step.g, step.a, step.wj)
     if t[row, RULE] == RADAU:
         return _radau_moved(start, current, step.h, step.c[leaf, STIFFNESS], found, context)
     end = _gradient_moved(start, current, step.h, (found[0], found[1]), context)
@@ -399,47 +477,26 @@ def leaf_moved(t: Any, leaf: Any, step: Step, found: Any) -> Any:
 
 
 @inline
-def leaf_closed(t: Any, leaf: Any, step: Step) -> Any:
-    """End state and mean effort of a reducible storage with a closed solution."""
-    theta, c, x, h = step.theta, step.c, step.x, step.h
-    row = t[0, LEAVES] + leaf
-    k, rule = t[row, OWN_STORAGE], t[row, RULE]
-    current = leaf_current(t, leaf, step.g, step.a, step.wj)
+def leaf_closed(t: Any, leaf: Any, row: Any, step: Step) -> Any:
+    """End state and mean effort of a reducible storage with a closed solution, in its row."""
+    theta, c, h, rule = step.theta, step.c[leaf], step.h, t[row, RULE]
+    x, current = step.x[t[row, OWN_STORAGE]], leaf_current(t, row, step.g, step.a, step.wj)
     if rule == LOSSLESS:
         gain = h * current
         if t[row, IS_LINEAR] > 0:
-            return x[k] + gain, c[leaf, STIFFNESS] * (x[k] + 0.5 * gain)
-        return x[k] + gain, mean_effort(t, k, x[k], x[k] + gain, theta)
-    if rule == PATH:
-        return resistor_path(t, t[row, FIRST_RESISTOR], x[k], current, h, c[leaf, STIFFNESS], theta)
-    rho, low, high = c[leaf, RHO], c[leaf, LOW], c[leaf, HIGH]
-    one, two, leak = c[leaf, ONE], c[leaf, TWO], c[leaf, LEAK]
+            return x + gain, c[STIFFNESS] * (x + 0.5 * gain)
+        return x + gain, mean_effort(t, t[row, OWN_STORAGE], x, x + gain, theta)
     r = t[row, FIRST_RESISTOR]
+    if rule == PATH:
+        return resistor_path(t, r, x, current, h, c[STIFFNESS], theta)
+    rho, low, high, one, two = c[RHO], c[LOW], c[HIGH], c[ONE], c[TWO]
     if t[r, READ] >= 0:
         rho, low, high = resistor_thresholds(t, r, read(t, t[r, READ], step), theta)
-        if rho != c[leaf, RHO]:
-            one, two = relaxation(h * (rho + leak) * c[leaf, STIFFNESS])
+        if rho != c[RHO]:
+            one, two = relaxation(h * (rho + c[LEAK]) * c[STIFFNESS])
     return rc_flow(
-        x[k], current, h, c[leaf, STIFFNESS], rho, low, high, leak, one, two,
-        c[leaf, LEAK_ONE], c[leaf, LEAK_TWO],
+        x, current, h, c[STIFFNESS], rho, low, high, c[LEAK], one, two, c[LEAK_ONE], c[LEAK_TWO]
     )  # fmt: skip
-
-
-@inline
-def leaf_step(t: Any, leaf: Any, step: Step) -> Any:
-    """End state and mean effort of a reducible storage."""
-    if is_closed(t, leaf):
-        return leaf_closed(t, leaf, step)
-    found = leaf_search(t, leaf, step)
-    return leaf_moved(t, leaf, step, found)
-
-
-@inline
-def leaf_forces(t: Any, leaf: Any, g: Any, effort: Any, wj: Any) -> None:
-    """Add the forces of a reducible storage on its junctions."""
-    row = t[0, LEAVES] + leaf
-    for r in range(t[row, FIRST_LINK], t[row, LAST_LINK]):
-        add(g[r] * effort, t[r, TO_JUNCTION], wj)
 
 
 @inline
@@ -450,12 +507,18 @@ def inlined_balance(t: Any, step: Step) -> None:
     if count(t, FACTORS) > 0:
         modulate(t, step)
     junction_terms(t, step)
+    first = t[0, LEAVES]
     for leaf in range(count(t, LEAVES)):
-        end, mean = leaf_step(t, leaf, step)
-        k = t[t[0, LEAVES] + leaf, OWN_STORAGE]
+        row = first + leaf
+        if is_closed(t, row):
+            end, mean = leaf_closed(t, leaf, row, step)
+        else:
+            end, mean = leaf_moved(t, leaf, step, leaf_search(t, leaf, step))
+        k = t[row, OWN_STORAGE]
         step.ends[k] = end
         step.means[k] = mean
-        leaf_forces(t, leaf, step.g, mean, wj)
+        for r in range(t[row, FIRST_LINK], t[row, LAST_LINK]):
+            add(step.g[r] * mean, t[r, TO_JUNCTION], wj)
     for j in range(count(t, JUNCTIONS)):
         k = junction_storage(t, j)
         step.ends[k] = x[k] + wj[CHANGE, j]
@@ -470,14 +533,15 @@ def balance(t: Any, step: Step) -> None:
 
 
 @inline
-def _source(t: Any, s: Any, step: Step) -> Any:
+def source(t: Any, s: Any, step: Step) -> Any:
     """Contribution of the source in row ``s`` to ``s̄``."""
     theta, g, x, wj = step.theta, step.g, step.x, step.wj
     leaf, r = t[s, SOURCE_LEAF], t[s, SOURCE_RESISTOR]
     if leaf >= 0:
-        k = t[t[0, LEAVES] + leaf, OWN_STORAGE]
+        row = t[0, LEAVES] + leaf
+        k = t[row, OWN_STORAGE]
         stored = mean_effort(t, k, x[k], step.ends[k], theta) * (step.ends[k] - x[k]) / step.h
-        return leaf_current(t, leaf, g, step.a, wj) * step.means[k] - stored
+        return leaf_current(t, row, g, step.a, wj) * step.means[k] - stored
     if r >= 0:
         effort = branch_effort(t, r, g, wj)
         return effort * resistor_flow(t, r, effort, read(t, t[r, READ], step), theta)
@@ -497,7 +561,7 @@ def advance(t: Any, step: Step) -> None:
         row, z = t[0, MODULATOR_STATES] + k, step.x[first + k]
         total = 0.0 * step.g[0]
         for s in range(t[row, FIRST_SOURCE], t[row, LAST_SOURCE]):
-            total += _source(t, s, step)
+            total += source(t, s, step)
         step.means[first + k] = total
         rate, decay = memory_rate(t, row, z, total, step.theta), memory_decay(t, row, step.theta)
         step.ends[first + k] = advanced(z, step.h, rate, decay)

@@ -14,8 +14,8 @@ from torch import Tensor, nn
 
 from phnn.errors import InputRefused, SolverFailed
 from phnn.integrate import solve, sweep
-from phnn.integrate.compilable import can_compile
 from phnn.integrate.differentiable import Steps, first_order, march, sensitivities
+from phnn.integrate.partition import can_compile
 from phnn.integrate.program import Program, compile_network
 from phnn.learn.objective import Objective
 from phnn.learn.plant import NetworkPlant

@@ -29,8 +29,8 @@ from phnn.configuration import config_folder
 from phnn.derivatives import output_derivatives
 from phnn.effects import Chain, Effect, effect
 from phnn.errors import InputRefused, SolverFailed
+from phnn.integrate.partition import EXACT, LOSSLESS, PATH
 from phnn.integrate.program import compile_network
-from phnn.integrate.tables import EXACT, LOSSLESS, PATH
 from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
 from phnn.models.actuator import hrc
 from phnn.models.network_file import load_network

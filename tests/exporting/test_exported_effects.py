@@ -22,7 +22,7 @@ from phnn.exporting.laws import Sources
 from phnn.exporting.program import Names, Program, identifier
 from phnn.exporting.write import python
 from phnn.integrate import solve
-from phnn.integrate.compilable import can_compile
+from phnn.integrate.partition import can_compile
 from phnn.integrate.program import compile_network
 from phnn.models.store import save
 from phnn.network.elements import Network

@@ -21,10 +21,9 @@ from phnn.errors import InputRefused, StructureViolated
 from phnn.integrate import solve
 from phnn.integrate import sweep as sweeps
 from phnn.integrate.equations import check, power_balance
-from phnn.integrate.partition import junctions_of
+from phnn.integrate.partition import Scheme, junctions_of
 from phnn.integrate.program import Program, compile_network
-from phnn.integrate.scheme import Scheme
-from phnn.integrate.tables import IN_MATRIX
+from phnn.integrate.table import IN_MATRIX
 from phnn.models.actuator import TABLE_1, from_paper, hrc
 from phnn.models.network_file import load_network
 from phnn.network import Coupling, Network, Port, PortHamiltonianSystem, Resistor, Storage
