@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.integrate.cache import inline, plain, stay_outside
-from phnn.integrate.partition import LOSSLESS, is_linear
+from phnn.integrate.partition import LOSSLESS
 from phnn.integrate.step import (
     FORCE,
     HIGH,
@@ -44,6 +44,7 @@ from phnn.integrate.step import (
     fill_gains,
     inertia,
     is_closed,
+    is_linear,
     junction_flows,
     junction_storage,
     junction_term,

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.integrate.cache import inline, loop_entry, plain, stay_outside
-from phnn.integrate.partition import is_linear
 from phnn.integrate.program import Program, actions
 from phnn.integrate.roots import NOTHING, RELAXED, TOLERANCE, eliminate, extrapolated, make_root
 from phnn.integrate.step import (
@@ -30,6 +29,7 @@ from phnn.integrate.step import (
     fill_gains,
     inertia,
     inlined_balance,
+    is_linear,
     junction_storage,
     mean_effort,
     shape_of_constants,
