@@ -19,8 +19,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from phnn.integrate.partition import LOSSLESS
 from phnn.integrate.program import Program, actions
-from phnn.integrate.tables import (
+from phnn.integrate.table import (
     FACTORS,
     FIRST_LINK,
     FIRST_SOURCE,
@@ -33,7 +34,6 @@ from phnn.integrate.tables import (
     LAW,
     LEAF_INLETS,
     LEAVES,
-    LOSSLESS,
     MODULATOR_STATES,
     OWN_STORAGE,
     PLACE_1,

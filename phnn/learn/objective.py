@@ -17,7 +17,7 @@ import torch
 from torch import Tensor, nn
 
 from phnn.errors import SolverFailed
-from phnn.integrate.compilable import can_compile
+from phnn.integrate.partition import can_compile
 from phnn.integrate.program import compile_network
 from phnn.integrate.rest import equilibrium
 from phnn.learn.plant import NetworkPlant, Plant

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from phnn.identification.evaluate import Evaluation, score_part
-from phnn.integrate.compilable import can_compile
+from phnn.integrate.partition import can_compile
 from phnn.learn.objective import Objective, estimated_start
 from phnn.learn.plant import NetworkPlant, Plant
 from phnn.learn.solvers import Solver, near

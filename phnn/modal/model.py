@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from phnn.errors import InputRefused, SolverFailed, StructureViolated
 from phnn.integrate.cache import inline, loop_entry
-from phnn.integrate.pattern import eliminate
+from phnn.integrate.roots import eliminate
 from phnn.laws.resistor import quadratic_drag
 from phnn.laws.storage import hardening_spring_mean_effort, softening_spring_mean_effort, spring_mean_effort
 from phnn.modal.elements import HARDENING, SLOW, SOFTENING, STOP, PortElement

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from phnn.errors import InputRefused, StructureViolated
-from phnn.integrate import kernel
+from phnn.integrate import solve
 from phnn.integrate.partition import junctions_of
 from phnn.integrate.program import compile_network
 from phnn.modal.elements import DRAG, HARDENING, LINEAR, SLOW, SOFTENING, STOP, PortElement
@@ -177,7 +177,7 @@ def extensions_by_network(model: ModalModel, u: Array, h: float) -> Array:
     shape = len(program.states)
     states, efforts = np.empty((len(u) + 1, shape)), np.empty((len(u), shape))
     steps = np.full(len(u), h)
-    assert kernel.march(program, program.theta(network), np.zeros(shape), u, steps, states, efforts) == len(u)
+    assert solve.march(program, program.theta(network), np.zeros(shape), u, steps, states, efforts) == len(u)
     return np.asarray(states[:-1, : model.omega.size] @ model.b)
 
 
