@@ -16,28 +16,28 @@ from phnn.setup import Setup
 from phnn.trajectory import check_names
 
 if TYPE_CHECKING:
-    from phnn.modal.store import StoredModes
+    from phnn.modal.fit import ModalFit
 
 # Predictions of a campaign's recordings, in their order; the campaign is refused before the first is simulated.
 Predictor = Callable[[Campaign], Iterable[Predicted]]
 
 
-def loaded(folder: Path, outside: bool = False) -> Model | StoredModes:
+def loaded(folder: Path, outside: bool = False) -> Model | ModalFit:
     """Load a model that any command wrote.
 
     Args:
         folder: of the model, or its file; outside: the file in the folder may be a link that leads out of it.
 
     Returns:
-        The model of a network; of ``phnn modes``, the fit with its channels.
+        The model of a network; of ``phnn modes``, the fit.
 
     Raises:
         InputRefused: there is no model, or a damaged one.
     """
-    from phnn.modal.store import MODEL_SCHEMA, model_from
+    from phnn.modal.store import SCHEMA, model_from
 
     content, shown = stored(folder, outside)
-    if content.get("schema") != MODEL_SCHEMA:
+    if content.get("schema") != SCHEMA:
         return Model(*setup_from(content, shown), inputs_of(content, shown))
     try:
         return model_from(content)
@@ -45,7 +45,7 @@ def loaded(folder: Path, outside: bool = False) -> Model | StoredModes:
         raise InputRefused(f"{shown}: {error}") from error
 
 
-def predictor(model: Path | Model | StoredModes, outside: bool = False) -> Predictor:
+def predictor(model: Path | Model | ModalFit, outside: bool = False) -> Predictor:
     """What predicts with a model, or with the model in a folder or file.
 
     Args:

@@ -21,7 +21,7 @@ from phnn.report.result import write
 
 if TYPE_CHECKING:
     from phnn.comparison.models import Result
-    from phnn.modal.store import StoredModes
+    from phnn.modal.fit import ModalFit
 
 __all__ = ["Diagnosis", "compare", "diagnose", "identify", "load", "predict"]
 
@@ -86,7 +86,7 @@ def diagnose(
     return Diagnosis(**vars(run_diagnosis(known, options, progress, effects, budget=budget, answers=True)))
 
 
-def load(folder: str | Path) -> Model | StoredModes:
+def load(folder: str | Path) -> Model | ModalFit:
     """Load a model that a command or `Model.save` wrote.
 
         y = phnn.load("out/model").simulate(t, voltage)
@@ -96,7 +96,7 @@ def load(folder: str | Path) -> Model | StoredModes:
         folder: ``model/`` or ``base/`` of a result, or the file of a model.
 
     Returns:
-        A `Model`; of ``phnn modes`` the fit with its channels, see `phnn.modal.store.StoredModes`.
+        A `Model`; of ``phnn modes`` the fit, a `phnn.modal.fit.ModalFit`.
 
     Raises:
         InputRefused: there is no model, or a damaged one.
@@ -104,7 +104,7 @@ def load(folder: str | Path) -> Model | StoredModes:
     return loaded(Path(folder))
 
 
-def predict(model: Model | StoredModes | str | Path, campaign: Campaign | str | Path) -> tuple[Predicted, ...]:
+def predict(model: Model | ModalFit | str | Path, campaign: Campaign | str | Path) -> tuple[Predicted, ...]:
     """Simulate the recordings of a campaign, in their order.
 
         for found in phnn.predict("out/model", phnn.read("other/")):

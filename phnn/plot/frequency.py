@@ -50,7 +50,7 @@ from phnn.signals.least_squares import HARMONICS, harmonic_weights
 from phnn.trajectory import simulate
 
 if TYPE_CHECKING:
-    from phnn.modal.store import StoredModes
+    from phnn.modal.fit import ModalFit
 
 
 Complex = NDArray[np.complex128]
@@ -391,7 +391,7 @@ class Residuals:
 
 
 def residuals(
-    model: Model | StoredModes | Diagnosis | str | Path,
+    model: Model | ModalFit | Diagnosis | str | Path,
     campaign: Campaign | str | Path | None = None,
     *,
     recordings: Sequence[str] | None = None,

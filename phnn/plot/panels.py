@@ -29,7 +29,7 @@ from phnn.report.formatting import listing
 from phnn.signals.least_squares import HARMONICS, deviation, harmonic_weights
 
 if TYPE_CHECKING:
-    from phnn.modal.store import StoredModes
+    from phnn.modal.fit import ModalFit
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ def grid(axes: Any, rows: int, columns: int, width: float, height: float, **layo
     return given.reshape(rows, columns)
 
 
-def model_of(given: Any, outside: bool = False) -> Model | StoredModes:
+def model_of(given: Any, outside: bool = False) -> Model | ModalFit:
     """The model that is given: itself, the final one of a diagnosis, or that in a folder.
 
     Args:
@@ -140,7 +140,7 @@ def model_of(given: Any, outside: bool = False) -> Model | StoredModes:
         return given.model
     if isinstance(given, str | Path):
         return loaded(Path(given), outside)
-    found: Model | StoredModes = given
+    found: Model | ModalFit = given
     return found
 
 

@@ -59,7 +59,7 @@ from phnn.report.formatting import DASH, finite, percent
 from phnn.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from phnn.modal.store import StoredModes
+    from phnn.modal.fit import ModalFit
 
 # The band of the residual's panel, in standard deviations of the noise.
 _BAND = 2.0
@@ -92,7 +92,7 @@ class Outputs:
 
 
 def compare(
-    model: Model | StoredModes | Diagnosis | str | Path,
+    model: Model | ModalFit | Diagnosis | str | Path,
     campaign: Campaign | str | Path,
     *,
     recordings: Sequence[str] | None = None,
@@ -246,7 +246,7 @@ class Loops:
 
 
 def loops(
-    model: Model | StoredModes | Diagnosis | str | Path,
+    model: Model | ModalFit | Diagnosis | str | Path,
     campaign: Campaign | str | Path,
     *,
     recordings: Sequence[str] | None = None,
