@@ -102,7 +102,7 @@ class ModalModel:
         """The steady state under the inputs of an experiment.
 
         Raises:
-            SolverFailed: the ports soften without end.
+            SolverFailed: no steady state was found.
         """
         n = len(experiment.u)
         f = np.asarray(np.fft.rfftfreq(n, dt), dtype=np.float64)

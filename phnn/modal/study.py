@@ -120,14 +120,17 @@ def _level(level: Sequence[Experiment]) -> dict[str, Any]:
 
 
 def scored(fit: ModalFit, experiments: Sequence[Experiment]) -> dict[str, Any] | None:
-    """Return the errors of a model at one amplitude; None where there are no experiments.
+    """Return the errors of a model at one amplitude; None without experiments, or where it has no steady state.
 
     ``rmse`` is the root mean square error of each output over all recorded periods, in its unit; ``share`` is that of
     all outputs together over the effective value of what was measured.
     """
     if not experiments:
         return None
-    errors = fit.errors(experiments)
+    try:
+        errors = fit.errors(experiments)
+    except SolverFailed:
+        return None
     measured = np.mean([(e.y**2).mean(axis=0) + e.spread**2 for e in experiments], axis=0).sum()
     return {"rmse": errors.tolist(), "share": float(np.sqrt((errors**2).sum() / max(measured, 1e-300)))}
 
