@@ -75,8 +75,8 @@ def _told(result: Result) -> str:
     if result.linear_serves:
         return f"{found}, and one linear model serves at every amplitude: these recordings show no change with it."
     if result.final == LINEAR:
-        return f"{found} that move with amplitude; slow springs and dampers at the ports do not describe how."
+        return f"{found} that move with amplitude; slow springs at the ports do not describe how."
     return (
-        f"{found} that move with amplitude; springs and dampers at the ports that follow the mean square of their "
+        f"{found} that move with amplitude; springs at the ports that soften with the mean square of their "
         f"motion describe it. This proves no cause."
     )

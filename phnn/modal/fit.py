@@ -1,7 +1,7 @@
 """Fit modal models to experiments, line by line.
 
 For given modes and ports the outputs are linear in the shapes (c, d, g), which are solved for (Golub & Pereyra 1973);
-derivatives leave out how the shapes follow (Kaufman 1975).
+derivatives leave out how the shapes and the mean squares at the ports follow (Kaufman 1975).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Complex = NDArray[np.complex128]
 
 # Ridge of the shapes over their own scale; the error of each experiment for a model without a steady state.
 _RIDGE, _FAILED = 1e-11, 30.0
-_LOGS, _DAMPING = (-80.0, 20.0), (-14.0, float(np.log(0.9)))
+_LOGS, _DAMPING = (-40.0, 20.0), (-14.0, float(np.log(0.9)))
 _HALF = float(np.sqrt(2.0))
 # Relative changes of the sum of squares and of the parameters at which a fit ends.
 _TOLERANCE, _MOVED = 3e-5, 1e-6
@@ -60,9 +60,7 @@ class Problem:
         self, model: ModalModel, experiments: Sequence[Experiment], study: Study, pool: ThreadPoolExecutor
     ) -> None:
         self.template, self.experiments, self.study, self.pool = model, experiments, study, pool
-        # A linear model has no reach to be found.
-        slow = np.concatenate([model.weights, np.resize(model.reach, (min(1, len(model.weights)), model.reach.size))])
-        logs = np.log(np.maximum(slow, 1e-300)).ravel()
+        logs = np.log(np.maximum(model.springs, 1e-300))
         self.origin = np.concatenate(
             [np.log(model.omega), np.log(model.zeta), model.b.ravel(), model.delay / study.dt, logs]
         )
@@ -72,19 +70,17 @@ class Problem:
         self._last: tuple[Array, Point | None] = (np.full(0, np.nan), None)
 
     def unpack(self, moved: Array) -> ModalModel:
-        """The model that a move from the first one leads to; every one has positive energies, losses and weights."""
+        """The model that a move from the first one leads to; every one has positive energies, losses and springs."""
         m, shape = self.template.omega.size, self.template.b.shape
         sizes = np.cumsum([m, m, shape[0] * shape[1], self.template.delay.size])
         omega, zeta, b, delay, logs = np.split(self.origin + moved, sizes)
-        slow = np.exp(np.clip(logs, *_LOGS)).reshape(-1, shape[1])
         return replace(
             self.template,
             omega=np.exp(omega),
             zeta=np.exp(np.clip(zeta, *_DAMPING)),
             b=b.reshape(shape),
             delay=delay * self.study.dt,
-            weights=slow[:-1],
-            reach=slow[-1] if len(slow) else self.template.reach,
+            springs=np.exp(np.clip(logs, *_LOGS)),
         )
 
     def point(self, moved: Array) -> Point | None:

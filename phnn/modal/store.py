@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from phnn.errors import InputRefused
 from phnn.modal.experiment import experiment_of, experiments_of
 from phnn.modal.fit import ModalFit
-from phnn.modal.model import ROWS, ModalModel
+from phnn.modal.model import ModalModel
 from phnn.models.typed import a_list, a_name, a_number, brief
 from phnn.prediction import Predicted
 from phnn.recordings.recording import Campaign, Recording, Units
@@ -37,7 +37,7 @@ def model_document(fit: ModalFit) -> dict[str, Any]:
         "damping_ratio": m.zeta.tolist(),
         "ports": m.b.tolist(),
         "delay_s": m.delay.tolist(),
-        "weights": m.weights.tolist(),
+        "springs": m.springs.tolist(),
         "reach": m.reach.tolist(),
         "shapes": fit.shapes.tolist(),
         "left_of_fitted": float(np.sqrt(fit.cost)),
@@ -68,14 +68,14 @@ def _model(document: Mapping[str, Any]) -> ModalFit:
     if not modes or not ports or not outputs or len(units) != len(Units._fields):
         raise ValueError("a model has one mode, one input and one output at least, and a unit of inputs and of outputs")
     frequency, zeta = _numbers(document, "frequency_Hz", modes), _numbers(document, "damping_ratio", modes)
-    weights = _numbers(document, "weights", len(a_list(document["weights"], "weights")), ports)
+    springs = _numbers(document, "springs", ports if document["springs"] else 0)
     reach, dt = _numbers(document, "reach", ports), a_number(document["dt_s"], "dt_s")
     if frequency.min() <= 0.0 or not 0.0 < zeta.min() <= zeta.max() < 1.0:
         raise ValueError("frequencies are positive and damping ratios lie between 0 and 1")
-    if len(weights) > len(ROWS) or (weights < 0.0).any() or reach.min() <= 0.0 or dt <= 0.0:
-        raise ValueError(f"weights of {' and '.join(ROWS)} are 0 or more, reach and dt_s are positive")
+    if (springs < 0.0).any() or reach.min() <= 0.0 or dt <= 0.0:
+        raise ValueError("springs are 0 or more, reach and dt_s are positive")
     delay = _numbers(document, "delay_s", len(outputs))
-    model = ModalModel(2.0 * np.pi * frequency, zeta, _numbers(document, "ports", modes, ports), delay, weights, reach)
+    model = ModalModel(2.0 * np.pi * frequency, zeta, _numbers(document, "ports", modes, ports), delay, springs, reach)
     shapes = _numbers(document, "shapes", len(outputs), 2 * modes + ports)
     cost = a_number(document["left_of_fitted"], "left_of_fitted") ** 2
     return ModalFit(model, shapes, dt, cost, inputs, outputs, Units(*units))

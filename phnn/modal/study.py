@@ -1,7 +1,7 @@
 """The study of a campaign: modes at every amplitude alone, one linear model for all, and one with slow ports.
 
 A structure is linear, within these recordings, where one linear model leaves no more than one for each amplitude does.
-Otherwise springs and dampers at the ports that follow the mean square of their motion describe what moves. They are no
+Otherwise springs at the ports that soften with the mean square of their motion describe what moves. They are no
 proof of a cause: hysteresis and springs that soften at once move resonances as well.
 """
 
@@ -28,7 +28,7 @@ LINEAR, SLOW = "linear", "slow_ports"
 # One linear model is as good as one for each amplitude up to this factor.
 _AS_GOOD = 1.1
 # Extension at which a spring has half of its stiffness, over the effective extension at the lowest amplitude; how stiff
-# springs and dampers are at the start, over the stiffness of their port.
+# it is at the start, over the stiffness of its port.
 _REACH, _STIFFNESS = 8.0, 0.03
 
 
@@ -169,18 +169,16 @@ def _alone(study: Study, level: int, settings: Settings) -> ModalFit:
     modes = first_modes(study, fitted)
     ports = len(study.inputs)
     delay = np.full(len(study.outputs), modes.delay * study.dt)
-    model = ModalModel(modes.omega, modes.zeta, modes.b, delay, np.zeros((0, ports)), np.ones(ports))
+    model = ModalModel(modes.omega, modes.zeta, modes.b, delay, np.zeros(0), np.ones(ports))
     few = fitted[: max(settings.experiments, ports)]
     return fit_modes(model, few, study, settings.iterations, settings.workers)
 
 
 def _with_slow_ports(model: ModalModel, study: Study) -> ModalModel:
-    """A linear model with springs and dampers at every port, too weak yet to matter much at any amplitude."""
-    low, high = (model.steady(study.identification(i)[0], study.dt) for i in (0, -1))
+    """A linear model with a spring at every port, too weak yet to matter much at any amplitude."""
+    low = model.steady(study.identification(0)[0], study.dt)
     effective = np.sqrt(2.0) * np.linalg.norm(low.x[1:], axis=0) / len(study.levels[0][0].u)
-    stiffness = _STIFFNESS / (model.b**2).sum(axis=0)
-    rate = np.linalg.norm(high.s[:, None] * high.x, axis=0) / np.linalg.norm(high.x[1:], axis=0)
-    return replace(model, weights=np.stack([stiffness, stiffness / rate]), reach=_REACH * effective)
+    return replace(model, springs=_STIFFNESS / (model.b**2).sum(axis=0), reach=_REACH * effective)
 
 
 def _choosing(study: Study, level: int, settings: Settings) -> tuple[Experiment, ...]:

@@ -17,7 +17,7 @@ OMEGA = 2.0 * np.pi * np.array([61.0, 102.0, 171.0])
 ZETA = np.array([0.02, 0.015, 0.025])
 B = np.array([[0.9, 0.5], [0.6, -0.8], [-0.5, 0.6]])
 C = np.array([[1.0, 0.7, 0.4], [0.6, -0.9, 0.5]])
-STIFFNESS, REACH = np.array([0.15, 0.1]), np.array([1.5, 1.0])
+STIFFNESS, REACH = np.array([0.15, 0.1]), np.array([15.0, 10.0])
 
 
 def multisines(count: int, amplitude: float, seed: int) -> Array:
