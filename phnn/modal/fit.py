@@ -13,6 +13,7 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag, null_space
 from scipy.optimize import least_squares
 
 from phnn.errors import SolverFailed
@@ -64,6 +65,9 @@ class Problem:
         self.origin = np.concatenate(
             [np.log(model.omega), np.log(model.zeta), model.b.ravel(), model.delay / study.dt, logs]
         )
+        # The shapes of a linear model absorb the size of each row of ratios: these rows move across themselves alone.
+        rows = [null_space(row[None]) if not logs.size else np.eye(row.size) for row in model.b]
+        self.free = block_diag(np.eye(2 * model.omega.size), *rows, np.eye(model.delay.size + logs.size))
         # A mean square in time is twice the sum of squares of one half of the spectrum.
         self.wanted = [_HALF * np.fft.rfft(e.y, axis=0)[study.lines] / len(e.y) for e in experiments]
         self.scales = [1.0 / float(np.sqrt((np.abs(y) ** 2).sum())) for y in self.wanted]
@@ -73,7 +77,7 @@ class Problem:
         """The model that a move from the first one leads to; every one has positive energies, losses and springs."""
         m, shape = self.template.omega.size, self.template.b.shape
         sizes = np.cumsum([m, m, shape[0] * shape[1], self.template.delay.size])
-        omega, zeta, b, delay, logs = np.split(self.origin + moved, sizes)
+        omega, zeta, b, delay, logs = np.split(self.origin + self.free @ moved, sizes)
         return replace(
             self.template,
             omega=np.exp(omega),
@@ -132,7 +136,7 @@ class Problem:
             for a, d in zip(delayed, slope, strict=True):
                 d[:, o] -= a @ follow
         rows = [w * np.stack([d.real, d.imag], axis=2) for d, w in zip(slope, self.scales, strict=True)]
-        return np.concatenate([r.reshape(-1, moved.size) for r in rows])
+        return np.concatenate([r.reshape(-1, len(self.origin)) for r in rows]) @ self.free
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,7 +199,7 @@ def fit_modes(
     with ThreadPoolExecutor(workers) as pool:
         problem = Problem(model, experiments, study, pool)
         # Moves from where the fit begins: the first trust region then has the size of the residual, not of ln ω.
-        start = np.zeros(problem.origin.size)
+        start = np.zeros(problem.free.shape[1])
         if problem.point(start) is None:
             raise SolverFailed("the first model of the modes has no steady state: look at the recordings")
         result = least_squares(

@@ -42,7 +42,7 @@ class Settings:
     """
 
     experiments: int = whole(2, least=1)
-    iterations: int = whole(40, least=1)
+    iterations: int = whole(100, least=1)
     workers: int = whole(2, least=1)
 
     def __post_init__(self) -> None:
