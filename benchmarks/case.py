@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from phnn.derivatives import output_derivatives, output_gradient
+from phnn.derivatives import output_derivatives
 from phnn.integrate import kernel
 from phnn.integrate.differentiable import simulated
 from phnn.models.actuator import TABLE_1, from_paper
@@ -119,20 +119,8 @@ def swept_gradient(recordings: Sequence[Recording], substeps: Sequence[float], w
     return solve
 
 
-def backward_gradient(recordings: Sequence[Recording], substeps: Sequence[float], wanted: Array) -> Solve:
-    """(R, 10) the same by a march and one backward sweep, all of it compiled [m²]."""
-    prepared = Prepared(recordings, substeps)
-
-    def solve() -> Array:
-        cotangents = 2.0 * (prepared.march() - wanted)
-        pairs = zip(prepared.trajectories, cotangents, strict=True)
-        return np.stack([output_gradient(t, NAMES, c) for t, c in pairs]) * TRUTH
-
-    return solve
-
-
 def adjoint_gradient(recordings: Sequence[Recording], substeps: Sequence[float], wanted: Array) -> Solve:
-    """(R, 10) the same by torch's autograd through the differentiable march: one adjoint sweep [m²]."""
+    """(R, 10) the same by torch's autograd through the differentiable march: one backward sweep [m²]."""
     system = PortHamiltonianSystem(from_paper())
     trajectories = Prepared(recordings, substeps).trajectories
     inputs = [(torch.from_numpy(t.states[0]), torch.from_numpy(t.u), torch.from_numpy(t.h)) for t in trajectories]

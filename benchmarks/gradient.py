@@ -24,7 +24,6 @@ from benchmarks.case import (
     TRUTH,
     Array,
     adjoint_gradient,
-    backward_gradient,
     march_alone,
     swept_gradient,
 )
@@ -37,8 +36,8 @@ from phnn.recordings.recording import Recording
 TARGETS_GRADIENT = (1e-2, 1e-3)
 # The data come from another actuator, or the gradient would vanish.
 MOVED = TRUTH * np.where(np.arange(TRUTH.size) % 2, 1.05, 0.96)
-SWEEP, BACKWARD, ADJOINT = "phnn, sweep of ten columns", "phnn, backward sweep", "phnn, torch adjoint"
-OWN = (SWEEP, BACKWARD, ADJOINT)
+SWEEP, ADJOINT = "phnn, sweep of ten columns", "phnn, torch adjoint"
+OWN = (SWEEP, ADJOINT)
 REVERSE = "reverse"
 GOAL, GOAL_TORCH, GOAL_AT = 10.0, 1000.0, 1e-5
 _BUDGET = 2.0  # s
@@ -59,8 +58,7 @@ def own(recordings: Sequence[Recording], wanted: Array) -> Derived:
     """phnn's gradients: exact derivatives of the very steps, forward with ten columns, or backward for all at once."""
     swept: Prepare = partial(swept_gradient, recordings, wanted=wanted)
     adjoint: Prepare = partial(adjoint_gradient, recordings, wanted=wanted)
-    backward: Prepare = partial(backward_gradient, recordings, wanted=wanted)
-    return ((SWEEP, lambda _: swept), (BACKWARD, lambda _: backward), (ADJOINT, lambda _: adjoint))
+    return ((SWEEP, lambda _: swept), (ADJOINT, lambda _: adjoint))
 
 
 class Diffrax:

@@ -38,7 +38,6 @@ from phnn.errors import SolverFailed
 from phnn.integrate.kernel import kernel_for
 from phnn.integrate.program import actions, compile_network
 from phnn.integrate.scheme import Scheme
-from phnn.laws.leaf import loss
 from phnn.recordings.recording import Recording
 from phnn.trajectory import Trajectory, simulate
 
@@ -120,7 +119,8 @@ def dissipated(trajectory: Trajectory) -> float:
     at = [trajectory.program.states.index(name) for name in HYSTERONS]
     charges, means, h = trajectory.states[:, at], trajectory.efforts[:, at], trajectory.h[:, None]
     current = ALPHA * trajectory.velocity[:, None]
-    return float(np.sum(loss(charges[:-1], charges[1:], current, means, h, CAPACITANCES)))
+    stored = 0.5 * np.diff(charges**2, axis=0) / CAPACITANCES
+    return float(np.sum(h * current * means - stored))
 
 
 def marched(run: Run) -> dict[str, Array]:

@@ -3,8 +3,8 @@
     import phnn
 
     campaign  = phnn.read("recordings/")
-    fit       = phnn.identify(phnn.models.hrc(hysterons=2), campaign)
-    diagnosis = phnn.diagnose(fit)
+    diagnosis = phnn.diagnose(campaign)
+    print(diagnosis)
     diagnosis.write("out/")
     y = diagnosis.model.simulate(t, voltage)
 
@@ -20,17 +20,20 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from phnn import control, effects, models, nn, plot
+    from phnn.comparison.run import compare
     from phnn.errors import InputRefused, PhnnError, SolverFailed
     from phnn.exporting.write import export
+    from phnn.identification.identified import identify
     from phnn.identification.options import Options
     from phnn.integrate.differentiable import simulate
     from phnn.learn.run import Trained, train
     from phnn.model import Model
     from phnn.network.elements import Network
     from phnn.network.system import PortHamiltonianSystem
+    from phnn.predictor import load, predict
     from phnn.recordings import describe, read
     from phnn.setup import Setup
-    from phnn.verbs import Diagnosis, compare, diagnose, identify, load, predict
+    from phnn.verbs import Diagnosis, diagnose
 
     __version__: str
 
@@ -38,14 +41,14 @@ if TYPE_CHECKING:
 _DEFINED_IN = {
     "read": "phnn.recordings",
     "describe": "phnn.recordings",
-    "identify": "phnn.verbs",
+    "identify": "phnn.identification.identified",
     "diagnose": "phnn.verbs",
-    "predict": "phnn.verbs",
+    "predict": "phnn.predictor",
     "simulate": "phnn.integrate.differentiable",
     "train": "phnn.learn.run",
-    "compare": "phnn.verbs",
+    "compare": "phnn.comparison.run",
     "export": "phnn.exporting.write",
-    "load": "phnn.verbs",
+    "load": "phnn.predictor",
     "control": None,
     "models": None,
     "effects": None,

@@ -44,7 +44,7 @@ _COMMANDS = {
     "demo": "conceal an effect in simulated recordings, seal it, diagnose it",
 }
 # Kinds of plots, as functions of phnn.plot.
-_PLOTS = ("compare", "residuals", "loops", "bode", "location", "energy")
+_PLOTS = ("compare", "residuals", "loops", "bode", "energy")
 # Which commands take which of the common arguments.
 _FOLDER = ("check", "template", "identify", "diagnose", "predict", "compare", "modes")
 _MODEL = ("predict", "invert", "export", "plot")

@@ -23,6 +23,7 @@ from phnn.trajectory import (
     driven,
     driven_changes,
     measured_changes,
+    measured_network,
     place_of,
     sensed,
     source_input,
@@ -49,6 +50,8 @@ def output_derivatives(
         forces: (n, F) perturbations of the junction force, constant within each step.
         varied: W pairs of a network parameter and the (n,) signal by which it is perturbed.
     """
+    if trajectory.compiled is None and not (len(names) or instants or forces is not None or varied):
+        return _by_start(trajectory, initial)
     setup, program = trajectory.setup, trajectory.program
     network_names = [n for n in names if n in program.names]
     asked = len(network_names)
@@ -88,20 +91,22 @@ def output_derivatives(
     return seen[copied:][samples_of][trajectory.lead :]
 
 
-def output_gradient(trajectory: Trajectory, names: Sequence[str], cotangent: Array) -> Array:
-    """(K,) derivative of ``Σ_n c_n q_n`` by network parameters, by one backward sweep whatever their number.
+def _by_start(trajectory: Trajectory, initial: Sequence[int]) -> Array:
+    """(N, S) derivatives of an output by initial states, of a network that torch has solved."""
+    from phnn.integrate.differentiable import by_start
 
-    Args:
-        names: K parameters of the network.
-        cotangent: (N,) ``c``, of the samples of the measured state.
-    """
-    program = trajectory.program
-    places = np.array([program.names.index(n) for n in names], dtype=np.int64)
-    along = np.zeros_like(trajectory.states)
-    along[trajectory.nodes[trajectory.lead :], program.output] = cotangent
-    gradient, back = sweep.adjoint(_integrated(trajectory), places, along)
-    moved = sweep.by_parameters(places, trajectory.h.size)
-    return np.asarray(gradient + (back + along[0]) @ _start_derivative(trajectory, moved, places))
+    nodes, times, samples_of = sensed(
+        trajectory.setup, trajectory.recording, trajectory.driving, trajectory.nodes, trajectory.h
+    )
+    network = measured_network(trajectory.setup.network, trajectory.recording)
+    changes = by_start(
+        network, trajectory.states, trajectory.u, trajectory.h, nodes, trajectory.output, trajectory.scheme
+    )
+    times = times - trajectory.lead * trajectory.recording.dt
+    seen = measured_changes(
+        trajectory.setup, trajectory.states[nodes, trajectory.output], times, changes[:, list(initial)], ()
+    )
+    return seen[samples_of][trajectory.lead :]
 
 
 def _integrated(trajectory: Trajectory) -> Integrated:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from phnn.errors import InputRefused
+from phnn.html import table, titled
 from phnn.models.store import save
 from phnn.recordings.manifest import INPUTS
 from phnn.recordings.recording import unrecorded
@@ -56,6 +57,11 @@ class Model:
         states = ", ".join(self.setup.network.state_names)
         values = ", ".join(f"{name} = {self.setup.parameters[name].value:.4g}" for name in self.setup.free)
         return f"<Model {self.setup.name}: states {states}; {values}>"
+
+    def _repr_html_(self) -> str:
+        rows = ((n, p.value, p.unit, p.description) for n, p in self.setup.parameters.items())
+        values = table(("parameter", "value", "unit", "meaning"), rows)
+        return titled(f"Model {self.setup.name}", self.setup.network._repr_html_(), values)
 
     @property
     def parameters(self) -> dict[str, float]:

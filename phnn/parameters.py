@@ -136,16 +136,6 @@ def positive(name: str, value: float, unit: str, description: str = "", span: fl
 _FAR = 1e6
 
 
-def time_constant(name: str, value: float, description: str) -> Parameter:
-    """A delay or lag [s]: from 1 ns to 10 s as in actuators, or a factor 10⁶ either way around its value.
-
-    What drives a system gives the value a start, so that tanks that are sampled every few seconds have room as well.
-    """
-    return Parameter(
-        name, value, "s", min(1e-9, value / _FAR), max(10.0, value * _FAR), positive=True, description=description
-    )
-
-
 def signed(name: str, value: float, unit: str, reach: float, typical: float, description: str) -> Parameter:
     """A parameter of either sign, up to ``reach`` or a factor 10⁶ beyond the size it is placed with."""
     reach = max(reach, _FAR * abs(value))
@@ -188,13 +178,6 @@ def with_values(table: Mapping[str, Parameter], values: Mapping[str, float]) -> 
     }
 
 
-# Units of what a common factor of all forces and charges changes, where voltages and displacements stay as they are;
-# with the power of that factor.
-FORCE_UNITS = dict.fromkeys(
-    ("kg", "N", "N/m", "N s/m", "N s²/m²", "N/V", "kg m/s", "N m", "N m/rad", "N m s/rad", "kg m²", "C", "C/m", "A",
-     "F", "S"),
-    1,
-) | dict.fromkeys(("Ohm", "ohm", "H"), -1)  # fmt: skip
 _PREFIXES = {-15: "f", -12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 # Symbols of more than two letters that take a prefix.
 _LONG = ("rad", "ohm", "Ohm")

@@ -1,9 +1,8 @@
-"""The predictor of a folder's recordings: a stored model of any kind, recognised by its file."""
+"""Load a stored model of any kind, recognised by its file, and predict recordings with it."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
-from functools import partial
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,32 +10,32 @@ from phnn.errors import InputRefused
 from phnn.model import Model
 from phnn.models.store import inputs_of, setup_from, stored
 from phnn.prediction import Predicted, predicted
-from phnn.recordings.recording import Campaign
-from phnn.setup import Setup
+from phnn.recordings import Campaign, campaign_of
 from phnn.trajectory import check_names
 
 if TYPE_CHECKING:
     from phnn.modal.fit import ModalFit
 
-# Predictions of a campaign's recordings, in their order; the campaign is refused before the first is simulated.
-Predictor = Callable[[Campaign], Iterable[Predicted]]
 
+def load(folder: str | Path, outside: bool = False) -> Model | ModalFit:
+    """Load a model that a command or `Model.save` wrote.
 
-def loaded(folder: Path, outside: bool = False) -> Model | ModalFit:
-    """Load a model that any command wrote.
+        y = phnn.load("out/model").simulate(t, voltage)
+        network = phnn.load("out/modes/model").to_network()  # of a model that phnn modes wrote
 
     Args:
-        folder: of the model, or its file; outside: the file in the folder may be a link that leads out of it.
+        folder: ``model/`` or ``base/`` of a result, or the file of a model.
+        outside: the file in the folder may be a link that leads out of it.
 
     Returns:
-        The model of a network; of ``phnn modes``, the fit.
+        A `Model`; of ``phnn modes`` the fit, a `phnn.modal.fit.ModalFit`.
 
     Raises:
         InputRefused: there is no model, or a damaged one.
     """
     from phnn.modal.store import SCHEMA, model_from
 
-    content, shown = stored(folder, outside)
+    content, shown = stored(Path(folder), outside)
     if content.get("schema") != SCHEMA:
         return Model(*setup_from(content, shown), inputs_of(content, shown))
     try:
@@ -45,28 +44,36 @@ def loaded(folder: Path, outside: bool = False) -> Model | ModalFit:
         raise InputRefused(f"{shown}: {error}") from error
 
 
-def predictor(model: Path | Model | ModalFit, outside: bool = False) -> Predictor:
-    """What predicts with a model, or with the model in a folder or file.
+def predict(model: Model | ModalFit | str | Path, campaign: Campaign | str | Path) -> tuple[Predicted, ...]:
+    """Simulate the recordings of a campaign, in their order.
+
+        for found in phnn.predict("out/model", phnn.read("other/")):
+            print(found.recording.name, found.table)
+
+    Where an output was recorded, the first samples of a recording give the zero and the initial state; they are not
+    scored.
 
     Args:
-        outside: the file in the folder may be a link that leads out of it.
+        model: what `phnn.load` returned, or its folder; models of ``phnn modes`` included.
+        campaign: recordings, or their folder. ``phnn.read(folder, need_output=False)`` reads one without outputs.
 
     Raises:
-        InputRefused: there is no model, or a damaged one.
+        InputRefused: there is no model, or a damaged one, or the recordings do not fit its ports and outputs.
+        SolverFailed: a step has no solution.
     """
-    found = loaded(model, outside) if isinstance(model, Path) else model
-    if isinstance(found, Model):
-        return partial(of_network, found.setup, found.substeps)
-    from phnn.modal.store import predicted_modes
-
-    return partial(predicted_modes, found)
+    known = campaign_of(campaign, need_output=False)
+    return tuple(predictions(load(model) if isinstance(model, str | Path) else model, known))
 
 
-def of_network(setup: Setup, substeps: int, campaign: Campaign) -> Iterator[Predicted]:
-    """Predictions of a network model.
+def predictions(model: Model | ModalFit, campaign: Campaign) -> Iterator[Predicted]:
+    """Return the predictions of a campaign's recordings one by one; it is refused before the first is simulated.
 
     Raises:
-        InputRefused: the recordings do not fit its ports and outputs.
+        InputRefused: the recordings do not fit the ports and outputs of the model.
     """
-    check_names(setup.network, campaign.recordings)
-    return (predicted(setup, r, substeps, r.name in campaign.held_out) for r in campaign.recordings)
+    if not isinstance(model, Model):
+        from phnn.modal.store import predicted_modes
+
+        return iter(predicted_modes(model, campaign))
+    check_names(model.setup.network, campaign.recordings)
+    return (predicted(model.setup, r, model.substeps, r.name in campaign.held_out) for r in campaign.recordings)

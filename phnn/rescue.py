@@ -18,6 +18,7 @@ from __future__ import annotations
 import os
 import time
 import traceback
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -355,12 +356,7 @@ def warnings() -> tuple[Failure, ...]:
 
 def documents(failures: Sequence[Failure]) -> list[Mapping[str, Any]]:
     """Failures for a json file, equal ones once with their number."""
-    count: dict[tuple[str, ...], int] = {}
-    for f in failures:
-        key = (f.part, f.candidate, f.error, f.message, f.where)
-        count[key] = count.get(key, 0) + 1
-    names = ("part", "candidate", "error", "message", "where")
-    return [dict(zip(names, key, strict=True)) | {"times": n} for key, n in count.items()]
+    return [vars(failure) | {"times": times} for failure, times in Counter(failures).items()]
 
 
 def _strict() -> bool:

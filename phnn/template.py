@@ -22,7 +22,7 @@ from phnn.intake.limits import LIMITS
 from phnn.parameters import quantity
 from phnn.recordings import checks, read
 from phnn.recordings.folder import READERS, Files
-from phnn.recordings.manifest import DEFAULT_SETUP, TOP_KEYS, Entry, Manifest
+from phnn.recordings.manifest import DEFAULT_SETUP, Entry, Manifest
 from phnn.recordings.table import Table
 from phnn.recordings.units import QUANTITIES, find_unit, parse_name, split_unit
 from phnn.results import message, printable, refusal
@@ -67,7 +67,7 @@ _BY_UNITS: Mapping[tuple[str, str], tuple[str, str]] = {
 _UNEVEN = 0.5
 # The sample rate that is written where no column is a time; one recording in so many is proposed to be held out.
 _RATE, _HELD_OUT = 1000.0, 4
-# Keys that a user may want, in the order in which they are shown; those that this version does not know are left out.
+# Keys that a user may want, in the order in which they are shown.
 _WANTED: tuple[tuple[str, str, str], ...] = (
     ("setup", "{network: FILE.yaml}", "another system: a network of your own in a file beside the recordings"),
     ("known", "{m: {value: 1.06, std: 0.01, unit: g}}", "known parameters; without a unit in SI"),
@@ -247,7 +247,7 @@ def manifest_text(
         f"#   phnn check {shown} --manifest recordings.yaml",
         "",
         *_setup(usable, actuator),
-        *(f"# {key}: {value}   # {why}" for key, value, why in _WANTED if key in TOP_KEYS),
+        *(f"# {key}: {value}   # {why}" for key, value, why in _WANTED),
     ]
     columns = [_columns(f, actuator) for f in usable]
     shared = bool(columns) and all(c == columns[0] for c in columns)

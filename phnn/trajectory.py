@@ -24,6 +24,7 @@ from phnn.integrate.program import Program, compile_network
 from phnn.integrate.rest import equilibrium
 from phnn.integrate.scheme import Scheme
 from phnn.laws.namespace import TINY
+from phnn.laws.wide import has_kernel
 from phnn.network.bondgraph.description import integral_unit
 from phnn.network.elements import Network
 from phnn.parameters import as_table, constant
@@ -229,7 +230,7 @@ class Trajectory:
     """A simulated recording: ``N`` samples and ``n`` steps, those of a run-in among them.
 
     Attributes:
-        setup, recording, program, theta: what was simulated.
+        setup, recording, scheme, compiled, theta: what was simulated; ``compiled`` is None where torch took the steps.
         driving: the recorded input on the steps.
         h: (n,) steps [s].
         nodes: (N + lead,) step index of every sample.
@@ -246,7 +247,8 @@ class Trajectory:
 
     setup: Setup
     recording: Recording
-    program: Program
+    scheme: Scheme
+    compiled: Program | None
     theta: Array
     driving: Driving
     h: Array
@@ -263,24 +265,44 @@ class Trajectory:
     efforts: Array
 
     @property
+    def program(self) -> Program:
+        """The compiled network.
+
+        Raises:
+            StructureViolated: a law has no kernel; names it.
+        """
+        return self.compiled or compile_network(measured_network(self.setup.network, self.recording))
+
+    @property
+    def travel(self) -> int:
+        """Number of the state of an imposed motion, −1 without one."""
+        return -1 if self.compiled is None else self.compiled.travel
+
+    @property
+    def output(self) -> int:
+        """Number of the measured state."""
+        network = measured_network(self.setup.network, self.recording)
+        return network.state_names.index(network.output)
+
+    @property
     def velocity(self) -> Array:
         """(n,) mean rate of the output during the steps [m/s]: the flow through it, or the change of a storage that no
         other one drives."""
         try:
             return self.efforts[:, self.program.flow]
         except StructureViolated:
-            return np.diff(self.states[:, self.program.output]) / self.h
+            return np.diff(self.states[:, self.output]) / self.h
 
     @property
     def signal(self) -> Array:
         """(n+1,) what the sensor is given at the nodes: the output state, or the force that an imposed motion takes."""
-        x = self.states[:, self.program.output]
-        return rate(x, np.append(0.0, np.cumsum(self.h))) if self.program.travel >= 0 else x
+        x = self.states[:, self.output]
+        return rate(x, np.append(0.0, np.cumsum(self.h))) if self.travel >= 0 else x
 
     @property
     def mid_displacement(self) -> Array:
         """(n,) displacement in the middle of the steps: the output state, or that of an imposed motion."""
-        q = self.states[:, self.program.output if self.program.travel < 0 else self.program.travel]
+        q = self.states[:, self.output if self.travel < 0 else self.travel]
         return 0.5 * (q[1:] + q[:-1])
 
 
@@ -297,7 +319,7 @@ def simulate(
     A recording that starts in a steady cycle is led in by one cycle, the fewest periods that are whole samples. The
     network starts it in the steady state (`phnn.integrate.cycle`) that an amplifier brings about, itself in equilibrium
     further cycles, and so does the sensor. Sources are silent before the first recorded sample, so that rest and cycle
-    know the recorded input alone.
+    know the recorded input alone. Torch solves the steps of networks with a law that has no kernel.
 
     Args:
         setup: the model.
@@ -312,8 +334,10 @@ def simulate(
     """
     setup = sensing(setup, recording)
     network = measured_network(setup.network, recording)
-    program = compile_network(network, scheme)
-    theta = program.theta(network)
+    # The start and the force of an imposed motion are the kernel's alone.
+    kernels = bool(network.senses) or all(has_kernel(one.element.law) for one in network.with_laws())
+    program = compile_network(network, scheme) if kernels else None
+    theta = np.zeros(0) if program is None else program.theta(network)
     driving = driving_of(recording, substeps, method)
     lead, nodes = driving.lead, np.concatenate([[0], np.cumsum(driving.counts)])
     h = np.repeat(recording.dt * driving.lengths / driving.counts, driving.counts)
@@ -321,18 +345,23 @@ def simulate(
     fine, u, held = _port_inputs(setup, network, recording, driving, h, cycle)
     rest = None if cycle or initial is not None else held
     x0 = initial
-    if x0 is None:
-        known = program.travel >= 0 and is_displacement(setup, recording)
-        place = driving.fine(recording)[0, 0] if known else None
-        x0 = _begun(program, network, u[:cycle], h[:cycle], held, place, recording.name)
     before = lead * recording.dt
-    states, efforts, done = _integrated(program, theta, x0, u, h)
-    if done < h.size:
-        raise SolverFailed(_cause_of_stop(recording, h[:done].sum() - before))
+    if program is None:
+        from phnn.integrate.differentiable import integrated
+
+        states, efforts = integrated(network, x0, u, h, cycle, held, scheme, -before)
+    else:
+        if x0 is None:
+            known = program.travel >= 0 and is_displacement(setup, recording)
+            place = driving.fine(recording)[0, 0] if known else None
+            x0 = _begun(program, network, u[:cycle], h[:cycle], held, place, recording.name)
+        states, efforts, done = _integrated(program, theta, x0, u, h)
+        if done < h.size:
+            raise SolverFailed(_cause_of_stop(recording, h[:done].sum() - before))
     places = sensed(setup, recording, driving, nodes, h)
-    y = _measured(setup, states[:, program.output], places, before, cycle)
+    y = _measured(setup, states[:, network.state_names.index(network.output)], places, before, cycle)
     return Trajectory(
-        setup, recording, program, theta, driving, h, nodes, lead, cycle, cycle if initial is None else 0, rest,
+        setup, recording, scheme, program, theta, driving, h, nodes, lead, cycle, cycle if initial is None else 0, rest,
         recording.t, y[lead:], fine, u, states, efforts,
     )  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""The steps of work with recordings: identify, diagnose, predict, compare."""
+"""Diagnose recordings, and write what was found: `phnn.diagnose`."""
 
 from __future__ import annotations
 
@@ -11,34 +11,53 @@ from phnn.diagnose.diagnosis import Diagnosis as Finished
 from phnn.diagnose.diagnosis import diagnose as run_diagnosis
 from phnn.effects import Effect
 from phnn.identification.base import Progress, quiet
-from phnn.identification.identified import Identified, identify
+from phnn.identification.identified import Identified
 from phnn.identification.options import Options
-from phnn.model import Model
-from phnn.prediction import Predicted
-from phnn.predictor import loaded, predictor
 from phnn.recordings import Campaign, campaign_of
 from phnn.report.result import write
+from phnn.report.statements import summary
 
 if TYPE_CHECKING:
-    from phnn.comparison.models import Result
-    from phnn.modal.fit import ModalFit
-
-__all__ = ["Diagnosis", "compare", "diagnose", "identify", "load", "predict"]
+    from matplotlib.figure import Figure
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Diagnosis(Finished):
     """A finished diagnosis that can be written.
 
         diagnosis = phnn.diagnose(phnn.read("recordings/"))
+        print(diagnosis)                                 # Creep is missing: 97 % sure …
         diagnosis.verdict                                # named, equivalent, unknown or none
-        diagnosis.probability["creep"]                   # 0.97
+        diagnosis.missing                                # ("creep",)
+        diagnosis.probability                            # {"creep": 0.97, "extra_hysteron": 0.03, "none": 0.0}
         diagnosis.after.over_noise("confirmation")       # held-out residual over noise
         diagnosis.model.simulate(t, voltage)             # (N,) displacement [m]
+        diagnosis.plot()                                 # figure: held-out error before and after
         diagnosis.write("out/")                          # diagnosis.json, report.html, model/
 
     All attributes are those of `phnn.diagnose.diagnosis.Diagnosis`.
     """
+
+    def __str__(self) -> str:
+        return summary(self)
+
+    def _repr_html_(self) -> str:
+        from phnn.report.sections import notebook
+
+        return notebook(self)
+
+    @property
+    def missing(self) -> tuple[str, ...]:
+        """The effects that the base model leaves out, ``"unknown"`` for one without a proven name; empty for none."""
+        if self.verdict == "none":
+            return ()
+        return tuple(c.name if c.claimed else "unknown" for c in self.claims) or ("unknown",)
+
+    def plot(self) -> Figure:
+        """Return a figure of the error before and after against the noise, on the worst held-out recording."""
+        from phnn.report.sections import error_figure
+
+        return error_figure(self)
 
     def write(self, out: str | Path, overwrite: bool = False) -> dict[str, Any]:
         """Write models, ``diagnosis.json`` and ``report.html`` into a folder; returns the document.
@@ -84,73 +103,3 @@ def diagnose(
     """
     known = recorded if isinstance(recorded, Identified) else campaign_of(recorded)
     return Diagnosis(**vars(run_diagnosis(known, options, progress, effects, budget=budget, answers=True)))
-
-
-def load(folder: str | Path) -> Model | ModalFit:
-    """Load a model that a command or `Model.save` wrote.
-
-        y = phnn.load("out/model").simulate(t, voltage)
-        network = phnn.load("out/modes/model").to_network()  # of a model that phnn modes wrote
-
-    Args:
-        folder: ``model/`` or ``base/`` of a result, or the file of a model.
-
-    Returns:
-        A `Model`; of ``phnn modes`` the fit, a `phnn.modal.fit.ModalFit`.
-
-    Raises:
-        InputRefused: there is no model, or a damaged one.
-    """
-    return loaded(Path(folder))
-
-
-def predict(model: Model | ModalFit | str | Path, campaign: Campaign | str | Path) -> tuple[Predicted, ...]:
-    """Simulate the recordings of a campaign, in their order.
-
-        for found in phnn.predict("out/model", phnn.read("other/")):
-            print(found.recording.name, found.table)
-
-    Where an output was recorded, the first samples of a recording give the zero and the initial state; they are not
-    scored.
-
-    Args:
-        model: what `phnn.load` returned, or its folder; models of ``phnn modes`` included.
-        campaign: recordings, or their folder. ``phnn.read(folder, need_output=False)`` reads one without outputs.
-
-    Raises:
-        InputRefused: there is no model, or a damaged one, or the recordings do not fit its ports and outputs.
-        SolverFailed: a step has no solution.
-    """
-    known = campaign_of(campaign, need_output=False)
-    return tuple(predictor(Path(model) if isinstance(model, str) else model)(known))
-
-
-def compare(
-    campaign: Campaign | str | Path,
-    out: str | Path,
-    settings: Sequence[str] = (),
-    progress: Progress = quiet,
-    overwrite: bool = False,
-) -> dict[str, Result]:
-    """Fit several kinds of model to a campaign, score them on all recordings, and return them by name.
-
-        results = phnn.compare(phnn.read("recordings/"), "compared/", ["models=[phs,linear]"])
-        results["linear"].evaluation.over_noise("confirmation")  # held-out residual over noise
-
-    Args:
-        campaign: recordings with their uses, or their folder.
-        out: where `compare.md`, its table, figure and models go.
-        settings: ``key=value`` in the grammar of hydra, as for ``phnn compare``; see ``configs/compare.yaml``.
-        progress: called with a line of text at every stage.
-        overwrite: replace results that were changed since.
-
-    Raises:
-        InputRefused: a setting is unknown or out of range, recordings cannot be used, or results of other settings lie
-            in ``out``.
-    """
-    from phnn.comparison.models import Settings
-    from phnn.comparison.run import compare as run_comparison
-    from phnn.configuration import compose
-
-    chosen = Settings.from_config(compose("compare", settings))
-    return run_comparison(campaign_of(campaign), Path(out), chosen, progress, overwrite)

@@ -8,6 +8,7 @@ from networks import remembering
 from phnn.configuration import config_folder
 from phnn.integrate import kernel
 from phnn.integrate.program import compile_network
+from phnn.integrate.scheme import Scheme
 from phnn.laws import PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.models.network_file import load_network
 from phnn.network import Coupling, Network, Port, Ratio, Resistor, Storage
@@ -64,7 +65,8 @@ def trajectory_of(
     nodes = np.arange(n + 1)
     here = recording(t, np.zeros(n + 1))
     return Trajectory(
-        Setup(network), here, program, theta, driving_of(here, 1), h, nodes, 0, 0, 0, None, t, q, fine, u, states,
+        Setup(network), here, Scheme.DISCRETE_GRADIENT, program, theta, driving_of(here, 1), h, nodes, 0, 0, 0, None,
+        t, q, fine, u, states,
         efforts,
     )  # fmt: skip
 

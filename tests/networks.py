@@ -9,12 +9,8 @@ import torch
 from hypothesis import strategies as st
 from torch import Tensor, nn
 
-from phnn.integrate.dense import Dense
-from phnn.integrate.differentiable import solved
-from phnn.integrate.equations import dissipated, means
-from phnn.integrate.inputs import check, port_inputs
-from phnn.integrate.partition import resistors_of
-from phnn.integrate.reducible import Surroundings, shares
+from phnn.integrate.differentiable import Steps, port_inputs
+from phnn.integrate.equations import step_balance
 from phnn.integrate.scheme import Scheme
 from phnn.laws import FACTOR_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.network import (
@@ -194,9 +190,7 @@ def solve_dense(
     system: PortHamiltonianSystem, x0: Tensor, u_mean: Tensor, h: float, scheme: Scheme = Scheme.DISCRETE_GRADIENT
 ) -> Tensor:
     """(N+1, ..., n) states by the step in torch, whatever kernels there are."""
-    u, steps = port_inputs(system, u_mean, x0.ndim - 1), x0.new_full(u_mean.shape[:1], h)
-    check(system, x0, u, steps)
-    return solved(Dense(system, scheme), x0, u, steps)
+    return Steps(system, scheme).solve(x0, port_inputs(system, u_mean, x0.ndim - 1), x0.new_full(u_mean.shape[:1], h))
 
 
 def ledger(
@@ -208,21 +202,7 @@ def ledger(
 ) -> PowerBalance:
     """Mean powers of every step (N, ...) at the mean efforts of the step, which balance the energy exactly; nodal
     efforts do not."""
-    x, x_next = states[:-1], states[1:]
-    u = port_inputs(system, u_mean, states.ndim - 2)
-    found = means(system, scheme, x, x_next, u, h)
-    balance = system.power(found.efforts, found.middle, u, (system.energy(x_next) - system.energy(x)) / h)
-    around = Surroundings(system, found.middle, system.incidences(found.middle)[0], h)
-    columns = list(balance.dissipated.unbind(-1))
-    for k in found.ends:
-        total = dissipated(system, found, k, x[..., k], h)
-        flows = [loss(found.efforts[..., k]) for loss in around.losses(k)]
-        for r, share in zip(resistors_of(system.network, system.state_names[k]), shares(flows), strict=True):
-            columns[r] = share * total
-    lost = torch.stack(columns, dim=-1) if columns else balance.dissipated
-    return PowerBalance(
-        balance.stored, lost, balance.supplied, balance.stored - balance.supplied.sum(-1) + lost.sum(-1)
-    )
+    return step_balance(system, states[:-1], states[1:], port_inputs(system, u_mean, states.ndim - 2), h, scheme)
 
 
 def shaken(law: nn.Module, seed: int, size: float) -> nn.Module:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import torch
+import torchdiffeq
 from effect_homes import EFFECTS, FORMULAS, LEARNED, home, point
 from junctions import random_junction
 from networks import random_network, remembering
@@ -16,10 +17,8 @@ from subjects import _KINDS, NETWORKS, NetworkSubject, body
 
 from phnn.integrate import sweep
 from phnn.integrate.compilable import can_compile
-from phnn.integrate.dense import Dense
-from phnn.integrate.differentiable import simulated, solved
+from phnn.integrate.differentiable import Steps, simulated
 from phnn.integrate.kernel import KERNELS, kernel_for
-from phnn.integrate.ode import odeint
 from phnn.integrate.program import actions, compile_network
 from phnn.integrate.scheme import Scheme
 from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
@@ -176,7 +175,7 @@ def adjoint(case: Case, scheme: Scheme) -> Solution:
 def torch_step(case: Case, scheme: Scheme) -> Solution:
     """By the step that is solved in torch, gradients by the implicit function theorem."""
     u, h, x0 = case.tensors
-    states = solved(Dense(case.system, scheme), x0, u, h)
+    states = Steps(case.system, scheme).solve(x0, u, h)
     return Solution(states.detach().numpy(), _physical(case, states))
 
 
@@ -184,7 +183,7 @@ def torch_batch(case: Case, scheme: Scheme) -> Solution:
     """The same for a batch of which the case is the first member."""
     u, h, x0 = case.tensors
     starts, inputs = torch.stack([x0, 0.5 * x0]), torch.stack([u, 0.7 * u], dim=1)
-    states = solved(Dense(case.system, scheme), starts, inputs, h)[:, 0]
+    states = Steps(case.system, scheme).solve(starts, inputs, h)[:, 0]
     return Solution(states.detach().numpy(), _physical(case, states))
 
 
@@ -196,8 +195,8 @@ def torchdiffeq_step(case: Case, scheme: Scheme) -> Solution:
     def held(time: torch.Tensor) -> torch.Tensor:
         return u[min(int(torch.searchsorted(t, time.detach(), right=True)) - 1, len(u) - 1)]
 
-    adjoint = case.x0.size < 12
-    states = odeint(case.system.with_input(held), x0, t, "phnn", adjoint=adjoint, scheme=scheme)
+    solve = torchdiffeq.odeint_adjoint if case.x0.size < 12 else torchdiffeq.odeint
+    states = solve(case.system.with_input(held), x0, t, method="phnn", options={"scheme": scheme})
     return Solution(states.detach().numpy(), _physical(case, states))
 
 

@@ -33,7 +33,6 @@ from phnn.network import (
     SharedEnergy,
     Storage,
 )
-from phnn.network.bondgraph.equations import SumOfEnergies
 from phnn.parameters import Parameter, as_table, positive
 from phnn.recordings.manifest import READY
 from phnn.setup import Setup
@@ -144,12 +143,6 @@ def laws() -> Iterator[tuple[str, Callable[[], NetworkSubject]]]:
     """Every registered law in a body of its own; a weight is a source and promises nothing of its energy."""
     for name in (n for n, law in STORAGE_LAWS.items() if law.bounded):
         yield f"storage {name}", lambda name=name: NetworkSubject(body(storage=name))
-        yield (
-            f"sum of energies {name}",
-            lambda name=name: NetworkSubject(
-                body(storage=SumOfEnergies([(name, 1.0, STORAGE_LAWS[name].example), ("spring", -0.7, (0.4,))]))
-            ),
-        )
     for name in RESISTOR_LAWS:
         yield f"resistor {name}", lambda name=name: NetworkSubject(body(resistor=name))
         yield f"resistor {name} reading q", lambda name=name: NetworkSubject(body(resistor=name, reads="q"))

@@ -11,8 +11,6 @@ import pandas as pd
 import pytest
 
 from phnn.cli import main
-from phnn.effects import effect
-from phnn.errors import InputRefused
 from phnn.models.actuator import hrc
 from phnn.models.store import load, save
 from phnn.setup import Setup
@@ -67,19 +65,6 @@ def test_predict_without_an_output_starts_at_rest_with_no_offset(tmp_path: Path)
     assert np.std(found - recording.y) < 1.1 * recording.noise
 
 
-def test_parts_of_a_recording_are_told_apart_in_the_table(capsys: pytest.CaptureFixture[str]) -> None:
-    from rich.console import Console
-
-    from phnn.commands.identify import _score_table
-    from phnn.identification.evaluate import Evaluation, PartScore
-
-    parts = tuple(PartScore(f"loops[{u}]", u, 99.0, 1e-8, 1.0) for u in ("identification", "confirmation"))
-    Console(width=200).print(_score_table(Evaluation({}, parts)))
-    shown = capsys.readouterr().out
-    assert "loops[identification]" in shown
-    assert "loops[confirmation]" in shown
-
-
 @pytest.mark.slow
 def test_diagnose_finds_nothing_where_nothing_is_missing(folder: str, tmp_path: Path) -> None:
     assert main(["diagnose", folder, "--out", str(tmp_path / "out"), "starts=2", "seed=1"]) == 0
@@ -88,20 +73,6 @@ def test_diagnose_finds_nothing_where_nothing_is_missing(folder: str, tmp_path: 
     assert content["seed"] == 1
     names = {".phnn", "diagnosis.json", "report.html", "index.html", "model", "base", "figures"}
     assert {p.name for p in (tmp_path / "out").iterdir()} == names
-
-
-@pytest.mark.slow
-def test_compare_ranks_the_models(folder: str, tmp_path: Path) -> None:
-    assert main(["compare", folder, "--out", str(tmp_path), "starts=2"]) == 0
-    content = json.loads((tmp_path / "compare.json").read_text())
-    assert set(content) == {"phs", "phs_neural", "bouc_wen", "linear"}
-    for scores in content.values():
-        assert set(scores) == {r.name for r in campaigns.campaign().recordings}
-        assert {n for n, s in scores.items() if s["held_out"]} == {"sine_010Hz_50V"}
-        for row in scores.values():
-            assert set(row) >= {"fit_percent", "rmse", "residual_over_noise", "held_out"}
-    held = {m: s["sine_010Hz_50V"]["residual_over_noise"] for m, s in content.items()}
-    assert held["phs"] < 1.2 < held["bouc_wen"] < held["linear"]
 
 
 @pytest.mark.slow
@@ -163,17 +134,6 @@ def test_every_command_refuses_in_the_same_words(
     refused(capsys, words, command, *([tmp_path / "model"] if command == "predict" else []), tmp_path / "bad")
 
 
-@pytest.mark.parametrize("command", ["identify", "diagnose", "compare"])
-@pytest.mark.parametrize(("setting", "words"), [
-    ("beginnings=3", ("beginnings", "starts")), ("starts=0", ("starts", "1 or more")),
-    ("seed=later", ("seed", "whole number")), ("error_bound_sigma=0", ("error_bound_sigma", "positive")),
-])  # fmt: skip
-def test_unknown_and_impossible_settings(
-    command: str, setting: str, words: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    refused(capsys, words, command, write(tmp_path / "data"), setting)
-
-
 @pytest.mark.parametrize("content", [None, '{"schema": "another"}'])
 def test_predict_says_where_a_model_is_written(
     content: str | None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -182,8 +142,3 @@ def test_predict_says_where_a_model_is_written(
     if content is not None:
         (tmp_path / "model" / "model.json").write_text(content)
     refused(capsys, ("model.json", "model/ or base/"), "predict", tmp_path / "model", write(tmp_path / "data"))
-
-
-def test_an_unknown_effect_is_refused_with_those_that_exist() -> None:
-    with pytest.raises(InputRefused, match=r"no effect called 'telepathy'.*creep.*sensor_drift"):
-        effect("telepathy")

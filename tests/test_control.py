@@ -9,13 +9,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from lyapunov import forced_equilibrium, shifted_energy, shifted_rate
 
 import phnn
 from phnn.configuration import config_folder
 from phnn.control import Controller, shape, simulate
 from phnn.models.network_file import load_network
 from phnn.network.elements import Network, Port
-from phnn.network.lyapunov import forced_equilibrium, shifted_energy, shifted_rate
 from phnn.network.small_signal import linearised_at_rest
 from phnn.setup import Block, Setup
 

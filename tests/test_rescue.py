@@ -32,7 +32,7 @@ from phnn.identification import problem
 from phnn.identification.base import NumericalError, numerical_error
 from phnn.identification.options import Options
 from phnn.parallel import executor
-from phnn.report import gallery, page, result
+from phnn.report import result, sections
 from phnn.report.result import write
 from phnn.rescue import accounted, attempt, extra, move, needed, results, stop_if_late
 
@@ -43,9 +43,9 @@ PLACES: list[tuple[ModuleType, str]] = [
     *SIMULATIONS, (refit, "fit"), (refit, "fit_identified"), (search, "short"), (search, "further"),
     (search, "converged"), (search, "rebuilt"), (search, "numerical_error"), (search, "evaluate"),
     (screen, "direction"), (path, "prepare"), (path, "locate"), (path, "evaluate"), (path, "gain"), (path, "distil"),
-    (path, "check"), (path, "propose"), (proposal, "menu"), (result, "energy_ledger"), (result, "picture"),
-    (result, "sentence"), (result, "missing_entries"), (result, "methods"), (gallery, "draw_recording"),
-    (gallery, "draw_overview"), (gallery, "plots"), (page, "table_links"),
+    (path, "check"), (path, "propose"), (proposal, "menu"), (sections, "picture"),
+    (result, "missing_entries"), (result, "first_screen"), (sections, "consequence"), (sections, "draw_recording"),
+    (sections, "draw_error"), (sections, "parameter_rows"),
 ]  # fmt: skip
 ERRORS: list[Callable[[str], Exception]] = [SolverFailed, FloatingPointError, ValueError, np.linalg.LinAlgError]
 TOLD = "raised on purpose"
@@ -64,10 +64,13 @@ QUICK = Case("creep", ("creep", "extra_hysteron"), ())
 COMPOSED = Case("quadratic_drag", ("sensor_drift",), ("learned_damper",))
 
 
+_SVG = b"<svg ></svg>"
+
+
 @pytest.fixture(autouse=True)
 def _small_pictures() -> Iterator[None]:
     """A figure is drawn, and not rendered: that takes most of the time of a report."""
-    with mock.patch.object(gallery, "png", return_value=b""), mock.patch.object(gallery, "svg", return_value=b""):
+    with mock.patch.object(sections, "png", return_value=b""), mock.patch.object(sections, "svg", return_value=_SVG):
         yield
 
 
@@ -173,7 +176,7 @@ def test_a_clean_run_has_no_warnings_and_nothing_left(folder: Path) -> None:
     assert content["ended"] == {"why": "nothing left", "budget": None, "not_tried": [], "failed": []}
     assert 0.0 < used < Options().evaluations
     assert found.verdict == "named"
-    assert {"phnn.diagnose.refit.fit", "phnn.report.gallery.draw_recording"} <= set(count)
+    assert {"phnn.diagnose.refit.fit", "phnn.report.sections.draw_recording"} <= set(count)
 
 
 @pytest.mark.parametrize("number", range(3))

@@ -169,13 +169,11 @@ def _confused(effect: Effect) -> str:
     contained = [n for n in effect.special_names if n in catalogue()]
     containing = [e.name for e in others if effect.name in e.special_names]
     same = [e.name for e in others if e.kind == effect.kind and scene_of(e) is scene_of(effect)]
-    related = [k.name for k in effect.related_kinds]
     lines = [
         f"* Ordinary recordings cannot always tell it from {_links(near)}." if near else "",
         f"* {_links(contained)}: special case of this effect, which can never fit worse." if contained else "",
         f"* This effect is a special case of {_links(containing)}." if containing else "",
         f"* The same kind, because it acts through the same variables: {_links(same)}." if same else "",
-        f"* Where the law is not quite right, it may also show as: {', '.join(related)}." if related else "",
     ]
     return "\n".join(line for line in lines if line) or "No other effect of the catalogue."
 

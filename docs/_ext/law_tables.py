@@ -16,7 +16,7 @@ from phnn.effects import catalogue, kinds
 
 # By kind: the table, the function whose parameters are listed, and its arguments before them.
 _KINDS: dict[str, tuple[dict[str, Any], str, int]] = {
-    "storage": (laws.STORAGE_LAWS, "energy", 1),
+    "storage": (laws.STORAGE_LAWS, "mean_effort", 2),
     "resistor": (laws.RESISTOR_LAWS, "flow", 2),
     "port": (laws.PORT_LAWS, "action", 1),
     "modulation": (laws.FACTOR_LAWS, "factor", 1),

@@ -95,8 +95,8 @@ def documented(folder: Path) -> Names:
     t = np.linspace(0.0, 0.1, 1001)
     zero = torch.zeros(4, dtype=torch.float64)
     return {
-        "np": np, "phnn": phnn, "campaign": campaign, "t": t, "voltage": 75.0 * np.sin(2.0 * np.pi * 20.0 * t),
-        "frame": frame, "other": other, "x": zero, "u": zero[:2],
+        "np": np, "torch": torch, "phnn": phnn, "campaign": campaign, "t": t,
+        "voltage": 75.0 * np.sin(2.0 * np.pi * 20.0 * t), "frame": frame, "other": other, "x": zero, "u": zero[:2],
         "reference": 2e-5 * (1.0 - np.cos(2.0 * np.pi * 10.0 * t)),
     }  # fmt: skip
 

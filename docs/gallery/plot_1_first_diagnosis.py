@@ -85,7 +85,7 @@ print("concealed:", sealed.effect, sealed.parameters)
 # %%
 # Keep it
 # -------
-# ``report.html`` has every figure and every rule that decided; ``model/`` is loaded again by ``phnn.load``.
+# ``report.html`` tells the answer on one screen and folds the evidence below it; ``phnn.load`` loads ``model/`` again.
 
 diagnosis.write(folder / "out")
 model = phnn.load(folder / "out" / "model")

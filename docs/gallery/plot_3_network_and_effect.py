@@ -22,7 +22,6 @@ from scipy.integrate import solve_ivp
 
 import phnn
 from phnn.effects import Effect, Parts, Scales, constant, has_motion, kinds, positive, registered
-from phnn.models.network_text import as_yaml
 from phnn.network.bondgraph import BondGraph, C, I, R, Se
 from phnn.network.elements import Resistor
 from phnn.parameters import as_table
@@ -45,8 +44,8 @@ print(network.state_names, [port.name for port in network.ports])
 # %%
 # Recordings
 # ----------
-# scipy solves the true carriage, whose guide brakes with :math:`F_w (q/q_w)^2 v`. Three sines identify, one is held
-# out.
+# The same network stands in a file beside the recordings. scipy solves the true carriage, whose guide brakes with
+# :math:`F_w (q/q_w)^2 v`. Three sines identify, one is held out.
 
 
 def recorded(amplitude: float, frequency: float, rng: np.random.Generator) -> np.ndarray:
@@ -73,7 +72,20 @@ for name, (amplitude, frequency) in drives.items():
     np.savetxt(folder / f"{name}.csv", table, delimiter=",", header="time_s,force_N,displacement_m", comments="")
     use = "confirmation" if name == "held" else "identification"
     entries.append(f"  - {{file: {name}.csv, use: {use}, start: {{state: rest, input_before: 0.0}}}}\n")
-(folder / "carriage.yaml").write_text(as_yaml(graph), encoding="utf-8")
+carriage = """
+junctions: {carriage: 1}
+elements:
+  q: {type: C, junction: carriage, law: spring, parameters: [k], unit: m}
+  p: {type: I, junction: carriage, law: capacitor, parameters: [m], unit: kg m/s}
+  damper: {type: R, junction: carriage, law: linear, parameters: [b], direction: resistance}
+  force: {type: Se, junction: carriage, unit: N}
+parameters:
+  k: {value: 900.0, unit: N/m, positive: true}
+  m: {value: 1.0, unit: kg, positive: true}
+  b: {value: 4.0, unit: N s/m, positive: true}
+output: q
+"""
+(folder / "carriage.yaml").write_text(carriage, encoding="utf-8")
 (folder / "recordings.yaml").write_text(
     "setup: {network: carriage.yaml}\ninput: cubic\n"
     "columns: {input: {column: 1, unit: N}, output: {column: 2, unit: m}}\nrecordings:\n" + "".join(entries),

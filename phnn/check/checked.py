@@ -4,8 +4,9 @@ record next. Recordings of one kind of excitation that are noisier than the othe
 
 from __future__ import annotations
 
+import itertools
 import re
-from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -14,6 +15,7 @@ import numpy as np
 from phnn.check.quality import (
     WARNING,
     Finding,
+    buried,
     comes_back,
     drift,
     lead,
@@ -26,7 +28,7 @@ from phnn.check.quality import (
 from phnn.parameters import duration
 from phnn.recordings.describe import describe
 from phnn.recordings.excitation import Excitation, excitation_of
-from phnn.recordings.recording import ACTUATOR, Campaign, Recording
+from phnn.recordings.recording import ACTUATOR, Campaign, Recording, is_actuator
 from phnn.signals.noise import LONG_REST, longest_hold
 from phnn.signals.noise_statement import NoiseStatement
 from phnn.signals.reconstruct import find_jumps
@@ -57,19 +59,15 @@ def contaminated(
         usual = float(np.median([sizes[n] for n in kin]))
         times = sizes[r.name] / max(usual, 1e-300)
         if usual > 0.0 and times > _NOISIER:
-            found[r.name].append(_finding(between[r.name], r.dt, times, len(kin) - 1))
+            tones = _tones(between[r.name], r.dt)
+            where = f", most of it in tones at {', '.join(f'{f:.4g}' for f in tones)} Hz" if tones else ""
+            text = (
+                f"noise between periods {times:.2g} times that of {len(kin) - 1} others with such an excitation"
+                f"{where}: leave it out, or record it again"
+            )
+            values = {"noise_over_others": times, **{f"tone_{i}_Hz": f for i, f in enumerate(tones, start=1)}}
+            found[r.name].append(Finding("contaminated", WARNING, text, values))
     return found
-
-
-def _finding(difference: np.ndarray, dt: float, times: float, others: int) -> Finding:
-    tones = _tones(difference, dt)
-    where = f", most of it in tones at {', '.join(f'{f:.4g}' for f in tones)} Hz" if tones else ""
-    text = (
-        f"noise between periods {times:.2g} times that of {others} others with such an excitation{where}: leave it "
-        f"out, or record it again"
-    )
-    values = {"noise_over_others": times, **{f"tone_{i}_Hz": f for i, f in enumerate(tones, start=1)}}
-    return Finding("contaminated", WARNING, text, values)
 
 
 def _between_periods(recording: Recording, excitation: Excitation) -> np.ndarray | None:
@@ -124,132 +122,57 @@ class Ability:
     record: str
 
 
-@dataclass(frozen=True)
-class _Set:
-    """What the recordings for identification offer."""
-
-    recordings: Sequence[Recording]
-    excitations: Sequence[Excitation]
-    voltage: str
-
-    @property
-    def lows(self) -> list[float]:
-        """Lowest frequency [Hz] of every excitation that has one."""
-        return [e.low_Hz for e in self.excitations if e.low_Hz > 0.0]
-
-    def amplitudes(self) -> bool:
-        """Several amplitudes at about one frequency, or noise, which has them all."""
-        moving = [e for e in self.excitations if e.amplitude > 0.0]
-        many = any(e.kind in ("broadband", "periodic") for e in moving)
-        return many or any(
-            a.amplitude > _AMPLITUDES * b.amplitude and _near(a, b) for a in moving for b in moving if a is not b
-        )
-
-    def frequencies(self) -> bool:
-        """Frequencies over almost a decade."""
-        highs = [e.high_Hz for e in self.excitations if e.high_Hz > 0.0]
-        return bool(self.lows) and max(highs) > _FREQUENCIES * min(self.lows)
-
-    def hold(self) -> bool:
-        """A hold or rest that is long against the shortest period."""
-        longest = max((_hold(r) for r in self.recordings), default=0.0)
-        return longest > (_HOLD / max(self.lows) if self.lows else 0.0)
-
-    def returns(self) -> bool:
-        """A rest at the end, at the input of the beginning."""
-        return any(
-            e.span[1] < 0.9 * r.t.size and comes_back(r.drive)
-            for r, e in zip(self.recordings, self.excitations, strict=True)
-        )
-
-    def broad(self) -> bool:
-        """A step, a sweep, noise or a multisine: content above the sines."""
-        wide = [e for e in self.excitations if e.kind == "periodic" and e.high_Hz > _LINES * e.low_Hz]
-        kinds = any(e.kind in ("steps", "chirp", "broadband") for e in self.excitations)
-        return bool(wide) or kinds or any(_steps(r) for r in self.recordings)
-
-    def port(self) -> bool:
-        """What goes into the actuator was measured: its voltage at the terminals, its current or its charge."""
-        return self.voltage == "terminals" or any({"current", "charge"} & set(r.channels) for r in self.recordings)
-
-    def repeats(self) -> bool:
-        """Two periods of something, or a rest: the noise is known from repetition."""
-        again = any(e.period is not None and e.cycles >= 2.0 for e in self.excitations)
-        return again or any(_hold(r) > 0.0 for r in self.recordings)
-
-    def words(self) -> dict[str, str]:
-        """What the texts below are filled with: the input's name, and a rest that is long enough to show the noise."""
-        volts = all(r.units.input == "V" for r in self.recordings)
-        interval = max((r.dt for r in self.recordings), default=0.0)
-        rest = f"{LONG_REST} samples ({duration(LONG_REST * interval)})"
-        return {"input": "voltage" if volts else "input", "rest": rest}
-
-
-@dataclass(frozen=True)
-class _Question:
-    """What recordings may show.
-
-    Attributes:
-        actuator: in the words of a piezo actuator; other: of any other system, empty where it is no question there.
-        test: whether they show it; record: what to record where they do not.
-    """
-
-    actuator: str
-    other: str
-    test: Callable[[_Set], bool]
-    record: str
-
-
-_QUESTIONS = (
-    _Question(
-        "what depends on the amplitude: bent springs, stops, saturation, friction against hysteresis",
-        "what depends on the amplitude: laws that are not linear, limits, thresholds",
-        _Set.amplitudes, "the same sine at a third and at two thirds of the amplitude",
-    ),
-    _Question(
-        "what depends on the rate: lags, delays, drag, thresholds that follow the rate",
-        "what depends on the rate: lags, delays, losses that are not linear",
-        _Set.frequencies, "the same amplitude at a tenth or at ten times the frequency",
-    ),
-    _Question(
-        "slow memory: creep, leakage, self-heating",
-        "slow memory: what leaks, warms up or settles slowly",
-        _Set.hold, "a step to a constant {input}, held ten times as long as the slowest period",
-    ),
-    _Question(
-        "a drifting sensor against creep",
-        "a drifting sensor against slow memory",
-        _Set.returns, "a rest at zero {input} after the excitation, as long as the excitation itself",
-    ),
-    _Question(
-        "resonances, and a second mode",
-        "resonances, and further modes",
-        _Set.broad, "a sweep or a step, sampled at least ten times as fast as the resonance",
-    ),
-    _Question(
-        "the amplifier against the actuator", "",
-        _Set.port, "the voltage at the actuator's terminals, its current or its charge",
-    ),
-    _Question(
-        "the noise, from what repeats or rests",
-        "the noise, from what repeats or rests",
-        _Set.repeats, "three periods or more of every sine, or a rest of {rest} before each recording",
-    ),
-)  # fmt: skip
-
-
 def abilities(campaign: Campaign, excitations: Mapping[Recording, Excitation]) -> list[Ability]:
     """Every question that recordings may answer, in the order in which they are worth asking, in the words of the
     system: a network of the user's own is asked for nothing that only an actuator has."""
     chosen = [r for r in campaign.recordings if r.mask("identification").any()]
-    actuator = "network" not in campaign.setup and all(r.units == ACTUATOR for r in chosen)
-    offered = _Set(chosen, [excitations[r] for r in chosen], campaign.voltage)
-    words = offered.words()
-    return [
-        Ability(shows, q.test(offered), q.record.format(**words))
-        for q in _QUESTIONS
-        if (shows := q.actuator if actuator else q.other)
-    ]
+    actuator = is_actuator(campaign.setup) and all(r.units == ACTUATOR for r in chosen)
+    drives = [excitations[r] for r in chosen]
+    moving = [e for e in drives if e.amplitude > 0.0]
+    lows = [e.low_Hz for e in drives if e.low_Hz > 0.0]
+    longest = max((_hold(r) for r in chosen), default=0.0)
+    # Several amplitudes at about one frequency, or noise, which has them all.
+    amplitudes = any(e.kind in ("broadband", "periodic") for e in moving) or any(
+        a.amplitude > _AMPLITUDES * b.amplitude and _near(a, b) for a, b in itertools.permutations(moving, 2)
+    )
+    # Frequencies over almost a decade.
+    frequencies = bool(lows) and max(e.high_Hz for e in drives) > _FREQUENCIES * min(lows)
+    # A hold or rest that is long against the shortest period.
+    holds = longest > (_HOLD / max(lows) if lows else 0.0)
+    # A rest at the end, at the input of the beginning.
+    returns = any(e.span[1] < 0.9 * r.t.size and comes_back(r.drive) for r, e in zip(chosen, drives, strict=True))
+    # Content above the sines.
+    wide = any(e.kind == "periodic" and e.high_Hz > _LINES * e.low_Hz for e in drives)
+    broad = wide or any(e.kind in ("steps", "chirp", "broadband") for e in drives) or any(map(_steps, chosen))
+    measured = campaign.voltage == "terminals" or any({"current", "charge"} & set(r.channels) for r in chosen)
+    repeats = longest > 0.0 or any(e.period is not None and e.cycles >= 2.0 for e in drives)
+    drive = "voltage" if all(r.units.input == "V" for r in chosen) else "input"
+    rest = f"{LONG_REST} samples ({duration(LONG_REST * max((r.dt for r in chosen), default=0.0))})"
+    # In the words of a piezo actuator, of any other system (empty where it is no question there), and what to record.
+    questions = (
+        ("what depends on the amplitude: bent springs, stops, saturation, friction against hysteresis",
+         "what depends on the amplitude: laws that are not linear, limits, thresholds",
+         amplitudes, "the same sine at a third and at two thirds of the amplitude"),
+        ("what depends on the rate: lags, delays, drag, thresholds that follow the rate",
+         "what depends on the rate: lags, delays, losses that are not linear",
+         frequencies, "the same amplitude at a tenth or at ten times the frequency"),
+        ("slow memory: creep, leakage, self-heating",
+         "slow memory: what leaks, warms up or settles slowly",
+         holds, f"a step to a constant {drive}, held ten times as long as the slowest period"),
+        ("a drifting sensor against creep",
+         "a drifting sensor against slow memory",
+         returns, f"a rest at zero {drive} after the excitation, as long as the excitation itself"),
+        ("resonances, and a second mode",
+         "resonances, and further modes",
+         broad, "a sweep or a step, sampled at least ten times as fast as the resonance"),
+        ("the amplifier against the actuator", "",
+         measured, "the voltage at the actuator's terminals, its current or its charge"),
+        ("the noise, from what repeats or rests",
+         "the noise, from what repeats or rests",
+         repeats, f"three periods or more of every sine, or a rest of {rest} before each recording"),
+    )  # fmt: skip
+    said = ((own if actuator else other, able, record) for own, other, able, record in questions)
+    return [Ability(shows, able, record) for shows, able, record in said if shows]
 
 
 def _near(a: Excitation, b: Excitation) -> bool:
@@ -277,7 +200,7 @@ def _hold(recording: Recording) -> float:
 _NUMBER = re.compile(r"[-−]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?: [nµmkM]?(?:m|V|s|N|A|Hz|rad)\b)?")
 # Names in a line before only their number is said; check.json has all.
 _LISTED = 3
-_CHECKS = (quantisation, limits, drift, mains, lead)
+_CHECKS = (buried, quantisation, limits, drift, mains, lead)
 
 
 @dataclass(frozen=True)
@@ -345,13 +268,8 @@ def _grouped(how: str, told: Iterable[tuple[Hashable, str, str]]) -> Iterator[st
     for key, name, line in told:
         groups.setdefault(key, (line, []))[1].append(name)
     for line, (_, *others) in groups.values():
-        yield f"  {line}{_others(how, others)}"
-
-
-def _others(how: str, names: Sequence[str]) -> str:
-    if not names:
-        return ""
-    return f" ({how} in {', '.join(names) if len(names) <= _LISTED else f'{len(names)} others'})"
+        named = ", ".join(others) if len(others) <= _LISTED else f"{len(others)} others"
+        yield f"  {line} ({how} in {named})" if others else f"  {line}"
 
 
 def check(campaign: Campaign) -> Checked:
@@ -360,8 +278,8 @@ def check(campaign: Campaign) -> Checked:
     excitations = {r: excitation_of(r.drive, r.dt) for r in campaign.recordings}
     among = contaminated(recorded, excitations)
     units = odd_units(campaign)
-    # A network of the user's own may give an output that leads its input, such as the force of an imposed motion.
-    actuator = "network" not in campaign.setup
+    # Any other system may give an output that leads its input, such as the force of an imposed motion.
+    actuator = is_actuator(campaign.setup)
     findings: dict[str, list[Finding]] = {r.name: [] for r in campaign.recordings}
     for r in recorded:
         findings[r.name] = [

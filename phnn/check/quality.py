@@ -7,7 +7,7 @@ multiples that nothing drives. Channels are shifted where an output comes before
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from phnn.parameters import quantity
 from phnn.recordings.excitation import Excitation
-from phnn.recordings.recording import Campaign, Recording, dominant_frequency
+from phnn.recordings.recording import Campaign, Recording, dominant_frequency, is_actuator
 from phnn.signals.least_squares import residual
+from phnn.signals.noise import OWN_FLOOR
 from phnn.signals.noise_statement import NoiseStatement, Sample, noise_statement
 from phnn.signals.sampling import quantisation_step
 
@@ -26,7 +27,7 @@ NOTE, WARNING = "note", "warning"
 @dataclass(frozen=True)
 class Finding:
     """Attributes:
-    kind: ``quantisation``, ``limits``, ``drift``, ``mains``, ``lead``, ``units`` or ``contaminated``.
+    kind: ``quantisation``, ``limits``, ``drift``, ``mains``, ``lead``, ``units``, ``noise`` or ``contaminated``.
     severity: ``note``, or ``warning`` where it may mislead a diagnosis.
     text: one sentence for a person, with what to do about a warning.
     values: its numbers, SI.
@@ -52,25 +53,60 @@ _LEAST, _MOST, _AMPLIFIED = 1e-11, 1e-4, 1e-2
 
 
 def odd_units(campaign: Campaign) -> dict[str, list[Finding]]:
-    """By recording: doubts about the units of its input or output."""
+    """By recording: doubts about the units of its input or output.
+
+    Gains about 10³ or 10⁻³ times that of most others, and strokes per volt far beyond those of actuators that are sold;
+    any other system may have any gain.
+    """
     found: dict[str, list[Finding]] = {r.name: [] for r in campaign.recordings}
+    actuator, most = is_actuator(campaign.setup), _AMPLIFIED if campaign.voltage == "command" else _MOST
     kinds: dict[tuple[str, ...], list[Recording]] = {}
     for r in campaign.recordings:
         if np.isfinite(r.y).all():
             kinds.setdefault((r.measures, r.units.input, r.units.output), []).append(r)
     for some in kinds.values():
         largest = max(float(np.ptp(r.u)) for r in some)
-        moving = {r.name: r for r in some if _has_gain(r, largest)}
-        # A network of the user's own may have any gain.
-        absolute = [] if "network" in campaign.setup else _absolute(moving, campaign.voltage)
-        for name, finding in (*_against_others(moving), *absolute):
-            found[name].append(finding)
+        gains = {r: float(np.ptp(r.y) / np.ptp(r.u)) for r in some if _has_gain(r, largest)}
+        usual = float(np.median(list(gains.values()))) if gains else 1.0
+        alike = [r for r, g in gains.items() if max(g / usual, usual / g) < _ALIKE]
+        usable = len(alike) >= max(_FEWEST, len(gains) // 2 + 1)
+        fastest = max((dominant_frequency(r) for r in alike), default=0.0) if usable else 0.0
+        for r, gain in gains.items():
+            ratio = gain / usual
+            slow = usable and (ratio > 1.0 or dominant_frequency(r) <= _FAST * fastest)
+            if slow and _thousands(ratio):
+                text = (
+                    f"output over input is {ratio:.3g} times that of the {len(alike)} others: a column has probably "
+                    f"another unit than is stated (nm, µm, mm; V, kV); correct it in recordings.yaml, columns"
+                )
+                found[r.name].append(Finding("units", WARNING, text, {"gain_over_others": ratio}))
+            if actuator and (r.units.input, r.units.output) == ("V", "m") and not _LEAST <= gain <= most:
+                text = (
+                    f"output over input is {gain:.2g} m/V, piezo actuators have {_LEAST:g} to {most:g} m/V: compare "
+                    f"the units and names of its columns with what was recorded"
+                )
+                found[r.name].append(Finding("units", WARNING, text, {"gain": gain}))
     return found
 
 
-def doubts_of_units(campaign: Campaign) -> tuple[str, ...]:
-    """What `phnn check` warns of in the units of a campaign, a sentence each."""
-    return tuple(f"{name}: {f.text}." for name, findings in odd_units(campaign).items() for f in findings)
+def buried(recording: Recording, excitation: Excitation | None = None) -> list[Finding]:
+    """A noise floor that is as large as the output: a signal is not its own noise floor."""
+    share = recording.noise / max(float(np.std(recording.y)), 1e-300)
+    if not recording.noise_found or not share >= OWN_FLOOR:
+        return []
+    text = (
+        f"the noise floor is {share:.2g} times the deviation of the whole output: noise hides what the input moves, or "
+        f"the output does not follow this input and counts as noise. Compare columns and wiring, drive it more, or "
+        f"record a rest"
+    )
+    return [Finding("noise", WARNING, text, {"noise_over_output": share})]
+
+
+def doubts(campaign: Campaign) -> tuple[str, ...]:
+    """What makes an identification of a campaign doubtful, a sentence each: odd units, and outputs that are noise."""
+    odd = odd_units(campaign)
+    found = {r.name: [*odd[r.name], *(buried(r) if np.isfinite(r.y).all() else ())] for r in campaign.recordings}
+    return tuple(f"{name}: {f.text}." for name, findings in found.items() for f in findings)
 
 
 def _has_gain(r: Recording, largest: float) -> bool:
@@ -79,52 +115,11 @@ def _has_gain(r: Recording, largest: float) -> bool:
     return moves > _MOVES * largest and moves > 0.0 and seen > _SEEN * floor and seen > 0.0
 
 
-def _gain(r: Recording) -> float:
-    return float(np.ptp(r.y) / np.ptp(r.u))
-
-
-def _against_others(moving: Mapping[str, Recording]) -> list[tuple[str, Finding]]:
-    """Gains about 10³ or 10⁻³ times that of most others."""
-    gains = {name: _gain(r) for name, r in moving.items()}
-    usual = float(np.median(list(gains.values()))) if gains else 1.0
-    alike = [name for name, g in gains.items() if max(g / usual, usual / g) < _ALIKE]
-    if len(alike) < max(_FEWEST, len(moving) // 2 + 1):
-        return []
-    fastest = max(dominant_frequency(moving[name]) for name in alike)
-    found = []
-    for name, gain in gains.items():
-        ratio = gain / usual
-        slow = ratio > 1.0 or dominant_frequency(moving[name]) <= _FAST * fastest
-        if slow and (finding := _finding(ratio, alike)):
-            found.append((name, finding))
-    return found
-
-
-def _finding(ratio: float, alike: Sequence[str]) -> Finding | None:
+def _thousands(ratio: float) -> bool:
+    """Whether a ratio is about a power of a thousand, up or down, but not one."""
     size = max(ratio, 1.0 / ratio)
     power = round(float(np.log(size) / np.log(_STEP)))
-    if power < 1 or max(size / _STEP**power, _STEP**power / size) > _WITHIN:
-        return None
-    text = (
-        f"output over input is {ratio:.3g} times that of the {len(alike)} others: a column has probably another unit "
-        f"than is stated (nm, µm, mm; V, kV); correct it in recordings.yaml, columns"
-    )
-    return Finding("units", WARNING, text, {"gain_over_others": ratio})
-
-
-def _absolute(moving: Mapping[str, Recording], voltage: str) -> list[tuple[str, Finding]]:
-    """Strokes per volt far beyond those of actuators that are sold."""
-    most = _AMPLIFIED if voltage == "command" else _MOST
-    found = []
-    for name, r in moving.items():
-        gain = _gain(r)
-        if (r.units.input, r.units.output) == ("V", "m") and not _LEAST <= gain <= most:
-            text = (
-                f"output over input is {gain:.2g} m/V, piezo actuators have {_LEAST:g} to {most:g} m/V: compare the "
-                f"units and names of its columns with what was recorded"
-            )
-            found.append((name, Finding("units", WARNING, text, {"gain": gain})))
-    return found
+    return power >= 1 and max(size / _STEP**power, _STEP**power / size) <= _WITHIN
 
 
 Array = NDArray[np.float64]
@@ -143,7 +138,9 @@ def mains(recording: Recording, excitation: Excitation) -> list[Finding]:
     """
     duration = recording.t.size * recording.dt
     lines = [base * n for base in _MAINS for n in _MULTIPLES]
-    asked = [f for f in lines if _shown(recording, f, duration) and not _driven(excitation, f, duration)]
+    # Long enough, and sampled fast enough, to show a tone.
+    shown = [f for f in lines if f * duration >= _PERIODS and f <= 0.45 / recording.dt]
+    asked = [f for f in shown if not _driven(excitation, f, duration)]
     if not asked:
         return []
     output, drive = _spectrum(recording.y), _spectrum(recording.drive)
@@ -153,11 +150,6 @@ def mains(recording: Recording, excitation: Excitation) -> list[Finding]:
     said = ", ".join(f"{f:g} Hz ({quantity(a, recording.units.output)})" for f, a in found.items())
     text = f"tones of the mains in the output at {said}: look for a ground loop, or shield the sensor"
     return [Finding("mains", WARNING, text, {f"amplitude_{f:g}Hz": a for f, a in found.items()})]
-
-
-def _shown(recording: Recording, frequency: float, duration: float) -> bool:
-    """Whether a recording is long enough, and sampled fast enough, to show a tone."""
-    return frequency * duration >= _PERIODS and frequency <= 0.45 / recording.dt
 
 
 def _driven(excitation: Excitation, frequency: float, duration: float) -> bool:
@@ -294,23 +286,18 @@ def quantisation(recording: Recording, excitation: Excitation) -> list[Finding]:
     step = quantisation_step(recording.y)
     if step == 0.0 or not recording.noise > 0.0:
         return []
-    share = step / recording.noise
+    text, values = f"output in steps of {quantity(step, recording.units.output)}", {"step": step}
     if not recording.noise_found:
         # There is no noise to hold the steps against.
-        return [
-            Finding(
-                "quantisation", NOTE, f"output in steps of {quantity(step, recording.units.output)}", {"step": step}
-            )
-        ]
+        return [Finding("quantisation", NOTE, text, values)]
+    share = step / recording.noise
     if share < _FINE:
         return []
-    text = f"output in steps of {quantity(step, recording.units.output)}, {share:.2g} times the noise"
-    values = {"step": step, "step_over_noise": share}
+    text, values = f"{text}, {share:.2g} times the noise", {**values, "step_over_noise": share}
     if share < _COARSE:
         return [Finding("quantisation", NOTE, text, values)]
-    return [
-        Finding("quantisation", WARNING, f"{text}: steps hide the noise; use a smaller range of the converter", values)
-    ]
+    text += ": steps hide the noise; use a smaller range of the converter"
+    return [Finding("quantisation", WARNING, text, values)]
 
 
 def limits(recording: Recording, excitation: Excitation) -> list[Finding]:
@@ -359,18 +346,15 @@ def drift(recording: Recording, excitation: Excitation) -> list[Finding]:
         early = "nearly all of it in the first half: what the start left dies away so, and so does creep"
         return [Finding("drift", NOTE, f"{text}, {early}", values)]
     causes = "creep, heating or a drifting sensor"
+    zero = "zero voltage" if recording.units.input == "V" else "the input zero"
     severity = WARNING
     if means.size < _TELLING and excitation.period is not None and recording.start.state != "periodic":
         causes = f"what the start left, or {causes}; more periods would tell"
         # From rest a model follows what the start leaves.
         severity = NOTE if recording.start.state == "rest" else WARNING
     else:
-        causes = f"{causes}; a long rest at {_zero(recording)} would tell"
+        causes = f"{causes}; a long rest at {zero} would tell"
     return [Finding("drift", severity, f"{text}: {causes}", values)]
-
-
-def _zero(recording: Recording) -> str:
-    return "zero voltage" if recording.units.input == "V" else "the input zero"
 
 
 def comes_back(u: np.ndarray) -> bool:

@@ -13,7 +13,7 @@ from phnn.errors import PhnnError
 from phnn.identification.options import Options
 from phnn.integrate.cache import compile_ahead
 from phnn.recordings import read
-from phnn.report.methods import command_line, provenance
+from phnn.report.provenance import command_line, provenance
 from phnn.results import claim
 
 # Members of a class beyond which it names nothing.

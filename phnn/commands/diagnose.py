@@ -16,10 +16,9 @@ from phnn.identification.identified import save_fit
 from phnn.identification.options import Options
 from phnn.integrate.cache import compile_ahead
 from phnn.recordings import Campaign, read
-from phnn.report.evidence import Provenance
-from phnn.report.methods import command_line, provenance
+from phnn.report.provenance import Provenance, command_line, provenance
 from phnn.report.result import RESULTS, write_into
-from phnn.report.write import console_summary
+from phnn.report.statements import summary
 from phnn.rescue import deadline
 from phnn.results import Place, claim, watched
 
@@ -64,13 +63,13 @@ def diagnose_into(
         save_fit(fitted, place / "base")
 
     # What draws the report is loaded now: an interruption in the middle of an import would leave half a module.
-    import_module("phnn.report.gallery")
+    import_module("phnn.report.sections")
     with status() as tell, watched(place, "diagnose", tell) as progress:
         if compile_ahead():
             progress("compile the simulation, once on this machine")
         diagnosis = run_diagnosis(campaign, options, progress, on_base=on_base, budget=budget, answers=True)
         progress("write the report")
-        document, shown = write_into(diagnosis, place, made_of)
-    Console().print(console_summary(document, shown))
+        write_into(diagnosis, place, made_of)
+    Console(highlight=False).print(summary(diagnosis), markup=False)
     Console().print(f"report: {out / 'report.html'}   seed: {options.seed}")
     return diagnosis

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from phnn.exporting.write import program_of, write
-from phnn.predictor import loaded
+from phnn.predictor import load
 
 _SETTINGS = ("to", "dt", "substeps", "hold", "name", "ports", "sensor", "initial_input")
 
@@ -18,6 +18,6 @@ def export(model: Path, out: Path, options: Mapping[str, Any], outside: bool = F
     Args:
         options: the settings of `phnn.exporting.write.program_of`.
     """
-    program = program_of(loaded(model, outside), **{name: options[name] for name in _SETTINGS})
+    program = program_of(load(model, outside), **{name: options[name] for name in _SETTINGS})
     for path in write(program, options["to"], out, [model], overwrite):
         print(path)

@@ -37,6 +37,8 @@ def identify(
         value = f"{row['value']:.5g} {row['unit']}"
         table.add_row(name, value, error_text, interval(row["interval_95"]), str(row["held"] or ""))
     Console().print(table)
+    if said["nothing"]:
+        Console().print(f"[bold]{escape(said['nothing'])}[/bold].")
     if said["open"]:
         known = [f"{n} = {r['value']:.5g} ± {r['std']:.2g}" for n, r in said["ratios"].items()]
         Console().print(f"[bold]{escape(said['open'])}[/bold]. {escape(', '.join(known))}")
@@ -60,6 +62,7 @@ def _identify(campaign: Campaign, options: Options, place: Place) -> tuple[dict[
     }
     content = {
         "parameters": parameters,
+        "nothing": fitted.nothing_statement(),
         "open": fitted.open_statement(),
         "ratios": {n: {"value": v, "std": finite(s)} for n, (v, s) in fitted.ratios().items()},
         "fit": scores.table(),

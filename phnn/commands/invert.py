@@ -17,7 +17,8 @@ from phnn.errors import InputRefused
 from phnn.intake.files import named_file
 from phnn.inverse import Inverse, InverseOptions
 from phnn.model import Model
-from phnn.predictor import loaded
+from phnn.parameters import quantity
+from phnn.predictor import load
 from phnn.recordings import checks
 from phnn.recordings.channels import select
 from phnn.recordings.checks import like_an_actuator
@@ -28,7 +29,7 @@ from phnn.recordings.table import Where
 from phnn.recordings.units import known_unit
 from phnn.report.figures import draw_trace
 from phnn.report.figures.style import AFTER, BEFORE, FAINT, MEASURED, RC, new_figure, png, quiet_grid
-from phnn.report.formatting import display_unit, quantity
+from phnn.report.formatting import display_unit
 from phnn.results import Place, claim
 
 # Columns that may hold a reference, the first that is there counts.
@@ -133,7 +134,7 @@ def invert(
     if "limits" in given:
         given["limits"] = tuple(given["limits"])
     chosen = InverseOptions(**given)
-    found = loaded(model, outside)
+    found = load(model, outside)
     if not isinstance(found, Model):
         raise InputRefused(
             f"{model}: a model of modes in a steady cycle has no inverse: give the model of an actuator, as phnn "

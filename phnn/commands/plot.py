@@ -11,25 +11,20 @@ from numpy.typing import NDArray
 
 from phnn.commands.terminal import status
 from phnn.errors import InputRefused
-from phnn.intake.files import named_file
-from phnn.intake.json_file import load_json
-from phnn.intake.limits import LIMITS
-from phnn.plot.frequency import response, whiteness
-from phnn.plot.panels import MOST, Plot, chosen, model_of, network_model, predictions
-from phnn.plot.signals import Locations, Outputs, balance, hysteresis
+from phnn.plot.frequency import residual_tests, response, whiteness
+from phnn.plot.panels import MOST, Plot, chosen, model_of, network_model
+from phnn.plot.signals import balance, hysteresis, outputs
 from phnn.recordings import Campaign, read
-from phnn.report.document import Location, read_document
 from phnn.report.figures.style import svg
 from phnn.report.page import literal_text
 from phnn.results import claim
 from phnn.trajectory import simulate
 
-_DIAGNOSIS = "diagnosis.json"
 # Endings of the tables' names, of all kinds.
 _TABLES = ("", "_spectrum", "_measured")
 # Arguments that a kind does not take; all others take no frequencies and no amplitude.
 _OF_BODE = ("--frequencies", "--amplitude")
-_NOT_TAKEN = {"bode": ("--recording",), "location": ("FOLDER", "--recording", *_OF_BODE)}
+_NOT_TAKEN = {"bode": ("--recording",)}
 _OPTIONS = ("recording", "frequencies", "amplitude")
 # Frequencies between the two that are given.
 _POINTS = 40
@@ -47,9 +42,9 @@ def plot(
     """Draw one kind of plot; writes ``KIND.svg`` and its data, ``KIND.csv``, and of some kinds a further table.
 
     Args:
-        kind: compare, residuals, loops, bode, location or energy.
-        model: of a model or a diagnosis; folder: of recordings, not needed for a location or, with ``frequencies`` and
-            ``amplitude``, for a response.
+        kind: compare, residuals, loops, bode or energy.
+        model: of a model or a diagnosis; folder: of recordings, not needed for a response with ``frequencies`` and
+            ``amplitude``.
         options: ``manifest`` of the folder; ``recording``: names of the recordings to draw; ``frequencies``: lowest and
             highest [Hz]; ``amplitude``: of the input, SI.
 
@@ -57,18 +52,15 @@ def plot(
         InputRefused: what a kind needs is not given, or cannot be used.
     """
     recording = options["recording"]
-    _check(kind, {"FOLDER": folder, **{f"--{name}": options[name] for name in _OPTIONS}})
+    _check(kind, {f"--{name}": options[name] for name in _OPTIONS})
     inputs, files = [model] if folder is None else [model, folder], [f"{kind}.svg"]
     results = (f"{kind}.svg", *(f"{kind}{end}.csv" for end in _TABLES))
     with claim(out, "plot", inputs, results, overwrite=overwrite) as place, status():
-        if kind == "location":
-            found: Plot = Locations(_located(model, outside))
-        else:
-            campaign = None if folder is None else read(folder, options["manifest"], allow_outside=outside)
-            found = _computed(kind, model_of(model, outside), campaign, options)
-            _tell(kind, campaign, recording)
-        (place / f"{kind}.svg").write(svg(np.ravel(found.draw())[0].figure))
-        for end, table in found.tables().items():
+        campaign = None if folder is None else read(folder, options["manifest"], allow_outside=outside)
+        found = _computed(kind, model_of(model, outside), campaign, options)
+        _tell(kind, campaign, recording)
+        (place / f"{kind}.svg").write(svg(found.figure()))
+        for end, table in found.tables.items():
             files.append(f"{kind}{end}.csv")
             safe = table.map(lambda value: literal_text(value) if isinstance(value, str) else value)
             (place / files[-1]).write(safe.to_csv(index=False).encode())
@@ -95,17 +87,17 @@ def _tell(kind: str, campaign: Campaign | None, recording: Sequence[str] | None)
 def _computed(kind: str, simulator: Any, campaign: Campaign | None, options: Mapping[str, Any]) -> Plot:
     recording = options["recording"]
     if kind == "bode":
-        return response(simulator, _spaced(options["frequencies"]), options["amplitude"], campaign=campaign)
+        return response(simulator, _spaced(options["frequencies"]), options["amplitude"], campaign=campaign).plot()
     if campaign is None:
         raise InputRefused(f"phnn plot {kind}: no recordings: name their folder after that of the model")
     if kind == "compare":
-        return Outputs(predictions(simulator, campaign, recording))
+        return outputs(simulator, campaign, recording)
     if kind == "residuals":
-        return whiteness(simulator, campaign, recording)
+        return whiteness(residual_tests(simulator, campaign, recording))
     if kind == "loops":
         return hysteresis(simulator, campaign, recording)
     found = network_model(simulator)
-    return balance(simulate(found.setup, chosen(campaign, recording).recordings[0], found.substeps))
+    return balance(simulate(found.setup, chosen(campaign, recording).recordings[0], found.substeps)).plot()
 
 
 def _spaced(ends: Sequence[float] | None) -> NDArray[np.float64] | None:
@@ -116,12 +108,3 @@ def _spaced(ends: Sequence[float] | None) -> NDArray[np.float64] | None:
     if not 0.0 < low < high < np.inf:
         raise InputRefused(f"--frequencies {low:g} {high:g}: give the lowest and the highest, both positive [Hz]")
     return np.geomspace(low, high, _POINTS)
-
-
-def _located(folder: Path, outside: bool) -> Location | None:
-    """The location in the ``diagnosis.json`` of a folder, as the report reads it."""
-    path = folder / _DIAGNOSIS
-    remedy = "give the folder of a diagnosis"
-    source = named_file(path, (folder,), "", remedy, outside)
-    content = load_json(source, LIMITS.json_bytes, "a diagnosis", remedy)
-    return read_document(content if isinstance(content, dict) else {}).location

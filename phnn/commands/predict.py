@@ -10,10 +10,11 @@ from rich.markup import escape
 from rich.table import Table
 
 from phnn.commands.terminal import console
+from phnn.parameters import quantity
 from phnn.prediction import document
-from phnn.predictor import predictor
+from phnn.predictor import load, predictions
 from phnn.recordings import read
-from phnn.report.formatting import DASH, percent, quantity, ratio
+from phnn.report.formatting import DASH, percent, ratio
 from phnn.results import claim, printable, unique_names
 
 
@@ -25,18 +26,18 @@ def predict(
 
     Where the input jumps between two samples, a further column says how uncertain that makes the output.
     """
-    simulator = predictor(model, outside)
+    loaded = load(model, outside)
     campaign = read(folder, manifest, need_output=False, allow_outside=outside)
-    predictions = simulator(campaign)
-    files, found = unique_names((r.name for r in campaign.recordings), ".csv"), []
+    found = predictions(loaded, campaign)
+    files, entries = unique_names((r.name for r in campaign.recordings), ".csv"), []
     results = (*files.values(), "predict.json")
     with claim(out, "predict", [model, folder], results, overwrite=overwrite) as place:
-        for one in predictions:
+        for one in found:
             name = files[one.recording.name]
             (place / name).write(one.table.to_csv(index=False).encode())
-            found.append(one)
+            entries.append(one)
             print(out / name)
-        content = document(found, files, printable(str(model)))
+        content = document(entries, files, printable(str(model)))
         (place / "predict.json").write_json(content)
     table = _score_table(content)
     if table is not None:

@@ -9,7 +9,7 @@ from typing import Any
 
 from rich.console import Console
 
-from phnn.check.quality import doubts_of_units
+from phnn.check.quality import doubts
 from phnn.errors import PhnnError
 from phnn.recordings import Campaign
 from phnn.results import printable
@@ -41,8 +41,8 @@ def refusals(name: str) -> Iterator[None]:
 
 
 def doubt(campaign: Campaign) -> None:
-    """Warn of units that are probably wrong, before time is spent on them."""
-    for sentence in doubts_of_units(campaign):
+    """Warn of wrong units and of outputs that are noise, before time is spent on them."""
+    for sentence in doubts(campaign):
         print(f"warning: {printable(sentence)}", file=sys.stderr, flush=True)
 
 

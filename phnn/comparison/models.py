@@ -2,6 +2,13 @@
 
 Every model is fitted to the identification samples and gives its output on all recordings. A model of your own joins by
 `register_rival`.
+
+Neural models are trained in stages, black boxes among them from a linear start: from weights at random some thousand
+steps go by before a latent model has found that displacement follows voltage. Their linear relaxations have the static
+gain of the recordings, and none of their values is fitted yet (Paduart et al. 2010; Schoukens & Ljung 2019):
+
+    neural ODE            T ẋ_i = λ_i (c_i u/U − x_i),  y = Y Σ x_i       one fast lag, slow ones over the recorded band
+    fully neural PHS      mass, spring, damper and linear hysterons, scaled so that H = ½|x|² and y = Y x_1
 """
 
 from __future__ import annotations
@@ -9,30 +16,37 @@ from __future__ import annotations
 import io
 import json
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
-from phnn.comparison.training import Recipe, Training, train
 from phnn.configuration import check, positive
 from phnn.diagnose.diagnosis import score_on_all
 from phnn.errors import InputRefused
 from phnn.identification.base import Progress, identify_base, identify_bouc_wen
-from phnn.identification.evaluate import Evaluation, PartScore, score_part
+from phnn.identification.evaluate import Evaluation, PartScore, scored, zero_mask
 from phnn.identification.fit import Fit
 from phnn.identification.identified import save_fit
 from phnn.identification.options import Options
 from phnn.identification.plan import Plan
 from phnn.identification.prepare import identification_plan
 from phnn.identification.staged import identify_actuator
+from phnn.learn import Settings as Stage
+from phnn.learn import checkpoint
 from phnn.learn.plant import NetworkPlant
+from phnn.learn.run import fitted as trained
+from phnn.learn.run import validation_names
+from phnn.learn.score import evaluate
+from phnn.learn.solvers import solver_for
+from phnn.learn.starts import plant_for, scales_of
+from phnn.learn.windows import thinned
 from phnn.models.store import is_storable, save
-from phnn.recordings.recording import Campaign, Recording
-from phnn.recordings.stored import digest
+from phnn.recordings.recording import Campaign, Recording, digest
 from phnn.results import Place, file_name, finite, same
 from phnn.setup import Setup
 
@@ -124,6 +138,26 @@ def known() -> tuple[str, ...]:
 def title(model: str) -> str:
     """Return the title of a model's column."""
     return MODELS[model].title if model in MODELS else _RIVALS[model][1]
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """How a neural model is trained.
+
+    Attributes:
+        model: its kind and arguments, see `phnn.learn.starts`.
+        solver: its name and options, see `phnn.learn.solvers`.
+        longest_step: recordings are thinned to steps of at most this many time units ``1/(2π f)`` of the highest
+            frequency, where they are sampled finer; null for no thinning.
+        least_per_period: samples that a period keeps at least.
+        stages: settings of `phnn.learn.Settings` by name, one training after the other.
+    """
+
+    model: Mapping[str, Any]
+    solver: Mapping[str, Any]
+    longest_step: float | None
+    least_per_period: int
+    stages: Mapping[str, Mapping[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -322,19 +356,83 @@ def _identified(bench: Bench, model: str, fitted: Fit, times: Mapping[str, float
 
 
 def _trained(bench: Bench, model: str) -> Result:
-    """Train, score and save a neural model."""
-    recipe, options, began = bench.settings.recipes[model], bench.settings.options, _now()
+    """Train a neural model stage by stage, score and save it; finished stages are read back from their checkpoints.
+
+    The model is scored at the samples the recordings have; those for confirmation are looked at once, at the end.
+
+    Raises:
+        InputRefused: settings that cannot be used, or other than those of the training that lies there.
+        SolverFailed: the model could not be simulated however small the steps of training.
+    """
+    recipe, seed, campaign, began = bench.settings.recipes[model], bench.settings.options.seed, bench.campaign, _now()
     substeps, base = 1, None
     if model in NETWORKS:
         substeps = bench.plan().finest
-        base = bench.home("phs").path if model in ("phs_neural", "hybrid") else None
-        stated = bench.campaign.setup.get("hysterons", 2)
+        base = str(bench.home("phs").path) if model in ("phs_neural", "hybrid") else None
+        stated = campaign.setup.get("hysterons", 2)
         recipe = replace(recipe, model={**recipe.model, "hysterons": stated if isinstance(stated, int) else 2})
-    training = Training(model, recipe, bench.campaign, bench.home(model), options.seed, bench.settings.resume)
-    plant, scores, facts = train(training, substeps, base, bench.progress)
+    torch.manual_seed(seed)
+    aside = validation_names(campaign, None)
+    plant = plant_for(recipe.model, campaign, seed, base)
+    used = [r for r in campaign.recordings if r.mask("identification").any()]
+    thin = replace(campaign, recordings=tuple(_thinned(used, recipe, scales_of(used).time)))
+    losses, solved = {}, 0
+    for stage in recipe.stages:
+
+        def told(line: str, what: str = f"train {model}, {stage}") -> None:
+            bench.progress(f"{what}: {line}")
+
+        settings = replace(_stage(bench, model, recipe, stage), validation=aside)
+        done = trained(plant, thin, settings, bench.home(model) / stage, digest(campaign), told).facts
+        losses[stage], solved = done["best_validation"], solved + done["evaluations"]
+    bench.progress(f"score {model}")
+    scores = evaluate(plant, solver_for(recipe.solver, plant), campaign.recordings, substeps, {})
+    (bench.home(model) / "weights.pt").write(checkpoint.as_bytes(plant.state_dict()))
+    count = sum(p.numel() for p in plant.trained())
+    facts = {"parameters": count, "evaluations": solved, "loss_by_stage": losses, "stopped_by": list(aside)}
     if isinstance(plant, NetworkPlant) and is_storable(plant.network):
         save(Setup(plant.network, name=model), bench.home(model), substeps)
     return Result(model, scores, bench.facts(model, {**facts, **_since(*began)}))
+
+
+def _stage(bench: Bench, model: str, recipe: Recipe, stage: str) -> Stage:
+    """Return the settings of one stage of a training.
+
+    Raises:
+        InputRefused: a key that training does not have.
+    """
+    none = {"adam": 0, "lbfgs": 0, "gauss_newton": 0, "tensorboard": False}
+    own = {
+        "folder": bench.campaign.folder, "out": str((bench.home(model) / stage).path), "model": dict(recipe.model),
+        "solver": dict(recipe.solver), "seed": bench.settings.options.seed, "resume": bench.settings.resume,
+    }  # fmt: skip
+    for key in recipe.stages[stage]:
+        if key in own:
+            raise InputRefused(f"{model}.stages.{stage}.{key}: is set for the whole model; leave it out here")
+    return Stage.from_config(none | dict(recipe.stages[stage]) | own)
+
+
+def _thinned(recordings: Sequence[Recording], recipe: Recipe, unit: float) -> list[Recording]:
+    """Return recordings at the samples that training uses, each weighing as much as with all of its samples.
+
+    A slow recording needs steps as short as a fast one's dynamics, not as many samples a period.
+    """
+    if recipe.longest_step is None or not recordings:
+        return list(recordings)
+    longest = recipe.longest_step * unit
+    found = [thinned(r, _stride(r, longest, recipe.least_per_period)) for r in recordings]
+    shares = np.array([f.t.size / r.t.size for f, r in zip(found, recordings, strict=True)])
+    mean = sum(f.t.size for f in found) / sum(r.t.size for r in recordings)
+    # The loss is a mean over samples of the residual over noise: a larger noise takes the weight of surplus samples.
+    return [replace(f, noise=f.noise * float(np.sqrt(s / mean))) for f, s in zip(found, shares, strict=True)]
+
+
+def _stride(recording: Recording, longest: float, least: int) -> int:
+    """Return every how many samples: steps no longer than the longest, and no fewer of them a period than the least."""
+    most = longest / recording.dt
+    if recording.period is not None:
+        most = min(most, recording.period / recording.dt / least)
+    return max(1, min(int(most), recording.t.size // 64))
 
 
 def _rival(bench: Bench, model: str) -> Result:
@@ -347,13 +445,7 @@ def _rival(bench: Bench, model: str) -> Result:
         **_since(*began), **own,
     }  # fmt: skip
     outputs = {r.name: _with_zero(r, _checked(model, r, given)) for r in bench.campaign.recordings}
-    parts = tuple(
-        score_part(r, outputs[r.name], p.first, p.last, p.name, p.use)
-        for r in bench.campaign.recordings
-        for p in r.parts
-        if p.use != "nuisance"
-    )
-    return Result(model, Evaluation(outputs, parts), facts)
+    return Result(model, scored(bench.campaign.recordings, outputs), facts)
 
 
 def _checked(model: str, recording: Recording, given: Mapping[str, Array]) -> Array:
@@ -371,11 +463,8 @@ def _checked(model: str, recording: Recording, given: Mapping[str, Array]) -> Ar
 
 
 def _with_zero(recording: Recording, y: Array) -> Array:
-    """Return an output with the recording's own zero: from its identification part, else from its nuisance part, else
-    from all samples."""
-    masks = (recording.mask("identification"), recording.mask("nuisance"), np.ones(y.size, dtype=bool))
-    mask = next(m for m in masks if m.any())
-    return y + np.mean((recording.y - y)[mask]) if np.isfinite(y).all() else y
+    """Return an output with the recording's own zero."""
+    return y + np.mean((recording.y - y)[zero_mask(recording)]) if np.isfinite(y).all() else y
 
 
 _FITTERS: dict[str, Callable[[Bench, str], Result]] = {

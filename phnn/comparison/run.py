@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,11 +16,11 @@ from rich.markup import escape
 from rich.table import Table as Printed
 
 from phnn.comparison.models import Bench, Result, Settings, title
+from phnn.configuration import compose
 from phnn.identification.base import Progress, quiet
 from phnn.identification.evaluate import PartScore
-from phnn.identification.prepare import single
-from phnn.identification.zero import own_zeros
-from phnn.recordings import Campaign
+from phnn.identification.prepare import own_zeros, single
+from phnn.recordings import Campaign, campaign_of
 from phnn.report.figures.style import CATEGORIES, RC, literal, log_axis, new_figure, png, quiet_grid
 from phnn.report.formatting import markdown_table, number, percent, ratio
 from phnn.results import Origin, claim
@@ -33,23 +33,35 @@ _MARKS = "DoXsv^P<>phd8"
 
 
 def compare(
-    campaign: Campaign, out: Path, settings: Settings, progress: Progress = quiet, overwrite: bool = False
+    campaign: Campaign | str | Path,
+    out: str | Path,
+    settings: Settings | Sequence[str] = (),
+    progress: Progress = quiet,
+    overwrite: bool = False,
 ) -> dict[str, Result]:
-    """Fit all models that are asked for to the identification recordings; return them, scored on all, by name.
+    """Fit several kinds of model to the identification recordings; return them, scored on all, by name.
+
+        results = phnn.compare(phnn.read("recordings/"), "compared/", ["models=[phs,linear]"])
+        results["linear"].evaluation.over_noise("confirmation")  # held-out residual over noise
 
     Writes ``compare.json`` and ``models.json`` after every model, ``compare.csv``, ``compare.md`` and ``compare.png``
     at the end, and each model into a folder of its own. Models that were finished before are read back.
 
     Args:
-        campaign: recordings with their uses.
+        campaign: recordings with their uses, or their folder.
         out: where the results go.
-        settings: which models, and how they are fitted.
-        progress: told what is done.
+        settings: which models, and how they are fitted: ``key=value`` in the grammar of hydra, as for ``phnn compare``,
+            see ``configs/compare.yaml``.
+        progress: called with a line of text at every stage.
         overwrite: replace results that were changed since.
 
     Raises:
-        InputRefused: recordings that cannot be used, or results of other settings lie in ``out``.
+        InputRefused: a setting is unknown or out of range, recordings cannot be used, or results of other settings lie
+            in ``out``.
     """
+    if not isinstance(settings, Settings):
+        settings = Settings.from_config(compose("compare", settings))
+    campaign, out = campaign_of(campaign), Path(out)
     # Models know themselves what they were made of, so that one can be added to those that were fitted before.
     origin = Origin(resume=settings.resume, anew="resume=false")
     with claim(out, "compare", campaign.inputs, (*RESULTS, *settings.models), origin, overwrite) as place:
@@ -71,13 +83,9 @@ def compare(
 def scores(results: Results) -> dict[str, dict[str, dict[str, Any]]]:
     """Return ``compare.json`` as a mapping, lengths in m."""
     return {
-        model: {p.name: {**_numbers(p), "held_out": p.use != "identification"} for p in result.evaluation.parts}
+        model: {p.name: {**p.numbers, "held_out": p.use != "identification"} for p in result.evaluation.parts}
         for model, result in results.items()
     }
-
-
-def _numbers(part: PartScore) -> dict[str, float]:
-    return {"fit_percent": part.fit_percent, "rmse": part.rmse, "residual_over_noise": part.residual_over_noise}
 
 
 def _rows(results: Results) -> Iterator[tuple[str, str, dict[str, PartScore]]]:
@@ -94,7 +102,7 @@ def table_csv(results: Results) -> str:
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(["recording", "use", "model", "fit_percent", "rmse_m", "residual_over_noise"])
     for name, use, parts in _rows(results):
-        writer.writerows([name, use, model, *_numbers(p).values()] for model, p in parts.items())
+        writer.writerows([name, use, model, *p.numbers.values()] for model, p in parts.items())
     return out.getvalue()
 
 

@@ -26,7 +26,7 @@ from phnn.identification.identified import Identified, model_of
 from phnn.identification.options import Options
 from phnn.identification.plan import Plan
 from phnn.identification.prepare import Gain, gain, single
-from phnn.integrate.residual import check
+from phnn.integrate.equations import check
 from phnn.model import Model
 from phnn.parallel import SERIAL, Executor, executor
 from phnn.recordings.recording import Campaign
@@ -239,7 +239,7 @@ def _base(
 ) -> tuple[Campaign, Fit, NumericalError]:
     """The recordings and their base model, fitted where that has not been done."""
     campaign = recorded.campaign if isinstance(recorded, Identified) else recorded
-    single(campaign.recordings, "a diagnosis follows one input to one output")
+    single(campaign.recordings, "a diagnosis follows one output", further=True)
     if isinstance(recorded, Identified):
         return campaign, recorded.fit, recorded.error
     return campaign, *identify_base(campaign, options, progress, _NUMERICAL)
@@ -345,13 +345,13 @@ def _questions(outcome: Verdict, model: Visited, weighed: Weighed) -> list[Quest
     """The models that compete for each element whose name is not proven alone."""
     asked = []
     for claim in outcome.claims:
-        others = [e for e in model.elements if e is not claim.effect]
+        others = [e for e in model.elements if e not in claim.elements]
         rivals = [
             m for m in weighed.models
             if m.converged and len(m.elements) == len(model.elements) and m is not model
             and all(e in m.elements for e in others) and m.fit.cost < model.fit.cost + TIE * max(1.0, model.left)
         ]  # fmt: skip
-        own = refitted_rival(claim.effect.name, model.fit, claim.effect.parameters)
+        own = refitted_rival(claim.effect.name, model.fit, claim.parameters)
         models = [own]
         for rival in rivals[: _RIVALS - 1]:
             other = next(e for e in rival.elements if e not in others)

@@ -269,12 +269,14 @@ def _grow(search: Search, model: Visited) -> None:
 def material(candidate: Candidate, fitted: Fit, criteria: Criteria) -> bool:
     """Whether a candidate is worth a refit.
 
-    What takes a twentieth of the residual need not stand out of its scatter as far: far from the noise the scatter is
-    that of the mismatch itself.
+    What takes a twentieth of the residual need not stand out of its scatter as far, and far from the noise not at all:
+    the scatter is that of the mismatch itself there.
     """
     samples = fitted.residual.size
     size = max(candidate.fall / samples, candidate.share)
     large = candidate.fall > _LARGE_SHARE * fitted.cost
+    if large and fitted.chi2 > criteria.far**2:
+        return True
     return size > criteria.material**2 and candidate.score > criteria.score * (_LARGE_SCORE if large else 1.0)
 
 

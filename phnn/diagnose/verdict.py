@@ -5,7 +5,7 @@ physics is proven:
 
 | word | when |
 |---|---|
-| ``none`` | no element: the base model is the most probable one, and near the noise |
+| ``none`` | no element: the base model is the most probable one, near the noise, and explains the output |
 | ``named`` | every element is proven |
 | ``equivalent`` | a few alternatives together are |
 | ``unknown`` | otherwise: the model predicts better, and its physics is not proven |
@@ -25,6 +25,7 @@ from typing import Any
 from phnn.criteria import Criteria
 from phnn.diagnose.number import Visited, Weighed, best_to_write, family, is_learned, key_of
 from phnn.effects import Effect
+from phnn.identification.fit import EXPLAINS
 
 NAMED, EQUIVALENT, UNKNOWN, NONE = "named", "equivalent", "unknown", "none"
 # Status of an element beside the words of a verdict.
@@ -37,10 +38,10 @@ _HALF = 0.5
 
 @dataclass(frozen=True)
 class Claim:
-    """One element of the model that is written, and its status.
+    """One effect in the model that is written, and its status.
 
     Attributes:
-        effect: which.
+        effect: which; copies: the further ones of its family, as of a creep with several times.
         status: ``named``, ``equivalent``, ``likely``, ``learned`` or ``provisional``.
         probability: of all models that hold its family; of a learned element, that of models with it.
         alike: other effects of which one may stand in its place, the most probable first.
@@ -54,6 +55,17 @@ class Claim:
     alike: tuple[Effect, ...]
     without: Visited | None
     share: float | None
+    copies: tuple[Effect, ...] = ()
+
+    @property
+    def elements(self) -> tuple[Effect, ...]:
+        """The effect and its copies."""
+        return (self.effect, *self.copies)
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Their names of parameters."""
+        return tuple(n for e in self.elements for n in e.parameters)
 
     @property
     def learned(self) -> bool:
@@ -82,6 +94,7 @@ class Facts:
         alternatives: how many sets of effects together have `Criteria.proven` of the weight.
         complete: probability that the catalogue holds all physics of the recordings; it bounds all others.
         base_left: mean square of the residual of the base model over that of the noise, on fitted recordings.
+        explained: share of the squares of the fitted outputs that the base model takes.
         falls: whether the held-out error falls with every element.
         new: whether held-out recordings bring an amplitude or a frequency that the others lack.
         promising: candidates that promised a material gain to the base model; remaining: that still promise one to the
@@ -97,12 +110,18 @@ class Facts:
     alternatives: int
     complete: float
     base_left: float
+    explained: float
     falls: bool
     new: bool
     promising: int
     remaining: int
     early: bool
     criteria: Criteria
+
+    @property
+    def nothing(self) -> bool:
+        """Whether the base model explains nothing of the recordings, as where an output follows no input."""
+        return self.explained < EXPLAINS
 
 
 @dataclass(frozen=True)
@@ -125,13 +144,14 @@ class Rule:
 RULES: tuple[Rule, ...] = (
     Rule(
         "nothing_promises",
-        lambda f: not f.promising and not f.early and f.base_left <= f.criteria.far**2, NONE,
-        ("promising", "remaining", "base_left"),
+        lambda f: not f.nothing and not f.promising and not f.early and f.base_left <= f.criteria.far**2, NONE,
+        ("explained", "promising", "remaining", "base_left"),
         "process noise of a tenth of the drive raises the residual above the floor, and no candidate explains it",
     ),
     Rule(
         "the_base_model_is_enough",
-        lambda f: f.none >= _HALF and f.base_left <= f.criteria.explained and not f.early, NONE, ("none", "base_left"),
+        lambda f: not f.nothing and f.none >= _HALF and f.base_left <= f.criteria.explained and not f.early, NONE,
+        ("explained", "none", "base_left"),
         "a gain of a hundredth of the noise, which BIC would accept",
     ),
     Rule(
@@ -192,7 +212,7 @@ class Verdict:
     """Attributes:
     word: ``named``, ``equivalent``, ``unknown`` or ``none``.
     probability: of every effect that some model holds, and of ``none``; the largest first.
-    claims: the elements of the model that is written, in the order in which they were added.
+    claims: the effects of the model that is written, in the order in which they were added.
     rules: all that were asked, in order; the last one gave the word.
     """
 
@@ -222,7 +242,8 @@ def conclude(
     complete = _complete(weighed, model, promising[1], criteria)
     probability = {n: complete * p for n, p in weighed.probability.items()}
     proven = _enough(weighed, criteria)
-    claims = [_claim(e, model, weighed, probability, proven, base) for e in model.elements]
+    together = [tuple(e for e in model.elements if family(e) == n) for n in dict.fromkeys(map(family, model.elements))]
+    claims = [_claim(elements, model, weighed, probability, proven, base) for elements in together]
     facts = Facts(
         elements=len(claims),
         learned=sum(c.learned for c in claims),
@@ -231,6 +252,7 @@ def conclude(
         alternatives=len(proven),
         complete=complete,
         base_left=base.left,
+        explained=base.fit.explained,
         falls=all(_falls(c, model) for c in claims),
         new=new,
         promising=promising[0],
@@ -281,11 +303,12 @@ def _enough(weighed: Weighed, criteria: Criteria) -> list[tuple[str, ...]]:
 
 
 def _claim(
-    effect: Effect, model: Visited, weighed: Weighed, probability: Mapping[str, float],
+    elements: tuple[Effect, ...], model: Visited, weighed: Weighed, probability: Mapping[str, float],
     proven: Sequence[tuple[str, ...]], base: Visited,
 ) -> Claim:  # fmt: skip
+    effect, *copies = elements
     own = family(effect)
-    rest = tuple(e for e in model.elements if e is not effect)
+    rest = tuple(e for e in model.elements if e not in elements)
     without = next((m for m in weighed.models if m.key == key_of(rest)), None)
     rest_families = set(model.families) - {own}
     others = {f for families in proven for f in families if set(families) - {f} == rest_families} - {own}
@@ -295,7 +318,7 @@ def _claim(
     status = LIKELY if weighed.probability.get(own, 0.0) >= _HALF else PROVISIONAL
     return Claim(
         effect, status, probability.get(own, 0.0), tuple(alike[n] for n in ranked), without,
-        _share(model, without or base),
+        _share(model, without or base), tuple(copies),
     )  # fmt: skip
 
 

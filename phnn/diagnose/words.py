@@ -42,8 +42,8 @@ _ACTS = {
 }
 # Share of the work done either way that must be left over for a force to be called dissipative, or active.
 _LOSSY = 0.2
-# Points of a curve, and at most of a cycle.
-_POINTS, _CYCLE = 241, 600
+# Points of a curve.
+_POINTS = 241
 
 
 @dataclass(frozen=True)
@@ -94,10 +94,10 @@ def vocabulary_of(network: Network) -> Vocabulary:
 
 @dataclass(frozen=True)
 class Picture:
-    """A learned function (or the missing signal along one cycle) with labels and units.
+    """A learned function with labels and units.
 
     Attributes:
-        x, y: (M,); std: (M,) one standard error, None for a cycle.
+        x, y: (M,); std: (M,) one standard error, None for the law of a learned element.
     """
 
     x: Array
@@ -109,9 +109,9 @@ class Picture:
 
 
 def picture(linearised: LinearisedFit, location: Location) -> Picture | None:
-    """Return the learned function of the best group of a location; None where there is none to draw."""
+    """Return the learned function of the best group of a location; None where it is no function of one variable."""
     group, scales, network = GROUPS[location.group], linearised.scales, linearised.fit.setup.network
-    if not location.weights.size or (group.static is None and group.enters == OUTPUT):
+    if not location.weights.size or group.static is None:
         return None
     words = vocabulary_of(network)
     length, small = (1e9, "nm") if words.mechanical else (1.0, words.output_unit)
@@ -122,15 +122,6 @@ def picture(linearised: LinearisedFit, location: Location) -> Picture | None:
         PARAMETER: (1.0, " of ".join(filter(None, ["relative change", ", ".join(group.varied(network))]))),
     }[group.enters]
     title = f"{location.name}: {location.detail}"
-    if group.static is None:
-        # Along the recording with the largest motion, at most one period.
-        trajectory = max(linearised.trajectories, key=lambda t: float(np.ptp(t.y)))
-        functions = group.functions(trajectory, scales)
-        elapsed, period = np.cumsum(trajectory.h), trajectory.recording.period
-        first = int(np.searchsorted(elapsed, elapsed[-1] - period)) if period else 0
-        drawn = slice(first, functions.shape[0], max(1, (functions.shape[0] - first) // _CYCLE))
-        q, axis = _shown(trajectory.mid_displacement[drawn], "displacement", words)
-        return Picture(q, unit * (functions[drawn] @ location.weights[: functions.shape[1]]), None, axis, label, title)
     x = _axis(group.axis, scales)
     functions = group.static(x, scales)
     # A parameter group has one block of weights a parameter; the first one is drawn.
@@ -165,14 +156,6 @@ def is_effort(location: Location) -> bool:
     """Return whether what was fitted at a location acts as a force: without an anchor its size is known up to one
     factor."""
     return GROUPS[location.group].enters == FORCE
-
-
-def missing_force(linearised: LinearisedFit, location: Location, index: int) -> Array | None:
-    """Return the effort (n,) that a located mismatch asks for along one trajectory; None where it is not a force."""
-    if not is_effort(location):
-        return None
-    functions = GROUPS[location.group].functions(linearised.trajectories[index], linearised.scales)
-    return np.asarray(linearised.scales.stiffness * linearised.scales.displacement * (functions @ location.weights))
 
 
 def _shown(x: Array, axis: str, words: Vocabulary) -> tuple[Array, str]:

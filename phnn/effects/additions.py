@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
+from phnn.effects.declaration import inertia
 from phnn.laws import STORAGE_LAWS
 from phnn.network.elements import Coupling, Modulation, ModulatorState, Network, Port, Ratio, Resistor, Storage
 from phnn.parameters import Parameter, as_table
@@ -44,6 +45,28 @@ class Parts:
             self.memories,
         )
         return with_network(setup, network)
+
+
+@dataclass(frozen=True)
+class Slipping:
+    """``F += −E(z)``, ``ż = v − φ``: a storage of the displacement ``z`` whose slip reads the momentum.
+
+    Attributes:
+        name: of the resistor by which it slips; law: of it; shape: its parameters but the inertia.
+        spring: the storage.
+    """
+
+    name: str
+    law: str
+    spring: Storage
+    shape: tuple[str, ...]
+    passive = True
+
+    def __call__(self, setup: Setup, parameters: Placed) -> Setup:
+        """The setup with it."""
+        z = self.spring.name
+        slip = Resistor(self.name, self.law, {z: 1.0}, (*self.shape, inertia(setup)), "p")
+        return Parts((self.spring,), (slip,), (Coupling(z, "p"),))(setup, parameters)
 
 
 @dataclass(frozen=True)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
+import math
 
 from phnn.effects import kinds
 from phnn.effects.additions import at_amplifier
 from phnn.effects.declaration import between, limit, signed, time_constant
-from phnn.effects.effect import Effect, Points, Scales
+from phnn.effects.effect import Effect, Points
 
 _BOOK = "Fleming & Leang 2014, Design, Modeling and Control of Nanopositioning Systems, ch. 14"
 _TAU = time_constant("tau_a", "time constant of the amplifier", strength=True).plausibly(
@@ -120,13 +120,6 @@ DELAY = Effect(
 )
 
 
-def slew_grid(scales: Scales) -> list[dict[str, float]]:
-    """Limits below the steepest sine of the command, and decades above it, as a step is steeper than any sine. No
-    small strength exists to start from."""
-    steepest = 2.0 * np.pi * scales.fastest * scales.voltage
-    return [{"S": share * steepest} for share in (0.5, 0.75, 0.9, 0.98, 4.0, 40.0, 400.0)]
-
-
 SLEW_LIMIT = Effect(
     name="slew_limit",
     kind=kinds.SLEW,
@@ -139,6 +132,10 @@ SLEW_LIMIT = Effect(
     references=(_BOOK,),
     declares=(limit("S", "V/s", "largest slew rate", 1e3).plausibly(1e2, 1e9, "1 mA into 10 µF to 10 A into 10 nF"),),
     adds=at_amplifier("slew_limit"),
-    grid=slew_grid,
+    # Limits below the steepest sine of the command, and decades above it, as a step is steeper than any sine. No small
+    # strength exists to start from.
+    grid=Points(
+        *({"S": (2.0 * math.pi * share, "fastest", "voltage")} for share in (0.5, 0.75, 0.9, 0.98, 4.0, 40.0, 400.0))
+    ),
     neighbours=("quadratic_drag", "amplifier_saturation"),
 )

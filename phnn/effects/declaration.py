@@ -6,11 +6,9 @@ A condition says whether an effect can act in a setup; where it fails, its docst
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from functools import partial
+import re
+from dataclasses import dataclass, replace
 
-from phnn import parameters
 from phnn.laws.other import THROUGH_A_RESISTOR
 from phnn.network.bondgraph.description import effort_unit
 from phnn.network.roles import hysterons
@@ -69,10 +67,34 @@ def has_tanks(setup: Setup) -> bool:
     return all(s.law == "capacitor" for s in network.storages) and not network.couplings
 
 
-def sensed_unit(setup: Setup) -> str:
-    """SI unit of the sensor's quantity: of a displacement, or of the effort that an imposed motion requires."""
+# Metres and newtons in the unit of an effect.
+_METRE, _NEWTON = re.compile(r"\bm(?=[\s/)²]|$)"), re.compile(r"\bN\b")
+
+
+def in_own_units(unit: str, setup: Setup) -> str:
+    """Return the unit of an effect in those of a setup's own motion: ``N/m`` is ``N m/rad`` of a shaft.
+
+    Args:
+        unit: for a motion ``q`` in metres and an input in volts; ``{sensed}`` in it stands for the unit of the sensor's
+            quantity: of the output, or of the effort that an imposed motion requires.
+        setup: with role names.
+    """
     network = setup.network
-    return next((effort_unit(p.unit) for p in network.ports if p.name == network.senses), "m")
+    units = {s.name: s.unit for s in network.storages}
+    sensed = next((effort_unit(p.unit) for p in network.ports if p.name == network.senses), units[network.output])
+    source = network.ports[0].unit if network.ports else "V"
+    for text, own in (("{sensed}", sensed), ("V", source)):
+        if text in unit:
+            plain = unit.replace(f"/{text}^2", "").replace(f"/{text}", "") if own == "1" else unit
+            return plain.replace(text, own).replace("/s/s", "/s²")
+    moved = units.get("q", "m")
+    effort = effort_unit(f"{moved}/s")
+    if moved == "m" or effort == "1":
+        return unit
+    inertia_of = {"kg": "kg m2" if moved == "rad" else f"{effort} s²/{moved}", "kg m/s": f"{effort} s"}
+    if unit in inertia_of:
+        return inertia_of[unit]
+    return _NEWTON.sub(effort, _METRE.sub(moved, unit))
 
 
 @dataclass(frozen=True)
@@ -103,22 +125,31 @@ class Declared:
 
     Attributes:
         name: unique among the parameters of all effects.
-        unit: SI; ``{sensed}`` in it stands for the unit of the sensor's quantity.
+        unit: SI, of a motion in metres; see `in_own_units`.
         description: text for readers.
-        place: function that makes the parameter from ``name``, ``value``, ``unit`` and ``description``, with its
-            bounds.
         strength: whether the parameter is zero when the effect is absent.
         lower, upper: bounds that hold in every setup.
+        scale: ``log`` (of positive values), ``linear``, or ``fixed`` for what is never estimated.
+        usual: the range in which it may always move.
+        span: it may also move by this factor from its start value; on a linear scale up to as many times its size.
+        keeps_sign: on a linear scale it moves by the factor and keeps its sign.
+        typical: size of a noticeable change on a linear scale; own_size: that change as a share of the start value's
+            size, where that is not zero.
         plausible: range in real actuators; see `plausibly`.
     """
 
     name: str
     unit: str
     description: str
-    place: Callable[..., Parameter] = field(compare=False, repr=False)
     strength: bool = False
     lower: float = -math.inf
     upper: float = math.inf
+    scale: str = "linear"
+    usual: tuple[float, float] = (-math.inf, math.inf)
+    span: float = 1.0
+    keeps_sign: bool = False
+    typical: float = 1.0
+    own_size: float = 0.0
     plausible: Plausible = NO_RANGE
 
     def plausibly(self, lower: float, upper: float, source: str, *, over: str = "", outside: str = "") -> Declared:
@@ -131,20 +162,26 @@ class Declared:
         Raises:
             InputRefused: the value is not finite or lies outside the bounds.
         """
-        unit = self.unit.replace("{sensed}", sensed_unit(setup))
-        return self.place(name=self.name, value=value, unit=unit, description=self.description)
+        unit = in_own_units(self.unit, setup)
+        if self.scale == "fixed":
+            return Parameter(self.name, value, unit, fixed=True, description=self.description)
+        positive, size = self.scale == "log", abs(value)
+        if positive or self.keeps_sign:
+            near, far = sorted((value / self.span, value * self.span))
+        else:
+            near, far = -self.span * size, self.span * size
+        lower, upper = max(self.lower, min(self.usual[0], near)), min(self.upper, max(self.usual[1], far))
+        typical = self.own_size * size or self.typical
+        return Parameter(self.name, value, unit, lower, upper, positive, typical, description=self.description)
 
 
-def positive(
-    name: str,
-    unit: str,
-    description: str,
-    span: float = 1e6,
-    strength: bool = False,
-) -> Declared:
+# Where no range is usual, and how far a parameter may move from its start value where the usual range is narrower.
+_NONE, _FAR = (math.inf, -math.inf), 1e6
+
+
+def positive(name: str, unit: str, description: str, span: float = _FAR, strength: bool = False) -> Declared:
     """A positive parameter, estimated on a logarithmic scale, bounded to a factor ``span`` in either direction."""
-    place = partial(parameters.positive, span=span)
-    return Declared(name, unit, description, place, strength, lower=0.0)
+    return Declared(name, unit, description, strength, 0.0, scale="log", usual=_NONE, span=span)
 
 
 def signed(
@@ -163,12 +200,15 @@ def signed(
         typical: size of a noticeable change.
         own_size: a noticeable change is as large as the start value, unless that is zero.
     """
-    return Declared(name, unit, description, _OnLinearScale(reach, typical, own_size), strength)
+    usual = (-reach, reach)
+    return Declared(
+        name, unit, description, strength, usual=usual, span=_FAR, typical=typical, own_size=float(own_size)
+    )
 
 
 def nonnegative(name: str, unit: str, description: str, reach: float, typical: float) -> Declared:
     """A parameter on a linear scale that is zero or positive; for the arguments see `signed`."""
-    return Declared(name, unit, description, _OnLinearScale(reach, typical, lower=0.0), lower=0.0)
+    return replace(signed(name, unit, description, reach, typical), lower=0.0)
 
 
 def bounded(
@@ -181,19 +221,17 @@ def bounded(
     *,
     strength: bool = False,
 ) -> Declared:
-    """A parameter between fixed bounds on a linear scale.
-
-    Args:
-        typical: size of a noticeable change.
-    """
-    place = partial(Parameter, lower=lower, upper=upper, typical=typical)
-    return Declared(name, unit, description, place, strength, lower, upper)
+    """A parameter between fixed bounds on a linear scale; ``typical`` is the size of a noticeable change."""
+    return Declared(name, unit, description, strength, lower, upper, typical=typical)
 
 
 def between(name: str, unit: str, description: str, lower: float, upper: float) -> Declared:
     """A positive parameter between fixed bounds, estimated on a logarithmic scale."""
-    place = partial(Parameter, lower=lower, upper=upper, positive=True)
-    return Declared(name, unit, description, place, lower=lower, upper=upper)
+    return Declared(name, unit, description, False, lower, upper, "log")
+
+
+# A noticeable change of a gap, as a share of the gap.
+_NOTICED = 0.02
 
 
 def limit(name: str, unit: str, description: str, span: float, signed: bool = False) -> Declared:
@@ -202,48 +240,19 @@ def limit(name: str, unit: str, description: str, span: float, signed: bool = Fa
     Args:
         signed: it may be negative, and is estimated on a linear scale.
     """
-    place = partial(_limit, span=span, signed=signed)
-    return Declared(name, unit, description, place)
+    if not signed:
+        return Declared(name, unit, description, scale="log", usual=_NONE, span=span)
+    return Declared(name, unit, description, usual=_NONE, span=span, keeps_sign=True, typical=0.0, own_size=_NOTICED)
 
 
 def time_constant(name: str, description: str, strength: bool = False) -> Declared:
-    """A delay or lag [s]."""
-    return Declared(name, "s", description, _time_constant, strength, lower=0.0)
+    """A delay or lag [s]: from 1 ns to 10 s as in actuators, or a factor 10⁶ either way around its value.
+
+    What drives a system gives the value a start, so that tanks that are sampled every few seconds have room as well.
+    """
+    return Declared(name, "s", description, strength, 0.0, scale="log", usual=(1e-9, 10.0), span=_FAR)
 
 
 def constant(name: str, unit: str, description: str) -> Declared:
     """A parameter that is never estimated, such as a reference displacement."""
-    return Declared(name, unit, description, parameters.constant)
-
-
-# Functions and classes of a module, not closures: an effect is sent to other processes.
-
-
-@dataclass(frozen=True)
-class _OnLinearScale:
-    """The function behind `signed` and `nonnegative`; see there for the attributes."""
-
-    reach: float
-    typical: float
-    own_size: bool = False
-    lower: float = -math.inf
-
-    def __call__(self, name: str, value: float, unit: str, description: str) -> Parameter:
-        size = abs(value) if self.own_size else 0.0
-        placed = parameters.signed(name, value, unit, self.reach, size or self.typical, description)
-        return replace(placed, lower=max(self.lower, placed.lower))
-
-
-def _limit(name: str, value: float, unit: str, description: str, span: float, signed: bool) -> Parameter:
-    near, far = sorted((value * (1.0 / span), value * span))
-    if not signed:
-        return Parameter(name, value, unit, near, far, positive=True, description=description)
-    return Parameter(name, value, unit, near, far, typical=_NOTICED * abs(value), description=description)
-
-
-# A noticeable change of a gap, as a share of the gap.
-_NOTICED = 0.02
-
-
-def _time_constant(name: str, value: float, unit: str, description: str) -> Parameter:
-    return parameters.time_constant(name, value, description)
+    return Declared(name, unit, description, scale="fixed")

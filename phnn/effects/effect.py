@@ -12,7 +12,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from phnn.effects.additions import Addition
-from phnn.effects.declaration import Declared, Plausible, always
+from phnn.effects.declaration import Declared, Plausible, always, in_own_units
 from phnn.effects.kinds import Kind
 from phnn.errors import InputRefused, meant
 from phnn.setup import Setup
@@ -85,7 +85,8 @@ class Points:
     """A grid that is written down, for laws of which single points are known.
 
     Args:
-        points: values by parameter: a number, the name of a scale, or a share of a scale such as ``(0.1, "voltage")``.
+        points: values by parameter: a number, the name of a scale, or a factor of scales such as ``(0.1, "voltage")``
+            and ``(1e-3, "noise", "1/duration")``.
     """
 
     def __init__(self, *points: Mapping[str, Any]) -> None:
@@ -95,10 +96,12 @@ class Points:
         return [{name: self._value(given, scales) for name, given in point.items()} for point in self.points]
 
     @staticmethod
-    def _value(given: float | str | tuple[float, str], scales: Scales) -> float:
-        if isinstance(given, tuple):
-            return given[0] * float(getattr(scales, given[1]))
-        return float(getattr(scales, given)) if isinstance(given, str) else given
+    def _value(given: Any, scales: Scales) -> float:
+        value, *names = given if isinstance(given, tuple) else (1.0, given) if isinstance(given, str) else (given,)
+        for name in names:
+            size = float(getattr(scales, name.removeprefix("1/")))
+            value = value / size if name.startswith("1/") else value * size
+        return value
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,7 +115,6 @@ class Effect:
     Attributes:
         name: canonical name.
         kind: the local variables and the location through which it acts; effects of one kind act through the same ones.
-        related_kinds: further kinds that may fit the mismatch if the effect's own form is not quite right.
         equation: LaTeX.
         statement: one or two sentences for readers; ``{parameter}`` is replaced by its value with unit.
         fingerprint: one sentence: the features of recordings that indicate the effect.
@@ -150,7 +152,6 @@ class Effect:
     declares: tuple[Declared, ...] = ()
     applies: Callable[[Setup], bool] = field(default=always, compare=False)
     neighbours: tuple[str, ...] = ()
-    related_kinds: tuple[Kind, ...] = ()
     special_cases: tuple[SpecialCase, ...] = field(default=(), compare=False)
     equivalents: Callable[[Values], list[dict[str, float]]] | None = field(default=None, compare=False)
     searched: str | None = None
@@ -258,7 +259,12 @@ class Effect:
 
     def build(self, setup: Setup, values: Values) -> Setup:
         """The setup with the effect's addition, its parameters at the given values [SI]."""
-        return self.adds(setup, {d.name: d.at(values[d.name], setup) for d in self.declares})
+        built = self.adds(setup, {d.name: d.at(values[d.name], setup) for d in self.declares})
+        network, before = built.network, setup.network.storage_names
+        storages = tuple(
+            s if s.name in before else replace(s, unit=in_own_units(s.unit, setup)) for s in network.storages
+        )
+        return replace(built, network=replace(network, storages=storages)) if storages != network.storages else built
 
     def add_to(self, setup: Setup, values: Values) -> Setup:
         """The setup with this effect at the given parameter values [SI], renamed to say so.

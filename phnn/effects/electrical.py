@@ -103,11 +103,6 @@ DISPLACEMENT_COUPLING = Effect(
 )
 
 
-def electrostriction_grid(scales: Scales) -> list[dict[str, float]]:
-    """One point: the law is linear in its strength."""
-    return [{"epsilon": 1e-3 / scales.voltage}]
-
-
 ELECTROSTRICTION = Effect(
     name="electrostriction",
     kind=kinds.FORCE_BY_VOLTAGE,
@@ -126,7 +121,7 @@ ELECTROSTRICTION = Effect(
     ),
     # The voltage port acts through ψ(V) = V + ε V²/2; its conjugate current gains the factor 1 + ε V.
     adds=partial(bent_port, law="electrostriction"),
-    grid=electrostriction_grid,
+    grid=Points({"epsilon": (1e-3, "1/voltage")}),
     applies=has_transducer,
     neighbours=("displacement_coupling", "quadratic_stiffness", "sensor_nonlinearity"),
 )

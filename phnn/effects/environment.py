@@ -8,7 +8,7 @@ from dataclasses import replace
 from phnn.effects import kinds
 from phnn.effects.additions import OfEveryRecording, Parts, Placed, with_network
 from phnn.effects.declaration import bounded, constant, has_motion, positive, signed
-from phnn.effects.effect import Effect, Points, Scales
+from phnn.effects.effect import Effect, Points
 from phnn.network.elements import Coupling, Port, Storage
 from phnn.parameters import as_table
 from phnn.setup import Setup, Source
@@ -27,12 +27,6 @@ def shake(setup: Setup, parameters: Placed) -> Setup:
     port = Port("base", {"p": 1.0}, unit="N")
     network = replace(setup.network, ports=(*setup.network.ports, port))
     return with_network(setup, network).with_source(Source("tone", "base", tuple(sized)), tuple(sized.values()))
-
-
-def shaking_grid(scales: Scales) -> list[dict[str, float]]:
-    """One point for each of the two phases; the frequency is searched."""
-    force = 1e-4 * scales.stiffness * scales.displacement
-    return [{"A_c": a * force, "A_s": (1.0 - a) * force, "f_b": scales.fastest} for a in (1.0, 0.0)]
 
 
 def rescale_shaking(values: Mapping[str, float], factor: float) -> dict[str, float]:
@@ -58,7 +52,13 @@ BASE_MOTION = Effect(
         ),
     ),
     adds=shake,
-    grid=shaking_grid,
+    # One point for each of the two phases; the frequency is searched.
+    grid=Points(
+        *(
+            {"A_c": (a, "stiffness", "displacement"), "A_s": (1e-4 - a, "stiffness", "displacement"), "f_b": "fastest"}
+            for a in (1e-4, 0.0)
+        )
+    ),
     applies=has_motion,
     neighbours=("mains_pickup",),
     rescale=rescale_shaking,
@@ -69,11 +69,6 @@ BASE_MOTION = Effect(
 # A storage ``H = −F₀ x_w`` with ``J[x_w, p] = 1``: an energy source that is not bounded below. If a spring acts, it has
 # deflected before the recording starts. Without a spring there is no rest state, and recordings start unknown.
 _WEIGHT = Parts((Storage("x_w", "weight", ("F_0",), "m"),), couplings=(Coupling("x_w", "p", 1.0),))
-
-
-def load_grid(scales: Scales) -> list[dict[str, float]]:
-    """One point: the law is linear in its strength."""
-    return [{"F_0": 1e-3 * scales.stiffness * scales.displacement}]
 
 
 CONSTANT_LOAD = Effect(
@@ -87,7 +82,7 @@ CONSTANT_LOAD = Effect(
     references=("Gautier, Janot & Vandanjon 2013, IEEE Transactions on Control Systems Technology 21 (EMPS)",),
     declares=(bounded("F_0", "N", "constant force", typical=0.1, strength=True),),
     adds=_WEIGHT,
-    grid=load_grid,
+    grid=Points({"F_0": (1e-3, "stiffness", "displacement")}),
     applies=has_motion,
     neighbours=("amplifier_offset",),
 )

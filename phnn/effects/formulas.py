@@ -13,7 +13,7 @@ from functools import cache
 from phnn.effects import kinds
 from phnn.effects.additions import at_amplifier, at_sensor
 from phnn.effects.declaration import bounded, constant, nonnegative, signed
-from phnn.effects.effect import Effect, Points, Scales, gathered, in_all_forms
+from phnn.effects.effect import Effect, Points, gathered, in_all_forms
 from phnn.effects.learned import Within
 
 _WIDTH = nonnegative("delta_U", "V", "half width of the dead band", 1e3, 0.1)
@@ -67,11 +67,6 @@ _CLOCK_MOST = 0.1
 _CLOCK_RATE = bounded("kappa_Z", "1", "how much the clock runs fast", -_CLOCK_MOST, _CLOCK_MOST, 1e-5, strength=True)
 
 
-def clock_grid(scales: Scales) -> list[dict[str, float]]:
-    """One point: the law is nearly linear in its strength."""
-    return [{"kappa_Z": 1e-3 / (2.0 * math.pi * scales.fastest * scales.duration), "one_Z": 1.0}]
-
-
 SENSOR_CLOCK = Effect(
     name="sensor_clock",
     kind=kinds.SENSOR_OVER_TIME,
@@ -83,7 +78,7 @@ SENSOR_CLOCK = Effect(
     references=("Mills 2006, Computer Network Time Synchronization, ch. 1",),
     declares=(_CLOCK_RATE, constant("one_Z", "1", "unit of the clock's change")),
     adds=at_sensor("clock"),
-    grid=clock_grid,
+    grid=Points({"kappa_Z": (5e-4 / math.pi, "1/fastest", "1/duration"), "one_Z": 1.0}),
     neighbours=("sensor_lag",),
     rescale=Within((_CLOCK_RATE,)),
 )

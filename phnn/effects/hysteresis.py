@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import partial
 from itertools import product
 
 import numpy as np
 
 from phnn.effects import kinds
-from phnn.effects.additions import Parts, Placed, at_amplifier, with_following_dead_zones
+from phnn.effects.additions import Parts, Placed, Slipping, at_amplifier, with_following_dead_zones
 from phnn.effects.declaration import (
     between,
     bounded,
@@ -31,20 +30,6 @@ from phnn.setup import Setup
 # Displacements after which the spring slips, over the largest one; a stiffness over that of the base model, with which
 # the response is still proportional to it.
 _SLIP_TRAVELS, _SMALL = (0.05, 0.2, 0.6, 2.0), 1e-3
-
-
-@dataclass(frozen=True)
-class _Slipping:
-    """``F += −E(z)``, ``ż = v − φ``: a storage whose slip reads the momentum."""
-
-    form: str
-    spring: Storage
-    shape: tuple[str, ...]
-    passive = True
-
-    def __call__(self, setup: Setup, parameters: Placed) -> Setup:
-        slip = Resistor("slip_B", self.form, {"z_B": 1.0}, (*self.shape, inertia(setup)), "p")
-        return Parts((self.spring,), (slip,), (Coupling("z_B", "p"),))(setup, parameters)
 
 
 def _slipping_grid(scales: Scales, backs: tuple[float, ...]) -> list[dict[str, float]]:
@@ -98,11 +83,12 @@ _DUHEM = Effect(
         "Visintin 1994, Differential Models of Hysteresis (Duhem)",
     ),
     declares=(*_SPRING, *_STIFFENS),
-    adds=_Slipping("duhem", Storage("z_B", "exponential_spring", ("k_B", "F_B", "c_B"), "m"), ("F_B", "n_B", "c_B")),
+    adds=Slipping(
+        "slip_B", "duhem", Storage("z_B", "exponential_spring", ("k_B", "F_B", "c_B"), "m"), ("F_B", "n_B", "c_B")
+    ),
     grid=duhem_grid,
     applies=has_inertia,
     neighbours=("extra_hysteron", "coulomb_friction", "creep"),
-    related_kinds=(kinds.THRESHOLD_BY_DISPLACEMENT, kinds.THRESHOLD_BY_RATE),
     rescale=rescale_slipping,
 )
 BOUC_WEN_HYSTERESIS = _DUHEM.or_as(
@@ -112,7 +98,7 @@ BOUC_WEN_HYSTERESIS = _DUHEM.or_as(
     "{F_B}, with an exponent of {n_B}, and on the way back {c_B} times as much. Forwards that force is the share "
     "{a_B} larger, backwards smaller.",
     declares=(*_SPRING, *_SLIPS),
-    adds=_Slipping("bouc_wen", Storage("z_B", "spring", ("k_B",), "m"), ("F_B", "n_B", "c_B", "a_B")),
+    adds=Slipping("slip_B", "bouc_wen", Storage("z_B", "spring", ("k_B",), "m"), ("F_B", "n_B", "c_B", "a_B")),
     grid=bouc_wen_grid,
 ).or_as(
     equation=r"V = u - w s, \quad \dot{s} = (\dot{u} - \beta\,|\dot{u}|\,e\,\mathrm{sgn}\,s - \gamma\,\dot{u}\,e)/V_B,"
@@ -191,7 +177,6 @@ DISTRIBUTED_HYSTERESIS = Effect(
     grid=distributed_grid,
     applies=has_motion,
     neighbours=("extra_hysteron", "coulomb_friction", "bouc_wen_hysteresis"),
-    related_kinds=(kinds.THRESHOLD_BY_DISPLACEMENT, kinds.THRESHOLD_BY_RATE),
 )
 
 
@@ -279,7 +264,6 @@ EXTRA_HYSTERON = Effect(
     grid=hysteron_grid,
     applies=has_transducer,
     neighbours=("creep", "coulomb_friction"),
-    related_kinds=(kinds.CAPACITANCE_BY_CHARGE, kinds.THRESHOLD_BY_DISPLACEMENT, kinds.THRESHOLD_BY_RATE),
     rescale=rescale_hysteron,
     special_cases=(SpecialCase("creep", as_creep),),
     equivalents=equivalents,
@@ -313,11 +297,6 @@ def follow_rate(setup: Setup, parameters: Placed) -> Setup:
     return with_following_dead_zones(setup, parameters, "rate_dependent_dead_zone", "p", (inertia(setup),))
 
 
-def rate_grid(scales: Scales) -> list[dict[str, float]]:
-    """One point: the law is linear in its strength."""
-    return [{"kappa_v": 1e-3 / scales.velocity}]
-
-
 def moves_plain_dead_zones(setup: Setup) -> bool:
     """At least one resistor has a dead zone that follows no state yet, and a mass of constant inertia moves."""
     return has_inertia(setup) and has_plain_dead_zones(setup)
@@ -334,7 +313,7 @@ RATE_DEPENDENT_THRESHOLD = Effect(
     references=("Al Janaideh, Rakheja & Su 2009, Mechatronics 19 (rate-dependent play)",),
     declares=(positive("kappa_v", "s/m", "growth of the dead zones with the speed", 1e8, strength=True),),
     adds=follow_rate,
-    grid=rate_grid,
+    grid=Points({"kappa_v": (1e-3, "1/velocity")}),
     applies=moves_plain_dead_zones,
     neighbours=("extra_hysteron", "quadratic_drag"),
 )

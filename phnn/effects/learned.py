@@ -70,17 +70,18 @@ def starts(
     value: float,
     stressed: Iterable[Iterable[str]],
     constants: Mapping[str, Any],
+    *scales: str,
 ) -> Points:
     """Grid points: all strengths equal, and then each group of them emphasised in turn.
 
     Args:
-        value: size of the strengths.
+        value: size of the strengths, times the scales of these names.
         stressed: groups of their names.
         constants: the element's other parameters.
     """
     names = named(strengths)
-    faint = dict.fromkeys(names, _FAINT * value)
-    points = [dict.fromkeys(names, value), *(faint | dict.fromkeys(group, value) for group in stressed)]
+    faint, full = dict.fromkeys(names, (_FAINT * value, *scales)), (value, *scales)
+    points = [dict.fromkeys(names, full), *(faint | dict.fromkeys(group, full) for group in stressed)]
     return Points(*({**point, **constants} for point in points))
 
 
@@ -152,7 +153,6 @@ LEARNED_AMPLIFIER = Effect(
     grid=_AMPLIFIER_GRID,
     neighbours=("amplifier_saturation", "contact_stop", "electrostriction"),
     rescale=Within(_LOST_GAINS),
-    related_kinds=(kinds.LIMIT,),
 )
 
 
@@ -236,7 +236,6 @@ LEARNED_DAMPER = Effect(
     applies=has_motion,
     neighbours=("coulomb_friction", "quadratic_drag"),
     rescale=Within(_FORCES),
-    related_kinds=(kinds.DAMPING_BY_DISPLACEMENT,),
 )
 
 
@@ -393,7 +392,6 @@ LEARNED_SENSOR = Effect(
     grid=_SENSOR_GRID,
     neighbours=("sensor_nonlinearity", "electrostriction"),
     rescale=Within(_ERRORS),
-    related_kinds=(kinds.SENSOR_NONLINEAR,),
 )
 
 
@@ -408,12 +406,6 @@ _TIME_SIZES = (
 _TIME_BLOCKS = (Block("clock", ("c_Z", "s_Z")), Block("drifting_gain", ("g_Z1", "g_Z2", "T_Z")))
 
 
-def sensor_over_time_grid(scales: Scales) -> list[dict[str, float]]:
-    """One point for each strength."""
-    sizes = {"T_Z": scales.duration, "s_Z": 1.0 / (2.0 * math.pi * scales.fastest * scales.duration)}
-    return each(_CHANGES_BY_TIME, _SENSOR_SMALL, sizes)(scales)
-
-
 LEARNED_SENSOR_OVER_TIME = Effect(
     name="learned_sensor_over_time",
     kind=kinds.SENSOR_OVER_TIME,
@@ -425,10 +417,14 @@ LEARNED_SENSOR_OVER_TIME = Effect(
     references=("Fraden 2016, Handbook of Modern Sensors, ch. 3",),
     declares=(*_CHANGES_BY_TIME, *_TIME_SIZES),
     adds=Chain("sensor", _TIME_BLOCKS),
-    grid=sensor_over_time_grid,
+    # One point for each strength.
+    grid=each(
+        _CHANGES_BY_TIME,
+        _SENSOR_SMALL,
+        {"T_Z": "duration", "s_Z": (0.5 / math.pi, "1/fastest", "1/duration")},
+    ),
     neighbours=("sensor_drift", "self_heating"),
     rescale=Within(_CHANGES_BY_TIME),
-    related_kinds=(kinds.GAIN_DRIFT, kinds.CLOCK),
 )
 
 
@@ -457,12 +453,6 @@ def press(setup: Setup, parameters: Placed) -> Setup:
     return _SPRING_PARTS(setup, sized(parameters, _SPRING_NOTICEABLE * stiffness_of(setup)))
 
 
-def spring_grid(scales: Scales) -> list[dict[str, float]]:
-    """All strengths equal; then emphasis on the stops on one side, and on the saturating springs."""
-    places = {f"g_L{i}": share * scales.displacement for i, share in (_GAPS | _REACHES).items()}
-    return starts(_STIFFNESSES, _SPRING_SMALL * scales.stiffness, (_RIGHT, _LEFT, _YIELDING), places)(scales)
-
-
 LEARNED_SPRING = Effect(
     name="learned_spring",
     kind=kinds.ELASTIC,
@@ -478,7 +468,14 @@ LEARNED_SPRING = Effect(
     references=("Hastie, Tibshirani & Friedman 2009, The Elements of Statistical Learning, sec. 9.4 (hinges)",),
     declares=(*_STIFFNESSES, *_PLACES),
     adds=press,
-    grid=spring_grid,
+    # All strengths equal; then emphasis on the stops on one side, and on the saturating springs.
+    grid=starts(
+        _STIFFNESSES,
+        _SPRING_SMALL,
+        (_RIGHT, _LEFT, _YIELDING),
+        {f"g_L{i}": (share, "displacement") for i, share in (_GAPS | _REACHES).items()},
+        "stiffness",
+    ),
     applies=has_motion,
     neighbours=("contact_stop", "cubic_stiffness", "quadratic_stiffness"),
     rescale=Within(_STIFFNESSES),

@@ -8,19 +8,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from phnn.effects import kinds
-from phnn.effects.additions import Parts, Placed, bent_spring
-from phnn.effects.declaration import between, bounded, constant, has_motion, has_spring, limit, positive
+from phnn.effects.additions import Parts, Placed, Slipping, bent_spring
+from phnn.effects.declaration import between, bounded, constant, has_inertia, has_motion, has_spring, limit, positive
 from phnn.effects.effect import Effect, Points, Scales
 from phnn.network.elements import Coupling, Network, Resistor, Storage
 from phnn.setup import Setup
-
-
-def stop_grid(scales: Scales) -> list[dict[str, float]]:
-    """A weak stop at shares of the displacement on either side."""
-    shares = (0.3, 0.5, 0.65, 0.8, 0.9, 0.97)
-    gaps = [side * share * scales.displacement for side in (1.0, -1.0) for share in shares]
-    return [{"k_c": 1e-3 * scales.stiffness, "g_c": gap} for gap in gaps]
-
 
 # Of a round stop, over the displacement.
 _ROUND_GAPS = (0.4, 0.6, 0.8, -0.4, -0.6, -0.8)
@@ -41,7 +33,14 @@ CONTACT_STOP = Effect(
         _GAP,
     ),
     adds=Parts((Storage("x_c", "stop", ("k_c", "g_c"), "m"),), couplings=(Coupling("x_c", "p", 1.0),)),
-    grid=stop_grid,
+    # A weak stop at shares of the displacement on either side.
+    grid=Points(
+        *(
+            {"k_c": (1e-3, "stiffness"), "g_c": (side * share, "displacement")}
+            for side in (1.0, -1.0)
+            for share in (0.3, 0.5, 0.65, 0.8, 0.9, 0.97)
+        )
+    ),
     applies=has_motion,
     neighbours=("amplifier_saturation", "quadratic_stiffness", "cubic_stiffness"),
 ).or_as(
@@ -67,6 +66,10 @@ _HARDLY = 0.01
 _FORCE = positive("F_c", "N", "Coulomb friction force", 1e8, strength=True)
 _STIFFNESS = positive("k_f", "N/m", "stiffness of the bristles before they slip", 1e8)
 _SLIP = constant("slip_f", "m/(N s)", "speed of slipping over the force beyond friction")
+_STRIBECK = (
+    positive("r_f", "1", "excess of friction at low speed, over that at high speed", 1e3),
+    positive("v_d", "m/s", "speed over which friction falls", 1e4),
+)
 _BRISTLES, _BENT = Storage("z", "spring", ("k_f",), "m"), Coupling("z", "p", 1.0)
 _SLIPPING = Resistor(_NAME, "bristles", {"z": 1.0}, ("slip_f", "F_c"))
 _CREEPING = Resistor(f"{_NAME}_creep", "linear", {"z": 1.0}, ("rho_f",))
@@ -79,6 +82,11 @@ def slides(setup: Setup) -> bool:
     return has_motion(setup) and all(r.name != _NAME for r in setup.network.resistors)
 
 
+def slides_by_inertia(setup: Setup) -> bool:
+    """The same, with a mass of constant inertia."""
+    return slides(setup) and has_inertia(setup)
+
+
 def friction_grid(scales: Scales) -> list[dict[str, float]]:
     """Smoothing velocities well below the largest velocity of the slowest and of the fastest recording."""
     force = 1e-4 * scales.stiffness * scales.displacement
@@ -87,26 +95,37 @@ def friction_grid(scales: Scales) -> list[dict[str, float]]:
     return [{"F_c": force, "v_s": v} for v in sorted(speeds)]
 
 
-def bristles_grid(scales: Scales) -> list[dict[str, float]]:
-    """Slip after shares of the displacement, with a resistance that is hardly noticeable."""
+def falling_friction_grid(scales: Scales) -> list[dict[str, float]]:
+    """The same speeds; friction falls over a few and over many of them."""
+    return [{**v, "r_f": 0.5, "v_d": times * v["v_s"]} for v in friction_grid(scales) for times in (5.0, 50.0)]
+
+
+def _bristles(scales: Scales) -> list[dict[str, float]]:
+    """Bristles of a friction that is hardly noticeable, which slip after shares of the displacement."""
     force = 1e-4 * scales.stiffness * scales.displacement
-    slip = scales.velocity / (_HARDLY * force)
-    return [
-        {"k_f": force / (share * scales.displacement), "F_c": force, "slip_f": slip} for share in (3e-4, 3e-3, 3e-2)
-    ]
+    return [{"k_f": force / (share * scales.displacement), "F_c": force} for share in (3e-4, 3e-3, 3e-2)]
+
+
+def bent_bristles_grid(scales: Scales) -> list[dict[str, float]]:
+    """Friction falls over a share of the speeds, or hardly."""
+    return [{**v, "r_f": r, "v_d": 0.1 * scales.velocity} for v in _bristles(scales) for r in (0.05, 0.5)]
 
 
 def creeping_bristles_grid(scales: Scales) -> list[dict[str, float]]:
-    """The same bristles, which creep slower and faster than the fastest line."""
+    """Bristles that slip with a resistance that is hardly noticeable, and creep slower and faster than the fastest
+    line."""
     rates = [2.0 * math.pi * share * scales.fastest for share in _RATES]
-    return [{**v, "rho_f": rate / v["k_f"]} for v in bristles_grid(scales) for rate in rates]
+    return [
+        {**v, "slip_f": scales.velocity / (_HARDLY * v["F_c"]), "rho_f": rate / v["k_f"]}
+        for v in _bristles(scales) for rate in rates
+    ]  # fmt: skip
 
 
 def rescale_bristles(values: Mapping[str, float], factor: float) -> dict[str, float]:
     """Scale the force; the displacement to slip, the rate of creep and the share of the resistance do not change."""
     weight = max(factor, 1e-3)
-    stiff = {n: weight * values[n] for n in ("k_f", "F_c")}
-    return {**stiff, **{n: v / weight for n, v in values.items() if n in ("slip_f", "rho_f")}}
+    powers = {"k_f": 1, "F_c": 1, "slip_f": -1, "rho_f": -1}
+    return {n: v * weight ** powers.get(n, 0) for n, v in values.items()}
 
 
 _OVER_VELOCITY = Effect(
@@ -131,17 +150,30 @@ _OVER_VELOCITY = Effect(
     applies=slides,
     neighbours=("extra_hysteron",),
 )
-_OVER_DISPLACEMENT = _OVER_VELOCITY.or_as(
-    equation=r"F_f = k_f\,z, \quad \dot{z} = v - \varphi(k_f z)",
-    statement="Dry friction acts on the moving part: bristles of {k_f} bend with it and slip as soon as they "
-    "pull with {F_c}.",
+_FALLING = _OVER_VELOCITY.or_as(
+    equation=r"F_f = F_c\,(1 + r_f\,e^{-(v/v_d)^2}) \tanh(v/v_s)",
+    statement="Dry friction of {F_c} acts on the moving part; at low speed it is larger by {r_f} times that, and falls "
+    "over {v_d}.",
+    references=("Bo & Pavelescu 1982, Wear 82 (exponential model of the Stribeck curve)",),
+    declares=(
+        *_OVER_VELOCITY.declares,
+        *_STRIBECK,
+    ),
+    adds=Parts(resistors=(Resistor(_NAME, "stribeck", {"p": 1.0}, ("F_c", "v_s", "r_f", "v_d")),)),
+    grid=falling_friction_grid,
+)
+_BENT_FIRST = _FALLING.or_as(
+    equation=r"F_f = k_f\,z, \quad \dot{z} = v - |v|\,k_f z/F, \quad F = F_c\,(1 + r_f\,e^{-(v/v_d)^2})",
+    statement="Dry friction acts on the moving part: bristles of {k_f} bend with it and slip the more the nearer they "
+    "come to {F_c}; at low speed friction is larger by {r_f} times that, and falls over {v_d}.",
     references=("Canudas de Wit, Olsson, Åström & Lischinsky 1995, IEEE Trans. Autom. Control 40",),
-    declares=(_STIFFNESS, _FORCE, _SLIP),
-    adds=Parts((_BRISTLES,), (_SLIPPING,), (_BENT,)),
-    grid=bristles_grid,
+    declares=(_STIFFNESS, _FORCE, *_STRIBECK),
+    adds=Slipping(_NAME, "lugre", _BRISTLES, ("F_c", "r_f", "v_d")),
+    grid=bent_bristles_grid,
+    applies=slides_by_inertia,
     rescale=rescale_bristles,
 )
-COULOMB_FRICTION = _OVER_DISPLACEMENT.or_as(
+COULOMB_FRICTION = _BENT_FIRST.or_as(
     equation=r"F_f = k_f\,z, \quad \dot{z} = v - \rho_f\,k_f z - \varphi(k_f z)",
     statement="Dry friction acts on the moving part: bristles of {k_f} bend with it, creep by {rho_f} under any "
     "force, and slip as soon as they pull with {F_c}.",
@@ -278,21 +310,9 @@ CUBIC_STIFFNESS = Effect(
 )
 
 
-def drag_grid(scales: Scales) -> list[dict[str, float]]:
-    """One point: the law is linear in its strength."""
-    force = 1e-4 * scales.stiffness * scales.displacement
-    return [{"c_2": force / scales.velocity**2}]
-
-
 def moves_without_drag(setup: Setup) -> bool:
     """The output is a displacement ``q`` that a momentum ``p`` moves, without a quadratic_drag yet."""
     return has_motion(setup) and all(r.name != "quadratic_drag" for r in setup.network.resistors)
-
-
-def power_drag_grid(scales: Scales) -> list[dict[str, float]]:
-    """Powers below and above two."""
-    force = 1e-4 * scales.stiffness * scales.displacement
-    return [{"F_2": force, "n_2": n, "v_2": scales.velocity} for n in (1.5, 2.6)]
 
 
 QUADRATIC_DRAG = Effect(
@@ -314,7 +334,7 @@ QUADRATIC_DRAG = Effect(
         ),
     ),
     adds=Parts(resistors=(Resistor("quadratic_drag", "quadratic_drag", {"p": 1.0}, ("c_2",)),)),
-    grid=drag_grid,
+    grid=Points({"c_2": (1e-4, "stiffness", "displacement", "1/velocity", "1/velocity")}),
     applies=moves_without_drag,
     neighbours=("slew_limit",),
 ).or_as(
@@ -328,7 +348,8 @@ QUADRATIC_DRAG = Effect(
         constant("v_2", "m/s", "reference velocity of the drag"),
     ),
     adds=Parts(resistors=(Resistor("quadratic_drag", "power_damper", {"p": 1.0}, ("F_2", "F_2", "n_2", "v_2"), "q"),)),
-    grid=power_drag_grid,
+    # Powers below and above two.
+    grid=Points(*({"F_2": (1e-4, "stiffness", "displacement"), "n_2": n, "v_2": "velocity"} for n in (1.5, 2.6))),
 )
 
 
@@ -399,6 +420,5 @@ SECOND_MODE = Effect(
     grid=mode_grid,
     applies=has_motion,
     neighbours=("delay", "sensor_lag"),
-    related_kinds=(kinds.RINGING_MODE,),
     rescale=rescale_mode,
 )

@@ -46,11 +46,6 @@ def wander(setup: Setup, parameters: Placed) -> Setup:
     return replace(setup, own=setup.own._replace(drift_terms=DRIFT_TERMS))
 
 
-def drift_grid(scales: Scales) -> list[dict[str, float]]:
-    """One point: the law is linear in its strength."""
-    return [{"drift_rate": scales.noise / scales.duration}]
-
-
 def steady(setup: Setup) -> bool:
     """Recordings have no drift of their own yet."""
     return not setup.own.drift_terms
@@ -77,7 +72,7 @@ SENSOR_DRIFT = Effect(
         ),
     ),
     adds=at_sensor("drift"),
-    grid=drift_grid,
+    grid=Points({"drift_rate": (1.0, "noise", "1/duration")}),
     applies=steady,
     neighbours=("creep",),
 ).or_as(
@@ -116,12 +111,6 @@ SENSOR_LAG = Effect(
 _SQUARE, _CUBE = 1e2, 1e6
 
 
-def nonlinearity_grid(scales: Scales) -> list[dict[str, float]]:
-    """One point for each coefficient; the law is linear in both."""
-    small = 1e-3 / scales.sensed
-    return [{"a_2": small, "a_3": 0.0}, {"a_2": 0.0, "a_3": small / scales.sensed}]
-
-
 SENSOR_NONLINEARITY = Effect(
     name="sensor_nonlinearity",
     kind=kinds.SENSOR_NONLINEAR,
@@ -138,7 +127,8 @@ SENSOR_NONLINEARITY = Effect(
         signed("a_3", "1/{sensed}^2", "cubic error", 1e15, _CUBE, strength=True, own_size=True),
     ),
     adds=at_sensor("polynomial"),
-    grid=nonlinearity_grid,
+    # One point for each coefficient; the law is linear in both.
+    grid=Points({"a_2": (1e-3, "1/sensed"), "a_3": 0.0}, {"a_2": 0.0, "a_3": (1e-3, "1/sensed", "1/sensed")}),
     neighbours=("electrostriction", "displacement_coupling", "quadratic_stiffness"),
 )
 

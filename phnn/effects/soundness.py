@@ -1,4 +1,4 @@
-"""The requirements on every effect: texts, declared parameters, structure, strength and derivatives.
+"""The requirements on every effect: declared parameters, structure, strength and derivatives.
 
 The checks apply to the effects of the catalogue and to those given to `phnn.effects.register`. They add an effect to a
 base model with a short recording that moves it; each refuses an effect with cause and remedy.
@@ -6,7 +6,6 @@ base model with a short recording that moves it; each refuses an effect with cau
 
 from __future__ import annotations
 
-import math
 import string
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -22,12 +21,11 @@ from phnn.derivatives import output_derivatives
 from phnn.effects.effect import Effect, Scales
 from phnn.effects.kinds import LOCATIONS
 from phnn.errors import InputRefused, PhnnError
-from phnn.integrate.residual import check, power_balance
+from phnn.integrate.equations import check, power_balance
 from phnn.laws import STORAGE_LAWS
 from phnn.models.actuator import from_paper
 from phnn.models.network_file import load_network
 from phnn.network import Network, PortHamiltonianSystem
-from phnn.parameters import quantity
 from phnn.recordings.recording import Recording, unrecorded
 from phnn.setup import Setup
 from phnn.trajectory import Trajectory, simulate
@@ -141,8 +139,6 @@ _WEAKER, _FALLS = (1e-2, 1e-4), (0.2, 0.02)
 _FACTORS = (-3.0, 0.0, 0.5, 20.0)
 # Relative step of a finite difference, its largest error, and the share of samples that kinks may spoil.
 _STEP, _WRONG, _SPOILT = 1e-5, 1e-4, 0.05
-# Least number of letters of a source, so that it names the evidence of a range.
-_SAYS = 15
 
 
 def _require(effect: Effect, holds: bool, cause: str) -> None:
@@ -151,33 +147,14 @@ def _require(effect: Effect, holds: bool, cause: str) -> None:
 
 
 def words(effect: Effect, home: Home) -> None:
-    """The location is known, the texts are whole sentences, the equation can be typeset."""
+    """The location is known, and a report can show statement and equation."""
     _require(effect, effect.location in LOCATIONS, f"no location is called {effect.location!r}; use one of {LOCATIONS}")
-    _require(effect, bool(effect.references), "it has no reference: say where its law comes from")
-    _require(effect, effect.name not in effect.neighbours, "it is its own neighbour: name other effects")
-    for name in ("fingerprint", "separation"):
-        text = getattr(effect, name)
-        whole = text[:1].isupper() and text.endswith(".") and text.count(". ") == 0
-        _require(
-            effect, whole, f"its {name} is no single sentence that begins with a capital and ends with a full stop"
-        )
-    _require(effect, effect.fingerprint != effect.separation, "fingerprint and separation are the same")
+    strange = {name for _, name, _, _ in string.Formatter().parse(effect.statement) if name} - set(effect.parameters)
+    _require(effect, not strange, f"its statement names {sorted(strange)}, which it does not declare")
     try:
         MathTextParser("path").parse(f"${effect.equation}$")
     except ValueError as error:
         raise InputRefused(f"effect {effect.name}: its equation is no LaTeX that can be set: {error}") from None
-
-
-def ranges(effect: Effect, home: Home) -> None:
-    """Every parameter has a plausible range with a source, or no range."""
-    for name, found in effect.plausible.items():
-        _require(effect, found.lower < found.upper, f"the plausible range of {name} is empty: exchange its ends")
-        finite = math.isfinite(found.lower) and math.isfinite(found.upper)
-        _require(effect, bool(found.source) == finite, f"the plausible range of {name} has ends or a source, not both")
-        known = not found.over or found.over in home.setup.parameters
-        _require(effect, known, f"{name} is divided by {found.over!r}, which is no parameter of {home.setup.name}")
-        said = not found.source or (len(found.source) > _SAYS and not found.source.endswith("."))
-        _require(effect, said, f"the source of the range of {name} is too short, or ends with a full stop")
 
 
 def place(effect: Effect, home: Home) -> None:
@@ -186,19 +163,6 @@ def place(effect: Effect, home: Home) -> None:
     _require(effect, effect.can_be_added_to(home.setup), f"it cannot be added to {home.setup.name}")
     once = effect.add_to(home.setup, effect.grid(home.scales)[0])
     _require(effect, not effect.can_be_added_to(once), "it can be added twice: let its condition refuse that")
-
-
-def statement(effect: Effect, home: Home) -> None:
-    """The statement names parameters of the effect, and shows their values."""
-    fields = {name for _, name, _, _ in string.Formatter().parse(effect.statement) if name}
-    strange = sorted(fields - set(effect.parameters))
-    _require(effect, not strange, f"its statement names {strange}, which it does not declare")
-    _require(effect, bool(fields) or not effect.parameters, "its statement shows none of its parameters")
-    _require(effect, effect.statement.endswith("."), "its statement does not end with a full stop")
-    parameters = effect.add_to(home.setup, point(effect, home)).parameters
-    told = {name: quantity(parameters[name].value, parameters[name].unit) for name in fields}
-    text = effect.statement.format(**told)
-    _require(effect, all(value in text for value in told.values()), "its statement does not show its values")
 
 
 def grid(effect: Effect, home: Home) -> None:
@@ -291,7 +255,7 @@ def _change(effect: Effect, values: dict[str, float], home: Home) -> float:
 
 
 CHECKS: tuple[Check, ...] = (
-    words, ranges, place, statement, grid, structure, strength, scaling, derivatives,
+    words, place, grid, structure, strength, scaling, derivatives,
 )  # fmt: skip
 
 

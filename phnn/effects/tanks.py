@@ -7,12 +7,10 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
-import numpy as np
-
 from phnn.effects import kinds
 from phnn.effects.additions import Placed, with_resistors, with_rim
 from phnn.effects.declaration import constant, has_tanks, positive
-from phnn.effects.effect import Effect, Points, Scales
+from phnn.effects.effect import Effect, Points
 from phnn.network.elements import Network, Resistor
 from phnn.setup import Setup
 
@@ -23,11 +21,8 @@ def overflows(setup: Setup, parameters: Placed) -> Setup:
     return with_rim(setup, "overflow", tank, {tank: 1.0}, parameters)
 
 
-def overflow_grid(scales: Scales) -> list[dict[str, float]]:
-    """A weak overflow at shares of the largest volume."""
-    rate = 1e-3 * 2.0 * np.pi * scales.fastest
-    return [{"r_o": rate, "V_o": share * scales.displacement} for share in (0.5, 0.7, 0.8, 0.9, 0.97)]
-
+# Rate of a weak overflow.
+_WEAK = (2e-3 * math.pi, "fastest")
 
 OVERFLOW = Effect(
     name="overflow",
@@ -43,7 +38,8 @@ OVERFLOW = Effect(
         positive("V_o", "m³", "volume up to the rim", 1e2),
     ),
     adds=overflows,
-    grid=overflow_grid,
+    # A weak overflow at shares of the largest volume.
+    grid=Points(*({"r_o": _WEAK, "V_o": (share, "displacement")} for share in (0.5, 0.7, 0.8, 0.9, 0.97))),
     applies=has_tanks,
     neighbours=("turbulent_orifice",),
 )
@@ -66,13 +62,6 @@ def _pipe(network: Network) -> tuple[Resistor, str] | None:
     return None
 
 
-def spill_grid(scales: Scales) -> list[dict[str, float]]:
-    """A weak overflow at shares and multiples of the largest measured volume, as the volume of the tank above is
-    unknown."""
-    rate = 1e-3 * 2.0 * math.pi * scales.fastest
-    return [{"r_s": rate, "V_s": share * scales.displacement} for share in (0.2, 0.5, 0.8, 1.2, 2.0)]
-
-
 def has_tank_above(setup: Setup) -> bool:
     """A pipe leads from another tank into the measured one."""
     return has_tanks(setup) and _pipe(setup.network) is not None
@@ -93,7 +82,8 @@ SPILL_OVER = Effect(
         positive("V_s", "m³", "volume of the tank above up to its rim", 1e4),
     ),
     adds=spills,
-    grid=spill_grid,
+    # Shares and multiples of the largest measured volume, as the volume of the tank above is unknown.
+    grid=Points(*({"r_s": _WEAK, "V_s": (share, "displacement")} for share in (0.2, 0.5, 0.8, 1.2, 2.0))),
     applies=has_tank_above,
     neighbours=("overflow", "turbulent_orifice"),
 )

@@ -28,6 +28,7 @@ from phnn.integrate.compilable import obstacle
 from phnn.integrate.program import compile_network
 from phnn.integrate.rest import equilibrium
 from phnn.laws.other import advanced
+from phnn.network.bondgraph.description import MASSLESS, effort_unit
 from phnn.network.elements import ModulatorState
 from phnn.setup import Block, Setup, Source
 
@@ -195,8 +196,6 @@ def build(
     network = setup.network
     if reason := obstacle(network):
         raise refused(setup.name, reason, "export a model with laws of the package")
-    if network.senses:
-        raise refused(setup.name, "its output is a rate, which needs the sample after", "let its output be a storage")
     return _Builder(setup, dt, substeps, hold, name, further).program(initial_input)
 
 
@@ -208,11 +207,14 @@ class _Builder:
         inputs = (network.ports[0], *(p for p in network.ports[1:] if p.name in further))
         names = Names()
         self.key = {p.name: names.of(p.name) for p in inputs}
-        storage = next(s for s in network.storages if s.name == network.output)
+        measured = next((s.name, s.unit) for s in network.storages if s.name == network.output)
+        if network.senses:
+            # What the source of an imposed motion needs for it.
+            measured = network.senses, next(effort_unit(p.unit) for p in network.ports if p.name == network.senses)
         self.p = Program(
             prefix(name, setup.name), one_line(setup.name), dt, substeps, hold,
             tuple((self.key[p.name], one_line(p.unit)) for p in inputs),
-            (one_line(storage.name), one_line(storage.unit)),
+            (one_line(measured[0]), one_line(measured[1])),
         )  # fmt: skip
         self.p.constant("H", self.h, "step of the integration [s]")
         self.setup, self.network, self.inputs = setup, network, inputs
@@ -220,6 +222,10 @@ class _Builder:
         self.b = Balance(self.e, network, self.h)
         self.chain = Chain(self.e, setup, self.h, hold)
         self.rest = Rest(self.b)
+        for name in self.b.moved if hold == "zero_order" else ():
+            if self.network.parameters[self.b.storage(name).parameters[0]].value > MASSLESS:
+                cause = f"{name} has an inertia, and its imposed motion jumps at every sample"
+                raise refused(setup.name, cause, "take --input linear and a target other than fmu")
         self.further = [self.key[p.name] for p in inputs[1:]]
 
     def program(self, initial_input: float) -> Program:
@@ -232,10 +238,12 @@ class _Builder:
         if self.p.from_rest:
             self._add("rest_balance", (), self.rest.write(), "Forces on the junctions at rest at the displacements y")
             rest = self._solver("rest_balance", "REST_FLOORS", "_rest")
-        self._init(rest, initial_input)
+        self._init(rest, solve, initial_input)
         self._substep(solve)
         self._step()
-        lines = [f"y = {self.b.x(self.network.output)}", *self.chain.output, "return y"]
+        # Efforts of a step hold in its middle: two of them tell that at its end.
+        signal = "1.5 * s.effort - 0.5 * s.effort_before" if self.b.moved else self.b.x(self.network.output)
+        lines = [f"y = {signal}", *self.chain.output, "return y"]
         self._add("output", (), lines, "What is measured now")
         self.p.functions = self.p.needed(*ROOTS)
         return self.p
@@ -281,7 +289,7 @@ class _Builder:
     def _actions(self, values: dict[str, str]) -> list[str]:
         return [f"{self.b.action(p.name)} = {self.e.action(p, values[p.name])}" for p in self.network.ports]
 
-    def _init(self, solve: str, initial_input: float) -> None:
+    def _init(self, rest: str, solve: str, initial_input: float) -> None:
         first = self.inputs[0].name
         given = {p.name: f"u_{self.key[p.name]}" for p in self.inputs[1:]}
         zero = {p.name: "0.0" for p in self.network.ports if p not in self.inputs}
@@ -291,7 +299,7 @@ class _Builder:
         for n in self.further:
             self.p.state(f"u_{n}", f"last input of the port {n}")
         lines += [*self.chain.begin, *self._actions({first: "u", **given, **zero})]
-        lines += self._at_rest(solve) if solve else self._stored(initial_input)
+        lines += self._at_rest(rest) if rest else self._stored(initial_input)
         for j, name in enumerate(self.b.junctions):
             start = f"{self.b.x(name)}"
             if self.b.is_linear(name):
@@ -299,6 +307,16 @@ class _Builder:
             lines += [f"s.found_{j} = {start}", f"s.before_{j} = {start}"]
         one = self._floors() if len(self.b.junctions) == 1 else []
         lines += [*self._unknown(), *(f"s.slope = {floor!r}" for floor in one)]
+        if self.b.moved:
+            (moved,) = self.b.moved
+            lines.append(f"{self.b.x(moved)} = {self.b.action(self.network.senses)} * {self.b.capacity(moved)}")
+            lines += [f"s.y[{j}] = s.found_{j}" for j in range(len(self.b.junctions))]
+            solved = [f"solved = {solve}(s)", "if solved < 1.0:", "    s.supplied = 0.0"]
+            lines += [*(solved if solve else ["balance(s)"]), "s.effort = s.supplied"]
+            lines += ["s.effort_before = s.effort", "s.begins = 1.0"]
+            self.p.state("effort", "mean effort at the source in the last step")
+            self.p.state("effort_before", "and in the one before")
+            self.p.state("begins", "whether no step was taken yet")
         self._add("init", ("u", *(f"u_{n}" for n in self.further)), lines, "Begin at rest under constant inputs")
 
     @property
@@ -333,7 +351,9 @@ class _Builder:
             values = equilibrium(program, self.network, u).tolist()
         except SolverFailed:
             values = [0.0] * len(program.states)
-        return [f"{self.b.x(name)} = {value!r}" for name, value in zip(program.states, values, strict=True)]
+        known = (*self.b.storages, *(m.name for m in self.network.memories))
+        found = zip(program.states, values, strict=True)
+        return [f"{self.b.x(name)} = {value!r}" for name, value in found if name in known]
 
     def _substep(self, solve: str) -> None:
         first = self.inputs[0].name
@@ -349,8 +369,12 @@ class _Builder:
             lines += [f"s.before_{j} = s.found_{j}", f"s.found_{j} = s.y[{j}]"]
         for memory in self.network.memories:
             lines += self._remembered(memory)
-        states = (*self.network.storage_names, *(m.name for m in self.network.memories))
+        states = (*self.b.storages, *(m.name for m in self.network.memories))
         lines += [f"{self.b.x(name)} = {self.b.end(name)}" for name in states]
+        if self.b.moved:
+            # That of init holds at its instant, half a step later than a mean before the first one would.
+            lines += ["s.effort_before = s.effort", "if s.begins > 0.0:"]
+            lines += ["    s.effort_before = 2.0 * s.effort - s.supplied", "s.begins = 0.0", "s.effort = s.supplied"]
         lines += ["s.count = s.count + 1.0"] if self.chain_counts else []
         arguments = ("u_start", "u_middle", "u_end", *means.values())
         self._add(
@@ -379,6 +403,12 @@ class _Builder:
             f"for i in range({k}):",
             f"    done = substep(s, {', '.join([*points, *further])})",
             "    solved = solved * done",
+            # The effort jumps with a held input.
+            *(
+                ["    if i < 1:", "        s.effort_before = s.effort"]
+                if self.b.moved and self.p.hold != "linear"
+                else []
+            ),
             "s.u = u",
             *(f"s.u_{n} = u_{n}" for n in self.further),
             "return solved",

@@ -20,6 +20,7 @@ from phnn.integrate.tables import EXACT, LOSSLESS, PATH, RADAU
 from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.leaf import rc_flow, relaxation
 from phnn.network.elements import ModulatorState, Network, Ratio, Resistor, Storage
+from phnn.network.roles import imposed
 
 
 def drives(balance: Balance, memory: ModulatorState) -> list[str]:
@@ -36,7 +37,7 @@ def drives(balance: Balance, memory: ModulatorState) -> list[str]:
             terms.append(balance.mean(name))
         elif name in ports:
             terms.append(balance.action(name))
-        elif set(resistors[name].on) <= set(balance.junctions):
+        elif set(resistors[name].on) <= set(balance.known):
             terms.append(balance.power(name))
         else:
             (storage,) = resistors[name].on
@@ -69,7 +70,13 @@ class Rest:
         """Whether displacements of the junctions say all about rest."""
         inside = any({to, of} <= set(self.b.junctions) for to, of, _ in self.b.couplings)
         beside = any(name in self.b.reducible for p in self.network.ports for name in p.on)
-        return bool(self.b.junctions) and not inside and not beside and all(f > 0.0 for f in self.floors())
+        return (
+            bool(self.b.junctions)
+            and not self.b.moved
+            and not inside
+            and not beside
+            and all(f > 0.0 for f in self.floors())
+        )
 
     def floors(self) -> list[float]:
         """Stiffness that acts on every junction near zero."""
@@ -186,15 +193,24 @@ class Balance:
 
     Attributes:
         junctions, reducible: storages whose mean efforts are the unknowns of a step, and the others.
+        moved: the storage whose mean effort a source imposes, in a tuple, empty where none does. The effort that the
+            source needs for that is the field ``supplied``; its rigid contact has no states of its own.
+        known: junctions and what is moved: the balance of forces is written for these.
+        storages: names of all storages that have a state in the program.
         rules: how each reducible storage is advanced.
     """
 
     def __init__(self, elements: Elements, network: Network, h: float) -> None:
         self.e, self.network, self.h = elements, network, h
-        self.junctions = junctions_of(network)
-        self.reducible = tuple(n for n in network.storage_names if n not in self.junctions)
+        given = imposed(network)
+        contact = () if given is None else (given.contact, given.impulse)
+        self.moved = () if given is None else (given.motion.momentum,)
+        self.junctions = tuple(n for n in junctions_of(network) if n not in (*contact, *self.moved))
+        self.known = (*self.junctions, *self.moved)
+        self.storages = tuple(n for n in network.storage_names if n not in contact)
+        self.reducible = tuple(n for n in self.storages if n not in self.known)
         self.rules = {n: rule_of(network, n, Scheme.DISCRETE_GRADIENT) for n in self.reducible}
-        self.couplings = merged_couplings(network)
+        self.couplings = {c: times for c, times in merged_couplings(network).items() if not {*c[:2]} & {*contact}}
         self.modulated = {m.ratio for m in network.modulations}
         self.lines: list[str] = []
 
@@ -277,9 +293,21 @@ class Balance:
                 f"{self.end(name)} = {self.x(name)} + {self.change(name)}",
                 f"{self.mean(name)} = {self.flow(name)}",
             ]
+        for name in self.moved:
+            supplied = self.e.program.state("supplied", "mean effort that the source of the motion needs in the step")
+            self.lines += [
+                f"{supplied} = force_{self.e.states.of(name)}",
+                f"{self.end(name)} = {self.x(name)} + {self.change(name)}",
+                f"{self.mean(name)} = {self.flow(name)}",
+            ]
         return self.lines
 
     def _flows(self) -> None:
+        for name in self.moved:
+            self.lines.append(f"{self.flow(name)} = {self.action(self.network.senses)}")
+            self.lines.append(
+                f"{self.change(name)} = 2.0 * ({self.flow(name)} * {self.capacity(name)} - {self.x(name)})"
+            )
         for j, name in enumerate(self.junctions):
             x = self.x(name)
             if self.is_linear(name):
@@ -311,7 +339,7 @@ class Balance:
         """What a law reads: a state in the middle of the step, or a modulator state at its start."""
         if name is None:
             return "0.0"
-        if name in self.junctions:
+        if name in self.known:
             return f"{self.x(name)} + 0.5 * {self.change(name)}"
         if name in self.reducible:
             return f"{self.x(name)} + 0.5 * H * {self.current(name)}"
@@ -335,20 +363,20 @@ class Balance:
 
     def _junctions(self) -> None:
         rate = self.e.derived("rate", 1.0 / self.h, "1/H [1/s]")
-        for name in self.junctions:
+        for name in self.known:
             key, change = self.e.states.of(name), self.change(name)
             self.lines.append(f"force_{key} = {change} * {rate}")
             self.lines.append(f"size_{key} = (absolute({change}) + absolute({self.x(name)})) * {rate}")
         for r in self.network.resistors:
-            if set(r.on) <= set(self.junctions):
+            if set(r.on) <= set(self.known):
                 self._between_junctions(r)
         for (to, of, ratio), times in self.couplings.items():
-            if {to, of} <= set(self.junctions):
+            if {to, of} <= set(self.known):
                 self._add(to, scaled(-times, self.ratio(ratio), self.flow(of)))
                 self._add(of, scaled(times, self.ratio(ratio), self.flow(to)))
         for p in self.network.ports:
             for name, ratio in p.on.items():
-                if name in self.junctions:
+                if name in self.known:
                     self._add(name, scaled(-1, self.ratio(ratio), self.action(p.name)))
 
     def _between_junctions(self, r: Resistor) -> None:

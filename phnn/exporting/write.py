@@ -42,7 +42,7 @@ from phnn.exporting.program import (
 from phnn.intake.limits import LIMITS
 from phnn.model import Model
 from phnn.network.elements import Network
-from phnn.predictor import loaded
+from phnn.predictor import load
 from phnn.results import claim
 from phnn.setup import Setup
 
@@ -216,7 +216,7 @@ def export(
         InputRefused: a law or block has no exported form, a setting is out of range, or the folder cannot be used.
     """
     given = [Path(model)] if isinstance(model, str | Path) else []
-    found = loaded(given[0]) if given else model
+    found = load(given[0]) if given else model
     program = program_of(found, to, dt, substeps, input, name, ports, sensor, initial_input)  # type: ignore[arg-type]
     return write(program, to, Path(out), given, overwrite)
 

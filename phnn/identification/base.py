@@ -18,14 +18,21 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from phnn.errors import InputRefused, PhnnError, SolverFailed
-from phnn.identification.fit import Fit, distinct_optima, fit
+from phnn.identification.fit import Fit, fit
 from phnn.identification.options import Options
 from phnn.identification.plan import Plan
-from phnn.identification.prepare import Prepared, hysteresis_needed, is_ready, prepare
+from phnn.identification.prepare import (
+    Prepared,
+    hysteresis_needed,
+    is_ready,
+    is_shared,
+    own_zeros,
+    prepare,
+    with_shared_zero,
+)
 from phnn.identification.problem import Problem, Variables, beyond_limit, starts_unknown, without_nuisances
 from phnn.identification.staged import (
     FURTHER_STARTS,
-    check_known,
     fit_identified,
     held_at,
     held_by_statement,
@@ -33,7 +40,6 @@ from phnn.identification.staged import (
     stated_only,
 )
 from phnn.identification.starting_points import mechanical_points, scaled_points
-from phnn.identification.zero import is_shared, with_own_zeros, with_shared_zero
 from phnn.models.bouc_wen import bouc_wen
 from phnn.recordings.recording import Anchor, Campaign, Recording
 from phnn.rescue import late
@@ -102,12 +108,10 @@ class NumericalError:
     """Attributes:
     error: (N,) weighted error over the identification samples, stacked over recordings.
     sigma: its norm after projection on what base and zero cannot absorb.
-    shares: weighted norm by recording before the projection.
     """
 
     error: Array
     sigma: float
-    shares: dict[str, float]
 
 
 def substeps_for(setup: Setup, plan: Plan, bound: float, initial: Mapping[str, Array] | None = None) -> Plan:
@@ -155,15 +159,12 @@ def numerical_error(fit: Fit) -> NumericalError:
         hidden = beyond_limit(recording, base, mask, fit.setup.own)
         return without_nuisances(solver + reconstruction, mask, recording, fit.setup.own, hidden) / recording.noise
 
-    parts = plan.each(one, simulations=4.0)
-    error = np.concatenate(parts)
+    error = np.concatenate(plan.each(one, simulations=4.0))
     rest = error
     if fit.jacobian.shape[1]:
         q, _ = np.linalg.qr(fit.jacobian)
         rest = error - q @ (q.T @ error)
-    names = [r.name for r in plan.recordings]
-    shares = {n: float(np.linalg.norm(p)) for n, p in zip(names, parts, strict=True)}
-    return NumericalError(error, float(np.linalg.norm(rest)), shares)
+    return NumericalError(error, float(np.linalg.norm(rest)))
 
 
 def with_bounded_error(first: Fit, bound: float) -> tuple[Fit, NumericalError]:
@@ -182,7 +183,7 @@ def with_bounded_error(first: Fit, bound: float) -> tuple[Fit, NumericalError]:
     free = released(fitted)
     if free is not fitted:
         fitted, error = free, numerical_error(free)
-    return replace(fitted, alternatives=first.alternatives), error
+    return fitted, error
 
 
 def released(fitted: Fit, keep: Sequence[str] = ()) -> Fit:
@@ -226,6 +227,8 @@ _QUICK, _FULL = 12, 60
 # well if it leaves less than that share of what it left of the recorded one.
 _BADLY, _WELL = 0.5, 0.25
 _FINALISTS = 3
+# Weighted mean square up to which a short fit is near the noise and nothing further starts.
+_NEAR = 1.4
 
 
 def identify_network(
@@ -233,8 +236,11 @@ def identify_network(
 ) -> Fit:
     """Fit a network to the identification samples of a plan.
 
+    Where no start comes near the noise, the starting values may belong to another time scale: there the network in
+    units that suit the recordings (`scaled_points`) starts too.
+
     Args:
-        setup: the network with starting values; the first start are these.
+        setup: the network with starting values and the values of the anchors; the first start are these.
         plan: recordings and sub-steps.
         known: anchors; a known parameter is held at its value.
         starts: number of starting points; all but the first have every positive parameter multiplied by a factor around
@@ -243,17 +249,32 @@ def identify_network(
         from_recordings: the starting values say nothing, and the recordings give them (`scaled_points`).
 
     Raises:
-        InputRefused: a known parameter does not belong to the network, or the output falls where the input rises.
+        InputRefused: the output falls where the input rises.
         PhnnError: no starting point can be simulated.
     """
-    check_known(known, setup.parameters)
-    setup = setup.with_values({n: a.value for n, a in known.items()})
     held = held_at(known)
     tried: list[Fit] = []
-    points = _starts(setup, held, starts, seed)
-    if from_recordings:
-        points = scaled_points(setup, plan, {n: a.value for n, a in known.items()}) or points
-        setup = points[0]
+    stated = {n: a.value for n, a in known.items()}
+    points = scaled_points(setup, plan, stated) if from_recordings else []
+    setup = points[0] if points else setup
+    failure = _tried(points or _starts(setup, held, starts, seed), plan, held, tried)
+    if not points and min((f.chi2 for f in tried), default=np.inf) > _NEAR and not late(FURTHER_STARTS):
+        failure = _tried(scaled_points(setup, plan, stated), plan, held, tried) or failure
+    if not tried:
+        raise PhnnError(f"no starting point of {setup.name} can be simulated ({failure}): give other starting values")
+    finished: list[Fit] = []
+    for first in sorted(tried, key=lambda f: f.cost)[:_FINALISTS]:
+        if finished and late(FURTHER_STARTS):
+            break
+        finished.append(fit_identified(first.setup, plan, held, _FULL, first))
+    best = min(finished, key=lambda f: f.cost)
+    _can_be_explained(best, setup, held)
+    return best
+
+
+def _tried(points: Sequence[Setup], plan: Plan, held: Mapping[str, str], tried: list[Fit]) -> PhnnError | None:
+    """Add a short fit from each starting point, and return the last failure."""
+    failure = None
     for start in points:
         if tried and late(FURTHER_STARTS):
             break
@@ -261,23 +282,13 @@ def identify_network(
             tried.append(fit_identified(start, plan, held, _QUICK))
         except PhnnError as error:
             failure = error
-    if not tried:
-        raise PhnnError(f"no starting point of {setup.name} can be simulated ({failure}): give other starting values")
-    finished: list[Fit] = []
-    for first in sorted(tried, key=_cost)[:_FINALISTS]:
-        if finished and late(FURTHER_STARTS):
-            break
-        finished.append(fit_identified(first.setup, plan, held, _FULL, first))
-    best, alternatives = distinct_optima(finished)
-    _can_be_explained(best, setup, held)
-    return replace(best, alternatives=alternatives)
+    return failure
 
 
 def _can_be_explained(fitted: Fit, setup: Setup, held: Mapping[str, str]) -> None:
     """Refuse recordings that a network explains badly as they are and well with the output reversed."""
     recordings = fitted.plan.recordings
-    nothing = sum(np.sum((without_nuisances(r.y, r.mask("identification"), r) / r.noise) ** 2) for r in recordings)
-    if fitted.cost < _BADLY * nothing or any(r.sensor.rectified or r.sensor.is_limited for r in recordings):
+    if fitted.explained > 1.0 - _BADLY or any(r.sensor.rectified or r.sensor.is_limited for r in recordings):
         return
     turned = replace(fitted.plan, recordings=tuple(replace(r, y=-r.y) for r in recordings))
     try:
@@ -291,10 +302,6 @@ def _can_be_explained(fitted: Fit, setup: Setup, held: Mapping[str, str]) -> Non
             f"recordings.yaml, at the input or the output). With the sign reversed the network leaves "
             f"{reversed_fit.chi2**0.5:.3g} times the noise, as recorded {fitted.chi2**0.5:.3g} times"
         )
-
-
-def _cost(fitted: Fit) -> float:
-    return fitted.cost
 
 
 def _starts(setup: Setup, held: Mapping[str, str], count: int, seed: int) -> list[Setup]:
@@ -328,8 +335,10 @@ def identify_base(
     """
     prepared = prepare(campaign, options.workers)
     if is_shared(campaign.recordings):
-        own = replace(prepared, plan=with_own_zeros(prepared.plan))
-        first = with_shared_zero(_begun(own, campaign, options, progress), prepared.plan)
+        # Starting values are sought with a zero for each recording.
+        own = replace(prepared.plan, recordings=own_zeros(prepared.plan.recordings))
+        begun = _begun(replace(prepared, plan=own), campaign, options, progress)
+        first = with_shared_zero(begun, prepared.plan)
     else:
         first = _begun(prepared, campaign, options, progress)
     found = with_bounded_error(first, _bound(first, options, share))

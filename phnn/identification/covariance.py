@@ -40,6 +40,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import next_fast_len
 from scipy.ndimage import median_filter
 from scipy.signal import periodogram
 from scipy.sparse import csr_array
@@ -111,7 +112,7 @@ class NoiseSpectrum:
 
     def _shaped(self, columns: Array) -> tuple[NDArray[np.complex128], Array]:
         """(F, C) transforms of columns (N, C), in units of the noise, and their frequencies (F,)."""
-        size = _fast(columns.shape[0] + _CORRELATED)
+        size = next_fast_len(columns.shape[0] + _CORRELATED, real=True)
         waves = np.fft.rfft(columns, size, axis=0)
         cycles = np.arange(waves.shape[0]) / size
         weight = self.at(cycles) / size
@@ -217,13 +218,6 @@ def _running_median(residual: Array, most: float) -> NoiseSpectrum:
     return NoiseSpectrum(cycles, np.asarray(density), band, freedom)
 
 
-def _fast(size: int) -> int:
-    """A length at or above ``size`` that is transformed quickly."""
-    from scipy.fft import next_fast_len
-
-    return int(next_fast_len(size, real=True))
-
-
 def most_excess(recordings: Sequence[Recording], most: float = MOST_EXCESS, unseen: float = MOST_UNSEEN) -> float:
     """Return the largest ratio [rms] of noise to stated noise: ``unseen`` where no recording shows the colour of its
     noise, ``most`` otherwise."""
@@ -249,11 +243,6 @@ def residual_by_anchors(problem: Problem, z: Array, names: tuple[str, ...]) -> A
     return np.concatenate(problem.plan.each(one, problem.trajectories(z), problem.masks))
 
 
-def estimates_by_anchors(bread: Array, jacobian: Array, columns: Array) -> Array:
-    """(K, A) derivatives of the estimates ``z`` by the anchors, ``−B Jᵀ ∂r/∂a`` with ``B = (JᵀJ)⁻¹``."""
-    return np.asarray(-bread @ (jacobian.T @ columns))
-
-
 # Directions whose information is this share of the best one's are known no better than that.
 _RANK = 1e-14
 # Probability that white noise shows a line anywhere in a recording.
@@ -277,12 +266,8 @@ class Scatter:
     freedom: Array
 
 
-@dataclass(frozen=True)
-class _Share:
-    """What one recording adds: to ``M`` (K, K), and to the variance of the variances (K,) of the estimates."""
-
-    middle: Array
-    doubt: Array
+# What one recording adds: to ``M`` (K, K), and to the variance of the variances (K,) of the estimates.
+_Share = tuple[Array, Array]
 
 
 def bread(jacobian: Array) -> Array:
@@ -319,9 +304,10 @@ def scatter(residual: Array, jacobian: Array, recordings: Sequence[Recording], s
     for part, rows, spectrum, least in zip(parts, slices, spectra, bounded, strict=True):
         q, cycles = basis[rows], np.arange(part.size // 2 + 1) / part.size
         middle += spectrum.covariance(q)
-        for share in (_uneven(part, q, root), _lines(part, q, root, spectrum.at(cycles), least.at(cycles))):
-            middle += share.middle
-            doubt += share.doubt
+        lines = _lines(part, q, root, spectrum.at(cycles), least.at(cycles))
+        for more, uncertain in (_uneven(part, q, root), lines):
+            middle += more
+            doubt += uncertain
     # Where the sum is below one, the noise would be smaller than what is stated: no combination is known that well.
     values, vectors = np.linalg.eigh(middle)
     spread = root @ vectors
@@ -338,7 +324,7 @@ def _uneven(residual: Array, basis: Array, root: Array) -> _Share:
     squares = (residual / (1.0 - leverage)) ** 2
     middle = basis.T @ ((squares - squares.mean())[:, None] * basis)
     # The variance of a squared normal variable is two thirds of its fourth moment.
-    return _Share(middle, 2.0 / 3.0 * squares**2 @ (basis @ root.T) ** 4)
+    return middle, 2.0 / 3.0 * squares**2 @ (basis @ root.T) ** 4
 
 
 def _lines(residual: Array, basis: Array, root: Array, density: Array, bounded: Array) -> _Share:
@@ -362,4 +348,4 @@ def _lines(residual: Array, basis: Array, root: Array, density: Array, bounded: 
     shown = waves[seen]
     middle = (shown.conj().T @ (excess[:, None] * shown)).real
     # The variance of an exponential variable is half of its second moment.
-    return _Share(middle, 0.5 * excess**2 @ np.abs(shown @ root.T) ** 4)
+    return middle, 0.5 * excess**2 @ np.abs(shown @ root.T) ** 4

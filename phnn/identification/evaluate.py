@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,20 +31,22 @@ def estimated_start(setup: Setup, recording: Recording, substeps: int, use: str 
     """(N,) initial state of a recording, estimated from the samples of one use, those of the head that is not scored;
     None where its start says it."""
     setup, plan = _head_of(setup, recording, substeps, use)
-    variables = variables_of(setup, plan, ())
+    variables, name = variables_of(setup, plan, ()), recording.name
     if not variables.unknown:
         return None
-    starts = [variables.expected[recording.name].mean, *_draws(variables, recording.name, _DRAWN)]
-    begun = sorted(
-        (_fitted(setup, plan, _beginning(variables, recording.name, x), use, _FEW) for x in starts), key=_cost
-    )
+    known, rng = variables.expected[name], np.random.default_rng(_SEED)
+    drawn = [known.mean + known.spread * rng.standard_normal(known.mean.size) for _ in range(_DRAWN)]
+
+    def begun_at(state: Array, evaluations: int) -> Fit:
+        return _fitted(setup, plan, replace(variables, origin={name: state}), use, evaluations)
+
+    begun = sorted((begun_at(state, _FEW) for state in (known.mean, *drawn)), key=lambda f: f.cost)
     ended: list[Fit] = []
-    for found in begun[:_BEST]:
-        last = _beginning(variables, recording.name, found.initial(recording.name))
-        ended.append(_fitted(setup, plan, last, use, _ENOUGH))
+    for first in begun[:_BEST]:
+        ended.append(begun_at(first.initial_states[name], _ENOUGH))
         if ended[-1].chi2 <= _NOISE**2:
             break
-    return min(ended, key=_cost).initial(recording.name)
+    return min(ended, key=lambda f: f.cost).initial(name)
 
 
 def likely_start(setup: Setup, recording: Recording, substeps: int) -> Array | None:
@@ -54,10 +56,6 @@ def likely_start(setup: Setup, recording: Recording, substeps: int) -> Array | N
         return estimated_start(setup, recording, substeps)
     known = variables_of(setup, Plan((recording,), {recording.name: substeps}, workers=1), ()).expected
     return known[recording.name].mean if recording.name in known else None
-
-
-def _cost(fitted: Fit) -> float:
-    return fitted.cost
 
 
 def _head_of(setup: Setup, recording: Recording, substeps: int, use: str) -> tuple[Setup, Plan]:
@@ -71,16 +69,6 @@ def _head_of(setup: Setup, recording: Recording, substeps: int, use: str) -> tup
     # nothing of the initial state.
     head = recording if setup.own.lines else recording.only(slice(last))
     return setup, Plan((head,), {recording.name: substeps}, workers=1)
-
-
-def _draws(variables: Variables, name: str, count: int) -> list[Array]:
-    """Initial states drawn from the prior."""
-    rng, expected = np.random.default_rng(_SEED), variables.expected[name]
-    return [expected.mean + expected.spread * rng.standard_normal(expected.mean.size) for _ in range(count)]
-
-
-def _beginning(variables: Variables, name: str, state: Array | None) -> Variables:
-    return variables if state is None else replace(variables, origin={name: state})
 
 
 def _fitted(setup: Setup, plan: Plan, variables: Variables, use: str, evaluations: int) -> Fit:
@@ -112,6 +100,11 @@ class PartScore:
     rmse: float
     residual_over_noise: float
 
+    @property
+    def numbers(self) -> dict[str, float]:
+        """The three scores by name."""
+        return {n: getattr(self, n) for n in ("fit_percent", "rmse", "residual_over_noise")}
+
 
 @dataclass(frozen=True)
 class Evaluation:
@@ -122,10 +115,7 @@ class Evaluation:
 
     def table(self) -> dict[str, dict[str, float]]:
         """Scores by part name."""
-        return {
-            p.name: {"fit_percent": p.fit_percent, "rmse": p.rmse, "residual_over_noise": p.residual_over_noise}
-            for p in self.parts
-        }
+        return {p.name: p.numbers for p in self.parts}
 
     def over_noise(self, use: str) -> float:
         """Root mean square of the residual over noise over the parts of one use; NaN where there is none."""
@@ -156,8 +146,7 @@ def evaluate(setup: Setup, plan: Plan, initial: Mapping[str, Array]) -> Evaluati
         if recording.instants is None or recording.mask("confirmation").any():
             recording, _ = with_instants(setup, recording, steps, own)
         y = simulate(setup, recording, steps, initial=own).y
-        masks = (recording.mask("identification"), nuisance, np.ones(recording.t.size, dtype=bool))
-        mask = next(m for m in masks if m.any())
+        mask = zero_mask(recording)
         if setup.own != NOTHING:
             # From all samples: a stretch shorter than a period could not tell them from the zero.
             y = y + _own_parts(setup, recording, y)
@@ -168,13 +157,20 @@ def evaluate(setup: Setup, plan: Plan, initial: Mapping[str, Array]) -> Evaluati
         return recording.sensor.limited(np.asarray(y))
 
     outputs = plan.each(one, simulations=1.0)
-    parts = [
-        score_part(recording, y, first, last, name, use)
-        for recording, y in zip(plan.recordings, outputs, strict=True)
-        for name, first, last, use in ((p.name, p.first, p.last, p.use) for p in recording.parts)
-        if use != "nuisance"
-    ]
-    return Evaluation({r.name: y for r, y in zip(plan.recordings, outputs, strict=True)}, tuple(parts))
+    return scored(plan.recordings, {r.name: y for r, y in zip(plan.recordings, outputs, strict=True)})
+
+
+def zero_mask(recording: Recording) -> NDArray[np.bool_]:
+    """(N,) samples that give the zero of an output: those for identification, else for nuisances, else all."""
+    masks = (recording.mask("identification"), recording.mask("nuisance"), np.ones(recording.t.size, dtype=bool))
+    return next(m for m in masks if m.any())
+
+
+def scored(recordings: Sequence[Recording], outputs: Mapping[str, Array]) -> Evaluation:
+    """Score outputs, by recording, on all parts but those for nuisances."""
+    parts = ((r, p) for r in recordings for p in r.parts if p.use != "nuisance")
+    scores = tuple(score_part(r, outputs[r.name], p.first, p.last, p.name, p.use) for r, p in parts)
+    return Evaluation(outputs, scores)
 
 
 def _own_parts(setup: Setup, recording: Recording, y: Array) -> Array:

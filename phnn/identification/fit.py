@@ -16,13 +16,12 @@ from scipy.stats import t as student
 from phnn.identification.covariance import (
     Scatter,
     bread,
-    estimates_by_anchors,
     held_anchors,
     residual_by_anchors,
     scatter,
 )
 from phnn.identification.plan import Plan
-from phnn.identification.problem import Problem, Variables, variables_of
+from phnn.identification.problem import Problem, Variables, variables_of, without_nuisances
 from phnn.recordings.driving import unknown_instants
 from phnn.setup import Setup
 
@@ -41,8 +40,8 @@ _INERTIAS = ("kg", "kg m2", "kg m²")
 _FOLLOWS, _MADE_UP = 0.05, 1e-3
 # A combination of parameters, each scaled to a unit norm of its column, that changes the output by less than this.
 _NULL = 1e-6
-# Optima that cost at most this much more are worth keeping, where they are this far apart, and at most so many.
-NEARLY, _APART, _MOST = 1.3, 0.2, 2
+# A model that takes less than this share of the output's squares explains nothing of it.
+EXPLAINS = 0.1
 
 
 @dataclass(frozen=True)
@@ -56,7 +55,6 @@ class Fit:
         held: parameters that were not estimated, with the reason.
         residual: (N,) weighted residual of the fitted samples; jacobian: (N, K) its derivatives by ``z``.
         evaluations: simulations of the whole plan.
-        alternatives: other optima that fit nearly as well, from which a larger model may end better.
         anchors: standard deviations [SI] of the held anchors, by name.
         use: which samples were fitted.
     """
@@ -69,7 +67,6 @@ class Fit:
     residual: Array
     jacobian: Array
     evaluations: int
-    alternatives: tuple[Setup, ...] = ()
     anchors: Mapping[str, float] = field(default_factory=dict)
     use: str = "identification"
 
@@ -89,6 +86,13 @@ class Fit:
         """Weighted sum of squares."""
         return float(self.residual @ self.residual)
 
+    @cached_property
+    def explained(self) -> float:
+        """Share of the weighted squares of the fitted outputs, without their nuisances, that the model takes."""
+        recordings = self.plan.recordings
+        nothing = sum(np.sum((without_nuisances(r.y, r.mask(self.use), r) / r.noise) ** 2) for r in recordings)
+        return 1.0 - self.cost / max(float(nothing), 1e-300)
+
     @property
     def beyond_noise(self) -> float:
         """Weighted sum of squares above that of the noise, one for each sample; 0 where it is less."""
@@ -101,7 +105,11 @@ class Fit:
             return np.zeros((self.z.size, len(self.anchors)))
         problem = Problem(self.setup, self.plan, self.variables)
         columns = residual_by_anchors(problem, self.z, tuple(self.anchors))
-        return estimates_by_anchors(bread(self.jacobian), self.jacobian, columns)
+        return self._change(columns)
+
+    def _change(self, columns: Array) -> Array:
+        """Change (K, …) of ``z`` where the residual changes by ``columns`` (N, …): ``−(JᵀJ)⁻¹ Jᵀ columns``."""
+        return np.asarray(-bread(self.jacobian) @ (self.jacobian.T @ columns))
 
     @cached_property
     def scatter(self) -> Scatter:
@@ -120,7 +128,7 @@ class Fit:
 
         if not self.z.size or self.use != "identification":
             return np.zeros(self.z.size)
-        return np.asarray(-bread(self.jacobian) @ (self.jacobian.T @ numerical_error(self).error))
+        return self._change(numerical_error(self).error)
 
     @cached_property
     def exact_anchors(self) -> Array:
@@ -147,7 +155,7 @@ class Fit:
         problem = Problem(self.setup, self.plan, self.variables)
         p = self.setup.parameters
         columns = residual_by_anchors(problem, self.z, tuple(weak)) * [p[n].slope(p[n].value) for n in weak]
-        moves = estimates_by_anchors(bread(self.jacobian), self.jacobian, columns)
+        moves = self._change(columns)
         alone, left = (np.linalg.norm(c, axis=0) for c in (columns, columns + self.jacobian @ moves))
         found = []
         for name, move, size, rest in zip(weak, moves.T, alone, left, strict=True):
@@ -170,6 +178,16 @@ class Fit:
         remedy = "; state one of them under `known` in recordings.yaml" if said else ""
         driven = not said or any(np.ptp(r.drive) > 0.0 for r in self.plan.recordings)
         return ("" if driven else "The input is constant, so this is a free decay: ") + "; ".join(said) + remedy
+
+    def nothing_statement(self) -> str:
+        """Return one sentence where the model explains nothing of the output; empty where it does."""
+        if self.explained >= EXPLAINS:
+            return ""
+        share = max(100.0 * self.explained, 0.0)
+        return (
+            f"The model explains {share:.2g} % of the power of the output, which is nothing: whether something is "
+            f"missing in it cannot be judged. Compare the columns, their units and the wiring, or drive the system more"
+        )
 
     def ratios(self) -> dict[str, tuple[float, float]]:
         """Return the ratios that are known where a common factor is open, each with its standard error."""
@@ -291,39 +309,33 @@ def fit_problem(
     setup, variables = problem.template, problem.variables
     lower, upper = variables.bounds(setup)
     start = np.clip(variables.start(setup), lower + 1e-12, upper - 1e-12)
-    if start.size == 0:
-        return _finish(problem, start, dict(held or {}), 1)
-    result = least_squares(
-        problem.size,
-        start,
-        jac=problem.slopes,
-        bounds=(lower, upper),
-        x_scale="jac",
-        ftol=tolerance,
-        xtol=tolerance,
-        gtol=None,
-        max_nfev=max_evaluations,
+    z, evaluations = start, 1
+    if start.size:
+        found = least_squares(
+            problem.size,
+            start,
+            jac=problem.slopes,
+            bounds=(lower, upper),
+            x_scale="jac",
+            ftol=tolerance,
+            xtol=tolerance,
+            gtol=None,
+            max_nfev=max_evaluations,
+        )
+        z, evaluations = found.x, int(found.nfev)
+    residual = problem.residual(z)
+    return Fit(
+        setup=variables.setup(setup, z),
+        plan=replace(problem.plan, recordings=tuple(variables.timed(r, z) for r in problem.plan.recordings)),
+        variables=variables,
+        z=z,
+        held=dict(held or {}),
+        residual=residual,
+        jacobian=problem.jacobian(z) if z.size else np.zeros((residual.size, 0)),
+        evaluations=evaluations,
+        anchors=held_anchors(problem),
+        use=problem.use,
     )
-    return _finish(problem, result.x, dict(held or {}), int(result.nfev))
-
-
-def distinct_optima(fits: Sequence[Fit]) -> tuple[Fit, tuple[Setup, ...]]:
-    """The best fit, and the setups of others that cost nearly as little at clearly different parameters."""
-    ordered = sorted(fits, key=lambda f: f.cost)
-    kept = ordered[:1]
-    for other in ordered[1:]:
-        if other.cost <= NEARLY * ordered[0].cost and all(_apart(other, k) for k in kept) and len(kept) <= _MOST:
-            kept.append(other)
-    return kept[0], tuple(f.setup for f in kept[1:])
-
-
-def _apart(a: Fit, b: Fit) -> bool:
-    """Whether two fits differ in some parameter that both identify, by more than a fifth of its scale."""
-    common = [n for n in a.variables.names if n in b.variables.names]
-    p, q = a.setup.parameters, b.setup.parameters
-    if set(a.variables.names) != set(b.variables.names):
-        return True
-    return any(abs(p[n].to_coordinate(p[n].value) - q[n].to_coordinate(q[n].value)) > _APART for n in common)
 
 
 def carried(initial: Array, known: Setup, wanted: Setup, own: Array) -> Array:
@@ -344,24 +356,6 @@ def variables_from(setup: Setup, plan: Plan, names: Sequence[str], origin: Fit |
         n: carried(known[n], origin.setup, setup, own) if n in known else own for n, own in variables.origin.items()
     }
     return replace(variables, origin=moved)
-
-
-def _finish(problem: Problem, z: Array, held: dict[str, str], evaluations: int) -> Fit:
-    residual = problem.residual(z)
-    jacobian = problem.jacobian(z) if z.size else np.zeros((residual.size, 0))
-    timed = tuple(problem.variables.timed(r, z) for r in problem.plan.recordings)
-    return Fit(
-        setup=problem.variables.setup(problem.template, z),
-        plan=replace(problem.plan, recordings=timed),
-        variables=problem.variables,
-        z=z,
-        held=held,
-        residual=residual,
-        jacobian=jacobian,
-        evaluations=evaluations,
-        anchors=held_anchors(problem),
-        use=problem.use,
-    )
 
 
 def unidentified(jacobian: Array, names: Sequence[str]) -> list[str]:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from phnn.errors import InputRefused
+from phnn.html import table, titled
 from phnn.identification.base import NumericalError, Progress, identify_base, quiet
 from phnn.identification.fit import Fit
 from phnn.identification.options import Options
@@ -18,6 +21,9 @@ from phnn.recordings.manifest import MODELS
 from phnn.recordings.values import choice
 from phnn.results import Place
 from phnn.setup import Setup
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True)
@@ -36,6 +42,27 @@ class Identified:
 
     def __repr__(self) -> str:
         return f"<Identified from {self.campaign.folder}: {self.model!r}>"
+
+    def _repr_html_(self) -> str:
+        shown = self.to_dataframe().reset_index()
+        rows = [[None if v != v else v for v in row] for row in shown.itertuples(index=False)]
+        return titled(f"Fit of {self.fit.setup.name} to {self.campaign.folder}", table(list(shown.columns), rows))
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """Return a table of the parameters [SI]: value, standard error, 95 % interval, unit, meaning and remark.
+
+        A parameter that was not estimated has NaN, and the remark says why.
+        """
+        import pandas as pd
+
+        std, nothing = self.fit.std(), (math.nan, math.nan)
+        rows = {
+            name: (p.value, std.get(name, math.nan), *(self.fit.interval(name) or nothing), p.unit, p.description,
+                   self.fit.note(name))
+            for name, p in self.fit.setup.parameters.items()
+        }  # fmt: skip
+        columns = ["value", "std_error", "low_95", "high_95", "unit", "meaning", "remark"]
+        return pd.DataFrame.from_dict(rows, orient="index", columns=columns).rename_axis("parameter")
 
     @property
     def model(self) -> Model:

@@ -29,20 +29,27 @@ from phnn.identification.evaluate import Evaluation, evaluate
 from phnn.identification.fit import Fit
 from phnn.identification.plan import Plan
 from phnn.identification.problem import own_size
-from phnn.identification.staged import check_known, held_by_statement, identify_actuator, identify_form
+from phnn.identification.staged import (
+    check_known,
+    fit_identified,
+    held_by_statement,
+    identify_actuator,
+    identify_form,
+    stated_only,
+)
 from phnn.identification.starting_points import mechanical_points
-from phnn.identification.zero import is_shared, with_unknown_gain
 from phnn.integrate.program import compile_network
 from phnn.models.actuator import hrc
 from phnn.models.bouc_wen import bouc_wen
 from phnn.models.network_file import load_network, ready
+from phnn.parameters import positive, signed
 from phnn.recordings.excitation import excitation_of
 from phnn.recordings.manifest import READY
 from phnn.recordings.partition import candidate_of, divide
 from phnn.recordings.recording import Anchor, Campaign, Recording, is_actuator
 from phnn.results import printable
-from phnn.setup import NOTHING, Own, Setup
-from phnn.trajectory import check_names
+from phnn.setup import NOTHING, Block, Own, Setup
+from phnn.trajectory import check_names, simulate
 
 Array = NDArray[np.float64]
 
@@ -308,9 +315,7 @@ def prepare(campaign: Campaign, workers: int = 1) -> Prepared:
     is_shared(campaign.recordings)
     if "network" in campaign.setup or is_ready(campaign):
         return Prepared(plan, "network", 0, _described(campaign))
-    gain_known(campaign.recordings)
-    single(campaign.recordings, "this model has one input and one output")
-    displacement_shown(campaign.recordings)
+    _refuse_for_an_actuator(campaign.recordings)
     model = str(campaign.setup.get("model", "piezo_actuator"))
     stated = campaign.setup.get("hysterons") if model in ("piezo_actuator", "hrc") else 0
     hysterons = None if stated in (None, "auto") else stated
@@ -344,25 +349,12 @@ def _described(campaign: Campaign) -> Setup:
     return with_unknown_gain(setup, campaign.recordings)
 
 
-def single(recordings: Sequence[Recording], why: str) -> None:
-    """Refuse recordings of several inputs or outputs.
+def _refuse_for_an_actuator(recordings: Sequence[Recording]) -> None:
+    """Refuse what the stages of an actuator's identification cannot begin from.
 
     Raises:
-        InputRefused: names one.
-    """
-    several = [r.source for r in recordings if r.further or r.measures]
-    if several:
-        raise InputRefused(
-            f"{several[0]}: several inputs or outputs (`ports`, `outputs` in recordings.yaml), but {why}: describe the "
-            f"system as a network and use phnn check, identify and predict, or give one input and one output"
-        )
-
-
-def gain_known(recordings: Sequence[Recording]) -> None:
-    """Refuse an unknown gain where the model has one of its own, the transducer's.
-
-    Raises:
-        InputRefused: names a recording.
+        InputRefused: an unknown gain, for the transducer's ratio is one already; several inputs or outputs; a sensor of
+            the velocity.
     """
     unknown = [r.source for r in recordings if r.gain == "unknown"]
     if unknown:
@@ -370,17 +362,88 @@ def gain_known(recordings: Sequence[Recording]) -> None:
             f"{unknown[0]}: gain: unknown: this model's transducer ratio takes up any factor of the input already, "
             f"leave `gain` out; electrical values then hold for the recorded numbers as volts"
         )
-
-
-def displacement_shown(recordings: Sequence[Recording]) -> None:
-    """Refuse sensors of the velocity, from which the stages of an actuator's identification cannot begin.
-
-    Raises:
-        InputRefused: names one.
-    """
+    single(recordings, "this model has one input and one output")
     rates = [r.source for r in recordings if r.sensor.derivative]
     if rates:
         raise InputRefused(
             f"{rates[0]}: its sensor measures a velocity (`sensor: {{derivative: true}}`), but this model is "
             f"identified from displacements: describe the actuator as a network, setup: {{network: FILE.yaml}}"
         )
+
+
+def single(recordings: Sequence[Recording], why: str, further: bool = False) -> None:
+    """Refuse recordings of several outputs, and those of several inputs unless ``further`` ones are allowed.
+
+    Raises:
+        InputRefused: names one.
+    """
+    several = [r.source for r in recordings if r.measures or (r.further and not further)]
+    if several:
+        what, one = ("outputs (", "") if further else ("inputs or outputs (`ports`, ", "one input and ")
+        raise InputRefused(
+            f"{several[0]}: several {what}`outputs` in recordings.yaml), but {why}: describe the system as a network "
+            f"and use phnn check, identify and predict, or give {one}one output"
+        )
+
+
+# Parameters for what recordings share and nobody knows: the zero of the output, the gain of the input.
+ZERO, GAIN = "y_0", "gamma_u"
+
+
+def own_zeros(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
+    """Recordings, each with a zero of its own."""
+    return tuple(replace(r, offset="own") for r in recordings)
+
+
+def is_shared(recordings: Sequence[Recording]) -> bool:
+    """Whether recordings share the zero of their output.
+
+    Raises:
+        InputRefused: some do and some do not.
+    """
+    shared = [r for r in recordings if r.offset == "shared"]
+    if shared and len(shared) < len(recordings):
+        other = next(r for r in recordings if r.offset != "shared")
+        raise InputRefused(
+            f"{other.source}: {other.name} has a zero of its own, {shared[0].name} shares one: say `offset: shared` "
+            f"for all recordings in recordings.yaml, or for none"
+        )
+    return bool(shared)
+
+
+def with_shared_zero(first: Fit, plan: Plan) -> Fit:
+    """A fit with own zeros continued with one zero for all recordings of a plan.
+
+    Args:
+        first: with own zeros; plan: the same recordings, which share theirs.
+    """
+
+    def error(recording: Recording) -> float:
+        y = simulate(first.setup, recording, first.plan.steps_of(recording), initial=first.initial(recording.name)).y
+        counted = recording.mask("identification") & (recording.sensor.at_limit(recording.y) == 0)
+        return float(np.mean((recording.y - y)[counted])) if counted.any() else 0.0
+
+    start, reach = float(np.mean(plan.each(error))), max(float(np.abs(r.y).max()) for r in plan.recordings)
+    unit = plan.recordings[0].units.output
+    parameter = signed(ZERO, start, unit, 10.0 * reach, reach, "zero of the output, common to all recordings")
+    setup = first.setup.with_block("sensor", Block("zero", (ZERO,)), (parameter,))
+    plan, held = replace(plan, substeps=first.plan.substeps), stated_only(first.held)
+    return fit_identified(setup, plan, held, origin=first, keep=(ZERO,))
+
+
+def with_unknown_gain(setup: Setup, recordings: Sequence[Recording]) -> Setup:
+    """The setup behind a drive of unknown gain, where the recordings say so.
+
+    Raises:
+        InputRefused: some have a known gain and some do not.
+    """
+    unknown = [r for r in recordings if r.gain == "unknown"]
+    if not unknown:
+        return setup
+    if len(unknown) < len(recordings):
+        other = next(r for r in recordings if r.gain == "known")
+        raise InputRefused(
+            f"{other.source}: the gain of {other.name} is known, that of {unknown[0].name} is not: give both the same "
+            f"in recordings.yaml"
+        )
+    return setup.with_block("amplifier", Block("gain", (GAIN,)), (positive(GAIN, 1.0, "1", "gain of the input", 1e9),))

@@ -208,7 +208,7 @@ def expected_start(trajectory: Trajectory, scales: Array) -> Expected:
     met = states[alike] if alike.sum() >= _FEWEST else states
     mean = met.mean(axis=0) if alike.sum() >= _FEWEST else states[0].copy()
     spread = np.maximum(met.std(axis=0), _LEAST * scales)
-    place = trajectory.program.travel
+    place = trajectory.travel
     if place >= 0 and is_displacement(trajectory.setup, trajectory.recording):
         # Where the imposed motion begins was recorded.
         mean[place], spread[place] = states[0, place], _RECORDED * scales[place]

@@ -16,11 +16,9 @@ from numpy.typing import NDArray
 from phnn.errors import InputRefused, PhnnError
 from phnn.identification.evaluate import with_starts
 from phnn.identification.fit import (
-    NEARLY,
     TOLERANCE,
     UNIDENTIFIED,
     Fit,
-    distinct_optima,
     fit,
     fit_problem,
     unidentified,
@@ -86,6 +84,8 @@ _SHORT, _FULL = 15, 50
 _HEATS, _ROUGH = ((100, 6), (6, 12), (3, 40)), 1e-4
 # Two that cost the same but for this share have met; a weighted mean square up to this one leaves nothing to gain.
 _MET, _NOISE = 1e-3, 1.4
+# Starts that cost at most this many times the best one go on to all recordings.
+_NEARLY = 1.3
 # Bound on the simulations of the whole plan in a fit.
 EVALUATIONS = 60
 # What is not tried of a base model when the time of a diagnosis is up.
@@ -119,8 +119,8 @@ def identify_actuator(
     finished = _finished(points, plan, held)
     more = not late(FURTHER_STARTS)
     by_known_starts = _from_known_starts(plan, known, hysterons, starts, seed) if more else None
-    best, alternatives = distinct_optima([f for f in (*finished, by_known_starts) if f is not None])
-    return replace(fit_identified(best.setup, plan, held, _FULL, best), alternatives=alternatives)
+    best = min((f for f in (*finished, by_known_starts) if f is not None), key=lambda f: f.cost)
+    return fit_identified(best.setup, plan, held, _FULL, best)
 
 
 def identify_form(plan: Plan, known: Mapping[str, Anchor], hysterons: Fit) -> tuple[str, Fit]:
@@ -174,7 +174,7 @@ def _raced(points: Sequence[Setup], plan: Plan, held: Mapping[str, str]) -> list
         heat.sort(key=lambda f: f.cost)
         heat = heat[:1] + [f for g, f in itertools.pairwise(heat) if f.cost > (1.0 + _MET) * g.cost]
         field = [(f.setup, f) for f in heat]
-    return [f for f in heat if f.cost <= NEARLY * heat[0].cost]
+    return [f for f in heat if f.cost <= _NEARLY * heat[0].cost]
 
 
 def _from_known_starts(

@@ -14,6 +14,8 @@ from phnn.errors import InputRefused, PhnnError
 from phnn.identification.plan import Plan
 from phnn.identification.problem import without_nuisances
 from phnn.models.actuator import hrc
+from phnn.network.elements import Network
+from phnn.network.small_signal import linearised_at_rest
 from phnn.recordings.driving import input_before
 from phnn.recordings.recording import Recording, dominant_frequency
 from phnn.recordings.units import powers
@@ -24,9 +26,11 @@ Array = NDArray[np.float64]
 
 DEFAULT_MASS = 1.0e-3
 RESONANCES_HZ = (200.0, 800.0, 3000.0)
-# Shortest and longest time of a ready model, in samples and as a share of a recording; the logarithm of the ratio of
+# Shortest and longest time of a network, in samples and as a share of a recording; the logarithm of the ratio of
 # neighbouring ones; how many starting points are fitted.
 _SHORTEST, _LONGEST, _STRIDE, _POINTS = 1.0, 0.5, 0.4, 3
+# Share of the fastest rate of a network below which a rate is zero.
+_STILL = 1e-9
 # Bins of the input over which an output is averaged; share of its way that leads down where it falls throughout.
 _GAIN_BINS, _DOWNHILL = 12, 0.8
 # Forms of hysteresis that may take the place of hysterons in a base model, and their strength over that of their grids.
@@ -150,25 +154,26 @@ def with_form(linear: Setup, plan: Plan, form: str) -> list[Setup]:
 
 
 def scaled_points(setup: Setup, plan: Plan, anchored: Mapping[str, float]) -> list[Setup]:
-    """Return starting points of a ready model, the best first: its values in units that suit the recordings.
+    """Return starting points of a network, the best first: its values in units that suit the recordings.
 
-    Its values are of the order of one, for an input, an output and times of the order of one. In other units of mass,
-    length, time, current and temperature they are other numbers of the same model: the input gives one condition on
-    these units, the output another. Times from a few samples to half a recording are tried, each with the gain that
-    fits best.
+    In other units of mass, length, time, current and temperature its values are other numbers of the same model: the
+    input gives one condition on these units, the output another. The times of the network are tried from a few samples
+    to half a recording, each with the gain that fits best. Fixed parameters keep their values.
     """
-    span = max(float(r.t[-1] - r.t[0]) for r in plan.recordings)
-    step = min(r.dt for r in plan.recordings)
+    own = _time_scale(setup.network)
+    span = max(float(r.t[-1] - r.t[0]) for r in plan.recordings) / own
+    step = min(r.dt for r in plan.recordings) / own
     first = plan.recordings[0].units
     drive = drive_amplitude(plan.recordings)
     sizes = {first.output: 0.5 * max(float(np.ptp(r.y)) for r in plan.recordings)}
     sizes |= {first.input: drive} if drive else {}
     found = []
+    held = {n: p.value for n, p in setup.network.parameters.items() if p.fixed} | dict(anchored)
     for time in np.geomspace(_SHORTEST * step, _LONGEST * span, max(int(np.log(span / step) / _STRIDE), 4)):
-        point = _in_units(setup, sizes, float(time), anchored)
+        point = _in_units(setup, sizes, float(time), held)
         try:
             gain, left = _with_best_gain(point, plan)
-            moved = _in_units(setup, sizes | {first.output: sizes[first.output] * gain}, float(time), anchored)
+            moved = _in_units(setup, sizes | {first.output: sizes[first.output] * gain}, float(time), held)
             found.append((left, moved))
         except PhnnError:
             continue
@@ -177,8 +182,19 @@ def scaled_points(setup: Setup, plan: Plan, anchored: Mapping[str, float]) -> li
     return [point for _, point in found]
 
 
-def _in_units(setup: Setup, sizes: Mapping[str, float], time: float, anchored: Mapping[str, float]) -> Setup:
-    """Return the setup in units in which quantities have given sizes, and ``time`` [s] is one."""
+def _time_scale(network: Network) -> float:
+    """Return the geometric mean [s] of a network's own times about rest; 1 where it has none that are finite."""
+    if network.senses:
+        # The rigid contact of an imposed motion has no time of its own.
+        return 1.0
+    matrix = linearised_at_rest(network)[0]
+    rates = np.abs(np.linalg.eigvals(matrix)) if np.isfinite(matrix).all() else np.zeros(0)
+    moving = rates[rates > _STILL * rates.max(initial=0.0)]
+    return float(np.exp(-np.log(moving).mean())) if moving.size else 1.0
+
+
+def _in_units(setup: Setup, sizes: Mapping[str, float], time: float, held: Mapping[str, float]) -> Setup:
+    """Return the setup in units in which quantities have given sizes, and ``time`` [s] is one; what is held stays."""
     bases = sorted({b for unit in sizes for b in powers(unit)} - {"second"})
     rows = np.array([[powers(unit).get(b, 0.0) for b in bases] for unit in sizes])
     wanted = [np.log(size) - powers(unit).get("second", 0.0) * np.log(time) for unit, size in sizes.items()]
@@ -190,7 +206,7 @@ def _in_units(setup: Setup, sizes: Mapping[str, float], time: float, anchored: M
         table[name] = replace(
             p, value=p.value * factor, lower=p.lower * factor, upper=p.upper * factor, typical=p.typical * factor
         )
-    known = {n: v for n, v in anchored.items() if n in table}
+    known = {n: v for n, v in held.items() if n in table}
     return replace(setup, network=replace(setup.network, parameters=table)).with_values(known)
 
 

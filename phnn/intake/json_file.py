@@ -10,6 +10,8 @@ from phnn.errors import InputRefused
 from phnn.intake.files import Source
 from phnn.intake.limits import LIMITS
 
+_TOO_DEEP = f"lists and objects more than {LIMITS.depth} levels deep"
+
 
 def load_json(source: Source, most: int, what: str, remedy: str) -> Any:
     """The content of a json file.
@@ -28,7 +30,7 @@ def load_json(source: Source, most: int, what: str, remedy: str) -> Any:
         )  # fmt: skip
         _check_depth(content)
     except RecursionError as error:
-        raise InputRefused(f"{source.name}: {_too_deep()}: {remedy}") from error
+        raise InputRefused(f"{source.name}: {_TOO_DEEP}: {remedy}") from error
     except ValueError as error:
         raise InputRefused(f"{source.name}: is not json ({error}): {remedy}") from error
     return content
@@ -71,8 +73,4 @@ def _check_depth(content: Any) -> None:
         ]
         if not level:
             return
-    raise ValueError(_too_deep())
-
-
-def _too_deep() -> str:
-    return f"lists and objects more than {LIMITS.depth} levels deep"
+    raise ValueError(_TOO_DEEP)

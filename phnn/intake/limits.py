@@ -1,68 +1,56 @@
-"""The limits within which files and settings of others are accepted, each with its unit and its reason."""
+"""The limits within which files and settings of others are accepted, each with its unit."""
 
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 _KIB, _MIB, _GIB = 2**10, 2**20, 2**30
 # Bytes of memory that are taken for granted where the system does not say what is available.
 _UNKNOWN_MEMORY = 2 * _GIB
 
 
-def _limit(value: float, unit: str, reason: str) -> Any:
-    return field(default=value, metadata={"unit": unit, "reason": reason})
-
-
 @dataclass(frozen=True)
 class Limits:
-    """What is refused beyond; `table` gives unit and reason of each.
+    """What is refused beyond; docs/limits.md gives the reason of each.
 
     What a person records, describes or sets lies far inside; what is built to exhaust memory or time lies outside.
     """
 
-    memory_share: float = _limit(0.25, "1", "share of the available memory for one file; checks keep a few copies")
-    file_bytes: int = _limit(4 * _GIB, "bytes", "no recording is larger; a sparse file may claim any size")
-    text_bytes: int = _limit(_GIB // 2, "bytes", "a text takes several times its size while it is read")
-    json_bytes: int = _limit(
-        64 * _MIB, "bytes", "a json recording is converted number by number, a few million a second"
-    )
-    unpacked_bytes: int = _limit(_GIB // 4, "bytes", "packed numbers may take as much beyond the size of their file")
-    line_characters: int = _limit(100_000, "1", "a row of a table is shorter; a file without line ends has one line")
-    columns: int = _limit(64, "1", "columns of an array; more are samples along the wrong axis")
-    text_columns: int = _limit(1024, "1", "columns of a text file; each costs time to parse")
-    variables: int = _limit(10_000, "1", "arrays in one file; each is looked at by name")
-    groups: int = _limit(32, "levels", "groups in groups of a file; deeper ones may contain themselves")
-    recordings: int = _limit(10_000, "1", "recordings of a folder; each is checked by itself")
-    samples: int = _limit(50_000_000, "1", "samples of all recordings; more are not looked at in minutes")
-    sample_bytes: int = _limit(256, "bytes", "memory that the checks of one sample take; that of all must be available")
-    yaml_bytes: int = _limit(_MIB, "bytes", "a manifest of 10,000 recordings is smaller")
-    yaml_values: int = _limit(200_000, "1", "values with every alias written out; aliases of aliases multiply")
-    depth: int = _limit(32, "levels", "lists and mappings within one another, in yaml and json; recursion is finite")
-    digits: int = _limit(18, "1", "digits of a whole number; longer ones fit no 64 bits")
-    unit_characters: int = _limit(40, "1", "a unit is shorter; its names are looked up one by one")
-    model_bytes: int = _limit(16 * _MIB, "bytes", "a model of learned laws with thousands of units is smaller")
-    checkpoint_bytes: int = _limit(_GIB, "bytes", "a checkpoint holds a few copies of a model's weights")
-    elements: int = _limit(256, "1", "elements, bonds or parameters of a network; its equations are solved by symbols")
-    hysterons: int = _limit(20, "1", "hysterons of an actuator; each has three parameters to be identified")
-    units: int = _limit(4096, "1", "units of a learned law; each is evaluated in every step")
-    lines: int = _limit(64, "1", "frequencies of lines that a model takes out of the output")
-    substeps: int = _limit(1024, "1", "steps a sample interval; identification uses at most 64")
-    starts: int = _limit(1000, "1", "starting points of a fit; each is a fit of its own")
-    workers: int = _limit(256, "1", "threads or processes; each takes memory")
-    message_characters: int = _limit(2000, "1", "a message shows the beginning and the end of longer lists")
-    name_characters: int = _limit(200, "1", "a name is shown in tables and becomes the name of a file")
+    memory_share: float = 0.25
+    file_bytes: int = 4 * _GIB  # bytes
+    text_bytes: int = _GIB // 2  # bytes
+    json_bytes: int = 64 * _MIB  # bytes
+    unpacked_bytes: int = _GIB // 4  # bytes
+    line_characters: int = 100_000
+    columns: int = 64
+    text_columns: int = 1024
+    variables: int = 10_000
+    recordings: int = 10_000
+    samples: int = 50_000_000
+    sample_bytes: int = 256  # bytes
+    yaml_bytes: int = _MIB  # bytes
+    yaml_values: int = 200_000
+    depth: int = 32  # levels
+    digits: int = 18
+    unit_characters: int = 40
+    model_bytes: int = 16 * _MIB  # bytes
+    checkpoint_bytes: int = _GIB  # bytes
+    elements: int = 256
+    hysterons: int = 20
+    units: int = 4096
+    lines: int = 64
+    substeps: int = 1024
+    starts: int = 1000
+    workers: int = 256
+    message_characters: int = 2000
+    name_characters: int = 200
 
     def most(self, count: str) -> int:
         """The largest value of a count among settings: its own limit, or a number with the digits that are accepted."""
         own = count in ("hysterons", "starts", "workers", "substeps", "units")
         return int(getattr(self, count)) if own else 10**self.digits - 1
-
-    def table(self) -> list[tuple[str, float, str, str]]:
-        """Name, value, unit and reason of every limit."""
-        return [(f.name, getattr(self, f.name), f.metadata["unit"], f.metadata["reason"]) for f in fields(self)]
 
     def memory_for_a_file(self) -> int:
         """Bytes that the numbers of one file may take."""

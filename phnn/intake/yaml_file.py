@@ -79,17 +79,12 @@ class _Events:
     def document(self) -> Any:
         """The one document."""
         found = None
-        for number, event in enumerate(self._of_documents()):
+        around = ("StreamStartEvent", "StreamEndEvent", "DocumentStartEvent", "DocumentEndEvent")
+        for number, event in enumerate(e for e in self.events if type(e).__name__ not in around):
             if number:
                 raise _Refused("a second document begins: one file holds one")
             found = self._value(event, 0)
         return found
-
-    def _of_documents(self) -> Iterator[Any]:
-        for event in self.events:
-            if type(event).__name__ not in ("StreamStartEvent", "StreamEndEvent", "DocumentStartEvent",
-                                            "DocumentEndEvent"):  # fmt: skip
-                yield event
 
     def _value(self, event: Any, depth: int) -> Any:
         self.line = event.start_mark.line + 1
@@ -180,8 +175,7 @@ def _plain(text: str) -> Any:
             raise _Refused(f"a whole number of {digits} digits, at most {LIMITS.digits} are accepted: write 1e{digits}")
         return int(text.replace("_", ""))
     if _REAL.fullmatch(text):
-        return float(text.replace("_", "").replace(".inf", "inf").replace(".Inf", "inf").replace(".INF", "inf")
-                     .replace(".nan", "nan").replace(".NaN", "nan").replace(".NAN", "nan"))  # fmt: skip
+        return float(text.replace("_", "").lower().replace(".inf", "inf").replace(".nan", "nan"))
     return text
 
 

@@ -1,4 +1,4 @@
-"""Test whether the compiled kernels can solve a network; `phnn.integrate.dense` solves the others in torch."""
+"""Test whether the compiled kernels can solve a network; `phnn.integrate.differentiable` solves the others in torch."""
 
 from __future__ import annotations
 
@@ -37,7 +37,8 @@ def _law_obstacle(one: WithLaw) -> str:
     law = one.element.law
     if not isinstance(law, str):
         known = form_of(law) in LAWS[one.kind][1]
-        return "" if known else f"{one.called}: this torch module has no kernel: use phnn.simulate and phnn.train"
+        why = "this torch module has no kernel: take simulate, predict or phnn.train, and no imposed motion"
+        return "" if known else f"{one.called}: {why}"
     count = len(one.element.parameters)
     return "" if count <= SCALARS else f"{one.called}: {count} parameters; the kernel passes {SCALARS}"
 
@@ -58,6 +59,6 @@ def partly_driven(network: Network, storages: Iterable[str]) -> str:
             if named and missing:
                 return (
                     f"modulator state {memory.name}: {named[0]} drives it and {missing[0]}, on the same storage "
-                    f"{storage}, does not: name both or neither, or solve with phnn.integrate.dense and Scheme.MIDPOINT"
+                    f"{storage}, does not: name both or neither, or take Scheme.MIDPOINT"
                 )
     return ""

@@ -55,7 +55,7 @@ def steady_cycle(program: Program, theta: Array, x: Array, u: Array, h: Array) -
         if program.travel >= 0:
             # The impulse of a mean force grows without bound, but nothing depends on it.
             change[program.output] = 0.0
-        return change, _reach(states)
+        return change, reach_of(states)
 
     for _ in range(_RUN_IN):
         x = x + period(x)[0]
@@ -69,7 +69,7 @@ def steady_cycle(program: Program, theta: Array, x: Array, u: Array, h: Array) -
         best = min(best, (size, x), key=lambda b: b[0])
         if waited >= _PATIENCE and best[0] <= _TOLERABLE:
             return best[1]
-        step = _steady_change(_swept(program, theta, states, efforts, u, h), change[:, None], reach)[:, 0]
+        step = steady_change(_swept(program, theta, states, efforts, u, h), change[:, None], reach)[:, 0]
         integrated, before = x + change, size
         for target in (*(x + share * step for share in _DAMPED), integrated):
             change, reach = period(target)
@@ -87,7 +87,7 @@ def steady_cycle(program: Program, theta: Array, x: Array, u: Array, h: Array) -
     )
 
 
-def _reach(states: Array) -> Array:
+def reach_of(states: Array) -> Array:
     """(N,) range of each state within a period; one for a state that does not move."""
     # State by state in memory: across rows of a few numbers the reduction takes sixteen times as long.
     by_state = np.ascontiguousarray(states.T)
@@ -105,10 +105,10 @@ def cycle_derivative(end: Array, first: int, states: Array) -> Array:
         states: (n+1, N) of the period.
     """
     inside = np.arange(first, first + states.shape[1])
-    return _steady_change(end[:, inside], np.delete(end, inside, axis=1), _reach(states))
+    return steady_change(end[:, inside], np.delete(end, inside, axis=1), reach_of(states))
 
 
-def _steady_change(monodromy: Array, change: Array, reach: Array) -> Array:
+def steady_change(monodromy: Array, change: Array, reach: Array) -> Array:
     """(N, C) ``(I − M)⁻¹ δ`` of changes (N, C) within a period; zero along neutral directions."""
     matrix = np.eye(reach.size) - monodromy * reach / reach[:, None]
     return np.asarray(reach[:, None] * np.linalg.lstsq(matrix, change / reach[:, None], rcond=_NEUTRAL)[0])

@@ -4,27 +4,20 @@
     x = torchdiffeq.odeint(system.with_input(u), x0, t, method="phnn")
     x = torchdiffeq.odeint_adjoint(system.with_input(u), x0, t, method="phnn", options={"step_size": h})
 
-``driven`` is a `PortHamiltonianSystem` (inputs at zero) or its ``with_input(u)``, ``x0`` is (..., n). Every interval
+The function is a `PortHamiltonianSystem` (inputs at zero) or its ``with_input(u)``, ``x0`` is (..., n). Every interval
 between two outputs is divided into the fewest equal steps of at most ``step_size`` [s]; without ``step_size`` it is one
 step. Outputs are ends of steps and never interpolated, so that the power balance holds between them too. The input of a
-step is its mean by two-point Gauss–Legendre quadrature, exact for cubic ``u(t)``. The nodes lie inside the step, so
-that ``u`` may jump where steps meet. Tolerances have no meaning here and are ignored.
+step is its mean by two-point Gauss–Legendre quadrature, whose nodes lie inside the step: ``u`` may jump where steps
+meet. Tolerances have no meaning here and are ignored. The option ``scheme`` selects another `Scheme`.
 
-A step solves ``R_k(x_k, x_{k+1}; θ) = 0`` (see `phnn.integrate.equations`), by default with
-``Scheme.DISCRETE_GRADIENT``; the option ``scheme`` selects another one. Compiled code takes the steps where all laws
-have a kernel. Gradients are those of the computed states,
-
-    λ_k = ∂L/∂x_k − (∂R_k/∂x_k)ᵀ μ_k,     (∂R_k/∂x_{k+1})ᵀ μ_k = λ_{k+1},     dL/dθ = −Σ_k (∂R_k/∂θ)ᵀ μ_k
-
-by ``x0`` and the parameters of the system, its laws and its input; with `odeint` also by ``t``, for a fixed number of
-steps. `odeint_adjoint` gives the same gradients as `odeint`, by the same sweep: torchdiffeq asks it interval by
-interval, and all is computed at the last one asked for, the first in time.
-
-Other adjoint methods of torchdiffeq are refused: with steps of their own they are wrong where outputs are far apart.
+Gradients are those of the computed states (`phnn.integrate.differentiable`), by ``x0`` and the parameters of the
+system, its laws and its input; with `odeint` also by ``t``, for a fixed number of steps. `odeint_adjoint` gives the
+same gradients by the same sweep: torchdiffeq asks it interval by interval, and all is computed at the last one asked
+for, the first in time. Another ``adjoint_method`` is refused: a continuous adjoint is wrong for distant outputs.
 
 torchdiffeq offers no way to add a method. Three of its undocumented parts are used here: ``SOLVERS`` takes the method,
 ``_PerturbFunc`` and ``_ReverseFunc`` show it the system behind the function that it is given, and so does the closure
-of the augmented dynamics. Without these parts `phnn.integrate.ode.odeint` still takes the same steps.
+of the augmented dynamics. Without these parts `solve` still takes the same steps.
 """
 
 from __future__ import annotations
@@ -36,11 +29,9 @@ import torch
 from torch import Tensor
 
 from phnn.errors import InputRefused
-from phnn.integrate.differentiable import simulated
-from phnn.integrate.inputs import port_inputs
+from phnn.integrate.differentiable import port_inputs, simulated
 from phnn.integrate.scheme import Scheme
-from phnn.network.driven import DrivenSystem
-from phnn.network.system import PortHamiltonianSystem
+from phnn.network.system import DrivenSystem, PortHamiltonianSystem
 
 try:
     from torchdiffeq._impl.misc import _PerturbFunc, _ReverseFunc

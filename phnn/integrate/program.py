@@ -210,7 +210,7 @@ def compile_network(network: Network, scheme: Scheme = Scheme.DISCRETE_GRADIENT)
 
     Raises:
         StructureViolated: an unknown law, or a torch module without weights for the kernel, which
-            `phnn.integrate.dense` solves in torch; see `phnn.integrate.compilable.can_compile`.
+            `phnn.integrate.differentiable` solves in torch; see `phnn.integrate.compilable.can_compile`.
     """
     # Networks that differ only in parameter values share their elements.
     n = network

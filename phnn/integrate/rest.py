@@ -51,7 +51,7 @@ from phnn.integrate.tables import (
 )
 from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, STORAGE_LAWS
 from phnn.laws.namespace import TINY
-from phnn.laws.wide import WIDE_STORAGES, mean_effort
+from phnn.laws.wide import WIDE_STORAGES, evaluated
 from phnn.network.elements import Network
 
 Array = NDArray[np.float64]
@@ -224,4 +224,4 @@ def _effort(program: Program, storage: int, theta: Any, x: Any) -> Any:
         return law.mean_effort(x, x, *(theta[p] for p in row[PLACE_1 : PLACE_1 + len(law.example)]))
     wide = list(WIDE_STORAGES.values())[row[LAW] - len(known)]
     weights = theta[row[PLACE_1] : row[PLACE_1] + wide.head + wide.per_unit * row[PLACE_2]]
-    return mean_effort(wide, np.asarray(x), np.asarray(x), weights)
+    return evaluated(wide, weights, np.asarray(x), np.asarray(x))

@@ -1,4 +1,4 @@
-"""Sweeps of the linearised steps: forward sensitivities with many right-hand sides, and the adjoint.
+"""The sweep of the linearised steps: forward sensitivities with many right-hand sides.
 
 By the implicit function theorem the derivatives of an integration obey
 
@@ -25,7 +25,7 @@ from phnn.integrate.program import Program, action_derivatives, actions
 from phnn.integrate.table_access import junction_storage
 from phnn.integrate.tables import LEAVES, OWN_STORAGE, PLACE_5, PORTS, rows_of
 
-# The two sweeps are compiled where Python calls them: as functions of a compiled caller they would be optimised twice.
+# It is compiled where Python calls it: as a function of a compiled caller it would be optimised twice.
 
 
 class Asked(NamedTuple):
@@ -55,23 +55,6 @@ class Sensitivities(NamedTuple):
 
     known: Any
     following: Any
-    matrix: Any
-
-
-class Pulled(NamedTuple):
-    """What a backward sweep fills, and its work arrays.
-
-    Attributes:
-        w: (N,) the contribution of later steps to ``dL/dx``; gradient: (K,) ``dL/dθ``.
-        multipliers: (n, N+m) of every step, or no rows.
-        pulled: (I,); mu: (m, 1); matrix: (m, m).
-    """
-
-    w: Any
-    gradient: Any
-    multipliers: Any
-    pulled: Any
-    mu: Any
     matrix: Any
 
 
@@ -197,65 +180,9 @@ def sensitivity_steps(
             node += 1
 
 
-@inline
-def _pull(t: Any, p: Any, d: Any, w: Any, pulled: Any) -> None:
-    """``wᵀ ∂(x⁺)/∂(every input)`` without the identity part ``δp⁺ = δp`` of the junctions."""
-    for i in range(pulled.shape[0]):
-        pulled[i] = 0.0
-    for j in range(d.by_change.shape[0]):
-        by, back = d.by_change[j], w[junction_storage(t, j)]
-        for i in range(pulled.shape[0]):
-            pulled[i] += by[i] * back
-    for leaf in range(p.first.shape[0] - 1):
-        back = w[t[t[0, LEAVES] + leaf, OWN_STORAGE]]
-        for pair in range(p.first[leaf], p.first[leaf + 1]):
-            pulled[p.input[pair]] += d.by_leaf[pair] * back
-    memories = d.by_modulator.shape[0]
-    for k in range(memories):
-        by, back = d.by_modulator[k], w[w.shape[0] - memories + k]
-        for i in range(pulled.shape[0]):
-            pulled[i] += by[i] * back
-
-
-def adjoint_steps(
-    t: Any, p: Any, d: Any, run: Any, cotangent: Any, found: Pulled
-) -> None:  # fmt: skip
-    """The backward sweep of `phnn.integrate.sweep.adjoint`; ``found`` is filled."""
-    w, gradient, multipliers, pulled, mu, matrix = found
-    n, m = w.shape[0], mu.shape[0]
-    last = run.h.shape[0] - 1
-    for step in range(last, -1, -1):
-        for s in range(n):
-            w[s] += cotangent[step + 1, s]
-        derivatives_at(t, p, d, step, run, step == last or run.h[step] != run.h[step + 1])
-        _pull(t, p, d, w, pulled)
-        for j in range(m):
-            mu[j, 0] = -pulled[n + j]
-            for i in range(m):
-                matrix[j, i] = d.by_force[i, n + j]
-        eliminate(matrix, mu)
-        for j in range(m):
-            by = d.by_force[j]
-            for i in range(pulled.shape[0]):
-                pulled[i] += by[i] * mu[j, 0]
-        if multipliers.shape[0] > 0:
-            for s in range(n):
-                multipliers[step, s] = w[s]
-            for j in range(m):
-                multipliers[step, n + j] = mu[j, 0]
-        for j in range(m):
-            k = junction_storage(t, j)
-            pulled[k] += w[k]
-        for s in range(n):
-            w[s] = pulled[s]
-        for k in range(gradient.shape[0]):
-            gradient[k] += pulled[n + m + k]
-
-
 Array = NDArray[np.float64]
 
 _sensitivities = loop_entry(sensitivity_steps)
-_adjoint = loop_entry(adjoint_steps)
 
 
 def carrier(program: Program, port: int) -> int:
@@ -373,32 +300,3 @@ def sensitivities(
         # The sweep swaps the two arrays after every step.
         end[:] = (following if march.h.size % 2 else known)[: states.shape[1]]
     return out
-
-
-def adjoint(
-    march: Integrated,
-    active: NDArray[np.int64],
-    cotangent: Array,
-    multipliers: Array | None = None,
-    carry: Array | None = None,
-) -> tuple[Array, Array]:
-    """Backward sweep of the linearised recursion.
-
-    Args:
-        march: the integrated steps, or a window of them.
-        active: (K,) indices into theta.
-        cotangent: (n+1, N) ``dL/dx`` at the nodes.
-        multipliers: (n, N+m) filled with ``dL/dx⁺`` of every step and the multipliers of its ``F``.
-        carry: (N,) the contribution of later windows to ``dL/dx`` at the last node.
-
-    Returns:
-        (K,) ``dL/dθ`` of the window, and (N,) ``dL/dx`` at its first node without the cotangent of that node.
-    """
-    pattern, run, memory = _prepared(march, active, {})
-    m = len(march.program.junctions)
-    w = np.zeros(march.states.shape[1]) if carry is None else carry.copy()
-    gradient, pulled = np.zeros(active.size), np.zeros(pattern.slot.size)
-    room = np.zeros((0, 0)) if multipliers is None else multipliers
-    found = Pulled(w, gradient, room, pulled, np.zeros((m, 1)), np.zeros((m, m)))
-    _adjoint(march.program.table, pattern, memory, run, cotangent, found)
-    return gradient, w

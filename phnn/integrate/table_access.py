@@ -20,7 +20,7 @@ from phnn.integrate.tables import (
 )
 from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.law import close_tables
-from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES, compiled_flow, compiled_mean_effort
+from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES, compiled
 
 _PLACES = ("i0", "i1", "i2", "i3", "i4")
 # Parameters that the kernel passes to a law.
@@ -62,7 +62,7 @@ def look_up(name: str, entries: Sequence[Entry], leading: int) -> Any:
 def storage_table() -> Any:
     """``mean_effort(code, a, b, theta, i0…i4)``."""
     scalar: list[Entry] = [(x.mean_effort, len(x.example), False) for x in STORAGE_LAWS.values()]
-    wide: list[Entry] = [(compiled_mean_effort(x), 0, True) for x in WIDE_STORAGES.values()]
+    wide: list[Entry] = [(compiled(x), 0, True) for x in WIDE_STORAGES.values()]
     return look_up("mean_effort", scalar + wide, 2)
 
 
@@ -79,7 +79,7 @@ def path_table() -> Any:
 def flow_table() -> Any:
     """``flow(code, effort, q, theta, i0…i4)``; neural laws read no state."""
     scalar: list[Entry] = [(x.flow, len(x.example), False) for x in RESISTOR_LAWS.values()]
-    return look_up("flow", scalar + [(_unmodulated(compiled_flow(x)), 0, True) for x in WIDE_RESISTORS.values()], 2)
+    return look_up("flow", scalar + [(_unmodulated(compiled(x)), 0, True) for x in WIDE_RESISTORS.values()], 2)
 
 
 def factor_table() -> Any:

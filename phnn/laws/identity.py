@@ -36,81 +36,52 @@ def register_again(law: Any) -> None:
 
 
 def hash_of_own_laws() -> bytes:
-    """Hash of the laws from outside the package; empty if there are none.
-
-    It covers the code of their functions, and of the functions and values that these use.
+    """Return a hash of the laws from outside the package; empty if there are none.
 
     Raises:
-        UnknownContent: they use something else than numbers, arrays, tuples, functions of Python files and of numpy.
+        UnknownContent: as `content`.
     """
-    laws = registered_outside()
-    content = _Content()
+    laws, seen, parts = registered_outside(), list[Any](), []
     for law in laws:
-        content.say("law", type(law).__name__, law.name, str(len(law.example)))
-        for field in fields(law):
-            function = getattr(law, field.name)
-            if callable(function) or function is None:
-                content.say(field.name)
-                content.add(function, f"the law {law.name}")
-    return content.digest() if laws else b""
+        functions = {f.name: v for f in fields(law) if callable(v := getattr(law, f.name)) or v is None}
+        said = [(name, content(function, f"the law {law.name}", seen)) for name, function in functions.items()]
+        parts.append((type(law).__name__, law.name, len(law.example), said))
+    return hashlib.sha256(repr(parts).encode()).digest() if laws else b""
 
 
-class _Content:
-    """A hash over values; every part is written with its length, so that no two sequences look alike."""
+def content(value: Any, owner: str, seen: list[Any]) -> Any:
+    """Return what compiled code may contain of a value, in numbers, texts and tuples whose `repr` tells all apart.
 
-    def __init__(self) -> None:
-        self._hash = hashlib.sha256()
-        self._seen: dict[int, int] = {}
+    Args:
+        owner: what uses the value, for the message; seen: functions that were met before.
 
-    def digest(self) -> bytes:
-        return self._hash.digest()
-
-    def say(self, *parts: str | bytes) -> None:
-        for part in parts:
-            data = part.encode() if isinstance(part, str) else part
-            self._hash.update(len(data).to_bytes(8, "little") + data)
-
-    def add(self, value: Any, owner: str) -> None:
-        """Add a value that compiled code may contain."""
-        value = getattr(value, "py_func", value)  # of a function that numba has compiled
-        if isinstance(value, _NUMBERS):
-            self.say(type(value).__name__, repr(value))
-        elif isinstance(value, np.generic | np.ndarray) and value.dtype != object:
-            self.say("array", str(value.dtype), str(value.shape), value.tobytes())
-        elif isinstance(value, tuple):
-            self.say("tuple", str(len(value)))
-            for item in value:
-                self.add(item, owner)
-        elif isinstance(value, frozenset):
-            self.say("set", *sorted(repr(item) for item in value))
-        elif isinstance(value, CodeType):
-            self._add_code(value, owner)
-        elif _is_known(value):
-            self.say("known", str(getattr(value, "__module__", "")), str(getattr(value, "__qualname__", value)))
-        elif isinstance(value, FunctionType):
-            self._add_function(value)
-        else:
-            raise UnknownContent(f"{owner} uses {getattr(value, '__name__', type(value).__name__)}")
-
-    def _add_function(self, function: FunctionType) -> None:
-        if id(function) in self._seen:
-            self.say("again", str(self._seen[id(function)]))
-            return
-        self._seen[id(function)] = len(self._seen)
-        owner = f"{function.__module__}.{function.__qualname__}"
-        self.say("function", owner)
-        self._add_code(function.__code__, owner)
-        for name in _names(function.__code__):
-            if name in function.__globals__:
-                self.say("global", name)
-                self.add(function.__globals__[name], owner)
-        for held in ([c.cell_contents for c in function.__closure__ or ()], function.__defaults__ or ()):
-            self.add(tuple(held), owner)
-        self.add(tuple(sorted((function.__kwdefaults__ or {}).items())), owner)
-
-    def _add_code(self, code: CodeType, owner: str) -> None:
-        self.say("code", code.co_code, repr((code.co_names, code.co_varnames, code.co_freevars)))
-        self.add(tuple(code.co_consts), owner)
+    Raises:
+        UnknownContent: it uses something else than numbers, arrays, tuples, functions of Python files and of numpy.
+    """
+    value = getattr(value, "py_func", value)  # of a function that numba has compiled
+    if isinstance(value, _NUMBERS):
+        return value
+    if isinstance(value, np.generic | np.ndarray) and value.dtype != object:
+        return str(value.dtype), value.shape, value.tobytes()
+    if isinstance(value, tuple):
+        return tuple(content(item, owner, seen) for item in value)
+    if isinstance(value, frozenset):
+        return sorted(map(repr, value))
+    if isinstance(value, CodeType):
+        names = value.co_names, value.co_varnames, value.co_freevars
+        return value.co_code, names, content(value.co_consts, owner, seen)
+    if _is_known(value):
+        return "known", str(getattr(value, "__module__", "")), str(getattr(value, "__qualname__", value))
+    if not isinstance(value, FunctionType):
+        raise UnknownContent(f"{owner} uses {getattr(value, '__name__', type(value).__name__)}")
+    if value in seen:
+        return "again", seen.index(value)
+    seen.append(value)
+    name, used = f"{value.__module__}.{value.__qualname__}", _names(value.__code__)
+    held = [(n, value.__globals__[n]) for n in used if n in value.__globals__]
+    cells = tuple(c.cell_contents for c in value.__closure__ or ())
+    parts = (value.__code__, *held, cells, value.__defaults__ or (), *sorted((value.__kwdefaults__ or {}).items()))
+    return name, content(parts, name, seen)
 
 
 def _is_known(value: Any) -> bool:

@@ -18,15 +18,30 @@ from phnn.errors import StructureViolated
 from phnn.parameters import POSITIVE, Domain
 
 
+class _Law:
+    """What has parameters, each with a domain; those that are left out are positive."""
+
+    name: str
+    example: tuple[float, ...]
+    domains: tuple[Domain, ...]
+
+    def __post_init__(self) -> None:
+        domains = self.domains or (POSITIVE,) * len(self.example)
+        if len(domains) != len(self.example):
+            raise StructureViolated(
+                f"the law {self.name} has {len(self.example)} parameters and {len(domains)} domains: give one for each"
+            )
+        object.__setattr__(self, "domains", domains)
+
+
 @dataclass(frozen=True)
-class StorageLaw:
+class StorageLaw(_Law):
     """An energy ``H(x; θ) ≥ H(0) = 0``, but for a source of constant effort.
 
     Attributes:
         name: as used in networks.
-        energy: ``H(x, *θ)`` [J].
-        mean_effort: ``(H(b) − H(a)) / (b − a)`` as ``mean_effort(a, b, *θ)``, in a form without
-            cancellation; the effort ``H'(x)`` is ``mean_effort(x, x, *θ)``.
+        mean_effort: ``ē = (H(b) − H(a))/(b − a)`` as ``mean_effort(a, b, *θ)``, in a form without cancellation. It
+            says all: the effort ``H'(x)`` is ``ē(x, x)``, and the energy ``H(x) = x ē(0, x)``.
         example: parameter values for the contract tests.
         convex: whether the effort is monotone.
         bounded: whether ``H ≥ 0``; a weight, whose energy falls without end, is a source and not passive.
@@ -34,19 +49,19 @@ class StorageLaw:
     """
 
     name: str
-    energy: Callable[..., Any]
     mean_effort: Callable[..., Any]
     example: tuple[float, ...]
     convex: bool = True
     bounded: bool = True
     domains: tuple[Domain, ...] = ()
 
-    def __post_init__(self) -> None:
-        _complete(self)
+    def energy(self, x: Any, *theta: Any) -> Any:
+        """Return ``H(x; θ)`` [J]."""
+        return x * self.mean_effort(0.0 * x, x, *theta)
 
 
 @dataclass(frozen=True)
-class ResistorLaw:
+class ResistorLaw(_Law):
     """A sector law ``ε φ(ε, q; θ) ≥ 0``; ``q`` is a read-only argument (a state of the network).
 
     Attributes:
@@ -73,12 +88,9 @@ class ResistorLaw:
     monotone: bool = True
     domains: tuple[Domain, ...] = ()
 
-    def __post_init__(self) -> None:
-        _complete(self)
-
 
 @dataclass(frozen=True)
-class PortLaw:
+class PortLaw(_Law):
     """How a port's input acts: ``ẋ += g ψ(u)``; the conjugate output is ``y = ψ'(u) gᵀ∇H``.
 
     Attributes:
@@ -95,12 +107,9 @@ class PortLaw:
     example: tuple[float, ...]
     domains: tuple[Domain, ...] = ()
 
-    def __post_init__(self) -> None:
-        _complete(self)
-
 
 @dataclass(frozen=True)
-class FactorLaw:
+class FactorLaw(_Law):
     """How a ratio follows a storage's or a memory's state: the ratio is multiplied by ``f(q; θ)``.
 
     Attributes:
@@ -115,29 +124,9 @@ class FactorLaw:
     example: tuple[float, ...]
     domains: tuple[Domain, ...] = ()
 
-    def __post_init__(self) -> None:
-        _complete(self)
-
 
 @dataclass(frozen=True)
-class Heat:
-    """Heat and entropy of a modulator state.
-
-    Attributes:
-        energy: thermal energy ``U(z, *θ)`` [J].
-        entropy: its change of entropy ``S(b) − S(a)`` as ``entropy(a, b, *θ)`` [J/K].
-        flow: heat that flows to the ambient, ``q(z, *θ)`` [W], affine in ``z``.
-        ambient: temperature of the ambient ``T_a(*θ)`` [K].
-    """
-
-    energy: Callable[..., Any]
-    entropy: Callable[..., Any]
-    flow: Callable[..., Any]
-    ambient: Callable[..., Any]
-
-
-@dataclass(frozen=True)
-class MemoryLaw:
+class MemoryLaw(_Law):
     """How a slow state follows its drive: ``ż = f(z, s; θ)``, affine in ``z`` with the slope ``−d(θ)``.
 
     Attributes:
@@ -145,7 +134,7 @@ class MemoryLaw:
         rate: ``f(z, s, *θ)``.
         decay: ``d(*θ) ≥ 0`` [1/s].
         example: parameter values for the contract tests.
-        heat: of a law whose drive is dissipated power [W] that is kept as heat, ``U' ż = s − q``.
+        heats: whether its drive is dissipated power [W] that is kept as heat.
         domains: of the parameters; all positive where left out.
     """
 
@@ -153,11 +142,8 @@ class MemoryLaw:
     rate: Callable[..., Any]
     decay: Callable[..., Any]
     example: tuple[float, ...]
-    heat: Heat | None = None
+    heats: bool = False
     domains: tuple[Domain, ...] = ()
-
-    def __post_init__(self) -> None:
-        _complete(self)
 
 
 Law = StorageLaw | ResistorLaw | PortLaw | FactorLaw | MemoryLaw
@@ -220,13 +206,3 @@ def close_tables() -> None:
     """Accept no further law: compiled code numbers the laws by their order in the tables."""
     global _closed
     _closed = True
-
-
-def _complete(law: Any) -> None:
-    """Fill in the domains that a law leaves out."""
-    domains = law.domains or (POSITIVE,) * len(law.example)
-    if len(domains) != len(law.example):
-        raise StructureViolated(
-            f"the law {law.name} has {len(law.example)} parameters and {len(domains)} domains: give one for each"
-        )
-    object.__setattr__(law, "domains", domains)

@@ -169,8 +169,3 @@ def rc_flow(
         where(falling, -e0, e0), where(falling, -current, current), h * stiffness, rho, bottom, top, leak
     )
     return where(falling, -end, end) * reciprocal(stiffness), where(falling, -mean, mean)
-
-
-def loss(x: Any, x_next: Any, current: Any, mean_effort: Any, h: Any, capacitance: Any) -> Any:
-    """Energy dissipated in the storage's resistor during the step, ``h i ē − ΔH ≥ 0``."""
-    return h * current * mean_effort - 0.5 * (x_next - x) * (x_next + x) / capacitance

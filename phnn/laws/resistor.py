@@ -155,6 +155,18 @@ def coulomb(effort: Any, q: Any, force: Any, velocity: Any) -> Any:
     return force * tanh(effort / velocity)
 
 
+def stribeck(effort: Any, q: Any, force: Any, velocity: Any, rise: Any, decay: Any) -> Any:
+    """Dry friction that is larger at low speed: ``F_c (1 + r exp(−(v/v_d)²)) tanh(v/v_s)``, ``r ≥ 0``."""
+    return force * _falling(effort, rise, decay) * tanh(effort / velocity)
+
+
+@shared
+def _falling(velocity: Any, rise: Any, decay: Any) -> Any:
+    """Stribeck's curve ``1 + r exp(−(v/v_d)²)``: friction over that at high speed."""
+    over = velocity / decay
+    return 1.0 + rise * exp(-over * over)
+
+
 def quadratic_drag(effort: Any, q: Any, drag: Any) -> Any:
     """``c₂ |v| v``."""
     return drag * absolute(effort) * effort
@@ -188,6 +200,12 @@ register(
     ResistorLaw("yielding", yielding, (0.7, 0.5, 0.4), yielding_thresholds, domains=(POSITIVE, NONNEGATIVE, POSITIVE))
 )
 register(ResistorLaw("coulomb", coulomb, (0.4, 0.3), domains=(NONNEGATIVE, POSITIVE)))
+register(
+    ResistorLaw(
+        "stribeck", stribeck, (0.4, 0.3, 0.5, 0.8), domains=(NONNEGATIVE, POSITIVE, NONNEGATIVE, POSITIVE),
+        monotone=False,
+    )
+)  # fmt: skip
 register(ResistorLaw("quadratic_drag", quadratic_drag, (0.8,), domains=(NONNEGATIVE,)))
 register(
     ResistorLaw(
@@ -272,6 +290,7 @@ def ramp_damper(effort: Any, q: Any, force: Any, exponent: Any, reference: Any, 
     return force * maximum(s, 0.0 * s) * _power(effort, exponent, reference)
 
 
+@shared
 def bouc_wen(effort: Any, q: Any, force: Any, exponent: Any, back: Any, lean: Any, mass: Any) -> Any:
     """Bouc–Wen beside a spring of the force ``E``: ``v e`` while ``v = p/m`` loads it, else ``−c v e``; ``e = |E/F|ⁿ``.
 
@@ -348,6 +367,25 @@ def bouc_wen_path(
     )
 
 
+def lugre(effort: Any, q: Any, force: Any, rise: Any, decay: Any, mass: Any) -> Any:
+    """Bristles that slip the more the larger their force ``E`` is: ``|v| E/F``, ``F = F_c (1 + r exp(−(v/v_d)²))``.
+
+    That is `bouc_wen` with ``n = c = 1``; ``v = p/m`` is read. With ``r = 0`` it is Dahl's friction.
+    """
+    one = 1.0 + 0.0 * force
+    return bouc_wen(effort, q, force * _falling(q * reciprocal(mass), rise, decay), one, one, 0.0 * force, mass)
+
+
+def lugre_path(
+    x: Any, current: Any, h: Any, stiffness: Any, force: Any, rise: Any, decay: Any, mass: Any
+) -> tuple[Any, Any]:
+    """As `bouc_wen_path`, with the friction at the speed of the step."""
+    one = 1.0 + 0.0 * force
+    return bouc_wen_path(
+        x, current, h, stiffness, force * _falling(current, rise, decay), one, one, 0.0 * force, mass
+    )  # fmt: skip
+
+
 def duhem(effort: Any, q: Any, force: Any, exponent: Any, bend: Any, mass: Any) -> Any:
     """Slip beside the spring ``E' = k (1 + b |E|/F)``: ``v |E/F|ⁿ/(1 + b |E|/F)`` while ``v`` loads it, else none.
 
@@ -421,6 +459,11 @@ register(
         (0.7, 1.4, 0.3, 0.2, 0.9),
         domains=(*_PATH, NONNEGATIVE, ANY, POSITIVE),
         path=bouc_wen_path,
+    )
+)
+register(
+    ResistorLaw(
+        "lugre", lugre, (1.4, 0.5, 0.8, 0.9), domains=(POSITIVE, NONNEGATIVE, POSITIVE, POSITIVE), path=lugre_path
     )
 )
 register(

@@ -62,15 +62,15 @@ def _check_at(law: Law, values: tuple[float, ...], at: str) -> None:
             check_sector(partial(_reading, law, q, values), at, _edges(law, q, values), q)
             _check_thresholds(law, q, values, at)
     elif isinstance(law, StorageLaw):
-        if law.bounded:
-            check_energy(partial(_stored, law, values), at)
         _check_mean_effort(law, values, at)
+        if law.bounded:
+            check_energy(lambda x: law.energy(x, *values), at)
     elif isinstance(law, MemoryLaw) and not float(law.decay(*values)) >= 0.0:
         raise StructureViolated(f"{at} decays at {float(law.decay(*values)):g} 1/s: it must not grow by itself")
 
 
 def _check_mean_effort(law: StorageLaw, values: tuple[float, ...], at: str) -> None:
-    """Try whether ``ē(a, b) (b − a) = H(b) − H(a)``, without which a step does not balance power.
+    """Try whether ``ē(a, b) (b − a) = b ē(0, b) − a ē(0, a)``, without which a step does not balance power.
 
     Where ``a = b`` the mean effort is compared with that between neighbouring points.
     """
@@ -194,10 +194,6 @@ def _check_finite(points: Array, values: Array, what: str, argument: str, value:
 
 def _reading(law: ResistorLaw, q: float, values: tuple[float, ...], effort: Array) -> Array:
     return law.flow(effort, q + 0.0 * effort, *values)
-
-
-def _stored(law: StorageLaw, values: tuple[float, ...], x: Array) -> Array:
-    return law.energy(x, *values)
 
 
 def _reads(law: ResistorLaw) -> bool:

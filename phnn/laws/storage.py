@@ -15,23 +15,13 @@ from phnn.laws.namespace import absolute, exp, maximum, minimum, real, reciproca
 from phnn.parameters import ANY, NONNEGATIVE, POSITIVE
 
 
-def capacitor_energy(x: Any, capacitance: Any) -> Any:
-    """``H = x²/(2C)``: charge on a capacitor, momentum of a mass."""
-    return 0.5 * x * x * reciprocal(capacitance)
-
-
 def capacitor_mean_effort(a: Any, b: Any, capacitance: Any) -> Any:
-    """``(a + b)/(2C)``."""
+    """``H = x²/(2C)``: charge on a capacitor, momentum of a mass."""
     return 0.5 * (a + b) * reciprocal(capacitance)
 
 
-def spring_energy(x: Any, stiffness: Any) -> Any:
-    """``H = k x²/2``."""
-    return 0.5 * stiffness * x * x
-
-
 def spring_mean_effort(a: Any, b: Any, stiffness: Any) -> Any:
-    """``k (a + b)/2``."""
+    """``H = k x²/2``."""
     return 0.5 * stiffness * (a + b)
 
 
@@ -49,21 +39,9 @@ def _cubic_share(u: Any, w: Any, kappa: Any, completion: Any) -> Any:
     return kappa * quadratic / 4.0 + completion * sextic / 6.0
 
 
-def cubic_spring_energy(x: Any, stiffness: Any, kappa: Any, q0: Any) -> Any:
-    """Duffing spring, effort ``k x (1 + κ s² + c s⁴)``, ``s = x/q₀``; ``c = 9κ²/20`` where ``κ < 0``, else 0."""
-    s2 = (x / q0) * (x / q0)
-    return stiffness * x * x * (0.5 + kappa * s2 / 4.0 + _completion(kappa) * s2 * s2 / 6.0)
-
-
 def cubic_spring_mean_effort(a: Any, b: Any, stiffness: Any, kappa: Any, q0: Any) -> Any:
-    """Differences of powers factored: ``(bⁿ − aⁿ)/(b − a)``."""
+    """Duffing spring, effort ``k x (1 + κ s² + c s⁴)``, ``s = x/q₀``; ``c = 9κ²/20`` where ``κ < 0``, else 0."""
     return stiffness * (a + b) * (0.5 + _cubic_share(a / q0, b / q0, kappa, _completion(kappa)))
-
-
-def quadratic_spring_energy(x: Any, stiffness: Any, kappa: Any, q0: Any) -> Any:
-    """``H = k x² (1/2 + κ s/3 + κ² s²/12)``, ``s = x/q₀``, of curvature ``H″ = k (1 + κ s)² ≥ 0``."""
-    s = kappa * x / q0
-    return stiffness * x * x * (0.5 + s / 3.0 + s * s / 12.0)
 
 
 @shared
@@ -73,7 +51,7 @@ def _quadratic_mean(a: Any, b: Any, u: Any, w: Any) -> Any:
 
 
 def quadratic_spring_mean_effort(a: Any, b: Any, stiffness: Any, kappa: Any, q0: Any) -> Any:
-    """Effort ``k x (1 + κ s + κ² s²/3)``, differences of powers factored: ``(bⁿ − aⁿ)/(b − a)``."""
+    """``H = k x² (1/2 + κ s/3 + κ² s²/12)``, ``s = x/q₀``, of curvature ``H″ = k (1 + κ s)² ≥ 0``."""
     return stiffness * _quadratic_mean(a, b, kappa * a / q0, kappa * b / q0)
 
 
@@ -84,30 +62,17 @@ def _bent_completion(kappa_2: Any, q2: Any, kappa_3: Any, q3: Any) -> Any:
     return where(real(kappa_3) < 0.0, 0.45 * kappa_3 * (kappa_3 - slant * slant), 0.0 * kappa_3)
 
 
-def bent_spring_energy(x: Any, stiffness: Any, kappa_2: Any, q2: Any, kappa_3: Any, q3: Any) -> Any:
+def bent_spring_mean_effort(a: Any, b: Any, stiffness: Any, kappa_2: Any, q2: Any, kappa_3: Any, q3: Any) -> Any:
     """A spring with both bends, effort ``k x (1 + κ₂ s₂ + κ₂² s₂²/3 + κ₃ s₃² + c s₃⁴)``.
 
     ``H ≥ k x²/7`` for all bends, so that rest is the minimum. Convex where ``κ₃ ≥ 0``; elsewhere the effort may fall.
     """
-    s, cubic = kappa_2 * x / q2, (x / q3) * (x / q3)
-    completion = _bent_completion(kappa_2, q2, kappa_3, q3)
-    share = 0.5 + s / 3.0 + s * s / 12.0 + kappa_3 * cubic / 4.0 + completion * cubic * cubic / 6.0
-    return stiffness * x * x * share
-
-
-def bent_spring_mean_effort(a: Any, b: Any, stiffness: Any, kappa_2: Any, q2: Any, kappa_3: Any, q3: Any) -> Any:
-    """The sum of what both bends make of the straight spring."""
     cubic = (a + b) * _cubic_share(a / q3, b / q3, kappa_3, _bent_completion(kappa_2, q2, kappa_3, q3))
     return stiffness * (_quadratic_mean(a, b, kappa_2 * a / q2, kappa_2 * b / q2) + cubic)
 
 
-def weight_energy(x: Any, force: Any) -> Any:
-    """``H = −F x``: the potential of a constant force, not bounded below."""
-    return -force * x
-
-
 def weight_mean_effort(a: Any, b: Any, force: Any) -> Any:
-    """``−F`` wherever it is."""
+    """``H = −F x``: the potential of a constant force, not bounded below."""
     return -force + 0.0 * (a + b)
 
 
@@ -117,14 +82,8 @@ def _stop_side(gap: Any) -> Any:
     return where(real(gap) < 0.0, -1.0 + 0.0 * gap, 1.0 + 0.0 * gap)
 
 
-def stop_energy(x: Any, stiffness: Any, gap: Any) -> Any:
-    """One-sided elastic stop, ``H = k max(x − gap, 0)²/2`` for ``gap ≥ 0`` and mirrored for ``gap < 0``."""
-    depth = maximum(_stop_side(gap) * (x - gap), 0.0 * x)
-    return 0.5 * stiffness * depth * depth
-
-
 def stop_mean_effort(a: Any, b: Any, stiffness: Any, gap: Any) -> Any:
-    """``± k`` times the mean depth ``max(±(x − gap), 0)``, with the sign of the stop's side."""
+    """One-sided elastic stop, ``H = k max(x − gap, 0)²/2`` for ``gap ≥ 0`` and mirrored for ``gap < 0``."""
     side = _stop_side(gap)
     return stiffness * side * _mean_depth(side * (a - gap), side * (b - gap))
 
@@ -155,15 +114,12 @@ def _root(x: Any) -> Any:
     return where(inside, sqrt(where(inside, x, 1.0 + 0.0 * x)), 0.0 * x)
 
 
-def round_stop_energy(x: Any, stiffness: Any, gap: Any, depth: Any) -> Any:
-    """Contact of round surfaces (Hertz), effort ``± k p √(p/p₀)``, ``p = max(±(x − gap), 0)``; its side is that of the
-    gap."""
-    p = maximum(_stop_side(gap) * (x - gap), 0.0 * x)
-    return 0.4 * stiffness * p * p * _root(p / depth)
-
-
 def round_stop_mean_effort(a: Any, b: Any, stiffness: Any, gap: Any, depth: Any) -> Any:
-    """The fifth powers of the roots ``√(p/p₀)``, factored: ``(w⁵ − u⁵)/(w² − u²)``."""
+    """Contact of round surfaces (Hertz), effort ``± k p √(p/p₀)``, ``p = max(±(x − gap), 0)``; its side is that of the
+    gap.
+
+    The fifth powers of the roots are factored: ``(w⁵ − u⁵)/(w² − u²)``.
+    """
     side = _stop_side(gap)
     depth_a, depth_b, share = _depths(side * (a - gap), side * (b - gap))
     u, w = _root(depth_a / depth), _root(depth_b / depth)
@@ -174,27 +130,16 @@ def round_stop_mean_effort(a: Any, b: Any, stiffness: Any, gap: Any, depth: Any)
     return 0.4 * stiffness * depth * side * share * powers / where(touched, total, 1.0 + 0.0 * total)
 
 
-def stops_energy(x: Any, right: Any, left: Any, gap: Any) -> Any:
-    """Elastic stops on both sides, ``H = k₊ max(x − gap, 0)²/2 + k₋ max(−x − gap, 0)²/2``, ``gap ≥ 0``."""
-    above = maximum(x - gap, 0.0 * x)
-    below = maximum(-x - gap, 0.0 * x)
-    return 0.5 * (right * above * above + left * below * below)
-
-
 def stops_mean_effort(a: Any, b: Any, right: Any, left: Any, gap: Any) -> Any:
-    """``k₊`` times the mean depth beyond ``gap`` less ``k₋`` times that beyond ``−gap``."""
+    """Elastic stops on both sides, ``H = k₊ max(x − gap, 0)²/2 + k₋ max(−x − gap, 0)²/2``, ``gap ≥ 0``."""
     return right * _mean_depth(a - gap, b - gap) - left * _mean_depth(-a - gap, -b - gap)
 
 
-def saturating_spring_energy(x: Any, stiffness: Any, reach: Any) -> Any:
-    """A spring whose force ``k clip(x, ±reach)`` grows no further beyond a displacement; convex, ``H ≥ 0``."""
-    size = absolute(x)
-    inner = minimum(size, reach + 0.0 * size)
-    return stiffness * inner * (size - 0.5 * inner)
-
-
 def saturating_spring_mean_effort(a: Any, b: Any, stiffness: Any, reach: Any) -> Any:
-    """``k`` times the mean of ``clip(x, ±reach)``: that of the clipped ends, moved towards the end farther outside."""
+    """A spring whose force ``k clip(x, ±reach)`` grows no further beyond a displacement; convex, ``H ≥ 0``.
+
+    The mean of ``clip`` is that of the clipped ends, moved towards the end farther outside.
+    """
     limit = reach + 0.0 * (a + b)
     inner_a = maximum(minimum(a + 0.0 * limit, limit), -limit)
     inner_b = maximum(minimum(b + 0.0 * limit, limit), -limit)
@@ -211,34 +156,21 @@ def _bend(x: Any, reach: Any) -> Any:
     return sqrt(1.0 + s * s)
 
 
-def softening_spring_energy(x: Any, stiffness: Any, reach: Any) -> Any:
-    """``H = k r² (√(1 + (x/r)²) − 1)``, effort ``k x/√(1 + (x/r)²)``: at most ``k r``; convex, ``H ≥ 0``."""
-    return stiffness * x * x / (1.0 + _bend(x, reach))
-
-
 def softening_spring_mean_effort(a: Any, b: Any, stiffness: Any, reach: Any) -> Any:
-    """``k (a + b)/(√(1 + (a/r)²) + √(1 + (b/r)²))``: the difference of the roots by that of their squares."""
+    """``H = k r² (√(1 + (x/r)²) − 1)``, effort ``k x/√(1 + (x/r)²)``: at most ``k r``; convex, ``H ≥ 0``.
+
+    The difference of the roots is taken by that of their squares.
+    """
     return stiffness * (a + b) / (_bend(a, reach) + _bend(b, reach))
 
 
-def hardening_spring_energy(x: Any, coefficient: Any) -> Any:
-    """``H = k₃ x⁴/4``, effort ``k₃ x³``: the spring has no stiffness at rest; convex, ``H ≥ 0``."""
-    return 0.25 * coefficient * x * x * x * x
-
-
 def hardening_spring_mean_effort(a: Any, b: Any, coefficient: Any) -> Any:
-    """``k₃ (b⁴ − a⁴)/(4 (b − a))``, factored."""
+    """``H = k₃ x⁴/4``, effort ``k₃ x³``: the spring has no stiffness at rest; convex, ``H ≥ 0``."""
     return 0.25 * coefficient * (a + b) * (a * a + b * b)
 
 
-def quintic_spring_energy(x: Any, stiffness: Any, q0: Any) -> Any:
-    """``H = k x² s⁴/6``, ``s = x/q₀``, effort ``k x s⁴``: convex, ``H ≥ 0``."""
-    s2 = (x / q0) * (x / q0)
-    return stiffness * x * x * s2 * s2 / 6.0
-
-
 def quintic_spring_mean_effort(a: Any, b: Any, stiffness: Any, q0: Any) -> Any:
-    """``(b⁶ − a⁶)/(b − a)``, factored."""
+    """``H = k x² s⁴/6``, ``s = x/q₀``, effort ``k x s⁴``: convex, ``H ≥ 0``."""
     u2, w2 = (a / q0) * (a / q0), (b / q0) * (b / q0)
     return stiffness * (a + b) * (u2 * u2 + u2 * w2 + w2 * w2) / 6.0
 
@@ -265,23 +197,13 @@ def _grown(size: Any, bend: Any) -> Any:
     return where(real(bend) > 0.0, exp(size), 1.0 + 0.0 * size)
 
 
-def exponential_spring_energy(x: Any, stiffness: Any, force: Any, bend: Any) -> Any:
-    """A spring whose stiffness follows its force, ``E' = k (1 + b |E|/F)``: ``E = ± (e^{bk|x|/F} − 1) F/b``, convex.
-
-    The stiffness stays within a factor 100 of ``k``, so that no number overflows.
-    """
-    size, rate = absolute(x), absolute(bend) * stiffness / force
-    reach, pull, steepest = _last(rate, stiffness, bend)
-    inner = minimum(size, reach + 0.0 * size)
-    one, two = relaxation(rate * inner)
-    share = where(real(bend) > 0.0, one - two, two) * _grown(rate * inner, bend)
-    beyond = size - inner
-    return stiffness * inner * inner * share + beyond * (pull + 0.5 * steepest * beyond)
-
-
 @shared
 def exponential_spring_mean_effort(a: Any, b: Any, stiffness: Any, force: Any, bend: Any) -> Any:
-    """``(a + b)/(|a| + |b|)`` times the mean force between the sizes ``|a|`` and ``|b|``."""
+    """A spring whose stiffness follows its force, ``E' = k (1 + b |E|/F)``: ``E = ± (e^{bk|x|/F} − 1) F/b``, convex.
+
+    The stiffness stays within a factor 100 of ``k``, so that no number overflows. The mean effort is
+    ``(a + b)/(|a| + |b|)`` times the mean force between the sizes ``|a|`` and ``|b|``.
+    """
     size_a, size_b = absolute(a + 0.0 * b), absolute(b + 0.0 * a)
     rate = absolute(bend) * stiffness / force
     reach, pull, steepest = _last(rate, stiffness, bend)
@@ -307,53 +229,19 @@ def exponential_spring_mean_effort(a: Any, b: Any, stiffness: Any, force: Any, b
 
 _BENT = (NONNEGATIVE, ANY, POSITIVE)
 
-register(StorageLaw("capacitor", capacitor_energy, capacitor_mean_effort, (0.7,), domains=(POSITIVE,)))
-register(StorageLaw("spring", spring_energy, spring_mean_effort, (1.3,), domains=(NONNEGATIVE,)))
-register(StorageLaw("cubic_spring", cubic_spring_energy, cubic_spring_mean_effort, (1.3, 0.4, 0.8), domains=_BENT))
-register(
-    StorageLaw(
-        "quadratic_spring", quadratic_spring_energy, quadratic_spring_mean_effort, (1.3, 0.4, 0.8), domains=_BENT
-    )
-)
-register(
-    StorageLaw(
-        "bent_spring", bent_spring_energy, bent_spring_mean_effort, (1.3, 0.4, 0.8, 0.3, 0.7),
-        domains=(*_BENT, ANY, POSITIVE),
-    )
-)  # fmt: skip
-register(StorageLaw("weight", weight_energy, weight_mean_effort, (0.6,), bounded=False, domains=(ANY,)))
-register(StorageLaw("stop", stop_energy, stop_mean_effort, (2.0, 0.3), domains=(NONNEGATIVE, ANY)))
-register(
-    StorageLaw(
-        "round_stop", round_stop_energy, round_stop_mean_effort, (2.0, 0.3, 0.6), domains=(NONNEGATIVE, ANY, POSITIVE)
-    )
-)
-register(StorageLaw("stops", stops_energy, stops_mean_effort, (2.0, 1.4, 0.3), domains=(NONNEGATIVE,) * 3))
-register(
-    StorageLaw(
-        "saturating_spring", saturating_spring_energy, saturating_spring_mean_effort, (1.3, 0.4),
-        domains=(NONNEGATIVE, NONNEGATIVE),
-    )
-)  # fmt: skip
-register(
-    StorageLaw(
-        "softening_spring", softening_spring_energy, softening_spring_mean_effort, (1.3, 0.4),
-        domains=(NONNEGATIVE, POSITIVE),
-    )
-)  # fmt: skip
-register(
-    StorageLaw(
-        "hardening_spring", hardening_spring_energy, hardening_spring_mean_effort, (0.9,), domains=(NONNEGATIVE,)
-    )
-)
-register(
-    StorageLaw(
-        "quintic_spring", quintic_spring_energy, quintic_spring_mean_effort, (0.9, 0.8), domains=(NONNEGATIVE, POSITIVE)
-    )
-)
-register(
-    StorageLaw(
-        "exponential_spring", exponential_spring_energy, exponential_spring_mean_effort, (1.3, 0.7, 0.4),
-        domains=(NONNEGATIVE, POSITIVE, ANY),
-    )
-)  # fmt: skip
+register(StorageLaw("capacitor", capacitor_mean_effort, (0.7,)))
+register(StorageLaw("spring", spring_mean_effort, (1.3,), domains=(NONNEGATIVE,)))
+register(StorageLaw("cubic_spring", cubic_spring_mean_effort, (1.3, 0.4, 0.8), domains=_BENT))
+register(StorageLaw("quadratic_spring", quadratic_spring_mean_effort, (1.3, 0.4, 0.8), domains=_BENT))
+_TWICE_BENT = (*_BENT, ANY, POSITIVE)
+register(StorageLaw("bent_spring", bent_spring_mean_effort, (1.3, 0.4, 0.8, 0.3, 0.7), domains=_TWICE_BENT))
+register(StorageLaw("weight", weight_mean_effort, (0.6,), bounded=False, domains=(ANY,)))
+register(StorageLaw("stop", stop_mean_effort, (2.0, 0.3), domains=(NONNEGATIVE, ANY)))
+register(StorageLaw("round_stop", round_stop_mean_effort, (2.0, 0.3, 0.6), domains=(NONNEGATIVE, ANY, POSITIVE)))
+register(StorageLaw("stops", stops_mean_effort, (2.0, 1.4, 0.3), domains=(NONNEGATIVE,) * 3))
+register(StorageLaw("saturating_spring", saturating_spring_mean_effort, (1.3, 0.4), domains=(NONNEGATIVE,) * 2))
+register(StorageLaw("softening_spring", softening_spring_mean_effort, (1.3, 0.4), domains=(NONNEGATIVE, POSITIVE)))
+register(StorageLaw("hardening_spring", hardening_spring_mean_effort, (0.9,), domains=(NONNEGATIVE,)))
+register(StorageLaw("quintic_spring", quintic_spring_mean_effort, (0.9, 0.8), domains=(NONNEGATIVE, POSITIVE)))
+_EXPONENTIAL = (NONNEGATIVE, POSITIVE, ANY)
+register(StorageLaw("exponential_spring", exponential_spring_mean_effort, (1.3, 0.7, 0.4), domains=_EXPONENTIAL))

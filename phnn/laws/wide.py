@@ -1,8 +1,7 @@
 """Laws with as many weights as one likes: a sum over equal units, written once for tensors and for the kernel.
 
     resistor:  φ(ε)    = combine(ε, Σ_i unit(ε, *w_i), *head)
-    storage:   H(x)    = energy_combine(x, Σ_i energy_unit(x, *w_i), *head)
-               ē(a, b) = combine(a, b, Σ_i unit(a, b, *w_i), *head)
+    storage:   ē(a, b) = combine(a, b, Σ_i unit(a, b, *w_i), *head),     H(x) = x ē(0, x)
 
 The weights are physical (positive ones positive, scales of effort and flow included) and lie in one flat vector
 ``[*head, *w_1, *w_2, …]``. Units and combinations are written with `phnn.laws.namespace`.
@@ -34,16 +33,17 @@ from phnn.laws.namespace import absolute, exp, maximum, real, reciprocal, shared
 
 
 @dataclass(frozen=True)
-class WideResistor:
-    """A sector law ``ε φ(ε; w) ≥ 0`` that is a sum over units.
+class WideLaw:
+    """A sum over units: a sector law ``ε φ(ε; w) ≥ 0``, or the mean effort of an energy ``H(x; w) ≥ H(0) = 0``.
 
     Attributes:
         name: as used by torch modules and the kernel.
-        unit: ``unit(ε, *w_i)``.
-        combine: ``φ = combine(ε, sum, *head)``.
+        unit: ``unit(*arguments, *w_i)``.
+        combine: ``combine(*arguments, sum, *head)``, the flow or the mean effort.
         head: number of weights before those of the units.
         per_unit: number of weights of a unit.
-        monotone: whether ``φ`` is non-decreasing in ``ε``.
+        monotone: whether the flow, or the effort, is non-decreasing.
+        arguments: ``effort`` of a resistor; ``a, b`` of a storage, the ends of a step.
     """
 
     name: str
@@ -52,44 +52,20 @@ class WideResistor:
     head: int
     per_unit: int
     monotone: bool
+    arguments: tuple[str, ...] = ("effort",)
 
 
-@dataclass(frozen=True)
-class WideStorage:
-    """An energy ``H(x; w) ≥ H(0) = 0`` that is a sum over units.
-
-    Attributes:
-        name: as used by torch modules and the kernel.
-        energy_unit: ``energy_unit(x, *w_i)``.
-        energy_combine: ``H = energy_combine(x, sum, *head)`` [J].
-        unit: ``unit(a, b, *w_i)``.
-        combine: ``(H(b) − H(a))/(b − a) = combine(a, b, sum, *head)``, ``H'(a)`` where ``b = a``.
-        head: number of weights before those of the units.
-        per_unit: number of weights of a unit.
-        convex: whether the effort is monotone.
-    """
-
-    name: str
-    energy_unit: Callable[..., Any]
-    energy_combine: Callable[..., Any]
-    unit: Callable[..., Any]
-    combine: Callable[..., Any]
-    head: int
-    per_unit: int
-    convex: bool
+WIDE_RESISTORS: dict[str, WideLaw] = {}
+WIDE_STORAGES: dict[str, WideLaw] = {}
 
 
-WIDE_RESISTORS: dict[str, WideResistor] = {}
-WIDE_STORAGES: dict[str, WideStorage] = {}
-
-
-def register_wide(law: WideResistor | WideStorage) -> None:
+def register_wide(law: WideLaw) -> None:
     """Make an additive-unit law available under its name.
 
     Raises:
         StructureViolated: the name is taken.
     """
-    table: dict[str, Any] = WIDE_RESISTORS if isinstance(law, WideResistor) else WIDE_STORAGES
+    table = WIDE_RESISTORS if law.arguments == ("effort",) else WIDE_STORAGES
     if law.name in table:
         raise StructureViolated(f"an additive-unit law called {law.name!r} exists already: choose another name")
     table[law.name] = law
@@ -135,58 +111,25 @@ def has_kernel(law: Any) -> bool:
     return isinstance(law, str) or bool(form_of(law))
 
 
-def flow(
-    law: WideResistor,
-    effort: Any,  # (...) tensor or array
+def evaluated(
+    law: WideLaw,
     weights: Any,  # (head + U·per_unit,) flat
+    *arguments: Any,  # (...) tensors or arrays
 ) -> Any:
-    """(...) ``φ(ε)``."""
-    head, units = _unpacked(law, weights)
-    return law.combine(effort, law.unit(effort[..., None], *units).sum(-1), *head)
-
-
-def mean_effort(
-    law: WideStorage,
-    a: Any,  # (...) energy variable at the start of a step
-    b: Any,  # (...) and at its end
-    weights: Any,  # (head + U·per_unit,) flat
-) -> Any:
-    """(...) ``(H(b) − H(a))/(b − a)``, and ``H'(a)`` where ``b = a``."""
-    head, units = _unpacked(law, weights)
-    return law.combine(a, b, law.unit(a[..., None], b[..., None], *units).sum(-1), *head)
-
-
-def energy(
-    law: WideStorage,
-    x: Any,  # (...) tensor or array
-    weights: Any,  # (head + U·per_unit,) flat
-) -> Any:
-    """(...) ``H(x)`` [J]."""
-    head, units = _unpacked(law, weights)
-    return law.energy_combine(x, law.energy_unit(x[..., None], *units).sum(-1), *head)
-
-
-def _unpacked(law: WideResistor | WideStorage, weights: Any) -> tuple[list[Any], list[Any]]:
-    """The head's weights, and (U,) of every kind of the units' weights."""
+    """(...) ``φ(ε)`` of a resistor, ``ē(a, b)`` of a storage."""
     units = weights[law.head :].reshape(-1, law.per_unit)
-    return [weights[i] for i in range(law.head)], [units[:, j] for j in range(law.per_unit)]
+    total = law.unit(*(x[..., None] for x in arguments), *(units[:, j] for j in range(law.per_unit))).sum(-1)
+    return law.combine(*arguments, total, *(weights[i] for i in range(law.head)))
 
 
 @cache
-def compiled_flow(law: WideResistor) -> Any:
-    """Compiled ``flow(effort, theta, first, count)``: ``φ(ε)`` of ``count`` units, weights from ``theta[first]`` on."""
-    return _compiled(law, ("effort",))
+def compiled(law: WideLaw) -> Any:
+    """Compile the loop over units for floats and complex numbers; it allocates nothing and counts no references.
 
-
-@cache
-def compiled_mean_effort(law: WideStorage) -> Any:
-    """Compiled ``mean_effort(a, b, theta, first, count)`` of ``count`` units, weights from ``theta[first]`` on."""
-    return _compiled(law, ("a", "b"))
-
-
-def _compiled(law: WideResistor | WideStorage, arguments: tuple[str, ...]) -> Any:
-    """The loop over units for floats and complex numbers; it allocates nothing and counts no references."""
-    given = ", ".join(arguments)
+    Returns:
+        ``evaluate(*arguments, theta, first, count)`` of ``count`` units, weights from ``theta[first]`` on.
+    """
+    given = ", ".join(law.arguments)
     head = "".join(f", theta[first + {i}]" for i in range(law.head))
     unit = "".join(f", theta[at + {j}]" for j in range(law.per_unit))
     text = f"""
@@ -264,21 +207,8 @@ def monotone_combine(effort: Any, total: Any, slope: Any) -> Any:
     return slope * effort + total
 
 
-def convex_energy_unit(x: Any, weight: Any, gain: Any, position: Any) -> Any:
-    """``(w/k) [S(kx + c) − S(c) − σ(c) kx] ≥ 0``: a hinge less its tangent at zero."""
-    start, r_start = hinge(position)
-    product = start * hinge(gain * x + position)[0]
-    share = reciprocal(1.0 + product)
-    return weight * gain * x * x * product * share * share * reciprocal(r_start)
-
-
-def convex_energy_combine(x: Any, total: Any, curvature: Any) -> Any:
-    """``H = c x²/2 + Σ`` with the curvature ``c``."""
-    return 0.5 * curvature * x * x + total
-
-
 def convex_unit(a: Any, b: Any, weight: Any, gain: Any, position: Any) -> Any:
-    """``w [(S(kb + c) − S(ka + c))/(kb − ka) − σ(c)]``, symmetric in ``a`` and ``b``.
+    """``w [(S(kb + c) − S(ka + c))/(kb − ka) − σ(c)]``, symmetric in ``a`` and ``b``: of a hinge less its tangent at 0.
 
     With ``A, B, C = S(ka + c), S(kb + c), S(c)`` the bracket is ``AB/(1 + AB) − C²/(1 + C²)``, and in
     ``AB − C² = ½ (A + C)(B − C) + ½ (B + C)(A − C)`` the differences are proportional to ``b`` and to ``a``.
@@ -300,9 +230,7 @@ def convex_combine(a: Any, b: Any, total: Any, curvature: Any) -> Any:
     return 0.5 * curvature * (a + b) + total
 
 
-register_wide(WideResistor("damping", damping_unit, damping_combine, 1, 3, monotone=False))
-register_wide(WideResistor("symmetric_damping", symmetric_damping_unit, damping_combine, 1, 3, monotone=False))
-register_wide(WideResistor("monotone", monotone_unit, monotone_combine, 1, 9, monotone=True))
-register_wide(
-    WideStorage("convex", convex_energy_unit, convex_energy_combine, convex_unit, convex_combine, 1, 3, convex=True)
-)
+register_wide(WideLaw("damping", damping_unit, damping_combine, 1, 3, monotone=False))
+register_wide(WideLaw("symmetric_damping", symmetric_damping_unit, damping_combine, 1, 3, monotone=False))
+register_wide(WideLaw("monotone", monotone_unit, monotone_combine, 1, 9, monotone=True))
+register_wide(WideLaw("convex", convex_unit, convex_combine, 1, 3, monotone=True, arguments=("a", "b")))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Protocol
 
@@ -15,11 +15,12 @@ from torch import Tensor, nn
 from phnn.errors import InputRefused, SolverFailed
 from phnn.integrate import kernel, sweep
 from phnn.integrate.compilable import can_compile
+from phnn.integrate.differentiable import Steps, first_order, march, sensitivities
 from phnn.integrate.program import Program, compile_network
 from phnn.learn.objective import Objective
 from phnn.learn.plant import NetworkPlant
 from phnn.learn.settings import Settings, instantiate
-from phnn.learn.solvers import discrete_gradient
+from phnn.learn.solvers import discrete_gradient, near, remember, together
 from phnn.learn.windows import Window
 
 #     (JᵀJ + λ diag JᵀJ) δ = −Jᵀ r,     r = (y − ŷ − zero)/σ
@@ -38,20 +39,24 @@ _FLOOR = 1e-3
 class GaussNewton:
     """One damped step an epoch; what is kept between them is the damping alone.
 
+    Laws without a kernel are integrated and differentiated in torch, see `InTorch`.
+
     Raises:
-        InputRefused: the plant is no network, its solver not the compiled one, or recordings are cut into windows.
+        InputRefused: the plant is no network, its solver has no sensitivities, or recordings are cut into windows.
     """
 
     def __init__(self, objective: Objective) -> None:
         plant = objective.plant
         whole = objective.solver is discrete_gradient and not any(w.continues for w in objective.windows)
-        if not isinstance(plant, NetworkPlant) or not can_compile(plant.system.network) or not whole:
+        if not isinstance(plant, NetworkPlant) or not whole:
             raise InputRefused(
                 "gauss_newton is for networks on whole recordings with solver=discrete_gradient: set gauss_newton=0 "
                 "and lbfgs=100, or window=0"
             )
+        self.in_torch = None if can_compile(plant.system.network) else InTorch(objective)
         laws = list(plant.system.laws.values())
-        if len(set(map(id, laws))) < len(laws) or not all(p.requires_grad for p in plant.system.parameters()):
+        separate = len(set(map(id, laws))) == len(laws) and all(p.requires_grad for p in plant.system.parameters())
+        if self.in_torch is None and not separate:
             raise InputRefused("gauss_newton moves all weights of laws, each of its own: take lbfgs")
         self.objective, self.plant, self.damping = objective, plant, _DAMPING
 
@@ -76,9 +81,8 @@ class GaussNewton:
         scale = np.maximum(np.diag(normal), _FLOOR * np.diag(normal).max())
         before = _flat(self.objective)
         while self.damping < _MOST:
-            step = -np.linalg.solve(normal + self.damping * np.diag(scale), slope)
-            _move(self.objective, before + torch.from_numpy(step))
-            if self._cost() < cost:
+            step = torch.from_numpy(-np.linalg.solve(normal + self.damping * np.diag(scale), slope))
+            if self._cost(before, step) < cost:
                 self.damping = max(self.damping * _EASED, 1e-10)
                 return cost
             self.damping *= _RAISED
@@ -87,8 +91,12 @@ class GaussNewton:
         return cost
 
     @torch.no_grad()
-    def _cost(self) -> float:
+    def _cost(self, before: Tensor, step: Tensor) -> float:
+        """The loss after a step; infinite where the model cannot be simulated there."""
         try:
+            if self.in_torch is not None:
+                return self.in_torch.cost(before, step)
+            _move(self.objective, before + step)
             return float(self.objective())
         except SolverFailed:
             return float("inf")
@@ -97,6 +105,8 @@ class GaussNewton:
         """(N,) residual over noise and (N, K) its derivatives by all that is trained."""
         o = self.objective
         o.solved += 1
+        if self.in_torch is not None:
+            return self.in_torch.linearised()
         columns = sum(p.numel() for p in o.trained())
         chain = self._chain()
         x0 = o.initial().detach()
@@ -136,6 +146,85 @@ class GaussNewton:
             first = chain.shape[1] + estimated * x0.size
             out[:, first : first + x0.size] = found[:, places.size :] * self.plant.scale.numpy()
         return states[window.nodes.numpy(), program.output], out
+
+
+class InTorch:
+    """Residual, derivatives and trial steps of an objective whose network is solved in torch."""
+
+    def __init__(self, objective: Objective) -> None:
+        plant = objective.plant
+        assert isinstance(plant, NetworkPlant)
+        self.objective, self.plant, self.steps = objective, plant, Steps(plant.system)
+        self.row = plant.system.state_names.index(plant.system.network.output)
+        self.trained = {n: p for n, p in self.steps.named_parameters() if p.requires_grad}
+        # Of equal lengths: no step is wasted.
+        sizes = [len(w.h) for w in objective.windows]
+        self.groups = [[k for k, s in enumerate(sizes) if s == size] for size in dict.fromkeys(sizes)]
+        self.driven = [together(plant, [objective.windows[k] for k in members]) for members in self.groups]
+        self.states: list[Tensor] = []
+
+    @torch.no_grad()
+    def _solved(self, guesses: Sequence[Tensor | None], alone: bool) -> list[Tensor]:
+        """(N+1, B, n) states of the windows of every group."""
+        x0, system = self.objective.initial(), self.plant.system
+        given = zip(self.groups, self.driven, guesses, strict=True)
+        return [march(system, x0[m], u, h.unsqueeze(-1), near=g, alone=alone) for m, (u, h), g in given]
+
+    def _outputs(self, states: Sequence[Tensor]) -> list[Tensor]:
+        found: list[Tensor] = [states[0]] * len(self.objective.windows)
+        for members, x in zip(self.groups, states, strict=True):
+            for b, k in enumerate(members):
+                found[k] = x[self.objective.windows[k].nodes, b, self.row]
+        return found
+
+    def linearised(self) -> tuple[Array, Array]:
+        """(N,) residual over noise and (N, K) its derivatives by all that is trained."""
+        o, windows = self.objective, [[self.objective.windows[k] for k in m] for m in self.groups]
+        self.states = self._solved([near(self.plant, w) for w in windows], alone=False)
+        sizes = [p.numel() for p in self.trained.values()]
+        places = dict(zip(map(id, self.trained.values()), np.cumsum([0, *sizes]), strict=False))
+        order = np.concatenate([places[id(p)] + np.arange(p.numel()) for p in self.plant.trained()])
+        rows: list[Array] = [np.zeros(0)] * len(o.windows)
+        for members, (u, h), x, own in zip(self.groups, self.driven, self.states, windows, strict=True):
+            remember(self.plant, own, x)
+            nodes = [w.nodes for w in own]
+            try:
+                found = sensitivities(self.steps, x, u, h.unsqueeze(-1), nodes, self.row)
+            except RuntimeError as error:
+                raise InputRefused(f"gauss_newton cannot follow a law ({error}): take lbfgs") from error
+            for k, w, by in zip(members, own, found, strict=True):
+                of_start = np.zeros((len(w.nodes), o.offsets.numel()))
+                if not w.known:
+                    first = o.unknown.index(k) * x.shape[-1]
+                    of_start[:, first : first + x.shape[-1]] = by[:, -x.shape[-1] :] * self.plant.scale
+                both = np.concatenate([by[:, : -x.shape[-1]].numpy()[:, order], of_start], axis=1)
+                inside = both[o.masks[w.recording].numpy()]
+                rows[k] = -(inside - inside.mean(0)) / o.recordings[w.recording].noise
+        return o.residuals(self._outputs(self.states)).detach().numpy(), np.concatenate(rows)
+
+    @torch.no_grad()
+    def cost(self, before: Tensor, step: Tensor) -> float:
+        """The loss after a step (K,), which is taken; simulated from where the derivatives lead.
+
+        Raises:
+            SolverFailed: that did not converge.
+        """
+        _move(self.objective, before)
+        x0, named, first = self.objective.initial(), {id(p): n for n, p in self.trained.items()}, 0
+        moved = {}
+        for p in self.plant.trained():
+            moved[named[id(p)]] = step[first : first + p.numel()].reshape(p.shape)
+            first += p.numel()
+        _move(self.objective, before + step)
+        start = self.objective.initial() - x0
+        _move(self.objective, before)
+        given = zip(self.groups, self.driven, self.states, strict=True)
+        guesses = [x + first_order(self.steps, x, u, h.unsqueeze(-1), moved, start[m]) for m, (u, h), x in given]
+        _move(self.objective, before + step)
+        states = self._solved(guesses, alone=True)
+        for members, x in zip(self.groups, states, strict=True):
+            remember(self.plant, [self.objective.windows[k] for k in members], x)
+        return float(self.objective.residuals(self._outputs(states)).square().mean())
 
 
 def with_weights(program: Program, plant: NetworkPlant) -> Program:
@@ -237,9 +326,7 @@ def method_of(name: str, objective: Objective, settings: Settings, factor: float
         return GaussNewton(objective)
     if name == "lbfgs":
         return QuasiNewton(objective, settings.lbfgs_iterations)
-    if settings.optimiser is not None:
-        return OfOwn(objective, settings, factor)
-    return Adam(objective, settings.rate * factor, settings.adam)
+    return Stepwise(objective, settings, factor)
 
 
 def with_gradients(objective: Objective) -> Tensor:
@@ -250,7 +337,10 @@ def with_gradients(objective: Objective) -> Tensor:
     """
     objective.zero_grad()
     loss = objective()
-    loss.backward()
+    try:
+        loss.backward()
+    except AssertionError as error:
+        raise SolverFailed(f"the way back failed ({error}): the model is stiff, set solver.adjoint=false") from error
     gradients = [p.grad for p in objective.trained() if p.grad is not None]
     if not bool(torch.isfinite(loss)) or not all(bool(torch.isfinite(g).all()) for g in gradients):
         value = float(loss.detach())
@@ -258,48 +348,30 @@ def with_gradients(objective: Objective) -> Tensor:
     return loss.detach()
 
 
-class Adam:
-    """Adam along a cosine from the full rate to a hundredth of it (Kingma & Ba 2015; Loshchilov & Hutter 2017)."""
+class Stepwise:
+    """A torch optimiser, a step an epoch: Adam along a cosine from the full rate to a hundredth of it (Kingma & Ba
+    2015; Loshchilov & Hutter 2017), or one of the user's choice, with a scheduler if there is one."""
 
-    def __init__(self, objective: Objective, rate: float, epochs: int) -> None:
-        self.objective, self.rate, self.epochs = objective, rate, epochs
-        self.optimiser = torch.optim.Adam(objective.trained(), lr=rate)
+    def __init__(self, objective: Objective, settings: Settings, factor: float) -> None:
+        self.objective, self.settings, self.rate = objective, settings, settings.rate * factor
+        own, trained = settings.optimiser, objective.trained()
+        self.optimiser: torch.optim.Optimizer = (
+            torch.optim.Adam(trained, lr=self.rate) if own is None else _made(own, "params", trained)
+        )
+        for group in self.optimiser.param_groups if own is not None else ():
+            group["lr"] = factor * group["lr"]
+        given = None if own is None else settings.scheduler
+        self.scheduler: Any = None if given is None else _made(given, "optimizer", self.optimiser)
 
     def now(self, epoch: int) -> float:
-        """The rate of an epoch."""
-        share = 0.5 * (1.0 + math.cos(math.pi * epoch / self.epochs))
+        """The rate of Adam in an epoch."""
+        share = 0.5 * (1.0 + math.cos(math.pi * epoch / self.settings.adam))
         return self.rate * (_LEAST_RATE + (1.0 - _LEAST_RATE) * share)
 
     def __call__(self, epoch: int) -> float:
         """One step."""
-        for group in self.optimiser.param_groups:
+        for group in self.optimiser.param_groups if self.settings.optimiser is None else ():
             group["lr"] = self.now(epoch)
-        loss = with_gradients(self.objective)
-        self.optimiser.step()
-        return float(loss)
-
-    def state_dict(self) -> dict[str, Any]:
-        """Moments and step counts."""
-        return self.optimiser.state_dict()
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Go on from a state."""
-        self.optimiser.load_state_dict(dict(state))
-
-
-class OfOwn:
-    """An optimiser of the user's choice, with a scheduler if there is one; a step an epoch."""
-
-    def __init__(self, objective: Objective, settings: Settings, factor: float) -> None:
-        self.objective = objective
-        self.optimiser: torch.optim.Optimizer = _made(settings.optimiser, "params", objective.trained())
-        for group in self.optimiser.param_groups:
-            group["lr"] = factor * group["lr"]
-        given = settings.scheduler
-        self.scheduler: Any = None if given is None else _made(given, "optimizer", self.optimiser)
-
-    def __call__(self, epoch: int) -> float:
-        """One step."""
         loss = with_gradients(self.objective)
         self.optimiser.step()
         if self.scheduler is not None:
@@ -307,7 +379,7 @@ class OfOwn:
         return float(loss)
 
     def state_dict(self) -> dict[str, Any]:
-        """The state of both."""
+        """The state of optimiser and scheduler."""
         later = None if self.scheduler is None else self.scheduler.state_dict()
         return {"optimiser": self.optimiser.state_dict(), "scheduler": later}
 

@@ -57,12 +57,16 @@ class NetworkPlant(Plant):
     Args:
         given: a network with starting values, or the system that is trained.
         scale: (n,) typical size of every state.
+
+    Attributes:
+        near: times and states last found in torch, by the name of a recording: the next iteration begins there.
     """
 
     def __init__(self, given: Network | PortHamiltonianSystem, scale: Tensor) -> None:
         super().__init__()
         self.core = self.system = PortHamiltonianSystem(given) if isinstance(given, Network) else given
         self.register_buffer("scale", scale)
+        self.near: dict[str, tuple[Tensor, Tensor]] = {}
         self.names = tuple(n for n, p in self.system.network.parameters.items() if not p.fixed)
 
     @property

@@ -27,7 +27,7 @@ from phnn.learn.plant import NetworkPlant, Plant
 from phnn.learn.score import evaluate, set_aside, substeps_needed, whole
 from phnn.learn.settings import Settings, check_same, settings_in
 from phnn.learn.solvers import solver_for
-from phnn.learn.starts import plant_for, typical_states
+from phnn.learn.starts import near_known_part, plant_for, typical_states
 from phnn.learn.trainer import Progress, Trainer
 from phnn.learn.windows import thinned
 from phnn.models.store import FILE, is_storable, save
@@ -35,7 +35,7 @@ from phnn.network.elements import Network
 from phnn.recordings import Campaign, read
 from phnn.recordings.excitation import excitation_of
 from phnn.recordings.partition import candidate_of, choose
-from phnn.recordings.stored import digest
+from phnn.recordings.recording import digest
 from phnn.results import Origin, Place, claim, finished, sha256_of
 from phnn.setup import Setup
 
@@ -129,12 +129,12 @@ class Trained:
         """The model with the trained network, for `Model.simulate`, ``phnn.predict`` and files.
 
         Raises:
-            InputRefused: it is no network, or a law has no kernel.
+            InputRefused: it is no network.
         """
         from phnn.model import Model
 
-        if not isinstance(self.plant, NetworkPlant) or not can_compile(self.plant.system.network):
-            raise InputRefused("only a network whose laws have kernels is a Model: use .system and phnn.simulate")
+        if not isinstance(self.plant, NetworkPlant):
+            raise InputRefused("only a network is a Model: use .system")
         return Model(Setup(self.plant.system.as_network(), name="trained"), int(self.facts["substeps"]))
 
     @property
@@ -237,6 +237,8 @@ def fitted(
         raise InputRefused("validation: every recording is set aside, none is left to train on: name fewer")
     solver = solver_for(settings.solver, plant)
     used = [thinned(r, settings.stride) for r in training]
+    if isinstance(plant, NetworkPlant) and not plant.near:
+        near_known_part(plant, campaign.recordings)
     substeps = settings.substeps or substeps_needed(plant, solver, used)
     objective = Objective(plant, solver, used, settings.window, substeps, settings.continuity)
     if not objective.trained():
@@ -257,7 +259,7 @@ def train_folder(settings: Settings, say: Callable[[str], None] = lambda line: N
     """Train the model of some settings on a folder of recordings, once for each seed.
 
     Writes into ``settings.out``: ``config.yaml``, ``checkpoint.pt``, ``log.csv``, ``tensorboard/``, ``weights.pt``,
-    ``metrics.json`` and, where all laws have kernels, ``model/`` for `phnn predict`. A run that has ended stays as
+    ``metrics.json`` and, where laws have a form on disk, ``model/`` for `phnn predict`. A run that has ended stays as
     it is. Several seeds have a folder each, and ``metrics.json`` their mean and spread.
 
     Returns:
@@ -287,7 +289,7 @@ def train_folder(settings: Settings, say: Callable[[str], None] = lambda line: N
         plant = plant_for(settings.model, campaign, settings.seed, settings.base)
         trained = fitted(plant, campaign, settings, place, repr(made_of), say)
         (place / "weights.pt").write(checkpoint.as_bytes(plant.state_dict()))
-        if isinstance(plant, NetworkPlant) and can_compile(plant.network) and is_storable(plant.network):
+        if isinstance(plant, NetworkPlant) and is_storable(plant.network):
             save(Setup(plant.network, name=settings.named), place / "model", trained.facts["substeps"])
         (place / METRICS).write_json(trained.facts)
         return dict(trained.facts)

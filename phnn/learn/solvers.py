@@ -11,18 +11,24 @@ from functools import partial
 from typing import Any
 
 import torch
+import torchdiffeq
 from torch import Tensor, nn
 from torch.nn.utils.rnn import pad_sequence
 
-from phnn.errors import InputRefused
+from phnn.errors import InputRefused, SolverFailed
 from phnn.integrate.compilable import can_compile
 from phnn.integrate.differentiable import simulated
-from phnn.integrate.method import METHOD
-from phnn.integrate.ode import ADAPTIVE, odeint
+from phnn.integrate.method import METHOD, solve
 from phnn.learn.plant import NetworkPlant, Plant
 from phnn.learn.windows import Window
 
+ADAPTIVE = ("dopri5", "dopri8", "bosh3", "adaptive_heun", "fehlberg2")
+FIXED = ("euler", "midpoint", "heun2", "heun3", "rk4")
+
 _ROUNDING = 1e-9
+_MAX_STEPS = 1_000_000
+# States of a shorter share of a recording do not replace those of a longer one.
+_LONG = 0.9
 
 # Name of the solver without torchdiffeq.
 OWN = "discrete_gradient"
@@ -59,18 +65,52 @@ def solver_for(settings: Mapping[str, Any], plant: Plant) -> Solver:
 def discrete_gradient(plant: Plant, windows: Sequence[Window], x0: Tensor) -> list[Tensor]:
     """Integrate windows of a network in batches, by compiled code where it can and in torch otherwise."""
     assert isinstance(plant, NetworkPlant)
-    network = plant.system.network
+    compiles = can_compile(plant.system.network)
 
     def solved(members: Sequence[Window], starts: Tensor) -> Tensor:
-        # Shorter windows go on under their last input, and what they do there counts for nothing.
-        count = torch.arange(max(len(w.h) for w in members))
-        rows = [count.clamp_max(len(w.h) - 1) for w in members]
-        u = plant.inputs(torch.stack([w.mean[k] for w, k in zip(members, rows, strict=True)], dim=1))
-        h = torch.stack([w.h[k] for w, k in zip(members, rows, strict=True)], dim=1)
-        return simulated(plant.system, starts, u, h)
+        u, h = together(plant, members)
+        states = simulated(plant.system, starts, u, h, near=None if compiles else near(plant, members))
+        if not compiles:
+            remember(plant, members, states.detach())
+        return states
 
     # Compiled code takes one member after the other: there no step should be wasted.
-    return _by_groups(solved, windows, x0, [len(w.h) if can_compile(network) else 0 for w in windows])
+    return _by_groups(solved, windows, x0, [len(w.h) if compiles else len(w.h).bit_length() for w in windows])
+
+
+def together(plant: Plant, windows: Sequence[Window]) -> tuple[Tensor, Tensor]:
+    """Mean inputs (N, B, P) and steps (N, B) of windows; shorter ones go on under their last input, which counts for
+    nothing."""
+    count = torch.arange(max(len(w.h) for w in windows))
+    rows = [count.clamp_max(len(w.h) - 1) for w in windows]
+    u = plant.inputs(torch.stack([w.mean[k] for w, k in zip(windows, rows, strict=True)], dim=1))
+    return u, torch.stack([w.h[k] for w, k in zip(windows, rows, strict=True)], dim=1)
+
+
+def near(plant: NetworkPlant, windows: Sequence[Window]) -> Tensor | None:
+    """(N+1, B, n) states that were last found at the times of some windows, interpolated; None where any is missing."""
+    found = []
+    for w in windows:
+        times, states = plant.near.get(w.name, (w.times[:0], w.times[:0]))
+        # The last sample of a thinned recording lies up to an interval before that of the recording.
+        if len(times) < 2 or times[0] > w.times[0] or 2.0 * times[-1] - times[-2] < w.times[-1] - _ROUNDING:
+            return None
+        k = (torch.searchsorted(times, w.times, right=True) - 1).clamp(0, len(times) - 2)
+        share = ((w.times - times[k]) / (times[k + 1] - times[k])).unsqueeze(-1)
+        found.append(states[k] + share * (states[k + 1] - states[k]))
+    longest = max(map(len, found))
+    return torch.stack([torch.cat([x, x[-1:].expand(longest - len(x), -1)]) for x in found], dim=1)
+
+
+def remember(plant: NetworkPlant, windows: Sequence[Window], states: Tensor) -> None:
+    """Keep the states (N+1, B, n) of windows of whole recordings."""
+    for name in dict.fromkeys(w.name for w in windows):
+        mine = [(w, states[: len(w.h) + 1, k]) for k, w in enumerate(windows) if w.name == name]
+        last = len(mine) - 1
+        times = torch.cat([w.times[: None if k == last else -1] for k, (w, _) in enumerate(mine)])
+        known = plant.near.get(name)
+        if known is None or times[-1] - times[0] > _LONG * (known[0][-1] - known[0][0]):
+            plant.near[name] = times, torch.cat([x[: None if k == last else -1] for k, (_, x) in enumerate(mine)])
 
 
 def _by_groups(
@@ -94,9 +134,9 @@ class Torchdiffeq:
     lengths and steps apart, one batch for each, in true time.
 
     Args:
-        method: ``phnn``, the power-preserving step (`phnn.integrate.method`), for networks; or any other one of
-            `phnn.integrate.ode.odeint`.
-        adjoint: gradients by `odeint_adjoint`.
+        method: ``phnn``, the power-preserving step (`phnn.integrate.method`), for networks; or an `ADAPTIVE` or
+            `FIXED` method of torchdiffeq. Those of several steps have inexact gradients, and scipy's have none.
+        adjoint: gradients by `odeint_adjoint`, of adaptive methods; those of ``phnn`` are exact either way.
         rtol, atol: of adaptive methods; ``atol`` in units of the typical states.
     """
 
@@ -105,6 +145,8 @@ class Torchdiffeq:
     ) -> None:
         if method == METHOD and not isinstance(plant, NetworkPlant):
             raise InputRefused(f"method = {method} under torchdiffeq is for networks: take rk4 or dopri5")
+        if method not in (METHOD, *ADAPTIVE, *FIXED):
+            raise InputRefused(f"method = {method}: choose one of {', '.join((METHOD, *ADAPTIVE, *FIXED))}")
         self.method, self.adjoint, self.rtol, self.atol = method, adjoint, rtol, atol
 
     def __call__(self, plant: Plant, windows: Sequence[Window], x0: Tensor) -> list[Tensor]:
@@ -116,9 +158,23 @@ class Torchdiffeq:
     def _general(self, plant: Plant, windows: Sequence[Window], x0: Tensor) -> Tensor:
         counted = _Counted(plant, windows)
         t = torch.arange(counted.h.shape[0] + 1, dtype=torch.float64)
-        jumps = counted.jumps() if self.method in ADAPTIVE else None
-        atol = self.atol * plant.scale
-        return odeint(counted, x0, t, self.method, self.rtol, atol, self.adjoint, jumps)
+        # A fixed step backwards is not the transpose of the one forwards: the graph alone has its gradients.
+        backwards = self.adjoint and self.method in ADAPTIVE
+        integrate = torchdiffeq.odeint_adjoint if backwards else torchdiffeq.odeint
+        # Both sides of a jump are seen: adaptive steps end there.
+        options: dict[str, Any] = {"perturb": True}
+        if self.method in ADAPTIVE:
+            options = {"jump_t": counted.jumps(), "max_num_steps": _MAX_STEPS}
+        adjoint = {"adjoint_atol": self.atol * float(plant.scale.min())} if backwards else {}
+        tolerances = {"rtol": self.rtol, "atol": self.atol * plant.scale}
+        try:
+            states: Tensor = integrate(counted, x0, t, method=self.method, options=options, **tolerances, **adjoint)
+        except AssertionError as error:
+            raise SolverFailed(f"torchdiffeq stopped: {error}; the model is too stiff for {self.method}") from error
+        finite = torch.isfinite(states).flatten(1).all(1)
+        if not bool(finite.all()):
+            raise SolverFailed(f"{self.method} is unstable from step {int((~finite).int().argmax())} on: add sub-steps")
+        return states
 
 
 def _preserving(plant: Plant, windows: Sequence[Window], x0: Tensor) -> Tensor:
@@ -134,8 +190,7 @@ def _preserving(plant: Plant, windows: Sequence[Window], x0: Tensor) -> Tensor:
         start, end, of_step = (v.index_select(0, k.reshape(1))[0] for v, k in ((t, step), (t, step + 1), (fine, step)))
         return plant.inputs(_quadratic(of_step, (time - start) / (end - start)))
 
-    # Its gradients are those of the adjoint, found in one sweep.
-    return odeint(plant.system.with_input(inputs), x0, t, METHOD)
+    return solve(plant.system.with_input(inputs), x0, t)
 
 
 def _quadratic(fine: Tensor, share: Tensor) -> Tensor:

@@ -20,6 +20,8 @@ from phnn.identification.prepare import identification_plan
 from phnn.identification.staged import held_by_statement
 from phnn.identification.starting_points import drive_amplitude, mechanical_points, middle_frequency
 from phnn.intake.limits import LIMITS
+from phnn.integrate.compilable import can_compile
+from phnn.integrate.differentiable import simulated
 from phnn.learn.plant import LatentPlant, NetworkPlant, Plant
 from phnn.learn.settings import TARGET, accepted, instantiate
 from phnn.learn.solvers import OWN, solver_for
@@ -40,11 +42,11 @@ NETWORKS = ("hrc", "neural_hrc", "hybrid")
 _LITTLE = 1e-4
 STAGGERED = "staggered"
 # Models of latent states, and from where they start.
-LATENT, LATENT_STARTS = ("fully_neural", "neural_ode"), ("linear", "random")
+LATENT, LATENT_STARTS = ("fully_neural", "neural_ode"), ("linear", "random", STAGGERED)
 # Of a neural ODE: rate of the fast lag over that of the highest frequency, and what each slow lag adds to the gain.
 _FAST, _SLOW = 1.5, 0.1
-# Points at which its perceptron is fitted, in typical sizes, and the ridge that keeps its weights small.
-_POINTS, _REACH, _RIDGE = 4000, 1.5, 1e-6
+# Points at which its perceptron is fitted, in typical sizes.
+_POINTS, _REACH = 4000, 1.5
 # Layers that are less curved than usual carry a linear field within some percent.
 _GENTLE = 0.5
 
@@ -72,7 +74,8 @@ def plant_for(model: Mapping[str, Any], campaign: Campaign, seed: int, base: str
             ``hybrid`` is ``hrc`` with a `LearnedDissipation` of ``width`` on all hysterons and the mass together, and
             with ``ratio`` a transducer ratio that follows the displacement by a `LearnedRatio`.
             ``fully_neural`` is a `LearnedSystem` and ``neural_ode`` a `NeuralODE` of ``states`` and ``width``; their
-            ``start`` is ``linear``, relaxations with the gain and the band of the recordings, or ``random``.
+            ``start`` is ``linear``, relaxations with the gain and the band of the recordings, or ``random``; of the
+            former also ``staggered``, hysterons with the thresholds that the drive alone gives.
             Instead of ``kind``, ``_target_`` names a class or function of the user's own, which the other arguments are
             passed to: it makes a network, a system, or a law of one effort for all ``hysterons``.
         base: folder of an identified base model, to save its identification.
@@ -157,22 +160,28 @@ def _latent(
     kind: str, arguments: Mapping[str, Any], campaign: Campaign, recordings: Sequence[Recording], seed: int
 ) -> Plant:
     """A model of latent states from its start."""
+    known = LATENT_STARTS[: 2 if kind == "neural_ode" else 3]
     start, scales = arguments.get("start", "linear"), scales_of(recordings)
-    if start not in LATENT_STARTS:
-        raise InputRefused(f"model.start = {start!r}: choose {' or '.join(LATENT_STARTS)}")
+    if start not in known:
+        raise InputRefused(f"model.start = {start!r}: choose {' or '.join(known)}")
     states, width = int(arguments.get("states", 4)), int(arguments.get("width", 32))
     if kind == "neural_ode":
         core = NeuralODE(scales, states, width, seed)
         if start == "linear":
             _lags(core, recordings, torch.Generator().manual_seed(seed))
         return LatentPlant(core)
-    if start == "linear" and states > 2:
-        near = hrc(states - 2, unfitted(campaign, states - 2))
-        for i in range(1, states - 1):
+    if start != "random" and states > 2:
+        values = unfitted(campaign, states - 2)
+        if start == STAGGERED:
+            values |= _dead_zones(values, states - 2, motion_of(recordings))
+        near = hrc(states - 2, values)
+        for i in range(1, states - 1 if start == "linear" else 1):
             near = near.replace(f"hysteron_{i}", "linear", (f"rho_{i}",))
-        system = LearnedSystem.near(PortHamiltonianSystem(near), scales, width, seed)
-    else:
-        system = LearnedSystem(states, ("voltage",), width, scales, seed)
+        given = PortHamiltonianSystem(near)
+        system = LearnedSystem.near(given, scales, width, seed, typical_states(given, recordings))
+        plant = NetworkPlant(system, torch.tensor([scales.output, *[1.0] * (states - 1)], dtype=torch.float64))
+        return near_to(plant, NetworkPlant(given, plant.scale), campaign.recordings, system.from_given)
+    system = LearnedSystem(states, ("voltage",), width, scales, seed)
     size = torch.tensor([scales.output, *[1.0] * (states - 1)], dtype=torch.float64)
     return NetworkPlant(system, size)
 
@@ -188,15 +197,9 @@ def _lags(core: NeuralODE, recordings: Sequence[Recording], random: torch.Genera
     gains[0] = 1.0 - _SLOW * (n - 1)
     points = _REACH * (2.0 * torch.rand(_POINTS, n + 1, generator=random, dtype=torch.float64) - 1.0)
     wanted = rates * (gains * points[:, -1:] - points[:, :-1])
-    hidden = points
-    for weight, bias in zip(core.field.weights[:-1], core.field.biases[:-1], strict=True):
+    for weight in core.field.weights[:-1]:
         weight.mul_(_GENTLE)
-        hidden = torch.tanh(hidden @ weight.mT + bias)
-    columns = torch.cat([hidden, torch.ones(_POINTS, 1, dtype=torch.float64)], dim=1)
-    normal = columns.mT @ columns + _RIDGE * _POINTS * torch.eye(columns.shape[1], dtype=torch.float64)
-    found = torch.linalg.solve(normal, columns.mT @ wanted)
-    core.field.weights[-1].copy_(found[:-1].mT)
-    core.field.biases[-1].copy_(found[-1])
+    core.field.fit(points, wanted)
     core.readout.fill_(1.0)
 
 
@@ -269,6 +272,28 @@ def motion_of(recordings: Sequence[Recording]) -> Motion:
     """Half the largest range of the output [m], and the largest velocity of a sine of that size [m/s]."""
     halves = [(0.5 * float(np.ptp(r.y)), dominant_frequency(r)) for r in recordings]
     return Motion(max(h for h, _ in halves), max(2.0 * np.pi * f * h for h, f in halves))
+
+
+def near_to(plant: NetworkPlant, known: NetworkPlant, recordings: Sequence[Recording], factor: Tensor) -> NetworkPlant:
+    """Let the first iterations of a plant begin at another one's states (N, n), times a matrix (n, n)."""
+    windows = windows_of(recordings, 0, 1)
+    try:
+        with torch.no_grad():
+            for w in windows:
+                x = simulated(known.system, torch.zeros(len(factor)).double(), known.inputs(w.mean), w.h)
+                plant.near[w.name] = w.times, x @ factor.mT
+    except SolverFailed:
+        plant.near.clear()
+    return plant
+
+
+def near_known_part(plant: NetworkPlant, recordings: Sequence[Recording]) -> None:
+    """Let the first iterations begin at the states of the network without its laws on several variables, where these
+    are what has no kernel."""
+    network = plant.network
+    known = replace(network, multi_ports=(), shared_energies=())
+    if known.resistors and not can_compile(network) and can_compile(known):
+        near_to(plant, NetworkPlant(known, plant.scale), recordings, torch.eye(len(plant.scale)).double())
 
 
 def typical_states(given: Network | PortHamiltonianSystem, recordings: Sequence[Recording]) -> Tensor:

@@ -191,6 +191,7 @@ class Trainer:
             "progress": vars(self.progress),
             "present": self._present(),
             "method": None if self.method is None else self.method.state_dict(),
+            "near": getattr(self.objective.plant, "near", {}),
         }
         checkpoint.save(self.place / checkpoint.FILE, content)
 
@@ -218,6 +219,8 @@ class Trainer:
             if [v.shape for v in values] != [v.shape for v in present] or not all(map(is_finite, values)):
                 raise ValueError("other parameters")
         self._set(state["present"])
+        if near := state.get("near"):
+            self.objective.plant.near = dict(near)  # type: ignore[assignment]
         if state["method"] is not None:
             name = METHODS[self.progress.phase]
             self.method = method_of(name, self.objective, self.settings, self.progress.factor)

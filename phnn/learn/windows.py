@@ -25,7 +25,8 @@ class Window:
     """A stretch of a recording.
 
     Attributes:
-        recording: its index; first, last: its first and last sample.
+        recording: its index; name: its name; first, last: its first and last sample.
+        start: time of the first sample [s].
         fine: (n, 3) input at the start, middle and end of every step [V].
         h: (n,) steps [s].
         nodes: (last − first + 1,) step index of every sample, the first 0.
@@ -34,13 +35,20 @@ class Window:
     """
 
     recording: int
+    name: str
     first: int
     last: int
+    start: float
     fine: Tensor
     h: Tensor
     nodes: Tensor
     known: bool
     continues: bool
+
+    @property
+    def times(self) -> Tensor:
+        """(n+1,) time of the nodes of the steps [s]."""
+        return self.start + torch.cat([self.h.new_zeros(1), self.h.cumsum(0)])
 
     @property
     def mean(self) -> Tensor:
@@ -95,9 +103,9 @@ def _windows(index: int, recording: Recording, length: int, substeps: int) -> li
         steps = slice(nodes[first], nodes[last])
         found.append(
             Window(
-                index, first, last, torch.from_numpy(fine[steps].copy()), torch.from_numpy(h[steps].copy()),
-                torch.from_numpy(nodes[first : last + 1] - nodes[first]), first == 0 and starts_at_zero(recording),
-                first > 0,
+                index, recording.name, first, last, float(recording.t[first]), torch.from_numpy(fine[steps].copy()),
+                torch.from_numpy(h[steps].copy()), torch.from_numpy(nodes[first : last + 1] - nodes[first]),
+                first == 0 and starts_at_zero(recording), first > 0,
             )
         )  # fmt: skip
     return found

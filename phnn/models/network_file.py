@@ -44,6 +44,14 @@ _NUMBERS = ("lower", "upper", "typical")
 _STORE = ("type", "junction", "law", "parameters", "unit")
 _RESISTOR = ("type", "junction", "law", "parameters", "direction", "reads")
 _SOURCE = ("type", "junction", "law", "parameters", "unit", "sign")
+# By type: the class, the keys, the law where none is given, and the laws that there are.
+_ELEMENTS: dict[str, tuple[Callable[..., Element], tuple[str, ...], str, Mapping[str, Any]]] = {
+    "C": (C, _STORE, "capacitor", STORAGE_LAWS),
+    "I": (I, _STORE, "capacitor", STORAGE_LAWS),
+    "R": (R, _RESISTOR, "linear", RESISTOR_LAWS),
+    "Se": (Se, _SOURCE, "linear", PORT_LAWS),
+    "Sf": (Sf, _SOURCE, "linear", PORT_LAWS),
+}
 _MODULATION = ("by", "law", "parameters")
 _MEMORY = ("law", "parameters", "of", "unit")
 
@@ -129,40 +137,21 @@ def _graph(content: Any, name: str) -> BondGraph:
 
 def _element(name: str, said: Any, where: str) -> Element:
     content = mapping(said, where)
-    kinds: dict[str, Callable[..., Element]] = {
-        "C": _store(C), "I": _store(I), "R": _resistor, "Se": _source(Se), "Sf": _source(Sf)
-    }  # fmt: skip
-    kind = choice(content.get("type"), tuple(kinds), f"{where}: type")
+    make, keys, default, laws = _ELEMENTS[choice(content.get("type"), tuple(_ELEMENTS), f"{where}: type")]
     if "junction" not in content:
         raise InputRefused(f"{where}: no `junction`: name the junction that it hangs on")
-    return kinds[kind](name, label(content["junction"], f"{where}: junction"), content, where)
-
-
-def _store(kind: type[C | I]) -> Callable[..., Element]:
-    def make(name: str, junction: str, content: Mapping[str, Any], where: str) -> Element:
-        keys_of(content, _STORE, where)
-        law, parameters = _law(content, "capacitor", STORAGE_LAWS, where)
-        return kind(name, junction, law, parameters, label(content.get("unit", "1"), f"{where}: unit"))
-
-    return make
-
-
-def _resistor(name: str, junction: str, content: Mapping[str, Any], where: str) -> Element:
-    keys_of(content, _RESISTOR, where)
-    law, parameters = _law(content, "linear", RESISTOR_LAWS, where)
-    direction = choice(content.get("direction", DIRECTIONS[0]), DIRECTIONS, f"{where}: direction")
-    reads = label(content["reads"], f"{where}: reads") if "reads" in content else None
-    return R(name, junction, law, parameters, direction, reads)
-
-
-def _source(kind: type[Se | Sf]) -> Callable[..., Element]:
-    def make(name: str, junction: str, content: Mapping[str, Any], where: str) -> Element:
-        keys_of(content, _SOURCE, where)
-        law, parameters = _law(content, "linear", PORT_LAWS, where)
-        unit = label(content.get("unit", "1"), f"{where}: unit")
-        return kind(name, junction, unit, content.get("sign", 1), law, parameters)
-
-    return make
+    junction = label(content["junction"], f"{where}: junction")
+    keys_of(content, keys, where)
+    law, parameters = _law(content, default, laws, where)
+    further: dict[str, Any] = {}
+    if "direction" in keys:
+        further["direction"] = choice(content.get("direction", DIRECTIONS[0]), DIRECTIONS, f"{where}: direction")
+        further["reads"] = label(content["reads"], f"{where}: reads") if "reads" in content else None
+    else:
+        further["unit"] = label(content.get("unit", "1"), f"{where}: unit")
+    if "sign" in keys:
+        further["sign"] = content.get("sign", 1)
+    return make(name, junction, law=law, parameters=parameters, **further)
 
 
 def _law(content: Mapping[str, Any], default: str, laws: Mapping[str, Any], where: str) -> tuple[str, tuple[str, ...]]:

@@ -7,7 +7,6 @@ import math
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
-from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -49,6 +48,12 @@ from phnn.results import Place, claim, printable
 from phnn.setup import AMPLIFIERS, SENSORS, SOURCES, Block, Own, Setup, Source
 
 T = TypeVar("T")
+# The elements of a network, by the field that holds them.
+_NEEDED = {
+    "storages": Storage, "resistors": Resistor, "couplings": Coupling, "ports": Port, "modulations": Modulation,
+    "memories": ModulatorState,
+}  # fmt: skip
+_OPTIONAL = {"multi_ports": MultiPort, "shared_energies": SharedEnergy}
 SCHEMA = "phnn.model/1"
 _REMEDY = "give model/ or base/ of a result"
 FILE = "model.json"
@@ -73,19 +78,11 @@ def save(setup: Setup, folder: Path | Place, substeps: int = 1, inputs: tuple[fl
         "name": setup.name,
         "substeps": substeps,
         **({"identified_inputs": list(inputs)} if inputs else {}),
-        "storages": [_element(s) for s in network.storages],
-        "resistors": [_element(r) for r in network.resistors],
-        "couplings": [asdict(c) for c in network.couplings],
-        "ports": [asdict(p) for p in network.ports],
-        "modulations": [_element(m) for m in network.modulations],
-        "memories": [asdict(m) for m in network.memories],
-        **({"multi_ports": [_element(m) for m in network.multi_ports]} if network.multi_ports else {}),
-        **({"shared_energies": [_element(e) for e in network.shared_energies]} if network.shared_energies else {}),
+        **{key: [_element(e) for e in getattr(network, key)] for key in _NEEDED},
+        **{key: [_element(e) for e in elements] for key in _OPTIONAL if (elements := getattr(network, key))},
         "output": network.output,
         **({"senses": network.senses} if network.senses else {}),
-        "amplifier": [asdict(b) for b in setup.amplifier],
-        "sensor": [asdict(b) for b in setup.sensor],
-        "sources": [asdict(s) for s in setup.sources],
+        **{key: [asdict(b) for b in getattr(setup, key)] for key in ("amplifier", "sensor", "sources")},
         "lines": list(setup.own.lines),
         "drift_terms": setup.own.drift_terms,
         "parameters": {n: _plain(p) for n, p in network.parameters.items()},
@@ -200,18 +197,13 @@ def _check_chain(setup: Setup) -> None:
 
 
 def _setup(content: Mapping[str, Any]) -> Setup:
+    # Files of earlier versions have no modulations, modulator states, sources and nuisances.
+    former: dict[str, Any] = {"modulations": [], "memories": [], **{key: [] for key in _OPTIONAL}, **content}
+    elements: dict[str, Any] = {key: _all(former[key], key, kind) for key, kind in (_NEEDED | _OPTIONAL).items()}
     network = Network(
-        storages=_all(content, "storages", _lawful(Storage)),
-        resistors=_all(content, "resistors", _lawful(Resistor)),
-        couplings=_all(content, "couplings", partial(of_fields, Coupling)),
-        ports=_all(content, "ports", partial(of_fields, Port)),
+        **elements,
         parameters=_parameters(content, "parameters"),
         output=a_name(content["output"], "output"),
-        # Files of earlier versions have none of these, nor sources and nuisances.
-        modulations=_all({"modulations": [], **content}, "modulations", _lawful(Modulation)),
-        multi_ports=_all({"multi_ports": [], **content}, "multi_ports", _lawful(MultiPort)),
-        shared_energies=_all({"shared_energies": [], **content}, "shared_energies", _lawful(SharedEnergy)),
-        memories=_all({"memories": [], **content}, "memories", partial(of_fields, ModulatorState)),
         senses=a_name(content["senses"], "senses") if "senses" in content else "",
     )
     lines = a_list(content.get("lines", []), "lines", LIMITS.lines)
@@ -222,28 +214,23 @@ def _setup(content: Mapping[str, Any]) -> Setup:
     drift = "drift_terms" if "drift_terms" in content else "courses"
     return Setup(
         network=network,
-        amplifier=_all(content, "amplifier", partial(of_fields, Block)),
-        sensor=_all(content, "sensor", partial(of_fields, Block)),
+        amplifier=_all(content["amplifier"], "amplifier", Block),
+        sensor=_all(content["sensor"], "sensor", Block),
         block_parameters=_parameters(content, "block_parameters"),
         name=a_text(content["name"], "name"),
-        sources=_all({"sources": [], **content}, "sources", partial(of_fields, Source)),
+        sources=_all(content.get("sources", []), "sources", Source),
         own=Own(frequencies, a_count(content.get(drift, 0), drift, 0, LIMITS.lines)),
     )
 
 
-def _all(content: Mapping[str, Any], key: str, make: Callable[[Any, str], T]) -> tuple[T, ...]:
-    return tuple(make(item, f"{key}[{i}]") for i, item in enumerate(a_list(content[key], key)))
-
-
-def _lawful(kind: type[T]) -> Callable[[Any, str], T]:
-    """Makes elements whose law is a name or the weights of a learned one."""
-
-    def make(content: Any, where: str) -> T:
-        given = an_object(content, where)
-        law = _law(given["law"]) if "law" in given else None
-        return of_fields(kind, {**given, "law": law} if law is not None else given, where)
-
-    return make
+def _all(items: Any, key: str, kind: type[T]) -> tuple[T, ...]:
+    """The elements or blocks of a list, laws by their names or made of the weights of a learned one."""
+    made = []
+    for i, item in enumerate(a_list(items, key)):
+        given = an_object(item, f"{key}[{i}]")
+        law = {"law": from_json(given["law"])} if "law" in given else {}
+        made.append(of_fields(kind, {**given, **law}, f"{key}[{i}]"))
+    return tuple(made)
 
 
 def _parameters(content: Mapping[str, Any], key: str) -> dict[str, Parameter]:
@@ -259,24 +246,9 @@ def _parameters(content: Mapping[str, Any], key: str) -> dict[str, Parameter]:
 
 def _element(element: Any) -> dict[str, Any]:
     """An element as json, its law by name or, where it is learned, by its weights."""
-    return asdict(replace(element, law="")) | {"law": _stored_law(element.law)}
-
-
-# Learned laws alone need torch, whose import takes longer than many a command.
-def _law(content: Any) -> Any:
-    if isinstance(content, str):
-        return content
-    from phnn.models.store import from_json
-
-    return from_json(content)
-
-
-def _stored_law(law: Any) -> Any:
-    if isinstance(law, str):
-        return law
-    from phnn.models.store import as_json
-
-    return as_json(law)
+    if isinstance(element, Coupling):
+        return asdict(element)
+    return asdict(replace(element, law="")) | {"law": as_json(element.law)}
 
 
 def _plain(parameter: Parameter) -> dict[str, Any]:

@@ -19,8 +19,7 @@ from phnn.network.elements import (
 
 if TYPE_CHECKING:
     from phnn.network.checks import PowerBalance
-    from phnn.network.driven import DrivenSystem
-    from phnn.network.system import PortHamiltonianSystem
+    from phnn.network.system import DrivenSystem, PortHamiltonianSystem
 
 __all__ = [
     "Coupling",

@@ -188,9 +188,7 @@ def _try(law: nn.Module, energetic: bool, ports: int | None, reads: int, name: s
     if ports is not None:
         _check_shared(law, ports, name) if energetic else _check_multi_port(law, ports, reads, name)
     elif energetic:
-        # A sum of energies with a weight among them is a source.
-        if not is_passive_by_form(law) or law.bounded:
-            check_energy(_of_arrays(law.energy), name)  # type: ignore[arg-type]
+        check_energy(_of_arrays(law.energy), name)  # type: ignore[arg-type]
     elif reads:
         for q in READ:
             check_sector(_of_arrays(partial(_reading, law, q)), name, read=q)

@@ -16,11 +16,12 @@ exchange leaves one system as it enters the other: the joint ``J`` is skew, ``D`
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, Literal, NamedTuple
 
 from phnn.errors import StructureViolated
+from phnn.html import table, titled
 from phnn.parameters import Parameter, as_table, with_values
 
 Ratio = str | float
@@ -274,7 +275,7 @@ class Network:
         kept: dict[str, str] = {}
         resistors = [r.name for r in self.resistors]
         for memory in self.memories:
-            if memory.law not in MEMORY_LAWS or MEMORY_LAWS[memory.law].heat is None:
+            if memory.law not in MEMORY_LAWS or not MEMORY_LAWS[memory.law].heats:
                 continue
             if self.multi_ports:
                 raise StructureViolated(
@@ -330,6 +331,40 @@ class Network:
     def storage_names(self) -> tuple[str, ...]:
         """Names of the energy variables."""
         return tuple(s.name for s in self.storages)
+
+    def equations(self) -> dict[str, str]:
+        """Return the right-hand side of every state's equation as text.
+
+        ``e(x)`` is the effort ``∂H/∂x`` of a storage, a resistor's name its law, and a port's name its input.
+        """
+        terms: dict[str, list[str]] = {name: [] for name in self.storage_names}
+        for c in self.couplings:
+            terms[c.to].append(_term(c.ratio, f"e({c.of})"))
+            terms[c.of].append(_term(c.ratio, f"e({c.to})", minus=True))
+        for r in self.resistors:
+            inside = _sum(_term(ratio, f"e({name})") for name, ratio in r.on.items())
+            for name, ratio in r.on.items():
+                terms[name].append(_term(ratio, f"{r.name}({inside})", minus=True))
+        for m in self.multi_ports:
+            inside = ", ".join(_sum(_term(v, f"e({n})") for n, v in column.items()) for column in m.columns)
+            for i, column in enumerate(m.columns, 1):
+                for name, ratio in column.items():
+                    terms[name].append(_term(ratio, f"{m.name}_{i}({inside})", minus=True))
+        for p in self.ports:
+            drive = p.name if p.law == "linear" else f"{p.law}({p.name})"
+            for name, ratio in p.on.items():
+                terms[name].append(_term(ratio, drive))
+        slow = {m.name: f"{m.law}({', '.join((m.name, *self.drives_of(m)))})" for m in self.memories}
+        return {name: _sum(some) for name, some in terms.items()} | slow
+
+    def _repr_html_(self) -> str:
+        stored = {s.name: f"{_law(s)}({', '.join((s.name, *s.parameters))})" for s in self.storages}
+        units = {s.name: s.unit for s in self.storages} | {m.name: m.unit for m in self.memories}
+        rows = ((n, units[n], stored.get(n, ""), f"d{n}/dt = {text}") for n, text in self.equations().items())
+        laws = ((r.name, f"{_law(r)}({', '.join(r.parameters)})") for r in self.resistors)
+        return titled(
+            "Network", table(("state", "unit", "energy H", "equation"), rows), table(("resistor", "law"), laws)
+        )
 
     def drives_of(self, memory: ModulatorState) -> tuple[str, ...]:
         """Names of what drives a memory."""
@@ -409,6 +444,23 @@ class Network:
 
 
 Label = Callable[[str], str]
+
+
+def _law(element: Storage | Resistor) -> str:
+    return element.law if isinstance(element.law, str) else type(element.law).__name__
+
+
+def _term(ratio: Ratio, what: str, minus: bool = False) -> str:
+    """Return a signed term of an equation."""
+    if isinstance(ratio, str):
+        return f"{'− ' if minus else '+ '}{ratio} {what}"
+    sign = "− " if minus != (ratio < 0.0) else "+ "
+    size = abs(ratio)
+    return f"{sign}{'' if size == 1.0 else f'{size:.4g} '}{what}"
+
+
+def _sum(terms: Iterable[str]) -> str:
+    return " ".join(terms).removeprefix("+ ") or "0"
 
 
 def relabelled(network: Network, element: Label, parameter: Label) -> Network:

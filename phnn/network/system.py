@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 import torch
 from torch import Tensor, nn
 
+from phnn.errors import InputRefused
 from phnn.laws import FACTOR_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS, gradient
 from phnn.laws.diverged import LARGEST_WEIGHT, check_weights
 from phnn.laws.wide import form_of, is_passive_by_form
@@ -27,9 +28,57 @@ from phnn.network.checks import (
     mean_efforts_of,
     present_of,
 )
-from phnn.network.driven import DrivenSystem
-from phnn.network.elements import MultiPort, Network, WithLaw, check_laws
-from phnn.network.incidence import Entry, Incidence, columns, combined
+from phnn.network.elements import MultiPort, Network, Port, Ratio, Resistor, WithLaw, check_laws
+
+Entry = tuple[int, int, Ratio]
+
+
+class Incidence(nn.Module):
+    """A matrix given by its entries ``(row, column, ratio)``; entries at one place add up.
+
+    Called with the function that gives a named ratio's present value (...), it returns the (..., rows, columns)
+    matrix, differentiable by the ratios that have names.
+    """
+
+    base: Tensor
+    places: Tensor
+
+    def __init__(self, rows: int, columns: int, entries: Sequence[Entry]) -> None:
+        super().__init__()
+        base = torch.zeros(rows, columns, dtype=torch.float64)
+        named = [(i, j, ratio) for i, j, ratio in entries if isinstance(ratio, str)]
+        for i, j, ratio in entries:
+            if not isinstance(ratio, str):
+                base[i, j] += ratio
+        self.names = tuple(dict.fromkeys(ratio for _, _, ratio in named))
+        places = torch.zeros(len(self.names), rows, columns, dtype=torch.float64)
+        for i, j, ratio in named:
+            places[self.names.index(ratio), i, j] += 1.0
+        self.register_buffer("base", base, persistent=False)
+        self.register_buffer("places", places, persistent=False)
+
+    def forward(self, value: Callable[[str], Tensor]) -> Tensor:
+        """(..., rows, columns) the matrix at present values."""
+        matrix = self.base
+        # A sum of products per entry, so that a matrix of one batch member never depends on the others.
+        for name, places in zip(self.names, self.places, strict=True):
+            matrix = matrix + value(name)[..., None, None] * places
+        return matrix
+
+
+def combined(
+    row: Tensor,  # (..., n)
+    matrix: Tensor,  # (n, k) or (..., n, k)
+) -> Tensor:
+    """(..., k) product of a row with a matrix, batched or not."""
+    return row @ matrix if matrix.ndim == 2 else (row.unsqueeze(-2) @ matrix).squeeze(-2)
+
+
+def columns(elements: Sequence[Resistor | Port], place: Mapping[str, int]) -> Incidence:
+    """The (n, number of elements) matrix whose columns are the elements' ``on`` vectors."""
+    vectors = [element.on for element in elements]
+    entries: list[Entry] = [(place[name], j, ratio) for j, on in enumerate(vectors) for name, ratio in on.items()]
+    return Incidence(len(place), len(elements), entries)
 
 
 class ParameterisedNetwork(nn.Module):
@@ -174,9 +223,9 @@ class PortHamiltonianSystem(ParameterisedNetwork):
         self._inputs = columns(network.ports, place)
         place = {name: k for k, name in enumerate(network.state_names)}
         self._modulators = tuple(None if r.modulated_by is None else place[r.modulated_by] for r in network.resistors)
-        self._multi_ports = [_Placed(m, place, n) for m in network.multi_ports]
-        self._columns = nn.ModuleList(m.columns for m in self._multi_ports)
-        self._shared = [([place[name] for name in e.of], e.law) for e in network.shared_energies]
+        self.multi_ports = [_Placed(m, place, n) for m in network.multi_ports]
+        self._columns = nn.ModuleList(m.columns for m in self.multi_ports)
+        self.shared = [([place[name] for name in e.of], e.law) for e in network.shared_energies]
 
     @evaluation
     def energies(self, x: Tensor) -> Tensor:  # x: (..., n)
@@ -191,7 +240,7 @@ class PortHamiltonianSystem(ParameterisedNetwork):
     def energy(self, x: Tensor) -> Tensor:  # x: (..., n)
         """(...) stored energy ``H(x)`` [J]."""
         own = self.energies(x).sum(-1)
-        return own + sum(energy_of(law)(x[..., places]) for places, law in self._shared) if self._shared else own
+        return own + sum(energy_of(law)(x[..., places]) for places, law in self.shared) if self.shared else own
 
     @evaluation
     def mean_efforts(
@@ -208,7 +257,7 @@ class PortHamiltonianSystem(ParameterisedNetwork):
 
     def with_shared(self, own: Tensor, a: Tensor, b: Tensor) -> Tensor:
         """(..., n) mean efforts of the storages' own energies, and those of shared energies added to them."""
-        for places, law in self._shared:
+        for places, law in self.shared:
             at = torch.tensor(places, device=own.device)
             start = a[..., places]
             own = own.index_add(-1, at, mean_efforts_of(law, start, start if a is b else b[..., places]))
@@ -237,11 +286,16 @@ class PortHamiltonianSystem(ParameterisedNetwork):
         skew = self._skew(x)
         return skew.expand(*x.shape[:-1], *skew.shape[-2:])
 
+    def interconnection(self, x: Tensor) -> Tensor:  # x: (..., n)
+        """(n, n) or (..., n, n) ``J`` of the couplings, without that of multi-ports."""
+        half = self._half(self.ratios(x))
+        return half - half.mT
+
     def _skew(self, x: Tensor) -> Tensor:
         """(n, n) or (..., n, n) ``J``, without leading dimensions where it does not depend on ``x``."""
         ratios = self.ratios(x)
         half = self._half(ratios)
-        for port in self._multi_ports:
+        for port in self.multi_ports:
             if port.conserves:
                 b = port.columns(ratios)
                 half = half + b @ port.law.lower(x[..., port.reads]) @ b.mT
@@ -260,7 +314,7 @@ class PortHamiltonianSystem(ParameterisedNetwork):
             epsilon = combined(efforts, branches)
             each = [self._conductance(r, epsilon[..., r], x) for r in range(epsilon.shape[-1])]
             found = found + (branches * torch.stack(each, dim=-1).unsqueeze(-2)) @ branches.mT
-        for port in self._multi_ports:
+        for port in self.multi_ports:
             if not port.conserves:
                 b = port.columns(self.ratios(x))
                 found = found + b @ port.dissipation(combined(efforts, b), x) @ b.mT
@@ -363,7 +417,7 @@ class PortHamiltonianSystem(ParameterisedNetwork):
     def _through_multi_ports(self, efforts: Tensor, x: Tensor) -> list[tuple[Tensor, Tensor, Tensor]]:
         """Columns (n, k), efforts (..., k) and flows (..., k) of every multi-port that is not part of ``J``."""
         found = []
-        for port in self._multi_ports:
+        for port in self.multi_ports:
             if not port.conserves:
                 b = port.columns(self.ratios(x))
                 epsilon = combined(efforts, b)
@@ -468,3 +522,58 @@ class _Placed:
         power = (epsilon * flows).sum(-1)[..., None, None]
         outer = flows.unsqueeze(-1) * flows.unsqueeze(-2)
         return torch.where(power > 0.0, outer / torch.where(power > 0.0, power, 1.0), 0.0)
+
+
+class DrivenSystem(nn.Module):
+    """``ẋ = f(x, u(t))``, sharing the parameters of the system.
+
+    Args:
+        system: the system that is driven.
+        u: time () to input (..., k), or () for a single port. A module's parameters become this module's, so that
+            the adjoint method differentiates by them; tensors that a plain function carries do not.
+        ports: names of the k ports that ``u`` fills, the others stay at zero; all ports where left out.
+
+    Raises:
+        InputRefused: a port that the network does not have, or an input of the wrong shape.
+    """
+
+    def __init__(
+        self, system: PortHamiltonianSystem, u: Callable[[Tensor], Tensor], ports: Sequence[str] | None = None
+    ) -> None:
+        super().__init__()
+        self.system = system
+        self.u = u
+        known = [p.name for p in system.network.ports]
+        names = known if ports is None else list(ports)
+        for name in names:
+            if name not in known:
+                raise InputRefused(f"no port called {name!r}: this network has {', '.join(known) or 'none'}")
+        self.ports = tuple(names)
+        self._places = None if names == known else tuple(known.index(name) for name in names)
+        self._count = len(known)
+
+    def input(
+        self,
+        t: Tensor,  # ()
+    ) -> Tensor:
+        """(..., P) the inputs of all ports at a time."""
+        value = self.u(t)
+        if value.ndim == 0 and len(self.ports) == 1:
+            value = value.unsqueeze(-1)
+        if value.shape[-1:] != (len(self.ports),):
+            raise InputRefused(
+                f"the input function returned shape {tuple(value.shape)} at t = {float(t):g} s: its last dimension "
+                f"must be {len(self.ports)} ({', '.join(self.ports)}); name the ports it fills with ports=(...)"
+            )
+        if self._places is None:
+            return value
+        full = value.new_zeros(*value.shape[:-1], self._count)
+        return full.index_copy(-1, torch.tensor(self._places, device=value.device), value)
+
+    def forward(
+        self,
+        t: Tensor,  # ()
+        x: Tensor,  # (..., n)
+    ) -> Tensor:
+        """(..., n) ``ẋ`` at a time and state."""
+        return self.system.vector_field(x, self.input(t))

@@ -16,6 +16,8 @@ from phnn.parameters import Parameter, as_table, positive
 
 # Relative size of the damping that is added where a linear start has none.
 _LEAST_DAMPING = 1e-6
+# At so many states a dissipation is fitted.
+_POINTS = 4000
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,9 @@ class LearnedSystem(PortHamiltonianSystem):
     efforts, one `LearnedEnergy` of all states and learned columns ``g``; so it does all that other networks do. The
     first state is measured.
 
+    Attributes:
+        from_given: (n, n) matrix from the states of the system that it was made near to, to its own.
+
     Args:
         states: their number, or their names.
         ports: their number, or their names.
@@ -61,6 +66,8 @@ class LearnedSystem(PortHamiltonianSystem):
     Raises:
         InputRefused: fewer than two states, no port, or no unit.
     """
+
+    from_given: Tensor
 
     def __init__(
         self,
@@ -109,13 +116,22 @@ class LearnedSystem(PortHamiltonianSystem):
 
     @classmethod
     @torch.no_grad()
-    def near(cls, system: PortHamiltonianSystem, scales: Scales, width: int = 32, seed: int = 0) -> LearnedSystem:
-        """Return a learned system that begins near another one's linearisation at rest.
+    def near(
+        cls,
+        system: PortHamiltonianSystem,
+        scales: Scales,
+        width: int = 32,
+        seed: int = 0,
+        typical: Tensor | None = None,
+    ) -> LearnedSystem:
+        """Return a learned system that begins near another one, linearised at rest but for its dissipation.
 
         Args:
             system: without modulator states, every energy with a curvature at rest; its states are taken in units in
                 which its energy is ``½ |x|²``, the measured one first.
             scales: of time and inputs; the unit of the output is that of ``scales`` too.
+            typical: (n,) largest states, up to which the dissipation is that of the other system as a function of the
+                efforts; None takes its value at rest.
 
         Raises:
             InputRefused: an energy has no curvature at rest, or the network has modulator states.
@@ -132,14 +148,25 @@ class LearnedSystem(PortHamiltonianSystem):
         unit = curvature[output] * scales.output**2
         root = (curvature / unit).sqrt()[order]
         half = scales.time * unit * root[:, None] * system.structure(rest)[order][:, order] * root
-        lost = scales.time * unit * root[:, None] * system.dissipation(rest)[order][:, order] * root
-        lost = lost + _LEAST_DAMPING * (1.0 + lost.diagonal().mean()) * torch.eye(len(order), dtype=torch.float64)
         coupling, dissipation = (m.law for m in found.network.multi_ports)
         n = len(order)
         coupling.entries.begin(half[*torch.tril_indices(n, n, -1)])
-        dissipation.entries.begin(torch.linalg.cholesky(lost)[*torch.tril_indices(n, n)])
+        reach, rows = (0.0 * rest if typical is None else typical), torch.tril_indices(n, n)
+        points = (2.0 * torch.rand(_POINTS, n, generator=torch.Generator().manual_seed(seed)).double() - 1.0) * reach
+        lost = scales.time * unit * root[:, None] * system.dissipation(points)[:, order][:, :, order] * root
+        lost = lost + _LEAST_DAMPING * (1.0 + lost.diagonal(dim1=1, dim2=2).mean()) * torch.eye(n, dtype=torch.float64)
+        factors = torch.linalg.cholesky(lost)[:, *rows]
+        diagonal = lost.diagonal(dim1=1, dim2=2)
+        bent = torch.nonzero(diagonal.std(0) > _LEAST_DAMPING * diagonal.mean()).flatten()
+        if len(bent):
+            # Units along the axes of the efforts that bend the dissipation: a threshold lies across one of them.
+            dissipation.entries.spread((root * reach[order]), bent)
+            dissipation.entries.fit(points[:, order] * root, factors)
+        else:
+            dissipation.entries.begin(factors[0])
         size = torch.tensor([scales.output, *[1.0] * (n - 1)], dtype=torch.float64)
-        columns = (size * root)[:, None] * system.incidences(rest)[1][order]
+        found.from_given = (size * root)[:, None] * torch.eye(n, dtype=torch.float64)[order]
+        columns = found.from_given @ system.incidences(rest)[1]
         found.set_values(
             {
                 f"g_{name}_{p.name}": columns[i, j].item()

@@ -24,10 +24,14 @@ from torch import Tensor, nn
 
 from phnn.errors import InputRefused
 from phnn.laws.diverged import LARGEST_WEIGHT, check_weights
-from phnn.laws.wide import convex_energy_unit, convex_unit, hinge, register_compiled
+from phnn.laws.wide import convex_unit, hinge, register_compiled
 
 # By how much the entries of a learned matrix vary at the start, of which those on the diagonal are near one.
 _VARIED = 0.3
+# The ridge that keeps fitted weights small.
+_RIDGE = 1e-6
+# Steps of units that are spread over a range: their slope over that of one as wide as the range.
+_SHARP = 4.0
 # Scales of several variables: one for all of them, or one each.
 Scale = float | Sequence[float]
 
@@ -53,13 +57,41 @@ class Perceptron(nn.Module):
             drawn = torch.randn(outputs, generator=random, dtype=torch.float64)
             self.biases.append(nn.Parameter((0.0 if final else 0.5) * drawn))
 
+    def hidden(self, x: Tensor) -> Tensor:  # x: (..., sizes[0])
+        """(..., sizes[-2]) what the last layer is given."""
+        for weight, bias in list(zip(self.weights, self.biases, strict=True))[:-1]:
+            x = torch.tanh(x @ weight.mT + bias)
+        return x
+
     def forward(self, x: Tensor) -> Tensor:  # x: (..., sizes[0])
         """(..., sizes[-1])."""
-        for k, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
-            x = x @ weight.mT + bias
-            if k < len(self.weights) - 1:
-                x = torch.tanh(x)
-        return x
+        return self.hidden(x) @ self.weights[-1].mT + self.biases[-1]
+
+    @torch.no_grad()
+    def fit(self, points: Tensor, values: Tensor) -> None:
+        """Fit the last layer to values (N, sizes[-1]) at points (N, sizes[0]), by least squares with a small ridge."""
+        hidden = self.hidden(points)
+        columns = torch.cat([hidden, torch.ones_like(hidden[:, :1])], dim=1)
+        normal = columns.mT @ columns + _RIDGE * len(columns) * torch.eye(columns.shape[1], dtype=torch.float64)
+        found = torch.linalg.solve(normal, columns.mT @ values)
+        self.weights[-1].copy_(found[:-1].mT)
+        self.biases[-1].copy_(found[-1])
+
+    def slopes(self, x: Tensor) -> tuple[Tensor, Tensor]:  # x: (..., sizes[0])
+        """Return the values (..., sizes[-1]) and their derivatives (..., sizes[-1], sizes[0]), of one hidden layer."""
+        (first, last), (shift, offset) = self.weights, self.biases
+        hidden = torch.tanh(x @ first.mT + shift)
+        rates = (1.0 - hidden * hidden) @ (last.mT.unsqueeze(-1) * first.unsqueeze(1)).flatten(1)
+        return hidden @ last.mT + offset, rates.unflatten(-1, (len(last), x.shape[-1]))
+
+    @torch.no_grad()
+    def spread(self, reach: Tensor, inputs: Tensor) -> None:
+        """Let the units of the first layer step across one of some inputs (K,) each, evenly over ``reach`` (sizes[0],)
+        both ways."""
+        unit = torch.arange(len(self.biases[0]))
+        each, number = inputs[unit % len(inputs)], unit // len(inputs)
+        self.weights[0].zero_()[unit, each] = _SHARP / reach[each]
+        self.biases[0].copy_(_SHARP * (2.0 * number / number.max().clamp_min(1) - 1.0))
 
     @torch.no_grad()
     def begin(self, values: Tensor, left: float = 0.05) -> None:
@@ -109,11 +141,21 @@ class _OnEfforts(nn.Module):
     def triangle(self, given: Tensor) -> Tensor:
         """(..., k, k) the matrix at what it follows, its rows times ``√(f/s)``."""
         check_weights(self, largest=LARGEST_WEIGHT)
-        entries, n = self.entries(given / self.scale.abs()), self.ports
+        return self._filled(self.entries(given / self.scale.abs()))
+
+    def _filled(self, entries: Tensor) -> Tensor:
+        """(..., k, k) of the entries on and below the diagonal."""
+        n = self.ports
         rows, columns = torch.tril_indices(n, n, 0 if self.dissipative else -1, device=entries.device)
         matrix = entries.new_zeros(*entries.shape[:-1], n * n)
         filled = matrix.index_copy(-1, rows * n + columns, entries).reshape(*entries.shape[:-1], n, n)
         return self.factor.unsqueeze(-1) * filled
+
+    def _followed(self, given: Tensor) -> tuple[Tensor, Tensor]:
+        """(..., k, k) the matrix, and (..., I, k, k) its derivatives by the ``I`` numbers that it follows."""
+        scale = self.scale.abs()
+        entries, rates = self.entries.slopes(given / scale)
+        return self._filled(entries), self._filled((rates / scale).mT)
 
 
 class LearnedDissipation(_OnEfforts):
@@ -155,6 +197,16 @@ class LearnedDissipation(_OnEfforts):
         root = self.root(effort, effort[..., :0] if q is None else q)
         return (root @ (root.mT @ effort.unsqueeze(-1))).squeeze(-1)
 
+    def flow_slopes(self, effort: Tensor, q: Tensor) -> Tensor:
+        """(..., k, k+s) derivatives of the flows by efforts and states."""
+        root, rates = self._followed(torch.cat([effort, q], dim=-1))
+        inner = (root.mT @ effort.unsqueeze(-1)).squeeze(-1)
+        # Of R L (Lᵀ R ε) by L, column by column.
+        moved = (rates * inner[..., None, None, :]).sum(-1)
+        back = (rates * effort[..., None, :, None]).sum(-2)
+        by_root = (moved + back @ root.mT).mT
+        return by_root + nn.functional.pad(root @ root.mT, (0, q.shape[-1]))
+
 
 class LearnedCoupling(_OnEfforts):
     """A power-conserving coupling between ``k`` efforts, which a network adds to its ``J(x)``.
@@ -187,6 +239,12 @@ class LearnedCoupling(_OnEfforts):
         """(..., k) flows ``−S(q) ε`` that leave the storages."""
         half = self.lower(effort[..., :0] if q is None else q)
         return ((half.mT - half) @ effort.unsqueeze(-1)).squeeze(-1)
+
+    def flow_slopes(self, effort: Tensor, q: Tensor) -> Tensor:
+        """(..., k, k+s) derivatives of the flows by efforts and states."""
+        half, rates = (v * self.factor for v in self._followed(q))
+        by_state = ((rates.mT - rates) * effort[..., None, None, :]).sum(-1).mT
+        return torch.cat([(half.mT - half).expand(*by_state.shape[:-1], self.ports), by_state], dim=-1)
 
 
 # All units of a learned energy together bend it by this share of its scale at the start.
@@ -247,7 +305,7 @@ class LearnedEnergy(nn.Module):
     def energy(self, x: Tensor) -> Tensor:  # x: (..., k)
         """(...) ``H(x)`` [J]."""
         projected = x @ (self.directions / self.scale.abs()).mT
-        return convex_energy_unit(projected, self._weights(), 1.0, self.positions).sum(-1)
+        return (projected * convex_unit(0.0 * projected, projected, self._weights(), 1.0, self.positions)).sum(-1)
 
     def mean_efforts(
         self,
@@ -258,6 +316,17 @@ class LearnedEnergy(nn.Module):
         directions = self.directions / self.scale.abs()
         ends = a @ directions.mT, (a if a is b else b) @ directions.mT
         return convex_unit(*ends, self._weights(), 1.0, self.positions) @ directions
+
+    def effort_slopes(self, a: Tensor, b: Tensor) -> tuple[Tensor, Tensor]:
+        """(..., k, k) derivatives of the mean efforts by the states at the start and at the end of a step."""
+        directions, weights = self.directions / self.scale.abs(), self._weights()
+        at = [hinge(x @ directions.mT + self.positions) for x in (a, b)]
+        product = at[0][0] * at[1][0]
+        # Of AB/(1 + AB), where S' = S/r.
+        shared = weights * product / (1.0 + product).square()
+        outer = (directions.unsqueeze(-1) * directions.unsqueeze(-2)).flatten(1)
+        by_start, by_end = ((shared / r @ outer).unflatten(-1, (a.shape[-1], -1)) for _, r in at)
+        return by_start, by_end
 
     def forward(self, x: Tensor) -> Tensor:  # x: (..., k)
         """(..., k) efforts ``∇H(x)``."""

@@ -16,9 +16,8 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from phnn.errors import InputRefused
-from phnn.laws import wide
 from phnn.laws.diverged import LARGEST_WEIGHT, check_weights
-from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES, register_compiled
+from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES, evaluated, register_compiled
 
 
 def _positive(raw: Tensor) -> Tensor:
@@ -73,7 +72,7 @@ class _Resistor:
 
     def forward(self, effort: Tensor) -> Tensor:  # effort: (...)
         """(...) flow ``φ(ε)``."""
-        return wide.flow(WIDE_RESISTORS[self.law], effort, self.weights())
+        return evaluated(WIDE_RESISTORS[self.law], self.weights(), effort)
 
 
 class SectorMLP(_Resistor, nn.Module):
@@ -206,7 +205,7 @@ class ConvexEnergyMLP(nn.Module):
     """
 
     law = "convex"
-    convex = WIDE_STORAGES[law].convex
+    convex = WIDE_STORAGES[law].monotone
     scale: Tensor
     typical: Tensor
 
@@ -233,7 +232,7 @@ class ConvexEnergyMLP(nn.Module):
 
     def energy(self, x: Tensor) -> Tensor:  # x: (...)
         """(...) ``H(x)``."""
-        return wide.energy(WIDE_STORAGES[self.law], x, self.weights())
+        return x * self.mean_effort(0.0 * x, x)
 
     def mean_effort(
         self,
@@ -241,7 +240,7 @@ class ConvexEnergyMLP(nn.Module):
         b: Tensor,  # (...) and at its end
     ) -> Tensor:
         """(...) ``(H(b) − H(a))/(b − a)``, and ``H'(a)`` where ``b = a``."""
-        return wide.mean_effort(WIDE_STORAGES[self.law], a, b, self.weights())
+        return evaluated(WIDE_STORAGES[self.law], self.weights(), a, b)
 
     def forward(self, x: Tensor) -> Tensor:  # x: (...)
         """(...) effort ``H'(x)``."""

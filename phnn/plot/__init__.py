@@ -1,15 +1,14 @@
 """The plots of system identification, each with its data as a table.
 
-    axes = phnn.plot.compare(model, campaign)                # measured and simulated outputs
-    axes[0, 0].figure.savefig("compare.svg")
+    phnn.plot.compare(model, campaign).savefig("compare.svg")  # measured and simulated outputs
 
-Every function returns matplotlib axes and takes axes of yours; none needs pyplot. ``phnn plot`` writes the same into
+Every function returns a matplotlib figure; none needs pyplot. ``phnn plot`` writes the same into
 files.
 """
 
 from __future__ import annotations
 
 from phnn.plot.frequency import bode, residuals
-from phnn.plot.signals import compare, energy, location, loops
+from phnn.plot.signals import compare, energy, loops
 
-__all__ = ["bode", "compare", "energy", "location", "loops", "residuals"]
+__all__ = ["bode", "compare", "energy", "loops", "residuals"]

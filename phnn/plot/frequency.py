@@ -9,15 +9,15 @@ autocorrelation, correlation with the input, and spectrum.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from matplotlib import rc_context
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import norm
 
@@ -26,24 +26,12 @@ from phnn.diagnose.words import vocabulary_of
 from phnn.errors import InputRefused, SolverFailed
 from phnn.model import Model
 from phnn.parameters import quantity
-from phnn.plot.panels import (
-    Array,
-    Panels,
-    Point,
-    Scaled,
-    column,
-    grid,
-    network_model,
-    point,
-    predictions,
-    scaled,
-    under_each_other,
-)
+from phnn.plot.panels import Array, Plot, Point, column, network_model, point, predictions, scaled
 from phnn.prediction import Predicted
 from phnn.recordings import Campaign, campaign_of
 from phnn.recordings.recording import Recording, Start, unrecorded
 from phnn.report.figures import amplitude_density
-from phnn.report.figures.style import AFTER, BEFORE, CATEGORIES, FAINT, INK, RC, literal, log_axis, quiet_grid
+from phnn.report.figures.style import AFTER, BEFORE, CATEGORIES, FAINT, INK, finish, literal, log_axis, new_figure
 from phnn.setup import Setup
 from phnn.signals.first_order import correlation, cross_deviation, density_of, own_deviation
 from phnn.signals.least_squares import HARMONICS, harmonic_weights
@@ -100,28 +88,8 @@ class Bode:
         into, out = self.units
         return out if into == "1" else f"{out}/({into})" if "/" in into or " " in into else f"{out}/{into}"
 
-    def draw(self, axes: Any = None) -> Panels:
-        """(3,) axes: magnitude, phase, harmonics."""
-        with rc_context(RC):
-            panels = grid(axes, 3, 1, 7.2, 8.4, sharex=True, height_ratios=[1.3, 1.0, 1.0])[:, 0]
-            gain = scaled(f"{self.words[1]} by {self.words[0]}", self.gain_unit, np.abs(self.gain))
-            at = f"at {quantity(self.amplitude, self.units[0])}"
-            _draw_response(panels[0], self, at, lambda g: gain(np.abs(g)))
-            _draw_response(panels[1], self, at, _degrees)
-            log_axis(panels[0], "y")
-            panels[0].set_ylabel(gain.label)
-            panels[1].set_ylabel("phase (degrees)")
-            _draw_points(panels, self, gain)
-            _draw_harmonics(panels[2], self)
-            for one in panels:
-                log_axis(one)
-                quiet_grid(one)
-            panels[0].legend(loc="best")
-            panels[2].set_xlabel("frequency (Hz)")
-        return panels
-
-    def tables(self) -> dict[str, pd.DataFrame]:
-        """The model's responses, and those measured where there are any."""
+    def plot(self) -> Plot:
+        """Return magnitude, phase and harmonics, with the model's responses and those measured where there are any."""
         unit = self.gain_unit
         model = pd.DataFrame(
             {
@@ -134,8 +102,6 @@ class Bode:
                 **{f"harmonic_{k + 2}_1": self.harmonics[:, k] for k in range(HARMONICS - 1)},
             }
         )
-        if not self.measured:
-            return {"": model}
         rows = [
             {
                 "recording": p.name,
@@ -148,7 +114,37 @@ class Bode:
             }
             for p in self.measured
         ]
-        return {"": model, "_measured": pd.DataFrame(rows)}
+        return Plot(self._draw, {"": model, "_measured": pd.DataFrame(rows)} if rows else {"": model})
+
+    def _draw(self) -> Figure:
+        figure = new_figure(7.2, 8.4)
+        panels = figure.subplots(3, 1, sharex=True, height_ratios=[1.3, 1.0, 1.0])
+        gain = scaled(f"{self.words[1]} by {self.words[0]}", self.gain_unit, np.abs(self.gain))
+        at = f"at {quantity(self.amplitude, self.units[0])}"
+        shown: tuple[Callable[[Complex], Array], ...] = (lambda g: gain(np.abs(g)), _degrees)
+        for axes, value in zip(panels, shown, strict=False):
+            axes.plot(self.frequencies, value(self.gain), color=AFTER, linewidth=1.6, label=at)
+            small = {"color": INK, "linewidth": 1.2, "dashes": (4, 2), "label": "at small amplitude"}
+            axes.plot(self.frequencies, value(self.linear), **small)
+        # Measured points; those of another amplitude are hollow.
+        for own, name in ((True, "measured"), (False, "measured at another amplitude")):
+            if some := self.at_its_amplitude(own):
+                f = [p.frequency for p in some]
+                style = {
+                    "color": BEFORE,
+                    "markersize": 5.0,
+                    "markerfacecolor": BEFORE if own else "none",
+                    "label": name,
+                }
+                panels[0].plot(f, gain([abs(p.gain) for p in some]), "o", **style)
+                panels[1].plot(f, [self.beside(p) for p in some], "o", **style)
+        _draw_harmonics(panels[2], self)
+        log_axis(panels[0], "y")
+        for axes in panels:
+            log_axis(axes)
+        finish(panels[0], "", gain.label)
+        finish(panels[1], "", "phase (degrees)", None)
+        return figure
 
     def at_its_amplitude(self, own: bool) -> list[Point]:
         """Measured responses at the amplitude of the model's, or those at another one."""
@@ -168,11 +164,10 @@ def bode(
     *,
     offset: float = 0.0,
     campaign: Campaign | str | Path | None = None,
-    axes: Any = None,
-) -> Panels:
+) -> Figure:
     """Draw the frequency response of a model at an amplitude, and its response to small amplitudes.
 
-        axes = phnn.plot.bode(model, np.geomspace(1.0, 1000.0, 40), amplitude=75.0)
+        figure = phnn.plot.bode(model, np.geomspace(1.0, 1000.0, 40), amplitude=75.0)
 
     Args:
         model: a model, a diagnosis (its final model), or the folder of either.
@@ -180,17 +175,16 @@ def bode(
         amplitude: of the input, SI; the largest of the campaign's sines if left out.
         offset: constant input about which it swings.
         campaign: recordings whose single sines are drawn as points.
-        axes: three axes to draw into.
 
     Returns:
-        (3,) axes: magnitude, phase, and harmonics 2 to 5 over the fundamental.
+        A figure with magnitude, phase, and harmonics 2 to 5 over the fundamental.
 
     Raises:
         InputRefused: there is no such model, frequencies or amplitude are not positive, or are left out where no sine
             was recorded.
         SolverFailed: a step has no solution, or there is no steady cycle; names the frequency.
     """
-    return response(model, frequencies, amplitude, offset, campaign).draw(axes)
+    return response(model, frequencies, amplitude, offset, campaign).plot().figure()
 
 
 def response(
@@ -271,25 +265,6 @@ def _degrees(gain: Complex) -> Array:
     return np.degrees(np.unwrap(np.angle(gain)))
 
 
-def _draw_response(axes: Axes, found: Bode, at: str, value: Any) -> None:
-    axes.plot(found.frequencies, value(found.gain), color=AFTER, linewidth=1.6, label=at)
-    axes.plot(
-        found.frequencies, value(found.linear), color=INK, linewidth=1.2, dashes=(4, 2), label="at small amplitude"
-    )
-
-
-def _draw_points(panels: Panels, found: Bode, gain: Scaled) -> None:
-    """Measured points; those of another amplitude are hollow."""
-    for own, name in ((True, "measured"), (False, "measured at another amplitude")):
-        some = found.at_its_amplitude(own)
-        if not some:
-            continue
-        f = [p.frequency for p in some]
-        style = {"color": BEFORE, "markersize": 5.0, "markerfacecolor": BEFORE if own else "none", "linestyle": ""}
-        panels[0].plot(f, gain([abs(p.gain) for p in some]), "o", label=name, **style)
-        panels[1].plot(f, [found.beside(p) for p in some], "o", **style)
-
-
 def _draw_harmonics(axes: Axes, found: Bode) -> None:
     """Harmonics in percent of the fundamental."""
     for k in range(HARMONICS - 1):
@@ -305,8 +280,7 @@ def _draw_harmonics(axes: Axes, found: Bode) -> None:
     if largest > 0.0:
         # Harmonics that symmetry forbids are rounding, and would press all others against the top.
         axes.set_ylim(_VISIBLE * largest, 3.0 * largest)
-    axes.set_ylabel("harmonics over fundamental (%)")
-    axes.legend(loc="best", ncols=HARMONICS - 1, title="harmonic")
+    finish(axes, "frequency (Hz)", "harmonics over fundamental (%)", ncols=HARMONICS - 1, title="harmonic")
 
 
 # Probability that a correlation of noise lies within its band.
@@ -360,48 +334,17 @@ class Tested:
     noise: Array
 
 
-@dataclass(frozen=True)
-class Residuals:
-    """Residuals of recordings.
-
-    Attributes:
-        found: one for each row of panels.
-    """
-
-    found: tuple[Tested, ...]
-
-    def draw(self, axes: Any = None) -> Panels:
-        """(R, 3) axes: autocorrelation, correlation with the input, spectrum of each recording."""
-        count = len(self.found)
-        with rc_context(RC):
-            panels = grid(axes, count, 3, 11.4, 2.9 * count + 0.3)
-            for row, one in zip(panels, self.found, strict=True):
-                _draw_correlated(row[0], one.own, "autocorrelation of the residual")
-                _draw_correlated(row[1], one.by_input, "correlation with the input")
-                _draw_spectrum(row[2], one)
-                row[0].set_title(literal(one.recording.name, 40))
-        return panels
-
-    def tables(self) -> dict[str, pd.DataFrame]:
-        """Correlations with their bands, and spectra."""
-        return {
-            "": under_each_other(_correlations(one) for one in self.found),
-            "_spectrum": under_each_other(_spectrum(one) for one in self.found),
-        }
-
-
 def residuals(
     model: Model | ModalFit | Diagnosis | str | Path,
     campaign: Campaign | str | Path | None = None,
     *,
     recordings: Sequence[str] | None = None,
     lags: int | None = None,
-    axes: Any = None,
-) -> Panels:
+) -> Figure:
     """Draw what a model leaves: is it noise, or does it follow from its own past or from the input?
 
-        axes = phnn.plot.residuals(diagnosis)
-        axes = phnn.plot.residuals("out/model", phnn.read("recordings/"), lags=25)
+        figure = phnn.plot.residuals(diagnosis)
+        figure = phnn.plot.residuals("out/model", phnn.read("recordings/"), lags=25)
 
     The bands hold 99 % of the correlations that noise alone would give; noise has the autocorrelation that the
     recordings showed before any model was fitted. The legend counts the correlations outside. Lags of a slow or
@@ -412,27 +355,43 @@ def residuals(
         campaign: recordings with outputs; those of the diagnosis if left out.
         recordings: names of those to draw; the first twelve if left out.
         lags: largest lag in samples; 100, or a quarter of the samples, if left out.
-        axes: (R, 3) axes to draw into.
 
     Returns:
-        (R, 3) axes: autocorrelation, correlation with the input, amplitude density against that of the noise.
+        A figure with autocorrelation, correlation with the input, and amplitude density against that of the noise.
 
     Raises:
-        InputRefused: there is no such model or recording, too few samples, or another number of axes.
+        InputRefused: there is no such model or recording, too few samples.
         SolverFailed: a step has no solution.
     """
-    return whiteness(model, campaign, recordings, lags).draw(axes)
+    return whiteness(residual_tests(model, campaign, recordings, lags)).figure()
 
 
-def whiteness(
+def residual_tests(
     model: Any, campaign: Campaign | str | Path | None, recordings: Sequence[str] | None = None, lags: int | None = None
-) -> Residuals:
-    """What `residuals` draws."""
+) -> list[Tested]:
+    """Test the residual of each recording."""
     if campaign is None:
         if not isinstance(model, Diagnosis):
             raise InputRefused("campaign: left out, and a model has no recordings: give phnn.read(folder)")
         campaign = model.campaign
-    return Residuals(tuple(_tested(one, lags) for one in predictions(model, campaign, recordings)))
+    return [_tested(one, lags) for one in predictions(model, campaign, recordings)]
+
+
+def whiteness(found: Sequence[Tested]) -> Plot:
+    """What `residuals` draws: a row of panels for each recording."""
+
+    def draw() -> Figure:
+        figure = new_figure(11.4, 2.9 * len(found) + 0.3)
+        for row, one in zip(figure.subplots(len(found), 3, squeeze=False), found, strict=True):
+            _draw_correlated(row[0], one.own, "autocorrelation of the residual")
+            _draw_correlated(row[1], one.by_input, "correlation with the input")
+            _draw_spectrum(row[2], one)
+            row[0].set_title(literal(one.recording.name, 40))
+        return figure
+
+    tables = {"": _correlations, "_spectrum": lambda one: [_spectrum(one)]}
+    joined = {end: pd.concat([t for one in found for t in of(one)], ignore_index=True) for end, of in tables.items()}
+    return Plot(draw, joined)
 
 
 def _tested(one: Predicted, lags: int | None) -> Tested:
@@ -472,10 +431,7 @@ def _draw_correlated(axes: Axes, found: Correlated, label: str) -> None:
     shown = found.tested if found.tested.any() else np.ones(found.lags.size, dtype=bool)
     largest = float(np.abs(np.concatenate([found.values[shown], low[shown], high[shown]])).max())
     axes.set_ylim(-1.15 * largest, 1.75 * largest)
-    axes.set_xlabel("lag (samples)")
-    axes.set_ylabel(f"{label} (1)")
-    axes.legend(loc="upper right", borderaxespad=0.1)
-    quiet_grid(axes)
+    finish(axes, "lag (samples)", f"{label} (1)", "upper right")
 
 
 def _draw_spectrum(axes: Axes, one: Tested) -> None:
@@ -489,30 +445,25 @@ def _draw_spectrum(axes: Axes, one: Tested) -> None:
         floor = min(floor, float(left(one.noise.min())))
     if drawn.size:
         axes.set_ylim(0.5 * floor, 6.0 * max(float(drawn.max()), floor))
-    axes.set_xlabel("frequency (Hz)")
-    axes.set_ylabel(left.label)
-    axes.legend(loc="upper right", borderaxespad=0.1)
-    quiet_grid(axes)
+    finish(axes, "frequency (Hz)", left.label, "upper right")
 
 
-def _correlations(one: Tested) -> pd.DataFrame:
-    rows = []
-    for name, found in (("residual", one.own), ("input", one.by_input)):
-        rows.append(
-            pd.DataFrame(
-                {
-                    "recording": one.recording.name,
-                    "with": name,
-                    "lag_samples": found.lags,
-                    "lag_s": found.lags * one.recording.dt,
-                    "correlation_1": found.values,
-                    "band_low_1": found.centre - found.reach,
-                    "band_high_1": found.centre + found.reach,
-                    "outside_1": found.outside.astype(int),
-                }
-            )
+def _correlations(one: Tested) -> list[pd.DataFrame]:
+    return [
+        pd.DataFrame(
+            {
+                "recording": one.recording.name,
+                "with": name,
+                "lag_samples": found.lags,
+                "lag_s": found.lags * one.recording.dt,
+                "correlation_1": found.values,
+                "band_low_1": found.centre - found.reach,
+                "band_high_1": found.centre + found.reach,
+                "outside_1": found.outside.astype(int),
+            }
         )
-    return under_each_other(rows)
+        for name, found in (("residual", one.own), ("input", one.by_input))
+    ]
 
 
 def _spectrum(one: Tested) -> pd.DataFrame:

@@ -5,26 +5,27 @@ Measured points of a frequency response, from recordings of single sines.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
-from matplotlib.axes import Axes
+from matplotlib import rc_context
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from phnn import predictor
 from phnn.diagnose.diagnosis import Diagnosis
 from phnn.errors import InputRefused
 from phnn.model import Model
 from phnn.parameters import prefixed
 from phnn.prediction import Predicted
-from phnn.predictor import loaded, predictor
 from phnn.recordings import Campaign, campaign_of
 from phnn.recordings.excitation import excitation_of
 from phnn.recordings.recording import Recording
-from phnn.report.figures.style import new_figure
+from phnn.report.figures.style import RC
 from phnn.report.formatting import listing
 from phnn.signals.least_squares import HARMONICS, deviation, harmonic_weights
 
@@ -72,21 +73,26 @@ def point(recording: Recording) -> Point | None:
 
 
 Array = NDArray[np.float64]
-# Axes of matplotlib in an array, one for each panel.
-Panels = NDArray[Any]
-
 # Recordings that are drawn where nobody chose some: more do not fit on a screen.
 MOST = 12
 
 
-class Plot(Protocol):
-    """What a kind of plot has computed: it can be drawn, and is the same as tables."""
+@dataclass(frozen=True)
+class Plot:
+    """A kind of plot: how it is drawn, and the same as tables.
 
-    def draw(self, axes: Any = None) -> Any:
-        """Draw into axes, or into a new figure."""
+    Attributes:
+        draw: returns a new figure of all panels.
+        tables: everything that is drawn, by the ending of a file's name; columns have units, ``_1`` for none.
+    """
 
-    def tables(self) -> Mapping[str, pd.DataFrame]:
-        """Everything that is drawn, by the ending of a file's name; columns have units, ``_1`` for none."""
+    draw: Callable[[], Figure]
+    tables: Mapping[str, pd.DataFrame]
+
+    def figure(self) -> Figure:
+        """Return a figure in the look of all figures."""
+        with rc_context(RC):
+            return self.draw()
 
 
 @dataclass(frozen=True)
@@ -113,20 +119,6 @@ def column(name: str, unit: str) -> str:
     return f"{name}_{unit.replace(' ', '')}"
 
 
-def grid(axes: Any, rows: int, columns: int, width: float, height: float, **layout: Any) -> Panels:
-    """(rows, columns) axes of a new figure [inches], or those given; call inside ``rc_context(RC)``.
-
-    Raises:
-        InputRefused: another number of axes was given.
-    """
-    if axes is None:
-        return np.asarray(new_figure(width, height).subplots(rows, columns, squeeze=False, **layout))
-    given = np.array(axes, dtype=object).reshape(-1)
-    if given.size != rows * columns or not all(isinstance(a, Axes) for a in given):
-        raise InputRefused(f"axes: {given.size} given: this plot draws {rows} × {columns} matplotlib axes")
-    return given.reshape(rows, columns)
-
-
 def model_of(given: Any, outside: bool = False) -> Model | ModalFit:
     """The model that is given: itself, the final one of a diagnosis, or that in a folder.
 
@@ -139,7 +131,7 @@ def model_of(given: Any, outside: bool = False) -> Model | ModalFit:
     if isinstance(given, Diagnosis):
         return given.model
     if isinstance(given, str | Path):
-        return loaded(Path(given), outside)
+        return predictor.load(given, outside)
     found: Model | ModalFit = given
     return found
 
@@ -160,8 +152,7 @@ def network_model(given: Any) -> Model:
 
 def predictions(given: Any, campaign: Campaign | str | Path, recordings: Sequence[str] | None) -> tuple[Predicted, ...]:
     """Predictions of the recordings that are drawn; see `chosen`."""
-    simulated: Iterable[Predicted] = predictor(model_of(given))(chosen(campaign, recordings))
-    return tuple(simulated)
+    return tuple(predictor.predictions(model_of(given), chosen(campaign, recordings)))
 
 
 def chosen(campaign: Campaign | str | Path, recordings: Sequence[str] | None) -> Campaign:
@@ -179,14 +170,3 @@ def chosen(campaign: Campaign | str | Path, recordings: Sequence[str] | None) ->
         raise InputRefused(f"{campaign.folder}: no output was recorded: there is nothing to compare a model with")
     kept = [known[name] for name in recordings] if recordings else list(known.values())[:MOST]
     return replace(campaign, recordings=tuple(kept))
-
-
-def under_each_other(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
-    """Tables as one; a column that a table does not have stays empty in its rows."""
-    return pd.concat(tables, ignore_index=True)
-
-
-def hide_unused(panels: Panels, used: int) -> None:
-    """Hide the panels of a grid behind the first ones."""
-    for axes in panels.reshape(-1)[used:]:
-        axes.set_visible(False)

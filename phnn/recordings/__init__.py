@@ -1,4 +1,8 @@
-"""Folders of recordings: read, checked, in SI units, with a noise floor and a use for every sample."""
+"""Folders of recordings: read, checked, in SI units, with a noise floor and a use for every sample.
+
+Whatever cannot be read or understood is refused with `phnn.errors.InputRefused`: one message that names file, column,
+row, value, cause and remedy.
+"""
 
 from phnn.recordings.describe import describe
 from phnn.recordings.reader import campaign_of, read

@@ -15,6 +15,7 @@ import zlib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import cache
 from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
@@ -24,8 +25,7 @@ from phnn.intake.files import Source
 from phnn.intake.limits import LIMITS
 from phnn.recordings.hdf5_files import datasets, is_hdf5, matlab_content
 from phnn.recordings.iddata import FIELDS, KIND, iddata_table, is_iddata, refused_object
-from phnn.recordings.stored import NUMBERS, Stored, lazily
-from phnn.recordings.table import Column, Table, Where
+from phnn.recordings.table import NUMBERS, Column, Stored, Table, Where
 from phnn.results import printable
 
 # The layout is that of MathWorks' "MAT-File Format": a header of 128 bytes, then tagged elements, matrices nested.
@@ -172,9 +172,6 @@ def read_mat(source: Source) -> Table:
     Vectors are found by name, structure fields as ``name.field``, the columns of a matrix as ``name[0]``, …, signals
     that are structures with a name, data and a unit by that name (ControlDesk, Simulink). A structure with the fields
     of an ``iddata`` brings its time and its channels besides; of an array or cells of experiments, each is a segment.
-
-    Raises:
-        InputRefused: not a .mat file, damaged, too large, without numbers, or with an object alone.
     """
     where = Where(source.name)
     content, classes = matlab_content(source) if is_hdf5(source) else _load_v5(source)
@@ -265,20 +262,12 @@ def _signal(value: Any) -> Stored | None:
 
 
 def read_hdf5(source: Source) -> Table:
-    """Return the numeric datasets of an HDF5 file, those of a group as ``group.dataset``, columns as in `read_mat`.
-
-    Raises:
-        InputRefused: not an HDF5 file, damaged, too large, leading to other files, or without numbers.
-    """
+    """Return the numeric datasets of an HDF5 file, those of a group as ``group.dataset``, columns as in `read_mat`."""
     return table_of(Where(source.name), datasets(source))
 
 
 def read_npz(source: Source) -> Table:
-    """The arrays of an archive by name, columns as in `read_mat`; those that nobody asks for are not read.
-
-    Raises:
-        InputRefused: not an archive of arrays, damaged, or without numbers.
-    """
+    """The arrays of an archive by name, columns as in `read_mat`; those that nobody asks for are not read."""
     with _readable(source, ".npz", "with numpy.savez"), source.open() as file, zipfile.ZipFile(file) as archive:
         members = [m for m in archive.infolist() if m.filename.endswith(".npy")]
         if len(members) > LIMITS.variables:
@@ -353,11 +342,7 @@ def stored_arrays(content: Mapping[str, Any], prefix: str = "") -> Iterator[Stor
 
 
 def table_of(where: Where, found: Iterable[Stored]) -> Table:
-    """Return the columns of all arrays of numbers, by name; of several of one name, the first.
-
-    Raises:
-        InputRefused: there are none.
-    """
+    """Return the columns of all arrays of numbers, by name; of several of one name, the first."""
     columns: dict[str, Column] = {}
     units: dict[str, str] = {}
     left: list[str] = []
@@ -366,7 +351,7 @@ def table_of(where: Where, found: Iterable[Stored]) -> Table:
         shape = tuple(n for n in stored.shape if n != 1)
         if stored.dtype.kind not in NUMBERS:
             continue
-        load = lazily(stored)
+        load = cache(stored.load)
         if len(shape) <= 1:
             several = {name: _column(load)}
         elif len(shape) == 2 and shape[1] <= LIMITS.columns:
@@ -388,11 +373,7 @@ def _column(load: Callable[[], np.ndarray], i: int | None = None) -> Column:
 
 
 def read_npy(source: Source) -> Table:
-    """A two-dimensional array (samples, columns), or a structured one with named fields.
-
-    Raises:
-        InputRefused: not a .npy file, damaged, or of another shape.
-    """
+    """A two-dimensional array (samples, columns), or a structured one with named fields."""
     array, most = _load_npy(source), LIMITS.columns
     if array.dtype.names:
         names = array.dtype.names
@@ -418,9 +399,6 @@ def read_axes(source: Source, axes: Sequence[str]) -> Table:
     """An array whose axes are time and any of channel, realisation and period, as of a periodic experiment.
 
     The periods of a realisation follow one another, and so do the realisations, each a segment.
-
-    Raises:
-        InputRefused: not a .npy file, damaged, or with another number of axes.
     """
     if source.suffix != ".npy":
         raise InputRefused(f"{source.name}: `axes` describe a .npy array: leave them out, or save it with numpy.save")

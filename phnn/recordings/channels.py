@@ -9,7 +9,7 @@ import numpy as np
 
 from phnn.errors import InputRefused
 from phnn.recordings import checks
-from phnn.recordings.columns import DRIVING, EMPTY, GLITCHES, Column
+from phnn.recordings.manifest import DRIVING, EMPTY, GLITCHES, Column
 from phnn.recordings.table import Table, Where
 from phnn.recordings.units import (
     QUANTITIES,
@@ -62,10 +62,6 @@ def select(table: Table, columns: Mapping[str, Column], named: Mapping[str, tupl
 
     Args:
         columns: by quantity; named: quantity and column of what has a name of its own.
-
-    Raises:
-        InputRefused: a column that is absent, ambiguous, without a unit or with an impossible one, of unequal
-            length, or with cells that are no finite numbers.
     """
     every = {**{quantity: (quantity, columns.get(quantity, Column())) for quantity in QUANTITIES}, **named}
     if not table.by_name and not table.stamps and columns.get("time", Column()).place is None:
@@ -76,7 +72,9 @@ def select(table: Table, columns: Mapping[str, Column], named: Mapping[str, tupl
     if "time" not in channels and table.stamps:
         index = table.names.index(table.stamps)
         channels["time"] = Channel(table.numbers(index), table.label(index), "s", 1.0)
-    checks.equal_lengths({f"{q} ({c.label})": c.values.size for q, c in channels.items()}, table.where)
+    if len({c.values.size for c in channels.values()}) > 1:
+        said = ", ".join(f"{q} ({c.label}) has {c.values.size}" for q, c in channels.items())
+        raise InputRefused(f"{table.where}: unequal numbers of samples: {said}: give channels of one recording")
     return channels
 
 
@@ -125,11 +123,7 @@ def _channel(table: Table, quantity: str, said: Column, name: str, spoken_for: M
 def _without_marks(
     values: np.ndarray, said: Column, label: str, where: Where, output: bool
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the numbers of a column, unwrapped and interpolated where they are masked, and (N,) bool which are.
-
-    Raises:
-        InputRefused: numbers that mark a missing value, glitches or wraps, of which the manifest says nothing.
-    """
+    """Return the numbers of a column, unwrapped and interpolated where they are masked, and (N,) bool which are."""
     marked = np.isin(values, [mark for mark in said.missing if not isinstance(mark, str)])
     if EMPTY in said.missing:
         marked |= ~np.isfinite(values)
@@ -231,11 +225,7 @@ def _by_name(table: Table, quantity: str, spoken_for: Mapping[int, Column]) -> i
 
 
 def _unit(table: Table, index: int, quantity: str, said: Column) -> tuple[str, tuple[str, ...]]:
-    """Return the unit of a column, and what is said of others: that of the manifest wins over what the file states.
-
-    Raises:
-        InputRefused: the file contradicts itself, or there is no unit.
-    """
+    """Return the unit of a column, and what is said of others: that of the manifest wins over what the file states."""
     name = table.names[index]
     named, beside, stated = stated_by_name(name, quantity), table.units.get(name), said.unit
     where = f"{table.where}: {table.label(index)}"
@@ -257,9 +247,3 @@ def _contradicts(one: str, other: str | None, quantity: str) -> bool:
     first, second = find_unit(one), find_unit(other or "")
     alike = first is None or second is None or first.si == second.si
     return suits(quantity, other) and first != second and (alike or QUANTITIES[quantity] is not None)
-
-
-def unused(table: Table, channels: Mapping[str, Channel]) -> list[str]:
-    """Header names that serve as no channel."""
-    used = {channel.label for channel in channels.values()}
-    return [name for i, name in enumerate(table.names) if name and table.label(i) not in used]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import stat
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,12 @@ from phnn.intake.limits import LIMITS, available_memory
 from phnn.recordings.table import Where
 from phnn.results import NOTES, printable
 
+_UNITS = {"voltage": "V", "displacement": "um"}
+_REMEDIES = {"time": "name one time_s, or write sample_rate_hz in recordings.yaml"} | {
+    quantity: f"name the column with its unit, such as {quantity}_{unit}, or write in recordings.yaml "
+    f"columns: {{{quantity}: {{column: ..., unit: {unit}}}}} (phnn template FOLDER prints a first one)"
+    for quantity, unit in _UNITS.items()
+}
 FEWEST_SAMPLES = 50
 # Bytes that any machine has; to ask for what is available takes time.
 _MUCH = 10**8
@@ -70,15 +76,6 @@ def no_results(folder: Path) -> None:
         )
 
 
-def file_exists(path: Path, where: str) -> None:
-    """Refuse a manifest entry whose file is absent."""
-    if not os.path.lexists(path):
-        raise InputRefused(
-            f"{where}: file {printable(path.name)[:_SHOWN]!r} is not in {printable(str(path.parent))[:_SHOWN]}: "
-            f"correct its name or remove the entry"
-        )
-
-
 def not_too_many(recordings: int, samples: int, folder: Path) -> None:
     """Refuse more recordings or samples than the limits say."""
     counts = (recordings, LIMITS.recordings, "recordings"), (samples, LIMITS.samples, "samples")
@@ -107,52 +104,11 @@ def unique_names(names: Iterable[tuple[str, str]]) -> None:
         seen[name] = file
 
 
-def input_present(found: bool, names: Sequence[str], where: Where) -> None:
-    """Refuse a file without an input column."""
-    if not found:
-        raise InputRefused(f"{where}: no voltage column{_found(names)}: {_remedy('voltage', 'V')}")
-
-
-def output_present(found: bool, names: Sequence[str], where: Where) -> None:
-    """Refuse a file without an output column."""
-    if not found:
-        raise InputRefused(f"{where}: no displacement column{_found(names)}: {_remedy('displacement', 'um')}")
-
-
-def rate_present(rate: float | None, names: Sequence[str], where: Where) -> float:
-    """The stated sample rate; refuse a file that has neither a time column nor a stated rate."""
-    if rate is None:
-        raise InputRefused(
-            f"{where}: no time column{_found(names)}: name one time_s, or write sample_rate_hz in recordings.yaml"
-        )
-    return rate
-
-
-def _found(names: Sequence[str]) -> str:
+def absent(quantity: str, names: Sequence[str], where: Where) -> InputRefused:
+    """Return the refusal of a file without a column that is needed."""
     listed = [name for name in names if name]
-    return f" (columns found: {', '.join(listed[:12])})" if listed else " (the columns have no names)"
-
-
-def _remedy(quantity: str, unit: str) -> str:
-    return (
-        f"name the column with its unit, such as {quantity}_{unit}, or write in recordings.yaml "
-        f"columns: {{{quantity}: {{column: ..., unit: {unit}}}}} (phnn template FOLDER prints a first one)"
-    )
-
-
-def equal_lengths(lengths: Mapping[str, int], where: Where) -> None:
-    """Refuse channels of unequal length."""
-    if len(set(lengths.values())) > 1:
-        said = ", ".join(f"{label} has {n}" for label, n in lengths.items())
-        raise InputRefused(f"{where}: unequal numbers of samples: {said}: give channels of one recording")
-
-
-def slice_inside(bounds: tuple[int, int], size: int, where: Where) -> None:
-    """Refuse a slice that leaves the file."""
-    if bounds[1] > size:
-        raise InputRefused(
-            f"{where}: slice {list(bounds)} reaches beyond the file's {size} samples: correct it in recordings.yaml"
-        )
+    found = f"columns found: {', '.join(listed[:12])}" if listed else "the columns have no names"
+    return InputRefused(f"{where}: no {quantity} column ({found}): {_REMEDIES[quantity]}")
 
 
 def enough_samples(size: int, where: Where) -> None:
@@ -202,15 +158,6 @@ def interval(dt: float, where: Where) -> None:
             f"{where}: samples {dt:.3g} s apart, between {least:g} s and {most:g} s are accepted: correct the unit of "
             f"time, or the sample rate"
         )
-
-
-def no_gap(i: int, steps: np.ndarray, usual: float, row: str, where: Where) -> None:
-    """Refuse the i-th interval, a gap over which nobody knows the input."""
-    raise InputRefused(
-        f"{where}: time, {row}: a gap of {steps[i]:.6g} s where samples are {usual:.6g} s apart: split the file there, "
-        f"or in recordings.yaml say `segments: true`, take one side of it with `slice`, or say `input: zero_order` "
-        f"where the input was held"
-    )
 
 
 def output_moves(y: np.ndarray, label: str, where: Where) -> None:

@@ -11,11 +11,10 @@ import numpy as np
 
 from phnn.errors import InputRefused
 from phnn.recordings import checks
-from phnn.recordings.channels import Channel, select, unused
-from phnn.recordings.columns import Column
+from phnn.recordings.channels import Channel, select
 from phnn.recordings.driving import with_declared
 from phnn.recordings.excitation import Excitation, excitation_of
-from phnn.recordings.manifest import Entry, Manifest
+from phnn.recordings.manifest import Column, Entry, Manifest
 from phnn.recordings.recording import ACTUATOR, Recording, Start, Units, drive_of, is_actuator
 from phnn.recordings.sampling import evenly, interpolated, own_rows, stamped
 from phnn.recordings.sensor import PLAIN, Sensor, check_unit_of_limits
@@ -33,14 +32,14 @@ def segmented(entry: Entry, channels: Mapping[str, Channel], table: Table) -> li
     """An entry for every recording in its file, each with its slice and, where there are several, a number.
 
     The slice of an array with axes is taken of every realisation.
-
-    Raises:
-        InputRefused: a slice that leaves the file, samples that do not make whole segments, or no time to tell them by.
     """
     size, where = next(iter(channels.values())).values.size, table.where
     one = size // table.shape[0] if table.shape else size
     first, last = entry.slice or (0, one)
-    checks.slice_inside((first, last), one, where)
+    if last > one:
+        raise InputRefused(
+            f"{where}: slice {[first, last]} reaches beyond the file's {one} samples: correct it in recordings.yaml"
+        )
     pieces = [(i + first, i + last) for i in range(0, max(size, 1), max(one, 1))]
     counted = entry.segments is not False and not table.shape
     if counted or table.segments:
@@ -156,9 +155,6 @@ def drafts_of(entry: Entry, table: Table, said: Manifest, need_output: bool, hom
         entry: what is said about the table; said: about all.
         need_output: refuse a table without an output.
         home: where the table comes from, for messages.
-
-    Raises:
-        InputRefused: with one message naming file, column, row, value, cause and remedy.
     """
     named = {n: ("input", c) for n, c in entry.ports.items()} | {n: ("output", c) for n, c in entry.outputs.items()}
     channels = select(table, entry.columns, named)
@@ -229,11 +225,12 @@ def _draft(
     )  # fmt: skip
     recording = with_declared(recording, entry.jumps_at_s, entry.rise_time_s)
     what = ", ".join(f"{q} from {c.label} in {c.unit}" for q, c in channels.items())
-    spare = unused(table, channels)
+    used = {channel.label for channel in channels.values()}
+    spare = [n for i, n in enumerate(table.names) if n and table.label(i) not in used]
     if spare and not table.by_name:
         notes.append(f"columns not used: {', '.join(spare)}")
-    used = [note for q in (*roles, *ports) if q is not None for note in channels[q].notes]
-    sentences = tuple(f"{recording.name}: {n}." for n in (*notes, *used, *table.notes))
+    notes += [note for q in (*roles, *ports) if q is not None for note in channels[q].notes]
+    sentences = tuple(f"{recording.name}: {n}." for n in (*notes, *table.notes))
     return Draft(recording, floor, excitation, entry.use, what, sentences)
 
 
@@ -326,9 +323,8 @@ def _roles(
     inputs = [q for q in (["voltage"] if actuator else ["input", "voltage", "force"]) if q in channels]
     asked = list(entry.outputs) or (["displacement"] if actuator else ["output", "displacement"])
     outputs: list[str | None] = [q for q in asked if q in channels]
-    checks.input_present(bool(inputs), table.names, table.where)
-    if need_output:
-        checks.output_present(bool(outputs), table.names, table.where)
+    if not inputs or (need_output and not outputs):
+        raise checks.absent("displacement" if inputs else "voltage", table.names, table.where)
     return inputs[0], (outputs if entry.outputs else outputs[:1]) or [None]
 
 
@@ -338,12 +334,14 @@ def _sampled(
     """Return the instants and the channels, cut to the slice, at which rows each was sampled, and notes."""
     assert entry.slice is not None
     first, last = entry.slice
-    where = table.where.after(first)
+    where = replace(table.where, offset=table.where.offset + first)
     values = {q: c.values[first:last] for q, c in channels.items() if q != "time"}
     own = {q: c.own[first:last] for q, c in channels.items() if c.own is not None}
     checks.enough_samples(last - first, where)
     if "time" not in channels:
-        dt = 1.0 / checks.rate_present(entry.sample_rate_hz, table.names, table.where)
+        if entry.sample_rate_hz is None:
+            raise checks.absent("time", table.names, table.where)
+        dt = 1.0 / entry.sample_rate_hz
         checks.interval(dt, table.where)
         return dt * np.arange(last - first), values, own, where, []
     time = channels["time"]

@@ -18,28 +18,25 @@ from phnn.errors import InputRefused
 from phnn.intake.files import Source, list_folder, named_file
 from phnn.intake.limits import LIMITS
 from phnn.recordings import checks
-from phnn.recordings.adapters.collected import given_frame
 from phnn.recordings.array_files import read_hdf5, read_mat, read_npy, read_npz
 from phnn.recordings.json_files import NoRecording, read_json
-from phnn.recordings.lines import Lines
 from phnn.recordings.manifest import Entry, Manifest
+from phnn.recordings.memory import given_frame
 from phnn.recordings.sampling import merged
 from phnn.recordings.table import Table, Where
-from phnn.recordings.text_files import looks_like_numbers, read_text, table_of_lines
+from phnn.recordings.text_files import Lines, looks_like_numbers, read_text, table_of_lines
 from phnn.recordings.units import parse_name
 from phnn.results import printable
 
+# Characters of a path in a message.
+_SHOWN = 200
 # Bytes before the content of a segment, and the flag of its first byte order.
 _LEAD_IN, _BIG_ENDIAN, _UNCLOSED = 28, 1 << 6, b"\xff" * 8
 _INTERVAL, _START, _OFFSET, _UNIT = "wf_increment", "wf_start_time", "wf_start_offset", "unit_string"
 
 
 def read_tdms(source: Source) -> Table:
-    """The numeric channels as ``group.channel``, with their units; waveforms of one interval bring their time.
-
-    Raises:
-        InputRefused: the package npTDMS is missing, the file is damaged or too large, or has no numeric channels.
-    """
+    """The numeric channels as ``group.channel``, with their units; waveforms of one interval bring their time."""
     with _by_package(source, "npTDMS", "'phnn[tdms]'", "export it again"):
         from nptdms import TdmsFile
 
@@ -149,11 +146,7 @@ def _closed(source: Source) -> bool:
 
 
 def read_sheet(source: Source) -> Table:
-    """Return the columns of the first sheet of a workbook, whose rows are read as those of a text are.
-
-    Raises:
-        InputRefused: pandas lacks the package openpyxl, the file is damaged or too large, or as `read_text`.
-    """
+    """Return the columns of the first sheet of a workbook, whose rows are read as those of a text are."""
     with _by_package(source, "openpyxl"):
         import pandas as pd
 
@@ -165,11 +158,7 @@ def read_sheet(source: Source) -> Table:
 
 
 def read_parquet(source: Source) -> Table:
-    """Return the columns of a parquet file, with its index where that is a time.
-
-    Raises:
-        InputRefused: pandas lacks the package pyarrow, the file is damaged or too large.
-    """
+    """Return the columns of a parquet file, with its index where that is a time."""
     with _by_package(source, "pyarrow"):
         import pandas as pd
 
@@ -177,7 +166,7 @@ def read_parquet(source: Source) -> Table:
         with source.open() as file:
             said = parquet.ParquetFile(file).metadata
             source.check_memory(8 * said.num_rows * said.num_columns, unpacked=True)
-            return replace(given_frame(pd.read_parquet(file)).table, where=Where(source.name))
+            return replace(given_frame(pd.read_parquet(file))[1], where=Where(source.name))
 
 
 @contextmanager
@@ -238,7 +227,12 @@ class Files:
             where = said.path.name if said.path is not None else "recordings.yaml"
             paths = [(i, self.home / file) for i, entry in enumerate(said.entries) for file in entry.files]
             for i, path in paths:
-                checks.file_exists(path, f"{where}: recordings[{i}]")
+                if not os.path.lexists(path):
+                    name, home = printable(path.name)[:_SHOWN], printable(str(path.parent))[:_SHOWN]
+                    raise InputRefused(
+                        f"{where}: recordings[{i}]: file {name!r} is not in {home}: correct its name or remove the "
+                        f"entry"
+                    )
                 reader_of(path)
             listed = {os.path.realpath(path) for _, path in paths}
             return list(said.entries), [_shown(p) for p in present if os.path.realpath(p) not in listed]

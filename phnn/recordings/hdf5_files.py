@@ -15,7 +15,7 @@ import numpy as np
 from phnn.errors import InputRefused
 from phnn.intake.files import OUTSIDE, Source
 from phnn.intake.limits import LIMITS
-from phnn.recordings.stored import Stored
+from phnn.recordings.table import Stored
 from phnn.results import printable
 
 # Bytes of an HDF5 superblock up to the length of the file, whatever its version; bytes that are looked at together.
@@ -37,11 +37,7 @@ def is_hdf5(source: Source) -> bool:
 
 
 def datasets(source: Source) -> list[Stored]:
-    """Return all datasets of a file that hold numbers, fields of tables as ``dataset.field``.
-
-    Raises:
-        InputRefused: damaged, or with parts in other files.
-    """
+    """Return all datasets of a file that hold numbers, fields of tables as ``dataset.field``."""
     return _read(source, lambda file: [s for found in _walk(file, source) for s in _stored(source, *found)], False)
 
 
@@ -49,9 +45,6 @@ def matlab_content(source: Source) -> tuple[dict[str, Any], list[tuple[str, str]
     """Return the variables of a MATLAB file of version 7.3, and names and classes of its objects.
 
     Structures are mappings, arrays of structures and cells are lists, texts are texts, numbers are `Stored`.
-
-    Raises:
-        InputRefused: as `datasets`.
     """
 
     def content(file: Any) -> tuple[dict[str, Any], list[tuple[str, str]]]:
@@ -92,8 +85,8 @@ def _walk(file: Any, source: Source) -> Iterator[tuple[str, Any]]:
 
     def visit(name: str, link: Any) -> ValueError | None:
         # What is returned ends the walk; what is raised would be lost within the library.
-        if name.count("/") >= LIMITS.groups:
-            return ValueError(f"groups more than {LIMITS.groups} levels deep")
+        if name.count("/") >= LIMITS.depth:
+            return ValueError(f"groups more than {LIMITS.depth} levels deep")
         if isinstance(link, h5py.ExternalLink) and not source.outside:
             return _Outside(f"/{name} is a link to the file {printable(str(link.filename))!r}")
         found[name] = link
@@ -173,7 +166,7 @@ def _decoded(source: Source, file: Any, path: str, item: Any, depth: int) -> Any
     """Return a variable of MATLAB as `matlab_content` says; None where it is of no known kind."""
     import h5py
 
-    if depth > LIMITS.groups:
+    if depth > LIMITS.depth:
         return None
     if isinstance(item, h5py.Group):
         fields = {n: item[n] for n in item}

@@ -6,7 +6,7 @@ The object itself cannot be read: its content lies in an undocumented part of th
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -39,88 +39,60 @@ def refused_object(where: Where, variable: str) -> InputRefused:
     )
 
 
-class _Experiment(NamedTuple):
-    """One experiment: (N, inputs) and (N, outputs) samples, and (N,) time in the unit of the structure."""
-
-    inputs: np.ndarray
-    outputs: np.ndarray
-    time: np.ndarray
-
-
 def iddata_table(where: Where, fields: Mapping[str, Any]) -> Table:
     """Time, inputs and outputs of an ``iddata``; each experiment is a segment.
 
     Channels that have no name of a quantity are called voltage and displacement where their units are such, else input
     and output, if there is one of each; several keep their names.
-
-    Raises:
-        InputRefused: data in the frequency domain, without sampling times, or whose experiments do not agree.
     """
     if _texts(fields.get("Domain"))[:1] not in ([], ["Time"]):
         raise InputRefused(f"{where}: iddata in the frequency domain: save the samples over time")
     experiments = _experiments(where, fields)
-    channels = _names(fields, experiments[0])
-    if any((e.inputs.shape[1], e.outputs.shape[1]) != channels.counts for e in experiments):
+    counts = {(inputs.shape[1], outputs.shape[1]) for inputs, outputs, _ in experiments}
+    if len(counts) > 1:
         raise InputRefused(f"{where}: the experiments of the iddata have different channels: save them one by one")
     unit = (_texts(fields.get("TimeUnit")) or ["seconds"])[0]
-    columns = {f"time [{unit}]": np.concatenate([e.time for e in experiments])}
-    both = np.concatenate([np.hstack([e.inputs, e.outputs]) for e in experiments])
-    columns |= dict(zip(channels.names, both.T, strict=True))
-    edges = np.cumsum([e.time.size for e in experiments])[:-1]
-    return Table(
-        where,
-        tuple(columns),
-        tuple(columns.values()),
-        True,
-        _notes(fields),
-        segments=tuple(int(edge) for edge in edges),
-    )
+    columns = {f"time [{unit}]": np.concatenate([time for _, _, time in experiments])}
+    both = np.concatenate([np.hstack([inputs, outputs]) for inputs, outputs, _ in experiments])
+    columns |= dict(zip(_names(fields, counts.pop()), both.T, strict=True))
+    segments = tuple(np.cumsum([time.size for _, _, time in experiments])[:-1].tolist())
+    return Table(where, tuple(columns), tuple(columns.values()), True, _notes(fields), segments=segments)
 
 
-def _experiments(where: Where, fields: Mapping[str, Any]) -> list[_Experiment]:
+def _experiments(where: Where, fields: Mapping[str, Any]) -> list[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """(N, inputs) and (N, outputs) samples, and (N,) time in the unit of the structure, of every experiment."""
     outputs, inputs = _cells(fields["OutputData"]), _cells(fields["InputData"])
     if len(outputs) != len(inputs):
         raise InputRefused(f"{where}: {len(inputs)} inputs and {len(outputs)} outputs of experiments: save it again")
-    count = len(outputs)
-    steps, starts, instants = (_each(fields.get(n), count) for n in ("Ts", "Tstart", "SamplingInstants"))
+    several = (_each(fields.get(n), len(outputs)) for n in ("Ts", "Tstart", "SamplingInstants"))
     found = []
-    for u, y, step, start, at in zip(map(_matrix, inputs), map(_matrix, outputs), steps, starts, instants, strict=True):
+    for u, y, step, start, at in zip(map(_matrix, inputs), map(_matrix, outputs), *several, strict=True):
         size = y.shape[0]
         u = u if u.size else np.empty((size, 0))
         if step is not None and step.size == 1:
-            time = (start.flat[0] if start is not None and start.size == 1 else step.flat[0]) + step.flat[
-                0
-            ] * np.arange(size)
+            first = start if start is not None and start.size == 1 else step
+            time = first.flat[0] + step.flat[0] * np.arange(size)
         elif at is not None and at.size == size:
             time = at.ravel()
         else:
             raise InputRefused(f"{where}: the iddata has neither Ts nor SamplingInstants: set data.Ts, in seconds")
         if u.shape[0] != size:
             raise InputRefused(f"{where}: {u.shape[0]} samples of the input, {size} of the output: save it again")
-        found.append(_Experiment(u, y, np.asarray(time, dtype=float)))
+        found.append((u, y, np.asarray(time, dtype=float)))
     return found
 
 
-class _Names(NamedTuple):
-    """Names of all channels, inputs first, and how many of each there are."""
-
-    names: list[str]
-    counts: tuple[int, int]
-
-
-def _names(fields: Mapping[str, Any], one: _Experiment) -> _Names:
-    counts = (one.inputs.shape[1], one.outputs.shape[1])
-    units = [_padded(fields.get(f"{side}Unit"), n, "") for side, n in zip(("Input", "Output"), counts, strict=True)]
-    names = [
-        _padded(fields.get(f"{side}Name"), n, side[0].lower())
-        for side, n in zip(("Input", "Output"), counts, strict=True)
-    ]
+def _names(fields: Mapping[str, Any], counts: tuple[int, int]) -> list[str]:
+    """Names of all channels, with their units, inputs first."""
+    sides = tuple(zip(("Input", "Output"), counts, strict=True))
+    units = [_padded(fields.get(f"{side}Unit"), n, "") for side, n in sides]
+    names = [_padded(fields.get(f"{side}Name"), n, side[0].lower()) for side, n in sides]
     if counts == (1, 1):
         actuator = suits("voltage", units[0][0]) and suits("displacement", units[1][0])
         plain = ("voltage", "displacement") if actuator else ("input", "output")
         names = [[n[0] if parse_name(n[0]) else word] for n, word in zip(names, plain, strict=True)]
-    flat = [(n, u) for some, of in zip(names, units, strict=True) for n, u in zip(some, of, strict=True)]
-    return _Names([f"{n} [{u}]" if u and (parse_name(n) or ("", None))[1] is None else n for n, u in flat], counts)
+    pairs = zip(names[0] + names[1], units[0] + units[1], strict=True)
+    return [f"{n} [{u}]" if u and (parse_name(n) or ("", None))[1] is None else n for n, u in pairs]
 
 
 def _padded(value: Any, count: int, prefix: str) -> list[str]:

@@ -11,8 +11,8 @@ import numpy as np
 from phnn.errors import InputRefused
 from phnn.intake.files import Source
 from phnn.intake.limits import LIMITS
-from phnn.recordings.lines import read_content
 from phnn.recordings.table import Table, Where
+from phnn.recordings.text_files import read_content
 from phnn.results import printable
 
 # A text takes at most so many times its size while it is read: an object of 32 bytes for each "0,", and itself.
@@ -67,8 +67,8 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 def _columns(content: Any, prefix: str, depth: int, left: list[str]) -> Iterator[tuple[str, np.ndarray]]:
     """Yield names and numbers of all arrays; ``left`` takes the names of what is none."""
-    if depth > LIMITS.groups:
-        raise ValueError(f"objects more than {LIMITS.groups} levels deep: {_REMEDY}")
+    if depth > LIMITS.depth:
+        raise ValueError(f"objects more than {LIMITS.depth} levels deep: {_REMEDY}")
     if isinstance(content, dict):
         for key, value in content.items():
             name = prefix + printable(key[: LIMITS.name_characters])

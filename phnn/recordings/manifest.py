@@ -13,11 +13,108 @@ from phnn.errors import InputRefused
 from phnn.intake.files import named_file
 from phnn.intake.limits import LIMITS
 from phnn.intake.yaml_file import load_yaml
-from phnn.recordings.columns import Column, axes_of, columns_of, named_of, variables_of
 from phnn.recordings.recording import Anchor, Start
 from phnn.recordings.sensor import PLAIN, Sensor, sensor_of
-from phnn.recordings.units import find_unit
+from phnn.recordings.units import QUANTITIES, check_unit, find_unit
 from phnn.recordings.values import choice, flag, keys_of, label, mapping, number, shown, text
+
+DRIVING = ("input", "voltage", "force")
+GAINS = ("known", "unknown")
+# What may be missing beside numbers: cells without a number, and single samples far off their neighbours.
+EMPTY, GLITCHES = "empty", "glitches"
+AXES = ("time", "channel", "realisation", "period")
+
+
+@dataclass(frozen=True)
+class Column:
+    """Where a quantity is found and how it is read: SI value = unit(scale × number).
+
+    Attributes:
+        gain: ``"unknown"`` where the number is proportional to what drives the system by an unknown factor.
+        unwrap: the number by which a counter or an angle starts again, None where it does not.
+        missing: numbers that mark a missing value; `EMPTY` for empty cells, `GLITCHES` for single samples far off.
+    """
+
+    place: int | str | None = None
+    unit: str | None = None
+    scale: float = 1.0
+    gain: str = "known"
+    unwrap: float | None = None
+    missing: tuple[float | str, ...] = ()
+
+
+def columns_of(value: Any, inherited: Mapping[str, Column], where: str) -> dict[str, Column]:
+    """Columns by quantity, laid over inherited ones."""
+    content = mapping(value, where)
+    keys_of(content, QUANTITIES, where)
+    columns = dict(inherited)
+    for quantity, said in content.items():
+        columns[quantity] = _column(said, columns.get(quantity, Column()), quantity, f"{where}: {quantity}")
+    return columns
+
+
+def variables_of(value: Any, inherited: Mapping[str, Column], where: str) -> dict[str, Column]:
+    """Names of variables. Places given elsewhere no longer count (they describe other files), units still do."""
+    content = mapping(value, where)
+    columns = {quantity: replace(column, place=None) for quantity, column in inherited.items()}
+    return columns_of(content, columns, where)
+
+
+def named_of(value: Any, quantity: str, where: str) -> dict[str, Column]:
+    """Columns by the name of a port or a storage."""
+    content = {label(n, where): said for n, said in mapping(value, where).items()}
+    columns = {n: _column(said, Column(), quantity, f"{where}: {n}") for n, said in content.items()}
+    for name, column in columns.items():
+        if name in QUANTITIES or column.place is None:
+            cause = "is the name of a quantity" if name in QUANTITIES else "has no column"
+            raise InputRefused(
+                f"{where}: {shown(name)} {cause}: write NAME: {{column: ..., unit: ...}}, NAME of the network's"
+            )
+    return columns
+
+
+def axes_of(value: Any, where: str) -> tuple[str, ...]:
+    """What the axes of an array are."""
+    axes = tuple(choice(v, AXES, where) for v in value) if isinstance(value, list) else ()
+    if "time" not in axes or len(set(axes)) < len(axes):
+        raise InputRefused(
+            f"{where}: {shown(value)}: list the axes of the array in order, each once: {', '.join(AXES)}"
+        )
+    return axes
+
+
+def _column(said: Any, inherited: Column, quantity: str, where: str) -> Column:
+    if isinstance(said, (int, str)) and not isinstance(said, bool):
+        said = {"column": said}
+    content = mapping(said, where)
+    keys_of(
+        content, ("column", "unit", "scale", "unwrap", "missing", *(("gain",) if quantity in DRIVING else ())), where
+    )
+    column = inherited
+    if "column" in content:
+        place = content["column"]
+        if isinstance(place, bool) or not isinstance(place, (int, str)) or (isinstance(place, int) and place < 0):
+            raise InputRefused(
+                f"{where}: column {shown(place)} is neither an index from 0 on nor a name: give one of them"
+            )
+        column = replace(column, place=place)
+    if "unit" in content:
+        column = replace(column, unit=check_unit(quantity, str(content["unit"]), where))
+    if "gain" in content:
+        column = replace(column, gain=choice(content["gain"], GAINS, f"{where}: gain"))
+    if "unwrap" in content:
+        column = replace(column, unwrap=number(content["unwrap"], f"{where}: unwrap", above=0.0))
+    if "missing" in content:
+        said = content["missing"] if isinstance(content["missing"], list) else [content["missing"]]
+        marks = tuple(v if v in (EMPTY, GLITCHES) else number(v, f"{where}: missing") for v in said)
+        column = replace(column, missing=marks)
+    if "scale" in content:
+        scale = number(content["scale"], f"{where}: scale")
+        if scale == 0.0:
+            raise InputRefused(f"{where}: scale 0 would erase the column: give the factor from number to {quantity}")
+        column = replace(column, scale=scale)
+    return column
+
 
 # Ready models; their networks stand in phnn/models/ready.yaml, but for the actuator's.
 READY = (
@@ -35,7 +132,8 @@ _SHARED = (
     "columns", "variables", "sample_rate_hz", "start", "periodic", "input", "rise_time_s", "segments", "ports",
     "outputs", "axes", "sensor", "offset",
 )  # fmt: skip
-_TOP = ("setup", "known", "voltage", *_SHARED, "recordings")
+# What a manifest may say of the whole folder.
+TOP_KEYS = ("setup", "known", "voltage", *_SHARED, "recordings")
 _EACH = (*_SHARED, "jumps_at_s", "slice", "use", "file", "name")
 
 
@@ -49,7 +147,7 @@ class Entry:
             is given, so many samples each.
         beside: further files whose columns stand beside those of the first.
         ports: inputs at further ports of the network; outputs: several outputs, by the storage that is measured.
-        axes: what the axes of an array are, of `phnn.recordings.columns.AXES`.
+        axes: what the axes of an array are, of `AXES`.
         sensor: what is known of the sensor; offset: whether the zero of the output is its own or shared.
     """
 
@@ -93,8 +191,6 @@ class Manifest:
 # What may stand in the place of a number of hysterons: the recordings choose, or another form of hysteresis.
 HYSTERESES = ("auto", "distributed", "bouc_wen", "duhem")
 DEFAULT_SETUP: Mapping[str, Any] = {"model": "piezo_actuator", "hysterons": 2}
-# What a manifest may say of the whole folder.
-TOP_KEYS = frozenset(_TOP)
 
 
 def load_manifest(folder: Path, path: Path | None, outside: bool = False) -> Manifest:
@@ -124,12 +220,9 @@ def manifest_of(
         content: plain values.
         name: of the manifest, for messages; path: of its file.
         homes: folders in which a network file may lie; outside: it may also lie elsewhere.
-
-    Raises:
-        InputRefused: something is not understood.
     """
     top = mapping({} if content is None else content, name)
-    keys_of(top, _TOP, name)
+    keys_of(top, TOP_KEYS, name)
     common = _entry({key: top[key] for key in _SHARED if key in top}, Entry(), name)
     listed = top.get("recordings")
     entries = None if listed is None else _entries(listed, common, name)

@@ -62,11 +62,7 @@ def candidate_of(recording: Recording, excitation: Excitation, use: str | None =
 
 
 def divide(candidates: Sequence[Candidate]) -> tuple[Mapping[str, tuple[Part, ...]], bool, tuple[str, ...]]:
-    """The parts of every recording by name, whether the held-out ones are new, and notes.
-
-    Raises:
-        InputRefused: the manifest keeps nothing for identification.
-    """
+    """The parts of every recording by name, whether the held-out ones are new, and notes."""
     if all(c.use == "confirmation" for c in candidates):
         raise InputRefused(
             "recordings.yaml: every recording has use: confirmation, nothing is left to identify from: "
@@ -86,7 +82,9 @@ def divide(candidates: Sequence[Candidate]) -> tuple[Mapping[str, tuple[Part, ..
     if not held:
         note += " No result can be confirmed on recordings that were not used."
     parts_by_name = {c.name: whole_parts(c, c.name in held) for c in candidates}
-    new = brings_new([c for c in candidates if c.name in held], [c for c in candidates if c.name not in held])
+    kept = [c for c in candidates if c.name not in held]
+    # Whether some held-out recording differs from every other one in amplitude, frequency or kind.
+    new = any(not any(_alike(c, k) for k in kept) for c in candidates if c.name in held)
     if held:
         note += f" They bring {'an' if new else 'no'} amplitude or frequency that identification lacks."
     return parts_by_name, new, (note,)
@@ -143,17 +141,12 @@ def choose(candidates: Sequence[Candidate]) -> set[str]:
             break  # a smaller set serves better than one that takes the last chirp or extreme away
         group = [c for c in free if rank[c.name] == level]
         group.sort(key=lambda c: (c.excitation.frequency, c.excitation.amplitude, c.name))
-        held += _spread_over(group, wanted - len(held))
+        count = min(wanted - len(held), len(group))
+        # Evenly over the sorted group.
+        held += [group[int((i + 0.5) * len(group) / count)] for i in range(count)]
         if len(held) >= wanted:
             break
     return {c.name for c in held}
-
-
-def _spread_over(group: Sequence[Candidate], count: int) -> list[Candidate]:
-    """``count`` members evenly over a sorted group."""
-    if count >= len(group):
-        return list(group)
-    return [group[int((i + 0.5) * len(group) / count)] for i in range(count)]
 
 
 def _worth_keeping(one: Candidate, everyone: Sequence[Candidate]) -> int:
@@ -199,8 +192,3 @@ def _alike(a: Candidate, b: Candidate) -> bool:
 
 def _near(a: float, b: float) -> bool:
     return abs(a - b) <= _SAME * max(abs(a), abs(b))
-
-
-def brings_new(held: Sequence[Candidate], kept: Sequence[Candidate]) -> bool:
-    """Whether some held-out recording differs from every kept one in amplitude, frequency or kind."""
-    return any(not any(_alike(c, k) for k in kept) for c in held)

@@ -12,13 +12,13 @@ from scipy.stats import chi2, norm
 
 from phnn.errors import InputRefused
 from phnn.recordings import checks
-from phnn.recordings.adapters import described, given
 from phnn.recordings.array_files import read_axes
 from phnn.recordings.draft import Draft, drafts_of
 from phnn.recordings.folder import READERS, Files
 from phnn.recordings.manifest import Entry, Manifest, load_manifest, manifest_of
+from phnn.recordings.memory import described, given
 from phnn.recordings.partition import candidate_of, divide, whole_parts
-from phnn.recordings.recording import IN_MEMORY, Campaign, Part, Recording, is_actuator
+from phnn.recordings.recording import IN_MEMORY, Campaign, Recording, is_actuator
 from phnn.recordings.table import Table, beside
 from phnn.results import printable
 from phnn.signals.first_order import correlation_of, density
@@ -190,11 +190,7 @@ def read(
 
 
 def campaign_of(recorded: Campaign | str | Path | Any, *, need_output: bool = True) -> Campaign:
-    """A campaign as it is; a folder, and what else `read` takes, is read.
-
-    Raises:
-        InputRefused: it cannot be read.
-    """
+    """A campaign as it is; a folder, and what else `read` takes, is read."""
     return recorded if isinstance(recorded, Campaign) else read(recorded, need_output=need_output)
 
 
@@ -230,7 +226,9 @@ def _campaign(
         drafts += drafts_of(entry, table, said, need_output, home)
         checks.not_too_many(len(drafts), sum(d.recording.t.size for d in drafts), home)
     checks.unique_names((d.recording.name, d.recording.source) for d in drafts)
-    parts, new, notes = _divided(drafts, need_output)
+    candidates = [candidate_of(d.recording, d.excitation, d.use) for d in drafts]
+    whole = {c.name: whole_parts(c, True) for c in candidates}
+    parts, new, notes = divide(candidates) if need_output else (whole, False, ())
     recordings = tuple(
         replace(
             d.recording, parts=parts[d.recording.name], noise=f.value, noise_source=f.source,
@@ -255,13 +253,6 @@ def _table(files: Files, entry: Entry) -> Table:
 def _kind(recording: Recording) -> tuple[str, str, float]:
     """Recordings of one output at one rate are taken to have one sensor and one amplifier."""
     return recording.measures, recording.units.output, float(f"{recording.dt:.9g}")
-
-
-def _divided(drafts: list[Draft], need_output: bool) -> tuple[Mapping[str, tuple[Part, ...]], bool, tuple[str, ...]]:
-    candidates = [candidate_of(d.recording, d.excitation, d.use) for d in drafts]
-    if not need_output:
-        return {c.name: whole_parts(c, True) for c in candidates}, False, ()
-    return divide(candidates)
 
 
 def _extent(recordings: tuple[Recording, ...]) -> str:

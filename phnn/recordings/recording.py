@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -10,6 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from phnn.html import table, titled
+from phnn.parameters import quantity
 from phnn.recordings.sensor import PLAIN, Sensor
 from phnn.signals.noise import AS_WHITE
 
@@ -267,10 +270,25 @@ class Campaign:
         names = ", ".join(r.name for r in self.recordings[:_SHOWN]) + (", …" if len(self.recordings) > _SHOWN else "")
         return f"<Campaign {self.folder}: {len(self.recordings)} recordings ({names}); phnn.describe tells more>"
 
+    def _repr_html_(self) -> str:
+        head = ("recording", "use", "samples", "rate (Hz)", "input", "output", "noise rms")
+        rows = (
+            (r.name, ", ".join(dict.fromkeys(p.use for p in r.parts)), r.t.size, 1.0 / r.dt, _span(r.u, r.units.input),
+             _span(r.y, r.units.output), quantity(r.noise, r.units.output) if r.noise_found else None)
+            for r in self.recordings
+        )  # fmt: skip
+        return titled(f"Campaign {self.folder}", table(head, rows))
+
     @property
     def inputs(self) -> list[Path]:
         """Folders that results must not be written into, as they were read from."""
         return [] if self.in_memory else [Path(self.folder)]
+
+
+def _span(x: np.ndarray, unit: str) -> str:
+    """Return the range of a signal with its unit; empty where nothing was recorded."""
+    known = x[np.isfinite(x)]
+    return f"{quantity(float(known.min()), unit)} to {quantity(float(known.max()), unit)}" if known.size else ""
 
 
 def is_actuator(setup: Mapping[str, Any]) -> bool:
@@ -286,3 +304,19 @@ def dominant_frequency(recording: Recording) -> float:
     spectrum = np.abs(np.fft.rfft(u * np.hanning(u.size)))
     peak = int(np.argmax(spectrum[1:])) + 1
     return peak / (u.size * recording.dt)
+
+
+def digest(campaign: Campaign) -> str:
+    """SHA-256, in hexadecimal, of all that fits and scores see of the recordings: samples, uses, starts, anchors."""
+    found = hashlib.sha256()
+    for r in campaign.recordings:
+        facts = (r.name, r.start, r.interpolation, r.parts, r.noise, r.period, r.units, r.measures, r.rise)
+        known = (r.sensor, r.offset, r.gain, r.instants_declared)
+        found.update(repr((*facts, *known, sorted(r.channels), sorted(r.further))).encode())
+        others = [values for _, values in (*sorted(r.channels.items()), *sorted(r.further.items()))]
+        instants = [] if r.instants is None else [r.instants]
+        seen = [] if r.seen is None else [r.seen]
+        for values in (r.t, r.u, r.y, r.noise_correlation, *others, *instants, *seen):
+            found.update(np.ascontiguousarray(values).tobytes())
+    found.update(repr((sorted(campaign.setup.items()), sorted(campaign.known.items()))).encode())
+    return found.hexdigest()

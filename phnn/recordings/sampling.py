@@ -54,9 +54,6 @@ def stamped(t: Array, resolution: float, channels: Mapping[str, Array], where: W
         channels: (N,) SI values.
         where: for messages.
         held: the inputs are held between rows, so that an interval may have any length.
-
-    Raises:
-        InputRefused: rows of one time differ, time goes back farther than rows can be swapped, gaps.
     """
     if t.size % 2 == 0 and t.size > 2 and np.array_equal(t[::2], t[1::2]) and (np.diff(t[::2]) > 0.0).all():
         # An oscilloscope keeps the extremes of every interval.
@@ -72,7 +69,12 @@ def stamped(t: Array, resolution: float, channels: Mapping[str, Array], where: W
     gap = np.flatnonzero(steps > _GAP * usual)
     unknown = gap[steps[gap] > _BRIDGED * usual]
     if unknown.size and not held:
-        checks.no_gap(int(unknown[0]), steps, usual, where.row(int(rows[unknown[0] + 1])), where)
+        first = int(unknown[0])
+        raise InputRefused(
+            f"{where}: time, {where.row(int(rows[first + 1]))}: a gap of {steps[first]:.6g} s where samples are "
+            f"{usual:.6g} s apart: split the file there, or in recordings.yaml say `segments: true`, take one side of "
+            f"it with `slice`, or say `input: zero_order` where the input was held"
+        )
     if gap.size:
         how = "held" if held else "interpolated"
         notes += (
@@ -184,9 +186,6 @@ def merged(
 
     Args:
         channels: (n,) absolute times [s] and values by name.
-
-    Raises:
-        InputRefused: they were not recorded at the same time.
     """
     first, last = max(t[0] for t, _ in channels.values()), min(t[-1] for t, _ in channels.values())
     least = min(float(np.median(np.diff(t))) for t, _ in channels.values() if t.size > 1)

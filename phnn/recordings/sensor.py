@@ -74,11 +74,7 @@ _DERIVATIVES = ("derivative", "second_derivative")
 
 
 def sensor_of(value: Any, where: str) -> Sensor:
-    """What a manifest says under ``sensor``.
-
-    Raises:
-        InputRefused: an unknown key, a limit or lag without a unit, limits in the wrong order.
-    """
+    """What a manifest says under ``sensor``."""
     content = mapping(value, where)
     keys_of(content, ("saturates", "rectified", "lag", *_DERIVATIVES), where)
     said = {key: key in content and flag(content[key], f"{where}: {key}") for key in _DERIVATIVES}

@@ -22,6 +22,26 @@ REMEDY_COMMA = "write numbers with a point as decimal sign"
 Column = np.ndarray | Callable[[], np.ndarray]
 
 
+# Kinds of numpy's types that are numbers; complex ones are refused where somebody asks for them.
+NUMBERS = "iufbc"
+
+
+@dataclass(frozen=True)
+class Stored:
+    """Attributes:
+    name: of the array, groups before it.
+    shape, dtype: as the file states them.
+    load: reads the numbers; raises InputRefused where they are damaged or too large.
+    unit: that the file states beside the name; empty where it states none.
+    """
+
+    name: str
+    shape: tuple[int, ...]
+    dtype: np.dtype
+    load: Callable[[], np.ndarray]
+    unit: str = ""
+
+
 @dataclass(frozen=True)
 class Where:
     """A place in a file, for messages: the file's name and how its rows are counted.
@@ -45,10 +65,6 @@ class Where:
             return f"row {row + 1}"
         before = next((lines for first, lines in reversed(self.between) if first <= row), 0)
         return f"row {row + 1} (line {row + self.first_line + before})"
-
-    def after(self, rows: int) -> Where:
-        """The same file with ``rows`` more rows left out at its head."""
-        return replace(self, offset=self.offset + rows)
 
     def __str__(self) -> str:
         return self.file
@@ -89,11 +105,7 @@ class Table:
         return replace(self, names=tuple(both), columns=tuple(both.values()), notes=notes, segments=other.segments)
 
     def find(self, place: int | str) -> int:
-        """Index of the column at an index or of a name.
-
-        Raises:
-            InputRefused: there is none.
-        """
+        """Index of the column at an index or of a name."""
         named = [n for n in self.names if n]
         listed = ", ".join([*named[:_LISTED], *(["…"] if len(named) > _LISTED else [])])
         if isinstance(place, str):
@@ -120,11 +132,7 @@ class Table:
         return f"column {self.names[index] or index}"
 
     def numbers(self, index: int) -> np.ndarray:
-        """``(N,)`` the column as float64; empty cells become NaN.
-
-        Raises:
-            InputRefused: a cell that is no number.
-        """
+        """``(N,)`` the column as float64; empty cells become NaN."""
         held = self.columns[index]
         column = held() if callable(held) else held
         if column.dtype.kind not in _READ or column.ndim != 1:
@@ -224,11 +232,7 @@ def _dates(column: np.ndarray, beside: Any, name: str) -> tuple[np.ndarray, str]
 
 
 def beside(tables: Sequence[Table]) -> Table:
-    """The columns of several files of one recording, side by side, counted through.
-
-    Raises:
-        InputRefused: their segments differ.
-    """
+    """The columns of several files of one recording, side by side, counted through."""
     first = tables[0]
     if len(tables) == 1:
         return first

@@ -7,6 +7,7 @@ them or none; what stands higher is left alone, and so is a footer.
 
 from __future__ import annotations
 
+import codecs
 import csv
 import io
 import itertools
@@ -21,13 +22,82 @@ import numpy as np
 from phnn.errors import InputRefused
 from phnn.intake.files import Source
 from phnn.intake.limits import LIMITS
-from phnn.recordings.lines import Lines, read_lines
 from phnn.recordings.table import REMEDY_COMMA, Table, Where, with_stamps
 from phnn.recordings.units import find_unit, parse_name
 from phnn.results import printable
 
 if TYPE_CHECKING:
     import pandas as pd
+
+# A text takes at most about so many times its size while it is read: twice while it is decoded; then itself and its
+# numbers, four times as large where every cell is a digit.
+_TIMES = 6
+_CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f]")
+_UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+# What `str.splitlines` takes for the end of a line.
+_END = re.compile("\r\n|[\r\x0b\x0c\x85\u2028\u2029]")
+
+
+class Lines:
+    """The lines of a text.
+
+    Attributes:
+        raw: the text in UTF-8, without white space at its end; starts: (n+1,) where its lines begin.
+        ended: whether the last line ends as the others do.
+    """
+
+    def __init__(self, content: str) -> None:
+        content = _END.sub("\n", content) if _END.search(content) else content
+        self.ended = content.endswith("\n")
+        self.raw = content.rstrip().encode("utf-8", "surrogatepass") + b"\n"
+        ends = np.flatnonzero(np.frombuffer(self.raw, dtype=np.uint8) == ord("\n")) + 1
+        self.starts = np.concatenate([[0], ends])
+
+    def __len__(self) -> int:
+        return self.starts.size - 1
+
+    def __getitem__(self, i: int) -> str:
+        """Return the i-th line, without its end."""
+        return self.raw[self.starts[i] : self.starts[i + 1] - 1].decode("utf-8", "surrogatepass")
+
+    def of(self, first: int, last: int) -> Iterator[str]:
+        """Yield some lines."""
+        return (self[i] for i in range(first, min(last, len(self))))
+
+
+def read_content(source: Source, most: int, what: str) -> str:
+    """Return the text of a file in any of the usual encodings.
+
+    Args:
+        most: bytes; what: of a kind of file, for the message.
+    """
+    raw = source.read(most, what)
+    try:
+        content = raw.decode("utf-16" if raw.startswith(_UTF16) else "utf-8-sig")
+    except UnicodeDecodeError:
+        content = raw.decode("latin-1")  # a micro sign written by older laboratory software
+    del raw
+    if not content or content.isspace():
+        raise InputRefused(f"{source.name}: the file is empty: record it again or remove it")
+    control = _CONTROL.search(content)
+    if control is not None:
+        raise InputRefused(
+            f"{source.name}: not a text file (byte 0x{ord(control[0]):02x} at position {control.start()}): "
+            f"export it again as plain text, or remove it from the folder"
+        )
+    return content
+
+
+def read_lines(source: Source) -> Lines:
+    """Return the lines of a file."""
+    source.check_memory(_TIMES * source.size)
+    lines = Lines(read_content(source, LIMITS.text_bytes, "a text file"))
+    sizes = np.diff(lines.starts) - 1
+    if sizes.max() > LIMITS.line_characters:
+        i = int(np.argmax(sizes > LIMITS.line_characters))
+        raise InputRefused(f"{source.name}: line {i + 1} has {sizes[i]} characters: write one row per sample")
+    return lines
+
 
 NUMBER = {
     sign: re.compile(rf"[-+]?(\d+{re.escape(sign)}?\d*|{re.escape(sign)}\d+)([eE][-+]?\d+)?|[-+]?(nan|inf)", re.I)
@@ -104,11 +174,7 @@ _DIALECTS = tuple(
 
 
 def read_text(source: Source) -> Table:
-    """Return columns separated by commas, semicolons, tabulators or blanks, with a point or a comma as decimal sign.
-
-    Raises:
-        InputRefused: not text, no columns of numbers, damaged rows, rows of unequal length, a header of another length.
-    """
+    """Return columns separated by commas, semicolons, tabulators or blanks, with a point or a comma as decimal sign."""
     return table_of_lines(source.name, read_lines(source))
 
 
@@ -295,9 +361,6 @@ def _blocks(name: str, text: Lines, first: int, header: Sequence[str], dialect: 
     Args:
         name: of the file, for messages.
         header: the line of names and what stands between it and the first row; empty where there are no names.
-
-    Raises:
-        InputRefused: a repeated header has other units, or there are more tables than recordings in a folder.
     """
     names = header[0].strip() if header else ""
     if not names or text.raw.count(names.encode("utf-8", "surrogatepass")) < 2:
@@ -326,11 +389,7 @@ def _blocks(name: str, text: Lines, first: int, header: Sequence[str], dialect: 
 
 
 def _parsed(name: str, text: Lines, tables: Sequence[range], names: tuple[str, ...], dialect: Dialect) -> Table:
-    """Return the columns of some lines.
-
-    Raises:
-        InputRefused: rows of unequal length, or cells that cannot be told apart.
-    """
+    """Return the columns of some lines."""
     frames = [list(_frames(name, text, block, dialect)) for block in tables]
     rows = np.cumsum([0, *(sum(map(len, some)) for some in frames)]).tolist()
     every = [frame for some in frames for frame in some]

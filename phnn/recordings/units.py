@@ -191,6 +191,15 @@ def powers(text: str) -> dict[str, float]:
     return {name: float(power) for name, power in base.items() if name != "radian"}
 
 
+def scales_with_forces(unit: str) -> bool:
+    """Return whether a quantity changes by the common factor of all forces and charges.
+
+    Voltages and motions leave that factor open. Kilograms and amperes change by it, volts do not.
+    """
+    base = powers(unit)
+    return base.get("kilogram", 0.0) + base.get("ampere", 0.0) != 0.0
+
+
 def times_of_seconds(one: str, other: str) -> int | None:
     """Return the power of time by which the dimension of a unit differs from another's; None where more differs.
 
@@ -198,10 +207,10 @@ def times_of_seconds(one: str, other: str) -> int | None:
     """
     if one == other or find_unit(one) is None or find_unit(other) is None:
         return 0
-    registry = _registry()
-    ratio = (registry.Unit(spelled_for_pint(one)) / registry.Unit(spelled_for_pint(other))).dimensionality
-    power = float(ratio.get("[time]", 0))
-    return int(power) if power.is_integer() and set(ratio) <= {"[time]"} else None
+    first, second = powers(one), powers(other)
+    ratio = {name: first.get(name, 0.0) - second.get(name, 0.0) for name in (*first, *second)}
+    power = ratio.pop("second", 0.0)
+    return int(power) if power.is_integer() and not any(ratio.values()) else None
 
 
 def spelled_for_pint(unit: str) -> str:
@@ -222,11 +231,7 @@ def accepted(quantity: str) -> str:
 
 
 def check_unit(quantity: str, unit: str | None, where: str) -> str:
-    """The unit in its common spelling.
-
-    Raises:
-        InputRefused: no unit, a text that is no unit, or a unit of another quantity.
-    """
+    """The unit in its common spelling."""
     if unit is None:
         raise InputRefused(
             f"{where}: no unit for the {quantity}, so its numbers are ambiguous: put the unit in the column's name "

@@ -6,11 +6,12 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from phnn.parameters import prefixed
+
 DASH = "–"
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 # The tails of residuals are not those of a normal deviate: smaller p-values are shown as smaller than this.
 _FLOOR = 2.0001e-5
-_LENGTHS = ((1e-9, "nm"), (1e-6, "µm"), (1e-3, "mm"), (1.0, "m"))
 
 
 def finite(value: object) -> float | None:
@@ -40,29 +41,23 @@ def _fixed(value: float, decimals: int) -> str:
     return text.replace("-", "−") if float(text) else f"{0.0:.{decimals}f}"
 
 
-def plain(value: float | None, digits: int = 3) -> str:
-    """``digits`` significant digits without an exponent, for columns that share a unit; extreme values keep one."""
-    value = finite(value)
-    if value is None:
-        return DASH
-    if value and not 1e-6 <= abs(value) < 1e9:
-        return number(value, digits)
-    exponent = _exponent(value, digits)
-    return _fixed(round(value, digits - 1 - exponent), digits - 1 - exponent)
-
-
-def number(value: float | None, digits: int = 3) -> str:
-    """``digits`` significant digits, with a power of ten outside 0.001 … 99999."""
+def number(value: float | None, digits: int = 3, lowest: int = -3, highest: int = 4) -> str:
+    """``digits`` significant digits, with a power of ten outside 0.001 … 99999 or other decades."""
     value = finite(value)
     if value is None:
         return DASH
     if value == 0.0:
         return "0"
     exponent = _exponent(value, digits)
-    if -4 < exponent < 5:
+    if lowest <= exponent <= highest:
         return _fixed(round(value, digits - 1 - exponent), digits - 1 - exponent)
     mantissa = f"{value:.{digits - 1}e}".partition("e")[0].replace("-", "−")
     return f"{mantissa} × {power_of_ten(exponent)}"
+
+
+def plain(value: float | None, digits: int = 3) -> str:
+    """``digits`` significant digits without an exponent, for columns that share a unit; extreme values keep one."""
+    return number(value, digits, lowest=-6, highest=8)
 
 
 def with_error(value: float | None, std: float | None) -> str:
@@ -100,17 +95,12 @@ def interval(ends: tuple[float, float] | None) -> str:
 
 
 def p_value(value: float | None) -> str:
-    """``p = 0.041``, ``p = 3 × 10⁻⁵``, and ``p < 2 × 10⁻⁵`` below that: nobody knows the noise so well that smaller
+    """``p = 0.04``, ``p = 3 × 10⁻⁵``, and ``p < 2 × 10⁻⁵`` below that: nobody knows the noise so well that smaller
     tails are to be believed."""
     value = finite(value)
     if value is None:
         return "p not computed"
-    if value <= _FLOOR:
-        return f"p < 2 × {power_of_ten(-5)}"
-    if value >= 0.001:
-        return f"p = {value:.2g}"
-    mantissa, _, exponent = f"{value:.0e}".partition("e")
-    return f"p = {'' if mantissa == '1' else f'{mantissa} × '}{power_of_ten(int(exponent))}"
+    return f"p {'=' if value > _FLOOR else '<'} {number(max(value, _FLOOR), 1)}"
 
 
 def likelihood(value: float | None) -> str:
@@ -142,8 +132,8 @@ def short(value: float | None) -> str:
 
 
 def words(name: str | None) -> str:
-    """A canonical name as words: ``charge_leakage`` → ``charge leakage``."""
-    return (name or "").replace("_", " ")
+    """Return a canonical name as words: ``charge_leakage`` → ``charge leakage``; people keep their capitals."""
+    return (name or "").replace("_", " ").replace("bouc wen", "Bouc–Wen").replace("coulomb", "Coulomb")
 
 
 def listing(names: Iterable[str], last: str = "and") -> str:
@@ -152,22 +142,6 @@ def listing(names: Iterable[str], last: str = "and") -> str:
     if len(items) < 2:
         return "".join(items)
     return f"{', '.join(items[:-1])} {last} {items[-1]}"
-
-
-def change(before: float | None, after: float | None) -> str:
-    """Relative change in percent, as ``+3.2 %``; a factor where it is large."""
-    before, after = finite(before), finite(after)
-    if before is None or after is None or before == 0.0:
-        return DASH
-    factor = finite(after / before)
-    if factor is None:
-        return DASH
-    if factor <= 0.0 or factor >= 10.0:
-        return f"× {number(factor, 2)}"
-    relative = 100.0 * (factor - 1.0)
-    if abs(relative) < 0.05:
-        return "0 %"
-    return f"{'+' if relative > 0 else '−'}{_fixed(abs(relative), 1)} %"
 
 
 def markdown_table(head: Sequence[str], body: Sequence[Sequence[str]]) -> list[str]:
@@ -184,7 +158,7 @@ class Unit:
     name: str
 
     def show(self, value: float | None) -> str:
-        """The value in this unit, without the unit's name; one decimal for a length, so that columns align."""
+        """The value in this unit, without the unit's name; one decimal where it has a prefix, so that columns align."""
         value = finite(value)
         if value is None:
             return DASH
@@ -192,28 +166,6 @@ class Unit:
         return _fixed(shown, 1) if self.scale != 1.0 and abs(shown) >= 1.0 else plain(shown)
 
 
-def display_unit(largest: float | None, unit: str = "m", floor: float = 10.0) -> Unit:
-    """The metric unit in which ``largest`` reads as a handy number (``floor`` or more, where there is one).
-
-    Only metres are rescaled; every other unit is shown as it is.
-    """
-    largest = finite(largest)
-    if unit != "m":
-        return Unit(1.0, unit)
-    if not largest:
-        return Unit(1e-6, "µm")
-    for scale, name in reversed(_LENGTHS):
-        if abs(largest) >= floor * scale:
-            return Unit(scale, name)
-    return Unit(*_LENGTHS[0])
-
-
-def quantity(value: float | None, unit: str = "m") -> str:
-    """A value with its unit, lengths in the unit that suits: ``52 nm``."""
-    value = finite(value)
-    if value is None:
-        return DASH
-    if unit != "m":
-        return f"{number(value)} {unit}".strip()
-    shown = display_unit(value, unit, floor=1.0)
-    return f"{number(value / shown.scale)} {shown.name}"
+def display_unit(largest: float | None, unit: str) -> Unit:
+    """Return the unit in which a column up to ``largest`` reads well: its largest number is 3 to 3000."""
+    return Unit(*prefixed((finite(largest) or 0.0) / 3.0, unit))

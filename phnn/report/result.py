@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict
 from functools import partial
+from html import escape
 from importlib.metadata import version
 from pathlib import Path
 from platform import python_version
@@ -15,115 +17,344 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from phnn.check import check
-from phnn.check.quality import doubts_of_units
 from phnn.diagnose.diagnosis import Diagnosis
-from phnn.diagnose.locations import where_and_when
-from phnn.diagnose.number import family, uid
+from phnn.diagnose.formula import Distilled
+from phnn.diagnose.locations import Location, where_and_when
+from phnn.diagnose.number import family
 from phnn.diagnose.proposal import NextExperiment
 from phnn.diagnose.screen import chance
-from phnn.diagnose.verdict import NONE, UNKNOWN, Claim
-from phnn.diagnose.words import Picture, is_effort, learned_picture, missing_force, picture
-from phnn.effects import Plausible
-from phnn.effects.places import values_by_role
+from phnn.diagnose.verdict import LEARNED, NONE, UNKNOWN, Claim
+from phnn.diagnose.words import fitted_in_words, is_effort, vocabulary_of
+from phnn.effects import Effect
+from phnn.effects.mechanical import growth_per_decade
+from phnn.effects.places import place_of, values_by_role
 from phnn.identification.covariance import difference
+from phnn.identification.fit import Fit
 from phnn.identification.identified import save_fit
-from phnn.integrate.residual import power_balance
-from phnn.network.roles import auxiliary, capacitances
-from phnn.parameters import FORCE_UNITS, Parameter, quantity
-from phnn.recordings.recording import ACTUATOR, Recording
-from phnn.report.evidence import Evidence, LedgerRow, ParameterRow, PlausibleRow, Provenance, RivalRow, Support, Trace
-from phnn.report.formatting import likelihood, listing, number, words
-from phnn.report.methods import methods, provenance
-from phnn.report.missing import candidate_rows, fingerprint, immaterial, missing_entries, model_rows, remains, sentence
-from phnn.report.verdicts import forces_known
-from phnn.report.write import write_report
-from phnn.rescue import Failure, accounted, documents, needed
+from phnn.parameters import quantity
+from phnn.recordings.recording import Recording
+from phnn.recordings.units import scales_with_forces
+from phnn.report.formatting import listing, words
+from phnn.report.provenance import Provenance, provenance
+from phnn.report.statements import (
+    WAVEFORM,
+    acts_like,
+    failure,
+    first_screen,
+    forces_known,
+    headline,
+    immaterial,
+    likenesses,
+    remains,
+)
+from phnn.rescue import Failure, accounted, documents, needed, warnings
 from phnn.results import PROGRESS, Place, claim, finite
 from phnn.setup import Setup
 from phnn.signals.noise_statement import NoiseStatement, Sample, noise_statement
 from phnn.signals.sampling import quantisation_step
-from phnn.trajectory import Trajectory
 
-# Rivals that are shown.
-_RIVALS = 8
+Array = NDArray[np.float64]
 
 
-def supports(diagnosis: Diagnosis) -> tuple[Support, ...]:
-    """Return one entry for each element, in the order of ``missing``."""
-    known, anchored = diagnosis.final.setup.parameters, forces_known(diagnosis)
-    actuator = diagnosis.campaign.recordings[0].units == ACTUATOR
-
-    def support(claim: Claim) -> Support:
-        effect = claim.effect
-        free = [n for n in effect.parameters if not known[n].fixed]
-        plausible = tuple(plausible_row(known[n], effect.plausible[n], known, anchored, actuator) for n in free)
-        return Support(
-            effect.name, effect.fingerprint, fingerprint(diagnosis, effect), math.sqrt(diagnosis.chosen.left),
-            _rivals(diagnosis, claim), effect.separation, effect.references, plausible,
-        )  # fmt: skip
-
-    return tuple(map(support, diagnosis.claims))
+SCHEMA = "phnn.diagnosis/1"
+# What a diagnosis writes into its folder.
+RESULTS = ("base", "model", "diagnosis.json", "figures", "report.html", WAVEFORM, PROGRESS)
+# Least probability that is told; that of nothing missing always is.
+_TOLD = 0.001
+_PACKAGES = ("phnn", "torch", "numpy", "scipy", "numba")
 
 
-def _rivals(diagnosis: Diagnosis, claim: Claim) -> tuple[RivalRow, ...]:
-    """List the visited models with another element in the place of one, and neighbours that were not fitted there."""
-    others, alike = diagnosis.chosen.key - {uid(claim.effect)}, {family(e) for e in claim.alike}
-    pairs = zip(diagnosis.visited.models, diagnosis.visited.shares, strict=True)
-    rows: dict[str, RivalRow] = {}
-    for model, share in sorted(pairs, key=lambda p: p[0].fit.cost):
-        instead = [e for e in model.elements if uid(e) not in others]
-        if not others <= model.key or len(instead) != 1 or family(instead[0]) == claim.name:
-            continue
-        more = model.fit.cost - diagnosis.final.cost
-        excluded = "not excluded: " if family(instead[0]) in alike else ""
-        excluded = excluded or ("" if model.converged else "not fitted to its end: ")
-        outcome = f"sum of squares {number(abs(more))} {'larger' if more > 0.0 else 'smaller'}"
-        told = f"{excluded}{outcome}, probability {likelihood(float(share))}"
-        rows.setdefault(instead[0].name, RivalRow(instead[0].name, math.sqrt(model.left), told))
-    scores = {c.effect.name: c.score for c in diagnosis.screened[0]}
-    unfitted = [n for n in claim.effect.neighbours if n in scores and n not in rows]
-    texts = [(n, f"not fitted: its score at the base model is {number(scores[n])}") for n in unfitted]
-    return (*list(rows.values())[:_RIVALS], *(RivalRow(n, None, text) for n, text in texts))
-
-
-def plausible_row(
-    parameter: Parameter, known: Plausible, base: Mapping[str, Parameter], anchored: bool, actuator: bool
-) -> PlausibleRow:
-    """A parameter compared with its plausible range.
+def write(diagnosis: Diagnosis, out: Path | str, overwrite: bool = False) -> dict[str, Any]:
+    """Write models, ``diagnosis.json`` and ``report.html`` into a folder; returns the document.
 
     Args:
-        base: parameters of the model, of which the range may name one to divide by.
-        anchored: something fixes the common factor of all forces.
-        actuator: the recordings are those of a piezo actuator, for which the ranges hold.
+        out: apart from the recordings; results of an earlier diagnosis in it are replaced.
+        overwrite: also where they were changed since.
+
+    Raises:
+        InputRefused: the folder belongs to the recordings or to another run, holds files of others with the names of
+            results, or cannot be written to.
     """
-    name, value, unit = parameter.name, parameter.value, parameter.unit
-    said = quantity(value, unit)
-    if not known.source or not actuator or (known.over and known.over not in base):
-        return PlausibleRow(name, f"{said}: no range known.", None)
-    if known.over:
-        other = base[known.over]
-        value, unit = value / other.value, f"× {known.over}" if other.unit == unit else f"{unit}/{other.unit}"
-        unit = "1/s" if unit == "S/F" else unit
-        said = f"{said}, that is {value:.3g} {unit}"
-    elif not anchored and unit in FORCE_UNITS:
-        return PlausibleRow(
-            name, f"{said}: known up to one common factor only, hence not comparable with a range.", None
+    with claim(Path(out), "diagnose", diagnosis.campaign.inputs, RESULTS, overwrite=overwrite) as place:
+        return write_into(diagnosis, place)
+
+
+def write_into(diagnosis: Diagnosis, place: Place, made_of: Provenance | None = None) -> dict[str, Any]:
+    """Write the same into a folder that is claimed already, and return the document.
+
+    A part of the report that fails is left out of it, and is among the warnings of the document.
+
+    Args:
+        made_of: how the run was started and what it read; hashed now if left out.
+
+    Raises:
+        KeyboardInterrupt: it was interrupted; all but the part at work is written.
+    """
+    with accounted(answers=True) as account:
+        save_fit(diagnosis.base, place / "base")
+        save_fit(diagnosis.final, place / "model")
+        content = document(diagnosis)
+        (place / "diagnosis.json").write_json(content)
+        inputs = diagnosis.base.plan.recordings[0].units.input
+        following = partial(write_waveform, diagnosis.proposal, diagnosis.base.setup, inputs, place / WAVEFORM)
+        needed("waveform of the next recording", following, None)
+        made_of = made_of or needed("provenance", lambda: provenance(diagnosis.campaign), None)
+        text = needed("page of the report", lambda: _report(diagnosis, content, made_of, place), b"")
+        (place / "report.html").write(text or _plain_page(content))
+        if account.warnings:
+            content |= _ending(diagnosis, account.warnings)
+            (place / "diagnosis.json").write_json(content)
+    if account.interruption is not None:
+        raise account.interruption
+    return content
+
+
+def _report(diagnosis: Diagnosis, content: dict[str, Any], made_of: Provenance | None, place: Place) -> bytes:
+    """Write the pictures and return the page."""
+    # Drawing libraries take a third of a second to load: not before something is drawn.
+    from phnn.report.page import page
+    from phnn.report.sections import drawings_of, sections
+
+    made = sections(diagnosis, content, made_of)
+    for one in drawings_of(made):
+        (place / "figures" / one.file).write(one.png)
+    verdict = f"verdict: {diagnosis.verdict}"
+    heading = content["summary"]["headline"] if content["summary"] else verdict
+    return page(f"Diagnosis: {heading}", heading, made, verdict)
+
+
+def _plain_page(content: dict[str, Any]) -> bytes:
+    """Return the answer as text, where the page of the report cannot be made."""
+    lost = [failure(f) for f in documents(warnings())]
+    paragraphs = "".join(f"<p>{escape(line)}</p>" for line in lost)
+    whole = escape(json.dumps(content, indent=1, ensure_ascii=False))
+    head = f"<!doctype html><html lang=en><meta charset=utf-8><title>Diagnosis: {content['verdict']}</title>"
+    return f"{head}<h1>Verdict: {content['verdict']}</h1>{paragraphs}<pre>{whole}</pre></html>\n".encode()
+
+
+def _ending(diagnosis: Diagnosis, further: Sequence[Failure] = ()) -> dict[str, Any]:
+    """How the search ended, and what failed."""
+    ended = diagnosis.ended
+    return {
+        "ended": {
+            "why": ended.why,
+            "budget": ended.budget,
+            "evaluations": ended.evaluations,
+            "not_tried": list(ended.not_tried),
+            "failed": documents(ended.failed),
+        },
+        "warnings": documents((*ended.warnings, *further)),
+    }
+
+
+def document(diagnosis: Diagnosis) -> dict[str, Any]:
+    """``diagnosis.json`` as a mapping; numbers that are not finite become null, and so do parts that fail."""
+    campaign = diagnosis.campaign
+    found = {r.name: r.noise_found for r in campaign.recordings}
+    parts: dict[str, Callable[[], Any]] = {
+        "summary": lambda: first_screen(diagnosis),
+        "test": lambda: _test(diagnosis),
+        "probability": lambda: {n: round(p, 4) for n, p in diagnosis.probability.items() if p >= _TOLD or n == NONE},
+        "missing": lambda: missing_entries(diagnosis),
+        "remainder": lambda: _remainder(diagnosis),
+        "location": lambda: location_document(diagnosis),
+        "noise": lambda: {
+            n: s.document() | {"found": found[n]}
+            for n, s in statements(campaign.recordings, diagnosis.after.outputs, not remains(diagnosis)).items()
+        },
+        "noise_floor": lambda: {r.name: r.noise for r in campaign.recordings},
+        "numerical_error_sigma": lambda: diagnosis.error.sigma,
+        "kernel_residual": lambda: diagnosis.kernel_residual,
+        "units": lambda: campaign.recordings[0].units._asdict(),
+        "fit": lambda: {
+            "before": diagnosis.before.table(),
+            "after": diagnosis.after.table() if diagnosis.final is not diagnosis.base else {},
+            "held_out": [p.name for p in diagnosis.before.parts if p.use == "confirmation"],
+        },
+        "next_experiment": lambda: next_experiment(diagnosis.proposal),
+        "versions": lambda: {"python": python_version()} | {name: version(name) for name in _PACKAGES},
+        "rules": lambda: [r.document() for r in diagnosis.outcome.rules],
+        "criteria": lambda: diagnosis.criteria.changed(),
+    }
+    content: dict[str, Any] = {"schema": SCHEMA, "verdict": diagnosis.verdict}
+    content |= {name: needed(f"{name} of diagnosis.json", made, None) for name, made in parts.items()}
+    content |= {"seed": diagnosis.options.seed, "seconds": round(diagnosis.seconds, 2)}
+    whole: dict[str, Any] = finite(content | _ending(diagnosis))
+    return whole
+
+
+def _test(diagnosis: Diagnosis) -> dict[str, Any]:
+    """Return the score of the first element of the model in the residual of the base model, else the largest one; what
+    is significant and immaterial has its size."""
+    statistic, p_value, name = diagnosis.significance()
+    screened = diagnosis.screened[0]
+    first = next((c for c in screened if any(c.effect == claim.effect for claim in diagnosis.claims[:1])), None)
+    if first is not None:
+        statistic, p_value, name = first.score, chance(first.score, screened), first.effect.canonical
+    small = immaterial(diagnosis)
+    test = {"statistic": statistic, "p_value": p_value, "candidate": name or None}
+    return test if small is None else test | {"immaterial": asdict(small)}
+
+
+def _remainder(diagnosis: Diagnosis) -> dict[str, Any]:
+    left, small, where = remains(diagnosis), immaterial(diagnosis, after=True), diagnosis.remaining
+    remainder = {
+        "verdict": UNKNOWN if left else NONE,
+        "residual_over_noise": math.sqrt(diagnosis.final.chi2),
+        "p_value": diagnosis.significance(after=True)[1],
+        "location": where.name if left and where is not None else None,
+    }
+    return remainder if small is None else remainder | {"immaterial": asdict(small)}
+
+
+def location_document(diagnosis: Diagnosis) -> dict[str, Any] | None:
+    """Return where the mismatch is; None where nothing was located."""
+    where, base = diagnosis.location, diagnosis.linearised[0]
+    if where is None:
+        return None
+    name, *tied = diagnosis.places
+    scores, frequencies, times = where_and_when(base)
+    return {
+        "name": name,
+        "detail": diagnosis.detail,
+        "tied": tied,
+        "dictionary": [where.name, *where.tied],
+        "scores": {n: round(s, 4) for n, s in where.scores.items()},
+        "ranks": {n: round(where.ranks[n], 4) for n in where.scores},
+        "recordings": {n: {"residual_over_noise": v} for n, v in scores.items()},
+        "frequencies_Hz": frequencies,
+        "times_s": times,
+        "reasons": reasons(diagnosis, where),
+    }
+
+
+def reasons(diagnosis: Diagnosis, where: Location) -> dict[str, str]:
+    """Say of each location that explains more than the winner, or as much, why it is not the winner."""
+    first, tied = diagnosis.places[0], diagnosis.places[1:]
+    best = where.scores.get(first, 0.0)
+    refitted = [c.effect for c in diagnosis.claims if c.effect.location == first]
+    said = {}
+    for name, score in where.scores.items():
+        if name == first:
+            continue
+        if name in tied:
+            said[name] = "cannot be told apart from the first on these recordings"
+        elif score > best and refitted:
+            said[name] = f"longer bar, but refitted models decide: {words(refitted[0].name)} leaves least"
+        elif score > best:
+            tested = f"{where.ranks[name]:.2f}"
+            said[name] = f"longer bar, but only {tested} of it is confirmed by another recording"
+    return said
+
+
+_UP_TO_FACTOR = " Absolute values are known up to one common factor, because nothing anchors them."
+# A delay is that of one row where it differs from the sampling interval by less than this share.
+_SAME_ROW = 0.1
+_NOT_PROVEN = " It is part of the model because it improves predictions; nothing proves that it is the physical cause."
+
+
+def missing_entries(diagnosis: Diagnosis) -> list[dict[str, Any]]:
+    """Return the entries: empty for ``none``, one without a name if no element explains the mismatch."""
+    if diagnosis.verdict == "none":
+        return []
+    return [_entry(diagnosis, c) for c in diagnosis.claims] or [_nameless(diagnosis)]
+
+
+def _entry(diagnosis: Diagnosis, claim: Claim) -> dict[str, Any]:
+    effect, parameters = claim.effect, diagnosis.final.setup.parameters
+    shown = {n: quantity(parameters[n].value, parameters[n].unit) for n in claim.parameters}
+    names = list(dict.fromkeys(e.title for e in claim.alike))
+    # An element whose name is not claimed belongs to the model all the same.
+    entry: dict[str, Any] = {"effect": claim.name, "status": claim.status}
+    if not claim.claimed:
+        entry["effect"] = "unknown"
+        entry["nearest"] = next(iter(names), None) if claim.learned else claim.name
+    formula = diagnosis.formulas.get(effect.name)
+    if formula is not None:
+        status = "described" if claim.status == LEARNED else claim.status
+        entry |= {"status": status, "description": _description(formula, effect)}
+    free = not forces_known(diagnosis) and any(scales_with_forces(parameters[n].unit) for n in claim.parameters)
+    statement = effect.statement.format(**shown) if formula is None else formula.words
+    for copy in claim.copies:
+        statement += f" It acts once more, with {listing(f'{n} = {shown[n]}' for n in copy.parameters)}."
+    network, scales = diagnosis.final.setup.network, diagnosis.linearised[0].scales
+    stiffness, first, last = values_by_role(network).get("k"), 1.0 / scales.fastest, scales.duration
+    # Neither a motion without a spring grows under a force, nor one that was recorded for less than a period.
+    if effect.title == "creep" and stiffness and first < last:
+        growth = growth_per_decade(network, stiffness, first, last)
+        entry["percent_per_decade"] = growth
+        statement += (
+            f" From {quantity(first, 's')} to {quantity(last, 's')} it grows by {growth:.2g} % in every decade."
         )
-    lower = "0" if known.lower == 0.0 else quantity(known.lower, unit)
-    limits = f"{lower} to {quantity(known.upper, unit)}"
-    if known.lower <= value <= known.upper:
-        return PlausibleRow(name, f"{said} is plausible: {limits} ({known.source}).", True)
-    beyond = f" If it is real, {known.outside}." if known.outside and value > known.upper else ""
-    side = "above" if value > known.upper else "below"
-    return PlausibleRow(
-        name, f"{said} is not plausible: it is {side} the range {limits} ({known.source}).{beyond}", False
-    )
+    if effect.title == "delay":
+        rows = parameters[effect.parameters[0]].value / min(r.dt for r in diagnosis.campaign.recordings)
+        late = " It is one row: the data acquisition writes one of the two channels a row late."
+        statement += late if abs(rows - 1.0) <= _SAME_ROW else ""
+    # An effect's own score in the residual of the base model; its p-value is that times the number of candidates.
+    candidates = diagnosis.screened[0]
+    score = max((c.score for c in candidates if family(c.effect) == claim.name), default=0.0)
+    gain, held_out = diagnosis.gains[diagnosis.claims.index(claim)], None
+    if gain is not None:
+        held_out = {"before": gain.before, "after": gain.after, "p_value": gain.falls, "rms": gain.rms}
+    return entry | {
+        "probability": round(claim.probability, 4),
+        "held_out": held_out,
+        "share_explained": claim.share,
+        "location": effect.location,
+        "place": place_of(effect, diagnosis.base.setup.network),
+        "equivalent_to": names,
+        "p_value": chance(score, candidates) if candidates else 1.0,
+        "statement": statement + (_UP_TO_FACTOR if free else "") + ("" if claim.claimed else _NOT_PROVEN),
+        "equation": effect.equation if formula is None else formula.equation,
+        "passive": effect.passive,
+        "parameters": _estimates(diagnosis.final, effect.strengths if claim.learned else claim.parameters),
+    }
 
 
-WAVEFORM = "next_experiment.csv"
-# Recordings that are asked for at a time.
-_LACKS = 3
+def _estimates(final: Fit, names: Iterable[str]) -> dict[str, dict[str, Any]]:
+    """Return value, standard error and 95 % interval of parameters, SI; null where they were not estimated."""
+    parameters, std = final.setup.parameters, final.std()
+    return {
+        n: {"value": p.value, "unit": p.unit, "std": std.get(n), "interval_95": final.interval(n)}
+        for n, p in ((n, parameters[n]) for n in names)
+    }
+
+
+def _description(formula: Distilled, effect: Effect) -> dict[str, Any]:
+    """Return the formula of a learned element; exponents by their symbols, each with its 95 % interval."""
+    return {
+        "kind": effect.kind.name,
+        "formula": formula.equation,
+        "words": formula.words,
+        "parameters": {n: {"value": value, "unit": unit} for n, (value, unit) in formula.parameters.items()},
+        "exponents": {n: list(interval) for n, (_, interval) in formula.exponents.items()},
+        "passive": effect.passive,
+        "others": list(formula.others),
+    }
+
+
+def _nameless(diagnosis: Diagnosis) -> dict[str, Any]:
+    """Return the entry of a mismatch that no element describes."""
+    where, alike = diagnosis.location, likenesses(diagnosis)
+    fitted = "" if where is None else fitted_in_words(diagnosis.linearised[0], where)
+    free = where is not None and is_effort(where) and not forces_known(diagnosis)
+    factor = _UP_TO_FACTOR if free and vocabulary_of(diagnosis.base.setup.network).mechanical else ""
+    return {
+        "effect": "unknown",
+        "status": "provisional",
+        "nearest": alike[0][0] if alike else None,
+        "probability": None,
+        "held_out": None,
+        "share_explained": None,
+        "location": where.name if where else "mechanical",
+        "place": None,
+        "equivalent_to": [],
+        "p_value": diagnosis.significance()[1],
+        "statement": f"{headline(diagnosis)}. {acts_like(diagnosis)} {fitted}".strip() + factor,
+        "equation": "",
+        "passive": False,
+        "parameters": {},
+    }
 
 
 def next_experiment(proposal: NextExperiment | None) -> dict[str, Any] | None:
@@ -156,40 +387,6 @@ def next_experiment(proposal: NextExperiment | None) -> dict[str, Any] | None:
     }
 
 
-def no_proposal(diagnosis: Diagnosis) -> str:
-    """Say why no recording is proposed, which experiment would decide in principle, and what was not recorded."""
-    if diagnosis.proposal is not None or diagnosis.verdict == NONE:
-        return ""
-    tied = next((c for c in diagnosis.claims if c.alike), None)
-    places = not diagnosis.claims and diagnosis.location is not None and diagnosis.location.tied
-    if tied is None and not places and diagnosis.verdict != UNKNOWN:
-        return ""
-    # Recordings whose absence `phnn check` reports.
-    lacks = [a.record for a in check(diagnosis.campaign).abilities if not a.able][:_LACKS]
-    if tied is None and not places:
-        if not lacks:
-            return ""
-        return (
-            "No two models are left between which a recording could be computed to decide, and yet no name is proven. "
-            f"Recordings that these lack would narrow it down: {'; '.join(lacks)}."
-        )
-    members = () if tied is None else (tied.effect, *tied.alike)
-    if members:
-        start = (
-            f"No recording is proposed for what is tied: on none of the menu do the refitted models of "
-            f"{listing(words(e.name) for e in members)} differ once their parameters adapt, or none of it can be "
-            "simulated."
-        )
-    else:
-        start = (
-            "No recording is proposed for what is tied: it takes two refitted models to compute where they differ, and "
-            "the places that are tied have not two that fit better than the base model."
-        )
-    told = [f"For {words(e.name)}: {e.separation}" for e in members[:2]]
-    also = f"These recordings also lack: {'; '.join(lacks)}." if lacks else ""
-    return " ".join(x for x in (start, *told, also) if x)
-
-
 def write_waveform(proposal: NextExperiment | None, setup: Setup, unit: str, place: Place) -> None:
     """Time and input of the proposed recording, where there is one; ``unit`` is that of the recorded inputs."""
     if proposal is None:
@@ -199,27 +396,18 @@ def write_waveform(proposal: NextExperiment | None, setup: Setup, unit: str, pla
     place.write(table.to_csv(index=False, float_format="%.9g").encode())
 
 
-Array = NDArray[np.float64]
-
-
-def noise_statements(diagnosis: Diagnosis) -> dict[str, NoiseStatement]:
-    """Return the noise by recording, held-out ones included: it decides nothing. Recordings that could not be simulated
-    have none."""
-    outputs, setup = diagnosis.after.outputs, diagnosis.final.setup
-    shown = [r for r in diagnosis.campaign.recordings if r.name in outputs]
-    return statements(shown, outputs, setup, not remains(diagnosis))
-
-
 def statements(
-    recordings: Sequence[Recording], outputs: Mapping[str, Array], setup: Setup, complete: bool
+    recordings: Sequence[Recording], outputs: Mapping[str, Array], complete: bool
 ) -> dict[str, NoiseStatement]:
-    """The same from the outputs of a model.
+    """Return the noise by recording, held-out ones included: it decides nothing. Recordings that could not be simulated
+    have none.
 
     Args:
+        outputs: of a model, by recording.
         complete: the model leaves nothing that matters.
     """
-    plant, found = plant_gain(setup), {}
-    for r in recordings:
+    found = {}
+    for r in (r for r in recordings if r.name in outputs):
         chosen = [r.mask(use) for use in ("identification", "confirmation")]
         mask = max(chosen, key=np.count_nonzero)
         residual = ((r.y - outputs[r.name]) / r.noise)[mask]
@@ -229,280 +417,6 @@ def statements(
         sample = None
         if shown is not None:
             step = quantisation_step(r.y) / r.noise
-            sample = Sample(shown, r.dt, speed[-shown.size :], step, plant, r.noise)
+            sample = Sample(shown, r.dt, speed[-shown.size :], step, r.noise)
         found[r.name] = noise_statement(r.noise, r.noise_source, r.units.output, sample)
     return found
-
-
-def plant_gain(setup: Setup) -> Callable[[Array], Array] | None:
-    """Power gain from a force on the moving mass to the displacement, hysterons at rest.
-
-        |G|² = 1/|k + α² Σ 1/C_i − m ω² + i ω b|²
-
-    None where the model has no such parameters.
-    """
-    network, values = setup.network, values_by_role(setup.network)
-    if not {"m", "k", "b"} <= set(values):
-        return None
-    alpha = values.get("alpha", 0.0)
-    stiffness = values["k"] + alpha**2 * sum(1.0 / network.parameters[n].value for n in capacitances(network))
-
-    def gain(f: Array) -> Array:
-        omega = 2.0 * np.pi * f
-        return np.asarray(1.0 / ((stiffness - values["m"] * omega**2) ** 2 + (omega * values["b"]) ** 2))
-
-    return gain
-
-
-SCHEMA = "phnn.diagnosis/1"
-# What a diagnosis writes into its folder.
-RESULTS = ("base", "model", "diagnosis.json", "figures", "report.html", WAVEFORM, PROGRESS)
-# Least probability that is told; that of nothing missing always is.
-_TOLD = 0.001
-_PACKAGES = ("phnn", "torch", "numpy", "scipy", "numba")
-
-
-def write(diagnosis: Diagnosis, out: Path | str, overwrite: bool = False) -> dict[str, Any]:
-    """Write models, ``diagnosis.json`` and ``report.html`` into a folder; returns the document.
-
-    Args:
-        out: apart from the recordings; results of an earlier diagnosis in it are replaced.
-        overwrite: also where they were changed since.
-
-    Raises:
-        InputRefused: the folder belongs to the recordings or to another run, holds files of others with the names of
-            results, or cannot be written to.
-    """
-    with claim(Path(out), "diagnose", diagnosis.campaign.inputs, RESULTS, overwrite=overwrite) as place:
-        return write_into(diagnosis, place)[0]
-
-
-def write_into(
-    diagnosis: Diagnosis, place: Place, made_of: Provenance | None = None
-) -> tuple[dict[str, Any], Evidence]:
-    """The same into a folder that is claimed already; returns the document, and what the report shows besides.
-
-    A part of the report that fails is left out of it, and is among the warnings of the document.
-
-    Args:
-        made_of: how the run was started and what it read; hashed now if left out.
-
-    Raises:
-        KeyboardInterrupt: it was interrupted; all but the part at work is written.
-    """
-    with accounted(answers=True) as account:
-        save_fit(diagnosis.base, place / "base")
-        save_fit(diagnosis.final, place / "model")
-        content = document(diagnosis)
-        (place / "diagnosis.json").write_json(content)
-        inputs = diagnosis.base.plan.recordings[0].units.input
-        following = partial(write_waveform, diagnosis.proposal, diagnosis.base.setup, inputs, place / WAVEFORM)
-        needed("waveform of the next recording", following, None)
-        shown = evidence(diagnosis, made_of)
-        write_report(content, shown, place)
-        if account.warnings:
-            content |= _told(diagnosis, account.warnings)
-            (place / "diagnosis.json").write_json(content)
-    if account.interruption is not None:
-        raise account.interruption
-    return content, shown
-
-
-def _told(diagnosis: Diagnosis, further: Sequence[Failure] = ()) -> dict[str, Any]:
-    """How the search ended, and what failed."""
-    ended = diagnosis.ended
-    return {
-        "ended": {
-            "why": ended.why,
-            "budget": ended.budget,
-            "evaluations": ended.evaluations,
-            "not_tried": list(ended.not_tried),
-            "failed": documents(ended.failed),
-        },
-        "warnings": documents((*ended.warnings, *further)),
-    }
-
-
-def document(diagnosis: Diagnosis) -> dict[str, Any]:
-    """``diagnosis.json`` as a mapping; numbers that are not finite become null, and so do parts that fail."""
-    campaign = diagnosis.campaign
-    found = {r.name: r.noise_found for r in campaign.recordings}
-    parts: dict[str, Callable[[], Any]] = {
-        "test": lambda: _test(diagnosis),
-        "probability": lambda: {n: round(p, 4) for n, p in diagnosis.probability.items() if p >= _TOLD or n == NONE},
-        "missing": lambda: missing_entries(diagnosis),
-        "remainder": lambda: _remainder(diagnosis),
-        "location": lambda: _location(diagnosis),
-        "noise": lambda: {n: s.document() | {"found": found[n]} for n, s in noise_statements(diagnosis).items()},
-        "noise_floor": lambda: {r.name: r.noise for r in campaign.recordings},
-        "numerical_error_sigma": lambda: diagnosis.error.sigma,
-        "kernel_residual": lambda: diagnosis.kernel_residual,
-        "units": lambda: campaign.recordings[0].units._asdict(),
-        "fit": lambda: {
-            "before": diagnosis.before.table(),
-            "after": diagnosis.after.table() if diagnosis.final is not diagnosis.base else {},
-            "held_out": [p.name for p in diagnosis.before.parts if p.use == "confirmation"],
-        },
-        "next_experiment": lambda: next_experiment(diagnosis.proposal),
-        "versions": lambda: {"python": python_version()} | {name: version(name) for name in _PACKAGES},
-        "rules": lambda: [r.document() for r in diagnosis.outcome.rules],
-        "criteria": lambda: diagnosis.criteria.changed(),
-    }
-    content: dict[str, Any] = {"schema": SCHEMA, "verdict": diagnosis.verdict}
-    content |= {name: needed(f"{name} of diagnosis.json", made, None) for name, made in parts.items()}
-    content |= {"seed": diagnosis.options.seed, "seconds": round(diagnosis.seconds, 2)}
-    whole: dict[str, Any] = finite(content | _told(diagnosis))
-    return whole
-
-
-def _test(diagnosis: Diagnosis) -> dict[str, Any]:
-    """Return the score of the first element of the model in the residual of the base model, else the largest one; what
-    is significant and immaterial has its size."""
-    statistic, p_value, name = diagnosis.significance()
-    screened = diagnosis.screened[0]
-    first = next((c for c in screened if any(c.effect == claim.effect for claim in diagnosis.claims[:1])), None)
-    if first is not None:
-        statistic, p_value, name = first.score, chance(first.score, screened), first.effect.canonical
-    small = immaterial(diagnosis)
-    test = {"statistic": statistic, "p_value": p_value, "candidate": name or None}
-    return test if small is None else test | {"immaterial": asdict(small)}
-
-
-def _remainder(diagnosis: Diagnosis) -> dict[str, Any]:
-    left, small, where = remains(diagnosis), immaterial(diagnosis, after=True), diagnosis.remaining
-    remainder = {
-        "verdict": UNKNOWN if left else NONE,
-        "residual_over_noise": math.sqrt(diagnosis.final.chi2),
-        "p_value": diagnosis.significance(after=True)[1],
-        "location": where.name if left and where is not None else None,
-    }
-    return remainder if small is None else remainder | {"immaterial": asdict(small)}
-
-
-def _location(diagnosis: Diagnosis) -> dict[str, Any] | None:
-    where, base = diagnosis.location, diagnosis.linearised[0]
-    if where is None:
-        return None
-    name, *tied = diagnosis.places
-    scores, frequencies, times = where_and_when(base)
-    return {
-        "name": name,
-        "detail": diagnosis.detail,
-        "tied": tied,
-        "dictionary": [where.name, *where.tied],
-        "scores": {n: round(s, 4) for n, s in where.scores.items()},
-        "ranks": {n: round(where.ranks[n], 4) for n in where.scores},
-        "recordings": {n: {"residual_over_noise": v} for n, v in scores.items()},
-        "frequencies_Hz": frequencies,
-        "times_s": times,
-    }
-
-
-def evidence(diagnosis: Diagnosis, made_of: Provenance | None = None) -> Evidence:
-    """Traces, curves and tables of the report; a part that fails is empty.
-
-    Args:
-        made_of: how the run was started and what it read; hashed now if left out.
-    """
-    return Evidence(
-        traces=needed("traces of the recordings", lambda: tuple(_traces(diagnosis)), ()),
-        curves=needed("curves at the location", lambda: _curves(diagnosis), ()),
-        parameters=needed("table of parameters", lambda: tuple(_parameters(diagnosis)), ()),
-        models=needed("table of models", lambda: tuple(model_rows(diagnosis)), ()),
-        candidates=needed("table of candidates", lambda: tuple(candidate_rows(diagnosis)), ()),
-        ledger=needed("energy ledger", lambda: tuple(_ledger(diagnosis)), ()),
-        notes=needed("notes", lambda: (*doubts_of_units(diagnosis.campaign), *diagnosis.campaign.notes), ()),
-        verdict_sentence=needed("sentence of the verdict", lambda: sentence(diagnosis), ""),
-        no_proposal=needed("reason why nothing is proposed", lambda: no_proposal(diagnosis), ""),
-        supports=needed("support of the elements", lambda: supports(diagnosis), ()),
-        rules=diagnosis.outcome.rules,
-        methods=needed("methods", lambda: methods(diagnosis), None),
-        provenance=made_of or needed("provenance", lambda: provenance(diagnosis.campaign), None),
-    )
-
-
-def _curves(diagnosis: Diagnosis) -> tuple[Picture, ...]:
-    (base, final), located = diagnosis.linearised, diagnosis.location
-    # A refit knows the place better than local functions did before it.
-    located = located if located is not None and located.name in diagnosis.places else None
-    curves = []
-    for linearised, where in ((base, located), (final, diagnosis.remaining)):
-        drawn = picture(linearised, where) if where is not None else None
-        if where is not None and drawn is not None:
-            free = is_effort(where) and not forces_known(diagnosis)
-            title = drawn.title + ("" if linearised is base else " (what remains)")
-            label = drawn.y_label + (", up to one common factor" if free else "")
-            curves.append(replace(drawn, title=title, y_label=label))
-    curves[1:1] = _learned_laws(diagnosis)
-    return tuple(curves[:2] if diagnosis.claims else curves[:1])
-
-
-def _learned_laws(diagnosis: Diagnosis) -> list[Picture]:
-    """The laws of learned one-ports of the kind that the location shows, on the axis of its functions."""
-    where, base, values = diagnosis.location, diagnosis.linearised[0], diagnosis.final.setup.values()
-    if where is None or where.name != "mechanical":
-        return []
-    effects = [c.effect for c in diagnosis.claims if c.learned]
-    there = [e for e in effects if (e.location, e.kind.name) == (where.name, where.detail)]
-    alone = [e.add_to(base.fit.setup, {n: values[n] for n in e.parameters}) for e in there]
-    return [learned_picture(base, where, setup) for setup in alone]
-
-
-def _traces(diagnosis: Diagnosis) -> list[Trace]:
-    found = []
-    for r in diagnosis.campaign.recordings:
-        for part in r.parts:
-            if part.use == "nuisance" or r.name not in diagnosis.before.outputs:
-                continue
-            rows = slice(part.first, part.last)
-            before, after = diagnosis.before.outputs[r.name][rows], diagnosis.after.outputs[r.name][rows]
-            scored = np.ones(part.last - part.first, dtype=bool)
-            held = part.use == "confirmation"
-            found.append(Trace(part.name, r.t[rows], r.u[rows], r.y[rows], before, after, r.noise, held, scored))
-    return found
-
-
-def _parameters(diagnosis: Diagnosis) -> list[ParameterRow]:
-    final = diagnosis.final
-    before, after = diagnosis.base.setup.parameters, final.setup.parameters
-    std = final.std()
-    anchored = forces_known(diagnosis)
-    rows = []
-    hidden = auxiliary(final.setup.network)
-    for name, p in ((n, p) for n, p in after.items() if n not in hidden):
-        note = final.note(name) or ("constant" if p.fixed else "")
-        if not note and not anchored and p.unit in FORCE_UNITS:
-            note = "up to one common factor"
-        note = note or (f"base model: {unknown}" if (unknown := diagnosis.base.note(name)) else "")
-        old = before[name].value if name in before else None
-        ends = final.interval(name)
-        rows.append(ParameterRow(name, p.description, p.unit, old, p.value, finite(std.get(name)), note, ends))
-    return rows
-
-
-def _ledger(diagnosis: Diagnosis) -> list[LedgerRow]:
-    base, where = diagnosis.linearised[0], diagnosis.location
-    forces = [missing_force(base, where, i) if where is not None else None for i in range(len(base.trajectories))]
-    return [energy_ledger(t, f) for t, f in zip(base.trajectories, forces, strict=True)]
-
-
-def energy_ledger(trajectory: Trajectory, missing_force: NDArray[np.float64] | None = None) -> LedgerRow:
-    """Return the energies [J] of a simulated recording, on stage values; up to one common factor without an anchor.
-
-    They balance to rounding: supplied by the ports, stored at the end beyond the start, dissipated by each element. The
-    unexplained work of the missing effort, ``Σ h |f v̄|``, is 0 where none was located.
-
-    Args:
-        missing_force: (n,) effort that a located mismatch asks for [N].
-    """
-    balance = power_balance(trajectory)
-    names = [r.name for r in trajectory.setup.network.resistors]
-    losses = balance.dissipated.detach().sum(dim=0).tolist()
-    work = 0.0 if missing_force is None else np.sum(trajectory.h * np.abs(missing_force * trajectory.velocity))
-    return LedgerRow(
-        recording=trajectory.recording.name,
-        supplied=float(balance.supplied.detach().sum()),
-        stored=float(balance.stored.detach().sum()),
-        dissipated=dict(zip(names, losses, strict=True)),
-        unexplained=float(work),
-    )

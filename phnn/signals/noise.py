@@ -24,7 +24,7 @@ from phnn.signals.first_order import (
     periodogram,
     without_line,
 )
-from phnn.signals.sampling import quantisation_step
+from phnn.signals.sampling import longest_run, quantisation_step
 
 # Differences of order p pass white noise with the factor ``√C(2p, p)`` and a tone of angular frequency ω with
 # ``(2 sin(ω dt/2))^p``: with rising order what was excited vanishes, and the estimate comes to rest at the noise. Jumps
@@ -120,6 +120,8 @@ WHITE = np.array([1.0])
 _FEWEST_PERIODS = 3  # after the first one, which holds the transient
 _FEWEST_AT_REST = 200
 _SETTLING = 0.4  # share of a rest that is left to what still moves
+# Share of the deviation of the whole output from which a noise floor is as large as the output itself.
+OWN_FLOOR = 0.5
 # Samples of a rest that is long enough to show the noise.
 LONG_REST = int(np.ceil(_FEWEST_AT_REST / (1.0 - _SETTLING)))
 _LEAST_SHARE_OF_RANGE = 1e-6
@@ -272,7 +274,11 @@ def _loss(basis: np.ndarray, correlation: np.ndarray) -> float:
 
 
 def from_rest(u: np.ndarray, y: np.ndarray) -> NoiseFloor | None:
-    """From the longest stretch of constant input, its part after the transient, trend removed; ``None`` without one."""
+    """From the longest stretch of constant input, its part after the transient, trend removed.
+
+    ``None`` without one, and where the output still moves there: smoothly, or by more than its differences show and as
+    much as anywhere else.
+    """
     first, last = longest_hold(u)
     first += int(_SETTLING * (last - first))
     n = last - first
@@ -283,19 +289,17 @@ def from_rest(u: np.ndarray, y: np.ndarray) -> NoiseFloor | None:
     rest = y[first:last] - trend(k)
     sigma = sqrt(float(rest @ rest) / (n - 4))
     above, _ = by_differences(y[first:last])
-    if sigma > 1.5 * above and float(rest[1:] @ rest[:-1]) > 0.9 * float(rest @ rest):
-        return None  # it still moves smoothly: this is settling, not noise
+    smooth = float(rest[1:] @ rest[:-1]) > 0.9 * float(rest @ rest)
+    if sigma > 1.5 * above and (smooth or sigma > OWN_FLOOR * float(np.std(y))):
+        return None
     return NoiseFloor(sigma, f"{n} samples at rest", _correlation([rest]))
 
 
 def longest_hold(u: np.ndarray) -> tuple[int, int]:
     """Samples ``[first, last)`` of the longest stretch of constant input."""
     still = np.abs(np.diff(u)) <= 1e-9 * max(float(np.ptp(u)), 1e-300)
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], still.astype(int), [0]))))
-    if edges.size == 0:
-        return 0, 0
-    longest = int(np.argmax(edges[1::2] - edges[::2]))
-    return int(edges[2 * longest]), int(edges[2 * longest + 1]) + 1
+    longest = longest_run(still)
+    return (longest.start, longest.stop + 1) if longest.stop else (0, 0)
 
 
 def from_high_band(u: np.ndarray, y: np.ndarray, dt: float) -> NoiseFloor:

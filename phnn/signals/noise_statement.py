@@ -5,7 +5,6 @@ Each is told where it is significant at one per cent and large enough to matter.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -23,9 +22,7 @@ _LEVEL, _FEWEST = 0.01, 200
 # Shares of coloured power that are tried, and coefficients of first-order noise.
 _SHARES = np.linspace(0.02, 1.0, 50)
 _COEFFICIENTS = (-0.8, -0.5, -0.25, -0.1, 0.1, 0.25, 0.5, 0.7, 0.8, 0.9, 0.95, 0.98)
-_ALIASES, _BLOCKS = 6, 20
-# Gain of the log likelihood, twice, by which another shape must exceed the plant's to be believed instead of it.
-_KNOWN = 2.0
+_BLOCKS = 20
 # Share of the variance that goes with the speed, and step over the noise, from which they are worth a word.
 _GROWS, _COARSE = 0.05, 0.3
 # Outliers begin at so many standard deviations, these from the median absolute deviation; fewest that make tails heavy.
@@ -57,7 +54,6 @@ class Sample:
         noise: (N,) noise alone, in any unit, neighbouring samples in order; dt: sampling interval [s].
         speed: (N,) of the output at the same samples, in the unit of the noise a second; None where it is unknown.
         step: of which the output's values are multiples, in the unit of the noise; 0 where there is none.
-        plant: power gain from a force to the output at frequencies [Hz]; None where no model is known.
         scale: of the unit of the noise in the output's.
         above: frequency [Hz] up to which something other than noise may be left.
     """
@@ -66,7 +62,6 @@ class Sample:
     dt: float
     speed: Array | None = None
     step: float = 0.0
-    plant: Callable[[Array], Array] | None = None
     scale: float = 1.0
     above: float = 0.0
 
@@ -105,35 +100,18 @@ def _colour(x: Array, sample: Sample) -> str:
     f, power = periodogram(x, 1.0 / sample.dt)
     seen = f > sample.above
     f, power = f[seen], power[seen]
-    shapes: dict[str, Array] = {"1/f": 1.0 / f}
-    if sample.plant is not None:
-        shapes["plant"] = _folded(sample.plant, f, 1.0 / sample.dt)
     cycles = 2.0 * np.pi * f * sample.dt
-    gains = {name: _gain(power, g / g.mean(), _SHARES) for name, g in shapes.items()}
+    gains = {"1/f": _gain(power, (1.0 / f) / np.mean(1.0 / f), _SHARES)}
     for phi in _COEFFICIENTS:
         g = (1.0 - phi**2) / (1.0 - 2.0 * phi * np.cos(cycles) + phi**2)
         gains[f"{phi:g}"] = _gain(power, g / g.mean(), np.ones(1))
     name, (gain, share) = max(gains.items(), key=lambda item: item[1][0])
     if gain < chi2.isf(_LEVEL / len(gains), 1):
         return ""
-    # Where the plant explains the spectrum about as well as anything does, it is the one cause that is known.
-    if "plant" in gains and gains["plant"][0] > gain - _KNOWN:
-        _, share = gains["plant"]
-        peak = f[np.argmax(shapes["plant"])]
-        where = f"the resonance of the plant ({quantity(float(peak), 'Hz')})"
-        if peak < 3.0 * f[0] or peak > 0.97 * f[-1]:
-            where = "the shape of the plant's response"
-        return f"the spectrum has {where}: {100.0 * share:.0f} % of the noise passes through it"
     if name == "1/f":
         return f"{100.0 * share:.0f} % of it lies at low frequencies, its spectrum falls as 1/f"
     side = "low" if float(name) > 0.0 else "high"
     return f"more power at {side} frequencies: neighbouring samples are correlated by {float(name):.2g}"
-
-
-def _folded(plant: Callable[[Array], Array], f: Array, rate: float) -> Array:
-    """A power spectrum as samples show it: what lies above half the rate is folded back."""
-    images = [np.abs(f + k * rate) for k in range(-_ALIASES, _ALIASES + 1)]
-    return np.asarray(np.sum([plant(image) for image in images], axis=0))
 
 
 def _gain(power: Array, shape: Array, shares: Array) -> tuple[float, float]:

@@ -224,7 +224,9 @@ class Case:
 def _model(logged: Mapping[str, Any]) -> Visited:
     elements: Any = tuple(map(_element, logged["elements"]))
     free = {n for e in elements for n in e.parameters} - {_HELD}
-    fit: Any = SimpleNamespace(setup=SimpleNamespace(parameters={n: SimpleNamespace(fixed=False) for n in free}))
+    parameters = {n: SimpleNamespace(fixed=False) for n in free}
+    # Every sealed actuator follows its input.
+    fit: Any = SimpleNamespace(setup=SimpleNamespace(parameters=parameters), explained=1.0)
     fitted, held_out = ({n: Misfit(*m) for n, m in logged[use].items()} for use in ("fitted", "held_out"))
     return Visited(elements, fit, fitted, held_out, logged["nuisances"], logged["converged"])
 

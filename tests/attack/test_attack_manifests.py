@@ -119,7 +119,7 @@ NAMES = st.sampled_from([*KEYS, *EACH, *INNER, "displacement"]) | st.text(max_si
 TREES = st.recursive(SCALARS, lambda inner: st.lists(inner, max_size=4) | st.dictionaries(NAMES, inner, max_size=4))
 
 
-@often(80)
+@often(30)
 @given(content=st.dictionaries(st.sampled_from(KEYS), TREES, max_size=3))
 def test_manifests_at_random(content: dict[str, object], attack: Attack, good: Path) -> None:
     import yaml
@@ -137,7 +137,7 @@ recordings:
 """
 
 
-@often(80)
+@often(30)
 @given(at=st.integers(0, len(MANIFEST)), cut=st.integers(0, 12), piece=st.text(max_size=6))
 def test_manifests_with_a_damaged_place(at: int, cut: int, piece: str, attack: Attack, good: Path) -> None:
     put(good / "recordings.yaml", MANIFEST[:at] + piece + MANIFEST[at + cut :])

@@ -1,4 +1,4 @@
-"""The benchmarks' own parts: the case, the reference, the ladder, the table, and that the peers solve the same case."""
+"""The benchmarks' own parts: all import, the reference is right, and the peers solve the same case."""
 
 from __future__ import annotations
 
@@ -8,9 +8,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
-import torch
 
 # Benchmarks are not installed with the package.
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
@@ -84,15 +82,6 @@ def test_scipy_solves_the_same_case(truth: tuple[np.ndarray, np.ndarray]) -> Non
         assert ladder.relative_errors(found[None], truth[0])[0] < 1e-5
 
 
-def test_torch_peer_has_the_rates_of_the_reference() -> None:
-    actuator = peers_torch.Actuator(RISE[0])
-    z, n = np.array([1.0, -0.8, 0.4, -0.3]), 100
-    middle = 0.5 * (RISE[0].t[n] + RISE[0].t[n + 1])
-    wanted = reference.rates(z, 0.5 * (RISE[0].u[n] + RISE[0].u[n + 1]), case.TRUTH, reference.SCALE)
-    found = actuator(torch.tensor(middle), torch.from_numpy(z)).detach().numpy()
-    assert found == pytest.approx(wanted, rel=1e-9)
-
-
 @pytest.mark.slow
 def test_diffrax_solves_the_same_case(truth: tuple[np.ndarray, np.ndarray]) -> None:
     pytest.importorskip("diffrax")
@@ -122,46 +111,7 @@ def test_identifications_share_start_and_cost() -> None:
     assert by_jax == pytest.approx(ours, abs=1e-3 * np.abs(ours).max())
 
 
-def _constant(errors: dict[float, list[float]], name: str = "s") -> ladder.Solver:
-    """A solver of two recordings whose truth is one, with errors by rung."""
-
-    def prepare(settings: list[float]) -> table.Solve:
-        return lambda: np.array([[1.0 + errors[s][r]] for r, s in enumerate(settings)])
-
-    return ladder.Solver(name, tuple(errors), prepare)
-
-
-def test_climb_takes_the_loosest_setting_of_every_recording() -> None:
-    solver = _constant({1e-1: [5e-3, 1e-5], 1e-2: [1e-4, 1e-3], 1e-3: [np.nan, 1e-7]})
-    loose, middle, tight = ladder.climb(solver, np.ones((2, 1)), (1e-2, 1e-3, 1e-6))
-    assert loose.settings == (1e-1, 1e-1)
-    # The second recording keeps the first rung, although the next one is worse.
-    assert middle.settings == (1e-2, 1e-1)
-    assert middle.error == pytest.approx(1e-4)
-    assert tight.settings is None
-    assert tight.error == pytest.approx(1e-4)
-
-
-def test_page_gets_one_line_a_solver_between_its_marks() -> None:
-    contenders = [
-        table.Contender("case", target, name, "", error, None)
-        for target in (1e-4, 1e-5)
-        for name, error in (("phnn", 0.5 * target), ("other", 3e-5))
-    ]
-    found = document.by_target(table.rows(contenders, [0.002, 4.0, 0.004, float("nan")]))
-    assert found.columns.tolist() == ["solver", "1e-04", "1e-05"]
-    assert found.to_numpy().tolist() == [
-        ["phnn", "2 ms (1×)", "4 ms (1×)"],
-        ["other", "4 s (2,000×)", "not reached (3e-05)"],
-    ]
-    assert document.markdown(pd.DataFrame({"a": ["x"], "ratio": [2.0]})) == "| a | ratio |\n| --- | ---: |\n| x | 2 |"
-    first, last = document.MARKS
-    page = f"head\n{first}\nold\n{last}\ntail"
-    assert document.replaced(page, "new") == f"head\n{first}\n\nnew\n\n{last}\ntail"
-    with pytest.raises(ValueError, match="marks"):
-        document.replaced("nothing", "new")
-
-
+@pytest.mark.slow
 def test_growth_has_the_gradient_of_all_parameters() -> None:
     network = growth.with_cells(3)
     assert len(network.parameters) == 10

@@ -334,3 +334,9 @@ def test_what_recordings_share_is_printed_once() -> None:
     assert text.count("output in steps of") == 1
     assert "at_5: output in steps of 10 nm" in text
     assert "similar in at_8, at_12" in text
+
+
+def test_another_system_than_an_actuator_may_have_any_gain() -> None:
+    coil = replace(campaign(recording(sine().u, 4e4 * sine().y)), setup={"model": "voice_coil"})
+    assert not [f for f in check(coil).findings["a"] if f.kind == "units"]
+    assert "units" in found(coil.recordings[0])

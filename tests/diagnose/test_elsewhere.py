@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from phnn.configuration import compose
 from phnn.criteria import Criteria
 from phnn.diagnose import diagnosis as path
 from phnn.diagnose.diagnosis import Diagnosis, diagnose
@@ -31,7 +30,7 @@ from phnn.models.actuator import hrc
 from phnn.parallel import executor
 from phnn.recordings import Campaign, read
 from phnn.recordings.recording import Start
-from phnn.report.missing import missing_entries
+from phnn.report.result import missing_entries
 from phnn.setup import Setup
 
 SCALES = Scales(90.0, 1e-4, 0.1, 2.5e4, 0.046, 50.0, 150.0, 0.06, 1e-8)
@@ -105,13 +104,6 @@ def test_refits_are_the_same_wherever_they_are_done(choice: str) -> None:
     assert expected[0].words == "creep"
     assert len(expected) >= 5
     assert_same(visited(choice), expected)
-
-
-def test_the_choice_is_a_setting() -> None:
-    assert compose("diagnose")["executor"] == Options().executor == "serial"
-    for choice in ("processes:2", "tcp://node1:8786", "runs/scheduler.json"):
-        config = compose("diagnose", [f"executor={choice}"])
-        assert Options.from_config(config).executor == choice
 
 
 @pytest.mark.slow

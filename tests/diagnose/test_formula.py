@@ -85,6 +85,7 @@ def test_damping_that_grows_with_the_square_of_the_displacement() -> None:
         MathTextParser("path").parse(f"${text}$")
 
 
+@pytest.mark.slow
 def test_damping_that_differs_by_direction() -> None:
     element = learned_elements()["learned_damper"]
     found = of_terms(damped({"F_f3": 0.3}), element)
@@ -107,7 +108,7 @@ def test_a_spring_that_hardens_with_the_cube() -> None:
     MathTextParser("path").parse(f"${found.equation}$")
 
 
-@pytest.mark.parametrize("share", [1e-2, 10.0])
+@pytest.mark.parametrize("share", [pytest.param(1e-2, marks=pytest.mark.slow), 10.0])
 def test_a_fit_of_strengths_needs_few_steps_wherever_they_begin(share: float) -> None:
     element = learned_elements()["learned_damper"]
     plan, names = recordings(damped({"F_f3": 0.3})), [*NAMES, *element.strengths]
@@ -131,9 +132,14 @@ def test_a_fit_of_strengths_needs_few_steps_wherever_they_begin(share: float) ->
     ("learned", "formula", "values", "said"),
     [
         ("learned_amplifier", "amplifier_dead_band", {"delta_U": 0.6, "a_U": 1.0}, "dead band"),
-        ("learned_amplifier", "amplifier_knee", {"a_K": 0.15, "U_K": -45.0}, "beyond -45"),
+        pytest.param(
+            *("learned_amplifier", "amplifier_knee", {"a_K": 0.15, "U_K": -45.0}, "beyond -45"), marks=pytest.mark.slow
+        ),
         ("learned_sensor_over_time", "sensor_clock", {"kappa_Z": 3e-4, "one_Z": 1.0}, "clock"),
-        ("learned_sensor_over_time", "sensor_gain_drift", {"kappa_G": -0.02, "bend_G": 0.0, "T_G": 0.06}, "gain"),
+        pytest.param(
+            *("learned_sensor_over_time", "sensor_gain_drift", {"kappa_G": -0.02, "bend_G": 0.0, "T_G": 0.06}, "gain"),
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_a_formula_of_the_measuring_chain_is_found_in_the_place_of_a_learned_element(

@@ -22,19 +22,14 @@ from phnn.diagnose.diagnosis import available
 from phnn.diagnose.linearised import LinearisedFit, prepare
 from phnn.diagnose.lines import (
     Spectra,
-    degrees_of_freedom,
     force_noise,
     own_score,
     spectra_of,
-    stated_variances,
     strongest_line,
 )
 from phnn.diagnose.locations import (
-    integral_while_within,
     locate,
-    low_pass,
     play_operator,
-    rate,
     rate_limited,
     resonator,
 )
@@ -43,27 +38,15 @@ from phnn.effects import effect
 from phnn.errors import StructureViolated
 from phnn.identification.covariance import NoiseSpectrum, most_excess, noise_spectra
 from phnn.models.actuator import hrc
-from phnn.network import small_signal
 from phnn.network.small_signal import output_gain
 from phnn.recordings import read
 from phnn.recordings.recording import Campaign, Start, unrecorded
 from phnn.setup import DRIFT_TERMS, Own
 from phnn.signals.noise import AS_WHITE
-from phnn.trajectory import simulate
 from studies.generator import draw_case, make_case
 from tests import campaigns
 
 signals = st.integers(0, 10**6).map(lambda seed: np.cumsum(np.random.default_rng(seed).standard_normal(200)))
-
-
-@pytest.mark.parametrize("tau", [1e-4, 3e-3, 1.0])
-@pytest.mark.parametrize("before", [0.0, -2.0])
-def test_low_pass_is_scipys(tau: float, before: float) -> None:
-    x = np.random.default_rng(0).standard_normal(500)
-    h = 1e-3
-    a = np.exp(-h / tau)
-    expected, _ = lfilter([1.0 - a], [1.0, -a], x, zi=[a * before])
-    np.testing.assert_allclose(low_pass(x, np.full(x.size, h), tau, before), expected, atol=1e-12)
 
 
 @settings(max_examples=20, deadline=None)
@@ -80,14 +63,6 @@ def test_resonator_is_an_oscillator_driven_by_a_held_signal(x: np.ndarray, frequ
     np.testing.assert_allclose(found @ weights, states / np.abs(states).max(axis=0), atol=1e-8)
 
 
-def test_a_resonator_turns_by_a_quarter_where_it_resonates() -> None:
-    h, frequency, ratio = 1e-4, 50.0, 0.02
-    t = h * np.arange(40_000)
-    found = resonator(np.sin(2.0 * np.pi * frequency * t), np.full(t.size, h), frequency, ratio)[20_000:]
-    # A sine is half of what turns with the pole, where |λ / (iω − λ)| is 1/ζ.
-    np.testing.assert_allclose(np.abs(found).max(axis=0), 0.5 / ratio * np.ones(2), rtol=0.1)
-
-
 @settings(max_examples=30, deadline=None)
 @given(signals, st.floats(0.01, 20.0))
 def test_play_follows_within_its_radius_and_knows_no_rate(x: np.ndarray, radius: float) -> None:
@@ -100,14 +75,6 @@ def test_play_follows_within_its_radius_and_knows_no_rate(x: np.ndarray, radius:
     assert (moves * pushes >= 0.0).all()
 
 
-def test_rate_is_exact_for_a_parabola_on_unequal_steps() -> None:
-    h = np.random.default_rng(2).uniform(0.5e-3, 2e-3, 60)
-    edges = np.concatenate([[0.0], np.cumsum(h)])
-    t = 0.5 * (edges[1:] + edges[:-1])
-    np.testing.assert_allclose(rate(3.0 * t**2 - t, h)[1:-1], (6.0 * t - 1.0)[1:-1], atol=1e-9)
-    assert (rate(np.array([1.0, 2.0]), np.array([0.1, 0.1])) == 0.0).all()
-
-
 @settings(max_examples=30, deadline=None)
 @given(signals, st.floats(0.1, 50.0), st.floats(-2.0, 2.0))
 def test_rate_limit_follows_what_is_slow_and_never_exceeds_its_rate(x: np.ndarray, limit: float, before: float) -> None:
@@ -116,17 +83,6 @@ def test_rate_limit_follows_what_is_slow_and_never_exceeds_its_rate(x: np.ndarra
     assert np.abs(np.diff(y, prepend=before)).max() <= 0.1 * limit * (1 + 1e-12)
     fast = max(np.abs(np.diff(x, prepend=before)).max() / 0.1, limit)
     np.testing.assert_allclose(rate_limited(x, h, 1.001 * fast, before), x, atol=1e-12)
-
-
-def test_rate_limit_answers_a_step_with_a_ramp() -> None:
-    y = rate_limited(np.ones(10), np.full(10, 0.5), 0.4, 0.0)
-    np.testing.assert_allclose(y, [0.2, 0.4, 0.6, 0.8, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0])
-
-
-def test_integral_begins_anew_wherever_the_limit_is_reached() -> None:
-    x = np.array([1.0, 1.0, -1.0, 5.0, 1.0, 2.0, -5.0])
-    np.testing.assert_allclose(integral_while_within(x, np.full(7, 0.5), 3.0), [0.5, 1.0, 0.5, 0.0, 0.5, 1.5, 0.0])
-    np.testing.assert_allclose(integral_while_within(x, np.full(7, 0.5), np.inf), 0.5 * np.cumsum(x))
 
 
 DT, SIZE = 1e-3, 600
@@ -167,23 +123,6 @@ def test_harmonics_of_what_drives_a_recording_are_no_line(driven: float, seen: b
     assert (power.size == 1 and power[0] > 50.0 * level[0]) if seen else power.size == 0
 
 
-def test_what_lies_beside_a_line_is_that_of_recordings_that_can_show_it() -> None:
-    """Of two recordings of other lengths and rates, within what each resolves, and beside what drives it."""
-    rng = np.random.default_rng(0)
-    long, short = 1e-3 * np.arange(2000), 1e-2 * np.arange(100)
-    made = [
-        recording(long, np.sin(2.0 * np.pi * 50.0 * long), Start("rest")),
-        recording(short, np.zeros(short.size), Start("rest")),
-    ]
-    residuals = [rng.standard_normal(long.size) + 2.0 * np.sin(2.0 * np.pi * 30.0 * long), rng.standard_normal(100)]
-    spectra = spectra_of(residuals, made, [np.zeros_like] * 2)
-    counts = {f: spectra.around([f])[0].size for f in (0.1, 30.0, 50.0, 310.0, 600.0)}
-    assert counts == {0.1: 0, 30.0: 2, 50.0: 0, 310.0: 1, 600.0: 0}
-    power, level = spectra.around([30.0])
-    assert power[0] > 100.0 * level[0] and power[1] < 20.0 * level[1]
-    assert [x.size for x in spectra.around([])] == [0, 0]
-
-
 def coloured(seed: int, exponent: float, scale: float) -> LinearisedFit:
     """A linearised fit whose residual has a power of its own at low frequencies."""
     linearised, rng = campaigns.linearised(), np.random.default_rng(seed)
@@ -214,29 +153,10 @@ def with_residual(linearised: LinearisedFit, residual: np.ndarray) -> Linearised
     return replace(linearised, fit=replace(linearised.fit, residual=residual, jacobian=nothing))
 
 
-def test_stated_correlation_is_a_symmetric_band_within_a_recording() -> None:
-    linearised = campaigns.linearised()
-    rho = np.array([1.0, 0.5, 0.2])
-    recordings = tuple(replace(r, noise_correlation=rho) for r in linearised.plan.recordings)
-    edge = linearised.slices[0].stop
-    for lag, expected in [(1, 3.0), (2, 2.4), (3, 2.0)]:
-        pairs = np.zeros((linearised.fit.residual.size, 2))
-        # Another recording has noise of its own.
-        pairs[[10, 10 + lag], 0] = pairs[[edge - 1, edge - 1 + lag], 1] = 1.0
-        np.testing.assert_allclose(stated_variances(recordings, linearised.slices, pairs), [expected, 2.0])
-
-
 def noise_spectra_of(linearised: LinearisedFit) -> list[NoiseSpectrum]:
     """Spectra of the noise in the residual, by recording."""
     residuals = [linearised.residual[rows] for rows in linearised.slices]
     return noise_spectra(residuals, linearised.plan.recordings)
-
-
-def resonant(n: int, rng: np.random.Generator) -> np.ndarray:
-    """White noise of unit variance through a resonance at 0.05 cycles a sample, half of the power, and white noise."""
-    pole = 0.97 * np.exp(2j * np.pi * 0.05)
-    ringing = lfilter([1.0], np.poly([pole, pole.conj()]).real, rng.standard_normal(n))
-    return np.sqrt(0.5) * (ringing / ringing.std() + rng.standard_normal(n))
 
 
 def periodic(linearised: LinearisedFit) -> LinearisedFit:
@@ -245,22 +165,6 @@ def periodic(linearised: LinearisedFit) -> LinearisedFit:
         replace(r, period=r.t.size / 10.0 * 1e-4, t=1e-4 * np.arange(r.t.size)) for r in linearised.plan.recordings
     )
     return replace(linearised, fit=replace(linearised.fit, plan=replace(linearised.plan, recordings=recordings)))
-
-
-def test_the_spread_of_scores_under_noise_of_a_resonance() -> None:
-    rng = np.random.default_rng(2)
-    linearised = periodic(campaigns.linearised())
-    n = linearised.fit.residual.size
-    columns = np.stack([resonant(n, rng) for _ in range(3)] + [rng.standard_normal(n)], axis=1)
-    # The average over many draws knows the covariance that a single residual has to tell.
-    draws = np.stack([np.concatenate([resonant(s.stop - s.start, rng) for s in linearised.slices]) for _ in range(600)])
-    exact = np.var(draws @ columns, axis=0)
-    assert exact[0] > 2.0 * columns[:, 0] @ columns[:, 0]
-    each = [zip(noise_spectra_of(with_residual(linearised, r)), linearised.slices, strict=True) for r in draws[:20]]
-    found = np.mean(
-        [np.sum([np.diag(s.covariance(columns[rows])) for s, rows in pairs], axis=0) for pairs in each], axis=0
-    )
-    np.testing.assert_allclose(found, exact, rtol=0.2)
 
 
 def test_a_recording_alone_does_not_take_its_misfit_for_noise() -> None:
@@ -307,18 +211,6 @@ def test_a_true_effect_does_not_hide_in_its_own_spread() -> None:
         assert scores_of(shown, direction)[0] > 0.7 * 0.3 * np.linalg.norm(direction)
 
 
-def test_what_few_ordinates_tell_has_few_degrees_of_freedom() -> None:
-    linearised = periodic(campaigns.linearised())
-    sizes = [s.stop - s.start for s in linearised.slices]
-    n = sum(sizes)
-    shown = with_residual(linearised, np.random.default_rng(8).standard_normal(n))
-    noise = noise_spectra_of(shown)
-    slow, wide = np.zeros((n, 1)), np.random.default_rng(9).standard_normal((n, 1))
-    slow[: sizes[0], 0] = np.cos(2.0 * np.pi * 5.0 * np.arange(sizes[0]) / sizes[0])
-    few, many = (degrees_of_freedom(noise, linearised.slices, c) for c in (slow, wide))
-    assert few < 60.0 < 200.0 < many
-
-
 @pytest.mark.parametrize(
     ("source", "most"),
     [("400 samples at rest", 2.0), (f"the spectrum above 250 Hz, {AS_WHITE}", 9.0)],
@@ -335,6 +227,7 @@ def test_noise_may_exceed_what_is_stated_the_more_the_less_is_known(source: str,
     assert most_excess([recording, replace(recording, noise_source="period-to-period differences")]) == 2.0
 
 
+@pytest.mark.slow
 def test_a_sweep_in_first_order_noise_is_no_physics(tmp_path: Path) -> None:
     """The floor comes from the highest frequencies, where such noise is small."""
     case = draw_case(7919, "none", "one", noise="first_order:0.6")
@@ -395,17 +288,15 @@ def heated(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
     return read(folder)
 
 
+@pytest.mark.slow
 def test_nothing_is_missing_and_the_parameters_are_right(heated: Campaign) -> None:
     found = phnn.diagnose(heated)
     assert (found.verdict, found.ended.warnings) == ("none", ())
     values = found.final.setup.values()
     assert [values["c"], values["g"]] == pytest.approx([CAPACITY, RATE], rel=0.01)
     assert np.isfinite(list(locate(found.linearised[0]).scores.values())).all()
-
-
-def test_the_rate_of_the_output_is_its_change_and_no_force_acts(heated: Campaign) -> None:
-    setup, recording = phnn.identify(None, heated).fit.setup, heated.recordings[0]
-    trajectory = simulate(setup, recording, 1)
+    # The output is no position, so that no force acts on it.
+    trajectory = found.linearised[0].trajectories[0]
     assert trajectory.velocity == pytest.approx(np.diff(trajectory.states[:, 0]) / trajectory.h)
     with pytest.raises(StructureViolated, match="no force acts"):
         output_derivatives(trajectory, (), (), np.ones((trajectory.h.size, 1)))
@@ -437,7 +328,7 @@ def drawn(share: float, size: int, rng: np.random.Generator, damping: float = 0.
     return np.sqrt(share) * ringing / ringing.std() + np.sqrt(1.0 - share) * rng.standard_normal(size)
 
 
-@pytest.mark.parametrize("share", [0.0, 0.3, 0.6, 0.9])
+@pytest.mark.parametrize("share", [0.0, 0.6])
 def test_the_spectrum_has_the_power_of_both_parts(share: float) -> None:
     """Over forty draws: a single one scatters by a twenty-fifth about its own power."""
     network, f = hrc(0).with_values(linear(300.0, 0.1)), np.linspace(1e-3, 0.5, 2000)
@@ -451,16 +342,6 @@ def test_the_spectrum_has_the_power_of_both_parts(share: float) -> None:
     # Far above the resonance only the sensor's noise is left.
     assert np.mean(above) == pytest.approx(1.0, abs=0.03)
     assert max(np.std(whole), np.std(above)) < 0.07
-
-
-def test_a_model_that_is_exact_and_one_without_a_slope_at_rest_have_a_spectrum(monkeypatch: pytest.MonkeyPatch) -> None:
-    t = HEATED_DT * np.arange(200)
-    made = recording(t, np.zeros(t.size), Start("rest"))
-    (found,) = spectra_of([np.zeros(t.size)], [made], [partial(output_gain, hrc(2))]).each
-    assert np.isfinite(found.level).all() and not found.power.any()
-    steep = np.full((4, 4), np.inf), np.zeros((4, 1))
-    monkeypatch.setattr(small_signal, "linearised_at_rest", lambda _: steep)
-    assert not output_gain(hrc(2), np.ones(3)).any()
 
 
 def test_a_resonance_in_a_short_recording_is_no_line() -> None:

@@ -91,24 +91,27 @@ def test_a_strong_effect_that_the_screen_hardly_sees_is_found_from_large_starts(
     assert found.setup.values()["kappa_v"] == pytest.approx(6.0, rel=0.05)
 
 
-@pytest.mark.parametrize("creep", [{}, {"rho_f": 5e-3}], ids=["slip", "creep too"])
-def test_friction_may_be_bristles(creep: dict[str, float]) -> None:
-    slipping, creeping = effect("coulomb_friction").forms
-    bristles = creeping if creep else slipping
-    true = bristles.add_to(Setup(hrc(2)), {"k_f": 4e4, "F_c": 0.04, "slip_f": 5e3, **creep})
+FRICTION = {
+    "falls with the speed": {"F_c": 0.04, "v_s": 1e-3, "r_f": 0.5, "v_d": 1e-2},
+    "is bent first": {"k_f": 4e4, "F_c": 0.04, "r_f": 0.8, "v_d": 5e-3},
+    "creeps": {"k_f": 4e4, "F_c": 0.04, "slip_f": 5e3, "rho_f": 5e-3},
+}
+
+
+@pytest.mark.parametrize("values", FRICTION.values(), ids=FRICTION)
+def test_friction_has_forms(values: dict[str, float]) -> None:
+    form = next(e for e in effect("coulomb_friction").forms if set(e.parameters) == set(values))
+    true = form.add_to(Setup(hrc(2)), values)
     drives = {f: 80.0 * np.sin(2.0 * np.pi * f * T) for f in (50, 100, 200)}
-    made = tuple(campaigns.recorded(true, f"sine {f}", T, u, 1e-8, seed=f) for f, u in drives.items())
+    made = tuple(campaigns.recorded(true, f"sine {f}", T, u, 2e-8, seed=f) for f, u in drives.items())
     base = fit_identified(Setup(hrc(2)), Plan(made, {r.name: 4 for r in made}), HELD, max_evaluations=15)
     search = searching(base, "coulomb_friction", "cubic_stiffness")
     explore(search)
     best = search.best
     assert [e.name for e in best.elements] == ["coulomb_friction"]
-    # The form that creeps holds the other one.
-    assert set(bristles.parameters) <= set(best.elements[0].parameters)
     assert best.fit.chi2 < 1.1
-    found = best.fit.setup.values()
-    assert found["F_c"] == pytest.approx(0.04, rel=0.02)
-    assert [found[name] for name in creep] == pytest.approx(list(creep.values()), rel=0.1)
+    found, sizes = best.fit.setup.values(), [n for n in ("F_c", "r_f", "rho_f") if n in values]
+    assert [found[n] for n in sizes] == pytest.approx([values[n] for n in sizes], rel=0.15)
 
 
 @pytest.mark.parametrize("name", sorted(n for n, e in catalogue().items() if e.strength is not None))

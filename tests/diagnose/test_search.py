@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 from phnn.criteria import Criteria
-from phnn.diagnose import screen as module
 from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.linearised import LinearisedFit, direction, tie
 from phnn.diagnose.number import Visited
@@ -114,6 +113,7 @@ def test_the_true_neighbour_takes_the_place(true: str, claimed: str) -> None:
     assert best.fit.plan.substeps == model.fit.plan.substeps
 
 
+@pytest.mark.slow
 def test_the_written_model_has_all_sub_steps_where_the_search_has_ended_early() -> None:
     base = lacking("quadratic_drag", "creep", substeps=4)
     search, _ = together(base, "creep", others=["quadratic_drag"])
@@ -128,6 +128,7 @@ def test_the_written_model_has_all_sub_steps_where_the_search_has_ended_early() 
     assert dict(written.fit.plan.substeps) == dict(search.plan.substeps) != dict(coarse.plan.substeps)
 
 
+@pytest.mark.slow
 def test_laws_are_tried_where_a_learned_element_leads_far_from_the_noise() -> None:
     """Of friction a first derivative at rest promises nothing."""
     base = lacking("coulomb_friction")
@@ -263,23 +264,6 @@ def test_nothing_stands_out_where_nothing_is_missing() -> None:
     found = Screen(base, [effect(n) for n in names], Criteria())(base)
     material = Criteria().material ** 2 * base.residual.size
     assert not [c.effect.name for c in found if c.score > Criteria().score and c.fall > material]
-
-
-def test_strengths_of_a_learned_element_stay_within_their_bounds(base: LinearisedFit) -> None:
-    relaxation = learned_elements()["learned_relaxation"]
-    (found,) = Screen(base, [relaxation], Criteria())(base)
-    (alone,) = Screen(base, [effect("creep")], Criteria())(base)
-    # Six springs at spaced times explain a creep of one time, and no more than all columns without bounds would.
-    assert 0.5 * alone.fall < found.fall
-    assert found.fall <= float(base.residual @ base.residual)
-
-
-def test_directions_are_computed_once(base: LinearisedFit, monkeypatch: pytest.MonkeyPatch) -> None:
-    screen = Screen(base, [effect("delay"), effect("creep")], Criteria())
-    first = screen(base)
-    monkeypatch.setattr(module, "direction", lambda *_: pytest.fail("computed again"))
-    again = screen(base)
-    assert [(c.effect.name, c.fall) for c in again] == [(c.effect.name, c.fall) for c in first]
 
 
 def test_a_further_copy_stands_in_the_screen_of_a_model_that_has_the_first(base: LinearisedFit) -> None:

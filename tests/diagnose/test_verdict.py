@@ -28,7 +28,7 @@ def visited(
 ) -> Visited:
     """A model that leaves some mean squares of two fitted recordings and one held-out one."""
     parameters = {n: SimpleNamespace(fixed=False) for e in elements for n in e.parameters}
-    fit: Any = SimpleNamespace(setup=SimpleNamespace(parameters=parameters))
+    fit: Any = SimpleNamespace(setup=SimpleNamespace(parameters=parameters), explained=0.99)
     fitted = {f"r{i}": Misfit(v * samples, samples) for i, v in enumerate(left)}
     unseen = {f"h{i}": Misfit(v * samples, samples) for i, v in enumerate(held_out)}
     return Visited(elements, fit, fitted, unseen, converged=True)
@@ -149,8 +149,8 @@ def test_criteria_are_replaced_by_name() -> None:
 
 
 PROVEN = Facts(
-    elements=1, learned=0, none=0.0, certain=0.99, alternatives=1, complete=1.0, base_left=9.0, falls=True, new=True,
-    promising=5, remaining=0, early=False, criteria=CRITERIA,
+    elements=1, learned=0, none=0.0, certain=0.99, alternatives=1, complete=1.0, base_left=9.0, explained=0.99,
+    falls=True, new=True, promising=5, remaining=0, early=False, criteria=CRITERIA,
 )  # fmt: skip
 
 
@@ -167,6 +167,7 @@ def decided(facts: Facts) -> tuple[str, str]:
         ({"promising": 0, "elements": 0, "none": 1.0, "base_left": 3.0}, "nothing_promises", NONE),
         ({"none": 0.7, "base_left": 1.1}, "the_base_model_is_enough", NONE),
         ({"none": 1.0, "elements": 0}, "nothing_helps", UNKNOWN),
+        ({"promising": 0, "elements": 0, "none": 1.0, "base_left": 1.0, "explained": 0.02}, "nothing_helps", UNKNOWN),
         ({"early": True}, "the_search_ended_early", UNKNOWN),
         ({"learned": 1, "complete": 0.5}, "an_element_is_learned", UNKNOWN),
         ({"complete": 0.7}, "something_is_left", UNKNOWN),

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import pkgutil
+import string
 from dataclasses import replace
 from itertools import combinations
 
@@ -69,6 +71,27 @@ class TestEveryEffect:
             elif not effect_.applies(setup):
                 with pytest.raises(InputRefused, match=r"cannot be added to model; it can be where this holds: [A-Z]"):
                     effect_.add_to(setup, effect_.grid(SCALES)[0])
+
+    def test_its_texts_are_whole(self, effect_: Effect) -> None:
+        assert effect_.references
+        assert effect_.name not in effect_.neighbours
+        assert effect_.fingerprint != effect_.separation
+        for text in (effect_.fingerprint, effect_.separation):
+            assert text[0].isupper()
+            assert text.endswith(".")
+            assert ". " not in text
+
+    def test_its_statement_shows_its_values(self, effect_: Effect) -> None:
+        fields = {name for _, name, _, _ in string.Formatter().parse(effect_.statement) if name}
+        assert fields or not effect_.parameters
+        assert effect_.statement.endswith(".")
+
+    def test_its_plausible_ranges_have_a_source(self, effect_: Effect) -> None:
+        for known in effect_.plausible.values():
+            assert known.lower < known.upper
+            assert bool(known.source) == (math.isfinite(known.lower) and math.isfinite(known.upper))
+            assert not known.over or known.over in home(effect_).setup.parameters
+            assert not known.source or (len(known.source) > 15 and not known.source.endswith("."))
 
     @pytest.mark.parametrize("check", CHECKS, ids=lambda c: c.__name__)
     def test_it_is_sound(self, effect_: Effect, check: Check) -> None:

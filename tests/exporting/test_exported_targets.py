@@ -23,13 +23,13 @@ import phnn
 from phnn.configuration import config_folder
 from phnn.effects import effect
 from phnn.errors import InputRefused
-from phnn.exporting.build import build
+from phnn.exporting.build import Hold, build
 from phnn.exporting.c import c_header, c_source
 from phnn.exporting.laws import Sources
 from phnn.exporting.program import Program, function
 from phnn.exporting.write import matlab, python
 from phnn.laws.namespace import where
-from phnn.models.network_file import load_network
+from phnn.models.network_file import load_network, ready
 from phnn.parameters import positive
 from phnn.recordings.driving import driving_of
 from phnn.recordings.recording import unrecorded
@@ -110,6 +110,60 @@ def test_other_networks(name: str) -> None:
     t = np.arange(301) * (0.25 if name == "tanks" else 1e-3)
     u = 1e-4 * (1.0 - np.cos(2.0 * np.pi * 0.04 * t)) if name == "tanks" else np.sin(40.0 * t) + 0.5 * np.sin(97.0 * t)
     assert apart(in_python(exported(setup, t, 1), u), reference(setup, t, u, 1)) < PROMISED
+
+
+# A trolley that is moved and carries a mass on a spring: the force on the trolley is measured.
+TROLLEY = """
+junctions: {trolley: 1, load: 1, between: 0, joint: 1}
+elements:
+  p_0: {type: I, junction: trolley, law: capacitor, parameters: [M], unit: kg m/s}
+  p_1: {type: I, junction: load, law: capacitor, parameters: [m], unit: kg m/s}
+  x: {type: C, junction: joint, law: spring, parameters: [k], unit: m}
+  damper: {type: R, junction: joint, law: linear, parameters: [b], direction: resistance}
+  motion: {type: Sf, junction: trolley, unit: m/s}
+bonds: [{from: trolley, to: between}, {from: between, to: load}, {from: between, to: joint}]
+parameters:
+  M: {value: 2.5, unit: kg}
+  m: {value: 0.8, unit: kg}
+  k: {value: 300.0, unit: N/m}
+  b: {value: 1.5, unit: N s/m}
+output: motion
+"""
+
+
+@needs_compiler
+@pytest.mark.parametrize("hold", ["linear", "zero_order"])
+def test_the_voltage_that_an_imposed_current_needs(hold: Hold, tmp_path: Path) -> None:
+    cell = Setup(ready("battery", {"C_b": 400.0, "R_0": 0.03, "C_1": 20.0, "R_1": 0.05}))
+    t = 0.2 * np.arange(60)
+    u = np.full(t.size, 7.0)
+    if hold == "linear":
+        u = np.minimum(t, 5.0)
+    # Charge and current of the pair under a ramp of 1 A/s, or under 7 A from rest.
+    ramp, left = np.minimum(t, 5.0), np.maximum(t - 5.0, 0.0)
+    charge = 0.5 * ramp**2 + 5.0 * left if hold == "linear" else 7.0 * t
+    through = (ramp - 1.0 + np.exp(-ramp)) if hold == "linear" else 7.0 * (1.0 - np.exp(-t))
+    through = np.where(left > 0.0, 5.0 + (through - 5.0) * np.exp(-left), through) if hold == "linear" else through
+    program = exported(cell, t, 8, hold)
+    found = in_c(program, u, tmp_path)
+    np.testing.assert_allclose(found[1:], (charge / 400.0 + 0.03 * u + 0.05 * through)[1:], atol=1e-4)
+    np.testing.assert_allclose(in_python(program, u), found, atol=1e-12)
+    assert program.output == ("current", "V")
+
+
+@needs_compiler
+def test_the_force_on_what_is_moved_with_a_mass_on_it(tmp_path: Path) -> None:
+    (tmp_path / "trolley.yaml").write_text(TROLLEY)
+    setup = Setup(load_network(tmp_path / "trolley.yaml"), name="trolley")
+    t = 2e-3 * np.arange(700)
+    u = 0.2 * np.sin(6.0 * t) * (1.0 - np.cos(2.0 * t))
+    found = in_c(exported(setup, t, 4), u, tmp_path)
+    # At a corner of the velocity the simulation takes the mean of both accelerations, the program the one before.
+    assert apart(found[5:-5], reference(setup, t, u, 4)[5:-5]) < 5e-3
+    rate = np.gradient(u, t)
+    assert apart(found[5:-5], (reference(setup, t, u, 4) - 2.5 * rate)[5:-5]) > 0.1
+    with pytest.raises(InputRefused, match=r"an inertia.*linear"):
+        exported(setup, t, 4, "zero_order")
 
 
 @needs_compiler

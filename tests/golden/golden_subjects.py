@@ -142,7 +142,7 @@ def junction(kind: str, law: Any) -> Setup:
     if kind == "memory":
         parameters.append(Parameter("kappa", 0.2))
         parameters.append(Parameter("scale", 1.0))
-        memories = (ModulatorState("z", law.name, names, () if law.heat is not None else ("u",)),)
+        memories = (ModulatorState("z", law.name, names, () if law.heats else ("u",)),)
         modulations = (Modulation("alpha", "z", "affine", ("kappa", "scale")),)
     return Setup(
         Network(

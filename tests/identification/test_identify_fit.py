@@ -14,8 +14,6 @@ from campaigns import recorded
 
 from phnn.diagnose.diagnosis import score_on_all
 from phnn.effects import effect
-from phnn.errors import PhnnError
-from phnn.identification import staged
 from phnn.identification.base import identify_base, released, resumed
 from phnn.identification.evaluate import evaluate
 from phnn.identification.fit import fit, unidentified, variables_from
@@ -53,7 +51,9 @@ def test_a_simulation_by_the_general_kernel_counts_as_four() -> None:
 def test_a_fit_at_its_optimum_is_left_alone() -> None:
     best = campaigns.base()
     again = fit_identified(best.setup, best.plan, {"m": "held at the stated value"})
+    assert again.held == {"m": "held at the stated value"}
     assert resumed(again) is again
+    assert released(again) is again
 
 
 def test_a_parameter_on_a_plateau_comes_back() -> None:
@@ -68,13 +68,6 @@ def test_a_parameter_on_a_plateau_comes_back() -> None:
     free = released(stuck)
     assert "rho_2" not in free.held
     assert free.cost < 1.02 * fitted.cost
-
-
-def test_a_fit_without_plateaus_is_left_alone() -> None:
-    fitted = campaigns.base()
-    again = fit_identified(fitted.setup, fitted.plan, {"m": "held at the stated value"})
-    assert again.held == {"m": "held at the stated value"}
-    assert released(again) is again
 
 
 def problem() -> tuple[Problem, np.ndarray]:
@@ -252,7 +245,7 @@ def test_an_optimiser_sees_the_prior(whole: Recording) -> None:
     assert problem.size(z)[-1] ** 2 == pytest.approx(residual @ residual + prior[:, -1] @ prior[:, -1])
 
 
-@pytest.mark.parametrize("first", [200, 700, 1000])
+@pytest.mark.parametrize("first", [200, 1000])
 def test_a_slice_is_predicted_as_well_as_the_whole(whole: Recording, first: int) -> None:
     later = sliced(whole, first, head=1000)
     found = evaluate(SETUP, Plan((later,), {"slice": 4}, 1), {})
@@ -284,20 +277,3 @@ def test_recordings_cut_at_random_predict_as_well_as_the_whole(tmp_path: Path, s
         return score_on_all(fitted, campaign).over_noise("confirmation")
 
     assert held_out(cut) == pytest.approx(held_out(whole), rel=0.1)
-
-
-@pytest.mark.parametrize("fails", ["identify_actuator", "with_starts"])
-def test_known_starts_that_identify_nothing_by_themselves_stop_no_identification(
-    whole: Recording, monkeypatch: pytest.MonkeyPatch, fails: str
-) -> None:
-    def refuse(*_: object) -> None:
-        raise PhnnError("not from these")
-
-    short = replace(
-        whole, t=whole.t[:800], u=whole.u[:800], y=whole.y[:800], parts=(Part("all", 0, 800, "identification"),)
-    )
-    plan = Plan((short, sliced(whole, 1500)), {}, 1)
-    monkeypatch.setattr(staged, fails, refuse)
-    assert staged._from_known_starts(plan, {}, 1, 1, 0) is None
-    monkeypatch.undo()
-    assert staged._from_known_starts(Plan((short,), {}, 1), {}, 1, 1, 0) is None

@@ -69,22 +69,6 @@ def test_columns_are_the_lines_that_a_recording_can_hold() -> None:
     assert line_columns(some, ()).shape == (100, 0)
 
 
-def test_nuisances_leave_nothing_of_themselves_and_the_rest_alone() -> None:
-    some = recording(T, np.zeros(T.size))
-    mask = (T > 0.033) & (T < 0.2)
-    lines = (50.0, 100.0, 150.0)
-    columns = np.column_stack([pickup(T, 0.7) + 3e-6, T**2])
-    left = without_nuisances(columns, mask, some, Own(lines))
-    assert left.shape == (mask.sum(), 2)
-    np.testing.assert_allclose(left[:, 0], 0.0, atol=1e-19)
-    span = np.column_stack([np.ones(T.size), line_columns(some, lines)])[mask]
-    np.testing.assert_allclose(span.T @ left[:, 1], 0.0, atol=1e-12)
-    best = span @ np.linalg.lstsq(span, T[mask] ** 2, rcond=None)[0]
-    np.testing.assert_allclose(left[:, 1], T[mask] ** 2 - best, atol=1e-12)
-    np.testing.assert_array_equal(without_nuisances(columns, mask, some), columns[mask] - columns[mask].mean(axis=0))
-    assert without_nuisances(columns, np.zeros(T.size, dtype=bool), some, Own(lines)).shape == (0, 2)
-
-
 def test_a_slow_drift_has_nothing_as_fast_as_the_drive() -> None:
     # Almost eleven periods of the drive: no half-cosine with as many as 22 half-periods.
     some = recorded("slow", 36.6, 0.0)
@@ -268,8 +252,8 @@ def test_an_effect_can_be_placed_in_a_system_of_any_size_and_speed(effect_: Effe
                 effect_.add_to(base, effect_.scaled(values, 1e3))
 
 
-@pytest.mark.parametrize(("name", "parameter"), [("amplifier_lowpass", "tau_a"), ("sensor_lag", "tau_y")])
-def test_a_lag_of_a_minute_is_found_in_samples_every_four_seconds(name: str, parameter: str) -> None:
+def test_a_lag_of_a_minute_is_found_in_samples_every_four_seconds() -> None:
+    name, parameter = "amplifier_lowpass", "tau_a"
     tanks = Setup(load_network(config_folder() / "network" / "tanks.yaml"))
     rng = np.random.default_rng(3)
     t = 4.0 * np.arange(400)
@@ -329,8 +313,7 @@ def test_limits_that_nothing_reaches_change_nothing() -> None:
     np.testing.assert_array_equal(a.residual, b.residual)
 
 
-@pytest.mark.parametrize("own", [Own(), Own((0.31,), 3)])
-@pytest.mark.parametrize("factor", [1.0, 1.2, 0.7])
+@pytest.mark.parametrize(("own", "factor"), [(Own(), 1.2), (Own((0.31,), 3), 0.7)])
 def test_derivatives_are_those_of_the_censored_residual(factor: float, own: Own) -> None:
     run = clipped(censored())
     setup = replace(moved(factor), own=own)

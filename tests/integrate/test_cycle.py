@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from junctions import recording
 
 from phnn.configuration import config_folder
-from phnn.derivatives import input_force, output_derivatives, output_gradient
+from phnn.derivatives import input_force, output_derivatives
 from phnn.effects import effect
 from phnn.errors import SolverFailed
 from phnn.models.actuator import from_paper, hrc
@@ -150,7 +150,7 @@ def test_derivatives_by_parameters_follow_the_cycle(setup: Setup) -> None:
         assert wrong.mean() < 0.05, name
 
 
-def test_perturbations_along_signals_and_the_adjoint_follow_it_too() -> None:
+def test_perturbations_along_signals_follow_it_too() -> None:
     run = simulate(BASE, wave())
     ones = np.ones(run.h.size)
     got = output_derivatives(run, ["k", "C_1"], varied=[("k", ones), ("C_1", ones)])
@@ -164,7 +164,3 @@ def test_perturbations_along_signals_and_the_adjoint_follow_it_too() -> None:
     force = input_force(run, run.u[:, 0])[:, None]
     with_state = output_derivatives(run, ["k"], initial=[0], forces=force)
     np.testing.assert_allclose(with_state[:, [0, 2]], np.column_stack([got[:, 0], whole]), rtol=1e-9, atol=1e-16)
-    weights = np.random.default_rng(3).standard_normal(run.y.size)
-    columns = output_derivatives(run, ["k", "b", "alpha", "C_1", "rho_2", "d_1"])
-    back = output_gradient(run, ["k", "b", "alpha", "C_1", "rho_2", "d_1"], weights)
-    np.testing.assert_allclose(back, weights @ columns, rtol=1e-7)

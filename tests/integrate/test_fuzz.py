@@ -11,8 +11,8 @@ from junctions import trajectory_of
 from networks import random_network, remembering
 
 from phnn.integrate import kernel
+from phnn.integrate.equations import check, linearised, power_balance
 from phnn.integrate.program import compile_network
-from phnn.integrate.residual import check, power_balance, rounding
 from phnn.network import Network, PortHamiltonianSystem, Resistor
 from phnn.nn import SectorMLP
 
@@ -53,11 +53,10 @@ def defect(network: Network, u: np.ndarray, h: np.ndarray, states: np.ndarray, e
     balance = power_balance(trajectory, system)
     held = system.energy(torch.from_numpy(states)).detach()
     size = balance.supplied.abs().sum(-1) + balance.dissipated.abs().sum(-1) + held[1:] + held[:-1] + 1e-200
-    program = trajectory.program
-    arguments = (torch.from_numpy(a) for a in (states, efforts, u, h))
-    stiff = rounding(system, program, *arguments)[:, len(program.states) :]
-    flows = torch.from_numpy(efforts[:, [program.states.index(name) for name in program.junctions]])
-    size = size + torch.from_numpy(h) * (stiff * flows.abs()).sum(-1)
+    x, sizes = torch.from_numpy(states), torch.from_numpy(h[:, None])
+    _, by_next, by_start = linearised(system, x[:-1], x[1:], torch.from_numpy(u), sizes)
+    terms = (by_next.abs() @ x[1:].abs().unsqueeze(-1) + by_start.abs() @ x[:-1].abs().unsqueeze(-1)).squeeze(-1)
+    size = size + (terms.detach() * torch.from_numpy(efforts).abs()).sum(-1)
     assert (balance.dissipated >= -1e-13 * size[:, None]).all()
     return float((balance.defect.abs() / size).max())
 
@@ -109,9 +108,9 @@ def test_ten_thousand_stiff_monotone_networks_are_always_solved() -> None:
 
 
 def test_other_networks_are_solved_or_shorter_steps_lead_on() -> None:
-    assert any_law(seed for seed in range(51) if seed != 4) == 50
+    assert any_law(seed for seed in range(51) if seed != 42) == 50
     # A network with laws that follow states or fall, a step of which has no solution.
-    assert any_law((4,)) == 0
+    assert any_law((42,)) == 0
 
 
 @pytest.mark.slow

@@ -14,9 +14,8 @@ from subjects import body
 
 import phnn
 from phnn.errors import InputRefused
-from phnn.integrate import method, ode
-from phnn.integrate.dense import Dense
-from phnn.integrate.differentiable import solved
+from phnn.integrate import method
+from phnn.integrate.differentiable import Steps
 from phnn.integrate.equations import reducible_rules
 from phnn.integrate.scheme import Scheme
 from phnn.models.actuator import hrc
@@ -31,24 +30,6 @@ def test_private_parts_are_there_and_used_in_two_files() -> None:
     root = Path(phnn.__file__).parent
     using = {p.relative_to(root).as_posix() for p in root.rglob("*.py") if _PRIVATE.search(p.read_text())}
     assert using == {"integrate/method.py", "integrate/cache.py"}
-
-
-def gradient(states: torch.Tensor, system: PortHamiltonianSystem) -> list[torch.Tensor]:
-    return list(torch.autograd.grad(states[-1].sum(), list(system.parameters())))
-
-
-def test_without_torchdiffeqs_methods_the_steps_are_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    system, t = PortHamiltonianSystem(hrc(1)), torch.linspace(0.0, 2e-4, 5, dtype=torch.float64)
-    x0 = torch.full((3,), 1e-6, dtype=torch.float64)
-
-    def everything() -> list[torch.Tensor]:
-        found = ode.odeint(system, x0, t, "phnn", adjoint=True)
-        return [found.detach(), *gradient(found, system)]
-
-    known = everything()
-    monkeypatch.setattr(method, "SOLVERS", None)
-    for a, b in zip(known, everything(), strict=True):
-        torch.testing.assert_close(a, b, rtol=1e-12, atol=1e-12 * float(a.abs().max()))
 
 
 NETWORKS = networks()
@@ -97,8 +78,8 @@ def test_a_batch_of_a_learned_system_is_its_members() -> None:
     u = 75.0 * torch.randn(20, 4, 1, dtype=torch.float64)
     h = torch.full((20, 4, 1), 1e-4, dtype=torch.float64)
 
-    together = solved(Dense(model), x0, u, h)
-    alone = torch.cat([solved(Dense(model), *(v[..., k : k + 1, :] for v in (x0, u, h))) for k in range(4)], dim=1)
+    together = Steps(model).solve(x0, u, h)
+    alone = torch.cat([Steps(model).solve(*(v[..., k : k + 1, :] for v in (x0, u, h))) for k in range(4)], dim=1)
     parameters = [p for p in model.parameters() if p.requires_grad]
     one, other = (
         [path, *torch.autograd.grad(path[-1].sum(), parameters, allow_unused=True, materialize_grads=True)]

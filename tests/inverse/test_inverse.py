@@ -287,7 +287,10 @@ def test_the_inverse_of_every_effect(effect_: Effect) -> None:
     found = invert(setup, 1, T, REFERENCE, InverseOptions())
     reached = Model(setup).simulate(T, found.voltage, input_before=found.voltage_before)
     share = np.abs(reached - REFERENCE).max() / np.ptp(REFERENCE)
-    assert share <= ALLOWED.get(effect_.name, TOLERANCE)
+    falls = {"v_s", "r_f"} <= set(
+        effect_.parameters
+    )  # friction turns round within one sample, and falls within the next
+    assert share <= (2e-3 if falls else ALLOWED.get(effect_.name, TOLERANCE))
 
 
 def test_a_strong_effect_changes_the_voltage() -> None:

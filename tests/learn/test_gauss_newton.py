@@ -12,10 +12,13 @@ import pytest
 import torch
 
 from phnn.errors import InputRefused
-from phnn.learn.methods import GaussNewton, QuasiNewton
+from phnn.learn.methods import GaussNewton, QuasiNewton, _flat, _move
 from phnn.learn.objective import Objective
 from phnn.learn.plant import NetworkPlant
+from phnn.learn.score import substeps_needed
 from phnn.learn.solvers import Torchdiffeq, discrete_gradient
+from phnn.network import MultiPort
+from phnn.nn import LearnedDissipation
 from phnn.recordings.recording import Start
 
 
@@ -107,3 +110,34 @@ def test_one_gradient_of_the_adjoint_is_that_of_the_exact_sweep() -> None:
         Objective(plant, solver, example.recordings(), 20, 2)().backward()
         found.append(torch.cat([p.grad.reshape(-1) for p in plant.trained() if p.grad is not None]))
     assert float((found[0] - found[1]).abs().max()) < 1e-8 * float(found[0].abs().max())
+
+
+def hybrid() -> NetworkPlant:
+    """The known network and a law on two efforts that only torch evaluates."""
+    law = LearnedDissipation(2, effort_scale=(20.0, 0.1), flow_scale=(1e-5, 1e-3), width=4)
+    network = example.parametric().network.extend(multi_ports=(MultiPort("learned", law, on=("Q_1", "p")),))
+    return NetworkPlant(network, example.parametric().scale)
+
+
+def test_a_law_on_several_variables_is_found_by_gauss_newton_in_torch() -> None:
+    method = GaussNewton(Objective(hybrid(), discrete_gradient, unknown_start(), substeps=2))
+    _, jacobian = method.linearised()
+    o, random = method.objective, np.random.default_rng(0)
+    direction, outputs = torch.from_numpy(random.standard_normal(jacobian.shape[1])), []
+    before = _flat(o)
+    for sign in (1e-6, -1e-6):
+        _move(o, before + sign * direction)
+        outputs.append(o.residuals(o.outputs()).detach().numpy())
+    _move(o, before)
+    difference = (outputs[0] - outputs[1]) / 2e-6
+    assert np.abs(jacobian @ direction.numpy() - difference).max() < 1e-5 * np.abs(difference).max()
+    losses = [method(epoch) for epoch in range(4)]
+    assert losses[-1] < 0.9 * losses[0]
+    assert all(b <= a for a, b in pairwise(losses))
+
+
+def test_substeps_of_laws_without_a_kernel_are_found_on_pieces() -> None:
+    plant, known = hybrid(), example.parametric()
+    found = [substeps_needed(p, discrete_gradient, example.recordings()) for p in (plant, known)]
+    assert found[0] > 1
+    assert max(found) <= 2 * min(found)

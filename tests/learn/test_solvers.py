@@ -15,7 +15,7 @@ from scipy.interpolate import make_interp_spline
 from torch import Tensor
 
 from phnn.errors import InputRefused
-from phnn.integrate.dense import march
+from phnn.integrate.differentiable import march
 from phnn.learn.objective import Objective
 from phnn.learn.plant import Plant
 from phnn.learn.solvers import Solver, Torchdiffeq, discrete_gradient, solver_for

@@ -8,8 +8,8 @@ import torch
 from junctions import recording
 
 from phnn.errors import InputRefused
+from phnn.integrate.equations import check
 from phnn.integrate.program import compile_network
-from phnn.integrate.residual import check
 from phnn.models.actuator import TABLE_1, from_paper, hrc
 from phnn.models.bouc_wen import TABLE_2, bouc_wen
 from phnn.network import PortHamiltonianSystem

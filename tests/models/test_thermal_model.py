@@ -7,16 +7,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from graph_text import as_yaml
 from junctions import march, recording, warming
 
 from phnn.configuration import config_folder
 from phnn.errors import InputRefused, StructureViolated
+from phnn.integrate.equations import check
 from phnn.integrate.program import compile_network
-from phnn.integrate.residual import check
 from phnn.integrate.rest import equilibrium, equilibrium_derivative
 from phnn.models.actuator import hrc
 from phnn.models.network_file import load_graph, load_network
-from phnn.models.network_text import as_yaml
 from phnn.models.store import load, save
 from phnn.network import Modulation, ModulatorState, Network, Port, Resistor, Storage
 from phnn.network.bondgraph import BondGraph, C

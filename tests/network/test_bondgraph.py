@@ -20,7 +20,6 @@ from phnn.models.network_file import load_graph
 from phnn.network import PortHamiltonianSystem
 from phnn.network.bondgraph import TF, Bond, BondGraph, C, I, R, Se, Sf
 from phnn.network.bondgraph.description import Element, Link, _units
-from phnn.nn import ConvexEnergyMLP
 from phnn.parameters import as_table, constant, positive
 from phnn.recordings.units import same_kind
 
@@ -169,32 +168,17 @@ def test_a_parameter_that_others_use_keeps_its_meaning() -> None:
     assert "k" not in network.parameters
 
 
-@settings(max_examples=25, deadline=None)
-@given(seeds, st.floats(-2.0, 2.0).filter(lambda r: abs(r) > 0.1))
-def test_nonlinear_energies_are_added(seed: int, ratio: float) -> None:
-    learned = ConvexEnergyMLP(1.0, 1.5, 3)
+def test_only_linear_storages_side_by_side_become_one() -> None:
     elements: list[Element] = [
         C("q", "a", "cubic_spring", ("k", "kappa", "q0")),
-        C("z", "b", learned),
+        C("y", "a", "spring", ("k_1",)),
+        C("z", "b", "spring", ("k_2",)),
         I("p", "a", "capacitor", ("m",)),
         Se("force", "a", "N"),
     ]
-    drawn = graph({"a": 1, "b": 1}, elements, [TF("a", "b", ratio)])
-    derived, apart = drawn.derive(), PortHamiltonianSystem(replace(drawn, merge=False).network())
-    assert derived.network.state_names == ("q", "p")
-    system = PortHamiltonianSystem(derived.network)
-    x = torch.from_numpy(np.random.default_rng(seed).normal(size=(6, 2)))
-    long = torch.stack([x[:, 0], ratio * x[:, 0], x[:, 1]], -1)
-    u = torch.ones(6, 1, dtype=torch.float64)
-    torch.testing.assert_close(system.energy(x), apart.energy(long), rtol=1e-12, atol=1e-14)
-    torch.testing.assert_close(
-        system.vector_field(x, u), apart.vector_field(long, u)[:, [0, 2]], rtol=1e-10, atol=1e-12
-    )
-    nearby = x + 1e-3
-    change = system.energies(nearby) - system.energies(x)
-    torch.testing.assert_close(system.mean_efforts(x, nearby) * (nearby - x), change, rtol=1e-9, atol=1e-12)
-    with pytest.raises(StructureViolated, match="make r fixed, or set merge to false"):
-        graph({"a": 1, "b": 1}, elements, [TF("a", "b", "r")]).network()
+    derived = graph({"a": 1, "b": 1}, elements, [TF("a", "b", 2.0)], k_1=3.0, k_2=0.5, m=1.0).derive()
+    assert derived.network.state_names == ("q", "y", "p")
+    assert derived.network.parameters["k_1"].value == 3.0 + 2.0**2 * 0.5
 
 
 def test_linear_resistors_turn_and_others_do_not() -> None:

@@ -98,7 +98,7 @@ def test_registered_laws_are_tried_in_the_domains_of_their_parameters() -> None:
     with pytest.raises(StructureViolated, match=r"law pump with parameters 0\.5: φ\("):
         register(ResistorLaw("pump", lambda e, q, g: -g * e, (0.5,)))
     with pytest.raises(StructureViolated, match=r"law dip with parameters 0\.5: H\("):
-        register(StorageLaw("dip", lambda x, k: k * x * x * (x - 1.0), lambda a, b, k: k * a, (0.5,)))
+        register(StorageLaw("dip", lambda a, b, k: k * (a * a + a * b + b * b - a - b), (0.5,)))
     with pytest.raises(StructureViolated, match="1 parameters and 2 domains"):
         ResistorLaw("odd", lambda e, q, g: g * e, (0.5,), domains=RESISTOR_LAWS["coulomb"].domains)
     assert not {"pump", "odd"} & set(RESISTOR_LAWS)

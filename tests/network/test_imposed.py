@@ -8,21 +8,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-import torch
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from phnn.chain.amplifiers import imposed_rate
 from phnn.derivatives import output_derivatives
 from phnn.errors import InputRefused, StructureViolated
-from phnn.integrate.ode import odeint
-from phnn.integrate.residual import check, power_balance
+from phnn.integrate.equations import check, power_balance
 from phnn.models.network_file import ready
 from phnn.models.store import load, save
 from phnn.network.bondgraph import Bond, BondGraph, C, I, R, Sf
 from phnn.network.elements import Network
 from phnn.network.roles import imposed, measured_displacement, motions
-from phnn.network.system import PortHamiltonianSystem
 from phnn.parameters import as_table, positive
 from phnn.recordings.recording import Part, Recording, Start, Units
 from phnn.setup import Setup
@@ -210,10 +207,6 @@ def test_a_model_keeps_what_it_senses(tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_is_refused() -> None:
-    system = PortHamiltonianSystem(rig())
-    driven = system.with_input(lambda t: 0.1 * torch.ones_like(t))
-    with pytest.raises(InputRefused, match="acts through a rigid contact"):
-        odeint(driven, torch.zeros(5, dtype=torch.float64), torch.linspace(0.0, 1.0, 5, dtype=torch.float64))
     with pytest.raises(InputRefused, match="zero_order: a displacement that is held"):
         simulate(Setup(rig()), recording(motion(), interpolation="zero_order"))
     tank = BondGraph(

@@ -20,7 +20,7 @@ from phnn.errors import StructureViolated
 from phnn.integrate.cache import compiled as kept
 from phnn.laws import wide
 from phnn.laws.namespace import TINY, sqrt
-from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES, WideResistor, WideStorage
+from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES, WideLaw
 from phnn.nn import ConvexEnergyMLP, MonotoneMLP, SectorMLP
 
 torch.set_num_threads(1)
@@ -35,7 +35,7 @@ MODULES: dict[str, Callable[[int], nn.Module]] = {
     "monotone": lambda width: MonotoneMLP(SCALE, TYPICAL, width),
     "convex": lambda width: ConvexEnergyMLP(SCALE, TYPICAL, width),
 }
-LAWS: dict[str, WideResistor | WideStorage] = {**WIDE_RESISTORS, **WIDE_STORAGES}
+LAWS: dict[str, WideLaw] = {**WIDE_RESISTORS, **WIDE_STORAGES}
 every = pytest.mark.parametrize("name", LAWS)
 fuzzy = settings(max_examples=12, deadline=None)
 shakes = st.tuples(st.integers(0, 10**6), st.floats(0.0, 4.0))
@@ -54,16 +54,13 @@ def arguments(name: str, lowest: int = -12, highest: int = 6) -> list[NDArray[np
 
 def evaluate(name: str, given_: list[Any], weights: Any) -> Any:
     """The law on tensors or arrays."""
-    if name in WIDE_RESISTORS:
-        return wide.flow(WIDE_RESISTORS[name], *given_, weights)
-    return wide.mean_effort(WIDE_STORAGES[name], *given_, weights)
+    return wide.evaluated(LAWS[name], weights, *given_)
 
 
 # Compiled laws are global: numba keeps no machine code of closures.
 _damping, _symmetric, _monotone, _convex = (
-    wide.compiled_flow(WIDE_RESISTORS["damping"]), wide.compiled_flow(WIDE_RESISTORS["symmetric_damping"]),
-    wide.compiled_flow(WIDE_RESISTORS["monotone"]), wide.compiled_mean_effort(WIDE_STORAGES["convex"]),
-)  # fmt: skip
+    wide.compiled(LAWS[name]) for name in ("damping", "symmetric_damping", "monotone", "convex")
+)
 
 
 def _damping_of(effort, theta, first, count, out):  # type: ignore[no-untyped-def]
@@ -119,8 +116,7 @@ def test_every_wide_law_is_tested_here_with_the_module_that_uses_it() -> None:
         assert module.law == name
         assert module.units == UNITS
         assert weights_of(module).shape == (law.head + UNITS * law.per_unit,)
-        flag = "monotone" if isinstance(law, WideResistor) else "convex"
-        assert getattr(module, flag) == getattr(law, flag)
+        assert getattr(module, "monotone" if name in WIDE_RESISTORS else "convex") == law.monotone
 
 
 @every
@@ -231,7 +227,7 @@ def test_energy_and_mean_effort_have_the_digits_of_their_definition(seed: int, s
     found = compiled("convex", [a, b], weights.numpy())
     assert (np.abs(found - wanted) <= 1e-13 * size_of_terms("convex", [a, b], weights)).all()
     values = [float(energies[x]) for x in a]
-    np.testing.assert_allclose(wide.energy(WIDE_STORAGES["convex"], a, weights.numpy()), values, rtol=1e-13)
+    np.testing.assert_allclose(a * evaluate("convex", [0.0 * a, a], weights.numpy()), values, rtol=1e-13)
 
 
 @every
@@ -244,7 +240,7 @@ def test_extreme_arguments_give_finite_values(name: str, shake: tuple[int, float
         moved = [x + TINY * 1j if i == k else x + 0j for i, x in enumerate(given_)]
         slope = compiled(name, moved, weights + 0j).imag / TINY
         assert np.isfinite(slope).all()
-        if name in WIDE_STORAGES or LAWS[name].monotone:  # type: ignore[union-attr]
+        if LAWS[name].monotone:
             assert (slope >= -1e-12 * np.abs(slope).max()).all()
 
 

@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 import phnn
 from phnn.models.actuator import hrc
-from phnn.plot.frequency import response, whiteness
-from phnn.plot.panels import predictions
-from phnn.plot.signals import Outputs, balance, hysteresis, located
+from phnn.plot.frequency import residual_tests, response, whiteness
+from phnn.plot.signals import balance, hysteresis, outputs
 from phnn.recordings.recording import Campaign, Part, Recording, Start, unrecorded
 from phnn.setup import Setup
 from phnn.trajectory import simulate
@@ -66,25 +64,15 @@ def campaign() -> Campaign:
     )
 
 
-def diagnosis(scores: dict[str, float] | None = None) -> Any:
-    """What a location is taken from."""
-    if scores is None:
-        return SimpleNamespace(location=None, places=())
-    where = SimpleNamespace(detail="elastic", scores=scores)
-    return SimpleNamespace(location=where, places=("mechanical", "amplifier"), detail=where.detail)
-
-
-SCORES = {"sensor": 0.2, "mechanical": 0.95, "amplifier": 0.93, "thermal": 0.0}
 FREQUENCIES = np.array([5.0, 20.0, 50.0, 200.0])
 
 # What each function draws, and the number of its panels.
 PLOTS: dict[str, tuple[Callable[[], Any], int]] = {
-    "compare": (lambda: Outputs(predictions(MODEL, campaign(), None)), 8),
-    "residuals": (lambda: whiteness(MODEL, campaign(), ["large", "broad"]), 6),
+    "compare": (lambda: outputs(MODEL, campaign()), 8),
+    "residuals": (lambda: whiteness(residual_tests(MODEL, campaign(), ["large", "broad"])), 6),
     "loops": (lambda: hysteresis(MODEL, campaign()), 2),
-    "bode": (lambda: response(MODEL, FREQUENCIES, 60.0, campaign=campaign()), 3),
-    "location": (lambda: located(diagnosis(SCORES)), 1),
-    "energy": (lambda: balance(MODEL.trajectory(T, sine(20.0, 60.0))), 4),
+    "bode": (lambda: response(MODEL, FREQUENCIES, 60.0, campaign=campaign()).plot(), 3),
+    "energy": (lambda: balance(MODEL.trajectory(T, sine(20.0, 60.0))).plot(), 3),
 }
 
 

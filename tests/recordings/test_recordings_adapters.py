@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 
 import phnn
 from phnn.errors import InputRefused
-from phnn.recordings.recording import Campaign
-from phnn.recordings.stored import digest
+from phnn.recordings.recording import Campaign, digest
 
 Columns = dict[str, NDArray[np.float64]]
 # Two amplitudes and three frequencies: one is held out by choice.

@@ -1,4 +1,4 @@
-"""What is drawn: envelopes that lose nothing, the right stretch, honest spectra, honest shares, readable formulae."""
+"""Pictures of a report: envelopes that lose nothing, the right stretch, honest errors, readable formulae."""
 
 from __future__ import annotations
 
@@ -8,20 +8,30 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from report_example import make_trace
 
-from phnn.report.document import FitRow, Location, Score
-from phnn.report.evidence import MISSING, LedgerRow, base_note, ledger_shares
+from phnn.diagnose.words import Picture
+from phnn.effects import Effect, catalogue
 from phnn.report.figures import (
-    draw_locations,
-    draw_overview,
+    Trace,
+    amplitude_density,
+    draw_curve,
+    draw_error,
     draw_recording,
     envelope,
-    residual_spectrum,
     telling_stretch,
 )
-from phnn.report.page import formula, symbol
-from phnn.signals.sampling import longest_run
+from phnn.report.figures.style import Drawing, png, svg
+from phnn.report.page import formula, image
+
+NOISE = 5e-8
+
+
+def trace(count: int = 1000) -> Trace:
+    """A sine of 100 µm; the base model misses 1 µm, the final model nothing."""
+    t = np.arange(count) * 1e-3
+    y = 1e-4 * np.sin(10.0 * t)
+    measured = y + NOISE * np.random.default_rng(0).standard_normal(count)
+    return Trace("a", t, 75.0 * np.sin(10.0 * t), measured, y + 1e-6 * np.cos(10.0 * t), y, NOISE, "m", True, 14.0)
 
 
 @given(st.integers(1, 3000), st.integers(1, 60), st.integers(0, 2**32 - 1))
@@ -55,114 +65,69 @@ def test_the_stretch_shown_is_where_the_error_is_largest() -> None:
     assert telling_stretch(u[:200], error[:200], t[:200] >= 0.0) == slice(0, 200)
 
 
-def test_spectrum_of_white_noise_lies_on_the_noise_floor() -> None:
-    t = np.arange(100_000) * 1e-4
-    noise = 5e-8 * np.random.default_rng(1).standard_normal(t.size)
-    spectrum = residual_spectrum(t, noise, noise, np.ones(t.size, dtype=bool), 5e-8)
-    assert spectrum is not None
-    assert np.sqrt(np.mean(spectrum.before**2)) == pytest.approx(spectrum.noise, rel=0.03)
+def test_density_of_white_noise_is_that_of_its_variance() -> None:
+    noise = 5e-8 * np.random.default_rng(1).standard_normal(100_000)
+    _, density = amplitude_density(noise, 1e-4)
+    assert np.sqrt(np.mean(density**2)) == pytest.approx(5e-8 * np.sqrt(2e-4), rel=0.03)
 
 
-def test_spectrum_leaves_out_what_is_not_scored() -> None:
-    t = np.arange(2000) * 1e-3
-    error = np.where(t < 0.1, 1e3, 1e-6)
-    usable = t >= 0.2
-    spectrum = residual_spectrum(t, error, error, usable, 1.0)
-    assert spectrum is not None
-    assert spectrum.before.max() < 1e-3
-    assert longest_run(usable) == slice(200, 2000)
-    assert residual_spectrum(t, error, error, t < 0.01, 1.0) is None
+def test_the_error_is_drawn_before_and_after_against_the_noise() -> None:
+    (axes,) = draw_error(trace()).axes
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == [
+        "noise (± 2 σ)", "base model", "final model",
+    ]  # fmt: skip
+    assert axes.get_ylabel() == "error (nm)" and axes.get_xlabel() == "time (s)"
+    before, after = (np.abs(line.get_ydata()).max() for line in axes.lines)
+    assert before == pytest.approx(1e9 * np.abs(trace().measured - trace().before).max())
+    assert after < 0.3 * before
+    band = axes.patches[0].get_extents().transformed(axes.transData.inverted())
+    assert (band.y0, band.y1) == pytest.approx((-100.0, 100.0))
 
 
-def _row(name: str, supplied: float, **losses: float) -> LedgerRow:
-    return LedgerRow(name, supplied, 0.1 * supplied, losses, 0.2 * supplied)
-
-
-def test_no_share_exceeds_the_largest_flow() -> None:
-    row = LedgerRow("free decay", 1e-9, -0.8, {"viscous": 1.0}, 0.1)
-    (shares,), skipped = ledger_shares([row])
-    assert skipped == ()
-    assert shares.base == "viscous"
-    assert shares.parts == pytest.approx({"viscous": 1.0, "stored": -0.8, MISSING: 0.1})
-    assert "free decay (viscous)" in base_note([shares])
-    assert base_note(ledger_shares([_row("a", 2.0, h1=1.0)])[0]) == ""
-
-
-def test_small_losses_are_joined_and_nothing_is_lost() -> None:
-    losses = {f"h{i}": 0.01 * (i + 1) for i in range(9)}
-    shares, _ = ledger_shares([_row("a", 1.0, **losses), _row("b", 1.0, h0=0.5)])
-    assert "other losses" in shares[0].kinds
-    assert shares[0].kinds == shares[1].kinds
-    assert len(shares[0].kinds) == 8
-    assert "h0" in shares[0].kinds
-    assert sum(shares[0].parts.values()) == pytest.approx(sum(losses.values()) + 0.3)
-
-
-def test_recording_figure_has_four_labelled_panels_in_matching_units() -> None:
-    trace = make_trace("sine_10Hz_75V")
-    figure = draw_recording(trace, None)
-    labels = [(axes.get_xlabel(), axes.get_ylabel()) for axes in figure.axes]
-    assert labels[0] == ("time (s)", "displacement (µm)")
-    assert labels[1] == ("voltage (V)", "displacement (µm)")
-    assert labels[2][1] == "error (nm)"
-    assert labels[3] == ("frequency (Hz)", "error (nm/√Hz)")
-    drawn = figure.axes[2].lines
-    largest = max(float(np.nanmax(np.abs(line.get_ydata()))) for line in drawn if len(line.get_ydata()) > 10)
-    assert largest == pytest.approx(1e9 * float(np.abs(trace.measured - trace.before).max()))
-    force = draw_recording(trace, None, input_unit="N")
-    assert force.axes[1].get_xlabel() == "force (N)"
-
-
-def test_a_lone_spike_is_named_and_does_not_flatten_the_error() -> None:
-    trace = make_trace("sine_10Hz_75V")
-    measured = trace.measured.copy()
+def test_a_lone_spike_does_not_flatten_the_error() -> None:
+    one = trace(5000)
+    measured = one.measured.copy()
     measured[3000] += 1e-4
-    axes = draw_recording(replace(trace, measured=measured), None).axes[2]
+    (axes,) = draw_error(replace(one, measured=measured)).axes
     assert axes.get_ylim()[1] < 5000.0  # nm
-    assert "1 sample beyond, up to 100 µm" in axes.get_xlabel()
-    assert "beyond" not in draw_recording(trace, None).axes[2].get_xlabel()
 
 
-def test_location_bars_mark_the_best_and_its_ties() -> None:
-    scores = (("mechanical", 0.9), ("electrical", 0.89), ("sensor", -0.1), ("thermal", None))
-    figure = draw_locations(Location("mechanical", "", ("electrical",), scores, (), (), ()))
-    bars = figure.axes[0].patches
-    assert [bar.get_width() for bar in bars] == [0.9, 0.89, -0.1, 0.0]
-    assert [bool(bar.get_hatch()) for bar in bars] == [False, True, False, False]
-    assert bars[0].get_facecolor() != bars[2].get_facecolor()
-    assert [text.get_text() for text in figure.axes[0].texts] == ["0.90", "0.89", "−0.10", "not tried"]
-    assert "longer" not in figure.axes[0].get_xlabel()
-    longer = (("sensor", 0.95), *scores)
-    assert "longer" in draw_locations(Location("mechanical", "", (), longer, (), (), ())).axes[0].get_xlabel()
-
-
-def test_overview_shows_before_and_after_of_every_recording() -> None:
-    rows = [FitRow("a", True, Score(None, None, 5.0), Score(None, None, 1.0)), FitRow("b", False, Score(), Score())]
-    axes = draw_overview(rows).axes[0]
-    points = [tuple(c.get_offsets()[0]) for c in axes.collections if len(c.get_offsets())]
-    assert points == [(5.0, 0.0), (1.0, 0.0)]
-
-
-CATALOGUE = (
-    r"\tau \dot V = u - V",
-    r"V(t) = u(t - \tau)",
-    r"|\dot V| \le S",
-    r"F = k q \left(1 + \kappa_2 s + \tfrac{1}{3} \kappa_2^2 s^2\right), \quad s = q / q_0",
-    r"F_c \tanh\!\left(\frac{v}{v_s}\right)",
-    r"k_c \max(q - q_c, 0)^{3/2}",
-    r"C_T \dot T = P_{\mathrm{diss}} - \frac{T - T_a}{R_T}",
-    r"V = \operatorname{clip}(u, \pm V_{\max})",
-    r"$$\ddot q = \sum_{i=1}^{n} e_i$$",
-    r"\begin{aligned} F &= k_s s \\ \dot s &= v - s/\tau \end{aligned}",
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"after": np.full(1000, np.nan)},
+        {"noise": None},
+        {"measured": np.zeros(1000), "before": np.zeros(1000), "after": np.zeros(1000), "u": np.zeros(1000)},
+        {"unit": "rad"},
+    ],
 )
+def test_odd_recordings_are_drawn(changes: dict[str, object]) -> None:
+    for draw in (draw_error, draw_recording):
+        assert png(draw(replace(trace(), **changes))).startswith(b"\x89PNG")  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("latex", CATALOGUE)
-def test_formulae_become_drawings(latex: str) -> None:
-    drawn = formula(latex)
-    assert "<svg" in drawn
-    assert "<code>" not in drawn
-    assert drawn.count("<svg") == (2 if "aligned" in latex else 1)
+def test_without_a_second_model_there_is_one_error() -> None:
+    one = trace()
+    (axes,) = draw_error(replace(one, after=one.before)).axes
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["noise (± 2 σ)", "base model"]
+
+
+def test_a_curve_with_labels_that_are_no_mathematics_is_drawn() -> None:
+    odd = Picture(np.arange(3.0), np.arange(3.0), None, "$x", r"$\nonsense$", r"$\frac{$")
+    assert png(draw_curve(odd)).startswith(b"\x89PNG")
+
+
+def test_a_picture_on_the_page_has_an_alternative_text_and_the_colours_of_the_page() -> None:
+    text = image(Drawing("a.png", "a", 'error of "a" <b>', b"", svg(draw_error(trace()), "a")))
+    assert text.startswith('<svg role="img" aria-label="error of &#34;a&#34; &lt;b&gt;"')
+    assert "var(--before)" in text and "#d55e00" not in text
+    assert "<metadata" not in text and "http" not in text.replace("http://www.w3.org/", "")
+
+
+@pytest.mark.parametrize("effect", catalogue().values(), ids=lambda effect: effect.name)
+def test_equations_of_all_effects_become_drawings(effect: Effect) -> None:
+    drawn = formula(effect.equation)
+    assert drawn.count("<svg") == 1 and "<code>" not in drawn
 
 
 @pytest.mark.parametrize("latex", [r"\notacommand{x}", r"\frac{a", "a$b", "<script>"])
@@ -170,11 +135,3 @@ def test_formulae_that_cannot_be_parsed_stay_text(latex: str) -> None:
     drawn = formula(latex)
     assert "<script" not in drawn
     assert ("<code>" in drawn) == (latex != "<script>")
-    assert formula("") == ""
-
-
-def test_symbols_are_printed_as_in_the_equations() -> None:
-    assert symbol("rho_1") == "<i>ρ</i><sub>1</sub>"
-    assert symbol("C_p") == "<i>C</i><sub>p</sub>"
-    assert symbol("relaxation_time") == "<code>relaxation_time</code>"
-    assert symbol("<b>_1") == "<code>&lt;b&gt;_1</code>"

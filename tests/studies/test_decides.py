@@ -19,7 +19,7 @@ from phnn.effects import Effect, effect
 from phnn.effects.learned import learned_elements
 from phnn.errors import InputRefused
 from studies.decides import page
-from studies.decides.compare import WAYS, answered, by_rules, numbered, tolerance
+from studies.decides.compare import WAYS, answered, numbered, tolerance
 from studies.sealed.grade import Answer, Case, calibration_error, cases_in, log_score
 from studies.sealed.run import _model
 
@@ -127,24 +127,6 @@ def test_the_probability_of_being_right(changes: dict[str, Any], alternatives: A
 
 
 @pytest.mark.parametrize(
-    ("changes", "given", "outcome"),
-    [
-        ({"group": "none"}, answer(word="none"), "right"),
-        ({"group": "none"}, answer(word="unknown"), "open"),
-        ({"group": "none"}, answer(word="named", creep="named"), "wrong"),
-        ({"effects": ("creep",)}, answer(word="none"), "missed"),
-        ({"effects": ("creep",)}, answer(word="named", creep="named"), "right"),
-        ({"effects": ("creep", "delay")}, answer(word="named", creep="named"), "partly"),
-        ({"effects": ("creep",)}, answer(word="named", creep="named", delay="named"), "wrong"),
-        ({"effects": ("creep",), "withheld": ["creep"]}, answer(word="unknown"), "right"),
-        ({"effects": ("creep",), "withheld": ["creep"]}, answer(word="named", delay="named"), "wrong"),
-    ],
-)
-def test_the_outcome_of_a_verdict(changes: dict[str, Any], given: Answer, outcome: str) -> None:
-    assert case(*MODELS, **changes).outcome(given) == outcome
-
-
-@pytest.mark.parametrize(
     ("changes", "fitted"),
     [
         ({"effects": ("creep",)}, True),
@@ -194,13 +176,6 @@ def test_the_verdict_is_made_anew_by_the_rules_of_the_product() -> None:
     assert answered(nothing, weigh(nothing.models, CRITERIA)).word == "none"
     early = case(*MODELS[:2], effects=("creep",), ended="seconds")
     assert answered(early, weigh(early.models, CRITERIA)).word == "unknown"
-
-
-def test_rules_alone_ask_for_a_lower_held_out_error_and_for_the_noise() -> None:
-    assert by_rules(case(*MODELS[:2], effects=("creep",))).word == "named"
-    assert by_rules(case(BASE, visited(CREEP, left=(1.0, 1.0, 5.0)))).word == "unknown"
-    assert by_rules(case(BASE, visited(CREEP, left=(3.0, 3.0, 1.0)))).word == "unknown"
-    assert by_rules(case(visited(), visited(CREEP))).word == "none"
 
 
 def test_proven_elements_of_an_unknown_whole_are_counted() -> None:

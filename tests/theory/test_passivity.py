@@ -13,6 +13,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from junctions import march
+from lyapunov import forced_equilibrium, shifted_energy, shifted_losses, shifted_rate
 from random_actuators import COMPILED, Slot, edge, random_actuator, window
 from torch import Tensor, nn
 
@@ -20,7 +21,6 @@ from phnn.effects.hysteresis import HYSTERESIS_ASYMMETRY as ASYMMETRY
 from phnn.integrate.program import compile_network
 from phnn.models.actuator import TABLE_1, from_paper, hrc
 from phnn.network import Network, PortHamiltonianSystem
-from phnn.network.lyapunov import forced_equilibrium, shifted_energy, shifted_losses, shifted_rate
 from phnn.setup import Setup
 
 torch.set_num_threads(1)

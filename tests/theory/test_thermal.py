@@ -18,11 +18,11 @@ from torch import Tensor
 
 from phnn.errors import StructureViolated
 from phnn.integrate import kernel
-from phnn.integrate.residual import check, power_balance
-from phnn.laws import MEMORY_LAWS, other
+from phnn.integrate.equations import check, power_balance
+from phnn.laws import MEMORY_LAWS
+from phnn.laws.leaf import relaxation
 from phnn.models.actuator import hrc
 from phnn.network import ModulatorState, Network, PortHamiltonianSystem
-from phnn.network.lyapunov import forced_equilibrium, shifted_energy, shifted_rate
 from phnn.network.modulator_states import decays, rates
 from phnn.parameters import Parameter
 from phnn.setup import Block, Setup
@@ -54,17 +54,15 @@ def drawn(seed: int) -> Trajectory:
 NAMES = ("received", "stored", "released", "entropy", "ambient")
 
 
-def bodies(system: PortHamiltonianSystem) -> list[tuple[int, Any, list[Any]]]:
-    """Place in the state, law of heat and parameters of every body."""
-    laws = [
-        (k, MEMORY_LAWS[m.law].heat, m) for k, m in enumerate(system.network.memories, len(system.network.storages))
-    ]
-    return [(k, law, [*map(system.value, m.parameters)]) for k, law, m in laws if law is not None]
+def bodies(system: PortHamiltonianSystem) -> list[tuple[int, list[Any]]]:
+    """Place in the state of every body, with its heat capacity, resistance, ambient and reference temperature."""
+    memories = enumerate(system.network.memories, len(system.network.storages))
+    return [(k, [*map(system.value, m.parameters)]) for k, m in memories if MEMORY_LAWS[m.law].heats]
 
 
 def thermal_energy(system: PortHamiltonianSystem, x: Tensor) -> Tensor:
-    """(N,) ``Σ U`` [J], above that at the reference temperatures."""
-    return sum((law.energy(x[:, k], *values) for k, law, values in bodies(system)), 0.0 * x[:, 0])
+    """(N,) ``Σ C_T (T − T_ref)`` [J]."""
+    return sum((capacity * x[:, k] for k, (capacity, *_) in bodies(system)), 0.0 * x[:, 0])
 
 
 def balances(trajectory: Trajectory) -> tuple[PortHamiltonianSystem, SimpleNamespace, Tensor]:
@@ -73,11 +71,13 @@ def balances(trajectory: Trajectory) -> tuple[PortHamiltonianSystem, SimpleNames
     first, x, h = len(system.network.storages), torch.from_numpy(trajectory.states), torch.from_numpy(trajectory.h)
     drives, columns = torch.from_numpy(trajectory.efforts[:, first:]), []
     with torch.no_grad():
-        mean = other.average(x[:-1, first:], h[:, None], rates(system, x[:-1, first:], drives), decays(system))
-        for k, law, values in bodies(system):
-            a, b, released = x[:-1, k], x[1:, k], h * law.flow(mean[:, k - first], *values)
-            stored, entropy = law.energy(b, *values) - law.energy(a, *values), law.entropy(a, b, *values)
-            columns.append([h * drives[:, k - first], stored, released, entropy, released / law.ambient(*values)])
+        start, decay = x[:-1, first:], h[:, None] * decays(system)
+        mean = start + h[:, None] * relaxation(decay)[1] * rates(system, start, drives)
+        for k, (capacity, resistance, ambient, reference) in bodies(system):
+            a, b = x[:-1, k], x[1:, k]
+            released = h * (mean[:, k - first] - (ambient - reference)) / resistance
+            entropy = capacity * torch.log1p((b - a) / (reference + a))
+            columns.append([h * drives[:, k - first], capacity * (b - a), released, entropy, released / ambient])
     heat = SimpleNamespace(**{n: torch.stack(c, -1) for n, *c in zip(NAMES, *columns, strict=True)})
     return system, heat, power_balance(trajectory, system).supplied.sum(-1)
 
@@ -235,16 +235,6 @@ def test_two_bodies_share_what_is_dissipated() -> None:
     dissipated = power_balance(run).dissipated
     torch.testing.assert_close(thermal.received[:, 1], dissipated[:, 2], rtol=1e-10, atol=1e-20)
     torch.testing.assert_close(thermal.received[:, 0], dissipated[:, 0] + dissipated[:, 1], rtol=1e-10, atol=1e-20)
-
-
-def test_shifted_energies_know_no_memory() -> None:
-    network = warming()
-    system, x = PortHamiltonianSystem(network), torch.zeros(5, dtype=torch.float64)
-    for call in (lambda: shifted_energy(system, x, x), lambda: shifted_rate(system, x, x)):
-        with pytest.raises(StructureViolated, match="state 'theta' still moves"):
-            call()
-    with pytest.raises(StructureViolated, match="state 'theta' still moves"):
-        forced_equilibrium(network, torch.zeros(2, dtype=torch.float64), torch.zeros(2, dtype=torch.float64))
 
 
 def gains(amplitude: float, frequency: float, periods: int, values: dict[str, float]) -> tuple[Array, Trajectory]:

@@ -5,9 +5,9 @@ refused with its remedy. Then storages that are not independent become one. At l
 equations becomes a number or one named parameter. Storages become one in two cases, with the stiffness ``κ`` of a
 linear storage, ``H = κ x²/2``:
 
-* proportional rates, ``ẋ_a = ρ ẋ_b`` (springs side by side; the paper's ``Q̇_C = α q̇``): from ``x_a = ρ x_b`` follows
-  the energy ``H_b(x) + H_a(ρ x)`` of one state, for linear ones ``κ = κ_b + ρ² κ_a``. Both are taken to have been
-  uncharged together, so a graph in which they start otherwise (two tanks that fill each other) sets ``merge`` to false.
+* proportional rates of linear storages, ``ẋ_a = ρ ẋ_b`` (springs side by side; the paper's ``Q̇_C = α q̇``): from
+  ``x_a = ρ x_b`` follows ``κ = κ_b + ρ² κ_a``. Both are taken to have been uncharged together, so a graph in which they
+  start otherwise (two tanks that fill each other) sets ``merge`` to false.
 * proportional co-energies, ``e_a = ρ e_b`` (masses on one shaft, capacitors side by side), where one storage has
   derivative causality: the state is ``x = x_b + ρ x_a`` and ``1/κ = 1/κ_b + ρ²/κ_a``, for linear storages only.
 
@@ -54,11 +54,6 @@ class Branch:
 
     takes: Form
     inverted: bool
-
-
-def stores_of(graph: BondGraph) -> list[C | I]:
-    """The storages in the order of the graph."""
-    return [e for e in graph.elements if isinstance(e, C | I)]
 
 
 def resistors_of(graph: BondGraph) -> list[R]:
@@ -179,12 +174,6 @@ def _names(form: Form, *roles: str) -> list[str]:
     return [v.of for v in form if v.role in roles]
 
 
-def dependence(solution: Solution, name: str) -> Form | None:
-    """What fixes the co-energy of a storage from outside; None where it has integral causality."""
-    variable: Variable = coenergy(name)
-    return solution.of(variable) if solution.determined(variable) else None
-
-
 _LINEAR = ("capacitor", "spring")
 
 
@@ -195,14 +184,14 @@ class Merge:
     Attributes:
         kept, gone: names of the storages.
         ratio: ``ρ`` as text.
-        parameter: the parameter of the kept storage, now that of both; None where the laws are not linear.
+        parameter: the parameter of the kept storage, now that of both.
         statement: what became of the two, for a person.
     """
 
     kept: str
     gone: str
     ratio: str
-    parameter: str | None
+    parameter: str
     statement: str
 
 
@@ -217,7 +206,7 @@ def value_of(ratio: Expr, parameters: Mapping[str, Parameter]) -> float:
     return float(lambdify(symbols, ratio)(*(parameters[str(s)].value for s in symbols)))
 
 
-def merged_linear(
+def merged(
     kept: C | I, gone: C | I, ratio: Expr, parameters: Mapping[str, Parameter], name: str, compliant: bool
 ) -> tuple[C | I, Parameter, Merge]:
     """The kept storage and its parameter, now of both.
@@ -248,30 +237,6 @@ def merged_linear(
         f"can be estimated, and {other} is no parameter of the network"
     )
     return replace(kept, parameters=(name,)), present, Merge(kept.name, gone.name, str(ratio), name, statement)
-
-
-def merged_nonlinear(kept: C | I, gone: C | I, ratio: Expr, parameters: Mapping[str, Parameter]) -> tuple[C | I, Merge]:
-    """The kept storage with the energy ``H_b(x) + H_a(ρ x)``, a torch module with both laws' parameters as its own.
-
-    Raises:
-        StructureViolated: the ratio is a parameter that may be estimated, which the module would not follow.
-    """
-    moving = [str(s) for s in sorted(ratio.free_symbols, key=str) if not parameters[str(s)].fixed]
-    if moving:
-        raise StructureViolated(
-            f"{gone.name} = {ratio}*{kept.name} have laws that are not linear, so their energies are added at a fixed "
-            f"ratio: make {', '.join(moving)} fixed, or set merge to false, which keeps both as states"
-        )
-    from phnn.network.bondgraph.equations import SumOfEnergies
-
-    law = SumOfEnergies([(s.law, r, [parameters[n].value for n in s.parameters]) for s, r in (
-        (kept, 1.0), (gone, value_of(ratio, parameters))
-    )])  # fmt: skip
-    statement = (
-        f"{gone.name} is merged into {kept.name}, because {gone.name} = {ratio}*{kept.name}: the energies are added in "
-        f"a torch module, which holds the parameters {', '.join(kept.parameters + gone.parameters) or 'of both'}"
-    )
-    return replace(kept, law=law, parameters=()), Merge(kept.name, gone.name, str(ratio), None, statement)
 
 
 def check_dependent(store: C | I, form: Form, stores: Mapping[str, C | I]) -> C | I:
@@ -495,7 +460,7 @@ class _Derivation:
     def __init__(self, graph: BondGraph) -> None:
         self.graph = graph
         self.field = Field(graph.ratios)
-        self.stores: dict[str, C | I] = {s.name: s for s in stores_of(graph)}
+        self.stores: dict[str, C | I] = {s.name: s for s in graph.elements if isinstance(s, C | I)}
         self.parameters: dict[str, Parameter] = dict(graph.parameters)
         self.merges: list[Merge] = []
 
@@ -515,16 +480,17 @@ class _Derivation:
         equations: list[Form] = junction_equations(self.graph, self.field)
         while True:
             solution = causal(self.graph, self.field, equations, self.stores)
-            found = ((n, form) for n in self.stores if (form := dependence(solution, n)) is not None)
-            name, form = next(found, ("", {}))
+            # A storage whose co-energy is fixed from outside has no integral causality.
+            name = next((n for n in self.stores if solution.determined(coenergy(n))), "")
             if not name:
                 return solution
+            form = solution.of(coenergy(name))
             other = check_dependent(self.stores[name], form, self.stores)
             ratio = form[coenergy(other.name)]
             pair = {name: {other.name: self.field.number(1) / ratio}, other.name: {name: ratio}}
             kept = self._kept(pair)
             ((gone, ratio),) = pair[kept].items()
-            self._merge_linear(kept, gone, ratio, compliant=True)
+            self._merge(kept, gone, ratio, compliant=True)
             equations = absorbed(self.field, equations, gone, kept, ratio)
 
     def _kept(self, ratios: Mapping[str, Mapping[str, Any]]) -> str:
@@ -539,13 +505,12 @@ class _Derivation:
     def _side_by_side(
         self, branches: dict[str, Branch], rates: dict[str, Form]
     ) -> tuple[dict[str, Branch], dict[str, Form]]:
-        """Merge storages with proportional rates; what remains no longer refers to those that are gone."""
-        for names in _proportional(rates):
+        """Merge linear storages with proportional rates; what remains no longer refers to those that are gone."""
+        for names in _proportional({n: form for n, form in rates.items() if is_linear(self.stores[n])}):
             ratios = {b: {a: rates[a][min(rates[a])] / rates[b][min(rates[b])] for a in names if a != b} for b in names}
             kept = self._kept(ratios)
             for gone, ratio in ratios[kept].items():
-                linear = is_linear(self.stores[kept]) and is_linear(self.stores[gone])
-                (self._merge_linear if linear else self._merge_nonlinear)(kept, gone, ratio)
+                self._merge(kept, gone, ratio)
         left = {coenergy(n) for n in self.stores}
 
         def without(form: Form) -> dict[Variable, Any]:
@@ -557,24 +522,17 @@ class _Derivation:
             {n: without(form) for n, form in rates.items() if n in self.stores},
         )
 
-    def _merge_linear(self, kept: str, gone: str, ratio: Any, compliant: bool = False) -> None:
+    def _merge(self, kept: str, gone: str, ratio: Any, compliant: bool = False) -> None:
         self._refuse_modulated(kept, gone, ratio)
         store = self.stores[kept]
         own = store.parameters[0]
         # A parameter that others use as well keeps its meaning for them.
         shared = [n for e in self.graph.elements for n in e.parameters].count(own) > 1
-        self.stores[kept], present, merge = merged_linear(
+        self.stores[kept], present, merge = merged(
             store, self.stores[gone], self.field.expression(ratio), self.parameters,
             f"{own}_{kept}" if shared else own, compliant,
         )  # fmt: skip
         self.parameters[present.name] = present
-        self._drop(gone, merge)
-
-    def _merge_nonlinear(self, kept: str, gone: str, ratio: Any) -> None:
-        self._refuse_modulated(kept, gone, ratio)
-        self.stores[kept], merge = merged_nonlinear(
-            self.stores[kept], self.stores[gone], self.field.expression(ratio), self.parameters
-        )
         self._drop(gone, merge)
 
     def _refuse_modulated(self, kept: str, gone: str, ratio: Any) -> None:

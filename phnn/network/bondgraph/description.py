@@ -38,13 +38,14 @@ DIRECTIONS = ("conductance", "resistance")
 
 
 @dataclass(frozen=True)
-class C:
-    """A store of displacement: charge on a capacitor, elongation of a spring, volume in a tank.
+class _Store:
+    """A store of energy.
 
     Attributes:
         name: of its energy variable.
         junction: the one that it hangs on.
-        law: name of a storage law in `phnn.laws`, or a torch module with ``energy(x)``.
+        law: name of a storage law in `phnn.laws`, or a torch module with ``energy(x)``; of a mass or coil
+            ``capacitor`` is the law ``H = p²/(2m)``.
         parameters: names of the law's parameters, in the law's order.
         unit: of the energy variable.
     """
@@ -56,15 +57,12 @@ class C:
     unit: str = "1"
 
 
-@dataclass(frozen=True)
-class I:  # noqa: E742 - the letter of every bond graph
-    """A store of momentum: of a mass, flux linkage of a coil; ``capacitor`` is the law ``H = p²/(2m)``."""
+class C(_Store):
+    """A store of displacement: charge on a capacitor, elongation of a spring, volume in a tank."""
 
-    name: str
-    junction: str
-    law: Any = "capacitor"
-    parameters: tuple[str, ...] = ()
-    unit: str = "1"
+
+class I(_Store):  # noqa: E742 - the letter of every bond graph
+    """A store of momentum: of a mass, flux linkage of a coil."""
 
 
 @dataclass(frozen=True)
@@ -129,17 +127,12 @@ class TF:
     ratio: Ratio = 1.0
 
 
-@dataclass(frozen=True)
-class GY:
+class GY(TF):
     """A gyrator: ``e_start = r f_end``, ``e_end = r f_start``; the ratio is given as that of a transformer."""
-
-    start: str
-    end: str
-    ratio: Ratio = 1.0
 
 
 Element = C | I | R | Se | Sf
-Link = Bond | TF | GY
+Link = Bond | TF
 
 
 @dataclass(frozen=True)
@@ -268,7 +261,7 @@ def _among(name: Any, accepted: Iterable[str], what: str) -> None:
 # Compliance [m/N] of the contact and mass [kg] of a massless junction, SI of whatever domain: in sums with any quantity
 # that can be measured they are lost in rounding. `phnn.integrate.solve` therefore takes the velocity for that of the
 # source, and the force for what the balance needs.
-_RIGID, _MASSLESS = 1e-60, 1e-30
+_RIGID, MASSLESS = 1e-60, 1e-30
 # By the unit of an imposed flow: that of its effort, and of their integrals over time.
 _UNITS = {
     "m/s": ("N", "m", "N s"),
@@ -324,7 +317,7 @@ def with_contact(graph: BondGraph, source: Sf) -> BondGraph:
     storage(C, contact, names[0], "capacitor", _RIGID, travel, "compliance of the rigid contact")
     storage(I, contact, names[3], "spring", 0.0, impulse, "no compliance: sums up the force alone")
     if not any(isinstance(e, I) for e in here):
-        storage(I, source.junction, names[2], "capacitor", _MASSLESS, impulse, "mass of a massless junction")
+        storage(I, source.junction, names[2], "capacitor", MASSLESS, impulse, "mass of a massless junction")
     moved = tuple(replace(e, junction=contact) if e is source else e for e in graph.elements)
     return replace(
         graph,

@@ -12,20 +12,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from typing import Any, NamedTuple
 
-import torch
 from sympy import QQ, Expr, Symbol
 from sympy.polys.matrices import DomainMatrix
-from torch import Tensor, nn
 
-from phnn.laws import STORAGE_LAWS
-from phnn.laws.wide import register_compiled
 from phnn.network.bondgraph.description import GY, Bond, BondGraph, C, Element, I, Link, R, Se
-from phnn.network.bounded import BoundedParameters
-from phnn.network.checks import energy_of, mean_effort_of
 from phnn.network.elements import Ratio
-from phnn.parameters import Parameter
 
 
 class Variable(NamedTuple):
@@ -117,34 +111,11 @@ def times(factor: Any, form: Form) -> dict[Variable, Any]:
     return {variable: factor * coefficient for variable, coefficient in form.items()}
 
 
-def rate(name: str) -> Variable:
-    """``ẋ`` of a storage: flow of a C, effort of an I."""
-    return Variable("rate", name)
-
-
-def coenergy(name: str) -> Variable:
-    """``H'(x)`` of a storage: effort of a C, flow of an I."""
-    return Variable("coenergy", name)
-
-
-def argument(name: str) -> Variable:
-    """What a resistor's law takes in its declared direction."""
-    return Variable("argument", name)
-
-
-def result(name: str) -> Variable:
-    """What a resistor's law gives in its declared direction."""
-    return Variable("result", name)
-
-
-def source(name: str) -> Variable:
-    """``ψ(u)`` of a source."""
-    return Variable("input", name)
-
-
-def answer(name: str) -> Variable:
-    """What a source does not impose: flow of an Se, effort of an Sf."""
-    return Variable("answer", name)
+# Columns by the name of an element: ``ẋ`` of a storage (flow of a C, effort of an I) and its co-energy ``H'(x)``; what
+# the law of a resistor takes and gives in its declared direction; ``ψ(u)`` of a source, and what it does not impose.
+rate, coenergy, argument, result, source, answer = (
+    partial(Variable, role) for role in ("rate", "coenergy", "argument", "result", "input", "answer")
+)
 
 
 @dataclass(frozen=True)
@@ -207,57 +178,3 @@ def _bond_ends(bond: Link, key: str, field: Field) -> tuple[_End, _End]:
         return _End({b: ratio}, {a: one}, -1), _End({a: ratio}, {b: one}, 1)
     # a is the flow at the start, b the effort at the end.
     return _End({b: ratio}, {a: one}, -1), _End({b: one}, {a: ratio}, 1)
-
-
-class _Known(nn.Module):
-    """A storage law of `phnn.laws` with its parameters."""
-
-    def __init__(self, law: str, values: Sequence[float]) -> None:
-        super().__init__()
-        self.law = STORAGE_LAWS[law]
-        given = zip(values, self.law.domains, strict=True)
-        self.free = BoundedParameters(
-            {f"theta_{k}": Parameter(f"theta_{k}", v).within(d, f"the law {law}") for k, (v, d) in enumerate(given)}
-        )
-
-    def energy(self, x: Tensor) -> Tensor:
-        return self.law.energy(x, *self.free.values().values())
-
-    def mean_effort(self, a: Tensor, b: Tensor) -> Tensor:
-        return self.law.mean_effort(a, b, *self.free.values().values())
-
-
-class SumOfEnergies(nn.Module):
-    """``H(x) = Σ_k H_k(ρ_k x)`` with the discrete gradient ``Σ_k ρ_k ē_k(ρ_k a, ρ_k b)``.
-
-    Args:
-        parts: (law, ρ, parameter values) of every storage; a law is a name in `phnn.laws` or a torch module, whose
-            parameters are its own.
-
-    Attributes:
-        bounded: whether ``H ≥ 0``, which a weight is not.
-    """
-
-    def __init__(self, parts: Sequence[tuple[Any, float, Sequence[float]]]) -> None:
-        super().__init__()
-        self.bounded = all(STORAGE_LAWS[law].bounded for law, _, _ in parts if isinstance(law, str))
-        laws = [_Known(law, values) if isinstance(law, str) else law for law, _, values in parts]
-        self.parts: list[tuple[Any, float]] = [(law, ratio) for law, (_, ratio, _) in zip(laws, parts, strict=True)]
-        self.laws = nn.ModuleList(laws)
-
-    def energy(self, x: Tensor) -> Tensor:  # x: (...)
-        """(...) ``H(x)`` [J]."""
-        return torch.stack([energy_of(law)(ratio * x) for law, ratio in self.parts]).sum(0)
-
-    def mean_effort(
-        self,
-        a: Tensor,  # (...) energy variable at the start of a step
-        b: Tensor,  # (...) and at its end
-    ) -> Tensor:
-        """(...) ``(H(b) − H(a))/(b − a)``; ``H'(a)`` where they are equal."""
-        ends = [(law, ratio, ratio * a) for law, ratio in self.parts]
-        return torch.stack([r * mean_effort_of(law, x, x if a is b else r * b) for law, r, x in ends]).sum(0)
-
-
-register_compiled(_Known)
-register_compiled(SumOfEnergies)

@@ -7,14 +7,13 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.mathtext import MathTextParser
 from matplotlib.ticker import FuncFormatter, LogFormatter
 
 # Okabe & Ito's palette; before and after also differ in lightness, so that they survive a grey print
@@ -49,6 +48,7 @@ RC: dict[Any, Any] = {
     "ytick.labelsize": 8.5,
     "legend.fontsize": 8.5,
     "legend.frameon": False,
+    "legend.borderaxespad": 0.1,
     "legend.handlelength": 1.6,
     "grid.color": "#eceef0",
     "grid.linewidth": 0.8,
@@ -60,6 +60,7 @@ RC: dict[Any, Any] = {
     "figure.constrained_layout.h_pad": 0.08,
     "figure.constrained_layout.w_pad": 0.06,
 }
+Corner = Literal["best", "upper left", "upper right"] | None
 DPI = 150
 # Of 9 at most: twice this takes half as long again, for files smaller by a tenth.
 _EFFORT = 3
@@ -73,8 +74,7 @@ class Drawing:
 
     Attributes:
         file: name of the picture's file; title, alt: what it shows, in a few words and in a sentence.
-        svg: the same picture as SVG; empty where that would be larger than the page allows.
-        plots: the traces of zoomable plots as json, see `phnn.report.gallery.plots`; empty where there are none.
+        svg: the same picture as SVG, for a page that has dark colours too.
     """
 
     file: str
@@ -82,18 +82,11 @@ class Drawing:
     alt: str
     png: bytes
     svg: bytes = b""
-    plots: str = ""
 
 
-def new_figure(width: float, height: float, constrained: bool = True) -> Figure:
-    """An empty figure in inches; call inside ``rc_context(RC)``.
-
-    Args:
-        constrained: whether the room for labels is measured; otherwise whoever draws the panels leaves it.
-    """
-    figure = Figure(figsize=(width, height))
-    figure.set_layout_engine("constrained" if constrained else "none")
-    return figure
+def new_figure(width: float, height: float) -> Figure:
+    """An empty figure in inches; call inside ``rc_context(RC)``."""
+    return Figure(figsize=(width, height), layout="constrained")
 
 
 def png(figure: Figure) -> bytes:
@@ -115,12 +108,12 @@ def png(figure: Figure) -> bytes:
     return buffer.getvalue()
 
 
-def svg(figure: Figure) -> bytes:
-    """The figure as SVG with text as text; the same figure gives the same bytes."""
+def svg(figure: Figure, salt: str = "phnn") -> bytes:
+    """Return the figure as SVG with text as text; the same figure and salt give the same bytes."""
     from matplotlib.backends.backend_svg import FigureCanvasSVG
 
     buffer = io.BytesIO()
-    with rc_context({**RC, "svg.fonttype": "none", "svg.hashsalt": "phnn"}), _any_script():
+    with rc_context({**RC, "svg.fonttype": "none", "svg.hashsalt": salt}), _any_script():
         FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None, "Creator": None})
     return buffer.getvalue()
 
@@ -141,17 +134,6 @@ def literal(text: str, longest: int = 60) -> str:
     return text.replace("$", r"\$")
 
 
-def label(text: str) -> str:
-    """A label that may hold ``$mathematics$``; taken literally where that cannot be parsed."""
-    if "$" not in text:
-        return text
-    try:
-        MathTextParser("agg").parse(text)
-    except (ValueError, RuntimeError):
-        return literal(text, longest=len(text))
-    return text
-
-
 def log_axis(axes: Axes, which: str = "x") -> None:
     """Make an axis logarithmic, with plain numbers: ``0.1, 1, 10``, and 1.2, 1.4 within a decade."""
     axis = axes.xaxis if which == "x" else axes.yaxis
@@ -160,26 +142,23 @@ def log_axis(axes: Axes, which: str = "x") -> None:
     axis.set_minor_formatter(LogFormatter(minor_thresholds=(1.0, 0.4)))
 
 
-def quiet_grid(axes: Axes, axis: str = "both") -> None:
+def quiet_grid(axes: Axes) -> None:
     """A faint grid behind the data."""
-    axes.grid(True, axis=axis, which="major")  # type: ignore[arg-type]
+    axes.grid(True, which="major")
 
 
-def quiet_rows(axes: Axes, axis: str = "x") -> None:
-    """Rows that have a name each, without an axis beside the names, on a faint grid."""
-    axes.tick_params(axis="y", length=0)
-    axes.spines["left"].set_visible(False)
-    quiet_grid(axes, axis)
+def finish(axes: Axes, x_label: str, y_label: str, legend: Corner = "best", room: float = 0.0, **style: Any) -> None:
+    """Label axes and draw grid and legend.
 
-
-def headroom(axes: Axes, share: float) -> None:
-    """Leave room for a legend above the data, as a share of their height."""
+    Args:
+        legend: where it stands; None for no legend.
+        room: for the legend above the data, as a share of their height.
+        style: of the legend, such as ``ncols``.
+    """
     low, high = axes.get_ylim()
-    axes.set_ylim(low, high + share * (high - low))
-
-
-def say(axes: Axes, text: str) -> None:
-    """A sentence in place of data."""
-    axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", color="#6a7278", wrap=True)
-    axes.set_xticks([])
-    axes.set_yticks([])
+    axes.set_ylim(low, high + room * (high - low))
+    axes.set_xlabel(x_label)
+    axes.set_ylabel(y_label)
+    if legend is not None:
+        axes.legend(loc=legend, **style)
+    quiet_grid(axes)

@@ -89,12 +89,6 @@ def test_noncentrality_is_the_deviation_of_the_best_test(tmp_path: Path) -> None
     assert abs(np.mean(scores)) < 0.2
 
 
-def test_nothing_concealed_leaves_the_base_model(tmp_path: Path) -> None:
-    sealed = make_case(draw_case(1, "none", "few"), tmp_path)
-    assert (sealed.effect, sealed.effects, sealed.location, sealed.parameters) == ("none", (), (), {})
-    assert (sealed.strength_over_noise, sealed.delta) == (0.0, 0.0)
-
-
 @pytest.mark.parametrize(
     ("arguments", "needle"),
     [
@@ -150,21 +144,6 @@ def test_every_hysteron_of_a_base_slips(count: int) -> None:
         assert stuck_stiffness(base) == pytest.approx(base["k"] + base["alpha"] ** 2 * elastance, rel=1e-6)
         charge = base["alpha"] * quasi_static_peak(base)
         assert all(charge / stated[f"C_{i + 1}"] > 0.5 * stated[f"d_{i + 1}"] for i in range(count))
-
-
-def test_numbers_of_hysterons_are_drawn_and_stated_wrongly_on_request() -> None:
-    drawn = [draw_case(s, "none", "few", conditions=Conditions(hysterons=0, wrong_order=True)) for s in range(200)]
-    assert {c.hysterons for c in drawn} == {1, 2, 3, 4}
-    assert {(c.hysterons, c.stated_hysterons) for c in drawn} == {(1, 2), (2, 1), (2, 3), (3, 2), (3, 4), (4, 3)}
-    right = [draw_case(s, "none", "few", conditions=Conditions(hysterons=0)) for s in range(50)]
-    assert all(c.hysterons == c.stated_hysterons for c in right)
-
-
-def test_a_stated_mass_errs_by_its_stated_deviation() -> None:
-    cases = [draw_case(s, "none", "few", conditions=Conditions(anchor_error=True)) for s in range(500)]
-    errors = np.array([c.stated_mass / c.base["m"] - 1.0 for c in cases]) / 0.01
-    assert abs(errors.mean()) < 4.0 / math.sqrt(500.0)
-    assert errors.std() == pytest.approx(1.0, abs=0.13)
 
 
 def test_manifest_and_seal_say_what_was_drawn(tmp_path: Path) -> None:

@@ -39,14 +39,9 @@ NOTHING = {
          -741.499, -93.888, -7202.717],
     ),
 }  # fmt: skip
-DEMONSTRATION = (
-    "414fb69c4ed6f588da11547528849065cfd936fcb85a74530dab1749718f08c8",
-    [1089.395, 1898.884, 1703.728, -742.087],
-)
 PARAMETERS, DELTA = {"a_2": 181.23941968713712, "a_3": -480798.26460422185}, 519.9229033283128
 # Sums agree to so much [µm] on every processor, and strengths, which a search finds, to this share.
 TOLERANCE, STRENGTH = 0.1, 3e-4
-CREEP = {"k_s": 415.4522693491226, "tau_s": 0.06980558381314267}
 
 
 @pytest.fixture(scope="module")
@@ -189,7 +184,7 @@ def sums(folder: Path) -> list[float]:
     return found
 
 
-@pytest.mark.parametrize("chosen", list(NOTHING), ids=lambda chosen: "-".join(map(str, chosen)))
+@pytest.mark.parametrize("chosen", [(3, "few"), pytest.param((4, "full"), marks=pytest.mark.slow)], ids=str)
 def test_a_case_that_conceals_nothing_stays_what_it_was(tmp_path: Path, chosen: tuple[int, str]) -> None:
     seed, plan = chosen
     sealed = make_case(draw_case(seed, "none", plan), tmp_path / "recordings")
@@ -206,14 +201,6 @@ def test_a_concealed_effect_stays_what_it_was(tmp_path: Path) -> None:
     assert sealed.delta == pytest.approx(DELTA, rel=STRENGTH)
 
 
-def test_the_demonstration_stays_what_it_was(tmp_path: Path) -> None:
-    sealed = generate(5, tmp_path / "recordings", "creep", "short")
-    driven, expected = DEMONSTRATION
-    assert digest(tmp_path / "recordings") == driven
-    assert sums(tmp_path / "recordings") == pytest.approx(expected, abs=TOLERANCE)
-    assert sealed.parameters == pytest.approx(CREEP, rel=STRENGTH)
-
-
 SEEDS = st.integers(0, 2**31)
 
 
@@ -223,12 +210,6 @@ def plans_made(kind: str, seed: int) -> Excitation:
 
 def borders(excitation: Excitation) -> np.ndarray:
     return np.array([piece.start for piece in excitation.pieces[1:]])
-
-
-def sides(excitation: Excitation) -> np.ndarray:
-    """Voltages just before and at every border, (borders, 2)."""
-    pairs = zip(excitation.pieces[:-1], excitation.pieces[1:], strict=True)
-    return np.array([[p.voltage(np.array([p.end]))[0], q.voltage(np.array([q.start]))[0]] for p, q in pairs])
 
 
 @settings(deadline=None)
@@ -248,23 +229,7 @@ def test_pieces_follow_each_other_and_their_borders_lie_between_samples(kind: st
     assert np.max(np.abs(voltage)) <= HEIGHT * (1.0 + 1e-9)
 
 
-@settings(deadline=None)
-@given(SEEDS)
-def test_a_triangle_has_its_frequency_and_its_height_at_every_corner(seed: int) -> None:
-    drive = plans_made("triangle", seed)
-    frequency = float(drive.name.split("_")[1].rstrip("Hz"))
-    assert min(abs(frequency / f - 1.0) for f in (5.0, 20.0, 60.0)) <= 0.1 + 1e-3
-    times, voltages = borders(drive), sides(drive)
-    np.testing.assert_allclose(np.diff(voltages, axis=1), 0.0, atol=1e-6)
-    np.testing.assert_allclose(voltages[1:, 1], HEIGHT * (-1.0) ** np.arange(times.size - 1), atol=1e-6)
-    np.testing.assert_allclose(np.diff(times[1:]), 0.5 / frequency, rtol=1e-6)
-    # The closed form of a triangle from the start on.
-    since = drive.t - times[0]
-    expected = np.where(since > 0.0, 2.0 * HEIGHT / np.pi * np.arcsin(np.sin(2.0 * np.pi * frequency * since)), 0.0)
-    np.testing.assert_allclose(drive.voltage(drive.t), expected, atol=1e-5)
-
-
-@pytest.mark.parametrize("kind", ["step", "ramp", "stair"])
+@pytest.mark.parametrize("kind", ["step", "stair"])
 def test_the_simulation_follows_the_continuous_voltage(kind: str) -> None:
     # Radau on the same pieces, started anew at every border; the sampled voltage alone could not give this output.
     w, drive = TABLE, plans_made(kind, 3)

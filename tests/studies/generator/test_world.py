@@ -13,22 +13,12 @@ from studies.generator import effects
 from studies.generator.cases import STRATA, choices
 from studies.generator.effects import FORMS, FURTHER_UNLISTED, LISTED, UNLISTED, Concealed, may_be_paired
 from studies.generator.make import concealing
-from studies.generator.plans import Excitation, Piece, plan_of, sine
+from studies.generator.plans import Excitation, plan_of, sine
 from studies.generator.world import NEUTRAL, TABLE, play, simulate, simulate_all
 
 # As far as the hysterons do not slip they are capacitors, and the actuator is linear.
 UNSLIPPED = {**TABLE, "d_1": 1e4, "d_2": 1e4}
 STIFFNESS = TABLE["k"] + TABLE["alpha"] ** 2 * (1 / TABLE["C_1"] + 1 / TABLE["C_2"])
-HALF_WIDTHS = 0.5 * (TABLE["d_1"] + TABLE["d_2"])
-
-
-def test_slipped_hysterons_hold_half_their_widths() -> None:
-    # Eq. (12) with e_i = d_i/2, the voltage raised slowly. (A sudden step would not do: its overshoot takes the
-    # hysterons past the edge and back.)
-    quarter = sine(0.2, periods=1, samples=200)
-    assert quarter.voltage(quarter.t)[50] == pytest.approx(75.0)
-    expected = TABLE["alpha"] * (75.0 - HALF_WIDTHS) / TABLE["k"]
-    assert simulate(TABLE, quarter)[50] == pytest.approx(expected, rel=1e-5)
 
 
 # Parameters of effects, in groups that are switched on together.
@@ -126,55 +116,6 @@ def test_all_effects_at_once_agree_with_equations_written_anew() -> None:
     for name, group in WRITTEN_ANEW.items():
         without = simulate({n: v for n, v in values.items() if n not in group}, drive)
         assert np.max(np.abs(without - q)) > 5e-9, name
-
-
-# Each limit turns an effect into something known: another form of it, a base parameter, or a changed voltage.
-@pytest.mark.parametrize(
-    ("effect", "same"),
-    [
-        # A cell that relaxes slowly against the recording is one more spring, one that relaxes fast one more damper.
-        ({"k_s": 500.0, "tau_s": 1e6}, {"k": TABLE["k"] + 500.0}),
-        ({"k_s": 0.05e6, "tau_s": 1e-6}, {"b": TABLE["b"] + 0.05}),
-        # Eight cells that relax slowly are springs.
-        ({"k_l": 50.0, "tau_l": 1e6}, {"k": TABLE["k"] + 400.0}),
-        ({"k_l": 50.0, "tau_l": 1e6, "cells_l": 3.0}, {"k": TABLE["k"] + 150.0}),
-        # A third hysteron that never slips is a spring α²/C; without its second slope it is that of the catalogue.
-        ({"inv_C_3": 1e5, "rho_3": 1.0, "d_3": 1e3}, {"k": TABLE["k"] + TABLE["alpha"] ** 2 * 1e5}),
-        (
-            {"inv_C_3": 1e5, "rho_3": 0.1, "d_3": 3.0, "rho_4": 1.0, "d_4": 1e3},
-            {"inv_C_3": 1e5, "rho_3": 0.1, "d_3": 3.0},
-        ),
-        # A hysteresis element that never yields is a spring.
-        ({"k_w": 200.0, "z_w": 1.0, "n_w": 2.0}, {"k": TABLE["k"] + 200.0}),
-        # A stop of any power that is not reached does nothing.
-        ({"k_c": 1e6, "q_c": 1.0}, {}),
-        ({"k_c": 1e9, "q_c": 1e-3, "n_c": 1.5}, {}),
-        # Friction far below the velocity v_s is a damper F_c/v_s; one that does not fall is that of the catalogue.
-        ({"F_c": 100.0, "v_s": 1e3}, {"b": TABLE["b"] + 0.1}),
-        ({"F_c": 0.02, "r_s": 2.0, "v_st": 1e6}, {"F_c": 0.04}),
-        # A fast amplifier and one that clips above the peak are ideal; a very short parabola is a hard limit.
-        ({"tau_V": 1e-9}, {}),
-        ({"V_max": 75.0}, {}),
-        ({"V_max": 70.0, "s_V": 1e-4}, {"V_max": 70.0}),
-        ({"V_max": 75e4, "s_V": 1.0}, {}),
-        # Strongly damped, a second-order filter has one slow pole: 2 ζ τ.
-        ({"tau_V": 1e-7, "zeta_V": 500.0}, {"tau_V": 1e-4}),
-        # A weak exponential is a straight line; a stiffness that is high all the time is another stiffness.
-        ({"kappa_e": 1e-3}, {"kappa_a": 1e-3}),
-        ({"kappa_p": 0.1, "f_p": 0.0, "phi_p": 0.5 * np.pi}, {"k": 1.1 * TABLE["k"]}),
-    ],
-)
-def test_limits_of_effects(effect: dict[str, float], same: dict[str, float]) -> None:
-    drive = sine(50.0, periods=1, samples=500)
-    difference = simulate({**TABLE, **effect}, drive) - simulate({**TABLE, **same}, drive)
-    assert np.max(np.abs(difference)) < 2e-9
-
-
-def test_samples_on_a_jump_see_the_later_voltage_and_the_earlier_state() -> None:
-    pieces = (Piece(0.0, 0.01), Piece(0.01, 0.02, level=5.0))
-    drive = Excitation("jump", pieces, 0.001, 20)
-    assert drive.voltage(drive.t)[9:11].tolist() == [0.0, 5.0]
-    assert simulate(TABLE, drive)[10] == 0.0
 
 
 def test_delay_turns_the_phase_and_a_lag_lowers_the_gain_too() -> None:

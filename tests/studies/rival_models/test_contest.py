@@ -3,37 +3,29 @@
 from __future__ import annotations
 
 import csv
-import json
 import os
 from pathlib import Path
-from typing import Any
 
-import compare_example as example
 import numpy as np
-import pandas as pd
 import pytest
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from phnn.comparison import models
 from phnn.comparison.models import Settings
-from phnn.comparison.run import compare
 from phnn.configuration import compose
 from phnn.errors import InputRefused, OutputFailed
 from phnn.model import Model
 from phnn.models.actuator import hrc
-from phnn.recordings import read
 from phnn.recordings.recording import Part, Recording, Start
 from phnn.setup import Setup
-from studies.generator.plans import sine
-from studies.recordings import TRUTHS, comparison_plan, uses, write_truth
-from studies.rival_models.contest import FOLDERS, one_to_one, run, table_page
+from studies.recordings import comparison_plan, uses
+from studies.rival_models.contest import FOLDERS, one_to_one, run
 from studies.rival_models.names import register_rivals
 from studies.rival_models.rival import State, Stepper
 from studies.rival_models.runs import CompiledStepper, Loop, closed, closed_path, drawn_loops
 
 Array = NDArray[np.float64]
-PLAN = ({"sine_050Hz_75V": "identification", "sine_020Hz_40V": "confirmation"}, (sine(50.0), sine(20.0, 40.0)))
 QUICK = ("starts=1", "workers=1", "budget=1.5")
 
 
@@ -47,22 +39,6 @@ def settings(*overrides: str) -> Settings:
     return Settings.from_config(compose("compare", [*QUICK, *overrides]))
 
 
-@pytest.mark.parametrize("truth", TRUTHS)
-def test_a_truth_is_drawn_by_its_seed(truth: str, tmp_path: Path) -> None:
-    for name, seed in (("a", 0), ("b", 0), ("c", 1)):
-        write_truth(tmp_path / name, truth, seed, PLAN, 0.05)
-    a, b, c = (read(tmp_path / name).recordings for name in "abc")
-    assert np.array_equal(a[0].y, b[0].y)
-    assert np.ptp(a[0].y - c[0].y) > 1e-7
-    assert 5e-6 < 0.5 * np.ptp(a[0].y) < 500e-6
-    # The loop is open, at 20 Hz far below the resonance: its area is many times what noise does to it.
-    slow = next(r for r in a if "020Hz" in r.name)
-    part = slow.last_periods(1.0)
-    area = abs(float(np.sum(slow.u[part][1:] * np.diff(slow.y[part]))))
-    noise = slow.noise * float(np.linalg.norm(np.diff(slow.u[part])))  # by parts; the input is zero at both ends
-    assert area > 10.0 * noise
-
-
 def study(out: Path, **changes: object) -> dict[str, object]:
     """The settings of a small study."""
     config = {
@@ -72,6 +48,7 @@ def study(out: Path, **changes: object) -> dict[str, object]:
     return config | changes
 
 
+@pytest.mark.slow
 def test_the_table_is_written_and_read_back(tmp_path: Path) -> None:
     chosen = compose("compare", [*QUICK, "models=[hammerstein,dahl]"])
     asked = study(tmp_path, compare=chosen, sets=["prandtl_ishlinskii", "silverbox"], seeds=[4, 5])
@@ -90,18 +67,6 @@ def test_the_table_is_written_and_read_back(tmp_path: Path) -> None:
     ]
 
 
-def test_a_model_that_diverged_says_how_often() -> None:
-    rows = [row("phs", 4, v, v, s) | {"set": "phs", "seconds": 2.0, "evaluations": np.nan, "parameters": 9, "why": ""}
-            for s, v in enumerate((1.0, 3.0, np.inf))]  # fmt: skip
-    text = table_page(pd.DataFrame(rows), settings("models=[phs]"), "")
-    assert "| PHS | 9 | 1.00 ± 0.00 | diverged 1 of 3 | diverged 1 of 3 | 1 | 2 | – |" in text
-
-
-def row(model: str, count: int, inside: float, outside: float, seed: int = 0) -> dict[str, Any]:
-    scores = {"identification": 1.0, "confirmation": inside, "outside": outside, "processor_seconds": 1.0}
-    return {"truth": "phs", "seed": seed, "recordings": count, "model": model} | scores
-
-
 @pytest.mark.parametrize(
     ("change", "needle"),
     [
@@ -115,6 +80,7 @@ def test_studies_refuse_what_they_cannot_use(change: dict[str, object], needle: 
         run(study(tmp_path / "out", **change))
 
 
+@pytest.mark.slow
 def test_public_recordings_are_read_with_one_input_and_one_output() -> None:
     home = Path(os.environ.get("PHNN_RECORDINGS", Path(__file__).parents[4] / "shared" / "recordings"))
     there = [n for n in FOLDERS if (home / n).is_dir()]
@@ -163,14 +129,6 @@ def test_a_model_that_gives_energy_is_found_out() -> None:
     assert closed(Oscillator(-2.0), runs, gain).diverged == 5
     slow = closed(Oscillator(-0.01), [Loop(r.v, r.before, 0.0) for r in runs], gain)
     assert slow.diverged + slow.gained == 5
-
-
-def test_runs_end_without_drive_and_follow_the_seed() -> None:
-    first, again, other = (drawn_loops(2, (0.1, DT), 75.0, 150.0, K / ALPHA, s) for s in (1, 1, 2))
-    assert all(np.array_equal(a.v, b.v) for a, b in zip(first, again, strict=True))
-    assert not np.array_equal(first[0].v, other[0].v)
-    assert all(not r.v[500:].any() and np.abs(r.v).max() <= 75.0 for r in first)
-    assert all(0.1 * K / ALPHA <= r.pull <= 3.0 * K / ALPHA for r in first)
 
 
 def compiled_stepper() -> CompiledStepper:
@@ -232,26 +190,3 @@ def test_frequency_and_amplitude_both_count(frequency: float, amplitude: float, 
     known = [tone("identification", 10.0, 75.0), tone("identification", 50.0, 40.0)]
     other = tone("confirmation", frequency, amplitude)
     assert uses([*known, other])[other.name] == use
-
-
-def test_a_step_is_judged_by_its_height() -> None:
-    levels = np.concatenate([np.zeros(100), np.ones(400)])
-    known = tone("identification", 10.0, 75.0)
-    for height, use in ((75.0, "confirmation"), (90.0, "outside"), (20.0, "confirmation")):
-        assert uses([known, used("step", "confirmation", height * levels, 1e-3)])["step"] == use
-    # Nothing oscillated: a sine of any frequency counts by its height alone.
-    only = used("step", "identification", 75.0 * levels, 1e-3)
-    assert uses([only, tone("confirmation", 10.0, 75.0)])["10 Hz 75 V"] == "confirmation"
-
-
-def test_rivals_are_scored_like_the_others(tmp_path: Path) -> None:
-    campaign = read(example.written(tmp_path / "recordings"))
-    results = compare(campaign, tmp_path / "out", example.settings("models=[dahl,subnet]"))
-    facts = json.loads((tmp_path / "out" / "models.json").read_text())
-    assert all(f["budget"] == 1.0 and f["processor_seconds"] < 5.0 and f["size"] for f in facts.values())
-    over = {m: r.evaluation.over_noise("identification") for m, r in results.items()}
-    assert over["dahl"] < over["subnet"]
-    again = compare(campaign, tmp_path / "out", example.settings("models=[dahl]"))
-    assert again["dahl"].evaluation.parts == results["dahl"].evaluation.parts
-    with pytest.raises(InputRefused, match="budget"):
-        compare(campaign, tmp_path / "out", example.settings("models=[dahl]", "budget=2.0"))

@@ -12,18 +12,17 @@ import pytest
 import torch
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
-from scipy.signal import cont2discrete, dlsim, lfilter
+from scipy.signal import cont2discrete, dlsim
 
 from phnn.errors import InputRefused
 from phnn.recordings.recording import Part, Recording, Start
-from studies.rival_models import narx
 from studies.rival_models.bouc_wen import BoucWen, Loop
 from studies.rival_models.continuous import ContinuousFitted, Field, _Training
 from studies.rival_models.grid import data_on
-from studies.rival_models.hysteresis import Duhem, Operator, Plane, Plays, discretised, played
+from studies.rival_models.hysteresis import Duhem, Operator, Plane, Plays
 from studies.rival_models.names import NAMES, rival
 from studies.rival_models.networks import linear_model
-from studies.rival_models.rival import Budget, scales_of, split
+from studies.rival_models.rival import Budget, scales_of
 
 Array = NDArray[np.float64]
 DT, NOISE = 1e-3, 1e-3
@@ -63,6 +62,11 @@ DRIVES = {"slow": (2.0, 2.0, 6.0), "fast": (2.0, 8.0, 20.0), "weak": (0.9, 4.0, 
 def linear_recordings() -> list[Recording]:
     """Three recordings of a linear system."""
     return [recording(name, u := sweep(*drive), second_order(u)) for name, drive in DRIVES.items()]
+
+
+def slow(*names: str) -> list[Any]:
+    """Parameters of which each takes long: they are for the slow suite."""
+    return [pytest.param(name, marks=pytest.mark.slow) for name in names]
 
 
 FEW = 3  # evaluations or updates of each candidate
@@ -128,7 +132,10 @@ def test_refusals(name: str) -> None:
         rival(name).fit([first], 0.0, 0)
 
 
-@pytest.mark.parametrize("name", ["prandtl_ishlinskii", "preisach", "narx", "gru", "subnet"])
+@pytest.mark.parametrize(
+    "name",
+    ["narx", *slow("prandtl_ishlinskii", "preisach", "gru", "subnet")],
+)
 def test_the_budget_is_kept(name: str) -> None:
     recordings, chosen = linear_recordings(), rival(name)
     chosen.warm()
@@ -136,15 +143,6 @@ def test_the_budget_is_kept(name: str) -> None:
     fitted = chosen.fit(recordings, 1.5, 0)
     assert time.process_time() - began < 3.0
     assert fitted.facts["processor_seconds"] < 3.0
-
-
-def test_what_chooses_the_size_is_a_recording_or_the_end_of_each() -> None:
-    recordings = linear_recordings()
-    three, one = split(recordings), split(recordings[:1])
-    assert sorted(int(m.sum()) for m in three.check) == [0, 0, 600]
-    assert [bool(m.any()) for m in three.fit] == [not m.any() for m in three.check]
-    assert one.check[0].sum() == 180 and one.check[0][-180:].all() and not (one.check[0] & one.fit[0]).any()
-    assert all(m.all() for m in three.both)
 
 
 def test_hammerstein_recovers_its_own_truth() -> None:
@@ -198,7 +196,7 @@ def test_narx_recovers_a_difference_equation() -> None:
     assert error(fitted.outputs([*made, held]), [*made, held]) < 1.2
 
 
-@pytest.mark.parametrize("name", ["gru", "subnet"])
+@pytest.mark.parametrize("name", ["gru", *slow("subnet")])
 def test_networks_learn_a_linear_system(name: str) -> None:
     recordings = linear_recordings()
     untrained = rival(name).fit(recordings, math.inf, 0, most=1)
@@ -213,45 +211,6 @@ def test_networks_learn_a_linear_system(name: str) -> None:
 TRIANGLE = np.concatenate(
     [np.linspace(0.0, 1.0, 101), np.linspace(1.0, -1.0, 201)[1:], np.linspace(-1.0, 1.0, 201)[1:]]
 )
-BRANCHES = np.repeat([0, 1, 2], [101, 200, 200])
-
-
-def closed_play(u: np.ndarray, r: float) -> np.ndarray:
-    """The play of radius ``r`` on the triangle's branches, from zero."""
-    rising, falling = np.maximum(u - r, -(1.0 - r)), np.minimum(u + r, 1.0 - r)
-    return np.where(BRANCHES == 0, np.maximum(u - r, 0.0), np.where(BRANCHES == 1, falling, rising))
-
-
-def test_plays_on_a_triangle() -> None:
-    columns = run(Plays(4), TRIANGLE)
-    assert np.allclose(columns[:, 0], TRIANGLE)
-    for i, r in enumerate((0.0, 0.2, 0.4, 0.6, 0.8)):
-        assert np.allclose(columns[:, 1 + i], closed_play(TRIANGLE, r), atol=1e-12)
-
-
-def test_a_single_relay_is_a_play_above_its_middle() -> None:
-    """Up at α = s + r = 0.5, down at β = s − r = −0.3, from below."""
-    r, s = 0.4, 0.1
-    p = played(np.zeros(1), TRIANGLE, TRIANGLE, np.full((TRIANGLE.size, 1), r))[:, 0]
-    up, expected = False, []
-    for x in TRIANGLE:
-        up = True if x > 0.5 + 1e-9 else False if x < -0.3 - 1e-9 else up
-        expected.append(up)
-    off_edge = np.abs(TRIANGLE - 0.5) > 1e-6
-    off_edge &= np.abs(TRIANGLE + 0.3) > 1e-6
-    assert ((p > s + 1e-9) == np.array(expected))[off_edge].all()
-    assert any(expected) and not all(expected[200:])
-
-
-def test_preisach_of_uniform_weights_on_a_line_is_its_play() -> None:
-    operator, first = Plane(5, 10), 0
-    columns = run(operator, TRIANGLE)
-    for r in operator.radii:
-        count = max(1, round(10 * (1.0 - r)))
-        line = columns[:, first : first + count].sum(axis=1) * 2.0 * (1.0 - r) / count
-        assert np.allclose(line - line[0], closed_play(TRIANGLE, r), atol=1e-12)
-        first += count
-    assert first == columns.shape[1]
 
 
 def test_dahl_is_the_solution_of_its_equation() -> None:
@@ -267,15 +226,7 @@ def test_dahl_is_the_solution_of_its_equation() -> None:
     assert np.allclose(columns[:, 1], np.concatenate(z), atol=1e-8)
 
 
-def test_dynamics_against_state_space() -> None:
-    u = sweep(1.0, 2.0, 20.0)
-    b, a = discretised(np.array([np.log(1.5), np.log(0.3), 0.0]), 100.0, DT, held=False)
-    assert np.allclose(lfilter(b, a, u), second_order(u), atol=1e-10)
-
-
-@pytest.mark.parametrize(
-    "name", ["hammerstein", "narx", *(pytest.param(n, marks=pytest.mark.slow) for n in ("gru", "subnet"))]
-)
+@pytest.mark.parametrize("name", ["narx", *slow("hammerstein", "gru", "subnet")])
 def test_an_unknown_start_is_estimated(name: str) -> None:
     """The recording begins in motion: what came before is cut off."""
     made = []
@@ -305,32 +256,6 @@ def test_held_out_samples_do_not_begin_a_simulation(name: str) -> None:
     assert np.abs(first - second).max() < 0.05
 
 
-def bilinear(u: np.ndarray) -> np.ndarray:
-    """``y_k = 0.2 y_{k−1} + 0.1 y_{k−1} u_k + 0.9 u_k``, as in the first example of sysidentpy."""
-    y, now = np.zeros(u.size), 0.0
-    for k, x in enumerate(u):
-        now = 0.2 * now + 0.1 * now * x + 0.9 * x
-        y[k] = now
-    return y
-
-
-def selected(u: np.ndarray) -> dict[tuple[int, ...], float]:
-    """The first three terms in ``(y_{k−1}, u_k)`` of the change of a bilinear system, with weights in its own units."""
-    pytest.importorskip("sklearn", reason="needs pip install 'phnn[rivals]'")
-    data = data_on([recording("r", u, bilinear(u))], 48.0)
-    powers, weights = next(narx.pursued(data, 2, 2))
-    units = np.array([data.scales.y, data.scales.u])
-    found = zip(powers, weights * data.scales.y / np.prod(units**powers, axis=1), strict=True)
-    return {tuple(p.tolist()): float(w) for p, w in found}
-
-
-INPUT = np.concatenate([np.zeros(8), np.random.default_rng(2).uniform(-1.0, 1.0, 800)])
-
-
-def test_forward_regression_selects_the_terms_of_a_bilinear_system() -> None:
-    assert selected(INPUT) == pytest.approx({(1, 0): 0.2 - 1.0, (0, 1): 0.9, (1, 1): 0.1}, abs=0.01)
-
-
 CONTINUOUS = {"trained_ode": 0, "oe_phnn": 1, "sphnn": 2}
 
 
@@ -343,7 +268,7 @@ def untrained(name: str) -> tuple[ContinuousFitted, Any]:
     return ContinuousFitted(0, {}, data.dt, data.scales, data.zero, net), data
 
 
-@pytest.mark.parametrize("name", CONTINUOUS)
+@pytest.mark.parametrize("name", ["sphnn", *slow("trained_ode", "oe_phnn")])
 def test_networks_begin_as_the_linear_model_and_have_exact_sensitivities(name: str) -> None:
     fitted, data = untrained(name)
     # Random outputs are small at the start: within some percent the linear system that made the recordings.
@@ -405,6 +330,7 @@ def test_networks_in_continuous_time_learn_a_nonlinear_oscillator(name: str) -> 
     assert error(rival(name).fit(known, 20.0, 0).outputs([held]), [held]) < min(5.0, 0.2 * linear)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("place", ["before", "loop"])
 def test_bouc_wen_recovers_its_own_truth(place: str) -> None:
     scales = scales_of(linear_recordings())

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from phnn.criteria import Criteria
@@ -172,14 +172,6 @@ def test_base_parameters_are_compared_hysteron_by_hysteron() -> None:
     assert base_errors(fewer) == {}
 
 
-def test_the_stated_interval_is_what_is_graded() -> None:
-    wide = {n: e | {"interval": (0.5 * e["value"], 3.0 * e["value"])} for n, e in estimates(2.0).items()}
-    # The truth is the lower end, whatever the standard error says.
-    assert base_errors(wide) == pytest.approx(dict.fromkeys(set(TABLE) - {"m"}, 1.96), abs=1e-3)
-    low = {n: e | {"interval": (0.25 * e["value"], 4.0 * e["value"])} for n, e in estimates(0.5).items()}
-    assert base_errors(low) == pytest.approx(dict.fromkeys(set(TABLE) - {"m"}, -1.96 / 3.0), abs=1e-3)
-
-
 def test_errors_by_noise_alone_leave_out_that_of_the_mass() -> None:
     # All that scales with the mass is wrong by its error, and by nothing else.
     right = {
@@ -259,32 +251,7 @@ def test_false_alarms_are_counted_by_grade() -> None:
     assert (count.cases, count.right, count.named, count.unknown, count.false) == (4, 3, 1, 0, "delay (1)")
 
 
-def test_p_values_of_nothing_are_counted() -> None:
-    found = by_label([case(NOTHING, named() | {"p_value": p}, group="fast_none") for p in (0.04, 0.2, 0.6)])
-    assert found["nothing missing: stated p-value at most 5 %"].hits == 1
-
-
-def test_rates_of_another_hysteresis_stand_alone() -> None:
-    cases = [case(OTHER, HERE), case(OTHER, named()), case(OTHER_CREEP, named("creep"))]
-    found = by_label(cases)
-    assert found[FALSE].cases == found["same form: exactly right"].cases == 0
-    alone, beside = (r for label, r in found.items() if label.startswith("another hysteresis"))
-    assert (alone.hits, alone.cases, beside.hits, beside.cases) == (1, 2, 1, 1)
-
-
-def test_intervals_of_normal_errors_are_covered_as_stated() -> None:
-    rng = np.random.default_rng(0)
-    many = [
-        case(CREEP, named("creep"), errors={"base": dict(enumerate(rng.standard_normal(9))), "effect": {"k_s": 3.0}})
-        for _ in range(1000)
-    ]
-    found = by_label(many)
-    assert found["base parameters inside their 68 % interval"].share == pytest.approx(0.68, abs=0.02)
-    assert found["base parameters inside their 95 % interval"].share == pytest.approx(0.95, abs=0.01)
-    effect = found["effect parameters inside their 95 % interval"]
-    assert (effect.hits, effect.cases) == (0, 1000)
-
-
+@settings(deadline=None, max_examples=15)
 @given(st.floats(2.0, 30.0), st.integers(0, 2**31))
 def test_half_point_is_where_half_the_hits_are(half: float, seed: int) -> None:
     rng = np.random.default_rng(seed)

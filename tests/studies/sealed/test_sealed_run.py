@@ -13,8 +13,6 @@ from phnn.configuration import compose
 from phnn.errors import InputRefused, PhnnError
 from phnn.identification.options import Options
 from phnn.results import Place
-from studies.decides.compare import GROUPS
-from studies.decides.compare import tasks as visits
 from studies.proof.cases import STRATA, Settings, family, tasks
 from studies.proof.page import claimed, prove, write_proof
 from studies.sealed import run
@@ -89,15 +87,6 @@ def test_conditions_reach_every_case_and_name_another_proof() -> None:
 def test_settings_that_make_no_sense_are_refused(wrong: dict[str, Any], needle: str) -> None:
     with pytest.raises(InputRefused, match=needle):
         settings(**wrong)
-
-
-def test_groups_of_the_study_take_turns() -> None:
-    shares = [2, 1, *[0] * (len(GROUPS) - 2)]
-    found = visits(7, 5, shares, "short", (2.0, 3.0))
-    assert [(t.group, t.seed) for t in found] == [
-        ("none", 7), ("none", 8), ("none, process noise", 9), ("none", 10), ("none", 11)
-    ]  # fmt: skip
-    assert {(t.plan, t.levels) for t in found} == {("short", (2.0, 3.0))}
 
 
 def test_a_proof_of_three_cases(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,9 +1,12 @@
-"""Recordings given as one object, as a list of them, by names, or as a pair to train and test."""
+"""Recordings that are objects in memory: one object, a list of them, some by names, or a pair to train and test.
+
+No library is loaded: an object can only be given where its library is loaded already.
+"""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -11,14 +14,47 @@ import numpy as np
 
 from phnn.errors import InputRefused
 from phnn.intake.limits import LIMITS
-from phnn.recordings.adapters.given import Given, given_of, plain, seconds, where_of
 from phnn.recordings.array_files import stored_arrays, table_of
-from phnn.recordings.manifest import Manifest
+from phnn.recordings.manifest import USES, Entry, Manifest
 from phnn.recordings.recording import is_actuator
-from phnn.recordings.table import Table
+from phnn.recordings.table import Table, Where, beside, with_stamps
 from phnn.recordings.units import parse_name
-from phnn.recordings.values import mapping
+from phnn.recordings.values import choice, mapping, number, shown
 from phnn.results import printable
+
+# A recording: what its object says about it (its name, which may be empty, use and rate), and its columns.
+Given = tuple[Entry, Table]
+
+
+def given_of(attributes: Mapping[Any, Any], table: Table, units: Mapping[str, str], name: str = "") -> Given:
+    """A recording with what the attributes of its object say: ``name``, ``use``, ``sample_rate_hz``."""
+    where = f"{table.where}: attrs"
+    use, rate = attributes.get("use"), attributes.get("sample_rate_hz")
+    said = Entry(
+        name=name or printable(str(attributes.get("name", ""))),
+        use=None if use is None else choice(use, USES, f"{where}['use']"),
+        sample_rate_hz=None if rate is None else number(plain(rate), f"{where}['sample_rate_hz']", above=0.0),
+    )
+    return said, with_stamps(replace(table, units=units))
+
+
+def where_of(data: object, name: str) -> Where:
+    """The place of a recording, for messages: its name where it has one, and what it is."""
+    kind = type(data).__name__
+    return Where(f"{printable(name)} ({kind})" if name else kind)
+
+
+def plain(value: Any) -> Any:
+    """A number of numpy as one of Python."""
+    return value.item() if isinstance(value, np.generic | np.ndarray) and value.size == 1 else value
+
+
+def seconds(times: np.ndarray) -> np.ndarray | None:
+    """(N,) dates or differences of time as seconds since the first; None where they are neither."""
+    if times.dtype.kind not in "mM":
+        return None
+    return np.asarray((times - times[:1]) / np.timedelta64(1, "ns"), dtype=float) * 1e-9
+
 
 _TIMES = ("time", "t")
 
@@ -41,11 +77,7 @@ def _library(data: object) -> str:
 
 
 def given_labelled(data: Any, name: str = "") -> Iterator[Given]:
-    """The recordings of a Dataset, one for each index of a second dimension; a DataArray has its channels along one.
-
-    Raises:
-        InputRefused: the dimensions are not those of recordings, or attributes say what is not understood.
-    """
+    """The recordings of a Dataset, one for each index of a second dimension; a DataArray has its channels along one."""
     where = where_of(data, name)
     data = data if hasattr(data, "data_vars") else _dataset(data)
     time, further = _dimensions(data, where)
@@ -75,11 +107,7 @@ def _dataset(data: Any) -> Any:
 
 
 def _dimensions(data: Any, where: object) -> tuple[str, str | None]:
-    """The dimension of time, and a second one where there is one.
-
-    Raises:
-        InputRefused: there are more, or nothing tells which is the time.
-    """
+    """The dimension of time, and a second one where there is one."""
     dims = [str(d) for d in data.dims]
     times = [d for d in dims if d.lower() in _TIMES or (parse_name(d) or ("",))[0] == "time"]
     if len(dims) == 1:
@@ -110,11 +138,7 @@ def _given(data: Any, time: str, name: str, where: Any) -> Given:
 
 
 def given_frame(frame: Any, name: str = "") -> Given:
-    """The columns of a frame; an index of times, or one that is named as a time is, stands behind them.
-
-    Raises:
-        InputRefused: it has several levels of columns or too many, or its attributes say what is not understood.
-    """
+    """The columns of a frame; an index of times, or one that is named as a time is, stands behind them."""
     where = where_of(frame, name)
     if frame.columns.nlevels > 1 or frame.shape[1] > LIMITS.text_columns:
         raise InputRefused(
@@ -149,9 +173,6 @@ def given_benchmark(data: Any, names: tuple[str, str], name: str = "", use: str 
 
     Args:
         names: of a single input and a single output, as the setup calls them.
-
-    Raises:
-        InputRefused: there is no sampling time, or the arrays are not (samples,) or (samples, channels).
     """
     where = where_of(data, name or str(data.name))
     interval = plain(data.sampling_time)
@@ -161,7 +182,7 @@ def given_benchmark(data: Any, names: tuple[str, str], name: str = "", use: str 
         )
     columns = _channels(data.u, names[0], "u", where) | _channels(data.y, names[1], "y", where)
     table = Table(where, tuple(columns), tuple(columns.values()))
-    return Given(name or printable(str(data.name)), table, use=use, sample_rate_hz=1.0 / interval)
+    return Entry(name=name or printable(str(data.name)), use=use, sample_rate_hz=1.0 / interval), table
 
 
 def _channels(values: Any, single: str, several: str, where: object) -> dict[str, np.ndarray]:
@@ -185,16 +206,13 @@ _SHOWN = 5
 _PARTS = (("train", "identification"), ("test", "confirmation"))
 
 
-def given(data: Any, said: Manifest) -> list[Given]:
+def given(data: Any, manifest: Manifest) -> list[Given]:
     """The recordings of an object, each with a name of its own.
 
     Args:
-        said: names input and output as its setup does.
-
-    Raises:
-        InputRefused: the object is none that is known, or holds no recording.
+        manifest: names input and output as its setup does.
     """
-    names = ("voltage", "displacement") if is_actuator(said.setup) else ("input", "output")
+    names = ("voltage", "displacement") if is_actuator(manifest.setup) else ("input", "output")
     found = []
     for one in _collected(data, "", names):
         found.append(one)
@@ -205,7 +223,7 @@ def given(data: Any, said: Manifest) -> list[Given]:
     # Those without a name are called "recording", several by their number.
     digits = len(str(len(found)))
     numbered = (f"recording_{i:0{digits}d}" if len(found) > 1 else "recording" for i in range(1, len(found) + 1))
-    return [replace(one, name=one.name or name) for one, name in zip(found, numbered, strict=True)]
+    return [(replace(said, name=said.name or name), t) for (said, t), name in zip(found, numbered, strict=True)]
 
 
 def _collected(data: Any, name: str, names: tuple[str, str]) -> Iterator[Given]:
@@ -226,7 +244,8 @@ def _collected(data: Any, name: str, names: tuple[str, str]) -> Iterator[Given]:
         for key, one in data.items():
             yield from _collected(one, _joined(name, key), names)
     elif isinstance(data, Mapping) and data and all(map(_is_numbers, data.values())):
-        yield Given(name, table_of(where_of(data, name), stored_arrays({str(k): v for k, v in data.items()})))
+        columns = stored_arrays({str(k): v for k, v in data.items()})
+        yield Entry(name=name), table_of(where_of(data, name), columns)
     elif isinstance(data, list | tuple) and not name:
         for one in data:
             yield from _collected(one, name, names)
@@ -264,3 +283,37 @@ def _is_numbers(value: Any) -> bool:
         # Lists of unequal lengths, tensors on another device or with gradients.
         return False
     return array.dtype.kind in "iufb" and array.ndim > 0
+
+
+def described(found: Sequence[Given], said: Manifest) -> tuple[list[tuple[Entry, Table]], list[str]]:
+    """Every recording that the manifest asks for, and the names of the others; all where it lists none.
+
+    ``file`` in the manifest is the name of a recording. What the manifest says wins over what an object says.
+    """
+    by_name: dict[str, Given] = {}
+    for one, table in found:
+        name = one.name or ""
+        if name in by_name:
+            raise InputRefused(f"two recordings are called {name!r}: give a mapping from names to recordings")
+        by_name[name] = one, table
+    if said.entries is None:
+        return [_described(replace(said.common, file=name), by_name) for name in by_name], []
+    for i, entry in enumerate(said.entries):
+        if unknown := [file for file in entry.files if file not in by_name]:
+            cause = f"no recording is called {shown(unknown[0])}, there are {', '.join(by_name)}"
+            raise InputRefused(f"recordings[{i}]: {cause}: correct `file`")
+    asked = {file for entry in said.entries for file in entry.files}
+    return [_described(e, by_name) for e in said.entries], [name for name in by_name if name not in asked]
+
+
+def _described(entry: Entry, by_name: Mapping[str, Given]) -> tuple[Entry, Table]:
+    first, _ = by_name[entry.file]
+    table = beside([by_name[file][1] for file in entry.files])
+    if entry.axes:
+        raise InputRefused(f"{table.where}: `axes` describe a .npy array: leave them out, and give columns")
+    return replace(
+        entry,
+        name=entry.name or first.name,
+        use=entry.use or first.use,
+        sample_rate_hz=entry.sample_rate_hz or first.sample_rate_hz,
+    ), table

@@ -1,0 +1,359 @@
+"""The report of a diagnosis as a list of sections: the first screen, and what folds below it.
+
+Every part is made by itself: one that fails is left out, and is among the warnings.
+"""
+
+from __future__ import annotations
+
+import math
+from base64 import b64encode
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from html import escape
+from typing import Any
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+
+from phnn.check.quality import doubts
+from phnn.diagnose.diagnosis import Diagnosis
+from phnn.diagnose.verdict import NAMED, UNKNOWN, Claim
+from phnn.diagnose.words import Picture, learned_picture, picture
+from phnn.html import paragraph, table, titled
+from phnn.network.roles import auxiliary
+from phnn.recordings.recording import ACTUATOR
+from phnn.recordings.units import scales_with_forces
+from phnn.report.figures import Trace, draw_curve, draw_error, draw_recording
+from phnn.report.figures.style import RC, Drawing, png, svg
+from phnn.report.formatting import (
+    display_unit,
+    finite,
+    interval,
+    likelihood,
+    listing,
+    number,
+    p_value,
+    percent,
+    ratio,
+    short,
+    with_error,
+    words,
+)
+from phnn.report.page import Bar, Bars, Block, Code, Formula, Link, Section, Table
+from phnn.report.provenance import Provenance
+from phnn.report.statements import (
+    WAVEFORM,
+    acts_like,
+    capital,
+    causes,
+    consequence,
+    failure,
+    forces_known,
+    headline,
+    likenesses,
+    location_name,
+    next_recording,
+    notes,
+    plausibility,
+    quality,
+    remainder_in_words,
+    shown_unit,
+)
+from phnn.rescue import documents, needed, warnings
+from phnn.results import file_name
+
+# Recordings that are drawn beside that of the first screen; rows of models and of candidates.
+_DRAWN, _ROWS = 3, 12
+# Notes of parts that failed on the first screen.
+_NOTES = 3
+
+
+def sections(diagnosis: Diagnosis, document: dict[str, Any], made_of: Provenance | None) -> list[Section]:
+    """Return the sections in their order, without those that have nothing to show.
+
+    Args:
+        document: the content of ``diagnosis.json``.
+        made_of: how the run was started and what it read.
+    """
+    nothing: list[Trace] = []
+    traces = needed("traces of the recordings", lambda: traces_of(diagnosis), nothing)
+    parts: dict[str, Callable[[], list[Block]]] = {
+        "What is missing": lambda: _missing(diagnosis, document),
+        "Where it acts": lambda: _where(diagnosis, document),
+        "How well the model predicts": lambda: _recordings(diagnosis, document, traces),
+        "Parameters": lambda: _parameters(diagnosis),
+        "What was tried": lambda: _tried(diagnosis),
+        "What was understood of the recordings": lambda: _understood(diagnosis, document),
+        "Use the model and repeat the run": lambda: _use(diagnosis, document, traces, made_of),
+    }
+    folded = [Section(title, needed(f"section “{title}”", work, [])) for title, work in parts.items()]
+    # The first screen is made last, because it tells which parts failed.
+    return [Section(None, _first(diagnosis, traces)), *(s for s in folded if s.blocks)]
+
+
+def drawings_of(every: Sequence[Section]) -> list[Drawing]:
+    """Return the pictures of all sections."""
+    return [block for section in every for block in section.blocks if isinstance(block, Drawing)]
+
+
+def drawing(stem: str, title: str, alt: str, draw: Callable[[], Figure], lines: bool = True) -> list[Drawing]:
+    """Return a picture; none where it cannot be drawn.
+
+    Args:
+        lines: the page shows it as SVG; otherwise as PNG, which is smaller where many points are drawn.
+    """
+
+    def drawn() -> list[Drawing]:
+        with rc_context(RC):
+            figure = draw()
+            return [Drawing(file_name(stem, ".png"), title, alt, png(figure), svg(figure, stem) if lines else b"")]
+
+    return needed(f"figure {stem}", drawn, [])
+
+
+def traces_of(diagnosis: Diagnosis) -> list[Trace]:
+    """Return all parts that were scored: held-out ones first, then those that the base model predicts worst."""
+    scores = {p.name: p.residual_over_noise for p in diagnosis.before.parts}
+    found = []
+    for r in diagnosis.campaign.recordings:
+        for part in (p for p in r.parts if p.use != "nuisance" and r.name in diagnosis.before.outputs):
+            rows = slice(part.first, part.last)
+            before, after = (e.outputs[r.name][rows] for e in (diagnosis.before, diagnosis.after))
+            noise = r.noise if r.noise_found else None
+            found.append(
+                Trace(part.name, r.t[rows], r.u[rows], r.y[rows], before, after, noise, r.units.output,
+                      part.use == "confirmation", scores.get(part.name, math.nan))
+            )  # fmt: skip
+    return sorted(found, key=lambda t: (not t.held_out, -(finite(t.over_noise) or 0.0)))
+
+
+def error_figure(diagnosis: Diagnosis) -> Figure:
+    """Return a figure of the error before and after against the noise, on the worst held-out recording."""
+    with rc_context(RC):
+        return draw_error(traces_of(diagnosis)[0])
+
+
+def notebook(diagnosis: Diagnosis) -> str:
+    """Return the first screen for a notebook."""
+    heading = headline(diagnosis)
+    drawn = b64encode(svg(error_figure(diagnosis))).decode("ascii")
+    picture = f'<img alt="{escape(heading)}: error before and after" src="data:image/svg+xml;base64,{drawn}">'
+    likely = table(("cause", "probability"), ((name, likelihood(p)) for name, p in causes(diagnosis)))
+    return titled(heading, paragraph(consequence(diagnosis)), picture, likely)
+
+
+def _first(diagnosis: Diagnosis, traces: Sequence[Trace]) -> list[Block]:
+    nothing: list[Any] = []
+    answer = needed("sentence of the verdict", lambda: [consequence(diagnosis)], nothing)
+    open_name = diagnosis.verdict == UNKNOWN
+    like = needed("what it acts like", lambda: [acts_like(diagnosis)], nothing) if open_name else []
+    shown: list[Drawing] = []
+    for trace in traces[:1]:
+        use = "held-out recording" if trace.held_out else "recording"
+        whole = trace.stretch == slice(0, trace.t.size)
+        title = f"Error on the {use} {trace.name}" + ("." if whole else ", where the base model is worst.")
+        both = "of base model and final model" if trace.changed else "of the base model"
+        alt = f"Error {both} over time, on {trace.name}, with the band of the noise"
+        shown = drawing(f"error-{trace.name}", title, alt, partial(draw_error, trace))
+    bars = needed("probabilities", lambda: [Bar(name, p, likelihood(p)) for name, p in causes(diagnosis)], nothing)
+    alike = needed("effects that explain most", lambda: likenesses(diagnosis), nothing) if open_name else []
+    rows = [Bar(words(n), share, f"{100.0 * share:.0f} %") for n, share in alike]
+    others = [Bars("Share of the excess over the noise that one effect alone explains", rows)] if rows else []
+    told = needed("next recording", lambda: next_recording(diagnosis), "")
+    link: list[Block] = [told] if diagnosis.proposal is None else [Link(told, WAVEFORM)]
+    following = link if told else []
+    said = notes(diagnosis)
+    more = [f"{len(said) - _NOTES} more parts failed: see “What was tried”."] if len(said) > _NOTES else []
+    return [*answer, *said[:_NOTES], *more, *like, *shown, Bars("Probabilities", bars), *others, *following]
+
+
+def _missing(diagnosis: Diagnosis, document: dict[str, Any]) -> list[Block]:
+    blocks: list[Block] = []
+    entries = document["missing"] or []
+    for claim, entry in zip(diagnosis.claims, entries, strict=False):
+        name = words(claim.name) if claim.claimed or claim.learned else f"acts like {words(claim.name)}"
+        blocks.append(f"{capital(name)}: {entry['statement']}")
+        if entry["equation"]:
+            blocks.append(Formula(entry["equation"]))
+        rows = [
+            [n, with_error(p["value"], p["std"]), shown_unit(p["unit"]), interval(p["interval_95"])]
+            for n, p in ({} if claim.learned else entry["parameters"]).items()
+        ]
+        if rows:
+            blocks.append(Table(["parameter", "value", "unit", "95 % interval"], rows))
+        if claim.alike:
+            others = listing((words(e.title) for e in claim.alike), "or")
+            blocks.append(f"These recordings cannot tell it from {others}. What would: {claim.effect.separation}")
+        curve = needed(f"curve of {claim.effect.name}", partial(curve_of, diagnosis, claim), None)
+        if curve is not None:
+            title = f"What was learned where {words(claim.effect.name)} acts: {curve.y_label} over {curve.x_label}."
+            blocks += drawing(f"curve-{claim.effect.name}", title, title, partial(draw_curve, curve))
+        blocks.append(f"How it shows in recordings: {claim.effect.fingerprint}")
+        blocks += _plausible(diagnosis, claim)
+        passive = "The model with it stays passive." if entry["passive"] else "It is no part of the passive network."
+        blocks.append(f"{passive} References: {'; '.join(claim.effect.references)}.")
+    proposal = None if diagnosis.verdict == NAMED else diagnosis.proposal
+    why = [] if proposal is None else [f"Why the next recording: {proposal.why}"]
+    return [*(blocks or [e["statement"] for e in entries]), *why]
+
+
+def _plausible(diagnosis: Diagnosis, claim: Claim) -> list[str]:
+    known, anchored = diagnosis.final.setup.parameters, forces_known(diagnosis)
+    if diagnosis.campaign.recordings[0].units != ACTUATOR:
+        return []
+    free = [n for n in claim.effect.parameters if not known[n].fixed]
+    told = (plausibility(known[n], claim.effect.plausible[n], dict(known), anchored) for n in free)
+    return [t for t in told if t]
+
+
+def curve_of(diagnosis: Diagnosis, claim: Claim) -> Picture | None:
+    """Return what was learned without the catalogue where an element acts, or the law of a learned element.
+
+    None where the best functions belong to another location or kind than the element, or have no static picture.
+    """
+    where, base, effect = diagnosis.location, diagnosis.linearised[0], claim.effect
+    if where is None or (where.name, where.detail) != (effect.location, effect.kind.name):
+        return None
+    if claim.learned and where.name == "mechanical":
+        values = diagnosis.final.setup.values()
+        return learned_picture(base, where, effect.add_to(base.fit.setup, {n: values[n] for n in effect.parameters}))
+    return picture(base, where)
+
+
+def _where(diagnosis: Diagnosis, document: dict[str, Any]) -> list[Block]:
+    location = document["location"]
+    if location is None:
+        return []
+    # The winner stands first, then the longest bars.
+    ranked = sorted(location["scores"].items(), key=lambda item: (item[0] != location["name"], -item[1]))
+    rows = [
+        Bar(location_name(diagnosis, name), score, f"{score:.2f}".replace("-", "−"), location["reasons"].get(name, ""))
+        for name, score in ranked
+    ]
+    strongest = sorted(location["recordings"].items(), key=lambda item: -(item[1]["residual_over_noise"] or 0.0))[:3]
+    seen = [f"{name} ({ratio(v['residual_over_noise'])} × noise)" for name, v in strongest]
+    told = f"The mismatch is strongest in {listing(seen)}"
+    frequencies = [short(f) for f in location["frequencies_Hz"][:6]]
+    return [
+        Bars("Share of the explainable residual, predicted on recordings left out", rows),
+        f"{told}, at {', '.join(frequencies)} Hz." if frequencies else f"{told}.",
+    ]
+
+
+def _recordings(diagnosis: Diagnosis, document: dict[str, Any], traces: Sequence[Trace]) -> list[Block]:
+    fit = document["fit"]
+    if not fit or not fit["before"]:
+        return []
+    rmse = [s["rmse"] for which in ("before", "after") for s in fit[which].values() if s["rmse"] is not None]
+    unit = display_unit(max(rmse, default=None), diagnosis.campaign.recordings[0].units.output)
+    bare = {r.name for r in diagnosis.campaign.recordings if not r.noise_found}
+
+    def cells(name: str) -> list[str]:
+        floorless = name.partition("[")[0] in bare
+        scores = [fit[which][name] for which in ("before", "after") if name in fit[which]]
+        told = (
+            (percent(s["fit_percent"], 2), unit.show(s["rmse"]), "–" if floorless else ratio(s["residual_over_noise"]))
+            for s in scores
+        )
+        return [" → ".join(both) for both in zip(*told, strict=True)]
+
+    names = sorted(fit["before"], key=lambda n: n not in fit["held_out"])
+    rows = [[n, "held out" if n in fit["held_out"] else "", *cells(n)] for n in names]
+    scores_table = Table(["recording", "", "fit (%)", f"RMSE ({unit.name})", "error (× noise)"], rows, 2)
+    blocks: list[Block] = [remainder_in_words(diagnosis), scores_table]
+    for trace in traces[:_DRAWN]:
+        alt = f"Measured and modelled output of {trace.name} over time, and the errors below"
+        title = f"{trace.name}, held out" if trace.held_out else trace.name
+        blocks += drawing(f"recording-{trace.name}", title, alt, partial(draw_recording, trace))
+    return blocks
+
+
+def parameter_rows(diagnosis: Diagnosis) -> Iterator[list[str]]:
+    """Yield the rows of the table of parameters."""
+    final = diagnosis.final
+    before, after, std = diagnosis.base.setup.parameters, final.setup.parameters, final.std()
+    anchored, hidden = forces_known(diagnosis), auxiliary(final.setup.network)
+    for name, p in ((n, p) for n, p in after.items() if n not in hidden):
+        note = final.note(name) or ("constant" if p.fixed else "")
+        if not note and not anchored and scales_with_forces(p.unit):
+            note = "up to one common factor"
+        note = note or (f"base model: {unknown}" if (unknown := diagnosis.base.note(name)) else "")
+        old = before[name].value if name in before else None
+        value, ends = with_error(p.value, finite(std.get(name))), interval(final.interval(name))
+        yield [name, p.description, note, number(old), value, ends, shown_unit(p.unit)]
+
+
+def _parameters(diagnosis: Diagnosis) -> list[Block]:
+    head = ["parameter", "meaning", "remark", "before", "after ± standard error", "95 % interval", "unit"]
+    return [Table(head, list(parameter_rows(diagnosis)), 3)]
+
+
+def _tried(diagnosis: Diagnosis) -> list[Block]:
+    models = list(zip(diagnosis.visited.models, diagnosis.visited.shares, strict=True))[:_ROWS]
+    fitted = [
+        [m.words + (" (final model)" if m.key == diagnosis.chosen.key else ""), number(m.left), number(m.left_held_out),
+         likelihood(float(share)), "yes" if m.converged else "no"]
+        for m, share in models
+    ]  # fmt: skip
+    samples = diagnosis.base.residual.size
+    scored = [
+        [words(c.effect.name), location_name(diagnosis, c.effect.location), number(c.score), number(c.fall / samples)]
+        for c in sorted(diagnosis.screened[0], key=lambda c: -c.score)[:_ROWS]
+    ]
+    _, p, name = diagnosis.significance()
+    failed = documents((*diagnosis.ended.failed, *diagnosis.ended.warnings, *warnings()))
+    blocks: list[Block] = [failure(f) for f in failed]
+    if name:
+        blocks.append(f"The largest score in the residual of the base model is that of {words(name)} ({p_value(p)}).")
+    blocks.append(
+        f"{len(diagnosis.visited.models)} models were fitted; χ²/N is the mean square of the residual over the noise's."
+    )
+    blocks.append(Table(["base model and", "χ²/N fitted", "χ²/N held out", "probability", "converged"], fitted))
+    if scored:
+        blocks.append(Table(["candidate", "location", "score", "predicted fall of χ²/N"], scored, 2))
+    return blocks
+
+
+def _understood(diagnosis: Diagnosis, document: dict[str, Any]) -> list[Block]:
+    unit = diagnosis.campaign.recordings[0].units.output
+    noise = document["noise"] or {}
+    size = display_unit(max((n["rms"] for n in noise.values() if n["rms"]), default=None), unit)
+    rows = [
+        [n, v["source"] if v["found"] else "none was found", v["colour"], "; ".join(v["notes"]), size.show(v["rms"])]
+        for n, v in noise.items()
+    ]
+    floors = [Table(["noise of", "from", "colour", "remark", f"rms ({size.name})"], rows, 4)] if rows else []
+    return [*doubts(diagnosis.campaign), *diagnosis.campaign.notes, *floors]
+
+
+def usage(traces: Sequence[Trace], input_unit: str, output_unit: str) -> str:
+    """Return a short program: a sine as large and as long as the first recording, simulated with the model."""
+    amplitude, seconds = 1.0, 1.0
+    if traces and np.isfinite(traces[0].u).any():
+        amplitude = float(np.nanmax(np.abs(traces[0].u))) or 1.0
+        seconds = float(np.ptp(traces[0].t)) or 1.0
+    return (
+        "import numpy as np\nimport phnn\n\n"
+        'model = phnn.load("model")  # the folder beside this page\n'
+        f"t = np.linspace(0.0, {seconds:.4g}, 2001)  # [s]\n"
+        f"u = {amplitude:.4g} * np.sin({6.0 * math.pi / seconds:.4g} * t)  # [{input_unit}]\n"
+        f"y = model.simulate(t, u)  # [{output_unit}]"
+    )
+
+
+def _use(
+    diagnosis: Diagnosis, document: dict[str, Any], traces: Sequence[Trace], made_of: Provenance | None
+) -> list[Block]:
+    units = diagnosis.campaign.recordings[0].units
+    versions = ", ".join(f"{n} {v}" for n, v in (document["versions"] or {}).items())
+    blocks: list[Block] = [Code(usage(traces, units.input, units.output))]
+    if made_of is not None:
+        blocks.append(Code(made_of.command or "started from Python"))
+        files = "\n".join(f"{digest}  {name}" for name, digest in made_of.files.items())
+        blocks.append(f"Recordings: {made_of.folder}. SHA-256 of the files, and of all samples as understood:")
+        blocks.append(Code(f"{files}\n{made_of.understood}  as understood".lstrip()))
+    q = quality(diagnosis)
+    scored = f"Errors are root mean squares over {q.on}; " if q.held_out else ""
+    blocks.append(f"{scored}{versions}; seed {diagnosis.options.seed}; {document['seconds']} s.")
+    return blocks
