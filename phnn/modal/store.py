@@ -14,7 +14,7 @@ from phnn.errors import InputRefused
 from phnn.modal.experiment import experiment_of, experiments_of
 from phnn.modal.fit import ModalFit
 from phnn.modal.model import ModalModel
-from phnn.models.typed import a_list, a_name, a_number, brief
+from phnn.models.typed import a_list, a_name, a_number, an_object, brief
 from phnn.prediction import Predicted
 from phnn.recordings.recording import Campaign, Recording, Units
 from phnn.results import printable
@@ -31,7 +31,7 @@ def model_document(fit: ModalFit) -> dict[str, Any]:
         "schema": SCHEMA,
         "inputs": list(fit.inputs),
         "outputs": list(fit.outputs),
-        "units": list(fit.units),
+        "units": fit.units._asdict(),
         "dt_s": fit.dt,
         "frequency_Hz": (m.omega / (2.0 * np.pi)).tolist(),
         "damping_ratio": m.zeta.tolist(),
@@ -61,12 +61,11 @@ def model_from(document: Mapping[str, Any]) -> ModalFit:
 
 
 def _model(document: Mapping[str, Any]) -> ModalFit:
-    inputs, outputs, units = (
-        tuple(a_name(n, x) for n in a_list(document[x], x)) for x in ("inputs", "outputs", "units")
-    )
+    inputs, outputs = (tuple(a_name(n, x) for n in a_list(document[x], x)) for x in ("inputs", "outputs"))
+    units = Units(**{end: a_name(unit, end) for end, unit in an_object(document["units"], "units").items()})
     modes, ports = len(a_list(document["frequency_Hz"], "frequency_Hz")), len(inputs)
-    if not modes or not ports or not outputs or len(units) != len(Units._fields):
-        raise ValueError("a model has one mode, one input and one output at least, and a unit of inputs and of outputs")
+    if not modes or not ports or not outputs:
+        raise ValueError("a model has one mode, one input and one output at least")
     frequency, zeta = _numbers(document, "frequency_Hz", modes), _numbers(document, "damping_ratio", modes)
     springs = _numbers(document, "springs", ports if document["springs"] else 0)
     reach, dt = _numbers(document, "reach", ports), a_number(document["dt_s"], "dt_s")
@@ -78,7 +77,7 @@ def _model(document: Mapping[str, Any]) -> ModalFit:
     model = ModalModel(2.0 * np.pi * frequency, zeta, _numbers(document, "ports", modes, ports), delay, springs, reach)
     shapes = _numbers(document, "shapes", len(outputs), 2 * modes + ports)
     cost = a_number(document["left_of_fitted"], "left_of_fitted") ** 2
-    return ModalFit(model, shapes, dt, cost, inputs, outputs, Units(*units))
+    return ModalFit(model, shapes, dt, cost, inputs, outputs, units)
 
 
 def _numbers(document: Mapping[str, Any], name: str, *shape: int) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from structure import OMEGA, RATE, ZETA, write_folder
 import phnn
 from phnn.cli import main
 from phnn.errors import InputRefused
+from phnn.modal.fit import Problem
 from phnn.modal.store import model_from
 from phnn.modal.study import Result
 
@@ -27,6 +29,15 @@ def test_modes_are_exact_where_all_is_linear(studied: Callable[[str, int], Resul
     order = np.argsort(model.omega)
     assert np.allclose(model.omega[order], OMEGA, rtol=1e-4)
     assert np.allclose(model.zeta[order], ZETA, rtol=1e-2)
+
+
+def test_a_linear_fit_moves_nothing_that_the_shapes_absorb(studied: Callable[[str, int], Result]) -> None:
+    result = studied("none", 7)
+    fitted = result.study.identification(0)[:2]
+    with ThreadPoolExecutor(1) as pool:
+        problem = Problem(result.models["linear"].model, fitted, result.study, pool)
+        slopes = problem.slopes(np.zeros(problem.free.shape[1]))
+    assert np.linalg.cond(slopes / np.linalg.norm(slopes, axis=0)) < 1e5
 
 
 def test_the_network_of_the_modes_predicts_as_an_ordinary_model(studied: Callable[[str, int], Result]) -> None:
@@ -66,6 +77,8 @@ def test_the_command_writes_what_it_says(tmp_path: Path, capsys: pytest.CaptureF
         "linear.json", "linear_at_level_1.json", "linear_at_level_2.json",
     }  # fmt: skip
     assert "one linear model serves" in capsys.readouterr().out
+    written = (out / "report.html").read_text()
+    assert all(f">{column}<" in written for column in ("input (J½/V)", "voltage_2 (J½/V)", "y_1 (m/J½)", "y_2 (m/J½)"))
 
 
 def test_one_amplitude_is_not_judged(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -241,7 +254,7 @@ WRONG: dict[str, tuple[str, Any]] = {
     "texts": ("delay_s", ["a", "b"]),
     "a negative interval": ("dt_s", -1e-3),
     "no inputs": ("inputs", []),
-    "units that are none": ("units", ["V"]),
+    "units that are none": ("units", {"input": "V"}),
     "shapes that do not fit": ("shapes", [[1.0]]),
     "a list": ("left_of_fitted", [1.0]),
     "another schema": ("schema", ["phnn.modal-model/3"]),
