@@ -39,7 +39,7 @@ _COMMANDS = {
     "export": "write a model as a program: C, FMU, Python or MATLAB",
     "plot": "draw a model or a diagnosis as a figure, with its data as a table",
     "compare": "fit several kinds of model and compare them",
-    "modes": "find the modes of a structure, and what moves them with amplitude",
+    "modes": "find the modes of a structure, and how they move with amplitude",
     TRAIN: "train a neural or parametric model: phnn train folder=DIR out=DIR ...",
     "demo": "conceal an effect in simulated recordings, seal it, diagnose it",
 }

@@ -14,10 +14,10 @@ from phnn.recordings import Campaign, campaign_of
 from phnn.trajectory import check_names
 
 if TYPE_CHECKING:
-    from phnn.modal.store import StoredModes
+    from phnn.modal.fit import ModalFit
 
 
-def load(folder: str | Path, outside: bool = False) -> Model | StoredModes:
+def load(folder: str | Path, outside: bool = False) -> Model | ModalFit:
     """Load a model that a command or `Model.save` wrote.
 
         y = phnn.load("out/model").simulate(t, voltage)
@@ -28,15 +28,15 @@ def load(folder: str | Path, outside: bool = False) -> Model | StoredModes:
         outside: the file in the folder may be a link that leads out of it.
 
     Returns:
-        A `Model`; of ``phnn modes`` the fit with its channels, see `phnn.modal.store.StoredModes`.
+        A `Model`; of ``phnn modes`` the fit, a `phnn.modal.fit.ModalFit`.
 
     Raises:
         InputRefused: there is no model, or a damaged one.
     """
-    from phnn.modal.store import MODEL_SCHEMA, model_from
+    from phnn.modal.store import SCHEMA, model_from
 
     content, shown = stored(Path(folder), outside)
-    if content.get("schema") != MODEL_SCHEMA:
+    if content.get("schema") != SCHEMA:
         return Model(*setup_from(content, shown), inputs_of(content, shown))
     try:
         return model_from(content)
@@ -44,7 +44,7 @@ def load(folder: str | Path, outside: bool = False) -> Model | StoredModes:
         raise InputRefused(f"{shown}: {error}") from error
 
 
-def predict(model: Model | StoredModes | str | Path, campaign: Campaign | str | Path) -> tuple[Predicted, ...]:
+def predict(model: Model | ModalFit | str | Path, campaign: Campaign | str | Path) -> tuple[Predicted, ...]:
     """Simulate the recordings of a campaign, in their order.
 
         for found in phnn.predict("out/model", phnn.read("other/")):
@@ -65,7 +65,7 @@ def predict(model: Model | StoredModes | str | Path, campaign: Campaign | str | 
     return tuple(predictions(load(model) if isinstance(model, str | Path) else model, known))
 
 
-def predictions(model: Model | StoredModes, campaign: Campaign) -> Iterator[Predicted]:
+def predictions(model: Model | ModalFit, campaign: Campaign) -> Iterator[Predicted]:
     """Return the predictions of a campaign's recordings one by one; it is refused before the first is simulated.
 
     Raises:

@@ -189,8 +189,7 @@ def _piezo_stack(folder: Path, out: Path) -> Figures:
 def _steering_mirror(folder: Path, out: Path) -> Figures:
     study, checked = _document(out / "modes" / "modes.json"), _document(out / "check" / "check.json")
     found: Figures = {
-        "verdict": {"result": study["verdict"]},
-        "elements at the ports": {"result": ", ".join(map(words, study["elements"]))},
+        "final model": {"result": words(study["final"])},
         "left out": {"result": ", ".join(study["left_out"])},
         "recordings": {"result": float(len(checked["recordings"]))},
     }
@@ -199,11 +198,10 @@ def _steering_mirror(folder: Path, out: Path) -> Figures:
         column: float(len(level["linear_alone"]["frequency_Hz"]))
         for column, level in zip(levels, study["levels"], strict=True)
     }
-    rows = {name: model["held_out_rmse"] for name, model in study["models"].items()}
-    rows["linear, a model for each amplitude"] = [level["linear_alone"]["held_out_rmse"] for level in study["levels"]]
-    for name, errors in rows.items():
-        row = words(name).replace("+", " + ")
-        found[row] = {c: _MICRO * float(np.mean(e)) for c, e in zip(levels, errors, strict=True) if e}
+    rows = {words(name): model["held_out"] for name, model in study["models"].items()}
+    rows["linear, a model for each amplitude"] = [level["linear_alone"]["held_out"] for level in study["levels"]]
+    for name, scores in rows.items():
+        found[name] = {c: _MICRO * float(np.mean(s["rmse"])) for c, s in zip(levels, scores, strict=True) if s}
     return found | _contaminated(checked)
 
 

@@ -19,8 +19,6 @@ from torch import Tensor, nn
 import phnn.models
 import phnn.nn
 from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
-from phnn.modal.elements import DRAG, HARDENING, SOFTENING, STOP, PortElement
-from phnn.modal.model import ModalModel
 from phnn.models.network_file import load_network, ready
 from phnn.models.store import _KINDS
 from phnn.network import (
@@ -202,7 +200,7 @@ def network_models() -> Iterator[tuple[str, Callable[[], NetworkSubject]]]:
     """Every function of `phnn.models` that makes a network, and every shipped network."""
     for name, thing in _things_of_models():
         makes = inspect.isfunction(thing) and typing.get_type_hints(thing).get("return")
-        if makes in (Network, Setup) and name not in ("load_network", "ready"):
+        if makes in (Network, Setup) and name not in ("load_network", "modal", "ready"):
             yield name, lambda thing=thing: NetworkSubject(getattr(made := thing(), "network", made))
     for name in READY:
         yield name, lambda name=name: NetworkSubject(ready(name))
@@ -233,12 +231,27 @@ def everything() -> Network:
 
 
 def modal_network() -> Network:
-    """Two modes and two ports, with every part that a network of modes may have at both ports."""
-    kinds = np.array([STOP, SOFTENING, HARDENING, DRAG])
-    element = PortElement(("made",), kinds, np.ones(kinds.size))
+    """Two modes and two ports, with a stop, two springs and a drag at both ports."""
     b = np.array([[0.9, 0.5], [0.6, -0.8]])
-    k = np.tile([0.2, 0.3, 0.1, 0.05], (2, 1))
-    return ModalModel(np.array([2.0, 7.0]), np.array([0.02, 0.05]), b, np.zeros(1), element, k, 0.5 + k).to_network()
+    modes = phnn.models.modal(np.array([2.0, 7.0]), np.array([0.02, 0.05]), b)
+    values = {"k_stop": 0.2, "r_stop": 0.7, "slip": 1e-3, "k_soft": 0.3, "r_soft": 0.8, "k_hard": 0.1, "k_drag": 0.05}
+    storages, resistors, couplings = list(modes.storages), list(modes.resistors), list(modes.couplings)
+    for port in modes.ports:
+        stop, soft, hard = (f"{kind}_{port.name}" for kind in ("stop", "soft", "hard"))
+        storages += [
+            Storage(stop, "spring", ("k_stop",)),
+            Storage(soft, "softening_spring", ("k_soft", "r_soft")),
+            Storage(hard, "hardening_spring", ("k_hard",)),
+        ]
+        resistors += [
+            Resistor(f"slip_{port.name}", "yielding", {stop: 1.0}, ("k_stop", "r_stop", "slip")),
+            Resistor(f"drag_{port.name}", "quadratic_drag", port.on, ("k_drag",)),
+        ]
+        couplings += [Coupling(x, p, ratio) for x in (stop, soft, hard) for p, ratio in port.on.items()]
+    table = as_table([*modes.parameters.values(), *(positive(n, v, "1", n) for n, v in values.items())])
+    return replace(
+        modes, storages=tuple(storages), resistors=tuple(resistors), couplings=tuple(couplings), parameters=table
+    )
 
 
 CORE = (

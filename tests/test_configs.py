@@ -209,7 +209,7 @@ def test_files_repeat_the_defaults_of_the_dataclasses(command: str) -> None:
 WRONG = {
     "diagnose": ("starts=0", "starts=-1", "starts=1.5", "starts=100000", "seed=-1", "max_effects=1.5"),
     "identify": ("workers=0", "error_bound_sigma=0"),
-    "modes": ("stops=0",), "prove": ("same=-1",), "train": ("patience=0",),
+    "modes": ("iterations=0",), "prove": ("same=-1",), "train": ("patience=0",),
 }  # fmt: skip
 
 

@@ -54,16 +54,16 @@ def guided_rig(folder: Path) -> Names:
 
 
 def structure(folder: Path, recorded: str = "FOLDER", out: str = "out/steering-mirror") -> Names:
-    """Periodic recordings of a structure with concealed hysterons, and the models that ``phnn modes`` makes of them."""
+    """Periodic recordings of a structure with slow springs, and the models that ``phnn modes`` makes of them."""
     sys.path.insert(0, str(TESTS / "modal"))
     from structure import write_folder
 
     from phnn.cli import main
 
     (folder / recorded).mkdir()
-    write_folder(folder / recorded, "extra_hysteron", SEED)
+    write_folder(folder / recorded, "slow", SEED)
     with contextlib.redirect_stdout(io.StringIO()):
-        main(["modes", str(folder / recorded), "--out", str(folder / out), "stops=3"])
+        main(["modes", str(folder / recorded), "--out", str(folder / out)])
     return {}
 
 

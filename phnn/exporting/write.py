@@ -47,7 +47,7 @@ from phnn.results import claim
 from phnn.setup import Setup
 
 if TYPE_CHECKING:
-    from phnn.modal.store import StoredModes
+    from phnn.modal.fit import ModalFit
 
 _FLAGS = ("-std=c99", "-O2", "-shared", "-fPIC", "-fvisibility=hidden")
 _TIME_LIMIT = 120
@@ -222,7 +222,7 @@ def export(
 
 
 def program_of(
-    model: Model | Setup | Network | StoredModes,
+    model: Model | Setup | Network | ModalFit,
     to: str,
     dt: float = SAMPLE_TIME,
     substeps: int | None = None,
@@ -278,7 +278,7 @@ def write(program: Program, to: str, out: Path, given: Sequence[Path] = (), over
     return [out / name for name in files]
 
 
-def _setup_of(model: Model | Setup | Network | StoredModes) -> tuple[Setup, int]:
+def _setup_of(model: Model | Setup | Network | ModalFit) -> tuple[Setup, int]:
     if isinstance(model, Model):
         return model.setup, model.substeps
     if isinstance(model, Setup | Network):

@@ -38,7 +38,7 @@ from phnn.laws.identity import UnknownContent, hash_of_own_laws, registered_outs
 from phnn.laws.law import close_tables
 
 # Folders of phnn/ whose functions are compiled into others: numba itself notices changes in a function's own file only.
-_SOURCES = ("laws", "integrate", "modal", "chain")
+_SOURCES = ("laws", "integrate", "chain")
 _WAIT = 120.0  # s to wait for another process that compiles the same function
 # numba's wrappers, by which Python or C call a function, take a third of the compilation: only entries have one.
 _INSIDE = {"error_model": "numpy", "no_cpython_wrapper": True, "no_cfunc_wrapper": True, "_nrt": False}

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from phnn.check.checked import contaminated
 from phnn.errors import InputRefused
 from phnn.recordings.excitation import excitation_of
-from phnn.recordings.recording import Campaign, Recording
+from phnn.recordings.recording import Campaign, Recording, Units
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -60,7 +60,7 @@ class Study:
     """All experiments.
 
     Attributes:
-        dt: s; inputs, outputs: their names; units: of input and output.
+        dt: s; inputs, outputs: their names; units: of inputs and outputs.
         levels: experiments by amplitude, in ascending order; each has some for identification.
         apart: amplitudes that are held out as a whole, in ascending order; never used to fit or to choose.
         left_out: experiments of identification that were not used, with the reason.
@@ -69,7 +69,7 @@ class Study:
     dt: float
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
-    units: tuple[str, str]
+    units: Units
     levels: tuple[tuple[Experiment, ...], ...]
     left_out: Mapping[str, str]
     apart: tuple[tuple[Experiment, ...], ...] = ()
@@ -125,7 +125,7 @@ def study_of(campaign: Campaign) -> Study:
         dt=first[0].dt,
         inputs=("input", *first[0].further),
         outputs=tuple(r.measures or "output" for r in first),
-        units=(first[0].units.input, first[0].units.output),
+        units=first[0].units,
         levels=tuple(level for level in levels if not all(e.held_out for e in level)),
         left_out=left_out,
         apart=tuple(level for level in levels if all(e.held_out for e in level)),

@@ -38,7 +38,7 @@ from phnn.signals.least_squares import HARMONICS, harmonic_weights
 from phnn.trajectory import simulate
 
 if TYPE_CHECKING:
-    from phnn.modal.store import StoredModes
+    from phnn.modal.fit import ModalFit
 
 
 Complex = NDArray[np.complex128]
@@ -335,7 +335,7 @@ class Tested:
 
 
 def residuals(
-    model: Model | StoredModes | Diagnosis | str | Path,
+    model: Model | ModalFit | Diagnosis | str | Path,
     campaign: Campaign | str | Path | None = None,
     *,
     recordings: Sequence[str] | None = None,

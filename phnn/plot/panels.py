@@ -30,7 +30,7 @@ from phnn.report.formatting import listing
 from phnn.signals.least_squares import HARMONICS, deviation, harmonic_weights
 
 if TYPE_CHECKING:
-    from phnn.modal.store import StoredModes
+    from phnn.modal.fit import ModalFit
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ def column(name: str, unit: str) -> str:
     return f"{name}_{unit.replace(' ', '')}"
 
 
-def model_of(given: Any, outside: bool = False) -> Model | StoredModes:
+def model_of(given: Any, outside: bool = False) -> Model | ModalFit:
     """The model that is given: itself, the final one of a diagnosis, or that in a folder.
 
     Args:
@@ -132,7 +132,7 @@ def model_of(given: Any, outside: bool = False) -> Model | StoredModes:
         return given.model
     if isinstance(given, str | Path):
         return predictor.load(given, outside)
-    found: Model | StoredModes = given
+    found: Model | ModalFit = given
     return found
 
 

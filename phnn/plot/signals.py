@@ -41,11 +41,11 @@ from phnn.report.formatting import DASH, finite, percent
 from phnn.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from phnn.modal.store import StoredModes
+    from phnn.modal.fit import ModalFit
 
 
 def compare(
-    model: Model | StoredModes | Diagnosis | str | Path,
+    model: Model | ModalFit | Diagnosis | str | Path,
     campaign: Campaign | str | Path,
     *,
     recordings: Sequence[str] | None = None,
@@ -143,7 +143,7 @@ _ALIKE = 0.005
 
 
 def loops(
-    model: Model | StoredModes | Diagnosis | str | Path,
+    model: Model | ModalFit | Diagnosis | str | Path,
     campaign: Campaign | str | Path,
     *,
     recordings: Sequence[str] | None = None,

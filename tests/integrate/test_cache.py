@@ -110,7 +110,7 @@ def test_a_folder_that_takes_no_files_costs_a_warning(folder: Path, monkeypatch:
     assert hits() == 0 and cache.compiled(double).stats.cache_path is None
 
 
-@pytest.mark.parametrize("edited", ["laws/leaf.py", "integrate/program.py", "modal/step.py", "chain/delay.py"])
+@pytest.mark.parametrize("edited", ["laws/leaf.py", "integrate/program.py", "chain/delay.py"])
 def test_an_edited_callee_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, edited: str) -> None:
     shutil.copytree(Path(phnn.__file__).parent, tmp_path / "phnn", ignore=shutil.ignore_patterns("__pycache__"))
     monkeypatch.setattr(phnn, "__file__", str(tmp_path / "phnn" / "__init__.py"))

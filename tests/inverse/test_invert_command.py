@@ -124,7 +124,7 @@ def test_other_refusals(home: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(home, reference="given/none.csv") == 2
     assert "no such file" in capsys.readouterr().err
     model = json.loads((home / "model" / "model.json").read_text())
-    (home / "model" / "model.json").write_text(json.dumps({**model, "schema": "phnn.modal-model/1"}))
+    (home / "model" / "model.json").write_text(json.dumps({**model, "schema": "phnn.modal-model/3"}))
     assert run(home) == 2
 
 

@@ -1,4 +1,4 @@
-"""Studies of structures in which an element is concealed, each made once."""
+"""Studies of structures, linear or with slow springs, each made once."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from phnn.recordings import read
 
 @pytest.fixture(scope="session")
 def studied(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, int], Result]:
-    """The study of a concealed element, by its name and a seed."""
+    """The study of a kind of structure, by a seed."""
 
     @cache
     def study(kind: str, seed: int) -> Result:
         folder: Path = tmp_path_factory.mktemp(kind)
         write_folder(folder, kind, seed)
-        return study_modes(study_of(read(folder)), Settings(2, 40, 5, 2), lambda _: None, lambda *_: None)
+        return study_modes(study_of(read(folder)), Settings(2, 40, 2), lambda _: None)
 
     return study
