@@ -39,14 +39,14 @@ from phnn.diagnose.refit import converged, further, large_starts, rebuilt, short
 from phnn.diagnose.screen import Candidate, Screen
 from phnn.effects import Effect, Scales
 from phnn.effects.hysteresis import weakened
-from phnn.identification.base import Progress, numerical_error, quiet, substeps_for
+from phnn.identification.base import Progress, numerical_error, predicted_step, quiet, substeps_for
 from phnn.identification.evaluate import evaluate
 from phnn.identification.fit import Fit
 from phnn.identification.plan import Plan
 from phnn.identification.problem import own_size
 from phnn.identification.starting_points import FORMS, OF_GRID
 from phnn.parallel import SERIAL, Executor
-from phnn.recordings.recording import Campaign, Recording, dominant_frequency
+from phnn.recordings.recording import Campaign
 from phnn.rescue import attempt, late, move, needed, results, spent
 
 # Share of the residual from which on a candidate is large, and over the usual score what it needs then.
@@ -85,7 +85,8 @@ class Search:
         criteria: all numbers that decide something.
         scales: sizes from which effects take their grids.
         screen: directions of all candidates.
-        visited: all models, by their elements; grown: those from which the search has gone on.
+        visited: all models, by their elements; grown: those from which the search has gone on; compared: those whose
+            alternatives have all been fitted.
         most: elements of a model; executor: where refits are done, with the same results everywhere.
         progress: told what is tried.
     """
@@ -103,6 +104,7 @@ class Search:
     executor: Executor
     progress: Progress
     grown: set[Key] = field(default_factory=set)
+    compared: set[Key] = field(default_factory=set)
     fine: bool = False
 
     @property
@@ -134,7 +136,7 @@ class Search:
         each = [(r.name, fitted.residual[rows]) for r, rows in zip(recordings, fitted.slices, strict=True)]
         left = {name: Misfit(float(r @ r), r.size) for name, r in each}
         terms = sum(own_size(r, fitted.setup.own) - own_size(r, base) for r in recordings)
-        return Visited(tuple(elements), fitted, left, held_out(fitted, self.campaign), terms, done)
+        return Visited(tuple(elements), fitted, left, held_out(fitted, self.campaign, self.plan.finest), terms, done)
 
     def visit(self, model: Visited) -> Visited:
         """Keep a model, unless a better fit of the same elements is known; returns the one that is kept."""
@@ -492,6 +494,8 @@ def _compare(search: Search) -> None:
         # No name is given far from the noise.
         for element in () if search.far(model) else model.elements:
             move(f"what may be taken for {element.name}", partial(_exchange, search, model, element), None)
+        if not late(f"alternatives to {model.words}"):
+            search.compared.add(model.key)
 
 
 def _may_be(effect: Effect, element: Effect) -> bool:
@@ -527,12 +531,23 @@ def _exchange(search: Search, best: Visited, element: Effect) -> None:
         found = _rebuilt(search, [_Wanted(rest, [best.fit.setup.values()])], f"{best.words} without {element.name}")
         less = search.visit(found[0]) if found else None
     if new and less is not None:
-        begun += _heat(search, less, _screened(search, less, new))
+        able = [c for c in _screened(search, less, new) if search.far(less) or _within_reach(search, less, c.fall)]
+        begun += _heat(search, less, able)
+    begun = [t for t in begun if _within_reach(search, t, predicted_step(t.fit)[1])]
     onwards = [search.visit(t) for t in _onwards(search, begun)]
     weighed, part = search.weighed, f"what may be taken for {element.name}"
-    near = [m for m in onwards if weighed.behind(m) < _GROWN]
+    # An effect is compared at its best place, in its best form.
+    places = {family(m.elements[-1]): m for m in sorted(onwards, key=lambda m: -m.fit.cost)}
+    near = [m for m in places.values() if weighed.behind(m) < _GROWN]
     if near and not late(part):
         _converge(search, near)
+
+
+def _within_reach(search: Search, model: Visited, fall: float) -> bool:
+    """Whether a model would be near the best one if its χ² fell by twice what its derivatives predict."""
+    share = max(0.0, 1.0 - 2.0 * fall / model.fit.cost)
+    reached = replace(model, fitted={r: Misfit(share * m.chi2, m.samples) for r, m in model.fitted.items()})
+    return weigh([*search.visited.values(), reached], search.criteria).behind(reached) < _GROWN
 
 
 def refits(search: Search, base: Visited, effects: Sequence[Effect]) -> list[tuple[Effect, Fit]]:
@@ -561,28 +576,19 @@ def _steps(plan: Plan) -> int:
     return sum(plan.steps_of(r) for r in plan.recordings)
 
 
-def held_out(fitted: Fit, campaign: Campaign) -> dict[str, Misfit]:
+def held_out(fitted: Fit, campaign: Campaign, steps: int) -> dict[str, Misfit]:
     """What a model leaves of the held-out samples, by recording; empty where there are none, or it cannot predict.
 
-    Each recording is simulated with the sub-steps of the fitted one whose frequency is nearest.
+    Args:
+        steps: sub-steps of each sample, the same for all models that are compared.
     """
     recordings = tuple(r for r in campaign.recordings if r.mask("confirmation").any())
     if not recordings:
         return {}
-    steps = {r.name: fitted.plan.steps_of(_nearest(r, fitted.plan)) for r in recordings}
-    plan = Plan(recordings, steps, fitted.plan.workers)
+    plan = Plan(recordings, {r.name: steps for r in recordings}, fitted.plan.workers)
     predict = partial(evaluate, fitted.setup, plan, fitted.initial_states)
     predicted = attempt("prediction of held-out recordings", predict, None)
     if predicted is None:
         return {r.name: Misfit(1e12, int(r.mask("confirmation").sum())) for r in recordings}
     errors = {r.name: ((r.y - predicted.outputs[r.name]) / r.noise)[r.mask("confirmation")] for r in recordings}
     return {name: Misfit(float(e @ e), e.size) for name, e in errors.items()}
-
-
-def _nearest(recording: Recording, plan: Plan) -> Recording:
-    """The recording of a plan whose frequency is nearest to that of another one."""
-    known = [r for r in plan.recordings if r.name == recording.name]
-    if known:
-        return known[0]
-    own = np.log(max(dominant_frequency(recording), 1e-3))
-    return min(plan.recordings, key=lambda r: abs(np.log(max(dominant_frequency(r), 1e-3)) - own))

@@ -64,7 +64,7 @@ def resumed(fitted: Fit) -> Fit:
     limited by the bounds.
     """
     for _ in range(_TIMES):
-        step, promise = _step(fitted)
+        step, promise = predicted_step(fitted)
         excess, least = fitted.beyond_noise, _LEAST * max(1.0, fitted.chi2)
         if promise < max(_SHARE * excess, least):
             break
@@ -76,7 +76,7 @@ def resumed(fitted: Fit) -> Fit:
     return fitted
 
 
-def _step(fitted: Fit) -> tuple[Array, float]:
+def predicted_step(fitted: Fit) -> tuple[Array, float]:
     """Return the step inside the bounds with the largest predicted decrease, and this decrease."""
     if not fitted.z.size:
         return fitted.z, 0.0
