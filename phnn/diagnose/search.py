@@ -126,10 +126,6 @@ class Search:
         """Whether a model is far from the noise."""
         return model.left > self.criteria.far**2
 
-    def forecast(self, model: Visited) -> float:
-        """How well a model predicts for its size, in nats."""
-        return forecast(model, self.criteria)
-
     def model(self, elements: Sequence[Effect], fitted: Fit, done: bool = False) -> Visited:
         """A model of a fit, with its χ² in each recording."""
         base, recordings = self.base.fit.setup.own, fitted.plan.recordings
@@ -211,8 +207,9 @@ def _next(search: Search) -> Visited | None:
     error bounded, before it is grown.
     """
     while True:
-        ranked = sorted(search.visited.values(), key=search.forecast, reverse=True)
-        likely = [m for m in ranked[: search.criteria.beam] if search.forecast(ranked[0]) - search.forecast(m) < _GROWN]
+        number = partial(forecast, criteria=search.criteria)
+        ranked = sorted(search.visited.values(), key=number, reverse=True)
+        likely = [m for m in ranked[: search.criteria.beam] if number(ranked[0]) - number(m) < _GROWN]
         nameable = next(m for m in ranked if not any(map(is_learned, m.elements)))
         best = search.best
         leading = [nameable, search.written, best] if search.far(best) else [best, nameable, search.written]

@@ -94,7 +94,8 @@ class Facts:
         alternatives: how many sets of effects together have `Criteria.proven` of the weight.
         complete: probability that the catalogue holds all physics of the recordings; it bounds all others.
         base_left: mean square of the residual of the base model over that of the noise, on fitted recordings.
-        explained: share of the squares of the fitted outputs that the base model takes.
+        explained: share of the squares of the fitted outputs that the base model takes; nearly none of an output that
+            follows no input.
         falls: whether the held-out error falls with every element.
         new: whether held-out recordings bring an amplitude or a frequency that the others lack.
         promising: candidates that promised a material gain to the base model; remaining: that still promise one to the
@@ -118,11 +119,6 @@ class Facts:
     early: bool
     criteria: Criteria
 
-    @property
-    def nothing(self) -> bool:
-        """Whether the base model explains nothing of the recordings, as where an output follows no input."""
-        return self.explained < EXPLAINS
-
 
 @dataclass(frozen=True)
 class Rule:
@@ -144,14 +140,14 @@ class Rule:
 RULES: tuple[Rule, ...] = (
     Rule(
         "nothing_promises",
-        lambda f: not f.nothing and not f.promising and not f.early and f.base_left <= f.criteria.far**2, NONE,
-        ("explained", "promising", "remaining", "base_left"),
+        lambda f: f.explained >= EXPLAINS and not f.promising and not f.early and f.base_left <= f.criteria.far**2,
+        NONE, ("explained", "promising", "remaining", "base_left"),
         "process noise of a tenth of the drive raises the residual above the floor, and no candidate explains it",
     ),
     Rule(
         "the_base_model_is_enough",
-        lambda f: not f.nothing and f.none >= _HALF and f.base_left <= f.criteria.explained and not f.early, NONE,
-        ("explained", "none", "base_left"),
+        lambda f: f.explained >= EXPLAINS and f.none >= _HALF and f.base_left <= f.criteria.explained and not f.early,
+        NONE, ("explained", "none", "base_left"),
         "a gain of a hundredth of the noise, which BIC would accept",
     ),
     Rule(
