@@ -11,9 +11,9 @@ physics is proven:
 | ``unknown`` | otherwise: the model predicts better, and its physics is not proven |
 
 An element is proven if the models that hold it have together a probability of `Criteria.proven`, the error of held-out
-recordings falls with it, and no learned element is part of the model. Models are weighed among each other; that the
-catalogue may lack what acts is a probability of its own, which lowers all others. Rules are asked in order; each reads
-the facts and nothing of the other rules, and the first one that applies gives the word.
+recordings falls with the model and does not rise with the element, and no learned element is part of the model. Models
+are weighed among each other; that the catalogue may lack what acts is a probability of its own, which lowers all
+others. Rules are asked in order; each reads the facts and nothing of the others, and the first that applies decides.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ class Facts:
         base_left: mean square of the residual of the base model over that of the noise, on fitted recordings.
         explained: share of the squares of the fitted outputs that the base model takes; nearly none of an output that
             follows no input.
-        falls: whether the held-out error falls with every element.
+        falls: whether the held-out error falls with the model, and rises with none of its elements.
         new: whether held-out recordings bring an amplitude or a frequency that the others lack.
         promising: candidates that promised a material gain to the base model; remaining: that still promise one to the
             model that is written.
@@ -249,7 +249,7 @@ def conclude(
         complete=complete,
         base_left=base.left,
         explained=base.fit.explained,
-        falls=all(_falls(c, model) for c in claims),
+        falls=not model.left_held_out >= base.left_held_out and all(_predicts(c, model, criteria) for c in claims),
         new=new,
         promising=promising[0],
         remaining=promising[1],
@@ -325,18 +325,19 @@ def _share(model: Visited, without: Visited) -> float | None:
     return (without.left - model.left) / (without.left - 1.0)
 
 
-def _falls(claim: Claim, model: Visited) -> bool:
-    """Whether the held-out error falls with an element, or nothing is known against that: nothing was held out, or the
-    model without it was far from the recordings. What has no parameter, but terms of each recording, predicts nothing.
-    """
+def _predicts(claim: Claim, model: Visited, criteria: Criteria) -> bool:
+    """Whether the held-out error does not rise with an element, or nothing is known of it; what has no parameter, but
+    terms of each recording, predicts nothing."""
     if not claim.effect.parameters and model.nuisances:
         return False
-    return claim.without is None or not model.held_out or model.left_held_out < claim.without.left_held_out
+    if claim.without is None or not model.held_out:
+        return True
+    return model.left_held_out < claim.without.left_held_out * (1.0 + criteria.material_share) ** 2
 
 
 def _with_status(claim: Claim, word: str, new: bool, model: Visited, criteria: Criteria) -> Claim:
     """Return a claim with its status: inside an unknown whole an element is likely at most."""
-    proven = claim.probability >= criteria.proven and _falls(claim, model)
+    proven = claim.probability >= criteria.proven and _predicts(claim, model, criteria)
     if claim.learned:
         return replace(claim, status=LEARNED)
     if word not in (NAMED, EQUIVALENT):
