@@ -57,8 +57,6 @@ _RACE, _FINISH = 2.0, 1.5
 _LEVEL = 0.02
 # What a stretch of steps leaves of χ² where a fit still falls.
 _FALLS = 0.8
-# Starts of which only the best goes on, after a few evaluations from each.
-_MANY, _FEW = 3, 3
 # Trials that enter the race, and learned elements that have a heat.
 _RACERS, _LEARNED = 5, 3
 # How often the search goes on from what it has compared at its end.
@@ -304,7 +302,7 @@ def _other_forms(search: Search, model: Visited) -> list[Visited]:
     forms = [e for e in search.effects if e.name in names and not e.after]
     starts = [[values | weak | e.scaled(p, OF_GRID) for p in e.grid(search.scales)] for e in forms]
     wanted = [_Wanted((e,), s) for e, s in zip(forms, starts, strict=True)]
-    return _rebuilt(search, wanted, "other forms of hysteresis")
+    return _rebuilt(search, wanted, "other forms of hysteresis", search.criteria.short)
 
 
 def _tried(model: LinearisedFit, plan: Plan, promising: float, evaluations: int, candidate: Candidate) -> Fit | None:
@@ -427,22 +425,18 @@ def _drop_each(search: Search, model: Visited, elements: Sequence[Effect]) -> No
     _converge(search, better)
 
 
-def _rebuilt(search: Search, wanted: Sequence[_Wanted], part: str) -> list[Visited]:
+def _rebuilt(search: Search, wanted: Sequence[_Wanted], part: str, evaluations: int | None = None) -> list[Visited]:
     """Models of some elements, each fitted with coarse sub-steps from the best of some values, as far as they can be
     simulated and there is time for them."""
     if not wanted or late(part):
         return []
-    work = partial(_rebuild, search.base.fit, search.plan.coarse(), search.criteria.further)
+    work = partial(_rebuild, search.base.fit, search.plan.coarse(), evaluations or search.criteria.further)
     fits = _fits(search, work, wanted, [" + ".join(e.name for e in w.elements) for w in wanted])
     return [search.model(w.elements, f) for w, f in zip(wanted, fits, strict=True) if f is not None]
 
 
 def _rebuild(base: Fit, plan: Plan, evaluations: int, wanted: _Wanted) -> Fit | None:
-    many = len(wanted.starts) > _MANY
-    first = _FEW if many else evaluations
-    tried = [rebuilt(base, wanted.elements, values, plan, first) for values in wanted.starts]
-    best = min((f for f in tried if f is not None), key=lambda f: f.cost, default=None)
-    return further(best, evaluations) if many and best is not None else best
+    return rebuilt(base, wanted.elements, wanted.starts, plan, evaluations)
 
 
 def _converge(search: Search, models: Sequence[Visited], brief: bool = False) -> None:
@@ -528,10 +522,13 @@ def _exchange(search: Search, best: Visited, element: Effect) -> None:
         found = _rebuilt(search, [_Wanted(rest, [best.fit.setup.values()])], f"{best.words} without {element.name}")
         less = search.visit(found[0]) if found else None
     if new and less is not None:
-        able = [c for c in _screened(search, less, new) if search.far(less) or _within_reach(search, less, c.fall)]
-        begun += _heat(search, less, able)
-    begun = [t for t in begun if _within_reach(search, t, predicted_step(t.fit)[1])]
-    onwards = [search.visit(t) for t in _onwards(search, begun)]
+        least = search.criteria.near_best_far * (less.fit.cost - best.fit.cost)
+        far, screened = search.far(less), _screened(search, less, new)
+        likely = [c for c in screened if (c.fall > least if far else _within_reach(search, less, c.fall))]
+        begun += _heat(search, less, likely)
+    begun = [search.visit(t) for t in begun]
+    able = [t for t in begun if _within_reach(search, t, predicted_step(t.fit)[1])]
+    onwards = [search.visit(t) for t in _onwards(search, able)]
     weighed, part = search.weighed, f"what may be taken for {element.name}"
     # An effect is compared at its best place, in its best form.
     places = {family(m.elements[-1]): m for m in sorted(onwards, key=lambda m: -m.fit.cost)}
