@@ -255,7 +255,8 @@ def _concluded(search: Search, error: NumericalError, options: Options, account:
         sum(material(c, base.fit, criteria) for c in screened),
         sum(material(c, model.fit, criteria) for c in left),
     )
-    early = account.ended().early
+    # What the budget has cut off matters where the model may still be a part of the truth, or another one as good.
+    early = account.ended().early and bool(promising[1] or model.key not in search.compared)
     exact = None if promising[1] or early else model
     weighed = weigh(list(search.visited.values()), criteria, exact)
     outcome = conclude(weighed, model, campaign.held_out_is_new, promising, criteria, early)

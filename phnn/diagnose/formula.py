@@ -31,7 +31,6 @@ from phnn.effects.formulas import formulas_for
 from phnn.identification.covariance import scatter
 from phnn.identification.fit import Fit
 from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
-from phnn.network.roles import motions
 from phnn.parameters import quantity
 from phnn.setup import Setup
 
@@ -40,8 +39,6 @@ Array = NDArray[np.float64]
 Refits = Callable[[Sequence[Effect]], list[tuple[Effect, Fit]]]
 # (n,) displacements, (n,) velocities -> (n, F) forces that resist the motion.
 Force = Callable[[Array, Array], Array]
-# Value and unit by symbol.
-Parameters = dict[str, tuple[float, str]]
 
 # A formula of the measuring chain has to take this share of what the learned element takes.
 _MOST = 0.8
@@ -77,7 +74,7 @@ class Distilled:
 
     equation: str
     words: str
-    parameters: Parameters
+    parameters: dict[str, tuple[float, str]]
     exponents: dict[str, tuple[float, tuple[float, float]]]
     others: tuple[str, ...] = ()
 
@@ -298,10 +295,10 @@ def _of_terms(linearised: LinearisedFit, element: Effect) -> Distilled | None:
     speed = {"v_0": (scales.velocity, "m/s")} if element.kind.name == "dissipative" else {}
     sizes = {f"F_{i + 1}": (abs(float(size)), "N") for i, size in enumerate(best.sizes)}
     symbols = [f"{s.symbol}_{i + 1}" for i, t in enumerate(best.terms) for s in t.shapes]
-    together = _beside_the_damper(target, best, base) if speed else None
-    plain = _equation(best), _in_words(best, scales.displacement), sizes | {"q_0": (scales.displacement, "m")} | speed
     return Distilled(
-        *(together or plain),
+        equation=_equation(best),
+        words=_in_words(best, scales.displacement),
+        parameters=sizes | {"q_0": (scales.displacement, "m")} | speed,
         exponents={s: (float(v), i) for s, v, i in zip(symbols, best.shapes, best.intervals, strict=True)},
         others=tuple(_equation(f) for f in rivals),
     )
@@ -485,33 +482,3 @@ def _in_words(formula: Formula, displacement: float) -> str:
         )
     text = "; and ".join(parts)
     return f"{text[0].upper()}{text[1:]}."
-
-
-def _beside_the_damper(
-    target: LinearisedFit, formula: Formula, base: Mapping[str, float]
-) -> tuple[str, str, Parameters] | None:
-    """Return equation, words and parameters of one viscous term together with the linear damper of the base model; None
-    where it is something else.
-
-    Args:
-        base: values [SI] of the base parameters beside the formula.
-    """
-    network, scales = target.fit.setup.network, target.scales
-    moving = [{m.momentum: 1.0} for m in motions(network)[:1]]
-    linear = [r.parameters[0] for r in network.resistors if r.law == "linear" and dict(r.on) in moving]
-    (term, size, shapes), *others = formula.by_term
-    if others or not formula.fixed[0] or shapes[0] != 1.0 or len(linear) != 1 or linear[0] not in base:
-        return None
-    b, more = base[linear[0]], size / scales.velocity
-    if term.name in ("forwards", "backwards"):
-        ahead, back = (b + more, b) if term.name == "forwards" else (b, b + more)
-        words = f"Viscous damping of {ahead:.3g} N s/m in the positive direction and of {back:.3g} N s/m in the other."
-        equation = r"F = b_\pm v, \quad b_+ \; (v > 0), \; b_- \; (v < 0)"
-        return equation, words, {"b_+": (ahead, "N s/m"), "b_-": (back, "N s/m")}
-    if term.name != "distance" or b <= 0.0:
-        return None
-    doubled = scales.displacement * (b / more) ** (1.0 / float(shapes[1]))
-    power = f"{shapes[1]:.3g}"
-    words = f"{_in_words(formula, doubled).removesuffix('.')}, and is doubled at {quantity(doubled, 'm')}."
-    inside = {"1": r"|q|/q_0", "2": "(q/q_0)^2"}.get(power, rf"|q/q_0|^{{{power}}}")
-    return rf"F = b\,(1 + {inside})\,v", words, {"b": (b, "N s/m"), "q_0": (doubled, "m")}

@@ -18,7 +18,7 @@ from scipy.optimize import lsq_linear
 from phnn.diagnose.linearised import LinearisedFit, direction
 from phnn.effects import Effect
 from phnn.errors import PhnnError, SolverFailed
-from phnn.identification.base import released, resumed
+from phnn.identification.base import coarse_cost, released, resumed
 from phnn.identification.fit import Fit, fit, variables_from
 from phnn.identification.plan import Plan
 from phnn.identification.problem import Problem
@@ -85,14 +85,20 @@ def converged(fitted: Fit, plan: Plan, held: Mapping[str, str], own: Sequence[st
 
 
 def rebuilt(
-    base: Fit, elements: Sequence[Effect], values: Mapping[str, float], plan: Plan, evaluations: int
+    base: Fit, elements: Sequence[Effect], starts: Sequence[Mapping[str, float]], plan: Plan, evaluations: int
 ) -> Fit | None:
-    """Return the base model with some elements, fitted on a plan from given values."""
+    """Return the base model with some elements, fitted on a plan from the best of some values of all parameters; None
+    where none can be simulated."""
 
-    def build() -> Fit:
+    def begun(values: Mapping[str, float]) -> Setup:
         setup = base.setup.with_values({n: values[n] for n in base.setup.free if n in values})
         for element in elements:
             setup = element.add_to(setup, values)
+        return setup
+
+    def build() -> Fit:
+        setups = [begun(values) for values in starts]
+        setup = min(setups, key=lambda s: coarse_cost(s, plan)) if len(setups) > 1 else setups[0]
         own = [n for e in elements for n in e.parameters]
         return fit_identified(setup, plan, stated_only(base.held), evaluations, base, own, _FAR)
 

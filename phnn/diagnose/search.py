@@ -39,14 +39,14 @@ from phnn.diagnose.refit import converged, further, large_starts, rebuilt, short
 from phnn.diagnose.screen import Candidate, Screen
 from phnn.effects import Effect, Scales
 from phnn.effects.hysteresis import weakened
-from phnn.identification.base import Progress, numerical_error, quiet, substeps_for
+from phnn.identification.base import Progress, numerical_error, predicted_step, quiet, substeps_for
 from phnn.identification.evaluate import evaluate
 from phnn.identification.fit import Fit
 from phnn.identification.plan import Plan
 from phnn.identification.problem import own_size
 from phnn.identification.starting_points import FORMS, OF_GRID
 from phnn.parallel import SERIAL, Executor
-from phnn.recordings.recording import Campaign, Recording, dominant_frequency
+from phnn.recordings.recording import Campaign
 from phnn.rescue import attempt, late, move, needed, results, spent
 
 # Share of the residual from which on a candidate is large, and over the usual score what it needs then.
@@ -57,8 +57,6 @@ _RACE, _FINISH = 2.0, 1.5
 _LEVEL = 0.02
 # What a stretch of steps leaves of χ² where a fit still falls.
 _FALLS = 0.8
-# Starts of which only the best goes on, after a few evaluations from each.
-_MANY, _FEW = 3, 3
 # Trials that enter the race, and learned elements that have a heat.
 _RACERS, _LEARNED = 5, 3
 # How often the search goes on from what it has compared at its end.
@@ -85,7 +83,8 @@ class Search:
         criteria: all numbers that decide something.
         scales: sizes from which effects take their grids.
         screen: directions of all candidates.
-        visited: all models, by their elements; grown: those from which the search has gone on.
+        visited: all models, by their elements; grown: those from which the search has gone on; compared: those whose
+            alternatives have all been fitted.
         most: elements of a model; executor: where refits are done, with the same results everywhere.
         progress: told what is tried.
     """
@@ -103,6 +102,7 @@ class Search:
     executor: Executor
     progress: Progress
     grown: set[Key] = field(default_factory=set)
+    compared: set[Key] = field(default_factory=set)
     fine: bool = False
 
     @property
@@ -124,17 +124,13 @@ class Search:
         """Whether a model is far from the noise."""
         return model.left > self.criteria.far**2
 
-    def forecast(self, model: Visited) -> float:
-        """How well a model predicts for its size, in nats."""
-        return forecast(model, self.criteria)
-
     def model(self, elements: Sequence[Effect], fitted: Fit, done: bool = False) -> Visited:
         """A model of a fit, with its χ² in each recording."""
         base, recordings = self.base.fit.setup.own, fitted.plan.recordings
         each = [(r.name, fitted.residual[rows]) for r, rows in zip(recordings, fitted.slices, strict=True)]
         left = {name: Misfit(float(r @ r), r.size) for name, r in each}
         terms = sum(own_size(r, fitted.setup.own) - own_size(r, base) for r in recordings)
-        return Visited(tuple(elements), fitted, left, held_out(fitted, self.campaign), terms, done)
+        return Visited(tuple(elements), fitted, left, held_out(fitted, self.campaign, self.plan.finest), terms, done)
 
     def visit(self, model: Visited) -> Visited:
         """Keep a model, unless a better fit of the same elements is known; returns the one that is kept."""
@@ -209,8 +205,9 @@ def _next(search: Search) -> Visited | None:
     error bounded, before it is grown.
     """
     while True:
-        ranked = sorted(search.visited.values(), key=search.forecast, reverse=True)
-        likely = [m for m in ranked[: search.criteria.beam] if search.forecast(ranked[0]) - search.forecast(m) < _GROWN]
+        number = partial(forecast, criteria=search.criteria)
+        ranked = sorted(search.visited.values(), key=number, reverse=True)
+        likely = [m for m in ranked[: search.criteria.beam] if number(ranked[0]) - number(m) < _GROWN]
         nameable = next(m for m in ranked if not any(map(is_learned, m.elements)))
         best = search.best
         leading = [nameable, search.written, best] if search.far(best) else [best, nameable, search.written]
@@ -305,7 +302,7 @@ def _other_forms(search: Search, model: Visited) -> list[Visited]:
     forms = [e for e in search.effects if e.name in names and not e.after]
     starts = [[values | weak | e.scaled(p, OF_GRID) for p in e.grid(search.scales)] for e in forms]
     wanted = [_Wanted((e,), s) for e, s in zip(forms, starts, strict=True)]
-    return _rebuilt(search, wanted, "other forms of hysteresis")
+    return _rebuilt(search, wanted, "other forms of hysteresis", search.criteria.short)
 
 
 def _tried(model: LinearisedFit, plan: Plan, promising: float, evaluations: int, candidate: Candidate) -> Fit | None:
@@ -428,22 +425,18 @@ def _drop_each(search: Search, model: Visited, elements: Sequence[Effect]) -> No
     _converge(search, better)
 
 
-def _rebuilt(search: Search, wanted: Sequence[_Wanted], part: str) -> list[Visited]:
+def _rebuilt(search: Search, wanted: Sequence[_Wanted], part: str, evaluations: int | None = None) -> list[Visited]:
     """Models of some elements, each fitted with coarse sub-steps from the best of some values, as far as they can be
     simulated and there is time for them."""
     if not wanted or late(part):
         return []
-    work = partial(_rebuild, search.base.fit, search.plan.coarse(), search.criteria.further)
+    work = partial(_rebuild, search.base.fit, search.plan.coarse(), evaluations or search.criteria.further)
     fits = _fits(search, work, wanted, [" + ".join(e.name for e in w.elements) for w in wanted])
     return [search.model(w.elements, f) for w, f in zip(wanted, fits, strict=True) if f is not None]
 
 
 def _rebuild(base: Fit, plan: Plan, evaluations: int, wanted: _Wanted) -> Fit | None:
-    many = len(wanted.starts) > _MANY
-    first = _FEW if many else evaluations
-    tried = [rebuilt(base, wanted.elements, values, plan, first) for values in wanted.starts]
-    best = min((f for f in tried if f is not None), key=lambda f: f.cost, default=None)
-    return further(best, evaluations) if many and best is not None else best
+    return rebuilt(base, wanted.elements, wanted.starts, plan, evaluations)
 
 
 def _converge(search: Search, models: Sequence[Visited], brief: bool = False) -> None:
@@ -492,6 +485,8 @@ def _compare(search: Search) -> None:
         # No name is given far from the noise.
         for element in () if search.far(model) else model.elements:
             move(f"what may be taken for {element.name}", partial(_exchange, search, model, element), None)
+        if not late(f"alternatives to {model.words}"):
+            search.compared.add(model.key)
 
 
 def _may_be(effect: Effect, element: Effect) -> bool:
@@ -527,12 +522,26 @@ def _exchange(search: Search, best: Visited, element: Effect) -> None:
         found = _rebuilt(search, [_Wanted(rest, [best.fit.setup.values()])], f"{best.words} without {element.name}")
         less = search.visit(found[0]) if found else None
     if new and less is not None:
-        begun += _heat(search, less, _screened(search, less, new))
-    onwards = [search.visit(t) for t in _onwards(search, begun)]
+        least = search.criteria.near_best_far * (less.fit.cost - best.fit.cost)
+        far, screened = search.far(less), _screened(search, less, new)
+        likely = [c for c in screened if (c.fall > least if far else _within_reach(search, less, c.fall))]
+        begun += _heat(search, less, likely)
+    begun = [search.visit(t) for t in begun]
+    able = [t for t in begun if _within_reach(search, t, predicted_step(t.fit)[1])]
+    onwards = [search.visit(t) for t in _onwards(search, able)]
     weighed, part = search.weighed, f"what may be taken for {element.name}"
-    near = [m for m in onwards if weighed.behind(m) < _GROWN]
+    # An effect is compared at its best place, in its best form.
+    places = {family(m.elements[-1]): m for m in sorted(onwards, key=lambda m: -m.fit.cost)}
+    near = [m for m in places.values() if weighed.behind(m) < _GROWN]
     if near and not late(part):
         _converge(search, near)
+
+
+def _within_reach(search: Search, model: Visited, fall: float) -> bool:
+    """Whether a model would be near the best one if its χ² fell by twice what its derivatives predict."""
+    share = max(0.0, 1.0 - 2.0 * fall / model.fit.cost)
+    reached = replace(model, fitted={r: Misfit(share * m.chi2, m.samples) for r, m in model.fitted.items()})
+    return weigh([*search.visited.values(), reached], search.criteria).behind(reached) < _GROWN
 
 
 def refits(search: Search, base: Visited, effects: Sequence[Effect]) -> list[tuple[Effect, Fit]]:
@@ -561,28 +570,19 @@ def _steps(plan: Plan) -> int:
     return sum(plan.steps_of(r) for r in plan.recordings)
 
 
-def held_out(fitted: Fit, campaign: Campaign) -> dict[str, Misfit]:
+def held_out(fitted: Fit, campaign: Campaign, steps: int) -> dict[str, Misfit]:
     """What a model leaves of the held-out samples, by recording; empty where there are none, or it cannot predict.
 
-    Each recording is simulated with the sub-steps of the fitted one whose frequency is nearest.
+    Args:
+        steps: sub-steps of each sample, the same for all models that are compared.
     """
     recordings = tuple(r for r in campaign.recordings if r.mask("confirmation").any())
     if not recordings:
         return {}
-    steps = {r.name: fitted.plan.steps_of(_nearest(r, fitted.plan)) for r in recordings}
-    plan = Plan(recordings, steps, fitted.plan.workers)
+    plan = Plan(recordings, {r.name: steps for r in recordings}, fitted.plan.workers)
     predict = partial(evaluate, fitted.setup, plan, fitted.initial_states)
     predicted = attempt("prediction of held-out recordings", predict, None)
     if predicted is None:
         return {r.name: Misfit(1e12, int(r.mask("confirmation").sum())) for r in recordings}
     errors = {r.name: ((r.y - predicted.outputs[r.name]) / r.noise)[r.mask("confirmation")] for r in recordings}
     return {name: Misfit(float(e @ e), e.size) for name, e in errors.items()}
-
-
-def _nearest(recording: Recording, plan: Plan) -> Recording:
-    """The recording of a plan whose frequency is nearest to that of another one."""
-    known = [r for r in plan.recordings if r.name == recording.name]
-    if known:
-        return known[0]
-    own = np.log(max(dominant_frequency(recording), 1e-3))
-    return min(plan.recordings, key=lambda r: abs(np.log(max(dominant_frequency(r), 1e-3)) - own))

@@ -11,9 +11,9 @@ physics is proven:
 | ``unknown`` | otherwise: the model predicts better, and its physics is not proven |
 
 An element is proven if the models that hold it have together a probability of `Criteria.proven`, the error of held-out
-recordings falls with it, and no learned element is part of the model. Models are weighed among each other; that the
-catalogue may lack what acts is a probability of its own, which lowers all others. Rules are asked in order; each reads
-the facts and nothing of the other rules, and the first one that applies gives the word.
+recordings falls with the model and does not rise with the element, and no learned element is part of the model. Models
+are weighed among each other; that the catalogue may lack what acts is a probability of its own, which lowers all
+others. Rules are asked in order; each reads the facts and nothing of the others, and the first that applies decides.
 """
 
 from __future__ import annotations
@@ -94,8 +94,9 @@ class Facts:
         alternatives: how many sets of effects together have `Criteria.proven` of the weight.
         complete: probability that the catalogue holds all physics of the recordings; it bounds all others.
         base_left: mean square of the residual of the base model over that of the noise, on fitted recordings.
-        explained: share of the squares of the fitted outputs that the base model takes.
-        falls: whether the held-out error falls with every element.
+        explained: share of the squares of the fitted outputs that the base model takes; nearly none of an output that
+            follows no input.
+        falls: whether the held-out error falls with the model, and rises with none of its elements.
         new: whether held-out recordings bring an amplitude or a frequency that the others lack.
         promising: candidates that promised a material gain to the base model; remaining: that still promise one to the
             model that is written.
@@ -118,11 +119,6 @@ class Facts:
     early: bool
     criteria: Criteria
 
-    @property
-    def nothing(self) -> bool:
-        """Whether the base model explains nothing of the recordings, as where an output follows no input."""
-        return self.explained < EXPLAINS
-
 
 @dataclass(frozen=True)
 class Rule:
@@ -144,14 +140,14 @@ class Rule:
 RULES: tuple[Rule, ...] = (
     Rule(
         "nothing_promises",
-        lambda f: not f.nothing and not f.promising and not f.early and f.base_left <= f.criteria.far**2, NONE,
-        ("explained", "promising", "remaining", "base_left"),
+        lambda f: f.explained >= EXPLAINS and not f.promising and not f.early and f.base_left <= f.criteria.far**2,
+        NONE, ("explained", "promising", "remaining", "base_left"),
         "process noise of a tenth of the drive raises the residual above the floor, and no candidate explains it",
     ),
     Rule(
         "the_base_model_is_enough",
-        lambda f: not f.nothing and f.none >= _HALF and f.base_left <= f.criteria.explained and not f.early, NONE,
-        ("explained", "none", "base_left"),
+        lambda f: f.explained >= EXPLAINS and f.none >= _HALF and f.base_left <= f.criteria.explained and not f.early,
+        NONE, ("explained", "none", "base_left"),
         "a gain of a hundredth of the noise, which BIC would accept",
     ),
     Rule(
@@ -253,7 +249,7 @@ def conclude(
         complete=complete,
         base_left=base.left,
         explained=base.fit.explained,
-        falls=all(_falls(c, model) for c in claims),
+        falls=not model.left_held_out >= base.left_held_out and all(_predicts(c, model, criteria) for c in claims),
         new=new,
         promising=promising[0],
         remaining=promising[1],
@@ -329,18 +325,19 @@ def _share(model: Visited, without: Visited) -> float | None:
     return (without.left - model.left) / (without.left - 1.0)
 
 
-def _falls(claim: Claim, model: Visited) -> bool:
-    """Whether the held-out error falls with an element, or nothing is known against that: nothing was held out, or the
-    model without it was far from the recordings. What has no parameter, but terms of each recording, predicts nothing.
-    """
+def _predicts(claim: Claim, model: Visited, criteria: Criteria) -> bool:
+    """Whether the held-out error does not rise with an element, or nothing is known of it; what has no parameter, but
+    terms of each recording, predicts nothing."""
     if not claim.effect.parameters and model.nuisances:
         return False
-    return claim.without is None or not model.held_out or model.left_held_out < claim.without.left_held_out
+    if claim.without is None or not model.held_out:
+        return True
+    return model.left_held_out < claim.without.left_held_out * (1.0 + criteria.material_share) ** 2
 
 
 def _with_status(claim: Claim, word: str, new: bool, model: Visited, criteria: Criteria) -> Claim:
     """Return a claim with its status: inside an unknown whole an element is likely at most."""
-    proven = claim.probability >= criteria.proven and _falls(claim, model)
+    proven = claim.probability >= criteria.proven and _predicts(claim, model, criteria)
     if claim.learned:
         return replace(claim, status=LEARNED)
     if word not in (NAMED, EQUIVALENT):

@@ -64,7 +64,7 @@ def resumed(fitted: Fit) -> Fit:
     limited by the bounds.
     """
     for _ in range(_TIMES):
-        step, promise = _step(fitted)
+        step, promise = predicted_step(fitted)
         excess, least = fitted.beyond_noise, _LEAST * max(1.0, fitted.chi2)
         if promise < max(_SHARE * excess, least):
             break
@@ -76,7 +76,7 @@ def resumed(fitted: Fit) -> Fit:
     return fitted
 
 
-def _step(fitted: Fit) -> tuple[Array, float]:
+def predicted_step(fitted: Fit) -> tuple[Array, float]:
     """Return the step inside the bounds with the largest predicted decrease, and this decrease."""
     if not fitted.z.size:
         return fitted.z, 0.0
@@ -204,15 +204,15 @@ def released(fitted: Fit, keep: Sequence[str] = ()) -> Fit:
         p = fitted.setup.parameters[name]
         values = [v for v in p.value * 10.0 ** np.arange(-9.0, 10.0) if p.lower < v < p.upper]
         setups = [fitted.setup.with_values({name: v}) for v in values]
-        costs = [_coarse_cost(s, fitted.plan) for s in setups]
+        costs = [coarse_cost(s, fitted.plan) for s in setups]
         best = int(np.argmin(costs))
-        if costs[best] < _coarse_cost(fitted.setup, fitted.plan) - 1.0:
+        if costs[best] < coarse_cost(fitted.setup, fitted.plan) - 1.0:
             moved = fit_identified(setups[best], fitted.plan, held, origin=fitted, keep=keep)
             fitted = moved if moved.cost < fitted.cost else fitted
     return fitted
 
 
-def _coarse_cost(setup: Setup, plan: Plan) -> float:
+def coarse_cost(setup: Setup, plan: Plan) -> float:
     """Sum of squares of a setup on a plan with coarse sub-steps; infinite where it cannot be simulated."""
     problem = Problem(setup, plan.coarse(), Variables((), (), np.zeros(0), {}))
     try:
