@@ -15,7 +15,7 @@ import pandas as pd
 from rich.markup import escape
 from rich.table import Table
 
-from phnn.commands.terminal import console, refusals
+from phnn.commands import console, refusals
 from phnn.errors import InputRefused
 from phnn.learn import checkpoint, logs
 from phnn.learn.run import CONFIG, METRICS
