@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import torch
 from omegaconf import OmegaConf
-from torch import Tensor, nn
+from torch import nn
 
 from phnn.errors import InputRefused
 from phnn.identification.evaluate import Evaluation
@@ -42,48 +42,9 @@ from phnn.setup import Setup
 if TYPE_CHECKING:
     from phnn.model import Model
 
-# States reach this many times beyond the typical ones.
-_BEYOND = 10.0
-# What is lost to rounding, relative to the sum of the absolute powers.
-_ROUNDING = 1e-12
-
-
-def violations(plant: Plant, voltage: float, states: int = 10_000, seed: int = 0) -> int | None:
-    """How many random states and inputs have ``dH/dt > yᵀu`` by more than rounding; None for a model without energy.
-
-    Args:
-        plant: of any kind.
-        voltage: typical input [V].
-        states: how many are drawn, over three decades of size up to ten times the typical one.
-        seed: of the draw.
-    """
-    random = torch.Generator().manual_seed(seed)
-    direction = torch.randn(states, plant.scale.numel(), generator=random, dtype=torch.float64)
-    size = _BEYOND * 10.0 ** (-3.0 * torch.rand(states, 1, generator=random, dtype=torch.float64))
-    x = direction * size * plant.scale
-    u = voltage * torch.randn(states, generator=random, dtype=torch.float64)
-    with torch.no_grad():
-        gained, supplied, scale = _powers(plant, x, u)
-    if scale is None:
-        return None
-    # Also what is not a number: such a model is not passive.
-    return int((~(gained - supplied <= _ROUNDING * scale)).sum())
-
-
-def _powers(plant: Plant, x: Tensor, u: Tensor) -> tuple[Tensor, Tensor, Tensor | None]:
-    """(K,) rate of storage, supply, and the sum of the absolute terms."""
-    if not isinstance(plant, NetworkPlant):
-        return x[:, 0], x[:, 0], None
-    efforts, inputs = plant.system.efforts(x), plant.inputs(u)
-    supplied = (plant.system.port_outputs(x, inputs) * inputs).sum(-1)
-    terms = efforts * plant.system.rate(efforts, x, inputs)
-    return terms.sum(-1), supplied, terms.abs().sum(-1) + supplied.abs()
-
-
 CONFIG, METRICS = "config.yaml", "metrics.json"
 # What a training writes into its folder.
 RESULTS = (CONFIG, checkpoint.FILE, logs.FILE, "tensorboard", "weights.pt", "model", METRICS)
-_STATES = 10_000
 # Fewer recordings than this are all needed for training.
 _LEAST = 3
 # Epochs of each method where none are stated.
@@ -393,7 +354,6 @@ def _metrics(
     began = time.perf_counter()
     loss = with_gradients(objective)
     seconds = time.perf_counter() - began
-    voltage = max(float(np.abs(r.u).max()) for r in objective.recordings)
     table = {
         p.name: {
             "fit_percent": p.fit_percent,
@@ -416,7 +376,6 @@ def _metrics(
         "evaluations": objective.solved,
         "held_out_over_noise": _finite(scores.over_noise("confirmation")),
         "recordings": table,
-        "passivity": {"states": _STATES, "violations": violations(plant, voltage, _STATES, settings.seed)},
         "seconds": progress.seconds,
         "gradient_seconds": seconds,
     }
