@@ -20,16 +20,13 @@ from phnn.identification.evaluate import Evaluation
 from phnn.identification.prepare import single
 from phnn.integrate.compilable import can_compile
 from phnn.integrate.method import PortHamiltonianSystem
-from phnn.learn import checkpoint, logs
+from phnn.learn import checkpoint
 from phnn.learn.methods import with_gradients
-from phnn.learn.objective import Objective
-from phnn.learn.plant import NetworkPlant, Plant
-from phnn.learn.score import evaluate, set_aside, substeps_needed, whole
+from phnn.learn.objective import Objective, evaluate, set_aside, substeps_needed, whole
 from phnn.learn.settings import Settings, check_same, settings_in
-from phnn.learn.solvers import solver_for
+from phnn.learn.solvers import NetworkPlant, Plant, solver_for, thinned
 from phnn.learn.starts import near_known_part, plant_for, typical_states
 from phnn.learn.trainer import Progress, Trainer
-from phnn.learn.windows import thinned
 from phnn.models.store import FILE, is_storable, save
 from phnn.network.elements import Network
 from phnn.recordings import Campaign, read
@@ -44,7 +41,7 @@ if TYPE_CHECKING:
 
 CONFIG, METRICS = "config.yaml", "metrics.json"
 # What a training writes into its folder.
-RESULTS = (CONFIG, checkpoint.FILE, logs.FILE, "tensorboard", "weights.pt", "model", METRICS)
+RESULTS = (CONFIG, checkpoint.FILE, checkpoint.LOG, "tensorboard", "weights.pt", "model", METRICS)
 # Fewer recordings than this are all needed for training.
 _LEAST = 3
 # Epochs of each method where none are stated.

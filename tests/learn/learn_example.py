@@ -9,7 +9,7 @@ import campaigns
 import numpy as np
 import torch
 
-from phnn.learn.plant import LatentPlant, NetworkPlant
+from phnn.learn.solvers import LatentPlant, NetworkPlant
 from phnn.learn.starts import typical_states
 from phnn.models.actuator import hrc
 from phnn.models.neural import LearnedLaws, Motion, neural_hrc
