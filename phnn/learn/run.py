@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from collections import ChainMap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from hashlib import sha256
@@ -259,34 +260,25 @@ def _several(settings: Settings, say: Callable[[str], None]) -> dict[str, Any]:
     for seed in settings.seeds or ():
         own = replace(settings, seed=seed, seeds=None, out=str(settings.home / f"seed_{seed}"))
         runs.append(train_folder(own, lambda line, seed=seed: say(f"seed {seed}: {line}")))  # type: ignore[misc]
-    keys = ("fit_percent", "rmse", "residual_over_noise")
-    table = {
-        name: {
-            **{key: _mean([r["recordings"][name][key] for r in runs]) for key in keys},
-            **{f"{key}_spread": _spread([r["recordings"][name][key] for r in runs]) for key in keys},
-            **{key: row[key] for key in ("held_out", "validation")},
-        }
-        for name, row in runs[0]["recordings"].items()
-    }
-    over = [r["held_out_over_noise"] for r in runs]
+    table = {}
+    for name, row in runs[0]["recordings"].items():
+        rows = [r["recordings"][name] for r in runs]
+        scores = [_over_seeds(rows, key) for key in ("fit_percent", "rmse", "residual_over_noise")]
+        table[name] = dict(ChainMap(*scores)) | {key: row[key] for key in ("held_out", "validation")}
     content = {
         "schema": "phnn.training/1", "model": runs[0]["model"], "seeds": [r["seed"] for r in runs], "recordings": table,
-        "held_out_over_noise": _mean(over), "held_out_over_noise_spread": _spread(over),
-        "seconds": sum(r["seconds"] for r in runs),
+        **_over_seeds(runs, "held_out_over_noise"), "seconds": sum(r["seconds"] for r in runs),
     }  # fmt: skip
     (Place(settings.home) / METRICS).write_json(content)
     return content
 
 
-def _mean(values: Sequence[float | None]) -> float | None:
-    known = [v for v in values if v is not None]
-    return float(np.mean(known)) if len(known) == len(values) else None
-
-
-def _spread(values: Sequence[float | None]) -> float | None:
-    """The standard deviation over the seeds."""
-    known = [v for v in values if v is not None]
-    return float(np.std(known, ddof=1)) if len(known) == len(values) > 1 else None
+def _over_seeds(rows: Sequence[Mapping[str, Any]], key: str) -> dict[str, float | None]:
+    """Return mean and standard deviation of a figure; None where a run has none of it."""
+    values = [row[key] for row in rows]
+    if None in values:
+        return {key: None, f"{key}_spread": None}
+    return {key: float(np.mean(values)), f"{key}_spread": float(np.std(values, ddof=1)) if len(values) > 1 else None}
 
 
 def _hash(base: str | None) -> str | None:
