@@ -8,7 +8,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 # Lines and files of Python. Lower a ceiling with every change that deletes; raise none.
-CEILINGS = {"phnn": (51_740, 211), "studies": (10_643, 44), "tests": (34_000, 165)}
+CEILINGS = {"phnn": (51_702, 211), "studies": (10_643, 44), "tests": (34_000, 165)}
 # A ceiling this far above the size no longer holds it.
 SLACK = 400  # lines
 

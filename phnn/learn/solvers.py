@@ -28,7 +28,6 @@ from phnn.errors import InputRefused, SolverFailed
 from phnn.integrate.compilable import can_compile
 from phnn.integrate.differentiable import simulated
 from phnn.integrate.method import METHOD, solve
-from phnn.models.neural_ode import NeuralODE
 from phnn.network.elements import Network
 from phnn.network.system import PortHamiltonianSystem
 from phnn.recordings.driving import input_before
@@ -39,13 +38,17 @@ from phnn.signals.reconstruct import substep_counts, substep_input
 class Plant(nn.Module):
     """A state space model ``ẋ = f(x, u)``, ``y = y(x)`` with a single input.
 
-    Attributes:
-        core: the module that is trained.
+    Args:
+        core: the module that is trained; its weights are the coordinates.
         scale: (n,) typical size of every state.
     """
 
-    core: nn.Module
     scale: Tensor
+
+    def __init__(self, core: nn.Module, scale: Tensor) -> None:
+        super().__init__()
+        self.core = core
+        self.register_buffer("scale", scale)
 
     def inputs(self, u: Tensor) -> Tensor:  # u: (...) [V]
         """(..., P) inputs of all ports."""
@@ -66,15 +69,6 @@ class Plant(nn.Module):
         return list(self.core.parameters())
 
 
-class LatentPlant(Plant):
-    """A black-box model: its weights are its coordinates, its states are of order one."""
-
-    def __init__(self, core: NeuralODE) -> None:
-        super().__init__()
-        self.core = core
-        self.register_buffer("scale", torch.ones(core.states, dtype=torch.float64))
-
-
 class NetworkPlant(Plant):
     """A network, trained in the coordinates of its parameters (`phnn.network.bounded`) and in learned laws' weights.
 
@@ -87,9 +81,8 @@ class NetworkPlant(Plant):
     """
 
     def __init__(self, given: Network | PortHamiltonianSystem, scale: Tensor) -> None:
-        super().__init__()
-        self.core = self.system = PortHamiltonianSystem(given) if isinstance(given, Network) else given
-        self.register_buffer("scale", scale)
+        super().__init__(PortHamiltonianSystem(given) if isinstance(given, Network) else given, scale)
+        self.system: PortHamiltonianSystem = self.core  # type: ignore[assignment]
         self.near: dict[str, tuple[Tensor, Tensor]] = {}
         self.names = tuple(n for n, p in self.system.network.parameters.items() if not p.fixed)
 
