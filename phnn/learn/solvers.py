@@ -1,4 +1,4 @@
-"""What is integrated and by what: the trained model, windows of recordings, and the solvers of windows.
+"""The trained model, windows of recordings, and the solvers of windows.
 
 The trained model leads from voltage to displacement, with the coordinates in which it is trained.
 
