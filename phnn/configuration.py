@@ -44,13 +44,9 @@ def check(settings: Any) -> None:
     Raises:
         InputRefused: names a setting of the wrong kind or out of range.
     """
-    for name, least in bounds_of(type(settings)).items():
-        number(name, getattr(settings, name), least)
-
-
-def bounds_of(kind: type) -> dict[str, float]:
-    """The least value of every number among the settings of a dataclass, by name; a float for a positive number."""
-    return {f.name: f.metadata[_LEAST] for f in fields(kind) if _LEAST in f.metadata}
+    for f in fields(settings):
+        if _LEAST in f.metadata:
+            number(f.name, getattr(settings, f.name), f.metadata[_LEAST])
 
 
 def number(name: str, value: Any, least: float) -> float:

@@ -31,8 +31,6 @@ ERROR = "error.txt"
 # The process of a sweep, for those it starts.
 _PARENT = "PHNN_SWEEP"
 _LOCK = ".lock"
-# Bytes in the name of a folder.
-_LONGEST = 255
 _PLACES = ("folder", "manifest", "base")
 
 
@@ -117,30 +115,19 @@ def _train(settings: Mapping[str, Any], home: Path) -> None:
 
 
 def _check(config: DictConfig) -> None:
-    """Refuse sweeps without recordings, over what is no part of a run's name, or with names that are too long.
+    """Refuse sweeps without recordings, or over what is no part of a run's name.
 
     Raises:
         InputRefused: names the setting and the remedy.
     """
     unnamed = config.hydra.job.config.override_dirname.exclude_keys
-    length = -1
     for override in OverridesParser.create().parse_overrides(list(config.hydra.overrides.task)):
-        key, swept = override.key_or_group, override.is_sweep_override()
-        if key not in unnamed:
-            values = list(override.sweep_string_iterator()) if swept else [override.get_value_element_as_str()]
-            length += 1 + max(len(f"{key}={value}".encode()) for value in values)
-        elif swept:
+        if override.is_sweep_override() and (key := override.key_or_group) in unnamed:
             raise InputRefused(
                 f"{override.input_line}: runs are not named by {key}: make one sweep for each value, with its own out"
             )
     if OmegaConf.is_missing(config, "folder"):
         raise InputRefused("setting folder is missing: write folder=...")
-    named = "override_dirname" in OmegaConf.to_yaml(config.hydra.sweep)
-    if named and length > _LONGEST:
-        raise InputRefused(
-            f"the overrides make names of {length} bytes, too long for a folder: number the runs with "
-            "'hydra.sweep.subdir=${hydra.job.num}'"
-        )
 
 
 def _shown(value: float | None) -> str:

@@ -18,7 +18,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # studies/ is not installed
 
-from phnn.commands.terminal import refusals
+from phnn.commands import refusals
 from phnn.errors import InputRefused, meant
 from phnn.results import Origin, claim
 from studies.benchmark.bench import ANSWERS, RESULTS, Settings, answer_all, card_of, write_benchmark

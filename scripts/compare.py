@@ -14,8 +14,7 @@ from omegaconf import DictConfig, OmegaConf
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # studies/ is not installed
 
-from phnn.commands.compare import compare
-from phnn.commands.terminal import refusals
+from phnn.commands import compare, refusals
 from phnn.configuration import checked
 from phnn.errors import InputRefused
 from studies.rival_models.names import register_rivals

@@ -7,8 +7,7 @@ from pathlib import Path
 import hydra
 from omegaconf import DictConfig
 
-from phnn.commands.diagnose import diagnose
-from phnn.commands.terminal import refusals
+from phnn.commands import diagnose, refusals
 
 
 @hydra.main(version_base=None, config_path="../configs", config_name="experiment/folder")

@@ -13,7 +13,7 @@ from omegaconf import DictConfig
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # studies/ is not installed
 
-from phnn.commands.terminal import refusals, status
+from phnn.commands import refusals, status
 from phnn.configuration import checked
 from phnn.identification.options import Options
 from studies import paper

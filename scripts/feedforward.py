@@ -12,7 +12,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # studies/ is not installed
 
-from phnn.commands.terminal import refusals, status
+from phnn.commands import refusals, status
 from studies.feedforward import run_feedforward
 
 

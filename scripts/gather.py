@@ -15,15 +15,15 @@ import pandas as pd
 from rich.markup import escape
 from rich.table import Table
 
-from phnn.commands.terminal import console, refusals
+from phnn.commands import console, refusals
 from phnn.errors import InputRefused
-from phnn.learn import checkpoint, logs
+from phnn.learn import checkpoint
 from phnn.learn.run import CONFIG, METRICS
 from phnn.learn.settings import FREE_TO_CHANGE, settings_in
 from phnn.multirun import ERROR
 from phnn.results import Place
 
-SCORES = ("epochs", "best_validation", "held_out_over_noise", "violations", "parameters", "seconds")
+SCORES = ("epochs", "best_validation", "held_out_over_noise", "parameters", "seconds")
 
 
 def gathered(folder: Path) -> pd.DataFrame:
@@ -49,7 +49,7 @@ def gathered(folder: Path) -> pd.DataFrame:
         for home, given in zip(homes, settings, strict=True)
     )
     # Half-filled columns of whole numbers would become 3.0 of 3.
-    whole = ["epochs", "violations", "parameters", *(key for key in shown if _are_whole(table[key]))]
+    whole = ["epochs", "parameters", *(key for key in shown if _are_whole(table[key]))]
     return table.astype(dict.fromkeys(whole, "Int64"))
 
 
@@ -83,8 +83,7 @@ def _result(home: Path) -> dict[str, Any]:
     try:
         content = json.loads((home / METRICS).read_text(encoding="utf-8"))
         scores = {key: content[key] for key in ("epochs", "best_validation", "held_out_over_noise")}
-        scores |= {"violations": content["passivity"]["violations"], "parameters": content["parameters_trained"]}
-        scores["seconds"] = content["seconds"]
+        scores |= {"parameters": content["parameters_trained"], "seconds": content["seconds"]}
     except (ValueError, KeyError, TypeError) as error:
         raise InputRefused(f"{home / METRICS}: cannot be read ({error}): delete it and repeat the run") from error
     return {"state": "finished", **scores, "reason": ""}
@@ -92,7 +91,7 @@ def _result(home: Path) -> dict[str, Any]:
 
 def _so_far(home: Path) -> dict[str, Any]:
     """Return what the log of a run that has not ended tells."""
-    path = home / logs.FILE
+    path = home / checkpoint.LOG
     if not (home / checkpoint.FILE).exists() or not path.exists():
         return {}
     log = pd.read_csv(path)

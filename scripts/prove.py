@@ -40,7 +40,7 @@ def run(out: Path, given: Mapping[str, Any]) -> None:
 @hydra.main(version_base=None, config_path="../configs", config_name="experiment/prove")
 def main(config: DictConfig) -> None:
     """Run, and refuse bad input in one line."""
-    from phnn.commands.terminal import refusals
+    from phnn.commands import refusals
 
     given = OmegaConf.to_container(config, resolve=True)
     with refusals("prove"):

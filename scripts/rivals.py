@@ -25,7 +25,7 @@ os.environ.update(ONE_THREAD)
 @hydra.main(version_base=None, config_path="../configs", config_name="experiment/rivals")
 def main(config: DictConfig) -> None:
     """Run, and refuse bad input in one line."""
-    from phnn.commands.terminal import refusals
+    from phnn.commands import refusals
     from studies.results import fill, filled
     from studies.rival_models.contest import run
 

@@ -15,8 +15,7 @@ from omegaconf import DictConfig, OmegaConf
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # studies/ is not installed
 
-from phnn.commands.diagnose import diagnose
-from phnn.commands.terminal import refusals
+from phnn.commands import diagnose, refusals
 from phnn.configuration import checked, config_folder
 from studies.proof.cases import NULLS, Settings
 from studies.proof.page import claimed, is_right, prove, row

@@ -26,8 +26,7 @@ def main(config: DictConfig) -> None:
     if multirun.is_sweep():
         multirun.run(config)
         return
-    from phnn.commands.terminal import refusals
-    from phnn.commands.train import train
+    from phnn.commands import refusals, train
 
     with refusals("train"):
         train({str(k): v for k, v in OmegaConf.to_container(config, resolve=True).items()})

@@ -24,7 +24,7 @@ os.environ.update(ONE_THREAD)
 @hydra.main(version_base=None, config_path="../configs", config_name="experiment/trainers")
 def main(config: DictConfig) -> None:
     """Run, and refuse bad input in one line."""
-    from phnn.commands.terminal import refusals
+    from phnn.commands import refusals
     from phnn.results import claim
     from studies.trainers import RESULTS, run
 

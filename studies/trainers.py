@@ -20,12 +20,10 @@ from matplotlib.figure import Figure
 from phnn.errors import InputRefused, SolverFailed
 from phnn.identification.base import Progress
 from phnn.learn.methods import method_of
-from phnn.learn.objective import Objective
-from phnn.learn.score import evaluate
+from phnn.learn.objective import Objective, evaluate
 from phnn.learn.settings import Settings
-from phnn.learn.solvers import discrete_gradient, solver_for
+from phnn.learn.solvers import discrete_gradient, solver_for, thinned
 from phnn.learn.starts import plant_for
-from phnn.learn.windows import thinned
 from phnn.recordings import Campaign, read
 from phnn.report.figures.style import CATEGORIES, RC, literal, new_figure, png, quiet_grid
 from phnn.report.formatting import markdown_table

@@ -6,14 +6,13 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 from unittest import mock
 
 import pytest
 
-from phnn import cli
+from phnn import cli, commands
 from phnn.configuration import compose, config_folder
 from phnn.errors import InputRefused, SolverFailed
 
@@ -30,8 +29,7 @@ def calls(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, dict[str, Any]]]:
 
 
 def _replace(monkeypatch: pytest.MonkeyPatch, name: str, function: Callable[..., None]) -> None:
-    module = import_module(f"phnn.commands.{name}")
-    monkeypatch.setattr(module, name, mock.create_autospec(getattr(module, name), side_effect=function))
+    monkeypatch.setattr(commands, name, mock.create_autospec(getattr(commands, name), side_effect=function))
 
 
 def _failing(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:

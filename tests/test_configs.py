@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import MISSING, asdict, fields
 from functools import cache, partial
-from importlib import import_module
 from pathlib import Path
 
 import campaigns
@@ -19,6 +18,7 @@ from hydra.core.plugins import Plugins
 from hydra.types import HydraContext, RunMode
 from junctions import march
 
+from phnn import commands
 from phnn.comparison import models as comparison
 from phnn.configuration import compose, compose_groups, config_folder
 from phnn.errors import InputRefused
@@ -124,7 +124,7 @@ def experiment(name: str) -> None:
         assert set(config.studies) == set(STUDIES)
         for study_, some in config.studies.items():
             for verb, *further in (command.split() for command in some):
-                assert callable(getattr(import_module(f"phnn.commands.{verb}"), verb))
+                assert callable(getattr(commands, verb))
                 assert all("=" in w or f"recordings/{study_}/{w}.yaml" in FILES for w in further)
         return
     if name == "trainers":

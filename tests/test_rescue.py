@@ -20,7 +20,6 @@ import pytest
 
 import phnn
 from phnn.cli import main
-from phnn.commands import diagnose as command
 from phnn.diagnose import diagnosis as path
 from phnn.diagnose import linearised, proposal, refit, screen, search
 from phnn.diagnose.diagnosis import Diagnosis
@@ -204,7 +203,7 @@ def _on_the_command_line(case: Case) -> Iterator[None]:
         mock.patch.object(path, "identify_base", return_value=base(case.effect)),
         mock.patch.object(path, "available", return_value=effects),
         mock.patch.object(path, "learned_elements", return_value={}),
-        mock.patch.object(command, "compile_ahead", return_value=False),
+        mock.patch("phnn.integrate.cache.compile_ahead", return_value=False),
     ):
         yield
 

@@ -38,13 +38,11 @@ from phnn.identification.prepare import identification_plan
 from phnn.identification.staged import identify_actuator
 from phnn.learn import Settings as Stage
 from phnn.learn import checkpoint
-from phnn.learn.plant import NetworkPlant
+from phnn.learn.objective import evaluate
 from phnn.learn.run import fitted as trained
 from phnn.learn.run import validation_names
-from phnn.learn.score import evaluate
-from phnn.learn.solvers import solver_for
+from phnn.learn.solvers import NetworkPlant, solver_for, thinned
 from phnn.learn.starts import plant_for, scales_of
-from phnn.learn.windows import thinned
 from phnn.models.store import is_storable, save
 from phnn.recordings.recording import Campaign, Recording, digest
 from phnn.results import Place, file_name, finite, same

@@ -95,30 +95,6 @@ class _Body(Printer):
                         early.append(node.id)
         return early
 
-    def _statement(self, node: ast.stmt) -> list[str]:
-        if isinstance(node, ast.Assign):
-            return self._assign(node.targets[0], node.value)
-        if isinstance(node, ast.AugAssign):
-            return self._assign(node.target, ast.BinOp(_loaded(node.target), node.op, node.value))
-        if isinstance(node, ast.If):
-            lines = [f"if ({self.expression(node.test)}) {{", *indented(self._block(node.body))]
-            if len(node.orelse) == 1 and isinstance(node.orelse[0], ast.If):
-                first, *others = self._statement(node.orelse[0])
-                return [*lines, f"}} else {first}", *others]
-            if node.orelse:
-                lines += ["} else {", *indented(self._block(node.orelse))]
-            return [*lines, "}"]
-        if isinstance(node, ast.For):
-            i, n = node.target.id, node.iter.args[0].value  # type: ignore[attr-defined]
-            return [f"for (int {i} = 0; {i} < {n}; {i}++) {{", *indented(self._block(node.body)), "}"]
-        if isinstance(node, ast.Break):
-            return ["break;"]
-        if isinstance(node, ast.Return):
-            return self._return(node)
-        if isinstance(node, ast.Expr):
-            return [f"{self.expression(node.value)};"]
-        raise TypeError(ast.dump(node))
-
     def _assign(self, target: ast.expr, value: ast.expr) -> list[str]:
         if not isinstance(target, ast.Tuple):
             left = self.expression(target)
@@ -135,18 +111,17 @@ class _Body(Printer):
         declared = [f"{self._type(n)} {self.name(n)} = 0.0;" for n in new]
         return [*declared, f"{self._call(value, outputs)[0]};"]  # type: ignore[arg-type]
 
-    def _return(self, node: ast.Return) -> list[str]:
+    def _return(self, value: ast.expr) -> list[str]:
         if self.function.returns == 1:
-            return [f"return {self.expression(node.value)};"]  # type: ignore[arg-type]
+            return [f"return {self.expression(value)};"]
         outputs = [f"out_{i}" for i in range(self.function.returns)]
-        if isinstance(node.value, ast.Tuple):
-            pairs = zip(outputs, node.value.elts, strict=True)
+        if isinstance(value, ast.Tuple):
+            pairs = zip(outputs, value.elts, strict=True)
             return [*(f"*{out} = {self.expression(v)};" for out, v in pairs), "return;"]
-        return [f"{self._call(node.value, outputs)[0]};", "return;"]  # type: ignore[arg-type]
+        return [f"{self._call(value, outputs)[0]};", "return;"]  # type: ignore[arg-type]
 
-
-def _loaded(target: ast.expr) -> ast.expr:
-    return ast.parse(ast.unparse(target), mode="eval").body
+    def _alone(self, value: ast.expr) -> list[str]:
+        return [f"{self.expression(value)};"]
 
 
 def public(program: Program, name: str) -> str:

@@ -315,10 +315,16 @@ def is_taken(name: str) -> bool:
 
 
 class Printer:
-    """Prints the statements of one function, in a language whose expressions have the operators and levels of C."""
+    """Prints the statements of one function, in a language whose expressions have the operators and levels of C.
+
+    What other languages write differently are the attributes; those with braces are filled with a test, or with the
+    name, the number and the last value of a loop.
+    """
 
     negation = "!"
     field = "s->"
+    first, other, otherwise, end = "if ({}) {{", "}} else if ({}) {{", "} else {", "}"
+    loop = "for (int {0} = 0; {0} < {1}; {0}++) {{"
     operators: ClassVar[dict[type, tuple[str, int]]] = {
         ast.Add: ("+", 6), ast.Sub: ("-", 6), ast.Mult: ("*", 7), ast.Div: ("/", 7), ast.Lt: ("<", 5),
         ast.LtE: ("<=", 5), ast.Gt: (">", 5), ast.GtE: (">=", 5), ast.Eq: ("==", 5), ast.NotEq: ("!=", 5),
@@ -375,8 +381,41 @@ class Printer:
     def _call(self, node: ast.Call) -> tuple[str, int]:
         raise NotImplementedError
 
-    def _statement(self, node: ast.stmt) -> list[str]:
+    def _assign(self, target: ast.expr, value: ast.expr) -> list[str]:
         raise NotImplementedError
+
+    def _return(self, value: ast.expr) -> list[str]:
+        raise NotImplementedError
+
+    def _alone(self, value: ast.expr) -> list[str]:
+        """Return the lines of a call whose values nobody takes."""
+        raise NotImplementedError
+
+    def _statement(self, node: ast.stmt) -> list[str]:
+        if isinstance(node, ast.Assign):
+            return self._assign(node.targets[0], node.value)
+        if isinstance(node, ast.AugAssign):
+            loaded = ast.parse(ast.unparse(node.target), mode="eval").body
+            return self._assign(node.target, ast.BinOp(loaded, node.op, node.value))
+        if isinstance(node, ast.If):
+            return [*self._branches(node, self.first), self.end]
+        if isinstance(node, ast.For):
+            i, n = self.name(node.target.id), node.iter.args[0].value  # type: ignore[attr-defined]
+            return [self.loop.format(i, n, n - 1), *indented(self._block(node.body)), self.end]
+        if isinstance(node, ast.Break):
+            return ["break;"]
+        if isinstance(node, ast.Return):
+            assert node.value is not None
+            return self._return(node.value)
+        if isinstance(node, ast.Expr):
+            return self._alone(node.value)
+        raise TypeError(ast.dump(node))
+
+    def _branches(self, node: ast.If, head: str) -> list[str]:
+        lines = [head.format(self.expression(node.test)), *indented(self._block(node.body))]
+        if len(node.orelse) == 1 and isinstance(node.orelse[0], ast.If):
+            return [*lines, *self._branches(node.orelse[0], self.other)]
+        return [*lines, self.otherwise, *indented(self._block(node.orelse))] if node.orelse else lines
 
     def _block(self, body: Iterable[ast.stmt]) -> list[str]:
         return [line for statement in body for line in self._statement(statement)]

@@ -396,6 +396,8 @@ class _Body(Printer):
 
     negation = "~"
     field = "s."
+    first, other, otherwise, end = "if {}", "elseif {}", "else", "end"
+    loop = "for {0} = 0:{2}"
     operators: ClassVar[dict[type, tuple[str, int]]] = Printer.operators | {ast.NotEq: ("~=", 5)}
 
     def __init__(self, program: Program, function: Function) -> None:
@@ -437,31 +439,6 @@ class _Body(Printer):
         lines += ["c = constants();"] if (named - self.local) & set(self.program.constants) else []
         return [*lines, *self._block(f.body), "end"]
 
-    def _statement(self, node: ast.stmt) -> list[str]:
-        if isinstance(node, ast.Assign):
-            return self._assign(node.targets[0], node.value)
-        if isinstance(node, ast.AugAssign):
-            left = self.expression(node.target)
-            return [f"{left} = {left} {self.operators[type(node.op)][0]} ({self.expression(node.value)});"]
-        if isinstance(node, ast.If):
-            return [*self._branches(node, "if"), "end"]
-        if isinstance(node, ast.For):
-            i, n = self.name(node.target.id), node.iter.args[0].value  # type: ignore[attr-defined]
-            return [f"for {i} = 0:{n - 1}", *indented(self._block(node.body)), "end"]
-        if isinstance(node, ast.Break):
-            return ["break;"]
-        if isinstance(node, ast.Return):
-            return [*self._returned(node), "return;"]
-        if isinstance(node, ast.Expr):
-            return self._called([], node.value)
-        raise TypeError(ast.dump(node))
-
-    def _branches(self, node: ast.If, word: str) -> list[str]:
-        lines = [f"{word} {self.expression(node.test)}", *indented(self._block(node.body))]
-        if len(node.orelse) == 1 and isinstance(node.orelse[0], ast.If):
-            return [*lines, *self._branches(node.orelse[0], "elseif")]
-        return [*lines, "else", *indented(self._block(node.orelse))] if node.orelse else lines
-
     def _assign(self, target: ast.expr, value: ast.expr) -> list[str]:
         targets = target.elts if isinstance(target, ast.Tuple) else [target]
         if isinstance(value, ast.Tuple):
@@ -476,12 +453,14 @@ class _Body(Printer):
         shown = f"[{', '.join(left)}]" if len(left) > 1 else left[0]
         return [f"{shown} = {self.expression(value)};"]
 
-    def _returned(self, node: ast.Return) -> list[str]:
-        value = node.value
-        assert value is not None
+    def _return(self, value: ast.expr) -> list[str]:
         if isinstance(value, ast.Tuple):
-            return [f"{r} = {self.expression(v)};" for r, v in zip(self.results, value.elts, strict=True)]
-        return self._called(list(self.results), value)
+            pairs = zip(self.results, value.elts, strict=True)
+            return [*(f"{r} = {self.expression(v)};" for r, v in pairs), "return;"]
+        return [*self._called(list(self.results), value), "return;"]
+
+    def _alone(self, value: ast.expr) -> list[str]:
+        return self._called([], value)
 
 
 def _constant(constant: Constant) -> str:

@@ -225,9 +225,14 @@ def _static_amplifier(block: Block, voltage: Signal, values: list[float]) -> Sig
     def characteristic(u: Array) -> Array:
         return np.asarray(AMPLIFIERS[block.kind](u[:, None], np.ones(1), 0.0, *values))[:, 0]
 
-    found = solve_rising(characteristic, voltage.values)
-    lost = np.abs(found.missed) > _REACHED * np.abs(voltage.values).max(initial=0.0)
-    return voltage.then(found.x, lost, f"the amplifier's {block.kind.replace('_', ' ')}")
+    return _static(characteristic, voltage, f"the amplifier's {block.kind.replace('_', ' ')}")
+
+
+def _static(characteristic: Callable[[Array], Array], wanted: Signal, cause: str) -> Signal:
+    """Return the argument of a characteristic that gives a signal."""
+    found = solve_rising(characteristic, wanted.values)
+    lost = np.abs(found.missed) > _REACHED * np.abs(wanted.values).max(initial=0.0)
+    return wanted.then(found.x, lost, cause)
 
 
 def _lowpass(voltage: Signal, h: float, tau: float) -> Signal:
@@ -249,14 +254,6 @@ def _slew_limit(voltage: Signal, h: float, limit: float) -> Signal:
     fast = np.abs(np.diff(voltage.values)) > limit * h * (1.0 + _ROUNDING)
     lost = np.append(fast, False) | np.insert(fast, 0, False)
     return voltage.then(voltage.values, lost, "the amplifier's slew limit")
-
-
-def _as_it_is(voltage: Signal, h: float, *values: float) -> Signal:
-    return voltage
-
-
-def _slipping(voltage: Signal, h: float, *values: float) -> Signal:
-    return voltage.then(_unslipped(voltage.values, *values))
 
 
 def _unslipped_loop(voltage: Any, weight: Any, travel: Any, exponent: Any, back: Any, lean: Any) -> Any:
@@ -284,8 +281,8 @@ _AMPLIFIER_INVERSES: dict[str, Callable[..., Any]] = {
     "second_order_lowpass": _second_order,
     "delay": _delay,
     "slew_limit": _slew_limit,
-    "bouc_wen": _as_it_is,
-    "slipping": _slipping,
+    "bouc_wen": lambda voltage, h, *values: voltage,
+    "slipping": lambda voltage, h, *values: voltage.then(_unslipped(voltage.values, *values)),
 }
 
 
@@ -324,9 +321,8 @@ def displacement(setup: Setup, output: Signal, dt: float, strict: bool = True) -
 
 
 def _static_sensor(kind: str, output: Signal, t: Array, values: list[float]) -> Signal:
-    found = solve_rising(lambda q: np.asarray(SENSORS[kind](q, t, *values)), output.values)
-    lost = np.abs(found.missed) > _REACHED * np.abs(output.values).max(initial=0.0)
-    return output.then(found.x, lost, f"the sensor's {kind.replace('_', ' ')}")
+    cause = f"the sensor's {kind.replace('_', ' ')}"
+    return _static(lambda q: np.asarray(SENSORS[kind](q, t, *values)), output, cause)
 
 
 def _lag(y: Array, t: Array, tau: float) -> Array:
@@ -347,10 +343,6 @@ def _check_sign(y: Array, t: Array) -> None:
         )
 
 
-def _rectification(y: Array, t: Array) -> Array:
-    return np.maximum(y, 0.0)
-
-
 def _play(y: Array, t: Array, width: float) -> Array:
     rate = derivative(y, t[1] - t[0])
     slow = _CROSSING * np.abs(rate).max()
@@ -360,7 +352,7 @@ def _play(y: Array, t: Array, width: float) -> Array:
 _SENSOR_INVERSES: dict[str, Callable[..., Any]] = {
     "lag": _lag,
     "clock": _clock,
-    "rectification": _rectification,
+    "rectification": lambda y, t: np.maximum(y, 0.0),
     "play": _play,
 }
 

@@ -25,24 +25,22 @@ def inverse(
     flows: Array,  # (K,) [A]
     reach: float,
 ) -> Array:
-    """(K,) smallest effort [V] in ``(0, reach]``, on the side of the flow's sign, at which the law carries each flow.
+    """Return the (K,) smallest effort [V] within ``reach``, on the side of the flow's sign, at which the law carries
+    each flow.
 
     Raises:
         PhnnError: a flow that the law does not reach.
     """
-    effort = np.linspace(0.0, reach, _GRID)
-    found = np.empty_like(flows)
-    with torch.no_grad():
-        sides = {s: s * law(torch.from_numpy(s * effort)).numpy() for s in (-1.0, 1.0)}
-    for k, flow in enumerate(flows):
-        side = -1.0 if flow < 0.0 else 1.0
-        carried = sides[side]
-        above = np.flatnonzero(carried >= abs(flow))
-        if not above.size or above[0] == 0:
-            raise PhnnError(f"the law carries no {flow:g} A within {reach:g} V: give a larger reach, or a flow above 0")
-        i = int(above[0])
-        share = (abs(flow) - carried[i - 1]) / (carried[i] - carried[i - 1])
-        found[k] = side * (effort[i - 1] + share * (effort[i] - effort[i - 1]))
+    effort, found = np.linspace(0.0, reach, _GRID), np.empty_like(flows)
+    for side, mine in ((-1.0, flows < 0.0), (1.0, flows >= 0.0)):
+        with torch.no_grad():
+            carried = np.maximum.accumulate(side * law(torch.from_numpy(side * effort)).numpy())
+        wanted = np.abs(flows[mine])
+        if strange := wanted[(wanted <= carried[0]) | (wanted > carried[-1])].tolist():
+            raise PhnnError(
+                f"the law carries no {strange[0]:g} A within {reach:g} V: give a larger reach, or a flow above 0"
+            )
+        found[mine] = side * np.interp(wanted, carried, effort)
     return found
 
 
@@ -52,7 +50,7 @@ def thresholds(
     reach: float,
     points: int = 50,
 ) -> tuple[float, float]:
-    """Where the straight line through the inverse characteristic of each side meets zero flow [V].
+    """Return where the straight line through the inverse characteristic of each side meets zero flow [V].
 
     For the dead zone of eq. (2) these are ``−d/2`` and ``d/2`` exactly.
 

@@ -1,7 +1,11 @@
-"""The state of a run on disk, whole or not at all, so that it goes on as if it had never been stopped."""
+"""A run on disk: its state, whole or not at all, so that it goes on as if it had never been stopped; and its log.
+
+The log has one row an epoch, as csv and for TensorBoard.
+"""
 
 from __future__ import annotations
 
+import csv
 import io
 import os
 import warnings
@@ -65,3 +69,51 @@ def load(path: Path, keys: Sequence[str] = ()) -> dict[str, Any] | None:
     except (TypeError, RuntimeError) as error:
         raise InputRefused(f"{path}: its state of the random generator is none: delete it to begin anew") from error
     return state
+
+
+LOG = "log.csv"
+COLUMNS = ("epoch", "method", "loss", "validation", "rate", "seconds")
+Row = dict[str, Any]
+
+
+class Log:
+    """Rows are written as they come; a resumed run first writes again what its checkpoint knows.
+
+    Args:
+        place: gets ``log.csv`` and, if wanted and installed, ``tensorboard/``.
+        rows: of the epochs before.
+        tensorboard: write for it as well.
+    """
+
+    def __init__(self, place: Place, rows: Sequence[Row] = (), tensorboard: bool = True) -> None:
+        self.place, self.text = place / LOG, io.StringIO(newline="")
+        self.writer = csv.DictWriter(self.text, COLUMNS)
+        self.writer.writeheader()
+        self._write(rows)
+        self.board = _board((place / "tensorboard").own_folder(), len(rows)) if tensorboard else None
+
+    def _write(self, rows: Sequence[Row]) -> None:
+        self.writer.writerows(rows)
+        self.place.write(self.text.getvalue().encode())
+
+    def add(self, row: Row) -> None:
+        """One epoch."""
+        self._write([row])
+        if self.board is not None:
+            for name in ("loss", "validation", "rate"):
+                if row[name] is not None:
+                    self.board.add_scalar(name, row[name], row["epoch"])
+
+    def close(self) -> None:
+        """Write what TensorBoard has not yet."""
+        if self.board is not None:
+            self.board.close()
+
+
+def _board(folder: Path, first: int) -> Any:
+    """A writer whose earlier points from ``first`` on are void; None where TensorBoard is not installed."""
+    try:
+        from torch.utils.tensorboard import SummaryWriter
+    except ImportError:
+        return None
+    return SummaryWriter(str(folder), purge_step=first)

@@ -18,10 +18,8 @@ from phnn.integrate.differentiable import Steps, first_order, march, sensitiviti
 from phnn.integrate.partition import can_compile
 from phnn.integrate.program import Program, compile_network
 from phnn.learn.objective import Objective
-from phnn.learn.plant import NetworkPlant
 from phnn.learn.settings import Settings, instantiate
-from phnn.learn.solvers import discrete_gradient, near, remember, together
-from phnn.learn.windows import Window
+from phnn.learn.solvers import NetworkPlant, Window, discrete_gradient, near, remember, together
 
 #     (JᵀJ + λ diag JᵀJ) δ = −Jᵀ r,     r = (y − ŷ − zero)/σ
 #

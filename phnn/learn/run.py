@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from collections import ChainMap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from hashlib import sha256
@@ -13,23 +14,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import torch
 from omegaconf import OmegaConf
-from torch import Tensor, nn
+from torch import nn
 
 from phnn.errors import InputRefused
 from phnn.identification.evaluate import Evaluation
 from phnn.identification.prepare import single
 from phnn.integrate.method import PortHamiltonianSystem
 from phnn.integrate.partition import can_compile
-from phnn.learn import checkpoint, logs
+from phnn.learn import checkpoint
 from phnn.learn.methods import with_gradients
-from phnn.learn.objective import Objective
-from phnn.learn.plant import NetworkPlant, Plant
-from phnn.learn.score import evaluate, set_aside, substeps_needed, whole
+from phnn.learn.objective import Objective, evaluate, set_aside, substeps_needed, whole
 from phnn.learn.settings import Settings, check_same, settings_in
-from phnn.learn.solvers import solver_for
+from phnn.learn.solvers import NetworkPlant, Plant, solver_for, thinned
 from phnn.learn.starts import near_known_part, plant_for, typical_states
 from phnn.learn.trainer import Progress, Trainer
-from phnn.learn.windows import thinned
 from phnn.models.store import FILE, is_storable, save
 from phnn.network.elements import Network
 from phnn.recordings import Campaign, read
@@ -42,48 +40,9 @@ from phnn.setup import Setup
 if TYPE_CHECKING:
     from phnn.model import Model
 
-# States reach this many times beyond the typical ones.
-_BEYOND = 10.0
-# What is lost to rounding, relative to the sum of the absolute powers.
-_ROUNDING = 1e-12
-
-
-def violations(plant: Plant, voltage: float, states: int = 10_000, seed: int = 0) -> int | None:
-    """How many random states and inputs have ``dH/dt > yᵀu`` by more than rounding; None for a model without energy.
-
-    Args:
-        plant: of any kind.
-        voltage: typical input [V].
-        states: how many are drawn, over three decades of size up to ten times the typical one.
-        seed: of the draw.
-    """
-    random = torch.Generator().manual_seed(seed)
-    direction = torch.randn(states, plant.scale.numel(), generator=random, dtype=torch.float64)
-    size = _BEYOND * 10.0 ** (-3.0 * torch.rand(states, 1, generator=random, dtype=torch.float64))
-    x = direction * size * plant.scale
-    u = voltage * torch.randn(states, generator=random, dtype=torch.float64)
-    with torch.no_grad():
-        gained, supplied, scale = _powers(plant, x, u)
-    if scale is None:
-        return None
-    # Also what is not a number: such a model is not passive.
-    return int((~(gained - supplied <= _ROUNDING * scale)).sum())
-
-
-def _powers(plant: Plant, x: Tensor, u: Tensor) -> tuple[Tensor, Tensor, Tensor | None]:
-    """(K,) rate of storage, supply, and the sum of the absolute terms."""
-    if not isinstance(plant, NetworkPlant):
-        return x[:, 0], x[:, 0], None
-    efforts, inputs = plant.system.efforts(x), plant.inputs(u)
-    supplied = (plant.system.port_outputs(x, inputs) * inputs).sum(-1)
-    terms = efforts * plant.system.rate(efforts, x, inputs)
-    return terms.sum(-1), supplied, terms.abs().sum(-1) + supplied.abs()
-
-
 CONFIG, METRICS = "config.yaml", "metrics.json"
 # What a training writes into its folder.
-RESULTS = (CONFIG, checkpoint.FILE, logs.FILE, "tensorboard", "weights.pt", "model", METRICS)
-_STATES = 10_000
+RESULTS = (CONFIG, checkpoint.FILE, checkpoint.LOG, "tensorboard", "weights.pt", "model", METRICS)
 # Fewer recordings than this are all needed for training.
 _LEAST = 3
 # Epochs of each method where none are stated.
@@ -301,34 +260,25 @@ def _several(settings: Settings, say: Callable[[str], None]) -> dict[str, Any]:
     for seed in settings.seeds or ():
         own = replace(settings, seed=seed, seeds=None, out=str(settings.home / f"seed_{seed}"))
         runs.append(train_folder(own, lambda line, seed=seed: say(f"seed {seed}: {line}")))  # type: ignore[misc]
-    keys = ("fit_percent", "rmse", "residual_over_noise")
-    table = {
-        name: {
-            **{key: _mean([r["recordings"][name][key] for r in runs]) for key in keys},
-            **{f"{key}_spread": _spread([r["recordings"][name][key] for r in runs]) for key in keys},
-            **{key: row[key] for key in ("held_out", "validation")},
-        }
-        for name, row in runs[0]["recordings"].items()
-    }
-    over = [r["held_out_over_noise"] for r in runs]
+    table = {}
+    for name, row in runs[0]["recordings"].items():
+        rows = [r["recordings"][name] for r in runs]
+        scores = [_over_seeds(rows, key) for key in ("fit_percent", "rmse", "residual_over_noise")]
+        table[name] = dict(ChainMap(*scores)) | {key: row[key] for key in ("held_out", "validation")}
     content = {
         "schema": "phnn.training/1", "model": runs[0]["model"], "seeds": [r["seed"] for r in runs], "recordings": table,
-        "held_out_over_noise": _mean(over), "held_out_over_noise_spread": _spread(over),
-        "seconds": sum(r["seconds"] for r in runs),
+        **_over_seeds(runs, "held_out_over_noise"), "seconds": sum(r["seconds"] for r in runs),
     }  # fmt: skip
     (Place(settings.home) / METRICS).write_json(content)
     return content
 
 
-def _mean(values: Sequence[float | None]) -> float | None:
-    known = [v for v in values if v is not None]
-    return float(np.mean(known)) if len(known) == len(values) else None
-
-
-def _spread(values: Sequence[float | None]) -> float | None:
-    """The standard deviation over the seeds."""
-    known = [v for v in values if v is not None]
-    return float(np.std(known, ddof=1)) if len(known) == len(values) > 1 else None
+def _over_seeds(rows: Sequence[Mapping[str, Any]], key: str) -> dict[str, float | None]:
+    """Return mean and standard deviation of a figure; None where a run has none of it."""
+    values = [row[key] for row in rows]
+    if None in values:
+        return {key: None, f"{key}_spread": None}
+    return {key: float(np.mean(values)), f"{key}_spread": float(np.std(values, ddof=1)) if len(values) > 1 else None}
 
 
 def _hash(base: str | None) -> str | None:
@@ -393,7 +343,6 @@ def _metrics(
     began = time.perf_counter()
     loss = with_gradients(objective)
     seconds = time.perf_counter() - began
-    voltage = max(float(np.abs(r.u).max()) for r in objective.recordings)
     table = {
         p.name: {
             "fit_percent": p.fit_percent,
@@ -416,7 +365,6 @@ def _metrics(
         "evaluations": objective.solved,
         "held_out_over_noise": _finite(scores.over_noise("confirmation")),
         "recordings": table,
-        "passivity": {"states": _STATES, "violations": violations(plant, voltage, _STATES, settings.seed)},
         "seconds": progress.seconds,
         "gradient_seconds": seconds,
     }

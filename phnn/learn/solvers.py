@@ -1,15 +1,24 @@
-"""The solvers of windows: the power-preserving step, compiled or in torch, or torchdiffeq.
+"""The trained model, windows of recordings, and the solvers of windows.
 
-Every solver takes a plant, windows and their (B, n) initial states and returns the (S_b, n) states at the samples of
-each window, differentiable by the plant's parameters and the initial states.
+The trained model leads from voltage to displacement, with the coordinates in which it is trained.
+
+A window of samples ``[first, last]`` shares its last sample with the first of the next one. Only the displacement is
+measured; charges and momentum are hidden. So the state at the beginning of a window is estimated beside the
+parameters, except where the recording begins at rest without input, which is the zero state of every model.
+
+A solver is the power-preserving step, compiled or in torch, or torchdiffeq. It takes a plant, windows and their (B, n)
+initial states and returns the (S_b, n) states at the samples of each window, differentiable by the plant's parameters
+and the initial states.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
+import numpy as np
 import torch
 import torchdiffeq
 from torch import Tensor, nn
@@ -19,8 +28,178 @@ from phnn.errors import InputRefused, SolverFailed
 from phnn.integrate.differentiable import simulated
 from phnn.integrate.method import METHOD, solve
 from phnn.integrate.partition import can_compile
-from phnn.learn.plant import NetworkPlant, Plant
-from phnn.learn.windows import Window
+from phnn.network.elements import Network
+from phnn.network.system import PortHamiltonianSystem
+from phnn.recordings.driving import input_before
+from phnn.recordings.recording import Part, Recording
+from phnn.signals.reconstruct import substep_counts, substep_input
+
+
+class Plant(nn.Module):
+    """A state space model ``ẋ = f(x, u)``, ``y = y(x)`` with a single input.
+
+    Args:
+        core: the module that is trained; its weights are the coordinates.
+        scale: (n,) typical size of every state.
+    """
+
+    scale: Tensor
+
+    def __init__(self, core: nn.Module, scale: Tensor) -> None:
+        super().__init__()
+        self.core = core
+        self.register_buffer("scale", scale)
+
+    def inputs(self, u: Tensor) -> Tensor:  # u: (...) [V]
+        """(..., P) inputs of all ports."""
+        return u.unsqueeze(-1)
+
+    def rate(self, x: Tensor, u: Tensor) -> Tensor:  # x: (..., n), u: (...) [V]
+        """(..., n) ``ẋ``."""
+        field: Callable[[Tensor, Tensor], Tensor] = self.core.vector_field  # type: ignore[assignment]
+        return field(x, self.inputs(u))
+
+    def measured(self, x: Tensor) -> Tensor:  # x: (..., n)
+        """(...) displacement [m]."""
+        read: Callable[[Tensor], Tensor] = self.core.measured  # type: ignore[assignment]
+        return read(x)
+
+    def trained(self) -> list[nn.Parameter]:
+        """What an optimiser moves."""
+        return list(self.core.parameters())
+
+
+class NetworkPlant(Plant):
+    """A network, trained in the coordinates of its parameters (`phnn.network.bounded`) and in learned laws' weights.
+
+    Args:
+        given: a network with starting values, or the system that is trained.
+        scale: (n,) typical size of every state.
+
+    Attributes:
+        near: times and states last found in torch, by the name of a recording: the next iteration begins there.
+    """
+
+    def __init__(self, given: Network | PortHamiltonianSystem, scale: Tensor) -> None:
+        super().__init__(PortHamiltonianSystem(given) if isinstance(given, Network) else given, scale)
+        self.system: PortHamiltonianSystem = self.core  # type: ignore[assignment]
+        self.near: dict[str, tuple[Tensor, Tensor]] = {}
+        self.names = tuple(n for n, p in self.system.network.parameters.items() if not p.fixed)
+
+    @property
+    def network(self) -> Network:
+        """The network with the present parameter values and laws."""
+        return self.system.shown()
+
+    def inputs(self, u: Tensor) -> Tensor:
+        """(..., P) the voltage at the first port, the others at zero."""
+        others = u.new_zeros(*u.shape, len(self.system.network.ports) - 1)
+        return torch.cat([u.unsqueeze(-1), others], dim=-1)
+
+    def measured(self, x: Tensor) -> Tensor:
+        """(...) state of the measured storage."""
+        return x[..., self.system.state_names.index(self.system.network.output)]
+
+    def trained(self) -> list[nn.Parameter]:
+        """Coordinates of the parameters, then weights of the learned laws."""
+        own = (*self.system.free.parameters(), *self.system.laws.parameters())
+        return [p for p in own if p.requires_grad]
+
+    def slopes(self) -> list[float]:
+        """``dθ/dz`` of every coordinate."""
+        return [self.system.free.slope(name) for name in self.names]
+
+
+@dataclass(frozen=True, eq=False)
+class Window:
+    """A stretch of a recording.
+
+    Attributes:
+        recording: its index; name: its name; first, last: its first and last sample.
+        start: time of the first sample [s].
+        fine: (n, 3) input at the start, middle and end of every step [V].
+        h: (n,) steps [s].
+        nodes: (last − first + 1,) step index of every sample, the first 0.
+        known: begins at the zero state.
+        continues: whether the window before it belongs to the same recording.
+    """
+
+    recording: int
+    name: str
+    first: int
+    last: int
+    start: float
+    fine: Tensor
+    h: Tensor
+    nodes: Tensor
+    known: bool
+    continues: bool
+
+    @property
+    def times(self) -> Tensor:
+        """(n+1,) time of the nodes of the steps [s]."""
+        return self.start + torch.cat([self.h.new_zeros(1), self.h.cumsum(0)])
+
+    @property
+    def mean(self) -> Tensor:
+        """(n,) mean inputs of the steps, by Simpson's rule."""
+        return (self.fine[:, 0] + 4.0 * self.fine[:, 1] + self.fine[:, 2]) / 6.0
+
+
+def thinned(recording: Recording, stride: int) -> Recording:
+    """Every ``stride``-th sample of a recording, its noise and its parts as they are.
+
+    Raises:
+        InputRefused: too few samples would be left.
+    """
+    if stride == 1:
+        return recording
+    if recording.t.size < 8 * stride:
+        raise InputRefused(
+            f"stride = {stride} leaves {recording.t.size // stride} samples of {recording.name}: lower it"
+        )
+    parts = tuple(replace(p, first=-(-p.first // stride), last=-(-p.last // stride)) for p in recording.parts)
+    return replace(
+        recording.only(slice(None, None, stride)),
+        parts=tuple(Part(p.name, p.first, p.last, p.use) for p in parts),
+    )
+
+
+def starts_at_zero(recording: Recording) -> bool:
+    """Whether a recording begins at rest without input."""
+    return recording.start.state == "rest" and recording.start.input_before == 0.0
+
+
+def windows_of(recordings: Sequence[Recording], length: int, substeps: int) -> list[Window]:
+    """The windows of recordings, in order.
+
+    Args:
+        length: samples of a window, 0 for whole recordings.
+        substeps: steps a sample interval; more of them follow a jump of the input.
+    """
+    return [w for i, r in enumerate(recordings) for w in _windows(i, r, length, substeps)]
+
+
+def _windows(index: int, recording: Recording, length: int, substeps: int) -> list[Window]:
+    counts = substep_counts(recording.u, input_before(recording, recording.u), substeps)
+    fine = substep_input(recording.u, counts, recording.interpolation, clock=recording.clock)
+    h = np.repeat((recording.dt if recording.clock is None else np.diff(recording.t)) / counts, counts)
+    nodes = np.concatenate([[0], np.cumsum(counts)])
+    intervals = recording.t.size - 1
+    pieces = 1 if length == 0 else max(1, round(intervals / (length - 1)))
+    edges = np.linspace(0, intervals, pieces + 1).round().astype(int)
+    found = []
+    for first, last in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+        steps = slice(nodes[first], nodes[last])
+        found.append(
+            Window(
+                index, recording.name, first, last, float(recording.t[first]), torch.from_numpy(fine[steps].copy()),
+                torch.from_numpy(h[steps].copy()), torch.from_numpy(nodes[first : last + 1] - nodes[first]),
+                first == 0 and starts_at_zero(recording), first > 0,
+            )
+        )  # fmt: skip
+    return found
+
 
 ADAPTIVE = ("dopri5", "dopri8", "bosh3", "adaptive_heun", "fehlberg2")
 FIXED = ("euler", "midpoint", "heun2", "heun3", "rk4")

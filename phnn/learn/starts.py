@@ -22,10 +22,8 @@ from phnn.identification.starting_points import drive_amplitude, mechanical_poin
 from phnn.intake.limits import LIMITS
 from phnn.integrate.differentiable import simulated
 from phnn.integrate.partition import can_compile
-from phnn.learn.plant import LatentPlant, NetworkPlant, Plant
 from phnn.learn.settings import TARGET, accepted, instantiate
-from phnn.learn.solvers import OWN, solver_for
-from phnn.learn.windows import windows_of
+from phnn.learn.solvers import OWN, NetworkPlant, Plant, solver_for, windows_of
 from phnn.models.actuator import hrc
 from phnn.models.neural import STARTS, LearnedLaws, Motion, effort_and_flow, neural_hrc, staggered
 from phnn.models.neural_ode import NeuralODE
@@ -169,7 +167,8 @@ def _latent(
         core = NeuralODE(scales, states, width, seed)
         if start == "linear":
             _lags(core, recordings, torch.Generator().manual_seed(seed))
-        return LatentPlant(core)
+        # Its states are of order one.
+        return Plant(core, torch.ones(states, dtype=torch.float64))
     if start != "random" and states > 2:
         values = unfitted(campaign, states - 2)
         if start == STAGGERED:

@@ -18,7 +18,7 @@ from torch import Tensor
 from phnn.errors import InputRefused, SolverFailed
 from phnn.laws.diverged import is_finite
 from phnn.learn import checkpoint
-from phnn.learn.logs import Log, Row
+from phnn.learn.checkpoint import Log, Row
 from phnn.learn.methods import METHODS, Method, method_of
 from phnn.learn.objective import Objective
 from phnn.learn.settings import Settings, check_same

@@ -24,6 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import OptimizeResult, minimize
+from scipy.signal import correlate
 from scipy.signal.windows import blackmanharris
 
 Array = NDArray[np.float64]
@@ -144,59 +145,49 @@ def fits(power: np.ndarray, shape: np.ndarray) -> bool:
 
 
 def correlation(e: Array, x: Array, lags: int) -> Array:
-    """(2L+1,) correlation of ``e`` with ``x`` at lags −L … L; at positive lags ``x`` is earlier. Zero without motion.
+    """Return the (2L+1,) correlation of ``e`` with ``x`` at lags −L … L; zero without motion.
 
     Args:
-        e, x: (N,) samples; lags: L < N.
+        e, x: (N,) samples; lags: L < N. At positive lags ``x`` is earlier.
     """
     e, x = e - e.mean(), x - x.mean()
     size = float(np.sqrt((e @ e) * (x @ x)))
-    length = 2 * e.size
-    product = np.fft.rfft(e, length) * np.conj(np.fft.rfft(x, length))
-    sums = np.fft.irfft(product, length)
-    found = np.concatenate([sums[length - lags :], sums[: lags + 1]])
-    return np.asarray(found / size if size > 0.0 else np.zeros(2 * lags + 1))
+    sums = correlate(e, x)[e.size - 1 - lags : e.size + lags]
+    return np.asarray(sums / size if size > 0.0 else np.zeros(2 * lags + 1))
 
 
 def own_deviation(rho: Array, size: int, lags: int) -> Array:
-    """(L+1,) standard deviation of an estimated autocorrelation at lags 0 … L.
+    """Return the (L+1,) standard deviation of an estimated autocorrelation at lags 0 … L.
 
     Args:
         rho: (K,) autocorrelation of the noise, first entry 1; size: N.
     """
-    known = rho.size - 1
-    reach = lags + 2 * known
-    full = _about_zero(rho, reach + lags)
-    zero = reach + lags
-    m = np.arange(-reach, reach + 1)
-    variances = np.empty(lags + 1)
-    for k in range(lags + 1):
-        at, later, earlier, here = full[zero + m], full[zero + m + k], full[zero + m - k], full[zero + k]
-        terms = at**2 + later * earlier + 2.0 * here**2 * at**2 - 4.0 * here * at * earlier
-        variances[k] = terms.sum()
+    both = _both_sides(rho)
+    at, overlaps = np.zeros(lags + 1), np.zeros(2 * lags + 1)
+    at[: rho.size] = rho[: lags + 1]
+    products = correlate(both, both)[both.size - 1 :][: overlaps.size]
+    overlaps[: products.size] = products
+    variances = overlaps[0] + overlaps[::2] + 2.0 * at**2 * overlaps[0] - 4.0 * at * overlaps[: lags + 1]
     return np.sqrt(np.maximum(variances, 0.0) * _pairs(np.arange(lags + 1), size))
 
 
 def cross_deviation(rho: Array, x: Array, lags: int) -> Array:
-    """(2L+1,) standard deviation of the correlation of noise with an input at lags −L … L.
+    """Return the (2L+1,) standard deviation of the correlation of noise with an input at lags −L … L.
 
     Args:
         rho: (K,) autocorrelation of the noise, first entry 1; x: (N,) input.
     """
     known = min(rho.size - 1, x.size - 1)
-    own = correlation(x, x, known)
-    variance = float(_about_zero(rho[: known + 1], known) @ own)
+    variance = float(_both_sides(rho[: known + 1]) @ correlation(x, x, known))
     # Rounding, or a correlation that was cut off, may leave hardly anything beside a slow input.
     return np.sqrt(max(variance, 0.0) * _pairs(np.arange(-lags, lags + 1), x.size))
 
 
-def _about_zero(rho: Array, reach: int) -> Array:
-    """(2R+1,) an autocorrelation at lags −R … R, zero where it is not known."""
-    half = np.zeros(reach + 1)
-    half[: rho.size] = rho[: reach + 1]
-    return np.concatenate([half[:0:-1], half])
+def _both_sides(rho: Array) -> Array:
+    """Return the (2K−1,) autocorrelation at negative and positive lags."""
+    return np.concatenate([rho[:0:-1], rho])
 
 
 def _pairs(lags: NDArray[np.int64], size: int) -> Array:
-    """``(N − k)/N²``."""
+    """Return ``(N − k)/N²``."""
     return np.asarray((size - np.abs(lags)) / size**2)

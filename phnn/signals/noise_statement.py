@@ -14,6 +14,7 @@ from scipy.signal import periodogram
 from scipy.stats import binom, chi2, kurtosis, norm
 
 from phnn.parameters import quantity
+from phnn.signals.first_order import density
 
 Array = NDArray[np.float64]
 
@@ -103,7 +104,7 @@ def _colour(x: Array, sample: Sample) -> str:
     cycles = 2.0 * np.pi * f * sample.dt
     gains = {"1/f": _gain(power, (1.0 / f) / np.mean(1.0 / f), _SHARES)}
     for phi in _COEFFICIENTS:
-        g = (1.0 - phi**2) / (1.0 - 2.0 * phi * np.cos(cycles) + phi**2)
+        g = density(phi, np.cos(cycles))
         gains[f"{phi:g}"] = _gain(power, g / g.mean(), np.ones(1))
     name, (gain, share) = max(gains.items(), key=lambda item: item[1][0])
     if gain < chi2.isf(_LEVEL / len(gains), 1):

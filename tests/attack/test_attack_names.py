@@ -238,7 +238,7 @@ HOSTILE = {
 # Runs both commands on every folder and prints each file that is opened meanwhile.
 WATCHED = """
 import json, sys
-import phnn.commands.check, phnn.commands.identify
+import phnn.commands, phnn.diagnose.diagnosis, phnn.identification.base, phnn.report.formatting
 from phnn.cli import main
 seen, case = [], [""]
 sys.addaudithook(lambda event, args: seen.append((case[0], str(args[0]))) if event == "open" and case[0] else None)

@@ -9,7 +9,7 @@ import campaigns
 import numpy as np
 import torch
 
-from phnn.learn.plant import LatentPlant, NetworkPlant
+from phnn.learn.solvers import NetworkPlant, Plant
 from phnn.learn.starts import typical_states
 from phnn.models.actuator import hrc
 from phnn.models.neural import LearnedLaws, Motion, neural_hrc
@@ -58,6 +58,6 @@ def fully_neural(states: int = 3, width: int = 6, seed: int = 0) -> NetworkPlant
     return NetworkPlant(system.as_network(), torch.tensor([SCALES.output, *[1.0] * (states - 1)], dtype=torch.float64))
 
 
-def neural_ode(states: int = 3, width: int = 6, seed: int = 0) -> LatentPlant:
+def neural_ode(states: int = 3, width: int = 6, seed: int = 0) -> Plant:
     """A black-box plant."""
-    return LatentPlant(NeuralODE(SCALES, states, width, seed))
+    return Plant(NeuralODE(SCALES, states, width, seed), torch.ones(states, dtype=torch.float64))

@@ -13,10 +13,8 @@ import torch
 
 from phnn.errors import InputRefused
 from phnn.learn.methods import GaussNewton, QuasiNewton, _flat, _move
-from phnn.learn.objective import Objective
-from phnn.learn.plant import NetworkPlant
-from phnn.learn.score import substeps_needed
-from phnn.learn.solvers import Torchdiffeq, discrete_gradient
+from phnn.learn.objective import Objective, substeps_needed
+from phnn.learn.solvers import NetworkPlant, Torchdiffeq, discrete_gradient
 from phnn.network import MultiPort
 from phnn.nn import LearnedDissipation
 from phnn.recordings.recording import Start

@@ -15,12 +15,9 @@ from hypothesis import strategies as st
 from phnn.errors import PhnnError
 from phnn.laws import RESISTOR_LAWS
 from phnn.learn.characteristic import inverse, thresholds
-from phnn.learn.objective import Objective, estimated_start
-from phnn.learn.run import violations
-from phnn.learn.score import evaluate
-from phnn.learn.solvers import discrete_gradient
+from phnn.learn.objective import Objective, estimated_start, evaluate
+from phnn.learn.solvers import discrete_gradient, starts_at_zero, thinned, windows_of
 from phnn.learn.starts import motion_of, scales_of
-from phnn.learn.windows import starts_at_zero, thinned, windows_of
 from phnn.recordings.recording import Part, Start
 from phnn.setup import Setup
 from phnn.trajectory import simulate
@@ -143,21 +140,6 @@ def test_thresholds_of_a_dead_zone_are_its_own(width: float, rho: float) -> None
     np.testing.assert_allclose(inverse(law, flows, 2.0 * width), flows / rho + 0.5 * width * np.sign(flows), rtol=1e-6)
     with pytest.raises(PhnnError, match="carries no"):
         inverse(law, 10.0 * flows, width)
-
-
-def test_no_trained_model_violates_passivity_and_a_wrong_one_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
-    random = torch.Generator().manual_seed(1)
-    for plant in (example.neural(), example.fully_neural()):
-        with torch.no_grad():
-            for p in plant.core.parameters():
-                p.add_(0.5 * torch.randn(p.shape, generator=random, dtype=torch.float64))
-        assert violations(plant, 75.0, 2000, seed=3) == 0
-    assert violations(example.neural_ode(), 75.0, 100) is None
-    plant = example.parametric()
-    # No network can be built that delivers power by itself: a wrong rate must be put in from outside.
-    honest = plant.system.rate
-    monkeypatch.setattr(plant.system, "rate", lambda e, x, u: honest(e, x, u) + 50.0 * e)
-    assert violations(plant, 75.0, 1000) > 100  # type: ignore[operator]
 
 
 def test_scales_come_from_the_recordings() -> None:

@@ -17,9 +17,7 @@ from torch import Tensor
 from phnn.errors import InputRefused
 from phnn.integrate.differentiable import march
 from phnn.learn.objective import Objective
-from phnn.learn.plant import Plant
-from phnn.learn.solvers import Solver, Torchdiffeq, discrete_gradient, solver_for
-from phnn.learn.windows import thinned, windows_of
+from phnn.learn.solvers import Plant, Solver, Torchdiffeq, discrete_gradient, solver_for, thinned, windows_of
 
 KINDS: dict[str, Callable[[], Plant]] = {
     "neural": example.neural, "fully_neural": example.fully_neural, "neural_ode": example.neural_ode,

@@ -108,7 +108,6 @@ def test_joblib_changes_nothing(sweep: Sweep, tmp_path: Path, jobs: int) -> None
         (["seed=0,1"], "setting folder is missing"),
         (["folder=recordings,elsewhere"], "runs are not named by folder"),
         (["folder=recordings", "base=a,b"], "runs are not named by base"),
-        (["folder=recordings", f"validation=[{'x' * 300}]", "seed=0,1"], r"'hydra.sweep.subdir=${hydra.job.num}'"),
     ],
 )
 def test_what_cannot_be_swept_is_refused(

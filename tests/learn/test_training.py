@@ -14,11 +14,10 @@ import torch
 
 from phnn.errors import InputRefused, SolverFailed
 from phnn.learn import checkpoint, methods
-from phnn.learn.logs import Log
+from phnn.learn.checkpoint import Log
 from phnn.learn.objective import Objective
-from phnn.learn.plant import Plant
 from phnn.learn.settings import Settings
-from phnn.learn.solvers import Torchdiffeq, discrete_gradient
+from phnn.learn.solvers import Plant, Torchdiffeq, discrete_gradient
 from phnn.learn.trainer import Progress, Trainer
 from phnn.results import Place
 

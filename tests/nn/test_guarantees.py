@@ -268,19 +268,3 @@ def test_torchdiffeq_takes_the_method_and_its_adjoint_as_typed() -> None:
     largest = max(float(g.abs()) for g in found[1][1:])
     for k, (a, b) in enumerate(zip(*found, strict=True)):
         assert (a - b).abs().max() <= 1e-9 * (largest if k else float(b.abs().max()))
-
-
-def test_a_model_that_is_no_number_is_not_counted_as_passive() -> None:
-    from phnn.learn.plant import NetworkPlant
-    from phnn.learn.run import violations
-
-    class Silent(nn.Module):
-        spoilt = False
-
-        def forward(self, effort: Tensor) -> Tensor:
-            return effort * (math.nan if self.spoilt else 1e-5)
-
-    plant = NetworkPlant(learned(Silent()), STATES)
-    assert violations(plant, 40.0, 100) == 0
-    plant.system.laws["resistor_hysteron_1"].spoilt = True
-    assert violations(plant, 40.0, 100) == 100

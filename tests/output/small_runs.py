@@ -53,9 +53,9 @@ RUNS: dict[str, tuple[list[str], list[str] | None]] = {
 # Loads everything once and forks for each run, so that stops fall into the work and not into imports.
 SERVER = """
 import json, os, runpy, signal, sys
-import importlib, pkgutil, phnn.cli, phnn.commands, studies.proof.page
-for command in pkgutil.iter_modules(phnn.commands.__path__):
-    importlib.import_module(f"phnn.commands.{command.name}")
+import phnn.cli, phnn.commands, phnn.comparison.run, phnn.learn, phnn.plot.signals, phnn.report.pages
+import phnn.report.sections
+import studies.proof.page
 def run(arguments):
     if not arguments[0].endswith(".py"):
         return phnn.cli.main(arguments)

@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.interpolate import CubicSpline
 
 from phnn.errors import InputRefused
-from phnn.signals import least_squares
 from phnn.signals.reconstruct import (
     METHODS,
     Reconstruction,
@@ -221,13 +219,3 @@ def test_pulses_of_single_samples_keep_their_area_with_a_shared_instant() -> Non
     for instant in (0.0, 0.4, 1.0):
         area = mean_input(found.fine(np.full(found.breaks.jumps.size, instant))).sum() / 4.0
         np.testing.assert_allclose(area, u.sum(), rtol=1e-9)
-
-
-@pytest.mark.parametrize("size", [400, 501])
-def test_pieces_are_the_spline_through_all_samples(size: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    x = np.random.default_rng(size).standard_normal(size)
-    places = np.linspace(0.0, size - 1.0, 7919)
-    expected = CubicSpline(np.arange(size), x)(places)
-    assert np.array_equal(least_squares.spline(x)(places), expected)
-    monkeypatch.setattr(least_squares, "_AT_ONCE", 100)
-    assert np.allclose(least_squares.spline(x)(places), expected, rtol=0.0, atol=1e-13)

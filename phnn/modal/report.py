@@ -1,8 +1,7 @@
-"""``phnn modes``: the command, its table and its page."""
+"""Results of ``phnn modes``: files, page and the table in the terminal."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,55 +9,48 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table as Listing
 
-from phnn.commands.terminal import Config, console, status
-from phnn.modal.experiment import study_of
 from phnn.modal.store import model_document
-from phnn.modal.study import LINEAR, SLOW, Result, Settings, study_modes
+from phnn.modal.study import LINEAR, SLOW, Result
 from phnn.models.store import FILE
-from phnn.recordings import read
 from phnn.report.formatting import DASH, display_unit, plain, short
 from phnn.report.page import Section, Table, page
-from phnn.results import claim
+from phnn.results import Place
 
 # What stands in the folder of a result.
-_RESULTS = ("modes.json", "report.html", "model", "models")
+RESULTS = ("modes.json", "report.html", "model", "models")
 _SHOWN = {LINEAR: "one linear model", SLOW: "one model with slow ports", "": "linear, a model for each amplitude"}
 
 
-def modes(
-    folder: Path, out: Path, manifest: Path | None, config: Config, outside: bool = False, overwrite: bool = False
-) -> None:
-    """Find the modes of a structure and what moves with amplitude; write ``modes.json``, a page, and all models."""
-    settings = Settings.from_config(config)
-    study = study_of(read(folder, manifest, allow_outside=outside))
-    with claim(out, "modes", [folder], _RESULTS, overwrite=overwrite) as place, status() as progress:
-        result = study_modes(study, settings, progress)
-        document = result.document()
-        (place / "modes.json").write_json(document)
-        (place / "model" / FILE).write_json(model_document(result.models[result.final]))
-        alone = {f"linear_at_level_{i}": fit for i, fit in enumerate(result.alone, start=1)}
-        for name, fit in {**alone, **result.models}.items():
-            (place / "models" / f"{name}.json").write_json(model_document(fit))
-        errors = _errors(result, document)
-        left_out = [f"{name}: {reason}" for name, reason in study.left_out.items()]
-        sections = [
-            Section(None, [_told(result), str(folder), errors]),
-            Section(f"Modes of {_SHOWN[result.final]}", [_modes(result)], open=True),
-            *([Section("Left out", left_out)] if left_out else []),
-        ]
-        (place / "report.html").write(page(f"Modes: {folder}", "Modes of a structure", sections))
-    _show(errors, [*(f"left out: {text}" for text in left_out), _told(result)], console())
-    print(f"report: {out / 'report.html'}")
+def write_modes(result: Result, folder: str, place: Place) -> None:
+    """Write ``modes.json``, a page, and all models."""
+    document = result.document()
+    (place / "modes.json").write_json(document)
+    (place / "model" / FILE).write_json(model_document(result.models[result.final]))
+    alone = {f"linear_at_level_{i}": fit for i, fit in enumerate(result.alone, start=1)}
+    for name, fit in {**alone, **result.models}.items():
+        (place / "models" / f"{name}.json").write_json(model_document(fit))
+    left_out = _left_out(result)
+    sections = [
+        Section(None, [_told(result), folder, _errors(result, document)]),
+        Section(f"Modes of {_SHOWN[result.final]}", [_modes(result)], open=True),
+        *([Section("Left out", left_out)] if left_out else []),
+    ]
+    (place / "report.html").write(page(f"Modes: {folder}", "Modes of a structure", sections))
 
 
-def _show(errors: Table, sentences: list[str], out: Console) -> None:
+def show(result: Result, out: Console) -> None:
     """Print the errors of all models, and what they say."""
+    errors = _errors(result, result.document())
     listing = Listing(*errors.head)
     for row in errors.rows:
         listing.add_row(*row)
     out.print(listing)
-    for sentence in sentences:
+    for sentence in [*(f"left out: {text}" for text in _left_out(result)), _told(result)]:
         out.print(escape(sentence))
+
+
+def _left_out(result: Result) -> list[str]:
+    return [f"{name}: {reason}" for name, reason in result.study.left_out.items()]
 
 
 def _errors(result: Result, document: dict[str, Any]) -> Table:
