@@ -81,7 +81,8 @@ def deviation(weights: NDArray[np.complex128] | Array, correlation: Array) -> fl
 
 
 def spline(x: np.ndarray) -> BSpline:
-    """Return the cubic spline (not-a-knot) through samples ``x`` (N,) at 0, 1, …, N − 1."""
+    """Return the cubic spline (not-a-knot) through samples ``x`` (N,) at 0, 1, …, N − 1; a straight line through fewer
+    than four."""
     from scipy.interpolate import make_interp_spline
 
-    return make_interp_spline(np.arange(x.size), x, k=3)
+    return make_interp_spline(np.arange(x.size), x, k=3 if x.size > 3 else 1)

@@ -64,7 +64,7 @@ def together(base: Fit, *names: str, others: Sequence[str] = ()) -> tuple[Search
     elements = [effect(n) for n in names]
     search = begin(campaign, base, [*elements, *(effect(n) for n in others)], [], Criteria())
     values = base.setup.values() | {n: v for name in names for n, v in VALUES[name].items()}
-    begun = rebuilt(base, elements, values, base.plan.coarse(), 12)
+    begun = rebuilt(base, elements, [values], base.plan.coarse(), 12)
     assert begun is not None
     own = [n for e in elements for n in e.parameters]
     whole = converged(begun, base.plan, base.held, own)
@@ -119,7 +119,7 @@ def test_the_written_model_has_all_sub_steps_where_the_search_has_ended_early() 
     search, _ = together(base, "creep", others=["quadratic_drag"])
     values = base.setup.values() | VALUES["creep"] | VALUES["quadratic_drag"]
     elements = [effect("creep"), effect("quadratic_drag")]
-    coarse = rebuilt(base, elements, values, base.plan.coarse(), 12)
+    coarse = rebuilt(base, elements, [values], base.plan.coarse(), 12)
     assert coarse is not None
     best = search.visit(search.model(elements, coarse))
     assert search.written is best and not best.converged

@@ -37,10 +37,10 @@ def test_a_fit_that_rests_too_early_goes_on() -> None:
     assert resumed(early).cost < 1.001 * best.cost
 
 
-def test_a_simulation_by_the_general_kernel_counts_as_four() -> None:
+def test_a_simulation_of_several_unknowns_counts_as_four() -> None:
     best, spent = campaigns.base(), []
-    slips = {"k_B": 1e3, "F_B": 1.0, "n_B": 1.3, "c_B": 0.5}
-    for setup in (best.setup, effect("bouc_wen_hysteresis").add_to(best.setup, slips)):
+    further = {"m_2": 1e-4, "k_2": 1e3, "b_2": 0.1}
+    for setup in (best.setup, effect("second_mode").add_to(best.setup, further)):
         variables = variables_of(setup, best.plan, ["k"])
         with accounted() as account:
             Problem(setup, best.plan, variables).trajectories(variables.start(setup))
