@@ -230,6 +230,12 @@ def spent() -> float:
     return 0.0 if account is None else account.evaluations / account.most
 
 
+def untried() -> int:
+    """How many parts were left out so far because the search had ended."""
+    account = _ACCOUNT.get()
+    return 0 if account is None else len(account.not_tried)
+
+
 def late(part: str) -> bool:
     """Whether the search is stopped or its budget used up, so that neither a part nor a move after it is begun."""
     account = _ACCOUNT.get()

@@ -38,6 +38,10 @@ class Diagnosis(Finished):
     All attributes are those of `phnn.diagnose.diagnosis.Diagnosis`.
     """
 
+    def __repr__(self) -> str:
+        names = ", ".join(claim.effect.name for claim in self.claims) or "nothing"
+        return f"<Diagnosis of {self.campaign.folder}: {self.verdict}, added to the model: {names}>"
+
     def __str__(self) -> str:
         return summary(self)
 

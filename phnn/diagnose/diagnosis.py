@@ -44,7 +44,7 @@ _STEPS = 300_000
 _RIVALS = 4
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Diagnosis:
     """A finished diagnosis.
 
@@ -87,10 +87,6 @@ class Diagnosis:
     seconds: float
     criteria: Criteria
     ended: Ended = field(default_factory=Ended)
-
-    def __repr__(self) -> str:
-        names = ", ".join(claim.effect.name for claim in self.claims) or "nothing"
-        return f"<Diagnosis of {self.campaign.folder}: {self.verdict}, added to the model: {names}>"
 
     @property
     def verdict(self) -> str:
@@ -157,12 +153,8 @@ class Diagnosis:
 
 
 def available(campaign: Campaign, setup: Setup, without: Sequence[Effect] = ()) -> list[Effect]:
-    """Return the effects of the catalogue that can exist in a setup, in all forms and at all places: with the input
-    measured where it acts, nothing before it is a culprit.
-
-    Args:
-        without: effects that are left out.
-    """
+    """Return the effects of the catalogue that can exist in a setup, in all forms and at all places, but for those that
+    are to be left out; with the input measured where it acts, nothing before it is a culprit."""
     return _possible(campaign, setup, [e for e in catalogue().values() if e not in without])
 
 

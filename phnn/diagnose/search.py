@@ -47,7 +47,7 @@ from phnn.identification.problem import own_size
 from phnn.identification.starting_points import FORMS, OF_GRID
 from phnn.parallel import SERIAL, Executor
 from phnn.recordings.recording import Campaign
-from phnn.rescue import attempt, late, move, needed, results, spent
+from phnn.rescue import attempt, late, move, needed, results, spent, untried
 
 # Share of the residual from which on a candidate is large, and over the usual score what it needs then.
 _LARGE_SHARE, _LARGE_SCORE = 0.05, 0.6
@@ -246,7 +246,10 @@ def _grow(search: Search, model: Visited) -> None:
     trials = _heat(search, model, named)
     enough = max(0.05 * (model.fit.cost - samples), criteria.material**2 * samples)
     if not trials or trials[0].fit.beyond_noise > enough:
-        learned = [c for c in worth if is_learned(c.effect) and c.fall > criteria.near_best * worth[0].fall]
+        # Near the noise a forecast holds: what promises less than an effect has brought waits until that is added.
+        gained = model.fit.cost - trials[0].fit.cost if trials and not search.far(model) else 0.0
+        most = max(criteria.near_best * worth[0].fall, gained)
+        learned = [c for c in worth if is_learned(c.effect) and c.fall > most]
         trials = sorted([*trials, *_heat(search, model, learned[:_LEARNED])], key=lambda t: t.fit.cost)
     if trials and search.far(trials[0]) and is_learned(trials[0].elements[-1]):
         # A law that is far from linear may promise nothing, and still be what the learned element stands for.
@@ -481,11 +484,12 @@ def _compare(search: Search) -> None:
     alike = [m for m in weighed.models if not m.converged and weighed.behind(m) < _ALIKE]
     move("fits of what is as likely to their end", partial(_converge, search, alike), None)
     for model in dict.fromkeys((search.best, search.written)):
+        before = untried()
         move(f"{model.words} without each element", partial(_drop_each, search, model, model.elements), None)
         # No name is given far from the noise.
         for element in () if search.far(model) else model.elements:
             move(f"what may be taken for {element.name}", partial(_exchange, search, model, element), None)
-        if not late(f"alternatives to {model.words}"):
+        if untried() == before:
             search.compared.add(model.key)
 
 
