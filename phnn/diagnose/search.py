@@ -353,11 +353,12 @@ def _special(search: Search, trial: Visited) -> list[Visited]:
     """The special cases of a trial's last element, from where the trial has led: they explain as much with less, and no
     other start may lead there."""
     *earlier, last = trial.elements
-    values = trial.fit.setup.values()
+    values, families = trial.fit.setup.values(), {family(e) for e in earlier}
     found: list[Visited] = []
     for case in last.special_cases:
         given = values | case.values(values)
-        forms = [e for e in search.effects if e.name == case.name and not e.after and set(e.parameters) <= set(given)]
+        forms = [e for e in search.effects if e.name == case.name and not e.after and family(e) not in families]
+        forms = [e for e in forms if set(e.parameters) <= set(given)]
         for effect in forms:
             wanted = _Wanted((*earlier, effect), [given])
             fitted = _rebuilt(search, [wanted], f"{effect.name} as a special case of {last.name}")
