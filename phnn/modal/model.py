@@ -30,6 +30,8 @@ Complex = NDArray[np.complex128]
 RATE = 2e3 * np.pi
 # Largest change of ``φ`` over a period in the steady state: the target, and what is accepted.
 _SETTLED, _TOLERABLE = 1e-12, 1e-8
+# Further starts of the search for a steady state.
+_STARTS = 30
 # A held input has images about the multiples of the sampling rate, which modes fold back; those up to this one count.
 _IMAGES = 8
 
@@ -111,8 +113,13 @@ class ModalModel:
 
         kappa = np.zeros(self.b.shape[1])
         if self.springs.size:
-            softened = root(change, 1.0 + change(np.ones_like(kappa)), tol=_SETTLED).x
-            if np.abs(change(softened)).max() > _TOLERABLE:
+            # The map of [0, 1]^P into itself has a fixed point (Brouwer); Newton's method may miss it from one start.
+            further = np.random.default_rng(0).random((_STARTS, kappa.size))
+            for start in (1.0 + change(np.ones_like(kappa)), *further):
+                softened = root(change, start, tol=_SETTLED).x
+                if np.abs(change(softened)).max() <= _TOLERABLE:
+                    break
+            else:
                 raise SolverFailed(f"{experiment.name}: the ports of the modes come to no steady state")
             kappa = self.springs * softened
         x = extended(kappa)
