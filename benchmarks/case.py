@@ -14,7 +14,7 @@ import torch
 from numpy.typing import NDArray
 
 from phnn.derivatives import output_derivatives
-from phnn.integrate import solve
+from phnn.integrate import kernel
 from phnn.integrate.differentiable import simulated
 from phnn.models.actuator import TABLE_1, from_paper
 from phnn.network import PortHamiltonianSystem
@@ -87,7 +87,7 @@ class Prepared:
     def march(self) -> Array:
         """(R, N) displacements of one run through all recordings [m]."""
         for arguments in self._arguments:
-            solve.march(*arguments)
+            kernel.march(*arguments)
         return np.stack(
             [a[5][t.nodes, t.program.output] for a, t in zip(self._arguments, self.trajectories, strict=True)]
         )

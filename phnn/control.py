@@ -37,8 +37,8 @@ from scipy.linalg import expm
 from torch import Tensor
 
 from phnn.errors import InputRefused, SolverFailed
-from phnn.integrate import solve
-from phnn.integrate.partition import obstacle
+from phnn.integrate import kernel
+from phnn.integrate.compilable import obstacle
 from phnn.integrate.program import compile_network
 from phnn.inverse.blocks import FlatNetwork
 from phnn.model import Model
@@ -386,7 +386,7 @@ def _stepper(network: Network, dt: float, substeps: int = 1) -> Callable[[Array,
     states, efforts = np.empty((substeps + 1, n)), np.empty((substeps, n))
 
     def step(x: Array, u: Array) -> tuple[Array, Array]:
-        if solve.march(program, theta, x, np.tile(u, (substeps, 1)), h, states, efforts) < substeps:
+        if kernel.march(program, theta, x, np.tile(u, (substeps, 1)), h, states, efforts) < substeps:
             raise SolverFailed(f"no solution of the step under {u[0]:.6g} V: use more sub-steps, or set limits")
         return states[-1].copy(), efforts.mean(0)
 

@@ -21,6 +21,7 @@ from phnn.signals.reconstruct import mean_input
 from phnn.trajectory import (
     Trajectory,
     driven,
+    driven_changes,
     measured_changes,
     measured_network,
     place_of,
@@ -188,11 +189,7 @@ def _by_amplifier(trajectory: Trajectory, names: Sequence[str]) -> list[_Acting]
     if not any(n in names for b in setup.amplifier for n in b.parameters):
         return []
     command, before = trajectory.driving.fine(recording), input_before(recording, recording.u)
-    own = [n for n in dict.fromkeys(n for b in setup.amplifier for n in b.parameters) if n in names]
-    changes = {}
-    for name in own:
-        voltage, earlier = driven(setup, command, trajectory.h, before, trajectory.run_in, name)
-        changes[name] = np.imag(voltage) / TINY, float(np.imag(earlier)) / TINY
+    changes = driven_changes(setup, command, trajectory.h, before, trajectory.run_in, names)
     slope = np.zeros(trajectory.states.shape[1])
     if trajectory.rest is not None and any(b != 0.0 for _, b in changes.values()):
         slope = equilibrium_slope(trajectory.program, setup.network, trajectory.rest, 0)

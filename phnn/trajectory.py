@@ -15,14 +15,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.chain import AMPLIFIERS, LINEAR, REMEMBERING, SENSORS, SOURCES
+from phnn.chain import AMPLIFIERS, LINEAR, MEMORYLESS, REMEMBERING, SENSORS, SOURCES
 from phnn.chain.amplifiers import rate
 from phnn.errors import InputRefused, SolverFailed, StructureViolated
-from phnn.integrate import solve
+from phnn.integrate import kernel
 from phnn.integrate.cycle import steady_cycle
-from phnn.integrate.partition import Scheme
 from phnn.integrate.program import Program, compile_network
 from phnn.integrate.rest import equilibrium
+from phnn.integrate.scheme import Scheme
 from phnn.laws.namespace import TINY
 from phnn.laws.wide import has_kernel
 from phnn.network.bondgraph.description import integral_unit
@@ -85,22 +85,45 @@ def _moved(setup: Setup, recording: Recording) -> Setup:
     return replace(setup, amplifier=(_RATE, *setup.amplifier))
 
 
-def amplified(setup: Setup, fine: Any, h: Array, before: Any, perturbed: str = "") -> tuple[Any, Any]:
+def amplified(setup: Setup, fine: Any, h: Array, before: Any) -> tuple[Any, Any]:
     """Through all amplifier blocks: the voltage at the port (n, 3), and what it was before the first step.
 
     Args:
         fine: (n, 3) command at the start, middle and end of the steps ``h`` (n,).
         before: the constant command before them, under which all blocks are in equilibrium.
-        perturbed: a parameter that takes a complex step; the result is complex then.
     """
     for block in setup.amplifier:
-        fine, before = _through(block, fine, h, before, _values(setup, block, perturbed))
+        fine, before = _through(block, fine, h, before, _values(setup, block))
     return fine, before
+
+
+def amplifier_changes(
+    setup: Setup, fine: Array, h: Array, before: float, names: Sequence[str]
+) -> dict[str, tuple[Array, float]]:
+    """Changes (n, 3) of the voltage at the port, and of what it was before, by the named parameters of the blocks."""
+    changes: dict[str, tuple[Array, float]] = {}
+    for block in setup.amplifier:
+        values = _values(setup, block)
+        if block.kind in MEMORYLESS and changes:
+            slope, earlier = _change(_through(block, fine + 1j * TINY, h, before + 1j * TINY, values))
+            changes = {n: (slope * c, earlier * b) for n, (c, b) in changes.items()}
+        else:
+            moved = {n: (fine + 1j * TINY * c, before + 1j * TINY * b) for n, (c, b) in changes.items()}
+            changes = {n: _change(_through(block, f, h, b, values)) for n, (f, b) in moved.items()}
+        for n in (n for n in block.parameters if n in names):
+            own, known = _change(_through(block, fine, h, before, _values(setup, block, n))), changes.get(n)
+            changes[n] = own if known is None else (own[0] + known[0], own[1] + known[1])
+        fine, before = _through(block, fine, h, before, values)
+    return changes
 
 
 def _through(block: Block, fine: Any, h: Array, before: Any, values: Sequence[Any]) -> tuple[Any, Any]:
     law = AMPLIFIERS[block.kind]
     return law(fine, h, before, *values), law(np.full((1, 3), before), np.ones(1), before, *values)[0, 0]
+
+
+def _change(moved: tuple[Any, Any]) -> tuple[Array, float]:
+    return np.imag(moved[0]) / TINY, float(np.imag(moved[1])) / TINY
 
 
 def place_of(setup: Setup, source: Source) -> int:
@@ -361,7 +384,7 @@ def _integrated(program: Program, theta: Array, x0: Array, u: Array, h: Array) -
     """States (n+1, N) and mean efforts (n, N) under mean inputs, and how many of the steps could be solved."""
     n = u.shape[0]
     states, efforts = np.empty((n + 1, x0.size)), np.empty((n, x0.size))
-    done = solve.march(program, theta, x0, u, h, states, efforts)
+    done = kernel.march(program, theta, x0, u, h, states, efforts)
     return states, efforts, done
 
 
@@ -466,16 +489,27 @@ def _check_dimension(network: Network, recording: Recording) -> None:
     )
 
 
-def driven(setup: Setup, fine: Any, h: Array, before: Any, cycle: int, perturbed: str = "") -> tuple[Any, Any]:
-    """The voltage at the port (n, 3), periodic if there is a cycle, and the one before; see `amplified`.
+def driven(setup: Setup, fine: Any, h: Array, before: Any, cycle: int) -> tuple[Any, Any]:
+    """The voltage at the port (n, 3), periodic if there is a cycle, and the one before; see `amplified`."""
+    longer, steps, first = _with_run_in(setup, fine, h, cycle)
+    found, before = amplified(setup, longer, steps, before)
+    return made_periodic(found[first:], cycle), before
 
-    The command begins with some cycles in which the blocks come to theirs.
-    """
+
+def driven_changes(
+    setup: Setup, fine: Array, h: Array, before: float, cycle: int, names: Sequence[str]
+) -> dict[str, tuple[Array, float]]:
+    """The same for changes by parameters of the amplifier; see `amplifier_changes`."""
+    longer, steps, first = _with_run_in(setup, fine, h, cycle)
+    changes = amplifier_changes(setup, longer, steps, before, names)
+    return {n: (made_periodic(c[first:], cycle), b) for n, (c, b) in changes.items()}
+
+
+def _with_run_in(setup: Setup, fine: Any, h: Array, cycle: int) -> tuple[Any, Array, int]:
+    """The command and its steps after some cycles in which the blocks come to theirs, and how many steps those are."""
     copies = _AMPLIFIED if cycle and setup.amplifier else 0
     longer = np.concatenate([*[made_periodic(fine, cycle)[:cycle]] * copies, fine])
-    steps = np.concatenate([*[h[:cycle]] * copies, h])
-    voltage, before = amplified(setup, longer, steps, before, perturbed)
-    return made_periodic(voltage[copies * cycle :], cycle), before
+    return longer, np.concatenate([*[h[:cycle]] * copies, h]), copies * cycle
 
 
 def with_earlier_cycles(

@@ -6,9 +6,9 @@ import numpy as np
 from networks import remembering
 
 from phnn.configuration import config_folder
-from phnn.integrate import solve
-from phnn.integrate.partition import Scheme
+from phnn.integrate import kernel
 from phnn.integrate.program import compile_network
+from phnn.integrate.scheme import Scheme
 from phnn.laws import PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.models.network_file import load_network
 from phnn.network import Coupling, Network, Port, Ratio, Resistor, Storage
@@ -48,7 +48,7 @@ def march(network: Network, u: np.ndarray, h: np.ndarray, x0: np.ndarray) -> Tra
     theta = program.theta(network)
     n, count = u.shape[0], len(program.states)
     states, efforts = np.empty((n + 1, count)), np.empty((n, count))
-    done = solve.march(program, theta, x0, u, h, states, efforts)
+    done = kernel.march(program, theta, x0, u, h, states, efforts)
     assert done == n, f"step {done} of {n} was not solved"
     return trajectory_of(network, u, h, states, efforts)
 

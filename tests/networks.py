@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from phnn.integrate.differentiable import Steps, port_inputs
 from phnn.integrate.equations import step_balance
-from phnn.integrate.partition import Scheme
+from phnn.integrate.scheme import Scheme
 from phnn.laws import FACTOR_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.network import (
     Coupling,

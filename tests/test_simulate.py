@@ -12,7 +12,7 @@ from phnn.derivatives import input_force, output_derivatives
 from phnn.effects import Effect, Scales, effect, in_all_forms
 from phnn.effects.learned import learned_elements
 from phnn.errors import InputRefused, SolverFailed, StructureViolated
-from phnn.integrate import solve
+from phnn.integrate import kernel
 from phnn.integrate.program import compile_network
 from phnn.integrate.rest import equilibrium
 from phnn.models.actuator import from_paper, hrc
@@ -286,7 +286,7 @@ def test_a_parameter_varied_in_time_by_one_is_the_parameter() -> None:
 
 
 def test_a_step_without_a_solution_names_recording_and_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(solve, "march", lambda *_: 30)
+    monkeypatch.setattr(kernel, "march", lambda *_: 30)
     with pytest.raises(SolverFailed, match=r"made: no solution of the step at t = 0\.0015 s; .* more sub-steps"):
         simulate(BASE, sine(), substeps=2)
 

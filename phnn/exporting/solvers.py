@@ -11,7 +11,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from phnn.integrate.roots import NOTHING, RELAXED, TOLERANCE, gradient_defect, radau_defects
+from phnn.integrate.roots import NOTHING, RELAXED, TOLERANCE
+from phnn.integrate.stages import gradient_defect, radau_defects
 from phnn.laws.namespace import absolute, maximum, where
 
 _FAR = 1e300

@@ -21,7 +21,7 @@ class Options:
         error_bound_sigma: bound on the numerical error over the plan, in standard deviations.
         max_effects: how many elements a diagnosis may add.
         evaluations: what a diagnosis may spend, in simulations of 300,000 steps; derivatives by eight variables count
-            as four simulations, and a step of a network with several junctions as four.
+            as four simulations, and a step of the slower general kernel as four.
         without: effects of the catalogue that a diagnosis must not use.
         criteria: values of `phnn.criteria.Criteria` that replace the defaults, by name.
         workers: threads of a fit.

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from phnn.derivatives import output_derivatives
 from phnn.errors import SolverFailed
 from phnn.identification.plan import Plan
+from phnn.integrate.kernel import kernel_for
 from phnn.integrate.program import compile_network
 from phnn.recordings.driving import unknown_instants
 from phnn.recordings.recording import Recording, dominant_frequency
@@ -357,8 +358,6 @@ def starts_unknown(recording: Recording) -> bool:
 _FAILED = 1e6
 # Simulations that take about as long as the derivatives of one by a variable, and by a few of them.
 _DERIVATIVE, _FEW = 0.5, 4.0
-# Work of a step of several unknowns, in steps of one.
-_COUPLED = 4.0
 # Weight of the present value of an instant, where the output of a seen jump weighs hundreds.
 _WEAK = 1e-3
 
@@ -377,7 +376,7 @@ class Problem:
         self.use = use
         self.masks = [r.mask(use) for r in plan.recordings]
         timed = sum(x.size for x in variables.instants.values())
-        self._work = 1.0 if len(compile_network(template.network).junctions) == 1 else _COUPLED
+        self._work = kernel_for(compile_network(template.network)).work
         self._weak = np.append(
             np.zeros(len(variables.names) + len(variables.unknown) * variables.scales.size), np.full(timed, _WEAK)
         )

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.errors import SolverFailed
-from phnn.integrate import solve, sweep
+from phnn.integrate import kernel, sweep
 from phnn.integrate.program import Program
 
 Array = NDArray[np.float64]
@@ -48,7 +48,7 @@ def steady_cycle(program: Program, theta: Array, x: Array, u: Array, h: Array) -
 
     def period(start: Array) -> tuple[Array, Array]:
         """The change of the state over a period, and the range of each state within it."""
-        done = solve.march(program, theta, start, u, h, states, efforts)
+        done = kernel.march(program, theta, start, u, h, states, efforts)
         if done < h.size:
             raise SolverFailed(f"no solution of the step at t = {h[:done].sum():.6g} s of a period")
         change = states[-1] - start

@@ -3,7 +3,7 @@
     R_k(x_k, x_{k+1}; θ) = 0,     A_k = ∂R_k/∂x_{k+1},     B_k = ∂R_k/∂x_k
     λ_k = ∂L/∂x_k − B_kᵀ μ_k,     A_kᵀ μ_k = λ_{k+1},     dL/dθ = −Σ_k μ_kᵀ ∂R_k/∂θ
 
-Compiled code (`phnn.integrate.solve`) takes the steps where it can: in 64 bits, on the processor, laws with a kernel.
+Compiled code (`phnn.integrate.kernel`) takes the steps where it can: in 64 bits, on the processor, laws with a kernel.
 Torch takes all others, and the numbers are the same. The forward pass keeps the states of all steps. The
 backward pass goes over them block by block from the end: it evaluates the residuals of a block at once with their
 Jacobians (`phnn.integrate.equations`) and finds all multipliers ``μ`` in one sweep, so that the cost of a gradient
@@ -29,11 +29,12 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from phnn.errors import InputRefused, SolverFailed, StructureViolated
-from phnn.integrate import solve
+from phnn.integrate import kernel
+from phnn.integrate.compilable import can_compile, partly_driven
 from phnn.integrate.cycle import reach_of, steady_change
 from phnn.integrate.equations import linearised, means, reducible_rules, step_residual
-from phnn.integrate.partition import Scheme, can_compile, partly_driven
 from phnn.integrate.program import compile_network
+from phnn.integrate.scheme import Scheme
 from phnn.integrate.steady import steady_state
 from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.wide import has_kernel, is_passive_by_form
@@ -202,7 +203,7 @@ class Steps(nn.Module):
         )
         states, efforts = np.empty((len(starts), len(u) + 1, x0.shape[-1])), np.empty((len(u), x0.shape[-1]))
         for b, x in enumerate(starts[:, 0]):
-            done = solve.march(program, theta, x, inputs[b], sizes[b, :, 0], states[b], efforts)
+            done = kernel.march(program, theta, x, inputs[b], sizes[b, :, 0], states[b], efforts)
             if done < len(u):
                 raise SolverFailed(
                     f"no solution of the step at t = {start + sizes[b, :done].sum():.6g} s; a parameter probably has "

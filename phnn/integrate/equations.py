@@ -1,4 +1,4 @@
-"""The equations of a step of any port-Hamiltonian system in torch, under every `phnn.integrate.partition.Scheme`.
+"""The equations of a step of any port-Hamiltonian system in torch, under every `phnn.integrate.scheme.Scheme`.
 
 The unknown is the end state ``x⁺``. The residual of a storage with a discrete gradient is ``x⁺ − x − h [J ē − Σ_r b_r
 φ_r(b_rᵀ ē, q̄_r) + g ψ(ū)]``. That of a reducible storage is ``x⁺ − X(x, i)`` with the end state ``X`` that its rule
@@ -19,9 +19,11 @@ import torch
 from torch import Tensor
 
 from phnn.errors import SolverFailed
-from phnn.integrate.partition import EXACT, PATH, Scheme, reducible, resistors_of
-from phnn.integrate.roots import radau_defects
-from phnn.integrate.step import NEAR_REST
+from phnn.integrate.partition import reducible, resistors_of
+from phnn.integrate.scheme import Scheme
+from phnn.integrate.stages import radau_defects
+from phnn.integrate.table_access import NEAR_REST
+from phnn.integrate.tables import EXACT, PATH
 from phnn.laws import RESISTOR_LAWS
 from phnn.laws.leaf import rc_flow, relaxation
 from phnn.laws.wide import is_passive_by_form
@@ -254,7 +256,7 @@ def advanced(
 
     Args:
         rule: ``EXACT`` for the flow `phnn.laws.leaf.rc_flow`, which the compiled kernels call too; ``PATH`` for the
-            closed form of a law of the path; or ``RADAU`` (`phnn.integrate.roots`), which reads the end state that it
+            closed form of a law of the path; or ``RADAU`` (`phnn.integrate.stages`), which reads the end state that it
             returns: both are equal at the solution alone.
     """
     network, small = system.network, torch.full_like(current, NEAR_REST)

@@ -30,7 +30,7 @@ from torch import Tensor
 
 from phnn.errors import InputRefused
 from phnn.integrate.differentiable import port_inputs, simulated
-from phnn.integrate.partition import Scheme
+from phnn.integrate.scheme import Scheme
 from phnn.network.system import DrivenSystem, PortHamiltonianSystem
 
 try:

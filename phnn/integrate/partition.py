@@ -1,25 +1,4 @@
-"""The discretisation of a network: the scheme of a step, its unknowns, and whether compiled code can solve it.
-
-Every scheme advances energy variables ``x``, under the mean inputs ``ū`` of a step of size ``h``, by
-
-    (x⁺ − x)/h = J ē − Σ_r b_r φ_r(b_rᵀ ē, q̄_r) + g ψ(ū),
-
-with modulating variables ``q̄`` at mid-step, and modulator states by their exact flow under the mean drives of the
-step. Schemes differ only in the mean effort ``ē`` of dissipative *reducible* storages: linear storages ``e = s x`` with
-resistors of their own, such as hysterons, that are coupled to no other reducible one. In a step, a constant current ``i
-= Σ_j J_j ē_j + Σ_p g_p ψ_p(ū)`` flows into each of them (`phnn.integrate.partition`).
-
-======================  ============================================================================================
-every other storage     discrete gradient, ``ē = (H(x⁺) − H(x))/(x⁺ − x)`` (Itoh & Abe 1988; Gonzalez 1996)
-reducible storage:
-``DISCRETE_GRADIENT``   exact flow of ``ẋ = i − φ(s x)``, ``ē = (1/h) ∫ s x dt``, if one resistor is piecewise linear
-                        and all others are linear; otherwise as under ``RADAU``
-``RADAU``               two-stage Radau IIA of ``ẋ = i − φ(s x)``, ``ē = s (3/4 X₁ + 1/4 X₂)`` (`phnn.integrate.roots`)
-``MIDPOINT``            discrete gradient too, which is the implicit midpoint rule: ``ē = s (x + x⁺)/2``
-======================  ============================================================================================
-
-All of them are passive at every step size, ``H(x⁺) − H(x) ≤ h Σ_p ψ_p(ū) gᵀē``. The first two are L-stable in reducible
-storages: they damp a storage that relaxes much faster than a step, where ``MIDPOINT`` lets it ring.
+"""The partition of the storages, which determines the unknowns of a step.
 
 *Junctions* are the storages whose mean efforts ``v̄`` are the unknowns of a step. All others are *reducible*: each is
 coupled to junctions only, so that under constant ``v̄`` it obeys a scalar equation of its own,
@@ -33,18 +12,14 @@ for any number of hysterons.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from enum import Enum
-from typing import Any
+from collections.abc import Sequence
 
-from phnn.errors import InputRefused
-from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
-from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES, form_of, has_kernel
-from phnn.network.elements import Network, Ratio, Resistor, Storage, WithLaw, fault_of_laws
+from phnn.integrate.scheme import Scheme
+from phnn.integrate.tables import EXACT, GRADIENT, LOSSLESS, PATH, RADAU
+from phnn.laws import RESISTOR_LAWS
+from phnn.laws.wide import has_kernel
+from phnn.network.elements import Network, Ratio, Resistor, Storage
 from phnn.network.roles import imposed
-
-# Rules of a reducible storage: without resistors; exact flow; two-stage Radau IIA; discrete gradient.
-LOSSLESS, EXACT, RADAU, GRADIENT, PATH = range(5)
 
 _LINEAR_STORAGES = ("capacitor", "spring")
 _LINEAR_RESISTORS = ("linear", "maxwell")
@@ -159,81 +134,3 @@ def merged_couplings(network: Network) -> dict[tuple[str, str, Ratio], int]:
         key = (c.to, c.of, c.ratio) if forward else (c.of, c.to, c.ratio)
         times[key] = times.get(key, 0) + (1 if forward else -1)
     return {key: count for key, count in times.items() if count and key[0] != key[1]}
-
-
-class Scheme(Enum):
-    """A discretisation; see the table above. Its value is the name that settings use."""
-
-    DISCRETE_GRADIENT = "discrete_gradient"
-    RADAU = "radau"
-    MIDPOINT = "midpoint"
-
-    @classmethod
-    def named(cls, name: str) -> Scheme:
-        """The scheme with a given name.
-
-        Raises:
-            InputRefused: no scheme has this name; lists the names.
-        """
-        for scheme in cls:
-            if scheme.value == name:
-                return scheme
-        raise InputRefused(f"scheme = {name!r}: choose one of {', '.join(s.value for s in cls)}")
-
-
-# ------------------------------------------------------------------------------------------- what has compiled code
-
-# Parameters that compiled code passes to a law.
-SCALARS = 5
-# For each kind of element: the laws with a few parameters, and the torch modules that pass their weights to the kernel.
-LAWS: dict[str, tuple[Mapping[str, Any], Mapping[str, Any]]] = {
-    "storage": (STORAGE_LAWS, WIDE_STORAGES),
-    "resistor": (RESISTOR_LAWS, WIDE_RESISTORS),
-    "port": (PORT_LAWS, {}),
-    "modulation": (FACTOR_LAWS, {}),
-    "memory": (MEMORY_LAWS, {}),
-    "multi_port": ({}, {}),
-    "shared_energy": ({}, {}),
-}
-
-
-def can_compile(network: Network) -> bool:
-    """Whether the compiled kernels solve a network."""
-    return not obstacle(network)
-
-
-def obstacle(network: Network) -> str:
-    """The reason why the compiled kernels cannot solve a network, with the remedy; empty if they can."""
-    found = map(_law_obstacle, network.with_laws())
-    return fault_of_laws(network) or next(filter(None, found), "") or partly_driven(network, network.storage_names)
-
-
-def _law_obstacle(one: WithLaw) -> str:
-    law = one.element.law
-    if not isinstance(law, str):
-        known = form_of(law) in LAWS[one.kind][1]
-        why = "this torch module has no kernel: take simulate, predict or phnn.train, and no imposed motion"
-        return "" if known else f"{one.called}: {why}"
-    count = len(one.element.parameters)
-    return "" if count <= SCALARS else f"{one.called}: {count} parameters; the kernel passes {SCALARS}"
-
-
-def partly_driven(network: Network, storages: Iterable[str]) -> str:
-    """Message for a modulator state that only some of the resistors on one storage drive; empty if there is no such
-    state.
-
-    For each of the given storages, a step knows only the total power that the resistors acting on this storage alone
-    dissipate.
-    """
-    for memory in network.memories:
-        drives = network.drives_of(memory)
-        for storage in storages:
-            resistors = [r.name for r in network.resistors if tuple(r.on) == (storage,)]
-            named = [name for name in resistors if name in drives]
-            missing = [name for name in resistors if name not in drives]
-            if named and missing:
-                return (
-                    f"modulator state {memory.name}: {named[0]} drives it and {missing[0]}, on the same storage "
-                    f"{storage}, does not: name both or neither, or take Scheme.MIDPOINT"
-                )
-    return ""

@@ -9,57 +9,60 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phnn.errors import StructureViolated
+from phnn.integrate.compilable import LAWS, obstacle
 from phnn.integrate.partition import (
-    LAWS,
-    LOSSLESS,
-    SCALARS,
-    Scheme,
+    LINEAR_RESISTOR_CODES,
     is_linear,
     junctions_of,
     merged_couplings,
-    obstacle,
     resistors_of,
     rule_of,
 )
-from phnn.integrate.table import (
+from phnn.integrate.scheme import Scheme
+from phnn.integrate.table_access import SCALARS
+from phnn.integrate.tables import (
     BRANCHES,
+    EXACT,
     FACTORS,
     FIRST_BRANCH,
     FIRST_LINK,
     FIRST_RESISTOR,
-    FIRST_SCALED,
     FIRST_SOURCE,
+    FROM_PORT,
     GYRATORS,
-    IN_MATRIX,
     IS_LINEAR,
     JUNCTION_INLETS,
     JUNCTION_RESISTORS,
     JUNCTIONS,
     KINDS,
     LAST_BRANCH,
+    LAST_INLET,
     LAST_LINK,
-    LAST_SCALED,
+    LAST_RESISTOR,
     LAST_SOURCE,
     LAW,
     LEAF_INLETS,
     LEAF_RESISTORS,
     LEAVES,
     LINKS,
+    LOSSLESS,
     MODULATOR_STATES,
     NONE,
+    OF_JUNCTION,
     OWN_STORAGE,
     PLACE_1,
     PORTS,
+    RATIO,
+    RATIO_PLACE,
     READ,
     READS,
     RULE,
-    SCALED,
     SOURCE_EFFORT,
     SOURCE_FLOW,
     SOURCE_LEAF,
@@ -69,12 +72,10 @@ from phnn.integrate.table import (
     STORAGES,
     TO_JUNCTION,
     Integers,
-    Sparsity,
     rows_of,
-    sparsity_of,
     stack,
 )
-from phnn.laws import PORT_LAWS
+from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.namespace import TINY
 from phnn.laws.wide import form_of
 from phnn.network.elements import ModulatorState, Network, Ratio, Resistor, Storage
@@ -100,7 +101,7 @@ def source_rows(
             rows.append(_row(SOURCE_PORT, ports.index(name)))
         else:
             leaf = next(storage for r in network.resistors if r.name == name for storage in r.on)
-            # All resistors of the storage drive the modulator state, or none does: see `phnn.integrate.partition`.
+            # All resistors of the storage drive the modulator state, or none does: see `phnn.integrate.compilable`.
             together = [r.name for r in network.resistors if tuple(r.on) == (leaf,)]
             if name == together[0]:
                 rows.append(_row(SOURCE_LEAF, leaves.index(leaf)))
@@ -129,7 +130,7 @@ class Program:
         modules: (kind, element) of the neural laws in the order of their weights.
         states: names of the storages, then of the modulator states; junctions, leaves: names of the junctions and of
             the reducible storages.
-        table: for the kernel, see `phnn.integrate.table`.
+        table: for the kernel, see `phnn.integrate.tables`.
         output: index of the measured storage.
         scheme: how the steps are discretised.
         moving, travel, contact: indices of the momentum and the displacement of an imposed motion, and of the contact
@@ -184,7 +185,7 @@ class Program:
 
     @cached_property
     def rules(self) -> dict[str, int]:
-        """The rule that advances each reducible storage, see `phnn.integrate.table`."""
+        """The rule that advances each reducible storage, see `phnn.integrate.tables`."""
         return dict(zip(self.leaves, rows_of(self.table, LEAVES)[:, RULE].tolist(), strict=True))
 
     @cached_property
@@ -209,7 +210,7 @@ def compile_network(network: Network, scheme: Scheme = Scheme.DISCRETE_GRADIENT)
 
     Raises:
         StructureViolated: an unknown law, or a torch module without weights for the kernel, which
-            `phnn.integrate.differentiable` solves in torch; see `phnn.integrate.partition.can_compile`.
+            `phnn.integrate.differentiable` solves in torch; see `phnn.integrate.compilable.can_compile`.
     """
     # Networks that differ only in parameter values share their elements.
     n = network
@@ -296,18 +297,13 @@ class _Builder:
         # A reducible storage that a ratio reads may have ratios that follow a modulator state: these come first.
         for m in sorted(network.modulations, key=lambda m: m.by in network.storage_names):
             law = self._law("modulation", m.ratio, m.law, m.parameters)
-            place, first = self._place(m.ratio), len(rows[SCALED])
-            # Counted within their kinds as yet.
-            rows[SCALED] += [[k, i] for k, of in self.ratios.items() for i, (own, _) in enumerate(of) if own == place]
-            rows[FACTORS].append([*law, self.reads.index(m.by), place, first, len(rows[SCALED])])
+            rows[FACTORS].append([*law, self.reads.index(m.by), self._place(m.ratio)])
         for memory in network.memories:
             law = self._law("memory", memory.name, memory.law, memory.parameters)
             sources = source_rows(network, memory, leaves, junctions)
             rows[MODULATOR_STATES].append([*law, len(rows[SOURCES]), len(rows[SOURCES]) + len(sources)])
             rows[SOURCES] += sources
         table, given = self._absolute(rows), imposed(network)
-        sparsity = sparsity_of(table)
-        table[list(sparsity.plain), IN_MATRIX] = 1
         places = (
             ()
             if given is None
@@ -315,7 +311,7 @@ class _Builder:
         )
         return Program(
             self.names, self.constants, tuple(self.modules), self.states, junctions, leaves, table,
-            self.states.index(network.output), sparsity, self.scheme, *places,
+            self.states.index(network.output), sparsity_of(table), self.scheme, *places,
         )  # fmt: skip
 
     def _read(self, name: str) -> list[int]:
@@ -341,9 +337,6 @@ class _Builder:
             found[:, READ] = np.where(found[:, READ] >= 0, found[:, READ] + first[READS], NONE)
         rows_of(table, JUNCTION_RESISTORS)[:, FIRST_BRANCH : LAST_BRANCH + 1] += first[BRANCHES]
         rows_of(table, MODULATOR_STATES)[:, FIRST_SOURCE : LAST_SOURCE + 1] += first[SOURCES]
-        rows_of(table, FACTORS)[:, FIRST_SCALED : LAST_SCALED + 1] += first[SCALED]
-        scaled = rows_of(table, SCALED)
-        scaled[:, 0] = first[scaled[:, 0]] + scaled[:, 1]
         branches = rows_of(table, SOURCES)[:, SOURCE_RESISTOR]
         branches[branches >= 0] += first[JUNCTION_RESISTORS]
         return table
@@ -372,6 +365,203 @@ class _Builder:
         for k, port in enumerate(self.network.ports):
             if name in port.on:
                 self._with_ratio(rows, kind, [k, *rest], port.on[name])
+
+
+Inputs = frozenset[int]
+
+
+class Sparsity(NamedTuple):
+    """The inputs of every equation, and properties of the reducible storages' equations.
+
+    Attributes:
+        leaves: inputs of the end state, the mean effort and the forces of each reducible storage.
+        currents: of each reducible storage's current alone; thresholds: of the modulated thresholds of its first
+            resistor.
+        affine: by reducible storage, whether its junctions are linear, and its flow exact or lossless once ratios and
+            thresholds are known; varies: whether its ratios are modulated.
+        plain, others: rows of junction resistors, gyrators and junction inlets: plain ones are linear in the flows with
+            constant factors; for the others, their inputs.
+        gains, scaled: inputs of all modulated ratios, and the rows that have them.
+        modulators: inputs of each modulator state's law, its state included, without its drive;
+            sources: of every source except reducible storages.
+    """
+
+    leaves: tuple[Inputs, ...]
+    currents: tuple[Inputs, ...]
+    thresholds: tuple[Inputs, ...]
+    affine: tuple[bool, ...]
+    varies: tuple[bool, ...]
+    plain: tuple[int, ...]
+    others: Mapping[int, Inputs]
+    gains: Inputs
+    scaled: tuple[int, ...]
+    modulators: tuple[Inputs, ...]
+    sources: tuple[Inputs, ...]
+
+
+def sparsity_of(table: Integers) -> Sparsity:
+    """Find the inputs of the equations of a table."""
+    found = _Finder(table)
+    leaves = range(len(rows_of(table, LEAVES)))
+    ranges = [range(table[0, k], table[0, k + 1]) for k in (JUNCTION_RESISTORS, GYRATORS, JUNCTION_INLETS)]
+    terms = [row for rows in ranges for row in rows]
+    plain = [row for row in terms if found.is_plain(row)]
+    ratios = (found.ratio(place) for place in found.modulated)
+    return Sparsity(
+        tuple(frozenset(found.leaf(leaf)) for leaf in leaves),
+        tuple(frozenset(found.current(leaf)) for leaf in leaves),
+        tuple(frozenset(found.thresholds(leaf)) for leaf in leaves),
+        tuple(found.is_affine(leaf) for leaf in leaves),
+        tuple(found.varies(leaf) for leaf in leaves),
+        tuple(plain),
+        {row: frozenset(found.term(row)) for row in terms if row not in plain},
+        frozenset().union(*ratios),
+        tuple(np.flatnonzero(np.isin(table[:, RATIO], list(found.modulated))).tolist()),
+        tuple(frozenset(found.modulator(k)) for k in range(len(rows_of(table, MODULATOR_STATES)))),
+        tuple(frozenset(found.source(row)) for row in rows_of(table, SOURCES)),
+    )
+
+
+class _Finder:
+    """Collects the inputs of an equation along all its references."""
+
+    def __init__(self, table: Integers) -> None:
+        self.table = table
+        self.storages, self.ports = rows_of(table, STORAGES), rows_of(table, PORTS)
+        self.junction_rows, self.leaf_rows = rows_of(table, JUNCTIONS), rows_of(table, LEAVES)
+        self.unknown = len(self.storages) + len(rows_of(table, MODULATOR_STATES))
+        self.theta = self.unknown + len(self.junction_rows)
+        self.factors = rows_of(table, FACTORS)
+        self.modulated = {int(place) for place in self.factors[:, RATIO_PLACE]}
+
+    def _law(self, row: Integers, laws: Mapping[str, Any]) -> set[int]:
+        """Indices of a law's parameters; weights of neural laws are left to the torch module."""
+        known = list(laws.values())
+        return (
+            {self.theta + int(p) for p in row[PLACE_1 : PLACE_1 + len(known[row[LAW]].example)]}
+            if row[LAW] < len(known)
+            else set()
+        )
+
+    def _port(self, k: int) -> set[int]:
+        """Indices of a port's law and of its padding, which may carry a given derivative of the action."""
+        return {self.theta + int(p) for p in self.ports[k][1 : 1 + SCALARS]}
+
+    def _storage(self, k: int) -> set[int]:
+        return self._law(self.storages[k], STORAGE_LAWS)
+
+    def ratio(self, place: int) -> set[int]:
+        """Inputs of a ratio."""
+        found = {self.theta + int(place)}
+        for row in self.factors[self.factors[:, RATIO_PLACE] == place]:
+            found |= self._law(row, FACTOR_LAWS) | self._read(row[READ])
+        return found
+
+    def _flow(self, j: int) -> set[int]:
+        storage, linear = self.junction_rows[j, [OWN_STORAGE, IS_LINEAR]]
+        # The mean effort of a linear junction is the unknown itself; elsewhere it follows from both end states.
+        return {self.unknown + int(j)} | (set() if linear else {int(storage)} | self._storage(storage))
+
+    def current(self, leaf: int) -> set[int]:
+        """Inputs of a reducible storage's current."""
+        found: set[int] = set()
+        links, inlets = self._connections(leaf)
+        for row in links:
+            found |= self.ratio(row[RATIO]) | self._flow(row[TO_JUNCTION])
+        for row in inlets:
+            found |= self._inlet(row)
+        return found
+
+    def _connections(self, leaf: int) -> tuple[Integers, Integers]:
+        """Rows of a reducible storage's links and of its inlets."""
+        first, last, first_inlet, last_inlet = self.leaf_rows[leaf, FIRST_LINK : LAST_INLET + 1]
+        return self.table[first:last], self.table[first_inlet:last_inlet]
+
+    def _inlet(self, row: Integers) -> set[int]:
+        return self.ratio(row[RATIO]) | self._port(row[FROM_PORT])
+
+    def _read(self, row: int) -> set[int]:
+        if row < 0:
+            return set()
+        leaf, junction, memory = self.table[row, :3]
+        if memory >= 0:
+            return {int(memory)}
+        if leaf >= 0:
+            return {int(self.leaf_rows[leaf, OWN_STORAGE])} | self.current(int(leaf))
+        storage = int(self.junction_rows[junction, OWN_STORAGE])
+        return {storage, self.unknown + int(junction)} | self._storage(storage)
+
+    def _resistor(self, row: Integers) -> set[int]:
+        return self._law(row, RESISTOR_LAWS) | self._read(row[READ])
+
+    def leaf(self, leaf: int) -> set[int]:
+        """Inputs of the end state, the mean effort and the forces of a reducible storage."""
+        row = self.leaf_rows[leaf]
+        found = {int(row[OWN_STORAGE])} | self._storage(row[OWN_STORAGE]) | self.current(leaf)
+        for resistor in self.table[row[FIRST_RESISTOR] : row[LAST_RESISTOR]]:
+            found |= self._resistor(resistor) | self.ratio(resistor[RATIO])
+        return found
+
+    def thresholds(self, leaf: int) -> set[int]:
+        """Inputs of the modulated thresholds of a reducible storage's first resistor."""
+        row = self.leaf_rows[leaf]
+        follows = row[RULE] == EXACT and self.table[row[FIRST_RESISTOR], READ] >= 0
+        return self._resistor(self.table[row[FIRST_RESISTOR]]) if follows else set()
+
+    def is_affine(self, leaf: int) -> bool:
+        """Whether known ratios make the current linear in the unknowns, and the flow is exact or lossless."""
+        row, (links, _) = self.leaf_rows[leaf], self._connections(leaf)
+        # A nonlinear law with a modulated ratio is differentiated in full.
+        plain = row[RULE] == EXACT or (row[RULE] == LOSSLESS and (row[IS_LINEAR] > 0 or not self.varies(leaf)))
+        return bool(plain and all(self.junction_rows[r[TO_JUNCTION], IS_LINEAR] for r in links))
+
+    def varies(self, leaf: int) -> bool:
+        """Whether a ratio between a reducible storage and a junction or a port is modulated."""
+        links, inlets = self._connections(leaf)
+        return bool(self.modulated & {int(r[RATIO]) for r in (*links, *inlets)})
+
+    def _branches(self, row: Integers) -> Integers:
+        return self.table[row[FIRST_BRANCH] : row[LAST_BRANCH]]
+
+    def is_plain(self, place: int) -> bool:
+        """Whether a term of the junctions is linear in the flows, or in an action, with a constant factor."""
+        row, kind = self.table[place], self._kind(place)
+        if kind == JUNCTION_RESISTORS:
+            rows = self._branches(row)
+            linear = row[LAW] in LINEAR_RESISTOR_CODES and row[READ] < 0
+            ends = rows[:, TO_JUNCTION]
+        else:
+            rows, linear = row[None], True
+            ends = row[:2] if kind == GYRATORS else row[:0]
+        constant = not self.modulated & {int(r[RATIO]) for r in rows}
+        return bool(linear and constant and all(self.junction_rows[j, IS_LINEAR] for j in ends))
+
+    def _kind(self, place: int) -> int:
+        return int(np.searchsorted(self.table[0, :KINDS], place, side="right")) - 1
+
+    def term(self, place: int) -> set[int]:
+        """Inputs of a junction resistor's, a gyrator's or a junction inlet's term."""
+        row, kind = self.table[place], self._kind(place)
+        if kind == JUNCTION_INLETS:
+            return self._inlet(row)
+        if kind == GYRATORS:
+            return self.ratio(row[RATIO]) | self._flow(row[OF_JUNCTION])
+        found = self._resistor(row)
+        for branch in self._branches(row):
+            found |= self.ratio(branch[RATIO]) | self._flow(branch[0])
+        return found
+
+    def modulator(self, k: int) -> set[int]:
+        """Inputs of a modulator state's law without its drive."""
+        return {len(self.storages) + k} | self._law(rows_of(self.table, MODULATOR_STATES)[k], MEMORY_LAWS)
+
+    def source(self, row: Integers) -> set[int]:
+        """Inputs of a source of a modulator state; those of a reducible storage are listed with the storage."""
+        if row[SOURCE_RESISTOR] >= 0:
+            return self.term(int(row[SOURCE_RESISTOR]))
+        if row[SOURCE_FLOW] >= 0:
+            return self._flow(int(row[SOURCE_FLOW]))
+        return self._port(row[SOURCE_PORT]) if row[SOURCE_PORT] >= 0 else set()
 
 
 Array = NDArray[np.float64]

@@ -19,9 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.integrate.partition import LOSSLESS
 from phnn.integrate.program import Program, actions
-from phnn.integrate.table import (
+from phnn.integrate.tables import (
     FACTORS,
     FIRST_LINK,
     FIRST_SOURCE,
@@ -34,6 +33,7 @@ from phnn.integrate.table import (
     LAW,
     LEAF_INLETS,
     LEAVES,
+    LOSSLESS,
     MODULATOR_STATES,
     OWN_STORAGE,
     PLACE_1,

@@ -23,23 +23,33 @@ derivatives of the same step, so that no derivative is written by hand.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from phnn.integrate.cache import inline, plain, stay_outside
-from phnn.integrate.partition import EXACT, LOSSLESS, PATH, RADAU
-from phnn.integrate.roots import make_gradient, make_radau
-from phnn.integrate.table import (
+from phnn.integrate.stages import make_gradient, make_radau
+from phnn.integrate.table_access import (
+    count,
+    factor,
+    is_linear,
+    junction_storage,
+    mean_effort,
+    memory_decay,
+    memory_rate,
+    resistor_flow,
+    resistor_path,
+    resistor_thresholds,
+    stiffness,
+)
+from phnn.integrate.tables import (
+    EXACT,
     FACTORS,
     FIRST_BRANCH,
     FIRST_INLET,
     FIRST_LINK,
     FIRST_RESISTOR,
-    FIRST_SCALED,
     FIRST_SOURCE,
     FROM_PORT,
     GYRATORS,
-    IN_MATRIX,
     INTO_JUNCTION,
     IS_LINEAR,
     JUNCTION_INLETS,
@@ -49,22 +59,21 @@ from phnn.integrate.table import (
     LAST_INLET,
     LAST_LINK,
     LAST_RESISTOR,
-    LAST_SCALED,
     LAST_SOURCE,
-    LAW,
     LEAVES,
+    LOSSLESS,
     MODULATOR_STATES,
     OF_JUNCTION,
     OWN_STORAGE,
-    PLACE_1,
-    PLACE_2,
+    PATH,
+    RADAU,
     RATIO,
+    RATIO_PLACE,
     READ,
     READ_JUNCTION,
     READ_LEAF,
     READ_MODULATOR,
     RULE,
-    SCALED,
     SIGN,
     SOURCE_EFFORT,
     SOURCE_FLOW,
@@ -74,151 +83,47 @@ from phnn.integrate.table import (
     STORAGES,
     TO_JUNCTION,
 )
-from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, RESISTOR_LAWS, STORAGE_LAWS
-from phnn.laws.law import close_tables
 from phnn.laws.leaf import rc_flow, relaxation
 from phnn.laws.namespace import real
 from phnn.laws.other import advanced
-from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES, compiled
-
-# The functions below compile the laws that exist now.
-close_tables()
-
-
-def look_up(name: str, laws: Mapping[str, Any], leading: int, wide: Sequence[Any] = ()) -> Any:
-    """A compiled ``name(t, r, a_1…a_leading, theta)`` that calls the function ``name`` of the law in row ``r``.
-
-    Args:
-        laws: by code; some may lack the function.
-        leading: number of arguments before the parameters.
-        wide: functions of neural laws, with the codes that follow: ``(a_1…a_leading, theta, first, units)``.
-    """
-    arguments = ", ".join(f"a{i}" for i in range(leading))
-    scope: dict[str, Any] = {"stay_outside": stay_outside, "__name__": __name__}
-    branches = []
-    for code, law in enumerate(laws.values()):
-        if function := getattr(law, name):
-            scope[f"f{code}"] = inline(function)
-            places = ", ".join(f"theta[t[r, {PLACE_1 + k}]]" for k in range(len(law.example)))
-            branches.append((code, ", ".join(filter(None, (arguments, places)))))
-    for code, function in enumerate(wide, len(laws)):
-        scope[f"f{code}"] = function
-        branches.append((code, f"{arguments}, theta, t[r, {PLACE_1}], t[r, {PLACE_2}]"))
-    lines = [f"def {name}({', '.join(filter(None, ('t, r', arguments, 'theta')))}):", "    stay_outside()"]
-    lines += [f"    if t[r, {LAW}] == {code}:\n        return f{code}({given})" for code, given in branches[:-1]]
-    # The last branch needs no test, so that the function returns on every path. The text is built from positions only.
-    code, given = branches[-1]
-    exec("\n".join([*lines, f"    return f{code}({given})"]), scope)
-    # Not inlined: it has many call sites, and the constants of the common laws are computed beforehand.
-    return plain(scope[name])
-
-
-def _unmodulated(flow: Any) -> Any:
-    """A flow with an unused read-only argument."""
-
-    def with_read(effort: Any, q: Any, theta: Any, first: Any, units: Any) -> Any:
-        return flow(effort, theta, first, units)
-
-    return plain(with_read)
-
-
-# A state so small that every spring is linear up to it; a power of two, so that a linear one is divided exactly.
-NEAR_REST = 2.0**-80
-
-# Of the row of a storage between two states; of a resistor at an effort and what it reads; ``(ρ, lo, hi)`` of what a
-# piecewise linear one reads; ``(x⁺, ē)`` of ``x, i, h, s`` of the storage ``E = s x`` of one that depends on the path
-# alone; of a modulation of what it reads; of a modulator state at ``z, s``; its decay.
-storage_effort = look_up("mean_effort", STORAGE_LAWS, 2, [compiled(x) for x in WIDE_STORAGES.values()])
-resistor_flow = look_up("flow", RESISTOR_LAWS, 2, [_unmodulated(compiled(x)) for x in WIDE_RESISTORS.values()])
-resistor_thresholds = look_up("thresholds", RESISTOR_LAWS, 1)
-resistor_path = look_up("path", RESISTOR_LAWS, 4)
-factor = look_up("factor", FACTOR_LAWS, 1)
-memory_rate = look_up("rate", MEMORY_LAWS, 2)
-memory_decay = look_up("decay", MEMORY_LAWS, 0)
-
-
-@inline
-def count(t: Any, kind: Any) -> Any:
-    """Number of rows of a kind."""
-    return t[0, kind + 1] - t[0, kind]
-
-
-@inline
-def mean_effort(t: Any, k: Any, a: Any, b: Any, theta: Any) -> Any:
-    """``ē`` of storage ``k`` between two states."""
-    return storage_effort(t, t[0, STORAGES] + k, a, b, theta)
-
-
-@inline
-def stiffness(t: Any, k: Any, theta: Any) -> Any:
-    """``s`` of a linear storage, ``E = s x``, or of another one at rest."""
-    small = NEAR_REST + 0.0 * theta[0]
-    return mean_effort(t, k, small, small, theta) / NEAR_REST
-
-
-@inline
-def junction_storage(t: Any, j: Any) -> Any:
-    """Number of the storage of junction ``j``."""
-    return t[t[0, JUNCTIONS] + j, OWN_STORAGE]
-
-
-@inline
-def is_linear(t: Any, j: Any) -> Any:
-    """Whether the unknown of junction ``j`` is its mean effort; otherwise it is its end state."""
-    return t[t[0, JUNCTIONS] + j, IS_LINEAR] > 0
-
 
 # Quantities that are the same in all steps of one size: constants of storages and junctions, and gains.
 #
-# c (L+m, …)  of a reducible storage: s = 1/C of a linear one; ρ, lo, hi of a piecewise linear resistor, at zero of what
-#             it reads; the relaxation functions of h (ρ + g) s; g of the leaks in parallel; the relaxation functions of
-#             h g s. Of a junction, in the rows after the reducible storages: 1/s, and its row of the matrix of the
-#             linear terms with constant factors
+# c (L+m, 9)  of a reducible storage: s = 1/C of a linear one; ρ, lo, hi of a piecewise linear resistor that reads no
+#             state; the relaxation functions of h (ρ + g) s; g of the leaks in parallel; the relaxation functions of
+#             h g s. Of a junction, in the rows after the reducible storages: 1/s
 # g (rows,)   signed ratio of every row of the table that has a ratio
 #
 # The third array of a step, a (P,), holds the ports' actions ψ_p(ū_p) from `phnn.integrate.program`.
 STIFFNESS, RHO, LOW, HIGH, ONE, TWO, LEAK, LEAK_ONE, LEAK_TWO = range(9)
-CAPACITY, MATRIX = range(2)
-
-
-def shape_of_constants(leaves: int, junctions: int) -> tuple[int, int]:
-    """Return the shape of ``c``."""
-    return leaves + junctions, max(LEAK_TWO, junctions) + 1
+CONSTANTS = 9
+CAPACITY = 0
 
 
 @plain
-def fill_constants(t: Any, theta: Any, g: Any, h: Any, c: Any) -> None:
+def fill_constants(t: Any, theta: Any, h: Any, c: Any) -> None:
     """Fill ``c`` for steps of size ``h``."""
     stay_outside()
-    leaves, m, none = count(t, LEAVES), count(t, JUNCTIONS), 0.0 * theta[0]
+    leaves = count(t, LEAVES)
     for leaf in range(leaves):
         row = t[0, LEAVES] + leaf
         if t[row, IS_LINEAR] > 0 or t[row, RULE] == PATH:
             c[leaf, STIFFNESS] = stiffness(t, t[row, OWN_STORAGE], theta)
-        r, leak = t[row, FIRST_RESISTOR], none
+        r, none = t[row, FIRST_RESISTOR], 0.0 * theta[0]
+        leak = none
         if t[row, RULE] == EXACT:
             # Under this rule, all resistors of the storage but the first are linear.
             for other in range(r + 1, t[row, LAST_RESISTOR]):
                 leak += resistor_flow(t, other, 1.0 + none, none, theta)
         c[leaf, LEAK] = leak
         c[leaf, LEAK_ONE], c[leaf, LEAK_TWO] = relaxation(h * leak * c[leaf, STIFFNESS])
-        if t[row, RULE] == EXACT:
+        if t[row, RULE] == EXACT and t[r, READ] < 0:
             rho, low, high = resistor_thresholds(t, r, none, theta)
             c[leaf, RHO], c[leaf, LOW], c[leaf, HIGH] = rho, low, high
             c[leaf, ONE], c[leaf, TWO] = relaxation(h * (rho + leak) * c[leaf, STIFFNESS])
-    for j in range(m):
+    for j in range(count(t, JUNCTIONS)):
         if is_linear(t, j):
             c[leaves + j, CAPACITY] = 1.0 / stiffness(t, junction_storage(t, j), theta)
-        for i in range(m):
-            c[leaves + j, MATRIX + i] = none
-    for r in range(t[0, JUNCTION_RESISTORS], t[0, JUNCTION_RESISTORS + 1]):
-        if t[r, IN_MATRIX] > 0:
-            b = t[r, FIRST_BRANCH]
-            j = t[b, TO_JUNCTION]
-            c[leaves + j, MATRIX + j] += g[b] * g[b] * resistor_flow(t, r, 1.0 + none, none, theta)
-    for r in range(t[0, GYRATORS], t[0, GYRATORS + 1]):
-        if t[r, IN_MATRIX] > 0:
-            c[leaves + t[r, TO_JUNCTION], MATRIX + t[r, OF_JUNCTION]] -= g[r]
 
 
 @plain
@@ -230,8 +135,18 @@ def fill_gains(t: Any, theta: Any, g: Any) -> None:
             g[r] = t[r, SIGN] * theta[t[r, RATIO]]
 
 
-# Rows of the work array of the junctions.
+@plain
+def scale_gains(t: Any, place: Any, by: Any, g: Any) -> None:
+    """Multiply the gains of one ratio."""
+    stay_outside()
+    for r in range(t.shape[0]):
+        if t[r, RATIO] == place:
+            g[r] *= by
+
+
+# Rows of the two work arrays: per junction (4, m) and per storage (2, N).
 FLOW, CHANGE, FORCE, SIZE = range(4)
+NEXT, EFFORT = range(2)
 
 
 class Step(NamedTuple):
@@ -242,7 +157,6 @@ class Step(NamedTuple):
         c, g, a: constants, ratios and actions, see above.
         x: (N,) state at its start; y: (m,) unknowns; h: its size [s].
         wj: (4, m) filled with ``v̄``, ``z − p``, ``F`` and the size of its terms.
-        ends, means: (N,) filled with the end states, and with the mean efforts and the mean drives.
     """
 
     theta: Any
@@ -253,8 +167,6 @@ class Step(NamedTuple):
     y: Any
     h: Any
     wj: Any
-    ends: Any
-    means: Any
 
 
 @inline
@@ -265,14 +177,9 @@ def junction_change(t: Any, j: Any, c: Any, x: Any, y: Any) -> Any:
 
 
 @inline
-def inertia(t: Any, j: Any, c: Any) -> Any:
-    """``d(z_j − p_j)/dy_j``: twice the mass of a linear junction, else one."""
-    return 2.0 * c[count(t, LEAVES) + j, CAPACITY] if is_linear(t, j) else 1.0 + 0.0 * c[0, 0]
-
-
-@inline
-def leaf_current(t: Any, row: Any, g: Any, a: Any, wj: Any) -> Any:
-    """``i_l`` of the reducible storage in a row."""
+def leaf_current(t: Any, leaf: Any, g: Any, a: Any, wj: Any) -> Any:
+    """``i_l``."""
+    row = t[0, LEAVES] + leaf
     total = 0.0 * g[0]
     for r in range(t[row, FIRST_LINK], t[row, LAST_LINK]):
         total += g[r] * wj[FLOW, t[r, TO_JUNCTION]]
@@ -294,8 +201,8 @@ def read(t: Any, r: Any, step: Step) -> Any:
     if t[r, READ_MODULATOR] >= 0:
         return step.x[t[r, READ_MODULATOR]]
     if leaf >= 0:
-        row = t[0, LEAVES] + leaf
-        return step.x[t[row, OWN_STORAGE]] + 0.5 * step.h * leaf_current(t, row, step.g, step.a, step.wj)
+        start = step.x[t[t[0, LEAVES] + leaf, OWN_STORAGE]]
+        return start + 0.5 * step.h * leaf_current(t, leaf, step.g, step.a, step.wj)
     return step.x[junction_storage(t, j)] + 0.5 * junction_change(t, j, step.c, step.x, step.y)
 
 
@@ -356,37 +263,29 @@ def junction_term(t: Any, r: Any, step: Step) -> None:
 @inline
 def junction_terms(t: Any, step: Step) -> None:
     """``F`` without the reducible storages, the size of its terms, and ``z − p``."""
-    c, wj = step.c, step.wj
-    rate, m, own = 1.0 / step.h, count(t, JUNCTIONS), count(t, LEAVES)
-    for j in range(m):
-        change = junction_change(t, j, c, step.x, step.y)
-        force, size = change * rate, (abs(change.real) + abs(step.x[junction_storage(t, j)].real)) * rate
-        for i in range(m):
-            term = c[own + j, MATRIX + i] * wj[FLOW, i]
-            force += term
-            size += abs(term.real)
-        wj[CHANGE, j], wj[FORCE, j], wj[SIZE, j] = change, force, size
+    x, g, wj = step.x, step.g, step.wj
+    rate = 1.0 / step.h
+    for j in range(count(t, JUNCTIONS)):
+        change = junction_change(t, j, step.c, x, step.y)
+        wj[CHANGE, j] = change
+        wj[FORCE, j] = change * rate
+        wj[SIZE, j] = (abs(change.real) + abs(x[junction_storage(t, j)].real)) * rate
     for r in range(t[0, JUNCTION_RESISTORS], t[0, JUNCTION_RESISTORS + 1]):
-        if t[r, IN_MATRIX] <= 0:
-            _resistor_term(t, r, step)
+        _resistor_term(t, r, step)
     for r in range(t[0, GYRATORS], t[0, GYRATORS + 1]):
-        if t[r, IN_MATRIX] <= 0:
-            _gyrator_term(t, r, step.g, wj)
+        _gyrator_term(t, r, g, wj)
     for r in range(t[0, JUNCTION_INLETS], t[0, JUNCTION_INLETS + 1]):
-        _inlet_term(t, r, step.g, step.a, wj)
+        _inlet_term(t, r, g, step.a, wj)
 
 
 @plain
 def modulate(t: Any, step: Step) -> None:
-    """Set the modulated gains to their values at mid-step."""
+    """Set the gains to their values at mid-step."""
     stay_outside()
     theta, g = step.theta, step.g
-    for s in range(t[0, SCALED], t[0, SCALED + 1]):
-        g[t[s, 0]] = t[t[s, 0], SIGN] * theta[t[t[s, 0], RATIO]]
-    for f in range(t[0, FACTORS], t[0, FACTORS + 1]):
-        by = factor(t, f, read(t, t[f, READ], step), theta)
-        for s in range(t[f, FIRST_SCALED], t[f, LAST_SCALED]):
-            g[t[s, 0]] *= by
+    fill_gains(t, theta, g)
+    for r in range(t[0, FACTORS], t[0, FACTORS + 1]):
+        scale_gains(t, t[r, RATIO_PLACE], factor(t, r, read(t, t[r, READ], step), theta), g)
 
 
 @inline
@@ -443,18 +342,18 @@ _gradient_search, _gradient_moved = make_gradient(_between_states(_lost), _betwe
 
 
 @inline
-def is_closed(t: Any, row: Any) -> Any:
-    """Whether the equations of the reducible storage in a row have a closed solution."""
-    rule = t[row, RULE]
+def is_closed(t: Any, leaf: Any) -> Any:
+    """Whether the equations of a reducible storage have a closed solution."""
+    rule = t[t[0, LEAVES] + leaf, RULE]
     return (rule == LOSSLESS) | (rule == EXACT) | (rule == PATH)
 
 
 @plain
 def leaf_search(t: Any, leaf: Any, step: Step) -> Any:
-    """Solve the equations of a storage without a closed solution, in real numbers: see `phnn.integrate.roots`."""
+    """Solve the equations of a storage without a closed solution, in real numbers: see `phnn.integrate.stages`."""
     stay_outside()
     row = t[0, LEAVES] + leaf
-    start, current = real(step.x[t[row, OWN_STORAGE]]), real(leaf_current(t, row, step.g, step.a, step.wj))
+    start, current = real(step.x[t[row, OWN_STORAGE]]), real(leaf_current(t, leaf, step.g, step.a, step.wj))
     context = (t, leaf, step)
     if t[row, RULE] == RADAU:
         return _radau_search(start, current, step.h, context)
@@ -469,7 +368,7 @@ def leaf_moved(t: Any, leaf: Any, step: Step, found: Any) -> Any:
     row = t[0, LEAVES] + leaf
     k = t[row, OWN_STORAGE]
     context, start = (t, leaf, step), step.x[k]
-    current = leaf_current(t, row, step.g, step.a, step.wj)
+    current = leaf_current(t, leaf, step.g, step.a, step.wj)
     if t[row, RULE] == RADAU:
         return _radau_moved(start, current, step.h, step.c[leaf, STIFFNESS], found, context)
     end = _gradient_moved(start, current, step.h, (found[0], found[1]), context)
@@ -477,91 +376,113 @@ def leaf_moved(t: Any, leaf: Any, step: Step, found: Any) -> Any:
 
 
 @inline
-def leaf_closed(t: Any, leaf: Any, row: Any, step: Step) -> Any:
-    """End state and mean effort of a reducible storage with a closed solution, in its row."""
-    theta, c, h, rule = step.theta, step.c[leaf], step.h, t[row, RULE]
-    x, current = step.x[t[row, OWN_STORAGE]], leaf_current(t, row, step.g, step.a, step.wj)
+def leaf_closed(t: Any, leaf: Any, step: Step) -> Any:
+    """End state and mean effort of a reducible storage with a closed solution."""
+    theta, c, x, h = step.theta, step.c, step.x, step.h
+    row = t[0, LEAVES] + leaf
+    k, rule = t[row, OWN_STORAGE], t[row, RULE]
+    current = leaf_current(t, leaf, step.g, step.a, step.wj)
     if rule == LOSSLESS:
         gain = h * current
         if t[row, IS_LINEAR] > 0:
-            return x + gain, c[STIFFNESS] * (x + 0.5 * gain)
-        return x + gain, mean_effort(t, t[row, OWN_STORAGE], x, x + gain, theta)
-    r = t[row, FIRST_RESISTOR]
+            return x[k] + gain, c[leaf, STIFFNESS] * (x[k] + 0.5 * gain)
+        return x[k] + gain, mean_effort(t, k, x[k], x[k] + gain, theta)
     if rule == PATH:
-        return resistor_path(t, r, x, current, h, c[STIFFNESS], theta)
-    rho, low, high, one, two = c[RHO], c[LOW], c[HIGH], c[ONE], c[TWO]
+        return resistor_path(t, t[row, FIRST_RESISTOR], x[k], current, h, c[leaf, STIFFNESS], theta)
+    rho, low, high = c[leaf, RHO], c[leaf, LOW], c[leaf, HIGH]
+    one, two, leak = c[leaf, ONE], c[leaf, TWO], c[leaf, LEAK]
+    r = t[row, FIRST_RESISTOR]
     if t[r, READ] >= 0:
         rho, low, high = resistor_thresholds(t, r, read(t, t[r, READ], step), theta)
-        if rho != c[RHO]:
-            one, two = relaxation(h * (rho + c[LEAK]) * c[STIFFNESS])
+        one, two = relaxation(h * (rho + leak) * c[leaf, STIFFNESS])
     return rc_flow(
-        x, current, h, c[STIFFNESS], rho, low, high, c[LEAK], one, two, c[LEAK_ONE], c[LEAK_TWO]
+        x[k], current, h, c[leaf, STIFFNESS], rho, low, high, leak, one, two,
+        c[leaf, LEAK_ONE], c[leaf, LEAK_TWO],
     )  # fmt: skip
 
 
 @inline
-def inlined_balance(t: Any, step: Step) -> None:
-    """Evaluate ``F`` at the unknowns of a step, with its modulated gains, its end states and its mean efforts."""
+def leaf_step(t: Any, leaf: Any, step: Step) -> Any:
+    """End state and mean effort of a reducible storage."""
+    if is_closed(t, leaf):
+        return leaf_closed(t, leaf, step)
+    found = leaf_search(t, leaf, step)
+    return leaf_moved(t, leaf, step, found)
+
+
+@inline
+def leaf_forces(t: Any, leaf: Any, g: Any, effort: Any, wj: Any) -> None:
+    """Add the forces of a reducible storage on its junctions."""
+    row = t[0, LEAVES] + leaf
+    for r in range(t[row, FIRST_LINK], t[row, LAST_LINK]):
+        add(g[r] * effort, t[r, TO_JUNCTION], wj)
+
+
+@inline
+def inlined_balance(t: Any, step: Step, wx: Any) -> None:
+    """Evaluate ``F`` at the unknowns of a step, with the end states and mean efforts.
+
+    Args:
+        t: table; step: its modulated gains are filled in here.
+        wx: (2, N) filled with end states and mean efforts.
+    """
     x, wj = step.x, step.wj
     junction_flows(t, step.theta, x, step.y, wj)
     if count(t, FACTORS) > 0:
         modulate(t, step)
     junction_terms(t, step)
-    first = t[0, LEAVES]
     for leaf in range(count(t, LEAVES)):
-        row = first + leaf
-        if is_closed(t, row):
-            end, mean = leaf_closed(t, leaf, row, step)
-        else:
-            end, mean = leaf_moved(t, leaf, step, leaf_search(t, leaf, step))
-        k = t[row, OWN_STORAGE]
-        step.ends[k] = end
-        step.means[k] = mean
-        for r in range(t[row, FIRST_LINK], t[row, LAST_LINK]):
-            add(step.g[r] * mean, t[r, TO_JUNCTION], wj)
+        end, mean = leaf_step(t, leaf, step)
+        k = t[t[0, LEAVES] + leaf, OWN_STORAGE]
+        wx[NEXT, k] = end
+        wx[EFFORT, k] = mean
+        leaf_forces(t, leaf, step.g, mean, wj)
     for j in range(count(t, JUNCTIONS)):
         k = junction_storage(t, j)
-        step.ends[k] = x[k] + wj[CHANGE, j]
-        step.means[k] = wj[FLOW, j]
+        wx[NEXT, k] = x[k] + wj[CHANGE, j]
+        wx[EFFORT, k] = wj[FLOW, j]
 
 
 @plain
-def balance(t: Any, step: Step) -> None:
+def balance(t: Any, step: Step, wx: Any) -> None:
     """`inlined_balance` as a call."""
     stay_outside()
-    inlined_balance(t, step)
+    inlined_balance(t, step, wx)
 
 
 @inline
-def source(t: Any, s: Any, step: Step) -> Any:
+def _source(t: Any, s: Any, step: Step, wx: Any) -> Any:
     """Contribution of the source in row ``s`` to ``s̄``."""
     theta, g, x, wj = step.theta, step.g, step.x, step.wj
     leaf, r = t[s, SOURCE_LEAF], t[s, SOURCE_RESISTOR]
     if leaf >= 0:
-        row = t[0, LEAVES] + leaf
-        k = t[row, OWN_STORAGE]
-        stored = mean_effort(t, k, x[k], step.ends[k], theta) * (step.ends[k] - x[k]) / step.h
-        return leaf_current(t, row, g, step.a, wj) * step.means[k] - stored
+        k = t[t[0, LEAVES] + leaf, OWN_STORAGE]
+        end = wx[NEXT, k]
+        stored = mean_effort(t, k, x[k], end, theta) * (end - x[k]) / step.h
+        return leaf_current(t, leaf, g, step.a, wj) * wx[EFFORT, k] - stored
     if r >= 0:
         effort = branch_effort(t, r, g, wj)
         return effort * resistor_flow(t, r, effort, read(t, t[r, READ], step), theta)
     if t[s, SOURCE_EFFORT] >= 0:
-        return step.means[t[s, SOURCE_EFFORT]]
+        return wx[EFFORT, t[s, SOURCE_EFFORT]]
     if t[s, SOURCE_FLOW] >= 0:
         return wj[FLOW, t[s, SOURCE_FLOW]]
     return step.a[t[s, SOURCE_PORT]]
 
 
 @plain
-def advance(t: Any, step: Step) -> None:
-    """Fill the end states and the mean drives ``s̄`` of all modulator states, which follow those of the storages."""
+def advance(t: Any, step: Step, wx: Any) -> None:
+    """Fill the end states and the mean drives ``s̄`` of all modulator states from those of a solved step.
+
+    Args: as of `inlined_balance`; states and ``wx`` have the modulator states after the storages.
+    """
     stay_outside()
     first = count(t, STORAGES)
     for k in range(count(t, MODULATOR_STATES)):
         row, z = t[0, MODULATOR_STATES] + k, step.x[first + k]
         total = 0.0 * step.g[0]
         for s in range(t[row, FIRST_SOURCE], t[row, LAST_SOURCE]):
-            total += source(t, s, step)
-        step.means[first + k] = total
+            total += _source(t, s, step, wx)
+        wx[EFFORT, first + k] = total
         rate, decay = memory_rate(t, row, z, total, step.theta), memory_decay(t, row, step.theta)
-        step.ends[first + k] = advanced(z, step.h, rate, decay)
+        wx[NEXT, first + k] = advanced(z, step.h, rate, decay)

@@ -18,11 +18,12 @@ from numpy.typing import NDArray
 
 from phnn.errors import StructureViolated
 from phnn.integrate.cache import inline, loop_entry
-from phnn.integrate.linearise import Derivatives, derivatives_at, new_derivatives
+from phnn.integrate.linearise import derivatives_at
+from phnn.integrate.pattern import Pattern, Run, eliminate, pattern_of
+from phnn.integrate.perturbed import Derivatives, new_derivatives
 from phnn.integrate.program import Program, action_derivatives, actions
-from phnn.integrate.roots import eliminate
-from phnn.integrate.step import junction_storage
-from phnn.integrate.table import LEAVES, OWN_STORAGE, PLACE_5, PORTS, Pattern, Run, pattern_of, rows_of
+from phnn.integrate.table_access import junction_storage
+from phnn.integrate.tables import LEAVES, OWN_STORAGE, PLACE_5, PORTS, rows_of
 
 # It is compiled where Python calls it: as a function of a compiled caller it would be optimised twice.
 
@@ -193,7 +194,7 @@ def carrier(program: Program, port: int) -> int:
 
 
 class Integrated(NamedTuple):
-    """An integrated program; for the shapes see `phnn.integrate.solve.march`."""
+    """An integrated program; for the shapes see `phnn.integrate.kernel.march`."""
 
     program: Program
     theta: Array

@@ -57,7 +57,7 @@ from scipy.interpolate import make_interp_spline
 from phnn.chain import AMPLIFIERS, MEMORYLESS, SENSORS, SOURCES
 from phnn.chain.amplifiers import slip_step
 from phnn.errors import InputRefused, SolverFailed
-from phnn.integrate import solve
+from phnn.integrate import kernel
 from phnn.integrate.cache import entry
 from phnn.integrate.program import compile_network
 from phnn.integrate.rest import equilibrium, equilibrium_slope
@@ -489,7 +489,7 @@ class FlatNetwork:
         x0 = self.at_rest(float(path.q[0]))[1]
         x0[self.momentum] = heavy * path.node_velocity[0]
         states, efforts = np.empty((h.size + 1, x0.size)), np.empty((h.size, x0.size))
-        done = solve.march(program, program.theta(network), x0, u, h, states, efforts)
+        done = kernel.march(program, program.theta(network), x0, u, h, states, efforts)
         if done < h.size:
             raise SolverFailed(
                 f"no solution of the step with the imposed motion at t = {path.times[done]:.6g} s: smooth the reference"

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from phnn.errors import InputRefused, SolverFailed
-from phnn.integrate import solve, sweep
+from phnn.integrate import kernel, sweep
+from phnn.integrate.compilable import can_compile
 from phnn.integrate.differentiable import Steps, first_order, march, sensitivities
-from phnn.integrate.partition import can_compile
 from phnn.integrate.program import Program, compile_network
 from phnn.learn.objective import Objective
 from phnn.learn.settings import Settings, instantiate
@@ -130,7 +130,7 @@ class GaussNewton:
         theta = program.theta(network)
         u, h = self.plant.inputs(window.mean).numpy(), window.h.numpy()
         states, efforts = np.empty((h.size + 1, x0.size)), np.empty((h.size, x0.size))
-        done = solve.march(program, theta, x0, u, h, states, efforts)
+        done = kernel.march(program, theta, x0, u, h, states, efforts)
         if done < h.size:
             raise SolverFailed(f"no solution of the step at t = {h[:done].sum():.6g} s: lower the rate of learning")
         places = _places(program, self.plant)

@@ -19,8 +19,8 @@ from torch import nn
 from phnn.errors import InputRefused
 from phnn.identification.evaluate import Evaluation
 from phnn.identification.prepare import single
+from phnn.integrate.compilable import can_compile
 from phnn.integrate.method import PortHamiltonianSystem
-from phnn.integrate.partition import can_compile
 from phnn.learn import checkpoint
 from phnn.learn.methods import with_gradients
 from phnn.learn.objective import Objective, evaluate, set_aside, substeps_needed, whole

@@ -29,8 +29,9 @@ from phnn.configuration import config_folder
 from phnn.derivatives import output_derivatives
 from phnn.effects import Chain, Effect, effect
 from phnn.errors import InputRefused, SolverFailed
-from phnn.integrate.partition import EXACT, LOSSLESS, PATH
 from phnn.integrate.program import compile_network
+from phnn.integrate.quick import serves
+from phnn.integrate.tables import EXACT, LOSSLESS, PATH
 from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
 from phnn.models.actuator import hrc
 from phnn.models.network_file import load_network
@@ -88,6 +89,7 @@ def test_leaks_keep_the_exact_flow_of_every_hysteron() -> None:
     setup = effect("charge_leakage").add_to(BASE, {"G": 1e-6})
     program = compile_network(setup.network)
     assert set(program.rules.values()) == {EXACT, LOSSLESS}
+    assert serves(program)
     none = effect("charge_leakage").add_to(BASE, {"G": 1e-300})
     np.testing.assert_array_equal(run(none).y, base(ACTUATOR).y)
 

@@ -21,8 +21,8 @@ from phnn.exporting.build import build
 from phnn.exporting.laws import Sources
 from phnn.exporting.program import Names, Program, identifier
 from phnn.exporting.write import python
-from phnn.integrate import solve
-from phnn.integrate.partition import can_compile
+from phnn.integrate import kernel
+from phnn.integrate.compilable import can_compile
 from phnn.integrate.program import compile_network
 from phnn.models.store import save
 from phnn.network.elements import Network
@@ -44,7 +44,7 @@ def difference(network: Network) -> float:
     case = case_of(network)
     h, program = np.full(case.h.size, case.h[0]), compile_network(network)
     wanted, efforts = np.empty((h.size + 1, case.x0.size)), np.empty((h.size, case.x0.size))
-    assert solve.march(program, program.theta(network), case.x0, case.u, h, wanted, efforts) == h.size
+    assert kernel.march(program, program.theta(network), case.x0, case.u, h, wanted, efforts) == h.size
     found = build(Setup(network), float(h[0]), 1, further=[p.name for p in network.ports[1:]])
     scope: dict = {}
     exec(python(found), scope)

@@ -17,7 +17,7 @@ from phnn.derivatives import output_derivatives
 from phnn.errors import SolverFailed, StructureViolated
 from phnn.integrate.differentiable import Steps, sensitivities, simulated
 from phnn.integrate.equations import linearised, step_residual
-from phnn.integrate.partition import Scheme
+from phnn.integrate.scheme import Scheme
 from phnn.laws import RESISTOR_LAWS
 from phnn.model import Model
 from phnn.models import hrc

@@ -10,7 +10,7 @@ import torch
 from junctions import trajectory_of
 from networks import random_network, remembering
 
-from phnn.integrate import solve
+from phnn.integrate import kernel
 from phnn.integrate.equations import check, linearised, power_balance
 from phnn.integrate.program import compile_network
 from phnn.network import Network, PortHamiltonianSystem, Resistor
@@ -38,7 +38,7 @@ def solved(network: Network, u: np.ndarray, h: np.ndarray, x0: np.ndarray) -> tu
     """How many steps were solved, states and efforts."""
     program = compile_network(network)
     states, efforts = np.full((h.size + 1, x0.size), np.nan), np.full((h.size, x0.size), np.nan)
-    return solve.march(program, program.theta(network), x0, u, h, states, efforts), states, efforts
+    return kernel.march(program, program.theta(network), x0, u, h, states, efforts), states, efforts
 
 
 def defect(network: Network, u: np.ndarray, h: np.ndarray, states: np.ndarray, efforts: np.ndarray) -> float:

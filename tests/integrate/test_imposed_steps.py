@@ -11,7 +11,7 @@ from junctions import trajectory_of
 from numpy.typing import NDArray
 
 from phnn.errors import SolverFailed
-from phnn.integrate import differentiable, solve
+from phnn.integrate import differentiable, kernel
 from phnn.integrate.equations import check, power_balance
 from phnn.integrate.program import compile_network
 from phnn.network import Coupling, Network, PortHamiltonianSystem, Resistor, Storage
@@ -201,7 +201,7 @@ def solved(network: Network, u: Array, h: Array) -> tuple[Array, Array]:
     """States and efforts from rest; fails the test where a step was not solved."""
     program = compile_network(network)
     states, efforts = (np.full((h.size + more, len(program.states)), np.nan) for more in (1, 0))
-    done = solve.march(program, program.theta(network), np.zeros(states.shape[1]), u, h, states, efforts)
+    done = kernel.march(program, program.theta(network), np.zeros(states.shape[1]), u, h, states, efforts)
     assert done == h.size, f"step {done} was not solved"
     assert np.isfinite(states).all()
     return states, efforts

@@ -18,12 +18,12 @@ from phnn.configuration import config_folder
 from phnn.effects import effect
 from phnn.effects.additions import bent_spring
 from phnn.errors import InputRefused, StructureViolated
-from phnn.integrate import solve
+from phnn.integrate import kernel
 from phnn.integrate import sweep as sweeps
 from phnn.integrate.equations import check, power_balance
-from phnn.integrate.partition import Scheme, junctions_of
-from phnn.integrate.program import Program, compile_network
-from phnn.integrate.table import IN_MATRIX
+from phnn.integrate.partition import junctions_of
+from phnn.integrate.program import Program, actions, compile_network
+from phnn.integrate.scheme import Scheme
 from phnn.models.actuator import TABLE_1, from_paper, hrc
 from phnn.models.network_file import load_network
 from phnn.network import Coupling, Network, Port, PortHamiltonianSystem, Resistor, Storage
@@ -300,7 +300,7 @@ def marched(network: Network) -> Marched:
     u = np.cumsum(3.0 * np.random.default_rng(n).normal(size=(500, ports)), axis=0)
     h = np.where(np.arange(500) < 200, 1e-4, 3e-5)
     run = Marched(program, program.theta(network), u, h, np.empty((501, n)), np.empty((500, n)))
-    assert solve.march(program, run.theta, np.zeros(n), u, h, run.states, run.efforts) == h.size
+    assert kernel.march(program, run.theta, np.zeros(n), u, h, run.states, run.efforts) == h.size
     return run
 
 
@@ -344,7 +344,7 @@ def second_mode() -> Network:
     return effect("second_mode").add_to(Setup(hrc(2)), {"m_2": 0.02, "k_2": 4e3, "b_2": 1.0}).network
 
 
-NETWORKS = {
+QUICK = {
     **{name: electrostrictive(h) for name, h in (("none", 0), ("one", 1), ("two", 2), ("five", 5))},
     "bent spring": bent(2),
     "drag": braked(2),
@@ -353,10 +353,33 @@ NETWORKS = {
     "inlet that follows a temperature": self_heating(0),
     "hysterons that follow a temperature": self_heating(2),
     "everything follows a temperature": load_network(config_folder() / "network/thermal_hrc.yaml"),
+}
+OTHER = {
     "two junctions": second_mode(),
     "inductor": load_network(config_folder() / "network/hrlc.yaml"),
     "ratios that follow the displacement": coupled(),
 }
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_the_quick_march_is_the_general_one(name: str) -> None:
+    one = marched(QUICK[name])
+    assert kernel.kernel_for(one.program).name == "single junction"
+    states, efforts = one.states.copy(), one.efforts.copy()
+    pushed = actions(one.program, one.theta, one.u)
+    general = kernel.kernel_for(one.program, "general").march
+    assert general(one.program, one.theta, pushed, one.h, states, efforts) == one.h.size
+    close(one.states, states, 1e-10)
+    close(one.efforts, efforts, 1e-10)
+
+
+def test_the_quick_march_leaves_other_networks_alone() -> None:
+    programs = [compile_network(network) for network in OTHER.values()]
+    assert {kernel.kernel_for(program).name for program in programs} == {"general"}
+    with pytest.raises(InputRefused, match="kernel 'single junction' does not serve this network"):
+        kernel.kernel_for(programs[0], "single junction")
+    with pytest.raises(InputRefused, match="choose one of single junction, general"):
+        kernel.kernel_for(programs[0], "other")
 
 
 def in_full(program: Program) -> Program:
@@ -365,14 +388,12 @@ def in_full(program: Program) -> Program:
     everything = frozenset(range(count + len(program.names) + len(program.constants)))
     others = {**dict.fromkeys(sparsity.plain, everything), **sparsity.others}
     sparsity = sparsity._replace(affine=(False,) * len(program.leaves), plain=(), others=others)
-    table = program.table.copy()
-    table[1:, IN_MATRIX] = 0
-    return replace(program, sparsity=sparsity, table=table)
+    return replace(program, sparsity=sparsity)
 
 
-@pytest.mark.parametrize("name", NETWORKS)
+@pytest.mark.parametrize("name", [*QUICK, *OTHER])
 def test_derivatives_by_pieces_are_those_in_full(name: str) -> None:
-    run = marched(NETWORKS[name])
+    run = marched({**QUICK, **OTHER}[name])
     program = run.program
     if name == "two":
         # Every piece occurs: rest, either side, and steps that meet a threshold.

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from phnn.errors import InputRefused, SolverFailed
 from phnn.integrate.method import METHOD, solve
-from phnn.integrate.partition import Scheme
+from phnn.integrate.scheme import Scheme
 from phnn.network import Coupling, DrivenSystem, Network, Port, PortHamiltonianSystem, Resistor, Storage
 from phnn.parameters import as_table, positive
 

@@ -17,7 +17,7 @@ from phnn.errors import InputRefused
 from phnn.integrate import method
 from phnn.integrate.differentiable import Steps
 from phnn.integrate.equations import reducible_rules
-from phnn.integrate.partition import Scheme
+from phnn.integrate.scheme import Scheme
 from phnn.models.actuator import hrc
 from phnn.network import PortHamiltonianSystem
 from phnn.nn import LearnedSystem, Scales

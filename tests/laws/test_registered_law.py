@@ -48,7 +48,7 @@ _FINGERPRINT = "from phnn.integrate.cache import fingerprint; print(fingerprint(
 
 _DISCHARGE = """
 import numpy as np
-from phnn.integrate import solve
+from phnn.integrate import kernel
 from phnn.integrate.program import compile_network
 from phnn.network import Network, Port, Resistor, Storage
 from phnn.parameters import Parameter, as_table
@@ -63,7 +63,8 @@ network = Network(
 )
 program = compile_network(network)
 states, efforts = np.zeros((11, 1)), np.zeros((10, 1))
-solve.march(program, program.theta(network), np.ones(1), np.zeros((10, 1)), np.full(10, 0.1), states, efforts)
+states[0] = 1.0
+kernel.march_any(program, program.theta(network), np.zeros((10, 1)), np.full(10, 0.1), states, efforts)
 print(float(states[-1, 0]))
 """
 
@@ -156,7 +157,7 @@ from phnn.parallel import executor
 
 def newest(_):
     from phnn.laws import RESISTOR_LAWS
-    import phnn.integrate.step
+    import phnn.integrate.table_access
     name, law = list(RESISTOR_LAWS.items())[-1]
     return name, float(law.flow(1.0, 0.0, 2.0))
 
@@ -166,7 +167,7 @@ print(*(result for _, result in executor("processes:1").each(newest, [0])))
 
 
 def test_a_law_that_comes_after_the_solver_is_refused() -> None:
-    import phnn.integrate.step  # noqa: F401
+    import phnn.integrate.table_access  # noqa: F401
 
     with pytest.raises(StructureViolated, match=r"'late_damper' comes too late: .* directly after `import phnn`"):
         register(ResistorLaw("late_damper", lambda e, q, drag: drag * e, (1.0,)))
