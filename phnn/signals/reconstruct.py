@@ -268,7 +268,6 @@ class Reconstruction:
         u: (N,) samples.
         counts: (N−1,) sub-steps of the sample intervals.
         method: one of ``cubic``, ``quintic``, ``band_limited``, ``linear``, ``zero_order``.
-        rise: how long jumps take, in sample intervals, 0 to 1.
         sharp: whether jumps to and from a single sample happen at once like all others.
         clock: (N,) instants of the samples in mean intervals, where these are not equal.
 
@@ -279,7 +278,6 @@ class Reconstruction:
     u: Array
     counts: NDArray[np.int64]
     method: str
-    rise: float = 0.0
     sharp: bool = False
     clock: Array | None = None
 
@@ -369,7 +367,7 @@ class Reconstruction:
             if np.isnan(instant):
                 rows = slice(int(self._nodes[n - 1]), int(self._nodes[n]))
                 at = self._positions[rows]
-                law = _law_of(left, right, 0 if self.sharp else self.u.size, self.rise)
+                law = _law_of(left, right, 0 if self.sharp else self.u.size)
                 found.append(_Jump(rows, at - (n - 1), left(at), right(at) - left(at), law))
         return found
 
@@ -387,13 +385,13 @@ _FAST = _Law((0.0, 1.0), (0.0, 0.0))
 _INTO, _OUT_OF = _Law((0.5, 0.5), (1.0, -1.0)), _Law((0.0, 0.5), (0.0, 1.0))
 
 
-def _law_of(left: Stretch, right: Stretch, samples: int, rise: float) -> _Law:
+def _law_of(left: Stretch, right: Stretch, samples: int) -> _Law:
     """How the transition between two stretches goes; samples: of the input, 0 where a single one says nothing."""
     if samples and right.u.size == 1 and right.first + 1 < samples and left.u.size > 1:
         return _INTO
     if samples and left.u.size == 1 and left.first > 0 and right.u.size > 1:
         return _OUT_OF
-    return _Law((0.5 * rise, 1.0 - rise), (rise, 0.0)) if rise else _FAST
+    return _FAST
 
 
 @dataclass(frozen=True, eq=False)
