@@ -298,8 +298,10 @@ def modes(
     with claim(out, "modes", [folder], RESULTS, overwrite=overwrite) as place, status() as progress:
         result = study_modes(study, settings, progress)
         progress("write the report")
-        write_modes(result, str(folder), place)
-    show(result, console())
+        # It predicts all held-out recordings with all models.
+        document = result.document()
+        write_modes(result, document, str(folder), place)
+    show(result, document, console())
     print(f"report: {out / 'report.html'}")
 
 

@@ -21,9 +21,12 @@ RESULTS = ("modes.json", "report.html", "model", "models")
 _SHOWN = {LINEAR: "one linear model", SLOW: "one model with slow ports", "": "linear, a model for each amplitude"}
 
 
-def write_modes(result: Result, folder: str, place: Place) -> None:
-    """Write ``modes.json``, a page, and all models."""
-    document = result.document()
+def write_modes(result: Result, document: dict[str, Any], folder: str, place: Place) -> None:
+    """Write ``modes.json``, a page, and all models.
+
+    Args:
+        document: of the result; folder: of the recordings.
+    """
     (place / "modes.json").write_json(document)
     (place / "model" / FILE).write_json(model_document(result.models[result.final]))
     alone = {f"linear_at_level_{i}": fit for i, fit in enumerate(result.alone, start=1)}
@@ -38,9 +41,9 @@ def write_modes(result: Result, folder: str, place: Place) -> None:
     (place / "report.html").write(page(f"Modes: {folder}", "Modes of a structure", sections))
 
 
-def show(result: Result, out: Console) -> None:
+def show(result: Result, document: dict[str, Any], out: Console) -> None:
     """Print the errors of all models, and what they say."""
-    errors = _errors(result, result.document())
+    errors = _errors(result, document)
     listing = Listing(*errors.head)
     for row in errors.rows:
         listing.add_row(*row)
