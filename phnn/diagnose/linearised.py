@@ -90,16 +90,19 @@ class LinearisedFit:
             found.append(hidden & mask)
         return found
 
-    @cached_property
-    def coarse_outputs(self) -> list[Array]:
-        """Outputs with the coarse sub-steps, the origin of finite changes."""
-        plan = self.plan.coarse()
+    def outputs(self, plan: Plan) -> list[Array]:
+        """Outputs of the model on a plan, the origin of finite changes."""
 
         def run(recording: Recording) -> Array:
             initial = self.fit.initial(recording.name)
             return simulate(self.fit.setup, recording, plan.steps_of(recording), initial=initial).y
 
         return plan.each(run, simulations=1.0)
+
+    @cached_property
+    def sparse_outputs(self) -> list[Array]:
+        """The same with coarse sub-steps, at as few samples as show the inputs."""
+        return self.outputs(self.plan.coarse().derived(self.fit.setup))
 
     @property
     def spectra(self) -> Spectra:
@@ -157,16 +160,19 @@ def scales_of(fit: Fit, trajectories: Sequence[Trajectory]) -> Scales:
 def direction(linearised: LinearisedFit, effect: Effect, values: Mapping[str, float]) -> Array:
     """Return the weighted change (N,) of the output by an effect; zero where the changed model cannot be simulated."""
     setup = effect.add_to(linearised.fit.setup, values)
-    plan = linearised.plan.coarse()
+    coarse = linearised.plan.coarse()
+    plan = coarse.derived(setup)
+    base = linearised.outputs(plan) if plan is coarse else linearised.sparse_outputs
 
-    def one(recording: Recording, base: Array) -> Array:
+    def one(sparse: Recording, recording: Recording, before: Array) -> Array:
         initial = linearised.fit.initial(recording.name)
         if initial is not None:
             initial = carried(initial, linearised.fit.setup, setup, np.zeros(len(setup.network.state_names)))
-        return simulate(setup, recording, plan.steps_of(recording), initial=initial).y - base
+        change = simulate(setup, sparse, plan.steps_of(sparse), initial=initial).y - before
+        return change if sparse is recording else recording.from_sparse(change)
 
     try:
-        return linearised.stack(plan.each(one, linearised.coarse_outputs, simulations=1.0))
+        return linearised.stack(plan.each(one, coarse.recordings, base, simulations=1.0))
     except SolverFailed:
         return np.zeros(linearised.fit.residual.size)
 

@@ -10,6 +10,7 @@ from typing import Any
 
 from phnn.recordings.recording import Recording
 from phnn.rescue import among_others, spend, stop_if_late
+from phnn.setup import Setup
 
 
 @dataclass(frozen=True)
@@ -22,12 +23,14 @@ class Plan:
         workers: threads; the compiled integration releases the interpreter lock.
         anchors: standard deviations [SI] of parameters known from elsewhere, by name; what is estimated beside a held
             anchor inherits its uncertainty.
+        rough: derivatives are taken at every few samples, see `derived`; the residual never is.
     """
 
     recordings: tuple[Recording, ...]
     substeps: Mapping[str, int] = field(default_factory=dict)
     workers: int = 2
     anchors: Mapping[str, float] = field(default_factory=dict)
+    rough: bool = False
 
     def steps_of(self, recording: Recording) -> int:
         """Sub-steps of a recording, 1 where nothing was chosen."""
@@ -76,8 +79,15 @@ class Plan:
         return [waiting[i].result() for i in range(len(tasks))]
 
     def coarse(self) -> Plan:
-        """The same recordings with a quarter of the sub-steps, for first evaluations."""
-        return replace(self, substeps={r.name: max(1, self.steps_of(r) // 4) for r in self.recordings})
+        """The same recordings with a quarter of the sub-steps and rough derivatives, for first evaluations."""
+        return replace(self, substeps={r.name: max(1, self.steps_of(r) // 4) for r in self.recordings}, rough=True)
+
+    def derived(self, setup: Setup) -> Plan:
+        """The recordings of which derivatives are taken: where these may be rough, at as few samples as show their
+        inputs, unless the setup has sources of its own, which may be faster."""
+        if not self.rough or setup.sources:
+            return self
+        return replace(self, recordings=tuple(r.sparse for r in self.recordings))
 
 
 @cache

@@ -450,11 +450,16 @@ class Problem:
         """(N_r, K+1) derivatives of the residual of every recording, and the residual."""
         if self._differentiated[0] != z.tobytes():
             found, setup = self.trajectories(z), self.variables.setup(self.template, z)
+            plan = self.plan.derived(setup)
 
-            def one(recording: Recording, trajectory: Trajectory, mask: Array) -> Array:
+            def one(sparse: Recording, recording: Recording, trajectory: Trajectory, mask: Array) -> Array:
                 initial = range(self.variables.scales.size) if recording.name in self.variables.unknown else ()
                 instants = recording.name in self.variables.instants
-                raw = output_derivatives(trajectory, self.variables.names, tuple(initial), instants=instants)
+                near = trajectory
+                if sparse is not recording:
+                    near = simulate(setup, sparse, plan.steps_of(sparse), initial=self.variables.initial(recording, z))
+                raw = output_derivatives(near, self.variables.names, tuple(initial), instants=instants)
+                raw = raw if near is trajectory else recording.from_sparse(raw)
                 columns = self.variables.columns(setup, recording, raw)
                 both = np.column_stack([columns, trajectory.y - recording.y])
                 hidden = beyond_limit(recording, trajectory.y, mask, setup.own)
@@ -463,7 +468,8 @@ class Problem:
                 return inside
 
             count = self._work * max(_FEW, _DERIVATIVE * z.size)
-            self._differentiated = z.tobytes(), self.plan.each(one, found, self.masks, simulations=count)
+            both = plan.each(one, self.plan.recordings, found, self.masks, simulations=count)
+            self._differentiated = z.tobytes(), both
         return self._differentiated[1]
 
 

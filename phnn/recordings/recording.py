@@ -33,6 +33,9 @@ _GOLDEN, _WHOLE = 0.618, 0.02
 # Intervals between samples that differ by less, as a share of their mean, differ by rounding only.
 _ROUNDING = 1e-6
 
+# Most samples from one that shows the inputs to the next; the largest error of straight lines, over the range.
+_STRIDE, _STRAIGHT = 8, 0.001
+
 # Names of recordings in a short form of a campaign.
 _SHOWN = 4
 
@@ -165,6 +168,30 @@ class Recording:
             further={n: x[rows] for n, x in self.further.items()},
         )
 
+    @cached_property
+    def stride(self) -> int:
+        """The most samples, up to eight, between two of which straight lines show all inputs; 1 where inputs are held
+        from sample to sample, jump within an interval, or repeat after no whole number of samples."""
+        inputs = (self.u, *self.further.values())
+        jumps = self.interpolation == "zero_order" or self.instants is not None or self.clock is not None
+        if jumps or (self.start.state == "periodic" and not self.cycle):
+            return 1
+        return next(n for n in range(_STRIDE, 0, -1) if self.cycle % n == 0 and all(_follows(x, n) for x in inputs))
+
+    @cached_property
+    def sparse(self) -> Recording:
+        """The recording at every `stride`-th sample."""
+        return self if self.stride == 1 else self.only(slice(None, None, self.stride))
+
+    def from_sparse(self, rows: np.ndarray) -> np.ndarray:
+        """``(N, …)`` values on straight lines between those at the samples of `sparse`; the last of them stands for
+        what follows."""
+        rest = (1,) * (rows.ndim - 1)
+        share = (np.arange(self.stride) / self.stride).reshape(-1, *rest)
+        lines = rows[:-1, None] * (1.0 - share) + rows[1:, None] * share
+        tail = np.repeat(rows[-1:], self.stride, axis=0)
+        return np.concatenate([lines.reshape(-1, *rows.shape[1:]), tail])[: self.t.size]
+
     @property
     def dt(self) -> float:
         """Sampling interval in s, the mean where intervals differ."""
@@ -182,6 +209,13 @@ class Recording:
             if part.use == use:
                 chosen[part.first : part.last] = True
         return chosen if self.seen is None else chosen & self.seen
+
+
+def _follows(x: np.ndarray, stride: int) -> bool:
+    """Whether straight lines between every ``stride``-th value follow a signal."""
+    samples = np.arange(x.size)
+    line = np.interp(samples, samples[::stride], x[::stride])
+    return bool(np.abs(line - x)[: samples[::stride][-1] + 1].max() <= _STRAIGHT * np.ptp(x))
 
 
 def unrecorded(

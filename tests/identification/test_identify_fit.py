@@ -89,6 +89,20 @@ def test_jacobian_is_the_derivative_of_the_residual() -> None:
         assert error < 2e-2, name
 
 
+def test_rough_derivatives_are_nearly_the_exact_ones_and_cost_less() -> None:
+    best, found, spent = campaigns.base(), [], []
+    for rough in (False, True):
+        variables = variables_of(best.setup, best.plan, best.variables.names)
+        with accounted() as account:
+            problem = Problem(best.setup, replace(best.plan, rough=rough), variables)
+            found.append(problem.jacobian(variables.start(best.setup)))
+        spent.append(account.spent)
+    exact, rough_ones = found
+    assert not np.array_equal(exact, rough_ones)
+    assert (np.linalg.norm(rough_ones - exact, axis=0) < 0.1 * np.linalg.norm(exact, axis=0)).all()
+    assert spent[1] < 0.7 * spent[0]
+
+
 def test_displacement_zero_is_projected_out_exactly() -> None:
     fitted = campaigns.base()
     shifted = tuple(replace(r, y=r.y + 1e-4 * (i + 1)) for i, r in enumerate(fitted.plan.recordings))

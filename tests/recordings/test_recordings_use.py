@@ -15,7 +15,7 @@ from scipy.signal import chirp
 from phnn.recordings import describe, read
 from phnn.recordings.excitation import Excitation, excitation_of, find_period
 from phnn.recordings.partition import Candidate, candidate_of, choose, divide
-from phnn.recordings.recording import Part, Recording, Start
+from phnn.recordings.recording import Part, Recording, Start, unrecorded
 
 
 @settings(max_examples=60, deadline=None)
@@ -43,6 +43,23 @@ def test_period_of_periodic_inputs(samples: float, cycles: float, phase: float, 
 ])  # fmt: skip
 def test_kinds(kind: str, u: np.ndarray) -> None:
     assert excitation_of(u, 1e-3).kind == kind
+
+
+@pytest.mark.parametrize(("interpolation", "period", "strides"), [
+    ("cubic", 1000, {8}), ("cubic", 100, {2, 3}), ("cubic", 20, {1}), ("zero_order", 1000, {1}),
+])  # fmt: skip
+def test_a_stride_is_as_long_as_the_input_is_slow(interpolation: str, period: int, strides: set[int]) -> None:
+    t = np.arange(3001) * 1e-4
+    recording = unrecorded("sine", t, 60.0 * np.sin(2e4 * np.pi * t / period), interpolation)
+    assert recording.stride in strides
+    back = recording.from_sparse(recording.sparse.u)[: 3001 - 3001 % recording.stride]
+    assert np.abs(back - recording.u[: back.size]).max() < 0.01 * 60.0
+    assert recording.sparse.t[1] == pytest.approx(recording.stride * 1e-4)
+
+
+def test_a_jump_is_in_no_stride() -> None:
+    t = np.arange(3000) * 1e-4
+    assert unrecorded("step", t, np.where(t < 0.1, 0.0, 60.0)).stride == 1
 
 
 def test_a_noisy_measured_voltage_still_has_its_period() -> None:
