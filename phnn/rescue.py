@@ -37,6 +37,9 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 _STRICT = "PHNN_DEBUG"
+# Items of work that are begun at a time, at least: on one core as on two, for the same answer; from which share of the
+# budget on.
+_SIDE, _NEARLY = 2, 0.6
 _PACKAGE = Path(__file__).resolve().parent
 NOTHING_LEFT, EVALUATIONS, SECONDS = "nothing left", "evaluations", "seconds"
 INTERRUPTED, FAILURE = "interrupted", "failure"
@@ -307,6 +310,9 @@ class _Result(NamedTuple):
 def results(executor: Executor, work: Callable[[Any], Any], items: Sequence[Any], names: Sequence[str]) -> list[Any]:
     """``work(item)`` of every item, done by an executor; None where an item failed, or the search was ended.
 
+    Near the end of a budget no more items are begun at a time than two, or than there are workers, so that it ends
+    between them.
+
     Args:
         executor: where it is done; work: on one item.
         items: candidates; names: of their effects.
@@ -319,16 +325,21 @@ def results(executor: Executor, work: Callable[[Any], Any], items: Sequence[Any]
         return found
     until, among = account.until if account.checked else float("inf"), executor.kind != "serial" and len(items) > 1
     above = account if account.checked and executor.kind == "threads" else None
+    side = max(_SIDE, executor.workers) if account.evaluations > _NEARLY * account.most else len(items)
     try:
-        for index, answer in executor.each(partial(_one, work, until, among, above), items):
-            named = {"candidate": names[index]}
-            account.failed += [Failure(**(vars(f) | named)) for f in answer.failed]
-            account.warnings += [Failure(**(vars(f) | named)) for f in answer.warnings]
-            account.spent += answer.spent
-            found[index] = answer.result
-            if answer.stopped:
-                account.stopped = account.stopped or SECONDS
-                account.not_tried.append(names[index])
+        for first in range(0, len(items), side):
+            if first and account.checked and late(", ".join(names[first:])):
+                break
+            for place, answer in executor.each(partial(_one, work, until, among, above), items[first : first + side]):
+                index = first + place
+                named = {"candidate": names[index]}
+                account.failed += [Failure(**(vars(f) | named)) for f in answer.failed]
+                account.warnings += [Failure(**(vars(f) | named)) for f in answer.warnings]
+                account.spent += answer.spent
+                found[index] = answer.result
+                if answer.stopped:
+                    account.stopped = account.stopped or SECONDS
+                    account.not_tried.append(names[index])
     except KeyboardInterrupt as interruption:
         account.interrupt(interruption, "refits of " + ", ".join(names))
     except PhnnError as error:

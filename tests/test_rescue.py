@@ -33,7 +33,7 @@ from phnn.identification.options import Options
 from phnn.parallel import executor
 from phnn.report import result, sections
 from phnn.report.result import write
-from phnn.rescue import accounted, attempt, extra, move, needed, results, stop_if_late
+from phnn.rescue import accounted, allow, attempt, extra, move, needed, results, spend, stop_if_late
 
 # Functions of numbers and pictures that a diagnosis calls after its base fit, in the modules that call them. For an
 # optimiser and for scores, a simulation that does not solve a step is an answer like others: it is no failure there.
@@ -396,3 +396,21 @@ def test_refits_elsewhere_fail_and_stop_alone(where: str) -> None:
         assert move("refits", lambda: results(there, _late_or_failing, ["a", "late"], ["x", "y"]), []) == ["A", None]
     assert [(f.candidate, f.message) for f in account.failed] == [("failing", TOLD)]
     assert (account.stopped, account.not_tried) == ("seconds", ["y"])
+
+
+def _spending(item: str) -> str:
+    spend(20.0)
+    return item.upper()
+
+
+@pytest.mark.parametrize("where", ["serial", "threads:2"])
+@pytest.mark.parametrize(("before", "done"), [(0.0, 5), (70.0, 2)])
+def test_a_budget_ends_between_refits_wherever_they_are_done(where: str, before: float, done: int) -> None:
+    items = list("abcde")
+    with accounted() as account:
+        allow(100.0, 1.0)
+        spend(before)
+        found = move("refits", lambda: results(executor(where), _spending, items, items), [])
+    assert found == [*"ABCDE"[:done], *([None] * (5 - done))]
+    assert account.ended().why == ("nothing left" if done == 5 else "evaluations")
+    assert len(account.not_tried) == (done < 5)
