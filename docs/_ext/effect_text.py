@@ -166,13 +166,9 @@ def _links(names: list[str]) -> str:
 def _confused(effect: Effect) -> str:
     others = [e for e in catalogue().values() if e.name != effect.name]
     near = list(dict.fromkeys([*effect.neighbours, *(e.name for e in others if effect.name in e.neighbours)]))
-    contained = [n for n in effect.special_names if n in catalogue()]
-    containing = [e.name for e in others if effect.name in e.special_names]
     same = [e.name for e in others if e.kind == effect.kind and scene_of(e) is scene_of(effect)]
     lines = [
         f"* Ordinary recordings cannot always tell it from {_links(near)}." if near else "",
-        f"* {_links(contained)}: special case of this effect, which can never fit worse." if contained else "",
-        f"* This effect is a special case of {_links(containing)}." if containing else "",
         f"* The same kind, because it acts through the same variables: {_links(same)}." if same else "",
     ]
     return "\n".join(line for line in lines if line) or "No other effect of the catalogue."

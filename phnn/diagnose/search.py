@@ -5,11 +5,12 @@
     race     the best of them go on, as long as they can still end near the best
     forms    an effect that has several copies is compared in its best form
     drop     each earlier element of a better model is left out once
+    exchange neighbours take the place of an element, before a pair is grown and at the end
     converge a model that is grown near the noise, and what a verdict compares, is carried to its end
 
 Every model that is fitted on the way is kept with its χ² in each recording; `phnn.diagnose.number` weighs them.
-The search goes on from the best three. Each step stands in its own account (`phnn.rescue`): one that fails, or comes
-too late, takes nothing away from what was finished.
+The search goes on from the best three sets of effects. Each step stands in its own account (`phnn.rescue`): one that
+fails, or comes too late, takes nothing away from what was finished.
 """
 
 from __future__ import annotations
@@ -51,8 +52,8 @@ from phnn.rescue import attempt, late, move, needed, results, spent, untried
 
 # Share of the residual from which on a candidate is large, and over the usual score what it needs then.
 _LARGE_SHARE, _LARGE_SCORE = 0.05, 0.6
-# Excess over the noise, over that of the best trial, at which another one still goes on: before and after the race.
-_RACE, _FINISH = 2.0, 1.5
+# Excess over the noise, over that of the best trial, at which another one still goes on.
+_RACE = 2.0
 # The same in mean squares of the noise.
 _LEVEL = 0.02
 # What a stretch of steps leaves of χ² where a fit still falls.
@@ -69,7 +70,7 @@ _GROWN, _FINER = 30.0, 8.0
 _ALIKE = 5.0
 # Sub-steps from which on directions are fine enough.
 _ENOUGH = 8
-# Mean square below which the numerical error of the best model is asked.
+# Mean square below which a model is carried to its end before it is grown, and its numerical error is asked.
 _QUIET = 2.0
 
 
@@ -79,7 +80,7 @@ class Search:
 
     Attributes:
         campaign: recordings; base: the fitted base model; plan: recordings and sub-steps of every converged fit.
-        effects: catalogue entries that can exist in the setup; learned: elements without a name that can.
+        effects: catalogue entries that can exist in the setup.
         criteria: all numbers that decide something.
         scales: sizes from which effects take their grids.
         screen: directions of all candidates.
@@ -93,7 +94,6 @@ class Search:
     base: Visited
     plan: Plan
     effects: Sequence[Effect]
-    learned: Sequence[Effect]
     criteria: Criteria
     scales: Scales
     screen: Screen
@@ -168,8 +168,8 @@ def begin(
     bare = Visited((), fitted, {}, {}, 0, True)
     screen = Screen(_with_few_steps(linearised, fitted.plan), [*effects, *learned], criteria)
     search = Search(
-        campaign, bare, fitted.plan, effects, learned, criteria, linearised.scales, screen, {}, most, executor, progress
-    )  # fmt: skip
+        campaign, bare, fitted.plan, effects, criteria, linearised.scales, screen, {}, most, executor, progress
+    )
     search.base = search.visit(search.model((), fitted, True))
     return search
 
@@ -186,10 +186,15 @@ def explore(search: Search) -> None:
 
 def _grow_all(search: Search) -> None:
     while (model := _next(search)) is not None:
-        search.grown.add(model.key)
         part = f"what to add to {model.words}"
         if late(part):
             break
+        nearly = len(model.elements) == 2 or (model.elements and model.left <= search.criteria.explained)
+        if nearly and model in (search.best, search.written) and model.key not in search.compared:
+            # What it leaves may be that one of its elements stands for another, most often the first of two.
+            _against_others(search, model)
+            continue
+        search.grown.add(model.key)
         search.progress(f"look for {part}")
         move(part, partial(_grow, search, model), None)
         best, used = search.best, f"{100.0 * spent():.0f} % of the budget"
@@ -207,12 +212,14 @@ def _next(search: Search) -> Visited | None:
     while True:
         number = partial(forecast, criteria=search.criteria)
         ranked = sorted(search.visited.values(), key=number, reverse=True)
-        likely = [m for m in ranked[: search.criteria.beam] if number(ranked[0]) - number(m) < _GROWN]
+        # The best model of each set of effects, whatever their forms and places.
+        different = sorted({m.families: m for m in reversed(ranked)}.values(), key=number, reverse=True)
+        likely = [m for m in different[: search.criteria.beam] if number(ranked[0]) - number(m) < _GROWN]
         nameable = next(m for m in ranked if not any(map(is_learned, m.elements)))
         best = search.best
         leading = [nameable, search.written, best] if search.far(best) else [best, nameable, search.written]
         able = [m for m in (*leading, *likely) if len(m.elements) < search.most and m.key not in search.grown]
-        todo = next((m for m in (*leading, *able[:1]) if not m.converged and not search.far(m)), None)
+        todo = next((m for m in (*leading, *able[:1]) if not m.converged and m.left < _QUIET), None)
         if todo is not None:
             if not _carry(search, todo):
                 return None
@@ -224,8 +231,7 @@ def _next(search: Search) -> Visited | None:
 
 
 def _carry(search: Search, model: Visited) -> bool:
-    """Carry a model to its end, if there is time for it; one that cannot be fitted with the steps of the search has
-    come to it."""
+    """Carry a model to its end, if there is time; one that cannot be fitted with the search's steps has come to it."""
     part = f"fit of {model.words} to its end"
     move(part, partial(_converge, search, [model]), None)
     if not search.visited[model.key].converged and late(part):
@@ -280,14 +286,16 @@ def material(candidate: Candidate, fitted: Fit, criteria: Criteria) -> bool:
     return size > criteria.material**2 and candidate.score > criteria.score * (_LARGE_SCORE if large else 1.0)
 
 
-def _heat(search: Search, model: Visited, candidates: Sequence[Candidate], large: bool = False) -> list[Visited]:
+def _heat(
+    search: Search, model: Visited, candidates: Sequence[Candidate], large: bool = False, once: bool = False
+) -> list[Visited]:
     """Short refits of candidates beside a model, with coarse sub-steps, the best first; from large strengths too where
-    one that promises a lot has not helped, or where that is asked."""
+    one that promises a lot has not helped, or where that is asked, unless each is to be tried ``once``."""
     if not candidates or late(f"refits beside {model.words}"):
         return []
-    far, promising = search.far(model), 0.0 if large else 0.3 * candidates[0].fall
+    again, promising = search.far(model) and not once, 0.0 if large else 0.3 * candidates[0].fall
     begun = LinearisedFit(model.fit, (), search.scales)
-    work = partial(_tried, begun, search.plan, promising if far else np.inf, search.criteria.short)
+    work = partial(_tried, begun, search.plan, promising if again else np.inf, search.criteria.short)
     fits = _fits(search, work, candidates, [c.effect.name for c in candidates])
     trials = [
         search.model((*model.elements, c.effect), f) for c, f in zip(candidates, fits, strict=True) if f is not None
@@ -322,7 +330,6 @@ def _tried(model: LinearisedFit, plan: Plan, promising: float, evaluations: int,
 def _race(search: Search, trials: Sequence[Visited]) -> list[Visited]:
     """The best trials after further steps, as long as each can still end near the best one, each in its best form."""
     samples = trials[0].fit.residual.size
-    level, material = _LEVEL * samples, search.criteria.material**2 * samples
     first = _onwards(search, trials[:1])
     # Near the noise what the best has reached counts; far from it six steps say little of where a refit ends.
     most = _RACE * (trials if search.far(trials[0]) else first)[0].fit.beyond_noise + 0.05 * samples
@@ -333,9 +340,9 @@ def _race(search: Search, trials: Sequence[Visited]) -> list[Visited]:
     least = min(t.fit.beyond_noise for t in going)
     for trial in list(going):
         near = trial.fit.beyond_noise < 4.0 * least + 0.05 * samples or family(trial.elements[-1]) == several
-        if near and trial.fit.beyond_noise > max(material, level):
+        if near and trial.fit.beyond_noise > _LEVEL * samples:
             going += _further_forms(search, trial)
-    return [*going, *(s for t in going if t.fit.beyond_noise <= _FINISH * least + level for s in _special(search, t))]
+    return going
 
 
 def _while_the_best_falls(search: Search, trials: Sequence[Visited]) -> list[Visited]:
@@ -347,23 +354,6 @@ def _while_the_best_falls(search: Search, trials: Sequence[Visited]) -> list[Vis
         if best.fit.cost > _FALLS * before.fit.cost:
             break
     return [best, *others]
-
-
-def _special(search: Search, trial: Visited) -> list[Visited]:
-    """The special cases of a trial's last element, from where the trial has led: they explain as much with less, and no
-    other start may lead there."""
-    *earlier, last = trial.elements
-    values, families = trial.fit.setup.values(), {family(e) for e in earlier}
-    found: list[Visited] = []
-    for case in last.special_cases:
-        given = values | case.values(values)
-        forms = [e for e in search.effects if e.name == case.name and not e.after and family(e) not in families]
-        forms = [e for e in forms if set(e.parameters) <= set(given)]
-        for effect in forms:
-            wanted = _Wanted((*earlier, effect), [given])
-            fitted = _rebuilt(search, [wanted], f"{effect.name} as a special case of {last.name}")
-            found += [search.model(m.elements, further(m.fit, search.criteria.further)) for m in fitted]
-    return found
 
 
 def _onwards(search: Search, trials: Sequence[Visited]) -> list[Visited]:
@@ -380,7 +370,8 @@ def _onwards(search: Search, trials: Sequence[Visited]) -> list[Visited]:
 def _fits(search: Search, work: Callable[[Any], Fit | None], items: Sequence[Any], names: Sequence[str]) -> list[Any]:
     """``work(item)`` of every item, on the very recordings of the search wherever it was done."""
     fits: list[Fit | None] = results(search.executor, work, items, names)
-    return [f if f is None else replace(f, plan=replace(search.plan, substeps=f.plan.substeps)) for f in fits]
+    same = search.plan.recordings
+    return [f if f is None else replace(f, plan=replace(f.plan, recordings=same)) for f in fits]
 
 
 def _further_forms(search: Search, trial: Visited) -> list[Visited]:
@@ -430,8 +421,7 @@ def _drop_each(search: Search, model: Visited, elements: Sequence[Effect]) -> No
 
 
 def _rebuilt(search: Search, wanted: Sequence[_Wanted], part: str, evaluations: int | None = None) -> list[Visited]:
-    """Models of some elements, each fitted with coarse sub-steps from the best of some values, as far as they can be
-    simulated and there is time for them."""
+    """Models of some elements, fitted with coarse sub-steps from the best of some values, where there is time."""
     if not wanted or late(part):
         return []
     work = partial(_rebuild, search.base.fit, search.plan.coarse(), evaluations or search.criteria.further)
@@ -482,16 +472,22 @@ def _compare(search: Search) -> None:
     while not (written := search.written).converged and _carry(search, written):
         pass
     weighed = search.weighed
-    alike = [m for m in weighed.models if not m.converged and weighed.behind(m) < _ALIKE]
+    quiet = weighed.best.left < _QUIET
+    alike = [m for m in weighed.models if quiet and not m.converged and weighed.behind(m) < _ALIKE]
     move("fits of what is as likely to their end", partial(_converge, search, alike), None)
     for model in dict.fromkeys((search.best, search.written)):
-        before = untried()
-        move(f"{model.words} without each element", partial(_drop_each, search, model, model.elements), None)
-        # No name is given far from the noise.
-        for element in () if search.far(model) else model.elements:
-            move(f"what may be taken for {element.name}", partial(_exchange, search, model, element), None)
-        if untried() == before:
-            search.compared.add(model.key)
+        _against_others(search, model)
+
+
+def _against_others(search: Search, model: Visited) -> None:
+    """Fit a model without each of its elements, and with another one in the place of each."""
+    before = untried()
+    move(f"{model.words} without each element", partial(_drop_each, search, model, model.elements), None)
+    # No name is given far from the noise.
+    for element in () if search.far(model) else model.elements:
+        move(f"what may be taken for {element.name}", partial(_exchange, search, model, element), None)
+    if untried() == before:
+        search.compared.add(model.key)
 
 
 def _may_be(effect: Effect, element: Effect) -> bool:
@@ -527,17 +523,15 @@ def _exchange(search: Search, best: Visited, element: Effect) -> None:
         found = _rebuilt(search, [_Wanted(rest, [best.fit.setup.values()])], f"{best.words} without {element.name}")
         less = search.visit(found[0]) if found else None
     if new and less is not None:
-        least = search.criteria.near_best_far * (less.fit.cost - best.fit.cost)
-        far, screened = search.far(less), _screened(search, less, new)
-        likely = [c for c in screened if (c.fall > least if far else _within_reach(search, less, c.fall))]
-        begun += _heat(search, less, likely)
+        likely = [c for c in _screened(search, less, new) if _within_reach(search, less, c.fall)]
+        begun += _heat(search, less, likely, once=True)
     begun = [search.visit(t) for t in begun]
     able = [t for t in begun if _within_reach(search, t, predicted_step(t.fit)[1])]
     onwards = [search.visit(t) for t in _onwards(search, able)]
     weighed, part = search.weighed, f"what may be taken for {element.name}"
     # An effect is compared at its best place, in its best form.
     places = {family(m.elements[-1]): m for m in sorted(onwards, key=lambda m: -m.fit.cost)}
-    near = [m for m in places.values() if weighed.behind(m) < _GROWN]
+    near = [m for m in places.values() if m.left < _QUIET and weighed.behind(m) < _GROWN]
     if near and not late(part):
         _converge(search, near)
 

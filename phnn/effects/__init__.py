@@ -40,7 +40,6 @@ from phnn.effects.declaration import (
 from phnn.effects.effect import (
     Effect,
     Scales,
-    SpecialCase,
     catalogue,
     effect,
     in_all_forms,
@@ -60,7 +59,6 @@ __all__ = [
     "Placed",
     "Plausible",
     "Scales",
-    "SpecialCase",
     "always",
     "at_amplifier",
     "at_sensor",

@@ -26,20 +26,6 @@ _LEAST = 1e-3
 
 
 @dataclass(frozen=True)
-class SpecialCase:
-    """An effect that is a special case of another one.
-
-    Attributes:
-        name: of the special case.
-        values: function from all parameter values of a model with the general effect to those of the special case, and
-            of the model's parameters that change with it [SI].
-    """
-
-    name: str
-    values: Callable[[Values], dict[str, float]]
-
-
-@dataclass(frozen=True)
 class Scales:
     """Typical sizes in a campaign and its base model, from which effects take their grids.
 
@@ -125,7 +111,6 @@ class Effect:
         grid: values of all its parameters to probe, given the scales. Strengths are small there.
         applies: whether it can be added to a setup at all.
         neighbours: effects that ordinary recordings cannot always tell apart from it.
-        special_cases: effects that are special cases of it, so that it can never fit worse than they do.
         equivalents: function from all values of a model with it to other values that explain as much, because parts of
             the model can be exchanged; a refit without the effect starts there too.
         searched: the parameter that is a frequency to be found in the spectrum of the residual.
@@ -152,7 +137,6 @@ class Effect:
     declares: tuple[Declared, ...] = ()
     applies: Callable[[Setup], bool] = field(default=always, compare=False)
     neighbours: tuple[str, ...] = ()
-    special_cases: tuple[SpecialCase, ...] = field(default=(), compare=False)
     equivalents: Callable[[Values], list[dict[str, float]]] | None = field(default=None, compare=False)
     searched: str | None = None
     rescale: Callable[[Values, float], dict[str, float]] | None = field(default=None, compare=False)
@@ -229,11 +213,6 @@ class Effect:
     def is_neighbour_of(self, other: Effect) -> bool:
         """Whether ordinary recordings cannot always tell the two apart, as one of them declares."""
         return self.title in other.neighbours or other.title in self.neighbours
-
-    @property
-    def special_names(self) -> tuple[str, ...]:
-        """Names of its special cases."""
-        return tuple(s.name for s in self.special_cases)
 
     def or_as(self, **changes: object) -> Effect:
         """The effect with one more form, which differs in these fields."""

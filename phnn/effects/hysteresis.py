@@ -22,7 +22,7 @@ from phnn.effects.declaration import (
     positive,
     signed,
 )
-from phnn.effects.effect import Effect, Points, Scales, SpecialCase
+from phnn.effects.effect import Effect, Points, Scales
 from phnn.models.actuator import hysteron
 from phnn.network.elements import Coupling, Resistor, Storage
 from phnn.setup import Setup
@@ -216,19 +216,6 @@ def weakened(values: Mapping[str, float]) -> dict[str, float]:
     return found
 
 
-def as_creep(values: Mapping[str, float]) -> dict[str, float]:
-    """The parameters of a relaxing spring ``α²/C`` with time ``C/ϱ⁻¹``: a hysteron without its dead zone.
-
-    Hysterons of one model can be exchanged: the extra one takes the place of the hysteron that slips first.
-    """
-    first = min(_names(values), key=lambda name: values[f"d_{name}"] * values[f"C_{name}"])
-    relaxing = {
-        "k_s": values["alpha"] ** 2 / values[f"C_{first}"],
-        "tau_s": values[f"C_{first}"] / values[f"rho_{first}"],
-    }
-    return _in_the_place_of(first, values) | relaxing
-
-
 def equivalents(values: Mapping[str, float]) -> list[dict[str, float]]:
     """The extra hysteron exchanged with each of the others, any of which may be the superfluous one."""
     return [_in_the_place_of(name, values) for name in _names(values) if name != "x"]
@@ -265,7 +252,6 @@ EXTRA_HYSTERON = Effect(
     applies=has_transducer,
     neighbours=("creep", "coulomb_friction"),
     rescale=rescale_hysteron,
-    special_cases=(SpecialCase("creep", as_creep),),
     equivalents=equivalents,
 )
 

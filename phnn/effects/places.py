@@ -13,7 +13,7 @@ from typing import Any
 
 from phnn.effects.additions import Placed
 from phnn.effects.declaration import Declared
-from phnn.effects.effect import Effect, Scales, SpecialCase, Values
+from phnn.effects.effect import Effect, Scales, Values
 from phnn.network.elements import Network, relabelled
 from phnn.network.roles import Motion, charges, drive_ratio, hysterons, measured_displacement, motions
 from phnn.setup import Block, Setup, Source
@@ -214,7 +214,6 @@ def _at(effect: Effect, roles: Roles) -> Effect:
         grid=_Translated(effect.grid, roles),
         rescale=None if effect.rescale is None else _Translated(effect.rescale, roles),
         equivalents=None if effect.equivalents is None else _Translated(effect.equivalents, roles),
-        special_cases=tuple(SpecialCase(s.name + where, _Translated(s.values, roles)) for s in effect.special_cases),
         declares=tuple(_renamed(d, roles) for d in effect.declares),
         neighbours=tuple(n + where for n in effect.neighbours),
         forms=tuple(_at(form, roles) for form in effect.forms),

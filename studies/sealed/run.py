@@ -25,7 +25,6 @@ from phnn.diagnose.linearised import TIE, prepare
 from phnn.diagnose.number import Visited, family, is_learned, uid
 from phnn.diagnose.screen import Screen, chance
 from phnn.diagnose.verdict import EQUIVALENT, NAMED, NONE
-from phnn.effects import catalogue
 from phnn.errors import PhnnError
 from phnn.identification.base import with_bounded_error
 from phnn.identification.options import Options
@@ -107,7 +106,7 @@ def run(tasks: Sequence[Task], log: Path, options: Options, where: str, say: Say
 def diagnosed(options: Options, task: Task) -> Row:
     """Make a case, diagnose it without a look at what was concealed, and return its row.
 
-    The catalogue lacks what the case withholds, and what has that as a special case: it says the same.
+    The catalogue lacks what the case withholds, and what contains that: it says the same.
     """
     row: Row = {"group": task.group, "seed": task.seed, "plan": task.plan, "family": task.family, "fast": task.fast}
     try:
@@ -124,8 +123,8 @@ def diagnosed(options: Options, task: Task) -> Row:
 
 
 def containing(names: Sequence[str]) -> tuple[str, ...]:
-    """Return effects, and those of which one of them is a special case."""
-    return tuple(n for n, e in catalogue().items() if n in names or set(names) & set(e.special_names))
+    """Return effects, and with creep the hysteron that is one without its dead zone."""
+    return (*names, "extra_hysteron") if "creep" in names else tuple(names)
 
 
 def truth_of(sealed: Sealed) -> Row:

@@ -10,10 +10,9 @@ import pytest
 
 from phnn.criteria import Criteria
 from phnn.diagnose.linearised import direction, prepare
-from phnn.diagnose.number import Visited
 from phnn.diagnose.refit import converged, further, large_starts, short
 from phnn.diagnose.screen import Candidate, Screen
-from phnn.diagnose.search import Search, _special, _tried, begin, explore, material
+from phnn.diagnose.search import Search, _tried, begin, explore, material
 from phnn.effects import Effect, catalogue, effect, in_all_forms
 from phnn.identification.fit import Fit
 from phnn.identification.plan import Plan
@@ -21,7 +20,6 @@ from phnn.identification.staged import fit_identified
 from phnn.models.actuator import hrc
 from phnn.recordings import Campaign
 from phnn.setup import Setup
-from phnn.trajectory import simulate
 
 CRITERIA = Criteria()
 HELD = {"m": "held at the stated value"}
@@ -128,33 +126,6 @@ def test_large_step_starts_change_about_as_much_as_there_is_to_explain(name: str
     assert all(0.0 < s <= 3.0 for s in shares)
 
 
-@pytest.mark.parametrize("name", sorted(n for n, e in catalogue().items() if e.special_cases))
-def test_special_cases_are_that(name: str) -> None:
-    general, base = effect(name), Setup(hrc(2))
-    drive = campaigns.recorded(base, "sine", T, 80.0 * np.sin(2.0 * np.pi * 60.0 * T), 2e-8, seed=1)
-    for case in general.special_cases:
-        values = {"C_x": 7e-7, "rho_x": 3e-4, "d_x": 1e-6}
-        made = general.add_to(base, values)
-        known = made.values()
-        given = case.values(known)
-        special = effect(case.name).add_to(base, {n: given[n] for n in effect(case.name).parameters})
-        assert not set(given) - set(special.values())
-        special = special.with_values(given)
-        expected, found = (simulate(s, drive, 8).y for s in (made, special))
-        assert np.abs(found - expected).max() < 1e-3 * np.abs(expected - simulate(base, drive, 8).y).max()
-
-
-def test_an_extra_hysteron_may_have_changed_places_with_the_one_that_is_a_creep() -> None:
-    base = Setup(hrc(2))
-    known = effect("extra_hysteron").add_to(base, {"C_x": 7e-7, "rho_x": 3e-4, "d_x": 15.0}).values()
-    first = {k: known[k] for k in ("C_1", "rho_1", "d_1")}
-    (case,) = effect("extra_hysteron").special_cases
-    given = case.values(known | {"d_1": 1e-6})
-    assert given["k_s"] == pytest.approx(known["alpha"] ** 2 / first["C_1"])
-    assert given["tau_s"] == pytest.approx(first["C_1"] / first["rho_1"])
-    assert (given["C_1"], given["rho_1"], given["d_1"]) == (7e-7, 3e-4, 15.0)
-
-
 def test_an_extra_hysteron_takes_the_place_of_each_of_the_others() -> None:
     extra = effect("extra_hysteron")
     added = {"C_x": 7e-7, "rho_x": 3e-4, "d_x": 15.0}
@@ -193,35 +164,3 @@ def test_limits_that_nothing_meets_are_no_starts() -> None:
     assert candidate.values["S"] < steepest / 100.0
     found = to_the_end(base, effect("slew_limit"), candidate.values)
     assert found.chi2 < 1.2 < base.chi2
-
-
-def general(base: Fit) -> tuple[Search, Visited]:
-    """A search for creep, and the trial of an extra hysteron, of which creep is a special case."""
-    search = searching(base, "creep", "extra_hysteron")
-    hysteron = effect("extra_hysteron")
-    values = next(c.values for c in search.screen(search.screen.base) if c.effect == hysteron)
-    fitted = short(base, base.plan.coarse(), hysteron, [values], CRITERIA.short)
-    assert fitted is not None
-    return search, search.model((hysteron,), further(fitted, CRITERIA.further))
-
-
-def test_a_special_case_ends_where_the_general_one_does() -> None:
-    base = fitted("creep", k_s=4e3, tau_s=5e-3)
-    assert base.chi2 > 1.5
-    search, trial = general(base)
-    special = {e.elements[-1].name: e for e in _special(search, trial)}
-    assert set(special) == {"creep"}
-    assert special["creep"].fit.cost < trial.fit.cost + 12.0
-    assert special["creep"].fit.setup.values()["k_s"] == pytest.approx(4e3, rel=0.1)
-
-
-def test_a_special_case_does_not_move_what_was_stated() -> None:
-    base = fitted("creep", k_s=4e3, tau_s=5e-3)
-    stated = {**base.held, "C_1": "held at the stated value", "C_2": "held at the stated value"}
-    base = fit_identified(base.setup, base.plan, stated, max_evaluations=15)
-    assert "C_1" not in base.variables.names
-    search, trial = general(base)
-    special = _special(search, trial)
-    assert special
-    for model in (trial, *special):
-        assert model.fit.setup.values()["C_1"] == base.setup.values()["C_1"]
