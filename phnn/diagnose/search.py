@@ -166,10 +166,8 @@ def begin(
     unknown = LinearisedFit(fitted, (), Scales(*(float("nan"),) * 9))
     linearised = needed("simulation of the base model", partial(prepare, fitted), unknown, ends=True)
     bare = Visited((), fitted, {}, {}, 0, True)
-    screen = Screen(_with_few_steps(linearised, fitted.plan), [*effects, *learned], criteria)
-    search = Search(
-        campaign, bare, fitted.plan, effects, criteria, linearised.scales, screen, {}, most, executor, progress
-    )
+    screen, plan = Screen(_with_few_steps(linearised, fitted.plan), [*effects, *learned], criteria), fitted.plan
+    search = Search(campaign, bare, plan, effects, criteria, linearised.scales, screen, {}, most, executor, progress)
     search.base = search.visit(search.model((), fitted, True))
     return search
 
@@ -233,7 +231,8 @@ def _next(search: Search) -> Visited | None:
 def _carry(search: Search, model: Visited) -> bool:
     """Carry a model to its end, if there is time; one that cannot be fitted with the search's steps has come to it."""
     part = f"fit of {model.words} to its end"
-    move(part, partial(_converge, search, [model]), None)
+    if not late(part):
+        move(part, partial(_converge, search, [model]), None)
     if not search.visited[model.key].converged and late(part):
         return False
     search.visited[model.key] = replace(search.visited[model.key], converged=True)
