@@ -326,20 +326,24 @@ def results(executor: Executor, work: Callable[[Any], Any], items: Sequence[Any]
     until, among = account.until if account.checked else float("inf"), executor.kind != "serial" and len(items) > 1
     above = account if account.checked and executor.kind == "threads" else None
     side = max(_SIDE, executor.workers) if account.evaluations > _NEARLY * account.most else len(items)
-    try:
+
+    def answers() -> Iterator[tuple[int, _Result]]:
         for first in range(0, len(items), side):
             if first and account.checked and late(", ".join(names[first:])):
-                break
+                return
             for place, answer in executor.each(partial(_one, work, until, among, above), items[first : first + side]):
-                index = first + place
-                named = {"candidate": names[index]}
-                account.failed += [Failure(**(vars(f) | named)) for f in answer.failed]
-                account.warnings += [Failure(**(vars(f) | named)) for f in answer.warnings]
-                account.spent += answer.spent
-                found[index] = answer.result
-                if answer.stopped:
-                    account.stopped = account.stopped or SECONDS
-                    account.not_tried.append(names[index])
+                yield first + place, answer
+
+    try:
+        for index, answer in answers():
+            named = {"candidate": names[index]}
+            account.failed += [Failure(**(vars(f) | named)) for f in answer.failed]
+            account.warnings += [Failure(**(vars(f) | named)) for f in answer.warnings]
+            account.spent += answer.spent
+            found[index] = answer.result
+            if answer.stopped:
+                account.stopped = account.stopped or SECONDS
+                account.not_tried.append(names[index])
     except KeyboardInterrupt as interruption:
         account.interrupt(interruption, "refits of " + ", ".join(names))
     except PhnnError as error:

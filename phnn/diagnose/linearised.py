@@ -90,9 +90,7 @@ class LinearisedFit:
             found.append(hidden & mask)
         return found
 
-    def outputs(self, plan: Plan) -> list[Array]:
-        """Outputs of the model on a plan, the origin of finite changes."""
-
+    def _outputs(self, plan: Plan) -> list[Array]:
         def run(recording: Recording) -> Array:
             initial = self.fit.initial(recording.name)
             return simulate(self.fit.setup, recording, plan.steps_of(recording), initial=initial).y
@@ -100,9 +98,14 @@ class LinearisedFit:
         return plan.each(run, simulations=1.0)
 
     @cached_property
+    def coarse_outputs(self) -> list[Array]:
+        """Outputs with the coarse sub-steps, the origin of finite changes."""
+        return self._outputs(self.plan.coarse())
+
+    @cached_property
     def sparse_outputs(self) -> list[Array]:
-        """The same with coarse sub-steps, at as few samples as show the inputs."""
-        return self.outputs(self.plan.coarse().derived(self.fit.setup))
+        """The same at as few samples as show the inputs."""
+        return self._outputs(self.plan.coarse().derived(self.fit.setup))
 
     @property
     def spectra(self) -> Spectra:
@@ -162,14 +165,13 @@ def direction(linearised: LinearisedFit, effect: Effect, values: Mapping[str, fl
     setup = effect.add_to(linearised.fit.setup, values)
     coarse = linearised.plan.coarse()
     plan = coarse.derived(setup)
-    base = linearised.outputs(plan) if plan is coarse else linearised.sparse_outputs
+    base = linearised.coarse_outputs if plan is coarse else linearised.sparse_outputs
 
     def one(sparse: Recording, recording: Recording, before: Array) -> Array:
         initial = linearised.fit.initial(recording.name)
         if initial is not None:
             initial = carried(initial, linearised.fit.setup, setup, np.zeros(len(setup.network.state_names)))
-        change = simulate(setup, sparse, plan.steps_of(sparse), initial=initial).y - before
-        return change if sparse is recording else recording.from_sparse(change)
+        return recording.from_sparse(simulate(setup, sparse, plan.steps_of(sparse), initial=initial).y - before)
 
     try:
         return linearised.stack(plan.each(one, coarse.recordings, base, simulations=1.0))

@@ -54,7 +54,7 @@ from phnn.rescue import attempt, late, move, needed, results, spent, untried
 _LARGE_SHARE, _LARGE_SCORE = 0.05, 0.6
 # Excess over the noise, over that of the best trial, at which another one still goes on.
 _RACE = 2.0
-# The same in mean squares of the noise.
+# Excess, in mean squares of the noise, up to which no further copy of an effect is tried.
 _LEVEL = 0.02
 # What a stretch of steps leaves of χ² where a fit still falls.
 _FALLS = 0.8
@@ -68,6 +68,8 @@ _SAME, _COARSE = 3.0, 100.0
 _GROWN, _FINER = 30.0, 8.0
 # The same for models that share the probability: each of them has to be fitted to its end.
 _ALIKE = 5.0
+# Share of the largest predicted fall from which a candidate that has not helped begins again from large strengths.
+_PROMISING = 0.3
 # Sub-steps from which on directions are fine enough.
 _ENOUGH = 8
 # Mean square below which a model is carried to its end before it is grown, and its numerical error is asked.
@@ -139,7 +141,7 @@ class Search:
         if known is not None and model.converged and not better:
             # The same optimum with the steps of the search, or with finer ones.
             ended = not known.converged and model.fit.cost < known.fit.cost + _COARSE
-            better = ended or _steps(model.fit.plan) > _steps(known.fit.plan)
+            better = ended or model.fit.plan.size > known.fit.plan.size
         if better:
             self.visited[model.key] = model
         return self.visited[model.key]
@@ -166,7 +168,8 @@ def begin(
     unknown = LinearisedFit(fitted, (), Scales(*(float("nan"),) * 9))
     linearised = needed("simulation of the base model", partial(prepare, fitted), unknown, ends=True)
     bare = Visited((), fitted, {}, {}, 0, True)
-    screen, plan = Screen(_with_few_steps(linearised, fitted.plan), [*effects, *learned], criteria), fitted.plan
+    plan = fitted.plan
+    screen = Screen(_with_few_steps(linearised, plan), [*effects, *learned], criteria)
     search = Search(campaign, bare, plan, effects, criteria, linearised.scales, screen, {}, most, executor, progress)
     search.base = search.visit(search.model((), fitted, True))
     return search
@@ -189,7 +192,7 @@ def _grow_all(search: Search) -> None:
             break
         nearly = len(model.elements) == 2 or (model.elements and model.left <= search.criteria.explained)
         if nearly and model in (search.best, search.written) and model.key not in search.compared:
-            # What it leaves may be that one of its elements stands for another, most often the first of two.
+            # One of its elements may stand for another, most often the first of two.
             _against_others(search, model)
             continue
         search.grown.add(model.key)
@@ -211,8 +214,9 @@ def _next(search: Search) -> Visited | None:
         number = partial(forecast, criteria=search.criteria)
         ranked = sorted(search.visited.values(), key=number, reverse=True)
         # The best model of each set of effects, whatever their forms and places.
-        different = sorted({m.families: m for m in reversed(ranked)}.values(), key=number, reverse=True)
-        likely = [m for m in different[: search.criteria.beam] if number(ranked[0]) - number(m) < _GROWN]
+        first = {m.families: m for m in reversed(ranked)}
+        different = [m for m in ranked if first[m.families] is m][: search.criteria.beam]
+        likely = [m for m in different if number(ranked[0]) - number(m) < _GROWN]
         nameable = next(m for m in ranked if not any(map(is_learned, m.elements)))
         best = search.best
         leading = [nameable, search.written, best] if search.far(best) else [best, nameable, search.written]
@@ -259,7 +263,7 @@ def _grow(search: Search, model: Visited) -> None:
     if trials and search.far(trials[0]) and is_learned(trials[0].elements[-1]):
         # A law that is far from linear may promise nothing, and still be what the learned element stands for.
         alike = [c for c in screened if _may_be(c.effect, trials[0].elements[-1]) and c not in named]
-        trials = sorted([*trials, *_heat(search, model, alike, large=True)], key=lambda t: t.fit.cost)
+        trials = sorted([*trials, *_heat(search, model, alike, share=0.0)], key=lambda t: t.fit.cost)
     if not model.elements and (not trials or search.far(trials[0])):
         trials = sorted([*trials, *_other_forms(search, model)], key=lambda t: t.fit.cost)
     if not trials:
@@ -285,16 +289,14 @@ def material(candidate: Candidate, fitted: Fit, criteria: Criteria) -> bool:
     return size > criteria.material**2 and candidate.score > criteria.score * (_LARGE_SCORE if large else 1.0)
 
 
-def _heat(
-    search: Search, model: Visited, candidates: Sequence[Candidate], large: bool = False, once: bool = False
-) -> list[Visited]:
-    """Short refits of candidates beside a model, with coarse sub-steps, the best first; from large strengths too where
-    one that promises a lot has not helped, or where that is asked, unless each is to be tried ``once``."""
+def _heat(search: Search, model: Visited, candidates: Sequence[Candidate], share: float = _PROMISING) -> list[Visited]:
+    """Short refits of candidates beside a model, with coarse sub-steps, the best first; far from the noise from large
+    strengths too, where one that promises this share of the largest fall has not helped."""
     if not candidates or late(f"refits beside {model.words}"):
         return []
-    again, promising = search.far(model) and not once, 0.0 if large else 0.3 * candidates[0].fall
     begun = LinearisedFit(model.fit, (), search.scales)
-    work = partial(_tried, begun, search.plan, promising if again else np.inf, search.criteria.short)
+    least = share * max(candidates[0].fall, 1.0) if search.far(model) else np.inf
+    work = partial(_tried, begun, search.plan, least, search.criteria.short)
     fits = _fits(search, work, candidates, [c.effect.name for c in candidates])
     trials = [
         search.model((*model.elements, c.effect), f) for c, f in zip(candidates, fits, strict=True) if f is not None
@@ -434,7 +436,7 @@ def _rebuild(base: Fit, plan: Plan, evaluations: int, wanted: _Wanted) -> Fit | 
 
 def _converge(search: Search, models: Sequence[Visited], brief: bool = False) -> None:
     """Carry models to their end with the sub-steps of the search."""
-    todo = [m for m in models if not (m.converged and _steps(m.fit.plan) >= _steps(search.plan))]
+    todo = [m for m in models if not (m.converged and m.fit.plan.size >= search.plan.size)]
     for model, fitted in zip(todo, _ended(search, todo, brief), strict=True):
         if fitted is not None:
             search.visit(search.model(model.elements, fitted, done=True))
@@ -460,6 +462,7 @@ def _refine(search: Search) -> None:
     plan = substeps_for(best.fit.setup, search.plan, 1.0, best.fit.initial_states)
     search.progress("numerical error above the noise: finer steps")
     search.plan = plan
+    search.compared.clear()
     near = [m for m in rivals if m.elements and weighed.behind(m) < _FINER]
     _converge(search, [replace(m, converged=False) for m in (best, *near)])
     search.grown.discard(best.key)
@@ -471,11 +474,12 @@ def _compare(search: Search) -> None:
     while not (written := search.written).converged and _carry(search, written):
         pass
     weighed = search.weighed
-    quiet = weighed.best.left < _QUIET
-    alike = [m for m in weighed.models if quiet and not m.converged and weighed.behind(m) < _ALIKE]
+    likely = weighed.models if weighed.best.left < _QUIET else ()
+    alike = [m for m in likely if not m.converged and weighed.behind(m) < _ALIKE]
     move("fits of what is as likely to their end", partial(_converge, search, alike), None)
     for model in dict.fromkeys((search.best, search.written)):
-        _against_others(search, model)
+        if model.key not in search.compared:
+            _against_others(search, model)
 
 
 def _against_others(search: Search, model: Visited) -> None:
@@ -523,7 +527,7 @@ def _exchange(search: Search, best: Visited, element: Effect) -> None:
         less = search.visit(found[0]) if found else None
     if new and less is not None:
         likely = [c for c in _screened(search, less, new) if _within_reach(search, less, c.fall)]
-        begun += _heat(search, less, likely, once=True)
+        begun += _heat(search, less, likely, share=np.inf)
     begun = [search.visit(t) for t in begun]
     able = [t for t in begun if _within_reach(search, t, predicted_step(t.fit)[1])]
     onwards = [search.visit(t) for t in _onwards(search, able)]
@@ -561,11 +565,6 @@ def _with_few_steps(linearised: LinearisedFit, plan: Plan) -> LinearisedFit:
     """The same with sub-steps that are fine enough for directions."""
     steps = {r.name: min(_ENOUGH, plan.steps_of(r)) for r in plan.recordings}
     return replace(linearised, fit=replace(linearised.fit, plan=replace(linearised.fit.plan, substeps=steps)))
-
-
-def _steps(plan: Plan) -> int:
-    """Sub-steps of all recordings together."""
-    return sum(plan.steps_of(r) for r in plan.recordings)
 
 
 def held_out(fitted: Fit, campaign: Campaign, steps: int) -> dict[str, Misfit]:

@@ -459,8 +459,7 @@ class Problem:
                 if sparse is not recording:
                     near = simulate(setup, sparse, plan.steps_of(sparse), initial=self.variables.initial(recording, z))
                 raw = output_derivatives(near, self.variables.names, tuple(initial), instants=instants)
-                raw = raw if near is trajectory else recording.from_sparse(raw)
-                columns = self.variables.columns(setup, recording, raw)
+                columns = self.variables.columns(setup, recording, recording.from_sparse(raw))
                 both = np.column_stack([columns, trajectory.y - recording.y])
                 hidden = beyond_limit(recording, trajectory.y, mask, setup.own)
                 inside = without_nuisances(both, mask, recording, setup.own, hidden)

@@ -185,12 +185,8 @@ class Recording:
 
     def from_sparse(self, rows: np.ndarray) -> np.ndarray:
         """``(N, …)`` values on straight lines between those at the samples of `sparse`; the last of them stands for
-        what follows."""
-        rest = (1,) * (rows.ndim - 1)
-        share = (np.arange(self.stride) / self.stride).reshape(-1, *rest)
-        lines = rows[:-1, None] * (1.0 - share) + rows[1:, None] * share
-        tail = np.repeat(rows[-1:], self.stride, axis=0)
-        return np.concatenate([lines.reshape(-1, *rows.shape[1:]), tail])[: self.t.size]
+        what follows. Values at all samples are returned as they are."""
+        return rows if rows.shape[0] == self.t.size else _on_lines(rows, self.stride)[: self.t.size]
 
     @property
     def dt(self) -> float:
@@ -211,11 +207,17 @@ class Recording:
         return chosen if self.seen is None else chosen & self.seen
 
 
+def _on_lines(rows: np.ndarray, stride: int) -> np.ndarray:
+    """``(N s, …)`` values on straight lines between rows (N, …), and the last row as often as others stand for."""
+    share = (np.arange(stride) / stride).reshape(-1, *(1,) * (rows.ndim - 1))
+    lines = rows[:-1, None] * (1.0 - share) + rows[1:, None] * share
+    return np.concatenate([lines.reshape(-1, *rows.shape[1:]), np.repeat(rows[-1:], stride, axis=0)])
+
+
 def _follows(x: np.ndarray, stride: int) -> bool:
     """Whether straight lines between every ``stride``-th value follow a signal."""
-    samples = np.arange(x.size)
-    line = np.interp(samples, samples[::stride], x[::stride])
-    return bool(np.abs(line - x)[: samples[::stride][-1] + 1].max() <= _STRAIGHT * np.ptp(x))
+    between = (x.size - 1) // stride * stride
+    return bool(np.abs(_on_lines(x[::stride], stride)[: between + 1] - x[: between + 1]).max() <= _STRAIGHT * np.ptp(x))
 
 
 def unrecorded(
