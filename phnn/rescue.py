@@ -233,6 +233,12 @@ def spent() -> float:
     return 0.0 if account is None else account.evaluations / account.most
 
 
+def used_up() -> bool:
+    """Whether a move has spent what it may: a fit then ends where it is."""
+    account = _ACCOUNT.get()
+    return account is not None and account.checked and account.evaluations >= account.most
+
+
 def untried() -> int:
     """How many parts were left out so far because the search had ended."""
     account = _ACCOUNT.get()
@@ -245,7 +251,7 @@ def late(part: str) -> bool:
     if account is None:
         return False
     if not account.stopped:
-        if time.time() <= account.until and account.evaluations <= account.most:
+        if time.time() <= account.until and account.evaluations < account.most:
             return False
         account.stopped = EVALUATIONS if time.time() <= account.until else SECONDS
     account.not_tried.append(part)
@@ -298,10 +304,11 @@ def needed(part: str, work: Callable[[], T], otherwise: T, ends: bool = False) -
 
 
 class _Result(NamedTuple):
-    """What became of an item, wherever it was at work."""
+    """What became of an item, wherever it was at work; cut: it has spent what it might."""
 
     result: Any
     stopped: bool
+    cut: bool
     spent: float
     failed: Sequence[Failure]
     warnings: Sequence[Failure]
@@ -310,8 +317,8 @@ class _Result(NamedTuple):
 def results(executor: Executor, work: Callable[[Any], Any], items: Sequence[Any], names: Sequence[str]) -> list[Any]:
     """``work(item)`` of every item, done by an executor; None where an item failed, or the search was ended.
 
-    Near the end of a budget no more items are begun at a time than two, or than there are workers, so that it ends
-    between them.
+    An item spends at most what is left of the budget, side by side with others half of it. Near its end no more items
+    are begun at a time than two, or than there are workers, so that it ends between them.
 
     Args:
         executor: where it is done; work: on one item.
@@ -331,7 +338,9 @@ def results(executor: Executor, work: Callable[[Any], Any], items: Sequence[Any]
         for first in range(0, len(items), side):
             if first and account.checked and late(", ".join(names[first:])):
                 return
-            for place, answer in executor.each(partial(_one, work, until, among, above), items[first : first + side]):
+            left = account.most * account.unit - account.spent if account.checked else float("inf")
+            one = partial(_one, work, until, left / min(len(items), _SIDE), among, above)
+            for place, answer in executor.each(one, items[first : first + side]):
                 yield first + place, answer
 
     try:
@@ -343,6 +352,7 @@ def results(executor: Executor, work: Callable[[Any], Any], items: Sequence[Any]
             found[index] = answer.result
             if answer.stopped:
                 account.stopped = account.stopped or SECONDS
+            if answer.stopped or answer.cut:
                 account.not_tried.append(names[index])
     except KeyboardInterrupt as interruption:
         account.interrupt(interruption, "refits of " + ", ".join(names))
@@ -352,15 +362,19 @@ def results(executor: Executor, work: Callable[[Any], Any], items: Sequence[Any]
     return found
 
 
-def _one(work: Callable[[Any], Any], until: float, among: bool, above: Account | None, item: Any) -> _Result:
+def _one(
+    work: Callable[[Any], Any], until: float, steps: float, among: bool, above: Account | None, item: Any
+) -> _Result:
     """One item, accounted for by itself: it may be at work in another process."""
     with accounted(until, checked=True) as account:
         account.among, account.above = among, above
+        allow(steps, 1.0)
         try:
             result, stopped = attempt("refit", partial(work, item), None), False
         except Stopped:
             result, stopped = None, True
-    return _Result(result, stopped, account.spent, account.failed, account.warnings)
+        cut = used_up()
+    return _Result(result, stopped, cut, account.spent, account.failed, account.warnings)
 
 
 def among_others() -> bool:

@@ -33,7 +33,7 @@ from phnn.identification.options import Options
 from phnn.parallel import executor
 from phnn.report import result, sections
 from phnn.report.result import write
-from phnn.rescue import accounted, allow, attempt, extra, move, needed, results, spend, stop_if_late
+from phnn.rescue import accounted, allow, attempt, extra, move, needed, results, spend, stop_if_late, used_up
 
 # Functions of numbers and pictures that a diagnosis calls after its base fit, in the modules that call them. For an
 # optimiser and for scores, a simulation that does not solve a step is an answer like others: it is no failure there.
@@ -399,7 +399,9 @@ def test_refits_elsewhere_fail_and_stop_alone(where: str) -> None:
 
 
 def _spending(item: str) -> str:
-    spend(20.0)
+    for _ in range(20):
+        if not used_up():
+            spend(1.0)
     return item.upper()
 
 
@@ -412,5 +414,7 @@ def test_a_budget_ends_between_refits_wherever_they_are_done(where: str, before:
         spend(before)
         found = move("refits", lambda: results(executor(where), _spending, items, items), [])
     assert found == [*"ABCDE"[:done], *([None] * (5 - done))]
+    assert account.evaluations == 100.0
     assert account.ended().why == ("nothing left" if done == 5 else "evaluations")
-    assert len(account.not_tried) == (done < 5)
+    # Two have ended where half of what was left was used up, three were not begun.
+    assert account.not_tried == ([] if done == 5 else ["a", "b", "c, d, e"])

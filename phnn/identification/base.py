@@ -42,7 +42,7 @@ from phnn.identification.staged import (
 from phnn.identification.starting_points import mechanical_points, scaled_points
 from phnn.models.bouc_wen import bouc_wen
 from phnn.recordings.recording import Anchor, Campaign, Recording
-from phnn.rescue import late
+from phnn.rescue import late, used_up
 from phnn.setup import Setup
 from phnn.trajectory import simulate
 
@@ -66,7 +66,7 @@ def resumed(fitted: Fit) -> Fit:
     for _ in range(_TIMES):
         step, promise = predicted_step(fitted)
         excess, least = fitted.beyond_noise, _LEAST * max(1.0, fitted.chi2)
-        if promise < max(_SHARE * excess, least):
+        if promise < max(_SHARE * excess, least) or used_up():
             break
         tried = [f for length in _LENGTHS if (f := _from(fitted, length * step)) is not None]
         best = min(tried, key=lambda f: f.cost, default=fitted)
@@ -201,6 +201,8 @@ def released(fitted: Fit, keep: Sequence[str] = ()) -> Fit:
         # Initial states would have to follow every value that is scanned.
         return fitted
     for name in [n for n in fitted.held if n not in held and fitted.setup.parameters[n].positive]:
+        if used_up():
+            break
         p = fitted.setup.parameters[name]
         values = [v for v in p.value * 10.0 ** np.arange(-9.0, 10.0) if p.lower < v < p.upper]
         setups = [fitted.setup.with_values({name: v}) for v in values]

@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
+from scipy.optimize import OptimizeResult, least_squares
 from scipy.stats import norm
 from scipy.stats import t as student
 
@@ -23,6 +23,7 @@ from phnn.identification.covariance import (
 from phnn.identification.plan import Plan
 from phnn.identification.problem import Problem, Variables, variables_of, without_nuisances
 from phnn.recordings.driving import unknown_instants
+from phnn.rescue import used_up
 from phnn.setup import Setup
 
 Array = NDArray[np.float64]
@@ -321,6 +322,7 @@ def fit_problem(
             xtol=tolerance,
             gtol=None,
             max_nfev=max_evaluations,
+            callback=_ends,
         )
         z, evaluations = found.x, int(found.nfev)
     residual = problem.residual(z)
@@ -336,6 +338,12 @@ def fit_problem(
         anchors=held_anchors(problem),
         use=problem.use,
     )
+
+
+def _ends(intermediate_result: OptimizeResult) -> None:
+    """End an optimisation after a step where the budget of the move is used up."""
+    if used_up():
+        raise StopIteration
 
 
 def carried(initial: Array, known: Setup, wanted: Setup, own: Array) -> Array:
