@@ -20,9 +20,8 @@ import torch
 import torchdiffeq
 
 import phnn
-from phnn.learn.characteristic import thresholds
 from phnn.models import hrc
-from phnn.models.neural import LearnedLaws, neural_hrc
+from phnn.models.neural import LearnedLaws, neural_hrc, thresholds
 
 torch.manual_seed(0)
 true = hrc(1)

@@ -128,11 +128,11 @@ BOUC_WEN_HYSTERESIS = _DUHEM.or_as(
 )
 
 
-CELLS = tuple(f"D{i}" for i in (1, 2, 3, 4))
-# Travels over the largest displacement, those of one grid point being spread by these factors.
-_TRAVELS, _SPREAD = (0.1, 0.4), (0.4, 0.8, 1.4, 2.0)
+CELLS = tuple(f"D{i}" for i in range(1, 9))
+# The travels of a grid point lie evenly between zero and these shares of the largest displacement.
+_TRAVELS = (0.25, 1.0)
 # How far the travels lean at the largest displacement.
-_LEANING = (-0.05, 0.05)
+_LEANING = (-0.03, 0.03)
 
 
 def distributed_grid(scales: Scales) -> list[dict[str, float]]:
@@ -140,7 +140,7 @@ def distributed_grid(scales: Scales) -> list[dict[str, float]]:
     stiffness = _SMALL * scales.stiffness / len(CELLS)
     return [
         {f"k_{i}": stiffness for i in CELLS}
-        | {f"x_{i}": share * by * scales.displacement for i, by in zip(CELLS, _SPREAD, strict=True)}
+        | {f"x_{c}": share * i / (len(CELLS) + 1) * scales.displacement for i, c in enumerate(CELLS, 1)}
         | {"g_D": 0.2 * abs(lean) / scales.displacement, "a_D": lean / scales.displacement}
         for share in _TRAVELS
         for lean in _LEANING
@@ -151,9 +151,9 @@ DISTRIBUTED_HYSTERESIS = Effect(
     name="distributed_hysteresis",
     kind=kinds.SHAPE,
     equation=r"F_h = \sum_i k_i s_i, \quad \dot{s}_i = v \text{ while } -x_i - (g - a) q^2 < s_i < x_i + (g + a) q^2",
-    statement="The hysteresis has another form: springs of {k_D1}, {k_D2}, {k_D3} and {k_D4} yield after {x_D1}, "
-    "{x_D2}, {x_D3} and {x_D4}, and these travels grow with the square of the displacement, by {g_D} in both "
-    "directions and by {a_D} more forwards than backwards.",
+    statement="The hysteresis has another form: springs of {k_D1}, {k_D2}, {k_D3}, {k_D4}, {k_D5}, {k_D6}, {k_D7} and "
+    "{k_D8} yield after {x_D1}, {x_D2}, {x_D3}, {x_D4}, {x_D5}, {x_D6}, {x_D7} and {x_D8}, and these travels grow with "
+    "the square of the displacement, by {g_D} in both directions and by {a_D} more forwards than backwards.",
     fingerprint="Loops whose width grows with the amplitude in another way than the hysterons of the model allow, the "
     "same at every frequency.",
     separation="Slow triangles of many amplitudes, each with a hold at its end.",

@@ -26,11 +26,10 @@ from phnn.learn.settings import TARGET, accepted, instantiate
 from phnn.learn.solvers import OWN, NetworkPlant, Plant, solver_for, windows_of
 from phnn.models.actuator import hrc
 from phnn.models.neural import STARTS, LearnedLaws, Motion, effort_and_flow, neural_hrc, staggered
-from phnn.models.neural_ode import NeuralODE
 from phnn.models.store import load
 from phnn.network.elements import Modulation, MultiPort, Network
 from phnn.network.system import PortHamiltonianSystem
-from phnn.nn.learned_system import LearnedSystem, Scales
+from phnn.nn.learned_system import LearnedSystem, NeuralODE, Scales
 from phnn.nn.multi_ports import LearnedDissipation, LearnedRatio
 from phnn.recordings.recording import Campaign, Recording, dominant_frequency
 from phnn.recordings.values import shown

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from phnn.errors import InputRefused
+from phnn.errors import InputRefused, PhnnError
 from phnn.models.actuator import hrc
 from phnn.network.elements import Network, Resistor
 from phnn.nn import ConvexEnergyMLP, MonotoneMLP, SectorMLP
@@ -26,6 +28,10 @@ _STAGGERED = 2.0 / 3.0
 _CARRIED = (1.0, 0.02)
 _POINTS = 200
 _ITERATIONS = 200
+# Efforts at which a law is looked at for its inverse.
+_GRID = 20001
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -208,3 +214,46 @@ def _only_used(network: Network, hold: Sequence[str]) -> Network:
         raise InputRefused(f"hold: no parameter {strangers[0]}; this model has {', '.join(sorted(used))}")
     kept = (replace(p, fixed=p.fixed or n in hold) for n, p in network.parameters.items() if n in used)
     return replace(network, parameters=as_table(kept))
+
+
+def inverse(
+    law: Callable[[Tensor], Tensor],
+    flows: Array,  # (K,) [A]
+    reach: float,
+) -> Array:
+    """Return the (K,) smallest effort [V] within ``reach``, on the side of the flow's sign, at which the law carries
+    each flow.
+
+    Raises:
+        PhnnError: a flow that the law does not reach.
+    """
+    effort, found = np.linspace(0.0, reach, _GRID), np.empty_like(flows)
+    for side, mine in ((-1.0, flows < 0.0), (1.0, flows >= 0.0)):
+        with torch.no_grad():
+            carried = np.maximum.accumulate(side * law(torch.from_numpy(side * effort)).numpy())
+        wanted = np.abs(flows[mine])
+        if strange := wanted[(wanted <= carried[0]) | (wanted > carried[-1])].tolist():
+            raise PhnnError(
+                f"the law carries no {strange[0]:g} A within {reach:g} V: give a larger reach, or a flow above 0"
+            )
+        found[mine] = side * np.interp(wanted, carried, effort)
+    return found
+
+
+def thresholds(
+    law: Callable[[Tensor], Tensor],
+    largest: float,
+    reach: float,
+    points: int = 50,
+) -> tuple[float, float]:
+    """Return where the straight line through the inverse characteristic of each side meets zero flow [V].
+
+    For the dead zone of eq. (2) these are ``−d/2`` and ``d/2`` exactly.
+
+    Args:
+        largest: largest flow that was visited [A]; the line is fitted from a twentieth of it on.
+        reach: efforts looked at [V].
+    """
+    flows = np.linspace(0.05 * largest, largest, points)
+    low, high = (np.polyfit(s * flows, inverse(law, s * flows, reach), 1)[1] for s in (-1.0, 1.0))
+    return float(low), float(high)

@@ -28,6 +28,7 @@ from junctions import recording
 from phnn.configuration import config_folder
 from phnn.derivatives import output_derivatives
 from phnn.effects import Chain, Effect, effect
+from phnn.effects.hysteresis import CELLS
 from phnn.errors import InputRefused, SolverFailed
 from phnn.integrate.program import compile_network
 from phnn.integrate.quick import serves
@@ -156,7 +157,7 @@ def test_cells_yield_at_travels_that_follow_the_displacement() -> None:
     trajectory = simulate(setup, ACTUATOR.drive, 4)
     q = trajectory.states[:, names.index("q")]
     middle = 0.5 * (q[1:] + q[:-1])
-    for cell in ("D1", "D2", "D3", "D4"):
+    for cell in CELLS:
         bent = [0.0]
         for step, at in zip(np.diff(q), middle, strict=True):
             grown = v[f"x_{cell}"] + v["g_D"] * at**2

@@ -13,8 +13,8 @@ from phnn.learn.solvers import NetworkPlant, Plant
 from phnn.learn.starts import typical_states
 from phnn.models.actuator import hrc
 from phnn.models.neural import LearnedLaws, Motion, neural_hrc
-from phnn.models.neural_ode import NeuralODE
 from phnn.nn import LearnedSystem, Scales
+from phnn.nn.learned_system import NeuralODE
 from phnn.recordings.recording import Recording
 from phnn.setup import Setup
 

@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 
 from phnn.errors import PhnnError
 from phnn.laws import RESISTOR_LAWS
-from phnn.learn.characteristic import inverse, thresholds
 from phnn.learn.objective import Objective, estimated_start, evaluate
 from phnn.learn.solvers import discrete_gradient, starts_at_zero, thinned, windows_of
 from phnn.learn.starts import motion_of, scales_of
+from phnn.models.neural import inverse, thresholds
 from phnn.recordings.recording import Part, Start
 from phnn.setup import Setup
 from phnn.trajectory import simulate

@@ -21,10 +21,10 @@ from phnn import cli
 from phnn.configuration import compose_groups
 from phnn.errors import InputRefused
 from phnn.learn import Settings, train_folder
-from phnn.learn.characteristic import inverse, thresholds
 from phnn.learn.run import validation_names
 from phnn.learn.settings import settings_in
 from phnn.models.actuator import hrc
+from phnn.models.neural import inverse, thresholds
 from phnn.models.store import load
 from phnn.network import PortHamiltonianSystem
 from phnn.recordings import read

@@ -13,13 +13,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from phnn.errors import InputRefused, PhnnError, SolverFailed
-from phnn.learn.characteristic import thresholds
 from phnn.models.actuator import TABLE_1, hrc
-from phnn.models.neural import LearnedLaws, neural_hrc
-from phnn.models.neural_ode import NeuralODE
+from phnn.models.neural import LearnedLaws, neural_hrc, thresholds
 from phnn.models.store import FILE, load, save
 from phnn.network.elements import Resistor, Storage
 from phnn.nn import ConvexEnergyMLP, LearnedEnergy, LearnedSystem, MonotoneMLP, Scales, SectorMLP
+from phnn.nn.learned_system import NeuralODE
 from phnn.setup import Setup
 from phnn.trajectory import simulate
 
