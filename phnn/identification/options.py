@@ -21,7 +21,7 @@ class Options:
         error_bound_sigma: bound on the numerical error over the plan, in standard deviations.
         max_effects: how many elements a diagnosis may add.
         evaluations: what a diagnosis may spend, in simulations of 300,000 steps; derivatives by eight variables count
-            as four simulations, and a step of the slower general kernel as four.
+            as four simulations; a step of a modulated or of a general network counts more often.
         without: effects of the catalogue that a diagnosis must not use.
         criteria: values of `phnn.criteria.Criteria` that replace the defaults, by name.
         workers: threads of a fit.
@@ -36,7 +36,7 @@ class Options:
     starts: int = whole(4, least=1)
     error_bound_sigma: float = positive(1.0)
     max_effects: int = whole(4)
-    evaluations: int = whole(2500, least=1)
+    evaluations: int = whole(3000, least=1)
     without: tuple[str, ...] = ()
     criteria: Mapping[str, float] = field(default_factory=dict)
     workers: int = whole(2, least=1)

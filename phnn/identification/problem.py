@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from phnn.derivatives import output_derivatives
 from phnn.errors import SolverFailed
 from phnn.identification.plan import Plan
-from phnn.integrate.kernel import kernel_for
+from phnn.integrate.kernel import work_of
 from phnn.integrate.program import compile_network
 from phnn.recordings.driving import unknown_instants
 from phnn.recordings.recording import Recording, dominant_frequency
@@ -376,7 +376,7 @@ class Problem:
         self.use = use
         self.masks = [r.mask(use) for r in plan.recordings]
         timed = sum(x.size for x in variables.instants.values())
-        self._work = kernel_for(compile_network(template.network)).work
+        self._work = work_of(compile_network(template.network))
         self._weak = np.append(
             np.zeros(len(variables.names) + len(variables.unknown) * variables.scales.size), np.full(timed, _WEAK)
         )

@@ -133,6 +133,12 @@ def kernel_for(program: Program, prefer: str | None = None) -> Kernel:
     return KERNELS[prefer]
 
 
+def work_of(program: Program) -> float:
+    """The work of a step and of its derivatives, in steps of the fastest kernel in which nothing is modulated."""
+    following = sum(map(bool, program.sparsity.thresholds))
+    return kernel_for(program).work + 0.25 * following + len(program.sparsity.modulators)
+
+
 def march(program: Program, theta: Array, x0: Array, u: Array, h: Array, states: Array, efforts: Array) -> int:
     """Integrate ``n`` steps of a program by the fastest kernel; returns the number of solved steps.
 

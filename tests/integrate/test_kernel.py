@@ -413,3 +413,10 @@ def test_derivatives_by_pieces_are_those_in_full(name: str) -> None:
     ]
     close(*found, 1e-8)
     close(*ends, 1e-8)
+
+
+def test_a_step_counts_as_more_work_where_thresholds_follow_a_state() -> None:
+    cells = effect("distributed_hysteresis")
+    networks = [Setup(hrc(2)).network, cells.add_to(Setup(hrc(2)), dict.fromkeys(cells.parameters, 1e-3)).network]
+    # Eight cells, each of which counts as a quarter of a step.
+    assert [kernel.work_of(compile_network(network)) for network in networks] == [1.0, 3.0]
