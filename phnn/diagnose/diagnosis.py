@@ -255,12 +255,14 @@ def _concluded(search: Search, error: NumericalError, options: Options, account:
     if outcome.word == NONE:
         model, left = base, screened
     search.progress(f"verdict {outcome.word}")
-    bare = LinearisedFit(base.fit, (), search.scales)
-    first = needed("simulation of the base model", partial(prepare, base.fit), bare)
-    final = first
-    if model is not base:
-        bare = LinearisedFit(model.fit, (), search.scales)
-        final = needed("simulation of the final model", partial(prepare, model.fit), bare)
+
+    def prepared(part: str, fitted: Fit) -> LinearisedFit:
+        return needed(
+            f"simulation of the {part} model", partial(prepare, fitted), LinearisedFit(fitted, (), search.scales)
+        )
+
+    first = prepared("base", base.fit)
+    final = first if model is base else prepared("final", model.fit)
     before = _scores(base.fit, campaign)
     after = before if model is base else _scores(model.fit, campaign)
     location = remaining = None

@@ -186,7 +186,7 @@ class Weighed:
         total: dict[str, float] = {"none": 0.0}
         for model, share in zip(self.models, self.shares, strict=True):
             for name in model.families or ("none",):
-                total[name] = total.get(name, 0.0) + float(share)
+                total[name] = min(1.0, total.get(name, 0.0) + float(share))
         return dict(sorted(total.items(), key=lambda item: -item[1]))
 
     @cached_property

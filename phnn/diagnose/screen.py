@@ -280,12 +280,7 @@ def _best_point(
 
 
 def _candidate(
-    effect: Effect,
-    values: Mapping[str, float],
-    along: Array,
-    squares: Array,
-    strength: float,
-    owner: Array,
+    effect: Effect, values: Mapping[str, float], along: Array, squares: Array, strength: float, owner: Array
 ) -> Candidate:
     """Return a candidate that is added at some strength to one direction, given by its products (B,) with the
     residual and with itself, block by block."""

@@ -45,10 +45,12 @@ from phnn.identification.evaluate import evaluate
 from phnn.identification.fit import Fit
 from phnn.identification.plan import Plan
 from phnn.identification.problem import own_size
-from phnn.identification.starting_points import FORMS, OF_GRID
+from phnn.identification.starting_points import FORMS, OF_GRID, random_starts
+from phnn.models.actuator import hrc
 from phnn.parallel import SERIAL, Executor
 from phnn.recordings.recording import Campaign
 from phnn.rescue import attempt, late, move, needed, results, spent, untried
+from phnn.setup import Setup
 
 # Share of the residual from which on a candidate is large, and over the usual score what it needs then.
 _LARGE_SHARE, _LARGE_SCORE = 0.05, 0.6
@@ -62,6 +64,10 @@ _FALLS = 0.8
 _RACERS, _LEARNED = 5, 3
 # How often the search goes on from what it has compared at its end.
 _ROUNDS = 2
+# Effects that may take the place of all hysterons.
+_FORMS = {form.name for form in FORMS.values()}
+# Starts of new hysterons beside a first element that leaves far more than the noise.
+_ANEW = 3
 # Differences of χ² of one optimum: fitted twice, and with coarse and full sub-steps.
 _SAME, _COARSE = 3.0, 100.0
 # Nats behind the best at which a model is no longer grown, or refitted with finer steps.
@@ -271,6 +277,8 @@ def _grow(search: Search, model: Visited) -> None:
     for trial in trials:
         search.visit(trial)
     raced = sorted([search.visit(t) for t in _race(search, trials)], key=lambda t: t.fit.cost)
+    if not model.elements and search.far(raced[0]) and family(raced[0].elements[0]) not in _FORMS:
+        raced = [search.visit(t) for t in _with_new_hysterons(search, raced[0])] or raced
     if model.elements and search.weighed.behind(raced[0]) < search.weighed.behind(model):
         _drop_each(search, raced[0], raced[0].elements[:-1])
 
@@ -310,11 +318,27 @@ def _other_forms(search: Search, model: Visited) -> list[Visited]:
     values = model.fit.setup.values()
     if not (weak := weakened(values)):
         return []
-    names = {form.name for form in FORMS.values()}
-    forms = [e for e in search.effects if e.name in names and not e.after]
+    forms = [e for e in search.effects if e.name in _FORMS and not e.after]
     starts = [[values | weak | e.scaled(p, OF_GRID) for p in e.grid(search.scales)] for e in forms]
     wanted = [_Wanted((e,), s) for e, s in zip(forms, starts, strict=True)]
     return _rebuilt(search, wanted, "other forms of hysteresis", search.criteria.short)
+
+
+def _with_new_hysterons(search: Search, trial: Visited) -> list[Visited]:
+    """The trial with hysterons that begin anew, if that is better: without the element the fit may have taken them to
+    where no step leads back from."""
+    values, plain = trial.fit.setup.values(), ("m", "k", "b", "alpha")
+    count = sum(n.startswith("d_") and n[2:].isdigit() for n in values)
+    if not count or not set(values).issuperset(plain):
+        return []
+    linear = Setup(hrc(0, {n: values[n] for n in plain}))
+    stated = {n: values[n] for n in search.base.fit.held if n in values}
+    starts = random_starts(linear, search.plan, count, stated, _ANEW, 0)
+    wanted = [_Wanted(trial.elements, [values | s.values() | linear.values()]) for s in starts]
+    found = _rebuilt(search, wanted, f"{trial.words} with new hysterons", search.criteria.short)
+    best = min(found, key=lambda t: t.fit.cost, default=trial)
+    best = _while_the_best_falls(search, _onwards(search, [best]))[0]
+    return [best] if best.fit.cost < trial.fit.cost else []
 
 
 def _tried(model: LinearisedFit, plan: Plan, promising: float, evaluations: int, candidate: Candidate) -> Fit | None:

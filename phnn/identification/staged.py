@@ -15,15 +15,7 @@ from numpy.typing import NDArray
 
 from phnn.errors import InputRefused, PhnnError
 from phnn.identification.evaluate import with_starts
-from phnn.identification.fit import (
-    TOLERANCE,
-    UNIDENTIFIED,
-    Fit,
-    fit,
-    fit_problem,
-    unidentified,
-    variables_from,
-)
+from phnn.identification.fit import TOLERANCE, UNIDENTIFIED, Fit, fit, fit_problem, unidentified, variables_from
 from phnn.identification.plan import Plan
 from phnn.identification.problem import Problem, starts_unknown
 from phnn.identification.starting_points import (

@@ -52,8 +52,8 @@ def mechanical_points(plan: Plan, anchored: Mapping[str, float]) -> list[Setup]:
     points = []
     for resonance in RESONANCES_HZ:
         omega = 2.0 * np.pi * resonance
-        k = anchored.get("k", mass * omega**2)
-        values = {"m": anchored.get("m", k / omega**2), "k": k, "b": 0.6 * mass * omega, "alpha": gain * k} | {
+        k = anchored.get("k", anchored["alpha"] / gain if "alpha" in anchored else mass * omega**2)
+        values = {"m": anchored.get("m", k / omega**2), "k": k, "b": 0.6 * k / omega, "alpha": gain * k} | {
             n: v for n, v in anchored.items() if n in ("m", "k", "b", "alpha")
         }
         points.append(Setup(hrc(0, values), name="linear"))

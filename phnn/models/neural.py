@@ -152,12 +152,7 @@ def staggered(number: int, effort: float, flow: float) -> tuple[float, float, fl
     return 2.0 * _STAGGERED * effort / number, rho, 2.0 * carried / effort
 
 
-def fit_dead_zone(
-    law: SectorMLP | MonotoneMLP,
-    rho: float,
-    width: float,
-    reach: float,
-) -> float:
+def fit_dead_zone(law: SectorMLP | MonotoneMLP, rho: float, width: float, reach: float) -> float:
     """Fit a learned resistor to the dead zone of eq. (2) on ``|ε| ≤ reach`` [V], most closely around its edges.
 
     Args:
@@ -240,12 +235,7 @@ def inverse(
     return found
 
 
-def thresholds(
-    law: Callable[[Tensor], Tensor],
-    largest: float,
-    reach: float,
-    points: int = 50,
-) -> tuple[float, float]:
+def thresholds(law: Callable[[Tensor], Tensor], largest: float, reach: float, points: int = 50) -> tuple[float, float]:
     """Return where the straight line through the inverse characteristic of each side meets zero flow [V].
 
     For the dead zone of eq. (2) these are ``−d/2`` and ``d/2`` exactly.

@@ -24,15 +24,7 @@ from phnn.integrate.equations import power_balance
 from phnn.model import Model
 from phnn.network.system import PortHamiltonianSystem
 from phnn.parameters import quantity
-from phnn.plot.panels import (
-    MOST,
-    Array,
-    Plot,
-    column,
-    network_model,
-    predictions,
-    scaled,
-)
+from phnn.plot.panels import MOST, Array, Plot, column, network_model, predictions, scaled
 from phnn.prediction import Predicted
 from phnn.recordings import Campaign, campaign_of
 from phnn.report.figures import draw_trace, envelope, errors_into, outputs_into, telling_stretch

@@ -20,19 +20,8 @@ from phnn.derivatives import output_derivatives
 from phnn.diagnose import screen
 from phnn.diagnose.diagnosis import available
 from phnn.diagnose.linearised import LinearisedFit, prepare
-from phnn.diagnose.lines import (
-    Spectra,
-    force_noise,
-    own_score,
-    spectra_of,
-    strongest_line,
-)
-from phnn.diagnose.locations import (
-    locate,
-    play_operator,
-    rate_limited,
-    resonator,
-)
+from phnn.diagnose.lines import Spectra, force_noise, own_score, spectra_of, strongest_line
+from phnn.diagnose.locations import locate, play_operator, rate_limited, resonator
 from phnn.diagnose.search import material
 from phnn.effects import effect
 from phnn.errors import StructureViolated
@@ -212,8 +201,7 @@ def test_a_true_effect_does_not_hide_in_its_own_spread() -> None:
 
 
 @pytest.mark.parametrize(
-    ("source", "most"),
-    [("400 samples at rest", 2.0), (f"the spectrum above 250 Hz, {AS_WHITE}", 9.0)],
+    ("source", "most"), [("400 samples at rest", 2.0), (f"the spectrum above 250 Hz, {AS_WHITE}", 9.0)]
 )
 def test_noise_may_exceed_what_is_stated_the_more_the_less_is_known(source: str, most: float) -> None:
     t = np.arange(2000) / 1e3

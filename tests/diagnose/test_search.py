@@ -18,7 +18,7 @@ from phnn.diagnose.linearised import LinearisedFit, direction, tie
 from phnn.diagnose.number import Visited
 from phnn.diagnose.refit import converged, rebuilt
 from phnn.diagnose.screen import Screen
-from phnn.diagnose.search import Search, _drop_each, _exchange, begin, explore, finished
+from phnn.diagnose.search import Search, _drop_each, _exchange, _with_new_hysterons, begin, explore, finished
 from phnn.diagnose.verdict import NAMED, NONE, PROVISIONAL, UNKNOWN, Claim, conclude
 from phnn.effects import effect
 from phnn.effects.learned import learned_elements
@@ -111,6 +111,19 @@ def test_the_true_neighbour_takes_the_place(true: str, claimed: str) -> None:
     assert not set(VALUES[claimed]) & set(best.fit.setup.parameters)
     # Compared with the same steps.
     assert best.fit.plan.substeps == model.fit.plan.substeps
+
+
+def test_hysterons_that_the_base_model_has_led_astray_begin_anew() -> None:
+    base, friction = lacking("coulomb_friction"), effect("coulomb_friction")
+    search, _ = together(base, "coulomb_friction")
+    # Both dead zones so wide that neither hysteron slips, so that no derivative leads back.
+    astray = base.setup.values() | VALUES["coulomb_friction"] | {"d_1": 300.0, "d_2": 300.0}
+    stuck = rebuilt(base, [friction], [astray], base.plan.coarse(), 12)
+    assert stuck is not None and stuck.chi2 > 100.0
+    (found,) = _with_new_hysterons(search, search.model((friction,), stuck))
+    assert found.left < 0.1 * stuck.chi2
+    whole = converged(found.fit, base.plan, base.held, friction.parameters)
+    assert whole is not None and whole.chi2 < 1.1
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from phnn.criteria import Criteria
-from phnn.diagnose.number import Misfit, Visited, best_to_write, log_weight, tolerated, weigh
+from phnn.diagnose.number import Misfit, Visited, Weighed, best_to_write, log_weight, tolerated, weigh
 from phnn.diagnose.verdict import EQUIVALENT, NAMED, NONE, RULES, UNKNOWN, Facts, Verdict, conclude
 from phnn.effects import Effect, effect, in_all_forms
 from phnn.effects.learned import learned_elements
@@ -265,3 +265,9 @@ def test_the_rule_that_decided_comes_last_with_its_numbers() -> None:
     row = found.rules[-1].document()
     assert (row["rule"], row["outcome"]) == ("every_element_is_proven", NAMED)
     assert row["numbers"]["certain"] > 0.95
+
+
+def test_rounding_makes_no_probability_larger_than_one() -> None:
+    model: Any = SimpleNamespace(families=("creep",))
+    totals = [Weighed((model,) * n, -np.log(np.arange(1.0, n + 1.0))).probability["creep"] for n in range(2, 60)]
+    assert 1.0 - 1e-12 < min(totals) <= max(totals) <= 1.0
