@@ -128,6 +128,11 @@ class Account:
         """What was spent so far, see `allow`; 0 where nothing is bounded."""
         return self.spent / self.unit
 
+    @property
+    def used_up(self) -> bool:
+        """Whether the allowed evaluations are spent."""
+        return self.evaluations >= self.most
+
     def run(self, part: str, work: Callable[[], T], otherwise: T, checked: bool, ends: bool) -> T:
         """The result of a part; ``otherwise`` where it failed or was stopped.
 
@@ -236,7 +241,7 @@ def spent() -> float:
 def used_up() -> bool:
     """Whether a move has spent what it may: a fit then ends where it is."""
     account = _ACCOUNT.get()
-    return account is not None and account.checked and account.evaluations >= account.most
+    return account is not None and account.checked and account.used_up
 
 
 def untried() -> int:
@@ -251,7 +256,7 @@ def late(part: str) -> bool:
     if account is None:
         return False
     if not account.stopped:
-        if time.time() <= account.until and account.evaluations < account.most:
+        if time.time() <= account.until and not account.used_up:
             return False
         account.stopped = EVALUATIONS if time.time() <= account.until else SECONDS
     account.not_tried.append(part)
@@ -304,11 +309,10 @@ def needed(part: str, work: Callable[[], T], otherwise: T, ends: bool = False) -
 
 
 class _Result(NamedTuple):
-    """What became of an item, wherever it was at work; cut: it has spent what it might."""
+    """What became of an item, wherever it was at work; ended: why before its time, empty where it was not."""
 
     result: Any
-    stopped: bool
-    cut: bool
+    ended: str
     spent: float
     failed: Sequence[Failure]
     warnings: Sequence[Failure]
@@ -350,10 +354,10 @@ def results(executor: Executor, work: Callable[[Any], Any], items: Sequence[Any]
             account.warnings += [Failure(**(vars(f) | named)) for f in answer.warnings]
             account.spent += answer.spent
             found[index] = answer.result
-            if answer.stopped:
-                account.stopped = account.stopped or SECONDS
-            if answer.stopped or answer.cut:
+            if answer.ended:
                 account.not_tried.append(names[index])
+            if answer.ended == SECONDS:
+                account.stopped = account.stopped or SECONDS
     except KeyboardInterrupt as interruption:
         account.interrupt(interruption, "refits of " + ", ".join(names))
     except PhnnError as error:
@@ -370,11 +374,11 @@ def _one(
         account.among, account.above = among, above
         allow(steps, 1.0)
         try:
-            result, stopped = attempt("refit", partial(work, item), None), False
+            result = attempt("refit", partial(work, item), None)
+            ended = EVALUATIONS if account.used_up else ""
         except Stopped:
-            result, stopped = None, True
-        cut = used_up()
-    return _Result(result, stopped, cut, account.spent, account.failed, account.warnings)
+            result, ended = None, SECONDS
+    return _Result(result, ended, account.spent, account.failed, account.warnings)
 
 
 def among_others() -> bool:

@@ -36,6 +36,7 @@ from phnn.identification.options import Options
 from phnn.identification.plan import Plan
 from phnn.identification.prepare import identification_plan
 from phnn.identification.staged import identify_actuator
+from phnn.identification.starting_points import MECHANICAL
 from phnn.learn import Settings as Stage
 from phnn.learn import checkpoint
 from phnn.learn.objective import evaluate
@@ -54,8 +55,6 @@ RivalFit = Callable[[Campaign, int, float], tuple[Mapping[str, Array], Mapping[s
 
 _SCHEMA = "phnn.compared/2"
 _FILE, _OUTPUTS = "result.json", "outputs.npz"
-# Parameters that a linear model has as well.
-_MECHANICAL = ("m", "k", "b", "alpha")
 _LEAST_SQUARES = "least squares with exact forward sensitivities of the compiled power-preserving step"
 _ADJOINT = "L-BFGS, torchdiffeq's odeint_adjoint with the compiled power-preserving step as its method"
 
@@ -340,7 +339,7 @@ def _bouc_wen(bench: Bench, model: str) -> Result:
 def _linear(bench: Bench, model: str) -> Result:
     plan, began = bench.plan(), _now()
     bench.progress("identify linear")
-    known = {n: a for n, a in bench.campaign.known.items() if n in _MECHANICAL}
+    known = {n: a for n, a in bench.campaign.known.items() if n in MECHANICAL}
     fitted = identify_actuator(plan, known, 0, 1, bench.settings.options.seed)
     return _identified(bench, model, fitted, _since(*began))
 

@@ -217,7 +217,8 @@ def diagnose(
         def ready() -> Search:
             named = list(effects) if effects is not None else available(campaign, base.setup, left_out)
             nameless = _possible(campaign, base.setup, learned_elements().values()) if learned is None else learned
-            return begin(campaign, base, named, list(nameless), criteria, progress, max(1, chosen.max_effects), workers)
+            most = max(1, chosen.max_effects)
+            return begin(campaign, base, named, list(nameless), criteria, progress, most, workers, chosen.seed)
 
         # An interruption is for the search: what the answer needs is done whatever comes.
         search = needed("candidates", ready, None) or ready()

@@ -45,12 +45,11 @@ from phnn.identification.evaluate import evaluate
 from phnn.identification.fit import Fit
 from phnn.identification.plan import Plan
 from phnn.identification.problem import own_size
-from phnn.identification.starting_points import FORMS, OF_GRID, random_starts
-from phnn.models.actuator import hrc
+from phnn.identification.starting_points import FORMS, MECHANICAL, OF_GRID, linear_part, random_starts
+from phnn.network.roles import hysterons
 from phnn.parallel import SERIAL, Executor
 from phnn.recordings.recording import Campaign
 from phnn.rescue import attempt, late, move, needed, results, spent, untried
-from phnn.setup import Setup
 
 # Share of the residual from which on a candidate is large, and over the usual score what it needs then.
 _LARGE_SHARE, _LARGE_SCORE = 0.05, 0.6
@@ -95,7 +94,7 @@ class Search:
         visited: all models, by their elements; grown: those from which the search has gone on; compared: those whose
             alternatives have all been fitted.
         most: elements of a model; executor: where refits are done, with the same results everywhere.
-        progress: told what is tried.
+        progress: told what is tried; seed: of random starts.
     """
 
     campaign: Campaign
@@ -109,6 +108,7 @@ class Search:
     most: int
     executor: Executor
     progress: Progress
+    seed: int = 0
     grown: set[Key] = field(default_factory=set)
     compared: set[Key] = field(default_factory=set)
     fine: bool = False
@@ -169,6 +169,7 @@ def begin(
     progress: Progress = quiet,
     most: int = 4,
     executor: Executor = SERIAL,
+    seed: int = 0,
 ) -> Search:
     """Return a search that knows the base model alone; for the arguments see `Search`."""
     unknown = LinearisedFit(fitted, (), Scales(*(float("nan"),) * 9))
@@ -176,7 +177,8 @@ def begin(
     bare = Visited((), fitted, {}, {}, 0, True)
     plan = fitted.plan
     screen = Screen(_with_few_steps(linearised, plan), [*effects, *learned], criteria)
-    search = Search(campaign, bare, plan, effects, criteria, linearised.scales, screen, {}, most, executor, progress)
+    scales = linearised.scales
+    search = Search(campaign, bare, plan, effects, criteria, scales, screen, {}, most, executor, progress, seed)
     search.base = search.visit(search.model((), fitted, True))
     return search
 
@@ -277,9 +279,10 @@ def _grow(search: Search, model: Visited) -> None:
     for trial in trials:
         search.visit(trial)
     raced = sorted([search.visit(t) for t in _race(search, trials)], key=lambda t: t.fit.cost)
-    if not model.elements and search.far(raced[0]) and family(raced[0].elements[0]) not in _FORMS:
-        raced = [search.visit(t) for t in _with_new_hysterons(search, raced[0])] or raced
-    if model.elements and search.weighed.behind(raced[0]) < search.weighed.behind(model):
+    if not model.elements:
+        if search.far(raced[0]) and family(raced[0].elements[0]) not in _FORMS:
+            search.visit(_with_new_hysterons(search, raced[0]))
+    elif search.weighed.behind(raced[0]) < search.weighed.behind(model):
         _drop_each(search, raced[0], raced[0].elements[:-1])
 
 
@@ -324,21 +327,19 @@ def _other_forms(search: Search, model: Visited) -> list[Visited]:
     return _rebuilt(search, wanted, "other forms of hysteresis", search.criteria.short)
 
 
-def _with_new_hysterons(search: Search, trial: Visited) -> list[Visited]:
-    """The trial with hysterons that begin anew, if that is better: without the element the fit may have taken them to
-    where no step leads back from."""
-    values, plain = trial.fit.setup.values(), ("m", "k", "b", "alpha")
-    count = sum(n.startswith("d_") and n[2:].isdigit() for n in values)
-    if not count or not set(values).issuperset(plain):
-        return []
-    linear = Setup(hrc(0, {n: values[n] for n in plain}))
+def _with_new_hysterons(search: Search, trial: Visited) -> Visited:
+    """The trial with hysterons that begin anew: without the element the fit may have taken them to where no step leads
+    back from. Where there are none, or no time, it is the trial."""
+    count, values = len(hysterons(search.base.fit.setup.network)), trial.fit.setup.values()
+    if not count or not set(values).issuperset(MECHANICAL):
+        return trial
+    linear = linear_part(values)
     stated = {n: values[n] for n in search.base.fit.held if n in values}
-    starts = random_starts(linear, search.plan, count, stated, _ANEW, 0)
+    starts = random_starts(linear, search.plan, count, stated, _ANEW, search.seed)
     wanted = [_Wanted(trial.elements, [values | s.values() | linear.values()]) for s in starts]
     found = _rebuilt(search, wanted, f"{trial.words} with new hysterons", search.criteria.short)
-    best = min(found, key=lambda t: t.fit.cost, default=trial)
-    best = _while_the_best_falls(search, _onwards(search, [best]))[0]
-    return [best] if best.fit.cost < trial.fit.cost else []
+    best = min(found, key=lambda t: t.fit.cost, default=None)
+    return trial if best is None else _while_the_best_falls(search, _onwards(search, [best]))[0]
 
 
 def _tried(model: LinearisedFit, plan: Plan, promising: float, evaluations: int, candidate: Candidate) -> Fit | None:

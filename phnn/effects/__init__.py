@@ -37,16 +37,7 @@ from phnn.effects.declaration import (
     signed,
     time_constant,
 )
-from phnn.effects.effect import (
-    Effect,
-    Scales,
-    catalogue,
-    effect,
-    in_all_forms,
-    register,
-    registered,
-    unregister,
-)
+from phnn.effects.effect import Effect, Scales, catalogue, effect, in_all_forms, register, registered, unregister
 from phnn.effects.kinds import Kind
 
 __all__ = [

@@ -13,13 +13,7 @@ from scipy.optimize import OptimizeResult, least_squares
 from scipy.stats import norm
 from scipy.stats import t as student
 
-from phnn.identification.covariance import (
-    Scatter,
-    bread,
-    held_anchors,
-    residual_by_anchors,
-    scatter,
-)
+from phnn.identification.covariance import Scatter, bread, held_anchors, residual_by_anchors, scatter
 from phnn.identification.plan import Plan
 from phnn.identification.problem import Problem, Variables, variables_of, without_nuisances
 from phnn.recordings.driving import unknown_instants
@@ -301,10 +295,7 @@ def fit(
 
 
 def fit_problem(
-    problem: Problem,
-    held: Mapping[str, str] | None = None,
-    max_evaluations: int = 40,
-    tolerance: float = TOLERANCE,
+    problem: Problem, held: Mapping[str, str] | None = None, max_evaluations: int = 40, tolerance: float = TOLERANCE
 ) -> Fit:
     """Estimate the variables of a problem, which begins at the values of its template; arguments as of `fit`."""
     setup, variables = problem.template, problem.variables

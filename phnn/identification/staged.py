@@ -22,6 +22,7 @@ from phnn.identification.starting_points import (
     DEFAULT_MASS,
     FORMS,
     RESONANCES_HZ,
+    linear_part,
     mechanical_points,
     random_starts,
     with_form,
@@ -122,7 +123,7 @@ def identify_form(plan: Plan, known: Mapping[str, Anchor], hysterons: Fit) -> tu
         hysterons: a fit with these, from whose mass, spring and damper all forms begin.
     """
     held, values = _held(known, is_quasi_static(plan)), hysterons.setup.values()
-    linear = Setup(hrc(0, {n: values[n] for n in ("m", "k", "b", "alpha")}), name="linear")
+    linear = linear_part(values)
     best = min(_finished([s for f in FORMS for s in with_form(linear, plan, f)], plan, held), key=lambda f: f.cost)
     return best.setup.name, fit_identified(best.setup, plan, held, _FULL, best)
 

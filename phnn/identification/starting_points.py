@@ -40,6 +40,8 @@ FORMS: dict[str, Effect] = {
     "distributed": DISTRIBUTED_HYSTERESIS,
 }
 OF_GRID = 300.0
+# Parameters of an actuator without hysterons.
+MECHANICAL = ("m", "k", "b", "alpha")
 
 
 def mechanical_points(plan: Plan, anchored: Mapping[str, float]) -> list[Setup]:
@@ -54,10 +56,15 @@ def mechanical_points(plan: Plan, anchored: Mapping[str, float]) -> list[Setup]:
         omega = 2.0 * np.pi * resonance
         k = anchored.get("k", anchored["alpha"] / gain if "alpha" in anchored else mass * omega**2)
         values = {"m": anchored.get("m", k / omega**2), "k": k, "b": 0.6 * k / omega, "alpha": gain * k} | {
-            n: v for n, v in anchored.items() if n in ("m", "k", "b", "alpha")
+            n: v for n, v in anchored.items() if n in MECHANICAL
         }
-        points.append(Setup(hrc(0, values), name="linear"))
+        points.append(linear_part(values))
     return points
+
+
+def linear_part(values: Mapping[str, float]) -> Setup:
+    """The mass–spring–damper of an actuator, without hysterons, from values of which others are passed over."""
+    return Setup(hrc(0, {n: values[n] for n in MECHANICAL}), name="linear")
 
 
 def static_gain(recordings: Sequence[Recording]) -> float:

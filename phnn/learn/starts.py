@@ -18,7 +18,7 @@ from phnn.identification.options import Options
 from phnn.identification.plan import Plan
 from phnn.identification.prepare import identification_plan
 from phnn.identification.staged import held_by_statement
-from phnn.identification.starting_points import drive_amplitude, mechanical_points, middle_frequency
+from phnn.identification.starting_points import MECHANICAL, drive_amplitude, mechanical_points, middle_frequency
 from phnn.intake.limits import LIMITS
 from phnn.integrate.compilable import can_compile
 from phnn.integrate.differentiable import simulated
@@ -249,7 +249,7 @@ def unfitted(campaign: Campaign, hysterons: int) -> dict[str, float]:
 
 def _relaxations(mechanical: Mapping[str, float], plan: Plan, hysterons: int) -> dict[str, float]:
     """A mass–spring–damper's values with linear hysterons beside them."""
-    values = {n: mechanical[n] for n in ("m", "k", "b", "alpha")}
+    values = {n: mechanical[n] for n in MECHANICAL}
     omega = 2.0 * np.pi * middle_frequency(plan.recordings)
     for i in range(hysterons):
         c = values["alpha"] ** 2 / (_SHARE * values["k"])

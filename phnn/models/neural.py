@@ -1,4 +1,8 @@
-"""The HRC actuator with learned resistors on its hysterons, and a learned spring where one is asked for."""
+"""The HRC actuator with learned resistors on its hysterons, and a learned spring where one is asked for.
+
+A hysteron's voltage is all that recordings show of its resistor, and the flow through it drives it: so a learned
+resistor is compared over the flows that were visited, as effort over flow, which a steep slope does not blow up.
+"""
 
 from __future__ import annotations
 

@@ -113,14 +113,14 @@ def test_the_true_neighbour_takes_the_place(true: str, claimed: str) -> None:
     assert best.fit.plan.substeps == model.fit.plan.substeps
 
 
-def test_hysterons_that_the_base_model_has_led_astray_begin_anew() -> None:
+def test_hysterons_begin_anew_beside_an_effect_where_no_derivative_leads_back() -> None:
     base, friction = lacking("coulomb_friction"), effect("coulomb_friction")
     search, _ = together(base, "coulomb_friction")
-    # Both dead zones so wide that neither hysteron slips, so that no derivative leads back.
-    astray = base.setup.values() | VALUES["coulomb_friction"] | {"d_1": 300.0, "d_2": 300.0}
-    stuck = rebuilt(base, [friction], [astray], base.plan.coarse(), 12)
+    # Both dead zones so wide that neither hysteron slips.
+    wrong = base.setup.values() | VALUES["coulomb_friction"] | {"d_1": 300.0, "d_2": 300.0}
+    stuck = rebuilt(base, [friction], [wrong], base.plan.coarse(), 12)
     assert stuck is not None and stuck.chi2 > 100.0
-    (found,) = _with_new_hysterons(search, search.model((friction,), stuck))
+    found = _with_new_hysterons(search, search.model((friction,), stuck))
     assert found.left < 0.1 * stuck.chi2
     whole = converged(found.fit, base.plan, base.held, friction.parameters)
     assert whole is not None and whole.chi2 < 1.1
