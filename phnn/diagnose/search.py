@@ -138,7 +138,7 @@ class Search:
         each = [(r.name, fitted.residual[rows]) for r, rows in zip(recordings, fitted.slices, strict=True)]
         left = {name: Misfit(float(r @ r), r.size) for name, r in each}
         terms = sum(own_size(r, fitted.setup.own) - own_size(r, base) for r in recordings)
-        return Visited(tuple(elements), fitted, left, held_out(fitted, self.campaign, self.plan.finest), terms, done)
+        return Visited(tuple(elements), fitted, left, held_out(fitted, self.campaign), terms, done)
 
     def visit(self, model: Visited) -> Visited:
         """Keep a model, unless a better fit of the same elements is known; returns the one that is kept."""
@@ -592,16 +592,13 @@ def _with_few_steps(linearised: LinearisedFit, plan: Plan) -> LinearisedFit:
     return replace(linearised, fit=replace(linearised.fit, plan=replace(linearised.fit.plan, substeps=steps)))
 
 
-def held_out(fitted: Fit, campaign: Campaign, steps: int) -> dict[str, Misfit]:
-    """What a model leaves of the held-out samples, by recording; empty where there are none, or it cannot predict.
-
-    Args:
-        steps: sub-steps of each sample, the same for all models that are compared.
-    """
+def held_out(fitted: Fit, campaign: Campaign) -> dict[str, Misfit]:
+    """What a model leaves of the held-out samples, by recording, with the sub-steps of its fit; empty where there are
+    none, or it cannot predict."""
     recordings = tuple(r for r in campaign.recordings if r.mask("confirmation").any())
     if not recordings:
         return {}
-    plan = Plan(recordings, {r.name: steps for r in recordings}, fitted.plan.workers)
+    plan = Plan(recordings, {r.name: fitted.plan.finest for r in recordings}, fitted.plan.workers)
     predict = partial(evaluate, fitted.setup, plan, fitted.initial_states)
     predicted = attempt("prediction of held-out recordings", predict, None)
     if predicted is None:
