@@ -15,7 +15,7 @@ from phnn.diagnose.number import Visited, Weighed, weigh
 from phnn.diagnose.proposal import NextExperiment, Question, propose, refitted_rival
 from phnn.diagnose.screen import Candidate, chance
 from phnn.diagnose.search import Search, begin, explore, finished, linearised_of, material, refits
-from phnn.diagnose.verdict import NONE, UNKNOWN, Claim, Verdict, conclude
+from phnn.diagnose.verdict import NONE, UNKNOWN, Claim, Verdict, conclude, denied
 from phnn.effects import Effect, catalogue, effect, in_all_forms
 from phnn.effects.learned import learned_elements
 from phnn.effects.places import attached
@@ -244,13 +244,12 @@ def _concluded(search: Search, error: NumericalError, options: Options, account:
     model, base = finished(search), search.visited[frozenset()]
     screened = _screened(search, base)
     left = screened if model is base else _screened(search, model)
-    promising = (
-        sum(material(c, base.fit, criteria) for c in screened),
-        sum(material(c, model.fit, criteria) for c in left),
-    )
+    remaining = [c for c in left if material(c, model.fit, criteria)]
+    untried = [c for c in remaining if not denied(c.effect, model, search.visited, criteria)]
+    promising = sum(material(c, base.fit, criteria) for c in screened), len(untried)
     # What the budget has cut off matters where the model may still be a part of the truth, or another one as good.
-    early = account.ended().early and bool(promising[1] or model.key not in search.compared)
-    exact = None if promising[1] or early else model
+    early = account.ended().early and bool(untried or model.key not in search.compared)
+    exact = None if remaining or early else model
     weighed = weigh(list(search.visited.values()), criteria, exact)
     outcome = conclude(weighed, model, campaign.held_out_is_new, promising, criteria, early)
     if outcome.word == NONE:
@@ -266,12 +265,12 @@ def _concluded(search: Search, error: NumericalError, options: Options, account:
     final = first if model is base else prepared("final", model.fit)
     before = _scores(base.fit, campaign)
     after = before if model is base else _scores(model.fit, campaign)
-    location = remaining = None
+    location = left_at = None
     if outcome.word != NONE:
         measured = _input_measured(campaign, base.fit.setup)
         location = needed("location of the mismatch", partial(locate, first, measured=measured), None)
-        if outcome.word == UNKNOWN and promising[1] and model is not base:
-            remaining = needed("location of what remains", partial(locate, final, measured=measured), None)
+        if outcome.word == UNKNOWN and remaining and model is not base:
+            left_at = needed("location of what remains", partial(locate, final, measured=measured), None)
     gains = tuple(_gain(c, after, search) for c in outcome.claims)
     formulas = {}
     for claim in outcome.claims:
@@ -290,7 +289,7 @@ def _concluded(search: Search, error: NumericalError, options: Options, account:
     if base.fit is not search.base.fit:
         error = numerical_error(base.fit)
     return Diagnosis(
-        campaign, base.fit, error, weighed, model, outcome, (screened, left), location, remaining, (first, final),
+        campaign, base.fit, error, weighed, model, outcome, (screened, left), location, left_at, (first, final),
         before, after, gains, formulas, proposal, residual, options, 0.0, criteria,
     )  # fmt: skip
 

@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from phnn.criteria import Criteria
-from phnn.diagnose.number import Visited, Weighed, best_to_write, family, is_learned, key_of
+from phnn.diagnose.number import Key, Visited, Weighed, best_to_write, family, is_learned, key_of
 from phnn.effects import Effect
 from phnn.identification.fit import EXPLAINS
 
@@ -99,7 +99,7 @@ class Facts:
         falls: whether the held-out error falls with the model, and rises with none of its elements.
         new: whether held-out recordings bring an amplitude or a frequency that the others lack.
         promising: candidates that promised a material gain to the base model; remaining: that still promise one to the
-            model that is written.
+            model that is written, and were not denied by held-out recordings.
         early: the search ended before it was done.
         criteria: all thresholds.
     """
@@ -231,7 +231,8 @@ def conclude(
     Args:
         model: the one that is written.
         new: held-out recordings bring an amplitude or a frequency that the others lack.
-        promising: candidates that promise a material gain to the base model, and to the one that is written.
+        promising: candidates that promise a material gain to the base model, and to the one that is written; of the
+            latter those that were not denied by held-out recordings.
         early: the search ended before it was done.
     """
     base = next(m for m in weighed.models if not m.elements)
@@ -280,6 +281,12 @@ def _complete(weighed: Weighed, model: Visited, remaining: int, criteria: Criter
     best = model if model in nameable else best_to_write(nameable, criteria)
     most = criteria.explained if remaining or best is not model else criteria.far**2
     return float(min(1.0, (most / max(_left(best), 1e-300)) ** 0.5))
+
+
+def denied(effect: Effect, model: Visited, visited: Mapping[Key, Visited], criteria: Criteria) -> bool:
+    """Return whether an effect was tried beside a model, and predicts held-out recordings no better."""
+    more = visited.get(key_of((*model.elements, effect)))
+    return more is not None and more.left_held_out >= model.left_held_out * (1.0 - criteria.material_share) ** 2
 
 
 def _left(model: Visited) -> float:

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from phnn.criteria import Criteria
 from phnn.diagnose.number import Misfit, Visited, Weighed, best_to_write, log_weight, tolerated, weigh
-from phnn.diagnose.verdict import EQUIVALENT, NAMED, NONE, RULES, UNKNOWN, Facts, Verdict, conclude
+from phnn.diagnose.verdict import EQUIVALENT, NAMED, NONE, RULES, UNKNOWN, Facts, Verdict, conclude, denied
 from phnn.effects import Effect, effect, in_all_forms
 from phnn.effects.learned import learned_elements
 from phnn.errors import InputRefused
@@ -243,6 +243,14 @@ def test_a_learned_element_leaves_the_whole_unknown() -> None:
 def test_held_out_recordings_that_deny_an_element_take_its_name() -> None:
     worse = visited(effect("creep"), held_out=(9.0,))
     assert concluded(worse, visited(left=(9.0, 9.0), held_out=(1.0,))).word == UNKNOWN
+
+
+@pytest.mark.parametrize(("unseen", "no_promise"), [((1.5,), True), ((1.42,), True), ((1.3,), False), ((), False)])
+def test_what_was_tried_and_does_not_predict_promises_nothing(unseen: tuple[float, ...], no_promise: bool) -> None:
+    model = visited(effect("creep"), left=(1.4, 1.4), held_out=(1.42,) if unseen else ())
+    tried = visited(effect("creep"), effect("delay"), left=(1.3, 1.3), held_out=unseen)
+    assert denied(effect("delay"), model, {tried.key: tried}, CRITERIA) == no_promise
+    assert not denied(effect("sensor_lag"), model, {tried.key: tried}, CRITERIA)
 
 
 def test_what_is_fitted_anew_to_every_recording_predicts_nothing() -> None:
