@@ -4,29 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from typing import Any, Protocol
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor, nn
+from torch import Tensor
 
 from phnn.errors import InputRefused, SolverFailed
 from phnn.integrate import kernel, sweep
 from phnn.integrate.compilable import can_compile
 from phnn.integrate.differentiable import Steps, first_order, march, sensitivities
-from phnn.integrate.program import Program, compile_network
+from phnn.integrate.program import compile_network
 from phnn.learn.objective import Objective
 from phnn.learn.settings import Settings, instantiate
-from phnn.learn.solvers import NetworkPlant, Window, discrete_gradient, near, remember, together
+from phnn.learn.solvers import NetworkPlant, discrete_gradient, near, remember, together
 
-#     (JᵀJ + λ diag JᵀJ) δ = −Jᵀ r,     r = (y − ŷ − zero)/σ
-#
-# The compiled integration has exact sensitivities by every parameter and every weight of a learned law. A Jacobian of a
-# hundred columns costs a few gradients, and some tens of steps replace thousands of a first-order method.
-#
-# References: Levenberg 1944, Marquardt 1963.
 Array = NDArray[np.float64]
 
 _DAMPING, _EASED, _RAISED, _MOST = 1e-2, 0.3, 4.0, 1e8
@@ -37,10 +30,16 @@ _FLOOR = 1e-3
 class GaussNewton:
     """One damped step an epoch; what is kept between them is the damping alone.
 
-    Laws without a kernel are integrated and differentiated in torch, see `InTorch`.
+        (JᵀJ + λ diag JᵀJ) δ = −Jᵀ r,     r = (y − ŷ − zero)/σ
+
+    A Jacobian of a hundred columns costs a few gradients, and some tens of steps replace thousands of a first-order
+    method. Compiled code has the derivatives of networks without learned laws; those of others are taken in torch, many
+    steps at once. Where a law has no kernel torch takes the steps too, and begins a trial where the derivatives lead.
 
     Raises:
         InputRefused: the plant is no network, its solver has no sensitivities, or recordings are cut into windows.
+
+    References: Levenberg 1944, Marquardt 1963.
     """
 
     def __init__(self, objective: Objective) -> None:
@@ -51,12 +50,16 @@ class GaussNewton:
                 "gauss_newton is for networks on whole recordings with solver=discrete_gradient: set gauss_newton=0 "
                 "and lbfgs=100, or window=0"
             )
-        self.in_torch = None if can_compile(plant.system.network) else InTorch(objective)
-        laws = list(plant.system.laws.values())
-        separate = len(set(map(id, laws))) == len(laws) and all(p.requires_grad for p in plant.system.parameters())
-        if self.in_torch is None and not separate:
-            raise InputRefused("gauss_newton moves all weights of laws, each of its own: take lbfgs")
         self.objective, self.plant, self.damping = objective, plant, _DAMPING
+        self.steps = Steps(plant.system, compiles=can_compile(plant.system.network))
+        self.parametric = self.steps.compiles and not len(plant.system.laws)
+        # Of equal lengths: no step is wasted.
+        sizes = [len(w.h) for w in objective.windows]
+        self.groups = [[k for k, s in enumerate(sizes) if s == size] for size in dict.fromkeys(sizes)]
+        self.windows = [[objective.windows[k] for k in members] for members in self.groups]
+        driven = [together(plant, windows) for windows in self.windows]
+        self.driven = [(u, h.unsqueeze(-1)) for u, h in driven]
+        self.states: list[Tensor] = []
 
     def state_dict(self) -> dict[str, Any]:
         """What the next step depends on beside the parameters."""
@@ -67,7 +70,7 @@ class GaussNewton:
         self.damping = float(state["damping"])
 
     def __call__(self, epoch: int) -> float:
-        """One step; the loss before it.
+        """Take one step; returns the loss before it.
 
         Raises:
             SolverFailed: the present model cannot be simulated.
@@ -90,198 +93,101 @@ class GaussNewton:
 
     @torch.no_grad()
     def _cost(self, before: Tensor, step: Tensor) -> float:
-        """The loss after a step; infinite where the model cannot be simulated there."""
+        """The loss after a step (K,), which is taken; infinite where the model cannot be simulated there."""
         try:
-            if self.in_torch is not None:
-                return self.in_torch.cost(before, step)
+            if not self.steps.compiles:
+                return self._cost_in_torch(before, step)
             _move(self.objective, before + step)
             return float(self.objective())
         except SolverFailed:
             return float("inf")
 
-    def linearised(self) -> tuple[Array, Array]:
-        """(N,) residual over noise and (N, K) its derivatives by all that is trained."""
-        o = self.objective
-        o.solved += 1
-        if self.in_torch is not None:
-            return self.in_torch.linearised()
-        columns = sum(p.numel() for p in o.trained())
-        chain = self._chain()
-        x0 = o.initial().detach()
-        outputs, rows = [], []
-        for k, w in enumerate(o.windows):
-            y, derivatives = self._window(w, x0[k].numpy(), chain, columns, o.unknown.index(k) if not w.known else -1)
-            mask, noise = o.masks[w.recording].numpy(), o.recordings[w.recording].noise
-            outputs.append(torch.from_numpy(y))
-            rows.append(-(derivatives[mask] - derivatives[mask].mean(0)) / noise)
-        return o.residuals(outputs).detach().numpy(), np.concatenate(rows)
-
-    def _chain(self) -> Array:
-        """(M, K') derivative of the active entries of theta by coordinates and raw weights."""
-        plant = self.plant
-        blocks = [torch.diag(torch.tensor(plant.slopes(), dtype=torch.float64))] if plant.names else []
-        blocks += [weight_derivatives(law) for law in plant.system.laws.values()]
-        return torch.block_diag(*blocks).numpy()
-
-    def _window(self, window: Window, x0: Array, chain: Array, columns: int, estimated: int) -> tuple[Array, Array]:
-        """(S,) output and (S, K) its derivatives."""
-        network = self.plant.network
-        program = with_weights(compile_network(network), self.plant)
-        theta = program.theta(network)
-        u, h = self.plant.inputs(window.mean).numpy(), window.h.numpy()
-        states, efforts = np.empty((h.size + 1, x0.size)), np.empty((h.size, x0.size))
-        done = kernel.march(program, theta, x0, u, h, states, efforts)
-        if done < h.size:
-            raise SolverFailed(f"no solution of the step at t = {h[:done].sum():.6g} s: lower the rate of learning")
-        places = _places(program, self.plant)
-        initial = np.arange(x0.size if estimated >= 0 else 0, dtype=np.int64)
-        march = sweep.Integrated(program, theta, states, efforts, u, h)
-        by, start = sweep.by_parameters(places, h.size), np.zeros((x0.size, places.size))
-        found = sweep.sensitivities(march, by, start, initial, window.nodes.numpy())
-        out = np.zeros((found.shape[0], columns))
-        out[:, : chain.shape[1]] = found[:, : places.size] @ chain
-        if estimated >= 0:
-            first = chain.shape[1] + estimated * x0.size
-            out[:, first : first + x0.size] = found[:, places.size :] * self.plant.scale.numpy()
-        return states[window.nodes.numpy(), program.output], out
-
-
-class InTorch:
-    """Residual, derivatives and trial steps of an objective whose network is solved in torch."""
-
-    def __init__(self, objective: Objective) -> None:
-        plant = objective.plant
-        assert isinstance(plant, NetworkPlant)
-        self.objective, self.plant, self.steps = objective, plant, Steps(plant.system)
-        self.row = plant.system.state_names.index(plant.system.network.output)
-        self.trained = {n: p for n, p in self.steps.named_parameters() if p.requires_grad}
-        # Of equal lengths: no step is wasted.
-        sizes = [len(w.h) for w in objective.windows]
-        self.groups = [[k for k, s in enumerate(sizes) if s == size] for size in dict.fromkeys(sizes)]
-        self.driven = [together(plant, [objective.windows[k] for k in members]) for members in self.groups]
-        self.states: list[Tensor] = []
-
-    @torch.no_grad()
-    def _solved(self, guesses: Sequence[Tensor | None], alone: bool) -> list[Tensor]:
-        """(N+1, B, n) states of the windows of every group."""
-        x0, system = self.objective.initial(), self.plant.system
-        given = zip(self.groups, self.driven, guesses, strict=True)
-        return [march(system, x0[m], u, h.unsqueeze(-1), near=g, alone=alone) for m, (u, h), g in given]
-
-    def _outputs(self, states: Sequence[Tensor]) -> list[Tensor]:
-        found: list[Tensor] = [states[0]] * len(self.objective.windows)
-        for members, x in zip(self.groups, states, strict=True):
-            for b, k in enumerate(members):
-                found[k] = x[self.objective.windows[k].nodes, b, self.row]
-        return found
-
-    def linearised(self) -> tuple[Array, Array]:
-        """(N,) residual over noise and (N, K) its derivatives by all that is trained."""
-        o, windows = self.objective, [[self.objective.windows[k] for k in m] for m in self.groups]
-        self.states = self._solved([near(self.plant, w) for w in windows], alone=False)
-        sizes = [p.numel() for p in self.trained.values()]
-        places = dict(zip(map(id, self.trained.values()), np.cumsum([0, *sizes]), strict=False))
-        order = np.concatenate([places[id(p)] + np.arange(p.numel()) for p in self.plant.trained()])
-        rows: list[Array] = [np.zeros(0)] * len(o.windows)
-        for members, (u, h), x, own in zip(self.groups, self.driven, self.states, windows, strict=True):
-            remember(self.plant, own, x)
-            nodes = [w.nodes for w in own]
-            try:
-                found = sensitivities(self.steps, x, u, h.unsqueeze(-1), nodes, self.row)
-            except RuntimeError as error:
-                raise InputRefused(f"gauss_newton cannot follow a law ({error}): take lbfgs") from error
-            for k, w, by in zip(members, own, found, strict=True):
-                of_start = np.zeros((len(w.nodes), o.offsets.numel()))
-                if not w.known:
-                    first = o.unknown.index(k) * x.shape[-1]
-                    of_start[:, first : first + x.shape[-1]] = by[:, -x.shape[-1] :] * self.plant.scale
-                both = np.concatenate([by[:, : -x.shape[-1]].numpy()[:, order], of_start], axis=1)
-                inside = both[o.masks[w.recording].numpy()]
-                rows[k] = -(inside - inside.mean(0)) / o.recordings[w.recording].noise
-        return o.residuals(self._outputs(self.states)).detach().numpy(), np.concatenate(rows)
-
-    @torch.no_grad()
-    def cost(self, before: Tensor, step: Tensor) -> float:
-        """The loss after a step (K,), which is taken; simulated from where the derivatives lead.
-
-        Raises:
-            SolverFailed: that did not converge.
-        """
-        _move(self.objective, before)
-        x0, named, first = self.objective.initial(), {id(p): n for n, p in self.trained.items()}, 0
-        moved = {}
+    def _cost_in_torch(self, before: Tensor, step: Tensor) -> float:
+        x0 = self.objective.initial()
+        moved, first = {}, 0
+        names = {id(p): name for name, p in self.steps.named_parameters()}
         for p in self.plant.trained():
-            moved[named[id(p)]] = step[first : first + p.numel()].reshape(p.shape)
+            moved[names[id(p)]] = step[first : first + p.numel()].reshape(p.shape)
             first += p.numel()
         _move(self.objective, before + step)
         start = self.objective.initial() - x0
         _move(self.objective, before)
         given = zip(self.groups, self.driven, self.states, strict=True)
-        guesses = [x + first_order(self.steps, x, u, h.unsqueeze(-1), moved, start[m]) for m, (u, h), x in given]
+        guesses = [x + first_order(self.steps, x, u, h, moved, start[m]) for m, (u, h), x in given]
         _move(self.objective, before + step)
         states = self._solved(guesses, alone=True)
-        for members, x in zip(self.groups, states, strict=True):
-            remember(self.plant, [self.objective.windows[k] for k in members], x)
         return float(self.objective.residuals(self._outputs(states)).square().mean())
 
+    @torch.no_grad()
+    def _solved(self, guesses: Sequence[Tensor | None], alone: bool = False) -> list[Tensor]:
+        """(N+1, B, n) states of the windows of every group; those that torch has found are remembered."""
+        x0, found = self.objective.initial(), []
+        for members, windows, (u, h), guess in zip(self.groups, self.windows, self.driven, guesses, strict=True):
+            if self.steps.compiles:
+                found.append(self.steps.states(x0[members], u, h, 0.0))
+            else:
+                found.append(march(self.plant.system, x0[members], u, h, near=guess, alone=alone))
+                remember(self.plant, windows, found[-1])
+        return found
 
-def with_weights(program: Program, plant: NetworkPlant) -> Program:
-    """The program with the weights of neural laws among the inputs of the equations they stand in.
+    def _outputs(self, states: Sequence[Tensor]) -> list[Tensor]:
+        found: list[Tensor] = [states[0]] * len(self.objective.windows)
+        for members, x in zip(self.groups, states, strict=True):
+            for b, k in enumerate(members):
+                found[k] = self.plant.measured(x[self.objective.windows[k].nodes, b])
+        return found
 
-    The adjoint leaves them to the torch module; a forward sweep by weights needs them in its pattern.
-    """
-    base = len(program.states) + len(program.junctions)
-    leaves = [set(inputs) for inputs in program.sparsity.leaves]
-    others = {row: set(inputs) for row, inputs in program.sparsity.others.items()}
-    for (kind, element), places in _weight_places(program, plant).items():
-        owner = _owner(plant, kind, element)
-        weights = {base + p for p in places}
-        # What belongs to a junction may stand in any equation.
-        mine = [leaves[program.leaves.index(owner)]] if owner in program.leaves else [*leaves, *others.values()]
-        for inputs in mine:
-            inputs |= weights
-    sparsity = program.sparsity._replace(
-        leaves=tuple(map(frozenset, leaves)), others={row: frozenset(inputs) for row, inputs in others.items()}
-    )
-    return replace(program, sparsity=sparsity)
+    def linearised(self) -> tuple[Array, Array]:
+        """(N,) residual over noise and (N, K) its derivatives by all that is trained."""
+        o, scale = self.objective, self.plant.scale.numpy()
+        o.solved += 1
+        outputs, derivatives = self._by_program() if self.parametric else self._in_torch()
+        rows, count = [], sum(p.numel() for p in self.plant.trained())
+        for k, (w, by) in enumerate(zip(o.windows, derivatives, strict=True)):
+            of_start = np.zeros((len(by), o.offsets.numel()))
+            if not w.known:
+                first = o.unknown.index(k) * scale.size
+                of_start[:, first : first + scale.size] = by[:, count:] * scale
+            inside = np.concatenate([by[:, :count], of_start], axis=1)[o.masks[w.recording].numpy()]
+            rows.append(-(inside - inside.mean(0)) / o.recordings[w.recording].noise)
+        return o.residuals(outputs).detach().numpy(), np.concatenate(rows)
 
+    def _in_torch(self) -> tuple[list[Tensor], list[Array]]:
+        """(S,) output of every window, and its derivatives by what the plant trains, then by the initial state."""
+        self.states = self._solved([None if self.steps.compiles else near(self.plant, w) for w in self.windows])
+        trained, row = self.steps.trained.values(), self.plant.system.state_names.index(self.plant.network.output)
+        places = dict(zip(map(id, trained), np.cumsum([0, *(p.numel() for p in trained)]), strict=False))
+        order = np.concatenate([places[id(p)] + np.arange(p.numel()) for p in self.plant.trained()])
+        found = [np.zeros(0)] * len(self.objective.windows)
+        for members, windows, (u, h), x in zip(self.groups, self.windows, self.driven, self.states, strict=True):
+            try:
+                derivatives = sensitivities(self.steps, x, u, h, [w.nodes for w in windows], row)
+            except RuntimeError as error:
+                raise InputRefused(f"gauss_newton cannot follow a law ({error}): take lbfgs") from error
+            for k, by in zip(members, derivatives, strict=True):
+                found[k] = by.numpy()[:, [*order, *range(-x.shape[-1], 0)]]
+        return self._outputs(self.states), found
 
-def _weight_places(program: Program, plant: NetworkPlant) -> dict[tuple[str, str], range]:
-    """Places in theta of the weights of every learned law."""
-    first = len(program.names) + len(program.constants)
-    found = {}
-    for kind, element in program.modules:
-        size = plant.system.laws[f"{kind}_{element}"].weights().numel()  # type: ignore[operator]
-        found[kind, element] = range(first, first + size)
-        first += size
-    return found
-
-
-def _owner(plant: NetworkPlant, kind: str, element: str) -> str:
-    """The storage in whose equation a learned law stands, empty for a resistor between several."""
-    if kind == "storage":
-        return element
-    (resistor,) = (r for r in plant.system.network.resistors if r.name == element)
-    return next(iter(resistor.on)) if len(resistor.on) == 1 else ""
-
-
-def _places(program: Program, plant: NetworkPlant) -> NDArray[np.int64]:
-    """Active places in theta, in the order in which the plant lists what is trained."""
-    of_law = {f"{kind}_{element}": list(p) for (kind, element), p in _weight_places(program, plant).items()}
-    places = [program.names.index(n) for n in plant.names]
-    return np.array(places + [p for key in plant.system.laws for p in of_law[key]], dtype=np.int64)
-
-
-def weight_derivatives(law: nn.Module) -> Tensor:
-    """(W, K) derivatives of the physical weights of a learned law by its own."""
-    raw = list(law.parameters())
-    weights: Tensor = law.weights()  # type: ignore[operator]
-    rows = []
-    for weight in weights:
-        found = torch.autograd.grad(weight, raw, retain_graph=True, allow_unused=True)
-        pairs = zip(found, raw, strict=True)
-        rows.append(torch.cat([torch.zeros_like(p).reshape(-1) if g is None else g.reshape(-1) for g, p in pairs]))
-    return torch.stack(rows)
+    def _by_program(self) -> tuple[list[Tensor], list[Array]]:
+        """The same of a network without learned laws; by the initial state only where that is estimated."""
+        plant, network, start = self.plant, self.plant.network, self.objective.initial().detach().numpy()
+        program = compile_network(network)
+        theta, n = program.theta(network), plant.scale.numel()
+        places = np.array([program.names.index(name) for name in plant.names], dtype=np.int64)
+        outputs, found = [], []
+        for x0, w in zip(start, self.objective.windows, strict=True):
+            u, h, nodes = plant.inputs(w.mean).numpy(), w.h.numpy(), w.nodes.numpy()
+            states, efforts = np.empty((h.size + 1, n)), np.empty((h.size, n))
+            done = kernel.march(program, theta, x0, u, h, states, efforts)
+            if done < h.size:
+                raise SolverFailed(f"no solution of the step at t = {h[:done].sum():.6g} s: lower the rate of learning")
+            march = sweep.Integrated(program, theta, states, efforts, u, h)
+            none, initial = np.zeros((n, places.size)), np.arange(0 if w.known else n, dtype=np.int64)
+            by = sweep.sensitivities(march, sweep.by_parameters(places, h.size), none, initial, nodes)
+            by[:, : places.size] *= plant.slopes()
+            outputs.append(torch.from_numpy(states[nodes, program.output]))
+            found.append(by)
+        return outputs, found
 
 
 @torch.no_grad()
