@@ -17,7 +17,7 @@ from rich.table import Table
 
 from phnn.commands import console, refusals
 from phnn.errors import InputRefused
-from phnn.learn import checkpoint
+from phnn.learn import trainer
 from phnn.learn.run import CONFIG, METRICS
 from phnn.learn.settings import FREE_TO_CHANGE, settings_in
 from phnn.multirun import ERROR
@@ -91,8 +91,8 @@ def _result(home: Path) -> dict[str, Any]:
 
 def _so_far(home: Path) -> dict[str, Any]:
     """Return what the log of a run that has not ended tells."""
-    path = home / checkpoint.LOG
-    if not (home / checkpoint.FILE).exists() or not path.exists():
+    path = home / trainer.LOG
+    if not (home / trainer.FILE).exists() or not path.exists():
         return {}
     log = pd.read_csv(path)
     if log.empty:

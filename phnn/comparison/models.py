@@ -38,12 +38,12 @@ from phnn.identification.prepare import identification_plan
 from phnn.identification.staged import identify_actuator
 from phnn.identification.starting_points import MECHANICAL
 from phnn.learn import Settings as Stage
-from phnn.learn import checkpoint
 from phnn.learn.objective import evaluate
 from phnn.learn.run import fitted as trained
 from phnn.learn.run import validation_names
 from phnn.learn.solvers import NetworkPlant, solver_for, thinned
 from phnn.learn.starts import plant_for, scales_of
+from phnn.learn.trainer import as_bytes
 from phnn.models.store import is_storable, save
 from phnn.recordings.recording import Campaign, Recording, digest
 from phnn.results import Place, file_name, finite, same
@@ -384,7 +384,7 @@ def _trained(bench: Bench, model: str) -> Result:
         losses[stage], solved = done["best_validation"], solved + done["evaluations"]
     bench.progress(f"score {model}")
     scores = evaluate(plant, solver_for(recipe.solver, plant), campaign.recordings, substeps, {})
-    (bench.home(model) / "weights.pt").write(checkpoint.as_bytes(plant.state_dict()))
+    (bench.home(model) / "weights.pt").write(as_bytes(plant.state_dict()))
     count = sum(p.numel() for p in plant.trained())
     facts = {"parameters": count, "evaluations": solved, "loss_by_stage": losses, "stopped_by": list(aside)}
     if isinstance(plant, NetworkPlant) and is_storable(plant.network):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import time
-from collections import ChainMap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from hashlib import sha256
@@ -21,20 +20,20 @@ from phnn.identification.evaluate import Evaluation
 from phnn.identification.prepare import single
 from phnn.integrate.compilable import can_compile
 from phnn.integrate.method import PortHamiltonianSystem
-from phnn.learn import checkpoint
 from phnn.learn.methods import with_gradients
 from phnn.learn.objective import Objective, evaluate, set_aside, substeps_needed, whole
 from phnn.learn.settings import Settings, check_same, settings_in
 from phnn.learn.solvers import NetworkPlant, Plant, solver_for, thinned
 from phnn.learn.starts import near_known_part, plant_for, typical_states
-from phnn.learn.trainer import Progress, Trainer
+from phnn.learn.trainer import FILE as CHECKPOINT
+from phnn.learn.trainer import LOG, Trainer, as_bytes
 from phnn.models.store import FILE, is_storable, save
 from phnn.network.elements import Network
 from phnn.recordings import Campaign, read
 from phnn.recordings.excitation import excitation_of
 from phnn.recordings.partition import candidate_of, choose
 from phnn.recordings.recording import digest
-from phnn.results import Origin, Place, claim, finished, sha256_of
+from phnn.results import Origin, Place, claim, finished, finite, sha256_of
 from phnn.setup import Setup
 
 if TYPE_CHECKING:
@@ -42,7 +41,7 @@ if TYPE_CHECKING:
 
 CONFIG, METRICS = "config.yaml", "metrics.json"
 # What a training writes into its folder.
-RESULTS = (CONFIG, checkpoint.FILE, checkpoint.LOG, "tensorboard", "weights.pt", "model", METRICS)
+RESULTS = (CONFIG, CHECKPOINT, LOG, "tensorboard", "weights.pt", "model", METRICS)
 # Fewer recordings than this are all needed for training.
 _LEAST = 3
 # Epochs of each method where none are stated.
@@ -191,7 +190,8 @@ def fitted(
         place: gets checkpoint and logs; None for no files.
         recordings: hash of what is trained on, by which a checkpoint is known.
     """
-    training, validation = set_aside(campaign.recordings, validation_names(campaign, settings.validation))
+    aside = validation_names(campaign, settings.validation)
+    training, validation = set_aside(campaign.recordings, aside)
     if not training:
         raise InputRefused("validation: every recording is set aside, none is left to train on: name fewer")
     solver = solver_for(settings.solver, plant)
@@ -208,10 +208,26 @@ def fitted(
         return float(whole(plant, solver, held, substeps)())
 
     progress = Trainer(objective, validate if held else None, settings, place, say, recordings).run()
-    scores = evaluate(plant, solver, campaign.recordings, substeps, _initial(objective))
-    aside = [r.name for r in validation]
-    facts = _metrics(settings, plant, objective, progress, scores, aside) | {"substeps": substeps}
-    return Trained(plant, scores, progress.rows, facts)
+    starts = {
+        used[w.recording].name: x0
+        for w, x0 in zip(objective.windows, objective.initial().detach(), strict=True)
+        if not w.continues and not w.known
+    }
+    scores = evaluate(plant, solver, campaign.recordings, substeps, starts)
+    began = time.perf_counter()
+    loss = float(with_gradients(objective))
+    facts = {
+        "schema": "phnn.training/1", "model": dict(settings.model), "solver": dict(settings.solver),
+        "seed": settings.seed, "parameters_trained": sum(p.numel() for p in objective.trained()), "loss": loss,
+        "best_validation": progress.best, "epochs": len(progress.rows), "evaluations": objective.solved,
+        "held_out_over_noise": scores.over_noise("confirmation"),
+        "recordings": {
+            p.name: {**p.numbers, "held_out": p.use == "confirmation", "validation": p.name in aside}
+            for p in scores.parts
+        },
+        "seconds": progress.seconds, "gradient_seconds": time.perf_counter() - began, "substeps": substeps,
+    }  # fmt: skip
+    return Trained(plant, scores, progress.rows, finite(facts))
 
 
 def train_folder(settings: Settings, say: Callable[[str], None] = lambda line: None) -> dict[str, Any]:
@@ -242,12 +258,12 @@ def train_folder(settings: Settings, say: Callable[[str], None] = lambda line: N
             return ended
     with claim(settings.home, "train", inputs, RESULTS, origin) as place:
         if not settings.resume:
-            (place / checkpoint.FILE).remove()
+            (place / CHECKPOINT).remove()
             (place / METRICS).remove()
         (place / CONFIG).write(OmegaConf.to_yaml(OmegaConf.create(settings.plain())).encode())
         plant = plant_for(settings.model, campaign, settings.seed, settings.base)
         trained = fitted(plant, campaign, settings, place, repr(made_of), say)
-        (place / "weights.pt").write(checkpoint.as_bytes(plant.state_dict()))
+        (place / "weights.pt").write(as_bytes(plant.state_dict()))
         if isinstance(plant, NetworkPlant) and is_storable(plant.network):
             save(Setup(plant.network, name=settings.named), place / "model", trained.facts["substeps"])
         (place / METRICS).write_json(trained.facts)
@@ -258,27 +274,25 @@ def _several(settings: Settings, say: Callable[[str], None]) -> dict[str, Any]:
     """Train once for each seed; mean and standard deviation of what the runs have reached."""
     runs = []
     for seed in settings.seeds or ():
-        own = replace(settings, seed=seed, seeds=None, out=str(settings.home / f"seed_{seed}"))
-        runs.append(train_folder(own, lambda line, seed=seed: say(f"seed {seed}: {line}")))  # type: ignore[misc]
-    table = {}
-    for name, row in runs[0]["recordings"].items():
-        rows = [r["recordings"][name] for r in runs]
-        scores = [_over_seeds(rows, key) for key in ("fit_percent", "rmse", "residual_over_noise")]
-        table[name] = dict(ChainMap(*scores)) | {key: row[key] for key in ("held_out", "validation")}
-    content = {
+        run = replace(settings, seed=seed, seeds=None, out=str(settings.home / f"seed_{seed}"))
+        runs.append(train_folder(run, lambda line, seed=seed: say(f"seed {seed}: {line}")))  # type: ignore[misc]
+
+    def over_seeds(rows: Sequence[Mapping[str, Any]], *keys: str) -> dict[str, float]:
+        values = {key: np.array([row[key] for row in rows], dtype=float) for key in keys}
+        spread = {f"{k}_spread": v.std(ddof=1) if len(v) > 1 else np.nan for k, v in values.items()}
+        return {k: v.mean() for k, v in values.items()} | spread
+
+    table = {
+        name: over_seeds([r["recordings"][name] for r in runs], "fit_percent", "rmse", "residual_over_noise")
+        | {key: row[key] for key in ("held_out", "validation")}
+        for name, row in runs[0]["recordings"].items()
+    }
+    content: dict[str, Any] = finite({
         "schema": "phnn.training/1", "model": runs[0]["model"], "seeds": [r["seed"] for r in runs], "recordings": table,
-        **_over_seeds(runs, "held_out_over_noise"), "seconds": sum(r["seconds"] for r in runs),
-    }  # fmt: skip
-    (Place(settings.home) / METRICS).write_json(content)
+        **over_seeds(runs, "held_out_over_noise"), "seconds": sum(r["seconds"] for r in runs),
+    })  # fmt: skip
+    (Place(settings.home.resolve()) / METRICS).write_json(content)
     return content
-
-
-def _over_seeds(rows: Sequence[Mapping[str, Any]], key: str) -> dict[str, float | None]:
-    """Return mean and standard deviation of a figure; None where a run has none of it."""
-    values = [row[key] for row in rows]
-    if None in values:
-        return {key: None, f"{key}_spread": None}
-    return {key: float(np.mean(values)), f"{key}_spread": float(np.std(values, ddof=1)) if len(values) > 1 else None}
 
 
 def _hash(base: str | None) -> str | None:
@@ -320,55 +334,3 @@ def validation_names(campaign: Campaign, given: Sequence[str] | None) -> tuple[s
     if given is not None or len(chosen) < _LEAST:
         return tuple(given or ())
     return tuple(sorted(choose([candidate_of(r, excitation_of(r.u, r.dt)) for r in chosen])))
-
-
-def _initial(objective: Objective) -> dict[str, torch.Tensor]:
-    """Estimated initial states of the recordings trained on."""
-    x0 = objective.initial().detach()
-    return {
-        objective.recordings[w.recording].name: x0[k]
-        for k, w in enumerate(objective.windows)
-        if not w.continues and not w.known
-    }
-
-
-def _metrics(
-    settings: Settings,
-    plant: Plant,
-    objective: Objective,
-    progress: Progress,
-    scores: Evaluation,
-    aside: Sequence[str],
-) -> dict[str, Any]:
-    began = time.perf_counter()
-    loss = with_gradients(objective)
-    seconds = time.perf_counter() - began
-    table = {
-        p.name: {
-            "fit_percent": p.fit_percent,
-            "rmse": p.rmse,
-            "residual_over_noise": p.residual_over_noise,
-            "held_out": p.use == "confirmation",
-            "validation": p.name in aside,
-        }
-        for p in scores.parts
-    }
-    return {
-        "schema": "phnn.training/1",
-        "model": dict(settings.model),
-        "solver": dict(settings.solver),
-        "seed": settings.seed,
-        "parameters_trained": sum(p.numel() for p in objective.trained()),
-        "loss": float(loss),
-        "best_validation": progress.best if np.isfinite(progress.best) else None,
-        "epochs": len(progress.rows),
-        "evaluations": objective.solved,
-        "held_out_over_noise": _finite(scores.over_noise("confirmation")),
-        "recordings": table,
-        "seconds": progress.seconds,
-        "gradient_seconds": seconds,
-    }
-
-
-def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None

@@ -25,7 +25,7 @@ from phnn.integrate.differentiable import simulated
 from phnn.learn.settings import TARGET, accepted, instantiate
 from phnn.learn.solvers import OWN, NetworkPlant, Plant, solver_for, windows_of
 from phnn.models.actuator import hrc
-from phnn.models.neural import STARTS, LearnedLaws, Motion, effort_and_flow, neural_hrc, staggered
+from phnn.models.neural import STARTS, LearnedLaws, Motion, effort_and_flow, held, neural_hrc, staggered
 from phnn.models.store import load
 from phnn.network.elements import Modulation, MultiPort, Network
 from phnn.network.system import PortHamiltonianSystem
@@ -97,24 +97,22 @@ def plant_for(model: Mapping[str, Any], campaign: Campaign, seed: int, base: str
     if kind != "neural_hrc" and start not in (*STARTS, STAGGERED):
         raise InputRefused(f"model.start = {start!r}: choose {', '.join((*STARTS, STAGGERED))}")
     values = _values(campaign, hysterons, start, base, seed)
-    hold = tuple(held_by_statement(campaign.known))
     motion = motion_of(recordings)
-    if kind != "neural_hrc":
-        if start == STAGGERED:
-            values |= _dead_zones(values, hysterons, motion)
-        network = _held(hrc(hysterons, values), hold)
-        if kind == "hybrid":
-            network = _with_multi_port(network, motion, int(arguments.get("width", 16)), seed)
-            if arguments.get("ratio"):
-                modulated = Modulation("alpha", "q", LearnedRatio(state_scale=motion.reach))
-                network = network.extend(modulations=(modulated,))
-    else:
+    if kind == "neural_hrc":
         if start == "none":
             # A closed dead zone is no start to be fitted to.
             values = {n: v for n, v in values.items() if not n.startswith("d_")}
-        hold = tuple(n for n in hold if not n.startswith(("rho_", "d_")))
         laws = LearnedLaws(**{n: v for n, v in arguments.items() if n in form})
-        network = neural_hrc(hysterons, laws, start, values, motion, hold, seed)
+        network = neural_hrc(hysterons, laws, start, values, motion, seed=seed)
+    else:
+        if start == STAGGERED:
+            values |= _dead_zones(values, hysterons, motion)
+        network = hrc(hysterons, values)
+        if kind == "hybrid":
+            network = _with_multi_port(network, motion, int(arguments.get("width", 16)), seed)
+        if arguments.get("ratio"):
+            network = network.extend(modulations=(Modulation("alpha", "q", LearnedRatio(state_scale=motion.reach)),))
+    network = held(network, held_by_statement(campaign.known))
     return NetworkPlant(network, typical_states(network, recordings))
 
 
@@ -141,7 +139,7 @@ def _own(
     if isinstance(thing, nn.Module) and not isinstance(thing, PortHamiltonianSystem):
         hysterons = int(known.get("hysterons", 2))
         values = _values(campaign, hysterons, str(known.get("start", "parametric")), base, seed)
-        network = _held(hrc(hysterons, values), tuple(held_by_statement(campaign.known)))
+        network = held(hrc(hysterons, values), held_by_statement(campaign.known))
         for i in range(1, hysterons + 1):
             network = network.replace(f"hysteron_{i}", copy.deepcopy(thing))
         thing = network
@@ -207,12 +205,6 @@ def _dead_zones(values: Mapping[str, float], hysterons: int, motion: Motion) -> 
     for i in range(1, hysterons + 1):
         found[f"d_{i}"], found[f"rho_{i}"], _ = staggered(i, *effort_and_flow(i, values, motion))
     return found
-
-
-def _held(network: Network, hold: Sequence[str]) -> Network:
-    """The network with some parameters held."""
-    table = {n: replace(p, fixed=p.fixed or n in hold) for n, p in network.parameters.items()}
-    return replace(network, parameters=table)
 
 
 def _check(kind: str, arguments: Mapping[str, Any], known: Sequence[str]) -> None:

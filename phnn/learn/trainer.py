@@ -1,32 +1,128 @@
 """The training loop: methods one after the other, each until it stops to help on recordings it does not see.
 
 The best parameters by validation are what a run ends with, and what each method begins with. A step that fails or
-leads to what is not finite is taken back and the rate of learning halved.
+leads to what is not finite is taken back and the rate of learning halved. The state of a run is on disk whole or not at
+all, so that it goes on as if it had never been stopped.
 """
 
 from __future__ import annotations
 
+import io
 import math
+import os
 import time
-from collections.abc import Callable, Mapping
+import warnings
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
+import pandas as pd
 import torch
 from torch import Tensor
 
 from phnn.errors import InputRefused, SolverFailed
+from phnn.intake.files import named_file
+from phnn.intake.limits import LIMITS
 from phnn.laws.diverged import is_finite
-from phnn.learn import checkpoint
-from phnn.learn.checkpoint import Log, Row
 from phnn.learn.methods import METHODS, Method, method_of
 from phnn.learn.objective import Objective
 from phnn.learn.settings import Settings, check_same
 from phnn.results import Place
 
+FILE, LOG = "checkpoint.pt", "log.csv"
+COLUMNS = ("epoch", "method", "loss", "validation", "rate", "seconds")
+Row = dict[str, Any]
+
+_SCHEMA = "phnn.checkpoint/1"
 _MOST_FAILURES = 8
 # A validation that is lower by a smaller share does not make a method go on.
 _NOTICEABLE = 1e-3
+
+
+def save(place: Place, state: Mapping[str, Any]) -> None:
+    """Write a state of tensors, numbers, texts, lists and dictionaries, and that of torch's random generator."""
+    place.write(as_bytes({"schema": _SCHEMA, "random": torch.get_rng_state(), **state}))
+
+
+def as_bytes(content: Mapping[str, Any]) -> bytes:
+    """Return what ``torch.load(..., weights_only=True)`` reads back."""
+    buffer = io.BytesIO()
+    torch.save(content, buffer)
+    return buffer.getvalue()
+
+
+def load(path: Path, keys: Sequence[str] = ()) -> dict[str, Any] | None:
+    """The state that `save` wrote, with torch's random generator set back to it; None where there is none.
+
+    Args:
+        keys: what the state must hold.
+
+    Raises:
+        InputRefused: the file is damaged, too large or no checkpoint.
+    """
+    if not os.path.lexists(path):
+        return None
+    source = named_file(path, (path.parent,))
+    source.check_size(LIMITS.checkpoint_bytes, "a checkpoint")
+    source.check_memory(source.size)
+    try:
+        with source.open() as file, warnings.catch_warnings():
+            # What torch finds odd in a file is refused below.
+            warnings.simplefilter("ignore", UserWarning)
+            state = torch.load(file, weights_only=True, map_location="cpu")
+    except InputRefused:
+        raise
+    except Exception as error:
+        raise InputRefused(f"{path}: cannot be read ({type(error).__name__}): delete it to begin anew") from error
+    if not isinstance(state, dict) or state.get("schema") != _SCHEMA:
+        raise InputRefused(f"{path}: is no {_SCHEMA} file: delete it to begin anew")
+    missing = [key for key in ("random", *keys) if key not in state]
+    if missing:
+        raise InputRefused(f"{path}: holds no {missing[0]!r}: delete it to begin anew")
+    try:
+        torch.set_rng_state(state["random"])
+    except (TypeError, RuntimeError) as error:
+        raise InputRefused(f"{path}: its state of the random generator is none: delete it to begin anew") from error
+    return state
+
+
+class Log:
+    """One row an epoch, as csv and for TensorBoard; a resumed run first writes again what its checkpoint knows.
+
+    Args:
+        place: gets ``log.csv`` and, if wanted and installed, ``tensorboard/``.
+        rows: of the epochs before.
+        tensorboard: write for it as well.
+    """
+
+    def __init__(self, place: Place, rows: Sequence[Row] = (), tensorboard: bool = True) -> None:
+        self.place, self.rows, self.board = place / LOG, list(rows), None
+        if tensorboard:
+            try:
+                from torch.utils.tensorboard import SummaryWriter
+
+                # Earlier points from there on are void.
+                self.board = SummaryWriter(str((place / "tensorboard").own_folder()), purge_step=len(rows))
+            except ImportError:
+                pass
+        self._write()
+
+    def _write(self) -> None:
+        self.place.write(pd.DataFrame(self.rows, columns=COLUMNS).to_csv(index=False).encode())
+
+    def add(self, row: Row) -> None:
+        """Write one epoch."""
+        self.rows.append(row)
+        self._write()
+        for name in ("loss", "validation", "rate") if self.board is not None else ():
+            if row[name] is not None:
+                self.board.add_scalar(name, row[name], row["epoch"])
+
+    def close(self) -> None:
+        """Write what TensorBoard has not yet."""
+        if self.board is not None:
+            self.board.close()
 
 
 @dataclass
@@ -193,11 +289,11 @@ class Trainer:
             "method": None if self.method is None else self.method.state_dict(),
             "near": getattr(self.objective.plant, "near", {}),
         }
-        checkpoint.save(self.place / checkpoint.FILE, content)
+        save(self.place / FILE, content)
 
     def _resume(self, place: Place) -> None:
-        path = (place / checkpoint.FILE).path
-        state = checkpoint.load(path, ("settings", "progress", "present", "method"))
+        path = (place / FILE).path
+        state = load(path, ("settings", "progress", "present", "method"))
         if state is None:
             return
         if not isinstance(state["settings"], Mapping):

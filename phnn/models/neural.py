@@ -6,9 +6,8 @@ resistor is compared over the flows that were visited, as effort over flow, whic
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 import torch
@@ -17,9 +16,8 @@ from torch import Tensor, nn
 
 from phnn.errors import InputRefused, PhnnError
 from phnn.models.actuator import hrc
-from phnn.network.elements import Network, Resistor
+from phnn.network.elements import Network
 from phnn.nn import ConvexEnergyMLP, MonotoneMLP, SectorMLP
-from phnn.parameters import as_table
 
 STARTS = ("parametric", "none")
 LAWS = ("damping", "monotone")
@@ -82,7 +80,7 @@ def neural_hrc(
     start: str = "parametric",
     values: Mapping[str, float] | None = None,
     motion: Motion | None = None,
-    hold: Sequence[str] = (),
+    hold: Collection[str] = (),
     seed: int = 0,
 ) -> Network:
     """Eqs. (3)–(6) with a network of units in place of every dead zone ``h_i⁻¹`` of eq. (2).
@@ -115,13 +113,25 @@ def neural_hrc(
     if start not in STARTS:
         raise InputRefused(f"start = {start!r}: choose {' or '.join(STARTS)}")
     laws, motion = laws or LearnedLaws(), motion or Motion()
-    known = hrc(hysterons, dict(values or {}))
-    v = {n: p.value for n, p in known.parameters.items()}
-    learned = [_learned(i, laws, start, v, motion, seed + i) for i in range(1, hysterons + 1)]
-    network = replace(known, resistors=_with_laws(known.resistors, learned))
+    network = hrc(hysterons, dict(values or {}))
+    v = {n: p.value for n, p in network.parameters.items()}
+    for i in range(1, hysterons + 1):
+        network = network.replace(f"hysteron_{i}", _learned(i, laws, start, v, motion, seed + i))
     if laws.spring_width:
-        network = _with_spring(network, v["k"], motion.reach, laws.spring_width)
-    return _only_used(network, hold)
+        spring = ConvexEnergyMLP(motion.reach, v["k"] * motion.reach, laws.spring_width)
+        q = torch.linspace(-2.0 * motion.reach, 2.0 * motion.reach, _POINTS, dtype=torch.float64)
+        _fit(spring, q, v["k"] * q)
+        network = network.replace(network.output, spring)
+    strangers = sorted(set(hold) - set(network.parameters))
+    if strangers:
+        raise InputRefused(f"hold: no parameter {strangers[0]}; this model has {', '.join(sorted(network.parameters))}")
+    return held(network, hold)
+
+
+def held(network: Network, hold: Collection[str]) -> Network:
+    """Return the network with some parameters fixed at their values."""
+    table = {n: replace(p, fixed=p.fixed or n in hold) for n, p in network.parameters.items()}
+    return replace(network, parameters=table)
 
 
 def _learned(
@@ -170,23 +180,14 @@ def fit_dead_zone(law: SectorMLP | MonotoneMLP, rho: float, width: float, reach:
     near = half * torch.linspace(0.8, 1.2, _POINTS // 2, dtype=torch.float64)
     effort = torch.cat([even, near, -near])
     target = rho * (torch.relu(effort - half) - torch.relu(-effort - half))
-    return _fit(law, law, effort, target)
+    return _fit(law, effort, target)
 
 
-def _with_spring(network: Network, k: float, reach: float, width: int) -> Network:
-    """The network with a learned spring on its output."""
-    spring = ConvexEnergyMLP(reach, k * reach, width)
-    q = torch.linspace(-2.0 * reach, 2.0 * reach, _POINTS, dtype=torch.float64)
-    _fit(spring, spring, q, k * q)
-    storages = tuple(replace(s, law=spring, parameters=()) if s.name == network.output else s for s in network.storages)
-    return replace(network, storages=storages)
-
-
-def _fit(module: nn.Module, law: Any, x: Tensor, target: Tensor) -> float:
+def _fit(law: nn.Module, x: Tensor, target: Tensor) -> float:
     """Least squares by a quasi-Newton method; the relative error that is left."""
     unit = target.square().mean().sqrt()
     optimiser = torch.optim.LBFGS(
-        module.parameters(), max_iter=_ITERATIONS, history_size=30, line_search_fn="strong_wolfe"
+        law.parameters(), max_iter=_ITERATIONS, history_size=30, line_search_fn="strong_wolfe"
     )
 
     def misfit() -> Tensor:
@@ -197,22 +198,6 @@ def _fit(module: nn.Module, law: Any, x: Tensor, target: Tensor) -> float:
 
     optimiser.step(misfit)
     return float(misfit().detach().sqrt())
-
-
-def _with_laws(resistors: Sequence[Resistor], laws: Sequence[nn.Module]) -> tuple[Resistor, ...]:
-    """The hysterons' resistors, which come first, with learned laws."""
-    learned = (replace(r, law=law, parameters=()) for r, law in zip(resistors, laws, strict=False))
-    return (*learned, *resistors[len(laws) :])
-
-
-def _only_used(network: Network, hold: Sequence[str]) -> Network:
-    """The network without parameters that no element refers to any more, some of the others held."""
-    used = set(network._parameter_references())
-    strangers = sorted(set(hold) - used)
-    if strangers:
-        raise InputRefused(f"hold: no parameter {strangers[0]}; this model has {', '.join(sorted(used))}")
-    kept = (replace(p, fixed=p.fixed or n in hold) for n, p in network.parameters.items() if n in used)
-    return replace(network, parameters=as_table(kept))
 
 
 def inverse(

@@ -17,7 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from phnn.errors import InputRefused
-from phnn.learn import checkpoint
+from phnn.learn import trainer
 from phnn.models.actuator import hrc
 from phnn.models.store import FILE, load, save
 from phnn.network import PortHamiltonianSystem, Resistor, Storage
@@ -251,10 +251,10 @@ def test_a_checkpoint_that_is_none_is_refused_and_never_run(
     case: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    put(tmp_path / checkpoint.FILE, CHECKPOINTS[case])
+    put(tmp_path / trainer.FILE, CHECKPOINTS[case])
     with pytest.raises(InputRefused, match="delete it to begin anew"):
-        checkpoint.load(tmp_path / checkpoint.FILE, ("settings", "progress"))
-    assert [p.name for p in tmp_path.iterdir()] == [checkpoint.FILE]
+        trainer.load(tmp_path / trainer.FILE, ("settings", "progress"))
+    assert [p.name for p in tmp_path.iterdir()] == [trainer.FILE]
 
 
 GOOD = """junctions: {mass: 1}

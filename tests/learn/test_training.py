@@ -13,12 +13,11 @@ import pytest
 import torch
 
 from phnn.errors import InputRefused, SolverFailed
-from phnn.learn import checkpoint, methods
-from phnn.learn.checkpoint import Log
+from phnn.learn import methods, trainer
 from phnn.learn.objective import Objective
 from phnn.learn.settings import Settings
 from phnn.learn.solvers import Plant, Torchdiffeq, discrete_gradient
-from phnn.learn.trainer import Progress, Trainer
+from phnn.learn.trainer import Log, Progress, Trainer
 from phnn.results import Place
 
 KINDS: dict[str, tuple[Callable[[], Plant], int]] = {
@@ -158,21 +157,21 @@ def test_a_checkpoint_of_other_settings_is_refused(tmp_path: Path) -> None:
 
 
 def test_damaged_checkpoints_are_refused(tmp_path: Path) -> None:
-    path = tmp_path / checkpoint.FILE
-    assert checkpoint.load(path) is None
+    path = tmp_path / trainer.FILE
+    assert trainer.load(path) is None
     path.write_bytes(b"half a file")
     with pytest.raises(InputRefused, match="delete it to begin anew"):
-        checkpoint.load(path)
+        trainer.load(path)
     torch.save({"schema": "other"}, path)
     with pytest.raises(InputRefused, match=r"is no phnn\.checkpoint/1 file"):
-        checkpoint.load(path)
+        trainer.load(path)
 
 
 def test_checkpoints_carry_the_random_generator(tmp_path: Path) -> None:
     torch.manual_seed(5)
-    checkpoint.save(Place(tmp_path) / "c.pt", {"a": [1, torch.ones(2)]})
+    trainer.save(Place(tmp_path) / "c.pt", {"a": [1, torch.ones(2)]})
     drawn = torch.rand(3)
-    found = checkpoint.load(tmp_path / "c.pt")
+    found = trainer.load(tmp_path / "c.pt")
     assert found is not None and torch.equal(torch.rand(3), drawn)
     assert {p.name for p in tmp_path.iterdir()} == {".phnn", "c.pt"}
 
