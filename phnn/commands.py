@@ -288,20 +288,17 @@ def compare(
 def modes(
     folder: Path, out: Path, manifest: Path | None, config: Config, outside: bool = False, overwrite: bool = False
 ) -> None:
-    """Find the modes of a structure and what moves with amplitude; see `phnn.modal.report` for what it writes."""
+    """Find the modes of a structure and what moves with amplitude; see `phnn.modal.study` for what it writes."""
     from phnn.modal.experiment import study_of
-    from phnn.modal.report import RESULTS, show, write_modes
-    from phnn.modal.study import Settings, study_modes
+    from phnn.modal.study import RESULTS, Settings, show, study_modes, write_modes
 
     settings = Settings.from_config(config)
     study = study_of(read(folder, manifest, allow_outside=outside))
     with claim(out, "modes", [folder], RESULTS, overwrite=overwrite) as place, status() as progress:
         result = study_modes(study, settings, progress)
         progress("write the report")
-        # It predicts all held-out recordings with all models.
-        document = result.document()
-        write_modes(result, document, str(folder), place)
-    show(result, document, console())
+        write_modes(result, str(folder), place)
+    show(result, console())
     print(f"report: {out / 'report.html'}")
 
 

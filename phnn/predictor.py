@@ -14,7 +14,7 @@ from phnn.recordings import Campaign, campaign_of
 from phnn.trajectory import check_names
 
 if TYPE_CHECKING:
-    from phnn.modal.fit import ModalFit
+    from phnn.modal.model import ModalFit
 
 
 def load(folder: str | Path, outside: bool = False) -> Model | ModalFit:
@@ -28,12 +28,12 @@ def load(folder: str | Path, outside: bool = False) -> Model | ModalFit:
         outside: the file in the folder may be a link that leads out of it.
 
     Returns:
-        A `Model`; of ``phnn modes`` the fit, a `phnn.modal.fit.ModalFit`.
+        A `Model`; of ``phnn modes`` the fit, a `phnn.modal.model.ModalFit`.
 
     Raises:
         InputRefused: there is no model, or a damaged one.
     """
-    from phnn.modal.store import SCHEMA, model_from
+    from phnn.modal.model import SCHEMA, model_from
 
     content, shown = stored(Path(folder), outside)
     if content.get("schema") != SCHEMA:
@@ -72,7 +72,7 @@ def predictions(model: Model | ModalFit, campaign: Campaign) -> Iterator[Predict
         InputRefused: the recordings do not fit the ports and outputs of the model.
     """
     if not isinstance(model, Model):
-        from phnn.modal.store import predicted_modes
+        from phnn.modal.model import predicted_modes
 
         return iter(predicted_modes(model, campaign))
     check_names(model.setup.network, campaign.recordings)

@@ -21,8 +21,7 @@ from phnn.identification.evaluate import Evaluation, PartScore
 from phnn.identification.fit import Fit, fit
 from phnn.identification.identified import save_fit
 from phnn.identification.options import Options
-from phnn.models.actuator import from_paper
-from phnn.models.bouc_wen import bouc_wen
+from phnn.models.actuator import bouc_wen, from_paper
 from phnn.recordings import read
 from phnn.recordings.excitation import excitation_of
 from phnn.recordings.recording import Campaign, Recording, unrecorded

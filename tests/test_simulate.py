@@ -15,8 +15,7 @@ from phnn.errors import InputRefused, SolverFailed, StructureViolated
 from phnn.integrate import kernel
 from phnn.integrate.program import compile_network
 from phnn.integrate.rest import equilibrium
-from phnn.models.actuator import from_paper, hrc
-from phnn.models.bouc_wen import bouc_wen
+from phnn.models.actuator import bouc_wen, from_paper, hrc
 from phnn.models.network_file import load_network
 from phnn.network.elements import Port
 from phnn.parameters import Parameter, positive

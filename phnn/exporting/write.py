@@ -47,7 +47,7 @@ from phnn.results import claim
 from phnn.setup import Setup
 
 if TYPE_CHECKING:
-    from phnn.modal.fit import ModalFit
+    from phnn.modal.model import ModalFit
 
 _FLAGS = ("-std=c99", "-O2", "-shared", "-fPIC", "-fvisibility=hidden")
 _TIME_LIMIT = 120

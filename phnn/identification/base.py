@@ -40,7 +40,7 @@ from phnn.identification.staged import (
     stated_only,
 )
 from phnn.identification.starting_points import mechanical_points, scaled_points
-from phnn.models.bouc_wen import bouc_wen
+from phnn.models.actuator import bouc_wen
 from phnn.recordings.recording import Anchor, Campaign, Recording
 from phnn.rescue import late, used_up
 from phnn.setup import Setup

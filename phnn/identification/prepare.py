@@ -39,8 +39,7 @@ from phnn.identification.staged import (
 )
 from phnn.identification.starting_points import mechanical_points
 from phnn.integrate.program import compile_network
-from phnn.models.actuator import hrc
-from phnn.models.bouc_wen import bouc_wen
+from phnn.models.actuator import bouc_wen, hrc
 from phnn.models.network_file import load_network, ready
 from phnn.parameters import positive, signed
 from phnn.recordings.excitation import excitation_of

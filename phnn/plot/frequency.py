@@ -38,7 +38,7 @@ from phnn.signals.least_squares import HARMONICS, harmonic_weights
 from phnn.trajectory import simulate
 
 if TYPE_CHECKING:
-    from phnn.modal.fit import ModalFit
+    from phnn.modal.model import ModalFit
 
 
 Complex = NDArray[np.complex128]

@@ -30,7 +30,7 @@ from phnn.report.formatting import listing
 from phnn.signals.least_squares import HARMONICS, deviation, harmonic_weights
 
 if TYPE_CHECKING:
-    from phnn.modal.fit import ModalFit
+    from phnn.modal.model import ModalFit
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ from phnn.report.formatting import DASH, finite, percent
 from phnn.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from phnn.modal.fit import ModalFit
+    from phnn.modal.model import ModalFit
 
 
 def compare(

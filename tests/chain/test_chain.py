@@ -27,7 +27,7 @@ from phnn.chain.amplifiers import (
 )
 from phnn.chain.sensors import LINEAR, SENSORS, drift, lag, midpoints, play, polynomial, rate, rectification
 from phnn.laws.namespace import TINY
-from phnn.models.bouc_wen import TABLE_2
+from phnn.models.actuator import TABLE_2
 from phnn.signals.reconstruct import mean_input
 
 H = np.full(400, 1e-3)

@@ -27,7 +27,7 @@ from phnn.effects.places import attached
 from phnn.identification.fit import Fit, fit
 from phnn.identification.plan import Plan
 from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
-from phnn.models.bouc_wen import bouc_wen
+from phnn.models.actuator import bouc_wen
 from phnn.models.network_file import load_network
 from phnn.network import Coupling, Modulation, ModulatorState, Network, Port, Resistor, Storage
 from phnn.parameters import Parameter, as_table

@@ -30,8 +30,7 @@ from phnn.identification.plan import Plan
 from phnn.identification.prepare import Gain, identification_plan
 from phnn.identification.staged import identify_actuator, representative_subset
 from phnn.identification.starting_points import falls_throughout
-from phnn.models.actuator import hrc
-from phnn.models.bouc_wen import bouc_wen
+from phnn.models.actuator import bouc_wen, hrc
 from phnn.recordings.recording import Anchor, Campaign, Part, Recording, Start
 from phnn.setup import Setup
 from studies.generator.plans import sine

@@ -17,8 +17,7 @@ from structure import OMEGA, RATE, ZETA, write_folder
 import phnn
 from phnn.cli import main
 from phnn.errors import InputRefused
-from phnn.modal.fit import Problem
-from phnn.modal.store import model_from
+from phnn.modal.model import Problem, model_from
 from phnn.modal.study import Result
 
 

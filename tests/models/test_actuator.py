@@ -10,8 +10,7 @@ from junctions import recording
 from phnn.errors import InputRefused
 from phnn.integrate.equations import check
 from phnn.integrate.program import compile_network
-from phnn.models.actuator import TABLE_1, from_paper, hrc
-from phnn.models.bouc_wen import TABLE_2, bouc_wen
+from phnn.models.actuator import TABLE_1, TABLE_2, bouc_wen, from_paper, hrc
 from phnn.network import PortHamiltonianSystem
 from phnn.setup import Setup
 from phnn.trajectory import simulate

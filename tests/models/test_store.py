@@ -11,8 +11,7 @@ import pytest
 
 from phnn.effects import catalogue
 from phnn.errors import InputRefused
-from phnn.models.actuator import hrc
-from phnn.models.bouc_wen import bouc_wen
+from phnn.models.actuator import bouc_wen, hrc
 from phnn.models.store import FILE, load, save
 from phnn.setup import Setup
 from phnn.trajectory import simulate

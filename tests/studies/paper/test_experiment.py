@@ -22,8 +22,7 @@ from phnn.identification.identified import identify
 from phnn.identification.options import Options
 from phnn.identification.prepare import identification_plan
 from phnn.identification.staged import fit_identified
-from phnn.models.actuator import hrc
-from phnn.models.bouc_wen import TABLE_2, bouc_wen
+from phnn.models.actuator import TABLE_2, bouc_wen, hrc
 from phnn.recordings import read
 from phnn.recordings.recording import Campaign
 from phnn.setup import Setup

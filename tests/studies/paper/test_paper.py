@@ -25,8 +25,7 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import eig
 
 from phnn.laws import RESISTOR_LAWS
-from phnn.models.actuator import TABLE_1, from_paper, hrc
-from phnn.models.bouc_wen import TABLE_2, bouc_wen
+from phnn.models.actuator import TABLE_1, TABLE_2, bouc_wen, from_paper, hrc
 from phnn.network import PortHamiltonianSystem
 from phnn.network.small_signal import linearised_at_rest
 from phnn.setup import Setup
