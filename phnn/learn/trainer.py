@@ -97,7 +97,8 @@ class Log:
     """
 
     def __init__(self, place: Place, rows: Sequence[Row] = (), tensorboard: bool = True) -> None:
-        self.place, self.rows, self.board = place / LOG, list(rows), None
+        self.place, self.rows = place / LOG, list(rows)
+        self.board: Any = None
         if tensorboard:
             try:
                 from torch.utils.tensorboard import SummaryWriter

@@ -8,7 +8,9 @@ import os
 import typing
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, asdict, fields, replace
+from functools import partial
 from pathlib import Path
+from types import NoneType, UnionType
 from typing import Any, TypeVar
 
 import torch
@@ -374,7 +376,8 @@ def of_fields(cls: type[T], content: Any, where: str) -> T:
     for name, f in known.items():
         if name not in given and f.default is MISSING and f.default_factory is MISSING:
             raise ValueError(f"{where} has no {name}")
-    return cls(**{name: _typed(value, hints[name], name, where) for name, value in given.items()})
+    readers = {n: a_text if n == _PROSE else partial(_typed, hint=hints[n]) for n in given}
+    return cls(**{name: readers[name](value, where=f"{name} of {where}") for name, value in given.items()})
 
 
 def an_object(content: Any, where: str) -> Mapping[str, Any]:
@@ -421,45 +424,21 @@ def a_count(value: Any, where: str, least: int, most: int) -> int:
     return value
 
 
-def _ratio(value: Any, where: str) -> str | float:
-    return a_name(value, where) if isinstance(value, str) else a_number(value, where)
-
-
-def _ratios(value: Any, where: str) -> dict[str, str | float]:
-    return {a_name(n, where): _ratio(v, where) for n, v in an_object(value, where).items()}
-
-
-def _names(value: Any, where: str) -> tuple[str, ...]:
-    return tuple(a_name(v, where) for v in a_list(value, where))
-
-
-def _combinations(value: Any, where: str) -> tuple[str | Mapping[str, str | float], ...]:
-    return tuple(a_name(v, where) if isinstance(v, str) else _ratios(v, where) for v in a_list(value, where))
-
-
-def _perhaps(value: Any, where: str) -> str | None:
-    return None if value is None else a_name(value, where)
-
-
-def _flag(value: Any, where: str) -> bool:
+def _typed(value: Any, hint: Any, where: str) -> Any:
+    """A value of the type that a field declares; a union is ``str | other``. Raises ValueError otherwise."""
+    kind, parts = typing.get_origin(hint), typing.get_args(hint)
+    if hint is Any:
+        return value
+    if kind is tuple:
+        return tuple(_typed(v, parts[0], where) for v in a_list(value, where))
+    if kind is Mapping:
+        return {a_name(n, where): _typed(v, parts[1], where) for n, v in an_object(value, where).items()}
+    if kind is UnionType:
+        if value is None and parts[1] is NoneType:
+            return None
+        return _typed(value, str if isinstance(value, str) or parts[1] is NoneType else parts[1], where)
+    if hint is not bool:
+        return a_name(value, where) if hint is str else a_number(value, where)
     if not isinstance(value, bool):
         raise ValueError(f"{where} is {brief(value)}, neither true nor false")
     return value
-
-
-_MAKERS: dict[Any, Callable[[Any, str], Any]] = {
-    str: a_name,
-    float: a_number,
-    bool: _flag,
-    Any: lambda value, where: value,
-    str | float: _ratio,
-    str | None: _perhaps,
-    tuple[str, ...]: _names,
-    tuple[str | Mapping[str, str | float], ...]: _combinations,
-    Mapping[str, str | float]: _ratios,
-}
-
-
-def _typed(value: Any, hint: Any, name: str, where: str) -> Any:
-    make = a_text if name == _PROSE else _MAKERS[hint]
-    return make(value, f"{name} of {where}")

@@ -61,14 +61,24 @@ def _check(width: int, **scales: float) -> None:
             raise InputRefused(f"{name} = {scale:g}: give a positive typical magnitude in SI units")
 
 
-class _Resistor:
-    """A resistor that is an additive-unit law with the module's physical weights."""
+class _Units:
+    """An additive-unit law with the module's physical weights, ``weights()``."""
 
     law: str
+    positions: nn.Parameter
+
+    @property
+    def units(self) -> int:
+        """Number of units."""
+        return self.positions.shape[-1]
 
     def weights(self) -> Tensor:
         """Physical weights in the order of the law."""
         raise NotImplementedError
+
+
+class _Resistor(_Units):
+    """A resistor of that kind."""
 
     def forward(self, effort: Tensor) -> Tensor:  # effort: (...)
         """(...) flow ``φ(ε)``."""
@@ -119,11 +129,6 @@ class SectorMLP(_Resistor, nn.Module):
         self.gains = nn.Parameter(gains)
         self.positions = nn.Parameter(-gains * _spread(width, 2.5))
 
-    @property
-    def units(self) -> int:
-        """Number of units."""
-        return self.gains.numel()
-
     def weights(self) -> Tensor:
         """(1 + 3U,) physical weights ``[g c₀, g w_1/√U, k_1/s, c_1, …]``."""
         g, scale = self.conductance.abs(), self.scale.abs()  # of either sign in a state that is loaded
@@ -169,11 +174,6 @@ class MonotoneMLP(_Resistor, nn.Module):
         self.gains = _raw(_full(width, 4.0).repeat(3, 1))
         self.positions = nn.Parameter(4.0 * torch.stack([_spread(width, 2.5), outer, outer]))
 
-    @property
-    def units(self) -> int:
-        """Number of units, each a step and two hinges."""
-        return self.gains.shape[1]
-
     def weights(self) -> Tensor:
         """(1 + 9U,) physical weights ``[f a/s, f w_1, k_1/s, c_1, …]``, three weights for each row of a unit."""
         flow, scale = self.flow.abs(), self.scale.abs()
@@ -182,7 +182,7 @@ class MonotoneMLP(_Resistor, nn.Module):
         return _flat(self, flow / scale * _positive(self.slope), *(w for row in rows for w in row))
 
 
-class ConvexEnergyMLP(nn.Module):
+class ConvexEnergyMLP(_Units, nn.Module):
     """A convex energy with its minimum of zero at zero, so that the network stays passive.
 
         H(x) = E s { a z²/2 + Σ_i (w_i/k_i) [S(k_i z + c_i) − S(c_i) − σ(c_i) k_i z] },   z = x/s
@@ -218,11 +218,6 @@ class ConvexEnergyMLP(nn.Module):
         self.heights = _raw(_full(width, 2.0 / width))
         self.gains = _raw(_full(width, 3.0))
         self.positions = nn.Parameter(3.0 * _spread(width, 2.0))
-
-    @property
-    def units(self) -> int:
-        """Number of units."""
-        return self.gains.numel()
 
     def weights(self) -> Tensor:
         """(1 + 3U,) physical weights ``[E a/s, E w_1, k_1/s, c_1, …]``."""
