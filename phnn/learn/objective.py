@@ -161,7 +161,8 @@ def estimated_start(plant: Plant, solver: Solver, recording: Recording, substeps
         return torch.zeros_like(plant.scale)
     used = np.flatnonzero(recording.mask("nuisance"))
     last = int(used[-1]) + 1 if used.size else max(_HEAD_LEAST, int(_HEAD_SHARE * recording.t.size))
-    head = _head(recording, last)
+    rows = slice(0, min(last, recording.t.size))
+    head = replace(recording.only(rows), parts=(Part("head", 0, rows.stop, "head"),))
     objective = Objective(plant, solver, (head,), 0, substeps, use="head")
     optimiser = torch.optim.LBFGS([objective.offsets], max_iter=_SETTLING, line_search_fn="strong_wolfe")
 
@@ -173,12 +174,6 @@ def estimated_start(plant: Plant, solver: Solver, recording: Recording, substeps
 
     optimiser.step(misfit)
     return objective.initial()[0].detach()
-
-
-def _head(recording: Recording, last: int) -> Recording:
-    rows = slice(0, min(last, recording.t.size))
-    part = Part("head", 0, rows.stop, "head")
-    return replace(recording.only(rows), parts=(part,))
 
 
 def whole(
@@ -245,13 +240,8 @@ def substeps_needed(plant: Plant, solver: Solver, recordings: Sequence[Recording
             return [(r.noise, y) for r, y in zip(recordings, found, strict=True)]
         windows = windows_of(recordings, _PIECE, substeps)
         pieces = [windows[k] for k in chosen]
-        begun = [near(plant, [w]) for w in pieces]
-        x0 = torch.stack(
-            [
-                torch.zeros_like(plant.scale) if w.known or b is None else b[0, 0]
-                for w, b in zip(pieces, begun, strict=True)
-            ]
-        )
+        begun = [None if w.known else near(plant, [w]) for w in pieces]
+        x0 = torch.stack([torch.zeros_like(plant.scale) if b is None else b[0, 0] for b in begun])
         found = solver(plant, pieces, x0)
         return [(recordings[w.recording].noise, plant.measured(x)) for w, x in zip(pieces, found, strict=True)]
 
@@ -273,12 +263,3 @@ def _pieces(windows: Sequence[Window]) -> list[int]:
         rates = [float(((windows[k].fine[:, 2] - windows[k].fine[:, 0]) / windows[k].h).abs().amax()) for k in own]
         found += sorted({own[0], own[int(np.argmax(rates))]})
     return found
-
-
-def set_aside(recordings: Sequence[Recording], names: Sequence[str]) -> tuple[list[Recording], list[Recording]]:
-    """Recordings to train on, and those that stop the training, of the ones that serve identification.
-
-    Recordings that confirm are in neither: they are looked at once, at the end.
-    """
-    chosen = [r for r in recordings if r.mask("identification").any()]
-    return [r for r in chosen if r.name not in names], [r for r in chosen if r.name in names]

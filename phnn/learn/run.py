@@ -21,7 +21,7 @@ from phnn.identification.prepare import single
 from phnn.integrate.compilable import can_compile
 from phnn.integrate.method import PortHamiltonianSystem
 from phnn.learn.methods import with_gradients
-from phnn.learn.objective import Objective, evaluate, set_aside, substeps_needed, whole
+from phnn.learn.objective import Objective, evaluate, substeps_needed, whole
 from phnn.learn.settings import Settings, check_same, settings_in
 from phnn.learn.solvers import NetworkPlant, Plant, solver_for, thinned
 from phnn.learn.starts import near_known_part, plant_for, typical_states
@@ -191,18 +191,19 @@ def fitted(
         recordings: hash of what is trained on, by which a checkpoint is known.
     """
     aside = validation_names(campaign, settings.validation)
-    training, validation = set_aside(campaign.recordings, aside)
-    if not training:
+    # Recordings that confirm are looked at once, at the end.
+    chosen = [r for r in campaign.recordings if r.mask("identification").any()]
+    used = [thinned(r, settings.stride) for r in chosen if r.name not in aside]
+    held = [thinned(r, settings.stride) for r in chosen if r.name in aside]
+    if not used:
         raise InputRefused("validation: every recording is set aside, none is left to train on: name fewer")
     solver = solver_for(settings.solver, plant)
-    used = [thinned(r, settings.stride) for r in training]
     if isinstance(plant, NetworkPlant) and not plant.near:
         near_known_part(plant, campaign.recordings)
     substeps = settings.substeps or substeps_needed(plant, solver, used)
     objective = Objective(plant, solver, used, settings.window, substeps, settings.continuity)
     if not objective.trained():
         raise InputRefused("nothing can be trained: every parameter is fixed and every weight frozen")
-    held = [thinned(r, settings.stride) for r in validation]
 
     def validate() -> float:
         return float(whole(plant, solver, held, substeps)())

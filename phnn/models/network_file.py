@@ -19,7 +19,7 @@ output: q
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -41,19 +41,19 @@ from phnn.results import printable
 _TOP = ("about", "junctions", "elements", "bonds", "modulations", "memories", "parameters", "output", "merge")
 _PARAMETER = ("value", "unit", "positive", "lower", "upper", "typical", "fixed", "description")
 _NUMBERS = ("lower", "upper", "typical")
-_STORE = ("type", "junction", "law", "parameters", "unit")
-_RESISTOR = ("type", "junction", "law", "parameters", "direction", "reads")
-_SOURCE = ("type", "junction", "law", "parameters", "unit", "sign")
-# By type: the class, the keys, the law where none is given, and the laws that there are.
-_ELEMENTS: dict[str, tuple[Callable[..., Element], tuple[str, ...], str, Mapping[str, Any]]] = {
-    "C": (C, _STORE, "capacitor", STORAGE_LAWS),
-    "I": (I, _STORE, "capacitor", STORAGE_LAWS),
-    "R": (R, _RESISTOR, "linear", RESISTOR_LAWS),
-    "Se": (Se, _SOURCE, "linear", PORT_LAWS),
-    "Sf": (Sf, _SOURCE, "linear", PORT_LAWS),
+# By type: the class, the law where none is given, and the laws that there are.
+_ELEMENTS: dict[str, tuple[type[Any], str, Mapping[str, Any]]] = {
+    "C": (C, "capacitor", STORAGE_LAWS),
+    "I": (I, "capacitor", STORAGE_LAWS),
+    "R": (R, "linear", RESISTOR_LAWS),
+    "Se": (Se, "linear", PORT_LAWS),
+    "Sf": (Sf, "linear", PORT_LAWS),
 }
-_MODULATION = ("by", "law", "parameters")
-_MEMORY = ("law", "parameters", "of", "unit")
+# How the fields of an element are read; its law comes with its parameters.
+_FIELDS: dict[str, Callable[[Any, str], Any]] = {
+    "junction": label, "unit": label, "reads": label, "sign": lambda value, where: value,
+    "direction": lambda value, where: choice(value, DIRECTIONS, where),
+}  # fmt: skip
 
 
 def load_network(path: Path | str) -> Network:
@@ -137,21 +137,17 @@ def _graph(content: Any, name: str) -> BondGraph:
 
 def _element(name: str, said: Any, where: str) -> Element:
     content = mapping(said, where)
-    make, keys, default, laws = _ELEMENTS[choice(content.get("type"), tuple(_ELEMENTS), f"{where}: type")]
+    make, default, laws = _ELEMENTS[choice(content.get("type"), tuple(_ELEMENTS), f"{where}: type")]
+    keys = ["type", *(f.name for f in fields(make) if f.name != "name")]
     if "junction" not in content:
         raise InputRefused(f"{where}: no `junction`: name the junction that it hangs on")
-    junction = label(content["junction"], f"{where}: junction")
     keys_of(content, keys, where)
     law, parameters = _law(content, default, laws, where)
-    further: dict[str, Any] = {}
-    if "direction" in keys:
-        further["direction"] = choice(content.get("direction", DIRECTIONS[0]), DIRECTIONS, f"{where}: direction")
-        further["reads"] = label(content["reads"], f"{where}: reads") if "reads" in content else None
-    else:
-        further["unit"] = label(content.get("unit", "1"), f"{where}: unit")
-    if "sign" in keys:
-        further["sign"] = content.get("sign", 1)
-    return make(name, junction, law=law, parameters=parameters, **further)
+    # The classes have the units of an actuator where none is given.
+    given: dict[str, Any] = ({"unit": "1"} if "unit" in keys else {}) | dict(content)
+    further = {key: read(given[key], f"{where}: {key}") for key, read in _FIELDS.items() if key in given}
+    element: Element = make(name, law=law, parameters=parameters, **further)
+    return element
 
 
 def _law(content: Mapping[str, Any], default: str, laws: Mapping[str, Any], where: str) -> tuple[str, tuple[str, ...]]:
@@ -180,7 +176,7 @@ def _check_count(said: Any, where: str) -> None:
 
 def _modulation(ratio: str, said: Any, where: str) -> Modulation:
     content = mapping(said, where)
-    keys_of(content, _MODULATION, where)
+    keys_of(content, ("by", "law", "parameters"), where)
     if "by" not in content:
         raise InputRefused(f"{where}: no `by`: name the storage or memory that the ratio follows")
     return Modulation(
@@ -190,7 +186,7 @@ def _modulation(ratio: str, said: Any, where: str) -> Modulation:
 
 def _memory(name: str, said: Any, where: str) -> ModulatorState:
     content = mapping(said, where)
-    keys_of(content, _MEMORY, where)
+    keys_of(content, ("law", "parameters", "of", "unit"), where)
     law, parameters = _law(content, next(iter(MEMORY_LAWS)), MEMORY_LAWS, where)
     of = content.get("of", [])
     drives = tuple(label(n, f"{where}: of") for n in (of if isinstance(of, list) else [of]))

@@ -150,7 +150,7 @@ def test_classes_and_configurations_of_the_users_own(tmp_path: Path, monkeypatch
     )  # fmt: skip
     content = train_folder(law)
     assert content["epochs"] == 1 and not (tmp_path / "law" / "model").exists()
-    mine = settings_of(folder, tmp_path / "mine", "configs=configs", "model=mine", "lbfgs=1", "seeds=[0,1]", *short)
+    mine = settings_of(folder, Path("mine"), "configs=configs", "model=mine", "lbfgs=1", "seeds=[0,1]", *short)
     content = train_folder(mine)
     assert content["seeds"] == [0, 1]
     assert all(row["rmse_spread"] == 0.0 for row in content["recordings"].values())
