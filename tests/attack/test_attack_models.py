@@ -49,7 +49,7 @@ def content_of(setup: Setup, folder: Path) -> dict[str, Any]:
 NAN, INFINITE = float("nan"), float("inf")
 # Where something is put into a model, and what: none of these is passive, or none is a model.
 WRONG: dict[str, list[Any]] = {
-    "parameters.b.value": [-1.0, NAN, INFINITE, "b", 10**400, True],
+    "parameters.b.value": [-1.0, NAN, INFINITE, "b", None, 10**400, True],
     "parameters.m.value": [-1e-3, 0],
     "parameters.k.value": [-1.0],
     "parameters.rho_1.value": [-1.0],
@@ -63,6 +63,7 @@ WRONG: dict[str, list[Any]] = {
     "name": [None, "\x1b[31m"],
     "storages.0.name": ["\x00", "p", "", ["Q"]],
     "storages.0.law": [3, "eval", "dead_zone"],
+    "storages.0.parameters": [["no_such_parameter"]],
     "resistors.0.parameters": [["rho_1"], ["b"] * 9, 3, ["x", "y"]],
     "resistors.0.on.Q_1": [NAN],
     "resistors.0.on": [{"x": 1.0}, ["Q_1"]],
@@ -85,7 +86,7 @@ WRONG: dict[str, list[Any]] = {
     "resistors": [None],
 }  # fmt: skip
 LEARNED: dict[str, list[Any]] = {
-    "units": [10**9, -1, 3, "2"], "kind": ["active", ["convex"]], "state": [None], "state.scale": [-1.0, 0.0, NAN],
+    "units": [10**9, -1, 3, "2"], "kind": ["active", ["convex"]], "state": [None, {}], "state.scale": [-1.0, 0.0, NAN],
     "state.gains": [[1e9, 1e9], [NAN, 1.0], [1.0], [[1.0], [1.0, 2.0]], "abc", [10**400, 1.0], [[[[[[1.0]]]]]]],
 }  # fmt: skip
 SIGNED = {"damping": "conductance", "monotone": "flow", "convex": "typical"}

@@ -156,18 +156,8 @@ def test_a_checkpoint_of_other_settings_is_refused(tmp_path: Path) -> None:
     assert len(trained(objective_of("neural"), replace(settings, rate=0.1)).rows) == 1
 
 
-def test_damaged_checkpoints_are_refused(tmp_path: Path) -> None:
-    path = tmp_path / trainer.FILE
-    assert trainer.load(path) is None
-    path.write_bytes(b"half a file")
-    with pytest.raises(InputRefused, match="delete it to begin anew"):
-        trainer.load(path)
-    torch.save({"schema": "other"}, path)
-    with pytest.raises(InputRefused, match=r"is no phnn\.checkpoint/1 file"):
-        trainer.load(path)
-
-
 def test_checkpoints_carry_the_random_generator(tmp_path: Path) -> None:
+    assert trainer.load(tmp_path / "c.pt") is None
     torch.manual_seed(5)
     trainer.save(Place(tmp_path) / "c.pt", {"a": [1, torch.ones(2)]})
     drawn = torch.rand(3)

@@ -73,47 +73,10 @@ def test_absent_and_unreadable_files_are_refused(tmp_path: Path) -> None:
             load(tmp_path)
 
 
-# What the network itself refuses is not yet a refusal of the file, and names of laws and blocks are not looked up.
-
-
-@pytest.mark.parametrize(
-    "key",
-    [
-        *("storages", "resistors", "couplings", "ports", "parameters", "substeps"),
-        "output",
-    ],
-)
+@pytest.mark.parametrize("key", ["storages", "resistors", "couplings", "ports", "parameters", "substeps", "output"])
 def test_a_part_that_is_missing_or_of_the_wrong_kind_is_refused(tmp_path: Path, key: str) -> None:
     content = written(tmp_path)
     for damaged in ({k: v for k, v in content.items() if k != key}, {**content, key: None}):
         (tmp_path / FILE).write_text(json.dumps(damaged))
         with pytest.raises(InputRefused, match="damaged"):
             load(tmp_path)
-
-
-@pytest.mark.parametrize(
-    ("where", "value"),
-    [
-        (("parameters", "k", "value"), "stiff"),
-        (("parameters", "k", "value"), None),
-        (("storages", 0, "law"), "no_such_law"),
-        (("storages", 0, "parameters"), ["no_such_parameter"]),
-        (("couplings", 0, "of"), "no_such_storage"),
-        (("output",), "no_such_state"),
-        (("amplifier",), [{"kind": "no_such_block", "parameters": []}]),
-        (("substeps",), 0),
-    ],
-    ids=str,
-)
-def test_a_model_that_cannot_be_simulated_is_refused(
-    tmp_path: Path, where: tuple[str | int, ...], value: object
-) -> None:
-    content = written(tmp_path)
-    at: object = content
-    for step in where[:-1]:
-        at = at[step]  # type: ignore[index]
-    assert where[-1] in at if isinstance(at, dict) else True
-    at[where[-1]] = value  # type: ignore[index]
-    (tmp_path / FILE).write_text(json.dumps(content))
-    with pytest.raises(InputRefused, match=r"model\.json"):
-        load(tmp_path)
