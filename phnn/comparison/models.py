@@ -257,7 +257,16 @@ class Bench:
         made_with = {**self.settings.of(model), "recordings": digest(self.campaign), "schema": _SCHEMA}
         found = _kept(self.home(model).path, made_with) if self.settings.resume else None
         if found is None:
+            if model in (*NETWORKS, "bouc_wen", "linear"):
+                # They take its time step; its seconds are not theirs.
+                self.result("phs")
+            passed, used = time.monotonic(), time.process_time()
             found = _FITTERS.get(model, _rival)(self, model)
+            seconds = {
+                "seconds": round(time.monotonic() - passed, 1),
+                "processor_seconds": round(time.process_time() - used, 2),
+            }
+            found = replace(found, facts={**seconds, **found.facts})
             _keep(found, self.home(model), made_with)
         self.done[model] = found
         return found
@@ -313,42 +322,31 @@ def _kept(folder: Path, made_with: Mapping[str, Any]) -> Result | None:
     return found
 
 
-def _since(elapsed: float, processor: float) -> dict[str, float]:
-    """Return the seconds since two readings of the clocks, those that passed and those of the processor."""
-    passed, used = time.monotonic() - elapsed, time.process_time() - processor
-    return {"seconds": round(passed, 1), "processor_seconds": round(used, 2)}
-
-
-def _now() -> tuple[float, float]:
-    return time.monotonic(), time.process_time()
-
-
 def _phs(bench: Bench, model: str) -> Result:
-    began = _now()
     actuator = {"model": "piezo_actuator", "hysterons": bench.campaign.setup.get("hysterons", 2)}
     fitted, _ = identify_base(replace(bench.campaign, setup=actuator), bench.settings.options, bench.progress)
-    return _identified(bench, model, fitted, _since(*began))
+    return _identified(bench, model, fitted)
 
 
 def _bouc_wen(bench: Bench, model: str) -> Result:
-    plan, began = bench.plan(), _now()
+    plan = bench.plan()
     fitted = identify_bouc_wen(plan, bench.campaign, bench.settings.options, bench.progress)
-    return _identified(bench, model, fitted, _since(*began))
+    return _identified(bench, model, fitted)
 
 
 def _linear(bench: Bench, model: str) -> Result:
-    plan, began = bench.plan(), _now()
+    plan = bench.plan()
     bench.progress("identify linear")
     known = {n: a for n, a in bench.campaign.known.items() if n in MECHANICAL}
     fitted = identify_actuator(plan, known, 0, 1, bench.settings.options.seed)
-    return _identified(bench, model, fitted, _since(*began))
+    return _identified(bench, model, fitted)
 
 
-def _identified(bench: Bench, model: str, fitted: Fit, times: Mapping[str, float]) -> Result:
+def _identified(bench: Bench, model: str, fitted: Fit) -> Result:
     """Score and save a parametric model."""
     scores = score_on_all(fitted, bench.campaign)
     save_fit(fitted, bench.home(model))
-    facts = bench.facts(model, {"parameters": len(fitted.variables.names), **times})
+    facts = bench.facts(model, {"parameters": len(fitted.variables.names)})
     return Result(model, scores, facts, dict(fitted.plan.substeps))
 
 
@@ -361,7 +359,7 @@ def _trained(bench: Bench, model: str) -> Result:
         InputRefused: settings that cannot be used, or other than those of the training that lies there.
         SolverFailed: the model could not be simulated however small the steps of training.
     """
-    recipe, seed, campaign, began = bench.settings.recipes[model], bench.settings.options.seed, bench.campaign, _now()
+    recipe, seed, campaign = bench.settings.recipes[model], bench.settings.options.seed, bench.campaign
     substeps, base = 1, None
     if model in NETWORKS:
         substeps = bench.plan().finest
@@ -389,7 +387,7 @@ def _trained(bench: Bench, model: str) -> Result:
     facts = {"parameters": count, "evaluations": solved, "loss_by_stage": losses, "stopped_by": list(aside)}
     if isinstance(plant, NetworkPlant) and is_storable(plant.network):
         save(Setup(plant.network, name=model), bench.home(model), substeps)
-    return Result(model, scores, bench.facts(model, {**facts, **_since(*began)}))
+    return Result(model, scores, bench.facts(model, facts))
 
 
 def _stage(bench: Bench, model: str, recipe: Recipe, stage: str) -> Stage:
@@ -434,12 +432,12 @@ def _stride(recording: Recording, longest: float, least: int) -> int:
 
 def _rival(bench: Bench, model: str) -> Result:
     """Fit and score a registered rival."""
-    began, (fit, _), settings = _now(), _RIVALS[model], bench.settings
+    (fit, _), settings = _RIVALS[model], bench.settings
     bench.progress(f"fit {model}, {settings.budget:g} s of the processor")
     given, own = fit(bench.campaign, settings.options.seed, settings.budget)
     facts = {
         "kind": "rival", "parameters": "", "gradient": "", "seed": settings.options.seed, "budget": settings.budget,
-        **_since(*began), **own,
+        **own,
     }  # fmt: skip
     outputs = {r.name: _with_zero(r, _checked(model, r, given)) for r in bench.campaign.recordings}
     return Result(model, scored(bench.campaign.recordings, outputs), facts)
