@@ -25,6 +25,7 @@ from torch import Tensor, nn
 from phnn.errors import InputRefused
 from phnn.laws.diverged import LARGEST_WEIGHT, check_weights
 from phnn.laws.wide import convex_unit, hinge, register_compiled
+from phnn.nn.one_ports import scales
 
 # By how much the entries of a learned matrix vary at the start, of which those on the diagonal are near one.
 _VARIED = 0.3
@@ -127,8 +128,8 @@ class _OnEfforts(nn.Module):
         super().__init__()
         _check(ports, width, 1 if self.dissipative else 2, reads)
         self.ports, self.counts = ports, {"ports": ports, "reads": reads, "width": width}
-        effort, flow = _scales("effort_scale", effort_scale, ports), _scales("flow_scale", flow_scale, ports)
-        read = _scales("state_scale", state_scale, reads)
+        effort, flow = scales("effort_scale", effort_scale, ports), scales("flow_scale", flow_scale, ports)
+        read = scales("state_scale", state_scale, reads)
         self.register_buffer("scale", torch.cat([effort, read]) if self.dissipative else read)
         self.register_buffer("factor", (flow / effort).sqrt())
         rows, columns = torch.tril_indices(ports, ports, 0 if self.dissipative else -1)
@@ -288,8 +289,8 @@ class LearnedEnergy(nn.Module):
         super().__init__()
         _check(states, width)
         self.counts = {"states": states, "width": width}
-        self.register_buffer("scale", _scales("state_scale", state_scale, states))
-        self.register_buffer("typical", _scales("energy_scale", energy_scale, 1)[0])
+        self.register_buffer("scale", scales("state_scale", state_scale, states))
+        self.register_buffer("typical", scales("energy_scale", energy_scale)[0])
         random = torch.Generator().manual_seed(seed)
         self.directions = nn.Parameter(torch.randn(width, states, generator=random, dtype=torch.float64))
         self.positions = nn.Parameter(torch.randn(width, generator=random, dtype=torch.float64))
@@ -355,7 +356,7 @@ class LearnedRatio(nn.Module):
         super().__init__()
         _check(1, width)
         self.counts = {"width": width}
-        self.register_buffer("scale", _scales("state_scale", state_scale, 1)[0])
+        self.register_buffer("scale", scales("state_scale", state_scale)[0])
         self.heights = nn.Parameter(torch.zeros(width, dtype=torch.float64))
         self.gains = nn.Parameter(torch.full((width,), 2.0, dtype=torch.float64))
         self.positions = nn.Parameter(torch.linspace(-3.0, 3.0, width, dtype=torch.float64))
@@ -365,14 +366,6 @@ class LearnedRatio(nn.Module):
         check_weights(self, largest=LARGEST_WEIGHT)
         rise = torch.tanh(self.gains * x.unsqueeze(-1) / self.scale.abs() + self.positions) - torch.tanh(self.positions)
         return 1.0 + (rise * self.heights).sum(-1)
-
-
-def _scales(name: str, given: Scale, count: int) -> Tensor:
-    """(count,) positive scales from one for all or one each."""
-    scale = torch.as_tensor(given, dtype=torch.float64)
-    if scale.ndim > 1 or (scale.ndim and len(scale) != count) or not bool(((scale > 0.0) & scale.isfinite()).all()):
-        raise InputRefused(f"{name} = {given}: give a positive typical magnitude in SI units, or {count} of them")
-    return scale.expand(count).clone()
 
 
 def _check(count: int, width: int, least: int = 1, reads: int = 0) -> None:

@@ -11,6 +11,8 @@ with convex, concave and saturating units); Barron 2021 (squareplus).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
@@ -53,12 +55,21 @@ def _flat(law: nn.Module, head: Tensor, *of_units: Tensor) -> Tensor:
     return torch.cat([head.reshape(1), torch.stack(of_units, dim=-1).reshape(-1)])
 
 
-def _check(width: int, **scales: float) -> None:
+def scales(name: str, given: float | Sequence[float], count: int = 1) -> Tensor:
+    """Return the (count,) typical magnitudes, one for all or one each.
+
+    Raises:
+        InputRefused: one is not positive, or there are others than ``count``.
+    """
+    scale = torch.as_tensor(given, dtype=torch.float64)
+    if scale.ndim > 1 or (scale.ndim and len(scale) != count) or not bool(((scale > 0.0) & scale.isfinite()).all()):
+        raise InputRefused(f"{name} = {given}: give a positive typical magnitude in SI units, or {count} of them")
+    return scale.expand(count).clone()
+
+
+def _check(width: int) -> None:
     if width < 1:
         raise InputRefused(f"width = {width}: a learned law needs at least one unit")
-    for name, scale in scales.items():
-        if not 0.0 < scale < float("inf"):
-            raise InputRefused(f"{name} = {scale:g}: give a positive typical magnitude in SI units")
 
 
 class _Units:
@@ -117,11 +128,11 @@ class SectorMLP(_Resistor, nn.Module):
         self, effort_scale: float, flow_scale: float, width: int = 32, symmetric: bool = False, seed: int = 0
     ) -> None:
         super().__init__()
-        _check(width, effort_scale=effort_scale, flow_scale=flow_scale)
+        _check(width)
         self.law = "symmetric_damping" if symmetric else "damping"
         self.monotone = WIDE_RESISTORS[self.law].monotone
-        self.register_buffer("scale", _number(effort_scale))
-        self.register_buffer("conductance", _number(flow_scale / effort_scale))
+        self.register_buffer("scale", scales("effort_scale", effort_scale)[0])
+        self.register_buffer("conductance", scales("flow_scale", flow_scale)[0] / self.scale)
         random = torch.Generator().manual_seed(seed)
         gains = 1.0 + torch.rand(width, generator=random, dtype=torch.float64)
         self.offset = nn.Parameter(_number(0.5))
@@ -164,9 +175,9 @@ class MonotoneMLP(_Resistor, nn.Module):
 
     def __init__(self, effort_scale: float, flow_scale: float, width: int = 8) -> None:
         super().__init__()
-        _check(width, effort_scale=effort_scale, flow_scale=flow_scale)
-        self.register_buffer("scale", _number(effort_scale))
-        self.register_buffer("flow", _number(flow_scale))
+        _check(width)
+        self.register_buffer("scale", scales("effort_scale", effort_scale)[0])
+        self.register_buffer("flow", scales("flow_scale", flow_scale)[0])
         outer = _spread(2 * width, 2.5)[width:]
         self.slope = _raw(_number(0.1))
         # Rows: steps, hinges that rise to the right, hinges that rise to the left.
@@ -211,9 +222,9 @@ class ConvexEnergyMLP(_Units, nn.Module):
 
     def __init__(self, state_scale: float, effort_scale: float, width: int = 16) -> None:
         super().__init__()
-        _check(width, state_scale=state_scale, effort_scale=effort_scale)
-        self.register_buffer("scale", _number(state_scale))
-        self.register_buffer("typical", _number(effort_scale))
+        _check(width)
+        self.register_buffer("scale", scales("state_scale", state_scale)[0])
+        self.register_buffer("typical", scales("effort_scale", effort_scale)[0])
         self.curvature = _raw(_number(0.5))
         self.heights = _raw(_full(width, 2.0 / width))
         self.gains = _raw(_full(width, 3.0))
