@@ -14,7 +14,7 @@ from phnn.diagnose.locations import Location, locate
 from phnn.diagnose.number import Visited, Weighed, weigh
 from phnn.diagnose.proposal import NextExperiment, Question, propose, refitted_rival
 from phnn.diagnose.screen import Candidate, chance
-from phnn.diagnose.search import Search, begin, explore, finished, linearised_of, material, refits
+from phnn.diagnose.search import Search, begin, carry_beside, explore, finished, linearised_of, material, refits
 from phnn.diagnose.verdict import NONE, UNKNOWN, Claim, Verdict, conclude, denied
 from phnn.effects import Effect, catalogue, effect, in_all_forms
 from phnn.effects.learned import learned_elements
@@ -245,6 +245,8 @@ def _concluded(search: Search, error: NumericalError, options: Options, account:
     screened = _screened(search, base)
     left = screened if model is base else _screened(search, model)
     remaining = [c for c in left if material(c, model.fit, criteria)]
+    if max(model.left, model.left_held_out) > criteria.explained:
+        carry_beside(search, model, [c.effect for c in remaining])
     untried = [c for c in remaining if not denied(c.effect, model, search.visited, criteria)]
     promising = sum(material(c, base.fit, criteria) for c in screened), len(untried)
     # What the budget has cut off matters where the model may still be a part of the truth, or another one as good.

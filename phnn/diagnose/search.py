@@ -138,7 +138,7 @@ class Search:
         each = [(r.name, fitted.residual[rows]) for r, rows in zip(recordings, fitted.slices, strict=True)]
         left = {name: Misfit(float(r @ r), r.size) for name, r in each}
         terms = sum(own_size(r, fitted.setup.own) - own_size(r, base) for r in recordings)
-        return Visited(tuple(elements), fitted, left, held_out(fitted, self.campaign), terms, done)
+        return Visited(tuple(elements), fitted, left, held_out(fitted, self.campaign, self.plan.finest), terms, done)
 
     def visit(self, model: Visited) -> Visited:
         """Keep a model, unless a better fit of the same elements is known; returns the one that is kept."""
@@ -532,6 +532,14 @@ def finished(search: Search) -> Visited:
     return best_to_write([m for m in search.visited.values() if m.converged], search.criteria)
 
 
+def carry_beside(search: Search, model: Visited, effects: Sequence[Effect]) -> None:
+    """Carry to its end what was tried beside a model: before that, held-out recordings cannot deny it."""
+    beside = [search.visited.get(key_of((*model.elements, e))) for e in effects]
+    todo = [m for m in beside if m is not None and not m.converged]
+    if todo and not late(part := f"fits beside {model.words} to their end"):
+        move(part, partial(_converge, search, todo), None)
+
+
 def _exchange(search: Search, best: Visited, element: Effect) -> None:
     """Fit the best model with each neighbour of one of its elements in the place of it.
 
@@ -592,13 +600,16 @@ def _with_few_steps(linearised: LinearisedFit, plan: Plan) -> LinearisedFit:
     return replace(linearised, fit=replace(linearised.fit, plan=replace(linearised.fit.plan, substeps=steps)))
 
 
-def held_out(fitted: Fit, campaign: Campaign) -> dict[str, Misfit]:
-    """What a model leaves of the held-out samples, by recording, with the sub-steps of its fit; empty where there are
-    none, or it cannot predict."""
+def held_out(fitted: Fit, campaign: Campaign, steps: int) -> dict[str, Misfit]:
+    """What a model leaves of the held-out samples, by recording; empty where there are none, or it cannot predict.
+
+    Args:
+        steps: sub-steps of each sample, the same for all models that are compared: coarse ones tell chirps wrongly.
+    """
     recordings = tuple(r for r in campaign.recordings if r.mask("confirmation").any())
     if not recordings:
         return {}
-    plan = Plan(recordings, {r.name: fitted.plan.finest for r in recordings}, fitted.plan.workers)
+    plan = Plan(recordings, {r.name: steps for r in recordings}, fitted.plan.workers)
     predict = partial(evaluate, fitted.setup, plan, fitted.initial_states)
     predicted = attempt("prediction of held-out recordings", predict, None)
     if predicted is None:

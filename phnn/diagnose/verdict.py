@@ -284,9 +284,11 @@ def _complete(weighed: Weighed, model: Visited, remaining: int, criteria: Criter
 
 
 def denied(effect: Effect, model: Visited, visited: Mapping[Key, Visited], criteria: Criteria) -> bool:
-    """Return whether an effect was tried beside a model, and predicts held-out recordings no better."""
+    """Return whether an effect was fitted to its end beside a model, and predicts held-out recordings no better."""
     more = visited.get(key_of((*model.elements, effect)))
-    return more is not None and more.left_held_out >= model.left_held_out * (1.0 - criteria.material_share) ** 2
+    if more is None or not more.converged:
+        return False
+    return more.left_held_out >= model.left_held_out * (1.0 - criteria.material_share) ** 2
 
 
 def _left(model: Visited) -> float:

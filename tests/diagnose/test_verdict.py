@@ -251,6 +251,7 @@ def test_what_was_tried_and_does_not_predict_promises_nothing(unseen: tuple[floa
     tried = visited(effect("creep"), effect("delay"), left=(1.3, 1.3), held_out=unseen)
     assert denied(effect("delay"), model, {tried.key: tried}, CRITERIA) == no_promise
     assert not denied(effect("sensor_lag"), model, {tried.key: tried}, CRITERIA)
+    assert not denied(effect("delay"), model, {tried.key: replace(tried, converged=False)}, CRITERIA)
 
 
 def test_what_is_fitted_anew_to_every_recording_predicts_nothing() -> None:
