@@ -38,8 +38,8 @@ from torch import Tensor
 
 from phnn.errors import InputRefused, SolverFailed
 from phnn.integrate import kernel
-from phnn.integrate.compilable import obstacle
 from phnn.integrate.program import compile_network
+from phnn.integrate.scheme import obstacle
 from phnn.inverse.blocks import FlatNetwork
 from phnn.model import Model
 from phnn.network.elements import Coupling, Network, Port, Resistor, Storage, interconnect

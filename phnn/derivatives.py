@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.integrate import sweep
-from phnn.integrate.cycle import cycle_derivative, without_impulse
 from phnn.integrate.program import compile_network
 from phnn.integrate.rest import equilibrium_derivative, equilibrium_slope
-from phnn.integrate.sweep import Integrated, Perturbed
+from phnn.integrate.sweep import Integrated, Perturbed, cycle_derivative, without_impulse
 from phnn.laws import FACTOR_LAWS, PORT_LAWS
 from phnn.laws.namespace import TINY
 from phnn.models.actuator import hrc

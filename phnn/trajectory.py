@@ -19,10 +19,10 @@ from phnn.chain import AMPLIFIERS, LINEAR, MEMORYLESS, REMEMBERING, SENSORS, SOU
 from phnn.chain.amplifiers import rate
 from phnn.errors import InputRefused, SolverFailed, StructureViolated
 from phnn.integrate import kernel
-from phnn.integrate.cycle import steady_cycle
 from phnn.integrate.program import Program, compile_network
 from phnn.integrate.rest import equilibrium
 from phnn.integrate.scheme import Scheme
+from phnn.integrate.sweep import steady_cycle
 from phnn.laws.namespace import TINY
 from phnn.laws.wide import has_kernel
 from phnn.network.bondgraph.description import integral_unit
@@ -317,7 +317,7 @@ def simulate(
     """Simulate a setup on the input of a recording.
 
     A recording that starts in a steady cycle is led in by one cycle, the fewest periods that are whole samples. The
-    network starts it in the steady state (`phnn.integrate.cycle`) that an amplifier brings about, itself in equilibrium
+    network starts it in the steady state (`phnn.integrate.sweep`) that an amplifier brings about, itself in equilibrium
     further cycles, and so does the sensor. Sources are silent before the first recorded sample, so that rest and cycle
     know the recorded input alone. Torch solves the steps of networks with a law that has no kernel.
 

@@ -15,12 +15,11 @@ from junctions import random_junction
 from networks import random_network, remembering
 from subjects import _KINDS, NETWORKS, NetworkSubject, body
 
-from phnn.integrate import sweep
-from phnn.integrate.compilable import can_compile
+from phnn.integrate import kernel, sweep
 from phnn.integrate.differentiable import Steps, simulated
-from phnn.integrate.kernel import KERNELS, kernel_for
-from phnn.integrate.program import actions, compile_network
-from phnn.integrate.scheme import Scheme
+from phnn.integrate.program import compile_network
+from phnn.integrate.quick import serves
+from phnn.integrate.scheme import Scheme, can_compile
 from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
 from phnn.network import Coupling, Network, PortHamiltonianSystem, Resistor, Storage
 from phnn.parameters import Parameter, as_table
@@ -145,13 +144,12 @@ def _physical(case: Case, states: torch.Tensor) -> dict[str, np.ndarray]:
     return out
 
 
-def compiled(case: Case, scheme: Scheme, prefer: str | None = None) -> Solution:
+def compiled(case: Case, scheme: Scheme, general: bool = False) -> Solution:
     """By the compiled march, gradients by forward sensitivities; laws of learned weights have none of these."""
     program = compile_network(case.network, scheme)
     theta, n = program.theta(case.network), case.h.size
     states, efforts = np.empty((n + 1, case.x0.size)), np.empty((n, case.x0.size))
-    states[0] = case.x0
-    done = kernel_for(program, prefer).march(program, theta, actions(program, theta, case.u), case.h, states, efforts)
+    done = kernel.march(program, theta, case.x0, case.u, case.h, states, efforts, general)
     assert done == n, f"step {done} of {n} was not solved"
     free = [name for name in program.names if name in case.system.free]
     places = np.array([program.names.index(name) for name in free], dtype=np.int64)
@@ -208,8 +206,9 @@ def paths(case: Case, scheme: Scheme, every: bool = True) -> dict[str, Solution]
     """
     found = {}
     if can_compile(case.network):
-        program = compile_network(case.network, scheme)
-        found = {f"compiled, {k.name}": compiled(case, scheme, k.name) for k in KERNELS.values() if k.serves(program)}
+        found = {"compiled": compiled(case, scheme)}
+        if serves(compile_network(case.network, scheme)):
+            found["compiled, general"] = compiled(case, scheme, general=True)
         found["compiled, adjoint"] = adjoint(case, scheme)
     found["torch"] = torch_step(case, scheme)
     if every:

@@ -24,9 +24,9 @@ from phnn.exporting import solvers
 from phnn.exporting.laws import Elements, refused
 from phnn.exporting.program import Names, Program, function, one_line, prefix
 from phnn.exporting.step import Balance, Rest, drives
-from phnn.integrate.compilable import obstacle
 from phnn.integrate.program import compile_network
 from phnn.integrate.rest import equilibrium
+from phnn.integrate.scheme import obstacle
 from phnn.laws.other import advanced
 from phnn.network.bondgraph.description import MASSLESS, effort_unit
 from phnn.network.elements import ModulatorState

@@ -1,6 +1,6 @@
 """The solvers of a step, in the exported subset of Python: the equations of a step set to zero without derivatives.
 
-They find the same root as `phnn.integrate.roots` and `phnn.integrate.solve`, to the same tolerance. Slopes are taken
+They find the same root as `phnn.integrate.roots` and `phnn.integrate.kernel`, to the same tolerance. Slopes are taken
 from the values that were seen, because no target has the complex steps of the package. The state ``s`` holds the
 unknowns ``y``, what is left of the equations, ``force``, and the size of their terms, ``size``.
 
@@ -11,8 +11,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from phnn.integrate.roots import NOTHING, RELAXED, TOLERANCE
-from phnn.integrate.stages import gradient_defect, radau_defects
+from phnn.integrate.roots import NOTHING, RELAXED, TOLERANCE, gradient_defect, radau_defects
 from phnn.laws.namespace import absolute, maximum, where
 
 _FAR = 1e300

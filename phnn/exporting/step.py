@@ -13,10 +13,20 @@ from collections.abc import Iterable
 from phnn.exporting import solvers
 from phnn.exporting.laws import Elements
 from phnn.exporting.program import function
-from phnn.integrate.partition import is_leak, is_linear, junctions_of, merged_couplings, resistors_of, rule_of
-from phnn.integrate.scheme import Scheme
-from phnn.integrate.table_access import NEAR_REST
-from phnn.integrate.tables import EXACT, LOSSLESS, PATH, RADAU
+from phnn.integrate.scheme import (
+    EXACT,
+    LOSSLESS,
+    NEAR_REST,
+    PATH,
+    RADAU,
+    Scheme,
+    is_leak,
+    is_linear,
+    junctions_of,
+    merged_couplings,
+    resistors_of,
+    rule_of,
+)
 from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.leaf import rc_flow, relaxation
 from phnn.network.elements import ModulatorState, Network, Ratio, Resistor, Storage
@@ -26,7 +36,7 @@ from phnn.network.roles import imposed
 def drives(balance: Balance, memory: ModulatorState) -> list[str]:
     """Terms of the mean drive: powers of resistors, efforts of storages, actions of ports.
 
-    Of a reducible storage all resistors drive the modulator state or none does, see `phnn.integrate.compilable`.
+    Of a reducible storage all resistors drive the modulator state or none does, see `phnn.integrate.scheme`.
     """
     network = balance.network
     resistors, ports = {r.name: r for r in network.resistors}, [p.name for p in network.ports]

@@ -30,12 +30,11 @@ from torch import Tensor, nn
 
 from phnn.errors import InputRefused, SolverFailed, StructureViolated
 from phnn.integrate import kernel
-from phnn.integrate.compilable import can_compile, partly_driven
-from phnn.integrate.cycle import reach_of, steady_change
 from phnn.integrate.equations import linearised, means, reducible_rules, step_residual
 from phnn.integrate.program import compile_network
-from phnn.integrate.scheme import Scheme
+from phnn.integrate.scheme import Scheme, can_compile, partly_driven
 from phnn.integrate.steady import steady_state
+from phnn.integrate.sweep import reach_of, steady_change
 from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.wide import has_kernel, is_passive_by_form
 from phnn.network.checks import check_state, evaluation

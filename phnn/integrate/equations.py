@@ -19,11 +19,8 @@ import torch
 from torch import Tensor
 
 from phnn.errors import SolverFailed
-from phnn.integrate.partition import reducible, resistors_of
-from phnn.integrate.scheme import Scheme
-from phnn.integrate.stages import radau_defects
-from phnn.integrate.table_access import NEAR_REST
-from phnn.integrate.tables import EXACT, PATH
+from phnn.integrate.roots import radau_defects
+from phnn.integrate.scheme import EXACT, NEAR_REST, PATH, Scheme, reducible, resistors_of
 from phnn.laws import RESISTOR_LAWS
 from phnn.laws.leaf import rc_flow, relaxation
 from phnn.laws.wide import is_passive_by_form
@@ -256,7 +253,7 @@ def advanced(
 
     Args:
         rule: ``EXACT`` for the flow `phnn.laws.leaf.rc_flow`, which the compiled kernels call too; ``PATH`` for the
-            closed form of a law of the path; or ``RADAU`` (`phnn.integrate.stages`), which reads the end state that it
+            closed form of a law of the path; or ``RADAU`` (`phnn.integrate.roots`), which reads the end state that it
             returns: both are equal at the solution alone.
     """
     network, small = system.network, torch.full_like(current, NEAR_REST)

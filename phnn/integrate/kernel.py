@@ -1,26 +1,454 @@
-"""The compiled kernels that integrate a program, and the choice of the fastest one.
+"""The compiled kernels that integrate a program.
 
-All kernels take the same steps (`phnn.integrate.step`) and differ in speed alone. `phnn.integrate.sweep` differentiates
-these steps, whichever kernel has integrated them.
+All of them take the same steps (`phnn.integrate.step`), which `phnn.integrate.sweep` differentiates. The quick kernel
+(`phnn.integrate.quick`) serves networks with one linear junction. The general one, here, serves all: it finds the
+unknowns of a step as a bracketed scalar root for one junction, by a small dense Newton iteration for several.
+
+An imposed motion is no unknown. Its contact is rigid but for rounding (`phnn.network.bondgraph.description`), so that
+the source gives the velocity of the moved junction and the balance there gives the force in the contact, both in closed
+form. As rows of the iteration they would be sixty decades away from the others, and at rest nothing but rounding.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.errors import InputRefused
 from phnn.integrate import quick
-from phnn.integrate.cache import inline, loop_entry
-from phnn.integrate.program import Program, actions
-from phnn.integrate.roots import extrapolated
-from phnn.integrate.solve import Room, prepare, rest_guess, solve_many, solve_one
-from phnn.integrate.step import CONSTANTS, EFFORT, NEXT, Step, advance, balance, fill_gains
-from phnn.integrate.table_access import count, is_linear, junction_storage
-from phnn.integrate.tables import JUNCTIONS, LEAVES, MODULATOR_STATES, rows_of
+from phnn.integrate.cache import inline, loop_entry, plain, stay_outside
+from phnn.integrate.program import (
+    FROM_PORT,
+    INTO_JUNCTION,
+    JUNCTION_INLETS,
+    JUNCTIONS,
+    LEAVES,
+    MODULATOR_STATES,
+    Program,
+    actions,
+    rows_of,
+)
+from phnn.integrate.roots import NOTHING, RELAXED, TOLERANCE, extrapolated, make_root
+from phnn.integrate.step import (
+    CAPACITY,
+    CONSTANTS,
+    EFFORT,
+    FORCE,
+    NEXT,
+    SIZE,
+    Step,
+    advance,
+    balance,
+    count,
+    fill_constants,
+    fill_gains,
+    inlined_balance,
+    is_linear,
+    junction_storage,
+    mean_effort,
+)
+from phnn.laws.namespace import TINY
+
+
+@inline
+def _value_at(y: Any, context: Any) -> Any:
+    t, h, values, _ = context
+    theta, c, g, a, x, ys, wj, wx = values
+    ys[0] = y
+    inlined_balance(t, Step(theta, c, g, a, x, ys, h, wj), wx)
+    return wj[FORCE, 0], wj[SIZE, 0]
+
+
+@plain
+def _slope_at(y: Any, context: Any) -> Any:
+    stay_outside()
+    t, h, _, perturbed = context
+    theta, c, g, a, x, ys, wj, wx = perturbed
+    ys[0] = complex(y, TINY)
+    balance(t, Step(theta, c, g, a, x, ys, h, wj), wx)
+    return wj[FORCE, 0].imag / TINY
+
+
+_root = inline(make_root(_value_at, _slope_at))
+
+
+@plain
+def prepare(t: Any, theta: Any, h: Any, c: Any, c_perturbed: Any) -> None:
+    """The constants for steps of size ``h``, as floats and as complex numbers."""
+    stay_outside()
+    fill_constants(t, theta, h, c)
+    for i in range(c.shape[0]):
+        for k in range(c.shape[1]):
+            c_perturbed[i, k] = c[i, k]
+
+
+@inline
+def inertia(t: Any, j: Any, c: Any) -> Any:
+    """``d(z_j − p_j)/dy_j``: twice the mass of a linear junction, else one."""
+    return 2.0 * c[count(t, LEAVES) + j, CAPACITY] if is_linear(t, j) else 1.0
+
+
+@inline
+def solve_one(t: Any, h: Any, slope: Any, values: Any, perturbed: Any) -> Any:
+    """Solve for the one junction from the guess in ``y``; returns success and the slope at the root.
+
+    Args:
+        slope: slope of an earlier step as a first guess, or 0.
+        values: (theta, c, g, a, x, y, wj, wx) as for `balance`; left at the root.
+        perturbed: the same in complex numbers, without perturbations.
+    """
+    _, c, _, _, _, ys, _, _ = values
+    y, slope = _root(ys[0], inertia(t, 0, c) / h, slope, (t, h, values, perturbed))
+    ys[0] = y
+    return np.isfinite(y), slope
+
+
+@plain
+def eliminate(matrix: Any, right: Any) -> None:
+    """Solve a small linear system in place by elimination with row pivoting; ``right`` (m, k) becomes the solution."""
+    stay_outside()
+    m, columns = right.shape
+    for k in range(m):
+        pivot = k
+        for i in range(k + 1, m):
+            if abs(matrix[i, k]) > abs(matrix[pivot, k]):
+                pivot = i
+        if pivot != k:
+            for j in range(m):
+                matrix[k, j], matrix[pivot, j] = matrix[pivot, j], matrix[k, j]
+            for c in range(columns):
+                right[k, c], right[pivot, c] = right[pivot, c], right[k, c]
+        for i in range(k + 1, m):
+            share = matrix[i, k] / matrix[k, k]
+            for j in range(k + 1, m):
+                matrix[i, j] -= share * matrix[k, j]
+            for c in range(columns):
+                right[i, c] -= share * right[k, c]
+    for k in range(m - 1, -1, -1):
+        inverse = 1.0 / matrix[k, k]
+        for j in range(k + 1, m):
+            for c in range(columns):
+                right[k, c] -= matrix[k, j] * right[j, c]
+        for c in range(columns):
+            right[k, c] *= inverse
+
+
+_ITERATIONS = 200
+_STRICT = 20
+_HALVINGS = 40
+_SUFFICIENT = 1e-4
+_SEPARATION = 0.1
+
+_WHOLE = 30
+_FIRST_PART = 0.25
+_LEAST_PART = 2.0**-30
+
+# Rows of the work array (7+m, m): the Newton step; its starting point; the separating point and the normal there;
+# scales; the rounding level; the solution of the previous part; and from the last row on the latest Jacobian.
+_STEP, _BEGIN, _POINT, _NORMAL, _SCALE, _ROUNDING, _KEPT, _LATEST = range(8)
+
+
+class Room(NamedTuple):
+    """Work arrays of the Newton iteration, zero before the first step.
+
+    Attributes:
+        jacobian: (m, m); step: (m, 1).
+        own: (7+m, m), rows as above.
+        held: (4,) junctions of the contact and of the imposed motion, and the rows of the table that couple the motion
+            to the contact and the contact to the motion; all -1 where no motion is imposed.
+    """
+
+    jacobian: Any
+    step: Any
+    own: Any
+    held: Any
+
+
+@inline
+def _forces(t: Any, step: Step, wx: Any, held: Any) -> None:
+    """`balance` without the equations of an imposed motion."""
+    balance(t, step, wx)
+    if held[0] >= 0:
+        step.wj[FORCE, held[0]] = 0.0
+        step.wj[FORCE, held[1]] = 0.0
+
+
+@inline
+def _speed_at(z: Any, context: Any) -> Any:
+    t, k, p, v, theta, _ = context
+    return mean_effort(t, k, p, z, theta) - v, abs(mean_effort(t, k, p, p, theta)) + abs(v)
+
+
+@inline
+def _speed_slope(z: Any, context: Any) -> Any:
+    t, k, p, _, _, theta = context
+    return mean_effort(t, k, complex(p, 0.0), complex(z, TINY), theta).imag / TINY
+
+
+_end_of_speed = plain(make_root(_speed_at, _speed_slope))
+
+
+@inline
+def _impose(t: Any, h: Any, values: Any, perturbed: Any, held: Any) -> bool:
+    """Set the unknown of an imposed motion to what the velocity of its source makes of it; returns success."""
+    if held[0] < 0:
+        return True
+    theta, c, g, a, x, y, _, _ = values
+    given = 0.0
+    for r in range(t[0, JUNCTION_INLETS], t[0, JUNCTION_INLETS + 1]):
+        if t[r, INTO_JUNCTION] == held[0]:
+            given -= g[r] * a[t[r, FROM_PORT]]
+    velocity, moved = given / g[held[2]], held[1]
+    y[held[0]], y[moved] = 0.0, velocity
+    if not is_linear(t, moved):
+        k = junction_storage(t, moved)
+        y[moved], _ = _end_of_speed(x[k], inertia(t, moved, c) / h, 0.0, (t, k, x[k], velocity, theta, perturbed[0]))
+    return np.isfinite(y[moved])
+
+
+@plain
+def _bear(t: Any, h: Any, values: Any, held: Any) -> None:
+    """Set the force in the contact to what the balance of the imposed motion needs."""
+    stay_outside()
+    theta, c, g, a, x, y, wj, wx = values
+    y[held[0]] = 0.0
+    balance(t, Step(theta, c, g, a, x, y, h, wj), wx)
+    y[held[0]] = wj[FORCE, held[1]] / g[held[3]]
+    balance(t, Step(theta, c, g, a, x, y, h, wj), wx)
+
+
+@plain
+def _fill_jacobian(t: Any, h: Any, y: Any, perturbed: Any, jacobian: Any, held: Any) -> None:
+    """(m, m) ``∂F/∂y``, a column for every perturbed unknown; unit columns for what is no unknown."""
+    stay_outside()
+    theta, c, g, a, x, ys, wj, wx = perturbed
+    m = y.shape[0]
+    for j in range(m):
+        ys[j] = complex(y[j], 0.0)
+    for i in range(m):
+        if i == held[0] or i == held[1]:
+            for j in range(m):
+                jacobian[j, i] = 1.0 if j == i else 0.0
+            continue
+        ys[i] = complex(y[i], TINY)
+        _forces(t, Step(theta, c, g, a, x, ys, h, wj), wx, held)
+        ys[i] = complex(y[i], 0.0)
+        for j in range(m):
+            jacobian[j, i] = wj[FORCE, j].imag / TINY
+
+
+@plain
+def _converged(wj: Any, own: Any, relaxed: bool) -> bool:
+    stay_outside()
+    tolerance, rounding = (RELAXED, 1e-13) if relaxed else (TOLERANCE, 4e-16)
+    good = True
+    for j in range(own.shape[1]):
+        # The comparison also fails for NaN.
+        good = good and abs(wj[FORCE, j]) <= tolerance * wj[SIZE, j] + rounding * own[_ROUNDING, j] + NOTHING
+    return good
+
+
+@plain
+def _merit(wj: Any, own: Any) -> Any:
+    """``Σ (F_j/c_j)²`` with ``c_j² = d(z_j − p_j)/dy_j / h``."""
+    stay_outside()
+    total = 0.0
+    for j in range(own.shape[1]):
+        total += (wj[FORCE, j] / own[_SCALE, j]) ** 2
+    return total
+
+
+@plain
+def _advance(t: Any, h: Any, values: Any, own: Any, held: Any) -> bool:
+    """Take the first halving of a Newton step that reduces the merit.
+
+    In the variables ``c_j v̄_j`` the equations of monotone laws are strongly monotone. If no halving helps, the iterate
+    is projected on a plane that separates it from the solution, and so comes nearer to it (Solodov & Svaiter 1998).
+    """
+    stay_outside()
+    theta, c, g, a, x, y, wj, wx = values
+    m = y.shape[0]
+    before = _merit(wj, own)
+    length = 0.0
+    for j in range(m):
+        length += (own[_SCALE, j] * own[_STEP, j]) ** 2
+        own[_BEGIN, j] = y[j]
+    separated = False
+    part = 1.0
+    for _ in range(_HALVINGS):
+        for j in range(m):
+            y[j] = own[_BEGIN, j] + part * own[_STEP, j]
+        _forces(t, Step(theta, c, g, a, x, y, h, wj), wx, held)
+        if _merit(wj, own) <= (1.0 - _SUFFICIENT * part) * before:
+            return True
+        gain = 0.0
+        for j in range(m):
+            gain -= wj[FORCE, j] * own[_STEP, j]
+        if not separated and gain >= _SEPARATION * part * length:
+            separated = True
+            for j in range(m):
+                own[_POINT, j] = y[j]
+                own[_NORMAL, j] = wj[FORCE, j]
+        part *= 0.5
+    along, norm = 0.0, 0.0
+    for j in range(m):
+        along += own[_NORMAL, j] * (own[_BEGIN, j] - own[_POINT, j])
+        norm += (own[_NORMAL, j] / own[_SCALE, j]) ** 2
+    for j in range(m):
+        shift = along / norm * own[_NORMAL, j] / own[_SCALE, j] ** 2 if separated else 0.0
+        y[j] = own[_BEGIN, j] - shift
+    _forces(t, Step(theta, c, g, a, x, y, h, wj), wx, held)
+    return separated
+
+
+@inline
+def _magnitude(t: Any, j: Any, x: Any, y: Any) -> Any:
+    """Scale of an unknown's rounding error: a mean effort between two states is rounded by the larger of them."""
+    return abs(y[j]) if is_linear(t, j) else max(abs(y[j]), abs(x[junction_storage(t, j)]))
+
+
+@inline
+def _ask(t: Any, x: Any, y: Any, wj: Any, jacobian: Any, step: Any, own: Any) -> None:
+    """The residual that a Newton step is to remove, and its rounding level."""
+    for j in range(y.shape[0]):
+        step[j, 0] = -wj[FORCE, j]
+        own[_ROUNDING, j] = 0.0
+        for i in range(y.shape[0]):
+            own[_ROUNDING, j] += abs(jacobian[j, i]) * _magnitude(t, i, x, y)
+
+
+@plain
+def _once(t: Any, h: Any, values: Any, room: Room) -> bool:
+    """One step with the latest Jacobian, which mostly suffices where the equations are piecewise linear.
+
+    If it does not suffice, the unknowns are restored.
+    """
+    stay_outside()
+    theta, c, g, a, x, y, wj, wx = values
+    jacobian, step, own, held = room
+    m = y.shape[0]
+    _forces(t, Step(theta, c, g, a, x, y, h, wj), wx, held)
+    for j in range(m):
+        for i in range(m):
+            jacobian[j, i] = own[_LATEST + j, i]
+    _ask(t, x, y, wj, jacobian, step, own)
+    eliminate(jacobian, step)
+    for j in range(m):
+        own[_BEGIN, j] = y[j]
+        y[j] += step[j, 0]
+    _forces(t, Step(theta, c, g, a, x, y, h, wj), wx, held)
+    found = _converged(wj, own, False)
+    for j in range(0 if found else m):
+        y[j] = own[_BEGIN, j]
+    return found
+
+
+@plain
+def _newton(t: Any, h: Any, values: Any, perturbed: Any, room: Room, damped: bool) -> bool:
+    """Newton's method from ``y``, damped by `_advance` or with whole steps."""
+    stay_outside()
+    theta, c, g, a, x, y, wj, wx = values
+    jacobian, step, own, held = room
+    m = y.shape[0]
+    for j in range(m):
+        own[_SCALE, j] = np.sqrt(inertia(t, j, c) / h)
+    _forces(t, Step(theta, c, g, a, x, y, h, wj), wx, held)
+    for iteration in range(_ITERATIONS if damped else _WHOLE):
+        _fill_jacobian(t, h, y, perturbed, jacobian, held)
+        for j in range(m):
+            for i in range(m):
+                own[_LATEST + j, i] = jacobian[j, i]
+        _ask(t, x, y, wj, jacobian, step, own)
+        if _converged(wj, own, iteration >= _STRICT):
+            return True
+        eliminate(jacobian, step)
+        for j in range(m):
+            own[_STEP, j] = step[j, 0]
+        if damped:
+            if not _advance(t, h, values, own, held):
+                break
+        else:
+            for j in range(m):
+                y[j] += step[j, 0]
+            _forces(t, Step(theta, c, g, a, x, y, h, wj), wx, held)
+    return _converged(wj, own, True)
+
+
+@plain
+def rest_guess(t: Any, theta: Any, x: Any, y: Any) -> None:
+    """The unknowns of a step in which nothing changes."""
+    for j in range(y.shape[0]):
+        k = junction_storage(t, j)
+        y[j] = mean_effort(t, k, x[k], x[k], theta) if is_linear(t, j) else x[k]
+
+
+@plain
+def _followed(t: Any, h: Any, values: Any, perturbed: Any, room: Room) -> bool:
+    """Solve for ever longer parts of the step, each from the solution of the part before.
+
+    The equations of monotone laws have one solution for every length, which depends on it continuously. Close to the
+    solution, full Newton steps pass kinks at which a line search may stop.
+    """
+    stay_outside()
+    theta, c, _, _, x, y, _, _ = values
+    own = room.own
+    m = y.shape[0]
+    rest_guess(t, theta, x, y)
+    _impose(t, h, values, perturbed, room.held)
+    done, part = 0.0, _FIRST_PART
+    while done < 1.0:
+        part = min(part, 1.0 - done)
+        for j in range(m):
+            own[_KEPT, j] = y[j]
+        length = (done + part) * h
+        prepare(t, theta, length, c, perturbed[1])
+        found = _newton(t, length, values, perturbed, room, False)
+        if not found:
+            for j in range(m):
+                y[j] = own[_KEPT, j]
+            found = _newton(t, length, values, perturbed, room, True)
+        if found:
+            done, part = done + part, 2.0 * part
+        else:
+            for j in range(m):
+                y[j] = own[_KEPT, j]
+            part *= 0.5
+            if part < _LEAST_PART:
+                prepare(t, theta, h, c, perturbed[1])
+                return False
+    return True
+
+
+@plain
+def _solve(t: Any, h: Any, values: Any, perturbed: Any, room: Room) -> bool:
+    """Solve from the guess in ``y``."""
+    stay_outside()
+    if room.own[_LATEST, 0] != 0.0 and _once(t, h, values, room):
+        return True
+    if _newton(t, h, values, perturbed, room, True):
+        return True
+    return _followed(t, h, values, perturbed, room)
+
+
+@plain
+def solve_many(t: Any, h: Any, values: Any, perturbed: Any, room: Room) -> bool:
+    """Solve for several junctions from the guess in ``y``; the values are left at the solution.
+
+    Args:
+        values, perturbed: as for `solve_one`.
+    """
+    stay_outside()
+    held = room.held
+    if held[0] < 0:
+        return _solve(t, h, values, perturbed, room)
+    # Where nothing else moves, no equation is left.
+    solved = _impose(t, h, values, perturbed, held) and (
+        values[5].shape[0] == 2 or _solve(t, h, values, perturbed, room)
+    )
+    _bear(t, h, values, held)
+    return solved
+
 
 Array = NDArray[np.float64]
 
@@ -36,9 +464,7 @@ def _guess(t: Any, theta: Any, n: Any, states: Any, efforts: Any, y: Any) -> Non
         y[j] = extrapolated(efforts, n, k) if is_linear(t, j) else extrapolated(states, n + 1, k)
 
 
-def _steps(
-    t: Any, actions: Any, h: Any, states: Any, efforts: Any, both: Any, room: Room
-) -> Any:  # fmt: skip
+def _steps(t: Any, actions: Any, h: Any, states: Any, efforts: Any, both: Any, room: Room) -> Any:
     """Integrate; ``both`` are the values of a step in floats and in complex numbers."""
     values, perturbed = both
     theta, c, g, a, x, y, wj, wx = values
@@ -81,7 +507,7 @@ _compiled = loop_entry(_steps)
 
 
 def march_any(program: Program, theta: Array, actions: Array, h: Array, states: Array, efforts: Array) -> int:
-    """`Kernel.march` of every network: the steps are solved one after the other."""
+    """`march` of every network, under the actions (n, P) of its ports, from the initial state in ``states[0]``."""
     t = program.table
     n, m, leaves = states.shape[1], len(rows_of(t, JUNCTIONS)), len(rows_of(t, LEAVES))
     shapes = ((leaves + m, CONSTANTS), len(t), actions.shape[1], n, m, (4, m), (2, n))
@@ -91,56 +517,16 @@ def march_any(program: Program, theta: Array, actions: Array, h: Array, states: 
     return int(_compiled(t, actions, h, states, efforts, (values, perturbed), room))
 
 
-class Kernel(NamedTuple):
-    """A compiled way to integrate some programs.
-
-    Attributes:
-        name: short name.
-        serves: whether it integrates a program.
-        march: ``(program, theta, actions, h, states, efforts) -> solved``: fills states and efforts from the initial
-            state in ``states[0]`` under the actions (n, P) of the ports; returns the number of solved steps.
-        work: of one step, in steps of the fastest kernel.
-    """
-
-    name: str
-    serves: Callable[[Program], bool]
-    march: Callable[[Program, Array, Array, Array, Array, Array], int]
-    work: float = 1.0
-
-
-# The fastest first.
-KERNELS = {
-    "single junction": Kernel("single junction", quick.serves, quick.march),
-    "general": Kernel("general", lambda program: True, march_any, 4.0),
-}
-
-
-def kernel_for(program: Program, prefer: str | None = None) -> Kernel:
-    """The fastest kernel that serves a program.
-
-    Args:
-        prefer: name of the kernel to use instead.
-
-    Raises:
-        InputRefused: no kernel has that name, or it does not serve the program.
-    """
-    if prefer is None:
-        return next(kernel for kernel in KERNELS.values() if kernel.serves(program))
-    if prefer not in KERNELS:
-        raise InputRefused(f"kernel {prefer!r}: choose one of {', '.join(KERNELS)}")
-    if not KERNELS[prefer].serves(program):
-        raise InputRefused(f"kernel {prefer!r} does not serve this network: take the general one")
-    return KERNELS[prefer]
-
-
 def work_of(program: Program) -> float:
-    """The work of a step and of its derivatives, in steps of the fastest kernel in which nothing is modulated."""
+    """Return the work of a step and of its derivatives, in quick steps in which nothing is modulated."""
     following = sum(map(bool, program.sparsity.thresholds))
-    return kernel_for(program).work + 0.25 * following + len(program.sparsity.modulators)
+    return (1.0 if quick.serves(program) else 4.0) + 0.25 * following + len(program.sparsity.modulators)
 
 
-def march(program: Program, theta: Array, x0: Array, u: Array, h: Array, states: Array, efforts: Array) -> int:
-    """Integrate ``n`` steps of a program by the fastest kernel; returns the number of solved steps.
+def march(
+    program: Program, theta: Array, x0: Array, u: Array, h: Array, states: Array, efforts: Array, general: bool = False
+) -> int:
+    """Integrate ``n`` steps of a program; return the number of solved steps.
 
     Args:
         theta: (M,) parameters, see `Program.theta`.
@@ -148,6 +534,8 @@ def march(program: Program, theta: Array, x0: Array, u: Array, h: Array, states:
         u: (n, P) mean inputs of the steps; h: (n,) their sizes [s].
         states: (n+1, N) filled; efforts: (n, N) filled with the mean efforts of the storages and the mean drives of the
             modulator states.
+        general: take the general kernel where the quick one would serve too.
     """
     states[0] = x0
-    return kernel_for(program).march(program, theta, actions(program, theta, u), h, states, efforts)
+    kernel = march_any if general or not quick.serves(program) else quick.march
+    return kernel(program, theta, actions(program, theta, u), h, states, efforts)

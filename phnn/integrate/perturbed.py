@@ -17,27 +17,15 @@ nonlinear law, or has a resistor whose slope changes.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phnn.integrate.cache import inline
-from phnn.integrate.pattern import Pattern, Run
-from phnn.integrate.step import (
-    CONSTANTS,
-    FORCE,
-    Step,
-    is_closed,
-    junction_flows,
-    junction_term,
-    leaf_closed,
-    leaf_moved,
-    leaf_search,
-    read,
-)
-from phnn.integrate.table_access import count, factor, is_linear, junction_storage, mean_effort
-from phnn.integrate.tables import (
+from phnn.integrate.program import (
     FACTORS,
     FIRST_INLET,
     FIRST_LINK,
@@ -47,18 +35,143 @@ from phnn.integrate.tables import (
     LAST_LINK,
     LEAVES,
     MODULATOR_STATES,
+    PLACE_1,
+    PLACE_5,
+    PORTS,
     RATIO,
     RATIO_PLACE,
     READ,
     SIGN,
     TO_JUNCTION,
     Integers,
+    Program,
     rows_of,
+)
+from phnn.integrate.step import (
+    CONSTANTS,
+    FORCE,
+    Step,
+    count,
+    factor,
+    is_closed,
+    is_linear,
+    junction_flows,
+    junction_storage,
+    junction_term,
+    leaf_closed,
+    leaf_moved,
+    leaf_search,
+    mean_effort,
+    read,
 )
 from phnn.laws.leaf import slides_on
 from phnn.laws.namespace import TINY
 
 Array = NDArray[np.float64]
+
+
+class Run(NamedTuple):
+    """An integrated program, and how its ports' actions follow the parameters in their laws.
+
+    Attributes:
+        states: (n+1, N); efforts: (n, N); h: (n,) sizes of the steps [s].
+        actions: (n, P); by_port: (S, n, P) their derivatives.
+    """
+
+    states: Array
+    efforts: Array
+    h: Array
+    actions: Array
+    by_port: Array
+
+
+class Pattern(NamedTuple):
+    """The nonzero derivatives of a step by states, unknowns and some parameters; inputs are numbered in that order.
+
+    A reducible storage and an input that its equations contain are a *pair*. Pairs are listed storage by storage,
+    inputs increasing. Every other list is cut in the same way: entries ``first[k]`` to ``first[k+1]`` belong to element
+    ``k``.
+
+    Attributes:
+        active: (K,) indices into theta.
+        in_ports: (K,) number of a parameter among those in port laws, −1 for the others.
+        first, input: of the pairs.
+        shifts: (pairs,) whether an input changes the storage's current, except for unknowns of junctions at a constant
+            ratio; follows: (pairs,) whether it changes the modulated thresholds of the storage.
+        affine, varies: (L,) see `phnn.integrate.program`; reads: (L,) whether thresholds are modulated.
+        plain: (R,) rows of the junctions' linear terms; terms: (T,) rows of the others, and their inputs.
+        slots: (G,) inputs that change a ratio, the first −1 for none; slot: (I,) the place of an input among them.
+        scaled: rows with a modulated ratio.
+        memory, source: inputs of the law of every modulator state and of every source.
+    """
+
+    active: Integers
+    in_ports: Integers
+    first: Integers
+    input: Integers
+    shifts: NDArray[np.bool_]
+    follows: NDArray[np.bool_]
+    affine: NDArray[np.bool_]
+    varies: NDArray[np.bool_]
+    reads: NDArray[np.bool_]
+    plain: Integers
+    terms: Integers
+    term_first: Integers
+    term_input: Integers
+    slots: Integers
+    slot: Integers
+    scaled: Integers
+    memory_first: Integers
+    memory_input: Integers
+    source_first: Integers
+    source_input: Integers
+
+
+@lru_cache(maxsize=256)
+def pattern_of(program: Program, active: tuple[int, ...]) -> Pattern:
+    """The pattern of a program for the parameters at some entries of theta."""
+    table, sparsity, known = program.table, program.sparsity, len(program.states) + len(program.junctions)
+    inputs = [*range(known), *(known + place for place in active)]
+    in_ports = np.isin(active, rows_of(table, PORTS)[:, PLACE_1 : PLACE_5 + 1])
+    first, given = _listed(sparsity.leaves, inputs)
+    leaf = np.repeat(np.arange(len(sparsity.leaves)), np.diff(first))
+    names = np.array(inputs, dtype=np.int64)[given]
+    by_current = [
+        (name >= known or sparsity.varies[k]) and name in sparsity.currents[k]
+        for k, name in zip(leaf, names, strict=True)
+    ]
+    by_threshold = [name in sparsity.thresholds[k] for k, name in zip(leaf, names, strict=True)]
+    ratios = {known + int(place) for place in table[1:, RATIO] if place >= 0}
+    slots = [i for i, name in enumerate(inputs) if name in ratios or name in sparsity.gains]
+    slot = np.zeros(len(inputs), dtype=np.int64)
+    slot[slots] = 1 + np.arange(len(slots))
+    return Pattern(
+        np.asarray(active, dtype=np.int64),
+        np.where(in_ports, np.cumsum(in_ports) - 1, -1),
+        first,
+        given,
+        np.array(by_current, dtype=np.bool_),
+        np.array(by_threshold, dtype=np.bool_),
+        np.array(sparsity.affine, dtype=np.bool_),
+        np.array(sparsity.varies, dtype=np.bool_),
+        np.array([bool(found) for found in sparsity.thresholds], dtype=np.bool_),
+        np.array(sparsity.plain, dtype=np.int64),
+        np.array(list(sparsity.others), dtype=np.int64),
+        *_listed(sparsity.others.values(), inputs),
+        np.array([-1, *slots], dtype=np.int64),
+        slot,
+        np.array(sparsity.scaled, dtype=np.int64),
+        *_listed(sparsity.modulators, inputs),
+        *_listed(sparsity.sources, inputs),
+    )
+
+
+def _listed(sets: Iterable[frozenset[int]], inputs: list[int]) -> tuple[Integers, Integers]:
+    """The start of every set's list, and all lists one after the other: numbers of the inputs in each set."""
+    lists = [[i for i, name in enumerate(inputs) if name in found] for found in sets]
+    first = np.cumsum([0, *map(len, lists)])
+    return first.astype(np.int64), np.array([i for found in lists for i in found], dtype=np.int64)
+
 
 # Of state, current and threshold, for the end state and for the mean effort.
 COEFFICIENTS = 6

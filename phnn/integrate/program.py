@@ -1,7 +1,12 @@
-"""Translation of a network to the integer tables that the compiled kernel reads, and the actions of its ports.
+"""Translation of a network to the integer table that the compiled kernels read, and the actions of its ports.
 
-`phnn.integrate.partition` decides which storages are junctions and which are reducible. The actions ``ψ_p(u_p)`` depend
-on the inputs and parameters alone and on no state: they are computed for all steps before the integration begins.
+The table is a single array, because a compiled function is called faster with fewer arrays: one row an element, all
+kinds one after the other; row 0 holds the first row of each kind. Below, "row" is a row number of this table, "place"
+an index into the vector ``theta``. "Law" stands for a code with five places, or a code with the first place and the
+number of units of a block of weights.
+
+`phnn.integrate.scheme` decides which storages are junctions and which are reducible. The actions ``ψ_p(u_p)`` depend on
+the inputs and parameters alone and on no state: they are computed for all steps before the integration begins.
 """
 
 from __future__ import annotations
@@ -15,71 +20,87 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.errors import StructureViolated
-from phnn.integrate.compilable import LAWS, obstacle
-from phnn.integrate.partition import (
+from phnn.integrate.scheme import (
+    EXACT,
+    LAWS,
     LINEAR_RESISTOR_CODES,
+    LOSSLESS,
+    SCALARS,
+    Scheme,
     is_linear,
     junctions_of,
     merged_couplings,
+    obstacle,
     resistors_of,
     rule_of,
-)
-from phnn.integrate.scheme import Scheme
-from phnn.integrate.table_access import SCALARS
-from phnn.integrate.tables import (
-    BRANCHES,
-    EXACT,
-    FACTORS,
-    FIRST_BRANCH,
-    FIRST_LINK,
-    FIRST_RESISTOR,
-    FIRST_SOURCE,
-    FROM_PORT,
-    GYRATORS,
-    IS_LINEAR,
-    JUNCTION_INLETS,
-    JUNCTION_RESISTORS,
-    JUNCTIONS,
-    KINDS,
-    LAST_BRANCH,
-    LAST_INLET,
-    LAST_LINK,
-    LAST_RESISTOR,
-    LAST_SOURCE,
-    LAW,
-    LEAF_INLETS,
-    LEAF_RESISTORS,
-    LEAVES,
-    LINKS,
-    LOSSLESS,
-    MODULATOR_STATES,
-    NONE,
-    OF_JUNCTION,
-    OWN_STORAGE,
-    PLACE_1,
-    PORTS,
-    RATIO,
-    RATIO_PLACE,
-    READ,
-    READS,
-    RULE,
-    SOURCE_EFFORT,
-    SOURCE_FLOW,
-    SOURCE_LEAF,
-    SOURCE_PORT,
-    SOURCE_RESISTOR,
-    SOURCES,
-    STORAGES,
-    TO_JUNCTION,
-    Integers,
-    rows_of,
-    stack,
 )
 from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.namespace import TINY
 from phnn.laws.wide import form_of
 from phnn.network.elements import ModulatorState, Network, Ratio, Resistor, Storage
 from phnn.network.roles import imposed
+
+Integers = NDArray[np.int64]
+
+# Kinds of rows, and the content of their columns.
+STORAGES = 0  # law (6): in the order of the network
+JUNCTIONS = 1  # storage number, unused, whether its effort is linear in its state
+LEAVES = 2  # storage number, rule, whether its storage is linear, first and last row of its resistors, links, inlets
+LINKS = 3  # junction number; ratio with the sign of J[reducible storage, junction]
+LEAF_RESISTORS = 4  # law (6), row of the variable that it reads or -1; ratio
+JUNCTION_RESISTORS = 5  # law (6), row of the variable that it reads or -1, first and last row of its branches
+BRANCHES = 6  # junction number; ratio
+GYRATORS = 7  # junction number, the other junction's number; ratio with the sign of J
+PORTS = 8  # law (6)
+LEAF_INLETS = 9  # port number; ratio
+JUNCTION_INLETS = 10  # port number, junction number; ratio
+READS = 11  # number of a reducible storage or -1, of a junction or -1, of a modulator state or -1
+FACTORS = 12  # law (6), row of the variable that it reads, place of the ratio that it multiplies
+MODULATOR_STATES = 13  # law (6), first and last row of its sources; modulator states follow the states of the storages
+# One of these, the others being -1: number of a reducible storage (power of its resistors), row of a junction resistor
+# (its power), number of a reducible storage (its effort), of a junction (its flow), of a port (its action).
+SOURCES = 14
+KINDS = 15
+# Columns of a row: the code of its law; the places of its parameters, or of a block of weights and its units; the row
+# of the variable that it reads; the ratio that it multiplies; the rows that belong to it.
+LAW, PLACE_1, PLACE_2, PLACE_3, PLACE_4, PLACE_5 = range(6)
+READ = 6
+RATIO_PLACE = 7
+FIRST_BRANCH, LAST_BRANCH = 7, 8
+FIRST_SOURCE, LAST_SOURCE = 6, 7
+# A junction has the first and the third of these columns, a reducible storage all.
+OWN_STORAGE, RULE, IS_LINEAR = range(3)
+FIRST_RESISTOR, LAST_RESISTOR, FIRST_LINK, LAST_LINK, FIRST_INLET, LAST_INLET = range(3, 9)
+# Of links, branches and gyrators; then of inlets.
+TO_JUNCTION, OF_JUNCTION = range(2)
+FROM_PORT, INTO_JUNCTION = range(2)
+READ_LEAF, READ_JUNCTION, READ_MODULATOR = range(3)
+SOURCE_LEAF, SOURCE_RESISTOR, SOURCE_EFFORT, SOURCE_FLOW, SOURCE_PORT = range(5)
+# A row with a ratio has its place and its sign in the last two columns; a row without one has the place -1.
+RATIO, SIGN = 16, 17
+_COLUMNS = 18
+
+NONE = -1
+
+
+def stack(rows: Mapping[int, Sequence[Sequence[int]]], ratios: Mapping[int, Sequence[tuple[int, int]]]) -> Integers:
+    """The table of the rows of every kind, with the place and sign of the ratios of those kinds that have them."""
+    table = np.full((1 + sum(map(len, rows.values())), _COLUMNS), NONE, dtype=np.int64)
+    first = 1
+    for kind in range(KINDS):
+        table[0, kind] = first
+        for i, row in enumerate(rows[kind]):
+            table[first, : len(row)] = row
+            if kind in ratios:
+                table[first, RATIO], table[first, SIGN] = ratios[kind][i]
+            first += 1
+    table[0, KINDS] = first
+    return table
+
+
+def rows_of(table: Integers, kind: int) -> Integers:
+    """(…, 18) the rows of one kind."""
+    return table[table[0, kind] : table[0, kind + 1]]
 
 
 def source_rows(
@@ -101,7 +122,7 @@ def source_rows(
             rows.append(_row(SOURCE_PORT, ports.index(name)))
         else:
             leaf = next(storage for r in network.resistors if r.name == name for storage in r.on)
-            # All resistors of the storage drive the modulator state, or none does: see `phnn.integrate.compilable`.
+            # All resistors of the storage drive the modulator state, or none does: see `phnn.integrate.scheme`.
             together = [r.name for r in network.resistors if tuple(r.on) == (leaf,)]
             if name == together[0]:
                 rows.append(_row(SOURCE_LEAF, leaves.index(leaf)))
@@ -130,7 +151,7 @@ class Program:
         modules: (kind, element) of the neural laws in the order of their weights.
         states: names of the storages, then of the modulator states; junctions, leaves: names of the junctions and of
             the reducible storages.
-        table: for the kernel, see `phnn.integrate.tables`.
+        table: for the kernel, see `phnn.integrate.program`.
         output: index of the measured storage.
         scheme: how the steps are discretised.
         moving, travel, contact: indices of the momentum and the displacement of an imposed motion, and of the contact
@@ -175,7 +196,7 @@ class Program:
 
     @cached_property
     def held(self) -> Integers:
-        """(4,) the contact of an imposed motion, see `phnn.integrate.solve.Room`."""
+        """(4,) the contact of an imposed motion, see `phnn.integrate.kernel.Room`."""
         t, gyrators = self.table, range(self.table[0, GYRATORS], self.table[0, GYRATORS + 1])
         if self.contact < 0:
             return np.full(4, NONE)
@@ -185,7 +206,7 @@ class Program:
 
     @cached_property
     def rules(self) -> dict[str, int]:
-        """The rule that advances each reducible storage, see `phnn.integrate.tables`."""
+        """The rule that advances each reducible storage, see `phnn.integrate.program`."""
         return dict(zip(self.leaves, rows_of(self.table, LEAVES)[:, RULE].tolist(), strict=True))
 
     @cached_property
@@ -210,7 +231,7 @@ def compile_network(network: Network, scheme: Scheme = Scheme.DISCRETE_GRADIENT)
 
     Raises:
         StructureViolated: an unknown law, or a torch module without weights for the kernel, which
-            `phnn.integrate.differentiable` solves in torch; see `phnn.integrate.compilable.can_compile`.
+            `phnn.integrate.differentiable` solves in torch; see `phnn.integrate.scheme.can_compile`.
     """
     # Networks that differ only in parameter values share their elements.
     n = network

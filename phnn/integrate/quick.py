@@ -18,32 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.integrate.cache import inline, loop_entry, plain, stay_outside
-from phnn.integrate.partition import LINEAR_RESISTOR_CODES
-from phnn.integrate.program import Program
-from phnn.integrate.roots import extrapolated, make_root
-from phnn.integrate.step import (
-    CAPACITY,
-    CONSTANTS,
-    EFFORT,
-    FLOW,
-    HIGH,
-    LEAK,
-    LEAK_ONE,
-    LEAK_TWO,
-    LOW,
-    NEXT,
-    ONE,
-    RHO,
-    STIFFNESS,
-    TWO,
-    Step,
-    advance,
-    fill_constants,
-    fill_gains,
-)
-from phnn.integrate.table_access import count, factor, junction_storage, mean_effort, resistor_flow, resistor_thresholds
-from phnn.integrate.tables import (
-    EXACT,
+from phnn.integrate.program import (
     FACTORS,
     FIRST_BRANCH,
     FIRST_INLET,
@@ -61,7 +36,6 @@ from phnn.integrate.tables import (
     LAW,
     LEAVES,
     LINKS,
-    LOSSLESS,
     MODULATOR_STATES,
     OWN_STORAGE,
     RATIO,
@@ -72,7 +46,36 @@ from phnn.integrate.tables import (
     RULE,
     SIGN,
     STORAGES,
+    Program,
     rows_of,
+)
+from phnn.integrate.roots import extrapolated, make_root
+from phnn.integrate.scheme import EXACT, LINEAR_RESISTOR_CODES, LOSSLESS
+from phnn.integrate.step import (
+    CAPACITY,
+    CONSTANTS,
+    EFFORT,
+    FLOW,
+    HIGH,
+    LEAK,
+    LEAK_ONE,
+    LEAK_TWO,
+    LOW,
+    NEXT,
+    ONE,
+    RHO,
+    STIFFNESS,
+    TWO,
+    Step,
+    advance,
+    count,
+    factor,
+    fill_constants,
+    fill_gains,
+    junction_storage,
+    mean_effort,
+    resistor_flow,
+    resistor_thresholds,
 )
 from phnn.laws.leaf import rc_flow, relaxation
 from phnn.laws.namespace import TINY
@@ -283,9 +286,7 @@ def _advance_modulators(t: Any, step: Step, next_x: Any, means: Any, wx: Any) ->
         next_x[k], means[k] = wx[NEXT, k], wx[EFFORT, k]
 
 
-def _steps(
-    t: Any, theta: Any, actions: Any, h: Any, states: Any, efforts: Any, work: Work
-) -> Any:  # fmt: skip
+def _steps(t: Any, theta: Any, actions: Any, h: Any, states: Any, efforts: Any, work: Work) -> Any:
     """Integrate."""
     g, constants, kinds, c, perturbed, ends, means, others, ratios, slow, scaled = work
     fill_gains(t, theta, g)
@@ -319,7 +320,7 @@ _compiled = loop_entry(_steps)
 
 
 def march(program: Program, theta: Array, actions: Array, h: Array, states: Array, efforts: Array) -> int:
-    """`phnn.integrate.kernel.Kernel.march` of the networks that this kernel serves."""
+    """`phnn.integrate.kernel.march_any` of the programs that this kernel serves."""
     t = program.table
     leaves, ends = len(rows_of(t, LEAVES)), np.zeros(states.shape[1], np.complex128)
     memory = (np.zeros(len(t)), np.zeros((leaves + 1, CONSTANTS)), np.zeros((leaves, 3), np.int64))

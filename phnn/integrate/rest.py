@@ -19,8 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.integrate.program import Program, actions
-from phnn.integrate.tables import (
+from phnn.integrate.program import (
     FACTORS,
     FIRST_LINK,
     FIRST_SOURCE,
@@ -33,7 +32,6 @@ from phnn.integrate.tables import (
     LAW,
     LEAF_INLETS,
     LEAVES,
-    LOSSLESS,
     MODULATOR_STATES,
     OWN_STORAGE,
     PLACE_1,
@@ -47,8 +45,11 @@ from phnn.integrate.tables import (
     SOURCE_PORT,
     STORAGES,
     TO_JUNCTION,
+    Program,
+    actions,
     rows_of,
 )
+from phnn.integrate.scheme import LOSSLESS
 from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, STORAGE_LAWS
 from phnn.laws.namespace import TINY
 from phnn.laws.wide import WIDE_STORAGES, evaluated

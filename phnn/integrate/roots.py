@@ -1,6 +1,16 @@
-"""The root of one increasing scalar equation within a bracket; every step is reduced to it.
+"""Scalar equations of a step: the root within a bracket, and reducible storages without an exact flow.
 
-The function need not increase everywhere: observed signs bound the root, so that a bracket always holds one.
+The function of a root need not increase everywhere: observed signs bound the root, so that a bracket always holds one.
+
+Reducible storages take, under the constant current of a step, two-stage Radau IIA (Butcher 1964; Hairer & Wanner 1996,
+Sec. IV.5) where they are linear, ``E = s x``:
+
+    X_1 = x + h (5/12 f_1 − 1/12 f_2),   X_2 = x⁺ = x + h (3/4 f_1 + 1/4 f_2),
+    f_i = i − φ(s X_i),                  ē = 3/4 E_1 + 1/4 E_2.
+
+It is L-stable, of third order, and algebraically stable, ``H(x⁺) − H(x) ≤ h i ē − h Σ b_i E_i φ(E_i)``, hence passive.
+A nonlinear storage takes the discrete gradient, ``x⁺ = x + h (i − φ(ē(x, x⁺)))``. Both rules are written as defects of
+their equations, which the torch module evaluates as well.
 """
 
 from __future__ import annotations
@@ -10,7 +20,8 @@ from typing import Any
 
 import numpy as np
 
-from phnn.integrate.cache import inline
+from phnn.integrate.cache import inline, stay_outside
+from phnn.laws.namespace import TINY
 
 TOLERANCE = 1e-14
 # Multiple of the rounding error that terms may leave whose cancellation the equation's size does not show.
@@ -78,3 +89,185 @@ def make_root(value_at: Callable[..., Any], slope_at: Callable[..., Any]) -> Cal
         return np.nan, 0.0
 
     return root
+
+
+# Newton steps before the search within brackets.
+_QUICK = 15
+
+
+def radau_defects(d1: Any, d2: Any, current: Any, h: Any, lost1: Any, lost2: Any) -> Any:
+    """``A⁻¹ d − h f`` for the stage displacements ``d_i = X_i − x`` and the flows ``φ_i`` lost there."""
+    return (
+        1.5 * d1 + 0.5 * d2 - h * (current - lost1),
+        2.5 * d2 - 4.5 * d1 - h * (current - lost2),
+    )
+
+
+def gradient_defect(d: Any, current: Any, h: Any, lost: Any) -> Any:
+    """``x⁺ − x − h (i − φ(ē))``."""
+    return d - h * (current - lost)
+
+
+def make_radau(flow: Callable[..., Any], plain_flow: Callable[..., Any], compiled: Callable[..., Any]) -> Any:
+    """``search(x, i, h, context) -> (X_1, X_2, a, b)`` and ``moved(x, i, h, s, found, context) -> (x⁺, ē)``.
+
+    The search runs in real numbers; its result is NaN if it fails. If no slope is negative, Newton's method from the
+    previous state converges in a few steps. Otherwise two nested scalar searches follow, each in a bracket: the first
+    defect increases with the first stage; with the first stage as its root, the second defect increases with the second
+    stage. ``moved`` takes one Newton step from the result with ``J = [[a, 1/2], [−9/2, b]]`` in the perturbed numbers
+    (implicit function theorem), so that one search serves all derivatives of a step.
+
+    Args:
+        flow: ``(state, context) -> φ``, the flow into the resistors of the storage.
+        plain_flow: the same without the perturbations of the context.
+        compiled: compiler of the inner functions.
+    """
+    defects = compiled(radau_defects)
+    lost = compiled(_make_lost(plain_flow))
+    first, second = _make_radau_roots(defects, lost, compiled)
+    return _make_radau_search(defects, lost, first, second, compiled), _make_radau_moved(defects, flow, compiled)
+
+
+def _make_radau_roots(
+    defects: Callable[..., Any], lost: Callable[..., Any], compiled: Callable[..., Any]
+) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """Two nested scalar roots: ``first`` finds ``X_1`` for a given ``X_2``, ``second`` finds ``X_2``."""
+
+    @compiled
+    def first_value(one: Any, given: Any) -> Any:
+        x, two, i, h, context = given
+        taken, slope = lost(one, context)
+        g, _ = defects(one - x, two - x, i, h, taken, 0.0)
+        return g, abs(one) + abs(two) + abs(x) + h * (abs(i) + abs(taken) + abs(slope * one))
+
+    @compiled
+    def first_slope(one: Any, given: Any) -> Any:
+        _, _, _, h, context = given
+        return 1.5 + h * lost(one, context)[1]
+
+    first = compiled(make_root(first_value, first_slope))
+
+    @compiled
+    def second_value(two: Any, given: Any) -> Any:
+        x, i, h, context = given
+        one, _ = first(two, 1.5, 0.0, (x, two, i, h, context))
+        taken, slope = lost(two, context)
+        _, g = defects(one - x, two - x, i, h, 0.0, taken)
+        return g, abs(one) + abs(two) + abs(x) + h * (abs(i) + abs(taken) + abs(slope * two))
+
+    @compiled
+    def second_slope(two: Any, given: Any) -> Any:
+        x, i, h, context = given
+        one, _ = first(two, 1.5, 0.0, (x, two, i, h, context))
+        return 2.5 + h * lost(two, context)[1] + 2.25 / (1.5 + h * lost(one, context)[1])
+
+    return first, compiled(make_root(second_value, second_slope))
+
+
+def _make_radau_search(
+    defects: Callable[..., Any],
+    lost: Callable[..., Any],
+    first: Callable[..., Any],
+    second: Callable[..., Any],
+    compiled: Callable[..., Any],
+) -> Callable[..., Any]:
+    """The search of `make_radau`: Newton's method, then the nested roots if it does not converge."""
+
+    @compiled
+    def search(x: Any, i: Any, h: Any, context: Any) -> Any:
+        stay_outside()
+        one, two = x, x
+        for _ in range(_QUICK):
+            taken1, slope1 = lost(one, context)
+            taken2, slope2 = lost(two, context)
+            a, b = 1.5 + h * slope1, 2.5 + h * slope2
+            if a <= 0.0 or b <= 0.0:
+                break
+            g1, g2 = defects(one - x, two - x, i, h, taken1, taken2)
+            size = abs(one) + abs(two) + abs(x) + h * abs(i)
+            size1 = size + h * (abs(taken1) + abs(slope1 * one))
+            size2 = size + h * (abs(taken2) + abs(slope2 * two))
+            if abs(g1) <= TOLERANCE * size1 + NOTHING and abs(g2) <= TOLERANCE * size2 + NOTHING:
+                return one, two, a, b
+            inverse = 1.0 / (a * b + 2.25)
+            one -= (b * g1 - 0.5 * g2) * inverse
+            two -= (4.5 * g1 + a * g2) * inverse
+        two, _ = second(x, 2.5, 0.0, (x, i, h, context))
+        one, _ = first(two, 1.5, 0.0, (x, two, i, h, context))
+        return one, two, 1.5 + h * lost(one, context)[1], 2.5 + h * lost(two, context)[1]
+
+    return search
+
+
+def _make_radau_moved(
+    defects: Callable[..., Any], flow: Callable[..., Any], compiled: Callable[..., Any]
+) -> Callable[..., Any]:
+    """The step of `make_radau` in perturbed numbers, from stages that were found in real numbers."""
+
+    @compiled
+    def moved(x: Any, current: Any, h: Any, s: Any, found: Any, context: Any) -> Any:
+        stay_outside()
+        one, two, a, b = found
+        before, after = one + 0.0 * current, two + 0.0 * current
+        g1, g2 = defects(before - x, after - x, current, h, flow(before, context), flow(after, context))
+        inverse = 1.0 / (a * b + 2.25)
+        before = before - (b * g1 - 0.5 * g2) * inverse
+        after = after - (4.5 * g1 + a * g2) * inverse
+        return after, s * (0.75 * before + 0.25 * after)
+
+    return moved
+
+
+def make_gradient(flow: Callable[..., Any], plain_flow: Callable[..., Any], compiled: Callable[..., Any]) -> Any:
+    """``search(x, i, h, context) -> (x⁺, slope)`` and ``moved(x, i, h, found, context) -> x⁺``, as of `make_radau`.
+
+    Args:
+        flow: ``(x, x⁺, context) -> φ(ē)``.
+        plain_flow: the same without the perturbations of the context.
+        compiled: compiler of the inner functions.
+    """
+    defect = compiled(gradient_defect)
+
+    def _between(end: Any, context: Any) -> Any:
+        return plain_flow(context[0] + 0.0 * end, end, context[1])
+
+    lost = compiled(_make_lost(compiled(_between)))
+
+    @compiled
+    def value_at(end: Any, given: Any) -> Any:
+        x, i, h, context = given
+        taken, _ = lost(end, (x, context))
+        return defect(end - x, i, h, taken), abs(end) + abs(x) + h * (abs(i) + abs(taken))
+
+    @compiled
+    def slope_at(end: Any, given: Any) -> Any:
+        x, _, h, context = given
+        return 1.0 + h * lost(end, (x, context))[1]
+
+    root = compiled(make_root(value_at, slope_at))
+
+    @compiled
+    def search(x: Any, i: Any, h: Any, context: Any) -> Any:
+        stay_outside()
+        given = (x, i, h, context)
+        end, _ = root(x, 1.0, 0.0, given)
+        return end, slope_at(end, given)
+
+    @compiled
+    def moved(x: Any, current: Any, h: Any, found: Any, context: Any) -> Any:
+        stay_outside()
+        end, slope = found[0] + 0.0 * current, found[1]
+        return end - defect(end - x, current, h, flow(x + 0.0 * current, end, context)) / slope
+
+    return search, moved
+
+
+def _make_lost(plain_flow: Callable[..., Any]) -> Callable[..., Any]:
+    """``lost(state, context)``: the lost flow and its slope at a real state."""
+
+    def lost(state: Any, context: Any) -> Any:
+        stay_outside()
+        flow = plain_flow(complex(state, TINY), context)
+        return flow.real, flow.imag / TINY
+
+    return lost

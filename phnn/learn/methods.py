@@ -13,9 +13,9 @@ from torch import Tensor
 
 from phnn.errors import InputRefused, SolverFailed
 from phnn.integrate import kernel, sweep
-from phnn.integrate.compilable import can_compile
 from phnn.integrate.differentiable import Steps, first_order, march, sensitivities
 from phnn.integrate.program import compile_network
+from phnn.integrate.scheme import can_compile
 from phnn.learn.objective import Objective
 from phnn.learn.settings import Settings, instantiate
 from phnn.learn.solvers import NetworkPlant, discrete_gradient, near, remember, together

@@ -20,9 +20,9 @@ from torch import Tensor, nn
 
 from phnn.errors import SolverFailed
 from phnn.identification.evaluate import Evaluation, score_part
-from phnn.integrate.compilable import can_compile
 from phnn.integrate.program import compile_network
 from phnn.integrate.rest import equilibrium
+from phnn.integrate.scheme import can_compile
 from phnn.learn.solvers import NetworkPlant, Plant, Solver, Window, near, starts_at_zero, windows_of
 from phnn.nn.learned_system import LearnedSystem
 from phnn.recordings.driving import input_before

@@ -18,8 +18,8 @@ from torch import nn
 from phnn.errors import InputRefused
 from phnn.identification.evaluate import Evaluation
 from phnn.identification.prepare import single
-from phnn.integrate.compilable import can_compile
 from phnn.integrate.method import PortHamiltonianSystem
+from phnn.integrate.scheme import can_compile
 from phnn.learn.methods import with_gradients
 from phnn.learn.objective import Objective, evaluate, substeps_needed, whole
 from phnn.learn.settings import Settings, check_same, settings_in

@@ -25,9 +25,9 @@ from torch import Tensor, nn
 from torch.nn.utils.rnn import pad_sequence
 
 from phnn.errors import InputRefused, SolverFailed
-from phnn.integrate.compilable import can_compile
 from phnn.integrate.differentiable import simulated
 from phnn.integrate.method import METHOD, solve
+from phnn.integrate.scheme import can_compile
 from phnn.network.elements import Network
 from phnn.network.system import PortHamiltonianSystem
 from phnn.recordings.driving import input_before

@@ -20,8 +20,8 @@ from phnn.identification.prepare import identification_plan
 from phnn.identification.staged import held_by_statement
 from phnn.identification.starting_points import MECHANICAL, drive_amplitude, mechanical_points, middle_frequency
 from phnn.intake.limits import LIMITS
-from phnn.integrate.compilable import can_compile
 from phnn.integrate.differentiable import simulated
+from phnn.integrate.scheme import can_compile
 from phnn.learn.settings import TARGET, accepted, instantiate
 from phnn.learn.solvers import OWN, NetworkPlant, Plant, solver_for, windows_of
 from phnn.models.actuator import hrc

@@ -32,7 +32,7 @@ from phnn.effects.hysteresis import CELLS
 from phnn.errors import InputRefused, SolverFailed
 from phnn.integrate.program import compile_network
 from phnn.integrate.quick import serves
-from phnn.integrate.tables import EXACT, LOSSLESS, PATH
+from phnn.integrate.scheme import EXACT, LOSSLESS, PATH
 from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
 from phnn.models.actuator import hrc
 from phnn.models.network_file import load_network

@@ -22,8 +22,8 @@ from phnn.exporting.laws import Sources
 from phnn.exporting.program import Names, Program, identifier
 from phnn.exporting.write import python
 from phnn.integrate import kernel
-from phnn.integrate.compilable import can_compile
 from phnn.integrate.program import compile_network
+from phnn.integrate.scheme import can_compile
 from phnn.models.store import save
 from phnn.network.elements import Network
 from phnn.recordings.recording import unrecorded

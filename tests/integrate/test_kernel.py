@@ -21,9 +21,9 @@ from phnn.errors import InputRefused, StructureViolated
 from phnn.integrate import kernel
 from phnn.integrate import sweep as sweeps
 from phnn.integrate.equations import check, power_balance
-from phnn.integrate.partition import junctions_of
-from phnn.integrate.program import Program, actions, compile_network
-from phnn.integrate.scheme import Scheme
+from phnn.integrate.program import Program, compile_network
+from phnn.integrate.quick import serves
+from phnn.integrate.scheme import Scheme, junctions_of
 from phnn.models.actuator import TABLE_1, from_paper, hrc
 from phnn.models.network_file import load_network
 from phnn.network import Coupling, Network, Port, PortHamiltonianSystem, Resistor, Storage
@@ -364,22 +364,16 @@ OTHER = {
 @pytest.mark.parametrize("name", QUICK)
 def test_the_quick_march_is_the_general_one(name: str) -> None:
     one = marched(QUICK[name])
-    assert kernel.kernel_for(one.program).name == "single junction"
-    states, efforts = one.states.copy(), one.efforts.copy()
-    pushed = actions(one.program, one.theta, one.u)
-    general = kernel.kernel_for(one.program, "general").march
-    assert general(one.program, one.theta, pushed, one.h, states, efforts) == one.h.size
+    assert serves(one.program)
+    states, efforts = np.empty_like(one.states), np.empty_like(one.efforts)
+    run = (one.program, one.theta, one.states[0], one.u, one.h, states, efforts)
+    assert kernel.march(*run, general=True) == one.h.size
     close(one.states, states, 1e-10)
     close(one.efforts, efforts, 1e-10)
 
 
 def test_the_quick_march_leaves_other_networks_alone() -> None:
-    programs = [compile_network(network) for network in OTHER.values()]
-    assert {kernel.kernel_for(program).name for program in programs} == {"general"}
-    with pytest.raises(InputRefused, match="kernel 'single junction' does not serve this network"):
-        kernel.kernel_for(programs[0], "single junction")
-    with pytest.raises(InputRefused, match="choose one of single junction, general"):
-        kernel.kernel_for(programs[0], "other")
+    assert not any(serves(compile_network(network)) for network in OTHER.values())
 
 
 def in_full(program: Program) -> Program:

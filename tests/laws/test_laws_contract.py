@@ -16,7 +16,7 @@ from torch import Tensor
 
 from phnn.errors import StructureViolated
 from phnn.integrate.cache import compiled
-from phnn.integrate.table_access import factor_table, flow_table, rate_table, storage_table, threshold_table
+from phnn.integrate.step import factor_table, flow_table, rate_table, storage_table, threshold_table
 from phnn.laws import (
     FACTOR_LAWS,
     MEMORY_LAWS,

@@ -49,7 +49,7 @@ _FINGERPRINT = "from phnn.integrate.cache import fingerprint; print(fingerprint(
 _DISCHARGE = """
 import numpy as np
 from phnn.integrate import kernel
-from phnn.integrate.program import compile_network
+from phnn.integrate.program import (compile_network)
 from phnn.network import Network, Port, Resistor, Storage
 from phnn.parameters import Parameter, as_table
 
@@ -157,7 +157,7 @@ from phnn.parallel import executor
 
 def newest(_):
     from phnn.laws import RESISTOR_LAWS
-    import phnn.integrate.table_access
+    import phnn.integrate.step
     name, law = list(RESISTOR_LAWS.items())[-1]
     return name, float(law.flow(1.0, 0.0, 2.0))
 
@@ -167,7 +167,7 @@ print(*(result for _, result in executor("processes:1").each(newest, [0])))
 
 
 def test_a_law_that_comes_after_the_solver_is_refused() -> None:
-    import phnn.integrate.table_access  # noqa: F401
+    import phnn.integrate.step  # noqa: F401
 
     with pytest.raises(StructureViolated, match=r"'late_damper' comes too late: .* directly after `import phnn`"):
         register(ResistorLaw("late_damper", lambda e, q, drag: drag * e, (1.0,)))

@@ -14,8 +14,8 @@ from scipy.linalg import expm
 
 import phnn
 from phnn.errors import InputRefused
-from phnn.integrate.partition import junctions_of
 from phnn.integrate.program import compile_network
+from phnn.integrate.scheme import junctions_of
 from phnn.modal.experiment import Experiment
 from phnn.modal.model import ModalModel
 from phnn.network.small_signal import linearised_at_rest

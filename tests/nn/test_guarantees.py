@@ -14,7 +14,7 @@ from torchdiffeq import odeint, odeint_adjoint
 
 import phnn
 from phnn.errors import InputRefused, SolverFailed, StructureViolated
-from phnn.integrate.compilable import can_compile
+from phnn.integrate.scheme import can_compile
 from phnn.models.actuator import hrc
 from phnn.network import Coupling, Network, Port, PortHamiltonianSystem, Resistor, Storage
 from phnn.nn import ConvexEnergyMLP, MonotoneMLP, SectorMLP, check

@@ -259,7 +259,7 @@ def _among(name: Any, accepted: Iterable[str], what: str) -> None:
 
 
 # Compliance [m/N] of the contact and mass [kg] of a massless junction, SI of whatever domain: in sums with any quantity
-# that can be measured they are lost in rounding. `phnn.integrate.solve` therefore takes the velocity for that of the
+# that can be measured they are lost in rounding. `phnn.integrate.kernel` therefore takes the velocity for that of the
 # source, and the force for what the balance needs.
 _RIGID, MASSLESS = 1e-60, 1e-30
 # By the unit of an imposed flow: that of its effort, and of their integrals over time.
