@@ -12,10 +12,11 @@ from junctions import march, random_junction, recording
 from networks import remembering
 from torch import Tensor, nn
 
+from phnn.effects import effect
 from phnn.errors import InputRefused, SolverFailed
 from phnn.integrate import differentiable
 from phnn.integrate.differentiable import simulated
-from phnn.integrate.equations import check, power_balance
+from phnn.integrate.equations import _SCALED, check, has_closed_form, power_balance
 from phnn.models.actuator import from_paper, hrc
 from phnn.network import PortHamiltonianSystem, Resistor
 from phnn.setup import Setup
@@ -45,6 +46,19 @@ def test_a_wrong_state_is_named_with_its_time(place: int, name: str) -> None:
     states[201, place] = np.nan
     with pytest.raises(SolverFailed, match=r"t = 0\.002 s"):
         check(replace(trajectory, states=states))
+
+
+def test_one_wrong_step_of_a_long_recording_is_found() -> None:
+    heat = {"kappa_T": 0.3, "R_T": 2.0, "C_T": 1e-3, "T_a": 293.15, "T_s": 1.0}
+    setup, t = effect("self_heating").add_to(Setup(from_paper()), heat), np.arange(8 * _SCALED) * 1e-5
+    assert not has_closed_form(PortHamiltonianSystem(setup.network))
+    trajectory = simulate(setup, recording(t, 75.0 * np.sin(2 * np.pi * 150.0 * t)))
+    assert 0.0 < check(trajectory) < 1e-12
+    for n in (1, 7_301, t.size - 1):
+        states = trajectory.states.copy()
+        states[n, 2] += 1e-7 * states[:, 2].max()
+        with pytest.raises(SolverFailed, match=rf"at t = ({t[n - 1]:.6g}|{t[n % t.size]:.6g}) s leaves a relative"):
+            check(replace(trajectory, states=states))
 
 
 def test_another_parameter_is_noticed() -> None:
@@ -116,12 +130,6 @@ def test_gradcheck_by_parameters_inputs_steps_and_start(
     assert torch.autograd.gradcheck(solve, (u, h, x0, *values), eps=1e-6, atol=2e-6, rtol=1e-4)
     first = simulated(system, x0, u, h)[0]
     assert torch.equal(torch.autograd.grad(first.sum(), x0)[0], torch.ones_like(x0))
-
-
-def gradients(system: PortHamiltonianSystem, path: Tensor, *others: Tensor) -> list[Tensor]:
-    weights = torch.linspace(0.2, 1.0, path.numel(), dtype=torch.float64).reshape(path.shape)
-    found = torch.autograd.grad((weights * path).sum(), [*system.parameters(), *others], allow_unused=True)
-    return [torch.zeros(()) if g is None else g for g in found]
 
 
 def soft_actuator() -> PortHamiltonianSystem:
