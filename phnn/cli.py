@@ -236,11 +236,12 @@ def _add_plot(command: argparse.ArgumentParser) -> None:
 
 
 _DEBUG = "PHNN_DEBUG"
+# Environment under which a process does its linear algebra in one thread, read when numerical libraries are loaded.
+_LIBRARIES = ("OMP", "OPENBLAS", "MKL", "VECLIB_MAXIMUM", "NUMEXPR", "NUMBA")
+ONE_THREAD = {f"{name}_NUM_THREADS": "1" for name in _LIBRARIES}
 
 
 def _run(arguments: argparse.Namespace, settings: Sequence[str]) -> None:
-    from phnn.threads import ONE_THREAD
-
     name = arguments.command
     # Settings are refused before torch and numba are loaded.
     config = compose(SETTINGS[name], settings) if name in SETTINGS else {}

@@ -17,7 +17,7 @@ from omegaconf import DictConfig, OmegaConf
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # studies/ is not installed
 
-from phnn.threads import ONE_THREAD
+from phnn.cli import ONE_THREAD
 
 # Sums over several threads round otherwise: answers would depend on the number of cores. Before numpy is loaded.
 os.environ.update({name: os.environ.get(name, count) for name, count in ONE_THREAD.items()})

@@ -13,7 +13,7 @@ import hydra
 from omegaconf import DictConfig, OmegaConf
 
 from phnn import multirun
-from phnn.threads import ONE_THREAD
+from phnn.cli import ONE_THREAD
 
 # Sums over several threads round otherwise: a run would depend on the number of cores. Before numpy and torch are
 # loaded, and for the processes of a sweep as well.

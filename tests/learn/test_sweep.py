@@ -19,10 +19,10 @@ import psutil
 import pytest
 from test_run import ROOT, settings_of, without_times, written
 
+from phnn.cli import ONE_THREAD
 from phnn.errors import InputRefused
 from phnn.learn import train_folder
 from phnn.multirun import ERROR
-from phnn.threads import ONE_THREAD
 
 SCRIPT = ROOT / "scripts" / "train.py"
 gathered = runpy.run_path(str(ROOT / "scripts" / "gather.py"))["gathered"]
