@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -232,8 +232,9 @@ def test_what_has_no_kernel_is_refused() -> None:
         compile_network(altered(resistors=(Resistor("learned", abs, {"p": 1.0}),)))
     with pytest.raises(StructureViolated, match="no law called 'unheard_of'"):
         compile_network(altered(resistors=(Resistor("odd", "unheard_of", {"p": 1.0}),)))
-    with pytest.raises(InputRefused, match="choose one of discrete_gradient, radau, midpoint"):
+    with pytest.raises(InputRefused, match="scheme = 'euler': choose one of discrete_gradient, radau, midpoint"):
         Scheme.named("euler")
+    assert [Scheme.named(s.value) for s in Scheme] == list(Scheme)
 
 
 def test_junctions_cover_every_coupling() -> None:
@@ -282,24 +283,13 @@ def bent(hysterons: int) -> Network:
     return bent_spring(Setup(electrostrictive(hysterons)), "cubic_spring", bend).network
 
 
-@dataclass(frozen=True)
-class Marched:
+def marched(network: Network) -> sweeps.Integrated:
     """A march under random inputs, the size of its steps changing on the way."""
-
-    program: Program
-    theta: NDArray[np.float64]
-    u: NDArray[np.float64]
-    h: NDArray[np.float64]
-    states: NDArray[np.float64]
-    efforts: NDArray[np.float64]
-
-
-def marched(network: Network) -> Marched:
     program = compile_network(network)
     n, ports = len(program.states), len(network.ports)
     u = np.cumsum(3.0 * np.random.default_rng(n).normal(size=(500, ports)), axis=0)
     h = np.where(np.arange(500) < 200, 1e-4, 3e-5)
-    run = Marched(program, program.theta(network), u, h, np.empty((501, n)), np.empty((500, n)))
+    run = sweeps.Integrated(program, program.theta(network), np.empty((501, n)), np.empty((500, n)), u, h)
     assert kernel.march(program, run.theta, np.zeros(n), u, h, run.states, run.efforts) == h.size
     return run
 
@@ -399,7 +389,7 @@ def test_derivatives_by_pieces_are_those_in_full(name: str) -> None:
     varied = active[::2].copy()
     start, forces, weights = (random.normal(size=s) for s in ((n, active.size), (500, 3), (500, varied.size)))
     perturbed = sweeps.Perturbed(active, forces, varied, weights, {})
-    marches = [integrated(run)._replace(program=by) for by in (program, in_full(program))]
+    marches = [run._replace(program=by) for by in (program, in_full(program))]
     ends = [np.empty((n, active.size + n + 3 + varied.size)) for _ in marches]
     found = [
         sweeps.sensitivities(march, perturbed, start, np.arange(n), np.arange(0, 501, 5), end)

@@ -13,7 +13,6 @@ from solve_paths import STEPS, apart, case_of, in_a_hurry, networks, paths
 from subjects import body
 
 import phnn
-from phnn.errors import InputRefused
 from phnn.integrate import method
 from phnn.integrate.differentiable import Steps
 from phnn.integrate.equations import reducible_rules
@@ -95,9 +94,3 @@ def test_schemes_differ_in_reducible_storages_alone() -> None:
     assert np.abs(found[Scheme.DISCRETE_GRADIENT] - found[Scheme.MIDPOINT]).max() > 1e-6 * case.scale.max()
     assert reducible_rules(case.system, Scheme.MIDPOINT) == {}
     assert not reducible_rules(PortHamiltonianSystem(body()), Scheme.DISCRETE_GRADIENT)
-
-
-def test_a_scheme_has_a_name() -> None:
-    assert [Scheme.named(s.value) for s in Scheme] == list(Scheme)
-    with pytest.raises(InputRefused, match="scheme = 'euler': choose one of discrete_gradient, radau, midpoint"):
-        Scheme.named("euler")
