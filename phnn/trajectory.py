@@ -355,11 +355,17 @@ def simulate(
             known = program.travel >= 0 and is_displacement(setup, recording)
             place = driving.fine(recording)[0, 0] if known else None
             x0 = _begun(program, network, u[:cycle], h[:cycle], held, place, recording.name)
-        states, efforts, done = _integrated(program, theta, x0, u, h)
+        states, efforts = np.empty((h.size + 1, x0.size)), np.empty((h.size, x0.size))
+        done = kernel.march(program, theta, x0, u, h, states, efforts)
         if done < h.size:
-            raise SolverFailed(_cause_of_stop(recording, h[:done].sum() - before))
-    places = sensed(setup, recording, driving, nodes, h)
-    y = _measured(setup, states[:, network.state_names.index(network.output)], places, before, cycle)
+            raise SolverFailed(
+                f"{recording.name}: no solution of the step at t = {h[:done].sum() - before:.6g} s; "
+                "a parameter is probably far from physical: narrow its bounds or use more sub-steps"
+            )
+    sensor_nodes, times, samples_of = sensed(setup, recording, driving, nodes, h)
+    q = states[sensor_nodes, network.state_names.index(network.output)]
+    q, times, copied = with_earlier_cycles(setup, q, times - before, cycle, sensor_nodes)
+    y = measured(setup, q, times)[copied:][samples_of]
     return Trajectory(
         setup, recording, scheme, program, theta, driving, h, nodes, lead, cycle, cycle if initial is None else 0, rest,
         recording.t, y[lead:], fine, u, states, efforts,
@@ -378,32 +384,6 @@ def _port_inputs(
     for source in setup.sources:
         u[:, place_of(setup, source)] += source_input(setup, source, h, driving.lead * recording.dt)
     return fine, u, held
-
-
-def _integrated(program: Program, theta: Array, x0: Array, u: Array, h: Array) -> tuple[Array, Array, int]:
-    """States (n+1, N) and mean efforts (n, N) under mean inputs, and how many of the steps could be solved."""
-    n = u.shape[0]
-    states, efforts = np.empty((n + 1, x0.size)), np.empty((n, x0.size))
-    done = kernel.march(program, theta, x0, u, h, states, efforts)
-    return states, efforts, done
-
-
-def _cause_of_stop(recording: Recording, t: float) -> str:
-    return (
-        f"{recording.name}: no solution of the step at t = {t:.6g} s; "
-        "a parameter is probably far from physical: narrow its bounds or use more sub-steps"
-    )
-
-
-def _measured(setup: Setup, q: Array, places: tuple[Any, Array, Any], before: float, cycle: int) -> Array:
-    """(N,) the sensor's output at the samples, from the measured state (n+1,) at the nodes.
-
-    Args:
-        places: of `sensed`; before: time from the first node to the first recorded sample [s].
-    """
-    sensor_nodes, times, samples_of = places
-    seen, times, copied = with_earlier_cycles(setup, q[sensor_nodes], times - before, cycle, sensor_nodes)
-    return measured(setup, seen, times)[copied:][samples_of]
 
 
 def _begun(

@@ -34,7 +34,7 @@ from phnn.integrate.equations import linearised, means, reducible_rules, step_re
 from phnn.integrate.program import compile_network
 from phnn.integrate.scheme import Scheme, can_compile, partly_driven
 from phnn.integrate.steady import steady_state
-from phnn.integrate.sweep import reach_of, steady_change
+from phnn.integrate.sweep import closed_cycle
 from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.wide import has_kernel, is_passive_by_form
 from phnn.network.checks import check_state, evaluation
@@ -54,7 +54,6 @@ _FIRST, _MOST = 32, 512  # steps of the first stretch, and of the longest
 _AT_ONCE = 1 << 11  # steps of all members of a batch, whose derivatives by all weights are held in memory together
 _TOGETHER = 1 << 14  # steps of all members of a batch together, of a stretch that begins near its solution
 _FEWEST = 8  # steps at the head of a stretch that are kept where the others were not solved
-_CYCLES, _CLOSED = 30, 1e-9  # of a steady cycle: iterations, and its change at the end over the range of a state
 _SMALLEST_PART = 2.0**-10
 # Shares of a step at which slopes of laws, and the sign of the Jacobian's determinant, are looked at.
 _ALONG = 9
@@ -622,20 +621,22 @@ def integrated(
         SolverFailed: a step has no solution, with its time; or there is no steady state or cycle.
     """
     system, inputs, steps = PortHamiltonianSystem(network), torch.from_numpy(u), torch.from_numpy(h).unsqueeze(-1)
-    x = torch.from_numpy(_at_rest(network, held, cycle) if x0 is None else np.asarray(x0, dtype=float))
-    for _ in range(_CYCLES if cycle and x0 is None else 0):
-        states = march(system, x, inputs[:cycle], steps[:cycle], scheme, start)
-        _, by_next, by_start = linearised(system, states[:-1], states[1:], inputs[:cycle], steps[:cycle], scheme)
-        period = torch.eye(len(x)).to(x)
+
+    def period(x: Array) -> Array:
+        return march(system, torch.from_numpy(x), inputs[:cycle], steps[:cycle], scheme, start).numpy()
+
+    def monodromy(states: Array) -> Array:
+        x, ends = torch.from_numpy(states[:-1]), torch.from_numpy(states[1:])
+        _, by_next, by_start = linearised(system, x, ends, inputs[:cycle], steps[:cycle], scheme)
+        total = torch.eye(x.shape[-1]).to(x)
         for carry in -torch.linalg.solve(by_next, by_start):
-            period = carry @ period
-        gap, reach = (states[-1] - x).numpy(), reach_of(states.numpy())
-        if (np.abs(gap) <= _CLOSED * reach).all():
-            break
-        x = x + torch.from_numpy(steady_change(period.numpy(), gap[:, None], reach)[:, 0])
-    else:
-        if cycle and x0 is None:
-            raise SolverFailed("no steady cycle was found: begin the recording at rest, or state its start as unknown")
+            total = carry @ total
+        return total.numpy()
+
+    if x0 is None:
+        x0 = _at_rest(network, held, cycle)
+        x0 = closed_cycle(period, monodromy, x0, network.state_names) if cycle else x0
+    x = torch.from_numpy(np.asarray(x0, dtype=float))
     states = march(system, x, inputs, steps, scheme, start)
     with torch.no_grad():
         efforts = means(system, scheme, states[:-1], states[1:], inputs, steps).efforts

@@ -507,7 +507,7 @@ _compiled = loop_entry(_steps)
 
 
 def march_any(program: Program, theta: Array, actions: Array, h: Array, states: Array, efforts: Array) -> int:
-    """`march` of every network, under the actions (n, P) of its ports, from the initial state in ``states[0]``."""
+    """Integrate any program from ``states[0]`` under the actions (n, P) of its ports; return the steps solved."""
     t = program.table
     n, m, leaves = states.shape[1], len(rows_of(t, JUNCTIONS)), len(rows_of(t, LEAVES))
     shapes = ((leaves + m, CONSTANTS), len(t), actions.shape[1], n, m, (4, m), (2, n))

@@ -188,13 +188,6 @@ class Program:
         return self.states.index(self.junctions[self.table[leaf[FIRST_LINK], TO_JUNCTION]])
 
     @cached_property
-    def linear(self) -> tuple[bool, ...]:
-        """Whether the effort of each storage is linear; used for junctions only."""
-        rows = rows_of(self.table, JUNCTIONS)
-        found = {int(row[OWN_STORAGE]): bool(row[IS_LINEAR]) for row in rows}
-        return tuple(found.get(k, False) for k in range(len(self.states)))
-
-    @cached_property
     def held(self) -> Integers:
         """(4,) the contact of an imposed motion, see `phnn.integrate.kernel.Room`."""
         t, gyrators = self.table, range(self.table[0, GYRATORS], self.table[0, GYRATORS + 1])
@@ -206,7 +199,7 @@ class Program:
 
     @cached_property
     def rules(self) -> dict[str, int]:
-        """The rule that advances each reducible storage, see `phnn.integrate.program`."""
+        """The rule that advances each reducible storage, see `phnn.integrate.scheme`."""
         return dict(zip(self.leaves, rows_of(self.table, LEAVES)[:, RULE].tolist(), strict=True))
 
     @cached_property

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from phnn.integrate.cache import inline, stay_outside
+from phnn.integrate.cache import inline, plain, stay_outside
 from phnn.laws.namespace import TINY
 
 TOLERANCE = 1e-14
@@ -108,8 +108,11 @@ def gradient_defect(d: Any, current: Any, h: Any, lost: Any) -> Any:
     return d - h * (current - lost)
 
 
-def make_radau(flow: Callable[..., Any], plain_flow: Callable[..., Any], compiled: Callable[..., Any]) -> Any:
-    """``search(x, i, h, context) -> (X_1, X_2, a, b)`` and ``moved(x, i, h, s, found, context) -> (x⁺, ē)``.
+_radau_defects, _gradient_defect = plain(radau_defects), plain(gradient_defect)
+
+
+def make_radau(flow: Callable[..., Any], plain_flow: Callable[..., Any]) -> Any:
+    """``search(x, i, h, context) -> (X_1, X_2, a, b)`` and ``moved(x, i, h, s, found, context) -> (x⁺, ē)``, compiled.
 
     The search runs in real numbers; its result is NaN if it fails. If no slope is negative, Newton's method from the
     previous state converges in a few steps. Otherwise two nested scalar searches follow, each in a bracket: the first
@@ -120,60 +123,40 @@ def make_radau(flow: Callable[..., Any], plain_flow: Callable[..., Any], compile
     Args:
         flow: ``(state, context) -> φ``, the flow into the resistors of the storage.
         plain_flow: the same without the perturbations of the context.
-        compiled: compiler of the inner functions.
     """
-    defects = compiled(radau_defects)
-    lost = compiled(_make_lost(plain_flow))
-    first, second = _make_radau_roots(defects, lost, compiled)
-    return _make_radau_search(defects, lost, first, second, compiled), _make_radau_moved(defects, flow, compiled)
+    lost = _make_lost(plain_flow)
 
-
-def _make_radau_roots(
-    defects: Callable[..., Any], lost: Callable[..., Any], compiled: Callable[..., Any]
-) -> tuple[Callable[..., Any], Callable[..., Any]]:
-    """Two nested scalar roots: ``first`` finds ``X_1`` for a given ``X_2``, ``second`` finds ``X_2``."""
-
-    @compiled
+    @plain
     def first_value(one: Any, given: Any) -> Any:
         x, two, i, h, context = given
         taken, slope = lost(one, context)
-        g, _ = defects(one - x, two - x, i, h, taken, 0.0)
+        g, _ = _radau_defects(one - x, two - x, i, h, taken, 0.0)
         return g, abs(one) + abs(two) + abs(x) + h * (abs(i) + abs(taken) + abs(slope * one))
 
-    @compiled
+    @plain
     def first_slope(one: Any, given: Any) -> Any:
         _, _, _, h, context = given
         return 1.5 + h * lost(one, context)[1]
 
-    first = compiled(make_root(first_value, first_slope))
+    first = plain(make_root(first_value, first_slope))
 
-    @compiled
+    @plain
     def second_value(two: Any, given: Any) -> Any:
         x, i, h, context = given
         one, _ = first(two, 1.5, 0.0, (x, two, i, h, context))
         taken, slope = lost(two, context)
-        _, g = defects(one - x, two - x, i, h, 0.0, taken)
+        _, g = _radau_defects(one - x, two - x, i, h, 0.0, taken)
         return g, abs(one) + abs(two) + abs(x) + h * (abs(i) + abs(taken) + abs(slope * two))
 
-    @compiled
+    @plain
     def second_slope(two: Any, given: Any) -> Any:
         x, i, h, context = given
         one, _ = first(two, 1.5, 0.0, (x, two, i, h, context))
         return 2.5 + h * lost(two, context)[1] + 2.25 / (1.5 + h * lost(one, context)[1])
 
-    return first, compiled(make_root(second_value, second_slope))
+    second = plain(make_root(second_value, second_slope))
 
-
-def _make_radau_search(
-    defects: Callable[..., Any],
-    lost: Callable[..., Any],
-    first: Callable[..., Any],
-    second: Callable[..., Any],
-    compiled: Callable[..., Any],
-) -> Callable[..., Any]:
-    """The search of `make_radau`: Newton's method, then the nested roots if it does not converge."""
-
-    @compiled
+    @plain
     def search(x: Any, i: Any, h: Any, context: Any) -> Any:
         stay_outside()
         one, two = x, x
@@ -183,7 +166,7 @@ def _make_radau_search(
             a, b = 1.5 + h * slope1, 2.5 + h * slope2
             if a <= 0.0 or b <= 0.0:
                 break
-            g1, g2 = defects(one - x, two - x, i, h, taken1, taken2)
+            g1, g2 = _radau_defects(one - x, two - x, i, h, taken1, taken2)
             size = abs(one) + abs(two) + abs(x) + h * abs(i)
             size1 = size + h * (abs(taken1) + abs(slope1 * one))
             size2 = size + h * (abs(taken2) + abs(slope2 * two))
@@ -196,68 +179,59 @@ def _make_radau_search(
         one, _ = first(two, 1.5, 0.0, (x, two, i, h, context))
         return one, two, 1.5 + h * lost(one, context)[1], 2.5 + h * lost(two, context)[1]
 
-    return search
-
-
-def _make_radau_moved(
-    defects: Callable[..., Any], flow: Callable[..., Any], compiled: Callable[..., Any]
-) -> Callable[..., Any]:
-    """The step of `make_radau` in perturbed numbers, from stages that were found in real numbers."""
-
-    @compiled
+    @plain
     def moved(x: Any, current: Any, h: Any, s: Any, found: Any, context: Any) -> Any:
         stay_outside()
         one, two, a, b = found
         before, after = one + 0.0 * current, two + 0.0 * current
-        g1, g2 = defects(before - x, after - x, current, h, flow(before, context), flow(after, context))
+        g1, g2 = _radau_defects(before - x, after - x, current, h, flow(before, context), flow(after, context))
         inverse = 1.0 / (a * b + 2.25)
         before = before - (b * g1 - 0.5 * g2) * inverse
         after = after - (4.5 * g1 + a * g2) * inverse
         return after, s * (0.75 * before + 0.25 * after)
 
-    return moved
+    return search, moved
 
 
-def make_gradient(flow: Callable[..., Any], plain_flow: Callable[..., Any], compiled: Callable[..., Any]) -> Any:
+def make_gradient(flow: Callable[..., Any], plain_flow: Callable[..., Any]) -> Any:
     """``search(x, i, h, context) -> (x⁺, slope)`` and ``moved(x, i, h, found, context) -> x⁺``, as of `make_radau`.
 
     Args:
         flow: ``(x, x⁺, context) -> φ(ē)``.
         plain_flow: the same without the perturbations of the context.
-        compiled: compiler of the inner functions.
     """
-    defect = compiled(gradient_defect)
 
-    def _between(end: Any, context: Any) -> Any:
+    @plain
+    def between(end: Any, context: Any) -> Any:
         return plain_flow(context[0] + 0.0 * end, end, context[1])
 
-    lost = compiled(_make_lost(compiled(_between)))
+    lost = _make_lost(between)
 
-    @compiled
+    @plain
     def value_at(end: Any, given: Any) -> Any:
         x, i, h, context = given
         taken, _ = lost(end, (x, context))
-        return defect(end - x, i, h, taken), abs(end) + abs(x) + h * (abs(i) + abs(taken))
+        return _gradient_defect(end - x, i, h, taken), abs(end) + abs(x) + h * (abs(i) + abs(taken))
 
-    @compiled
+    @plain
     def slope_at(end: Any, given: Any) -> Any:
         x, _, h, context = given
         return 1.0 + h * lost(end, (x, context))[1]
 
-    root = compiled(make_root(value_at, slope_at))
+    root = plain(make_root(value_at, slope_at))
 
-    @compiled
+    @plain
     def search(x: Any, i: Any, h: Any, context: Any) -> Any:
         stay_outside()
         given = (x, i, h, context)
         end, _ = root(x, 1.0, 0.0, given)
         return end, slope_at(end, given)
 
-    @compiled
+    @plain
     def moved(x: Any, current: Any, h: Any, found: Any, context: Any) -> Any:
         stay_outside()
         end, slope = found[0] + 0.0 * current, found[1]
-        return end - defect(end - x, current, h, flow(x + 0.0 * current, end, context)) / slope
+        return end - _gradient_defect(end - x, current, h, flow(x + 0.0 * current, end, context)) / slope
 
     return search, moved
 
@@ -265,6 +239,7 @@ def make_gradient(flow: Callable[..., Any], plain_flow: Callable[..., Any], comp
 def _make_lost(plain_flow: Callable[..., Any]) -> Callable[..., Any]:
     """``lost(state, context)``: the lost flow and its slope at a real state."""
 
+    @plain
     def lost(state: Any, context: Any) -> Any:
         stay_outside()
         flow = plain_flow(complex(state, TINY), context)

@@ -1,4 +1,4 @@
-"""How a network is solved: the discretisation of a step, its unknowns, and whether compiled code can take it.
+"""The discretisation of a step: how a network is solved, what its unknowns are, whether compiled code can take it.
 
 Every scheme advances energy variables ``x``, under the mean inputs ``ū`` of a step of size ``h``, by
 
@@ -32,7 +32,7 @@ for any number of hysterons.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from enum import Enum
 from typing import Any
 
@@ -117,14 +117,10 @@ def is_leak(resistor: Resistor) -> bool:
     return isinstance(resistor.law, str) and resistor.law in _LINEAR_RESISTORS
 
 
-def exact_order(places: Sequence[int], resistors: Sequence[Resistor]) -> list[int]:
-    """The resistors of a reducible storage in the order of the kernel: linear ones after the one with a dead zone."""
-    return sorted(places, key=lambda r: is_leak(resistors[r]))
-
-
 def resistors_of(network: Network, storage: str) -> list[int]:
-    """Numbers of the resistors that act on one storage alone, in the order of `exact_order`."""
-    return exact_order([k for k, r in enumerate(network.resistors) if tuple(r.on) == (storage,)], network.resistors)
+    """Numbers of the resistors that act on one storage alone, linear ones after the one with a dead zone."""
+    on = [k for k, r in enumerate(network.resistors) if tuple(r.on) == (storage,)]
+    return sorted(on, key=lambda k: is_leak(network.resistors[k]))
 
 
 def rule_of(network: Network, storage: str, scheme: Scheme) -> int:

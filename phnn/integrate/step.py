@@ -23,7 +23,7 @@ derivatives of the same step, so that no derivative is written by hand.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
 from phnn.integrate.cache import inline, plain, stay_outside
@@ -53,9 +53,6 @@ from phnn.integrate.program import (
     OWN_STORAGE,
     PLACE_1,
     PLACE_2,
-    PLACE_3,
-    PLACE_4,
-    PLACE_5,
     RATIO,
     RATIO_PLACE,
     READ,
@@ -73,7 +70,7 @@ from phnn.integrate.program import (
     TO_JUNCTION,
 )
 from phnn.integrate.roots import make_gradient, make_radau
-from phnn.integrate.scheme import EXACT, LOSSLESS, NEAR_REST, PATH, RADAU, SCALARS
+from phnn.integrate.scheme import EXACT, LOSSLESS, NEAR_REST, PATH, RADAU
 from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.law import close_tables
 from phnn.laws.leaf import rc_flow, relaxation
@@ -81,77 +78,37 @@ from phnn.laws.namespace import real
 from phnn.laws.other import advanced
 from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES, compiled
 
-_PLACES = tuple(f"i{k}" for k in range(SCALARS))
 # The functions below compile the laws that exist now.
 close_tables()
 
-# A function of a law, the number of parameters it takes, and whether it reads a block of weights instead.
-Entry = tuple[Callable[..., Any] | None, int, bool]
 
-
-def look_up(name: str, entries: Sequence[Entry], leading: int) -> Any:
-    """A compiled ``name(code, a_1…a_leading, theta, i0…i4)`` calling the function at position ``code``.
+def _of_law(name: str, leading: int, laws: Mapping[str, Any], wide: Iterable[Callable[..., Any]] = ()) -> Any:
+    """Return a compiled ``name(t, r, a_1…a_leading, theta)``: one function of the law of row ``r``, by its code.
 
     Args:
-        entries: by code; a function is None if the law lacks it. Functions of neural laws are called with
-            ``(a_1…a_leading, theta, first, units)``.
+        name: of the function of a law; a law may lack it.
         leading: number of arguments before the parameters.
+        wide: of neural laws, whose codes follow: ``(a_1…a_leading, theta, first, units)``.
     """
-    arguments = [f"a{i}" for i in range(leading)]
+    given = [f"a{i}" for i in range(leading)]
+    calls: dict[int, str] = {}
     scope: dict[str, Any] = {"stay_outside": stay_outside, "__name__": __name__}
-    lines = [f"def {name}({', '.join(['code', *arguments, 'theta', *_PLACES])}):", "    stay_outside()"]
-    present = [(code, function, count, wide) for code, (function, count, wide) in enumerate(entries) if function]
-    for code, function, count, wide in present:
-        if wide:
-            scope[f"f{code}"] = function
-            call = f"return f{code}({', '.join([*arguments, 'theta', 'i0', 'i1'])})"
-        else:
-            scope[f"f{code}"] = inline(function)
-            call = f"return f{code}({', '.join([*arguments, *(f'theta[{p}]' for p in _PLACES[:count])])})"
-        # The last branch needs no test, so that the function returns on every path.
-        lines.append(f"    {call}" if code == present[-1][0] else f"    if code == {code}:\n        {call}")
-    # The text is built from positions only.
+    for code, law in enumerate(laws.values()):
+        if getattr(law, name) is not None:
+            scope[f"f{code}"] = inline(getattr(law, name))
+            parameters = [f"theta[t[r, {PLACE_1 + k}]]" for k in range(len(law.example))]
+            calls[code] = f"f{code}({', '.join([*given, *parameters])})"
+    for code, function in enumerate(wide, len(laws)):
+        scope[f"f{code}"] = function
+        calls[code] = f"f{code}({', '.join([*given, 'theta', f't[r, {PLACE_1}]', f't[r, {PLACE_2}]'])})"
+    lines = [f"def {name}({', '.join(['t', 'r', *given, 'theta'])}):", "    stay_outside()"]
+    lines += [f"    if t[r, {LAW}] == {code}:\n        return {call}" for code, call in calls.items()]
+    # The last branch needs no test, so that the function returns on every path.
+    lines[-1] = f"    return {list(calls.values())[-1]}"
+    # The text is built from numbers only.
     exec("\n".join(lines), scope)
     # Not inlined: it has many call sites, and the constants of the common laws are computed beforehand.
     return plain(scope[name])
-
-
-def storage_table() -> Any:
-    """``mean_effort(code, a, b, theta, i0…i4)``."""
-    scalar: list[Entry] = [(x.mean_effort, len(x.example), False) for x in STORAGE_LAWS.values()]
-    wide: list[Entry] = [(compiled(x), 0, True) for x in WIDE_STORAGES.values()]
-    return look_up("mean_effort", scalar + wide, 2)
-
-
-def threshold_table() -> Any:
-    """``thresholds(code, q, theta, i0…i4)``."""
-    return look_up("thresholds", [(x.thresholds, len(x.example), False) for x in RESISTOR_LAWS.values()], 1)
-
-
-def path_table() -> Any:
-    """``path(code, x, i, h, s, theta, i0…i4)``."""
-    return look_up("path", [(x.path, len(x.example), False) for x in RESISTOR_LAWS.values()], 4)
-
-
-def flow_table() -> Any:
-    """``flow(code, effort, q, theta, i0…i4)``; neural laws read no state."""
-    scalar: list[Entry] = [(x.flow, len(x.example), False) for x in RESISTOR_LAWS.values()]
-    return look_up("flow", scalar + [(_unmodulated(compiled(x)), 0, True) for x in WIDE_RESISTORS.values()], 2)
-
-
-def factor_table() -> Any:
-    """``factor(code, q, theta, i0…i4)``."""
-    return look_up("factor", [(x.factor, len(x.example), False) for x in FACTOR_LAWS.values()], 1)
-
-
-def rate_table() -> Any:
-    """``rate(code, z, s, theta, i0…i4)``."""
-    return look_up("rate", [(x.rate, len(x.example), False) for x in MEMORY_LAWS.values()], 2)
-
-
-def decay_table() -> Any:
-    """``decay(code, theta, i0…i4)``."""
-    return look_up("decay", [(x.decay, len(x.example), False) for x in MEMORY_LAWS.values()], 0)
 
 
 def _unmodulated(flow: Any) -> Any:
@@ -163,13 +120,15 @@ def _unmodulated(flow: Any) -> Any:
     return plain(with_read)
 
 
-_mean_effort = storage_table()
-_thresholds = threshold_table()
-_path = path_table()
-_flow = flow_table()
-_factor = factor_table()
-_rate = rate_table()
-_decay = decay_table()
+# Of the law in row r: ē(a, b) of a storage; φ(ε, q) of a resistor, (ρ, lo, hi)(q) of a piecewise linear one, and
+# (x⁺, ē)(x, i, h, s) of one that depends on the path alone; f(q) of a modulation; f(z, s) and d of a modulator state.
+storage_effort = _of_law("mean_effort", 2, STORAGE_LAWS, map(compiled, WIDE_STORAGES.values()))
+resistor_flow = _of_law("flow", 2, RESISTOR_LAWS, (_unmodulated(compiled(law)) for law in WIDE_RESISTORS.values()))
+resistor_thresholds = _of_law("thresholds", 1, RESISTOR_LAWS)
+resistor_path = _of_law("path", 4, RESISTOR_LAWS)
+factor = _of_law("factor", 1, FACTOR_LAWS)
+memory_rate = _of_law("rate", 2, MEMORY_LAWS)
+memory_decay = _of_law("decay", 0, MEMORY_LAWS)
 
 
 @inline
@@ -181,10 +140,7 @@ def count(t: Any, kind: Any) -> Any:
 @inline
 def mean_effort(t: Any, k: Any, a: Any, b: Any, theta: Any) -> Any:
     """``ē`` of storage ``k`` between two states."""
-    r = t[0, STORAGES] + k
-    return _mean_effort(
-        t[r, LAW], a, b, theta, t[r, PLACE_1], t[r, PLACE_2], t[r, PLACE_3], t[r, PLACE_4], t[r, PLACE_5]
-    )
+    return storage_effort(t, t[0, STORAGES] + k, a, b, theta)
 
 
 @inline
@@ -192,44 +148,6 @@ def stiffness(t: Any, k: Any, theta: Any) -> Any:
     """``s`` of a linear storage, ``E = s x``, or of another one at rest."""
     small = NEAR_REST + 0.0 * theta[0]
     return mean_effort(t, k, small, small, theta) / NEAR_REST
-
-
-@inline
-def resistor_flow(t: Any, r: Any, effort: Any, q: Any, theta: Any) -> Any:
-    """``φ(ε, q)`` of the resistor in row ``r``."""
-    return _flow(t[r, LAW], effort, q, theta, t[r, PLACE_1], t[r, PLACE_2], t[r, PLACE_3], t[r, PLACE_4], t[r, PLACE_5])
-
-
-@inline
-def resistor_thresholds(t: Any, r: Any, q: Any, theta: Any) -> Any:
-    """``(ρ, lo, hi)(q)`` of the piecewise linear resistor in row ``r``."""
-    return _thresholds(t[r, LAW], q, theta, t[r, PLACE_1], t[r, PLACE_2], t[r, PLACE_3], t[r, PLACE_4], t[r, PLACE_5])
-
-
-@inline
-def resistor_path(t: Any, r: Any, x: Any, current: Any, h: Any, s: Any, theta: Any) -> Any:
-    """``(x⁺, ē)`` of the storage ``E = s x`` of the resistor in row ``r``, which depends on the path alone."""
-    return _path(
-        t[r, LAW], x, current, h, s, theta, t[r, PLACE_1], t[r, PLACE_2], t[r, PLACE_3], t[r, PLACE_4], t[r, PLACE_5]
-    )
-
-
-@inline
-def factor(t: Any, r: Any, q: Any, theta: Any) -> Any:
-    """``f(q)`` of the modulation in row ``r``."""
-    return _factor(t[r, LAW], q, theta, t[r, PLACE_1], t[r, PLACE_2], t[r, PLACE_3], t[r, PLACE_4], t[r, PLACE_5])
-
-
-@inline
-def memory_rate(t: Any, r: Any, z: Any, source: Any, theta: Any) -> Any:
-    """``f(z, s)`` of the modulator state in row ``r``."""
-    return _rate(t[r, LAW], z, source, theta, t[r, PLACE_1], t[r, PLACE_2], t[r, PLACE_3], t[r, PLACE_4], t[r, PLACE_5])
-
-
-@inline
-def memory_decay(t: Any, r: Any, theta: Any) -> Any:
-    """``d`` of the modulator state in row ``r``."""
-    return _decay(t[r, LAW], theta, t[r, PLACE_1], t[r, PLACE_2], t[r, PLACE_3], t[r, PLACE_4], t[r, PLACE_5])
 
 
 @inline
@@ -445,31 +363,28 @@ def modulate(t: Any, step: Step) -> None:
         scale_gains(t, t[r, RATIO_PLACE], factor(t, r, read(t, t[r, READ], step), theta), g)
 
 
-@inline
-def _lost(context: Any, effort: Any) -> Any:
-    """``Σ_r b_r φ_r(b_r ε)`` of a reducible storage at an effort."""
-    t, leaf, step = context
-    theta, g = step.theta, step.g
-    row = t[0, LEAVES] + leaf
-    total = 0.0 * effort
-    for r in range(t[row, FIRST_RESISTOR], t[row, LAST_RESISTOR]):
-        q = read(t, t[r, READ], step)
-        total += g[r] * resistor_flow(t, r, g[r] * effort, q, theta)
-    return total
+def _make_lost(part: Any) -> Any:
+    """``Σ_r b_r φ_r(b_r ε)`` of a reducible storage at an effort; ``part`` takes a ratio or a variable that a law reads
+    with its perturbations or without them, ``theta`` being unperturbed."""
+
+    def lost(context: Any, effort: Any) -> Any:
+        t, leaf, step = context
+        row = t[0, LEAVES] + leaf
+        total = 0.0 * effort
+        for r in range(t[row, FIRST_RESISTOR], t[row, LAST_RESISTOR]):
+            q, ratio = read(t, t[r, READ], step), part(step.g[r])
+            total += ratio * resistor_flow(t, r, ratio * effort, part(q) + 0.0 * q, step.theta)
+        return total
+
+    return inline(lost)
 
 
 @inline
-def _plainly_lost(context: Any, effort: Any) -> Any:
-    """`_lost` without the perturbations of ratios and of variables that laws read; ``theta`` is unperturbed."""
-    t, leaf, step = context
-    theta, g = step.theta, step.g
-    row = t[0, LEAVES] + leaf
-    total = 0.0 * effort
-    for r in range(t[row, FIRST_RESISTOR], t[row, LAST_RESISTOR]):
-        q = read(t, t[r, READ], step)
-        ratio = real(g[r])
-        total += ratio * resistor_flow(t, r, ratio * effort, real(q) + 0.0 * q, theta)
-    return total
+def _whole(value: Any) -> Any:
+    return value
+
+
+_lost, _plainly_lost = _make_lost(_whole), _make_lost(real)
 
 
 def _at_state(lost: Any) -> Any:
@@ -494,8 +409,8 @@ def _between_states(lost: Any) -> Any:
     return plain(between_states)
 
 
-_radau_search, _radau_moved = make_radau(_at_state(_lost), _at_state(_plainly_lost), plain)
-_gradient_search, _gradient_moved = make_gradient(_between_states(_lost), _between_states(_plainly_lost), plain)
+_radau_search, _radau_moved = make_radau(_at_state(_lost), _at_state(_plainly_lost))
+_gradient_search, _gradient_moved = make_gradient(_between_states(_lost), _between_states(_plainly_lost))
 
 
 @inline

@@ -19,7 +19,7 @@ change); their sensitivity is zero.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -323,30 +323,59 @@ _PROGRESS, _DAMPED = 0.5, (1.0, 0.25)
 
 
 def steady_cycle(program: Program, theta: Array, x: Array, u: Array, h: Array) -> Array:
-    """(N,) the state in which a period begins and ends.
+    """(N,) the state in which a period begins and ends; arguments and errors as of `closed_cycle`.
 
     Args:
-        x: (N,) initial guess; u: (n, P) mean inputs and h: (n,) steps [s] of one period.
+        u: (n, P) mean inputs and h: (n,) steps [s] of one period.
+    """
+    states, efforts = np.empty((h.size + 1, x.size)), np.empty((h.size, x.size))
+
+    def period(start: Array) -> Array:
+        done = kernel.march(program, theta, start, u, h, states, efforts)
+        if done < h.size:
+            raise SolverFailed(f"no solution of the step at t = {h[:done].sum():.6g} s of a period")
+        return states
+
+    def monodromy(states: Array) -> Array:
+        end, first = np.empty((x.size, x.size)), np.zeros(1, dtype=np.int64)
+        march, by = Integrated(program, theta, states, efforts, u, h), by_parameters(first[:0], h.size)
+        sensitivities(march, by, np.zeros((x.size, 0)), np.arange(x.size), first, end)
+        return without_impulse(program, end, 0)
+
+    # The impulse of a mean force grows without bound, but nothing depends on it.
+    return closed_cycle(period, monodromy, x, program.states, program.output if program.travel >= 0 else None)
+
+
+def closed_cycle(
+    period: Callable[[Array], Array],
+    monodromy: Callable[[Array], Array],
+    x: Array,
+    names: Sequence[str],
+    free: int | None = None,
+) -> Array:
+    """(N,) the state in which a period begins and ends, by Newton's method.
+
+    Args:
+        period: (n+1, N) states of a period from its initial state.
+        monodromy: (N, N) ``M`` from the states of the latest period.
+        x: (N,) initial guess; names: of the states.
+        free: number of a state that need not return.
 
     Raises:
         SolverFailed: no root of a step was found, or there is no steady cycle; names the states that drift.
     """
-    states, efforts = np.empty((h.size + 1, x.size)), np.empty((h.size, x.size))
 
-    def period(start: Array) -> tuple[Array, Array]:
-        """The change of the state over a period, and the range of each state within it."""
-        done = kernel.march(program, theta, start, u, h, states, efforts)
-        if done < h.size:
-            raise SolverFailed(f"no solution of the step at t = {h[:done].sum():.6g} s of a period")
+    def integrated(start: Array) -> tuple[Array, Array, Array]:
+        """The states of a period, and the change and the range of each."""
+        states = period(start)
         change = states[-1] - start
-        if program.travel >= 0:
-            # The impulse of a mean force grows without bound, but nothing depends on it.
-            change[program.output] = 0.0
-        return change, reach_of(states)
+        if free is not None:
+            change[free] = 0.0
+        return states, change, reach_of(states)
 
     for _ in range(_RUN_IN):
-        x = x + period(x)[0]
-    change, reach = period(x)
+        x = x + integrated(x)[1]
+    states, change, reach = integrated(x)
     before, best, waited = np.inf, (np.inf, x), 0
     for _ in range(_ITERATIONS):
         size = float(np.abs(change / reach).max())
@@ -356,10 +385,10 @@ def steady_cycle(program: Program, theta: Array, x: Array, u: Array, h: Array) -
         best = min(best, (size, x), key=lambda b: b[0])
         if waited >= _PATIENCE and best[0] <= _TOLERABLE:
             return best[1]
-        step = steady_change(_swept(program, theta, states, efforts, u, h), change[:, None], reach)[:, 0]
-        integrated, before = x + change, size
-        for target in (*(x + share * step for share in _DAMPED), integrated):
-            change, reach = period(target)
+        step = steady_change(monodromy(states), change[:, None], reach)[:, 0]
+        following, before = x + change, size
+        for target in (*(x + share * step for share in _DAMPED), following):
+            states, change, reach = integrated(target)
             # The Newton step may leave the region where the linearised period map is accurate.
             if np.abs(change / reach).max() <= _PROGRESS * size:
                 break
@@ -369,7 +398,7 @@ def steady_cycle(program: Program, theta: Array, x: Array, u: Array, h: Array) -
     if best[0] <= _TOLERABLE:
         return best[1]
     raise SolverFailed(
-        f"no steady cycle: {program.states[int(left.argmax())]} still changes by {left.max():.2g} of its range in a "
+        f"no steady cycle: {names[int(left.argmax())]} still changes by {left.max():.2g} of its range in a "
         f"period; set `start: unknown`, or correct the cause of the drift"
     )
 
@@ -399,14 +428,6 @@ def steady_change(monodromy: Array, change: Array, reach: Array) -> Array:
     """(N, C) ``(I − M)⁻¹ δ`` of changes (N, C) within a period; zero along neutral directions."""
     matrix = np.eye(reach.size) - monodromy * reach / reach[:, None]
     return np.asarray(reach[:, None] * np.linalg.lstsq(matrix, change / reach[:, None], rcond=_NEUTRAL)[0])
-
-
-def _swept(program: Program, theta: Array, states: Array, efforts: Array, u: Array, h: Array) -> Array:
-    """(N, N) ``∂P/∂x``."""
-    n, march = states.shape[1], Integrated(program, theta, states, efforts, u, h)
-    end, by = np.empty((n, n)), by_parameters(np.zeros(0, dtype=np.int64), h.size)
-    sensitivities(march, by, np.zeros((n, 0)), np.arange(n), np.zeros(1, dtype=np.int64), end)
-    return without_impulse(program, end, 0)
 
 
 def without_impulse(program: Program, end: Array, first: int) -> Array:

@@ -16,7 +16,8 @@ from torch import Tensor
 
 from phnn.errors import StructureViolated
 from phnn.integrate.cache import compiled
-from phnn.integrate.step import factor_table, flow_table, rate_table, storage_table, threshold_table
+from phnn.integrate.step import factor as _factor
+from phnn.integrate.step import memory_rate, resistor_flow, resistor_thresholds, storage_effort
 from phnn.laws import (
     FACTOR_LAWS,
     MEMORY_LAWS,
@@ -105,35 +106,30 @@ class TestEveryFunction:
             np.testing.assert_allclose(slope, expected, rtol=1e-12, atol=1e-14)
 
 
-# The kernel's look-ups, callable from Python. Their tables are global: numba keeps no machine code of closures.
-_storages, _thresholds, _flows, _factors, _rates = (
-    storage_table(), threshold_table(), flow_table(), factor_table(), rate_table()
-)  # fmt: skip
+# The kernel's look-ups, callable from Python; the first argument is a table of one row.
+@compiled
+def mean_effort(t, a, b, p):  # type: ignore[no-untyped-def]
+    return storage_effort(t, 0, a, b, p)
 
 
 @compiled
-def mean_effort(code, a, b, p):  # type: ignore[no-untyped-def]
-    return _storages(code, a, b, p, 0, 1, 2, 3, 4)
+def thresholds(t, a, p):  # type: ignore[no-untyped-def]
+    return resistor_thresholds(t, 0, a, p)
 
 
 @compiled
-def thresholds(code, a, p):  # type: ignore[no-untyped-def]
-    return _thresholds(code, a, p, 0, 1, 2, 3, 4)
+def flow(t, a, b, p):  # type: ignore[no-untyped-def]
+    return resistor_flow(t, 0, a, b, p)
 
 
 @compiled
-def flow(code, a, b, p):  # type: ignore[no-untyped-def]
-    return _flows(code, a, b, p, 0, 1, 2, 3, 4)
+def factor(t, a, p):  # type: ignore[no-untyped-def]
+    return _factor(t, 0, a, p)
 
 
 @compiled
-def factor(code, a, p):  # type: ignore[no-untyped-def]
-    return _factors(code, a, p, 0, 1, 2, 3, 4)
-
-
-@compiled
-def rate(code, a, b, p):  # type: ignore[no-untyped-def]
-    return _rates(code, a, b, p, 0, 1, 2, 3, 4)
+def rate(t, a, b, p):  # type: ignore[no-untyped-def]
+    return memory_rate(t, 0, a, b, p)
 
 
 TABLES = [
@@ -148,18 +144,18 @@ TABLES = [
 @pytest.mark.parametrize(("call", "laws", "leading"), TABLES, ids=[call.__name__ for call, _, _ in TABLES])
 def test_compiled_values_and_slopes_are_those_of_the_law(call: Any, laws: dict[str, Any], leading: int) -> None:
     for code, law in enumerate(laws.values()):
-        function = getattr(law, call.__name__)
+        function, table = getattr(law, call.__name__), np.array([[code, 0, 1, 2, 3, 4]])
         if function is None:
             continue
         parameters = np.zeros(5)
         parameters[: len(law.example)] = law.example
         for row in zip(*arguments(leading), strict=True):
             wanted = np.array(function(*row, *law.example))
-            np.testing.assert_allclose(call(code, *row, parameters), wanted, rtol=1e-14, err_msg=law.name)
+            np.testing.assert_allclose(call(table, *row, parameters), wanted, rtol=1e-14, err_msg=law.name)
             for k in range(leading + len(law.example)):
                 moved = np.array([*row, *parameters], dtype=complex)
                 moved[k] += TINY * 1j
-                got = np.array(call(code, *moved[:leading], moved[leading:]))
+                got = np.array(call(table, *moved[:leading], moved[leading:]))
                 expected = np.array(function(*moved[: leading + len(law.example)])) + 0j
                 np.testing.assert_allclose(got.real, wanted, rtol=1e-14, err_msg=law.name)
                 np.testing.assert_allclose(
