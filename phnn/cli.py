@@ -259,7 +259,7 @@ def _run(arguments: argparse.Namespace, settings: Sequence[str]) -> None:
 
 def _say(text: str) -> None:
     # Not before there is something to say: the help must come at once.
-    from phnn.intake.limits import LIMITS
+    from phnn.intake import LIMITS
     from phnn.results import message
 
     print(f"phnn: {message(text, LIMITS.message_characters)}", file=sys.stderr)

@@ -63,7 +63,7 @@ def console(pipe: int = _PIPE) -> Console:
 
 def _doubt(campaign: Campaign) -> None:
     """Warn of wrong units and of outputs that are noise, before time is spent on them."""
-    from phnn.check.quality import doubts
+    from phnn.check import doubts
 
     for sentence in doubts(campaign):
         print(f"warning: {printable(sentence)}", file=sys.stderr, flush=True)
@@ -468,11 +468,10 @@ def _reference(path: Path, outside: bool) -> tuple[np.ndarray, np.ndarray, str, 
     Raises:
         InputRefused: with one message naming file, column, row, cause and remedy.
     """
-    from phnn.intake.files import named_file
+    from phnn.intake import named_file
     from phnn.recordings import checks
-    from phnn.recordings.channels import select
-    from phnn.recordings.folder import reader_of
-    from phnn.recordings.sampling import evenly, stamped
+    from phnn.recordings.channels import evenly, select, stamped
+    from phnn.recordings.reader import reader_of
     from phnn.recordings.units import known_unit
 
     table = reader_of(path)(named_file(path, (path.parent,), outside=outside))

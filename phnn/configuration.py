@@ -22,14 +22,14 @@ from pathlib import Path
 from typing import Any
 
 from phnn.errors import InputRefused, meant
-from phnn.intake.limits import LIMITS
+from phnn.intake import LIMITS
 from phnn.results import message
 
 _LEAST = "least"
 
 
 def whole(default: int, least: int = 0) -> Any:
-    """A setting that is a whole number, ``least`` or more; at most what `phnn.intake.limits` accepts."""
+    """A setting that is a whole number, ``least`` or more; at most what `phnn.intake` accepts."""
     return field(default=default, metadata={_LEAST: least})
 
 

@@ -15,7 +15,7 @@ from phnn.integrate.sweep import Integrated, Perturbed, cycle_derivative, withou
 from phnn.laws import FACTOR_LAWS, PORT_LAWS
 from phnn.laws.namespace import TINY
 from phnn.models.actuator import hrc
-from phnn.recordings.driving import input_before, made_periodic
+from phnn.recordings.excitation import input_before, made_periodic
 from phnn.signals.reconstruct import mean_input
 from phnn.trajectory import (
     Trajectory,

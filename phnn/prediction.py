@@ -22,7 +22,7 @@ from phnn.derivatives import output_derivatives
 from phnn.identification.evaluate import evaluate, likely_start, score_part, with_instants
 from phnn.identification.plan import Plan
 from phnn.network.elements import Network
-from phnn.recordings.driving import unknown_instants
+from phnn.recordings.excitation import unknown_instants
 from phnn.recordings.recording import Recording
 from phnn.setup import Setup
 from phnn.trajectory import measured_network, simulate

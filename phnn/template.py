@@ -17,11 +17,10 @@ from typing import NamedTuple
 import numpy as np
 
 from phnn.errors import InputRefused, OutputRefused
-from phnn.intake.limits import LIMITS
-from phnn.intake.yaml_file import plain_values
+from phnn.intake import LIMITS, plain_values
 from phnn.recordings import checks, read
-from phnn.recordings.folder import READERS, Files
 from phnn.recordings.manifest import DEFAULT_SETUP, Entry, Manifest
+from phnn.recordings.reader import READERS, Files
 from phnn.recordings.table import Table
 from phnn.recordings.units import QUANTITIES, find_unit, parse_name, split_unit
 from phnn.results import message, printable, refusal

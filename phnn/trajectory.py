@@ -28,7 +28,7 @@ from phnn.laws.wide import has_kernel
 from phnn.network.bondgraph.description import integral_unit
 from phnn.network.elements import Network
 from phnn.parameters import as_table, constant
-from phnn.recordings.driving import Driving, driving_of, input_before, made_periodic
+from phnn.recordings.excitation import Driving, driving_of, input_before, made_periodic
 from phnn.recordings.recording import Recording
 from phnn.recordings.units import times_of_seconds
 from phnn.setup import Block, Setup, Source
@@ -234,7 +234,7 @@ class Trajectory:
         driving: the recorded input on the steps.
         h: (n,) steps [s].
         nodes: (N + lead,) step index of every sample.
-        lead: samples before the first recorded one, see `phnn.recordings.driving.Driving`.
+        lead: samples before the first recorded one, see `phnn.recordings.excitation.Driving`.
         run_in: steps of them that belong to a steady cycle.
         cycle: steps of that cycle, in whose steady state the simulation starts; 0 where it starts otherwise.
         rest: (P,) inputs whose equilibrium the simulation starts from; None where it starts otherwise.

@@ -13,7 +13,7 @@ from phnn.laws import PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.models.network_file import load_network
 from phnn.network import Coupling, Network, Port, Ratio, Resistor, Storage
 from phnn.parameters import Parameter, as_table
-from phnn.recordings.driving import driving_of
+from phnn.recordings.excitation import driving_of
 from phnn.recordings.recording import Recording, Start
 from phnn.setup import Setup
 from phnn.trajectory import Trajectory

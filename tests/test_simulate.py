@@ -19,8 +19,7 @@ from phnn.models.actuator import bouc_wen, from_paper, hrc
 from phnn.models.network_file import load_network
 from phnn.network.elements import Port
 from phnn.parameters import Parameter, positive
-from phnn.recordings.recording import Recording, Start
-from phnn.recordings.sensor import Sensor
+from phnn.recordings.recording import Recording, Sensor, Start
 from phnn.setup import AMPLIFIERS, SENSORS, SOURCES, Block, Setup, Source
 from phnn.trajectory import sensing, simulate
 

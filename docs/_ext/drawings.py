@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch
 from sphinx.application import Sphinx
 
-from phnn.check.checked import _QUESTIONS
+from phnn.check import _QUESTIONS
 from phnn.report.figures.style import AFTER, INK, RC
 from phnn.signals.noise import LONG_REST
 

@@ -27,7 +27,7 @@ from phnn.effects import Kind, Scales, kinds
 from phnn.integrate.cache import entry
 from phnn.network.elements import Network
 from phnn.network.roles import capacitances, charges, dampings, hysterons, ratios, thresholds
-from phnn.recordings.driving import input_before
+from phnn.recordings.excitation import input_before
 from phnn.trajectory import Trajectory
 
 Array = NDArray[np.float64]

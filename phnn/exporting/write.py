@@ -39,7 +39,7 @@ from phnn.exporting.program import (
     indented,
     one_line,
 )
-from phnn.intake.limits import LIMITS
+from phnn.intake import LIMITS
 from phnn.model import Model
 from phnn.network.elements import Network
 from phnn.predictor import load

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from phnn.identification.fit import Fit, fit_problem
 from phnn.identification.plan import Plan
 from phnn.identification.problem import Problem, Variables, beyond_limit, constant_and_own, own_parts, variables_of
-from phnn.recordings.driving import unknown_instants
+from phnn.recordings.excitation import unknown_instants
 from phnn.recordings.recording import Part, Recording
 from phnn.setup import NOTHING, Setup
 from phnn.trajectory import simulate

@@ -16,7 +16,7 @@ from scipy.stats import t as student
 from phnn.identification.covariance import Scatter, bread, held_anchors, residual_by_anchors, scatter
 from phnn.identification.plan import Plan
 from phnn.identification.problem import Problem, Variables, variables_of, without_nuisances
-from phnn.recordings.driving import unknown_instants
+from phnn.recordings.excitation import unknown_instants
 from phnn.rescue import used_up
 from phnn.setup import Setup
 

@@ -17,8 +17,7 @@ from phnn.models.actuator import hrc
 from phnn.models.store import save
 from phnn.network.elements import Network
 from phnn.recordings import Campaign, campaign_of
-from phnn.recordings.manifest import MODELS
-from phnn.recordings.values import choice
+from phnn.recordings.manifest import MODELS, choice
 from phnn.results import Place
 from phnn.setup import Setup
 

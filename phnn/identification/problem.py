@@ -25,7 +25,7 @@ from phnn.errors import SolverFailed
 from phnn.identification.plan import Plan
 from phnn.integrate.kernel import work_of
 from phnn.integrate.program import compile_network
-from phnn.recordings.driving import unknown_instants
+from phnn.recordings.excitation import unknown_instants
 from phnn.recordings.recording import Recording, dominant_frequency
 from phnn.setup import NOTHING, Own, Setup
 from phnn.trajectory import Trajectory, is_displacement, simulate

@@ -25,7 +25,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from phnn.chain.amplifiers import slew_limit
 from phnn.errors import InputRefused
-from phnn.intake.limits import LIMITS
+from phnn.intake import LIMITS
 from phnn.inverse.blocks import (
     FEWEST,
     FlatNetwork,

@@ -25,7 +25,7 @@ from phnn.integrate.rest import equilibrium
 from phnn.integrate.scheme import can_compile
 from phnn.learn.solvers import NetworkPlant, Plant, Solver, Window, near, starts_at_zero, windows_of
 from phnn.nn.learned_system import LearnedSystem
-from phnn.recordings.driving import input_before
+from phnn.recordings.excitation import input_before
 from phnn.recordings.recording import Part, Recording
 
 _HEAD_SHARE, _HEAD_LEAST = 0.02, 50

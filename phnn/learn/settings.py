@@ -12,8 +12,7 @@ from typing import Any
 
 from phnn.configuration import check, number, positive, whole
 from phnn.errors import InputRefused
-from phnn.intake.files import named_file
-from phnn.intake.yaml_file import load_yaml
+from phnn.intake import load_yaml, named_file
 from phnn.results import same
 
 # The key of what is made by a class or function of the user's own, as hydra has it.

@@ -30,7 +30,7 @@ from phnn.integrate.method import METHOD, solve
 from phnn.integrate.scheme import can_compile
 from phnn.network.elements import Network
 from phnn.network.system import PortHamiltonianSystem
-from phnn.recordings.driving import input_before
+from phnn.recordings.excitation import input_before
 from phnn.recordings.recording import Part, Recording
 from phnn.signals.reconstruct import substep_counts, substep_input
 

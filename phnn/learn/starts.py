@@ -19,7 +19,7 @@ from phnn.identification.plan import Plan
 from phnn.identification.prepare import identification_plan
 from phnn.identification.staged import held_by_statement
 from phnn.identification.starting_points import MECHANICAL, drive_amplitude, mechanical_points, middle_frequency
-from phnn.intake.limits import LIMITS
+from phnn.intake import LIMITS
 from phnn.integrate.differentiable import simulated
 from phnn.integrate.scheme import can_compile
 from phnn.learn.settings import TARGET, accepted, instantiate
@@ -31,8 +31,8 @@ from phnn.network.elements import Modulation, MultiPort, Network
 from phnn.network.system import PortHamiltonianSystem
 from phnn.nn.learned_system import LearnedSystem, NeuralODE, Scales
 from phnn.nn.multi_ports import LearnedDissipation, LearnedRatio
+from phnn.recordings.manifest import shown
 from phnn.recordings.recording import Campaign, Recording, dominant_frequency
-from phnn.recordings.values import shown
 
 NETWORKS = ("hrc", "neural_hrc", "hybrid")
 # Share of the typical flows that a learned multi-port carries at the start.

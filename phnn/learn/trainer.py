@@ -22,8 +22,7 @@ import torch
 from torch import Tensor
 
 from phnn.errors import InputRefused, SolverFailed
-from phnn.intake.files import named_file
-from phnn.intake.limits import LIMITS
+from phnn.intake import LIMITS, named_file
 from phnn.laws.diverged import is_finite
 from phnn.learn.methods import METHODS, Method, method_of
 from phnn.learn.objective import Objective

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.check.checked import contaminated
+from phnn.check import contaminated
 from phnn.errors import InputRefused
 from phnn.recordings.excitation import excitation_of
 from phnn.recordings.recording import Campaign, Recording, Units

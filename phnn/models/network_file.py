@@ -25,17 +25,14 @@ from pathlib import Path
 from typing import Any
 
 from phnn.errors import InputRefused, StructureViolated
-from phnn.intake.files import named_file
-from phnn.intake.limits import LIMITS
-from phnn.intake.yaml_file import load_yaml
+from phnn.intake import LIMITS, load_yaml, named_file
 from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.models.actuator import hrc
 from phnn.network.bondgraph import GY, TF, Bond, BondGraph, C, I, R, Se, Sf
 from phnn.network.bondgraph.description import DIRECTIONS, Element, Link
 from phnn.network.elements import Modulation, ModulatorState, Network, Ratio
 from phnn.parameters import Parameter, positive
-from phnn.recordings.manifest import READY
-from phnn.recordings.values import choice, flag, keys_of, label, mapping, number, shown
+from phnn.recordings.manifest import READY, choice, flag, keys_of, label, mapping, number, shown
 from phnn.results import printable
 
 _TOP = ("about", "junctions", "elements", "bonds", "modulations", "memories", "parameters", "output", "merge")

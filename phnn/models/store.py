@@ -18,9 +18,7 @@ from torch import nn
 
 from phnn.chain.sensors import DOMAINS
 from phnn.errors import InputRefused, PhnnError
-from phnn.intake.files import named_file
-from phnn.intake.json_file import load_json
-from phnn.intake.limits import LIMITS
+from phnn.intake import LIMITS, load_json, named_file
 from phnn.integrate.program import compile_network
 from phnn.laws.diverged import LARGEST_WEIGHT, check_weights
 from phnn.laws.wide import form_of, has_kernel, is_passive_by_form

@@ -4,8 +4,7 @@ Whatever cannot be read or understood is refused with `phnn.errors.InputRefused`
 row, value, cause and remedy.
 """
 
-from phnn.recordings.describe import describe
-from phnn.recordings.reader import campaign_of, read
+from phnn.recordings.reader import campaign_of, describe, read
 from phnn.recordings.recording import Anchor, Campaign, Part, Recording, Start
 
 __all__ = ["Anchor", "Campaign", "Part", "Recording", "Start", "campaign_of", "describe", "read"]

@@ -1,30 +1,41 @@
-"""Reading arrays: .mat (v5 and v7.3), .h5, .npy and .npz files.
+"""Reading arrays: .mat (v5 and v7.3), .h5, .npy and .npz files, and json.
 
 What a file holds is listed first, by name, shape and type; numbers are read when somebody asks for them, after their
-size has been held against the memory.
+size has been held against the memory. Json is an object of arrays of numbers, in groups or not, or a list of records
+with the same keys.
 """
 
 from __future__ import annotations
 
+import json
 import math
 import mmap
 import struct
 import warnings
 import zipfile
 import zlib
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
-from functools import cache
 from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 
 from phnn.errors import InputRefused
-from phnn.intake.files import Source
-from phnn.intake.limits import LIMITS
-from phnn.recordings.hdf5_files import datasets, is_hdf5, matlab_content
-from phnn.recordings.table import NUMBERS, Column, Stored, Table, Where
+from phnn.intake import LIMITS, Source
+from phnn.recordings.library_files import datasets, is_hdf5, matlab_content
+from phnn.recordings.table import (
+    NUMBERS,
+    Stored,
+    Table,
+    Where,
+    is_vector,
+    members_of,
+    signal_of,
+    stored_arrays,
+    table_of,
+)
+from phnn.recordings.text_files import read_content
 from phnn.results import printable
 
 # The layout is that of MathWorks' "MAT-File Format": a header of 128 bytes, then tagged elements, matrices nested.
@@ -164,8 +175,6 @@ def _nested(raw: Raw, position: int, end: int, order: str, kind: int, count: int
 
 # The object of MATLAB's System Identification Toolbox, and its time, input and output.
 _IDDATA, _FIELDS = "iddata", ("SamplingInstants", "InputData", "OutputData")
-# Arrays that a message lists.
-_SHOWN = 5
 
 
 def read_mat(source: Source) -> Table:
@@ -212,14 +221,14 @@ def _experiments(name: str, value: Any) -> list[tuple[str, list[np.ndarray]]]:
 
     A column is its name, and its (n,) values in each experiment.
     """
-    members = _members(value)
+    members = members_of(value)
     if len(members) < 2:
         return []
     one = members[0]
     if all(isinstance(m, Mapping) for m in members):
-        if any(m.keys() != one.keys() or _signal(m) for m in members):
+        if any(m.keys() != one.keys() or signal_of(m) for m in members):
             return []
-        keys = [k for k in one if all(_is_vector(m[k]) for m in members)]
+        keys = [k for k in one if all(is_vector(m[k]) for m in members)]
         parts = [(printable(k), [np.ravel(_loaded(m[k])) for m in members]) for k in keys]
     else:
         arrays = [_loaded(m) for m in members if isinstance(m, Stored | np.ndarray)]
@@ -229,38 +238,6 @@ def _experiments(name: str, value: Any) -> list[tuple[str, list[np.ndarray]]]:
         parts = [(f"{name}[{i}]", [a[:, i] for a in arrays]) for i in range(width)]
     sizes = {tuple(v.size for v in values) for _, values in parts}
     return parts if len(parts) > 1 and len(sizes) == 1 and min(*sizes.pop(), LIMITS.columns) > 1 else []
-
-
-def _members(value: Any) -> list[Any]:
-    """Return the members of a cell array or an array of structures; empty for anything else."""
-    if isinstance(value, np.ndarray) and value.dtype == object:
-        return list(value.ravel())
-    return list(value) if isinstance(value, list) else []
-
-
-def _is_vector(value: Any) -> bool:
-    if not isinstance(value, Stored | np.ndarray) or value.dtype.kind not in NUMBERS:
-        return False
-    return max(value.shape, default=1) == math.prod(value.shape) > 1
-
-
-# Fields of a structure that is a signal: its name, its numbers and its unit.
-_NAMES, _DATA = ("Name", "name", "label", "title"), ("Data", "data", "values", "Values")
-_UNITS = ("Unit", "unit", "Units", "units")
-
-
-def _signal(value: Any) -> Stored | None:
-    """Return the numbers of a structure that is a signal, with its name and unit; None for any other."""
-    if not isinstance(value, Mapping):
-        return None
-    held = next((value[k] for k in _DATA if k in value), None)
-    if not isinstance(held, Stored | np.ndarray) or held.dtype.kind not in NUMBERS or max(held.shape, default=1) < 2:
-        return None
-    if not any(k in value for k in _NAMES):
-        return None
-    texts = {k: v.strip() for k, v in value.items() if isinstance(v, str) and v.strip()}
-    name, unit = (next((texts[k] for k in keys if k in texts), "") for keys in (_NAMES, _UNITS))
-    return Stored(name.strip("<>"), held.shape, held.dtype, held.load if isinstance(held, Stored) else held.view, unit)
 
 
 def read_hdf5(source: Source) -> Table:
@@ -313,65 +290,6 @@ def _header(stream: BinaryIO | Any) -> tuple[tuple[int, ...], np.dtype]:
     read = np.lib.format.read_array_header_1_0 if version[0] == 1 else np.lib.format.read_array_header_2_0
     shape, _, dtype = read(stream)
     return shape, dtype
-
-
-def stored_arrays(content: Mapping[str, Any], prefix: str = "") -> Iterator[Stored]:
-    """Yield the values of a mapping as arrays, those of one in it as ``group.name``, signals by their names too."""
-    for name, value in content.items():
-        full = prefix + name
-        members = _members(value)
-        if any(isinstance(m, Mapping | Stored) for m in members):
-            yield from stored_arrays({f"[{i}]": m for i, m in enumerate(members)}, full)
-        elif isinstance(value, Mapping):
-            signal = _signal(value)
-            if signal is not None:
-                time = not signal.name and signal.unit in ("s", "ms", "us")
-                yield replace(signal, name=signal.name or ("time" if time else full))
-            elif "signals" in value and _is_vector(value.get("time")):
-                # A scope of Simulink, "structure with time".
-                yield from stored_arrays({"time": {"name": "time", "data": value["time"], "unit": "s"}})
-            yield from stored_arrays(value, full + ".")
-        elif isinstance(value, Stored):
-            yield replace(value, name=full)
-        elif hasattr(value, "magnitude") and hasattr(value, "units"):
-            # A quantity of pint.
-            array = np.asarray(value.magnitude)
-            yield Stored(full, array.shape, array.dtype, array.view, f"{value.units:~C}")
-        else:
-            masked = isinstance(value, np.ma.MaskedArray)
-            array = np.ma.filled(value.astype(float), np.nan) if masked else np.asarray(value)
-            yield Stored(full, array.shape, array.dtype, array.view)
-
-
-def table_of(where: Where, found: Iterable[Stored]) -> Table:
-    """Return the columns of all arrays of numbers, by name; of several of one name, the first."""
-    columns: dict[str, Column] = {}
-    units: dict[str, str] = {}
-    left: list[str] = []
-    for stored in found:
-        name = printable(stored.name)
-        shape = tuple(n for n in stored.shape if n != 1)
-        if stored.dtype.kind not in NUMBERS:
-            continue
-        load = cache(stored.load)
-        if len(shape) <= 1:
-            several = {name: _column(load)}
-        elif len(shape) == 2 and shape[1] <= LIMITS.columns:
-            several = {f"{name}[{i}]": _column(load, i) for i in range(shape[1])}
-        else:
-            left.append(f"{name}, {' × '.join(map(str, stored.shape))}")
-            continue
-        columns |= {n: c for n, c in several.items() if n not in columns}
-        units |= {n: stored.unit for n in several if stored.unit and n not in units}
-    if not columns:
-        more = f" (left out, with more than {LIMITS.columns} columns: {'; '.join(left[:_SHOWN])})" if left else ""
-        raise InputRefused(f"{where}: no numeric variables in it{more}: save the samples as vectors")
-    return Table(where, tuple(columns), tuple(columns.values()), by_name=True, units=units)
-
-
-def _column(load: Callable[[], np.ndarray], i: int | None = None) -> Column:
-    """Return what reads the i-th column of an array; without an index, the array as a vector."""
-    return lambda: np.atleast_1d(np.squeeze(load())) if i is None else np.squeeze(load())[:, i]
 
 
 def read_npy(source: Source) -> Table:
@@ -452,3 +370,88 @@ def _load_v5(source: Source) -> tuple[Mapping[str, Any], Sequence[Sequence[str]]
     opaque = [v for v in content.values() if isinstance(v, np.ndarray) and v.dtype.names == ("s0", "s1", "s2", "arr")]
     objects = [[bytes(v[0][f]).decode("ascii", "replace") for f in ("s0", "s2")] for v in opaque if v.size]
     return {name: value for name, value in content.items() if not name.startswith("__")}, objects
+
+
+# A text takes at most so many times its size while it is read: an object of 32 bytes for each "0,", and itself.
+_TIMES = 20
+_SHOWN, _LISTED = 40, 5
+_REMEDY = "save it as an object of arrays of equal length, or as a list of records with the same keys"
+
+
+class NoRecording(InputRefused):
+    """Sound json that holds no arrays of numbers: settings, results, a description."""
+
+
+def read_json(source: Source) -> Table:
+    """Return the arrays of numbers by name; ``null`` and ``NaN`` are missing samples.
+
+    Raises:
+        NoRecording: it is json of another kind.
+        InputRefused: it is damaged, too large, not json, or a sample is no number.
+    """
+    source.check_memory(_TIMES * source.size)
+    text = read_content(source, LIMITS.json_bytes, "a json recording")
+    left: list[str] = []
+    try:
+        content = json.loads(text, parse_int=float, object_pairs_hook=_once)
+        columns = dict(_columns(content, "", 0, left))
+    except RecursionError as error:
+        raise InputRefused(f"{source.name}: objects or lists too deep in one another: {_REMEDY}") from error
+    except ValueError as error:
+        if isinstance(error, json.JSONDecodeError):
+            cause = f"line {error.lineno}, column {error.colno}: not json ({error.msg}): the file is damaged or was cut"
+            raise InputRefused(f"{source.name}: {cause}: save it again") from error
+        raise InputRefused(f"{source.name}: {error}") from error
+    if not columns:
+        raise NoRecording(f"{source.name}: no arrays of numbers in it: {_REMEDY}")
+    notes: tuple[str, ...] = ()
+    if left:
+        more = " and more" if len(left) > _LISTED else ""
+        notes = (f"{', '.join(left[:_LISTED])}{more} are no arrays of numbers and were left alone",)
+    return Table(Where(source.name), tuple(columns), tuple(columns.values()), by_name=True, notes=notes)
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    content = dict(pairs)
+    if len(content) < len(pairs):
+        names = [key for key, _ in pairs]
+        twice = next(key for key in names if names.count(key) > 1)
+        raise ValueError(f"the key {printable(twice[:_SHOWN])!r} stands twice: give every array a name of its own")
+    if len(content) > LIMITS.variables:
+        raise ValueError(f"an object of more than {LIMITS.variables} keys: save one recording in a file")
+    return content
+
+
+def _columns(content: Any, prefix: str, depth: int, left: list[str]) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield names and numbers of all arrays; ``left`` takes the names of what is none."""
+    if depth > LIMITS.depth:
+        raise ValueError(f"objects more than {LIMITS.depth} levels deep: {_REMEDY}")
+    if isinstance(content, dict):
+        for key, value in content.items():
+            name = prefix + printable(key[: LIMITS.name_characters])
+            if isinstance(value, list) and value and isinstance(value[0], float | None):
+                yield name, _numbers(value, name)
+            elif isinstance(value, dict) or (isinstance(value, list) and value and isinstance(value[0], dict)):
+                yield from _columns(value, f"{name}.", depth + 1, left)
+            else:
+                left.append(name)
+    elif isinstance(content, list) and content and isinstance(content[0], dict):
+        first = content[0]
+        for i, record in enumerate(content, start=1):
+            if not isinstance(record, dict) or record.keys() != first.keys():
+                odd = sorted(set(first) ^ set(record))[0] if isinstance(record, dict) else str(record)
+                raise ValueError(f"record {i} has other keys ({odd[:_SHOWN]!r}): give every record the same keys")
+        for key in (k for k in first if isinstance(first[k], float | None)):
+            name = prefix + printable(key[: LIMITS.name_characters])
+            yield name, _numbers([record[key] for record in content], name)
+
+
+def _numbers(values: list[Any], name: str) -> np.ndarray:
+    """Return the numbers of an array, missing ones as NaN."""
+    for i, value in enumerate(values, start=1):
+        if not isinstance(value, float | None):
+            raise ValueError(
+                f"{name}, row {i}: {printable(repr(value)[:_SHOWN])} is no number: write numbers with a point as "
+                f"decimal sign, and null where a sample is missing"
+            )
+    return np.array([np.nan if value is None else value for value in values])

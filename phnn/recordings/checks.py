@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from phnn.errors import InputRefused
-from phnn.intake.files import shown_bytes
-from phnn.intake.limits import LIMITS, available_memory
+from phnn.intake import LIMITS, available_memory, shown_bytes
 from phnn.recordings.table import Where
 from phnn.results import NOTES, printable
 

@@ -11,12 +11,10 @@ import numpy as np
 
 from phnn.errors import InputRefused
 from phnn.recordings import checks
-from phnn.recordings.channels import Channel, select
+from phnn.recordings.channels import Channel, evenly, interpolated, own_rows, select, stamped
 from phnn.recordings.excitation import Excitation, excitation_of
-from phnn.recordings.manifest import Column, Entry, Manifest
-from phnn.recordings.recording import ACTUATOR, Recording, Start, Units, drive_of, is_actuator
-from phnn.recordings.sampling import evenly, interpolated, own_rows, stamped
-from phnn.recordings.sensor import PLAIN, Sensor, check_unit_of_limits
+from phnn.recordings.manifest import Column, Entry, Manifest, check_unit_of_limits
+from phnn.recordings.recording import ACTUATOR, PLAIN, Recording, Sensor, Start, Units, drive_of, is_actuator
 from phnn.recordings.table import Table, Where
 from phnn.recordings.units import known_unit
 from phnn.results import printable

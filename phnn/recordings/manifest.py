@@ -1,22 +1,92 @@
-"""``recordings.yaml``: what cannot be told from the files themselves."""
+"""``recordings.yaml``: what cannot be told from the files themselves, checked value by value."""
 
 from __future__ import annotations
 
+import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+import reprlib
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from phnn.errors import InputRefused
-from phnn.intake.files import named_file
-from phnn.intake.limits import LIMITS
-from phnn.intake.yaml_file import load_yaml
-from phnn.recordings.recording import Anchor, Start
-from phnn.recordings.sensor import PLAIN, Sensor, sensor_of
+from phnn.errors import InputRefused, meant
+from phnn.intake import LIMITS, load_yaml, named_file
+from phnn.recordings.recording import PLAIN, Anchor, Sensor, Start
 from phnn.recordings.units import QUANTITIES, check_unit, find_unit
-from phnn.recordings.values import choice, flag, keys_of, label, mapping, number, shown, text
+from phnn.results import printable
+
+# Beyond, squares and products of two values are no numbers any more, or nothing.
+_LARGEST, _SMALLEST = 1e150, 1e-150
+# Of long or nested values a message shows the beginning; with aliases the whole could be of any size.
+_BRIEF = reprlib.Repr()
+_BRIEF.maxstring = _BRIEF.maxother = 60
+
+
+def shown(value: Any) -> str:
+    """The beginning of a value, for messages."""
+    return printable(_BRIEF.repr(value))
+
+
+def mapping(value: Any, where: str) -> Mapping[str, Any]:
+    """``value`` as a mapping. Raises InputRefused otherwise."""
+    if not isinstance(value, Mapping):
+        raise InputRefused(f"{where}: expected keys and values, found {shown(value)}: write `key: value` entries")
+    return value
+
+
+def keys_of(content: Mapping[str, Any], accepted: Iterable[str], where: str) -> None:
+    """Refuse the first key that is not accepted, naming the accepted ones."""
+    names = list(accepted)
+    for key in content:
+        if key not in names:
+            hint = meant(str(key), names)
+            raise InputRefused(f"{where}: unknown key {shown(key)}{hint}: accepted are {', '.join(names)}")
+
+
+def choice(value: Any, accepted: tuple[str, ...], where: str, otherwise: str = "") -> str:
+    """``value`` if it is one of the accepted words. Raises InputRefused otherwise."""
+    if value not in accepted:
+        more = f" {otherwise}" if otherwise else ""
+        raise InputRefused(f"{where}: {shown(value)} is not known: accepted are {', '.join(accepted)}{more}")
+    return str(value)
+
+
+def number(value: Any, where: str, above: float | None = None) -> float:
+    """``value`` as a finite float, greater than ``above`` where that is given. Raises InputRefused otherwise."""
+    good = isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= _LARGEST
+    good = good and (value == 0.0 or abs(value) >= _SMALLEST)
+    if not good or (above is not None and value <= above):
+        wanted = "a finite number" if above is None else f"a number greater than {above:g}"
+        raise InputRefused(f"{where}: {shown(value)} is not {wanted}: give one")
+    return float(value)
+
+
+def flag(value: Any, where: str) -> bool:
+    """``value`` as a truth value. Raises InputRefused otherwise."""
+    if not isinstance(value, bool):
+        raise InputRefused(f"{where}: {shown(value)} is neither true nor false: write one of them")
+    return value
+
+
+def text(value: Any, where: str) -> str:
+    """``value`` as a non-empty text; a plain number is taken as its digits. Raises InputRefused otherwise."""
+    if isinstance(value, bool) or not isinstance(value, (str, int, float)) or str(value).strip() == "":
+        raise InputRefused(f"{where}: {shown(value)} is no name: write a text")
+    return str(value).strip()
+
+
+def label(value: Any, where: str) -> str:
+    """A name as `text`, printable and not too long. Raises InputRefused otherwise."""
+    name = printable(text(value, where))
+    if len(name) > LIMITS.name_characters:
+        raise InputRefused(
+            f"{where}: {shown(name)}, a name of {len(name)} characters, at most {LIMITS.name_characters} are accepted: "
+            f"write a shorter one"
+        )
+    return name
+
 
 DRIVING = ("input", "voltage", "force")
 GAINS = ("known", "unknown")
@@ -114,6 +184,72 @@ def _column(said: Any, inherited: Column, quantity: str, where: str) -> Column:
             raise InputRefused(f"{where}: scale 0 would erase the column: give the factor from number to {quantity}")
         column = replace(column, scale=scale)
     return column
+
+
+_DERIVATIVES = ("derivative", "second_derivative")
+
+
+def sensor_of(value: Any, where: str) -> Sensor:
+    """What a manifest says under ``sensor``."""
+    content = mapping(value, where)
+    keys_of(content, ("saturates", "rectified", "lag", *_DERIVATIVES), where)
+    said = {key: key in content and flag(content[key], f"{where}: {key}") for key in _DERIVATIVES}
+    saturates, unit = _limits(content, f"{where}: saturates")
+    return Sensor(
+        saturates,
+        "rectified" in content and flag(content["rectified"], f"{where}: rectified"),
+        _lag(content, f"{where}: lag"),
+        2 if said["second_derivative"] else said["derivative"],
+        unit,
+    )
+
+
+def check_unit_of_limits(sensor: Sensor, si: str, label: str, where: object) -> None:
+    """Refuse limits in a unit that is not one of the output. Raises InputRefused."""
+    if sensor.is_limited and sensor.unit != si:
+        raise InputRefused(
+            f"{where}: {label} is in units of {si}, but recordings.yaml gives limits of the sensor in {sensor.unit}: "
+            f"give them in the unit of the output, sensor: {{saturates: [LEAST {si}, LARGEST {si}]}}"
+        )
+
+
+def _limits(content: Mapping[str, Any], where: str) -> tuple[tuple[float, float], str]:
+    if "saturates" not in content:
+        return PLAIN.saturates, ""
+    said = content["saturates"]
+    if not isinstance(said, list) or len(said) != 2 or said == [None, None]:
+        raise InputRefused(
+            f"{where}: {shown(said)} is no pair of limits: write [0 V, 10 V], null for a side without a limit"
+        )
+    found = [None if limit is None else _physical(limit, where, "10 V") for limit in said]
+    units = {unit for pair in found if pair is not None for unit in pair[1:]}
+    lower, upper = (free if pair is None else pair[0] for pair, free in zip(found, PLAIN.saturates, strict=True))
+    if len(units) > 1 or not lower < upper:
+        raise InputRefused(f"{where}: {shown(said)}: write the lower limit first, both in one unit, as [0 V, 10 V]")
+    return (lower, upper), units.pop()
+
+
+def _lag(content: Mapping[str, Any], where: str) -> float:
+    if "lag" not in content:
+        return 0.0
+    lag, unit = _physical(content["lag"], where, "2 ms")
+    if unit != "s" or not lag > 0.0:
+        raise InputRefused(f"{where}: {shown(content['lag'])} is no time constant: write it as 2 ms")
+    return lag
+
+
+def _physical(value: Any, where: str, example: str) -> tuple[float, str]:
+    """SI value and SI unit of a text such as ``10 V``."""
+    size, _, unit = str(value).strip().partition(" ")
+    known = find_unit(unit) if unit else None
+    try:
+        number = float(size)
+    except ValueError:
+        number = math.nan
+    if known is None or not math.isfinite(number):
+        cause = "has no unit" if not unit and math.isfinite(number) else "is no number with a unit"
+        raise InputRefused(f"{where}: {shown(value)} {cause}: write it as {example}")
+    return known.factor * number + known.offset, known.si
 
 
 # Ready models; their networks stand in phnn/models/ready.yaml, but for the actuator's.

@@ -13,13 +13,11 @@ from typing import Any
 import numpy as np
 
 from phnn.errors import InputRefused
-from phnn.intake.limits import LIMITS
-from phnn.recordings.array_files import stored_arrays, table_of
-from phnn.recordings.manifest import USES, Entry, Manifest
+from phnn.intake import LIMITS
+from phnn.recordings.manifest import USES, Entry, Manifest, choice, mapping, number, shown
 from phnn.recordings.recording import is_actuator
-from phnn.recordings.table import Table, Where, beside, with_stamps
+from phnn.recordings.table import Table, Where, beside, stored_arrays, table_of, with_stamps
 from phnn.recordings.units import parse_name
-from phnn.recordings.values import choice, mapping, number, shown
 from phnn.results import printable
 
 # A recording: what its object says about it (its name, which may be empty, use and rate), and its columns.

@@ -1,147 +1,148 @@
-"""From a folder, or from objects in memory, to a campaign."""
+"""From a folder, or from objects in memory, to a campaign, and a campaign in words."""
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Mapping, Sequence
-from dataclasses import replace
+import os
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-from scipy.stats import chi2, norm
 
 from phnn.errors import InputRefused
+from phnn.intake import Source, list_folder, named_file
+from phnn.parameters import quantity
 from phnn.recordings import checks
-from phnn.recordings.array_files import read_axes
+from phnn.recordings.array_files import NoRecording, read_axes, read_hdf5, read_json, read_mat, read_npy, read_npz
 from phnn.recordings.draft import Draft, drafts_of
-from phnn.recordings.folder import READERS, Files
+from phnn.recordings.excitation import Excitation, excitation_of
+from phnn.recordings.library_files import read_parquet, read_sheet, read_tdms
 from phnn.recordings.manifest import Entry, Manifest, load_manifest, manifest_of
 from phnn.recordings.memory import described, given
-from phnn.recordings.partition import candidate_of, divide, whole_parts
+from phnn.recordings.partition import candidate_of, divide, pooled, whole_parts
 from phnn.recordings.recording import IN_MEMORY, Campaign, Recording, is_actuator
 from phnn.recordings.table import Table, beside
+from phnn.recordings.text_files import looks_like_numbers, read_text
+from phnn.recordings.units import parse_name
 from phnn.results import printable
-from phnn.signals.first_order import correlation_of, density
-from phnn.signals.noise import SILENT, WHITE, NoiseFloor
 
-# Fewest recordings whose spectra are pooled; how far their coefficients may lie from the median.
-_FEWEST, _AGREES = 3, 0.12
-# Factor within which deviations are of one size: a spectrum that ringing or a tail reaches gives many times the noise.
-_ONE_SIZE = 1.5
-# Level at which recordings of one kind are proven to differ in their noise.
-DIFFERENT = 0.01
+# Characters of a path in a message.
+_SHOWN = 200
+
+Reader = Callable[[Source], Table]
+READERS: Mapping[str, Reader] = {
+    **dict.fromkeys((".csv", ".tsv", ".dat", ".txt", ".asc", ".lvm"), read_text),
+    ".mat": read_mat,
+    **dict.fromkeys((".h5", ".hdf5"), read_hdf5),
+    ".npy": read_npy,
+    ".npz": read_npz,
+    ".tdms": read_tdms,
+    ".json": read_json,
+    ".xlsx": read_sheet,
+    ".parquet": read_parquet,
+}
 
 
-def pooled(floors: Sequence[NoiseFloor], kinds: Sequence[Hashable] | None = None) -> list[NoiseFloor]:
-    """The floors of recordings, those seen in a part of the spectrum only brought to a common word.
+@dataclass(frozen=True)
+class Files:
+    """The files of a folder.
 
-    Args:
-        kinds: of each recording; recordings of one kind are taken to share a sensor. All are of one kind if left out.
+    Attributes:
+        home: the folder; said: its manifest; outside: files may lie outside.
     """
-    common = _of_one_word(floors)
-    names = kinds if kinds is not None else [None] * len(common)
-    groups: dict[Hashable, list[int]] = {}
-    for i, (floor, name) in enumerate(zip(common, names, strict=True)):
-        # Others keep what they were given: by repetition, by rest, or by agreement.
-        if floor.interval is not None and floor.found and floor.coefficient is None:
-            groups.setdefault(name, []).append(i)
-    for group in groups.values():
-        for i, floor in zip(group, _sharing([common[i] for i in group]), strict=True):
-            common[i] = floor
-    return common
+
+    home: Path
+    said: Manifest
+    outside: bool
+
+    def source(self, file: str) -> Source:
+        """A file of a recording. Raises InputRefused as `phnn.intake.named_file`."""
+        return named_file(self.home / file, (self.home,), outside=self.outside)
+
+    def entries(self) -> tuple[list[Entry], list[str]]:
+        """The entries to read, and the files left alone, each with its reason where that is not plain."""
+        said, present = self.said, self._present()
+        if said.path is not None:
+            present = [p for p in present if os.path.realpath(p) != os.path.realpath(said.path)]
+        if said.entries is not None:
+            where = said.path.name if said.path is not None else "recordings.yaml"
+            paths = [(i, self.home / file) for i, entry in enumerate(said.entries) for file in entry.files]
+            for i, path in paths:
+                if not os.path.lexists(path):
+                    name, home = printable(path.name)[:_SHOWN], printable(str(path.parent))[:_SHOWN]
+                    raise InputRefused(
+                        f"{where}: recordings[{i}]: file {name!r} is not in {home}: correct its name or remove the "
+                        f"entry"
+                    )
+                reader_of(path)
+            listed = {os.path.realpath(path) for _, path in paths}
+            return list(said.entries), [_shown(p) for p in present if os.path.realpath(p) not in listed]
+        chosen, left = [], []
+        for path in present:
+            reason = self._no_recording(path)
+            if reason is None:
+                chosen.append(path)
+                checks.not_too_many(len(chosen), 0, self.home)
+            else:
+                left.append(_shown(path) + reason)
+        checks.any_recordings(chosen, left, self.home)
+        return [replace(said.common, file=path.name) for path in chosen], left
+
+    def possible(self) -> tuple[list[Path], list[str]]:
+        """The files that may be recordings, whatever describes them, and what else lies there, in words."""
+        present = self._present()
+        chosen = [p for p in present if self._numbers(p)]
+        checks.not_too_many(len(chosen), 0, self.home)
+        return chosen, [_shown(p) for p in present if p not in chosen]
+
+    def _present(self) -> list[Path]:
+        """What lies in the folder, without its manifest and hidden files."""
+        return [p for p in list_folder(self.home) if not p.name.startswith(".") and p.name != "recordings.yaml"]
+
+    def _numbers(self, path: Path) -> bool:
+        """Whether a file has a known format and, where that is text, columns of numbers; a csv is meant to have."""
+        kind = path.suffix.lower()
+        if kind not in READERS or not os.path.isfile(path):
+            return False
+        if kind == ".csv" or READERS[kind] is not read_text:
+            return True
+        try:
+            return looks_like_numbers(self.source(path.name))
+        except InputRefused:
+            return True
+
+    def _no_recording(self, path: Path) -> str | None:
+        """Why a file found in the folder is no recording, in words to follow its name; ``None`` if it is one."""
+        if not self._numbers(path):
+            special = path.suffix.lower() in READERS and not os.path.isfile(path) and not os.path.isdir(path)
+            return " (no regular file)" if special else ""
+        stated = {c.place for c in self.said.common.columns.values() if c.place is not None}
+        kind = path.suffix.lower()
+        if kind == ".csv" or (stated and kind != ".json"):
+            return None
+        try:
+            names = READERS[kind](self.source(path.name)).names
+        except NoRecording:
+            return " (json without arrays of numbers)"
+        # Settings and results in json may lie beside recordings.
+        stated = {place for place in stated if isinstance(place, str)}
+        described = {p[0] for name in names if name and (p := parse_name(name)) is not None}
+        if (stated and stated <= set(names)) or described & {"voltage", "input", "force"}:
+            return None
+        return " (numbers that nothing describes: to use it, say in recordings.yaml which columns are what)"
 
 
-def _sharing(floors: Sequence[NoiseFloor]) -> list[NoiseFloor]:
-    """The floors of one kind: one for those that are not proven different.
-
-    One spectrum hardly tells coloured noise from what the signal leaves there. Where others of the kind do not agree on
-    it the smaller floor stands, with an interval that holds both.
-    """
-    shared = alike([f.value for f in floors], [f.interval or (0.0, 0.0) for f in floors])
-    if len(floors) == 1:
-        return list(floors)
-    if shared is None:
-        return [f.smaller or f for f in floors]
-
-    def of(k: int, floor: NoiseFloor) -> NoiseFloor:
-        if k not in shared.members:
-            return floor.smaller or floor
-        source = f"{floor.source}, shared by {len(shared.members)} recordings that do not differ in it"
-        return replace(floor, value=shared.value, source=source, interval=shared.interval, smaller=None)
-
-    return [of(k, floor) for k, floor in enumerate(floors)]
+def _shown(path: Path) -> str:
+    return printable(path.name) + ("/" if os.path.isdir(path) else "")
 
 
-class Shared(NamedTuple):
-    """A deviation that some recordings share, its 95 % interval, and their numbers."""
-
-    value: float
-    interval: tuple[float, float]
-    members: tuple[int, ...]
-
-
-def alike(values: Sequence[float], intervals: Sequence[tuple[float, float]]) -> Shared | None:
-    """The deviation that estimates share unless they are proven different; None where no two agree.
-
-    Under equal deviations ``Q = Σ (ln σ_i − m)²/s_i²`` is χ² with one degree of freedom less than estimates, where
-    ``s_i`` is a quarter of the width of ``ln`` of an interval and ``m`` the weighted mean. Where Q exceeds its quantile
-    the estimate that lies farthest off leaves, and the others are asked again at the same level.
-    """
-    logs = np.log(np.maximum(values, 1e-300))
-    bounds = np.log(np.maximum(np.asarray(intervals, dtype=float), 1e-300))
-    errors = np.maximum((bounds[:, 1] - bounds[:, 0]) / (2.0 * norm.isf(0.025)), 1e-6)
-    members = list(range(len(logs)))
-    while len(members) > 1:
-        weight = 1.0 / errors[members] ** 2
-        mean = float(weight @ logs[members] / weight.sum())
-        away = weight * (logs[members] - mean) ** 2
-        if away.sum() <= chi2.isf(DIFFERENT, len(members) - 1):
-            half = norm.isf(0.025) / np.sqrt(weight.sum())
-            interval = float(np.exp(mean - half)), float(np.exp(mean + half))
-            return Shared(float(np.exp(mean)), interval, tuple(members))
-        del members[int(away.argmax())]
-    return None
-
-
-def _of_one_word(floors: Sequence[NoiseFloor]) -> list[NoiseFloor]:
-    """Floors seen in a part of the spectrum only, where several agree on white or on first-order noise.
-
-    One spectrum hardly tells coloured noise from what the signal leaves there; several that agree do. Where at least
-    half of them show first-order noise of about the same coefficient, all get their median; where few do, those get
-    the median of the white ones. Only deviations of one size count. One that is larger, and not trusted (it has no
-    interval), is what the signal leaves. A smaller one may come from the highest frequencies alone, taken as white:
-    where the first-order noise of the others has about that deviation there, it is this noise. Any other keeps its own
-    word.
-    """
-    every = [f for f in floors if f.coefficient is not None]
-    size = float(np.median([f.value for f in every])) if every else 0.0
-    partial = [f for f in every if size / _ONE_SIZE <= f.value <= size * _ONE_SIZE]
-    coloured = [f for f in partial if f.coefficient]
-    if len(partial) < _FEWEST or 2 * len(partial) < len(every):
-        return list(floors)
-    if 2 * len(coloured) >= len(partial):
-        middle = float(np.median([f.coefficient or 0.0 for f in coloured]))
-        agreeing = [f for f in coloured if abs((f.coefficient or 0.0) - middle) <= _AGREES]
-        if 2 * len(agreeing) < len(partial):
-            return list(floors)
-        note, correlation = f"first-order noise of coefficient {middle:.2g}", correlation_of(middle)
-        highest = float(np.sqrt(density(middle, np.array(-1.0))))
-    else:
-        agreeing = [f for f in partial if not f.coefficient]
-        note, correlation, highest = "white noise", WHITE, 1.0
-    value = float(np.median([f.value for f in agreeing]))
-    source = f"the spectra of {len(agreeing)} recordings that agree on {note}"
-    agreed = (*partial, *(f for f in every if _seen_at_the_highest(f, highest * value)))
-    told = [f for f in every if f not in agreed and (f.value < size or f.interval is not None)]
-    alone = {id(f) for f in (*told, *(agreeing if correlation is WHITE else ()))}
-    common = NoiseFloor(value, source, correlation, 0.0)
-    return [f if f.coefficient is None or id(f) in alone else common for f in floors]
-
-
-def _seen_at_the_highest(floor: NoiseFloor, expected: float) -> bool:
-    """Whether a floor from the highest frequencies, taken as white, has about the deviation that a noise has there."""
-    as_white = not floor.coefficient and floor.interval is None and SILENT not in floor.source
-    return as_white and expected / _ONE_SIZE <= floor.value <= expected * _ONE_SIZE
+def reader_of(path: Path) -> Reader:
+    """What reads a file of this suffix. Raises InputRefused where nothing does."""
+    kind = path.suffix.lower()
+    if kind not in READERS:
+        raise InputRefused(f"{printable(path.name)}: unknown format {kind!r}: accepted are {', '.join(READERS)}")
+    return READERS[kind]
 
 
 # A manifest of an object in memory: its second argument.
@@ -283,3 +284,102 @@ def _columns(drafts: list[Draft]) -> tuple[str, ...]:
     if len(names) == 1:
         return (f"Understood as {next(iter(names))}.",)
     return tuple(f"{', '.join(who)}: understood as {columns}." for columns, who in names.items())
+
+
+def describe(campaign: Campaign | str | Path) -> str:
+    """Describe a campaign, or a folder of recordings, in words: ``print(phnn.describe("recordings/"))``.
+
+    Per recording: rate, length, ranges, start, excitation, noise floor and its source, use; what all share comes first,
+    the notes last."""
+    campaign = campaign_of(campaign)
+    count = len(campaign.recordings)
+    volts = all(r.units.input == "V" for r in campaign.recordings)
+    drive, place = ("voltage", "measured at the terminals") if volts else ("input", "measured where it enters")
+    setup = ", ".join(f"{key} {value}" for key, value in campaign.setup.items())
+    lines = [
+        f"{campaign.folder}: {count} recording{'s' if count != 1 else ''}; {setup}; "
+        f"the {drive} is {'the command' if campaign.voltage == 'command' else place}",
+        "",
+    ]
+    every = [facts(r) for r in campaign.recordings]
+    common = [fact for fact in every[0] if len(every) > 1 and all(fact in known for known in every)]
+    if common:
+        lines += ["all recordings", *_listed(common), ""]
+    for recording, known in zip(campaign.recordings, every, strict=True):
+        own = [fact for fact in known if fact not in common]
+        lines += [f"{recording.name} ({recording.source})", *_listed(own), ""]
+    if campaign.known:
+        anchors = (f"{name} = {a.value:g} ± {a.std:g} {a.unit}".rstrip() for name, a in campaign.known.items())
+        lines += [f"known, in SI units: {', '.join(anchors)}", ""]
+    lines.append("Understood:")
+    lines += [f"  {note}" for note in campaign.notes]
+    return "\n".join(lines)
+
+
+def _listed(known: list[tuple[str, str]]) -> list[str]:
+    return [f"  {label:14}{value}" for label, value in known]
+
+
+def _within(r: Recording) -> str:
+    """The interval of a noise floor in words; empty where none is known."""
+    if r.noise_interval is None:
+        return ""
+    low, high = (quantity(x, r.units.output) for x in r.noise_interval)
+    return f" ({low} to {high})"
+
+
+def facts(r: Recording) -> list[tuple[str, str]]:
+    """What was understood of a recording: label and words."""
+    excitation = excitation_of(r.drive, r.dt)
+    span = " to ".join(quantity(v, r.units.input, 4) for v in (r.u.min(), r.u.max()))
+    found = [
+        ("sampled", f"{1 / r.dt:.6g} Hz, {r.t.size} samples, {r.t.size * r.dt:.4g} s"),
+        ("input", f"{span}; {_words(excitation)}; {r.interpolation} between samples"),
+    ]
+    if r.further:
+        found.append(("driven too at", ", ".join(r.further)))
+    if np.isfinite(r.y).all():
+        unit = r.units.output
+        colour = "" if r.noise_correlation.size == 1 else f", correlated over {r.noise_correlation.size} samples"
+        found += [
+            ("output", " to ".join(quantity(v, unit, 4) for v in (r.y.min(), r.y.max()))),
+            (
+                "noise floor",
+                f"{quantity(r.noise, unit)}{_within(r)} from {r.noise_source}{colour}"
+                if r.noise_found
+                else r.noise_source,
+            ),
+        ]
+    if (known := r.sensor.words(r.y)) and np.isfinite(r.y).all():
+        found.append(("sensor", known))
+    if r.gain == "unknown":
+        found.append(("gain", "of the input unknown, one factor is estimated"))
+    if r.offset == "shared":
+        found.append(("zero", "shared with other recordings"))
+    at_rest = f"rest, input {r.start.input_before:g} before"
+    found.append(("start", at_rest if r.start.state == "rest" else r.start.state))
+    if r.channels:
+        found.append(("also", ", ".join(r.channels)))
+    return [*found, ("use", _uses(r))]
+
+
+def _words(e: Excitation) -> str:
+    if e.kind == "sine":
+        return f"sine of {e.low_Hz:.4g} Hz, amplitude {e.amplitude:.4g}, {e.cycles:.3g} periods"
+    if e.kind == "periodic":
+        return f"periodic, {e.low_Hz:.4g} Hz with content to {e.high_Hz:.4g} Hz, {e.cycles:.3g} periods"
+    if e.kind == "chirp":
+        return f"sweep between {e.low_Hz:.3g} and {e.high_Hz:.3g} Hz, amplitude {e.amplitude:.4g}"
+    if e.kind == "broadband":
+        return f"broadband, {e.low_Hz:.3g} to {e.high_Hz:.3g} Hz"
+    return {"steps": "steps and holds", "constant": "constant"}[e.kind]
+
+
+def _uses(r: Recording) -> str:
+    said = []
+    for part in r.parts:
+        whole = part.first == 0 and part.last == r.t.size
+        place = "" if whole else f" {part.first * r.dt:.4g} to {part.last * r.dt:.4g} s"
+        use = "start, not scored" if part.use == "nuisance" else part.use
+        said.append(use + place)
+    return "; ".join(said)

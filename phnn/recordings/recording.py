@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -10,10 +11,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from phnn.html import table, titled
 from phnn.parameters import quantity
-from phnn.recordings.sensor import PLAIN, Sensor
 from phnn.signals.noise import AS_WHITE
 
 
@@ -38,6 +39,63 @@ _STRIDE, _STRAIGHT = 8, 0.001
 
 # Names of recordings in a short form of a campaign.
 _SHOWN = 4
+
+
+# A sample sits at a limit of the sensor within this share of the range: numbers in files are rounded.
+_AT_LIMIT = 1e-4
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """What the manifest says about the sensor, SI.
+
+    Attributes:
+        saturates: least and largest output that the sensor can show; infinite where there is no limit. Samples there
+            say only that the true output lies at or beyond the limit.
+        rectified: it shows the size of the output without its sign.
+        lag: its time constant [s].
+        derivative: how many times what it measures is derived from the network's output by time: 0, 1 or 2.
+        unit: SI unit of the limits.
+    """
+
+    saturates: tuple[float, float] = (-math.inf, math.inf)
+    rectified: bool = False
+    lag: float = 0.0
+    derivative: int = False
+    unit: str = ""
+
+    @property
+    def is_limited(self) -> bool:
+        """Whether it saturates at all."""
+        return math.isfinite(self.saturates[0]) or math.isfinite(self.saturates[1])
+
+    def at_limit(self, y: NDArray[np.float64]) -> NDArray[np.int8]:
+        """(N,) 1 where a recorded output sits at the upper limit, -1 where at the lower one, 0 between them."""
+        if not self.is_limited:
+            return np.zeros(y.size, dtype=np.int8)
+        room = _AT_LIMIT * float(np.ptp(y))
+        return (y >= self.saturates[1] - room).astype(np.int8) - (y <= self.saturates[0] + room).astype(np.int8)
+
+    def limited(self, y: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(N,) an output as the sensor shows it."""
+        return np.clip(y, *self.saturates) if self.is_limited else y
+
+    def words(self, y: NDArray[np.float64]) -> str:
+        """What is known, and how many samples (N,) sit at a limit; empty where nothing is."""
+        found = []
+        if self.is_limited:
+            ends = [quantity(limit, self.unit) for limit in self.saturates if math.isfinite(limit)]
+            count = int(np.sum(self.at_limit(y) != 0))
+            found.append(f"saturates at {' and '.join(ends)}, where {count} samples sit: they say no more than that")
+        found += ["shows the size without its sign"] if self.rectified else []
+        found += [f"lags by {quantity(self.lag, 's')}"] if self.lag else []
+        found += [
+            ("measures the rate of the output", "measures the second derivative of the output")[self.derivative - 1]
+        ] * bool(self.derivative)
+        return "; ".join(found)
+
+
+PLAIN = Sensor()
 
 
 @dataclass(frozen=True)
@@ -91,7 +149,7 @@ class Recording:
         further: ``(N,)`` inputs at further ports of the network, by the port's name.
         measures: the storage of the network that is measured; its ``output`` where empty.
         instants: ``(G,)`` when the input jumps, in sample intervals (0 to 1) behind the sample before the jump; jumps
-            may share one (`phnn.recordings.driving`). None where nothing is known: the samples do not tell.
+            may share one (`phnn.recordings.excitation`). None where nothing is known: the samples do not tell.
         sensor: what is known of the sensor.
         offset: ``"own"``, the zero of the output belongs to the recording, or ``"shared"``: all have one.
         noise_found: False where the recording shows no noise; ``noise`` then only weights the fit.

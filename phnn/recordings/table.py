@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
+from functools import cache
 from typing import Any
 
 import numpy as np
 
 from phnn.errors import InputRefused
+from phnn.intake import LIMITS
+from phnn.results import printable
 
 DECIMAL_COMMA = re.compile(r"^\s*[-+]?\d+,\d+([eE][-+]?\d+)?\s*$")
 # Names that a message lists.
@@ -243,3 +247,100 @@ def beside(tables: Sequence[Table]) -> Table:
     both |= {name: {k: v for t in tables for k, v in getattr(t, name).items()} for name in ("units", "own")}
     stamps = next((t.stamps for t in tables if t.stamps), "")
     return replace(first, where=where, by_name=any(t.by_name for t in tables), stamps=stamps, **both)
+
+
+# Arrays that a message lists.
+_SHOWN = 5
+
+
+def members_of(value: Any) -> list[Any]:
+    """Return the members of a cell array or an array of structures; empty for anything else."""
+    if isinstance(value, np.ndarray) and value.dtype == object:
+        return list(value.ravel())
+    return list(value) if isinstance(value, list) else []
+
+
+def is_vector(value: Any) -> bool:
+    if not isinstance(value, Stored | np.ndarray) or value.dtype.kind not in NUMBERS:
+        return False
+    return max(value.shape, default=1) == math.prod(value.shape) > 1
+
+
+# Fields of a structure that is a signal: its name, its numbers and its unit.
+_NAMES, _DATA = ("Name", "name", "label", "title"), ("Data", "data", "values", "Values")
+
+
+_UNITS = ("Unit", "unit", "Units", "units")
+
+
+def signal_of(value: Any) -> Stored | None:
+    """Return the numbers of a structure that is a signal, with its name and unit; None for any other."""
+    if not isinstance(value, Mapping):
+        return None
+    held = next((value[k] for k in _DATA if k in value), None)
+    if not isinstance(held, Stored | np.ndarray) or held.dtype.kind not in NUMBERS or max(held.shape, default=1) < 2:
+        return None
+    if not any(k in value for k in _NAMES):
+        return None
+    texts = {k: v.strip() for k, v in value.items() if isinstance(v, str) and v.strip()}
+    name, unit = (next((texts[k] for k in keys if k in texts), "") for keys in (_NAMES, _UNITS))
+    return Stored(name.strip("<>"), held.shape, held.dtype, held.load if isinstance(held, Stored) else held.view, unit)
+
+
+def stored_arrays(content: Mapping[str, Any], prefix: str = "") -> Iterator[Stored]:
+    """Yield the values of a mapping as arrays, those of one in it as ``group.name``, signals by their names too."""
+    for name, value in content.items():
+        full = prefix + name
+        members = members_of(value)
+        if any(isinstance(m, Mapping | Stored) for m in members):
+            yield from stored_arrays({f"[{i}]": m for i, m in enumerate(members)}, full)
+        elif isinstance(value, Mapping):
+            signal = signal_of(value)
+            if signal is not None:
+                time = not signal.name and signal.unit in ("s", "ms", "us")
+                yield replace(signal, name=signal.name or ("time" if time else full))
+            elif "signals" in value and is_vector(value.get("time")):
+                # A scope of Simulink, "structure with time".
+                yield from stored_arrays({"time": {"name": "time", "data": value["time"], "unit": "s"}})
+            yield from stored_arrays(value, full + ".")
+        elif isinstance(value, Stored):
+            yield replace(value, name=full)
+        elif hasattr(value, "magnitude") and hasattr(value, "units"):
+            # A quantity of pint.
+            array = np.asarray(value.magnitude)
+            yield Stored(full, array.shape, array.dtype, array.view, f"{value.units:~C}")
+        else:
+            masked = isinstance(value, np.ma.MaskedArray)
+            array = np.ma.filled(value.astype(float), np.nan) if masked else np.asarray(value)
+            yield Stored(full, array.shape, array.dtype, array.view)
+
+
+def table_of(where: Where, found: Iterable[Stored]) -> Table:
+    """Return the columns of all arrays of numbers, by name; of several of one name, the first."""
+    columns: dict[str, Column] = {}
+    units: dict[str, str] = {}
+    left: list[str] = []
+    for stored in found:
+        name = printable(stored.name)
+        shape = tuple(n for n in stored.shape if n != 1)
+        if stored.dtype.kind not in NUMBERS:
+            continue
+        load = cache(stored.load)
+        if len(shape) <= 1:
+            several = {name: _column(load)}
+        elif len(shape) == 2 and shape[1] <= LIMITS.columns:
+            several = {f"{name}[{i}]": _column(load, i) for i in range(shape[1])}
+        else:
+            left.append(f"{name}, {' × '.join(map(str, stored.shape))}")
+            continue
+        columns |= {n: c for n, c in several.items() if n not in columns}
+        units |= {n: stored.unit for n in several if stored.unit and n not in units}
+    if not columns:
+        more = f" (left out, with more than {LIMITS.columns} columns: {'; '.join(left[:_SHOWN])})" if left else ""
+        raise InputRefused(f"{where}: no numeric variables in it{more}: save the samples as vectors")
+    return Table(where, tuple(columns), tuple(columns.values()), by_name=True, units=units)
+
+
+def _column(load: Callable[[], np.ndarray], i: int | None = None) -> Column:
+    """Return what reads the i-th column of an array; without an index, the array as a vector."""
+    return lambda: np.atleast_1d(np.squeeze(load())) if i is None else np.squeeze(load())[:, i]

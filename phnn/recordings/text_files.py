@@ -20,8 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from phnn.errors import InputRefused
-from phnn.intake.files import Source
-from phnn.intake.limits import LIMITS
+from phnn.intake import LIMITS, Source
 from phnn.recordings.table import REMEDY_COMMA, Table, Where, with_stamps
 from phnn.recordings.units import find_unit, parse_name
 from phnn.results import printable

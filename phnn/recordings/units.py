@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from phnn.errors import InputRefused
-from phnn.intake.limits import LIMITS
+from phnn.intake import LIMITS
 
 if TYPE_CHECKING:
     import pint

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from phnn.check import Checked
-from phnn.recordings.describe import facts
+from phnn.recordings.reader import facts
 from phnn.recordings.recording import Recording
 from phnn.report.figures import amplitude_density, draw_trace, style
 from phnn.report.formatting import display_unit

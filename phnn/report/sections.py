@@ -16,7 +16,7 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from phnn.check.quality import doubts
+from phnn.check import doubts
 from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.verdict import NAMED, UNKNOWN, Claim
 from phnn.diagnose.words import Picture, learned_picture, picture

@@ -45,9 +45,7 @@ from phnn.configuration import check, whole
 from phnn.effects import catalogue
 from phnn.effects.kinds import LOCATIONS
 from phnn.errors import InputRefused, SolverFailed, meant
-from phnn.intake.files import named_file
-from phnn.intake.json_file import load_json
-from phnn.intake.limits import LIMITS
+from phnn.intake import LIMITS, load_json, named_file
 from phnn.parallel import executor
 from phnn.results import Place, write_atomic
 from studies.benchmark.tools import Tool, tool

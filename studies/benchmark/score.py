@@ -14,9 +14,7 @@ from scipy.special import gammaln, xlogy
 
 from phnn.effects import catalogue
 from phnn.errors import InputRefused
-from phnn.intake.files import named_file
-from phnn.intake.json_file import load_json
-from phnn.intake.limits import LIMITS
+from phnn.intake import LIMITS, load_json, named_file
 from phnn.report.formatting import DASH, markdown_table, number
 from phnn.results import Place
 from studies.benchmark.bench import (

@@ -18,7 +18,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from phnn.cli import main
-from phnn.intake.limits import LIMITS, Limits, available_memory
+from phnn.intake import LIMITS, Limits, available_memory
 from phnn.models.actuator import hrc
 from phnn.models.store import FILE, save
 from phnn.results import printable

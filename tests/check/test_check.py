@@ -13,8 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from phnn.check import check
-from phnn.check.quality import Finding
+from phnn.check import Finding, check
 from phnn.cli import main
 from phnn.models.network_file import load_network
 from phnn.models.store import save

@@ -31,7 +31,7 @@ from phnn.exporting.write import matlab, python
 from phnn.laws.namespace import where
 from phnn.models.network_file import load_network, ready
 from phnn.parameters import positive
-from phnn.recordings.driving import driving_of
+from phnn.recordings.excitation import driving_of
 from phnn.recordings.recording import unrecorded
 from phnn.setup import Block, Setup
 from phnn.trajectory import simulate

@@ -35,8 +35,7 @@ from phnn.models.actuator import from_paper
 from phnn.models.network_file import load_network
 from phnn.models.store import load, save
 from phnn.recordings import read
-from phnn.recordings.recording import Anchor, Campaign, Part, Recording, Start
-from phnn.recordings.sensor import Sensor
+from phnn.recordings.recording import Anchor, Campaign, Part, Recording, Sensor, Start
 from phnn.setup import Own, Setup
 from phnn.trajectory import simulate
 

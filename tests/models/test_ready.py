@@ -12,7 +12,7 @@ import yaml
 from numpy.typing import NDArray
 
 import phnn
-from phnn.check.quality import doubts
+from phnn.check import doubts
 from phnn.effects.effect import effect
 from phnn.effects.places import attached
 from phnn.errors import InputRefused

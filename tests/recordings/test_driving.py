@@ -18,7 +18,7 @@ from phnn.identification.plan import Plan
 from phnn.models import from_paper
 from phnn.models.network_file import load_network
 from phnn.prediction import output_spread
-from phnn.recordings.driving import driving_of, unknown_instants
+from phnn.recordings.excitation import driving_of, unknown_instants
 from phnn.recordings.recording import Part, Recording, Start
 from phnn.setup import Setup
 from phnn.trajectory import simulate

@@ -22,7 +22,7 @@ from recordings_example import output, sine
 
 from phnn.check import check
 from phnn.errors import InputRefused
-from phnn.intake.files import named_file
+from phnn.intake import named_file
 from phnn.recordings import read, text_files
 from phnn.recordings.reader import READERS
 from phnn.recordings.text_files import read_text

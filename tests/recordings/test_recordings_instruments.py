@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from recordings_example import output, refused, sine
 
-from phnn.intake.files import named_file
+from phnn.intake import named_file
 from phnn.recordings import read
 from phnn.recordings.text_files import read_text
 

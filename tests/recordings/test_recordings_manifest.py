@@ -9,7 +9,7 @@ import pytest
 from recordings_example import output, refused, sine, write, write_sine
 
 from phnn.recordings import read
-from phnn.recordings.describe import describe
+from phnn.recordings.reader import describe
 
 COLUMNS = "columns: {voltage: {column: 0, unit: V}, displacement: {column: 1, unit: um}}\nsample_rate_hz: 4000\n"
 

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import butter, chirp, cont2discrete, lfilter, sosfilt
 
-from phnn.recordings.reader import DIFFERENT, alike, pooled
+from phnn.recordings.partition import DIFFERENT, alike, pooled
 from phnn.signals import least_squares
 from phnn.signals.first_order import correlation_of
 from phnn.signals.noise import SILENT, WHITE, NoiseFloor, estimated, from_rest, noise_floor

@@ -1,0 +1,483 @@
+"""The intake of everything that a user names: limits, readable files, plain values from json and yaml.
+
+A file is a regular one, inside its folder, within the limits. Values are mappings, lists, texts, numbers, truth values
+and nothing, every key once, every number of json finite: no tags, interpolation or code. The words of yaml are those of
+YAML 1.1, but dates and times, numbers of base 8, 16, 2 and 60 stay texts, and ``1e-5`` is a number. Every alias counts
+as what it stands for, so that aliases of aliases cannot multiply.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+import stat
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from phnn.errors import InputRefused
+from phnn.results import printable
+
+_KIB, _MIB, _GIB = 2**10, 2**20, 2**30
+# Bytes of memory that are taken for granted where the system does not say what is available.
+_UNKNOWN_MEMORY = 2 * _GIB
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What is refused beyond; docs/limits.md gives the reason of each.
+
+    What a person records, describes or sets lies far inside; what is built to exhaust memory or time lies outside.
+    """
+
+    memory_share: float = 0.25
+    file_bytes: int = 4 * _GIB  # bytes
+    text_bytes: int = _GIB // 2  # bytes
+    json_bytes: int = 64 * _MIB  # bytes
+    unpacked_bytes: int = _GIB // 4  # bytes
+    line_characters: int = 100_000
+    columns: int = 64
+    text_columns: int = 1024
+    variables: int = 10_000
+    recordings: int = 10_000
+    samples: int = 50_000_000
+    sample_bytes: int = 256  # bytes
+    yaml_bytes: int = _MIB  # bytes
+    yaml_values: int = 200_000
+    depth: int = 32  # levels
+    digits: int = 18
+    unit_characters: int = 40
+    model_bytes: int = 16 * _MIB  # bytes
+    checkpoint_bytes: int = _GIB  # bytes
+    elements: int = 256
+    hysterons: int = 20
+    units: int = 4096
+    lines: int = 64
+    substeps: int = 1024
+    starts: int = 1000
+    workers: int = 256
+    message_characters: int = 2000
+    name_characters: int = 200
+
+    def most(self, count: str) -> int:
+        """The largest value of a count among settings: its own limit, or a number with the digits that are accepted."""
+        own = count in ("hysterons", "starts", "workers", "substeps", "units")
+        return int(getattr(self, count)) if own else 10**self.digits - 1
+
+    def memory_for_a_file(self) -> int:
+        """Bytes that the numbers of one file may take."""
+        return int(self.memory_share * available_memory())
+
+
+LIMITS = Limits()
+
+
+def available_memory() -> int:
+    """Bytes of memory that may still be taken: the least of what the machine and its control group have left."""
+    found = [_machine(), *_control_group()]
+    known = [size for size in found if size is not None]
+    return min(known, default=_UNKNOWN_MEMORY)
+
+
+def _machine() -> int | None:
+    for line in _text(Path("/proc/meminfo")).splitlines():
+        if line.startswith("MemAvailable:"):
+            return int(line.split()[1]) * _KIB
+    try:
+        # Systems without /proc: half of what is built in.
+        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2
+    except (ValueError, OSError, AttributeError):
+        return None
+
+
+def _control_group() -> list[int | None]:
+    """What the control groups of version 2 and 1 leave, as a container sees them; pages of read files can be freed."""
+    root = Path("/sys/fs/cgroup")
+    groups = (
+        (root / "memory.max", root / "memory.current", root / "memory.stat"),
+        (root / "memory/memory.limit_in_bytes", root / "memory/memory.usage_in_bytes", root / "memory/memory.stat"),
+    )
+    found: list[int | None] = []
+    for most, used, kinds in groups:
+        texts = _text(most).strip(), _text(used).strip()
+        if all(text.isdecimal() for text in texts):
+            freed = sum(int(line.split()[1]) for line in _text(kinds).splitlines() if line.startswith("inactive_file "))
+            found.append(max(int(texts[0]) - int(texts[1]) + freed, 0))
+    return found
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="ascii")
+    except (OSError, ValueError):
+        return ""
+
+
+_KINDS = (
+    (stat.S_ISDIR, "a folder"),
+    (stat.S_ISFIFO, "a pipe (FIFO)"),
+    (stat.S_ISSOCK, "a socket"),
+    (stat.S_ISCHR, "a device"),
+    (stat.S_ISBLK, "a device"),
+)
+OUTSIDE = "--allow-outside"
+
+
+@dataclass(frozen=True)
+class Source:
+    """A file that may be read: `named_file` has looked at it.
+
+    Attributes:
+        path: of the file, links resolved.
+        name: as the user calls it, printable, for messages.
+        suffix: of the name that the user gave, in small letters.
+        size: bytes.
+        outside: whether parts of its content may lie in other files (links of HDF5).
+    """
+
+    path: Path
+    name: str
+    suffix: str
+    size: int
+    outside: bool = False
+
+    def open(self) -> BinaryIO:
+        """The file, open for reading.
+
+        Raises:
+            InputRefused: it cannot be opened, or is no regular file any more.
+        """
+        flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
+        try:
+            file = os.fdopen(os.open(self.path, flags), "rb")
+        except OSError as error:
+            raise InputRefused(f"{self.name}: cannot be opened ({error.strerror}): make it readable") from error
+        # Between looking and opening another file may have taken its place.
+        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            file.close()
+            raise InputRefused(f"{self.name}: is no file any more: leave the folder alone while it is read")
+        return file
+
+    def read(self, most: int, what: str = "a file") -> bytes:
+        """The whole content.
+
+        Args:
+            most: bytes; what: of a kind of file, for the message.
+
+        Raises:
+            InputRefused: it is larger, or cannot be read.
+        """
+        self.check_size(most, what)
+        with self.open() as file:
+            try:
+                # What is asked for is set aside at once, so not more than there is; a file may have grown since.
+                content = file.read(min(self.size, most) + 1)
+                if len(content) > self.size:
+                    content += file.read(most + 1 - len(content))
+            except OSError as error:
+                raise InputRefused(f"{self.name}: cannot be read ({error.strerror}): copy it again") from error
+        if len(content) > most:
+            raise _too_large(self.name, len(content), most, what)
+        return content
+
+    def check_size(self, most: int, what: str = "a file") -> None:
+        """Refuse a file of more than ``most`` bytes. Raises InputRefused."""
+        if self.size > most:
+            raise _too_large(self.name, self.size, most, what)
+
+    def check_memory(self, size: int, unpacked: bool = False) -> None:
+        """Refuse numbers that would take more memory than there is for one file.
+
+        Args:
+            size: bytes of the numbers once they are read.
+            unpacked: the file holds them packed, and may claim any number of them.
+
+        Raises:
+            InputRefused: they take more.
+        """
+        most = LIMITS.memory_for_a_file()
+        if unpacked:
+            most = min(most, LIMITS.unpacked_bytes + self.size)
+        if size > most:
+            raise InputRefused(
+                f"{self.name}: its numbers take {shown_bytes(size)}, at most {shown_bytes(most)} are accepted"
+                f"{' of a packed file of this size' if unpacked else ' with the memory that is available'}: split it, "
+                f"or export fewer samples"
+            )
+
+
+def named_file(
+    path: Path, within: Sequence[Path] = (), where: str = "", absent: str = "check its path", outside: bool = False
+) -> Source:
+    """Look at a file that a user names, without opening it.
+
+    Args:
+        path: of the file.
+        within: folders of which one must hold it, links resolved; none where it may lie anywhere.
+        where: what names it, for the message.
+        absent: the remedy where there is none.
+        outside: it may lie, or lead, outside ``within``.
+
+    Raises:
+        InputRefused: it is absent, cannot be reached, is no regular file, lies outside, or is larger than any.
+    """
+    name = printable(path.name)
+    said = f"{where}: " if where else ""
+    try:
+        real = path.resolve(strict=True)
+        found = real.stat()
+    except (FileNotFoundError, NotADirectoryError) as error:
+        raise InputRefused(f"{said}{printable(str(path))}: there is no such file: {absent}") from error
+    except (OSError, ValueError, RuntimeError) as error:
+        cause = getattr(error, "strerror", None) or printable(str(error))
+        shown = printable(str(path))[: LIMITS.name_characters]
+        raise InputRefused(f"{said}{shown}: cannot be reached ({cause}): {absent}") from error
+    for test, kind in _KINDS:
+        if test(found.st_mode):
+            raise InputRefused(f"{said}{name}: is {kind}, not a file: copy what is to be read into a file")
+    if within and not outside and not any(_holds(folder, real) for folder in within):
+        raise InputRefused(
+            f"{said}{printable(str(path))}: leads out of the folder {printable(str(within[0]))}: copy the file into "
+            f"the folder, or give the option {OUTSIDE} if you trust who made the folder"
+        )
+    source = Source(real, name, path.suffix.lower(), found.st_size, outside or not within)
+    source.check_size(LIMITS.file_bytes)
+    return source
+
+
+def list_folder(folder: Path) -> list[Path]:
+    """What lies in a folder, sorted by name.
+
+    Raises:
+        InputRefused: the folder cannot be read.
+    """
+    try:
+        return sorted(folder.iterdir())
+    except OSError as error:
+        raise InputRefused(
+            f"folder {printable(str(folder))}: cannot be read ({error.strerror}): make it readable"
+        ) from error
+
+
+def shown_bytes(size: float) -> str:
+    """A number of bytes with three digits."""
+    for unit in ("bytes", "kB", "MB"):
+        if size < 1000.0:
+            return f"{size:.3g} {unit}"
+        size /= 1000.0
+    return f"{size:.3g} GB"
+
+
+def _holds(folder: Path, real: Path) -> bool:
+    try:
+        return real.is_relative_to(folder.resolve())
+    except (OSError, RuntimeError):
+        return False
+
+
+def _too_large(name: str, size: int, most: int, what: str) -> InputRefused:
+    return InputRefused(
+        f"{name}: {shown_bytes(size)}, {what} may have at most {shown_bytes(most)}: split it, or export less"
+    )
+
+
+_JSON_TOO_DEEP = f"lists and objects more than {LIMITS.depth} levels deep"
+
+
+def load_json(source: Source, most: int, what: str, remedy: str) -> Any:
+    """The content of a json file.
+
+    Args:
+        most: bytes; what: of a kind of file, and remedy: for the messages.
+
+    Raises:
+        InputRefused: too large, no json, or something that is no plain value within the limits.
+    """
+    raw = source.read(most, what)
+    try:
+        content = json.loads(
+            raw.decode("utf-8-sig"), parse_int=_whole, parse_float=_real, parse_constant=_constant,
+            object_pairs_hook=_once,
+        )  # fmt: skip
+        _check_depth(content)
+    except RecursionError as error:
+        raise InputRefused(f"{source.name}: {_JSON_TOO_DEEP}: {remedy}") from error
+    except ValueError as error:
+        raise InputRefused(f"{source.name}: is not json ({error}): {remedy}") from error
+    return content
+
+
+def _whole(text: str) -> int:
+    if len(text.lstrip("-")) > LIMITS.digits:
+        raise ValueError(f"a whole number of {len(text)} digits, at most {LIMITS.digits} are accepted")
+    return int(text)
+
+
+def _real(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"{text[:40]} is too large a number")
+    return value
+
+
+def _constant(text: str) -> float:
+    raise ValueError(f"{text} is no number")
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    content: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in content:
+            raise ValueError(f"the key {key[:40]!r} is given twice")
+        content[key] = value
+    return content
+
+
+def _check_depth(content: Any) -> None:
+    level = [content]
+    for _ in range(LIMITS.depth + 1):
+        level = [
+            inner
+            for value in level
+            if isinstance(value, dict | list)
+            for inner in (value.values() if isinstance(value, dict) else value)
+        ]
+        if not level:
+            return
+    raise ValueError(_JSON_TOO_DEEP)
+
+
+_WORDS: dict[str, Any] = {"": None, "~": None} | {
+    form: value
+    for word, value in (("null", None), ("yes", True), ("no", False), ("true", True), ("false", False), ("on", True),
+                        ("off", False))
+    for form in (word, word.capitalize(), word.upper())
+}  # fmt: skip
+_WHOLE = re.compile(r"[-+]?(?:0|[1-9][0-9_]*)")
+_REAL = re.compile(
+    r"[-+]?(?:[0-9][0-9_]*\.[0-9_]*(?:[eE][-+]?[0-9]+)?|[0-9][0-9_]*[eE][-+]?[0-9]+|\.[0-9][0-9_]*(?:[eE][-+]?[0-9]+)?"
+    r"|\.(?:inf|Inf|INF))|\.(?:nan|NaN|NAN)"
+)
+_MERGE = "<<"
+# What other readers of yaml would replace, from the environment for instance.
+_INTERPOLATION = "${"
+_TOO_DEEP = f"lists and mappings more than {LIMITS.depth} levels deep: write less"
+
+
+class _Refused(ValueError):
+    """What is wrong at a node, and the remedy; the line comes before it."""
+
+    def __init__(self, node: Any, said: str) -> None:
+        super().__init__(said)
+        self.line = node.start_mark.line + 1
+
+
+def load_yaml(source: Source) -> Any:
+    """The one document of a yaml file; ``None`` where it holds none.
+
+    Raises:
+        InputRefused: too large, no yaml, or something that is no plain value within the limits; names file and line.
+    """
+    raw = source.read(LIMITS.yaml_bytes, "a yaml file")
+    try:
+        text = raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputRefused(
+            f"{source.name}: not readable as yaml (byte {error.start} is no UTF-8): save it as UTF-8"
+        ) from error
+    return plain_values(text, source.name)
+
+
+def plain_values(text: str, name: str) -> Any:
+    """The one document of a yaml text; ``name`` is that of the file. Raises InputRefused as `load_yaml`."""
+    import yaml
+
+    # Without a meaning of their own, values have the tags that somebody wrote, or say whether they stood in quotes.
+    loader = type("AsWritten", (getattr(yaml, "CSafeLoader", yaml.SafeLoader),), {"resolve": _as_written})
+    try:
+        depth = 0
+        # The composer takes long for what is deep, the parser does not.
+        for event in yaml.parse(text, Loader=loader):
+            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+            if depth > LIMITS.depth + 1:
+                raise _Refused(event, _TOO_DEEP)
+        documents = list(yaml.compose_all(text, Loader=loader))
+        if len(documents) > 1:
+            raise _Refused(documents[1], "a second document begins: one file holds one")
+        return _Values().of(documents[0], 0) if documents else None
+    except _Refused as error:
+        raise InputRefused(f"{name}: line {error.line}: {error}") from error
+    except (yaml.YAMLError, RecursionError) as error:
+        cause = " ".join(str(error).split())
+        raise InputRefused(f"{name}: not readable as yaml ({cause}): correct it at the line named") from error
+
+
+_PLAIN, _QUOTED = "", "quoted"
+
+
+def _as_written(loader: Any, kind: Any, value: Any, implicit: Any) -> str:
+    return _QUOTED if isinstance(implicit, tuple) and not implicit[0] else _PLAIN
+
+
+class _Values:
+    """Plain values from the nodes of a document, counted; an alias is the node that it stands for, again."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+    def of(self, node: Any, depth: int) -> Any:
+        """Return the value of a node that lies so deep in others."""
+        self.count += 1
+        if self.count > LIMITS.yaml_values:
+            raise _Refused(node, f"more than {LIMITS.yaml_values} values, aliases written out: write less")
+        if depth > LIMITS.depth:
+            raise _Refused(node, _TOO_DEEP)
+        if node.tag not in (_PLAIN, _QUOTED):
+            raise _Refused(node, f"the tag {node.tag!r} is not accepted: write plain values without tags")
+        if node.id == "scalar":
+            return _scalar(node)
+        if node.id == "sequence":
+            return [self.of(inner, depth + 1) for inner in node.value]
+        return self._mapping(node, depth + 1)
+
+    def _mapping(self, node: Any, depth: int) -> dict[Any, Any]:
+        own: dict[Any, Any] = {}
+        merged: dict[Any, Any] = {}
+        for key_node, value_node in node.value:
+            key, value = self.of(key_node, depth), self.of(value_node, depth)
+            if isinstance(key, list | dict):
+                raise _Refused(key_node, "a list or mapping as a key: write a name")
+            if key in own:
+                raise _Refused(key_node, f"the key {key!r} is given twice: remove one")
+            if key != _MERGE:
+                own[key] = value
+                continue
+            for mapping in value if isinstance(value, list) else [value]:
+                if not isinstance(mapping, dict):
+                    raise _Refused(key_node, "<< stands before something that is no mapping: name a mapping")
+                # The first mapping that has a key wins.
+                merged = mapping | merged
+        return merged | own
+
+
+def _scalar(node: Any) -> Any:
+    text = node.value
+    if _INTERPOLATION in text:
+        raise _Refused(node, f"{text[:60]!r}: nothing is put in for ${{…}} here: write the value itself")
+    if node.tag == _QUOTED:
+        return text
+    if text in _WORDS:
+        return _WORDS[text]
+    if _WHOLE.fullmatch(text):
+        digits = sum(c.isdigit() for c in text)
+        if digits > LIMITS.digits:
+            raise _Refused(
+                node, f"a whole number of {digits} digits, at most {LIMITS.digits} are accepted: write 1e{digits}"
+            )
+        return int(text.replace("_", ""))
+    if _REAL.fullmatch(text):
+        return float(text.replace("_", "").lower().replace(".inf", "inf").replace(".nan", "nan"))
+    return text
