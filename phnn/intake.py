@@ -248,20 +248,6 @@ def named_file(
     return source
 
 
-def list_folder(folder: Path) -> list[Path]:
-    """What lies in a folder, sorted by name.
-
-    Raises:
-        InputRefused: the folder cannot be read.
-    """
-    try:
-        return sorted(folder.iterdir())
-    except OSError as error:
-        raise InputRefused(
-            f"folder {printable(str(folder))}: cannot be read ({error.strerror}): make it readable"
-        ) from error
-
-
 def shown_bytes(size: float) -> str:
     """A number of bytes with three digits."""
     for unit in ("bytes", "kB", "MB"):

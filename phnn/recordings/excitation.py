@@ -304,36 +304,34 @@ def driving_of(recording: Recording, substeps: int, method: str | None = None) -
         substeps: steps a sample interval, more of them after jumps.
         method: another reconstruction than the recording's.
     """
-    given = _Given(
-        _Same(recording.u), tuple(_Same(x) for x in recording.further.values()), recording.cycle,
-        input_before(recording, recording.u), (recording.period or 0.0) / recording.dt,
-        None if recording.clock is None else _Same(recording.t),
-    )  # fmt: skip
-    return _driving(given, substeps, method or recording.interpolation)
+    further = tuple(_Same(x) for x in recording.further.values())
+    period, times = (recording.period or 0.0) / recording.dt, None if recording.clock is None else _Same(recording.t)
+    before = input_before(recording, recording.u)
+    return _driving(
+        _Same(recording.u), further, recording.cycle, before, period, times, substeps, method or recording.interpolation
+    )
 
 
-class _Given(NamedTuple):
-    """What a recording says of its inputs, as the key of a cache.
+@lru_cache(maxsize=64)
+def _driving(
+    u: _Same,
+    further: tuple[_Same, ...],
+    cycle: int,
+    before: float,
+    period: float,
+    times: _Same | None,
+    substeps: int,
+    method: str,
+) -> Driving:
+    """Return the input of a recording as `driving_of` does.
 
-    Attributes:
+    Args:
         u: the first input; further: the other ones.
         cycle: samples of a steady cycle; before: the input before the first sample.
         period: of the input in sample intervals; 0 for none.
         times: sampling instants that are not uniform, s.
     """
-
-    u: _Same
-    further: tuple[_Same, ...]
-    cycle: int
-    before: float
-    period: float
-    times: _Same | None
-
-
-@lru_cache(maxsize=64)
-def _driving(given: _Given, substeps: int, method: str) -> Driving:
-    cycle, before = given.cycle, given.before
-    lead, samples, others = cycle, given.u.array, [x.array for x in given.further]
+    lead, samples, others = cycle, u.array, [x.array for x in further]
     if cycle:
         samples, *others = (np.concatenate([x[:cycle], x]) for x in (samples, *others))
     elif method in WITH_BREAKS and starts_with_jump(samples, before):
@@ -343,8 +341,8 @@ def _driving(given: _Given, substeps: int, method: str) -> Driving:
     for x in others:
         counts = np.maximum(counts, substep_counts(x, float(x[0]), substeps))
     counts, clock, lengths = made_periodic(counts, cycle), None, np.ones(counts.size)
-    if given.times is not None:
-        t = given.times.array
+    if times is not None:
+        t = times.array
         clock = np.concatenate([-np.arange(lead, 0.0, -1.0), t * (t.size - 1) / t[-1]])
         lengths = np.diff(clock)
         # As many steps in a unit of time, whatever the intervals.
@@ -354,7 +352,7 @@ def _driving(given: _Given, substeps: int, method: str) -> Driving:
     for k, x in enumerate(others):
         means[:, k] = mean_input(substep_input(x, counts, method, clock=clock))
     means.flags.writeable = False
-    group = _shared(command.breaks.jumps, cycle, given.period, samples.size)
+    group = _shared(command.breaks.jumps, cycle, period, samples.size)
     if group.max(initial=-1) + 1 < group.size:
         # Jumps that share an instant have to mean the same by it.
         command = replace(command, sharp=True)

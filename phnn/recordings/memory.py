@@ -78,12 +78,12 @@ def given_labelled(data: Any, name: str = "") -> Iterator[Given]:
     """The recordings of a Dataset, one for each index of a second dimension."""
     where = where_of(data, name)
     time, further = _dimensions(data, where)
-    if further is None:
-        yield _given(data, time, name, where)
-        return
-    labels = data.coords[further].values if further in data.coords else np.arange(data.sizes[further])
+    labels = [None] if further is None else data.indexes.get(further, range(data.sizes[further]))
     for i, label in enumerate(labels):
-        yield _given(data.isel({further: i}), time, f"{name or data.attrs.get('name', further)}_{label}", where)
+        one = data if further is None else data.isel({further: i})
+        called = name if further is None else f"{name or data.attrs.get('name', further)}_{label}"
+        said, table = given_frame(_along(one, time), printable(called))
+        yield said, replace(table, where=where, by_name=True)
 
 
 def _dimensions(data: Any, where: object) -> tuple[str, str | None]:
@@ -100,21 +100,18 @@ def _dimensions(data: Any, where: object) -> tuple[str, str | None]:
     )
 
 
-def _given(data: Any, time: str, name: str, where: Any) -> Given:
-    """One recording along its time."""
-    columns = {printable(str(n)): v.values for n, v in data.data_vars.items() if v.dims == (time,)}
-    units = {printable(str(n)): str(v.attrs["units"]) for n, v in data.variables.items() if "units" in v.attrs}
-    if time in data.coords:
-        values = data.coords[time].values
-        elapsed = seconds(values)
-        if elapsed is not None:
-            units.pop(time, None)
-        label = "time_s" if elapsed is not None else "time" if parse_name(time) is None else time
-        if label != time and time in units:
-            units[label] = units.pop(time)
-        columns.setdefault(label, values if elapsed is None else elapsed)
-    table = Table(where, tuple(columns), tuple(columns.values()), by_name=True)
-    return given_of(data.attrs, table, units, printable(name))
+def _along(data: Any, time: str) -> Any:
+    """Return the variables along time as a frame, whose index is the time where the data has one."""
+    shown = data.reset_coords(drop=True)[[n for n, v in data.data_vars.items() if v.dims == (time,)]]
+    frame = shown.to_dataframe()
+    units = {str(n): str(v.attrs["units"]) for n, v in data.variables.items() if "units" in v.attrs}
+    frame.index.name = None if time not in data.coords else "time" if parse_name(time) is None else time
+    if frame.index.name is not None and time in units:
+        units[frame.index.name] = units.pop(time)
+    if frame.index.dtype.kind in "mM":
+        units.pop(frame.index.name, None)
+    frame.attrs = {**data.attrs, "units": units}
+    return frame
 
 
 def given_frame(frame: Any, name: str = "") -> Given:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from phnn.errors import InputRefused
-from phnn.intake import Source, list_folder, named_file
+from phnn.intake import Source, named_file
 from phnn.parameters import quantity
 from phnn.recordings import checks
 from phnn.recordings.array_files import NoRecording, read_axes, read_hdf5, read_json, read_mat, read_npy, read_npz
@@ -98,7 +98,13 @@ class Files:
 
     def _present(self) -> list[Path]:
         """What lies in the folder, without its manifest and hidden files."""
-        return [p for p in list_folder(self.home) if not p.name.startswith(".") and p.name != "recordings.yaml"]
+        try:
+            names = sorted(self.home.iterdir())
+        except OSError as error:
+            raise InputRefused(
+                f"folder {printable(str(self.home))}: cannot be read ({error.strerror}): make it readable"
+            ) from error
+        return [p for p in names if not p.name.startswith(".") and p.name != "recordings.yaml"]
 
     def _numbers(self, path: Path) -> bool:
         """Whether a file has a known format and, where that is text, columns of numbers; a csv is meant to have."""
