@@ -113,21 +113,16 @@ class Column:
     missing: tuple[float | str, ...] = ()
 
 
-def columns_of(value: Any, inherited: Mapping[str, Column], where: str) -> dict[str, Column]:
-    """Columns by quantity, laid over inherited ones."""
+def columns_of(value: Any, inherited: Mapping[str, Column], where: str, anew: bool) -> dict[str, Column]:
+    """Return columns by quantity, laid over inherited ones.
+
+    ``anew``: places given elsewhere no longer count (they describe other files), units still do."""
     content = mapping(value, where)
     keys_of(content, QUANTITIES, where)
-    columns = dict(inherited)
+    columns = {q: replace(column, place=None) if anew else column for q, column in inherited.items()}
     for quantity, said in content.items():
         columns[quantity] = _column(said, columns.get(quantity, Column()), quantity, f"{where}: {quantity}")
     return columns
-
-
-def variables_of(value: Any, inherited: Mapping[str, Column], where: str) -> dict[str, Column]:
-    """Names of variables. Places given elsewhere no longer count (they describe other files), units still do."""
-    content = mapping(value, where)
-    columns = {quantity: replace(column, place=None) for quantity, column in inherited.items()}
-    return columns_of(content, columns, where)
 
 
 def named_of(value: Any, quantity: str, where: str) -> dict[str, Column]:
@@ -195,10 +190,13 @@ def sensor_of(value: Any, where: str) -> Sensor:
     keys_of(content, ("saturates", "rectified", "lag", *_DERIVATIVES), where)
     said = {key: key in content and flag(content[key], f"{where}: {key}") for key in _DERIVATIVES}
     saturates, unit = _limits(content, f"{where}: saturates")
+    lag, time = _physical(content["lag"], f"{where}: lag", "2 ms") if "lag" in content else (0.0, "")
+    if "lag" in content and (time != "s" or not lag > 0.0):
+        raise InputRefused(f"{where}: lag: {shown(content['lag'])} is no time constant: write it as 2 ms")
     return Sensor(
         saturates,
         "rectified" in content and flag(content["rectified"], f"{where}: rectified"),
-        _lag(content, f"{where}: lag"),
+        lag,
         2 if said["second_derivative"] else said["derivative"],
         unit,
     )
@@ -227,15 +225,6 @@ def _limits(content: Mapping[str, Any], where: str) -> tuple[tuple[float, float]
     if len(units) > 1 or not lower < upper:
         raise InputRefused(f"{where}: {shown(said)}: write the lower limit first, both in one unit, as [0 V, 10 V]")
     return (lower, upper), units.pop()
-
-
-def _lag(content: Mapping[str, Any], where: str) -> float:
-    if "lag" not in content:
-        return 0.0
-    lag, unit = _physical(content["lag"], where, "2 ms")
-    if unit != "s" or not lag > 0.0:
-        raise InputRefused(f"{where}: {shown(content['lag'])} is no time constant: write it as 2 ms")
-    return lag
 
 
 def _physical(value: Any, where: str, example: str) -> tuple[float, str]:
@@ -394,8 +383,7 @@ def _entry(item: Mapping[str, Any], common: Entry, where: str) -> Entry:
     for key in (key for key in _EACH if key in item):
         value, here = item[key], f"{where}: {key}"
         if key in ("columns", "variables"):
-            laid = columns_of if key == "columns" else variables_of
-            said["columns"] = laid(value, said.get("columns", common.columns), here)
+            said["columns"] = columns_of(value, said.get("columns", common.columns), here, key == "variables")
         elif key == "file":
             files = value if isinstance(value, list) and value else [value]
             said["file"], *beside = (text(file, here) for file in files)

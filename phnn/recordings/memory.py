@@ -200,9 +200,9 @@ def _collected(data: Any, name: str, names: tuple[str, str]) -> Iterator[Given]:
         yield from given_labelled(data, name)
     elif library:
         yield given_benchmark(data, names, name or printable(str(data.name)))
-    elif isinstance(data, Mapping) and any(map(_is_recording, data.values())):
+    elif isinstance(data, Mapping) and any(isinstance(v, Mapping) or _library(v) for v in data.values()):
         for key, one in data.items():
-            yield from _collected(one, _joined(name, key), names)
+            yield from _collected(one, (f"{name}_" if name else "") + printable(str(key)), names)
     elif isinstance(data, Mapping) and data and all(map(_is_numbers, data.values())):
         columns = stored_arrays({str(k): v for k, v in data.items()})
         yield Entry(name=name), table_of(where_of(data, name), columns)
@@ -216,15 +216,6 @@ def _collected(data: Any, name: str, names: tuple[str, str]) -> Iterator[Given]:
             wrong = [f"{printable(str(key))} ({type(v).__name__})" for key, v in data.items() if not _is_numbers(v)]
             kind = f"a {kind} with {', '.join(wrong[:_SHOWN]) or 'nothing in it'}"
         raise InputRefused(f"{label}{kind} is not known as a recording: give {_ACCEPTED}")
-
-
-def _is_recording(data: Any) -> bool:
-    """Whether an object is a recording or several, not one column: what has a name in a mapping."""
-    return isinstance(data, Mapping) or _library(data) != ""
-
-
-def _joined(name: str, key: object) -> str:
-    return f"{name}_{printable(str(key))}" if name else printable(str(key))
 
 
 def _is_numbers(value: Any) -> bool:
