@@ -132,7 +132,7 @@ class Draft:
     """A recording that has not been given its parts yet.
 
     Attributes:
-        floor: the noise of its output; excitation: of its input.
+        floor: the noise of its output, which the recording takes when all are compared; excitation: of its input.
         use: what the manifest demands, None if nothing.
         columns: what was understood as what, in words; notes: further sentences.
     """
@@ -216,10 +216,7 @@ def _draft(
     floor = NoiseFloor(float("nan"), "no output recorded", WHITE)
     if np.isfinite(y).all():
         floor = _noise(recording, excitation)
-    recording = replace(
-        recording, period=excitation.period, noise=floor.value, noise_source=floor.source,
-        noise_correlation=floor.correlation,
-    )  # fmt: skip
+    recording = replace(recording, period=excitation.period)
     what = ", ".join(f"{q} from {c.label} in {c.unit}" for q, c in channels.items())
     used = {channel.label for channel in channels.values()}
     spare = [n for i, n in enumerate(table.names) if n and table.label(i) not in used]
