@@ -15,7 +15,6 @@ import warnings
 import zipfile
 import zlib
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any, BinaryIO, NamedTuple
 
@@ -23,7 +22,7 @@ import numpy as np
 
 from phnn.errors import InputRefused
 from phnn.intake import LIMITS, Source
-from phnn.recordings.library_files import datasets, is_hdf5, matlab_content
+from phnn.recordings.library_files import datasets, is_hdf5, matlab_content, readable
 from phnn.recordings.table import (
     NUMBERS,
     Stored,
@@ -245,9 +244,12 @@ def read_hdf5(source: Source) -> Table:
     return table_of(Where(source.name), datasets(source))
 
 
+_NPZ = "not a readable .npz file", "save it again with numpy.savez"
+
+
 def read_npz(source: Source) -> Table:
     """The arrays of an archive by name, columns as in `read_mat`; those that nobody asks for are not read."""
-    with _readable(source, ".npz", "with numpy.savez"), source.open() as file, zipfile.ZipFile(file) as archive:
+    with readable(source, *_NPZ), source.open() as file, zipfile.ZipFile(file) as archive:
         members = [m for m in archive.infolist() if m.filename.endswith(".npy")]
         if len(members) > LIMITS.variables:
             raise ValueError(f"{len(members)} arrays, at most {LIMITS.variables} are accepted")
@@ -261,7 +263,7 @@ def _member(source: Source, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -
 
     def load() -> np.ndarray:
         source.check_memory(math.prod(shape) * dtype.itemsize, member.compress_type != zipfile.ZIP_STORED)
-        with _readable(source, ".npz", "with numpy.savez"), source.open() as file, zipfile.ZipFile(file) as archive:
+        with readable(source, *_NPZ), source.open() as file, zipfile.ZipFile(file) as archive:
             with archive.open(member) as stream:
                 array: np.ndarray = np.lib.format.read_array(stream, allow_pickle=False)
                 # The checksum is held against the content at its end.
@@ -270,18 +272,6 @@ def _member(source: Source, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -
             return array
 
     return Stored(member.filename[:-4], shape, dtype, load)
-
-
-@contextmanager
-def _readable(source: Source, kind: str, remedy: str) -> Iterator[None]:
-    """Refuse a damaged file, on which numpy, scipy and zipfile raise errors of any kind; a refusal stays as it is."""
-    try:
-        yield
-    except InputRefused:
-        raise
-    except Exception as error:
-        cause = f"{type(error).__name__}: {error}" if kind == ".mat" else printable(str(error))
-        raise InputRefused(f"{source.name}: not a readable {kind} file ({cause}): save it again {remedy}") from error
 
 
 def _header(stream: BinaryIO | Any) -> tuple[tuple[int, ...], np.dtype]:
@@ -340,7 +330,7 @@ def read_axes(source: Source, axes: Sequence[str]) -> Table:
 
 
 def _load_npy(source: Source) -> np.ndarray:
-    with _readable(source, ".npy", "with numpy.save"), source.open() as file:
+    with readable(source, "not a readable .npy file", "save it again with numpy.save"), source.open() as file:
         shape, dtype = _header(file)
         size, held = math.prod(shape) * dtype.itemsize, source.size - file.tell()
         if size > held:
@@ -358,7 +348,7 @@ def _load_v5(source: Source) -> tuple[Mapping[str, Any], Sequence[Sequence[str]]
     if source.size == 0:
         raise InputRefused(f"{source.name}: the file is empty: record it again or remove it")
     source.check_memory(source.size)
-    with _readable(source, ".mat", "from MATLAB"), source.open() as file:
+    with readable(source, "not a readable .mat file", "save it again from MATLAB", typed=True), source.open() as file:
         # Only what is looked at comes into memory.
         with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as raw:
             if is_v5(raw):

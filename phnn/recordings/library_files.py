@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import zipfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from importlib import import_module
@@ -31,8 +31,30 @@ _UNITS, _PACKED, _MISSING = ("units", "unit"), ("scale_factor", "add_offset"), (
 _CLASS, _EMPTY, _OBJECT = "MATLAB_class", "MATLAB_empty", "MATLAB_object_decode"
 
 
-class _Outside(ValueError):
-    """A part of the content lies in another file."""
+# Packages that an extra of phnn brings.
+_EXTRAS = {"npTDMS": "'phnn[tdms]'"}
+
+
+@contextmanager
+def readable(source: Source, kind: str, remedy: str, package: str = "", typed: bool = False) -> Iterator[None]:
+    """Refuse a damaged file, on which libraries raise errors of any kind, and one whose package is not there.
+
+    A refusal stays as it is.
+
+    Args:
+        kind: what the file is not; remedy: what to do then; package: that reads it.
+        typed: say the type of the error too, where its text alone says little.
+    """
+    try:
+        yield
+    except InputRefused:
+        raise
+    except Exception as error:
+        if package and isinstance(error, ImportError):
+            cause = f"{source.suffix} files need the package {package}: pip install {_EXTRAS.get(package, package)}"
+            raise InputRefused(f"{source.name}: {cause}") from error
+        cause = printable(f"{type(error).__name__}: {error}" if typed else str(error))
+        raise InputRefused(f"{source.name}: {kind} ({cause}): {remedy}") from error
 
 
 def is_hdf5(source: Source) -> bool:
@@ -44,7 +66,8 @@ def is_hdf5(source: Source) -> bool:
 
 def datasets(source: Source) -> list[Stored]:
     """Return all datasets of a file that hold numbers, fields of tables as ``dataset.field``."""
-    return _read(source, lambda file: [s for found in _walk(file, source) for s in _stored(source, *found)], False)
+    with _opened(source) as file:
+        return [stored for path, item in _walk(file, source) for stored in _stored(source, path, item)]
 
 
 def matlab_content(source: Source) -> tuple[dict[str, Any], list[tuple[str, str]]]:
@@ -52,32 +75,27 @@ def matlab_content(source: Source) -> tuple[dict[str, Any], list[tuple[str, str]
 
     Structures are mappings, arrays of structures and cells are lists, texts are texts, numbers are `Stored`.
     """
-
-    def content(file: Any) -> tuple[dict[str, Any], list[tuple[str, str]]]:
+    with _opened(source, matlab=True) as file:
         top = dict.fromkeys(name.partition("/")[0] for name, _ in _walk(file, source))
-        objects = [(n, _class(file[n])) for n in top if _OBJECT in file[n].attrs]
-        named = [n for n in top if n not in dict(objects)]
-        return {n: _decoded(source, file, n, file[n], 0) for n in named}, objects
-
-    return _read(source, content, True)
+        objects = {n: _class(file[n]) for n in top if _OBJECT in file[n].attrs}
+        return {n: _decoded(source, file, n, file[n], 0) for n in top if n not in objects}, list(objects.items())
 
 
-def _read(source: Source, what: Callable[[Any], Any], matlab: bool) -> Any:
+@contextmanager
+def _opened(source: Source, matlab: bool = False) -> Iterator[Any]:
     import h5py
 
-    try:
-        with h5py.File(source.path, "r") as file:
-            _check_length(source, file.userblock_size)
-            return what(file)
-    except InputRefused:
-        raise
-    except _Outside as error:
-        remedy = f"copy everything into one file, or give the option {OUTSIDE} if you trust who made it"
-        raise InputRefused(f"{source.name}: {error}: {remedy}") from error
-    except Exception as error:  # on damaged bytes h5py raises errors of many kinds
-        cause = "damaged .mat v7.3 file" if matlab else "not a readable HDF5 file"
-        remedy = "save it again from MATLAB" if matlab else "export it again"
-        raise InputRefused(f"{source.name}: {cause} ({printable(str(error))}): {remedy}") from error
+    kind = "damaged .mat v7.3 file" if matlab else "not a readable HDF5 file"
+    remedy = "save it again from MATLAB" if matlab else "export it again"
+    with readable(source, kind, remedy), h5py.File(source.path, "r") as file:
+        _check_length(source, file.userblock_size)
+        yield file
+
+
+def _outside(source: Source, cause: str) -> InputRefused:
+    """Return the refusal of a part of the content that lies in another file."""
+    remedy = f"copy everything into one file, or give the option {OUTSIDE} if you trust who made it"
+    return InputRefused(f"{source.name}: {cause}: {remedy}")
 
 
 def _walk(file: Any, source: Source) -> Iterator[tuple[str, Any]]:
@@ -89,12 +107,12 @@ def _walk(file: Any, source: Source) -> Iterator[tuple[str, Any]]:
 
     found: dict[str, Any] = {}
 
-    def visit(name: str, link: Any) -> ValueError | None:
+    def visit(name: str, link: Any) -> Exception | None:
         # What is returned ends the walk; what is raised would be lost within the library.
         if name.count("/") >= LIMITS.depth:
             return ValueError(f"groups more than {LIMITS.depth} levels deep")
         if isinstance(link, h5py.ExternalLink) and not source.outside:
-            return _Outside(f"/{name} is a link to the file {printable(str(link.filename))!r}")
+            return _outside(source, f"/{name} is a link to the file {printable(str(link.filename))!r}")
         found[name] = link
         return None
 
@@ -125,10 +143,10 @@ def _check_dataset(source: Source, dataset: Any) -> None:
     if source.outside:
         return
     if dataset.external:
-        raise _Outside(f"{dataset.name} has its numbers in the file {printable(str(dataset.external[0][0]))!r}")
+        raise _outside(source, f"{dataset.name} has its numbers in the file {printable(str(dataset.external[0][0]))!r}")
     if dataset.is_virtual:
         parts = ", ".join(printable(str(part.file_name)) for part in dataset.virtual_sources()[:3])
-        raise _Outside(f"{dataset.name} is a virtual dataset, made of parts of {parts!r}")
+        raise _outside(source, f"{dataset.name} is a virtual dataset, made of parts of {parts!r}")
 
 
 def _stored(source: Source, path: str, item: Any, matlab: bool = False) -> Iterator[Stored]:
@@ -145,12 +163,9 @@ def _stored(source: Source, path: str, item: Any, matlab: bool = False) -> Itera
 
         def load(field: str | None = field, size: int = size) -> np.ndarray:
             source.check_memory(size, packed)
-
-            def numbers(file: Any) -> np.ndarray:
+            with _opened(source, matlab) as file:
                 array = np.asarray(file[path][field] if field is not None else file[path][()])
-                return array.T if matlab else _unpacked(array, said)
-
-            return np.asarray(_read(source, numbers, matlab))
+            return array.T if matlab else _unpacked(array, said)
 
         yield Stored(name if field is None else f"{name}.{field}", shape, dtype, load, unit)
 
@@ -242,7 +257,7 @@ _INTERVAL, _START, _OFFSET, _UNIT = "wf_increment", "wf_start_time", "wf_start_o
 
 def read_tdms(source: Source) -> Table:
     """The numeric channels as ``group.channel``, with their units; waveforms of one interval bring their time."""
-    with _by_package(source, "npTDMS", "'phnn[tdms]'", "export it again"):
+    with readable(source, "not a readable .tdms file", "export it again", "npTDMS"):
         from nptdms import TdmsFile
 
         closed = _closed(source)
@@ -352,7 +367,7 @@ def _closed(source: Source) -> bool:
 
 def read_sheet(source: Source) -> Table:
     """Return the columns of the first sheet of a workbook, whose rows are read as those of a text are."""
-    with _by_package(source, "openpyxl"):
+    with readable(source, "not a readable .xlsx file", "export it again, or as .csv", "openpyxl"):
         import pandas as pd
 
         with source.open() as file, zipfile.ZipFile(file) as archive:
@@ -364,7 +379,7 @@ def read_sheet(source: Source) -> Table:
 
 def read_parquet(source: Source) -> Table:
     """Return the columns of a parquet file, with its index where that is a time."""
-    with _by_package(source, "pyarrow"):
+    with readable(source, "not a readable .parquet file", "export it again, or as .csv", "pyarrow"):
         import pandas as pd
 
         parquet = import_module("pyarrow.parquet")
@@ -372,22 +387,3 @@ def read_parquet(source: Source) -> Table:
             said = parquet.ParquetFile(file).metadata
             source.check_memory(8 * said.num_rows * said.num_columns, unpacked=True)
             return replace(given_frame(pd.read_parquet(file))[1], where=Where(source.name))
-
-
-@contextmanager
-def _by_package(
-    source: Source, package: str, install: str = "", remedy: str = "export it again, or as .csv"
-) -> Iterator[None]:
-    """Refuse a file whose package is not there, and one that the package stumbles over."""
-    try:
-        yield
-    except InputRefused:
-        raise
-    except ImportError as error:
-        raise InputRefused(
-            f"{source.name}: {source.suffix} files need the package {package}: pip install {install or package}"
-        ) from error
-    except Exception as error:  # on damaged bytes the packages raise errors of many kinds
-        raise InputRefused(
-            f"{source.name}: not a readable {source.suffix} file ({printable(str(error))}): {remedy}"
-        ) from error
