@@ -451,7 +451,7 @@ def _of_one_kind(a: Recording, b: Recording) -> bool:
 
 def _tones(x: np.ndarray, dt: float) -> list[float]:
     """Frequencies of the strongest narrow peaks, in ascending order."""
-    power = np.abs(np.fft.rfft((x - x.mean()) * np.hanning(x.size))) ** 2
+    power = _spectrum(x)
     limit = _TALL * float(np.median(power))
     found: list[int] = []
     for i in np.argsort(power)[::-1]:

@@ -19,7 +19,7 @@ import numpy as np
 from phnn.errors import InputRefused, OutputRefused
 from phnn.intake import LIMITS, plain_values
 from phnn.recordings import checks, read
-from phnn.recordings.manifest import DEFAULT_SETUP, Entry, Manifest
+from phnn.recordings.manifest import DEFAULT_SETUP, Manifest
 from phnn.recordings.reader import READERS, Files
 from phnn.recordings.table import Table
 from phnn.recordings.units import QUANTITIES, find_unit, parse_name, split_unit
@@ -361,7 +361,7 @@ def template(folder: Path, outside: bool = False) -> str:
         InputRefused: there is no such folder, or no file in it that may be a recording.
     """
     checks.folder_exists(folder)
-    files = Files(folder, Manifest(DEFAULT_SETUP, {}, "command", Entry(), None, None), outside)
+    files = Files(folder, Manifest(), outside)
     candidates, left = files.possible()
     checks.any_recordings(candidates, left, folder)
     found = []

@@ -22,7 +22,7 @@ import numpy as np
 
 from phnn.errors import InputRefused
 from phnn.intake import LIMITS, Source
-from phnn.recordings.library_files import datasets, is_hdf5, matlab_content, readable
+from phnn.recordings.library_files import is_hdf5, matlab_content, readable
 from phnn.recordings.table import (
     NUMBERS,
     Stored,
@@ -237,11 +237,6 @@ def _experiments(name: str, value: Any) -> list[tuple[str, list[np.ndarray]]]:
         parts = [(f"{name}[{i}]", [a[:, i] for a in arrays]) for i in range(width)]
     sizes = {tuple(v.size for v in values) for _, values in parts}
     return parts if len(parts) > 1 and len(sizes) == 1 and min(*sizes.pop(), LIMITS.columns) > 1 else []
-
-
-def read_hdf5(source: Source) -> Table:
-    """Return the numeric datasets of an HDF5 file, those of a group as ``group.dataset``, columns as in `read_mat`."""
-    return table_of(Where(source.name), datasets(source))
 
 
 _NPZ = "not a readable .npz file", "save it again with numpy.savez"

@@ -20,7 +20,7 @@ from phnn.errors import InputRefused
 from phnn.intake import LIMITS, OUTSIDE, Source
 from phnn.recordings.channels import merged
 from phnn.recordings.memory import given_frame
-from phnn.recordings.table import Stored, Table, Where
+from phnn.recordings.table import Stored, Table, Where, table_of
 from phnn.recordings.text_files import Lines, table_of_lines
 from phnn.results import printable
 
@@ -64,10 +64,12 @@ def is_hdf5(source: Source) -> bool:
     return bool(h5py.is_hdf5(source.path))
 
 
-def datasets(source: Source) -> list[Stored]:
-    """Return all datasets of a file that hold numbers, fields of tables as ``dataset.field``."""
+def read_hdf5(source: Source) -> Table:
+    """Return the columns of all datasets of numbers, those of a group as ``group.dataset``, as `read_mat` does."""
     with _opened(source) as file:
-        return [stored for path, item in _walk(file, source) for stored in _stored(source, path, item)]
+        return table_of(
+            Where(source.name), (s for path, item in _walk(file, source) for s in _stored(source, path, item))
+        )
 
 
 def matlab_content(source: Source) -> tuple[dict[str, Any], list[tuple[str, str]]]:

@@ -269,13 +269,13 @@ class Entry:
     Attributes:
         segments: the file holds several recordings one after another, separated by jumps of time or, where a number
             is given, so many samples each.
-        beside: further files whose columns stand beside those of the first.
+        files: its files, whose columns stand side by side.
         ports: inputs at further ports of the network; outputs: several outputs, by the storage that is measured.
         axes: what the axes of an array are, of `AXES`.
         sensor: what is known of the sensor; offset: whether the zero of the output is its own or shared.
     """
 
-    file: str = ""
+    files: tuple[str, ...] = ()
     name: str | None = None
     columns: Mapping[str, Column] = field(default_factory=dict)
     sample_rate_hz: float | None = None
@@ -285,7 +285,6 @@ class Entry:
     periodic: bool | None = None
     input: str | None = None
     segments: bool | int = False
-    beside: tuple[str, ...] = ()
     ports: Mapping[str, Column] = field(default_factory=dict)
     outputs: Mapping[str, Column] = field(default_factory=dict)
     axes: tuple[str, ...] = ()
@@ -293,21 +292,21 @@ class Entry:
     offset: str = "own"
 
     @property
-    def files(self) -> tuple[str, ...]:
-        """All its files."""
-        return (self.file, *self.beside)
+    def file(self) -> str:
+        """Its first file."""
+        return self.files[0]
 
 
 @dataclass(frozen=True)
 class Manifest:
     """The manifest, validated. ``entries`` is ``None`` where it lists no recordings: then every file is one."""
 
-    setup: Mapping[str, Any]
-    known: Mapping[str, Anchor]
-    voltage: str
-    common: Entry
-    entries: tuple[Entry, ...] | None
-    path: Path | None
+    setup: Mapping[str, Any] = field(default_factory=lambda: DEFAULT_SETUP)
+    known: Mapping[str, Anchor] = field(default_factory=dict)
+    voltage: str = "command"
+    common: Entry = Entry()
+    entries: tuple[Entry, ...] | None = None
+    path: Path | None = None
 
 
 # What may stand in the place of a number of hysterons: the recordings choose, or another form of hysteresis.
@@ -328,7 +327,7 @@ def load_manifest(folder: Path, path: Path | None, outside: bool = False) -> Man
     if path is None:
         path, inside = folder / "recordings.yaml", (folder,)
         if not os.path.lexists(path):
-            return Manifest(DEFAULT_SETUP, {}, "command", Entry(), None, None)
+            return Manifest()
     source = named_file(path, inside, "manifest", "check the path given to --manifest", outside)
     return manifest_of(load_yaml(source), source.name, (path.parent, folder), outside, path)
 
@@ -386,8 +385,7 @@ def _entry(item: Mapping[str, Any], common: Entry, where: str) -> Entry:
             said["columns"] = columns_of(value, said.get("columns", common.columns), here, key == "variables")
         elif key == "file":
             files = value if isinstance(value, list) and value else [value]
-            said["file"], *beside = (text(file, here) for file in files)
-            said["beside"] = tuple(beside)
+            said["files"] = tuple(text(file, here) for file in files)
         else:
             said[key] = _READ[key](value, here)
     return replace(common, **said)

@@ -240,7 +240,7 @@ def described(found: Sequence[Given], said: Manifest) -> tuple[list[tuple[Entry,
             raise InputRefused(f"two recordings are called {name!r}: give a mapping from names to recordings")
         by_name[name] = one, table
     if said.entries is None:
-        return [_described(replace(said.common, file=name), by_name) for name in by_name], []
+        return [_described(replace(said.common, files=(name,)), by_name) for name in by_name], []
     for i, entry in enumerate(said.entries):
         if unknown := [file for file in entry.files if file not in by_name]:
             cause = f"no recording is called {shown(unknown[0])}, there are {', '.join(by_name)}"

@@ -14,10 +14,10 @@ from phnn.errors import InputRefused
 from phnn.intake import Source, named_file
 from phnn.parameters import quantity
 from phnn.recordings import checks
-from phnn.recordings.array_files import NoRecording, read_axes, read_hdf5, read_json, read_mat, read_npy, read_npz
+from phnn.recordings.array_files import NoRecording, read_axes, read_json, read_mat, read_npy, read_npz
 from phnn.recordings.draft import Draft, drafts_of
 from phnn.recordings.excitation import Excitation, excitation_of
-from phnn.recordings.library_files import read_parquet, read_sheet, read_tdms
+from phnn.recordings.library_files import read_hdf5, read_parquet, read_sheet, read_tdms
 from phnn.recordings.manifest import Entry, Manifest, load_manifest, manifest_of
 from phnn.recordings.memory import described, given
 from phnn.recordings.partition import candidate_of, divide, pooled, whole_parts
@@ -87,7 +87,7 @@ class Files:
             else:
                 left.append(_shown(path) + reason)
         checks.any_recordings(chosen, left, self.home)
-        return [replace(said.common, file=path.name) for path in chosen], left
+        return [replace(said.common, files=(path.name,)) for path in chosen], left
 
     def possible(self) -> tuple[list[Path], list[str]]:
         """The files that may be recordings, whatever describes them, and what else lies there, in words."""

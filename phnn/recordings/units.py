@@ -86,8 +86,9 @@ def by_pint(name: str) -> Unit | None:
         return None
     registry = _registry()
     try:
-        parsed = registry.Unit(spelled_for_pint(name))
-        return _as_si(registry, parsed)
+        # As pint reads it: powers with stars, a newton metre as a product.
+        text = _POWER.sub(r"**\1", _NEWTON_METRE.sub(r"\1N*m", name)).replace("²", "**2").replace("³", "**3")
+        return _as_si(registry, registry.Unit(text.replace("·", "*").replace(".", "*").replace("****", "**")))
     except Exception:  # pint has several of its own for a text that is no unit, and raises those of Python besides
         return None
 
@@ -211,13 +212,6 @@ def times_of_seconds(one: str, other: str) -> int | None:
     ratio = {name: first.get(name, 0.0) - second.get(name, 0.0) for name in (*first, *second)}
     power = ratio.pop("second", 0.0)
     return int(power) if power.is_integer() and not any(ratio.values()) else None
-
-
-def spelled_for_pint(unit: str) -> str:
-    """Return a unit as pint reads it."""
-    name = _POWER.sub(r"**\1", _NEWTON_METRE.sub(r"\1N*m", spelled(unit)))
-    name = name.replace("²", "**2").replace("³", "**3")
-    return name.replace("·", "*").replace(".", "*").replace("****", "**")
 
 
 def accepted(quantity: str) -> str:
