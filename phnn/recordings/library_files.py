@@ -10,7 +10,6 @@ import math
 import zipfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import replace
 from importlib import import_module
 from typing import Any, NamedTuple
 
@@ -388,4 +387,4 @@ def read_parquet(source: Source) -> Table:
         with source.open() as file:
             said = parquet.ParquetFile(file).metadata
             source.check_memory(8 * said.num_rows * said.num_columns, unpacked=True)
-            return replace(given_frame(pd.read_parquet(file))[1], where=Where(source.name))
+            return given_frame(pd.read_parquet(file), where=Where(source.name))[1]

@@ -24,18 +24,6 @@ from phnn.results import printable
 Given = tuple[Entry, Table]
 
 
-def given_of(attributes: Mapping[Any, Any], table: Table, units: Mapping[str, str], name: str = "") -> Given:
-    """A recording with what the attributes of its object say: ``name``, ``use``, ``sample_rate_hz``."""
-    where = f"{table.where}: attrs"
-    use, rate = attributes.get("use"), attributes.get("sample_rate_hz")
-    said = Entry(
-        name=name or printable(str(attributes.get("name", ""))),
-        use=None if use is None else choice(use, USES, f"{where}['use']"),
-        sample_rate_hz=None if rate is None else number(plain(rate), f"{where}['sample_rate_hz']", above=0.0),
-    )
-    return said, with_stamps(replace(table, units=units))
-
-
 def where_of(data: object, name: str) -> Where:
     """The place of a recording, for messages: its name where it has one, and what it is."""
     kind = type(data).__name__
@@ -45,13 +33,6 @@ def where_of(data: object, name: str) -> Where:
 def plain(value: Any) -> Any:
     """A number of numpy as one of Python."""
     return value.item() if isinstance(value, np.generic | np.ndarray) and value.size == 1 else value
-
-
-def seconds(times: np.ndarray) -> np.ndarray | None:
-    """(N,) dates or differences of time as seconds since the first; None where they are neither."""
-    if times.dtype.kind not in "mM":
-        return None
-    return np.asarray((times - times[:1]) / np.timedelta64(1, "ns"), dtype=float) * 1e-9
 
 
 _TIMES = ("time", "t")
@@ -78,12 +59,14 @@ def given_labelled(data: Any, name: str = "") -> Iterator[Given]:
     """The recordings of a Dataset, one for each index of a second dimension."""
     where = where_of(data, name)
     time, further = _dimensions(data, where)
-    labels = [None] if further is None else data.indexes.get(further, range(data.sizes[further]))
-    for i, label in enumerate(labels):
-        one = data if further is None else data.isel({further: i})
-        called = name if further is None else f"{name or data.attrs.get('name', further)}_{label}"
-        said, table = given_frame(_along(one, time), printable(called))
-        yield said, replace(table, where=where, by_name=True)
+    runs = [(name, data)]
+    if further is not None:
+        labels = data.coords[further].values if further in data.coords else np.arange(data.sizes[further])
+        stem = name or data.attrs.get("name", further)
+        runs = [(f"{stem}_{label}", data.isel({further: i})) for i, label in enumerate(labels)]
+    for called, run in runs:
+        said, table = given_frame(_along(run, time), printable(called), where)
+        yield said, replace(table, by_name=True)
 
 
 def _dimensions(data: Any, where: object) -> tuple[str, str | None]:
@@ -114,9 +97,12 @@ def _along(data: Any, time: str) -> Any:
     return frame
 
 
-def given_frame(frame: Any, name: str = "") -> Given:
-    """The columns of a frame; an index of times, or one that is named as a time is, stands behind them."""
-    where = where_of(frame, name)
+def given_frame(frame: Any, name: str = "", where: Where | None = None) -> Given:
+    """Return the columns of a frame; an index of times, or one that is named as a time is, stands behind them.
+
+    Its attributes may say ``name``, ``use``, ``sample_rate_hz`` and ``units``; ``where`` it comes from, for messages.
+    """
+    where = where or where_of(frame, name)
     if frame.columns.nlevels > 1 or frame.shape[1] > LIMITS.text_columns:
         raise InputRefused(
             f"{where}: {frame.shape[1]} columns on {frame.columns.nlevels} levels: give one recording with plain "
@@ -128,9 +114,15 @@ def given_frame(frame: Any, name: str = "") -> Given:
     if time is not None and not any((parse_name(n) or ("",))[0] == "time" for n in names):
         names.append(time[0])
         columns.append(time[1])
-    units = mapping(frame.attrs.get("units", {}), f"{where}: attrs['units']")
-    table = Table(where, tuple(names), tuple(columns))
-    return given_of(frame.attrs, table, {printable(str(n)): str(u) for n, u in units.items()}, name)
+    said, place = frame.attrs, f"{where}: attrs"
+    units = {printable(str(n)): str(u) for n, u in mapping(said.get("units", {}), f"{place}['units']").items()}
+    use, rate = said.get("use"), said.get("sample_rate_hz")
+    entry = Entry(
+        name=name or printable(str(said.get("name", ""))),
+        use=None if use is None else choice(use, USES, f"{place}['use']"),
+        sample_rate_hz=None if rate is None else number(plain(rate), f"{place}['sample_rate_hz']", above=0.0),
+    )
+    return entry, with_stamps(Table(where, tuple(names), tuple(columns), units=units))
 
 
 def _time(index: Any) -> tuple[str, np.ndarray] | None:
@@ -138,9 +130,8 @@ def _time(index: Any) -> tuple[str, np.ndarray] | None:
     index = index.to_timestamp() if hasattr(index, "to_timestamp") else index
     zoned = getattr(index, "tz", None) is not None
     values = np.asarray(index.tz_convert(None) if zoned else index)
-    elapsed = seconds(values)
-    if elapsed is not None:
-        return "time_s", elapsed
+    if values.dtype.kind in "mM":
+        return "time_s", np.asarray((values - values[:1]) / np.timedelta64(1, "ns"), dtype=float) * 1e-9
     named = parse_name(str(index.name)) if index.name is not None else None
     return (str(index.name), values) if named is not None and named[0] == "time" else None
 
