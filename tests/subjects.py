@@ -200,7 +200,9 @@ def network_models() -> Iterator[tuple[str, Callable[[], NetworkSubject]]]:
     """Every function of `phnn.models` that makes a network, and every shipped network."""
     for name, thing in _things_of_models():
         makes = inspect.isfunction(thing) and typing.get_type_hints(thing).get("return")
-        if makes in (Network, Setup) and name not in ("load_network", "modal", "ready"):
+        # Others make one network out of something else.
+        alone = makes and all(p.default is not p.empty for p in inspect.signature(thing).parameters.values())
+        if alone and makes in (Network, Setup):
             yield name, lambda thing=thing: NetworkSubject(getattr(made := thing(), "network", made))
     for name in READY:
         yield name, lambda name=name: NetworkSubject(ready(name))

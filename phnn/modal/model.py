@@ -34,8 +34,8 @@ from phnn.models.actuator import modal
 from phnn.models.store import a_list, a_name, a_number, an_object
 from phnn.network.elements import Network
 from phnn.prediction import Predicted
+from phnn.recordings.manifest import shown
 from phnn.recordings.recording import Campaign, Recording, Units
-from phnn.recordings.values import shown
 from phnn.results import printable
 
 Array = NDArray[np.float64]

@@ -44,7 +44,7 @@ from phnn.nn import (
     SectorMLP,
 )
 from phnn.parameters import Parameter
-from phnn.recordings.values import shown as brief
+from phnn.recordings.manifest import shown as brief
 from phnn.results import Place, claim, printable
 from phnn.setup import AMPLIFIERS, SENSORS, SOURCES, Block, Own, Setup, Source
 
