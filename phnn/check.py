@@ -471,6 +471,32 @@ _LINES = 30.0
 _JUMP, _BEFORE = 0.2, 4
 
 
+# What recordings may show, in the words of a piezo actuator and of any other system (empty where it is no question
+# there), and what to record for it.
+QUESTIONS = (
+    ("what depends on the amplitude: bent springs, stops, saturation, friction against hysteresis",
+     "what depends on the amplitude: laws that are not linear, limits, thresholds",
+     "the same sine at a third and at two thirds of the amplitude"),
+    ("what depends on the rate: lags, delays, drag, thresholds that follow the rate",
+     "what depends on the rate: lags, delays, losses that are not linear",
+     "the same amplitude at a tenth or at ten times the frequency"),
+    ("slow memory: creep, leakage, self-heating",
+     "slow memory: what leaks, warms up or settles slowly",
+     "a step to a constant {input}, held ten times as long as the slowest period"),
+    ("a drifting sensor against creep",
+     "a drifting sensor against slow memory",
+     "a rest at zero {input} after the excitation, as long as the excitation itself"),
+    ("resonances, and a second mode",
+     "resonances, and further modes",
+     "a sweep or a step, sampled at least ten times as fast as the resonance"),
+    ("the amplifier against the actuator", "",
+     "the voltage at the actuator's terminals, its current or its charge"),
+    ("the noise, from what repeats or rests",
+     "the noise, from what repeats or rests",
+     "three periods or more of every sine, or a rest of {rest} before each recording"),
+)  # fmt: skip
+
+
 @dataclass(frozen=True)
 class Ability:
     """Attributes:
@@ -508,31 +534,12 @@ def abilities(campaign: Campaign, excitations: Mapping[Recording, Excitation]) -
     repeats = longest > 0.0 or any(e.period is not None and e.cycles >= 2.0 for e in drives)
     drive = "voltage" if all(r.units.input == "V" for r in chosen) else "input"
     rest = f"{LONG_REST} samples ({duration(LONG_REST * max((r.dt for r in chosen), default=0.0))})"
-    # In the words of a piezo actuator, of any other system (empty where it is no question there), and what to record.
-    questions = (
-        ("what depends on the amplitude: bent springs, stops, saturation, friction against hysteresis",
-         "what depends on the amplitude: laws that are not linear, limits, thresholds",
-         amplitudes, "the same sine at a third and at two thirds of the amplitude"),
-        ("what depends on the rate: lags, delays, drag, thresholds that follow the rate",
-         "what depends on the rate: lags, delays, losses that are not linear",
-         frequencies, "the same amplitude at a tenth or at ten times the frequency"),
-        ("slow memory: creep, leakage, self-heating",
-         "slow memory: what leaks, warms up or settles slowly",
-         holds, f"a step to a constant {drive}, held ten times as long as the slowest period"),
-        ("a drifting sensor against creep",
-         "a drifting sensor against slow memory",
-         returns, f"a rest at zero {drive} after the excitation, as long as the excitation itself"),
-        ("resonances, and a second mode",
-         "resonances, and further modes",
-         broad, "a sweep or a step, sampled at least ten times as fast as the resonance"),
-        ("the amplifier against the actuator", "",
-         measured, "the voltage at the actuator's terminals, its current or its charge"),
-        ("the noise, from what repeats or rests",
-         "the noise, from what repeats or rests",
-         repeats, f"three periods or more of every sine, or a rest of {rest} before each recording"),
-    )  # fmt: skip
-    said = ((own if actuator else other, able, record) for own, other, able, record in questions)
-    return [Ability(shows, able, record) for shows, able, record in said if shows]
+    answers = (amplitudes, frequencies, holds, returns, broad, measured, repeats)
+    asked = (
+        (own if actuator else other, able, record)
+        for (own, other, record), able in zip(QUESTIONS, answers, strict=True)
+    )
+    return [Ability(shows, able, record.format(input=drive, rest=rest)) for shows, able, record in asked if shows]
 
 
 def _near(a: Excitation, b: Excitation) -> bool:

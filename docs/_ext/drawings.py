@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch
 from sphinx.application import Sphinx
 
-from phnn.check import _QUESTIONS
+from phnn.check import QUESTIONS
 from phnn.report.figures.style import AFTER, INK, RC
 from phnn.signals.noise import LONG_REST
 
@@ -91,7 +91,7 @@ def _arrow(
 
 def table() -> str:
     """What recordings may show, and what to record for it, from the questions that ``phnn check`` asks."""
-    rows = [f"| {q.record.format(**_WORDS)} | {q.actuator} |" for q in _QUESTIONS]
+    rows = [f"| {record.format(**_WORDS)} | {shows} |" for shows, _, record in QUESTIONS]
     return "| what you recorded | what phnn can tell from it |\n|---|---|\n" + "\n".join(rows) + "\n"
 
 

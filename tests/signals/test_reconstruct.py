@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from phnn.errors import InputRefused
@@ -125,6 +125,8 @@ def test_smooth_inputs_have_no_breaks() -> None:
 @given(instants=st.lists(st.floats(0.01, 0.99), min_size=3, max_size=3), seed=st.integers(0, 10**6))
 @settings(deadline=None, max_examples=30)
 def test_slopes_are_the_derivatives_of_the_mean_input(instants: list[float], seed: int) -> None:
+    # On the border of two sub-steps the mean input has a kink.
+    assume(all(abs(a * n - round(a * n)) > 1e-4 for a in instants for n in range(1, 9)))
     # A plain jump, and a transition by way of a single sample.
     u = np.repeat([0.0, 5.0, 7.0, 12.0], [40, 30, 1, 29]) + 0.3 * np.sin(0.1 * np.arange(100.0) + seed)
     found = Reconstruction(u, np.random.default_rng(seed).integers(1, 9, 99), "cubic")
