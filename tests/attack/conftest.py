@@ -13,10 +13,14 @@ import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pytest
 from attack_tools import Attack, csv
 
 from phnn.cli import main
+from phnn.integrate.kernel import march
+from phnn.integrate.program import compile_network
+from phnn.models import hrc
 
 LONGEST_S = 10.0
 # Bytes of memory beyond twice the size of the input.
@@ -81,8 +85,18 @@ def peak() -> int:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
 
 
+@pytest.fixture(scope="session")
+def compiled() -> None:
+    """Compile the kernels before a time is taken."""
+    network = hrc(2)
+    program, n = compile_network(network), len(network.storages)
+    states, efforts, u = np.zeros((2, n)), np.zeros((1, n)), np.zeros((1, len(network.ports)))
+    for general in (False, True):
+        assert march(program, program.theta(network), states[0], u, np.full(1, 1e-3), states, efforts, general) == 1
+
+
 @pytest.fixture
-def attack(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Attack:
+def attack(compiled: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Attack:
     """Run a command on a folder below ``tmp_path`` and check what must hold after any input.
 
     Its arguments: ``folder``, ``command``, ``manifest``, ``model`` of predict, ``more`` arguments, the exit
