@@ -245,12 +245,12 @@ def _concluded(search: Search, error: NumericalError, options: Options, account:
     screened = _screened(search, base)
     left = screened if model is base else _screened(search, model)
     remaining = [c for c in left if material(c, model.fit, criteria)]
-    if max(model.left, model.left_held_out) > criteria.explained:
+    if model is not base and model.left_most > criteria.explained:
         carry_beside(search, model, [c.effect for c in remaining])
-    untried = [c for c in remaining if not denied(c.effect, model, search.visited, criteria)]
-    promising = sum(material(c, base.fit, criteria) for c in screened), len(untried)
+    promises = [c for c in remaining if not denied(c.effect, model, search.visited, criteria)]
+    promising = sum(material(c, base.fit, criteria) for c in screened), len(promises)
     # What the budget has cut off matters where the model may still be a part of the truth, or another one as good.
-    early = account.ended().early and bool(untried or model.key not in search.compared)
+    early = account.ended().early and bool(promises or model.key not in search.compared)
     exact = None if remaining or early else model
     weighed = weigh(list(search.visited.values()), criteria, exact)
     outcome = conclude(weighed, model, campaign.held_out_is_new, promising, criteria, early)
@@ -267,12 +267,12 @@ def _concluded(search: Search, error: NumericalError, options: Options, account:
     final = first if model is base else prepared("final", model.fit)
     before = _scores(base.fit, campaign)
     after = before if model is base else _scores(model.fit, campaign)
-    location = left_at = None
+    location = location_left = None
     if outcome.word != NONE:
         measured = _input_measured(campaign, base.fit.setup)
         location = needed("location of the mismatch", partial(locate, first, measured=measured), None)
         if outcome.word == UNKNOWN and remaining and model is not base:
-            left_at = needed("location of what remains", partial(locate, final, measured=measured), None)
+            location_left = needed("location of what remains", partial(locate, final, measured=measured), None)
     gains = tuple(_gain(c, after, search) for c in outcome.claims)
     formulas = {}
     for claim in outcome.claims:
@@ -291,7 +291,7 @@ def _concluded(search: Search, error: NumericalError, options: Options, account:
     if base.fit is not search.base.fit:
         error = numerical_error(base.fit)
     return Diagnosis(
-        campaign, base.fit, error, weighed, model, outcome, (screened, left), location, left_at, (first, final),
+        campaign, base.fit, error, weighed, model, outcome, (screened, left), location, location_left, (first, final),
         before, after, gains, formulas, proposal, residual, options, 0.0, criteria,
     )  # fmt: skip
 

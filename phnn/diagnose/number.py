@@ -87,6 +87,11 @@ class Visited:
         """The same on held-out recordings; NaN where there are none."""
         return mean_square(self.held_out.values())
 
+    @property
+    def left_most(self) -> float:
+        """The larger one of both."""
+        return max(self.left, self.left_held_out if self.held_out else 0.0)
+
     def parameters_of(self, element: Effect) -> int:
         """How many free parameters an element has in this model."""
         parameters = self.fit.setup.parameters

@@ -280,7 +280,7 @@ def _complete(weighed: Weighed, model: Visited, remaining: int, criteria: Criter
     nameable = [m for m in weighed.models if not any(map(is_learned, m.elements))]
     best = model if model in nameable else best_to_write(nameable, criteria)
     most = criteria.explained if remaining or best is not model else criteria.far**2
-    return float(min(1.0, (most / max(_left(best), 1e-300)) ** 0.5))
+    return float(min(1.0, (most / max(best.left_most, 1e-300)) ** 0.5))
 
 
 def denied(effect: Effect, model: Visited, visited: Mapping[Key, Visited], criteria: Criteria) -> bool:
@@ -289,11 +289,6 @@ def denied(effect: Effect, model: Visited, visited: Mapping[Key, Visited], crite
     if more is None or not more.converged:
         return False
     return more.left_held_out >= model.left_held_out * (1.0 - criteria.material_share) ** 2
-
-
-def _left(model: Visited) -> float:
-    """Return the mean square of the residual over that of the noise, the larger one of fitted and held-out parts."""
-    return max(model.left, model.left_held_out if model.held_out else 0.0)
 
 
 def _enough(weighed: Weighed, criteria: Criteria) -> list[tuple[str, ...]]:
