@@ -306,7 +306,7 @@ def _screened(search: Search, model: Visited) -> tuple[Candidate, ...]:
 def score_on_all(fitted: Fit, campaign: Campaign) -> Evaluation:
     """Return a fit's scores on every recording of a campaign; held-out ones get the finest sub-steps of its plan."""
     known = {r.name: r for r in fitted.plan.recordings}
-    recordings = tuple(known.get(r.name, r) for r in campaign.recordings)
+    recordings = tuple(fitted.variables.timed(known.get(r.name, r), fitted.z) for r in campaign.recordings)
     steps = {r.name: fitted.plan.substeps.get(r.name, fitted.plan.finest) for r in recordings}
     return evaluate(fitted.setup, Plan(recordings, steps, fitted.plan.workers), fitted.initial_states)
 

@@ -606,7 +606,8 @@ def held_out(fitted: Fit, campaign: Campaign, steps: int) -> dict[str, Misfit]:
     Args:
         steps: sub-steps of each sample, the same for all models that are compared: coarse ones tell chirps wrongly.
     """
-    recordings = tuple(r for r in campaign.recordings if r.mask("confirmation").any())
+    held = [r for r in campaign.recordings if r.mask("confirmation").any()]
+    recordings = tuple(fitted.variables.timed(r, fitted.z) for r in held)
     if not recordings:
         return {}
     plan = Plan(recordings, {r.name: steps for r in recordings}, fitted.plan.workers)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from phnn.identification.fit import Fit, fit_problem
 from phnn.identification.plan import Plan
 from phnn.identification.problem import Problem, Variables, beyond_limit, constant_and_own, own_parts, variables_of
-from phnn.recordings.excitation import unknown_instants
+from phnn.recordings.excitation import instants_known, unknown_instants
 from phnn.recordings.recording import Part, Recording
 from phnn.setup import NOTHING, Setup
 from phnn.trajectory import simulate
@@ -143,7 +143,7 @@ def evaluate(setup: Setup, plan: Plan, initial: Mapping[str, Array]) -> Evaluati
         nuisance, steps = recording.mask("nuisance"), plan.steps_of(recording)
         if own is None and nuisance.any():
             own = estimated_start(setup, recording, steps)
-        if recording.instants is None or recording.mask("confirmation").any():
+        if not instants_known(recording):
             recording, _ = with_instants(setup, recording, steps, own)
         y = simulate(setup, recording, steps, initial=own).y
         mask = zero_mask(recording)

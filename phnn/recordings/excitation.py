@@ -375,6 +375,15 @@ def unknown_instants(recording: Recording) -> Array:
     return driving_of(recording, 1).instants(recording)
 
 
+def instants_known(recording: Recording) -> bool:
+    """Return whether the instants of all jumps were estimated from the samples for identification."""
+    if recording.instants is None:
+        return False
+    driving, fitted = driving_of(recording, 1), recording.mask("identification")
+    at = driving.command.breaks.jumps - driving.lead
+    return bool(np.isin(driving.group, driving.group[(at >= 0) & fitted[at]]).all())
+
+
 def input_before(recording: Recording, samples: Array) -> float:
     """The input before the first sample; the first sample itself where the start does not say."""
     return recording.start.input_before if recording.start.state == "rest" else float(samples[0])

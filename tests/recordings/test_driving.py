@@ -18,7 +18,7 @@ from phnn.identification.plan import Plan
 from phnn.models import from_paper
 from phnn.models.network_file import load_network
 from phnn.prediction import output_spread
-from phnn.recordings.excitation import driving_of, unknown_instants
+from phnn.recordings.excitation import driving_of, instants_known, unknown_instants
 from phnn.recordings.recording import Part, Recording, Start
 from phnn.setup import Setup
 from phnn.trajectory import simulate
@@ -89,6 +89,7 @@ def test_instants_are_estimated_with_the_parameters_and_for_a_held_out_recording
     estimated = found.plan.recordings[0].instants
     assert estimated is not None
     np.testing.assert_allclose(estimated, drawn, atol=5e-3)
+    assert instants_known(found.plan.recordings[0])
     # A fit goes on from them, and they cost a column each.
     again = fit(found.setup, found.plan, ["k", "b"])
     assert again.evaluations < found.evaluations
@@ -164,6 +165,7 @@ def test_a_jump_outside_the_fitted_samples_does_not_stop_the_fit() -> None:
     assert found.chi2 == pytest.approx(1.0, abs=0.15)
     assert found.evaluations < 25
     # The held-out part places its own jump.
+    assert not instants_known(found.plan.recordings[0])
     assert evaluate(found.setup, found.plan, {}).over_noise("confirmation") == pytest.approx(1.0, abs=0.15)
 
 
