@@ -24,6 +24,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from phnn.errors import InputRefused, PhnnError
 from phnn.parallel import end_with
+from phnn.report.formatting import ratio
 from phnn.results import Place
 
 # Why a run has failed, in its folder: the first line for the table, a traceback below it where there is one.
@@ -111,7 +112,7 @@ def _train(settings: Mapping[str, Any], home: Path) -> None:
         failure.write((str(error) if known else f"{error!r}\n{traceback.format_exc()}").encode())
         print(f"{home.name}: failed: {error if known else repr(error)}", file=sys.stderr, flush=True)
         return
-    print(f"{home.name}: held-out residual {_shown(content['held_out_over_noise'])} × noise", flush=True)
+    print(f"{home.name}: held-out residual {ratio(content['held_out_over_noise'])} × noise", flush=True)
 
 
 def _check(config: DictConfig) -> None:
@@ -128,7 +129,3 @@ def _check(config: DictConfig) -> None:
             )
     if OmegaConf.is_missing(config, "folder"):
         raise InputRefused("setting folder is missing: write folder=...")
-
-
-def _shown(value: float | None) -> str:
-    return "–" if value is None else f"{value:.4g}"

@@ -19,7 +19,7 @@ from phnn.diagnose.verdict import NONE, UNKNOWN, Claim, Verdict, conclude, denie
 from phnn.effects import Effect, catalogue, effect, in_all_forms
 from phnn.effects.learned import learned_elements
 from phnn.effects.places import attached
-from phnn.identification.base import NumericalError, Progress, identify_base, numerical_error, quiet
+from phnn.identification.base import NUMERICAL, NumericalError, Progress, identify_base, numerical_error, quiet
 from phnn.identification.evaluate import Evaluation, evaluate
 from phnn.identification.fit import Fit
 from phnn.identification.identified import Identified, model_of
@@ -33,9 +33,6 @@ from phnn.recordings.recording import Campaign
 from phnn.rescue import Account, Ended, accounted, allow, attempt, deadline, extra, move, needed
 from phnn.setup import Setup
 
-# Largest numerical error of the base model over the norm of what it leaves beyond the noise: the steps of a model that
-# is far from the recordings need not be finer.
-_NUMERICAL = 0.001
 # Nearly independent blocks of time below which a gain has no p-value.
 _BLOCKS = 8
 # Steps of simulation that count as one evaluation of the budget: the same time for short and for long recordings.
@@ -235,7 +232,7 @@ def _base(
     single(campaign.recordings, "a diagnosis follows one output", further=True)
     if isinstance(recorded, Identified):
         return campaign, recorded.fit, recorded.error
-    return campaign, *identify_base(campaign, options, progress, _NUMERICAL)
+    return campaign, *identify_base(campaign, options, progress, NUMERICAL)
 
 
 def _concluded(search: Search, error: NumericalError, options: Options, account: Account) -> Diagnosis:

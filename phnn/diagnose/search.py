@@ -15,9 +15,10 @@ fails, or comes too late, takes nothing away from what was finished.
 
 from __future__ import annotations
 
+from collections import UserDict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -40,7 +41,7 @@ from phnn.diagnose.refit import converged, further, large_starts, rebuilt, short
 from phnn.diagnose.screen import Candidate, Screen
 from phnn.effects import Effect, Scales
 from phnn.effects.hysteresis import weakened
-from phnn.identification.base import Progress, numerical_error, predicted_step, quiet, substeps_for
+from phnn.identification.base import NUMERICAL, Progress, numerical_error, predicted_step, quiet, substeps_for
 from phnn.identification.evaluate import evaluate
 from phnn.identification.fit import Fit
 from phnn.identification.plan import Plan
@@ -77,8 +78,9 @@ _ALIKE = 5.0
 _PROMISING = 0.3
 # Sub-steps from which on directions are fine enough.
 _ENOUGH = 8
-# Mean square below which a model is carried to its end before it is grown, and its numerical error is asked.
-_QUIET = 2.0
+# Mean square below which a model is carried to its end before it is grown, and its numerical error is asked; by how
+# much less has to be left before it is asked again far from the noise.
+_QUIET, _FALLEN = 2.0, 10.0
 
 
 @dataclass
@@ -95,6 +97,7 @@ class Search:
             alternatives have all been fitted.
         most: elements of a model; executor: where refits are done, with the same results everywhere.
         progress: told what is tried; seed: of random starts.
+        refined_at: mean square of the best model when its numerical error was bounded last.
     """
 
     campaign: Campaign
@@ -111,7 +114,7 @@ class Search:
     seed: int = 0
     grown: set[Key] = field(default_factory=set)
     compared: set[Key] = field(default_factory=set)
-    fine: bool = False
+    refined_at: float = np.inf
 
     @property
     def weighed(self) -> Weighed:
@@ -138,7 +141,8 @@ class Search:
         each = [(r.name, fitted.residual[rows]) for r, rows in zip(recordings, fitted.slices, strict=True)]
         left = {name: Misfit(float(r @ r), r.size) for name, r in each}
         terms = sum(own_size(r, fitted.setup.own) - own_size(r, base) for r in recordings)
-        return Visited(tuple(elements), fitted, left, held_out(fitted, self.campaign, self.plan.finest), terms, done)
+        predicted = Predictions(partial(held_out, fitted, self.campaign, self.plan.finest))
+        return Visited(tuple(elements), fitted, left, predicted, terms, done)
 
     def visit(self, model: Visited) -> Visited:
         """Keep a model, unless a better fit of the same elements is known; returns the one that is kept."""
@@ -151,6 +155,17 @@ class Search:
         if better:
             self.visited[model.key] = model
         return self.visited[model.key]
+
+
+class Predictions(UserDict[str, Misfit]):
+    """What a model leaves of held-out recordings, found when it is asked for: a trial that goes on is not asked."""
+
+    def __init__(self, predict: Callable[[], dict[str, Misfit]]) -> None:
+        self._predict = predict
+
+    @cached_property
+    def data(self) -> dict[str, Misfit]:  # type: ignore[override]
+        return self._predict()
 
 
 class _Wanted(NamedTuple):
@@ -179,7 +194,8 @@ def begin(
     screen = Screen(_with_few_steps(linearised, plan), [*effects, *learned], criteria)
     scales = linearised.scales
     search = Search(campaign, bare, plan, effects, criteria, scales, screen, {}, most, executor, progress, seed)
-    search.base = search.visit(search.model((), fitted, True))
+    model = search.model((), fitted, True)
+    search.base = search.visit(replace(model, held_out=dict(model.held_out)))
     return search
 
 
@@ -215,8 +231,8 @@ def _next(search: Search) -> Visited | None:
 
     First comes the most probable model; then the best one of effects alone, for a learned element may stand for two of
     them; then the one that would be written; then others that predict about as well. Far from the noise probabilities
-    say little, and the most probable one comes third. Near the noise a model is carried to its end, and its numerical
-    error bounded, before it is grown.
+    say little, and the most probable one comes third. Near the noise a model is carried to its end before it is grown.
+    The numerical error is bounded again wherever so much less is left that it may be the larger part.
     """
     while True:
         number = partial(forecast, criteria=search.criteria)
@@ -229,12 +245,13 @@ def _next(search: Search) -> Visited | None:
         best = search.best
         leading = [nameable, search.written, best] if search.far(best) else [best, nameable, search.written]
         able = [m for m in (*leading, *likely) if len(m.elements) < search.most and m.key not in search.grown]
+        left = min((m.left for m in leading if m.elements), default=np.inf)
         todo = next((m for m in (*leading, *able[:1]) if not m.converged and m.left < _QUIET), None)
         if todo is not None:
             if not _carry(search, todo):
                 return None
-        elif not search.fine and any(m.elements and m.left < _QUIET for m in leading):
-            search.fine = True
+        elif left < max(search.refined_at / _FALLEN, min(search.refined_at, _QUIET)):
+            search.refined_at = left if left > _QUIET else 0.0
             move("finer steps", partial(_refine, search), None)
         else:
             return able[0] if able else None
@@ -482,10 +499,11 @@ def _refine(search: Search) -> None:
     same ones only."""
     weighed = search.weighed
     best, rivals = weighed.best, weighed.models[1:3]
-    if numerical_error(best.fit).sigma <= 1.0:
+    bound = max(1.0, NUMERICAL * best.fit.beyond_noise**0.5)
+    if numerical_error(replace(best.fit, plan=search.plan)).sigma <= bound:
         return
-    plan = substeps_for(best.fit.setup, search.plan, 1.0, best.fit.initial_states)
-    search.progress("numerical error above the noise: finer steps")
+    plan = substeps_for(best.fit.setup, search.plan, bound, best.fit.initial_states)
+    search.progress("numerical error too large for what is left: finer steps")
     search.plan = plan
     search.compared.clear()
     near = [m for m in rivals if m.elements and weighed.behind(m) < _FINER]

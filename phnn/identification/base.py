@@ -101,6 +101,9 @@ def _from(fitted: Fit, step: Array) -> Fit | None:
 
 
 MAX_SUBSTEPS = 64
+# Largest numerical error of a model over the norm of what it leaves beyond the noise: the steps of a model that is far
+# from the recordings need not be finer.
+NUMERICAL = 0.001
 
 
 @dataclass(frozen=True)

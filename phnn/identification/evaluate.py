@@ -38,7 +38,8 @@ def estimated_start(setup: Setup, recording: Recording, substeps: int, use: str 
     drawn = [known.mean + known.spread * rng.standard_normal(known.mean.size) for _ in range(_DRAWN)]
 
     def begun_at(state: Array, evaluations: int) -> Fit:
-        return _fitted(setup, plan, replace(variables, origin={name: state}), use, evaluations)
+        problem = Problem(setup, plan, replace(variables, origin={name: state}), use)
+        return fit_problem(problem, max_evaluations=evaluations)
 
     begun = sorted((begun_at(state, _FEW) for state in (known.mean, *drawn)), key=lambda f: f.cost)
     ended: list[Fit] = []
@@ -71,17 +72,13 @@ def _head_of(setup: Setup, recording: Recording, substeps: int, use: str) -> tup
     return setup, Plan((head,), {recording.name: substeps}, workers=1)
 
 
-def _fitted(setup: Setup, plan: Plan, variables: Variables, use: str, evaluations: int) -> Fit:
-    return fit_problem(Problem(setup, plan, variables, use), max_evaluations=evaluations)
-
-
 def with_starts(setup: Setup, plan: Plan) -> Fit:
     """A setup on a plan, its parameters held, with every unknown initial state estimated recording by recording."""
     variables = variables_of(setup, plan, ())
     unknown = [r for r in plan.recordings if r.name in variables.unknown]
     found = {r.name: estimated_start(setup, r, plan.steps_of(r), "identification") for r in unknown}
     origin = dict(variables.origin) | {n: state for n, state in found.items() if state is not None}
-    return _fitted(setup, plan, replace(variables, origin=origin), "identification", 1)
+    return fit_problem(Problem(setup, plan, replace(variables, origin=origin)), max_evaluations=1)
 
 
 # Evaluations for the instants of jumps: few, for the output is nearly linear in them.

@@ -27,6 +27,7 @@ from phnn.laws.diverged import is_finite
 from phnn.learn.methods import METHODS, Method, method_of
 from phnn.learn.objective import Objective
 from phnn.learn.settings import Settings, check_same
+from phnn.report.formatting import short
 from phnn.results import Place
 
 FILE, LOG = "checkpoint.pt", "log.csv"
@@ -222,7 +223,7 @@ class Trainer:
             p.epoch += 1
             if log is not None:
                 log.add(row)
-            self.say(f"{name} {p.epoch}/{epochs}: loss {loss:.5g}, validation {_shown(value)}, best {p.best:.5g}")
+            self.say(f"{name} {p.epoch}/{epochs}: loss {loss:.5g}, validation {short(value)}, best {p.best:.5g}")
             if p.epoch % self.settings.checkpoint_every == 0:
                 self._save()
 
@@ -321,7 +322,3 @@ class Trainer:
             name = METHODS[self.progress.phase]
             self.method = method_of(name, self.objective, self.settings, self.progress.factor)
             self.method.load_state_dict(state["method"])
-
-
-def _shown(value: float | None) -> str:
-    return "–" if value is None else f"{value:.5g}"

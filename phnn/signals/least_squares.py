@@ -75,8 +75,8 @@ def harmonic_weights(t: Array, period: float) -> NDArray[np.complex128]:
 def deviation(weights: NDArray[np.complex128] | Array, correlation: Array) -> float:
     """Standard deviation of ``w·n`` for noise ``n`` of unit variance and the given autocorrelation."""
     total = float(np.vdot(weights, weights).real)
-    for lag in range(1, min(correlation.size, weights.size)):
-        total += 2.0 * float(correlation[lag]) * float(np.vdot(weights[lag:], weights[:-lag]).real)
+    for lag, shared in enumerate(correlation[1 : weights.size], start=1):
+        total += 2.0 * float(shared * np.vdot(weights[lag:], weights[:-lag]).real)
     return float(np.sqrt(max(total, 0.0)))
 
 
