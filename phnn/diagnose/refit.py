@@ -19,9 +19,9 @@ from phnn.diagnose.linearised import LinearisedFit, direction
 from phnn.effects import Effect
 from phnn.errors import PhnnError, SolverFailed
 from phnn.identification.base import coarse_cost, released, resumed
-from phnn.identification.fit import Fit, fit, variables_from
+from phnn.identification.fit import Fit, continued, fit, variables_from
 from phnn.identification.plan import Plan
-from phnn.identification.problem import Problem
+from phnn.identification.problem import Problem, variables_of
 from phnn.identification.staged import fit_identified, stated_only
 from phnn.rescue import attempt
 from phnn.setup import Setup
@@ -109,21 +109,10 @@ def _steps_from(base: Fit, plan: Plan, effect: Effect, values: Mapping[str, floa
     begun, origin = _begun(base, plan, effect, values)
     own = [n for n in effect.parameters if not begun.parameters[n].fixed]
     if effect.strengths:
-        own = _touched(begun, plan, own, origin)
-        begun = started(begun, plan, [*base.variables.names, *own], effect.strengths, origin)
+        begun, touched = started(begun, plan, [*base.variables.names, *own], effect.strengths, origin)
+        own = [n for n in own if n in touched]
     names = [*base.variables.names, *own]
     return fit(begun, plan, names, base.held, evaluations, origin=origin)
-
-
-def _touched(setup: Setup, plan: Plan, names: Sequence[str], origin: Fit) -> list[str]:
-    """Those of some parameters on which an output depends.
-
-    A spring beyond the motion that was recorded has none. An optimiser may carry it anywhere within its bounds, and the
-    model would push with any force where nothing was recorded.
-    """
-    problem = Problem(setup, plan, variables_from(setup, plan, names, origin))
-    slopes = problem.jacobian(problem.variables.start(setup))[:, : len(names)]
-    return [n for n, used in zip(names, np.any(slopes != 0.0, axis=0), strict=True) if used]
 
 
 def _begun(base: Fit, plan: Plan, effect: Effect, values: Mapping[str, float]) -> tuple[Setup, Fit]:
@@ -151,8 +140,10 @@ def _adjusted(base: Fit, begun: Setup, plan: Plan) -> tuple[float, Setup, Fit]:
     def moved(z: Array) -> Fit:
         return replace(base, z=z, setup=base.variables.setup(base.setup, z))
 
+    expected = variables_of(begun, plan, ())
+
     def residual(z: Array) -> Array:
-        variables = variables_from(begun, plan, (), moved(z))
+        variables = continued(expected, begun, plan, moved(z))
         return Problem(base.variables.setup(begun, z), plan, variables).residual(variables.start(begun))
 
     best, z = residual(base.z), base.z
@@ -169,20 +160,27 @@ def _adjusted(base: Fit, begun: Setup, plan: Plan) -> tuple[float, Setup, Fit]:
     return float(best @ best), base.variables.setup(begun, z), moved(z)
 
 
-def started(setup: Setup, plan: Plan, names: Sequence[str], strengths: Sequence[str], origin: Fit | None) -> Setup:
-    """Return the setup with strengths and base parameters moved to the minimum of the linearised least-squares problem.
+def started(
+    setup: Setup, plan: Plan, names: Sequence[str], strengths: Sequence[str], origin: Fit | None
+) -> tuple[Setup, list[str]]:
+    """Return the setup with strengths and base parameters moved to the minimum of the linearised least-squares problem,
+    and the names on which an output depends.
 
     From small strengths the bounded optimiser takes dozens of steps to where this single one leads: each ends where the
     first of the strengths meets its bound. The setup stays as it was where no share of the step lowers χ².
+
+    No output depends on a spring beyond the motion that was recorded. An optimiser may carry it anywhere within its
+    bounds, and the model would push with any force where nothing was recorded.
     """
     problem = Problem(setup, plan, variables_from(setup, plan, names, origin))
     start = problem.variables.start(setup)
+    jacobian, residual = problem.jacobian(start), problem.residual(start)
+    touched = np.any(jacobian != 0.0, axis=0)
     least, most = problem.variables.bounds(setup)
-    own = np.array([n in strengths for n in names] + [False] * (start.size - len(names)))
+    own = touched & np.array([n in strengths for n in names] + [False] * (start.size - len(names)))
     reach = np.where(own, np.inf, _LONGEST)
     lower, upper = np.maximum(least - start, -reach), np.minimum(most - start, reach)
-    jacobian, residual = problem.jacobian(start), problem.residual(start)
-    used = np.any(jacobian != 0.0, axis=0) & (lower < upper)
+    used = touched & (lower < upper)
     # The same problem in a small square.
     square = np.asarray(np.linalg.qr(np.column_stack([jacobian[:, used], residual]), mode="r"))
     step = np.zeros(start.size)
@@ -199,8 +197,9 @@ def started(setup: Setup, plan: Plan, names: Sequence[str], strengths: Sequence[
         except SolverFailed:
             continue
         if float(after @ after) < cost:
-            return problem.variables.setup(setup, z)
-    return setup
+            setup = problem.variables.setup(setup, z)
+            break
+    return setup, [n for n, moves in zip(names, touched, strict=False) if moves]
 
 
 def clamped(effect: Effect, setup: Setup, values: Mapping[str, float]) -> Setup:

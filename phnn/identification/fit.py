@@ -346,8 +346,11 @@ def carried(initial: Array, known: Setup, wanted: Setup, own: Array) -> Array:
 def variables_from(setup: Setup, plan: Plan, names: Sequence[str], origin: Fit | None) -> Variables:
     """The variables of a fit that begins at the initial states of an earlier one; what it had not begins anew."""
     variables = variables_of(setup, plan, names)
-    if origin is None:
-        return variables
+    return variables if origin is None else continued(variables, setup, plan, origin)
+
+
+def continued(variables: Variables, setup: Setup, plan: Plan, origin: Fit) -> Variables:
+    """Return variables that begin where an earlier fit is; what it had not stays as it is."""
     timed = [origin.variables.timed(r, origin.z) for r in plan.recordings]
     variables = replace(variables, instants={r.name: x for r in timed if (x := unknown_instants(r)).size})
     known = origin.initial_states

@@ -274,7 +274,7 @@ def fit_identified(
             reasons[name] = _reason(setup, name)
     names = [n for n in free if n not in reasons]
     if names != free:
-        problem = Problem(setup, plan, variables_from(setup, plan, names, origin))
+        problem = Problem(setup, plan, replace(problem.variables, names=tuple(names)))
     found = fit_problem(problem, reasons, max_evaluations, tolerance)
     weak = [n for n in unidentified(found.jacobian, names) if n not in keep]
     if not weak:
