@@ -232,16 +232,6 @@ def _creep(rng: Rng) -> Law:
     return lambda z: {"k_s": z * TABLE["k"], "tau_s": tau}
 
 
-def _electrostriction(rng: Rng) -> Law:
-    sign = float(rng.choice([-1.0, 1.0]))
-    return lambda z: {"epsilon": sign * z / _PEAK}
-
-
-def _hysteresis_asymmetry(rng: Rng) -> Law:
-    sign = float(rng.choice([-1.0, 1.0]))
-    return lambda z: {"kappa_d": sign * z}
-
-
 def _mains_pickup(rng: Rng) -> Law:
     frequency, phase = float(rng.choice([50.0, 60.0])), float(rng.uniform(0.0, 2.0 * math.pi))
     return lambda z: {"A_m": z * _Q_0, "f_m": frequency, "phi_m": phase}
@@ -265,14 +255,19 @@ def _plain(name: str, unit: float = 1.0) -> Callable[[Rng], Law]:
     return lambda rng: lambda z: {name: z * unit}
 
 
+def _signed(name: str, unit: float = 1.0) -> Callable[[Rng], Law]:
+    """Return the same with a sign that is drawn."""
+    return lambda rng: _plain(name, float(rng.choice([-unit, unit])))(rng)
+
+
 _EFFECTS = {
     "creep": _Effect("mechanical", _creep),
     "cubic_stiffness": _Effect("mechanical", _plain("kappa_3")),
     "coulomb_friction": _Effect("mechanical", _plain("F_c", TABLE["alpha"] * _PEAK)),
     "quadratic_drag": _Effect("mechanical", _plain("c_2", 1e3)),
     "charge_leakage": _Effect("electrical", _plain("G", 1e-4)),
-    "hysteresis_asymmetry": _Effect("hysteron", _hysteresis_asymmetry),
-    "electrostriction": _Effect("coupling", _electrostriction),
+    "hysteresis_asymmetry": _Effect("hysteron", _signed("kappa_d")),
+    "electrostriction": _Effect("coupling", _signed("epsilon", 1.0 / _PEAK)),
     "amplifier_lowpass": _Effect("amplifier", _plain("tau_V", 1e-3)),
     "amplifier_saturation": _Effect("amplifier", lambda rng: lambda z: {"V_max": _PEAK * (1.0 - min(z, 0.6))}, 0.05),
     "sensor_lag": _Effect("sensor", _plain("tau_y", 1e-3)),

@@ -382,7 +382,10 @@ def plain_values(text: str, name: str) -> Any:
     import yaml
 
     # Without a meaning of their own, values have the tags that somebody wrote, or say whether they stood in quotes.
-    loader = type("AsWritten", (getattr(yaml, "CSafeLoader", yaml.SafeLoader),), {"resolve": _as_written})
+    def resolve(loader: Any, kind: Any, value: Any, implicit: Any) -> str:
+        return _QUOTED if isinstance(implicit, tuple) and not implicit[0] else _PLAIN
+
+    loader = type("AsWritten", (getattr(yaml, "CSafeLoader", yaml.SafeLoader),), {"resolve": resolve})
     try:
         depth = 0
         # The composer takes long for what is deep, the parser does not.
@@ -402,10 +405,6 @@ def plain_values(text: str, name: str) -> Any:
 
 
 _PLAIN, _QUOTED = "", "quoted"
-
-
-def _as_written(loader: Any, kind: Any, value: Any, implicit: Any) -> str:
-    return _QUOTED if isinstance(implicit, tuple) and not implicit[0] else _PLAIN
 
 
 class _Values:

@@ -15,10 +15,9 @@ fails, or comes too late, takes nothing away from what was finished.
 
 from __future__ import annotations
 
-from collections import UserDict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -42,7 +41,7 @@ from phnn.diagnose.screen import Candidate, Screen
 from phnn.effects import Effect, Scales
 from phnn.effects.hysteresis import weakened
 from phnn.identification.base import NUMERICAL, Progress, numerical_error, predicted_step, quiet, substeps_for
-from phnn.identification.evaluate import evaluate
+from phnn.identification.evaluate import Begun, estimated_start, evaluate
 from phnn.identification.fit import Fit
 from phnn.identification.plan import Plan
 from phnn.identification.problem import own_size
@@ -97,6 +96,7 @@ class Search:
             alternatives have all been fitted.
         most: elements of a model; executor: where refits are done, with the same results everywhere.
         progress: told what is tried; seed: of random starts.
+        begun: where the base model begins held-out recordings whose start is unknown.
         refined_at: mean square of the best model when its numerical error was bounded last.
     """
 
@@ -114,6 +114,7 @@ class Search:
     seed: int = 0
     grown: set[Key] = field(default_factory=set)
     compared: set[Key] = field(default_factory=set)
+    begun: dict[str, Begun] = field(default_factory=dict)
     refined_at: float = np.inf
 
     @property
@@ -141,7 +142,7 @@ class Search:
         each = [(r.name, fitted.residual[rows]) for r, rows in zip(recordings, fitted.slices, strict=True)]
         left = {name: Misfit(float(r @ r), r.size) for name, r in each}
         terms = sum(own_size(r, fitted.setup.own) - own_size(r, base) for r in recordings)
-        predicted = Predictions(partial(held_out, fitted, self.campaign, self.plan.finest))
+        predicted = held_out(fitted, self.campaign, self.plan.finest, self.begun)
         return Visited(tuple(elements), fitted, left, predicted, terms, done)
 
     def visit(self, model: Visited) -> Visited:
@@ -155,17 +156,6 @@ class Search:
         if better:
             self.visited[model.key] = model
         return self.visited[model.key]
-
-
-class Predictions(UserDict[str, Misfit]):
-    """What a model leaves of held-out recordings, found when it is asked for: a trial that goes on is not asked."""
-
-    def __init__(self, predict: Callable[[], dict[str, Misfit]]) -> None:
-        self._predict = predict
-
-    @cached_property
-    def data(self) -> dict[str, Misfit]:  # type: ignore[override]
-        return self._predict()
 
 
 class _Wanted(NamedTuple):
@@ -194,8 +184,10 @@ def begin(
     screen = Screen(_with_few_steps(linearised, plan), [*effects, *learned], criteria)
     scales = linearised.scales
     search = Search(campaign, bare, plan, effects, criteria, scales, screen, {}, most, executor, progress, seed)
-    model = search.model((), fitted, True)
-    search.base = search.visit(replace(model, held_out=dict(model.held_out)))
+    for r in (r for r in campaign.recordings if r.name not in fitted.initial_states and r.mask("nuisance").any()):
+        if (state := attempt("start", partial(estimated_start, fitted.setup, r, plan.finest), None)) is not None:
+            search.begun[r.name] = fitted.setup, state
+    search.base = search.visit(search.model((), fitted, True))
     return search
 
 
@@ -618,18 +610,19 @@ def _with_few_steps(linearised: LinearisedFit, plan: Plan) -> LinearisedFit:
     return replace(linearised, fit=replace(linearised.fit, plan=replace(linearised.fit.plan, substeps=steps)))
 
 
-def held_out(fitted: Fit, campaign: Campaign, steps: int) -> dict[str, Misfit]:
+def held_out(fitted: Fit, campaign: Campaign, steps: int, begun: Mapping[str, Begun]) -> dict[str, Misfit]:
     """What a model leaves of the held-out samples, by recording; empty where there are none, or it cannot predict.
 
     Args:
         steps: sub-steps of each sample, the same for all models that are compared: coarse ones tell chirps wrongly.
+        begun: where the base model begins these recordings.
     """
     held = [r for r in campaign.recordings if r.mask("confirmation").any()]
     recordings = tuple(fitted.variables.timed(r, fitted.z) for r in held)
     if not recordings:
         return {}
     plan = Plan(recordings, {r.name: steps for r in recordings}, fitted.plan.workers)
-    predict = partial(evaluate, fitted.setup, plan, fitted.initial_states)
+    predict = partial(evaluate, fitted.setup, plan, fitted.initial_states, begun)
     predicted = attempt("prediction of held-out recordings", predict, None)
     if predicted is None:
         return {r.name: Misfit(1e12, int(r.mask("confirmation").sum())) for r in recordings}

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.identification.fit import Fit, fit_problem
+from phnn.identification.fit import TOLERANCE, Fit, carried, fit_problem
 from phnn.identification.plan import Plan
 from phnn.identification.problem import Problem, Variables, beyond_limit, constant_and_own, own_parts, variables_of
 from phnn.recordings.excitation import instants_known, unknown_instants
@@ -25,11 +25,23 @@ _BEYOND = 200
 # evaluations from each, and enough from the best ones, until one leaves hardly more than the noise.
 _DRAWN, _FEW, _BEST, _ENOUGH, _SEED = 5, 12, 3, 60, 0
 _NOISE = 1.2
+# Tolerance of a state that is sought near another one.
+_ROUGH = 1e-4
 
 
-def estimated_start(setup: Setup, recording: Recording, substeps: int, use: str = "nuisance") -> Array | None:
+# A model, and the state (N,) in which it begins a recording.
+Begun = tuple[Setup, Array]
+
+
+def estimated_start(
+    setup: Setup, recording: Recording, substeps: int, use: str = "nuisance", near: Begun | None = None
+) -> Array | None:
     """(N,) initial state of a recording, estimated from the samples of one use, those of the head that is not scored;
-    None where its start says it."""
+    None where its start says it.
+
+    Args:
+        near: where another model begins: sought from there and from what is expected, in a fraction of the time.
+    """
     setup, plan = _head_of(setup, recording, substeps, use)
     variables, name = variables_of(setup, plan, ()), recording.name
     if not variables.unknown:
@@ -37,10 +49,13 @@ def estimated_start(setup: Setup, recording: Recording, substeps: int, use: str 
     known, rng = variables.expected[name], np.random.default_rng(_SEED)
     drawn = [known.mean + known.spread * rng.standard_normal(known.mean.size) for _ in range(_DRAWN)]
 
-    def begun_at(state: Array, evaluations: int) -> Fit:
+    def begun_at(state: Array, evaluations: int, tolerance: float = TOLERANCE) -> Fit:
         problem = Problem(setup, plan, replace(variables, origin={name: state}), use)
-        return fit_problem(problem, max_evaluations=evaluations)
+        return fit_problem(problem, None, evaluations, tolerance)
 
+    if near is not None:
+        states = (known.mean, carried(near[1], near[0], setup, known.mean))
+        return min((begun_at(state, _ENOUGH, _ROUGH) for state in states), key=lambda f: f.cost).initial(name)
     begun = sorted((begun_at(state, _FEW) for state in (known.mean, *drawn)), key=lambda f: f.cost)
     ended: list[Fit] = []
     for first in begun[:_BEST]:
@@ -120,7 +135,9 @@ class Evaluation:
         return float(np.sqrt(np.mean(np.square(found)))) if found else float("nan")
 
 
-def evaluate(setup: Setup, plan: Plan, initial: Mapping[str, Array]) -> Evaluation:
+def evaluate(
+    setup: Setup, plan: Plan, initial: Mapping[str, Array], near: Mapping[str, Begun] | None = None
+) -> Evaluation:
     """Simulate all recordings of a plan and score their parts.
 
     The zero of a recording comes from its identification part where it has one, else from its nuisance part, unless it
@@ -131,6 +148,7 @@ def evaluate(setup: Setup, plan: Plan, initial: Mapping[str, Array]) -> Evaluati
 
     Args:
         initial: initial states estimated by the fit, by recording name.
+        near: where another model begins other recordings, see `estimated_start`.
     """
 
     def one(recording: Recording) -> Array:
@@ -139,7 +157,7 @@ def evaluate(setup: Setup, plan: Plan, initial: Mapping[str, Array]) -> Evaluati
             recording = replace(recording, offset="own")
         nuisance, steps = recording.mask("nuisance"), plan.steps_of(recording)
         if own is None and nuisance.any():
-            own = estimated_start(setup, recording, steps)
+            own = estimated_start(setup, recording, steps, near=(near or {}).get(recording.name))
         if not instants_known(recording):
             recording, _ = with_instants(setup, recording, steps, own)
         y = simulate(setup, recording, steps, initial=own).y

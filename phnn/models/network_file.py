@@ -20,7 +20,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import fields, replace
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -90,16 +89,11 @@ def ready(name: str, values: Mapping[str, float] | None = None) -> Network:
     """
     if name == "piezo_actuator":
         return hrc(2, dict(values or {}))
-    table = _ready()
+    table = mapping(load_yaml(named_file(Path(__file__).with_name("ready.yaml"))), "ready.yaml")
     if name not in table:
         raise InputRefused(f"model {name!r}: the ready models are {', '.join(READY)}")
     content = {key: said for key, said in table[name].items() if key != "equation"}
     return _graph(content, name).network().with_values(values or {})
-
-
-@lru_cache(maxsize=1)
-def _ready() -> Mapping[str, Any]:
-    return mapping(load_yaml(named_file(Path(__file__).with_name("ready.yaml"))), "ready.yaml")
 
 
 def _graph(content: Any, name: str) -> BondGraph:
@@ -116,7 +110,10 @@ def _graph(content: Any, name: str) -> BondGraph:
             f"{name}: bonds: expected a list, found {shown(listed)}: write `- {{from: a, to: b}}` entries"
         )
     for key in ("junctions", "elements", "bonds", "parameters", "modulations", "memories"):
-        _check_count(top.get(key, ()), f"{name}: {key}")
+        if isinstance(said := top.get(key), list | Mapping) and len(said) > LIMITS.elements:
+            raise InputRefused(
+                f"{name}: {key}: there are {len(said)}, at most {LIMITS.elements} are accepted: split the network"
+            )
     try:
         return BondGraph(
             {label(j, f"{name}: junctions"): kind for j, kind in junctions.items()},
@@ -164,11 +161,6 @@ def _law(content: Mapping[str, Any], default: str, laws: Mapping[str, Any], wher
 def _each(top: Mapping[str, Any], key: str, make: Callable[[str, Any, str], Any], file: str) -> list[Any]:
     said = {label(n, f"{file}: {key}"): content for n, content in mapping(top.get(key, {}), f"{file}: {key}").items()}
     return [make(n, content, f"{file}: {key}: {n}") for n, content in said.items()]
-
-
-def _check_count(said: Any, where: str) -> None:
-    if isinstance(said, list | Mapping) and len(said) > LIMITS.elements:
-        raise InputRefused(f"{where}: there are {len(said)}, at most {LIMITS.elements} are accepted: split the network")
 
 
 def _modulation(ratio: str, said: Any, where: str) -> Modulation:
