@@ -569,7 +569,8 @@ def _exchange(search: Search, best: Visited, element: Effect) -> None:
         found = _rebuilt(search, [_Wanted(rest, [best.fit.setup.values()])], f"{best.words} without {element.name}")
         less = search.visit(found[0]) if found else None
     if new and less is not None:
-        likely = [c for c in _screened(search, less, new) if _within_reach(search, less, c.fall)]
+        # A first derivative says little far from the noise.
+        likely = [c for c in _screened(search, less, new) if search.far(less) or _within_reach(search, less, c.fall)]
         begun += _heat(search, less, likely, share=np.inf)
     begun = [search.visit(t) for t in begun]
     able = [t for t in begun if _within_reach(search, t, predicted_step(t.fit)[1])]
