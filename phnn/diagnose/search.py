@@ -492,9 +492,9 @@ def _refine(search: Search) -> None:
     weighed = search.weighed
     best, rivals = weighed.best, weighed.models[1:3]
     bound = max(1.0, NUMERICAL * best.fit.beyond_noise**0.5)
-    if numerical_error(replace(best.fit, plan=search.plan)).sigma <= bound:
+    plan = substeps_for(best.fit, search.plan, bound, numerical_error(replace(best.fit, plan=search.plan)))
+    if plan.size == search.plan.size:
         return
-    plan = substeps_for(best.fit.setup, search.plan, bound, best.fit.initial_states)
     search.progress("numerical error too large for what is left: finer steps")
     search.plan = plan
     search.compared.clear()

@@ -104,6 +104,9 @@ MAX_SUBSTEPS = 64
 # Largest numerical error of a model over the norm of what it leaves beyond the noise: the steps of a model that is far
 # from the recordings need not be finer.
 NUMERICAL = 0.001
+# Share of the same norm that the numerical error may have before parameters absorb some of it; near the noise, where
+# these have to be right as well, multiples of the bound on the rest.
+_ABSORBED, _WHOLE = 0.02, 1.5
 
 
 @dataclass(frozen=True)
@@ -117,17 +120,21 @@ class NumericalError:
     sigma: float
 
 
-def substeps_for(setup: Setup, plan: Plan, bound: float, initial: Mapping[str, Array] | None = None) -> Plan:
-    """The plan with sub-steps doubled, recording by recording, until the solver error is below the bound.
+def substeps_for(fitted: Fit, plan: Plan, bound: float, error: NumericalError | None = None) -> Plan:
+    """The plan with sub-steps doubled, recording by recording, until a model's solver error is below the bound.
 
-    The bound [standard deviations] is shared evenly among the recordings, 1.5 times over, because the projection that
-    is not made here takes away more than half.
+    The bound [standard deviations] on what parameters do not absorb is shared evenly among the recordings.
+
+    Args:
+        error: of the model on the plan, which tells how much of it parameters absorb.
     """
-    chosen = dict(plan.substeps)
-    share = 1.5 * bound / np.sqrt(len(plan.recordings))
+    whole = max(_WHOLE * bound, _ABSORBED * fitted.beyond_noise**0.5)
+    if error is not None and error.sigma > bound:
+        whole = min(whole, float(np.linalg.norm(error.error)) * bound / error.sigma)
+    setup, share = fitted.setup, whole / np.sqrt(len(plan.recordings))
 
     def run(recording: Recording, steps: int) -> Array:
-        return simulate(setup, recording, steps, initial=(initial or {}).get(recording.name)).y
+        return simulate(setup, recording, steps, initial=fitted.initial(recording.name)).y
 
     def enough(recording: Recording) -> int:
         steps = plan.steps_of(recording)
@@ -142,9 +149,8 @@ def substeps_for(setup: Setup, plan: Plan, bound: float, initial: Mapping[str, A
             steps, coarse = 2 * steps, fine
         return steps
 
-    for recording, steps in zip(plan.recordings, plan.each(enough, simulations=3.0), strict=True):
-        chosen[recording.name] = steps
-    return replace(plan, substeps=chosen)
+    steps = plan.each(enough, simulations=3.0)
+    return replace(plan, substeps={r.name: n for r, n in zip(plan.recordings, steps, strict=True)})
 
 
 def numerical_error(fit: Fit) -> NumericalError:
@@ -163,11 +169,8 @@ def numerical_error(fit: Fit) -> NumericalError:
         return without_nuisances(solver + reconstruction, mask, recording, fit.setup.own, hidden) / recording.noise
 
     error = np.concatenate(plan.each(one, simulations=4.0))
-    rest = error
-    if fit.jacobian.shape[1]:
-        q, _ = np.linalg.qr(fit.jacobian)
-        rest = error - q @ (q.T @ error)
-    return NumericalError(error, float(np.linalg.norm(rest)))
+    q, _ = np.linalg.qr(fit.jacobian)
+    return NumericalError(error, float(np.linalg.norm(error - q @ (q.T @ error))))
 
 
 def with_bounded_error(first: Fit, bound: float) -> tuple[Fit, NumericalError]:
@@ -176,17 +179,16 @@ def with_bounded_error(first: Fit, bound: float) -> tuple[Fit, NumericalError]:
     Args:
         bound: on the numerical error over all recordings, in standard deviations of the noise.
     """
-    fitted = first
+    # What is absorbed is known with steps that are fine enough for the derivatives.
+    fitted, plan = first, substeps_for(first, first.plan, bound)
     for _ in range(3):
-        plan = substeps_for(fitted.setup, fitted.plan, bound, fitted.initial_states)
         fitted = resumed(fit_identified(fitted.setup, plan, stated_only(fitted.held), origin=fitted))
         error = numerical_error(fitted)
         if error.sigma <= bound:
             break
+        plan = substeps_for(fitted, plan, bound, error)
     free = released(fitted)
-    if free is not fitted:
-        fitted, error = free, numerical_error(free)
-    return fitted, error
+    return (fitted, error) if free is fitted else (free, numerical_error(free))
 
 
 def released(fitted: Fit, keep: Sequence[str] = ()) -> Fit:

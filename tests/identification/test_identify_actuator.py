@@ -219,7 +219,7 @@ def test_numerical_error_falls_with_the_square_of_the_step(name: str) -> None:
 def test_substeps_grow_with_a_tighter_bound() -> None:
     fitted = campaigns.base()
     plan = replace(fitted.plan, substeps={})
-    loose, tight = (substeps_for(fitted.setup, plan, bound).substeps for bound in (1.0, 0.02))
+    loose, tight = (substeps_for(fitted, plan, bound).substeps for bound in (1.0, 0.02))
     assert all(tight[n] >= loose[n] for n in loose)
     assert sum(tight.values()) > 2 * sum(loose.values())
     assert max(tight.values()) <= MAX_SUBSTEPS
