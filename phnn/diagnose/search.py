@@ -239,14 +239,13 @@ def _next(search: Search) -> Visited | None:
         able = [m for m in (*leading, *likely) if len(m.elements) < search.most and m.key not in search.grown]
         left = min((m.left for m in leading if m.elements), default=np.inf)
         todo = next((m for m in (*leading, *able[:1]) if not m.converged and m.left < _QUIET), None)
-        if todo is not None:
-            if not _carry(search, todo):
-                return None
-        elif left < max(search.refined_at / _FALLEN, min(search.refined_at, _QUIET)):
+        if left < max(search.refined_at / _FALLEN, min(search.refined_at, _QUIET)):
             search.refined_at = left if left > _QUIET else 0.0
             move("finer steps", partial(_refine, search), None)
-        else:
+        elif todo is None:
             return able[0] if able else None
+        elif not _carry(search, todo):
+            return None
 
 
 def _carry(search: Search, model: Visited) -> bool:
