@@ -184,7 +184,8 @@ def begin(
     screen = Screen(_with_few_steps(linearised, plan), [*effects, *learned], criteria)
     scales = linearised.scales
     search = Search(campaign, bare, plan, effects, criteria, scales, screen, {}, most, executor, progress, seed)
-    for r in (r for r in campaign.recordings if r.name not in fitted.initial_states and r.mask("nuisance").any()):
+    sought = [r for r in campaign.recordings if r.name not in fitted.initial_states and r.mask("nuisance").any()]
+    for r in sought:
         if (state := attempt("start", partial(estimated_start, fitted.setup, r, plan.finest), None)) is not None:
             search.begun[r.name] = fitted.setup, state
     search.base = search.visit(search.model((), fitted, True))
@@ -224,7 +225,7 @@ def _next(search: Search) -> Visited | None:
     First comes the most probable model; then the best one of effects alone, for a learned element may stand for two of
     them; then the one that would be written; then others that predict about as well. Far from the noise probabilities
     say little, and the most probable one comes third. Near the noise a model is carried to its end before it is grown.
-    The numerical error is bounded again wherever so much less is left that it may be the larger part.
+    Before either, the numerical error is bounded again where so much less is left that it may be the larger part.
     """
     while True:
         number = partial(forecast, criteria=search.criteria)

@@ -186,7 +186,7 @@ def with_bounded_error(first: Fit, bound: float) -> tuple[Fit, NumericalError]:
         error = numerical_error(fitted)
         if error.sigma <= bound:
             break
-        plan = substeps_for(fitted, plan, bound, error)
+        plan = substeps_for(fitted, fitted.plan, bound, error)
     free = released(fitted)
     return (fitted, error) if free is fitted else (free, numerical_error(free))
 
