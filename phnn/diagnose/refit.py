@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,8 +43,10 @@ _STRENGTHS = tuple(10.0 ** (0.5 * k) for k in range(1, 10))
 # Change of the output by a large strength, over the squares that are left: wanted, and most.
 _WANTED, _MOST = 0.5, 3.0
 _LARGE = 2
-# Evaluations of a refit that is carried to the end, and its tolerance near the noise and far from it.
-_LAST, _NEAR, _FAR = 25, 1e-5, 1e-4
+# Evaluations of a refit carried to its end; its tolerance near the noise, far from it, and there with all sub-steps.
+_LAST, _NEAR, _FAR, _WHOLE = 25, 1e-5, 1e-4, 1e-3
+# Mean square of the residual over that of the noise below which a fit is near it.
+_CLOSE = 1.5
 # Evaluations where a search has ended before a fit came to its end.
 _BRIEF = 3
 
@@ -54,15 +57,16 @@ def short(base: Fit, plan: Plan, effect: Effect, starts: Sequence[Mapping[str, f
     return min((f for f in tried if f is not None), key=lambda f: f.cost, default=None)
 
 
-def further(fitted: Fit, evaluations: int) -> Fit:
-    """Return the fit after further steps with its own sub-steps."""
+def further(fitted: Fit, evaluations: int, plan: Plan | None = None) -> Fit:
+    """Return the fit after further steps, with the sub-steps of a plan where these are finer than its own."""
+    finer = plan is not None and plan.size > fitted.plan.size
 
     def onwards() -> Fit:
-        names = fitted.variables.names
-        return resumed(fit(fitted.setup, fitted.plan, names, fitted.held, evaluations, _NEAR, fitted))
+        used, names = plan if plan is not None and finer else fitted.plan, fitted.variables.names
+        return resumed(fit(fitted.setup, used, names, fitted.held, evaluations, _NEAR, fitted))
 
     found = attempt("further steps", onwards, fitted)
-    return found if found.cost < fitted.cost else fitted
+    return found if finer or found.cost < fitted.cost else fitted
 
 
 def converged(fitted: Fit, plan: Plan, held: Mapping[str, str], own: Sequence[str], brief: bool = False) -> Fit | None:
@@ -75,31 +79,45 @@ def converged(fitted: Fit, plan: Plan, held: Mapping[str, str], own: Sequence[st
         brief: a few steps instead, where there is no time left.
     """
 
+    def steps(begun: Fit, used: Plan, far: float) -> Fit:
+        tolerance, most = _NEAR if begun.chi2 < _CLOSE else far, _BRIEF if brief else _LAST
+        found = fit_identified(begun.setup, used, stated_only(held), most, begun, own, tolerance)
+        # What comes near the noise on the way goes on with the tolerance that holds there.
+        return steps(found, used, far) if found.chi2 < _CLOSE <= begun.chi2 and not brief else found
+
     def to_the_end() -> Fit:
-        tolerance = _NEAR if fitted.chi2 < 1.5 else _FAR
-        most = _BRIEF if brief else _LAST
-        full = fit_identified(fitted.setup, plan, stated_only(held), most, fitted, own, tolerance)
-        return full if brief else released(resumed(full), own)
+        # Where the sum of squares is rough, larger steps are found with a quarter of the sub-steps.
+        coarse = plan.coarse()
+        if brief:
+            return steps(fitted, plan, _FAR)
+        if coarse.size == plan.size:
+            return released(resumed(steps(fitted, plan, _FAR)), own)
+        return steps(released(resumed(steps(fitted, coarse, _FAR)), own), plan, _WHOLE)
 
     return attempt("refit to the end", to_the_end, None)
 
 
-def rebuilt(
-    base: Fit, elements: Sequence[Effect], starts: Sequence[Mapping[str, float]], plan: Plan, evaluations: int
-) -> Fit | None:
+class Wanted(NamedTuple):
+    """Elements of a model that is to be fitted, and the values of all parameters to begin from."""
+
+    elements: tuple[Effect, ...]
+    starts: Sequence[Mapping[str, float]]
+
+
+def rebuilt(base: Fit, plan: Plan, evaluations: int, wanted: Wanted) -> Fit | None:
     """Return the base model with some elements, fitted on a plan from the best of some values of all parameters; None
     where none can be simulated."""
 
     def begun(values: Mapping[str, float]) -> Setup:
         setup = base.setup.with_values({n: values[n] for n in base.setup.free if n in values})
-        for element in elements:
+        for element in wanted.elements:
             setup = element.add_to(setup, values)
         return setup
 
     def build() -> Fit:
-        setups = [begun(values) for values in starts]
+        setups = [begun(values) for values in wanted.starts]
         setup = min(setups, key=lambda s: coarse_cost(s, plan)) if len(setups) > 1 else setups[0]
-        own = [n for e in elements for n in e.parameters]
+        own = [n for e in wanted.elements for n in e.parameters]
         return fit_identified(setup, plan, stated_only(base.held), evaluations, base, own, _FAR)
 
     return attempt("refit without an element", build, None)

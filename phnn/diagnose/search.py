@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -36,11 +36,11 @@ from phnn.diagnose.number import (
     key_of,
     weigh,
 )
-from phnn.diagnose.refit import converged, further, large_starts, rebuilt, short
+from phnn.diagnose.refit import Wanted, converged, further, large_starts, rebuilt, short
 from phnn.diagnose.screen import Candidate, Screen
 from phnn.effects import Effect, Scales
 from phnn.effects.hysteresis import weakened
-from phnn.identification.base import NUMERICAL, Progress, numerical_error, predicted_step, quiet, substeps_for
+from phnn.identification.base import Progress, numerical_error, predicted_step, quiet, substeps_for
 from phnn.identification.evaluate import Begun, estimated_start, evaluate
 from phnn.identification.fit import Fit
 from phnn.identification.plan import Plan
@@ -67,8 +67,8 @@ _ROUNDS = 2
 _FORMS = {form.name for form in FORMS.values()}
 # Starts of new hysterons beside a first element that leaves far more than the noise.
 _ANEW = 3
-# Differences of χ² of one optimum: fitted twice, and with coarse and full sub-steps.
-_SAME, _COARSE = 3.0, 100.0
+# Difference of χ² of one optimum that is fitted twice.
+_SAME = 3.0
 # Nats behind the best at which a model is no longer grown, or refitted with finer steps.
 _GROWN, _FINER = 30.0, 8.0
 # The same for models that share the probability: each of them has to be fitted to its end.
@@ -77,9 +77,12 @@ _ALIKE = 5.0
 _PROMISING = 0.3
 # Sub-steps from which on directions are fine enough.
 _ENOUGH = 8
-# Mean square below which a model is carried to its end before it is grown, and its numerical error is asked; by how
-# much less has to be left before it is asked again far from the noise.
-_QUIET, _FALLEN = 2.0, 10.0
+# Norm of a numerical error over that of a mismatch that is just material, and over that of what a model leaves.
+_OF_MATERIAL, _OF_LEFT = 0.1, 0.05
+# By how much less has to be left beyond the noise before the numerical error is asked again; the least that counts.
+_FALLEN, _LEAST = 10.0, 0.02
+# Mean square below which a model is carried to its end before it is grown.
+_QUIET = 2.0
 
 
 @dataclass
@@ -97,7 +100,7 @@ class Search:
         most: elements of a model; executor: where refits are done, with the same results everywhere.
         progress: told what is tried; seed: of random starts.
         begun: where the base model begins held-out recordings whose start is unknown.
-        refined_at: mean square of the best model when its numerical error was bounded last.
+        refined_at: what the best model left beyond the noise when its numerical error was bounded last.
     """
 
     campaign: Campaign
@@ -147,22 +150,12 @@ class Search:
 
     def visit(self, model: Visited) -> Visited:
         """Keep a model, unless a better fit of the same elements is known; returns the one that is kept."""
-        known = self.visited.get(model.key)
-        better = known is None or model.fit.cost < known.fit.cost - _SAME
-        if known is not None and model.converged and not better:
-            # The same optimum with the steps of the search, or with finer ones.
-            ended = not known.converged and model.fit.cost < known.fit.cost + _COARSE
-            better = ended or model.fit.plan.size > known.fit.plan.size
-        if better:
+        known = self.visited.setdefault(model.key, model)
+        # The same optimum carried to its end, or with finer sub-steps, takes the place.
+        ended = (model.converged, model.fit.plan.size) > (known.converged, known.fit.plan.size)
+        if ended or model.fit.cost < known.fit.cost - _SAME:
             self.visited[model.key] = model
         return self.visited[model.key]
-
-
-class _Wanted(NamedTuple):
-    """Elements of a model that is to be fitted, and the values of all parameters to begin from."""
-
-    elements: tuple[Effect, ...]
-    starts: Sequence[Mapping[str, float]]
 
 
 def begin(
@@ -238,10 +231,10 @@ def _next(search: Search) -> Visited | None:
         best = search.best
         leading = [nameable, search.written, best] if search.far(best) else [best, nameable, search.written]
         able = [m for m in (*leading, *likely) if len(m.elements) < search.most and m.key not in search.grown]
-        left = min((m.left for m in leading if m.elements), default=np.inf)
+        excess = max(_LEAST, min((m.left for m in leading if m.elements), default=np.inf) - 1.0)
         todo = next((m for m in (*leading, *able[:1]) if not m.converged and m.left < _QUIET), None)
-        if left < max(search.refined_at / _FALLEN, min(search.refined_at, _QUIET)):
-            search.refined_at = left if left > _QUIET else 0.0
+        if excess < search.refined_at / _FALLEN:
+            search.refined_at = excess
             move("finer steps", partial(_refine, search), None)
         elif todo is None:
             return able[0] if able else None
@@ -251,8 +244,7 @@ def _next(search: Search) -> Visited | None:
 
 def _carry(search: Search, model: Visited) -> bool:
     """Carry a model to its end, if there is time; one that cannot be fitted with the search's steps has come to it."""
-    part = f"fit of {model.words} to its end"
-    if not late(part):
+    if not late(part := f"fit of {model.words} to its end"):
         move(part, partial(_converge, search, [model]), None)
     if not search.visited[model.key].converged and late(part):
         return False
@@ -332,7 +324,7 @@ def _other_forms(search: Search, model: Visited) -> list[Visited]:
         return []
     forms = [e for e in search.effects if e.name in _FORMS and not e.after]
     starts = [[values | weak | e.scaled(p, OF_GRID) for p in e.grid(search.scales)] for e in forms]
-    wanted = [_Wanted((e,), s) for e, s in zip(forms, starts, strict=True)]
+    wanted = [Wanted((e,), s) for e, s in zip(forms, starts, strict=True)]
     return _rebuilt(search, wanted, "other forms of hysteresis", search.criteria.short)
 
 
@@ -345,7 +337,7 @@ def _with_new_hysterons(search: Search, trial: Visited) -> Visited:
     linear = linear_part(values)
     stated = {n: values[n] for n in search.base.fit.held if n in values}
     starts = random_starts(linear, search.plan, count, stated, _ANEW, search.seed)
-    wanted = [_Wanted(trial.elements, [values | s.values() | linear.values()]) for s in starts]
+    wanted = [Wanted(trial.elements, [values | s.values() | linear.values()]) for s in starts]
     found = _rebuilt(search, wanted, f"{trial.words} with new hysterons", search.criteria.short)
     best = min(found, key=lambda t: t.fit.cost, default=None)
     return trial if best is None else _while_the_best_falls(search, _onwards(search, [best]))[0]
@@ -393,10 +385,12 @@ def _while_the_best_falls(search: Search, trials: Sequence[Visited]) -> list[Vis
 
 def _onwards(search: Search, trials: Sequence[Visited]) -> list[Visited]:
     """The trials after further steps, where they have not ended yet."""
-    moving = [t for t in trials if t.fit.evaluations >= search.criteria.short]
+    coarse = search.plan.coarse()
+    moving = [t for t in trials if t.fit.evaluations >= search.criteria.short or t.fit.plan.size < coarse.size]
     if not moving or late("further steps of " + ", ".join(t.words for t in moving)):
         return list(trials)
-    work = partial(further, evaluations=search.criteria.further)
+    # What began before the search took finer steps goes on with these.
+    work = partial(further, evaluations=search.criteria.further, plan=coarse)
     fits = _fits(search, work, [t.fit for t in moving], [t.elements[-1].name for t in moving])
     ended = {t.key: search.model(t.elements, f) for t, f in zip(moving, fits, strict=True) if f is not None}
     return [ended.get(t.key, t) for t in trials]
@@ -438,11 +432,11 @@ def _further_forms(search: Search, trial: Visited) -> list[Visited]:
 def _drop_each(search: Search, model: Visited, elements: Sequence[Effect]) -> None:
     """Fit a model without each of some of its elements, from where it has ended."""
     values = model.fit.setup.values()
-    wanted: list[_Wanted] = []
+    wanted: list[Wanted] = []
     for gone in elements:
         rest = tuple(e for e in model.elements if e is not gone and not set(gone.parameters) & set(e.after))
         equal = gone.equivalents(values) if gone.equivalents is not None else ()
-        wanted.append(_Wanted(rest, [values, *(values | v for v in equal)]))
+        wanted.append(Wanted(rest, [values, *(values | v for v in equal)]))
     better = []
     for less in _rebuilt(search, wanted, f"{model.words} without each element"):
         near = less.fit.cost - model.fit.cost < search.criteria.material**2 * less.fit.residual.size
@@ -455,17 +449,13 @@ def _drop_each(search: Search, model: Visited, elements: Sequence[Effect]) -> No
     _converge(search, better)
 
 
-def _rebuilt(search: Search, wanted: Sequence[_Wanted], part: str, evaluations: int | None = None) -> list[Visited]:
+def _rebuilt(search: Search, wanted: Sequence[Wanted], part: str, evaluations: int | None = None) -> list[Visited]:
     """Models of some elements, fitted with coarse sub-steps from the best of some values, where there is time."""
     if not wanted or late(part):
         return []
-    work = partial(_rebuild, search.base.fit, search.plan.coarse(), evaluations or search.criteria.further)
+    work = partial(rebuilt, search.base.fit, search.plan.coarse(), evaluations or search.criteria.further)
     fits = _fits(search, work, wanted, [" + ".join(e.name for e in w.elements) for w in wanted])
     return [search.model(w.elements, f) for w, f in zip(wanted, fits, strict=True) if f is not None]
-
-
-def _rebuild(base: Fit, plan: Plan, evaluations: int, wanted: _Wanted) -> Fit | None:
-    return rebuilt(base, wanted.elements, wanted.starts, plan, evaluations)
 
 
 def _converge(search: Search, models: Sequence[Visited], brief: bool = False) -> None:
@@ -491,7 +481,9 @@ def _refine(search: Search) -> None:
     same ones only."""
     weighed = search.weighed
     best, rivals = weighed.best, weighed.models[1:3]
-    bound = max(1.0, NUMERICAL * best.fit.beyond_noise**0.5)
+    # Neither a hundredth of what is material nor a four-hundredth of what is left is taken for a missing effect.
+    unseen = _OF_MATERIAL * search.criteria.material * best.fit.residual.size**0.5
+    bound = max(1.0, unseen, _OF_LEFT * best.fit.beyond_noise**0.5)
     plan = substeps_for(best.fit, search.plan, bound, numerical_error(replace(best.fit, plan=search.plan)))
     if plan.size == search.plan.size:
         return
@@ -566,7 +558,7 @@ def _exchange(search: Search, best: Visited, element: Effect) -> None:
     new = [e for e in todo if family(e) not in ended]
     less = search.visited.get(key_of(rest))
     if new and less is None:
-        found = _rebuilt(search, [_Wanted(rest, [best.fit.setup.values()])], f"{best.words} without {element.name}")
+        found = _rebuilt(search, [Wanted(rest, [best.fit.setup.values()])], f"{best.words} without {element.name}")
         less = search.visit(found[0]) if found else None
     if new and less is not None:
         # A first derivative says little far from the noise.
@@ -575,11 +567,11 @@ def _exchange(search: Search, best: Visited, element: Effect) -> None:
     begun = [search.visit(t) for t in begun]
     able = [t for t in begun if _within_reach(search, t, predicted_step(t.fit)[1])]
     onwards = [search.visit(t) for t in _onwards(search, able)]
-    weighed, part = search.weighed, f"what may be taken for {element.name}"
+    weighed = search.weighed
     # An effect is compared at its best place, in its best form.
     places = {family(m.elements[-1]): m for m in sorted(onwards, key=lambda m: -m.fit.cost)}
     near = [m for m in places.values() if m.left < _QUIET and weighed.behind(m) < _GROWN]
-    if near and not late(part):
+    if near and not late(f"what may be taken for {element.name}"):
         _converge(search, near)
 
 

@@ -52,6 +52,8 @@ Array = NDArray[np.float64]
 _SHARE, _LEAST = 0.1, 12.0
 # Lengths of the large step, how often it is made, and the largest change of a coordinate.
 _LENGTHS, _TIMES, _FARTHEST = (2.0, 1.0, 0.5), 5, 2.0
+# Share of a predicted decrease that has to come before another one is believed.
+_KEPT = 0.5
 _FEW = 8
 # Room that is left between the bounds of a step where there is none.
 _NONE = 1e-12
@@ -69,10 +71,12 @@ def resumed(fitted: Fit) -> Fit:
         if promise < max(_SHARE * excess, least) or used_up():
             break
         tried = [f for length in _LENGTHS if (f := _from(fitted, length * step)) is not None]
-        best = min(tried, key=lambda f: f.cost, default=fitted)
-        if best.cost > fitted.cost - least:
+        before, best = fitted.cost, min(tried, key=lambda f: f.cost, default=fitted)
+        if best.cost < before - least:
+            fitted = best
+        # What promises more than it keeps will do so again.
+        if best.cost > before - max(least, _KEPT * promise):
             break
-        fitted = best
     return fitted
 
 

@@ -30,7 +30,7 @@ from phnn.integrate import kernel
 from phnn.integrate.cache import inline, loop_entry
 from phnn.integrate.kernel import eliminate
 from phnn.integrate.linearise import derivatives_at
-from phnn.integrate.perturbed import Derivatives, Pattern, Run, new_derivatives, pattern_of
+from phnn.integrate.perturbed import Run, new_derivatives, pattern_of
 from phnn.integrate.program import LEAVES, OWN_STORAGE, PLACE_5, PORTS, Program, action_derivatives, actions, rows_of
 from phnn.integrate.step import junction_storage
 
@@ -249,20 +249,6 @@ def by_parameters(active: NDArray[np.int64], steps: int) -> Perturbed:
     return Perturbed(active, none, np.zeros(0, dtype=np.int64), none, {})
 
 
-def _prepared(
-    march: Integrated, active: NDArray[np.int64], pushed: Mapping[int, Array]
-) -> tuple[Pattern, Run, Derivatives]:
-    """The arguments of a program's sweeps: pattern, integrated steps and work arrays."""
-    program, theta, states, efforts, u, h = march
-    pattern = pattern_of(program, tuple(active.tolist()))
-    in_laws = active[pattern.in_ports >= 0]
-    by_port = action_derivatives(program, theta, u, in_laws)
-    for k, action in pushed.items():
-        by_port[pattern.in_ports[k]] = action
-    run = Run(states, efforts, h, actions(program, theta, u), by_port)
-    return pattern, run, new_derivatives(program.table, pattern, theta, run)
-
-
 def sensitivities(
     march: Integrated,
     perturbed: Perturbed,
@@ -287,8 +273,13 @@ def sensitivities(
     Returns:
         (M, K + S + F + W) the output's derivatives.
     """
-    program, states, active, varied = march.program, march.states, perturbed.active, perturbed.varied
-    pattern, run, memory = _prepared(march, active, perturbed.pushed)
+    (program, theta, states, efforts, u, h), active, varied = march, perturbed.active, perturbed.varied
+    pattern = pattern_of(program, tuple(active.tolist()))
+    by_port = action_derivatives(program, theta, u, active[pattern.in_ports >= 0])
+    for k, action in perturbed.pushed.items():
+        by_port[pattern.in_ports[k]] = action
+    run = Run(states, efforts, h, actions(program, theta, u), by_port)
+    memory = new_derivatives(program.table, pattern, theta, run)
     m, first_force = len(program.junctions), active.size + initial.size
     if perturbed.forces.shape[1] and not m:
         raise StructureViolated("no force acts in a network without a storage that others drive: ask for no forces")
@@ -303,7 +294,7 @@ def sensitivities(
     _sensitivities(program.table, pattern, memory, run, asked, Sensitivities(known, following, np.zeros((m, m))), out)
     if end is not None:
         # The sweep swaps the two arrays after every step.
-        end[:] = (following if march.h.size % 2 else known)[: states.shape[1]]
+        end[:] = (following if h.size % 2 else known)[: states.shape[1]]
     return out
 
 

@@ -96,7 +96,9 @@ def _draw(above: Axes, below: Axes, one: Predicted) -> None:
     # The samples before the scored ones.
     if part.start < one.scored.start < part.stop:
         below.axvspan(*r.t[[part.start, one.scored.start]], color=FAINT, alpha=0.6, linewidth=0, zorder=0)
-    above.set_title(_title(one, part))
+    use = ", held out" if one.held_out or r.mask("confirmation").any() else ""
+    shown = "" if part == slice(0, one.y.size) else ", where the residual is largest"
+    above.set_title(literal(r.name, 30) + use + shown)
 
 
 def _legend(one: Predicted) -> str:
@@ -104,12 +106,6 @@ def _legend(one: Predicted) -> str:
     rmse = finite(scores["rmse"])
     size = DASH if rmse is None else quantity(rmse, one.recording.units.output)
     return f"simulated: fit {percent(scores['fit_percent'], 2)} %, RMSE {size}"
-
-
-def _title(one: Predicted, part: slice) -> str:
-    use = ", held out" if one.held_out or one.recording.mask("confirmation").any() else ""
-    whole = part == slice(0, one.y.size)
-    return literal(one.recording.name, 30) + use + ("" if whole else ", where the residual is largest")
 
 
 def _table(one: Predicted) -> pd.DataFrame:

@@ -16,7 +16,7 @@ from phnn.criteria import Criteria
 from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.linearised import LinearisedFit, direction, tie
 from phnn.diagnose.number import Visited
-from phnn.diagnose.refit import converged, rebuilt
+from phnn.diagnose.refit import Wanted, converged, rebuilt
 from phnn.diagnose.screen import Screen
 from phnn.diagnose.search import Search, _drop_each, _exchange, _with_new_hysterons, begin, explore, finished
 from phnn.diagnose.verdict import NAMED, NONE, PROVISIONAL, UNKNOWN, Claim, conclude
@@ -64,7 +64,7 @@ def together(base: Fit, *names: str, others: Sequence[str] = ()) -> tuple[Search
     elements = [effect(n) for n in names]
     search = begin(campaign, base, [*elements, *(effect(n) for n in others)], [], Criteria())
     values = base.setup.values() | {n: v for name in names for n, v in VALUES[name].items()}
-    begun = rebuilt(base, elements, [values], base.plan.coarse(), 12)
+    begun = rebuilt(base, base.plan.coarse(), 12, Wanted(tuple(elements), [values]))
     assert begun is not None
     own = [n for e in elements for n in e.parameters]
     whole = converged(begun, base.plan, base.held, own)
@@ -118,7 +118,7 @@ def test_hysterons_begin_anew_beside_an_effect_where_no_derivative_leads_back() 
     search, _ = together(base, "coulomb_friction")
     # Both dead zones so wide that neither hysteron slips.
     wrong = base.setup.values() | VALUES["coulomb_friction"] | {"d_1": 300.0, "d_2": 300.0}
-    stuck = rebuilt(base, [friction], [wrong], base.plan.coarse(), 12)
+    stuck = rebuilt(base, base.plan.coarse(), 12, Wanted((friction,), [wrong]))
     assert stuck is not None and stuck.chi2 > 100.0
     found = _with_new_hysterons(search, search.model((friction,), stuck))
     assert found.left < 0.1 * stuck.chi2
@@ -132,7 +132,7 @@ def test_the_written_model_has_all_sub_steps_where_the_search_has_ended_early() 
     search, _ = together(base, "creep", others=["quadratic_drag"])
     values = base.setup.values() | VALUES["creep"] | VALUES["quadratic_drag"]
     elements = [effect("creep"), effect("quadratic_drag")]
-    coarse = rebuilt(base, elements, [values], base.plan.coarse(), 12)
+    coarse = rebuilt(base, base.plan.coarse(), 12, Wanted(tuple(elements), [values]))
     assert coarse is not None
     best = search.visit(search.model(elements, coarse))
     assert search.written is best and not best.converged
