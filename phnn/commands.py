@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from phnn.inverse import Inverse
     from phnn.plot.panels import Plot
     from phnn.recordings.recording import Units
-    from phnn.report.provenance import Provenance
+    from phnn.report.sections import Provenance
 
 Config = Mapping[str, Any]
 # A pipe has no width of its own: whole tables fit there.
@@ -185,8 +185,8 @@ def diagnose(
     Raises:
         KeyboardInterrupt: the search was interrupted; what it had come upon is written.
     """
-    from phnn.report.provenance import command_line, provenance
     from phnn.report.result import RESULTS
+    from phnn.report.sections import command_line, provenance
     from phnn.rescue import deadline
 
     deadline(budget)
@@ -237,7 +237,7 @@ def demo(seed: int | None, out: Path, config: Config, overwrite: bool = False) -
     """
     from phnn.demo import EFFECTS, make, open_seal, seal
     from phnn.integrate.cache import compile_ahead
-    from phnn.report.provenance import command_line, provenance
+    from phnn.report.sections import command_line, provenance
 
     chosen = secrets.randbelow(10_000) if seed is None else seed
     compile_ahead()

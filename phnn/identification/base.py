@@ -14,6 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
@@ -41,6 +42,7 @@ from phnn.identification.staged import (
 )
 from phnn.identification.starting_points import mechanical_points, scaled_points
 from phnn.models.actuator import bouc_wen
+from phnn.network.roles import drive_ratio, motions
 from phnn.recordings.recording import Anchor, Campaign, Recording
 from phnn.rescue import late, used_up
 from phnn.setup import Setup
@@ -237,6 +239,9 @@ _QUICK, _FULL = 12, 60
 # A network explains recordings badly if it leaves more than this share of their mean square, and the reversed output
 # well if it leaves less than that share of what it left of the recorded one.
 _BADLY, _WELL = 0.5, 0.25
+# Windows in which an equation of motion is asked; share of the input's square that it may leave, and standard errors
+# from which on a stiffness is negative.
+_WINDOWS, _FOLLOWED, _SURE = 20, 0.05, 5.0
 _FINALISTS = 3
 # Weighted mean square up to which a short fit is near the noise and nothing further starts.
 _NEAR = 1.4
@@ -260,7 +265,7 @@ def identify_network(
         from_recordings: the starting values say nothing, and the recordings give them (`scaled_points`).
 
     Raises:
-        InputRefused: the output falls where the input rises.
+        InputRefused: the output falls where the input rises, or the plant is unstable.
         PhnnError: no starting point can be simulated.
     """
     held = held_at(known)
@@ -279,7 +284,10 @@ def identify_network(
             break
         finished.append(fit_identified(first.setup, plan, held, _FULL, first))
     best = min(finished, key=lambda f: f.cost)
-    _can_be_explained(best, setup, held)
+    whole = not any(r.sensor.rectified or r.sensor.is_limited for r in best.plan.recordings)
+    if whole and best.explained <= 1.0 - _BADLY:
+        _can_be_explained(best, setup, held)
+        _can_rest(best)
     return best
 
 
@@ -299,8 +307,6 @@ def _tried(points: Sequence[Setup], plan: Plan, held: Mapping[str, str], tried: 
 def _can_be_explained(fitted: Fit, setup: Setup, held: Mapping[str, str]) -> None:
     """Refuse recordings that a network explains badly as they are and well with the output reversed."""
     recordings = fitted.plan.recordings
-    if fitted.explained > 1.0 - _BADLY or any(r.sensor.rectified or r.sensor.is_limited for r in recordings):
-        return
     turned = replace(fitted.plan, recordings=tuple(replace(r, y=-r.y) for r in recordings))
     try:
         reversed_fit = fit_identified(setup, turned, held, _QUICK)
@@ -313,6 +319,39 @@ def _can_be_explained(fitted: Fit, setup: Setup, held: Mapping[str, str]) -> Non
             f"recordings.yaml, at the input or the output). With the sign reversed the network leaves "
             f"{reversed_fit.chi2**0.5:.3g} times the noise, as recorded {fitted.chi2**0.5:.3g} times"
         )
+
+
+def _can_rest(fitted: Fit) -> None:
+    """Refuse recordings of a plant whose stiffness is negative: it falls away from where it rests.
+
+    With windows ``φ`` that vanish at their ends, ``∫ φ u = M ∫ φ̈ y − B ∫ φ̇ y + K ∫ φ y + c ∫ φ`` needs no derivative.
+    """
+    network, recordings = fitted.setup.network, fitted.plan.recordings
+    moved = next((m for m in motions(network) if m.displacement == network.output), None)
+    if moved is None or len(network.ports) > 1 or any(r.sensor.derivative for r in recordings):
+        return
+    rows = []
+    for r in recordings:
+        size = max(r.t.size // _WINDOWS, 8)
+        half, near = 0.5 * size * r.dt, 1.0 - (s := np.linspace(-1.0, 1.0, size)) ** 2
+        shapes = near**3, -6.0 * s * near**2 / half, (24.0 * s**2 * near - 6.0 * near**2) / half**2
+        y, u = (sliding_window_view(x, size)[:: max(size // 2, 1)] for x in (r.y, r.u))
+        level, slope, bend = (y @ shape for shape in shapes)
+        rows.append(np.column_stack([bend, -slope, level, np.ones_like(level), u @ shapes[0]]))
+    sizes = np.linalg.norm(both := np.concatenate(rows), axis=0) + 1e-300
+    scaled = both / sizes
+    inertia, _, stiffness, _ = found = np.linalg.lstsq(scaled[:, :4], scaled[:, 4], rcond=1e-10)[0]
+    left = float(np.sum((scaled[:, 4] - scaled[:, :4] @ found) ** 2))
+    spread = (left / len(both) * np.linalg.pinv(scaled[:, :4].T @ scaled[:, :4])[2, 2]) ** 0.5
+    if left > _FOLLOWED or inertia <= 0.0 or stiffness > -_SURE * spread:
+        return
+    units, (mass, k) = recordings[0].units, (found * sizes[4] / sizes[:4])[[0, 2]].tolist()
+    of_input = "" if drive_ratio(network, moved.momentum) is None else " over the ratio of the input"
+    raise InputRefused(
+        f"{recordings[0].source}: the plant is unstable: its motion follows a negative stiffness of about {k:.3g} "
+        f"{units.input}/{units.output}{of_input}, beside an inertia of {mass:.3g} (SI), which no passive network has. "
+        "Take what the controller that holds it is told (its set point) as the input: both together are identified then"
+    )
 
 
 def _starts(setup: Setup, held: Mapping[str, str], count: int, seed: int) -> list[Setup]:

@@ -52,7 +52,6 @@ from phnn.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
-
 # Samples over which noise is taken to be correlated at most: zeros appended before a transform.
 _CORRELATED = 512
 # Ordinates in the lowest and the highest bands of a spectrum: few enough to follow a resonance of the plant.

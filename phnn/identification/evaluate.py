@@ -18,7 +18,6 @@ from phnn.trajectory import simulate
 
 Array = NDArray[np.float64]
 
-
 # Samples beyond those that are fitted: an input between samples depends on the ones after it.
 _BEYOND = 200
 # An initial state is sought from so many states drawn from its prior, for thresholds bend the way to it: a few

@@ -52,7 +52,6 @@ from phnn.trajectory import check_names, simulate
 
 Array = NDArray[np.float64]
 
-
 # Correlation lengths in a block; fewest samples in one, for sums of squares to be nearly normal; into how many of the
 # longest lags whose squared correlation counts a part is divided.
 _LENGTHS, _FEWEST_SAMPLES, _LAGS = 8, 20, 64

@@ -32,7 +32,6 @@ from phnn.trajectory import Trajectory, is_displacement, simulate
 
 Array = NDArray[np.float64]
 
-
 # Directions weaker than this share of the strongest are rounding: two lines that one part cannot tell apart.
 _RANK = 1e-9
 

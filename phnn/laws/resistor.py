@@ -8,8 +8,6 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from numba.extending import overload
-
 from phnn.laws.law import ResistorLaw, register
 from phnn.laws.leaf import relaxation
 from phnn.laws.namespace import (
@@ -238,34 +236,13 @@ _LEANS = 0.95
 _AT_ONCE = 1e9
 
 
+@shared
 def _power(speed: Any, exponent: Any, reference: Any) -> Any:
     """``z (z² + ε²)^{(n − 1)/2}`` with ``z = v/v₀`` and ``0 ≤ n ≤ 3``: odd, rising, ``±|z|ⁿ`` for ``|z| ≫ ε``."""
     z = speed / reference
     finer = z / SMOOTHED
     n = minimum(exponent, _STEEPEST + 0.0 * exponent)
     return z * exp((n - 1.0) * (_LOG_SMOOTHED + 0.5 * log1p(finer * finer)))
-
-
-@overload(_power, strict=False, jit_options={"error_model": "numpy", "forceinline": True})
-def _quick_power(speed: Any, exponent: Any, reference: Any) -> Any:
-    """Compile `_power` with roots in place of logarithms where the exponent is 0, 1 or 2."""
-
-    def quick(speed: Any, exponent: Any, reference: Any) -> Any:
-        z = speed * reciprocal(reference)
-        n, square = minimum(exponent, _STEEPEST + 0.0 * exponent), z * z + SMOOTHED**2
-        power, base = real(n) - 1.0, real(square)
-        if power == 0.0:
-            value = 1.0
-        elif power * power == 1.0:
-            value = math.sqrt(base) if power > 0.0 else 1.0 / math.sqrt(base)
-        else:
-            value = math.exp(0.5 * power * math.log(base))
-        by_base = 0.5 * power * value / base
-        # The logarithm is for a perturbed exponent alone.
-        by_power = value * 0.5 * math.log(base) if n.imag != 0.0 else 0.0
-        return z * (value + by_base * (square - base) + by_power * (n - 1.0 - power))
-
-    return quick
 
 
 def power_damper(effort: Any, q: Any, forward: Any, backward: Any, exponent: Any, reference: Any) -> Any:

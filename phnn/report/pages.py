@@ -20,7 +20,6 @@ from phnn.results import Place
 
 Array = NDArray[np.float64]
 
-
 # Decades below the highest line that are worth drawing.
 _DECADES = 7.0
 

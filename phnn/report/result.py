@@ -35,7 +35,7 @@ from phnn.parameters import quantity
 from phnn.recordings.recording import Recording
 from phnn.recordings.units import scales_with_forces
 from phnn.report.formatting import listing, words
-from phnn.report.provenance import Provenance, provenance
+from phnn.report.sections import Provenance, provenance
 from phnn.report.statements import (
     WAVEFORM,
     acts_like,

@@ -6,10 +6,13 @@ Every part is made by itself: one that fails is left out, and is among the warni
 from __future__ import annotations
 
 import math
+import shlex
 from base64 import b64encode
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from html import escape
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,7 +25,8 @@ from phnn.diagnose.verdict import NAMED, UNKNOWN, Claim
 from phnn.diagnose.words import Picture, learned_picture, picture
 from phnn.html import paragraph, table, titled
 from phnn.network.roles import auxiliary
-from phnn.recordings.recording import ACTUATOR
+from phnn.recordings import Campaign
+from phnn.recordings.recording import ACTUATOR, digest
 from phnn.recordings.units import scales_with_forces
 from phnn.report.figures import Trace, draw_curve, draw_error, draw_recording
 from phnn.report.figures.style import RC, Drawing, png, svg
@@ -41,7 +45,6 @@ from phnn.report.formatting import (
     words,
 )
 from phnn.report.page import Bar, Bars, Block, Code, Formula, Link, Section, Table
-from phnn.report.provenance import Provenance
 from phnn.report.statements import (
     WAVEFORM,
     acts_like,
@@ -61,10 +64,11 @@ from phnn.report.statements import (
     shown_unit,
 )
 from phnn.rescue import documents, needed, warnings
-from phnn.results import file_name
+from phnn.results import file_name, printable, sha256_of
 
 # Recordings that are drawn beside that of the first screen; rows of models and of candidates.
 _DRAWN, _ROWS = 3, 12
+_MANIFEST = "recordings.yaml"
 # Notes of parts that failed on the first screen.
 _NOTES = 3
 
@@ -357,3 +361,47 @@ def _use(
     scored = f"Errors are root mean squares over {q.on}; " if q.held_out else ""
     blocks.append(f"{scored}{versions}; seed {diagnosis.options.seed}; {document['seconds']} s.")
     return blocks
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """What a reader needs to do a run again.
+
+    Attributes:
+        command: as it was typed, quoted for a shell; empty where the run was started from Python.
+        folder: of the recordings.
+        files: SHA-256 of the manifest and of the recordings, by name; files that are gone have none.
+        understood: SHA-256 of all samples, uses and starts as they were understood; the same for the same result.
+    """
+
+    command: str
+    folder: str
+    files: Mapping[str, str]
+    understood: str
+
+
+def command_line(typed: Sequence[str]) -> str:
+    """Return a command as one line for a shell; empty where nothing was typed."""
+    return printable(shlex.join(["phnn", *typed])) if typed else ""
+
+
+def provenance(campaign: Campaign, command: str = "", manifest: Path | None = None) -> Provenance:
+    """Hash the files of a campaign; call it soon after they were read.
+
+    Args:
+        command: how the run was started, see `command_line`.
+        manifest: where the manifest lies, if not in the folder.
+    """
+    folder = Path(campaign.folder)
+    stated = _MANIFEST if manifest is None else printable(str(manifest))
+    paths = {stated: folder / _MANIFEST if manifest is None else manifest}
+    paths |= {name: folder / name for r in campaign.recordings for name in r.source.split(", ") if name}
+    hashes = ((name, _hash(path)) for name, path in paths.items())
+    return Provenance(command, campaign.folder, {n: h for n, h in hashes if h}, digest(campaign))
+
+
+def _hash(path: Path) -> str:
+    try:
+        return sha256_of(path) if path.is_file() else ""
+    except (OSError, ValueError):
+        return ""

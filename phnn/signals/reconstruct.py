@@ -26,7 +26,6 @@ from phnn.signals.sampling import quantisation_step
 
 Array = NDArray[np.float64]
 
-
 _DENSE = 8
 _ORDER = {"linear": 1, "cubic": 3, "quintic": 5}
 

@@ -17,8 +17,7 @@ from hypothesis import strategies as st
 
 from phnn.recordings import read
 from phnn.report import formatting as f
-from phnn.report.provenance import command_line, provenance
-from phnn.report.sections import traces_of, usage
+from phnn.report.sections import command_line, provenance, traces_of, usage
 
 
 @pytest.mark.parametrize(
