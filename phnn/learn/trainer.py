@@ -284,12 +284,10 @@ class Trainer:
         if self.place is None:
             return
         content: dict[str, Any] = {
-            "settings": self.made_of,
-            "progress": vars(self.progress),
-            "present": self._present(),
+            "settings": self.made_of, "progress": vars(self.progress), "present": self._present(),
             "method": None if self.method is None else self.method.state_dict(),
-            "near": getattr(self.objective.plant, "near", {}),
-        }
+            "near": getattr(self.objective.plant, "near", {}), "solved": self.objective.solved,
+        }  # fmt: skip
         save(self.place / FILE, content)
 
     def _resume(self, place: Place) -> None:
@@ -318,6 +316,7 @@ class Trainer:
         self._set(state["present"])
         if near := state.get("near"):
             self.objective.plant.near = dict(near)  # type: ignore[assignment]
+        self.objective.solved = int(state.get("solved", 0))
         if state["method"] is not None:
             name = METHODS[self.progress.phase]
             self.method = method_of(name, self.objective, self.settings, self.progress.factor)
