@@ -56,7 +56,7 @@ def make_root(value_at: Callable[..., Any], slope_at: Callable[..., Any]) -> Cal
     def root(guess: Any, floor: Any, slope: Any, context: Any) -> Any:
         low, high, last, reach = -np.inf, np.inf, np.inf, 1.0
         y, at, before = guess, guess, 0.0
-        exhausted = False
+        exhausted, borrowed = False, False
         for iteration in range(_ITERATIONS):
             value, size = value_at(y, context)
             if not np.isfinite(value):
@@ -67,6 +67,9 @@ def make_root(value_at: Callable[..., Any], slope_at: Callable[..., Any]) -> Cal
                 high = y
             else:
                 low = y
+            if borrowed and abs(value) > abs(before):
+                # Far beyond the root of a steep law, Newton's method would need hundreds of steps back.
+                y, value = at, before
             borrowed = iteration == 0 and slope > 0.0
             if abs(value) <= _SMOOTH * abs(before):
                 slope = (value - before) / (y - at)
