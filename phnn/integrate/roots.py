@@ -59,6 +59,9 @@ def make_root(value_at: Callable[..., Any], slope_at: Callable[..., Any]) -> Cal
         exhausted, borrowed = False, False
         for iteration in range(_ITERATIONS):
             value, size = value_at(y, context)
+            if borrowed and not abs(value) <= abs(before):
+                # Far beyond the root of a steep law Newton's method needs hundreds of steps back, or terms overflow.
+                y, value, size = at, before, 0.0
             if not np.isfinite(value):
                 break
             if exhausted or abs(value) <= (TOLERANCE if iteration < _STRICT else RELAXED) * size + NOTHING:
@@ -67,9 +70,6 @@ def make_root(value_at: Callable[..., Any], slope_at: Callable[..., Any]) -> Cal
                 high = y
             else:
                 low = y
-            if borrowed and abs(value) > abs(before):
-                # Far beyond the root of a steep law, Newton's method would need hundreds of steps back.
-                y, value = at, before
             borrowed = iteration == 0 and slope > 0.0
             if abs(value) <= _SMOOTH * abs(before):
                 slope = (value - before) / (y - at)
