@@ -308,7 +308,7 @@ class Trainer:
 
     def _restore(self, state: Mapping[str, Any]) -> None:
         """Raises whatever a state of another form leads to."""
-        self.progress = Progress(**state["progress"])
+        self.progress, self.objective.solved = Progress(**state["progress"]), int(state.get("solved", 0))
         present = self._present()
         for values in (state["present"], self.progress.parameters):
             if [v.shape for v in values] != [v.shape for v in present] or not all(map(is_finite, values)):
@@ -316,7 +316,6 @@ class Trainer:
         self._set(state["present"])
         if near := state.get("near"):
             self.objective.plant.near = dict(near)  # type: ignore[assignment]
-        self.objective.solved = int(state.get("solved", 0))
         if state["method"] is not None:
             name = METHODS[self.progress.phase]
             self.method = method_of(name, self.objective, self.settings, self.progress.factor)
