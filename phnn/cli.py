@@ -273,11 +273,24 @@ def _terminate(number: int, frame: FrameType | None) -> None:
     raise _Terminated
 
 
+def _interrupt_again(ignored: sys.UnraisableHookArgs) -> None:
+    """Repeat an interruption that fell into a callback of compiled code, which passes no exception on."""
+    if isinstance(ignored.exc_value, KeyboardInterrupt):
+        number = signal.SIGTERM if isinstance(ignored.exc_value, _Terminated) else signal.SIGINT
+        threading.Timer(0.05, os.kill, (os.getpid(), number)).start()
+    else:
+        _REPORT(ignored)
+
+
+_REPORT = sys.unraisablehook
+
+
 def _prepare() -> None:
     """Signals end a command tidily, and a terminal that knows few letters gets question marks for the others."""
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.default_int_handler)
         signal.signal(signal.SIGTERM, _terminate)
+        sys.unraisablehook = _interrupt_again
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")

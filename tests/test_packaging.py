@@ -145,7 +145,7 @@ def _sources(folder: str, *patterns: str) -> set[str]:
 @pytest.mark.slow
 def test_wheel_holds_the_package_its_data_and_its_licence_and_nothing_else(wheel: Path) -> None:
     names = set(zipfile.ZipFile(wheel).namelist())
-    code = _sources("phnn", "*.py", "*.html", "*.css", "py.typed")
+    code = _sources("phnn", "*.py", "*.html", "*.css", "*.c", "*.yaml", "py.typed")
     settings = {f"phnn/{name}" for name in _sources("configs", "*.yaml")}
     inside = {name for name in names if not name.split("/")[0].endswith(".dist-info")}
     assert inside == code | settings

@@ -104,14 +104,12 @@ def compiled(function: Callable[..., Any], **options: Any) -> Any:
 class _Kept(FunctionCache):
     """The kept machine code of a function."""
 
-    def __init__(self, function: Callable[..., Any]) -> None:
-        super().__init__(function)
-        self._lock = FileLock(Path(self.cache_path, f"{self._impl.filename_base}.lock"))
-
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return machine code for a signature; None where there is none, and the caller compiles it."""
         found = self._load(sig, target_context)
         if found is None:
+            # A new one each time: a lock that a forked process inherits is refused.
+            self._lock = FileLock(Path(self.cache_path, f"{self._impl.filename_base}.lock"))
             with suppress(OSError, NotImplementedError):
                 self._lock.acquire(timeout=_WAIT)
             found = self._load(sig, target_context)

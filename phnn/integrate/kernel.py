@@ -244,8 +244,9 @@ def _converged(wj: Any, own: Any, relaxed: bool) -> bool:
     tolerance, rounding = (RELAXED, 1e-13) if relaxed else (TOLERANCE, 4e-16)
     good = True
     for j in range(own.shape[1]):
-        # The comparison also fails for NaN.
-        good = good and abs(wj[FORCE, j]) <= tolerance * wj[SIZE, j] + rounding * own[_ROUNDING, j] + NOTHING
+        level = tolerance * wj[SIZE, j] + rounding * own[_ROUNDING, j] + NOTHING
+        # The comparison also fails for NaN, and where the terms overflow.
+        good = good and abs(wj[FORCE, j]) <= level < np.inf
     return good
 
 

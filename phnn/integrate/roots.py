@@ -56,9 +56,12 @@ def make_root(value_at: Callable[..., Any], slope_at: Callable[..., Any]) -> Cal
     def root(guess: Any, floor: Any, slope: Any, context: Any) -> Any:
         low, high, last, reach = -np.inf, np.inf, np.inf, 1.0
         y, at, before = guess, guess, 0.0
-        exhausted = False
+        exhausted, borrowed = False, False
         for iteration in range(_ITERATIONS):
             value, size = value_at(y, context)
+            if borrowed and not abs(value) <= abs(before):
+                # Far beyond the root of a steep law Newton's method needs hundreds of steps back, or terms overflow.
+                y, value, size = at, before, 0.0
             if not np.isfinite(value):
                 break
             if exhausted or abs(value) <= (TOLERANCE if iteration < _STRICT else RELAXED) * size + NOTHING:

@@ -176,8 +176,8 @@ def _at(system: PortHamiltonianSystem, u: Array, x: Array) -> _Point:
         terms = (
             structure.abs() @ system.efforts(state).abs() + branches.abs() @ flows.abs() + ports.abs() @ pushed.abs()
         )
-        conductances = torch.autograd.functional.jacobian(lambda e: system.branch_flows(e, state), epsilon)
-        silent = conductances.diagonal() == 0.0
+        # Each flow depends on its own effort alone. A network may have no resistors, and dissipate in a multi-port.
+        silent = torch.autograd.functional.jacobian(lambda e: system.branch_flows(e, state).sum(), epsilon) == 0.0
         slope = torch.autograd.functional.jacobian(lambda s: system.vector_field(s, inputs), state)
         touched = torch.cat([structure, branches, ports], dim=-1).numpy()
         left, size, _ = np.linalg.svd(touched)

@@ -284,12 +284,10 @@ class Trainer:
         if self.place is None:
             return
         content: dict[str, Any] = {
-            "settings": self.made_of,
-            "progress": vars(self.progress),
-            "present": self._present(),
+            "settings": self.made_of, "progress": vars(self.progress), "present": self._present(),
             "method": None if self.method is None else self.method.state_dict(),
-            "near": getattr(self.objective.plant, "near", {}),
-        }
+            "near": getattr(self.objective.plant, "near", {}), "solved": self.objective.solved,
+        }  # fmt: skip
         save(self.place / FILE, content)
 
     def _resume(self, place: Place) -> None:
@@ -310,7 +308,7 @@ class Trainer:
 
     def _restore(self, state: Mapping[str, Any]) -> None:
         """Raises whatever a state of another form leads to."""
-        self.progress = Progress(**state["progress"])
+        self.progress, self.objective.solved = Progress(**state["progress"]), int(state.get("solved", 0))
         present = self._present()
         for values in (state["present"], self.progress.parameters):
             if [v.shape for v in values] != [v.shape for v in present] or not all(map(is_finite, values)):

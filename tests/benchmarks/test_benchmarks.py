@@ -46,9 +46,7 @@ def test_march_meets_the_reference_with_second_order(truth: tuple[np.ndarray, np
 @pytest.mark.slow
 def test_all_gradients_are_the_slope_of_the_cost(truth: tuple[np.ndarray, np.ndarray]) -> None:
     wanted = 1.1 * truth[0]
-    makers = (case.swept_gradient, case.backward_gradient, case.adjoint_gradient)
-    swept, backward, adjoint = (make(RISE, [1], wanted)()[0] for make in makers)
-    assert backward == pytest.approx(swept, rel=1e-9)
+    swept, adjoint = (make(RISE, [1], wanted)()[0] for make in (case.swept_gradient, case.adjoint_gradient))
     assert adjoint == pytest.approx(swept, rel=1e-9)
     direction = np.linspace(-1.0, 1.0, case.TRUTH.size)
 

@@ -165,14 +165,8 @@ def test_classes_and_configurations_of_the_users_own(tmp_path: Path, monkeypatch
 def test_black_boxes_train_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = written(tmp_path / "recordings")
     short = (
-        "model.width=4",
-        "model.states=2",
-        "gauss_newton=0",
-        "adam=2",
-        "window=27",
-        "stride=2",
-        "tensorboard=false",
-    )
+        "model.width=4", "model.states=2", "gauss_newton=0", "adam=2", "window=27", "stride=2", "tensorboard=false",
+    )  # fmt: skip
     for model, solver in (("fully_neural", "discrete_gradient"), ("neural_ode", "torchdiffeq")):
         out = tmp_path / model
         method = ("solver.method=rk4", "solver.adjoint=false") if solver == "torchdiffeq" else ()
@@ -180,7 +174,9 @@ def test_black_boxes_train_from_the_command_line(tmp_path: Path, capsys: pytest.
         assert cli.main(["train", *given]) == 0
         assert "trained" in capsys.readouterr().out
         assert json.loads((out / "metrics.json").read_text())["model"]["kind"] == model
-        assert not (out / "model").exists()
+        # A network of learned laws has a form on disk, a neural differential equation has none.
+        predicted = cli.main(["predict", str(out / "model"), str(folder), "--out", str(tmp_path / "predicted")])
+        assert predicted == (0 if model == "fully_neural" else 2)
         assert len(torch.load(out / "weights.pt", weights_only=True)) > 3
 
 

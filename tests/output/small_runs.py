@@ -41,30 +41,13 @@ RUNS: dict[str, tuple[list[str], list[str] | None]] = {
         None,
     ),
     "compare": (["compare", "gentle", "--out", "OUT", "starts=1", "models=[phs,bouc_wen,linear]"], None),
-    "prove": (
-        [
-            str(ROOT / "scripts" / "prove.py"), "out=OUT", "fast_none=1", "fast_weak=1", "only=[fast_none,fast_weak]",
-            "fast_plan=few", "executor=serial",
-        ],
-        None,
-    ),
 }  # fmt: skip
 
 # Loads everything once and forks for each run, so that stops fall into the work and not into imports.
 SERVER = """
-import json, os, runpy, signal, sys
+import json, os, signal, sys
 import phnn.cli, phnn.commands, phnn.comparison.run, phnn.learn, phnn.plot.signals, phnn.report.pages
 import phnn.report.sections
-import studies.proof.page
-def run(arguments):
-    if not arguments[0].endswith(".py"):
-        return phnn.cli.main(arguments)
-    sys.argv = arguments
-    try:
-        runpy.run_path(arguments[0], run_name="__main__")
-    except SystemExit as end:
-        return end.code or 0
-    return 0
 for line in sys.stdin:
     arguments, told = json.loads(line)
     child = os.fork()
@@ -74,7 +57,7 @@ for line in sys.stdin:
         out = os.open(told, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
         os.dup2(out, 1)
         os.dup2(out, 2)
-        os._exit(run(arguments))
+        os._exit(phnn.cli.main(arguments))
     print(child, flush=True)
     print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), flush=True)
 """
@@ -147,7 +130,7 @@ def results(folder: Path) -> dict[str, object]:
             table = pd.read_csv(path)
             found[name] = table[[c for c in table.columns if "seconds" not in c]].to_csv()
         elif path.suffix in (".html", ".md"):
-            text = re.sub(r"data:image/png;base64,[\w+/=]+", "", path.read_text())
+            text = re.sub(r"data:image/png;base64,[\w+/=]+", "", path.read_text().replace(str(folder), "OUT"))
             found[name] = re.sub(r"\d[\d.]*(?=\s*(</td>|\||s\b|seconds?\b|min\b))", "", text)
         else:
             found[name] = path.read_bytes().replace(os.fsencode(folder), b"OUT")

@@ -34,7 +34,7 @@ def test_a_command_that_is_stopped_leaves_a_mark_and_ends_with_the_same_results(
     for _ in range(2):
         began = time.monotonic()
         assert runner.run(given(now, place / "clean")) == 0, runner.told.read_text()
-        if verb in ("train", "compare", "prove"):
+        if verb in ("train", "compare"):
             break
     seconds = time.monotonic() - began
     clean = results(place / "clean")
@@ -62,6 +62,15 @@ def test_a_command_that_is_stopped_leaves_a_mark_and_ends_with_the_same_results(
         assert results(out) == clean, (case, differing(results(out), clean))
         assert not list(out.rglob("*.part")), case
     print(f"{verb}: {stopped} of {STOPS * len(SIGNALS)} runs were stopped, seed {seed}, {seconds:.1f} s a run")
+
+
+def test_an_interruption_within_a_callback_of_compiled_code_is_not_lost() -> None:
+    code = (
+        "import ctypes, os, signal, time, phnn.cli as c; c._prepare()\n"
+        "ctypes.CFUNCTYPE(None)(lambda: os.kill(os.getpid(), signal.SIGTERM))()\ntime.sleep(60)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, env=os.environ | {"PYTHONPATH": str(ROOT)})
+    assert b"_Terminated" in done.stderr and b"callback" not in done.stderr
 
 
 DISK = 64 << 20
@@ -148,7 +157,7 @@ def command(verb: str, out: Path, changed: dict[str, str | None], runner: Runner
 @pytest.mark.parametrize("verb", quick(RUNS, "predict"))
 @pytest.mark.parametrize("missing", quick(SURROUNDINGS, "all"))
 def test_a_command_needs_no_surroundings(runner: Runner, verb: str, missing: str) -> None:
-    out = runner.home / "surroundings" / missing / verb
+    out = runner.home / "surroundings" / missing.replace(" ", "_") / verb
     status, text = command(verb, out, SURROUNDINGS[missing], runner)
     assert status == 0 and "Traceback" not in text, text
     wanted = clean(runner, verb)

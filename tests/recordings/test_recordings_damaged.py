@@ -144,16 +144,17 @@ def outcome(folder: Path, name: str, raw: bytes) -> Seen | str:
 def agrees(found: Seen, damaged: Damaged) -> bool:
     """Whether all rows but those that were touched read as they were written.
 
-    Where a file was cut, its last number may be a part of one if that is said.
+    Where a file was cut, its last number may be a part of one if that is said. A place that is repeated within a row may
+    make a row more, between two others in time: uneven instants are read as they stand, and said.
     """
-    size = found.u.size
-    if not (size == T.size or (size < T.size and (damaged.shorter or T.size - size <= damaged.rows))):
+    size, uneven = found.u.size, "jitters" in found.notes
+    if not (size == T.size + uneven or 0 <= T.size - size <= (T.size if damaged.shorter else damaged.rows)):
         return False
 
     def wrong(before: int) -> int:
         """Count rows that read otherwise, where so many are absent at the beginning; others may be absent within."""
         rows = np.minimum(np.rint(found.t / T[1]).astype(int) + before, T.size - 1)
-        rows = rows if "row" in found.notes else np.arange(size)
+        rows = rows if "row" in found.notes or uneven else np.arange(size)
         away = np.abs(found.y - 1e-6 * COLUMNS["displacement_um"][rows]) > 1e-14
         others = (np.abs(found.u - U[rows]) > 1e-9 * 75.0) | away
         return int((others[:-1] if damaged.shorter and "has no end" in found.notes else others).sum())
