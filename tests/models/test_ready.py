@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import yaml
 from numpy.typing import NDArray
+from scipy.signal import lsim
 
 import phnn
 from phnn.check import doubts
@@ -138,6 +139,16 @@ def test_a_free_decay_tells_ratios_alone_and_a_reversed_sign_is_told(tmp_path: P
     manifest.write_text(manifest.read_text().replace("column: y, unit: m", "column: y, unit: m, scale: -1"))
     with pytest.raises(InputRefused, match="the output falls where the input rises: reverse a sign"):
         phnn.identify(None, folder)
+
+
+def test_an_unstable_plant_is_told_with_its_negative_stiffness(tmp_path: Path) -> None:
+    r = sum(1e-3 * np.sin(2.0 * np.pi * f * (t := 1e-3 * np.arange(4000))) for f in (0.7, 2.3, 6.1))
+    _, _, x = lsim(([[0.0, 1.0], [-840.0, -32.0]], [[0.0], [1200.0]], np.eye(2), np.zeros((2, 1))), r, t)
+    y = x[:, 0] + 2e-6 * np.random.default_rng(3).standard_normal(t.size)
+    save(tmp_path / "a.csv", np.column_stack([t, 120.0 * (r - x[:, 0]) - 3.0 * x[:, 1], y]), "time_s,force_N,y_m")
+    (tmp_path / "recordings.yaml").write_text(OSCILLATOR)
+    with pytest.raises(InputRefused, match=r"unstable: .* of about -3[56]\S* N/m.*inertia of 0\.[01].*set point"):
+        phnn.identify(None, tmp_path)
 
 
 @pytest.mark.slow
