@@ -144,8 +144,8 @@ def outcome(folder: Path, name: str, raw: bytes) -> Seen | str:
 def agrees(found: Seen, damaged: Damaged) -> bool:
     """Whether all rows but those that were touched read as they were written.
 
-    Where a file was cut, its last number may be a part of one if that is said. A place that is repeated within a row may
-    make a row more, between two others in time: uneven instants are read as they stand, and said.
+    Where a file was cut, its last number may be a part of one if that is said. A place that is repeated may make a
+    row more, between two others in time: uneven instants are read as they stand, and said.
     """
     size, uneven = found.u.size, "jitters" in found.notes
     if not (size == T.size + uneven or 0 <= T.size - size <= (T.size if damaged.shorter else damaged.rows)):
