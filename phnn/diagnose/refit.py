@@ -57,13 +57,12 @@ def short(base: Fit, plan: Plan, effect: Effect, starts: Sequence[Mapping[str, f
     return min((f for f in tried if f is not None), key=lambda f: f.cost, default=None)
 
 
-def further(fitted: Fit, evaluations: int, plan: Plan | None = None) -> Fit:
+def further(fitted: Fit, evaluations: int, plan: Plan) -> Fit:
     """Return the fit after further steps, with the sub-steps of a plan where these are finer than its own."""
-    finer = plan is not None and plan.size > fitted.plan.size
+    used = plan if (finer := plan.size > fitted.plan.size) else fitted.plan
 
     def onwards() -> Fit:
-        used, names = plan if plan is not None and finer else fitted.plan, fitted.variables.names
-        return resumed(fit(fitted.setup, used, names, fitted.held, evaluations, _NEAR, fitted))
+        return resumed(fit(fitted.setup, used, fitted.variables.names, fitted.held, evaluations, _NEAR, fitted))
 
     found = attempt("further steps", onwards, fitted)
     return found if finer or found.cost < fitted.cost else fitted

@@ -359,7 +359,7 @@ def _by_parts(run: _Run, t: float) -> Tensor:
     done, part, guess = 0.0, 0.25, run.x.unsqueeze(0)
     while done < 1.0:
         part = min(part, 1.0 - done)
-        root = _newton(run._replace(h=(done + part) * run.h), guess)
+        root = _newton(run._replace(h=(done + part) * run.h), guess, damped=True)
         if not root.cause:
             done, guess, part = done + part, root.x, 2.0 * part
         elif part > _SMALLEST_PART:
@@ -374,8 +374,8 @@ def _by_parts(run: _Run, t: float) -> Tensor:
     return guess
 
 
-def _newton(run: _Run, z: Tensor) -> _Root:
-    """Newton's method for all steps of a stretch and all members of a batch at once."""
+def _newton(run: _Run, z: Tensor, damped: bool = False) -> _Root:
+    """Newton's method for all steps of a stretch and all members of a batch at once, damped where laws are steep."""
     system, precision = run.system, torch.finfo(z.dtype).eps
     worst = torch.inf
     for _ in range(_ITERATIONS):
@@ -394,10 +394,15 @@ def _newton(run: _Run, z: Tensor) -> _Root:
         if bool((info > 0).any()):
             return _Root(z, "the step's Jacobian is singular")
         moved, carry = -columns[..., 0], -columns[..., 1:]
-        following = z + recursion(carry, moved)
-        if bool((following == z).all()):
+        step = recursion(carry, moved)
+        while damped and float(step.abs().amax()) > 0.0:
+            ahead = step_residual(system, run.starts(z + step), z + step, run.u, run.h, run.scheme).abs()
+            if float((ahead / scale).max()) < worst:
+                break
+            step = 0.5 * step
+        if bool((z + step == z).all()):
             break
-        z = following
+        z = z + step
         for _ in range(_POLISHES):
             # The Jacobian is kept while it serves: near the solution a residual alone costs half.
             residual = step_residual(system, run.starts(z), z, run.u, run.h, run.scheme)

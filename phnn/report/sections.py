@@ -68,7 +68,6 @@ from phnn.results import file_name, printable, sha256_of
 
 # Recordings that are drawn beside that of the first screen; rows of models and of candidates.
 _DRAWN, _ROWS = 3, 12
-_MANIFEST = "recordings.yaml"
 # Notes of parts that failed on the first screen.
 _NOTES = 3
 
@@ -393,8 +392,8 @@ def provenance(campaign: Campaign, command: str = "", manifest: Path | None = No
         manifest: where the manifest lies, if not in the folder.
     """
     folder = Path(campaign.folder)
-    stated = _MANIFEST if manifest is None else printable(str(manifest))
-    paths = {stated: folder / _MANIFEST if manifest is None else manifest}
+    stated = "recordings.yaml" if manifest is None else printable(str(manifest))
+    paths = {stated: manifest or folder / stated}
     paths |= {name: folder / name for r in campaign.recordings for name in r.source.split(", ") if name}
     hashes = ((name, _hash(path)) for name, path in paths.items())
     return Provenance(command, campaign.folder, {n: h for n, h in hashes if h}, digest(campaign))

@@ -46,7 +46,7 @@ def to_the_end(base: Fit, added: Effect, *starts: dict[str, float]) -> Fit:
     """An effect beside a base model, carried to its end from the best of some starts."""
     begun = short(base, base.plan.coarse(), added, starts, CRITERIA.short)
     assert begun is not None
-    ended = converged(further(begun, CRITERIA.further), base.plan, base.held, added.parameters)
+    ended = converged(further(begun, CRITERIA.further, begun.plan), base.plan, base.held, added.parameters)
     assert ended is not None
     return ended
 

@@ -16,7 +16,7 @@ from phnn.check import check
 from phnn.configuration import config_folder
 from phnn.recordings import read
 
-SCRIPT = DOCS.parent / "scripts" / "studies.py"
+SCRIPT = DOCS.parent / "scripts" / "public.py"
 FILES = {
     "emps": "DATA_EMPS.mat",
     "silverbox": "SNLS80mV.mat",
@@ -29,8 +29,7 @@ FILES = {
 @pytest.mark.parametrize("name", FILES)
 def test_a_page_states_what_its_study_gives(name: str, tmp_path: Path) -> None:
     home = folder(name, FILES[name]).parent
-    # Figures of a study that was carried out before are compared as they are: PHNN_STUDIES names its folder.
-    out = Path(os.environ.get("PHNN_STUDIES", tmp_path))
+    out = Path(os.environ.get("PHNN_STUDIES", tmp_path))  # of a study that was carried out before
     if not (out / name / "figures.json").is_file():
         command = [sys.executable, str(SCRIPT), f"folder={home}", f"out={out}", f"only=[{name}]"]
         subprocess.run(command, check=True, cwd=tmp_path)
