@@ -279,10 +279,7 @@ def _interrupt_again(ignored: sys.UnraisableHookArgs) -> None:
         number = signal.SIGTERM if isinstance(ignored.exc_value, _Terminated) else signal.SIGINT
         threading.Timer(0.05, os.kill, (os.getpid(), number)).start()
     else:
-        _REPORT(ignored)
-
-
-_REPORT = sys.unraisablehook
+        sys.__unraisablehook__(ignored)
 
 
 def _prepare() -> None:

@@ -17,7 +17,7 @@ import json
 import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from functools import partial
 from pathlib import Path
 
@@ -469,7 +469,7 @@ def open_seal(path: Path, digest: str) -> Sealed:
         digest: its SHA-256.
 
     Raises:
-        InputRefused: the file is absent or was changed.
+        InputRefused: the file is absent, was changed, or is no sealed answer.
     """
     try:
         data = path.read_bytes()
@@ -477,4 +477,7 @@ def open_seal(path: Path, digest: str) -> Sealed:
         raise InputRefused(f"{path}: cannot be read ({error.strerror}): run the demonstration again") from error
     if hashlib.sha256(data).hexdigest() != digest:
         raise InputRefused(f"{path}: was changed after it was sealed: run the demonstration again")
-    return Sealed(**json.loads(data))
+    content = json.loads(data)
+    if not isinstance(content, dict) or set(content) != {f.name for f in fields(Sealed)}:
+        raise InputRefused(f"{path}: is no sealed answer, which has {', '.join(f.name for f in fields(Sealed))}")
+    return Sealed(**content)

@@ -384,12 +384,11 @@ def _while_the_best_falls(search: Search, trials: Sequence[Visited]) -> list[Vis
 
 
 def _onwards(search: Search, trials: Sequence[Visited]) -> list[Visited]:
-    """The trials after further steps, where they have not ended yet."""
+    """The trials after further steps, where they have not ended, or began with coarser steps than the present ones."""
     coarse = search.plan.coarse()
     moving = [t for t in trials if t.fit.evaluations >= search.criteria.short or t.fit.plan.size < coarse.size]
     if not moving or late("further steps of " + ", ".join(t.words for t in moving)):
         return list(trials)
-    # What began before the search took finer steps goes on with these.
     work = partial(further, evaluations=search.criteria.further, plan=coarse)
     fits = _fits(search, work, [t.fit for t in moving], [t.elements[-1].name for t in moving])
     ended = {t.key: search.model(t.elements, f) for t, f in zip(moving, fits, strict=True) if f is not None}

@@ -76,7 +76,6 @@ def resumed(fitted: Fit) -> Fit:
         before, best = fitted.cost, min(tried, key=lambda f: f.cost, default=fitted)
         if best.cost < before - least:
             fitted = best
-        # What promises more than it keeps will do so again.
         if best.cost > before - max(least, _KEPT * promise):
             break
     return fitted
@@ -239,8 +238,7 @@ _QUICK, _FULL = 12, 60
 # A network explains recordings badly if it leaves more than this share of their mean square, and the reversed output
 # well if it leaves less than that share of what it left of the recorded one.
 _BADLY, _WELL = 0.5, 0.25
-# Windows in which an equation of motion is asked; share of the input's square that it may leave, and standard errors
-# from which on a stiffness is negative.
+# Windows of an equation of motion; share of the input's square that it may leave; standard errors of its stiffness.
 _WINDOWS, _FOLLOWED, _SURE = 20, 0.05, 5.0
 _FINALISTS = 3
 # Weighted mean square up to which a short fit is near the noise and nothing further starts.
@@ -333,24 +331,26 @@ def _can_rest(fitted: Fit) -> None:
     rows = []
     for r in recordings:
         size = max(r.t.size // _WINDOWS, 8)
-        half, near = 0.5 * size * r.dt, 1.0 - (s := np.linspace(-1.0, 1.0, size)) ** 2
-        shapes = near**3, -6.0 * s * near**2 / half, (24.0 * s**2 * near - 6.0 * near**2) / half**2
-        y, u = (sliding_window_view(x, size)[:: max(size // 2, 1)] for x in (r.y, r.u))
-        level, slope, bend = (y @ shape for shape in shapes)
-        rows.append(np.column_stack([bend, -slope, level, np.ones_like(level), u @ shapes[0]]))
-    sizes = np.linalg.norm(both := np.concatenate(rows), axis=0) + 1e-300
-    scaled = both / sizes
-    inertia, _, stiffness, _ = found = np.linalg.lstsq(scaled[:, :4], scaled[:, 4], rcond=1e-10)[0]
-    left = float(np.sum((scaled[:, 4] - scaled[:, :4] @ found) ** 2))
-    spread = (left / len(both) * np.linalg.pinv(scaled[:, :4].T @ scaled[:, :4])[2, 2]) ** 0.5
-    if left > _FOLLOWED or inertia <= 0.0 or stiffness > -_SURE * spread:
+        s, half = np.linspace(-1.0, 1.0, size), 0.5 * size * r.dt
+        near = 1.0 - s**2
+        window, slope, bend = near**3, -6.0 * s * near**2 / half, (24.0 * s**2 * near - 6.0 * near**2) / half**2
+        y, u = (sliding_window_view(x, size)[:: size // 2] for x in (r.y, r.u))
+        rows.append(np.column_stack([y @ bend, -(y @ slope), y @ window, np.ones(len(y)), u @ window]))
+    both = np.concatenate(rows)
+    sizes = np.linalg.norm(both, axis=0) + 1e-300
+    terms, driven = both[:, :4] / sizes[:4], both[:, 4] / sizes[4]
+    found = np.linalg.lstsq(terms, driven, rcond=1e-10)[0]
+    left = float(np.sum((driven - terms @ found) ** 2))
+    spread = (left / len(both) * np.linalg.pinv(terms.T @ terms)[2, 2]) ** 0.5
+    if left > _FOLLOWED or found[0] <= 0.0 or found[2] > -_SURE * spread:
         return
-    units, (mass, k) = recordings[0].units, (found * sizes[4] / sizes[:4])[[0, 2]].tolist()
+    (inertia, _, stiffness, _), units = found * sizes[4] / sizes[:4], recordings[0].units
     of_input = "" if drive_ratio(network, moved.momentum) is None else " over the ratio of the input"
     raise InputRefused(
-        f"{recordings[0].source}: the plant is unstable: its motion follows a negative stiffness of about {k:.3g} "
-        f"{units.input}/{units.output}{of_input}, beside an inertia of {mass:.3g} (SI), which no passive network has. "
-        "Take what the controller that holds it is told (its set point) as the input: both together are identified then"
+        f"{recordings[0].source}: the plant is unstable: its motion follows a negative stiffness of about "
+        f"{stiffness:.3g} {units.input}/{units.output}{of_input}, beside an inertia of {inertia:.3g} (SI), which no "
+        "passive network has. Take what the controller that holds it is told (its set point) as the input: both "
+        "together are identified then"
     )
 
 

@@ -46,7 +46,7 @@ Array = NDArray[np.float64]
 # Residuals are measured in units of the terms of their own equation: rounding, and what is accepted where the
 # iteration stops; in units of the numbers' precision.
 _ROUNDING, _ACCEPTED = 450.0, 45000.0
-_ITERATIONS, _POLISHES = 25, 3
+_ITERATIONS, _POLISHES, _HALVINGS = 25, 3, 30
 _KEPT = 0.1  # share by which a residual has to fall for a Jacobian to be kept
 # Steps, of all members of a batch together, whose equations the backward pass holds in memory at once.
 BLOCK = 1 << 16
@@ -395,9 +395,9 @@ def _newton(run: _Run, z: Tensor, damped: bool = False) -> _Root:
             return _Root(z, "the step's Jacobian is singular")
         moved, carry = -columns[..., 0], -columns[..., 1:]
         step = recursion(carry, moved)
-        while damped and float(step.abs().amax()) > 0.0:
-            ahead = step_residual(system, run.starts(z + step), z + step, run.u, run.h, run.scheme).abs()
-            if float((ahead / scale).max()) < worst:
+        for _ in range(_HALVINGS if damped else 0):
+            ahead = step_residual(system, run.starts(z + step), z + step, run.u, run.h, run.scheme)
+            if float((ahead.abs() / scale).max()) < worst:
                 break
             step = 0.5 * step
         if bool((z + step == z).all()):

@@ -308,7 +308,8 @@ class Trainer:
 
     def _restore(self, state: Mapping[str, Any]) -> None:
         """Raises whatever a state of another form leads to."""
-        self.progress, self.objective.solved = Progress(**state["progress"]), int(state.get("solved", 0))
+        self.progress = Progress(**state["progress"])
+        self.objective.solved = int(state.get("solved", 0))
         present = self._present()
         for values in (state["present"], self.progress.parameters):
             if [v.shape for v in values] != [v.shape for v in present] or not all(map(is_finite, values)):

@@ -142,7 +142,8 @@ def test_a_free_decay_tells_ratios_alone_and_a_reversed_sign_is_told(tmp_path: P
 
 
 def test_an_unstable_plant_is_told_with_its_negative_stiffness(tmp_path: Path) -> None:
-    r = sum(1e-3 * np.sin(2.0 * np.pi * f * (t := 1e-3 * np.arange(4000))) for f in (0.7, 2.3, 6.1))
+    t = 1e-3 * np.arange(4000)
+    r = 1e-3 * np.sin(2.0 * np.pi * np.outer(t, (0.7, 2.3, 6.1))).sum(axis=1)
     _, _, x = lsim(([[0.0, 1.0], [-840.0, -32.0]], [[0.0], [1200.0]], np.eye(2), np.zeros((2, 1))), r, t)
     save(tmp_path / "a.csv", np.column_stack([t, 120.0 * (r - x[:, 0]) - 3.0 * x[:, 1], x[:, 0]]), "time_s,force_N,y_m")
     (tmp_path / "recordings.yaml").write_text(OSCILLATOR)

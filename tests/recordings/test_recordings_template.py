@@ -163,8 +163,7 @@ def test_hostile_names_of_files_and_columns_stay_names(folder: Path, tmp_path: P
     assert set(content) <= {"setup", "columns", "sample_rate_hz", "recordings"}
     files = {entry["file"] for entry in content["recordings"]}
     assert files <= set(os.listdir(folder))
-    # What is refused stands in a comment with the reason: names that yaml or settings would read as something else, a
-    # header with a control character, and one of which a column is a number.
+    # What is refused, for its name or for a column that is a number, stands in a comment with the reason.
     assert len(files) == len(campaign.recordings) == len(os.listdir(folder)) - text.count("#   - file:")
     assert len(files) >= 2 * len(HOSTILE) - 7
 
