@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from phnn.parameters import duration, quantity
-from phnn.recordings.excitation import Excitation, excitation_of
+from phnn.recordings.excitation import Excitation
 from phnn.recordings.reader import describe
 from phnn.recordings.recording import ACTUATOR, Campaign, Recording, dominant_frequency, is_actuator
 from phnn.signals.least_squares import residual
@@ -94,7 +94,7 @@ def odd_units(campaign: Campaign) -> dict[str, list[Finding]]:
     return found
 
 
-def buried(recording: Recording, excitation: Excitation | None = None) -> list[Finding]:
+def buried(recording: Recording) -> list[Finding]:
     """A noise floor that is as large as the output: a signal is not its own noise floor."""
     share = recording.noise / max(float(np.std(recording.y)), 1e-300)
     if not recording.noise_found or not share >= OWN_FLOOR:
@@ -136,7 +136,7 @@ _STANDS_OUT = 20.0
 _AROUND, _ITSELF, _PERIODS = 25, 3, 8.0
 
 
-def mains(recording: Recording, excitation: Excitation) -> list[Finding]:
+def mains(recording: Recording) -> list[Finding]:
     """The multiples of a mains frequency that stand out of an output's spectrum, but not out of its input's.
 
     Hann window; the amplitude of a tone is that of a sine of the same power.
@@ -145,7 +145,7 @@ def mains(recording: Recording, excitation: Excitation) -> list[Finding]:
     lines = [base * n for base in _MAINS for n in _MULTIPLES]
     # Long enough, and sampled fast enough, to show a tone.
     shown = [f for f in lines if f * duration >= _PERIODS and f <= 0.45 / recording.dt]
-    asked = [f for f in shown if not _driven(excitation, f, duration)]
+    asked = [f for f in shown if not _driven(recording.excitation, f, duration)]
     if not asked:
         return []
     output, drive = _spectrum(recording.y), _spectrum(recording.drive)
@@ -191,13 +191,14 @@ def _over_neighbours(spectrum: Array, middle: int) -> tuple[float, float]:
 _SAMPLES, _SURE_OF_SHIFT = 0.5, 4.0
 
 
-def lead(recording: Recording, excitation: Excitation) -> list[Finding]:
+def lead(recording: Recording) -> list[Finding]:
     """Whether the output leads the input at the fundamental: no causal actuator of positive static gain does.
 
     With the complex amplitudes ``U`` and ``Y`` at ``f`` the lead is ``arg(Y/U) / 2πf``. Hysteresis, damping and every
     lag of amplifier or sensor make it negative; above a resonance it is negative still. Nothing is said where further
     inputs have their part in the output.
     """
+    excitation = recording.excitation
     if excitation.kind not in ("sine", "periodic") or excitation.cycles < 1.0 or recording.further:
         return []
     first, last = excitation.span
@@ -228,18 +229,14 @@ _SETTLING = 3
 _WHOLE, _HARMONICS = 0.02, 20
 
 
-def stated_noise(recording: Recording, excitation: Excitation) -> NoiseStatement:
-    """Of one recording; the first period is left out, for it holds a transient."""
-    return noise_statement(
-        recording.noise, recording.noise_source, recording.units.output, _between_periods(recording, excitation)
-    )
+def _between_periods(r: Recording) -> Sample | None:
+    """Return two periods against each other, without what changes slowly; None without two periodic ones.
 
-
-def _between_periods(r: Recording, excitation: Excitation) -> Sample | None:
-    """Two periods against each other, without what changes slowly; None without two periodic ones."""
+    The first period is left out, for it holds a transient.
+    """
     if r.period is None or not np.isfinite(r.noise):
         return None
-    first, last = excitation.span
+    first, last = r.excitation.span
     size = r.period / r.dt
     skip = 0 if r.start.state == "periodic" else 1
     whole = int((last - first) / size + _WHOLE) - skip
@@ -286,26 +283,24 @@ _TELLING, _LATE = 4, 0.2
 _LEVEL = 0.01
 
 
-def quantisation(recording: Recording, excitation: Excitation) -> list[Finding]:
+def quantisation(recording: Recording) -> list[Finding]:
     """The step of which the output's values are multiples, beside the noise."""
     step = quantisation_step(recording.y)
     if step == 0.0 or not recording.noise > 0.0:
         return []
-    text, values = f"output in steps of {quantity(step, recording.units.output)}", {"step": step}
+    text, share = f"output in steps of {quantity(step, recording.units.output)}", step / recording.noise
     if not recording.noise_found:
         # There is no noise to hold the steps against.
-        return [Finding("quantisation", NOTE, text, values)]
-    share = step / recording.noise
+        return [Finding("quantisation", NOTE, text, {"step": step})]
     if share < _FINE:
         return []
-    text, values = f"{text}, {share:.2g} times the noise", {**values, "step_over_noise": share}
-    if share < _COARSE:
-        return [Finding("quantisation", NOTE, text, values)]
-    text += ": steps hide the noise; use a smaller range of the converter"
-    return [Finding("quantisation", WARNING, text, values)]
+    text, severity = f"{text}, {share:.2g} times the noise", NOTE
+    if share >= _COARSE:
+        text, severity = f"{text}: steps hide the noise; use a smaller range of the converter", WARNING
+    return [Finding("quantisation", severity, text, {"step": step, "step_over_noise": share})]
 
 
-def limits(recording: Recording, excitation: Excitation) -> list[Finding]:
+def limits(recording: Recording) -> list[Finding]:
     """Samples that stand at the output's extremes, as where a converter ends; many more of them reading refuses.
 
     Where the manifest says that the sensor saturates there, they are data.
@@ -323,7 +318,7 @@ def limits(recording: Recording, excitation: Excitation) -> list[Finding]:
     return [Finding("limits", WARNING, text, {"samples": float(at)})]
 
 
-def drift(recording: Recording, excitation: Excitation) -> list[Finding]:
+def drift(recording: Recording) -> list[Finding]:
     """Change of the output's mean from period to period, or between rests at one input, with its standard error.
 
     The first period is left out, for what the start left dies away in it. Without a noise floor nothing is
@@ -331,7 +326,7 @@ def drift(recording: Recording, excitation: Excitation) -> list[Finding]:
     """
     if not recording.noise_found:
         return []
-    means, spread, rests = _levels(recording, excitation)
+    means, spread, rests = _levels(recording)
     if means.size < 2:
         return []
     change, error = float(means[-1] - means[0]), spread * float(np.sqrt(2.0))
@@ -341,25 +336,23 @@ def drift(recording: Recording, excitation: Excitation) -> list[Finding]:
     text = (
         f"the output's mean moves by {quantity(change, recording.units.output)} within {seconds:.3g} s at equal input"
     )
+    later, causes = float(np.ptp(means[means.size // 2 :])), "creep, heating or a drifting sensor"
+    zero = "zero voltage" if recording.units.input == "V" else "the input zero"
     values = {"change": change, "standard_error": error}
     if abs(change) < _MUCH * recording.noise:
         return [Finding("drift", NOTE, text, values)]
+    severity = NOTE
     if rests:
-        return [Finding("drift", NOTE, f"{text} and then rests there: hysteresis leaves such a change", values)]
-    later = float(np.ptp(means[means.size // 2 :]))
-    if means.size >= _TELLING and later < max(_SURE * error, _LATE * abs(change)):
-        early = "nearly all of it in the first half: what the start left dies away so, and so does creep"
-        return [Finding("drift", NOTE, f"{text}, {early}", values)]
-    causes = "creep, heating or a drifting sensor"
-    zero = "zero voltage" if recording.units.input == "V" else "the input zero"
-    severity = WARNING
-    if means.size < _TELLING and excitation.period is not None and recording.start.state != "periodic":
-        causes = f"what the start left, or {causes}; more periods would tell"
+        text += " and then rests there: hysteresis leaves such a change"
+    elif means.size >= _TELLING and later < max(_SURE * error, _LATE * abs(change)):
+        text += ", nearly all of it in the first half: what the start left dies away so, and so does creep"
+    elif means.size < _TELLING and recording.excitation.period is not None and recording.start.state != "periodic":
+        text += f": what the start left, or {causes}; more periods would tell"
         # From rest a model follows what the start leaves.
         severity = NOTE if recording.start.state == "rest" else WARNING
     else:
-        causes = f"{causes}; a long rest at {zero} would tell"
-    return [Finding("drift", severity, f"{text}: {causes}", values)]
+        text, severity = f"{text}: {causes}; a long rest at {zero} would tell", WARNING
+    return [Finding("drift", severity, text, values)]
 
 
 def comes_back(u: np.ndarray) -> bool:
@@ -367,9 +360,10 @@ def comes_back(u: np.ndarray) -> bool:
     return bool(abs(u[-1] - u[0]) <= _LEVEL * np.ptp(u))
 
 
-def _levels(recording: Recording, excitation: Excitation) -> tuple[np.ndarray, float, bool]:
+def _levels(recording: Recording) -> tuple[np.ndarray, float, bool]:
     """Means of the output over stretches of equal input, in order, the standard error of each, and whether the last of
     them is a rest within which the output does not move."""
+    excitation = recording.excitation
     first, last = excitation.span
     correlated = float(np.sqrt(max(2.0 * recording.noise_correlation.sum() - 1.0, 1.0)))
     if excitation.period is not None and excitation.cycles >= 3.0:
@@ -401,15 +395,13 @@ _NOISIER = 3.0
 _TALL, _NAMED = 30.0, 3
 
 
-def contaminated(
-    recordings: Sequence[Recording], excitations: Mapping[Recording, Excitation]
-) -> dict[str, list[Finding]]:
+def contaminated(recordings: Sequence[Recording]) -> dict[str, list[Finding]]:
     """By recording: whether its last two periods differ far more than those of the others with such an excitation.
 
     The spectra of random-phase multisines differ from realisation to realisation, but not the noise between their
     periods (Pintelon & Schoukens 2012, System Identification, ch. 4).
     """
-    between = {r.name: d for r in recordings if (d := _last_difference(r, excitations[r])) is not None}
+    between = {r.name: d for r in recordings if (d := _last_difference(r)) is not None}
     sizes = {name: float(np.std(d)) for name, d in between.items()}
     found: dict[str, list[Finding]] = {r.name: [] for r in recordings}
     for r in recordings:
@@ -430,12 +422,12 @@ def contaminated(
     return found
 
 
-def _last_difference(recording: Recording, excitation: Excitation) -> np.ndarray | None:
+def _last_difference(recording: Recording) -> np.ndarray | None:
     """Difference of the last two periods over √2; None where there are no two of a whole number of samples."""
     if recording.period is None:
         return None
     size, y = recording.period / recording.dt, recording.y
-    whole, (first, last) = round(size), excitation.span
+    whole, (first, last) = round(size), recording.excitation.span
     if abs(size - whole) > 1e-3 or last - first < 2 * whole or not np.isfinite(y).all():
         return None
     return np.asarray((y[last - whole : last] - y[last - 2 * whole : last - whole]) / np.sqrt(2.0))
@@ -508,12 +500,12 @@ class Ability:
     record: str
 
 
-def abilities(campaign: Campaign, excitations: Mapping[Recording, Excitation]) -> list[Ability]:
+def abilities(campaign: Campaign) -> list[Ability]:
     """Every question that recordings may answer, in the order in which they are worth asking, in the words of the
     system: a network of the user's own is asked for nothing that only an actuator has."""
     chosen = [r for r in campaign.recordings if r.mask("identification").any()]
     actuator = is_actuator(campaign.setup) and all(r.units == ACTUATOR for r in chosen)
-    drives = [excitations[r] for r in chosen]
+    drives = [r.excitation for r in chosen]
     moving = [e for e in drives if e.amplitude > 0.0]
     lows = [e.low_Hz for e in drives if e.low_Hz > 0.0]
     longest = max((_hold(r) for r in chosen), default=0.0)
@@ -642,17 +634,16 @@ def _grouped(how: str, told: Iterable[tuple[Hashable, str, str]]) -> Iterator[st
 def check(campaign: Campaign) -> Checked:
     """All checks on all recordings that have an output."""
     recorded = [r for r in campaign.recordings if np.isfinite(r.y).all()]
-    excitations = {r: excitation_of(r.drive, r.dt) for r in campaign.recordings}
-    among = contaminated(recorded, excitations)
+    among = contaminated(recorded)
     units = odd_units(campaign)
     # Any other system may give an output that leads its input, such as the force of an imposed motion.
     actuator = is_actuator(campaign.setup)
     findings: dict[str, list[Finding]] = {r.name: [] for r in campaign.recordings}
     for r in recorded:
         findings[r.name] = [
-            *(f for one in _CHECKS if one is not lead or actuator for f in one(r, excitations[r])),
+            *(f for one in _CHECKS if one is not lead or actuator for f in one(r)),
             *among[r.name],
             *units[r.name],
         ]
-    noise = {r.name: stated_noise(r, excitations[r]) for r in recorded}
-    return Checked(campaign, findings, abilities(campaign, excitations), noise)
+    noise = {r.name: noise_statement(r.noise, r.noise_source, r.units.output, _between_periods(r)) for r in recorded}
+    return Checked(campaign, findings, abilities(campaign), noise)

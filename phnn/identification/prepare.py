@@ -42,7 +42,6 @@ from phnn.integrate.program import compile_network
 from phnn.models.actuator import bouc_wen, hrc
 from phnn.models.network_file import load_network, ready
 from phnn.parameters import positive, signed
-from phnn.recordings.excitation import excitation_of
 from phnn.recordings.manifest import READY
 from phnn.recordings.partition import candidate_of, divide
 from phnn.recordings.recording import Anchor, Campaign, Recording, is_actuator
@@ -194,7 +193,7 @@ class LeftOut:
 def leave_out(plan: Plan, fewest_blocks: int) -> LeftOut:
     """Divide the identification recordings of a plan."""
     whole = [_identified(r) for r in plan.recordings]
-    parts, _, _ = divide([candidate_of(r, excitation_of(r.drive, r.dt)) for r in whole])
+    parts, _, _ = divide([candidate_of(r, r.excitation) for r in whole])
     divided = tuple(replace(r, parts=parts[r.name]) for r in whole)
     growth = tuple(r for r in divided if r.mask("identification").any())
     return LeftOut(replace(plan, recordings=growth), replace(plan, recordings=divided), fewest_blocks)

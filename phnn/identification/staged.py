@@ -29,7 +29,6 @@ from phnn.identification.starting_points import (
 )
 from phnn.models.actuator import hrc
 from phnn.parameters import Parameter
-from phnn.recordings.excitation import excitation_of
 from phnn.recordings.recording import Anchor, Recording, dominant_frequency
 from phnn.recordings.units import same_kind
 from phnn.rescue import late
@@ -220,7 +219,7 @@ def is_quasi_static(plan: Plan) -> bool:
     """Whether all recordings are so slow that the longest lag of a likely actuator, that of critical damping at the
     lowest resonance, leaves less than the noise of them: then no mass and no damping shows."""
     lag = 1.0 / (np.pi * RESONANCES_HZ[0])
-    found = [(r, excitation_of(r.drive, r.dt)) for r in plan.recordings]
+    found = [(r, r.excitation) for r in plan.recordings]
     # Steps excite whatever the sampling can show.
     highest = [0.5 / r.dt if e.kind == "steps" else e.high_Hz for r, e in found]
     speeds = [np.pi * f * float(np.ptp(r.y)) for (r, _), f in zip(found, highest, strict=True)]

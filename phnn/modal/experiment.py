@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from phnn.check import contaminated
 from phnn.errors import InputRefused
-from phnn.recordings.excitation import excitation_of
 from phnn.recordings.recording import Campaign, Recording, Units
 
 Array = NDArray[np.float64]
@@ -111,7 +110,7 @@ def study_of(campaign: Campaign) -> Study:
             raise InputRefused(f"{r.source}: recording {r.name!r} has no output: leave it out")
     first = next(iter(grouped.values()))
     _check_alike(grouped, first)
-    noticed = contaminated(campaign.recordings, {r: excitation_of(r.drive, r.dt) for r in campaign.recordings})
+    noticed = contaminated(campaign.recordings)
     experiments, left_out = [], {}
     for name, views in grouped.items():
         found = experiment_of(name, views)

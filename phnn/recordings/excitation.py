@@ -5,12 +5,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.recordings.recording import Recording
 from phnn.signals.least_squares import residual, spline
 from phnn.signals.noise import longest_hold
 from phnn.signals.reconstruct import (
@@ -21,6 +20,9 @@ from phnn.signals.reconstruct import (
     substep_counts,
     substep_input,
 )
+
+if TYPE_CHECKING:
+    from phnn.recordings.recording import Recording
 
 _UNLIKE = 0.3  # mismatch that a signal must reach before a return counts as a period
 _ALIKE = 1e-3  # mismatch of a noisy repetition

@@ -16,7 +16,7 @@ from phnn.parameters import quantity
 from phnn.recordings import checks
 from phnn.recordings.array_files import NoRecording, read_axes, read_json, read_mat, read_npy, read_npz
 from phnn.recordings.draft import Draft, drafts_of
-from phnn.recordings.excitation import Excitation, excitation_of
+from phnn.recordings.excitation import Excitation
 from phnn.recordings.library_files import read_hdf5, read_parquet, read_sheet, read_tdms
 from phnn.recordings.manifest import Entry, Manifest, load_manifest, manifest_of
 from phnn.recordings.memory import described, given
@@ -336,11 +336,10 @@ def _within(r: Recording) -> str:
 
 def facts(r: Recording) -> list[tuple[str, str]]:
     """What was understood of a recording: label and words."""
-    excitation = excitation_of(r.drive, r.dt)
     span = " to ".join(quantity(v, r.units.input, 4) for v in (r.u.min(), r.u.max()))
     found = [
         ("sampled", f"{1 / r.dt:.6g} Hz, {r.t.size} samples, {r.t.size * r.dt:.4g} s"),
-        ("input", f"{span}; {_words(excitation)}; {r.interpolation} between samples"),
+        ("input", f"{span}; {_words(r.excitation)}; {r.interpolation} between samples"),
     ]
     if r.further:
         found.append(("driven too at", ", ".join(r.further)))

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from phnn.html import table, titled
 from phnn.parameters import quantity
+from phnn.recordings.excitation import Excitation, excitation_of
 from phnn.signals.noise import AS_WHITE
 
 
@@ -194,6 +195,11 @@ class Recording:
     def drive(self) -> np.ndarray:
         """``(N,)`` what moves when any input does, see `drive_of`."""
         return drive_of(self.u, self.further)
+
+    @cached_property
+    def excitation(self) -> Excitation:
+        """What the input does: its kind, band and period, and the samples in which it is at work."""
+        return excitation_of(self.drive, self.dt)
 
     @property
     def cycle(self) -> int:
