@@ -472,7 +472,6 @@ def _reference(path: Path, outside: bool) -> tuple[np.ndarray, np.ndarray, str, 
     from phnn.recordings import checks
     from phnn.recordings.channels import evenly, select, stamped
     from phnn.recordings.reader import reader_of
-    from phnn.recordings.units import known_unit
 
     table = reader_of(path)(named_file(path, (path.parent,), outside=outside))
     channels = select(table, {}, {})
@@ -484,10 +483,10 @@ def _reference(path: Path, outside: bool) -> tuple[np.ndarray, np.ndarray, str, 
     channel, time = channels[name], channels["time"]
     checks.enough_samples(channel.values.size, table.where)
     checks.output_moves(channel.values, f"{name} ({channel.label})", table.where)
-    times = stamped(time.values, known_unit(time.unit).factor, {name: channel.values}, table.where)
+    times = stamped(time.values, time.factor, {name: channel.values}, table.where)
     dt, y = evenly(times.t, times.values[name])
     notes = tuple(f"The reference: {note}." for note in times.notes)
-    return time.values[0] + dt * np.arange(y.size), y, known_unit(channel.unit).si, notes
+    return time.values[0] + dt * np.arange(y.size), y, channel.si, notes
 
 
 def _write_inverse(inverse: Inverse, units: Units, notes: tuple[str, ...], place: Place) -> None:

@@ -14,7 +14,7 @@ import os
 import re
 import stat
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -179,14 +179,16 @@ class Source:
                     content += file.read(most + 1 - len(content))
             except OSError as error:
                 raise InputRefused(f"{self.name}: cannot be read ({error.strerror}): copy it again") from error
-        if len(content) > most:
-            raise _too_large(self.name, len(content), most, what)
+        replace(self, size=len(content)).check_size(most, what)
         return content
 
     def check_size(self, most: int, what: str = "a file") -> None:
         """Refuse a file of more than ``most`` bytes. Raises InputRefused."""
         if self.size > most:
-            raise _too_large(self.name, self.size, most, what)
+            raise InputRefused(
+                f"{self.name}: {shown_bytes(self.size)}, {what} may have at most {shown_bytes(most)}: split it, or "
+                f"export less"
+            )
 
     def check_memory(self, size: int, unpacked: bool = False) -> None:
         """Refuse numbers that would take more memory than there is for one file.
@@ -238,7 +240,7 @@ def named_file(
     for test, kind in _KINDS:
         if test(found.st_mode):
             raise InputRefused(f"{said}{name}: is {kind}, not a file: copy what is to be read into a file")
-    if within and not outside and not any(_holds(folder, real) for folder in within):
+    if within and not outside and not any(real.is_relative_to(os.path.realpath(folder)) for folder in within):
         raise InputRefused(
             f"{said}{printable(str(path))}: leads out of the folder {printable(str(within[0]))}: copy the file into "
             f"the folder, or give the option {OUTSIDE} if you trust who made the folder"
@@ -257,19 +259,6 @@ def shown_bytes(size: float) -> str:
     return f"{size:.3g} GB"
 
 
-def _holds(folder: Path, real: Path) -> bool:
-    try:
-        return real.is_relative_to(folder.resolve())
-    except (OSError, RuntimeError):
-        return False
-
-
-def _too_large(name: str, size: int, most: int, what: str) -> InputRefused:
-    return InputRefused(
-        f"{name}: {shown_bytes(size)}, {what} may have at most {shown_bytes(most)}: split it, or export less"
-    )
-
-
 _JSON_TOO_DEEP = f"lists and objects more than {LIMITS.depth} levels deep"
 
 
@@ -286,7 +275,7 @@ def load_json(source: Source, most: int, what: str, remedy: str) -> Any:
     try:
         content = json.loads(
             raw.decode("utf-8-sig"), parse_int=_whole, parse_float=_real, parse_constant=_constant,
-            object_pairs_hook=_once,
+            object_pairs_hook=each_key_once,
         )  # fmt: skip
         _check_depth(content)
     except RecursionError as error:
@@ -313,11 +302,12 @@ def _constant(text: str) -> float:
     raise ValueError(f"{text} is no number")
 
 
-def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def each_key_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return an object of json. Raises ValueError where a key stands twice in it."""
     content: dict[str, Any] = {}
     for key, value in pairs:
         if key in content:
-            raise ValueError(f"the key {key[:40]!r} is given twice")
+            raise ValueError(f"the key {key[:40]!r} stands twice: give each value a name of its own")
         content[key] = value
     return content
 
@@ -336,12 +326,10 @@ def _check_depth(content: Any) -> None:
     raise ValueError(_JSON_TOO_DEEP)
 
 
-_WORDS: dict[str, Any] = {"": None, "~": None} | {
-    form: value
-    for word, value in (("null", None), ("yes", True), ("no", False), ("true", True), ("false", False), ("on", True),
-                        ("off", False))
-    for form in (word, word.capitalize(), word.upper())
-}  # fmt: skip
+# Words of yaml, in small letters, in capitals, or with one at the beginning.
+_WORDS = {"": None, "~": None, "null": None, "yes": True, "true": True, "on": True} | dict.fromkeys(
+    ("no", "false", "off"), False
+)
 _WHOLE = re.compile(r"[-+]?(?:0|[1-9][0-9_]*)")
 _REAL = re.compile(
     r"[-+]?(?:[0-9][0-9_]*\.[0-9_]*(?:[eE][-+]?[0-9]+)?|[0-9][0-9_]*[eE][-+]?[0-9]+|\.[0-9][0-9_]*(?:[eE][-+]?[0-9]+)?"
@@ -454,8 +442,8 @@ def _scalar(node: Any) -> Any:
         raise _Refused(node, f"{text[:60]!r}: nothing is put in for ${{…}} here: write the value itself")
     if node.tag == _QUOTED:
         return text
-    if text in _WORDS:
-        return _WORDS[text]
+    if text.lower() in _WORDS and text in (text.lower(), text.capitalize(), text.upper()):
+        return _WORDS[text.lower()]
     if _WHOLE.fullmatch(text):
         digits = sum(c.isdigit() for c in text)
         if digits > LIMITS.digits:

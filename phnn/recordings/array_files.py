@@ -21,7 +21,7 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 
 from phnn.errors import InputRefused
-from phnn.intake import LIMITS, Source
+from phnn.intake import LIMITS, Source, each_key_once
 from phnn.recordings.library_files import is_hdf5, matlab_content, readable
 from phnn.recordings.table import (
     NUMBERS,
@@ -378,7 +378,7 @@ def read_json(source: Source) -> Table:
     text = read_content(source, LIMITS.json_bytes, "a json recording")
     left: list[str] = []
     try:
-        content = json.loads(text, parse_int=float, object_pairs_hook=_once)
+        content = json.loads(text, parse_int=float, object_pairs_hook=each_key_once)
         columns = dict(_columns(content, "", 0, left))
     except RecursionError as error:
         raise InputRefused(f"{source.name}: objects or lists too deep in one another: {_REMEDY}") from error
@@ -396,22 +396,13 @@ def read_json(source: Source) -> Table:
     return Table(Where(source.name), tuple(columns), tuple(columns.values()), by_name=True, notes=notes)
 
 
-def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    content = dict(pairs)
-    if len(content) < len(pairs):
-        names = [key for key, _ in pairs]
-        twice = next(key for key in names if names.count(key) > 1)
-        raise ValueError(f"the key {printable(twice[:_SHOWN])!r} stands twice: give every array a name of its own")
-    if len(content) > LIMITS.variables:
-        raise ValueError(f"an object of more than {LIMITS.variables} keys: save one recording in a file")
-    return content
-
-
 def _columns(content: Any, prefix: str, depth: int, left: list[str]) -> Iterator[tuple[str, np.ndarray]]:
     """Yield names and numbers of all arrays; ``left`` takes the names of what is none."""
     if depth > LIMITS.depth:
         raise ValueError(f"objects more than {LIMITS.depth} levels deep: {_REMEDY}")
     if isinstance(content, dict):
+        if len(content) > LIMITS.variables:
+            raise ValueError(f"an object of more than {LIMITS.variables} keys: save one recording in a file")
         for key, value in content.items():
             name = prefix + printable(key[: LIMITS.name_characters])
             if isinstance(value, list) and value and isinstance(value[0], float | None):

@@ -21,7 +21,6 @@ from phnn.recordings.units import (
     split_unit,
     stated_by_name,
     suits,
-    to_si,
 )
 from phnn.signals.reconstruct import find_jumps
 
@@ -46,7 +45,7 @@ _MASKED = 10
 
 @dataclass(frozen=True, eq=False)
 class Channel:
-    """One quantity of a file: ``(N,)`` SI values, where they stand, and the factor from number to SI.
+    """One quantity of a file: ``(N,)`` SI values, where they stand, their unit there and in SI, and the factor to SI.
 
     ``own`` are the ``(N,)`` rows at which it was sampled, None for all; the values of others are interpolated.
     """
@@ -54,6 +53,7 @@ class Channel:
     values: np.ndarray
     label: str
     unit: str
+    si: str
     factor: float
     own: np.ndarray | None = None
     notes: tuple[str, ...] = ()
@@ -73,7 +73,7 @@ def select(table: Table, columns: Mapping[str, Column], named: Mapping[str, tupl
     channels = {name: channel for name, channel in found.items() if channel is not None}
     if "time" not in channels and table.stamps:
         index = table.names.index(table.stamps)
-        channels["time"] = Channel(table.numbers(index), table.label(index), "s", 1.0)
+        channels["time"] = Channel(table.numbers(index), table.label(index), "s", "s", 1.0)
     if len({c.values.size for c in channels.values()}) > 1:
         said = ", ".join(f"{q} ({c.label}) has {c.values.size}" for q, c in channels.items())
         raise InputRefused(f"{table.where}: unequal numbers of samples: {said}: give channels of one recording")
@@ -118,8 +118,9 @@ def _channel(table: Table, quantity: str, said: Column, name: str, spoken_for: M
         own = ~marked if own is None else own & ~marked
         row = table.where.row(int(np.argmax(marked)))
         notes = (*notes, f"{where}: {int(marked.sum())} values masked, the first in {row}")
-    factor = said.scale * known_unit(unit).factor
-    return Channel(to_si(said.scale * values, unit), label, unit, factor, own, notes)
+    known = known_unit(unit)
+    si_values = said.scale * values * known.factor + known.offset
+    return Channel(si_values, label, unit, known.si, said.scale * known.factor, own, notes)
 
 
 def _without_marks(

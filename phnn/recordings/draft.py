@@ -16,7 +16,6 @@ from phnn.recordings.excitation import Excitation, excitation_of
 from phnn.recordings.manifest import Column, Entry, Manifest, check_unit_of_limits
 from phnn.recordings.recording import ACTUATOR, PLAIN, Recording, Sensor, Start, Units, drive_of, is_actuator
 from phnn.recordings.table import Table, Where
-from phnn.recordings.units import known_unit
 from phnn.results import printable
 from phnn.signals.noise import FROM_PERIODS, WHITE, NoiseFloor, noise_floor
 from phnn.signals.sampling import longest_run, quantisation_step, runs
@@ -194,7 +193,7 @@ def _draft(
             checks.input_moves(drive, before, f"{u_name} ({channels[u_name].label})", where)
         label = f"{y_name} ({channels[y_name].label})"
         checks.output_moves(y, label, where)
-        check_unit_of_limits(entry.sensor, _si(channels[y_name]), label, where)
+        check_unit_of_limits(entry.sensor, channels[y_name].si, label, where)
         not_clipped(drive, y, label, channels[y_name].factor, where, entry.sensor)
         if is_actuator(said.setup):
             checks.like_an_actuator(float(np.ptp(y)), "displacement", channels[y_name].label, where)
@@ -208,7 +207,7 @@ def _draft(
         interpolation=entry.input or "cubic", parts=(), noise=np.nan, noise_source="", noise_correlation=WHITE,
         period=None, channels={q: values[q] for q in FURTHER if q in values and q != u_name},
         source=printable(", ".join(entry.files)),
-        units=Units(_si(channels[u_name]), _si(channels[y_name]) if y_name is not None else ACTUATOR.output),
+        units=Units(channels[u_name].si, channels[y_name].si if y_name is not None else ACTUATOR.output),
         further=ports, measures=measures or "", sensor=entry.sensor, offset=entry.offset,
         gain=entry.columns.get(u_name, Column()).gain, seen=own.get(y_name or ""),
     )  # fmt: skip
@@ -278,10 +277,6 @@ def _as_sampled(
     return notes
 
 
-def _si(channel: Channel) -> str:
-    return known_unit(channel.unit).si
-
-
 def _noise(recording: Recording, excitation: Excitation) -> NoiseFloor:
     """Return the noise floor of an output; where a sensor saturates, samples at the limit carry no noise."""
     t, y, drive, seen = recording.t, recording.y, recording.drive, recording.seen
@@ -338,7 +333,7 @@ def _sampled(
         checks.interval(dt, table.where)
         return dt * np.arange(last - first), values, own, where, []
     time = channels["time"]
-    found = stamped(time.values[first:last], known_unit(time.unit).factor, values, where, entry.input == "zero_order")
+    found = stamped(time.values[first:last], time.factor, values, where, entry.input == "zero_order")
     checks.enough_samples(found.t.size, where)
     rate, interval = entry.sample_rate_hz, float(np.median(np.diff(found.t)))
     # Where channels have clocks of their own, their union has uneven intervals.

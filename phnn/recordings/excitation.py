@@ -184,27 +184,28 @@ def _sine_misfit(x: NDArray[np.float64], frequency: float) -> float:
 
 def _single_sine(x: np.ndarray) -> float | None:
     """Frequency in cycles per sample of a sine of about half a period to two periods; ``None`` for other signals."""
-    from scipy.optimize import minimize_scalar
-
     stride = max(1, x.size // 1000)
     thin = np.asarray(x[::stride], dtype=float)
     grid = np.geomspace(0.3, 3.0, 24) / thin.size
     coarse = [_sine_misfit(thin, float(f)) for f in grid]
     i = int(np.argmin(coarse))
-    bounds = (float(grid[max(i - 1, 0)]), float(grid[min(i + 1, grid.size - 1)]))
-    best = minimize_scalar(lambda f: _sine_misfit(thin, float(f)), bounds=bounds, method="bounded")
-    return float(best.x) / stride if best.fun < 1e-4 else None
+    frequency = _sine_between(thin, float(grid[max(i - 1, 0)]), float(grid[min(i + 1, grid.size - 1)]), 1e-4)
+    return None if frequency is None else frequency / stride
 
 
 def _disturbed_sine(x: NDArray[np.float64]) -> float | None:
     """Frequency in cycles per sample of a sine that noise keeps from repeating exactly; ``None`` for other signals."""
-    from scipy.optimize import minimize_scalar
-
     power = np.abs(np.fft.rfft((x - x.mean()) * np.hanning(x.size))) ** 2
     peak = int(np.argmax(power[1:])) + 1
-    bounds = (max(peak - 1.0, 0.3) / x.size, (peak + 1.0) / x.size)
-    best = minimize_scalar(lambda f: _sine_misfit(x, float(f)), bounds=bounds, method="bounded")
-    return float(best.x) if best.fun < _DISTURBED else None
+    return _sine_between(x, max(peak - 1.0, 0.3) / x.size, (peak + 1.0) / x.size, _DISTURBED)
+
+
+def _sine_between(x: NDArray[np.float64], low: float, high: float, most: float) -> float | None:
+    """Frequency between two others of the sine that fits best; ``None`` where it leaves more than a share of ``x``."""
+    from scipy.optimize import minimize_scalar
+
+    best = minimize_scalar(lambda f: _sine_misfit(x, float(f)), bounds=(low, high), method="bounded")
+    return float(best.x) if best.fun < most else None
 
 
 def _few_levels(u: np.ndarray) -> bool:
@@ -325,14 +326,7 @@ def _driving(
     substeps: int,
     method: str,
 ) -> Driving:
-    """Return the input of a recording as `driving_of` does.
-
-    Args:
-        u: the first input; further: the other ones.
-        cycle: samples of a steady cycle; before: the input before the first sample.
-        period: of the input in sample intervals; 0 for none.
-        times: sampling instants that are not uniform, s.
-    """
+    """Return what `driving_of` does; the period is in sample intervals, 0 for none, the times are not uniform."""
     lead, samples, others = cycle, u.array, [x.array for x in further]
     if cycle:
         samples, *others = (np.concatenate([x[:cycle], x]) for x in (samples, *others))

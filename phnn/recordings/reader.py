@@ -326,14 +326,6 @@ def _listed(known: list[tuple[str, str]]) -> list[str]:
     return [f"  {label:14}{value}" for label, value in known]
 
 
-def _within(r: Recording) -> str:
-    """The interval of a noise floor in words; empty where none is known."""
-    if r.noise_interval is None:
-        return ""
-    low, high = (quantity(x, r.units.output) for x in r.noise_interval)
-    return f" ({low} to {high})"
-
-
 def facts(r: Recording) -> list[tuple[str, str]]:
     """What was understood of a recording: label and words."""
     span = " to ".join(quantity(v, r.units.input, 4) for v in (r.u.min(), r.u.max()))
@@ -345,18 +337,15 @@ def facts(r: Recording) -> list[tuple[str, str]]:
         found.append(("driven too at", ", ".join(r.further)))
     if np.isfinite(r.y).all():
         unit = r.units.output
-        colour = "" if r.noise_correlation.size == 1 else f", correlated over {r.noise_correlation.size} samples"
-        found += [
-            ("output", " to ".join(quantity(v, unit, 4) for v in (r.y.min(), r.y.max()))),
-            (
-                "noise floor",
-                f"{quantity(r.noise, unit)}{_within(r)} from {r.noise_source}{colour}"
-                if r.noise_found
-                else r.noise_source,
-            ),
-        ]
-    if (known := r.sensor.words(r.y)) and np.isfinite(r.y).all():
-        found.append(("sensor", known))
+        found.append(("output", " to ".join(quantity(v, unit, 4) for v in (r.y.min(), r.y.max()))))
+        noise = f"from {r.noise_source}" if r.noise_found else r.noise_source
+        if r.noise_found and r.noise_interval is not None:
+            noise = f"({' to '.join(quantity(x, unit) for x in r.noise_interval)}) {noise}"
+        if r.noise_found and r.noise_correlation.size > 1:
+            noise = f"{noise}, correlated over {r.noise_correlation.size} samples"
+        found.append(("noise floor", f"{quantity(r.noise, unit)} {noise}" if r.noise_found else noise))
+        if known := r.sensor.words(r.y):
+            found.append(("sensor", known))
     if r.gain == "unknown":
         found.append(("gain", "of the input unknown, one factor is estimated"))
     if r.offset == "shared":

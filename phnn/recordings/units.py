@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from phnn.errors import InputRefused
 from phnn.intake import LIMITS
 
@@ -258,12 +256,6 @@ def _hint(quantity: str, name: str) -> str:
     alike = [u for u in known if u.lower() == name.lower()] or difflib.get_close_matches(name, known, n=3, cutoff=0.6)
     meant = next((u for u in alike if suits(quantity, u)), None)
     return f" (did you mean {meant}?)" if meant else ""
-
-
-def to_si(values: np.ndarray, unit: str) -> np.ndarray:
-    """Numbers in ``unit`` (a text that `find_unit` knows) as SI values, same shape."""
-    found = known_unit(unit)
-    return np.asarray(values, dtype=float) * found.factor + found.offset
 
 
 def known_unit(unit: str) -> Unit:
