@@ -508,7 +508,8 @@ def abilities(campaign: Campaign) -> list[Ability]:
     drives = [r.excitation for r in chosen]
     moving = [e for e in drives if e.amplitude > 0.0]
     lows = [e.low_Hz for e in drives if e.low_Hz > 0.0]
-    longest = max((_hold(r) for r in chosen), default=0.0)
+    held = ((r, last - first) for r in chosen for first, last in [longest_hold(r.drive)])
+    longest = max((samples * r.dt for r, samples in held if samples > 0.02 * r.u.size), default=0.0)
     # Several amplitudes at about one frequency, or noise, which has them all.
     amplitudes = any(e.kind in ("broadband", "periodic") for e in moving) or any(
         a.amplitude > _AMPLITUDES * b.amplitude and _near(a, b) for a, b in itertools.permutations(moving, 2)
@@ -550,12 +551,6 @@ def _steps(recording: Recording) -> bool:
     return bool(np.any(np.abs(u[jumps] - u[jumps - 1]) > _JUMP * np.ptp(u)))
 
 
-def _hold(recording: Recording) -> float:
-    """Duration [s] of the longest stretch of constant input."""
-    first, last = longest_hold(recording.drive)
-    return (last - first) * recording.dt if last - first > 0.02 * recording.u.size else 0.0
-
-
 _NUMBER = re.compile(r"[-−]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?: [nµmkM]?(?:m|V|s|N|A|Hz|rad)\b)?")
 # Names in a line before only their number is said; check.json has all.
 _LISTED = 3
@@ -579,8 +574,12 @@ class Checked:
         """What `phnn check` prints."""
         lines = [describe(self.campaign), ""]
         if found := [(name, f) for name, some in self.findings.items() for f in some]:
-            lines += ["Noticed:", *_noticed(found), ""]
-        lines += ["Noise:", *_colours(self.noise), ""]
+            # Notes that differ in numbers alone share the line of the first.
+            keys = ((name, f.text) if f.severity == WARNING else _NUMBER.sub("#", f.text) for name, f in found)
+            told = zip(keys, ((name, f"{f.severity:8}{name}: {f.text}") for name, f in found), strict=True)
+            lines += ["Noticed:", *_grouped("similar", told), ""]
+        said = ((name, "; ".join((s.colour, *s.notes))) for name, s in self.noise.items())
+        lines += ["Noise:", *_grouped("the same", ((text, (name, f"{name}: {text}")) for name, text in said)), ""]
         for head, able in (("These recordings can show:", True), ("They cannot show, for which to record:", False)):
             some = [a for a in self.abilities if a.able is able]
             if some:
@@ -607,24 +606,10 @@ class Checked:
         }  # fmt: skip
 
 
-def _noticed(found: Iterable[tuple[str, Finding]]) -> Iterator[str]:
-    """Lines of findings; notes that differ in numbers alone share the line of the first."""
-    return _grouped("similar", (
-        ((name, f.text) if f.severity == WARNING else _NUMBER.sub("#", f.text), name, f"{f.severity:8}{name}: {f.text}")
-        for name, f in found
-    ))  # fmt: skip
-
-
-def _colours(statements: Mapping[str, NoiseStatement]) -> Iterator[str]:
-    """Lines of noise statements; recordings of which the same is said share one."""
-    said = ((name, "; ".join((s.colour, *s.notes))) for name, s in statements.items())
-    return _grouped("the same", ((text, name, f"{name}: {text}") for name, text in said))
-
-
-def _grouped(how: str, told: Iterable[tuple[Hashable, str, str]]) -> Iterator[str]:
-    """One line for each key, the first; ``told``: key, name of the recording and line."""
+def _grouped(how: str, told: Iterable[tuple[Hashable, tuple[str, str]]]) -> Iterator[str]:
+    """Yield one line for each key, the first; ``told``: key, name of the recording and line."""
     groups: dict[Hashable, tuple[str, list[str]]] = {}
-    for key, name, line in told:
+    for key, (name, line) in told:
         groups.setdefault(key, (line, []))[1].append(name)
     for line, (_, *others) in groups.values():
         named = ", ".join(others) if len(others) <= _LISTED else f"{len(others)} others"

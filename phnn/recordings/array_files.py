@@ -60,13 +60,8 @@ class _Element(NamedTuple):
     next: int  # where the following element begins
 
 
-def is_v5(raw: Raw) -> bool:
-    """Whether the header names version 5; version 4 files have none."""
-    return len(raw) >= HEADER and raw[126:128] in (b"IM", b"MI") and 0 not in raw[:4]
-
-
 def check_layout(raw: Raw, most: int) -> int:
-    """Walk all elements of a version 5 file, compressed ones unpacked.
+    """Walk all elements of a version 5 file, compressed ones unpacked: damaged ones would end Python within scipy.
 
     Args:
         most: bytes that are unpacked at most.
@@ -346,7 +341,8 @@ def _load_v5(source: Source) -> tuple[Mapping[str, Any], Sequence[Sequence[str]]
     with readable(source, "not a readable .mat file", "save it again from MATLAB", typed=True), source.open() as file:
         # Only what is looked at comes into memory.
         with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as raw:
-            if is_v5(raw):
+            # The header names version 5; files of version 4 have none.
+            if len(raw) >= HEADER and raw[126:128] in (b"IM", b"MI") and 0 not in raw[:4]:
                 source.check_memory(check_layout(raw, LIMITS.unpacked_bytes + source.size), unpacked=True)
         with warnings.catch_warnings():
             warnings.filterwarnings("error", message="We do not support byte ordering")

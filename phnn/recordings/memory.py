@@ -5,8 +5,9 @@ No library is loaded: an object can only be given where its library is loaded al
 
 from __future__ import annotations
 
+import itertools
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -38,19 +39,14 @@ def plain(value: Any) -> Any:
 _TIMES = ("time", "t")
 
 
-# Libraries that may be loaded, and their classes whose objects are recordings.
-_CLASSES = {
-    "pandas": ("DataFrame",),
-    "xarray": ("Dataset",),
-    "nonlinear_benchmarks.utilities": ("Input_output_data",),
-}
+# Libraries that may be loaded, and the class of each whose objects are recordings.
+_CLASSES = {"pandas": "DataFrame", "xarray": "Dataset", "nonlinear_benchmarks.utilities": "Input_output_data"}
 
 
 def _library(data: object) -> str:
     """Return the first word of the library whose recording an object is; empty for any other object."""
-    for name, classes in _CLASSES.items():
-        module = sys.modules.get(name)
-        if module is not None and isinstance(data, tuple(getattr(module, c) for c in classes)):
+    for name, of_recordings in _CLASSES.items():
+        if name in sys.modules and isinstance(data, getattr(sys.modules[name], of_recordings)):
             return name.partition(".")[0]
     return ""
 
@@ -163,24 +159,33 @@ _ACCEPTED = (
 _SHOWN = 5
 
 
-def given(data: Any, manifest: Manifest) -> list[Given]:
-    """The recordings of an object, each with a name of its own.
+def given(data: Any, said: Manifest) -> tuple[list[Given], list[str]]:
+    """Return every recording of an object that the manifest asks for, and the names of the others.
 
-    Args:
-        manifest: names input and output as its setup does.
+    ``file`` in the manifest is the name of a recording; a manifest that lists none asks for all. What the manifest says
+    wins over what an object says.
     """
-    names = ("voltage", "displacement") if is_actuator(manifest.setup) else ("input", "output")
-    found = []
-    for one in _collected(data, "", names):
-        found.append(one)
-        if len(found) > LIMITS.recordings:
-            raise InputRefused(f"{type(data).__name__}: more than {LIMITS.recordings} recordings: give fewer")
+    names = ("voltage", "displacement") if is_actuator(said.setup) else ("input", "output")
+    found = list(itertools.islice(_collected(data, "", names), LIMITS.recordings + 1))
+    if len(found) > LIMITS.recordings:
+        raise InputRefused(f"{type(data).__name__}: more than {LIMITS.recordings} recordings: give fewer")
     if not found:
         raise InputRefused(f"{type(data).__name__}: it is empty, there is no recording in it: give {_ACCEPTED}")
-    # Those without a name are called "recording", several by their number.
-    digits = len(str(len(found)))
-    numbered = (f"recording_{i:0{digits}d}" if len(found) > 1 else "recording" for i in range(1, len(found) + 1))
-    return [(replace(said, name=said.name or name), t) for (said, t), name in zip(found, numbered, strict=True)]
+    by_name: dict[str, Given] = {}
+    for i, (one, table) in enumerate(found, start=1):
+        # Those without a name are called "recording", several by their number.
+        name = one.name or (f"recording_{i:0{len(str(len(found)))}d}" if len(found) > 1 else "recording")
+        if name in by_name:
+            raise InputRefused(f"two recordings are called {name!r}: give a mapping from names to recordings")
+        by_name[name] = replace(one, name=name), table
+    if said.entries is None:
+        return [_described(replace(said.common, files=(name,)), by_name) for name in by_name], []
+    for i, entry in enumerate(said.entries):
+        if unknown := [file for file in entry.files if file not in by_name]:
+            cause = f"no recording is called {shown(unknown[0])}, there are {', '.join(by_name)}"
+            raise InputRefused(f"recordings[{i}]: {cause}: correct `file`")
+    asked = {file for entry in said.entries for file in entry.files}
+    return [_described(e, by_name) for e in said.entries], [name for name in by_name if name not in asked]
 
 
 def _collected(data: Any, name: str, names: tuple[str, str]) -> Iterator[Given]:
@@ -219,28 +224,7 @@ def _is_numbers(value: Any) -> bool:
     return array.dtype.kind in "iufb" and array.ndim > 0
 
 
-def described(found: Sequence[Given], said: Manifest) -> tuple[list[tuple[Entry, Table]], list[str]]:
-    """Every recording that the manifest asks for, and the names of the others; all where it lists none.
-
-    ``file`` in the manifest is the name of a recording. What the manifest says wins over what an object says.
-    """
-    by_name: dict[str, Given] = {}
-    for one, table in found:
-        name = one.name or ""
-        if name in by_name:
-            raise InputRefused(f"two recordings are called {name!r}: give a mapping from names to recordings")
-        by_name[name] = one, table
-    if said.entries is None:
-        return [_described(replace(said.common, files=(name,)), by_name) for name in by_name], []
-    for i, entry in enumerate(said.entries):
-        if unknown := [file for file in entry.files if file not in by_name]:
-            cause = f"no recording is called {shown(unknown[0])}, there are {', '.join(by_name)}"
-            raise InputRefused(f"recordings[{i}]: {cause}: correct `file`")
-    asked = {file for entry in said.entries for file in entry.files}
-    return [_described(e, by_name) for e in said.entries], [name for name in by_name if name not in asked]
-
-
-def _described(entry: Entry, by_name: Mapping[str, Given]) -> tuple[Entry, Table]:
+def _described(entry: Entry, by_name: Mapping[str, Given]) -> Given:
     first, _ = by_name[entry.file]
     table = beside([by_name[file][1] for file in entry.files])
     if entry.axes:

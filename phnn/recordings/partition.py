@@ -88,7 +88,14 @@ def divide(candidates: Sequence[Candidate]) -> tuple[Mapping[str, tuple[Part, ..
     else:
         held = choose(candidates)
         note = f"Held out for confirmation, chosen here within the span of the others: {', '.join(sorted(held))}."
-        note += _kept_for_their_start([c for c in candidates if c.untold and c.name not in held])
+        untold = [c.name for c in candidates if c.untold and c.name not in held]
+        if untold:
+            more = f" and {len(untold) - _SHOWN} more" if len(untold) > _SHOWN else ""
+            note += (
+                f" Not held out, because nobody knows how they start: {', '.join(untold[:_SHOWN])}{more}; in the first "
+                f"samples, which would tell state and zero, the input covers less than {_COVERED:.0%} of its range. "
+                f"Say `start: rest`, or begin the slice earlier."
+            )
     if not held:
         note += " No result can be confirmed on recordings that were not used."
     parts_by_name = {c.name: whole_parts(c, c.name in held) for c in candidates}
@@ -98,18 +105,6 @@ def divide(candidates: Sequence[Candidate]) -> tuple[Mapping[str, tuple[Part, ..
     if held:
         note += f" They bring {'an' if new else 'no'} amplitude or frequency that identification lacks."
     return parts_by_name, new, (note,)
-
-
-def _kept_for_their_start(untold: Sequence[Candidate]) -> str:
-    """Return why recordings of unknown start are not held out, as a sentence; empty where there are none."""
-    if not untold:
-        return ""
-    names = ", ".join(c.name for c in untold[:_SHOWN]) + (f" and {len(untold) - _SHOWN} more" * (len(untold) > _SHOWN))
-    return (
-        f" Not held out, because nobody knows how they start: {names}; in the first samples, which would tell state "
-        f"and zero, the input covers less than {_COVERED:.0%} of its range. Say `start: rest`, or begin the slice "
-        f"earlier."
-    )
 
 
 def whole_parts(one: Candidate, held_out: bool) -> tuple[Part, ...]:
@@ -204,12 +199,8 @@ def _worth_keeping(one: Candidate, everyone: Sequence[Candidate]) -> int:
 
 def _alike(a: Candidate, b: Candidate) -> bool:
     """Same kind of input at the same frequency and amplitude."""
-    return (
-        a.excitation.kind == b.excitation.kind
-        and _near(a.excitation.amplitude, b.excitation.amplitude)
-        and _near(a.excitation.low_Hz, b.excitation.low_Hz)
-        and _near(a.excitation.high_Hz, b.excitation.high_Hz)
-    )
+    pairs = ((getattr(a.excitation, n), getattr(b.excitation, n)) for n in ("amplitude", "low_Hz", "high_Hz"))
+    return a.excitation.kind == b.excitation.kind and all(_near(*pair) for pair in pairs)
 
 
 def _near(a: float, b: float) -> bool:
@@ -327,14 +318,11 @@ def _of_one_word(floors: Sequence[NoiseFloor]) -> list[NoiseFloor]:
         note, correlation, highest = "white noise", WHITE, 1.0
     value = float(np.median([f.value for f in agreeing]))
     source = f"the spectra of {len(agreeing)} recordings that agree on {note}"
-    agreed = (*partial, *(f for f in every if _seen_at_the_highest(f, highest * value)))
+    # Floors from the highest frequencies, taken as white, of about the deviation that the common noise has there.
+    as_white = [f for f in every if not f.coefficient and f.interval is None and SILENT not in f.source]
+    there = highest * value
+    agreed = (*partial, *(f for f in as_white if there / _ONE_SIZE <= f.value <= there * _ONE_SIZE))
     told = [f for f in every if f not in agreed and (f.value < size or f.interval is not None)]
     alone = {id(f) for f in (*told, *(agreeing if correlation is WHITE else ()))}
     common = NoiseFloor(value, source, correlation, 0.0)
     return [f if f.coefficient is None or id(f) in alone else common for f in floors]
-
-
-def _seen_at_the_highest(floor: NoiseFloor, expected: float) -> bool:
-    """Whether a floor from the highest frequencies, taken as white, has about the deviation that a noise has there."""
-    as_white = not floor.coefficient and floor.interval is None and SILENT not in floor.source
-    return as_white and expected / _ONE_SIZE <= floor.value <= expected * _ONE_SIZE

@@ -19,7 +19,7 @@ from phnn.recordings.draft import Draft, drafts_of
 from phnn.recordings.excitation import Excitation
 from phnn.recordings.library_files import read_hdf5, read_parquet, read_sheet, read_tdms
 from phnn.recordings.manifest import Entry, Manifest, load_manifest, manifest_of
-from phnn.recordings.memory import described, given
+from phnn.recordings.memory import given
 from phnn.recordings.partition import candidate_of, divide, pooled, whole_parts
 from phnn.recordings.recording import IN_MEMORY, Campaign, Recording, is_actuator
 from phnn.recordings.table import Table, beside
@@ -192,8 +192,12 @@ def read(
     checks.no_results(home)
     files = Files(home, said, allow_outside)
     entries, left = files.entries()
-    tables = ((entry, _table(files, entry)) for entry in entries)
+    tables = ((entry, beside([_table(files.source(f), entry) for f in entry.files])) for entry in entries)
     return _campaign(tables, said, need_output, home, left)
+
+
+def _table(source: Source, entry: Entry) -> Table:
+    return read_axes(source, entry.axes) if entry.axes else READERS[source.suffix](source)
 
 
 def campaign_of(recorded: Campaign | str | Path | Any, *, need_output: bool = True) -> Campaign:
@@ -208,7 +212,7 @@ def _from_memory(data: Any, manifest: str | Path | Mapping[str, Any] | None, nee
             said = load_manifest(here[0], Path(manifest), outside=True)
         else:
             said = manifest_of(manifest, "the manifest given", here, outside=True)
-        tables, left = described(given(data, said), said)
+        tables, left = given(data, said)
         found = _campaign(tables, said, need_output, Path(IN_MEMORY), left)
     except InputRefused as error:
         if _SAID not in str(error):
@@ -236,12 +240,14 @@ def _campaign(
     candidates = [candidate_of(d.recording, d.excitation, d.use) for d in drafts]
     whole = {c.name: whole_parts(c, True) for c in candidates}
     parts, new, notes = divide(candidates) if need_output else (whole, False, ())
+    # Recordings of one output at one rate are taken to have one sensor and one amplifier.
+    kinds = [(r.measures, r.units.output, float(f"{r.dt:.9g}")) for r in (d.recording for d in drafts)]
     recordings = tuple(
         replace(
             d.recording, parts=parts[d.recording.name], noise=f.value, noise_source=f.source,
             noise_correlation=f.correlation, noise_found=f.found, noise_interval=f.interval,
         )
-        for d, f in zip(drafts, pooled([d.floor for d in drafts], [_kind(d.recording) for d in drafts]), strict=True)
+        for d, f in zip(drafts, pooled([d.floor for d in drafts], kinds), strict=True)
     )  # fmt: skip
     notes = (_extent(recordings), *_columns(drafts), *(note for d in drafts for note in d.notes), *notes)
     notes += _heavy(said)
@@ -249,17 +255,6 @@ def _campaign(
         notes = (*notes, f"Left alone, no recordings: {', '.join(left)}.")
     held = frozenset(d.recording.name for d in drafts if d.use == "confirmation")
     return Campaign(recordings, said.setup, said.known, said.voltage, notes, new, printable(str(home)), held)
-
-
-def _table(files: Files, entry: Entry) -> Table:
-    """The columns of all files of a recording."""
-    sources = [files.source(file) for file in entry.files]
-    return beside([read_axes(s, entry.axes) if entry.axes else READERS[s.suffix](s) for s in sources])
-
-
-def _kind(recording: Recording) -> tuple[str, str, float]:
-    """Recordings of one output at one rate are taken to have one sensor and one amplifier."""
-    return recording.measures, recording.units.output, float(f"{recording.dt:.9g}")
 
 
 def _extent(recordings: tuple[Recording, ...]) -> str:

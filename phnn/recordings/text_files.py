@@ -315,7 +315,9 @@ def _names(name: str, lines: Sequence[str], first: int, dialect: Dialect) -> tup
             f"header, give every column a name in words"
         )
     asked = [cell for i, cell in enumerate(nearest) if i not in dialect.empty]
-    if len(rows) == 2 and len(rows[0]) == width and all(map(_is_unit, asked)):
+    # With or without brackets, or empty.
+    units = [not c or (c[0] in "([" and c[-1] in ")]") or find_unit(c) is not None for c in asked]
+    if len(rows) == 2 and len(rows[0]) == width and all(units):
         place = f"{name}: line {filled[-1] + 1}"
         named = tuple(_with_unit(n, unit, place) for n, unit in zip(rows[0], nearest, strict=True))
         return named, lines[filled[-2] : first]
@@ -333,11 +335,6 @@ def _words(line: str, dialect: Dialect) -> list[str]:
     while len(cells) < dialect.width and len(cells) in dialect.empty:
         cells = [*cells, ""]
     return cells
-
-
-def _is_unit(cell: str) -> bool:
-    """Return whether a cell is a unit, with or without brackets, or empty."""
-    return not cell or (cell[0] in "([" and cell[-1] in ")]") or find_unit(cell) is not None
 
 
 def _with_unit(name: str, unit: str, place: str) -> str:
