@@ -104,8 +104,6 @@ def _channel(table: Table, quantity: str, said: Column, name: str, spoken_for: M
     if index is None:
         return None
     label = table.label(index)
-    if said.place is not None and table.names[index] == "":
-        label = f"column {said.place}"
     dates = quantity == "time" and table.names[index] == table.stamps
     unit, notes = ("s", ()) if dates else _unit(table, index, quantity, said)
     where, marked = f"{name} ({label})", np.zeros(0, dtype=bool)

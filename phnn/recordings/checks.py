@@ -23,8 +23,6 @@ _REMEDIES = {"time": "name one time_s, or write sample_rate_hz in recordings.yam
 FEWEST_SAMPLES = 50
 # Bytes that any machine has; to ask for what is available takes time.
 _MUCH = 10**8
-# Characters of a path in a message.
-_SHOWN = 200
 LARGEST_VALUE = 1e30
 # What varies by less is constant, in any unit; its squares would be no numbers any more.
 SMALLEST_RANGE = 1e-60
@@ -48,7 +46,8 @@ def folder_exists(folder: Path) -> None:
         raise InputRefused(f"folder {name}: there is no such folder: check the path") from error
     except (OSError, ValueError) as error:
         cause = getattr(error, "strerror", None) or str(error)
-        raise InputRefused(f"folder {name[:_SHOWN]}: cannot be reached ({cause}): check the path") from error
+        shown = name[: LIMITS.name_characters]
+        raise InputRefused(f"folder {shown}: cannot be reached ({cause}): check the path") from error
     if not stat.S_ISDIR(found.st_mode):
         raise InputRefused(f"{name}: this is a file: give the folder that holds it (one file is one recording)")
 

@@ -147,10 +147,7 @@ class Draft:
 def drafts_of(entry: Entry, table: Table, said: Manifest, need_output: bool, home: Path) -> list[Draft]:
     """The recordings of a table, one for each segment and for each of several outputs.
 
-    Args:
-        entry: what is said about the table; said: about all.
-        need_output: refuse a table without an output.
-        home: where the table comes from, for messages.
+    ``entry`` is what is said about the table, ``said`` about all; ``home``, where it comes from, stands in messages.
     """
     named = {n: ("input", c) for n, c in entry.ports.items()} | {n: ("output", c) for n, c in entry.outputs.items()}
     channels = select(table, entry.columns, named)
@@ -204,9 +201,8 @@ def _draft(
     measures = y_name if y_name in entry.outputs else None
     recording = Recording(
         name=name if measures is None else f"{name}.{measures}", t=t, u=u, y=y, start=start,
-        interpolation=entry.input or "cubic", parts=(), noise=np.nan, noise_source="", noise_correlation=WHITE,
-        period=None, channels={q: values[q] for q in FURTHER if q in values and q != u_name},
-        source=printable(", ".join(entry.files)),
+        interpolation=entry.input or "cubic", source=printable(", ".join(entry.files)),
+        channels={q: values[q] for q in FURTHER if q in values and q != u_name},
         units=Units(channels[u_name].si, channels[y_name].si if y_name is not None else ACTUATOR.output),
         further=ports, measures=measures or "", sensor=entry.sensor, offset=entry.offset,
         gain=entry.columns.get(u_name, Column()).gain, seen=own.get(y_name or ""),

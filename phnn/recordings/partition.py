@@ -244,19 +244,16 @@ def _sharing(floors: Sequence[NoiseFloor]) -> list[NoiseFloor]:
     One spectrum hardly tells coloured noise from what the signal leaves there. Where others of the kind do not agree on
     it the smaller floor stands, with an interval that holds both.
     """
-    shared = alike([f.value for f in floors], [f.interval or (0.0, 0.0) for f in floors])
     if len(floors) == 1:
         return list(floors)
+    found = [f.smaller or f for f in floors]
+    shared = alike([f.value for f in floors], [f.interval or (0.0, 0.0) for f in floors])
     if shared is None:
-        return [f.smaller or f for f in floors]
-
-    def of(k: int, floor: NoiseFloor) -> NoiseFloor:
-        if k not in shared.members:
-            return floor.smaller or floor
-        source = f"{floor.source}, shared by {len(shared.members)} recordings that do not differ in it"
-        return replace(floor, value=shared.value, source=source, interval=shared.interval, smaller=None)
-
-    return [of(k, floor) for k, floor in enumerate(floors)]
+        return found
+    for k in shared.members:
+        source = f"{floors[k].source}, shared by {len(shared.members)} recordings that do not differ in it"
+        found[k] = replace(floors[k], value=shared.value, source=source, interval=shared.interval, smaller=None)
+    return found
 
 
 class Shared(NamedTuple):

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from phnn.errors import InputRefused
-from phnn.intake import Source, named_file
+from phnn.intake import LIMITS, Source, named_file
 from phnn.parameters import quantity
 from phnn.recordings import checks
 from phnn.recordings.array_files import NoRecording, read_axes, read_json, read_mat, read_npy, read_npz
@@ -26,9 +26,6 @@ from phnn.recordings.table import Table, beside
 from phnn.recordings.text_files import looks_like_numbers, read_text
 from phnn.recordings.units import parse_name
 from phnn.results import printable
-
-# Characters of a path in a message.
-_SHOWN = 200
 
 Reader = Callable[[Source], Table]
 READERS: Mapping[str, Reader] = {
@@ -70,7 +67,7 @@ class Files:
             paths = [(i, self.home / file) for i, entry in enumerate(said.entries) for file in entry.files]
             for i, path in paths:
                 if not os.path.lexists(path):
-                    name, home = printable(path.name)[:_SHOWN], printable(str(path.parent))[:_SHOWN]
+                    name, home = (printable(p)[: LIMITS.name_characters] for p in (path.name, str(path.parent)))
                     raise InputRefused(
                         f"{where}: recordings[{i}]: file {name!r} is not in {home}: correct its name or remove the "
                         f"entry"
@@ -227,11 +224,7 @@ def _from_memory(data: Any, manifest: str | Path | Mapping[str, Any] | None, nee
 def _campaign(
     tables: Iterable[tuple[Entry, Table]], said: Manifest, need_output: bool, home: Path, left: list[str]
 ) -> Campaign:
-    """The campaign of tables, each with what is said about it; they are asked for one after another.
-
-    Args:
-        home: where they come from; left: what else is there, in words.
-    """
+    """The campaign of tables, which are asked for one after another; ``left`` is what else lies in ``home``."""
     drafts: list[Draft] = []
     for entry, table in tables:
         drafts += drafts_of(entry, table, said, need_output, home)

@@ -90,9 +90,8 @@ class Sensor:
             found.append(f"saturates at {' and '.join(ends)}, where {count} samples sit: they say no more than that")
         found += ["shows the size without its sign"] if self.rectified else []
         found += [f"lags by {quantity(self.lag, 's')}"] if self.lag else []
-        found += [
-            ("measures the rate of the output", "measures the second derivative of the output")[self.derivative - 1]
-        ] * bool(self.derivative)
+        if self.derivative:
+            found.append(f"measures the {'rate' if self.derivative == 1 else 'second derivative'} of the output")
         return "; ".join(found)
 
 
@@ -166,13 +165,13 @@ class Recording:
     y: np.ndarray
     start: Start
     interpolation: str
-    parts: tuple[Part, ...]
-    noise: float
-    noise_source: str
-    noise_correlation: np.ndarray
-    period: float | None
-    channels: Mapping[str, np.ndarray]
-    source: str
+    parts: tuple[Part, ...] = ()
+    noise: float = math.nan
+    noise_source: str = ""
+    noise_correlation: np.ndarray = field(default_factory=lambda: np.ones(1))
+    period: float | None = None
+    channels: Mapping[str, np.ndarray] = field(default_factory=dict)
+    source: str = ""
     units: Units = ACTUATOR
     further: Mapping[str, np.ndarray] = field(default_factory=dict)
     measures: str = ""
@@ -302,11 +301,8 @@ def unrecorded(
         input_before: constant input before the first sample, SI.
         further: (N,) inputs at further ports, by the port's name.
     """
-    return Recording(
-        name=name, t=t, u=u, y=np.full(t.size, np.nan), start=Start("rest", input_before), interpolation=interpolation,
-        parts=(), noise=np.nan, noise_source="simulated", noise_correlation=np.ones(1), period=None, channels={},
-        source="", further=further or {},
-    )  # fmt: skip
+    start, y = Start("rest", input_before), np.full(t.size, np.nan)
+    return Recording(name, t, u, y, start, interpolation, noise_source="simulated", further=further or {})
 
 
 def drive_of(u: np.ndarray, further: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -409,9 +405,8 @@ def digest(campaign: Campaign) -> str:
         known = (r.sensor, r.offset, r.gain)
         found.update(repr((*facts, *known, sorted(r.channels), sorted(r.further))).encode())
         others = [values for _, values in (*sorted(r.channels.items()), *sorted(r.further.items()))]
-        instants = [] if r.instants is None else [r.instants]
-        seen = [] if r.seen is None else [r.seen]
-        for values in (r.t, r.u, r.y, r.noise_correlation, *others, *instants, *seen):
+        others += [values for values in (r.instants, r.seen) if values is not None]
+        for values in (r.t, r.u, r.y, r.noise_correlation, *others):
             found.update(np.ascontiguousarray(values).tobytes())
     found.update(repr((sorted(campaign.setup.items()), sorted(campaign.known.items()))).encode())
     return found.hexdigest()
