@@ -277,7 +277,8 @@ def load_json(source: Source, most: int, what: str, remedy: str) -> Any:
             raw.decode("utf-8-sig"), parse_int=_whole, parse_float=_real, parse_constant=_constant,
             object_pairs_hook=each_key_once,
         )  # fmt: skip
-        _check_depth(content)
+        if _levels(content) > LIMITS.depth:
+            raise ValueError(_JSON_TOO_DEEP)
     except RecursionError as error:
         raise InputRefused(f"{source.name}: {_JSON_TOO_DEEP}: {remedy}") from error
     except ValueError as error:
@@ -312,18 +313,10 @@ def each_key_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return content
 
 
-def _check_depth(content: Any) -> None:
-    level = [content]
-    for _ in range(LIMITS.depth + 1):
-        level = [
-            inner
-            for value in level
-            if isinstance(value, dict | list)
-            for inner in (value.values() if isinstance(value, dict) else value)
-        ]
-        if not level:
-            return
-    raise ValueError(_JSON_TOO_DEEP)
+def _levels(value: Any) -> int:
+    """Return how many lists and objects stand in one another, empty ones not counted."""
+    inner = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    return 1 + max(map(_levels, inner)) if inner else 0
 
 
 # Words of yaml, in small letters, in capitals, or with one at the beginning.
