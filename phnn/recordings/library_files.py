@@ -258,51 +258,51 @@ _INTERVAL, _START, _OFFSET, _UNIT = "wf_increment", "wf_start_time", "wf_start_o
 
 def read_tdms(source: Source) -> Table:
     """The numeric channels as ``group.channel``, with their units; waveforms of one interval bring their time."""
+    where = Where(source.name)
+    columns: dict[str, np.ndarray] = {}
+    clocks: dict[str, _Clock] = {}
     with readable(source, "not a readable .tdms file", "export it again", "npTDMS"):
         from nptdms import TdmsFile
 
         closed = _closed(source)
         with source.open() as file, TdmsFile.open(file) as content:
             numeric = _numeric(source, content)
-        clocks = {names: _clock(of) for names, (_, of) in numeric.items()}
-    if not numeric:
-        raise InputRefused(f"{source.name}: no numeric channels in it: record it again or remove it")
+        several = len({group for group, _ in numeric}) > 1
+        for (group, name), (values, of) in numeric.items():
+            unit = str(of.get(_UNIT, "")).strip()
+            shown = f"{name} [{unit}]" if unit and not name.endswith(("]", ")")) else name
+            shown = printable(f"{group}.{shown}" if several else shown)
+            columns[shown], clocks[shown] = values, _clock(of)
+    if not columns:
+        raise InputRefused(f"{where}: no numeric channels in it: record it again or remove it")
     notes: tuple[str, ...] = ()
     if not closed:
         # What was not written of a channel is missing in all.
-        whole = min(values.size for values, _ in numeric.values())
-        numeric = {names: (values[:whole], of) for names, (values, of) in numeric.items()}
+        whole = min(values.size for values in columns.values())
+        columns = {name: values[:whole] for name, values in columns.items()}
         notes = ("the file was not closed, its channels are as long as the shortest",)
-    several = len({group for group, _ in numeric}) > 1
-    columns: dict[str, np.ndarray] = {}
-    for (group, name), (values, of) in numeric.items():
-        unit = str(of.get(_UNIT, "")).strip()
-        shown = f"{name} [{unit}]" if unit and not name.endswith(("]", ")")) else name
-        columns[printable(f"{group}.{shown}" if several else shown)] = values
     own: dict[str, np.ndarray] = {}
     kinds = set(clocks.values())
     if len(kinds) == 1 and (interval := kinds.pop().interval) > 0.0:
         longest = max(values.size for values in columns.values())
         columns.setdefault("time_s", interval * np.arange(longest))
     elif kinds and all(clock.interval > 0.0 for clock in kinds):
-        where = Where(source.name)
-        every = dict(zip(columns, clocks.values(), strict=True))
         if not all(clock.dated for clock in kinds):
-            said = "; ".join(f"{name}: every {clock.interval:g} s" for name, clock in every.items())
+            said = "; ".join(f"{name}: every {clock.interval:g} s" for name, clock in clocks.items())
             raise InputRefused(
                 f"{where}: channels with clocks of their own, and not all say when they began ({said}): write "
                 f"{_START} with each waveform, or export them with one time"
             )
         first = min(clock.start for clock in kinds)
-        stamps = {n: 1e-9 * (c.start - first) + c.interval * np.arange(columns[n].size) for n, c in every.items()}
+        stamps = {n: 1e-9 * (c.start - first) + c.interval * np.arange(columns[n].size) for n, c in clocks.items()}
         t, columns, own = merged({n: (stamps[n], columns[n]) for n in columns}, where)
         own = {n: rows for n, rows in own.items() if not rows.all()}
         said = "; ".join(
-            f"{n} from {1e-9 * (c.start - first):.6g} s on, every {c.interval:g} s" for n, c in every.items()
+            f"{n} from {1e-9 * (c.start - first):.6g} s on, every {c.interval:g} s" for n, c in clocks.items()
         )
         notes = (*notes, f"channels with clocks of their own ({said}): aligned by their absolute times")
         columns["time_s"] = t - t[0]
-    return Table(Where(source.name), tuple(columns), tuple(columns.values()), by_name=True, notes=notes, own=own)
+    return Table(where, tuple(columns), tuple(columns.values()), by_name=True, notes=notes, own=own)
 
 
 class _Clock(NamedTuple):
