@@ -143,8 +143,7 @@ class Field(nn.Module):
         return x + (f0 + 2.0 * (f1 + f2) + self.field(x + f2, u1)) / 6.0
 
     def run(self, x: Array, u: Array) -> Array:
-        """Return (N + 1, n) states from the first on, under inputs (N, 3) as in `forward`; not finite where they
-        diverge."""
+        """Return (N + 1, n) states from the first on, under inputs (N, 3); not finite where they diverge."""
         empty = torch.zeros(0, 0, dtype=torch.float64)
         energy = (self.energy.weight, self.energy.bias, self.weight()) if self.kind != _BLACK else None
         linear = (self.a, self.b) if self.kind == _BLACK else (empty, empty[0:0].flatten())
@@ -240,19 +239,11 @@ class ContinuousFitted(OnGrid):
 
 
 class _Training:
-    """Damped Gauss–Newton on the error of free simulation, over noise, and on how far the weights leave the start.
+    """Damped Gauss–Newton on the error of free simulation, over noise, and on how far weights leave their start."""
 
-    Args:
-        origin: (P,) weights at the start. One that leaves it by `_FREE` counts as much as an error of one noise in one
-            sample: what recordings do not tell stays near the linear model.
-    """
-
-    def __init__(
-        self, fitted: ContinuousFitted, grids: Sequence[Gridded], fit: Sequence[Mask], check: Sequence[Mask],
-        origin: Tensor,
-    ) -> None:  # fmt: skip
+    def __init__(self, fitted: ContinuousFitted, grids: Sequence[Gridded], fit: Sequence[Mask], check: Sequence[Mask]):
         self.fitted, self.net, self.damping, self.steps, self.evaluations = fitted, fitted.net, _DAMPING, 0, 0
-        self.origin = origin
+        self.origin = nn.utils.parameters_to_vector(self.net.parameters()).detach()
         self.fit, self.check = ([(g, m) for g, m in zip(grids, ms, strict=True) if m.any()] for ms in (fit, check))
         self.best, self.kept, self.since = self.error(self.check), copy.deepcopy(self.net.state_dict()), 0
 
@@ -265,11 +256,8 @@ class _Training:
 
     def cost(self) -> float:
         """Return what a step has to lower: the error on the samples to fit, and the share of the weights."""
-        samples = sum(int(m.sum()) for _, m in self.fit)
-        return self.error(self.fit) + float((self._weights() - self.origin).square().sum()) / (_FREE**2 * samples)
-
-    def _weights(self) -> Tensor:
-        return nn.utils.parameters_to_vector(self.net.parameters()).detach()
+        moved = nn.utils.parameters_to_vector(self.net.parameters()).detach() - self.origin
+        return self.error(self.fit) + float(moved.square().sum()) / (_FREE**2 * sum(m.sum() for _, m in self.fit))
 
     def run(self, budget: Budget) -> float:
         """Step until the budget is spent or the check no longer falls; leave the best weights, return their check."""
@@ -289,7 +277,7 @@ class _Training:
         """Take one step; return whether one was found."""
         normal, slope = self._normal(budget)
         scale = np.maximum(np.diag(normal), 1e-6 * np.diag(normal).max())
-        before, cost = self._weights(), self.cost()
+        before, cost = nn.utils.parameters_to_vector(self.net.parameters()).detach(), self.cost()
         while self.damping < _MOST:
             step = np.linalg.solve(normal + self.damping * np.diag(scale), slope)
             self._move(before + torch.from_numpy(step))
@@ -320,9 +308,8 @@ class _Training:
             error = (g.y - states[1:] @ self.net.c.detach().numpy())[mask][::stride] / g.noise
             rows -= rows.mean(axis=0)
             total, slope = total + rows.T @ rows, slope + rows.T @ (error - error.mean())
-        share = 1.0 / (_FREE**2 * samples)
-        slope = slope * stride / samples + share * (self.origin - self._weights()).numpy()
-        return total * stride / samples + share * np.eye(size), slope
+        moved = (nn.utils.parameters_to_vector(self.net.parameters()).detach() - self.origin).numpy()
+        return (total * stride + np.eye(size) / _FREE**2) / samples, (slope * stride - moved / _FREE**2) / samples
 
     def _sensitivities(self, x: Array, u: Array, budget: Budget) -> Array:
         """Return (N, P) derivatives of the outputs by all parameters, from states (N + 1, n) under inputs (N, 3)."""
@@ -378,8 +365,7 @@ class _Continuous(Rival):
         for k, (states, width) in enumerate(self.sizes):
             net = Field(self.kind, states, width, linear)
             fitted = ContinuousFitted(0, {}, data.dt, data.scales, data.zero, net)
-            start = nn.utils.parameters_to_vector(net.parameters()).detach()
-            training = _Training(fitted, data.gridded, data.fit, data.check, start)
+            training = _Training(fitted, data.gridded, data.fit, data.check)
             # One size needs no choice.
             turn = budget.share(_SEARCH, len(self.sizes) - k) if len(self.sizes) > 1 else replace(budget, most=0)
             tried.append((training.run(turn), k, training))
@@ -387,10 +373,9 @@ class _Continuous(Rival):
                 break
         score, k, training = min(tried, key=lambda t: t[:2])
         if budget.left > 0.0:
-            # The samples set aside have chosen the size: the rest of the time is for all of them together, from the
-            # start again, as a part of the recordings leads elsewhere.
+            # The samples set aside have chosen the size: all of them together begin at the start again.
             training._move(training.origin)
-            last = _Training(training.fitted, data.gridded, both, both, training.origin)
+            last = _Training(training.fitted, data.gridded, both, both)
             last.run(budget)
             tried.append((score, k, last))
         if not np.isfinite(score):

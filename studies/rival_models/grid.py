@@ -79,14 +79,12 @@ def gridded(recording: Recording, dt: float, scales: Scales, zero: float) -> Gri
     inside, fine = np.minimum(grid, t[-1]), int(dt / recording.dt)
 
     def at(times: Array) -> Array:
-        if recording.interpolation == "linear":
-            return np.interp(times, t, u)
         if recording.interpolation == "zero_order":
-            return np.asarray(u[np.clip(np.searchsorted(t, times + 1e-9 * t[1], side="right") - 1, 0, u.size - 1)])
-        return np.asarray(CubicSpline(t, u)(np.minimum(times, t[-1])))
+            return u[np.clip(np.searchsorted(t, times + 1e-9 * t[1], side="right") - 1, 0, u.size - 1)]
+        linear = recording.interpolation == "linear"
+        return np.asarray(np.interp(times, t, u) if linear else CubicSpline(t, u)(np.minimum(times, t[-1])))
 
-    on_grid = np.interp(grid, t, u) if abs(dt - recording.dt) < 1e-9 * dt else at(grid)
-    before = float(recording.start.input_before if rest else u[0])
+    on_grid, before = at(grid), float(recording.start.input_before if rest else u[0])
     middle = np.append(0.5 * (before + on_grid[0]), at(grid[1:] - 0.5 * dt))
     if np.isfinite(y).all():
         y = CubicSpline(t, savgol_filter(y, 2 * (fine // 2) + 1, 3) if fine >= _FINE else y)(inside)
