@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor
+from torch import Tensor, nn
 
 from phnn.errors import InputRefused, SolverFailed
 from phnn.integrate import kernel, sweep
@@ -80,7 +80,7 @@ class GaussNewton:
         cost = float(residual @ residual) / n
         normal, slope = jacobian.T @ jacobian, jacobian.T @ residual
         scale = np.maximum(np.diag(normal), _FLOOR * np.diag(normal).max())
-        before = _flat(self.objective)
+        before = nn.utils.parameters_to_vector(self.objective.trained()).detach()
         while self.damping < _MOST:
             step = torch.from_numpy(-np.linalg.solve(normal + self.damping * np.diag(scale), slope))
             if self._cost(before, step) < cost:
@@ -191,11 +191,6 @@ class GaussNewton:
 
 
 @torch.no_grad()
-def _flat(objective: Objective) -> Tensor:
-    return torch.cat([p.reshape(-1) for p in objective.trained()]).clone()
-
-
-@torch.no_grad()
 def _move(objective: Objective, vector: Tensor) -> None:
     first = 0
     for p in objective.trained():
@@ -209,19 +204,6 @@ _LEAST_RATE = 0.01
 _HISTORY = 30
 # A trial of a line search that cannot be simulated counts as this many times the loss at its start.
 _BAD = 1e3
-
-
-class Method(Protocol):
-    """One epoch at a time."""
-
-    def __call__(self, epoch: int) -> float:
-        """Take one epoch of the method; the loss before it."""
-
-    def state_dict(self) -> dict[str, Any]:
-        """All that the next epoch depends on beside the parameters."""
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Go on from a state."""
 
 
 def method_of(name: str, objective: Objective, settings: Settings, factor: float) -> Method:
@@ -338,3 +320,7 @@ class QuasiNewton:
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Go on from a state."""
         self.optimiser.load_state_dict(dict(state))
+
+
+# One epoch a call, which returns the loss before it; what the next one depends on beside the parameters is its state.
+Method = GaussNewton | QuasiNewton | Stepwise

@@ -18,8 +18,11 @@ from phnn.results import same
 # The key of what is made by a class or function of the user's own, as hydra has it.
 TARGET = "_target_"
 _MADE = ("optimiser", "scheduler")
-# Keys that say where a run lies or how long it may go on, not what it computes: they may differ when it resumes.
-FREE_TO_CHANGE = ("out", "folder", "manifest", "allow_outside", "resume", "checkpoint_every", "tensorboard", "base")
+# Keys that say where a run lies or how long it may go on, not what it computes: they may differ when it resumes. The
+# last two are those of runs of earlier versions.
+FREE_TO_CHANGE = (
+    "out", "folder", "manifest", "allow_outside", "resume", "tensorboard", "base", "checkpoint_every", "validate_every",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -46,7 +49,6 @@ class Settings:
         lbfgs_iterations: within one epoch.
         seconds: of the processor, counted anew after a stop, None for no limit; an epoch that has begun is finished.
         patience: epochs without a validation that is better by a thousandth, after which a method ends.
-        validate_every, checkpoint_every: epochs.
         tensorboard: write a log for it as well.
         resume: go on where an earlier run in ``out`` was stopped.
     """
@@ -74,8 +76,6 @@ class Settings:
     lbfgs_iterations: int = whole(10, least=1)
     seconds: float | None = None
     patience: int = whole(8, least=1)
-    validate_every: int = whole(1, least=1)
-    checkpoint_every: int = whole(1, least=1)
     tensorboard: bool = True
     resume: bool = True
 

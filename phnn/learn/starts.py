@@ -25,7 +25,7 @@ from phnn.integrate.scheme import can_compile
 from phnn.learn.settings import TARGET, accepted, instantiate
 from phnn.learn.solvers import OWN, NetworkPlant, Plant, solver_for, windows_of
 from phnn.models.actuator import hrc
-from phnn.models.neural import STARTS, LearnedLaws, Motion, effort_and_flow, held, neural_hrc, staggered
+from phnn.models.neural import STARTS, LearnedLaws, Motion, effort_and_flow, held, neural_hrc, resolved_slope, staggered
 from phnn.models.store import load
 from phnn.network.elements import Modulation, MultiPort, Network
 from phnn.network.system import PortHamiltonianSystem
@@ -39,7 +39,7 @@ NETWORKS = ("hrc", "neural_hrc", "hybrid")
 _LITTLE = 1e-4
 STAGGERED = "staggered"
 # Models of latent states, and from where they start.
-LATENT, LATENT_STARTS = ("fully_neural", "neural_ode"), ("linear", "random", STAGGERED)
+LATENT, LATENT_STARTS = ("fully_neural", "neural_ode"), ("linear", "random", STAGGERED, "parametric")
 # Of a neural ODE: rate of the fast lag over that of the highest frequency, and what each slow lag adds to the gain.
 _FAST, _SLOW = 1.5, 0.1
 # Points at which its perceptron is fitted, in typical sizes.
@@ -72,7 +72,8 @@ def plant_for(model: Mapping[str, Any], campaign: Campaign, seed: int, base: str
             with ``ratio`` a transducer ratio that follows the displacement by a `LearnedRatio`.
             ``fully_neural`` is a `LearnedSystem` and ``neural_ode`` a `NeuralODE` of ``states`` and ``width``; their
             ``start`` is ``linear``, relaxations with the gain and the band of the recordings, or ``random``; of the
-            former also ``staggered``, hysterons with the thresholds that the drive alone gives.
+            former also ``staggered``, hysterons with the thresholds that the drive alone gives, or ``parametric``, the
+            identified base model.
             Instead of ``kind``, ``_target_`` names a class or function of the user's own, which the other arguments are
             passed to: it makes a network, a system, or a law of one effort for all ``hysterons``.
         base: folder of an identified base model, to save its identification.
@@ -88,7 +89,7 @@ def plant_for(model: Mapping[str, Any], campaign: Campaign, seed: int, base: str
     kind = arguments.pop("kind")
     if kind in LATENT:
         _check(kind, arguments, ("states", "width", "start"))
-        return _latent(kind, arguments, campaign, recordings, seed)
+        return _latent(arguments | {"kind": kind}, campaign, recordings, seed, base)
     if kind not in NETWORKS:
         raise InputRefused(f"model.kind = {kind!r}: choose one of {', '.join((*NETWORKS, *LATENT))}")
     form = {"neural_hrc": tuple(f.name for f in fields(LearnedLaws)), "hybrid": ("width", "ratio")}.get(kind, ())
@@ -152,10 +153,11 @@ def _own(
 
 
 def _latent(
-    kind: str, arguments: Mapping[str, Any], campaign: Campaign, recordings: Sequence[Recording], seed: int
+    arguments: Mapping[str, Any], campaign: Campaign, recordings: Sequence[Recording], seed: int, base: str | None
 ) -> Plant:
-    """A model of latent states from its start."""
-    known = LATENT_STARTS[: 2 if kind == "neural_ode" else 3]
+    """Return a model of latent states at its start."""
+    kind = arguments["kind"]
+    known = LATENT_STARTS[: 2 if kind == "neural_ode" else None]
     start, scales = arguments.get("start", "linear"), scales_of(recordings)
     if start not in known:
         raise InputRefused(f"model.start = {start!r}: choose {' or '.join(known)}")
@@ -166,20 +168,22 @@ def _latent(
             _lags(core, recordings, torch.Generator().manual_seed(seed))
         # Its states are of order one.
         return Plant(core, torch.ones(states, dtype=torch.float64))
-    if start != "random" and states > 2:
-        values = unfitted(campaign, states - 2)
-        if start == STAGGERED:
-            values |= _dead_zones(values, states - 2, motion_of(recordings))
-        near = hrc(states - 2, values)
-        for i in range(1, states - 1 if start == "linear" else 1):
+    size, motion = torch.tensor([scales.output, *[1.0] * (states - 1)], dtype=torch.float64), motion_of(recordings)
+    if start == "random" or states <= 2:
+        return NetworkPlant(LearnedSystem(states, ("voltage",), width, scales, seed), size)
+    hysterons = range(1, states - 1)
+    near = hrc(states - 2, _values(campaign, states - 2, start, base if start == "parametric" else None, seed))
+    values = {n: p.value for n, p in near.parameters.items()}
+    if start == STAGGERED:
+        near = hrc(states - 2, values | _dead_zones(values, states - 2, motion))
+    elif start == "parametric":
+        near = hrc(states - 2, values | {f"rho_{i}": resolved_slope(i, values, motion) for i in hysterons})
+    else:
+        for i in hysterons:
             near = near.replace(f"hysteron_{i}", "linear", (f"rho_{i}",))
-        given = PortHamiltonianSystem(near)
-        system = LearnedSystem.near(given, scales, width, seed, typical_states(given, recordings))
-        plant = NetworkPlant(system, torch.tensor([scales.output, *[1.0] * (states - 1)], dtype=torch.float64))
-        return near_to(plant, NetworkPlant(given, plant.scale), campaign.recordings, system.from_given)
-    system = LearnedSystem(states, ("voltage",), width, scales, seed)
-    size = torch.tensor([scales.output, *[1.0] * (states - 1)], dtype=torch.float64)
-    return NetworkPlant(system, size)
+    given = PortHamiltonianSystem(near)
+    system = LearnedSystem.near(given, scales, width, seed, typical_states(given, recordings))
+    return near_to(NetworkPlant(system, size), NetworkPlant(given, size), campaign.recordings, system.from_given)
 
 
 @torch.no_grad()

@@ -224,8 +224,7 @@ class Trainer:
             if log is not None:
                 log.add(row)
             self.say(f"{name} {p.epoch}/{epochs}: loss {loss:.5g}, validation {short(value)}, best {p.best:.5g}")
-            if p.epoch % self.settings.checkpoint_every == 0:
-                self._save()
+            self._save()
 
     def _attempt(self, name: str) -> float:
         """One epoch; taken back and tried again more carefully where it fails."""
@@ -259,13 +258,10 @@ class Trainer:
         except SolverFailed:
             return math.inf
 
-    def _judged(self) -> float | None:
-        """The validation of an epoch that has one, remembered where it is the best."""
-        p = self.progress
+    def _judged(self) -> float:
+        """Return the validation of an epoch; remember the parameters where it is the best."""
+        p, value = self.progress, self._value()
         p.since += 1
-        if p.epoch % self.settings.validate_every:
-            return None
-        value = self._value()
         if value < p.best:
             # What nobody would notice is kept, but is no reason to go on.
             p.since = 0 if value < (1.0 - _NOTICEABLE) * p.best else p.since

@@ -140,8 +140,8 @@ def _learned(
     """The resistor of one hysteron, fitted to the dead zone from which its training starts."""
     effort, flow = effort_and_flow(number, values, motion)
     if start == "parametric":
-        zone = values[f"d_{number}"]
-        rho = conductance = min(values[f"rho_{number}"], flow / (_FINEST * 0.5 * zone))
+        zone, rho = values[f"d_{number}"], resolved_slope(number, values, motion)
+        conductance = rho
     else:
         zone, rho, conductance = staggered(number, effort, flow)
     resistor = laws.resistor(effort, conductance, seed)
@@ -152,6 +152,12 @@ def _learned(
 def effort_and_flow(number: int, values: Mapping[str, float], motion: Motion) -> tuple[float, float]:
     """Effort scale [V] of a hysteron, numbered from 1, and the fastest current [A]."""
     return 0.5 * values["alpha"] * motion.reach / values[f"C_{number}"], values["alpha"] * motion.speed
+
+
+def resolved_slope(number: int, values: Mapping[str, float], motion: Motion) -> float:
+    """Return the slope [S] of a dead zone, numbered from 1, or the steepest that the recordings' speed can tell."""
+    flow = effort_and_flow(number, values, motion)[1]
+    return min(values[f"rho_{number}"], flow / (_FINEST * 0.5 * values[f"d_{number}"]))
 
 
 def staggered(number: int, effort: float, flow: float) -> tuple[float, float, float]:

@@ -8,8 +8,8 @@
 
 S, L and G are networks of the state. Displacement and voltage are no power pair, so that the output is learned beside
 the ports. Time is over the grid interval, and every sample takes one Runge–Kutta step of fourth order, with the input
-linear between samples. All begin as the best linear model: its modes turn and decay, which is a skew J and a positive R
-with H = ½ |x|². Lags over the band of the recordings stand beside them.
+as recorded in the middle of the interval. All begin as the best linear model: its modes turn and decay, which is a skew
+J and a positive R with H = ½ |x|². Lags over the band of the recordings stand beside them.
 
 They are trained on the error of free simulation; an unknown start is fitted to the first samples of a recording. The
 authors of both port-Hamiltonian networks take Adam on short sections, whose starts an encoder tells. Here damped
@@ -52,6 +52,7 @@ _CHUNK, _ROWS = 1024, 12_000  # samples whose derivatives are taken at once; row
 _FIRST, _REST, _FORGOTTEN = 100, 2000, 1000  # samples that tell an unknown start, of a rest, and of a run-in that count
 _SEARCH, _PATIENCE = 0.5, 8  # share of the budget for all sizes; steps without a better check
 _DAMPING, _EASED, _RAISED, _MOST = 1e-2, 0.3, 4.0, 1e7
+_FREE = 0.3  # by how much a weight leaves its start for one noise in one sample: the spread of weights that torch draws
 _BLACK, _OPEN, _STABLE = 0, 1, 2
 
 
@@ -106,7 +107,7 @@ class Field(nn.Module):
         low = torch.diag(torch.sqrt(torch.clamp(-torch.diag(a), min=1e-6)))
         self.last.bias.data = torch.cat([0.25 * (a - a.mT).flatten(), low.flatten(), b])
         self.energy = nn.Linear(n, width, dtype=torch.float64)
-        self.curved = nn.Parameter(torch.full((width,), -4.0 if kind == _STABLE else 0.01, dtype=torch.float64))
+        self.curved = nn.Parameter(torch.full((width,), -2.0 if kind == _STABLE else 0.01, dtype=torch.float64))
 
     def weight(self) -> Tensor:
         """Return the factors (W,) of the energy's units, positive where the energy is convex."""
@@ -133,21 +134,21 @@ class Field(nn.Module):
         s, low, g = self.last(torch.tanh(self.first(x))).split([n * n, n * n, n], dim=-1)
         return s.unflatten(-1, (n, n)), low.unflatten(-1, (n, n)), g
 
-    def forward(self, x: Tensor, u0: Tensor, u1: Tensor) -> Tensor:
-        """Return the states (B, n) one grid interval later; inputs are (B, 1)."""
-        middle = 0.5 * (u0 + u1)
+    def forward(self, x: Tensor, u: Tensor) -> Tensor:
+        """Return the states (B, n) one grid interval later; inputs are (B, 3), at its start, middle and end."""
+        u0, middle, u1 = u.split(1, dim=-1)
         f0 = self.field(x, u0)
         f1 = self.field(x + 0.5 * f0, middle)
         f2 = self.field(x + 0.5 * f1, middle)
         return x + (f0 + 2.0 * (f1 + f2) + self.field(x + f2, u1)) / 6.0
 
     def run(self, x: Array, u: Array) -> Array:
-        """Return (N + 1, n) states from the first on, under inputs (N + 1,); not finite where they diverge."""
+        """Return (N + 1, n) states from the first on, under inputs (N, 3); not finite where they diverge."""
         empty = torch.zeros(0, 0, dtype=torch.float64)
         energy = (self.energy.weight, self.energy.bias, self.weight()) if self.kind != _BLACK else None
         linear = (self.a, self.b) if self.kind == _BLACK else (empty, empty[0:0].flatten())
         layers = [*self.first.parameters(), *self.last.parameters(), *(energy or (empty, *2 * (empty.flatten(),)))]
-        out = np.empty((u.size, x.size))
+        out = np.empty((len(u) + 1, x.size))
         out[0] = x
         _rollout(self.kind, out, np.ascontiguousarray(u), *(p.detach().numpy() for p in (*layers, *linear)))
         return out
@@ -181,13 +182,13 @@ def _rollout(
     a: Array, b: Array,
 ) -> None:  # fmt: skip
     """Simulate into the states (N + 1, n), whose first row is given."""
-    for k in range(1, u.size):
-        now, um = x[k - 1].copy(), 0.5 * (u[k - 1] + u[k])
-        f0 = _field(kind, now, u[k - 1], w0, b0, w1, b1, we, be, weight, a, b)
+    for k in range(len(u)):
+        now, u0, um, u1 = x[k].copy(), u[k, 0], u[k, 1], u[k, 2]
+        f0 = _field(kind, now, u0, w0, b0, w1, b1, we, be, weight, a, b)
         f1 = _field(kind, now + 0.5 * f0, um, w0, b0, w1, b1, we, be, weight, a, b)
         f2 = _field(kind, now + 0.5 * f1, um, w0, b0, w1, b1, we, be, weight, a, b)
-        f3 = _field(kind, now + f2, u[k], w0, b0, w1, b1, we, be, weight, a, b)
-        x[k] = now + (f0 + 2.0 * (f1 + f2) + f3) / 6.0
+        f3 = _field(kind, now + f2, u1, w0, b0, w1, b1, we, be, weight, a, b)
+        x[k + 1] = now + (f0 + 2.0 * (f1 + f2) + f3) / 6.0
 
 
 class _Stepper(GridStepper):
@@ -199,7 +200,7 @@ class _Stepper(GridStepper):
 
     def run(self, state: State, u: Array) -> tuple[State, Array]:
         x = np.append(state[1], u / self._fitted.scales.u)
-        path = self._fitted.net.run(state[0], x)
+        path = self._fitted.net.run(state[0], np.column_stack([x[:-1], 0.5 * (x[:-1] + x[1:]), x[1:]]))
         return (path[-1], x[-1]), path[1:] @ self._fitted.net.c.detach().numpy() * self._fitted.scales.y
 
 
@@ -213,14 +214,14 @@ class ContinuousFitted(OnGrid):
     def rest(self, u: float) -> Array:
         """Return the state (n,) after a rest at a scaled input: zero for zero, else what follows from there."""
         x = np.zeros(self.net.states)
-        return self.net.run(x, np.full(_REST, u))[-1] if u else x
+        return self.net.run(x, np.full((_REST, 3), u))[-1] if u else x
 
     def start(self, g: Gridded) -> Array:
         """Return the state (n,) before a recording: at rest, else the one that its first outputs tell best."""
         x, count = self.rest(g.before), min(_FIRST, g.known)
         if g.rest or g.run_in or count <= x.size or not np.isfinite(g.y[:count]).all():
             return x
-        u, c, step = np.append(g.before, g.u[:count]), self.net.c.detach().numpy(), 1e-4
+        u, c, step = g.fine[:count], self.net.c.detach().numpy(), 1e-4
         for _ in range(3):
             paths = np.stack([self.net.run(x + step * e, u)[1:] @ c for e in (0.0 * x, *np.eye(x.size))])
             if not np.isfinite(paths).all():
@@ -231,17 +232,18 @@ class ContinuousFitted(OnGrid):
 
     def states(self, g: Gridded) -> Array:
         """Return (N + 1, n) states, the first before the recording."""
-        return self.net.run(self.start(g), np.append(g.before, g.u))
+        return self.net.run(self.start(g), g.fine)
 
     def run_grid(self, g: Gridded) -> Array:
         return np.asarray(self.states(g)[1:] @ self.net.c.detach().numpy())
 
 
 class _Training:
-    """Damped Gauss–Newton on the error of free simulation, over noise."""
+    """Damped Gauss–Newton on the error of free simulation, over noise, and on how far weights leave their start."""
 
     def __init__(self, fitted: ContinuousFitted, grids: Sequence[Gridded], fit: Sequence[Mask], check: Sequence[Mask]):
         self.fitted, self.net, self.damping, self.steps, self.evaluations = fitted, fitted.net, _DAMPING, 0, 0
+        self.origin = nn.utils.parameters_to_vector(self.net.parameters()).detach()
         self.fit, self.check = ([(g, m) for g, m in zip(grids, ms, strict=True) if m.any()] for ms in (fit, check))
         self.best, self.kept, self.since = self.error(self.check), copy.deepcopy(self.net.state_dict()), 0
 
@@ -251,6 +253,11 @@ class _Training:
         parts = [((g.y - self.fitted.run_grid(g))[m] / g.noise) for g, m in used]
         squares = np.concatenate([(e - e.mean()) ** 2 for e in parts])
         return float(squares.mean()) if np.isfinite(squares).all() else math.inf
+
+    def cost(self) -> float:
+        """Return what a step has to lower: the error on the samples to fit, and the share of the weights."""
+        moved = nn.utils.parameters_to_vector(self.net.parameters()).detach() - self.origin
+        return self.error(self.fit) + float(moved.square().sum()) / (_FREE**2 * sum(m.sum() for _, m in self.fit))
 
     def run(self, budget: Budget) -> float:
         """Step until the budget is spent or the check no longer falls; leave the best weights, return their check."""
@@ -270,11 +277,11 @@ class _Training:
         """Take one step; return whether one was found."""
         normal, slope = self._normal(budget)
         scale = np.maximum(np.diag(normal), 1e-6 * np.diag(normal).max())
-        before, cost = nn.utils.parameters_to_vector(self.net.parameters()).detach(), self.error(self.fit)
+        before, cost = nn.utils.parameters_to_vector(self.net.parameters()).detach(), self.cost()
         while self.damping < _MOST:
             step = np.linalg.solve(normal + self.damping * np.diag(scale), slope)
             self._move(before + torch.from_numpy(step))
-            if self.error(self.fit) < cost:
+            if self.cost() < cost:
                 self.damping = max(_EASED * self.damping, 1e-8)
                 return True
             self.damping *= _RAISED
@@ -296,33 +303,31 @@ class _Training:
             states = self.fitted.states(g)
             # Most of a run-in is forgotten: its last part gives the sensitivities that a recording begins with.
             first = max(0, g.run_in - _FORGOTTEN)
-            rows = self._sensitivities(states[first:], np.append(g.before, g.u)[first:], budget)[mask[first:]]
+            rows = self._sensitivities(states[first:], g.fine[first:], budget)[mask[first:]]
             rows = rows[::stride] / g.noise
             error = (g.y - states[1:] @ self.net.c.detach().numpy())[mask][::stride] / g.noise
             rows -= rows.mean(axis=0)
             total, slope = total + rows.T @ rows, slope + rows.T @ (error - error.mean())
-        return total * stride / samples, slope * stride / samples
+        moved = (nn.utils.parameters_to_vector(self.net.parameters()).detach() - self.origin).numpy()
+        return (total * stride + np.eye(size) / _FREE**2) / samples, (slope * stride - moved / _FREE**2) / samples
 
     def _sensitivities(self, x: Array, u: Array, budget: Budget) -> Array:
-        """Return (N, P) derivatives of the outputs by all parameters."""
+        """Return (N, P) derivatives of the outputs by all parameters, from states (N + 1, n) under inputs (N, 3)."""
         named = dict(self.net.named_parameters())
         sizes, n = [p.numel() for p in named.values()], self.net.states
 
-        def step(weights: dict[str, Tensor], x: Tensor, u0: Tensor, u1: Tensor) -> Tensor:
-            return functional_call(self.net, weights, (x, u0, u1))
+        def step(weights: dict[str, Tensor], x: Tensor, u: Tensor) -> Tensor:
+            return functional_call(self.net, weights, (x, u))
 
-        slopes = vmap(jacrev(step, argnums=(0, 1)), in_dims=(None, 0, 0, 0))
+        slopes = vmap(jacrev(step, argnums=(0, 1)), in_dims=(None, 0, 0))
         state, c = np.zeros((n, sum(sizes))), self.net.c.detach().numpy()
         place = sum(sizes[: list(named).index("c")])
-        out = np.empty((u.size - 1, sum(sizes)))
-        given = torch.from_numpy(x), torch.from_numpy(u)[:, None]
-        for first in range(0, u.size - 1, _CHUNK):
+        out = np.empty((len(u), sum(sizes)))
+        weights = {k: p.detach() for k, p in named.items()}
+        for first in range(0, len(u), _CHUNK):
             budget.check()
-            last = min(first + _CHUNK, u.size - 1)
-            by, into = slopes(
-                {k: p.detach() for k, p in named.items()},
-                given[0][first:last], given[1][first:last], given[1][first + 1 : last + 1],
-            )  # fmt: skip
+            last = min(first + _CHUNK, len(u))
+            by, into = slopes(weights, torch.from_numpy(x[first:last]), torch.from_numpy(u[first:last]))
             driven = torch.cat([p.reshape(last - first, n, -1) for p in by.values()], dim=-1).numpy()
             out[first:last] = _chained(state, into.numpy(), driven, c)
         out[:, place : place + n] += x[1:]
@@ -348,7 +353,7 @@ class _Continuous(Rival):
 
     def warm(self) -> None:
         net = Field(self.kind, 3, 3, Linear(np.zeros(1), np.ones(1), (np.ones(1), np.ones(2))))
-        net.run(np.zeros(3), np.zeros(2))
+        net.run(np.zeros(3), np.zeros((1, 3)))
         _chained(np.zeros((3, 2)), np.zeros((1, 3, 3)), np.zeros((1, 3, 2)), np.zeros(3))
 
     def _fit(self, recordings: Sequence[Recording], budget: Budget, seed: int) -> Fitted:
@@ -368,7 +373,8 @@ class _Continuous(Rival):
                 break
         score, k, training = min(tried, key=lambda t: t[:2])
         if budget.left > 0.0:
-            # The samples set aside have chosen the size: the rest of the time is for all of them together.
+            # The samples set aside have chosen the size: all of them together begin at the start again.
+            training._move(training.origin)
             last = _Training(training.fitted, data.gridded, both, both)
             last.run(budget)
             tried.append((score, k, last))

@@ -31,7 +31,8 @@ class Gridded:
     """One recording on the grid, in scaled values.
 
     Attributes:
-        u: (N,) input; y: (N,) output less its zero, NaN where none was recorded.
+        u: (N,) input; middle: (N,) input in the middle of the interval before each sample.
+        y: (N,) output less its zero, NaN where none was recorded.
         before: scaled input before the first sample; rest: it begins at rest.
         run_in: samples in front of it that belong to the run-in of a periodic one.
         noise: standard deviation of the output's noise, scaled, times the root of grid samples over recorded ones: a
@@ -40,12 +41,18 @@ class Gridded:
     """
 
     u: Array
+    middle: Array
     y: Array
     before: float
     rest: bool
     run_in: int
     noise: float
     known: int = 0
+
+    @property
+    def fine(self) -> Array:
+        """Return (N, 3) inputs at the start, middle and end of the interval before each sample."""
+        return np.column_stack([np.append(self.before, self.u[:-1]), self.middle, self.u])
 
 
 def interval(recordings: Sequence[Recording], per_period: float) -> float:
@@ -70,20 +77,22 @@ def gridded(recording: Recording, dt: float, scales: Scales, zero: float) -> Gri
     t = np.arange(u.size, dtype=np.float64) * recording.dt
     grid = np.arange(int(np.ceil(t[-1] / dt - 1e-9)) + 1, dtype=np.float64) * dt
     inside, fine = np.minimum(grid, t[-1]), int(dt / recording.dt)
-    if abs(dt - recording.dt) < 1e-9 * dt or recording.interpolation == "linear":
-        on_grid = np.interp(grid, t, u)
-    elif recording.interpolation == "zero_order":
-        on_grid = u[np.clip(np.searchsorted(t, grid + 1e-9 * t[1], side="right") - 1, 0, u.size - 1)]
-    else:
-        on_grid = CubicSpline(t, u)(inside)
+
+    def at(times: Array) -> Array:
+        if recording.interpolation == "zero_order":
+            return u[np.clip(np.searchsorted(t, times + 1e-9 * t[1], side="right") - 1, 0, u.size - 1)]
+        linear = recording.interpolation == "linear"
+        return np.asarray(np.interp(times, t, u) if linear else CubicSpline(t, u)(np.minimum(times, t[-1])))
+
+    on_grid, before = at(grid), float(recording.start.input_before if rest else u[0])
+    middle = np.append(0.5 * (before + on_grid[0]), at(grid[1:] - 0.5 * dt))
     if np.isfinite(y).all():
         y = CubicSpline(t, savgol_filter(y, 2 * (fine // 2) + 1, 3) if fine >= _FINE else y)(inside)
     else:
         y = np.full(grid.size, np.nan)
     scored = min((p.first for p in recording.parts if p.use == "confirmation"), default=recording.t.size)
     return Gridded(
-        np.asarray(on_grid) / scales.u, (y - zero) / scales.y,
-        float(recording.start.input_before if rest else u[0]) / scales.u, rest,
+        on_grid / scales.u, middle / scales.u, (y - zero) / scales.y, before / scales.u, rest,
         int(np.searchsorted(grid, cycle * recording.dt)),
         recording.noise / scales.y * float(np.sqrt(grid.size / t.size)), int(scored * recording.dt / dt),
     )  # fmt: skip
@@ -169,9 +178,10 @@ def data_on(recordings: Sequence[Recording], per_period: float) -> Data:
     grids = tuple(gridded(r, dt, scales, zero) for r in recordings)
 
     def on_grid(r: Recording, mask: Mask, g: Gridded) -> Mask:
-        # None in the run-in.
-        samples = np.minimum(np.round((np.arange(g.u.size) - g.run_in) * dt / r.dt).astype(int), mask.size - 1)
-        return (samples >= 0) & mask[np.maximum(samples, 0)]
+        # None in the run-in, nor behind the last recorded sample, where the grid ends: no output is known there.
+        places = (np.arange(g.u.size) - g.run_in) * dt / r.dt
+        samples = np.clip(np.round(places).astype(int), 0, mask.size - 1)
+        return (places > -0.5) & (places < mask.size - 1 + 1e-6) & mask[samples]
 
     fit, check = (
         tuple(on_grid(r, m, g) for r, m, g in zip(recordings, side, grids, strict=True))

@@ -131,7 +131,8 @@ class Narx(Rival):
 
     def warm(self) -> None:
         needed("sklearn.linear_model")
-        free(np.ones((1, _SHORT), dtype=np.int64), np.zeros(1), Gridded(np.zeros(3), np.zeros(3), 0.0, True, 0, 1.0))
+        still = np.zeros(3)
+        free(np.ones((1, _SHORT), dtype=np.int64), np.zeros(1), Gridded(still, still, still, 0.0, True, 0, 1.0))
 
     def _fit(self, recordings: Sequence[Recording], budget: Budget, seed: int) -> Fitted:
         tried = list(_search(recordings, budget))

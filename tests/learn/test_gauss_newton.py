@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from phnn.errors import InputRefused
-from phnn.learn.methods import GaussNewton, QuasiNewton, _flat, _move
+from phnn.learn.methods import GaussNewton, QuasiNewton, _move
 from phnn.learn.objective import Objective, substeps_needed
 from phnn.learn.solvers import NetworkPlant, Torchdiffeq, discrete_gradient
 from phnn.network import MultiPort
@@ -44,7 +44,7 @@ def test_derivatives_by_weights_and_initial_states_are_exact(kind: str) -> None:
     o, random = method.objective, torch.Generator().manual_seed(0)
     residual, jacobian = method.linearised()
     assert residual @ residual / residual.size == pytest.approx(float(o().detach()))
-    before = _flat(o)
+    before = torch.nn.utils.parameters_to_vector(o.trained()).detach()
     for _ in range(3):
         direction, moved = torch.randn(before.shape, generator=random, dtype=torch.float64), []
         for sign in (1e-6, -1e-6):

@@ -276,12 +276,11 @@ def test_networks_begin_as_the_linear_model_and_have_exact_sensitivities(name: s
     assert max(missing) < 0.3
     net, g = fitted.net, data.gridded[0]
     x = fitted.states(g)
-    u = torch.from_numpy(np.append(g.before, g.u))[:, None]
     with torch.no_grad():
-        stepped = net(torch.from_numpy(x[:-1]), u[:-1], u[1:]).numpy()
+        stepped = net(torch.from_numpy(x[:-1]), torch.from_numpy(g.fine)).numpy()
     assert np.allclose(stepped, x[1:], rtol=1e-9, atol=1e-12)
     training = _Training(fitted, data.gridded, data.fit, data.check)
-    rows = training._sensitivities(x, u[:, 0].numpy(), Budget(math.inf))
+    rows = training._sensitivities(x, g.fine, Budget(math.inf))
     flat = torch.nn.utils.parameters_to_vector(net.parameters()).detach()
     for k in range(0, flat.numel(), 5):
         outputs = []
