@@ -271,7 +271,8 @@ def _grow(search: Search, model: Visited) -> None:
         trials = sorted([*trials, *_heat(search, model, learned[:_LEARNED])], key=lambda t: t.fit.cost)
     if trials and search.far(trials[0]) and is_learned(trials[0].elements[-1]):
         # A law that is far from linear may promise nothing, and still be what the learned element stands for.
-        alike = [c for c in screened if _may_be(c.effect, trials[0].elements[-1]) and c not in named]
+        kind = trials[0].elements[-1].kind
+        alike = [c for c in screened if c.effect.kind == kind and not is_learned(c.effect) and c not in named]
         trials = sorted([*trials, *_heat(search, model, alike, share=0.0)], key=lambda t: t.fit.cost)
     if not model.elements and (not trials or search.far(trials[0])):
         trials = sorted([*trials, *_other_forms(search, model)], key=lambda t: t.fit.cost)
@@ -519,13 +520,6 @@ def _against_others(search: Search, model: Visited) -> None:
         search.compared.add(model.key)
 
 
-def _may_be(effect: Effect, element: Effect) -> bool:
-    """Whether one may be taken for the other: an effect for its neighbours, a learned element for laws of its kind."""
-    return not is_learned(effect) and (
-        effect.is_neighbour_of(element) or (is_learned(element) and effect.kind == element.kind)
-    )
-
-
 def finished(search: Search) -> Visited:
     """Return the model to write, with the sub-steps of the search, whatever has ended it."""
     if not (model := search.written).converged:
@@ -542,28 +536,13 @@ def carry_beside(search: Search, model: Visited, effects: Sequence[Effect]) -> N
 
 
 def _exchange(search: Search, best: Visited, element: Effect) -> None:
-    """Fit the best model with each neighbour of one of its elements in the place of it.
-
-    Neighbours of a learned element are the laws of which it may be one. What the search has fitted already goes on from
-    there, unless it has ended.
-    """
+    """Fit the best model with another element in the place of one: neighbours of an effect, laws at the location of a
+    learned element."""
     rest = tuple(e for e in best.elements if e is not element)
     if any(set(element.parameters) & set(e.after) for e in rest):
         return
-    todo = [e for e in search.effects if _may_be(e, element) and not e.after]
-    known = {e: m for e in todo if (m := search.visited.get(key_of((*rest, e)))) is not None}
-    begun = [known[e] for e in known if not known[e].converged]
-    ended = {family(e) for e in known}
-    new = [e for e in todo if family(e) not in ended]
-    less = search.visited.get(key_of(rest))
-    if new and less is None:
-        found = _rebuilt(search, [Wanted(rest, [best.fit.setup.values()])], f"{best.words} without {element.name}")
-        less = search.visit(found[0]) if found else None
-    if new and less is not None:
-        # A first derivative says little far from the noise.
-        likely = [c for c in _screened(search, less, new) if search.far(less) or _within_reach(search, less, c.fall)]
-        begun += _heat(search, less, likely, share=np.inf)
-    begun = [search.visit(t) for t in begun]
+    others = _laws_in_place_of if is_learned(element) else _neighbours_in_place_of
+    begun = [search.visit(t) for t in others(search, best, element, rest)]
     able = [t for t in begun if _within_reach(search, t, predicted_step(t.fit)[1])]
     onwards = [search.visit(t) for t in _onwards(search, able)]
     weighed = search.weighed
@@ -572,6 +551,38 @@ def _exchange(search: Search, best: Visited, element: Effect) -> None:
     near = [m for m in places.values() if m.left < _QUIET and weighed.behind(m) < _GROWN]
     if near and not late(f"what may be taken for {element.name}"):
         _converge(search, near)
+
+
+def _neighbours_in_place_of(search: Search, best: Visited, element: Effect, rest: tuple[Effect, ...]) -> list[Visited]:
+    """Fits of the neighbours of an element beside the others: those that the search has begun and not ended, and
+    short refits of new ones."""
+    todo = [e for e in search.effects if e.is_neighbour_of(element) and not e.after]
+    known = {e: m for e in todo if (m := search.visited.get(key_of((*rest, e)))) is not None}
+    begun = [m for m in known.values() if not m.converged]
+    ended = {family(e) for e in known}
+    new = [e for e in todo if family(e) not in ended]
+    less = search.visited.get(key_of(rest))
+    if new and less is None:
+        found = _rebuilt(search, [Wanted(rest, [best.fit.setup.values()])], f"{best.words} without {element.name}")
+        less = search.visit(found[0]) if found else None
+    if not new or less is None:
+        return begun
+    # A first derivative says little far from the noise.
+    likely = [c for c in _screened(search, less, new) if search.far(less) or _within_reach(search, less, c.fall)]
+    return begun + _heat(search, less, likely, share=np.inf)
+
+
+def _laws_in_place_of(search: Search, best: Visited, element: Effect, rest: tuple[Effect, ...]) -> list[Visited]:
+    """Short refits of the laws at the location of a learned element, in its place in the model that it has led to: the
+    other parameters may have come to where none of the laws would lead them."""
+    laws = [e for e in search.effects if e.location == element.location and not e.after]
+    wanted = [Wanted(rest, [best.fit.setup.values()])]
+    trials = []
+    for bare in _rebuilt(search, wanted, f"laws in the place of {element.name}", evaluations=1):
+        screened = _screened(search, bare, laws)
+        first = {family(c.effect): c for c in reversed(screened)}
+        trials += _heat(search, bare, [c for c in screened if first[family(c.effect)] is c][:_RACERS])
+    return trials
 
 
 def _within_reach(search: Search, model: Visited, fall: float) -> bool:

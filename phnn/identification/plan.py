@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
+from contextvars import copy_context
 from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any
@@ -68,7 +69,8 @@ class Plan:
             return [function(*task) for task in tasks]
         # The longest first: one that comes last would leave the other threads idle.
         order = sorted(range(len(tasks)), key=lambda i: -self.recordings[i].t.size * self.steps_of(self.recordings[i]))
-        waiting = {i: _threads(self.workers).submit(function, *tasks[i]) for i in order}
+        # What numpy warns of is a matter of the caller.
+        waiting = {i: _threads(self.workers).submit(copy_context().run, function, *tasks[i]) for i in order}
         try:
             # All are awaited before the first failure is passed on: none may work on behind the caller's back.
             wait(waiting.values())
