@@ -5,7 +5,7 @@
     race     the best of them go on, as long as they can still end near the best
     forms    an effect that has several copies is compared in its best form
     drop     each earlier element of a better model is left out once
-    exchange neighbours take the place of an element, before a pair is grown and at the end
+    exchange neighbours take the place of an element, laws that of a learned one, before a pair is grown and at the end
     converge a model that is grown near the noise, and what a verdict compares, is carried to its end
 
 Every model that is fitted on the way is kept with its χ² in each recording; `phnn.diagnose.number` weighs them.
