@@ -272,6 +272,8 @@ def read_tdms(source: Source) -> Table:
             unit = str(of.get(_UNIT, "")).strip()
             shown = f"{name} [{unit}]" if unit and not name.endswith(("]", ")")) else name
             shown = printable(f"{group}.{shown}" if several else shown)
+            if shown in columns:
+                raise InputRefused(f"{where}: two channels are called {shown}: rename one of them, or remove it")
             columns[shown], clocks[shown] = values, _clock(of)
     if not columns:
         raise InputRefused(f"{where}: no numeric channels in it: record it again or remove it")
@@ -322,8 +324,7 @@ def _numeric(source: Source, content: Any) -> dict[tuple[str, str], tuple[np.nda
     # Nothing in such a file is packed: what it states beyond its size is not there.
     stated = sum(len(c) * c.dtype.itemsize for c in channels)
     source.check_memory(stated, unpacked=True)
-    found = {(c.group_name, c.name): (np.asarray(c[:]), dict(c.properties)) for c in channels}
-    return {names: (values, of) for names, (values, of) in found.items() if values.ndim == 1 and values.size}
+    return {(c.group_name, c.name): (np.asarray(c[:]), dict(c.properties)) for c in channels}
 
 
 def _clock(properties: Mapping[str, Any]) -> _Clock:

@@ -354,7 +354,8 @@ NOISY = PLACE + 0.02 * np.random.default_rng(3).standard_normal(N.size)
 def rig(folder: Path, text: str, columns: str = "", more: str = "") -> None:
     """Write a recording of a mass on a spring, its network and its manifest."""
     (folder / "rig.yaml").write_text(NETWORK)
-    (folder / "a.csv").write_text(text)
+    if text:
+        (folder / "a.csv").write_text(text)
     said = columns or "{input: {column: force_N, unit: N}, output: {column: place_mm, unit: mm}}"
     (folder / "recordings.yaml").write_text(f"setup: {{network: rig.yaml}}\ncolumns: {said}\n{more}")
 
@@ -440,23 +441,24 @@ def test_two_rates_in_one_file_are_read_where_the_input_is_held(tmp_path: Path) 
 def test_channels_of_two_clocks_are_aligned_or_refused(tmp_path: Path) -> None:
     from nptdms import ChannelObject, TdmsWriter
 
-    def written(dated: bool) -> None:
+    def written(dated: bool, first: str = "force_N", second: str = "place_mm", unit: str = "") -> None:
         start = np.datetime64("2030-01-01T00:00:00.000")
         late = {"wf_start_time": start + np.timedelta64(70, "ms")} if dated else {}
         with TdmsWriter(tmp_path / "a.tdms") as writer:
             writer.write_segment([
-                ChannelObject("g", "force_N", FORCE, {"wf_increment": STEP, "wf_start_time": start}),
-                ChannelObject("g", "place_mm", NOISY, {"wf_increment": STEP, **late}),
+                ChannelObject("g", first, FORCE, {"wf_increment": STEP, "wf_start_time": start}),
+                ChannelObject("g", second, NOISY, {"wf_increment": STEP, "unit_string": unit, **late}),
             ])  # fmt: skip
 
     rig(tmp_path, "")
-    (tmp_path / "a.csv").unlink()
     written(dated=True)
     (r,) = read(tmp_path).recordings
     np.testing.assert_allclose(r.u, FORCE[7:], rtol=1e-12)
     np.testing.assert_allclose(r.y, 1e-3 * NOISY[:-7], rtol=1e-12)
     written(dated=False)
     refused(tmp_path, "clocks of their own", "force_N", "place_mm")
+    written(True, "force [N]", "force", "N")
+    refused(tmp_path, "two channels are called force [N]")
 
 
 @pytest.mark.parametrize(("fault", "words", "key"), [
@@ -501,7 +503,6 @@ def test_signals_and_experiments_of_matlab_are_found_by_their_names(tmp_path: Pa
     import scipy.io
 
     rig(tmp_path, "")
-    (tmp_path / "a.csv").unlink()
     signals = [{"Name": n, "Data": x, "Unit": u} for n, x, u in (("F/1", FORCE, "N"), ("P 2", NOISY, "mm"))]
     scope = {"X": {"Name": "", "Data": N * STEP, "Unit": "s"}, "Y": np.array(signals, dtype=object)}
     scipy.io.savemat(tmp_path / "a.mat", {"rec": scope})
