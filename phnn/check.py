@@ -508,8 +508,8 @@ def abilities(campaign: Campaign) -> list[Ability]:
     drives = [r.excitation for r in chosen]
     moving = [e for e in drives if e.amplitude > 0.0]
     lows = [e.low_Hz for e in drives if e.low_Hz > 0.0]
-    held = ((r, last - first) for r in chosen for first, last in [longest_hold(r.drive)])
-    longest = max((samples * r.dt for r, samples in held if samples > 0.02 * r.u.size), default=0.0)
+    rests = [(r, longest_hold(r.drive)) for r in chosen]
+    longest = max(((last - first) * r.dt for r, (first, last) in rests if last - first > 0.02 * r.u.size), default=0.0)
     # Several amplitudes at about one frequency, or noise, which has them all.
     amplitudes = any(e.kind in ("broadband", "periodic") for e in moving) or any(
         a.amplitude > _AMPLITUDES * b.amplitude and _near(a, b) for a, b in itertools.permutations(moving, 2)

@@ -326,12 +326,12 @@ def facts(r: Recording) -> list[tuple[str, str]]:
     if np.isfinite(r.y).all():
         unit = r.units.output
         found.append(("output", " to ".join(quantity(v, unit, 4) for v in (r.y.min(), r.y.max()))))
-        noise = f"from {r.noise_source}" if r.noise_found else r.noise_source
-        if r.noise_found and r.noise_interval is not None:
-            noise = f"({' to '.join(quantity(x, unit) for x in r.noise_interval)}) {noise}"
-        if r.noise_found and r.noise_correlation.size > 1:
-            noise = f"{noise}, correlated over {r.noise_correlation.size} samples"
-        found.append(("noise floor", f"{quantity(r.noise, unit)} {noise}" if r.noise_found else noise))
+        noise = r.noise_source
+        if r.noise_found:
+            ends = " to ".join(quantity(x, unit) for x in r.noise_interval or ())
+            colour = "" if r.noise_correlation.size == 1 else f", correlated over {r.noise_correlation.size} samples"
+            noise = f"{quantity(r.noise, unit)}{f' ({ends})' if ends else ''} from {r.noise_source}{colour}"
+        found.append(("noise floor", noise))
         if known := r.sensor.words(r.y):
             found.append(("sensor", known))
     if r.gain == "unknown":
