@@ -5,7 +5,8 @@
     race     the best of them go on, as long as they can still end near the best
     forms    an effect that has several copies is compared in its best form
     drop     each earlier element of a better model is left out once
-    exchange neighbours take the place of an element, laws that of a learned one, before a pair is grown and at the end
+    exchange neighbours and other forms take the place of an effect, laws that of a learned element, before a pair is
+             grown and at the end
     converge a model that is grown near the noise, and what a verdict compares, is carried to its end
 
 Every model that is fitted on the way is kept with its χ² in each recording; `phnn.diagnose.number` weighs them.
@@ -73,6 +74,8 @@ _SAME = 3.0
 _GROWN, _FINER = 30.0, 8.0
 # The same for models that share the probability: each of them has to be fitted to its end.
 _ALIKE = 5.0
+# Evaluations of an effect that promises little, where what promises more leaves too much.
+_GLANCE = 3
 # Share of the largest predicted fall from which a candidate that has not helped begins again from large strengths.
 _PROMISING = 0.3
 # Sub-steps from which on directions are fine enough.
@@ -269,12 +272,12 @@ def _grow(search: Search, model: Visited) -> None:
         most = max(criteria.near_best * worth[0].fall, gained)
         learned = [c for c in worth if is_learned(c.effect) and c.fall > most]
         trials = sorted([*trials, *_heat(search, model, learned[:_LEARNED])], key=lambda t: t.fit.cost)
-    if trials and search.far(trials[0]) and is_learned(trials[0].elements[-1]):
-        # A law that is far from linear may promise nothing, and still be what the learned element stands for.
-        kind = trials[0].elements[-1].kind
-        alike = [c for c in screened if c.effect.kind == kind and not is_learned(c.effect) and c not in named]
-        trials = sorted([*trials, *_heat(search, model, alike, share=0.0)], key=lambda t: t.fit.cost)
     if not model.elements and (not trials or search.far(trials[0])):
+        if not trials or trials[0].fit.beyond_noise > 0.5 * model.fit.beyond_noise:
+            # A law that is far from linear may promise nothing, and still be what is missing.
+            rest = [c for c in screened if not (is_learned(c.effect) or c in named or family(c.effect) in _FORMS)]
+            begun = _heat(search, model, rest, share=0.0, evaluations=_GLANCE)
+            trials += _onwards(search, begun[:_RACERS], _GLANCE)
         trials = sorted([*trials, *_other_forms(search, model)], key=lambda t: t.fit.cost)
     if not trials:
         return
@@ -302,14 +305,16 @@ def material(candidate: Candidate, fitted: Fit, criteria: Criteria) -> bool:
     return size > criteria.material**2 and candidate.score > criteria.score * (_LARGE_SCORE if large else 1.0)
 
 
-def _heat(search: Search, model: Visited, candidates: Sequence[Candidate], share: float = _PROMISING) -> list[Visited]:
+def _heat(
+    search: Search, model: Visited, candidates: Sequence[Candidate], share: float = _PROMISING, evaluations: int = 0
+) -> list[Visited]:
     """Short refits of candidates beside a model, with coarse sub-steps, the best first; far from the noise from large
     strengths too, where one that promises this share of the largest fall has not helped."""
     if not candidates or late(f"refits beside {model.words}"):
         return []
     begun = LinearisedFit(model.fit, (), search.scales)
     least = share * max(candidates[0].fall, 1.0) if search.far(model) else np.inf
-    work = partial(_tried, begun, search.plan, least, search.criteria.short)
+    work = partial(_tried, begun, search.plan, least, evaluations or search.criteria.short)
     fits = _fits(search, work, candidates, [c.effect.name for c in candidates])
     trials = [
         search.model((*model.elements, c.effect), f) for c, f in zip(candidates, fits, strict=True) if f is not None
@@ -384,10 +389,11 @@ def _while_the_best_falls(search: Search, trials: Sequence[Visited]) -> list[Vis
     return [best, *others]
 
 
-def _onwards(search: Search, trials: Sequence[Visited]) -> list[Visited]:
-    """The trials after further steps, where they have not ended, or began with coarser steps than the present ones."""
-    coarse = search.plan.coarse()
-    moving = [t for t in trials if t.fit.evaluations >= search.criteria.short or t.fit.plan.size < coarse.size]
+def _onwards(search: Search, trials: Sequence[Visited], before: int = 0) -> list[Visited]:
+    """The trials after further steps, where they have not ended within those before, or began with coarser steps than
+    the present ones."""
+    coarse, most = search.plan.coarse(), before or search.criteria.short
+    moving = [t for t in trials if t.fit.evaluations >= most or t.fit.plan.size < coarse.size]
     if not moving or late("further steps of " + ", ".join(t.words for t in moving)):
         return list(trials)
     work = partial(further, evaluations=search.criteria.further, plan=coarse)
@@ -536,14 +542,13 @@ def carry_beside(search: Search, model: Visited, effects: Sequence[Effect]) -> N
 
 
 def _exchange(search: Search, best: Visited, element: Effect) -> None:
-    """Fit the best model with another element in the place of one: neighbours of an effect, laws at the location of a
-    learned element."""
+    """Fit the best model with another element in the place of one: neighbours and other forms of an effect, laws at the
+    location of a learned element."""
     rest = tuple(e for e in best.elements if e is not element)
     if any(set(element.parameters) & set(e.after) for e in rest):
         return
-    others = _laws_in_place_of if is_learned(element) else _neighbours_in_place_of
-    begun = [search.visit(t) for t in others(search, best, element, rest)]
-    able = [t for t in begun if _within_reach(search, t, predicted_step(t.fit)[1])]
+    begun = [search.visit(t) for t in _in_place_of(search, best, element, rest)]
+    able = [t for t in begun if not t.converged and _within_reach(search, t, predicted_step(t.fit)[1])]
     onwards = [search.visit(t) for t in _onwards(search, able)]
     weighed = search.weighed
     # An effect is compared at its best place, in its best form.
@@ -553,33 +558,22 @@ def _exchange(search: Search, best: Visited, element: Effect) -> None:
         _converge(search, near)
 
 
-def _neighbours_in_place_of(search: Search, best: Visited, element: Effect, rest: tuple[Effect, ...]) -> list[Visited]:
-    """Fits of the neighbours of an element beside the others: those that the search has begun and not ended, and
-    short refits of new ones."""
-    todo = [e for e in search.effects if e.is_neighbour_of(element) and not e.after]
-    known = {e: m for e in todo if (m := search.visited.get(key_of((*rest, e)))) is not None}
-    begun = [m for m in known.values() if not m.converged]
-    ended = {family(e) for e in known}
-    new = [e for e in todo if family(e) not in ended]
-    less = search.visited.get(key_of(rest))
-    if new and less is None:
-        found = _rebuilt(search, [Wanted(rest, [best.fit.setup.values()])], f"{best.words} without {element.name}")
-        less = search.visit(found[0]) if found else None
-    if not new or less is None:
-        return begun
-    # A first derivative says little far from the noise.
-    likely = [c for c in _screened(search, less, new) if search.far(less) or _within_reach(search, less, c.fall)]
-    return begun + _heat(search, less, likely, share=np.inf)
-
-
-def _laws_in_place_of(search: Search, best: Visited, element: Effect, rest: tuple[Effect, ...]) -> list[Visited]:
-    """Short refits of the laws at the location of a learned element, in its place in the model that it has led to: the
-    other parameters may have come to where none of the laws would lead them."""
-    laws = [e for e in search.effects if e.location == element.location and not e.after]
-    wanted = [Wanted(rest, [best.fit.setup.values()])]
-    trials = []
-    for bare in _rebuilt(search, wanted, f"laws in the place of {element.name}", evaluations=1):
-        screened = _screened(search, bare, laws)
+def _in_place_of(search: Search, best: Visited, element: Effect, rest: tuple[Effect, ...]) -> list[Visited]:
+    """What the search has begun and not ended in the place of an element, and short refits of it in the model that the
+    element has led to: the other parameters may have come to where nothing else would lead them."""
+    values, own = best.fit.setup.values(), family(element)
+    others = [e for e in search.effects if not e.after and e is not element]
+    if is_learned(element):
+        able = [e for e in others if e.location == element.location]
+    else:
+        able = [e for e in others if family(e) == own or e.is_neighbour_of(element)]
+    known = [m for e in able if (m := search.visited.get(key_of((*rest, e)))) is not None]
+    ended = {m.elements[-1] for m in known if m.converged}
+    equal = element.equivalents(values) if element.equivalents is not None else ()
+    wanted = [Wanted(rest, [v]) for v in (values, *(values | v for v in equal))]
+    trials = [m for m in known if not m.converged]
+    for bare in _rebuilt(search, wanted, f"what may be taken for {element.name}", evaluations=1):
+        screened = _screened(search, bare, [e for e in able if e not in ended])
         first = {family(c.effect): c for c in reversed(screened)}
         trials += _heat(search, bare, [c for c in screened if first[family(c.effect)] is c][:_RACERS])
     return trials
