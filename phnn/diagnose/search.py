@@ -445,7 +445,9 @@ def _drop_each(search: Search, model: Visited, elements: Sequence[Effect]) -> No
         wanted.append(Wanted(rest, [values, *(values | v for v in equal)]))
     better = []
     for less in _rebuilt(search, wanted, f"{model.words} without each element"):
-        near = less.fit.cost - model.fit.cost < search.criteria.material**2 * less.fit.residual.size
+        # Near the noise the element may describe no more than the error of coarse steps.
+        gained = less.fit.cost - model.fit.cost
+        near = less.left < _QUIET or gained < search.criteria.material**2 * less.fit.residual.size
         if not less.elements:
             better += [less] if less.fit.cost < search.visited[less.key].fit.cost - _SAME else []
         elif search.visit(less) is less:
