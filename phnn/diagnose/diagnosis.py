@@ -336,13 +336,13 @@ def _gain(claim: Claim, after: Evaluation, search: Search) -> Gain | None:
 
 
 def _questions(outcome: Verdict, model: Visited, weighed: Weighed) -> list[Question]:
-    """The models that compete for each element whose name is not proven alone."""
+    """The models that compete for each element whose name is not proven alone; another form has the same name."""
     asked = []
     for claim in outcome.claims:
         others = [e for e in model.elements if e not in claim.elements]
         rivals = [
             m for m in weighed.models
-            if m.converged and len(m.elements) == len(model.elements) and m is not model
+            if m.converged and len(m.elements) == len(model.elements) and m.families != model.families
             and all(e in m.elements for e in others) and m.fit.cost < model.fit.cost + TIE * max(1.0, model.left)
         ]  # fmt: skip
         own = refitted_rival(claim.effect.name, model.fit, claim.parameters)
