@@ -437,12 +437,10 @@ def _further_forms(search: Search, trial: Visited) -> list[Visited]:
 
 def _drop_each(search: Search, model: Visited, elements: Sequence[Effect]) -> None:
     """Fit a model without each of some of its elements, from where it has ended."""
-    values = model.fit.setup.values()
     wanted: list[Wanted] = []
     for gone in elements:
         rest = tuple(e for e in model.elements if e is not gone and not set(gone.parameters) & set(e.after))
-        equal = gone.equivalents(values) if gone.equivalents is not None else ()
-        wanted.append(Wanted(rest, [values, *(values | v for v in equal)]))
+        wanted.append(Wanted(rest, _starts_without(gone, model)))
     better = []
     for less in _rebuilt(search, wanted, f"{model.words} without each element"):
         # Near the noise the element may describe no more than the error of coarse steps.
@@ -455,6 +453,14 @@ def _drop_each(search: Search, model: Visited, elements: Sequence[Effect]) -> No
             search.grown.discard(less.key)
             better += [less] if near else []
     _converge(search, better)
+
+
+def _starts_without(gone: Effect, model: Visited) -> list[dict[str, float]]:
+    """Return the values of a model from which it is fitted without an element: as they are, and with the element in the
+    place of each part that may stand for it."""
+    values = model.fit.setup.values()
+    equal = gone.equivalents(values) if gone.equivalents is not None else ()
+    return [values, *(values | v for v in equal)]
 
 
 def _rebuilt(search: Search, wanted: Sequence[Wanted], part: str, evaluations: int | None = None) -> list[Visited]:
@@ -563,16 +569,14 @@ def _exchange(search: Search, best: Visited, element: Effect) -> None:
 def _in_place_of(search: Search, best: Visited, element: Effect, rest: tuple[Effect, ...]) -> list[Visited]:
     """What the search has begun and not ended in the place of an element, and short refits of it in the model that the
     element has led to: the other parameters may have come to where nothing else would lead them."""
-    values, own = best.fit.setup.values(), family(element)
     others = [e for e in search.effects if not e.after and e is not element]
     if is_learned(element):
         able = [e for e in others if e.location == element.location]
     else:
-        able = [e for e in others if family(e) == own or e.is_neighbour_of(element)]
+        able = [e for e in others if family(e) == family(element) or e.is_neighbour_of(element)]
     known = [m for e in able if (m := search.visited.get(key_of((*rest, e)))) is not None]
     ended = {m.elements[-1] for m in known if m.converged}
-    equal = element.equivalents(values) if element.equivalents is not None else ()
-    wanted = [Wanted(rest, [v]) for v in (values, *(values | v for v in equal))]
+    wanted = [Wanted(rest, [values]) for values in _starts_without(element, best)]
     trials = [m for m in known if not m.converged]
     for bare in _rebuilt(search, wanted, f"what may be taken for {element.name}", evaluations=1):
         screened = _screened(search, bare, [e for e in able if e not in ended])
