@@ -277,7 +277,7 @@ def _of_terms(linearised: LinearisedFit, element: Effect) -> Distilled | None:
     names = (*fit.variables.names, *[""] * (fit.jacobian.shape[1] - len(fit.variables.names)))
     kept = [n not in element.strengths for n in names]
     # The same fit without the element: a formula has to explain what the element does, and the residual beside it.
-    learned = _response(linearised, _element_force(fit.setup, element))[:, 0]
+    learned = _response(linearised, force_of(fit.setup, element.strengths))[:, 0]
     target = replace(linearised, fit=replace(fit, residual=fit.residual + learned, jacobian=fit.jacobian[:, kept]))
     refined = [_refined(target, f) for f in _on_grid(target, TERMS[element.kind.name])]
     tried = [f for f in (_rounded(target, f) for f in refined) if np.all(f.sizes != 0.0)]
@@ -319,10 +319,10 @@ def _response(linearised: LinearisedFit, forces: Force) -> Array:
     return linearised.stack(linearised.plan.each(one, linearised.trajectories))
 
 
-def _element_force(setup: Setup, element: Effect) -> Force:
-    """Return the force (n, 1) [N] with which an element of a setup resists, by the storages and resistors that take its
-    strengths."""
-    values, mine = setup.values(), set(element.strengths)
+def force_of(setup: Setup, strengths: Sequence[str]) -> Force:
+    """Return the force (n, 1) [N] with which an element of a setup resists displacement and velocity, by the storages
+    and resistors that take its strengths."""
+    values, mine = setup.values(), set(strengths)
 
     def force(q: Array, v: Array) -> Array:
         total = np.zeros_like(q)

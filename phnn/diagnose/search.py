@@ -272,13 +272,14 @@ def _grow(search: Search, model: Visited) -> None:
         most = max(criteria.near_best * worth[0].fall, gained)
         learned = [c for c in worth if is_learned(c.effect) and c.fall > most]
         trials = sorted([*trials, *_heat(search, model, learned[:_LEARNED])], key=lambda t: t.fit.cost)
-    if not model.elements and (not trials or search.far(trials[0])):
-        if not trials or trials[0].fit.beyond_noise > 0.5 * model.fit.beyond_noise:
+    if not trials or search.far(trials[0]):
+        little = not trials or trials[0].fit.beyond_noise > 0.5 * model.fit.beyond_noise
+        if little and not any(map(is_learned, model.elements)):
             # A law that is far from linear may promise nothing, and still be what is missing.
             rest = [c for c in screened if not (is_learned(c.effect) or c in named or family(c.effect) in _FORMS)]
             begun = _heat(search, model, rest, share=0.0, evaluations=_GLANCE)
             trials += _onwards(search, begun[:_RACERS], _GLANCE)
-        trials = sorted([*trials, *_other_forms(search, model)], key=lambda t: t.fit.cost)
+        trials = sorted([*trials, *([] if model.elements else _other_forms(search, model))], key=lambda t: t.fit.cost)
     if not trials:
         return
     for trial in trials:

@@ -6,16 +6,16 @@ shows.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from phnn.diagnose.formula import force_of
 from phnn.diagnose.linearised import LinearisedFit
 from phnn.diagnose.locations import FORCE, GROUPS, OUTPUT, PARAMETER, VOLTAGE, Location
 from phnn.effects import Scales
-from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
 from phnn.network.elements import Network
 from phnn.network.roles import measured_displacement
 from phnn.setup import Setup
@@ -132,24 +132,20 @@ def picture(linearised: LinearisedFit, location: Location) -> Picture | None:
     return Picture(shown, unit * (functions @ weights), unit * std, axis, label, title)
 
 
-def learned_picture(linearised: LinearisedFit, location: Location, learned: Setup) -> Picture:
+def learned_picture(linearised: LinearisedFit, location: Location, learned: Setup, strengths: Sequence[str]) -> Picture:
     """Return the law of a learned spring or damper, on the axis of the location's own functions.
 
     Args:
-        learned: the setup with it.
+        learned: the setup with it; strengths: its parameters.
     """
-    group, base, values = GROUPS[location.group], linearised.fit.setup.network, learned.values()
+    axis, words = GROUPS[location.group].axis, vocabulary_of(linearised.fit.setup.network)
     # (M,) displacement [m] of a spring, velocity [m/s] of a damper.
-    x = _axis(group.axis, linearised.scales)
-    force = np.zeros_like(x)
-    for s in (s for s in learned.network.storages if s not in base.storages):
-        force -= np.asarray(STORAGE_LAWS[s.law].mean_effort(x, x, *(values[n] for n in s.parameters)))
-    for r in (r for r in learned.network.resistors if r not in base.resistors):
-        force -= np.asarray(RESISTOR_LAWS[r.law].flow(x, 0.0 * x, *(values[n] for n in r.parameters)))
-    words = vocabulary_of(base)
-    shown, axis = _shown(x, group.axis, words)
+    x = _axis(axis, linearised.scales)
+    state = (x, 0.0 * x) if axis.startswith("displacement") else (0.0 * x, x)
+    force = -force_of(learned, strengths)(*state)[:, 0]
+    shown, name = _shown(x, axis, words)
     label = "force on the mass [N]" if words.mechanical else words.label("effort")
-    return Picture(shown, force, None, axis, label, f"learned one-port: {location.detail}")
+    return Picture(shown, force, None, name, label, f"learned one-port: {location.detail}")
 
 
 def is_effort(location: Location) -> bool:

@@ -54,6 +54,8 @@ Array = NDArray[np.float64]
 _SHARE, _LEAST = 0.1, 12.0
 # Lengths of the large step, how often it is made, and the largest change of a coordinate.
 _LENGTHS, _TIMES, _FARTHEST = (2.0, 1.0, 0.5), 5, 2.0
+# Directions that are looked along where nothing is promised, and how far, in standard deviations of each.
+_WEAKEST, _DEVIATIONS = 3, (-20.0, -10.0, -5.0, 5.0, 10.0, 20.0)
 # Share of a predicted decrease that has to come before another one is believed.
 _KEPT = 0.5
 _FEW = 8
@@ -62,23 +64,41 @@ _NONE = 1e-12
 
 
 def resumed(fitted: Fit) -> Fit:
-    """The fit, or a better one from a larger step where the cost is not smooth on a small scale.
+    """Return the fit, or a better one from a larger step where the cost is not smooth on a small scale.
 
     The predicted decrease by a step ``s`` inside the bounds is ``|r|² − |r + J s|²``; at an optimum it is zero, or
-    limited by the bounds.
+    limited by the bounds. Near the noise derivatives may hide what is beyond: there steps along the directions that the
+    recordings know least show whether less is left beyond it.
     """
     for _ in range(_TIMES):
         step, promise = predicted_step(fitted)
         excess, least = fitted.beyond_noise, _LEAST * max(1.0, fitted.chi2)
-        if promise < max(_SHARE * excess, least) or used_up():
+        promised = promise >= max(_SHARE * excess, least)
+        if used_up() or not (promised or least < excess < fitted.residual.size):
             break
-        tried = [f for length in _LENGTHS if (f := _from(fitted, length * step)) is not None]
+        steps = [length * step for length in _LENGTHS] if promised else _beyond_rough(fitted)
+        tried = [f for s in steps if (f := _from(fitted, s)) is not None]
         before, best = fitted.cost, min(tried, key=lambda f: f.cost, default=fitted)
         if best.cost < before - least:
             fitted = best
-        if best.cost > before - max(least, _KEPT * promise):
+        if best.cost > before - (max(least, _KEPT * promise) if promised else least):
             break
     return fitted
+
+
+def _beyond_rough(fitted: Fit) -> list[Array]:
+    """Return the step that leaves least, of some standard deviations along the directions that the recordings know
+    least; none where each of them leaves more."""
+    if not fitted.z.size:
+        return []
+    _, size, directions = np.linalg.svd(np.linalg.qr(fitted.jacobian, mode="r"))
+    ahead = np.outer(_DEVIATIONS, 1.0 / size[-_WEAKEST:])[..., None] * directions[-_WEAKEST:]
+    lower, upper = fitted.variables.bounds(fitted.setup)
+    steps = np.clip(fitted.z + ahead.reshape(-1, fitted.z.size), lower, upper) - fitted.z
+    problem = Problem(fitted.setup, fitted.plan, fitted.variables)
+    lengths = [problem.size(fitted.z + step)[-1] for step in steps]
+    best = int(np.argmin(lengths))
+    return [steps[best]] if lengths[best] ** 2 < fitted.cost else []
 
 
 def predicted_step(fitted: Fit) -> tuple[Array, float]:

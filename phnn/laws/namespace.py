@@ -140,56 +140,24 @@ def _certain(condition: Any) -> Any:
     return lambda condition: condition
 
 
-@overload(reciprocal, strict=False, jit_options=_INLINE)
-def _reciprocal(x: Any) -> Any:
-    if not isinstance(x, types.Complex):
-        return lambda x: 1.0 / x
+def _smooth(function: Any, value: Any, slope: Any) -> None:
+    """Make a function known to compiled code by its value at ``x`` and by its slope, given ``x`` and the value."""
+    value_of, slope_of = shared(value), shared(slope)
 
-    def perturbed(x: Any) -> Any:
-        value = 1.0 / x.real
-        return complex(value, -value * value * x.imag)
+    @overload(function, strict=False, jit_options=_INLINE)
+    def typed(x: Any) -> Any:
+        if not isinstance(x, types.Complex):
+            return lambda x: value_of(x)
 
-    return perturbed
+        def perturbed(x: Any) -> Any:
+            y = value_of(x.real)
+            return complex(y, slope_of(x.real, y) * x.imag)
 
-
-@overload(exp, strict=False, jit_options=_INLINE)
-def _exp(x: Any) -> Any:
-    if not isinstance(x, types.Complex):
-        return lambda x: math.exp(x)
-
-    def perturbed(x: Any) -> Any:
-        value = math.exp(x.real)
-        return complex(value, value * x.imag)
-
-    return perturbed
+        return perturbed
 
 
-@overload(sqrt, strict=False, jit_options=_INLINE)
-def _sqrt(x: Any) -> Any:
-    if not isinstance(x, types.Complex):
-        return lambda x: math.sqrt(x)
-
-    def perturbed(x: Any) -> Any:
-        value = math.sqrt(x.real)
-        return complex(value, 0.5 * x.imag / value)
-
-    return perturbed
-
-
-@overload(log1p, strict=False, jit_options=_INLINE)
-def _log1p(x: Any) -> Any:
-    if not isinstance(x, types.Complex):
-        return lambda x: math.log1p(x)
-    return lambda x: complex(math.log1p(x.real), x.imag / (1.0 + x.real))
-
-
-@overload(tanh, strict=False, jit_options=_INLINE)
-def _tanh(x: Any) -> Any:
-    if not isinstance(x, types.Complex):
-        return lambda x: math.tanh(x)
-
-    def perturbed(x: Any) -> Any:
-        value = math.tanh(x.real)
-        return complex(value, (1.0 - value * value) * x.imag)
-
-    return perturbed
+_smooth(reciprocal, lambda x: 1.0 / x, lambda x, y: -y * y)
+_smooth(exp, lambda x: math.exp(x), lambda x, y: y)
+_smooth(sqrt, lambda x: math.sqrt(x), lambda x, y: 0.5 / y)
+_smooth(log1p, lambda x: math.log1p(x), lambda x, y: 1.0 / (1.0 + x))
+_smooth(tanh, lambda x: math.tanh(x), lambda x, y: 1.0 - y * y)

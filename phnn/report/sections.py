@@ -219,8 +219,7 @@ def curve_of(diagnosis: Diagnosis, claim: Claim) -> Picture | None:
     if where is None or (where.name, where.detail) != (effect.location, effect.kind.name):
         return None
     if claim.learned and where.name == "mechanical":
-        values = diagnosis.final.setup.values()
-        return learned_picture(base, where, effect.add_to(base.fit.setup, {n: values[n] for n in effect.parameters}))
+        return learned_picture(base, where, diagnosis.final.setup, effect.strengths)
     return picture(base, where)
 
 
