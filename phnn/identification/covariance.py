@@ -277,9 +277,13 @@ def bread(jacobian: Array) -> Array:
 
 
 def _root(jacobian: Array) -> Array:
-    """(K, K) ``T`` with ``T Tᵀ = (JᵀJ)⁻¹``."""
-    values, vectors = np.linalg.eigh(jacobian.T @ jacobian)
-    return np.asarray(vectors / np.sqrt(np.maximum(values, max(_RANK * values[-1], np.finfo(float).tiny))))
+    """(K, K) ``T`` with ``T Tᵀ = (JᵀJ)⁻¹``, of columns of one length: a large unit must not hide the others."""
+    sizes = np.linalg.norm(jacobian, axis=0)
+    sizes[sizes == 0.0] = 1.0
+    columns = jacobian / sizes
+    values, vectors = np.linalg.eigh(columns.T @ columns)
+    least = max(_RANK * values[-1], np.finfo(float).tiny)
+    return np.asarray(vectors / np.sqrt(np.maximum(values, least)) / sizes[:, None])
 
 
 def scatter(residual: Array, jacobian: Array, recordings: Sequence[Recording], slices: Sequence[slice]) -> Scatter:

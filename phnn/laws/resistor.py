@@ -400,7 +400,7 @@ def duhem_path(
     within = maximum(begin + rest * two * (1.0 - taken), 0.0 * begin)
     slipping = exponential_spring_mean_effort(within, within, stiffness, force, bend)
     forth = slow * exponential_spring_mean_effort(begin, end, stiffness, force, bend) + (1.0 - slow) * slipping
-    share = _of_length(way, length)
+    share = where(real(rest) <= 0.0, 1.0 + 0.0 * length, _of_length(way, length))
     back = exponential_spring_mean_effort(start, begin, stiffness, force, bend)
     return side * end, side * (share * back + (1.0 - share) * forth)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -184,26 +185,35 @@ def test_no_step_along_a_path_gives_energy(
     assert current * mean - (after - before) >= -1e-12 * (abs(current * mean) + before + after)
 
 
+# Stiffness of the spring, then the values of the law.
+ON_A_PATH = {"bouc_wen": (1.3, 0.7, 1.6, 0.4, 0.3), "duhem": (1.3, 0.7, 1.6, 0.4), "lugre": (1.3, 0.7, 0.5, 0.4)}
+
+
+def along(name: str, x: Any, current: Any, h: float) -> Any:
+    assert (path := RESISTOR_LAWS[name].path) is not None
+    return path(x, current, h, *ON_A_PATH[name], 1.0)
+
+
 @pytest.mark.parametrize("name", ["bouc_wen", "duhem"])
 def test_the_end_of_a_path_does_not_depend_on_the_time(name: str) -> None:
-    path = RESISTOR_LAWS[name].path
-    assert path is not None
     for way in (0.3, -0.7, 2.0):
-        shape = (0.7, 1.6, 0.4, *((0.3,) if name == "bouc_wen" else ()))
-        ends = [path(0.2, way / h, h, 1.3, *shape, 1.0) for h in (1e-3, 1.0, 1e3)]
+        ends = [along(name, 0.2, way / h, h) for h in (1e-3, 1.0, 1e3)]
         np.testing.assert_allclose(ends, np.broadcast_to(ends[0], (3, 2)), rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", ON_A_PATH)
+@pytest.mark.parametrize("at", [-0.9, -0.2, 0.0, 0.2, 0.9])
+def test_who_rests_on_a_path_stays_in_number_and_tensor(name: str, at: float) -> None:
+    values, spring = ON_A_PATH[name], RESISTOR_LAWS[name].spring
+    effort = STORAGE_LAWS[spring or "spring"].mean_effort(at, at, *((*values[:2], values[3]) if spring else values[:1]))
+    for x in (at, torch.tensor(at, dtype=torch.float64)):
+        assert [float(v) for v in along(name, x, 0.0 * x, 1.0)] == pytest.approx([at, effort], abs=1e-15)
 
 
 def test_a_path_of_two_halves_ends_nearly_where_the_whole_does() -> None:
     for name in ("bouc_wen", "duhem"):
-        path = RESISTOR_LAWS[name].path
-        assert path is not None
-        given_ = (1.0, 1.3, 0.7, 1.6, 0.4, *((0.3,) if name == "bouc_wen" else ()), 1.0)
-        errors = []
-        for way in (0.04, 0.02):
-            whole, _ = path(0.3, way, *given_)
-            half, _ = path(0.3, 0.5 * way, *given_)
-            errors.append(abs(path(half, 0.5 * way, *given_)[0] - whole))
+        halves = [(along(name, 0.3, 0.5 * way, 1.0)[0], way) for way in (0.04, 0.02)]
+        errors = [abs(along(name, x, 0.5 * w, 1.0)[0] - along(name, 0.3, w, 1.0)[0]) for x, w in halves]
         assert errors[1] < errors[0] / 6.0  # of third order in one step, hence of second along a path
 
 
@@ -263,14 +273,6 @@ def test_a_linear_lag_before_and_behind_a_linear_network_are_one() -> None:
     before = simulate(with_effect("amplifier_lowpass", {"tau_a": 1e-3}, linear), sine(), substeps=16).y
     behind = simulate(with_effect("sensor_lag", {"tau_y": 1e-3}, linear), sine(), substeps=16).y
     np.testing.assert_allclose(behind, before, atol=1e-3 * np.abs(before).max())
-
-
-def test_a_slew_limit_acts_above_a_product_of_amplitude_and_frequency() -> None:
-    limit = {"S": 2.0 * np.pi * 50.0 * 40.0}
-    base, slow = simulate(BASE, sine(39.0)).y, simulate(with_effect("slew_limit", limit), sine(39.0)).y
-    np.testing.assert_allclose(slow, base, atol=1e-9 * np.abs(base).max())
-    base, slow = simulate(BASE, sine(60.0)).y, simulate(with_effect("slew_limit", limit), sine(60.0)).y
-    assert np.abs(slow - base).max() > 0.05 * np.abs(base).max()
 
 
 def test_the_sensors_act_on_what_the_network_puts_out() -> None:

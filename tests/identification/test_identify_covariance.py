@@ -144,6 +144,12 @@ def test_never_below_the_stated_noise() -> None:
     assert nothing.freedom.shape == (0,)
 
 
+def test_a_large_unit_does_not_hide_the_other_columns() -> None:
+    jacobian = np.random.default_rng(3).standard_normal((40, 3))
+    units = np.array([1.0, 1e18, 1e-12])
+    np.testing.assert_allclose(bread(jacobian * units) * np.outer(units, units), bread(jacobian), rtol=1e-9)
+
+
 def test_an_interval_is_that_of_the_estimation_coordinate() -> None:
     fitted = campaigns.base()
     for name in fitted.variables.names:

@@ -10,7 +10,6 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from studies.generator import effects
-from studies.generator.cases import STRATA, choices
 from studies.generator.effects import FORMS, FURTHER_UNLISTED, LISTED, UNLISTED, Concealed, may_be_paired
 from studies.generator.make import concealing
 from studies.generator.plans import Excitation, plan_of, sine
@@ -224,9 +223,3 @@ def test_pairs_are_of_different_kinds() -> None:
     assert set(effects.LOCATIONS.values()) == {
         "amplifier", "electrical", "hysteron", "coupling", "mechanical", "thermal", "sensor", "environment"
     }  # fmt: skip
-
-
-def test_further_unlisted_effects_have_a_stratum_of_their_own() -> None:
-    own = choices("unlisted")
-    assert [(c.effects, c.form) for c in own] == [((name,), "unlisted") for name in FURTHER_UNLISTED]
-    assert [c for s in STRATA for c in choices(s) if {*c.effects, *c.withheld} & {*FURTHER_UNLISTED}] == [*own]
