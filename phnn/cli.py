@@ -32,6 +32,7 @@ TRAIN = "train"
 _COMMANDS = {
     "check": "say what is understood of a folder of recordings",
     "template": "write a first recordings.yaml for a folder of unknown layout",
+    "open": "load a folder on a page of this computer: columns, units, check and diagnosis",
     "identify": "fit the base model",
     "diagnose": "find out what the base model leaves out",
     "predict": "simulate recordings with a model that was written earlier",
@@ -46,9 +47,9 @@ _COMMANDS = {
 # Kinds of plots, as functions of phnn.plot.
 _PLOTS = ("compare", "residuals", "loops", "bode", "energy")
 # Which commands take which of the common arguments.
-_FOLDER = ("check", "template", "identify", "diagnose", "predict", "compare", "modes")
+_FOLDER = ("check", "template", "open", "identify", "diagnose", "predict", "compare", "modes")
 _MODEL = ("predict", "invert", "export", "plot")
-_MANIFEST = ("check", "identify", "diagnose", "predict", "compare", "modes", "plot")
+_MANIFEST = ("check", "open", "identify", "diagnose", "predict", "compare", "modes", "plot")
 _OUT = ("identify", "diagnose", "predict", "invert", "export", "plot", "compare", "modes")
 _OUTSIDE = (*_FOLDER, "invert", "export", "plot")
 _OVERWRITE = (*_OUT, "check", "demo")
@@ -182,6 +183,10 @@ def _add_own(commands: dict[str, argparse.ArgumentParser]) -> None:
     """Arguments that one command alone takes."""
     commands["template"].add_argument("--out", type=Path, metavar="FILE", help="a new file; printed if left out")
     commands["check"].add_argument("--out", type=Path, metavar="DIR", help="write check.json there, too")
+    opened = commands["open"].add_argument
+    opened("--out", type=Path, metavar="DIR", help="where the diagnosis goes; default: out/ and the name of FOLDER")
+    opened("--port", type=int, default=0, metavar="N", help="of the page; a free one if left out")
+    opened("--no-browser", dest="browser", action="store_false", help="print the address only")
     text = "end the search after so many seconds, with the best so far"
     commands["diagnose"].add_argument("--budget", type=_number, metavar="SECONDS", help=text)
     demo = commands["demo"]
@@ -251,7 +256,7 @@ def _run(arguments: argparse.Namespace, settings: Sequence[str]) -> None:
     # simulated in threads already.
     for variable, count in ONE_THREAD.items():
         os.environ.setdefault(variable, count)
-    command = getattr(import_module("phnn.commands"), name)
+    command = getattr(import_module("phnn.commands"), name + "_" * (name == "open"))
     offered = {**vars(arguments), "config": config, "options": vars(arguments)}
     taken = inspect.signature(command).parameters
     command(**{key: value for key, value in offered.items() if key in taken})

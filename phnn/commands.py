@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import secrets
 import sys
+import webbrowser
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields
@@ -105,6 +106,22 @@ def template(folder: Path, out: Path | None, outside: bool = False) -> None:
         else:
             write_template(folder, out, outside)
     print(text.rstrip() if out is None else f"written: {out}; correct what is marked as guessed")
+
+
+def open_(
+    folder: Path, manifest: Path | None, out: Path | None, port: int, browser: bool = True, outside: bool = False
+) -> None:
+    """Serve a page that leads from a folder to a verdict, until Ctrl-C."""
+    from phnn.local_page import Work, serve
+    from phnn.template import MANIFEST
+
+    def tell(address: str) -> None:
+        print(f"open {address} in a browser of this computer; Ctrl-C ends it", flush=True)
+        if browser:
+            webbrowser.open(address)
+
+    place = out or Path("out") / folder.resolve().name
+    serve(Work(folder, manifest or folder / MANIFEST, place, outside), port, tell)
 
 
 def identify(

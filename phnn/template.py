@@ -36,13 +36,13 @@ def _of(words: str) -> frozenset[str]:
 _WORDS: Mapping[str, frozenset[str]] = {
     TIME: _of("time t zeit timestamp temps sec seconds"),
     INPUT: _of("u in input v voltage volt volts vin drive driving command cmd ref reference setpoint excitation force")
-    | _of("torque pwm power heater pump inflow spannung eingang"),
+    | _of("torque pwm power heater pump inflow spannung kraft eingang"),
     OUTPUT: _of("y out output vout displacement disp deflection stroke position pos q x z d sensor response level")
     | _of("height angle speed velocity acceleration strain temperature weg ausgang auslenkung"),
 }
 # Words that say of an input or an output that the system is no piezo actuator; row counters are no times; further
 # quantities are neither input nor output where there is anything else.
-_OTHER_SYSTEMS = _of("force torque pwm level height angle speed velocity acceleration pressure flow excursion")
+_OTHER_SYSTEMS = _of("force kraft torque pwm level height angle speed velocity acceleration pressure flow excursion")
 _COUNTERS = _of("index idx sample samples row nr no number n")
 _FURTHER = _of("current charge temperature")
 # Ready models by the SI units of input and output, with what these units say.
@@ -125,7 +125,8 @@ class Found:
 
     Attributes:
         file: its name; table, roles: None and empty where it cannot be read, or has no input and output.
-        others: columns that serve as nothing; actuator: it may be the recording of a piezo actuator.
+        others: columns that serve as nothing; columns: all of them, in order.
+        actuator: it may be the recording of a piezo actuator.
         reason: why it is no recording; empty where it is one.
         name: of the recording where the file's name alone is not unique.
     """
@@ -134,9 +135,15 @@ class Found:
     table: Table | None = None
     roles: Mapping[str, _Role] = field(default_factory=dict)
     others: tuple[_Seen, ...] = ()
+    columns: tuple[_Seen, ...] = ()
     actuator: bool = True
     reason: str = ""
     name: str = ""
+
+    @property
+    def named(self) -> dict[str, _Seen]:
+        """Return its columns of numbers by what they are called."""
+        return {_called(self.table, c.place): c for c in self.columns} if self.table is not None else {}
 
 
 def _columns_seen(table: Table) -> list[_Seen]:
@@ -188,7 +195,30 @@ def _found(file: str, table: Table) -> Found:
         roles[TIME] = _role(time if of_time else time._replace(unit=None), "s", time.words & _WORDS[TIME])
         if time.name == table.stamps:
             roles[TIME] = _Role(time, "s", ())
-    return Found(file, table, roles, tuple(c for c in rest if c not in (u, y)), actuator)
+    return Found(file, table, roles, tuple(c for c in rest if c not in (u, y)), tuple(columns), actuator)
+
+
+def with_roles(found: Found, picked: Mapping[str, tuple[str, str]]) -> Found:
+    """Return a file whose columns have the roles that a person gave them.
+
+    Args:
+        picked: name and unit of a column by its role; a role that is not named is nobody's.
+
+    Raises:
+        InputRefused: there is no such column or unit, or the input or the output is missing.
+    """
+    named, roles = found.named, {}
+    for role, (name, unit) in picked.items():
+        if name not in named:
+            raise InputRefused(f"{found.file}: there is no column of numbers {name!r}: choose {', '.join(named)}")
+        if find_unit(unit) is None:
+            raise InputRefused(f"{found.file}: the unit {unit!r} of {name} is unknown: write one such as V, um or N")
+        roles[role] = _Role(named[name]._replace(unit=unit), unit, ())
+    if missing := [role for role in (INPUT, OUTPUT) if role not in roles]:
+        raise InputRefused(f"{found.file}: no column is the {missing[0]}: choose one")
+    others = tuple(c for n, c in named.items() if n not in [name for name, _ in picked.values()])
+    actuator = not any(_is_other(roles[r].column, n) for r, n in ((INPUT, "voltage"), (OUTPUT, "displacement")))
+    return replace(found, roles=roles, others=others, actuator=actuator)
 
 
 def _role(column: _Seen, otherwise: str, named: object) -> _Role:
@@ -347,11 +377,28 @@ def _escape(character: str) -> str:
 MANIFEST = "recordings.yaml"
 
 
-def template(folder: Path, outside: bool = False) -> str:
-    """Return the text of a first manifest for a folder whose layout nobody has described.
+class Look(NamedTuple):
+    """What a folder looks like: its files, those that are left alone, and whether a piezo actuator was recorded."""
 
-    Files that phnn cannot read, or not with these guesses, are listed in comments with the reason. Without them the
-    manifest is one that `phnn check` reads.
+    folder: Path
+    found: Sequence[Found]
+    left: Sequence[str]
+    actuator: bool
+
+    def text(self) -> str:
+        """Return a first manifest."""
+        return manifest_text(self.found, self.left, str(self.folder), self.actuator)
+
+    def picked(self, roles: Mapping[str, tuple[str, str]]) -> Look:
+        """Return the same where a person gave the columns of all files their roles, see `with_roles`."""
+        found = [f if f.reason else with_roles(f, roles) for f in self.found]
+        return self._replace(found=found, actuator=all(f.actuator for f in found if not f.reason))
+
+
+def look(folder: Path, outside: bool = False) -> Look:
+    """Return what the files of a folder look like, whose layout nobody has described.
+
+    Files that phnn cannot read, or not with these guesses, have the reason.
 
     Args:
         folder: is only read; a manifest in it is left alone.
@@ -378,7 +425,15 @@ def template(folder: Path, outside: bool = False) -> str:
     # Numbers that no piezo actuator gives show only when the recordings are read.
     tried = [_readable(found, folder, kind, outside) for kind in ([True, False] if actuator else [False])]
     best = max(range(len(tried)), key=lambda i: sum(not f.reason for f in tried[i]))
-    return manifest_text(tried[best], left, str(folder), actuator and best == 0)
+    return Look(folder, tried[best], left, actuator and best == 0)
+
+
+def template(folder: Path, outside: bool = False) -> str:
+    """Return the text of a first manifest, which `phnn check` reads; arguments and errors as of `look`.
+
+    Files that cannot be used are listed in comments with the reason.
+    """
+    return look(folder, outside).text()
 
 
 def write_template(folder: Path, out: Path, outside: bool = False) -> None:

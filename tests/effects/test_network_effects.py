@@ -181,8 +181,8 @@ def test_no_step_along_a_path_gives_energy(
     assert law.path is not None
     shape = (force, exponent, back, *((lean,) if name == "bouc_wen" else ()))
     end, mean = law.path(x, current, 1.0, stiffness, *shape, 1.0)
-    before, after = energy(x, *given_), energy(end, *given_)
-    assert current * mean - (after - before) >= -1e-12 * (abs(current * mean) + before + after)
+    before, after, work = energy(x, *given_), energy(end, *given_), current * mean
+    assert work - (after - before) >= -1e-12 * (abs(work) + before + after)
 
 
 # Stiffness of the spring, then the values of the law.
@@ -190,7 +190,8 @@ ON_A_PATH = {"bouc_wen": (1.3, 0.7, 1.6, 0.4, 0.3), "duhem": (1.3, 0.7, 1.6, 0.4
 
 
 def along(name: str, x: Any, current: Any, h: float) -> Any:
-    assert (path := RESISTOR_LAWS[name].path) is not None
+    path = RESISTOR_LAWS[name].path
+    assert path is not None
     return path(x, current, h, *ON_A_PATH[name], 1.0)
 
 
