@@ -113,6 +113,7 @@ def open_(
 ) -> None:
     """Serve a page that leads from a folder to a verdict, until Ctrl-C."""
     from phnn.local_page import Work, serve
+    from phnn.recordings.checks import folder_exists
     from phnn.template import MANIFEST
 
     def tell(address: str) -> None:
@@ -120,6 +121,7 @@ def open_(
         if browser:
             webbrowser.open(address)
 
+    folder_exists(folder)
     place = out or Path("out") / folder.resolve().name
     serve(Work(folder, manifest or folder / MANIFEST, place, outside), port, tell)
 
