@@ -116,8 +116,8 @@ def headline(diagnosis: Diagnosis) -> str:
         end = " missing; these recordings cannot tell which"
     elif word == EQUIVALENT:
         end = " missing; no new recording confirms it"
-    whole = f"{capital(listing(names))} {verb}{end}"
-    return whole if len(whole) <= LONGEST else f"{many}{end}"
+    named = f"{capital(listing(names))} {verb}"
+    return next(line for line in (f"{named}{end}", f"{named} missing", f"{many}{end}") if len(line) <= LONGEST)
 
 
 def consequence(diagnosis: Diagnosis) -> str:
