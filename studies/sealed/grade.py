@@ -85,7 +85,10 @@ class Case:
     @cached_property
     def truth(self) -> frozenset[str]:
         """Names that are right; none where nothing was concealed, or nothing that the catalogue lists."""
-        return frozenset() if self.outside else frozenset(self.row["effects"])
+        names = frozenset(() if self.outside else self.row["effects"])
+        # A further hysteron whose law is that of Bouc and Wen may be called by either name.
+        also = {c["effect"] for c in self.row.get("claims", ())} & {"bouc_wen_hysteresis"}
+        return names - {"extra_hysteron"} | also if also and self.row["form"] == "bouc_wen_hysteron" else names
 
     @property
     def outside(self) -> bool:

@@ -34,6 +34,7 @@ BESIDE = replace(NOTHING, background_effects=("creep", "hysteresis_asymmetry"))
 CREEP_BESIDE = replace(CREEP, background_effects=("hysteresis_asymmetry",))
 FEWER, MORE = (replace(NOTHING, hysterons=h, stated_hysterons=s) for h, s in ((3, 2), (2, 3)))
 WEN = {n: TABLE[n] for n in ("m", "k", "b", "alpha")} | {"c_bouc": 1e5, "z_bouc": 5e-5, "n_bouc": 1.5, "beta_bouc": 0.7}
+BOUC_WEN = replace(NOTHING, effects=("extra_hysteron",), form="bouc_wen_hysteron")
 OTHER = replace(NOTHING, base_family="bouc_wen", base=WEN)
 OTHER_CREEP = replace(CREEP, base_family="bouc_wen", base=WEN)
 OTHER_OUTSIDE = replace(OTHER_CREEP, stratum="outside", withheld=("creep",))
@@ -114,6 +115,10 @@ FAILED = {"failure": "it broke"}
         (FEWER, said("none"), "missed", "wrong"),
         (MORE, said("none"), "right", "exact"),
         (MORE, said("named", ("extra_hysteron",)), "wrong", "wrong"),
+        # A further hysteron of Bouc and Wen has two names.
+        (BOUC_WEN, said("named", ("bouc_wen_hysteresis",)), "right", "exact"),
+        (BOUC_WEN, said("named", ("extra_hysteron",)), "right", "exact"),
+        (NOTHING, said("named", ("bouc_wen_hysteresis",)), "wrong", "wrong"),
         # Another hysteresis: by place and held-out gain.
         (OTHER, HERE, "right", "exact"),
         (OTHER, said("unknown", at=("coupling",), tied=("hysteron",)), "right", "class"),
