@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from phnn.html import table, titled
 from phnn.parameters import quantity
-from phnn.recordings.excitation import Excitation, excitation_of
+from phnn.recordings.excitation import Excitation, excitation_of, spectrum
 from phnn.signals.noise import AS_WHITE
 
 
@@ -40,8 +40,6 @@ _STRIDE, _STRAIGHT = 8, 0.001
 
 # Names of recordings in a short form of a campaign.
 _SHOWN = 4
-
-
 # A sample sits at a limit of the sensor within this share of the range: numbers in files are rounded.
 _AT_LIMIT = 1e-4
 
@@ -261,6 +259,11 @@ class Recording:
         """Whether the noise floor is the level of a band, and nothing shows what the noise is outside it."""
         return AS_WHITE in self.noise_source and self.noise_interval is None
 
+    @property
+    def input_before(self) -> float:
+        """The input before the first sample; the first sample itself where the start does not say."""
+        return self.start.input_before if self.start.state == "rest" else float(self.u[0])
+
     def mask(self, use: str) -> np.ndarray:
         """``(N,)`` bool: the samples that serve as ``use``."""
         chosen = np.zeros(self.t.size, dtype=bool)
@@ -391,10 +394,8 @@ def dominant_frequency(recording: Recording) -> float:
     """Frequency of the strongest input line [Hz]."""
     if recording.period:
         return 1.0 / recording.period
-    u = recording.u - recording.u.mean()
-    spectrum = np.abs(np.fft.rfft(u * np.hanning(u.size)))
-    peak = int(np.argmax(spectrum[1:])) + 1
-    return peak / (u.size * recording.dt)
+    peak = int(np.argmax(spectrum(recording.u)[1:])) + 1
+    return peak / (recording.t.size * recording.dt)
 
 
 def digest(campaign: Campaign) -> str:
