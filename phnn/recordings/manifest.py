@@ -155,30 +155,28 @@ def _column(said: Any, inherited: Column, quantity: str, where: str) -> Column:
     keys_of(
         content, ("column", "unit", "scale", "unwrap", "missing", *(("gain",) if quantity in DRIVING else ())), where
     )
-    column = inherited
+    found: dict[str, Any] = {}
     if "column" in content:
         place = content["column"]
         if isinstance(place, bool) or not isinstance(place, (int, str)) or (isinstance(place, int) and place < 0):
             raise InputRefused(
                 f"{where}: column {shown(place)} is neither an index from 0 on nor a name: give one of them"
             )
-        column = replace(column, place=place)
+        found["place"] = place
     if "unit" in content:
-        column = replace(column, unit=check_unit(quantity, str(content["unit"]), where))
+        found["unit"] = check_unit(quantity, str(content["unit"]), where)
     if "gain" in content:
-        column = replace(column, gain=choice(content["gain"], GAINS, f"{where}: gain"))
+        found["gain"] = choice(content["gain"], GAINS, f"{where}: gain")
     if "unwrap" in content:
-        column = replace(column, unwrap=number(content["unwrap"], f"{where}: unwrap", above=0.0))
+        found["unwrap"] = number(content["unwrap"], f"{where}: unwrap", above=0.0)
     if "missing" in content:
-        said = content["missing"] if isinstance(content["missing"], list) else [content["missing"]]
-        marks = tuple(v if v in (EMPTY, GLITCHES) else number(v, f"{where}: missing") for v in said)
-        column = replace(column, missing=marks)
+        marks = content["missing"] if isinstance(content["missing"], list) else [content["missing"]]
+        found["missing"] = tuple(v if v in (EMPTY, GLITCHES) else number(v, f"{where}: missing") for v in marks)
     if "scale" in content:
-        scale = number(content["scale"], f"{where}: scale")
-        if scale == 0.0:
+        found["scale"] = number(content["scale"], f"{where}: scale")
+        if found["scale"] == 0.0:
             raise InputRefused(f"{where}: scale 0 would erase the column: give the factor from number to {quantity}")
-        column = replace(column, scale=scale)
-    return column
+    return replace(inherited, **found)
 
 
 _DERIVATIVES = ("derivative", "second_derivative")

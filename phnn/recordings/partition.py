@@ -209,12 +209,8 @@ def _near(a: float, b: float) -> bool:
 
 # Fewest recordings whose spectra are pooled; how far their coefficients may lie from the median.
 _FEWEST, _AGREES = 3, 0.12
-
-
 # Factor within which deviations are of one size: a spectrum that ringing or a tail reaches gives many times the noise.
 _ONE_SIZE = 1.5
-
-
 # Level at which recordings of one kind are proven to differ in their noise.
 DIFFERENT = 0.01
 
