@@ -360,20 +360,19 @@ def _levels(recording: Recording) -> tuple[np.ndarray, float, bool]:
     them is a rest within which the output does not move."""
     excitation = recording.excitation
     first, last = excitation.span
-    correlated = float(np.sqrt(max(2.0 * recording.noise_correlation.sum() - 1.0, 1.0)))
+    deviation = recording.noise * float(np.sqrt(max(2.0 * recording.noise_correlation.sum() - 1.0, 1.0)))
     if excitation.period is not None and excitation.cycles >= 3.0:
         size = excitation.period / recording.dt
         # Periods need not be whole numbers of samples: their means come from the integral, interpolated.
         integral = np.concatenate([[0.0], np.cumsum(recording.y)])
         edges = first + size * np.arange(1, int((last - first) / size + 1e-6) + 1)
         means = np.diff(np.interp(edges, np.arange(integral.size), integral)) / size
-        return means, recording.noise * correlated / float(np.sqrt(size)), False
+        return means, deviation / float(np.sqrt(size)), False
     before, after = recording.y[:first], recording.y[last:]
     if not comes_back(recording.drive) or min(before.size, after.size) < 10:
         return np.zeros(0), 0.0, False
     # What follows the last change of the input is still on its way: its second half counts.
     after = after[after.size // 2 :]
-    deviation = recording.noise * correlated
     half = after.size // 2
     moved = abs(float(after[half:].mean() - after[:half].mean())) + _SURE * deviation * float(np.sqrt(2.0 / half))
     change = abs(float(after.mean() - before.mean()))

@@ -280,11 +280,10 @@ def _setup(usable: Sequence[Found], actuator: bool) -> list[str]:
         said = "{model: linear}   # guessed: mass, spring and damper; input and output are no voltage and stroke"
         return [f"setup: {said}"]
     model, why = _BY_UNITS[pair]
-    moves = ["sensor: {derivative: true}   # the output is a velocity, that of the model a way"]
-    return [
-        f"setup: {{model: {model}}}   # guessed from {pair[0]} and {pair[1]}: {why}",
-        *(moves if pair[1].endswith("/s") else []),
-    ]
+    lines = [f"setup: {{model: {model}}}   # guessed from {pair[0]} and {pair[1]}: {why}"]
+    if pair[1].endswith("/s"):
+        lines.append("sensor: {derivative: true}   # the output is a velocity, that of the model a way")
+    return lines
 
 
 def _columns(f: Found, actuator: bool) -> list[str]:

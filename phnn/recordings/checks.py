@@ -131,8 +131,8 @@ def finite(values: np.ndarray, label: str, where: Where, key: str) -> None:
         )
 
 
-def time_advances(t: np.ndarray, where: Where, rows: np.ndarray | None) -> None:
-    """Refuse time that goes back or stands still; ``rows`` are those of the file, where they were sorted."""
+def time_advances(t: np.ndarray, where: Where, rows: np.ndarray) -> None:
+    """Refuse time that goes back or stands still; ``rows`` are those of the file from which the instants come."""
     steps = np.diff(t)
     for bad, cause, remedy in (
         (
@@ -144,7 +144,7 @@ def time_advances(t: np.ndarray, where: Where, rows: np.ndarray | None) -> None:
     ):
         if bad.any():
             i = int(np.argmax(bad)) + 1
-            row = where.row(i if rows is None else int(rows[i]))
+            row = where.row(int(rows[i]))
             raise InputRefused(f"{where}: time, {row}: {cause} ({t[i - 1]:.9g} s, then {t[i]:.9g} s): {remedy}")
 
 

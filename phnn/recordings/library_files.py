@@ -57,9 +57,8 @@ def readable(source: Source, kind: str, remedy: str, package: str = "", typed: b
 def read_hdf5(source: Source) -> Table:
     """Return the columns of all datasets of numbers, those of a group as ``group.dataset``, as `read_mat` does."""
     with _opened(source) as file:
-        return table_of(
-            Where(source.name), (s for path, item in _walk(file, source) for s in _stored(source, path, item))
-        )
+        found = (stored for path, item in _walk(file, source) for stored in _stored(source, path, item))
+        return table_of(Where(source.name), found)
 
 
 def matlab_content(source: Source) -> tuple[dict[str, Any], list[tuple[str, str]]]:

@@ -152,9 +152,8 @@ def _column(said: Any, inherited: Column, quantity: str, where: str) -> Column:
     if isinstance(said, (int, str)) and not isinstance(said, bool):
         said = {"column": said}
     content = mapping(said, where)
-    keys_of(
-        content, ("column", "unit", "scale", "unwrap", "missing", *(("gain",) if quantity in DRIVING else ())), where
-    )
+    gain = ("gain",) if quantity in DRIVING else ()
+    keys_of(content, ("column", "unit", "scale", "unwrap", "missing", *gain), where)
     found: dict[str, Any] = {}
     if "column" in content:
         place = content["column"]
@@ -469,10 +468,8 @@ def _setup(value: Any, name: str, homes: Sequence[Path], outside: bool) -> Mappi
     content = dict(mapping(value, where))
     keys_of(content, ("model", "network", "hysterons"), where)
     if "network" in content:
-        return {
-            **content,
-            "network": _network_file(text(content["network"], f"{where}: network"), where, homes, outside),
-        }
+        file = text(content["network"], f"{where}: network")
+        return {**content, "network": _network_file(file, where, homes, outside)}
     content.setdefault("model", DEFAULT_SETUP["model"])
     choice(content["model"], MODELS, f"{where}: model", "or `network: FILE.yaml` for a network of your own")
     if content["model"] in ("piezo_actuator", "hrc"):
