@@ -12,16 +12,7 @@ from phnn.errors import InputRefused
 from phnn.recordings import checks
 from phnn.recordings.manifest import DRIVING, EMPTY, GLITCHES, Column
 from phnn.recordings.table import Table, Where
-from phnn.recordings.units import (
-    QUANTITIES,
-    check_unit,
-    find_unit,
-    known_unit,
-    parse_name,
-    split_unit,
-    stated_by_name,
-    suits,
-)
+from phnn.recordings.units import QUANTITIES, check_unit, find_unit, parse_name, split_unit, stated_by_name, suits
 from phnn.signals.reconstruct import find_jumps
 
 # What loggers write for a value that is missing, or beyond a counter.
@@ -116,7 +107,8 @@ def _channel(table: Table, quantity: str, said: Column, name: str, spoken_for: M
         own = ~marked if own is None else own & ~marked
         row = table.where.row(int(np.argmax(marked)))
         notes = (*notes, f"{where}: {int(marked.sum())} values masked, the first in {row}")
-    known = known_unit(unit)
+    known = find_unit(unit)
+    assert known is not None, unit
     si_values = said.scale * values * known.factor + known.offset
     return Channel(si_values, label, unit, known.si, said.scale * known.factor, own, notes)
 

@@ -70,14 +70,12 @@ class Sensor:
 
     def at_limit(self, y: NDArray[np.float64]) -> NDArray[np.int8]:
         """(N,) 1 where a recorded output sits at the upper limit, -1 where at the lower one, 0 between them."""
-        if not self.is_limited:
-            return np.zeros(y.size, dtype=np.int8)
         room = _AT_LIMIT * float(np.ptp(y))
         return (y >= self.saturates[1] - room).astype(np.int8) - (y <= self.saturates[0] + room).astype(np.int8)
 
     def limited(self, y: NDArray[np.float64]) -> NDArray[np.float64]:
         """(N,) an output as the sensor shows it."""
-        return np.clip(y, *self.saturates) if self.is_limited else y
+        return np.clip(y, *self.saturates)
 
     def words(self, y: NDArray[np.float64]) -> str:
         """What is known, and how many samples (N,) sit at a limit; empty where nothing is."""

@@ -254,10 +254,3 @@ def _hint(quantity: str, name: str) -> str:
     alike = [u for u in known if u.lower() == name.lower()] or difflib.get_close_matches(name, known, n=3, cutoff=0.6)
     meant = next((u for u in alike if suits(quantity, u)), None)
     return f" (did you mean {meant}?)" if meant else ""
-
-
-def known_unit(unit: str) -> Unit:
-    """The unit of a text that `check_unit` accepted."""
-    found = find_unit(unit)
-    assert found is not None, unit
-    return found
