@@ -10,14 +10,14 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phnn.parameters import duration, quantity
-from phnn.recordings.excitation import Excitation
+from phnn.recordings.excitation import Excitation, spectrum
 from phnn.recordings.reader import describe
 from phnn.recordings.recording import ACTUATOR, Campaign, Recording, dominant_frequency, is_actuator
 from phnn.signals.least_squares import residual
@@ -41,7 +41,7 @@ class Finding:
     kind: str
     severity: str
     text: str
-    values: Mapping[str, float] = field(default_factory=dict)
+    values: Mapping[str, float]
 
 
 # Units differ by powers of a thousand; a gain is suspicious within this factor of one.
@@ -148,7 +148,7 @@ def mains(recording: Recording) -> list[Finding]:
     asked = [f for f in shown if not _driven(recording.excitation, f, duration)]
     if not asked:
         return []
-    output, drive = _spectrum(recording.y), _spectrum(recording.drive)
+    output, drive = spectrum(recording.y) ** 2, spectrum(recording.drive) ** 2
     found = {f: a for f in asked if (a := _amplitude(output, drive, f * duration, recording.t.size)) > 0.0}
     if not found:
         return []
@@ -164,11 +164,6 @@ def _driven(excitation: Excitation, frequency: float, duration: float) -> bool:
     return abs(frequency - excitation.low_Hz * round(frequency / excitation.low_Hz)) * duration < _ITSELF
 
 
-def _spectrum(x: Array) -> Array:
-    """Power by bins, through a Hann window."""
-    return np.asarray(np.abs(np.fft.rfft((x - x.mean()) * np.hanning(x.size))) ** 2)
-
-
 def _amplitude(output: Array, drive: Array, place: float, samples: int) -> float:
     """Amplitude of a tone in the output's spectrum; 0 where there is none, or where the input could have caused it."""
     stands_out, power = _over_neighbours(output, round(place))
@@ -178,13 +173,13 @@ def _amplitude(output: Array, drive: Array, place: float, samples: int) -> float
     return float(np.sqrt(power / 1.5)) * 4.0 / samples
 
 
-def _over_neighbours(spectrum: Array, middle: int) -> tuple[float, float]:
+def _over_neighbours(power: Array, middle: int) -> tuple[float, float]:
     """Power at a bin over the median around it, and the power in its three bins together."""
-    own = slice(max(middle - 1, 0), middle + 2)
-    below = spectrum[max(middle - _AROUND, 1) : max(middle - _ITSELF, 1)]
-    around = np.concatenate([below, spectrum[middle + _ITSELF + 1 : middle + _AROUND + 1]])
-    peak = float(spectrum[own].max(initial=0.0))
-    return peak / max(float(np.median(around)) if around.size else 0.0, 1e-300), float(spectrum[own].sum())
+    own = power[max(middle - 1, 0) : middle + 2]
+    below = power[max(middle - _AROUND, 1) : max(middle - _ITSELF, 1)]
+    around = np.concatenate([below, power[middle + _ITSELF + 1 : middle + _AROUND + 1]])
+    usual = float(np.median(around)) if around.size else 0.0
+    return float(own.max(initial=0.0)) / max(usual, 1e-300), float(own.sum())
 
 
 # Samples by which an output must lead before a channel is called shifted, and times the uncertainty of the phase.
@@ -365,20 +360,19 @@ def _levels(recording: Recording) -> tuple[np.ndarray, float, bool]:
     them is a rest within which the output does not move."""
     excitation = recording.excitation
     first, last = excitation.span
-    correlated = float(np.sqrt(max(2.0 * recording.noise_correlation.sum() - 1.0, 1.0)))
+    deviation = recording.noise * float(np.sqrt(max(2.0 * recording.noise_correlation.sum() - 1.0, 1.0)))
     if excitation.period is not None and excitation.cycles >= 3.0:
         size = excitation.period / recording.dt
         # Periods need not be whole numbers of samples: their means come from the integral, interpolated.
         integral = np.concatenate([[0.0], np.cumsum(recording.y)])
         edges = first + size * np.arange(1, int((last - first) / size + 1e-6) + 1)
         means = np.diff(np.interp(edges, np.arange(integral.size), integral)) / size
-        return means, recording.noise * correlated / float(np.sqrt(size)), False
+        return means, deviation / float(np.sqrt(size)), False
     before, after = recording.y[:first], recording.y[last:]
     if not comes_back(recording.drive) or min(before.size, after.size) < 10:
         return np.zeros(0), 0.0, False
     # What follows the last change of the input is still on its way: its second half counts.
     after = after[after.size // 2 :]
-    deviation = recording.noise * correlated
     half = after.size // 2
     moved = abs(float(after[half:].mean() - after[:half].mean())) + _SURE * deviation * float(np.sqrt(2.0 / half))
     change = abs(float(after.mean() - before.mean()))
@@ -443,7 +437,7 @@ def _of_one_kind(a: Recording, b: Recording) -> bool:
 
 def _tones(x: np.ndarray, dt: float) -> list[float]:
     """Frequencies of the strongest narrow peaks, in ascending order."""
-    power = _spectrum(x)
+    power = spectrum(x) ** 2
     limit = _TALL * float(np.median(power))
     found: list[int] = []
     for i in np.argsort(power)[::-1]:
@@ -461,8 +455,6 @@ _AMPLITUDES, _FREQUENCIES, _HOLD = 1.4, 8.0, 3.0
 _LINES = 30.0
 # A jump of the input over its range that is a step; samples at rest before a recording that begins with one.
 _JUMP, _BEFORE = 0.2, 4
-
-
 # What recordings may show, in the words of a piezo actuator and of any other system (empty where it is no question
 # there), and what to record for it.
 QUESTIONS = (

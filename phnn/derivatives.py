@@ -15,7 +15,7 @@ from phnn.integrate.sweep import Integrated, Perturbed, cycle_derivative, withou
 from phnn.laws import FACTOR_LAWS, PORT_LAWS
 from phnn.laws.namespace import TINY
 from phnn.models.actuator import hrc
-from phnn.recordings.excitation import input_before, made_periodic
+from phnn.recordings.excitation import made_periodic
 from phnn.signals.reconstruct import mean_input
 from phnn.trajectory import (
     Trajectory,
@@ -187,7 +187,7 @@ def _by_amplifier(trajectory: Trajectory, names: Sequence[str]) -> list[_Acting]
     setup, recording = trajectory.setup, trajectory.recording
     if not any(n in names for b in setup.amplifier for n in b.parameters):
         return []
-    command, before = trajectory.driving.fine(recording), input_before(recording, recording.u)
+    command, before = trajectory.driving.fine(recording), recording.input_before
     changes = driven_changes(setup, command, trajectory.h, before, trajectory.run_in, names)
     slope = np.zeros(trajectory.states.shape[1])
     if trajectory.rest is not None and any(b != 0.0 for _, b in changes.values()):
@@ -198,7 +198,7 @@ def _by_amplifier(trajectory: Trajectory, names: Sequence[str]) -> list[_Acting]
 def _by_instants(trajectory: Trajectory) -> list[_Acting]:
     """By every instant of the input's jumps: a jump that comes later takes an impulse away."""
     setup, recording = trajectory.setup, trajectory.recording
-    command, before = trajectory.driving.fine(recording), input_before(recording, recording.u)
+    command, before = trajectory.driving.fine(recording), recording.input_before
     unmoved = np.zeros(trajectory.states.shape[1])
     found = []
     for number, slope in enumerate(trajectory.driving.slopes(recording).T):

@@ -78,8 +78,7 @@ LIMITS = Limits()
 def available_memory() -> int:
     """Bytes of memory that may still be taken: the least of what the machine and its control group have left."""
     found = [_machine(), *_control_group()]
-    known = [size for size in found if size is not None]
-    return min(known, default=_UNKNOWN_MEMORY)
+    return min((size for size in found if size is not None), default=_UNKNOWN_MEMORY)
 
 
 def _machine() -> int | None:
@@ -93,14 +92,14 @@ def _machine() -> int | None:
         return None
 
 
-def _control_group() -> list[int | None]:
+def _control_group() -> list[int]:
     """What the control groups of version 2 and 1 leave, as a container sees them; pages of read files can be freed."""
     root = Path("/sys/fs/cgroup")
     groups = (
         (root / "memory.max", root / "memory.current", root / "memory.stat"),
         (root / "memory/memory.limit_in_bytes", root / "memory/memory.usage_in_bytes", root / "memory/memory.stat"),
     )
-    found: list[int | None] = []
+    found: list[int] = []
     for most, used, kinds in groups:
         texts = _text(most).strip(), _text(used).strip()
         if all(text.isdecimal() for text in texts):
@@ -145,11 +144,7 @@ class Source:
     outside: bool = False
 
     def open(self) -> BinaryIO:
-        """The file, open for reading.
-
-        Raises:
-            InputRefused: it cannot be opened, or is no regular file any more.
-        """
+        """Return the file, open for reading. Raises InputRefused where it cannot be, or is no regular file any more."""
         flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
         try:
             file = os.fdopen(os.open(self.path, flags), "rb")
@@ -162,13 +157,10 @@ class Source:
         return file
 
     def read(self, most: int, what: str = "a file") -> bytes:
-        """The whole content.
+        """Return the whole content. Raises InputRefused where it is larger than ``most``, or cannot be read.
 
         Args:
             most: bytes; what: of a kind of file, for the message.
-
-        Raises:
-            InputRefused: it is larger, or cannot be read.
         """
         self.check_size(most, what)
         with self.open() as file:
@@ -196,9 +188,6 @@ class Source:
         Args:
             size: bytes of the numbers once they are read.
             unpacked: the file holds them packed, and may claim any number of them.
-
-        Raises:
-            InputRefused: they take more.
         """
         most = LIMITS.memory_for_a_file()
         if unpacked:

@@ -426,11 +426,7 @@ def _check_origin(out: Path, before: _Manifest, command: str, origin: Origin) ->
 
 
 def apart(out: Path, inputs: Sequence[Path]) -> None:
-    """Refuse results in a folder of recordings or models.
-
-    Raises:
-        InputRefused: ``out`` is one of ``inputs``, contains one or lies in one, links resolved.
-    """
+    """Refuse results in a folder of recordings or models: one that is, contains or lies in one of ``inputs``."""
     root = _resolved(out)
     for given in inputs:
         path = _resolved(given)

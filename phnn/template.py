@@ -157,8 +157,7 @@ def _columns_seen(table: Table) -> list[_Seen]:
         if values.size > 1 and bool(np.isfinite(values).all()):
             bare, unit = split_unit(name)
             unit = unit or table.units.get(name)
-            known = parse_name(name) if name else None
-            words = _of(" ".join([*re.findall(r"[^\W\d_]+", bare.lower()), known[0] if known is not None else ""]))
+            words = _of(" ".join([*re.findall(r"[^\W\d_]+", bare.lower()), parse_name(name)[0]]))
             found.append(_Seen(i, name, unit if unit and find_unit(unit) is not None else None, words, values))
     if table.by_name:
         # Variables stand in a file in any order.
@@ -237,7 +236,7 @@ def _time(columns: Sequence[_Seen], table: Table) -> _Seen | None:
 def _by_words(columns: Sequence[_Seen], role: str, first: str) -> _Seen | None:
     """Return the column whose name says the role, that of quantity ``first`` before all others."""
     named = [c for c in columns if c.words & _WORDS[role]]
-    exact = [c for c in named if (p := parse_name(c.name)) is not None and p[0] == first]
+    exact = [c for c in named if parse_name(c.name)[0] == first]
     return next(iter([*exact, *named]), None)
 
 
@@ -256,9 +255,7 @@ def _length(column: _Seen) -> str:
     return next((u for u, factor in factors.items() if 1e-9 <= size * factor <= 1e-3), "um")
 
 
-def manifest_text(
-    found: Sequence[Found], left: Sequence[str], folder: str, actuator: bool, with_uses: bool = True
-) -> str:
+def manifest_text(found: Sequence[Found], left: Sequence[str], folder: str, actuator: bool) -> str:
     """Return the manifest.
 
     Args:
@@ -266,7 +263,6 @@ def manifest_text(
         left: other files and folders.
         folder: as the user calls it.
         actuator: input and output are taken for voltage and displacement of a piezo actuator.
-        with_uses: propose which recordings are held out.
     """
     usable, shown = [f for f in found if not f.reason], _comment(folder)
     lines = [
@@ -285,12 +281,13 @@ def manifest_text(
         lines += [f"sample_rate_hz: {_RATE:g}   # guessed: no column is a time; write the true rate"]
     lines += ["", "recordings:"] if usable else []
     for i, f in enumerate(usable):
-        use = ""
-        if with_uses and len(usable) >= _HELD_OUT:
-            use = "identification" if (i + 1) % _HELD_OUT else "confirmation   # proposed: held out"
         lines += [f"  - file: {_quoted(f.file)}"]
-        lines += [*([f"    name: {_quoted(f.name)}"] if f.name else []), *([f"    use: {use}"] if use else [])]
-        lines += [] if shared else ["    columns:", *(f"      {line}" for line in columns[i])]
+        if f.name:
+            lines += [f"    name: {_quoted(f.name)}"]
+        if len(usable) >= _HELD_OUT:
+            lines += [f"    use: {'identification' if (i + 1) % _HELD_OUT else 'confirmation   # proposed: held out'}"]
+        if not shared:
+            lines += ["    columns:", *(f"      {line}" for line in columns[i])]
     if usable and len(usable) < _HELD_OUT:
         lines += ["    # add `use: confirmation` to what is to be held out; left out, phnn chooses"]
     refused = [f for f in found if f.reason]
@@ -313,11 +310,10 @@ def _setup(usable: Sequence[Found], actuator: bool) -> list[str]:
         said = "{model: linear}   # guessed: mass, spring and damper; input and output are no voltage and stroke"
         return [f"setup: {said}"]
     model, why = _BY_UNITS[pair]
-    moves = ["sensor: {derivative: true}   # the output is a velocity, that of the model a way"]
-    return [
-        f"setup: {{model: {model}}}   # guessed from {pair[0]} and {pair[1]}: {why}",
-        *(moves if pair[1].endswith("/s") else []),
-    ]
+    lines = [f"setup: {{model: {model}}}   # guessed from {pair[0]} and {pair[1]}: {why}"]
+    if pair[1].endswith("/s"):
+        lines.append("sensor: {derivative: true}   # the output is a velocity, that of the model a way")
+    return lines
 
 
 def _columns(f: Found, actuator: bool) -> list[str]:
@@ -333,9 +329,9 @@ def _columns(f: Found, actuator: bool) -> list[str]:
         lines.append(f"{key}: {{column: {place}, unit: {role.unit}}}   # {called}{guessed}")
     calls: dict[str, list[tuple[int, str | None]]] = {}
     for i, name in enumerate(table.names):
-        known = parse_name(name) if name else None
-        if known is not None and known[0] not in [keys[r] for r in f.roles]:
-            calls.setdefault(known[0], []).append((i, known[1] if known[1] and find_unit(known[1]) else None))
+        quantity, unit = parse_name(name)
+        if quantity and quantity not in [keys[r] for r in f.roles]:
+            calls.setdefault(quantity, []).append((i, unit if unit and find_unit(unit) else None))
     for key, some in calls.items():
         index, unit = some[0]
         if len(some) > 1 or unit is None:
@@ -360,18 +356,22 @@ def _called(table: Table, index: int) -> str:
 
 def _comment(text: str) -> str:
     """Return a text that ends with the line of a comment, whatever it holds."""
-    return "".join(c if c.isprintable() else _escape(c) for c in message(text, LIMITS.message_characters))
+    return _escaped(message(text, LIMITS.message_characters))
 
 
 def _quoted(text: str) -> str:
     """Return a text as yaml reads it back, on one printable line."""
     # Yaml knows json's escapes but for pairs of surrogates, so that letters stay as they are.
-    return "".join(c if c.isprintable() else _escape(c) for c in json.dumps(text, ensure_ascii=False))
+    return _escaped(json.dumps(text, ensure_ascii=False))
 
 
-def _escape(character: str) -> str:
-    code = ord(character)
-    return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
+def _escaped(text: str) -> str:
+    """Return a text with an escape in the place of every character that yaml or a terminal may not show."""
+
+    def escape(code: int) -> str:
+        return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
+
+    return "".join(c if c.isprintable() else escape(ord(c)) for c in text)
 
 
 MANIFEST = "recordings.yaml"
@@ -470,7 +470,7 @@ def _readable(found: Sequence[Found], folder: Path, actuator: bool, outside: boo
 
 def _refusal(found: Sequence[Found], folder: Path, actuator: bool, outside: bool) -> str:
     """Return why these files cannot be read with the guessed manifest; empty where they can."""
-    text = manifest_text(found, (), str(folder), actuator, with_uses=len(found) > 1)
+    text = manifest_text(found, (), str(folder), actuator)
     try:
         read(folder, plain_values(text, MANIFEST), allow_outside=outside)
     except InputRefused as error:

@@ -28,7 +28,7 @@ from phnn.laws.wide import has_kernel
 from phnn.network.bondgraph.description import integral_unit
 from phnn.network.elements import Network
 from phnn.parameters import as_table, constant
-from phnn.recordings.excitation import Driving, driving_of, input_before, made_periodic
+from phnn.recordings.excitation import Driving, driving_of, made_periodic
 from phnn.recordings.recording import Recording
 from phnn.recordings.units import times_of_seconds
 from phnn.setup import Block, Setup, Source
@@ -376,7 +376,7 @@ def _port_inputs(
     setup: Setup, network: Network, recording: Recording, driving: Driving, h: Array, cycle: int
 ) -> tuple[Array, Array, Array]:
     """The first port's input within the steps (n, 3), the means of all ports (n, P), and what they were before (P,)."""
-    fine, before = driven(setup, driving.fine(recording), h, input_before(recording, recording.u), cycle)
+    fine, before = driven(setup, driving.fine(recording), h, recording.input_before, cycle)
     u, held = np.zeros((fine.shape[0], len(network.ports))), np.zeros(len(network.ports))
     places = [0, *further_ports(network, recording)]
     u[:, places] = np.column_stack([mean_input(fine), made_periodic(driving.further, cycle)])

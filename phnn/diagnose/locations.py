@@ -27,7 +27,6 @@ from phnn.effects import Kind, Scales, kinds
 from phnn.integrate.cache import entry
 from phnn.network.elements import Network
 from phnn.network.roles import capacitances, charges, dampings, hysterons, ratios, thresholds
-from phnn.recordings.excitation import input_before
 from phnn.trajectory import Trajectory
 
 Array = NDArray[np.float64]
@@ -159,8 +158,7 @@ def _travel(trajectory: Trajectory, scales: Scales) -> tuple[Array, float]:
 
 def _command(trajectory: Trajectory, scales: Scales) -> tuple[Array, float]:
     """Return the input over its scale, and its value before the recording."""
-    before = input_before(trajectory.recording, trajectory.recording.u)
-    return trajectory.u[:, 0] / scales.voltage, before / scales.voltage
+    return trajectory.u[:, 0] / scales.voltage, trajectory.recording.input_before / scales.voltage
 
 
 def _behind(signal: Signal, follow: Callable[..., Array], sizes: Sizes) -> Functions:

@@ -16,7 +16,6 @@ from phnn.identification.problem import without_nuisances
 from phnn.models.actuator import hrc
 from phnn.network.elements import Network
 from phnn.network.small_signal import linearised_at_rest
-from phnn.recordings.excitation import input_before
 from phnn.recordings.recording import Recording, dominant_frequency
 from phnn.recordings.units import powers
 from phnn.setup import Setup
@@ -103,7 +102,7 @@ def falls_throughout(u: Array, y: Array) -> bool:
 
 def _input_range(recording: Recording) -> float:
     """Range of the input, what was before the first sample included."""
-    return float(np.ptp(np.append(recording.u, input_before(recording, recording.u))))
+    return float(np.ptp(np.append(recording.u, recording.input_before)))
 
 
 def with_hysterons(

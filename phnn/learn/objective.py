@@ -25,7 +25,6 @@ from phnn.integrate.rest import equilibrium
 from phnn.integrate.scheme import can_compile
 from phnn.learn.solvers import NetworkPlant, Plant, Solver, Window, near, starts_at_zero, windows_of
 from phnn.nn.learned_system import LearnedSystem
-from phnn.recordings.excitation import input_before
 from phnn.recordings.recording import Part, Recording
 
 _HEAD_SHARE, _HEAD_LEAST = 0.02, 50
@@ -148,7 +147,7 @@ def begin(plant: Plant, recording: Recording) -> Tensor:
         return zero
     network = plant.network
     u = np.zeros(len(network.ports))
-    u[0] = input_before(recording, recording.u)
+    u[0] = recording.input_before
     return torch.from_numpy(equilibrium(compile_network(network), network, u))
 
 

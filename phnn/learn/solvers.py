@@ -30,7 +30,6 @@ from phnn.integrate.method import METHOD, solve
 from phnn.integrate.scheme import can_compile
 from phnn.network.elements import Network
 from phnn.network.system import PortHamiltonianSystem
-from phnn.recordings.excitation import input_before
 from phnn.recordings.recording import Part, Recording
 from phnn.signals.reconstruct import substep_counts, substep_input
 
@@ -181,7 +180,7 @@ def windows_of(recordings: Sequence[Recording], length: int, substeps: int) -> l
 
 
 def _windows(index: int, recording: Recording, length: int, substeps: int) -> list[Window]:
-    counts = substep_counts(recording.u, input_before(recording, recording.u), substeps)
+    counts = substep_counts(recording.u, recording.input_before, substeps)
     fine = substep_input(recording.u, counts, recording.interpolation, clock=recording.clock)
     h = np.repeat((recording.dt if recording.clock is None else np.diff(recording.t)) / counts, counts)
     nodes = np.concatenate([[0], np.cumsum(counts)])

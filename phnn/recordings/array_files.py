@@ -22,7 +22,7 @@ import numpy as np
 
 from phnn.errors import InputRefused
 from phnn.intake import LIMITS, Source, each_key_once
-from phnn.recordings.library_files import is_hdf5, matlab_content, readable
+from phnn.recordings.library_files import matlab_content, readable
 from phnn.recordings.table import (
     NUMBERS,
     Stored,
@@ -178,8 +178,10 @@ def read_mat(source: Source) -> Table:
     that are structures with a name, data and a unit by that name (ControlDesk, Simulink). Of an array or cells of
     experiments, each is a segment.
     """
+    import h5py
+
     where = Where(source.name)
-    content, classes = matlab_content(source) if is_hdf5(source) else _load_v5(source)
+    content, classes = matlab_content(source) if h5py.is_hdf5(source.path) else _load_v5(source)
     objects = [(printable(name), printable(kind)) for name, kind in classes]
     experiments = {n: e for n, v in content.items() if (e := _experiments(n, v))}
     found = list(stored_arrays({n: v for n, v in content.items() if n not in experiments}))
@@ -378,10 +380,10 @@ def read_json(source: Source) -> Table:
         columns = dict(_columns(content, "", 0, left))
     except RecursionError as error:
         raise InputRefused(f"{source.name}: objects or lists too deep in one another: {_REMEDY}") from error
+    except json.JSONDecodeError as error:
+        cause = f"line {error.lineno}, column {error.colno}: not json ({error.msg}): the file is damaged or was cut"
+        raise InputRefused(f"{source.name}: {cause}: save it again") from error
     except ValueError as error:
-        if isinstance(error, json.JSONDecodeError):
-            cause = f"line {error.lineno}, column {error.colno}: not json ({error.msg}): the file is damaged or was cut"
-            raise InputRefused(f"{source.name}: {cause}: save it again") from error
         raise InputRefused(f"{source.name}: {error}") from error
     if not columns:
         raise NoRecording(f"{source.name}: no arrays of numbers in it: {_REMEDY}")

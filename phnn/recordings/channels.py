@@ -12,16 +12,7 @@ from phnn.errors import InputRefused
 from phnn.recordings import checks
 from phnn.recordings.manifest import DRIVING, EMPTY, GLITCHES, Column
 from phnn.recordings.table import Table, Where
-from phnn.recordings.units import (
-    QUANTITIES,
-    check_unit,
-    find_unit,
-    known_unit,
-    parse_name,
-    split_unit,
-    stated_by_name,
-    suits,
-)
+from phnn.recordings.units import QUANTITIES, check_unit, find_unit, parse_name, split_unit, stated_by_name, suits
 from phnn.signals.reconstruct import find_jumps
 
 # What loggers write for a value that is missing, or beyond a counter.
@@ -83,7 +74,7 @@ def select(table: Table, columns: Mapping[str, Column], named: Mapping[str, tupl
 def _one_clock(table: Table) -> None:
     """Refuse several columns of seconds that grow, of which none is called the time. Raises InputRefused."""
     clocks = [i for i, n in enumerate(table.names) if n and suits("time", split_unit(n)[1])]
-    if len(clocks) < 2 or any((parse_name(table.names[i]) or ("",))[0] == "time" for i in clocks):
+    if len(clocks) < 2 or any(parse_name(table.names[i])[0] == "time" for i in clocks):
         return
     times = [(t := table.numbers(i))[np.isfinite(t)] for i in clocks]
     if all(t.size and (np.diff(t) > 0.0).all() for t in times):
@@ -116,7 +107,8 @@ def _channel(table: Table, quantity: str, said: Column, name: str, spoken_for: M
         own = ~marked if own is None else own & ~marked
         row = table.where.row(int(np.argmax(marked)))
         notes = (*notes, f"{where}: {int(marked.sum())} values masked, the first in {row}")
-    known = known_unit(unit)
+    known = find_unit(unit)
+    assert known is not None, unit
     si_values = said.scale * values * known.factor + known.offset
     return Channel(si_values, label, unit, known.si, said.scale * known.factor, own, notes)
 
@@ -205,17 +197,12 @@ def _glitches(x: np.ndarray) -> np.ndarray:
 
 def _by_name(table: Table, quantity: str, spoken_for: Mapping[int, Column]) -> int | None:
     """Return the index of the one column whose name says ``quantity``."""
-    parsed = [(i, parse_name(name)) for i, name in enumerate(table.names) if name]
+    units = {i: unit for i, (named, unit) in enumerate(map(parse_name, table.names)) if named == quantity}
     # What the manifest takes for something else is not asked again for a unit, or for marks.
-    named = [
-        (i, p[1])
-        for i, p in parsed
-        if p is not None
-        and p[0] == quantity
-        and (i not in spoken_for or (suits(quantity, p[1]) and not (spoken_for[i].missing or spoken_for[i].unwrap)))
-    ]
-    # a name such as voltage_monitor belongs to another column where voltage_V stands beside it
-    known = [i for i, u in named if suits(quantity, u)] or [i for i, _ in named]
+    asked = [i for i in units if i in spoken_for and (spoken_for[i].missing or spoken_for[i].unwrap)]
+    # A name such as voltage_monitor belongs to another column where voltage_V stands beside it.
+    known = [i for i, unit in units.items() if suits(quantity, unit) and i not in asked]
+    known = known or [i for i in units if i not in spoken_for]
     if len(known) > 1:
         names = ", ".join(table.names[i] for i in known)
         raise InputRefused(
@@ -351,7 +338,7 @@ def _in_order(t: Array, channels: Mapping[str, Array], where: Where) -> tuple[Ar
     again = np.flatnonzero(np.diff(t[order]) == 0.0) + 1
     same = all(np.array_equal(x[order[again]], x[order[again - 1]]) for x in channels.values())
     if far or not same or again.size > _DISORDER * t.size:
-        checks.time_advances(t if far else t[order], where, None if far else order)
+        checks.time_advances(t[order], where, order)
     notes = []
     if back.size:
         notes.append(f"{back.size} times go back, the first at {where.row(int(back[0]) + 1)}: rows sorted by time")

@@ -118,7 +118,7 @@ def enough_samples(size: int, where: Where) -> None:
         )
 
 
-def finite(values: np.ndarray, label: str, where: Where, key: str = "") -> None:
+def finite(values: np.ndarray, label: str, where: Where, key: str) -> None:
     """Refuse missing (NaN) and infinite values, and numbers that no instrument writes but as a marker."""
     bad = ~(np.abs(values) < LARGEST_VALUE)
     if bad.any():
@@ -126,13 +126,13 @@ def finite(values: np.ndarray, label: str, where: Where, key: str = "") -> None:
         what = "is missing (NaN or empty)" if np.isnan(values[row]) else f"is {values[row]:g}"
         raise InputRefused(
             f"{where}: {label}, {where.row(row)}: the value {what}, {int(bad.sum())} such rows in all: "
-            f"repair them, or cut the recording there (`slice` in recordings.yaml)"
-            + (f", or mask them by {key}" if key else "")
+            f"repair them, or cut the recording there (`slice` in recordings.yaml), or mask "
+            f"them by {key}"
         )
 
 
-def time_advances(t: np.ndarray, where: Where, rows: np.ndarray | None = None) -> None:
-    """Refuse time that goes back or stands still; ``rows`` are those of the file, where they were sorted."""
+def time_advances(t: np.ndarray, where: Where, rows: np.ndarray) -> None:
+    """Refuse time that goes back or stands still; ``rows`` are those of the file from which the instants come."""
     steps = np.diff(t)
     for bad, cause, remedy in (
         (
@@ -144,7 +144,7 @@ def time_advances(t: np.ndarray, where: Where, rows: np.ndarray | None = None) -
     ):
         if bad.any():
             i = int(np.argmax(bad)) + 1
-            row = where.row(i if rows is None else int(rows[i]))
+            row = where.row(int(rows[i]))
             raise InputRefused(f"{where}: time, {row}: {cause} ({t[i - 1]:.9g} s, then {t[i]:.9g} s): {remedy}")
 
 

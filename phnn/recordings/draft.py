@@ -14,7 +14,7 @@ from phnn.recordings import checks
 from phnn.recordings.channels import Channel, evenly, interpolated, own_rows, select, stamped
 from phnn.recordings.excitation import Excitation, excitation_of
 from phnn.recordings.manifest import Column, Entry, Manifest, check_unit_of_limits
-from phnn.recordings.recording import ACTUATOR, PLAIN, Recording, Sensor, Start, Units, drive_of, is_actuator
+from phnn.recordings.recording import ACTUATOR, Recording, Sensor, Start, Units, drive_of, is_actuator
 from phnn.recordings.table import Table, Where
 from phnn.results import printable
 from phnn.signals.noise import FROM_PERIODS, WHITE, NoiseFloor, noise_floor
@@ -69,7 +69,7 @@ LARGEST_CLIPPED_SHARE = 0.02
 SHORTEST_CLIPPED_RUN = 5
 
 
-def not_clipped(u: np.ndarray, y: np.ndarray, label: str, factor: float, where: Where, sensor: Sensor = PLAIN) -> None:
+def not_clipped(u: np.ndarray, y: np.ndarray, label: str, factor: float, where: Where, sensor: Sensor) -> None:
     """Refuse an output stuck at its exact extreme while the input moves on (a sensor out of range).
 
     A run counts where it is 5 samples or longer, where the input moves during it, and where a parabola through

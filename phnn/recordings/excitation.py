@@ -9,6 +9,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import next_fast_len
+from scipy.optimize import minimize_scalar
+from scipy.stats import spearmanr
 
 from phnn.signals.least_squares import residual, spline
 from phnn.signals.noise import longest_hold
@@ -86,11 +89,14 @@ def excitation_of(u: np.ndarray, dt: float) -> Excitation:
     return Excitation("broadband", *_band(x, dt), amplitude, None, 0.0, span)
 
 
+def spectrum(x: np.ndarray) -> np.ndarray:
+    """Return the amplitudes (not scaled) of the Fourier transform of ``x`` without its mean, through a Hann window."""
+    return np.asarray(np.abs(np.fft.rfft((x - x.mean()) * np.hanning(x.size))))
+
+
 def active_span(u: np.ndarray) -> tuple[int, int]:
-    """Samples ``[first, last)`` between the rests at the beginning and the end."""
-    moving = np.flatnonzero(np.abs(np.diff(u)) > 1e-9 * max(float(np.ptp(u)), 1e-300))
-    if moving.size == 0:
-        return 0, u.size
+    """Return the samples ``[first, last)`` between the rests at the beginning and the end of an input that moves."""
+    moving = np.flatnonzero(np.abs(np.diff(u)) > 1e-9 * float(np.ptp(u)))
     first, last = int(moving[0]), int(moving[-1]) + 2
     return (first if first > 2 else 0), (last if last < u.size - 2 else u.size)
 
@@ -137,8 +143,6 @@ def _snapped(period: float, count: int) -> float:
 
 def _mismatches(x: np.ndarray, most: int) -> np.ndarray:
     """``(most+1,)`` mismatch of ``x`` with itself at whole lags."""
-    from scipy.fft import next_fast_len
-
     n = x.size
     # A length with a large prime factor is transformed by way of much longer ones.
     length = 2 * n if n <= _LONG else int(next_fast_len(2 * n, real=True))
@@ -154,8 +158,6 @@ def _mismatches(x: np.ndarray, most: int) -> np.ndarray:
 
 def _refined(x: np.ndarray, lag: float, reach: float) -> tuple[float, float]:
     """The lag of least mismatch within ``reach`` samples, and that mismatch."""
-    from scipy.optimize import minimize_scalar
-
     stride = max(1, x.size // 20_000)  # some thousands of samples settle it
     k, curve = np.arange(x.size), spline(x)
     variance = 2.0 * float(x.var())
@@ -195,15 +197,13 @@ def _single_sine(x: np.ndarray) -> float | None:
 
 def _disturbed_sine(x: NDArray[np.float64]) -> float | None:
     """Frequency in cycles per sample of a sine that noise keeps from repeating exactly; ``None`` for other signals."""
-    power = np.abs(np.fft.rfft((x - x.mean()) * np.hanning(x.size))) ** 2
+    power = spectrum(x) ** 2
     peak = int(np.argmax(power[1:])) + 1
     return _sine_between(x, max(peak - 1.0, 0.3) / x.size, (peak + 1.0) / x.size, _DISTURBED)
 
 
 def _sine_between(x: NDArray[np.float64], low: float, high: float, most: float) -> float | None:
     """Frequency between two others of the sine that fits best; ``None`` where it leaves more than a share of ``x``."""
-    from scipy.optimize import minimize_scalar
-
     best = minimize_scalar(lambda f: _sine_misfit(x, float(f)), bounds=(low, high), method="bounded")
     return float(best.x) if best.fun < most else None
 
@@ -225,8 +225,6 @@ def _sweep(x: np.ndarray) -> tuple[float, float] | None:
     if abs(float(centred[0])) <= 1e-6 * float(np.ptp(x)) and crossings[0] > 0.5:
         crossings = np.concatenate(([0.0], crossings))  # it begins with a crossing
     rate = 0.5 / np.maximum(np.diff(crossings), 1e-9)
-    from scipy.stats import spearmanr
-
     if float(np.ptp(rate)) <= 1e-6 * float(rate.max()):
         return None
     order = float(spearmanr(np.arange(rate.size), rate).statistic)
@@ -236,7 +234,7 @@ def _sweep(x: np.ndarray) -> tuple[float, float] | None:
 
 def _band(x: np.ndarray, dt: float) -> tuple[float, float]:
     """Frequencies in Hz between which 98 % of the power lies."""
-    power = np.abs(np.fft.rfft((x - x.mean()) * np.hanning(x.size))) ** 2
+    power = spectrum(x) ** 2
     share = np.cumsum(power) / max(float(power.sum()), 1e-300)
     frequency = np.fft.rfftfreq(x.size, dt)
     low, high = np.searchsorted(share, [0.01, 0.99])
@@ -309,10 +307,8 @@ def driving_of(recording: Recording, substeps: int, method: str | None = None) -
     """
     further = tuple(_Same(x) for x in recording.further.values())
     period, times = (recording.period or 0.0) / recording.dt, None if recording.clock is None else _Same(recording.t)
-    before = input_before(recording, recording.u)
-    return _driving(
-        _Same(recording.u), further, recording.cycle, before, period, times, substeps, method or recording.interpolation
-    )
+    u, cycle, before = _Same(recording.u), recording.cycle, recording.input_before
+    return _driving(u, further, cycle, before, period, times, substeps, method or recording.interpolation)
 
 
 @lru_cache(maxsize=64)
@@ -378,11 +374,6 @@ def instants_known(recording: Recording) -> bool:
     driving, fitted = driving_of(recording, 1), recording.mask("identification")
     at = driving.command.breaks.jumps - driving.lead
     return bool(np.isin(driving.group, driving.group[(at >= 0) & fitted[at]]).all())
-
-
-def input_before(recording: Recording, samples: Array) -> float:
-    """The input before the first sample; the first sample itself where the start does not say."""
-    return recording.start.input_before if recording.start.state == "rest" else float(samples[0])
 
 
 def made_periodic(x: Any, cycle: int) -> Any:

@@ -28,8 +28,6 @@ _SUPERBLOCK, _BLOCK = 52, 2**20
 # Attributes of the CF conventions: of a unit, of numbers that are packed, of values that are missing.
 _UNITS, _PACKED, _MISSING = ("units", "unit"), ("scale_factor", "add_offset"), ("_FillValue", "missing_value")
 _CLASS, _EMPTY, _OBJECT = "MATLAB_class", "MATLAB_empty", "MATLAB_object_decode"
-
-
 # Packages that an extra of phnn brings.
 _EXTRAS = {"npTDMS": "'phnn[tdms]'"}
 
@@ -56,19 +54,11 @@ def readable(source: Source, kind: str, remedy: str, package: str = "", typed: b
         raise InputRefused(f"{source.name}: {kind} ({cause}): {remedy}") from error
 
 
-def is_hdf5(source: Source) -> bool:
-    """Return whether a file has the signature of an HDF5 file."""
-    import h5py
-
-    return bool(h5py.is_hdf5(source.path))
-
-
 def read_hdf5(source: Source) -> Table:
     """Return the columns of all datasets of numbers, those of a group as ``group.dataset``, as `read_mat` does."""
     with _opened(source) as file:
-        return table_of(
-            Where(source.name), (s for path, item in _walk(file, source) for s in _stored(source, path, item))
-        )
+        found = (stored for path, item in _walk(file, source) for stored in _stored(source, path, item))
+        return table_of(Where(source.name), found)
 
 
 def matlab_content(source: Source) -> tuple[dict[str, Any], list[tuple[str, str]]]:
@@ -234,10 +224,7 @@ def _text(said: Any) -> str:
 def _check_length(source: Source, superblock: int) -> None:
     """Refuse another length than the superblock states; bytes that slipped in have moved what lies behind them.
 
-    Zeros at the end, which fill a block, have not.
-
-    Raises:
-        ValueError: it has another length.
+    Zeros at the end, which fill a block, have not. Raises ValueError.
     """
     with source.open() as file:
         file.seek(superblock)
@@ -328,11 +315,7 @@ def _numeric(source: Source, content: Any) -> dict[tuple[str, str], tuple[np.nda
 
 
 def _clock(properties: Mapping[str, Any]) -> _Clock:
-    """Return the clock of a waveform.
-
-    Raises:
-        ValueError: what is said is no interval.
-    """
+    """Return the clock of a waveform. Raises ValueError where what is said is no interval."""
     said = properties.get(_INTERVAL, 0.0)
     if isinstance(said, bool) or not isinstance(said, int | float | np.number) or not 0.0 <= said < math.inf:
         raise ValueError(f"its property {_INTERVAL} is {said!r:.60}, not seconds")
@@ -345,12 +328,10 @@ def _clock(properties: Mapping[str, Any]) -> _Clock:
 
 
 def _closed(source: Source) -> bool:
-    """Whether the last segment was closed: one that a crash has left says that it reaches to the end of the file.
+    """Return whether the last segment was closed: one that a crash has left says that it reaches to the file's end.
 
-    Every other one states where the next begins, and the last ends with the file, unless bytes were lost or slipped in.
-
-    Raises:
-        ValueError: it does not.
+    Every other one states where the next begins, and the last ends with the file, unless bytes were lost or slipped in:
+    then ValueError is raised.
     """
     size, first = source.size, 0
     with source.open() as file:

@@ -152,33 +152,30 @@ def _column(said: Any, inherited: Column, quantity: str, where: str) -> Column:
     if isinstance(said, (int, str)) and not isinstance(said, bool):
         said = {"column": said}
     content = mapping(said, where)
-    keys_of(
-        content, ("column", "unit", "scale", "unwrap", "missing", *(("gain",) if quantity in DRIVING else ())), where
-    )
-    column = inherited
+    gain = ("gain",) if quantity in DRIVING else ()
+    keys_of(content, ("column", "unit", "scale", "unwrap", "missing", *gain), where)
+    found: dict[str, Any] = {}
     if "column" in content:
         place = content["column"]
         if isinstance(place, bool) or not isinstance(place, (int, str)) or (isinstance(place, int) and place < 0):
             raise InputRefused(
                 f"{where}: column {shown(place)} is neither an index from 0 on nor a name: give one of them"
             )
-        column = replace(column, place=place)
+        found["place"] = place
     if "unit" in content:
-        column = replace(column, unit=check_unit(quantity, str(content["unit"]), where))
+        found["unit"] = check_unit(quantity, str(content["unit"]), where)
     if "gain" in content:
-        column = replace(column, gain=choice(content["gain"], GAINS, f"{where}: gain"))
+        found["gain"] = choice(content["gain"], GAINS, f"{where}: gain")
     if "unwrap" in content:
-        column = replace(column, unwrap=number(content["unwrap"], f"{where}: unwrap", above=0.0))
+        found["unwrap"] = number(content["unwrap"], f"{where}: unwrap", above=0.0)
     if "missing" in content:
-        said = content["missing"] if isinstance(content["missing"], list) else [content["missing"]]
-        marks = tuple(v if v in (EMPTY, GLITCHES) else number(v, f"{where}: missing") for v in said)
-        column = replace(column, missing=marks)
+        marks = content["missing"] if isinstance(content["missing"], list) else [content["missing"]]
+        found["missing"] = tuple(v if v in (EMPTY, GLITCHES) else number(v, f"{where}: missing") for v in marks)
     if "scale" in content:
-        scale = number(content["scale"], f"{where}: scale")
-        if scale == 0.0:
+        found["scale"] = number(content["scale"], f"{where}: scale")
+        if found["scale"] == 0.0:
             raise InputRefused(f"{where}: scale 0 would erase the column: give the factor from number to {quantity}")
-        column = replace(column, scale=scale)
-    return column
+    return replace(inherited, **found)
 
 
 _DERIVATIVES = ("derivative", "second_derivative")
@@ -471,10 +468,8 @@ def _setup(value: Any, name: str, homes: Sequence[Path], outside: bool) -> Mappi
     content = dict(mapping(value, where))
     keys_of(content, ("model", "network", "hysterons"), where)
     if "network" in content:
-        return {
-            **content,
-            "network": _network_file(text(content["network"], f"{where}: network"), where, homes, outside),
-        }
+        file = text(content["network"], f"{where}: network")
+        return {**content, "network": _network_file(file, where, homes, outside)}
     content.setdefault("model", DEFAULT_SETUP["model"])
     choice(content["model"], MODELS, f"{where}: model", "or `network: FILE.yaml` for a network of your own")
     if content["model"] in ("piezo_actuator", "hrc"):

@@ -37,8 +37,6 @@ def plain(value: Any) -> Any:
 
 
 _TIMES = ("time", "t")
-
-
 # Libraries that may be loaded, and the class of each whose objects are recordings.
 _CLASSES = {"pandas": "DataFrame", "xarray": "Dataset", "nonlinear_benchmarks.utilities": "Input_output_data"}
 
@@ -51,7 +49,7 @@ def _library(data: object) -> str:
     return ""
 
 
-def given_labelled(data: Any, name: str = "") -> Iterator[Given]:
+def given_labelled(data: Any, name: str) -> Iterator[Given]:
     """The recordings of a Dataset, one for each index of a second dimension."""
     where = where_of(data, name)
     time, further = _dimensions(data, where)
@@ -68,7 +66,7 @@ def given_labelled(data: Any, name: str = "") -> Iterator[Given]:
 def _dimensions(data: Any, where: object) -> tuple[str, str | None]:
     """The dimension of time, and a second one where there is one."""
     dims = [str(d) for d in data.dims]
-    times = [d for d in dims if d.lower() in _TIMES or (parse_name(d) or ("",))[0] == "time"]
+    times = [d for d in dims if d.lower() in _TIMES or parse_name(d)[0] == "time"]
     if len(dims) == 1:
         return dims[0], None
     if len(times) == 1 and len(dims) == 2:
@@ -84,7 +82,7 @@ def _along(data: Any, time: str) -> Any:
     shown = data.reset_coords(drop=True)[[n for n, v in data.data_vars.items() if v.dims == (time,)]]
     frame = shown.to_dataframe()
     units = {str(n): str(v.attrs["units"]) for n, v in data.variables.items() if "units" in v.attrs}
-    frame.index.name = None if time not in data.coords else "time" if parse_name(time) is None else time
+    frame.index.name = None if time not in data.coords else time if parse_name(time)[0] else "time"
     if frame.index.name is not None and time in units:
         units[frame.index.name] = units.pop(time)
     if frame.index.dtype.kind in "mM":
@@ -107,7 +105,7 @@ def given_frame(frame: Any, name: str = "", where: Where | None = None) -> Given
     names = [printable(str(column)) for column in frame.columns]
     columns = [frame.iloc[:, i].to_numpy() for i in range(frame.shape[1])]
     time = _time(frame.index)
-    if time is not None and not any((parse_name(n) or ("",))[0] == "time" for n in names):
+    if time is not None and not any(parse_name(n)[0] == "time" for n in names):
         names.append(time[0])
         columns.append(time[1])
     said, place = frame.attrs, f"{where}: attrs"
@@ -128,8 +126,8 @@ def _time(index: Any) -> tuple[str, np.ndarray] | None:
     values = np.asarray(index.tz_convert(None) if zoned else index)
     if values.dtype.kind in "mM":
         return "time_s", np.asarray((values - values[:1]) / np.timedelta64(1, "ns"), dtype=float) * 1e-9
-    named = parse_name(str(index.name)) if index.name is not None else None
-    return (str(index.name), values) if named is not None and named[0] == "time" else None
+    name = str(index.name)
+    return (name, values) if parse_name(name)[0] == "time" else None
 
 
 def given_benchmark(data: Any, names: tuple[str, str], name: str) -> Given:

@@ -96,14 +96,14 @@ def divide(candidates: Sequence[Candidate]) -> tuple[Mapping[str, tuple[Part, ..
                 f"samples, which would tell state and zero, the input covers less than {_COVERED:.0%} of its range. "
                 f"Say `start: rest`, or begin the slice earlier."
             )
-    if not held:
-        note += " No result can be confirmed on recordings that were not used."
     parts_by_name = {c.name: whole_parts(c, c.name in held) for c in candidates}
     kept = [c for c in candidates if c.name not in held]
     # Whether some held-out recording differs from every other one in amplitude, frequency or kind.
     new = any(not any(_alike(c, k) for k in kept) for c in candidates if c.name in held)
     if held:
         note += f" They bring {'an' if new else 'no'} amplitude or frequency that identification lacks."
+    else:
+        note += " No result can be confirmed on recordings that were not used."
     return parts_by_name, new, (note,)
 
 
@@ -117,9 +117,9 @@ def whole_parts(one: Candidate, held_out: bool) -> tuple[Part, ...]:
 def split_one(one: Candidate) -> tuple[tuple[Part, ...], str]:
     """A single recording in two parts with a gap: whole periods where it has at least four, else stretches of time."""
     first, last = one.excitation.span
-    cycles = int((last - first) * 1.0001 / (one.excitation.period / one.dt)) if one.excitation.period else 0
-    if cycles >= 4 and one.excitation.period:
-        period = one.excitation.period / one.dt
+    period = (one.excitation.period or 0.0) / one.dt  # samples
+    cycles = int((last - first) * 1.0001 / period) if period else 0
+    if cycles >= 4:
         confirm, gap = max(1, round(0.35 * cycles)), max(1, round(0.05 * cycles))
         begin = first + round((cycles - confirm) * period)
         until = first + round((cycles - confirm - gap) * period)
@@ -209,12 +209,8 @@ def _near(a: float, b: float) -> bool:
 
 # Fewest recordings whose spectra are pooled; how far their coefficients may lie from the median.
 _FEWEST, _AGREES = 3, 0.12
-
-
 # Factor within which deviations are of one size: a spectrum that ringing or a tail reaches gives many times the noise.
 _ONE_SIZE = 1.5
-
-
 # Level at which recordings of one kind are proven to differ in their noise.
 DIFFERENT = 0.01
 

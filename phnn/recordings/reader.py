@@ -130,7 +130,7 @@ class Files:
             return " (json without arrays of numbers)"
         # Settings and results in json may lie beside recordings.
         stated = {place for place in stated if isinstance(place, str)}
-        described = {p[0] for name in names if name and (p := parse_name(name)) is not None}
+        described = {parse_name(name)[0] for name in names}
         if (stated and stated <= set(names)) or described & {"voltage", "input", "force"}:
             return None
         return " (numbers that nothing describes: to use it, say in recordings.yaml which columns are what)"

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from phnn.html import table, titled
 from phnn.parameters import quantity
-from phnn.recordings.excitation import Excitation, excitation_of
+from phnn.recordings.excitation import Excitation, excitation_of, spectrum
 from phnn.signals.noise import AS_WHITE
 
 
@@ -40,8 +40,6 @@ _STRIDE, _STRAIGHT = 8, 0.001
 
 # Names of recordings in a short form of a campaign.
 _SHOWN = 4
-
-
 # A sample sits at a limit of the sensor within this share of the range: numbers in files are rounded.
 _AT_LIMIT = 1e-4
 
@@ -72,14 +70,12 @@ class Sensor:
 
     def at_limit(self, y: NDArray[np.float64]) -> NDArray[np.int8]:
         """(N,) 1 where a recorded output sits at the upper limit, -1 where at the lower one, 0 between them."""
-        if not self.is_limited:
-            return np.zeros(y.size, dtype=np.int8)
         room = _AT_LIMIT * float(np.ptp(y))
         return (y >= self.saturates[1] - room).astype(np.int8) - (y <= self.saturates[0] + room).astype(np.int8)
 
     def limited(self, y: NDArray[np.float64]) -> NDArray[np.float64]:
         """(N,) an output as the sensor shows it."""
-        return np.clip(y, *self.saturates) if self.is_limited else y
+        return np.clip(y, *self.saturates)
 
     def words(self, y: NDArray[np.float64]) -> str:
         """What is known, and how many samples (N,) sit at a limit; empty where nothing is."""
@@ -261,6 +257,11 @@ class Recording:
         """Whether the noise floor is the level of a band, and nothing shows what the noise is outside it."""
         return AS_WHITE in self.noise_source and self.noise_interval is None
 
+    @property
+    def input_before(self) -> float:
+        """The input before the first sample; the first sample itself where the start does not say."""
+        return self.start.input_before if self.start.state == "rest" else float(self.u[0])
+
     def mask(self, use: str) -> np.ndarray:
         """``(N,)`` bool: the samples that serve as ``use``."""
         chosen = np.zeros(self.t.size, dtype=bool)
@@ -391,10 +392,8 @@ def dominant_frequency(recording: Recording) -> float:
     """Frequency of the strongest input line [Hz]."""
     if recording.period:
         return 1.0 / recording.period
-    u = recording.u - recording.u.mean()
-    spectrum = np.abs(np.fft.rfft(u * np.hanning(u.size)))
-    peak = int(np.argmax(spectrum[1:])) + 1
-    return peak / (u.size * recording.dt)
+    peak = int(np.argmax(spectrum(recording.u)[1:])) + 1
+    return peak / (recording.t.size * recording.dt)
 
 
 def digest(campaign: Campaign) -> str:

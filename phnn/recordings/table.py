@@ -24,8 +24,6 @@ _READ = "iufbcOUS"
 REMEDY_COMMA = "write numbers with a point as decimal sign"
 # The numbers or texts of a column, or what reads them.
 Column = np.ndarray | Callable[[], np.ndarray]
-
-
 # Kinds of numpy's types that are numbers; complex ones are refused where somebody asks for them.
 NUMBERS = "iufbc"
 
@@ -268,8 +266,6 @@ def is_vector(value: Any) -> bool:
 
 # Fields of a structure that is a signal: its name, its numbers and its unit.
 _NAMES, _DATA = ("Name", "name", "label", "title"), ("Data", "data", "values", "Values")
-
-
 _UNITS = ("Unit", "unit", "Units", "units")
 
 

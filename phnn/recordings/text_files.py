@@ -295,7 +295,7 @@ def _names(name: str, lines: Sequence[str], first: int, dialect: Dialect) -> tup
     nearest = rows[-1]
     header = lines[filled[-1] : first]
     if len(nearest) != width:
-        if not any(parse_name(word) for word in nearest):
+        if not any(parse_name(word)[0] for word in nearest):
             return nothing, header
         row, cells = lines[first], dialect.cells(lines[first])
         if dialect.separator == "," and len(cells) > len(nearest) and all(_WHOLE.fullmatch(cell) for cell in cells):
@@ -339,7 +339,7 @@ def _words(line: str, dialect: Dialect) -> list[str]:
 
 def _with_unit(name: str, unit: str, place: str) -> str:
     """Return a column's name with the unit from the row below it, unless it has one. Raises InputRefused for two."""
-    bare, own = unit.strip("()[] "), (parse_name(name) or ("", None))[1]
+    bare, own = unit.strip("()[] "), parse_name(name)[1]
     if bare and own is not None and find_unit(own) not in (None, find_unit(bare)):
         raise InputRefused(
             f"{place}: the row of units says {bare[:_SHOWN]} of {name[:_SHOWN]!r}: correct the name or the unit, in "

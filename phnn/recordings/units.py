@@ -86,20 +86,20 @@ def by_pint(name: str) -> Unit | None:
     try:
         # As pint reads it: powers with stars, a newton metre as a product.
         text = _POWER.sub(r"**\1", _NEWTON_METRE.sub(r"\1N*m", name)).replace("²", "**2").replace("³", "**3")
-        return _as_si(registry, registry.Unit(text.replace("·", "*").replace(".", "*").replace("****", "**")))
+        return _as_si(registry.Unit(text.replace("·", "*").replace(".", "*").replace("****", "**")))
     except Exception:  # pint has several of its own for a text that is no unit, and raises those of Python besides
         return None
 
 
-def _as_si(registry: pint.UnitRegistry[Any], unit: pint.Unit) -> Unit | None:
-    """The unit in SI; None where numbers in it are not proportional to SI values (decibels)."""
+def _as_si(unit: pint.Unit) -> Unit | None:
+    """Return the unit in SI; None where numbers in it are not proportional to SI values (decibels)."""
+    registry = _registry()
     si = registry.Unit("dimensionless")
     for name, power in unit._units.items():
-        si *= _named(registry, str(name)) ** power
+        si *= _named(str(name)) ** power
     if len(unit._units) != 1:
-        total = _base(registry, si)
         wanted = (registry.Unit(name) for name in ("dimensionless", *filter(None, QUANTITIES.values())))
-        si = next((u for u in wanted if _base(registry, u) == total), si)
+        si = next((u for u in wanted if _base(u) == _base(si)), si)
     zero, one, two = (float(registry.Quantity(x, unit).to(si).magnitude) for x in (0.0, 1.0, 2.0))
     if abs((two - one) - (one - zero)) > 1e-9 * abs(two - zero):
         return None
@@ -107,15 +107,16 @@ def _as_si(registry: pint.UnitRegistry[Any], unit: pint.Unit) -> Unit | None:
     return Unit(format(si, "~P") or "1", factor, zero)
 
 
-def _named(registry: pint.UnitRegistry[Any], name: str) -> pint.Unit:
-    """The SI unit of a single unit, with a name of its own where it has one: N for lbf."""
-    base = _base(registry, registry.Unit(name.removeprefix("delta_")))
-    return next((u for u in map(registry.Unit, _SI) if _base(registry, u) == base), base)
+def _named(name: str) -> pint.Unit:
+    """Return the SI unit of a single unit, with a name of its own where it has one: N for lbf."""
+    base = _base(name.removeprefix("delta_"))
+    return next((u for u in map(_registry().Unit, _SI) if _base(u) == base), base)
 
 
-def _base(registry: pint.UnitRegistry[Any], unit: pint.Unit) -> pint.Unit:
-    """A unit in powers of kilogram, metre, second, …"""
-    return registry.Unit(registry.Quantity(1.0, unit).to_base_units().units)
+def _base(unit: pint.Unit | str) -> pint.Unit:
+    """Return a unit in powers of kilogram, metre, second, …"""
+    registry = _registry()
+    return registry.Unit(registry.get_base_units(registry.Unit(unit))[1])
 
 
 @lru_cache(maxsize=1)
@@ -127,15 +128,14 @@ def _registry() -> pint.UnitRegistry[Any]:
     return registry
 
 
-def parse_name(header: str) -> tuple[str, str | None] | None:
-    """Quantity and unit of a column name such as ``displacement_um`` or ``voltage [V]``.
+def parse_name(header: str) -> tuple[str, str | None]:
+    """Return quantity and unit of a column name such as ``displacement_um`` or ``voltage [V]``.
 
-    Returns:
-        ``(quantity, unit)``, unit ``None`` where the name has none; ``None`` where the name is no known quantity.
+    The quantity is empty where the name is no known one; the unit is ``None`` where the name has none.
     """
     match = _NAME.match(header)
     if match is None or match[1].lower() not in QUANTITIES:
-        return None
+        return "", None
     unit = match[2] or match[3]
     return match[1].lower(), spelled(unit) if unit else None
 
@@ -156,9 +156,9 @@ def split_unit(header: str) -> tuple[str, str | None]:
 
 def stated_by_name(header: str, quantity: str) -> str | None:
     """The unit of a quantity that a column's name states, whatever the column is called; None if it states none."""
-    parsed = parse_name(header)
-    if parsed is not None and parsed[0] == quantity:
-        return parsed[1]
+    named, unit = parse_name(header)
+    if named == quantity:
+        return unit
     _, unit = split_unit(header)
     # Without brackets `pos_m` may be a measured position.
     certain = unit is not None and (_BRACKETED.match(header) is not None or (len(unit) > 1 and unit in _COMMON))
@@ -174,10 +174,9 @@ def suits(quantity: str, unit: str | None) -> bool:
 def same_kind(one: str, other: str) -> bool:
     """Whether two texts are units of the same kind, such as S and 1/ohm; a text that is no unit is like itself only."""
     first, second = find_unit(one), find_unit(other)
-    if first is None or second is None or first.si == second.si:
-        return one == other or (first is not None and second is not None)
-    registry = _registry()
-    return _base(registry, registry.Unit(first.si)) == _base(registry, registry.Unit(second.si))
+    if first is None or second is None:
+        return one == other
+    return first.si == second.si or _base(first.si) == _base(second.si)
 
 
 def powers(text: str) -> dict[str, float]:
@@ -185,8 +184,7 @@ def powers(text: str) -> dict[str, float]:
     found = find_unit(text)
     if found is None or found.si == "1":
         return {}
-    registry = _registry()
-    base: dict[str, Any] = dict(_base(registry, registry.Unit(found.si))._units)
+    base: dict[str, Any] = dict(_base(found.si)._units)
     return {name: float(power) for name, power in base.items() if name != "radian"}
 
 
@@ -251,15 +249,8 @@ def _hint(quantity: str, name: str) -> str:
     if len(name) > LIMITS.unit_characters:
         return ""
     si = QUANTITIES[quantity] or "V"
-    common = [f"{prefix}{si}" for prefix in ("", "m", "u", "n", "k")] if si != "K" else ["K", "degC", "degF"]
+    common = [f"{prefix}{si}" for prefix in _MULTIPLES] if si != "K" else ["K", "degC", "degF"]
     known = [*common, *(n for n in dir(_registry()) if len(n) > 1 and n.isalpha())]
     alike = [u for u in known if u.lower() == name.lower()] or difflib.get_close_matches(name, known, n=3, cutoff=0.6)
     meant = next((u for u in alike if suits(quantity, u)), None)
     return f" (did you mean {meant}?)" if meant else ""
-
-
-def known_unit(unit: str) -> Unit:
-    """The unit of a text that `check_unit` accepted."""
-    found = find_unit(unit)
-    assert found is not None, unit
-    return found
