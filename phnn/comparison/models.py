@@ -29,7 +29,7 @@ from phnn.configuration import check, positive
 from phnn.diagnose.diagnosis import score_on_all
 from phnn.errors import InputRefused
 from phnn.identification.base import Progress, identify_base, identify_bouc_wen
-from phnn.identification.evaluate import Evaluation, PartScore, scored, zero_mask
+from phnn.identification.evaluate import Evaluation, PartScore, scored, with_zero
 from phnn.identification.fit import Fit
 from phnn.identification.identified import save_fit
 from phnn.identification.options import Options
@@ -439,12 +439,12 @@ def _rival(bench: Bench, model: str) -> Result:
         "kind": "rival", "parameters": "", "gradient": "", "seed": settings.options.seed, "budget": settings.budget,
         **own,
     }  # fmt: skip
-    outputs = {r.name: _with_zero(r, _checked(model, r, given)) for r in bench.campaign.recordings}
+    outputs = {r.name: _checked(model, r, given) for r in bench.campaign.recordings}
     return Result(model, scored(bench.campaign.recordings, outputs), facts)
 
 
 def _checked(model: str, recording: Recording, given: Mapping[str, Array]) -> Array:
-    """Return a rival's output on one recording.
+    """Return a rival's output on one recording, with the recording's own zero.
 
     Raises:
         InputRefused: it is absent or has another length.
@@ -454,12 +454,7 @@ def _checked(model: str, recording: Recording, given: Mapping[str, Array]) -> Ar
     y = np.asarray(given[recording.name], dtype=np.float64)
     if y.shape != recording.t.shape:
         raise InputRefused(f"rival {model}: {recording.name} has shape {y.shape}: give {recording.t.shape[0]} samples")
-    return y
-
-
-def _with_zero(recording: Recording, y: Array) -> Array:
-    """Return an output with the recording's own zero."""
-    return y + np.mean((recording.y - y)[zero_mask(recording)]) if np.isfinite(y).all() else y
+    return with_zero(recording, y) if np.isfinite(y).all() else y
 
 
 _FITTERS: dict[str, Callable[[Bench, str], Result]] = {

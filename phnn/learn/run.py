@@ -206,7 +206,7 @@ def fitted(
         raise InputRefused("nothing can be trained: every parameter is fixed and every weight frozen")
 
     def validate() -> float:
-        return float(whole(plant, solver, held, substeps)())
+        return float(whole(plant, solver, held, substeps, {})())
 
     progress = Trainer(objective, validate if held else None, settings, place, say, recordings).run()
     starts = {
