@@ -219,11 +219,6 @@ class NeuralODE(nn.Module):
         drawn = torch.randn(states, generator=random, dtype=torch.float64)
         self.readout = nn.Parameter(drawn * states**-0.5)
 
-    @property
-    def state_names(self) -> tuple[str, ...]:
-        """Names of the latent states."""
-        return tuple(f"x_{k + 1}" for k in range(self.states))
-
     def vector_field(
         self,
         x: Tensor,  # (..., n)
