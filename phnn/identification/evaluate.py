@@ -180,6 +180,11 @@ def zero_mask(recording: Recording) -> NDArray[np.bool_]:
     return next(m for m in masks if m.any())
 
 
+def with_zero(recording: Recording, y: Array) -> Array:
+    """Return an output (N,) with the recording's own zero."""
+    return np.asarray(y + np.mean((recording.y - y)[zero_mask(recording)]))
+
+
 def scored(recordings: Sequence[Recording], outputs: Mapping[str, Array]) -> Evaluation:
     """Score outputs, by recording, on all parts but those for nuisances."""
     parts = ((r, p) for r in recordings for p in r.parts if p.use != "nuisance")

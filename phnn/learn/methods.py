@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor, nn
+from torch import Tensor
 
 from phnn.errors import InputRefused, SolverFailed
 from phnn.integrate import kernel, sweep
@@ -80,41 +80,42 @@ class GaussNewton:
         cost = float(residual @ residual) / n
         normal, slope = jacobian.T @ jacobian, jacobian.T @ residual
         scale = np.maximum(np.diag(normal), _FLOOR * np.diag(normal).max())
-        before = nn.utils.parameters_to_vector(self.objective.trained()).detach()
+        before = self.objective.present()
         while self.damping < _MOST:
-            step = torch.from_numpy(-np.linalg.solve(normal + self.damping * np.diag(scale), slope))
+            vector = torch.from_numpy(-np.linalg.solve(normal + self.damping * np.diag(scale), slope))
+            pieces = vector.split([p.numel() for p in before])
+            step = [v.reshape(p.shape) for v, p in zip(pieces, before, strict=True)]
             if self._cost(before, step) < cost:
                 self.damping = max(self.damping * _EASED, 1e-10)
                 return cost
             self.damping *= _RAISED
-        _move(self.objective, before)
+        self.objective.move_to(before)
         self.damping = _DAMPING
         return cost
 
     @torch.no_grad()
-    def _cost(self, before: Tensor, step: Tensor) -> float:
-        """The loss after a step (K,), which is taken; infinite where the model cannot be simulated there."""
+    def _cost(self, before: Sequence[Tensor], step: Sequence[Tensor]) -> float:
+        """The loss after a step, which is taken; infinite where the model cannot be simulated there."""
+        after = [p + s for p, s in zip(before, step, strict=True)]
         try:
             if not self.steps.compiles:
-                return self._cost_in_torch(before, step)
-            _move(self.objective, before + step)
+                return self._cost_in_torch(before, after, step)
+            self.objective.move_to(after)
             return float(self.objective())
         except SolverFailed:
             return float("inf")
 
-    def _cost_in_torch(self, before: Tensor, step: Tensor) -> float:
+    def _cost_in_torch(self, before: Sequence[Tensor], after: Sequence[Tensor], step: Sequence[Tensor]) -> float:
         x0 = self.objective.initial()
-        moved, first = {}, 0
         names = {id(p): name for name, p in self.steps.named_parameters()}
-        for p in self.plant.trained():
-            moved[names[id(p)]] = step[first : first + p.numel()].reshape(p.shape)
-            first += p.numel()
-        _move(self.objective, before + step)
+        # Initial states come last in a step.
+        moved = {names[id(p)]: s for p, s in zip(self.plant.trained(), step, strict=False)}
+        self.objective.move_to(after)
         start = self.objective.initial() - x0
-        _move(self.objective, before)
+        self.objective.move_to(before)
         given = zip(self.groups, self.driven, self.states, strict=True)
         guesses = [x + first_order(self.steps, x, u, h, moved, start[m]) for m, (u, h), x in given]
-        _move(self.objective, before + step)
+        self.objective.move_to(after)
         states = self._solved(guesses, alone=True)
         return float(self.objective.residuals(self._outputs(states)).square().mean())
 
@@ -188,14 +189,6 @@ class GaussNewton:
             outputs.append(torch.from_numpy(states[nodes, program.output]))
             found.append(by)
         return outputs, found
-
-
-@torch.no_grad()
-def _move(objective: Objective, vector: Tensor) -> None:
-    first = 0
-    for p in objective.trained():
-        p.copy_(vector[first : first + p.numel()].reshape(p.shape))
-        first += p.numel()
 
 
 METHODS = ("adam", "lbfgs", "gauss_newton")

@@ -19,7 +19,7 @@ import torch
 from torch import Tensor, nn
 
 from phnn.errors import SolverFailed
-from phnn.identification.evaluate import Evaluation, score_part
+from phnn.identification.evaluate import Evaluation, scored, with_zero
 from phnn.integrate.program import compile_network
 from phnn.integrate.rest import equilibrium
 from phnn.integrate.scheme import can_compile
@@ -41,7 +41,6 @@ class Objective(nn.Module):
         length: samples of a window, 0 for whole recordings.
         substeps: a sample interval.
         continuity: weight ``c``.
-        use: which samples are scored.
 
     Attributes:
         windows: of all recordings, in order.
@@ -59,13 +58,12 @@ class Objective(nn.Module):
         length: int = 0,
         substeps: int = 1,
         continuity: float = 1.0,
-        use: str = "identification",
     ) -> None:
         super().__init__()
         self.plant, self.solver, self.recordings, self.continuity = plant, solver, tuple(recordings), continuity
         self.windows = windows_of(recordings, length, substeps)
         self.unknown = [k for k, w in enumerate(self.windows) if not w.known]
-        self.masks = [torch.from_numpy(r.mask(use)) for r in recordings]
+        self.masks = [torch.from_numpy(r.mask("identification")) for r in recordings]
         self.measured = [torch.from_numpy(np.ascontiguousarray(r.y)) for r in recordings]
         self.origin = first_guess(plant, solver, self.recordings, self.windows, substeps)
         self.offsets = nn.Parameter(torch.zeros(len(self.unknown), plant.scale.numel(), dtype=torch.float64))
@@ -73,6 +71,16 @@ class Objective(nn.Module):
     def trained(self) -> list[nn.Parameter]:
         """What an optimiser moves: coordinates and weights of the plant, then initial states."""
         return [*self.plant.trained(), self.offsets] if self.unknown else self.plant.trained()
+
+    def present(self) -> list[Tensor]:
+        """Return copies of what an optimiser moves."""
+        return [p.detach().clone() for p in self.trained()]
+
+    @torch.no_grad()
+    def move_to(self, values: Sequence[Tensor]) -> None:
+        """Set what an optimiser moves."""
+        for parameter, value in zip(self.trained(), values, strict=True):
+            parameter.copy_(value)
 
     def initial(self) -> Tensor:
         """(W, n) initial states of the windows."""
@@ -161,8 +169,8 @@ def estimated_start(plant: Plant, solver: Solver, recording: Recording, substeps
     used = np.flatnonzero(recording.mask("nuisance"))
     last = int(used[-1]) + 1 if used.size else max(_HEAD_LEAST, int(_HEAD_SHARE * recording.t.size))
     rows = slice(0, min(last, recording.t.size))
-    head = replace(recording.only(rows), parts=(Part("head", 0, rows.stop, "head"),))
-    objective = Objective(plant, solver, (head,), 0, substeps, use="head")
+    head = replace(recording.only(rows), parts=(Part("head", 0, rows.stop, "identification"),))
+    objective = Objective(plant, solver, (head,), 0, substeps)
     optimiser = torch.optim.LBFGS([objective.offsets], max_iter=_SETTLING, line_search_fn="strong_wolfe")
 
     def misfit() -> Tensor:
@@ -176,19 +184,13 @@ def estimated_start(plant: Plant, solver: Solver, recording: Recording, substeps
 
 
 def whole(
-    plant: Plant,
-    solver: Solver,
-    recordings: Sequence[Recording],
-    substeps: int,
-    initial: Mapping[str, Tensor] | None = None,
-    use: str = "identification",
+    plant: Plant, solver: Solver, recordings: Sequence[Recording], substeps: int, initial: Mapping[str, Tensor]
 ) -> Objective:
-    """The objective on whole recordings, the initial states given, known, or estimated from the first samples."""
-    objective = Objective(plant, solver, recordings, 0, substeps, use=use)
-    given = initial or {}
+    """Return the objective on whole recordings, initial states given, known, or estimated from the first samples."""
+    objective = Objective(plant, solver, recordings, 0, substeps)
     for k, r in enumerate(recordings):
         if not starts_at_zero(r):
-            objective.origin[k] = given[r.name] if r.name in given else estimated_start(plant, solver, r, substeps)
+            objective.origin[k] = initial[r.name] if r.name in initial else estimated_start(plant, solver, r, substeps)
     return objective
 
 
@@ -201,17 +203,9 @@ def evaluate(
         initial: (n,) initial states estimated in training, by recording name.
     """
     objective = whole(plant, solver, recordings, substeps, initial)
-    outputs, parts = {}, []
     with torch.no_grad():
-        found = objective.outputs()
-    for r, y in zip(recordings, (f.numpy() for f in found), strict=True):
-        masks = (r.mask("identification"), r.mask("nuisance"), r.t >= 0.0)
-        mask = next(m for m in masks if m.any())
-        outputs[r.name] = y + (r.y[mask] - y[mask]).mean()
-        parts += [
-            score_part(r, outputs[r.name], p.first, p.last, p.name, p.use) for p in r.parts if p.use != "nuisance"
-        ]
-    return Evaluation(outputs, tuple(parts))
+        outputs = objective.outputs()
+    return scored(recordings, {r.name: with_zero(r, y.numpy()) for r, y in zip(recordings, outputs, strict=True)})
 
 
 # Most sub-steps, and the share of the noise below which the numerical error of an output has to be.
@@ -230,17 +224,15 @@ def substeps_needed(plant: Plant, solver: Solver, recordings: Sequence[Recording
     """
     if not isinstance(plant, NetworkPlant) or isinstance(plant.system, LearnedSystem):
         return 1
-    whole = can_compile(plant.system.network)
-    chosen = [] if whole else _pieces(windows_of(recordings, _PIECE, 1))
+    length = 0 if can_compile(plant.system.network) else _PIECE
+    chosen = _pieces(windows_of(recordings, length, 1))
 
     def outputs(substeps: int) -> list[tuple[float, Tensor]]:
-        if whole:
-            found = Objective(plant, solver, recordings, substeps=substeps).outputs()
-            return [(r.noise, y) for r, y in zip(recordings, found, strict=True)]
-        windows = windows_of(recordings, _PIECE, substeps)
+        windows = windows_of(recordings, length, substeps)
         pieces = [windows[k] for k in chosen]
         begun = [None if w.known else near(plant, [w]) for w in pieces]
-        x0 = torch.stack([torch.zeros_like(plant.scale) if b is None else b[0, 0] for b in begun])
+        starts = [begin(plant, recordings[w.recording]) for w in pieces]
+        x0 = torch.stack([x if b is None else b[0, 0] for x, b in zip(starts, begun, strict=True)])
         found = solver(plant, pieces, x0)
         return [(recordings[w.recording].noise, plant.measured(x)) for w, x in zip(pieces, found, strict=True)]
 

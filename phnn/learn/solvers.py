@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -30,7 +31,7 @@ from phnn.integrate.method import METHOD, solve
 from phnn.integrate.scheme import can_compile
 from phnn.network.elements import Network
 from phnn.network.system import PortHamiltonianSystem
-from phnn.recordings.recording import Part, Recording
+from phnn.recordings.recording import Recording
 from phnn.signals.reconstruct import substep_counts, substep_input
 
 
@@ -42,6 +43,7 @@ class Plant(nn.Module):
         scale: (n,) typical size of every state.
     """
 
+    core: Any
     scale: Tensor
 
     def __init__(self, core: nn.Module, scale: Tensor) -> None:
@@ -55,13 +57,11 @@ class Plant(nn.Module):
 
     def rate(self, x: Tensor, u: Tensor) -> Tensor:  # x: (..., n), u: (...) [V]
         """(..., n) ``ẋ``."""
-        field: Callable[[Tensor, Tensor], Tensor] = self.core.vector_field  # type: ignore[assignment]
-        return field(x, self.inputs(u))
+        return self.core.vector_field(x, self.inputs(u))
 
     def measured(self, x: Tensor) -> Tensor:  # x: (..., n)
         """(...) displacement [m]."""
-        read: Callable[[Tensor], Tensor] = self.core.measured  # type: ignore[assignment]
-        return read(x)
+        return self.core.measured(x)
 
     def trained(self) -> list[nn.Parameter]:
         """What an optimiser moves."""
@@ -81,7 +81,7 @@ class NetworkPlant(Plant):
 
     def __init__(self, given: Network | PortHamiltonianSystem, scale: Tensor) -> None:
         super().__init__(PortHamiltonianSystem(given) if isinstance(given, Network) else given, scale)
-        self.system: PortHamiltonianSystem = self.core  # type: ignore[assignment]
+        self.system: PortHamiltonianSystem = self.core
         self.near: dict[str, tuple[Tensor, Tensor]] = {}
         self.names = tuple(n for n, p in self.system.network.parameters.items() if not p.fixed)
 
@@ -158,10 +158,7 @@ def thinned(recording: Recording, stride: int) -> Recording:
             f"stride = {stride} leaves {recording.t.size // stride} samples of {recording.name}: lower it"
         )
     parts = tuple(replace(p, first=-(-p.first // stride), last=-(-p.last // stride)) for p in recording.parts)
-    return replace(
-        recording.only(slice(None, None, stride)),
-        parts=tuple(Part(p.name, p.first, p.last, p.use) for p in parts),
-    )
+    return replace(recording.only(slice(None, None, stride)), parts=parts)
 
 
 def starts_at_zero(recording: Recording) -> bool:
@@ -176,28 +173,24 @@ def windows_of(recordings: Sequence[Recording], length: int, substeps: int) -> l
         length: samples of a window, 0 for whole recordings.
         substeps: steps a sample interval; more of them follow a jump of the input.
     """
-    return [w for i, r in enumerate(recordings) for w in _windows(i, r, length, substeps)]
-
-
-def _windows(index: int, recording: Recording, length: int, substeps: int) -> list[Window]:
-    counts = substep_counts(recording.u, recording.input_before, substeps)
-    fine = substep_input(recording.u, counts, recording.interpolation, clock=recording.clock)
-    h = np.repeat((recording.dt if recording.clock is None else np.diff(recording.t)) / counts, counts)
-    nodes = np.concatenate([[0], np.cumsum(counts)])
-    intervals = recording.t.size - 1
-    pieces = 1 if length == 0 else max(1, round(intervals / (length - 1)))
-    edges = np.linspace(0, intervals, pieces + 1).round().astype(int)
-    found = []
-    for first, last in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
-        steps = slice(nodes[first], nodes[last])
-        found.append(
-            Window(
-                index, recording.name, first, last, float(recording.t[first]), torch.from_numpy(fine[steps].copy()),
+    windows = []
+    for index, r in enumerate(recordings):
+        counts = substep_counts(r.u, r.input_before, substeps)
+        fine = substep_input(r.u, counts, r.interpolation, clock=r.clock)
+        h = np.repeat((r.dt if r.clock is None else np.diff(r.t)) / counts, counts)
+        nodes = np.concatenate([[0], np.cumsum(counts)])
+        intervals = r.t.size - 1
+        pieces = 1 if length == 0 else max(1, round(intervals / (length - 1)))
+        edges = np.linspace(0, intervals, pieces + 1).round().astype(int)
+        for first, last in pairwise(edges.tolist()):
+            steps = slice(nodes[first], nodes[last])
+            window = Window(
+                index, r.name, first, last, float(r.t[first]), torch.from_numpy(fine[steps].copy()),
                 torch.from_numpy(h[steps].copy()), torch.from_numpy(nodes[first : last + 1] - nodes[first]),
-                first == 0 and starts_at_zero(recording), first > 0,
-            )
-        )  # fmt: skip
-    return found
+                first == 0 and starts_at_zero(r), first > 0,
+            )  # fmt: skip
+            windows.append(window)
+    return windows
 
 
 ADAPTIVE = ("dopri5", "dopri8", "bosh3", "adaptive_heun", "fehlberg2")

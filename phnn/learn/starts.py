@@ -15,7 +15,6 @@ from torch import Tensor, nn
 from phnn.errors import InputRefused, SolverFailed
 from phnn.identification.base import identify_base
 from phnn.identification.options import Options
-from phnn.identification.plan import Plan
 from phnn.identification.prepare import identification_plan
 from phnn.identification.staged import held_by_statement
 from phnn.identification.starting_points import MECHANICAL, drive_amplitude, mechanical_points, middle_frequency
@@ -23,7 +22,7 @@ from phnn.intake import LIMITS
 from phnn.integrate.differentiable import simulated
 from phnn.integrate.scheme import can_compile
 from phnn.learn.settings import TARGET, accepted, instantiate
-from phnn.learn.solvers import OWN, NetworkPlant, Plant, solver_for, windows_of
+from phnn.learn.solvers import NetworkPlant, Plant, discrete_gradient, windows_of
 from phnn.models.actuator import hrc
 from phnn.models.neural import STARTS, LearnedLaws, Motion, effort_and_flow, held, neural_hrc, resolved_slope, staggered
 from phnn.models.store import load
@@ -240,11 +239,7 @@ def unfitted(campaign: Campaign, hysterons: int) -> dict[str, float]:
     plan = identification_plan(campaign, 1)
     anchored = {n: a.value for n, a in campaign.known.items() if n in hrc(hysterons).parameters}
     points = mechanical_points(plan, anchored)
-    return _relaxations(points[len(points) // 2].values(), plan, hysterons) | anchored
-
-
-def _relaxations(mechanical: Mapping[str, float], plan: Plan, hysterons: int) -> dict[str, float]:
-    """A mass–spring–damper's values with linear hysterons beside them."""
+    mechanical = points[len(points) // 2].values()
     values = {n: mechanical[n] for n in MECHANICAL}
     omega = 2.0 * np.pi * middle_frequency(plan.recordings)
     for i in range(hysterons):
@@ -252,7 +247,7 @@ def _relaxations(mechanical: Mapping[str, float], plan: Plan, hysterons: int) ->
         values |= {f"C_{i + 1}": c, f"rho_{i + 1}": _RATES[i % len(_RATES)] * omega * c}
         values |= {f"d_{i + 1}": _CLOSED * drive_amplitude(plan.recordings)}
     # Stiffness gives up what the hysterons take while they stick, so that the small-signal gain stays.
-    return values | {"k": values["k"] / (1.0 + 0.5 * _SHARE * hysterons)}
+    return values | {"k": values["k"] / (1.0 + 0.5 * _SHARE * hysterons)} | anchored
 
 
 def scales_of(recordings: Sequence[Recording]) -> Scales:
@@ -296,9 +291,7 @@ def typical_states(given: Network | PortHamiltonianSystem, recordings: Sequence[
     windows = windows_of(recordings, 0, 1)
     try:
         with torch.no_grad():
-            paths = solver_for({"name": OWN}, plant)(
-                plant, windows, torch.zeros(len(windows), plant.scale.numel()).double()
-            )
+            paths = discrete_gradient(plant, windows, torch.zeros(len(windows), plant.scale.numel()).double())
     except SolverFailed:
         return plant.scale
     largest = torch.stack([x.abs().amax(0) for x in paths]).amax(0)

@@ -172,7 +172,7 @@ class Trainer:
     ) -> None:
         self.objective, self.validate, self.settings, self.say = objective, validate, settings, say
         self.place, self.made_of = place, {**settings.plain(), "recordings": recordings}
-        self.progress = Progress(parameters=self._present())
+        self.progress = Progress(parameters=objective.present())
         self.method: Method | None = None
         self.until = math.inf
 
@@ -193,7 +193,7 @@ class Trainer:
         try:
             while p.phase < len(METHODS):
                 self._phase(log)
-                self._set(p.parameters)
+                self.objective.move_to(p.parameters)
                 p.phase, p.epoch, p.since, p.failures = p.phase + 1, 0, 0, 0
                 self.method = None
                 self._save()
@@ -230,7 +230,7 @@ class Trainer:
         """One epoch; taken back and tried again more carefully where it fails."""
         p = self.progress
         while True:
-            before = self._present()
+            before = self.objective.present()
             try:
                 assert self.method is not None
                 loss = self.method(p.epoch)
@@ -246,7 +246,7 @@ class Trainer:
                         "rate, use shorter windows, or begin from a parametric start"
                     ) from error
                 # After a failure at the very point reached, only the best one so far is known to be sound.
-                self._set(p.parameters if p.failures > 1 else before)
+                self.objective.move_to(p.parameters if p.failures > 1 else before)
                 p.factor *= 0.5
                 self.method = method_of(name, self.objective, self.settings, p.factor)
 
@@ -265,22 +265,14 @@ class Trainer:
         if value < p.best:
             # What nobody would notice is kept, but is no reason to go on.
             p.since = 0 if value < (1.0 - _NOTICEABLE) * p.best else p.since
-            p.best, p.parameters = value, self._present()
+            p.best, p.parameters = value, self.objective.present()
         return value
-
-    def _present(self) -> list[Tensor]:
-        return [v.detach().clone() for v in self.objective.trained()]
-
-    @torch.no_grad()
-    def _set(self, values: list[Tensor]) -> None:
-        for parameter, value in zip(self.objective.trained(), values, strict=True):
-            parameter.copy_(value)
 
     def _save(self) -> None:
         if self.place is None:
             return
         content: dict[str, Any] = {
-            "settings": self.made_of, "progress": vars(self.progress), "present": self._present(),
+            "settings": self.made_of, "progress": vars(self.progress), "present": self.objective.present(),
             "method": None if self.method is None else self.method.state_dict(),
             "near": getattr(self.objective.plant, "near", {}), "solved": self.objective.solved,
         }  # fmt: skip
@@ -306,11 +298,11 @@ class Trainer:
         """Raises whatever a state of another form leads to."""
         self.progress = Progress(**state["progress"])
         self.objective.solved = int(state.get("solved", 0))
-        present = self._present()
+        present = self.objective.present()
         for values in (state["present"], self.progress.parameters):
             if [v.shape for v in values] != [v.shape for v in present] or not all(map(is_finite, values)):
                 raise ValueError("other parameters")
-        self._set(state["present"])
+        self.objective.move_to(state["present"])
         if near := state.get("near"):
             self.objective.plant.near = dict(near)  # type: ignore[assignment]
         if state["method"] is not None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,17 +25,6 @@ TABLE_1 = {
     "d_1": 14.7571,
     "d_2": 8.6838,
 }
-
-
-def hysteron_parameters(
-    i: int | str, capacitance: float, slope: float, width: float, span: float = 1e6
-) -> tuple[Parameter, ...]:
-    """Parameters of the i-th hysteron: capacitance [F], slope ``ϱ_i⁻¹`` [S], dead zone [V]."""
-    return (
-        positive(f"C_{i}", capacitance, "F", f"capacitance of hysteron {i}", span),
-        positive(f"rho_{i}", slope, "S", f"conductance of hysteron {i} outside its dead zone", span),
-        positive(f"d_{i}", width, "V", f"width of the dead zone of hysteron {i}", span),
-    )
 
 
 def hysteron(i: int | str) -> tuple[Storage, Resistor, Coupling]:
@@ -71,9 +59,13 @@ def hrc(hysterons: int = 2, values: dict[str, float] | None = None) -> Network:
     ]
     elements = [hysteron(i + 1) for i in range(hysterons)]
     for i in range(hysterons):
-        template, round_ = i % 2 + 1, i // 2
+        number, template, round_ = i + 1, i % 2 + 1, i // 2
         c, rho, d = (TABLE_1[f"{n}_{template}"] for n in ("C", "rho", "d"))
-        parameters += hysteron_parameters(i + 1, c, rho, d * 1.5**round_)
+        parameters += [
+            positive(f"C_{number}", c, "F", f"capacitance of hysteron {number}"),
+            positive(f"rho_{number}", rho, "S", f"conductance of hysteron {number} outside its dead zone"),
+            positive(f"d_{number}", d * 1.5**round_, "V", f"width of the dead zone of hysteron {number}"),
+        ]
     network = Network(
         storages=(
             *(e[0] for e in elements),
@@ -117,7 +109,7 @@ def bouc_wen(values: dict[str, float] | None = None) -> Setup:
         values: parameter values in SI; those left out are Table 2's.
     """
     network = hrc(0, {"m": TABLE_2["m"], "k": TABLE_2["k"], "b": TABLE_2["b"], "alpha": TABLE_2["K_v"]})
-    setup = Setup(replace(network), name="bouc_wen").with_block(
+    setup = Setup(network, name="bouc_wen").with_block(
         "amplifier",
         Block("bouc_wen", ("A", "beta", "gamma", "w")),
         (

@@ -97,9 +97,8 @@ def neural_hrc(
         laws: form and size of the learned laws; those of `LearnedLaws` by default.
         start: ``parametric``: each learned resistor is first fitted to the dead zone of ``values``, with a slope no
             steeper than recordings of this ``speed`` resolve; ``none``: to thresholds that the drive alone gives, at
-            staggered shares of the effort scale, as play operators are usually laid out. Two starts without any
-            threshold were tried: from linear resistors training ends in hysterons that are dampers, from cubic ones it
-            comes down tenfold more slowly.
+            staggered shares of the effort scale, as play operators are usually laid out; docs/learning.md says what
+            other starts lead to.
         values: starting values of the parameters of `hrc`; those left out are Table 1's.
         motion: how far and how fast the recordings go.
         hold: parameters that stay at their values (a mass, where no anchor fixes the common factor).
@@ -137,15 +136,19 @@ def held(network: Network, hold: Collection[str]) -> Network:
 def _learned(
     number: int, laws: LearnedLaws, start: str, values: Mapping[str, float], motion: Motion, seed: int
 ) -> SectorMLP | MonotoneMLP:
-    """The resistor of one hysteron, fitted to the dead zone from which its training starts."""
+    """Return the resistor of one hysteron, fitted to the dead zone of eq. (2) from which its training starts, most
+    closely around its edges."""
     effort, flow = effort_and_flow(number, values, motion)
     if start == "parametric":
         zone, rho = values[f"d_{number}"], resolved_slope(number, values, motion)
         conductance = rho
     else:
         zone, rho, conductance = staggered(number, effort, flow)
-    resistor = laws.resistor(effort, conductance, seed)
-    fit_dead_zone(resistor, rho, zone, 2.5 * effort)
+    resistor, half, reach = laws.resistor(effort, conductance, seed), 0.5 * zone, 2.5 * effort
+    even = torch.linspace(-reach, reach, _POINTS, dtype=torch.float64)
+    near = half * torch.linspace(0.8, 1.2, _POINTS // 2, dtype=torch.float64)
+    efforts = torch.cat([even, near, -near])
+    _fit(resistor, efforts, rho * (torch.relu(efforts - half) - torch.relu(-efforts - half)))
     return resistor
 
 
@@ -172,25 +175,8 @@ def staggered(number: int, effort: float, flow: float) -> tuple[float, float, fl
     return 2.0 * _STAGGERED * effort / number, rho, 2.0 * carried / effort
 
 
-def fit_dead_zone(law: SectorMLP | MonotoneMLP, rho: float, width: float, reach: float) -> float:
-    """Fit a learned resistor to the dead zone of eq. (2) on ``|ε| ≤ reach`` [V], most closely around its edges.
-
-    Args:
-        rho: slope ``ϱ⁻¹`` [S]; width: ``d`` [V].
-
-    Returns:
-        The root mean square error of the flow relative to that of the dead zone's.
-    """
-    half = 0.5 * width
-    even = torch.linspace(-reach, reach, _POINTS, dtype=torch.float64)
-    near = half * torch.linspace(0.8, 1.2, _POINTS // 2, dtype=torch.float64)
-    effort = torch.cat([even, near, -near])
-    target = rho * (torch.relu(effort - half) - torch.relu(-effort - half))
-    return _fit(law, effort, target)
-
-
-def _fit(law: nn.Module, x: Tensor, target: Tensor) -> float:
-    """Least squares by a quasi-Newton method; the relative error that is left."""
+def _fit(law: nn.Module, x: Tensor, target: Tensor) -> None:
+    """Fit a law to values by least squares, by a quasi-Newton method."""
     unit = target.square().mean().sqrt()
     optimiser = torch.optim.LBFGS(
         law.parameters(), max_iter=_ITERATIONS, history_size=30, line_search_fn="strong_wolfe"
@@ -203,7 +189,6 @@ def _fit(law: nn.Module, x: Tensor, target: Tensor) -> float:
         return loss
 
     optimiser.step(misfit)
-    return float(misfit().detach().sqrt())
 
 
 def inverse(

@@ -32,12 +32,8 @@ def _raw(positive: Tensor) -> nn.Parameter:
     return nn.Parameter(torch.log(torch.expm1(positive)))
 
 
-def _number(value: float) -> Tensor:
-    return torch.tensor(value, dtype=torch.float64)
-
-
-def _full(width: int, value: float) -> Tensor:
-    return torch.full((width,), value, dtype=torch.float64)
+def _full(value: float, *shape: int) -> Tensor:
+    return torch.full(shape, value, dtype=torch.float64)
 
 
 def _spread(width: int, reach: float) -> Tensor:
@@ -46,11 +42,7 @@ def _spread(width: int, reach: float) -> Tensor:
 
 
 def _flat(law: nn.Module, head: Tensor, *of_units: Tensor) -> Tensor:
-    """The vector ``[head, w_1, w_2, …]`` from a head of one weight and (U,) tensors of every kind of unit weight.
-
-    Raises:
-        SolverFailed: training has carried a weight of the law beyond use.
-    """
+    """The vector ``[head, w_1, w_2, …]`` from a head of one weight and (U,) tensors of every kind of unit weight."""
     check_weights(law, largest=LARGEST_WEIGHT)
     return torch.cat([head.reshape(1), torch.stack(of_units, dim=-1).reshape(-1)])
 
@@ -135,8 +127,8 @@ class SectorMLP(_Resistor, nn.Module):
         self.register_buffer("conductance", scales("flow_scale", flow_scale)[0] / self.scale)
         random = torch.Generator().manual_seed(seed)
         gains = 1.0 + torch.rand(width, generator=random, dtype=torch.float64)
-        self.offset = nn.Parameter(_number(0.5))
-        self.heights = nn.Parameter(_full(width, 0.0).uniform_(-0.7, 0.7, generator=random))
+        self.offset = nn.Parameter(_full(0.5))
+        self.heights = nn.Parameter(_full(0.0, width).uniform_(-0.7, 0.7, generator=random))
         self.gains = nn.Parameter(gains)
         self.positions = nn.Parameter(-gains * _spread(width, 2.5))
 
@@ -179,10 +171,10 @@ class MonotoneMLP(_Resistor, nn.Module):
         self.register_buffer("scale", scales("effort_scale", effort_scale)[0])
         self.register_buffer("flow", scales("flow_scale", flow_scale)[0])
         outer = _spread(2 * width, 2.5)[width:]
-        self.slope = _raw(_number(0.1))
+        self.slope = _raw(_full(0.1))
         # Rows: steps, hinges that rise to the right, hinges that rise to the left.
-        self.heights = _raw(_full(width, 0.5 / width).repeat(3, 1))
-        self.gains = _raw(_full(width, 4.0).repeat(3, 1))
+        self.heights = _raw(_full(0.5 / width, 3, width))
+        self.gains = _raw(_full(4.0, 3, width))
         self.positions = nn.Parameter(4.0 * torch.stack([_spread(width, 2.5), outer, outer]))
 
     def weights(self) -> Tensor:
@@ -225,9 +217,9 @@ class ConvexEnergyMLP(_Units, nn.Module):
         _check(width)
         self.register_buffer("scale", scales("state_scale", state_scale)[0])
         self.register_buffer("typical", scales("effort_scale", effort_scale)[0])
-        self.curvature = _raw(_number(0.5))
-        self.heights = _raw(_full(width, 2.0 / width))
-        self.gains = _raw(_full(width, 3.0))
+        self.curvature = _raw(_full(0.5))
+        self.heights = _raw(_full(2.0 / width, width))
+        self.gains = _raw(_full(3.0, width))
         self.positions = nn.Parameter(3.0 * _spread(width, 2.0))
 
     def weights(self) -> Tensor:

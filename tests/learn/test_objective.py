@@ -115,8 +115,8 @@ def test_an_unknown_start_is_found_from_the_first_samples() -> None:
     whole = example.recording(50.0, 161)
     first = 50
     tail = replace(
-        whole, t=whole.t[first:] - whole.t[first], u=whole.u[first:], y=whole.y[first:], start=Start("unknown"),
-        parts=(Part("head", 0, 50, "nuisance"), Part("tail", 50, 111, "confirmation")),
+        whole, name="tail", t=whole.t[first:] - whole.t[first], u=whole.u[first:], y=whole.y[first:],
+        start=Start("unknown"), parts=(Part("head", 0, 50, "nuisance"), Part("tail", 50, 111, "confirmation")),
     )  # fmt: skip
     plant = example.parametric()
     x0 = estimated_start(plant, discrete_gradient, tail, 2)
