@@ -28,7 +28,7 @@ from phnn.network.checks import (
     mean_efforts_of,
     present_of,
 )
-from phnn.network.elements import MultiPort, Network, Port, Ratio, Resistor, WithLaw, check_laws
+from phnn.network.elements import MultiPort, Network, Ratio, WithLaw, check_laws
 
 Entry = tuple[int, int, Ratio]
 
@@ -74,17 +74,41 @@ def combined(
     return row @ matrix if matrix.ndim == 2 else (row.unsqueeze(-2) @ matrix).squeeze(-2)
 
 
-def columns(elements: Sequence[Resistor | Port], place: Mapping[str, int]) -> Incidence:
-    """The (n, number of elements) matrix whose columns are the elements' ``on`` vectors."""
-    vectors = [element.on for element in elements]
+def columns(vectors: Sequence[Mapping[str, Ratio]], place: Mapping[str, int], n: int) -> Incidence:
+    """Return the (n, number of vectors) matrix whose columns are vectors by the names of storages."""
     entries: list[Entry] = [(place[name], j, ratio) for j, on in enumerate(vectors) for name, ratio in on.items()]
-    return Incidence(len(place), len(elements), entries)
+    return Incidence(n, len(vectors), entries)
 
 
-class ParameterisedNetwork(nn.Module):
-    """The parameters of a network and those of its laws that are modules, to be trained or held.
+class PortHamiltonianSystem(nn.Module):
+    """The port-Hamiltonian system of a network.
 
-    Its attributes and what it refuses are those of `phnn.network.system.PortHamiltonianSystem`.
+        system = phnn.PortHamiltonianSystem(phnn.models.hrc(hysterons=2))
+        system.vector_field(x, u)                            # (..., n) ẋ
+
+        ẋ = J ∇H(x) − Σ_r b_r φ_r(b_rᵀ∇H, q_r) + g ψ(u),     y = ψ'(u) gᵀ∇H,     H(x) = Σ_k H_k(x_k)
+
+    Multi-ports add ``−Σ_m B_m φ_m(B_mᵀ∇H, q_m)`` to the rates, or to ``J`` where they conserve power, and shared
+    energies add ``H_s(x)`` of several storages. ``J`` is a matrix less its transpose, hence skew; every ``φ_r`` is a
+    sector law, hence ``dH/dt ≤ Σ ψ(u) gᵀ∇H``. All tensors are batched, ``x`` is (..., n), ``u`` is (..., P), in SI and
+    float64.
+
+    Modulator states have no energy in ``H``: ``x`` has them last, ``ẋ`` their rates, and efforts and matrices leave
+    them out.
+
+    The passivity inequality survives any training: parameters that are trained are kept inside their bounds by
+    `BoundedParameters`, learned laws are passive for all weights, and of another module that is a law the part of its
+    flow that would deliver power is left out. Every evaluation refuses parameters that are not finite.
+
+    Attributes:
+        network: the network as built, with its own copies of torch modules; `as_network` has the present values.
+        free: the parameters that are trained. `value` reads a physical value, `set_values` sets some.
+        constants: the values of parameters that are fixed, as buffers.
+        laws: the laws that are torch modules.
+
+    Raises:
+        StructureViolated: an unknown law, a wrong number of law parameters, a name that torch cannot register,
+            a neural law that is not in float64, or one that is found outside its sector or below its energy at rest.
     """
 
     def __init__(self, network: Network) -> None:
@@ -105,8 +129,15 @@ class ParameterisedNetwork(nn.Module):
         for one in network.with_laws():
             if not isinstance(one.element.law, str):
                 self._register(one)
-        place = {name: k for k, name in enumerate(network.state_names)}
+        place, n = {name: k for k, name in enumerate(network.state_names)}, len(network.storages)
         self._factors = tuple((place[m.by], m) for m in network.modulations)
+        self._modulators = tuple(None if r.modulated_by is None else place[r.modulated_by] for r in network.resistors)
+        self._half = Incidence(n, n, [(place[c.to], place[c.of], c.ratio) for c in network.couplings])
+        self._branches = columns([r.on for r in network.resistors], place, n)
+        self._inputs = columns([p.on for p in network.ports], place, n)
+        self.multi_ports = [_Placed(m, place, n) for m in network.multi_ports]
+        self._columns = nn.ModuleList(m.columns for m in self.multi_ports)
+        self.shared = [([place[name] for name in e.of], e.law) for e in network.shared_energies]
 
     def _register(self, one: WithLaw) -> None:
         """Check a law that is a torch module, and make it a part of this module."""
@@ -179,54 +210,6 @@ class ParameterisedNetwork(nn.Module):
         """The same, with the laws that the system goes on using."""
         return self.network.with_values({name: value.item() for name, value in self.present_values().items()})
 
-
-class PortHamiltonianSystem(ParameterisedNetwork):
-    """The port-Hamiltonian system of a network.
-
-        system = phnn.PortHamiltonianSystem(phnn.models.hrc(hysterons=2))
-        system.vector_field(x, u)                            # (..., n) ẋ
-
-        ẋ = J ∇H(x) − Σ_r b_r φ_r(b_rᵀ∇H, q_r) + g ψ(u),     y = ψ'(u) gᵀ∇H,     H(x) = Σ_k H_k(x_k)
-
-    Multi-ports add ``−Σ_m B_m φ_m(B_mᵀ∇H, q_m)`` to the rates, or to ``J`` where they conserve power, and shared
-    energies add ``H_s(x)`` of several storages. ``J`` is a matrix less its transpose, hence skew; every ``φ_r`` is a
-    sector law, hence ``dH/dt ≤ Σ ψ(u) gᵀ∇H``. All tensors are batched, ``x`` is (..., n), ``u`` is (..., P), in SI and
-    float64.
-
-    Modulator states have no energy in ``H``: ``x`` has them last, ``ẋ`` their rates, and efforts and matrices leave
-    them out.
-
-    The passivity inequality survives any training: parameters that are trained are kept inside their bounds by
-    `BoundedParameters`, learned laws are passive for all weights, and of another module that is a law the part of its
-    flow that would deliver power is left out. Every evaluation refuses parameters that are not finite.
-
-    Attributes:
-        network: the network as built, with its own copies of torch modules; `as_network` has the present values.
-        free: the parameters that are trained. `value` reads a physical value, `set_values` sets some.
-        constants: the values of parameters that are fixed, as buffers.
-        laws: the laws that are torch modules.
-
-    Raises:
-        StructureViolated: an unknown law, a wrong number of law parameters, a name that torch cannot register,
-            a neural law that is not in float64, or one that is found outside its sector or below its energy at rest.
-    """
-
-    def __init__(self, network: Network) -> None:
-        super().__init__(network)
-        # The one with its own copies of laws.
-        network = self.network
-        place = {name: k for k, name in enumerate(network.storage_names)}
-        n = len(place)
-        couplings: list[Entry] = [(place[c.to], place[c.of], c.ratio) for c in network.couplings]
-        self._half = Incidence(n, n, couplings)
-        self._branches = columns(network.resistors, place)
-        self._inputs = columns(network.ports, place)
-        place = {name: k for k, name in enumerate(network.state_names)}
-        self._modulators = tuple(None if r.modulated_by is None else place[r.modulated_by] for r in network.resistors)
-        self.multi_ports = [_Placed(m, place, n) for m in network.multi_ports]
-        self._columns = nn.ModuleList(m.columns for m in self.multi_ports)
-        self.shared = [([place[name] for name in e.of], e.law) for e in network.shared_energies]
-
     @evaluation
     def energies(self, x: Tensor) -> Tensor:  # x: (..., n)
         """(..., n) energy of every storage [J]."""
@@ -293,13 +276,13 @@ class PortHamiltonianSystem(ParameterisedNetwork):
 
     def _skew(self, x: Tensor) -> Tensor:
         """(n, n) or (..., n, n) ``J``, without leading dimensions where it does not depend on ``x``."""
-        ratios = self.ratios(x)
-        half = self._half(ratios)
+        skew = self.interconnection(x)
         for port in self.multi_ports:
             if port.conserves:
-                b = port.columns(ratios)
-                half = half + b @ port.law.lower(x[..., port.reads]) @ b.mT
-        return half - half.mT
+                b = port.columns(self.ratios(x))
+                half = b @ port.law.lower(x[..., port.reads]) @ b.mT
+                skew = skew + (half - half.mT)
+        return skew
 
     @evaluation
     def dissipation(self, x: Tensor) -> Tensor:  # x: (..., n)
@@ -406,8 +389,7 @@ class PortHamiltonianSystem(ParameterisedNetwork):
         u: Tensor,  # (..., P)
     ) -> Tensor:
         """(..., n) ``J e − Σ_r b_r φ_r(b_rᵀ e) + g ψ(u)`` of the storages for any effort ``e``."""
-        ratios = self.ratios(x)
-        branches, inputs = self._branches(ratios), self._inputs(ratios)
+        branches, inputs = self.incidences(x)
         conserved = combined(efforts, self._skew(x).mT)
         lost = combined(self.branch_flows(combined(efforts, branches), x), branches.mT)
         for b, _, flows in self._through_multi_ports(efforts, x):
@@ -500,8 +482,7 @@ class _Placed:
     """A multi-port with its place in a system, which has its law and its columns among its modules."""
 
     def __init__(self, port: MultiPort, place: Mapping[str, int], n: int) -> None:
-        entries: list[Entry] = [(place[name], k, r) for k, b in enumerate(port.columns) for name, r in b.items()]
-        self.columns = Incidence(n, len(port.on), entries)
+        self.columns = columns(port.columns, place, n)
         self.reads = [place[name] for name in port.reads]
         self.law = port.law
         self.conserves = is_passive_by_form(port.law) and hasattr(port.law, "lower")
