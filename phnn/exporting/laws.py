@@ -97,17 +97,11 @@ def _is_beyond(node: ast.AST, tuples: set[int], functions: Mapping[str, Function
     if isinstance(node, ast.Subscript):
         return not isinstance(node.slice, ast.Constant | ast.Name | ast.BinOp)
     if isinstance(node, ast.Call):
-        return _is_unknown_call(node, functions)
+        # The names of calls are resolved, and named arguments are refused already.
+        name, count = node.func.id, len(node.args)  # type: ignore[attr-defined]
+        wanted = len(functions[name].arguments) if name in functions else _ARGUMENTS.get(name, count)
+        return bool(count != wanted)
     return _is_unknown_statement(node, functions)
-
-
-def _is_unknown_call(node: ast.Call, functions: Mapping[str, Function]) -> bool:
-    if not isinstance(node.func, ast.Name) or node.keywords:
-        return True
-    name, count = node.func.id, len(node.args)
-    if name in functions:
-        return count != len(functions[name].arguments)
-    return count != _ARGUMENTS.get(name, count)
 
 
 def _is_unknown_statement(node: ast.AST, functions: Mapping[str, Function]) -> bool:

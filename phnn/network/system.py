@@ -374,9 +374,13 @@ class PortHamiltonianSystem(nn.Module):
         Raises:
             InputRefused: the last dimension is not the number of ports.
         """
+        return self._of_ports("action", u)
+
+    def _of_ports(self, part: str, u: Tensor) -> Tensor:
+        """(..., P) ``action`` or ``slope`` of every port's law at its input."""
         check_input(u, self.network.ports)
         values = [
-            PORT_LAWS[p.law].action(v, *map(self.value, p.parameters))
+            getattr(PORT_LAWS[p.law], part)(v, *map(self.value, p.parameters))
             for v, p in zip(u.unbind(-1), self.network.ports, strict=True)
         ]
         return torch.stack(values, dim=-1) if values else u
@@ -432,12 +436,7 @@ class PortHamiltonianSystem(nn.Module):
 
         For a nonlinear port ``yᵀu`` also fills the port's own field energy; what enters ``H`` is ``ψ(u) gᵀ∇H``.
         """
-        check_input(u, self.network.ports)
-        flows = combined(self.efforts(x), self.incidences(x)[1])
-        slopes = [
-            PORT_LAWS[p.law].slope(u[..., k], *map(self.value, p.parameters)) for k, p in enumerate(self.network.ports)
-        ]
-        return torch.stack(slopes, dim=-1) * flows if slopes else flows
+        return self._of_ports("slope", u) * combined(self.efforts(x), self.incidences(x)[1])
 
     @evaluation
     def power(
