@@ -27,8 +27,6 @@ from phnn.recordings.recording import Recording
 from phnn.setup import Setup
 from phnn.trajectory import measured_network, simulate
 
-_UNDEFINED = float("nan")
-
 
 class ErrorIndices(NamedTuple):
     """With y the recorded and ŷ the simulated output of N samples, and s the standard deviation of y over these:
@@ -55,10 +53,10 @@ def error_indices(recorded: Array, simulated: Array, skipped: int = 0) -> ErrorI
     """
     y, model = np.asarray(recorded, dtype=float)[skipped:], np.asarray(simulated, dtype=float)[skipped:]
     if not y.size:
-        return ErrorIndices(*[_UNDEFINED] * len(ErrorIndices._fields))
+        return ErrorIndices(*[np.nan] * len(ErrorIndices._fields))
     error = y - model
     rmse, spread = float(np.sqrt(np.mean(error**2))), float(np.std(y)) if np.ptp(y) > 0.0 else 0.0
-    nrmse = rmse / spread if spread > 0.0 else _UNDEFINED
+    nrmse = rmse / spread if spread > 0.0 else np.nan
     return ErrorIndices(rmse, nrmse, 1.0 - nrmse**2, float(np.mean(np.abs(error))), 100.0 * (1.0 - nrmse))
 
 

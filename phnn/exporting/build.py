@@ -233,11 +233,11 @@ class _Builder:
         self.p.from_rest = self.rest.follows_input
         self._solver_fields()
         self._add("balance", (), self.b.write(), "Equations of a step at the unknowns y: what is left, and its terms")
-        solve = self._solver("balance", "FLOORS", "")
+        solve = self._solver("balance", "FLOORS", self._floors(), "")
         rest = ""
         if self.p.from_rest:
             self._add("rest_balance", (), self.rest.write(), "Forces on the junctions at rest at the displacements y")
-            rest = self._solver("rest_balance", "REST_FLOORS", "_rest")
+            rest = self._solver("rest_balance", "REST_FLOORS", self.rest.floors(), "_rest")
         self._init(rest, solve, initial_input)
         self._substep(solve)
         self._step()
@@ -267,46 +267,41 @@ class _Builder:
         for name in ("jacobian", "matrix"):
             p.state(name, "work of the solver", (m, m))
 
-    def _solver(self, balance: str, table: str, suffix: str) -> str:
+    def _solver(self, balance: str, table: str, floors: Sequence[float], suffix: str) -> str:
         """The solver of ``balance``; returns its name, empty where there are no unknowns."""
         m = len(self.b.junctions)
         if m == 0:
             return ""
-        floors = self._floors() if not suffix else self.rest.floors()
-        about = "least slope of every equation in its unknown"
-        self.p.table(table, (tuple(floors),), about)
+        self.p.table(table, (tuple(floors),), "least slope of every equation in its unknown")
         renamed = {"balance": balance, "UNKNOWNS": str(m), "FLOORS": table}
         if m > 1:
-            return self.e.sources.name_of(solvers.solve_many, "solver", renamed, f"solve{suffix}", suffix)
-        value = self.e.sources.name_of(solvers.balance_value, "solver", renamed, "", suffix)
-        renamed = renamed | {"value": value}
-        return self.e.sources.name_of(solvers.solve_one, "solver", renamed, f"solve{suffix}", suffix)
+            return self.e.sources.name_of(solvers.solve_many, "solver", renamed, suffix, f"solve{suffix}")
+        renamed["value"] = self.e.sources.name_of(solvers.balance_value, "solver", renamed, suffix)
+        return self.e.sources.name_of(solvers.solve_one, "solver", renamed, suffix, f"solve{suffix}")
 
     def _floors(self) -> list[float]:
         linear = (2.0 / self.b.stiffness_of(n) if self.b.is_linear(n) else 1.0 for n in self.b.junctions)
-        return [float(value) / self.h for value in linear]
+        return [value / self.h for value in linear]
 
-    def _actions(self, values: dict[str, str]) -> list[str]:
-        return [f"{self.b.action(p.name)} = {self.e.action(p, values[p.name])}" for p in self.network.ports]
+    def _actions(self, u: str, heard: dict[str, str]) -> list[str]:
+        """What every port makes of its input: `u`, `u_NAME` of further ports, of others a source that is heard or 0."""
+        values = {name: f"{u}_{key}" for name, key in self.key.items()} | {self.inputs[0].name: u} | heard
+        return [f"{self.b.action(p.name)} = {self.e.action(p, values.get(p.name, '0.0'))}" for p in self.network.ports]
 
     def _init(self, rest: str, solve: str, initial_input: float) -> None:
-        first = self.inputs[0].name
-        given = {p.name: f"u_{self.key[p.name]}" for p in self.inputs[1:]}
-        zero = {p.name: "0.0" for p in self.network.ports if p not in self.inputs}
         lines = ["s.count = 0.0", "s.u = u"] if self.chain_counts else ["s.u = u"]
         self.p.state("u", "last input")
         lines += [f"s.u_{n} = u_{n}" for n in self.further]
         for n in self.further:
             self.p.state(f"u_{n}", f"last input of the port {n}")
-        lines += [*self.chain.begin, *self._actions({first: "u", **given, **zero})]
+        lines += [*self.chain.begin, *self._actions("u", {})]
         lines += self._at_rest(rest) if rest else self._stored(initial_input)
         for j, name in enumerate(self.b.junctions):
-            start = f"{self.b.x(name)}"
+            start = self.b.x(name)
             if self.b.is_linear(name):
                 start = f"{start} / {self.b.capacity(name)}"
             lines += [f"s.found_{j} = {start}", f"s.before_{j} = {start}"]
-        one = self._floors() if len(self.b.junctions) == 1 else []
-        lines += [*self._unknown(), *(f"s.slope = {floor!r}" for floor in one)]
+        lines += self._unknown(self._floors())
         if self.b.moved:
             (moved,) = self.b.moved
             lines.append(f"{self.b.x(moved)} = {self.b.action(self.network.senses)} * {self.b.capacity(moved)}")
@@ -326,22 +321,19 @@ class _Builder:
         return bool(self.setup.sources) or "count" in self.p.fields
 
     def _at_rest(self, solve: str) -> list[str]:
-        m, one = len(self.b.junctions), len(self.b.junctions) == 1
-        lines = [f"s.y[{j}] = 0.0" for j in range(m)]
-        lines += self._unknown()
-        lines += [f"s.slope = {self.rest.floors()[0]!r}"] if one else []
         return [
-            *lines,
+            *(f"s.y[{j}] = 0.0" for j in range(len(self.b.junctions))),
+            *self._unknown(self.rest.floors()),
             f"solved = {solve}(s)",
             "if solved < 1.0:",
-            *[f"    {self.b.x(n)} = 0.0" for n in self.network.storage_names],
+            *(f"    {self.b.x(n)} = 0.0" for n in self.network.storage_names),
         ]
 
-    def _unknown(self) -> list[str]:
-        """No derivatives are known yet: those of one equation are a slope, of several a matrix."""
-        m = len(self.b.junctions)
+    def _unknown(self, floors: Sequence[float]) -> list[str]:
+        """No derivatives are known yet: one equation begins with its least slope, several with an empty matrix."""
+        m = len(floors)
         cleared = [f"for i in range({m}):", f"    for j in range({m}):", "        s.jacobian[i][j] = 0.0"]
-        return ["s.known = 0.0", *(cleared if m > 1 else [])]
+        return ["s.known = 0.0", *(cleared if m > 1 else [f"s.slope = {floor!r}" for floor in floors])]
 
     def _stored(self, initial_input: float) -> list[str]:
         """The state of rest under one input, where something flows at rest."""
@@ -356,12 +348,9 @@ class _Builder:
         return [f"{self.b.x(name)} = {value!r}" for name, value in found if name in known]
 
     def _substep(self, solve: str) -> None:
-        first = self.inputs[0].name
-        means = {p.name: f"mean_{self.key[p.name]}" for p in self.inputs[1:]}
-        zero = {p.name: "0.0" for p in self.network.ports if p not in self.inputs}
         heard = {s.port: self.chain.source(s) for s in self.setup.sources}
         lines = [*self.chain.step, "mean = (u_start + 4.0 * u_middle + u_end) / 6.0"]
-        lines += self._actions({**zero, first: "mean", **means, **heard})
+        lines += self._actions("mean", heard)
         m = len(self.b.junctions)
         lines += [f"s.y[{j}] = 2.0 * s.found_{j} - s.before_{j}" for j in range(m)]
         lines += [f"solved = {solve}(s)"] if solve else ["balance(s)", "solved = 1.0"]
@@ -376,7 +365,7 @@ class _Builder:
             lines += ["s.effort_before = s.effort", "if s.begins > 0.0:"]
             lines += ["    s.effort_before = 2.0 * s.effort - s.supplied", "s.begins = 0.0", "s.effort = s.supplied"]
         lines += ["s.count = s.count + 1.0"] if self.chain_counts else []
-        arguments = ("u_start", "u_middle", "u_end", *means.values())
+        arguments = ("u_start", "u_middle", "u_end", *(f"mean_{n}" for n in self.further))
         self._add(
             "substep", arguments, [*lines, "return solved"], "One step; 1 where its equations were solved, else 0"
         )

@@ -190,7 +190,7 @@ def c_header(program: Program) -> str:
 
 def c_source(program: Program) -> str:
     """The text of the source file."""
-    wanted = {name for f in program.functions.values() for name in called(f)}
+    wanted = {name for f in program.functions.values() for name in called(f.body)}
     parts = [f'#include "{program.name}.h"\n\n#include <math.h>']
     parts += ["\n".join(text for name, text in _HELPERS.items() if name in wanted)] if wanted & set(_HELPERS) else []
     about = "/* " + " ".join(CONSTANTS_ABOUT) + " */"

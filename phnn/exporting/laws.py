@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from phnn.errors import InputRefused
-from phnn.exporting.program import INTRINSICS, STATE, Function, Names, Program, function, made, one_line
+from phnn.exporting.program import INTRINSICS, STATE, Function, Names, Program, function, made, one_line, walk
 from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS, namespace
 from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES, form_of
 from phnn.parameters import Parameter
@@ -62,13 +62,10 @@ def refuse_beyond(tree: ast.FunctionDef, what: str, functions: Mapping[str, Func
     given = tree.args
     if given.posonlyargs or given.kwonlyargs or given.vararg or given.kwarg:
         raise refused(what, f"{tree.name} has arguments that are not plain ones, {ast.unparse(given)!r}")
-    tuples = {id(t) for s in tree.body for node in ast.walk(s) for t in _tuples(node)}
-    # No printer shows texts that stand alone.
-    spoken = [s for s in tree.body if not (isinstance(s, ast.Expr) and isinstance(s.value, ast.Constant))]
-    for statement in spoken:
-        for node in ast.walk(statement):
-            if not isinstance(node, _KNOWN) or _is_beyond(node, tuples, functions):
-                raise refused(what, f"its source has what is not translated, {_shown(node)!r}")
+    tuples = {id(t) for node in walk(tree.body) for t in _tuples(node)}
+    for node in walk(tree.body):
+        if not isinstance(node, _KNOWN) or _is_beyond(node, tuples, functions):
+            raise refused(what, f"its source has what is not translated, {_shown(node)!r}")
 
 
 def _shown(node: ast.AST) -> str:
@@ -100,17 +97,11 @@ def _is_beyond(node: ast.AST, tuples: set[int], functions: Mapping[str, Function
     if isinstance(node, ast.Subscript):
         return not isinstance(node.slice, ast.Constant | ast.Name | ast.BinOp)
     if isinstance(node, ast.Call):
-        return _is_unknown_call(node, functions)
+        # The names of calls are resolved, and named arguments are refused already.
+        name, count = node.func.id, len(node.args)  # type: ignore[attr-defined]
+        wanted = len(functions[name].arguments) if name in functions else _ARGUMENTS.get(name, count)
+        return bool(count != wanted)
     return _is_unknown_statement(node, functions)
-
-
-def _is_unknown_call(node: ast.Call, functions: Mapping[str, Function]) -> bool:
-    if not isinstance(node.func, ast.Name) or node.keywords:
-        return True
-    name, count = node.func.id, len(node.args)
-    if name in functions:
-        return count != len(functions[name].arguments)
-    return count != _ARGUMENTS.get(name, count)
 
 
 def _is_unknown_statement(node: ast.AST, functions: Mapping[str, Function]) -> bool:
@@ -157,8 +148,8 @@ class Sources:
         source: Callable[..., Any],
         what: str,
         renamed: Mapping[str, str] | None = None,
-        called: str = "",
         suffix: str = "",
+        called: str = "",
     ) -> str:
         """The name under which a function of the package is called in the program; it is translated the first time.
 
@@ -307,7 +298,7 @@ class _Simplified(ast.NodeTransformer):
         elif inspect.isfunction(function):
             own = function.__module__ == self.module
             renamed, suffix = (self.renamed, self.suffix) if own else ({}, "")
-            name = self.sources.name_of(function, self.what, renamed, suffix=suffix)
+            name = self.sources.name_of(function, self.what, renamed, suffix)
         else:
             raise refused(self.what, f"its source calls {ast.unparse(node.func)}, which has no translation")
         return ast.Call(ast.Name(name, ast.Load()), [self.visit(a) for a in node.args], [])

@@ -18,7 +18,7 @@ import math
 import re
 import sys
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import ClassVar
 
 from phnn.errors import InputRefused
@@ -226,12 +226,12 @@ class Program:
 
     def used_constants(self) -> list[Constant]:
         """Constants that a function names, in the order in which they were added."""
-        names = {n.id for f in self.functions.values() for n in walk(f) if isinstance(n, ast.Name)}
+        names = {n.id for f in self.functions.values() for n in walk(f.body) if isinstance(n, ast.Name)}
         return [c for c in self.constants.values() if c.name in names]
 
     def used_fields(self) -> list[Field]:
         """Fields that a function names, in the order in which they were added."""
-        names = {n.attr for f in self.functions.values() for n in walk(f) if isinstance(n, ast.Attribute)}
+        names = {n.attr for f in self.functions.values() for n in walk(f.body) if isinstance(n, ast.Attribute)}
         return [f for f in self.fields.values() if f.name in names]
 
     def needed(self, *roots: str) -> dict[str, Function]:
@@ -239,7 +239,7 @@ class Program:
         kept = set(roots)
         for name in reversed(self.functions):
             if name in kept:
-                kept |= set(called(self.functions[name]))
+                kept |= set(called(self.functions[name].body))
         return {n: f for n, f in self.functions.items() if n in kept}
 
 
@@ -252,26 +252,30 @@ def _finite(name: str, about: str, value: float) -> float:
     return value
 
 
-def walk(function: Function) -> Iterator[ast.AST]:
-    """All nodes of a function."""
-    for statement in function.body:
-        yield from ast.walk(statement)
+def walk(body: Iterable[ast.stmt]) -> Iterator[ast.AST]:
+    """All nodes of statements, without those of texts that stand alone, which no printer shows."""
+    for statement in body:
+        if not _is_text(statement):
+            yield from ast.walk(statement)
 
 
-def called(function: Function) -> list[str]:
-    """Names of the functions that a function calls."""
-    return [n.func.id for n in walk(function) if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)]
+def _is_text(statement: ast.stmt) -> bool:
+    return isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant)
+
+
+def called(body: Iterable[ast.stmt]) -> list[str]:
+    """Names of the functions that statements call."""
+    return [n.func.id for n in walk(body) if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)]
 
 
 def returned(body: tuple[ast.stmt, ...], known: dict[str, Function]) -> int:
     """Number of values that statements return."""
-    for statement in body:
-        for node in ast.walk(statement):
-            if isinstance(node, ast.Return) and node.value is not None:
-                if isinstance(node.value, ast.Tuple):
-                    return len(node.value.elts)
-                name = node.value.func.id if isinstance(node.value, ast.Call) else ""  # type: ignore[attr-defined]
-                return known[name].returns if name in known else 1
+    for node in walk(body):
+        if isinstance(node, ast.Return) and node.value is not None:
+            if isinstance(node.value, ast.Tuple):
+                return len(node.value.elts)
+            name = node.value.func.id if isinstance(node.value, ast.Call) else ""  # type: ignore[attr-defined]
+            return known[name].returns if name in known else 1
     return 0
 
 
@@ -292,16 +296,14 @@ def function(
 
 def made(name: str, tree: ast.FunctionDef, known: dict[str, Function], about: str = "") -> Function:
     """The function of a definition that is in the subset already."""
-    body = tuple(s for s in tree.body if not (isinstance(s, ast.Expr) and isinstance(s.value, ast.Constant)))
+    body = tuple(s for s in tree.body if not _is_text(s))
     arguments = tuple(a.arg for a in tree.args.args)
-    text = about or ast.get_docstring(tree) or ""
-    found = Function(name, arguments, body, returned(body, known), " ".join(text.partition("\n\n")[0].split()))
-    nodes, own = list(walk(found)), set(called(found))
-    fields = any(isinstance(n, ast.Attribute) for n in nodes)
-    of_state = fields or any(known[c].of_state for c in own if c in known)
+    text = " ".join((about or ast.get_docstring(tree) or "").partition("\n\n")[0].split())
+    nodes, callees = list(walk(body)), [known[name] for name in called(body) if name in known]
+    of_state = any(isinstance(n, ast.Attribute) for n in nodes) or any(f.of_state for f in callees)
     stored = any(isinstance(n, ast.Attribute | ast.Subscript) and isinstance(n.ctx, ast.Store) for n in nodes)
-    changes = of_state and (stored or any(known[c].changes for c in own if c in known))
-    return replace(found, of_state=of_state, changes=changes)
+    changes = of_state and (stored or any(f.changes for f in callees))
+    return Function(name, arguments, body, returned(body, known), text, of_state, changes)
 
 
 def indented(lines: Iterable[str]) -> list[str]:
@@ -334,7 +336,7 @@ class Printer:
 
     def __init__(self, program: Program, function: Function) -> None:
         self.program, self.function = program, function
-        self.nodes = list(walk(function))
+        self.nodes = list(walk(function.body))
 
     def name(self, name: str) -> str:
         """A local name; words of a language get an underscore."""

@@ -8,7 +8,8 @@ is left on any junction.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from typing import Any
 
 from phnn.exporting import solvers
 from phnn.exporting.laws import Elements
@@ -156,20 +157,21 @@ def searched(balance: Balance, name: str) -> str:
     key, e = balance.e.states.of(name), balance.e
     x, current, storage = balance.x(name), balance.current(name), balance.storage(name)
     lost = _lost(balance, name)
-    renamed, what, suffix = {"lost": lost, "H": "H"}, f"storage {name}", f"_{key}"
+
+    def translated(solver: Callable[..., Any], **named: str) -> str:
+        return e.sources.name_of(solver, f"storage {name}", {"lost": lost, "H": "H", **named}, f"_{key}")
+
     if balance.rules[name] == RADAU:
-        value = e.sources.name_of(solvers.first_stage_value, what, renamed, "", suffix)
-        first = e.sources.name_of(solvers.first_root, what, renamed | {"value": value}, "", suffix)
-        renamed = renamed | {"first_stage": first}
-        value = e.sources.name_of(solvers.second_stage_value, what, renamed, "", suffix)
-        stages = e.sources.name_of(solvers.radau, what, renamed | {"value": value}, "", suffix)
+        value = translated(solvers.first_stage_value)
+        first = translated(solvers.first_root, value=value)
+        value = translated(solvers.second_stage_value, first_stage=first)
+        stages = translated(solvers.radau, first_stage=first, value=value)
         balance.lines.append(f"one_{key}, two_{key} = {stages}(s, {x}, {current})")
         return f"two_{key}, {balance.stiffness(name)} * (0.75 * one_{key} + 0.25 * two_{key})"
     lines, about = [f"return {e.mean_effort(storage, 'a', 'b')}"], f"Mean effort of {name} between two states"
     mean = e.stateless(f"effort_{key}", ("a", "b"), lines, about)
-    renamed = renamed | {"mean_effort": mean}
-    value = e.sources.name_of(solvers.gradient_value, what, renamed, "", suffix)
-    end = e.sources.name_of(solvers.gradient, what, renamed | {"value": value}, "", suffix)
+    value = translated(solvers.gradient_value, mean_effort=mean)
+    end = translated(solvers.gradient, mean_effort=mean, value=value)
     balance.lines.append(f"two_{key} = {end}(s, {x}, {current})")
     return f"two_{key}, {e.mean_effort(storage, x, f'two_{key}')}"
 
@@ -295,37 +297,28 @@ class Balance:
             self.lines.append(f"{self.end(name)}, {self.mean(name)} = {self._advanced(name)}")
             for other, ratio, sign in self.links(name):
                 self._add(other, scaled(sign, self.ratio(ratio), self.mean(name)))
-        for j, name in enumerate(self.junctions):
+        for j, name in enumerate(self.known):
             key = self.e.states.of(name)
-            self.lines += [
-                f"s.force[{j}] = force_{key}",
-                f"s.size[{j}] = size_{key}",
-                f"{self.end(name)} = {self.x(name)} + {self.change(name)}",
-                f"{self.mean(name)} = {self.flow(name)}",
-            ]
-        for name in self.moved:
-            supplied = self.e.program.state("supplied", "mean effort that the source of the motion needs in the step")
-            self.lines += [
-                f"{supplied} = force_{self.e.states.of(name)}",
-                f"{self.end(name)} = {self.x(name)} + {self.change(name)}",
-                f"{self.mean(name)} = {self.flow(name)}",
-            ]
+            if name in self.moved:
+                about = "mean effort that the source of the motion needs in the step"
+                self.lines.append(f"{self.e.program.state('supplied', about)} = force_{key}")
+            else:
+                self.lines += [f"s.force[{j}] = force_{key}", f"s.size[{j}] = size_{key}"]
+            self.lines.append(f"{self.end(name)} = {self.x(name)} + {self.change(name)}")
+            self.lines.append(f"{self.mean(name)} = {self.flow(name)}")
         return self.lines
 
     def _flows(self) -> None:
-        for name in self.moved:
-            self.lines.append(f"{self.flow(name)} = {self.action(self.network.senses)}")
-            self.lines.append(
-                f"{self.change(name)} = 2.0 * ({self.flow(name)} * {self.capacity(name)} - {self.x(name)})"
-            )
-        for j, name in enumerate(self.junctions):
-            x = self.x(name)
-            if self.is_linear(name):
-                self.lines.append(f"{self.flow(name)} = s.y[{j}]")
-                self.lines.append(f"{self.change(name)} = 2.0 * ({self.flow(name)} * {self.capacity(name)} - {x})")
+        given = {name: self.action(self.network.senses) for name in self.moved}
+        given |= {name: f"s.y[{j}]" for j, name in enumerate(self.junctions)}
+        for name, y in given.items():
+            x, flow = self.x(name), self.flow(name)
+            if name in self.moved or self.is_linear(name):
+                self.lines.append(f"{flow} = {y}")
+                self.lines.append(f"{self.change(name)} = 2.0 * ({flow} * {self.capacity(name)} - {x})")
             else:
-                self.lines.append(f"{self.flow(name)} = {self.e.mean_effort(self.storage(name), x, f's.y[{j}]')}")
-                self.lines.append(f"{self.change(name)} = s.y[{j}] - {x}")
+                self.lines.append(f"{flow} = {self.e.mean_effort(self.storage(name), x, y)}")
+                self.lines.append(f"{self.change(name)} = {y} - {x}")
 
     @property
     def _read_early(self) -> list[str]:

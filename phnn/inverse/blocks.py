@@ -54,7 +54,7 @@ import torch
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 
-from phnn.chain import AMPLIFIERS, MEMORYLESS, SENSORS, SOURCES
+from phnn.chain import AMPLIFIERS, MEMORYLESS, REMEMBERING, SENSORS, SOURCES
 from phnn.chain.amplifiers import slip_step
 from phnn.errors import InputRefused, SolverFailed
 from phnn.integrate import kernel
@@ -133,12 +133,6 @@ def path_through(samples: Array, dt: float, substeps: int) -> Path:
     q, v, a, jerk = (np.asarray(curve(places, nu)) / dt**nu for nu in range(4))
     times: Array = h * np.arange(places.size, dtype=np.float64)
     return Path(times, h, q, v, a, v - h * h / 12.0 * jerk)
-
-
-def derivative(samples: Array, dt: float) -> Array:
-    """(N,) rate of samples by the same spline."""
-    places = np.arange(samples.size)
-    return np.asarray(make_interp_spline(places, samples, k=_DEGREE)(places, 1)) / dt
 
 
 # The bracket begins at this share of the largest target and doubles, up to this many times that target: a
@@ -288,8 +282,6 @@ _AMPLIFIER_INVERSES: dict[str, Callable[..., Any]] = {
 
 # Most repetitions of ``u = V + w s(u)``, of which each leaves the share by which the state slows the input down.
 _REPEATED = 60
-# Blocks whose output at an instant is a function of the input at that instant, and of time.
-STATIC_SENSORS = ("drift", "polynomial", "zero", "knee", "cubic", "drifting_gain")
 # Share of the largest speed below which a play is crossed.
 _CROSSING = 0.02
 # Share of the range of an output that may lie below zero and still count as none: rounding, and corrections.
@@ -309,12 +301,12 @@ def displacement(setup: Setup, output: Signal, dt: float, strict: bool = True) -
     t: Array = dt * np.arange(output.values.size, dtype=np.float64)
     for block in reversed(setup.sensor):
         values = [setup.parameters[name].value for name in block.parameters]
-        if block.kind in STATIC_SENSORS:
-            output = _static_sensor(block.kind, output, t, values)
-        elif block.kind in _SENSOR_INVERSES:
+        if block.kind in _SENSOR_INVERSES:
             if strict and block.kind == "rectification":
                 _check_sign(output.values, t)
             output = output.then(_SENSOR_INVERSES[block.kind](output.values, t, *values))
+        elif block.kind not in REMEMBERING:
+            output = _static_sensor(block.kind, output, t, values)
         else:
             raise InputRefused(f"the sensor block {block.kind} has no inverse: give a model without it")
     return output
@@ -326,7 +318,7 @@ def _static_sensor(kind: str, output: Signal, t: Array, values: list[float]) -> 
 
 
 def _lag(y: Array, t: Array, tau: float) -> Array:
-    return y + tau * derivative(y, t[1] - t[0])
+    return y + tau * path_through(y, t[1] - t[0], 1).velocity
 
 
 def _clock(y: Array, t: Array, change: float, scale: float) -> Array:
@@ -344,7 +336,7 @@ def _check_sign(y: Array, t: Array) -> None:
 
 
 def _play(y: Array, t: Array, width: float) -> Array:
-    rate = derivative(y, t[1] - t[0])
+    rate = path_through(y, t[1] - t[0], 1).velocity
     slow = _CROSSING * np.abs(rate).max()
     return y + width * rate / np.sqrt(rate**2 + slow**2) if slow > 0.0 else y
 

@@ -262,22 +262,20 @@ def led_in(reference: Array, dt: float, duration: float) -> Array:
     return np.concatenate([reference[0] + way, reference])
 
 
-def fast_share(command: Array) -> float:
-    """The share of a command's (N,) variation, root mean square, that is faster than a quarter of the sampling rate."""
-    if not np.ptp(command) > 0.0:
-        return 0.0
-    sections = butter(_ORDER, 2.0 * _FAST, btype="high", output="sos")
-    padded = np.pad(command, min(command.size, 64), mode="edge")
-    fast = sosfiltfilt(sections, padded, padtype=None)
-    return float(np.sqrt(np.sum(fast**2)) / np.sqrt(np.sum((command - command.mean()) ** 2)))
+def judged(command: Array, dt: float) -> tuple[str, ...]:
+    """What to say of a command (N,) of which a share is faster than a quarter of the sampling rate.
 
-
-def judged(share: float, dt: float) -> tuple[str, ...]:
-    """What to say of a command of which a share is faster than a quarter of the sampling rate.
+    The share is that of the command's variation, root mean square.
 
     Raises:
         InputRefused: most of it is noise of the samples.
     """
+    if not np.ptp(command) > 0.0:
+        return ()
+    sections = butter(_ORDER, 2.0 * _FAST, btype="high", output="sos")
+    padded = np.pad(command, min(command.size, 64), mode="edge")
+    fast = sosfiltfilt(sections, padded, padtype=None)
+    share = float(np.sqrt(np.sum(fast**2)) / np.sqrt(np.sum((command - command.mean()) ** 2)))
     if share < _NOTED:
         return ()
     about = (
@@ -450,7 +448,7 @@ def invert(setup: Setup, substeps: int, t: Array, reference: Array, options: Inv
     tolerance = options.tolerance or _TOLERANCE * float(np.ptp(wanted))
     plant = Plant(setup, substeps, dt, options)
     first, before, port = plant.backwards(wanted)
-    messages = list(judged(fast_share(first.values), dt))
+    messages = list(judged(first.values, dt))
     speed = np.abs(path_through(wanted, dt, 1).velocity)
     if not speed[0] <= _AT_REST * speed.max():
         messages.append(

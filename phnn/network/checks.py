@@ -177,23 +177,18 @@ def check(
     name = f"{name}, a {type(law).__name__}"
     energetic = storage if storage is not None else hasattr(law, "energy")
     try:
-        _try(law, energetic, ports, reads, name)
+        if ports is not None:
+            _check_shared(law, ports, name) if energetic else _check_multi_port(law, ports, reads, name)
+        elif energetic:
+            check_energy(_of_arrays(law.energy), name)  # type: ignore[arg-type]
+        elif reads:
+            for q in READ:
+                check_sector(_of_arrays(partial(_reading, law, q)), name, read=q)
+        else:
+            check_sector(_of_arrays(law), name)
     except (RuntimeError, TypeError, AttributeError, IndexError, ValueError) as error:
         called = "energy(x)" if energetic else "forward(effort, q)" if reads else "forward(effort)"
         raise StructureViolated(f"{name}: {called} fails on tensors of many points: {error}") from error
-
-
-def _try(law: nn.Module, energetic: bool, ports: int | None, reads: int, name: str) -> None:
-    """Try what a law promises."""
-    if ports is not None:
-        _check_shared(law, ports, name) if energetic else _check_multi_port(law, ports, reads, name)
-    elif energetic:
-        check_energy(_of_arrays(law.energy), name)  # type: ignore[arg-type]
-    elif reads:
-        for q in READ:
-            check_sector(_of_arrays(partial(_reading, law, q)), name, read=q)
-    else:
-        check_sector(_of_arrays(law), name)
 
 
 def _check_module(law: nn.Module, name: str) -> None:

@@ -232,9 +232,7 @@ class Network:
         if len(set(states)) != len(states):
             raise StructureViolated(f"two storages share a name among {states}: rename one")
         referred = [name for c in self.couplings for name in (c.to, c.of)] + [self.output]
-        referred += [n for r in self.resistors for n in r.on] + [n for p in self.ports for n in p.on]
-        referred += [n for m in self.multi_ports for b in m.columns for n in b]
-        referred += [n for e in self.shared_energies for n in e.of]
+        referred += [n for on in self._vectors() for n in on] + [n for e in self.shared_energies for n in e.of]
         reads = [r.modulated_by for r in self.resistors if r.modulated_by] + [m.by for m in self.modulations]
         reads += [n for m in self.multi_ports for n in m.reads]
         for names, known in ((referred, self.storage_names), (reads, states)):
@@ -243,7 +241,7 @@ class Network:
                     raise StructureViolated(f"an element refers to the storage {name!r}; there are {', '.join(known)}")
         if self.senses and self.senses not in [p.name for p in self.ports]:
             raise StructureViolated(f"the effort at the port {self.senses!r} is measured, but there is no such port")
-        for name in self._parameter_references():
+        for name in self.parameter_references():
             if name not in self.parameters:
                 raise StructureViolated(f"an element refers to the parameter {name!r}, which is not defined")
         for memory in self.memories:
@@ -315,12 +313,16 @@ class Network:
         yield from (WithLaw("multi_port", m.name, m, {}) for m in self.multi_ports)
         yield from (WithLaw("shared_energy", e.name, e, {}) for e in self.shared_energies)
 
-    def _parameter_references(self) -> list[str]:
+    def _vectors(self) -> list[Mapping[str, Ratio]]:
+        """The combinations of efforts on which resistors, ports and multi-ports act."""
+        alone = [*(r.on for r in self.resistors), *(p.on for p in self.ports)]
+        return [*alone, *(column for m in self.multi_ports for column in m.columns)]
+
+    def parameter_references(self) -> list[str]:
+        """Return the names of the parameters that elements refer to."""
         names = [n for one in self.with_laws() for n in one.element.parameters] + [m.ratio for m in self.modulations]
-        ratios: list[Ratio] = [c.ratio for c in self.couplings]
-        ratios += [v for r in self.resistors for v in r.on.values()] + [v for p in self.ports for v in p.on.values()]
-        ratios += [v for m in self.multi_ports for b in m.columns for v in b.values()]
-        return names + [v for v in ratios if isinstance(v, str)]
+        ratios = [*(c.ratio for c in self.couplings), *(ratio for on in self._vectors() for ratio in on.values())]
+        return names + [ratio for ratio in ratios if isinstance(ratio, str)]
 
     @property
     def state_names(self) -> tuple[str, ...]:
@@ -411,7 +413,7 @@ class Network:
         storages, resistors = (tuple(map(with_law, own)) for own in (self.storages, self.resistors))
         found = replace(self, storages=storages, resistors=resistors)
         check_laws(found)
-        used, before = set(found._parameter_references()), set(self._parameter_references())
+        used, before = set(found.parameter_references()), set(self.parameter_references())
         return replace(found, parameters={n: p for n, p in found.parameters.items() if n in used or n not in before})
 
     def with_values(self, values: Mapping[str, float]) -> Network:
@@ -602,10 +604,9 @@ def interconnect(
     )
 
 
-_Between = tuple[tuple[Storage, ...], tuple[Resistor, ...], tuple[Coupling, ...]]
-
-
-def _between(near: Port, far: Port, kind: Kind) -> _Between:
+def _between(
+    near: Port, far: Port, kind: Kind
+) -> tuple[tuple[Storage, ...], tuple[Resistor, ...], tuple[Coupling, ...]]:
     """What joins two ports; see `interconnect`."""
     if isinstance(kind, Storage):
         ratios = [*near.on.items(), *far.on.items()]

@@ -72,14 +72,16 @@ def measured_displacement(network: Network) -> str:
 
 def motions(network: Network) -> tuple[Motion, ...]:
     """Every inertia that has a displacement, the measured one first, then in the order of the network."""
-    follows = _velocities(network)
+    follows = _flows(network)
+    # A charge follows a flux as a displacement follows a velocity.
+    electrical = {s.name for s in network.storages if s.unit in _ELECTRICAL}
     held, measured, given = _held(network), measured_displacement(network), imposed(network)
     if given is not None:
         held |= {given.contact, given.impulse}
     found: dict[str, str] = {}
     for storage in network.storages:
         momentum = follows.get(storage.name)
-        if momentum is None or storage.name in held:
+        if momentum is None or storage.name in held or electrical & {storage.name, momentum}:
             continue
         if momentum not in found or storage.name == measured:
             found[momentum] = storage.name
@@ -100,12 +102,6 @@ def _flows(network: Network) -> dict[str, str]:
         # J[to, of] = ratio and J[of, to] = −ratio.
         sources.setdefault(c.of, []).append((c.to, c.ratio if isinstance(c.ratio, str) else -c.ratio))
     return {name: only[0][0] for name, only in sources.items() if len(only) == 1 and only[0][1] == 1.0}
-
-
-def _velocities(network: Network) -> dict[str, str]:
-    """Displacement to the momentum that moves it: flows between storages that are not electrical."""
-    electrical = {s.name for s in network.storages if s.unit in _ELECTRICAL}
-    return {name: of for name, of in _flows(network).items() if not electrical & {name, of}}
 
 
 def drive_ratio(network: Network, momentum: str) -> str | None:

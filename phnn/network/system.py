@@ -276,13 +276,13 @@ class PortHamiltonianSystem(nn.Module):
 
     def _skew(self, x: Tensor) -> Tensor:
         """(n, n) or (..., n, n) ``J``, without leading dimensions where it does not depend on ``x``."""
-        ratios = self.ratios(x)
-        half = self._half(ratios)
+        skew = self.interconnection(x)
         for port in self.multi_ports:
             if port.conserves:
-                b = port.columns(ratios)
-                half = half + b @ port.law.lower(x[..., port.reads]) @ b.mT
-        return half - half.mT
+                b = port.columns(self.ratios(x))
+                half = b @ port.law.lower(x[..., port.reads]) @ b.mT
+                skew = skew + (half - half.mT)
+        return skew
 
     @evaluation
     def dissipation(self, x: Tensor) -> Tensor:  # x: (..., n)
@@ -374,9 +374,13 @@ class PortHamiltonianSystem(nn.Module):
         Raises:
             InputRefused: the last dimension is not the number of ports.
         """
+        return self._of_ports("action", u)
+
+    def _of_ports(self, part: str, u: Tensor) -> Tensor:
+        """(..., P) ``action`` or ``slope`` of every port's law at its input."""
         check_input(u, self.network.ports)
         values = [
-            PORT_LAWS[p.law].action(v, *map(self.value, p.parameters))
+            getattr(PORT_LAWS[p.law], part)(v, *map(self.value, p.parameters))
             for v, p in zip(u.unbind(-1), self.network.ports, strict=True)
         ]
         return torch.stack(values, dim=-1) if values else u
@@ -389,8 +393,7 @@ class PortHamiltonianSystem(nn.Module):
         u: Tensor,  # (..., P)
     ) -> Tensor:
         """(..., n) ``J e − Σ_r b_r φ_r(b_rᵀ e) + g ψ(u)`` of the storages for any effort ``e``."""
-        ratios = self.ratios(x)
-        branches, inputs = self._branches(ratios), self._inputs(ratios)
+        branches, inputs = self.incidences(x)
         conserved = combined(efforts, self._skew(x).mT)
         lost = combined(self.branch_flows(combined(efforts, branches), x), branches.mT)
         for b, _, flows in self._through_multi_ports(efforts, x):
@@ -433,12 +436,7 @@ class PortHamiltonianSystem(nn.Module):
 
         For a nonlinear port ``yᵀu`` also fills the port's own field energy; what enters ``H`` is ``ψ(u) gᵀ∇H``.
         """
-        check_input(u, self.network.ports)
-        flows = combined(self.efforts(x), self.incidences(x)[1])
-        slopes = [
-            PORT_LAWS[p.law].slope(u[..., k], *map(self.value, p.parameters)) for k, p in enumerate(self.network.ports)
-        ]
-        return torch.stack(slopes, dim=-1) * flows if slopes else flows
+        return self._of_ports("slope", u) * combined(self.efforts(x), self.incidences(x)[1])
 
     @evaluation
     def power(

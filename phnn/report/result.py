@@ -112,12 +112,14 @@ def write_into(diagnosis: Diagnosis, place: Place, made_of: Provenance | None = 
 def _report(diagnosis: Diagnosis, content: dict[str, Any], made_of: Provenance | None, place: Place) -> bytes:
     """Write the pictures and return the page."""
     # Drawing libraries take a third of a second to load: not before something is drawn.
+    from phnn.report.figures.style import Drawing
     from phnn.report.page import page
-    from phnn.report.sections import drawings_of, sections
+    from phnn.report.sections import sections
 
     made = sections(diagnosis, content, made_of)
-    for one in drawings_of(made):
-        (place / "figures" / one.file).write(one.png)
+    for block in (block for section in made for block in section.blocks):
+        if isinstance(block, Drawing):
+            (place / "figures" / block.file).write(block.png)
     verdict = f"verdict: {diagnosis.verdict}"
     heading = content["summary"]["headline"] if content["summary"] else verdict
     return page(f"Diagnosis: {heading}", heading, made, verdict)

@@ -95,11 +95,6 @@ def sections(diagnosis: Diagnosis, document: dict[str, Any], made_of: Provenance
     return [Section(None, _first(diagnosis, traces)), *(s for s in folded if s.blocks)]
 
 
-def drawings_of(every: Sequence[Section]) -> list[Drawing]:
-    """Return the pictures of all sections."""
-    return [block for section in every for block in section.blocks if isinstance(block, Drawing)]
-
-
 def drawing(stem: str, title: str, alt: str, draw: Callable[[], Figure], lines: bool = True) -> list[Drawing]:
     """Return a picture; none where it cannot be drawn.
 

@@ -324,12 +324,7 @@ def from_high_band(u: np.ndarray, y: np.ndarray, dt: float) -> NoiseFloor:
     if gain * spread(np.diff(u, order)) / sqrt(comb(2 * order, order)) > 0.5 * sigma:
         silent = silent_deviation(u, y)
         if silent is not None and silent < sigma:
-            return NoiseFloor(
-                silent,
-                f"{SILENT}, {AS_WHITE}; more is possible where it is not",
-                WHITE,
-                0.0,
-            )
+            return NoiseFloor(silent, f"{SILENT}, {AS_WHITE}; more is possible where it is not", WHITE, 0.0)
         source += UPPER
     return NoiseFloor(sigma, source, WHITE, 0.0)
 

@@ -7,7 +7,7 @@ import pytest
 from effect_homes import EFFECTS, FORMULAS, LEARNED, home, point
 
 import phnn
-from phnn.chain import AMPLIFIERS, MEMORYLESS, SENSORS
+from phnn.chain import AMPLIFIERS, MEMORYLESS, REMEMBERING
 from phnn.configuration import config_folder
 from phnn.effects import Effect, in_all_forms
 from phnn.errors import InputRefused
@@ -305,4 +305,4 @@ def test_a_strong_effect_changes_the_voltage() -> None:
 
 def test_every_block_of_the_chain_has_an_inverse_or_is_refused() -> None:
     assert set(AMPLIFIERS) - set(MEMORYLESS) - set(blocks._AMPLIFIER_INVERSES) == {"rate"}
-    assert set(SENSORS) - set(blocks.STATIC_SENSORS) - set(blocks._SENSOR_INVERSES) == {"rate"}
+    assert set(REMEMBERING) - set(blocks._SENSOR_INVERSES) == {"rate"}

@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from sympy import Expr, lambdify
+from sympy import Expr
 
 from phnn.errors import StructureViolated
 from phnn.laws import RESISTOR_LAWS
@@ -94,16 +94,16 @@ def check_sources(graph: BondGraph, solution: Solution) -> None:
     """Refuse sources that contradict each other or feed one another past every storage."""
     for element in sources_of(graph):
         name = element.name
-        others = _names(solution.of(source(name)), "input") if solution.determined(source(name)) else []
+        others = _names(solution.get(source(name), {}), "input")
         if others:
             raise StructureViolated(
                 f"the sources {', '.join([name, *others])} contradict each other: put a storage between, or remove one"
             )
-        if solution.determined(source(name)) or not solution.of(answer(name)):
+        if source(name) in solution or not solution[answer(name)]:
             raise StructureViolated(
                 f"no storage takes what the source {name} gives: join its junction with the rest or remove it"
             )
-        fed = _names(solution.of(answer(name)), "input")
+        fed = _names(solution[answer(name)], "input")
         if fed:
             raise StructureViolated(
                 f"the sources {', '.join(dict.fromkeys([name, *fed]))} feed each other without a storage between: "
@@ -119,10 +119,12 @@ def branch(graph: BondGraph, solution: Solution, resistor: R) -> Branch:
             it directly, or nothing acts on it.
     """
     name = resistor.name
-    takes, gives = solution.determined(argument(name)), solution.determined(result(name))
-    if takes == gives:
-        _refuse_loop(_ambiguous(graph, solution))
-    form = solution.of(result(name) if gives else argument(name))
+    # Resistors of which the structure fixes both variables or neither fix each other.
+    loop = [r.name for r in resistors_of(graph) if (argument(r.name) in solution) == (result(r.name) in solution)]
+    if name in loop:
+        _refuse_loop(loop)
+    gives = result(name) in solution
+    form = solution[result(name) if gives else argument(name)]
     if not form:
         raise StructureViolated(f"no storage acts on the resistor {name}: join its junction with the rest or remove it")
     if gives and not is_invertible(resistor):
@@ -143,12 +145,6 @@ def branch(graph: BondGraph, solution: Solution, resistor: R) -> Branch:
             "depends on it: leave the resistor out, or put a storage between"
         )
     return Branch(form, gives)
-
-
-def _ambiguous(graph: BondGraph, solution: Solution) -> list[str]:
-    """Resistors of which the structure fixes both variables or neither: they fix each other."""
-    names = [r.name for r in resistors_of(graph)]
-    return [n for n in names if solution.determined(argument(n)) == solution.determined(result(n))]
 
 
 def _refuse_loop(names: list[str]) -> None:
@@ -200,12 +196,6 @@ def is_linear(store: C | I) -> bool:
     return isinstance(store.law, str) and store.law in _LINEAR
 
 
-def value_of(ratio: Expr, parameters: Mapping[str, Parameter]) -> float:
-    """A ratio at the present values of its parameters."""
-    symbols = sorted(ratio.free_symbols, key=str)
-    return float(lambdify(symbols, ratio)(*(parameters[str(s)].value for s in symbols)))
-
-
 def merged(
     kept: C | I, gone: C | I, ratio: Expr, parameters: Mapping[str, Parameter], name: str, compliant: bool
 ) -> tuple[C | I, Parameter, Merge]:
@@ -221,7 +211,8 @@ def merged(
     parts = [
         1.0 / parameters[n].value if i else parameters[n].value for n, i in zip((own, other), inverse, strict=True)
     ]
-    total = parts[0] + value_of(ratio, parameters) ** 2 * parts[1]
+    factor = float(ratio.subs({symbol: parameters[str(symbol)].value for symbol in ratio.free_symbols}))
+    total = parts[0] + factor**2 * parts[1]
     value = 1.0 / total if inverse[0] else total
     square = str(ratio**2).replace("**", "^")
     added = f"{square}/{other}" if inverse[1] else other if square == "1" else f"{square}*{other}"
@@ -313,13 +304,12 @@ def assemble(
     parameters = {**parameters, one.name: one}
     resistors = tuple(_resistor(r, branches[r.name], field, names, parameters, one.name) for r in resistors_of(graph))
     ports = tuple(_port(s, graph, branches, rates, field, names) for s in sources_of(graph))
-    used: list[Ratio] = [n for s in stores for n in s.parameters]
-    used += [n for r in resistors for n in (*r.parameters, *r.on.values())]
-    used += [n for p in ports for n in (*p.parameters, *p.on.values())] + [c.ratio for c in couplings]
-    used += [n for m in graph.modulations for n in m.parameters] + [n for m in graph.memories for n in m.parameters]
-    table = {n: p for n, p in parameters.items() if n in used}
     storages = tuple(Storage(s.name, s.law, s.parameters, s.unit) for s in stores)
-    return Network(storages, resistors, tuple(couplings), ports, table, graph.output, graph.modulations, graph.memories)
+    network = Network(
+        storages, resistors, tuple(couplings), ports, parameters, graph.output, graph.modulations, graph.memories
+    )
+    used = network.parameter_references()
+    return replace(network, parameters={n: p for n, p in network.parameters.items() if n in used})
 
 
 def _unused(name: str, taken: Mapping[str, Parameter]) -> str:
@@ -374,13 +364,9 @@ def _port(
 
 def _minuses(coefficients: Mapping[str, Expr]) -> tuple[int, bool]:
     """How many named ratios have a minus, which cannot stay, and whether the first entry has one."""
-    minus = [_is_negative(c) for c in coefficients.values()]
+    minus = [bool(c.could_extract_minus_sign()) for c in coefficients.values()]
     named = [not c.is_number for c in coefficients.values()]
     return sum(m and n for m, n in zip(minus, named, strict=True)), minus[0]
-
-
-def _is_negative(coefficient: Expr) -> bool:
-    return bool(coefficient.could_extract_minus_sign())
 
 
 def _is_odd(law: Any, values: Sequence[float]) -> bool:
@@ -400,7 +386,7 @@ def _signed(coefficient: Expr, where: str) -> tuple[int, Ratio]:
     """
     if coefficient.is_number:
         return 1, float(coefficient)
-    sign = -1 if _is_negative(coefficient) else 1
+    sign = -1 if coefficient.could_extract_minus_sign() else 1
     name = sign * coefficient
     if not name.is_Symbol:
         raise StructureViolated(
@@ -468,7 +454,7 @@ class _Derivation:
         solution = self._integral()
         check_sources(self.graph, solution)
         branches = {r.name: branch(self.graph, solution, r) for r in resistors_of(self.graph)}
-        rates = {name: solution.of(rate(name)) for name in self.stores}
+        rates = {name: solution[rate(name)] for name in self.stores}
         if self.graph.merge:
             branches, rates = self._side_by_side(branches, rates)
         network = assemble(self.graph, self.field, tuple(self.stores.values()), self.parameters, rates, branches)
@@ -481,10 +467,10 @@ class _Derivation:
         while True:
             solution = causal(self.graph, self.field, equations, self.stores)
             # A storage whose co-energy is fixed from outside has no integral causality.
-            name = next((n for n in self.stores if solution.determined(coenergy(n))), "")
+            name = next((n for n in self.stores if coenergy(n) in solution), "")
             if not name:
                 return solution
-            form = solution.of(coenergy(name))
+            form = solution[coenergy(name)]
             other = check_dependent(self.stores[name], form, self.stores)
             ratio = form[coenergy(other.name)]
             pair = {name: {other.name: self.field.number(1) / ratio}, other.name: {name: ratio}}
@@ -523,36 +509,30 @@ class _Derivation:
         )
 
     def _merge(self, kept: str, gone: str, ratio: Any, compliant: bool = False) -> None:
-        self._refuse_modulated(kept, gone, ratio)
-        store = self.stores[kept]
-        own = store.parameters[0]
-        # A parameter that others use as well keeps its meaning for them.
-        shared = [n for e in self.graph.elements for n in e.parameters].count(own) > 1
-        self.stores[kept], present, merge = merged(
-            store, self.stores[gone], self.field.expression(ratio), self.parameters,
-            f"{own}_{kept}" if shared else own, compliant,
-        )  # fmt: skip
-        self.parameters[present.name] = present
-        self._drop(gone, merge)
-
-    def _refuse_modulated(self, kept: str, gone: str, ratio: Any) -> None:
-        names = set(map(str, self.field.expression(ratio).free_symbols))
+        """Let one storage become part of another; nothing may read it, nor a ratio between them be modulated."""
+        expression = self.field.expression(ratio)
+        names = set(map(str, expression.free_symbols))
         for m in self.graph.modulations:
             if m.ratio in names:
                 raise StructureViolated(
                     f"the ratio {m.ratio} follows {m.by}, but merging {gone} into {kept} takes it for constant: "
                     f"leave {gone} out and give {kept} what both are at a fixed ratio"
                 )
-
-    def _drop(self, gone: str, merge: Merge) -> None:
         reads = {r.name: r.reads for r in resistors_of(self.graph)} | {m.ratio: m.by for m in self.graph.modulations}
         for name, read in reads.items():
             if read == gone:
                 raise StructureViolated(
-                    f"{name} reads the storage {gone}, which is merged into {merge.kept}: "
-                    f"let it read {merge.kept}, or set merge to false"
+                    f"{name} reads the storage {gone}, which is merged into {kept}: "
+                    f"let it read {kept}, or set merge to false"
                 )
-        del self.stores[gone]
+        store = self.stores[kept]
+        own = store.parameters[0]
+        # A parameter that others use as well keeps its meaning for them.
+        shared = [n for e in self.graph.elements for n in e.parameters].count(own) > 1
+        name = f"{own}_{kept}" if shared else own
+        self.stores[kept], self.parameters[name], merge = merged(
+            store, self.stores.pop(gone), expression, self.parameters, name, compliant
+        )
         self.merges.append(merge)
 
 

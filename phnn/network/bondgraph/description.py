@@ -178,7 +178,10 @@ class BondGraph:
                 raise StructureViolated(
                     f"junction {name} is {kind!r}: write 0 for a common effort or 1 for a common flow"
                 )
-        _once([*(e.name for e in self.elements), *(m.name for m in self.memories)], "elements")
+        names = [*(e.name for e in self.elements), *(m.name for m in self.memories)]
+        for name in names:
+            if names.count(name) > 1:
+                raise StructureViolated(f"two elements are called {name}: rename one")
         for element in self.elements:
             _among(element.junction, self.junctions, f"{element.name} hangs on the junction")
             _check_element(element)
@@ -244,12 +247,6 @@ def _check_element(element: Element) -> None:
         )
     if isinstance(element, Se | Sf) and element.sign not in (1, -1):
         raise StructureViolated(f"the source {element.name} has the sign {element.sign!r}: write 1 or -1")
-
-
-def _once(names: list[str], what: str) -> None:
-    for name in names:
-        if names.count(name) > 1:
-            raise StructureViolated(f"two {what} are called {name}: rename one")
 
 
 def _among(name: Any, accepted: Iterable[str], what: str) -> None:

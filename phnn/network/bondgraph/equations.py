@@ -56,19 +56,8 @@ class Field:
         return bool(self.expression(coefficient).as_numer_denom()[1].is_number)
 
 
-@dataclass(frozen=True)
-class Solution:
-    """Pivots by the free variables further right."""
-
-    rows: Mapping[Variable, Form]
-
-    def determined(self, variable: Variable) -> bool:
-        """Whether a variable follows from free ones."""
-        return variable in self.rows
-
-    def of(self, variable: Variable) -> Form:
-        """The variable as a linear form of free variables; a free one is itself no key."""
-        return self.rows[variable]
+Solution = Mapping[Variable, Form]
+"""Every variable that follows from free ones, as a linear form of these; free ones are no keys."""
 
 
 def solve(field: Field, equations: Iterable[Form], order: Sequence[Variable]) -> Solution:
@@ -86,15 +75,13 @@ def solve(field: Field, equations: Iterable[Form], order: Sequence[Variable]) ->
             row[place[variable]] += coefficient
         rows.append(row)
     if not rows:
-        return Solution({})
+        return {}
     reduced, pivots = DomainMatrix(rows, (len(rows), len(order)), field.domain).rref()
     dense = reduced.to_dense().to_list()
-    return Solution(
-        {
-            order[pivot]: {order[j]: -c for j, c in enumerate(dense[i]) if c and j != pivot}
-            for i, pivot in enumerate(pivots)
-        }
-    )
+    return {
+        order[pivot]: {order[j]: -c for j, c in enumerate(dense[i]) if c and j != pivot}
+        for i, pivot in enumerate(pivots)
+    }
 
 
 def plus(*forms: Form) -> dict[Variable, Any]:
