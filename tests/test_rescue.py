@@ -144,8 +144,19 @@ def assert_answered(out: Path, found: Diagnosis) -> dict[str, Any]:
     return content
 
 
-def failing(case: Case, number: int, folder: Path) -> None:
-    """One failure at a random place after the base fit: there is an answer, and it tells the failure."""
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("rescue")
+
+
+@pytest.mark.parametrize(("case", "number"), [
+    *((QUICK, number) for number in range(3)),
+    *(pytest.param(QUICK, number, marks=pytest.mark.slow) for number in range(3, 16)),
+    *(pytest.param(COMPOSED, number, marks=pytest.mark.slow) for number in range(14)),
+])  # fmt: skip
+def test_a_failure_anywhere_after_the_base_fit_leaves_an_answer_that_tells_it(
+    case: Case, number: int, folder: Path
+) -> None:
     _, count = clean(case, folder)
     name, when, error = chosen(number, count)
 
@@ -162,11 +173,6 @@ def failing(case: Case, number: int, folder: Path) -> None:
     assert TOLD in (out / "report.html").read_text(), (name, when)
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("rescue")
-
-
 def test_a_clean_run_has_no_warnings_and_nothing_left(folder: Path) -> None:
     found, count = clean(QUICK, folder)
     content = assert_answered(folder / "clean-creep", found)
@@ -176,23 +182,6 @@ def test_a_clean_run_has_no_warnings_and_nothing_left(folder: Path) -> None:
     assert 0.0 < used < Options().evaluations
     assert found.verdict == "named"
     assert {"phnn.diagnose.refit.fit", "phnn.report.sections.draw_recording"} <= set(count)
-
-
-@pytest.mark.parametrize("number", range(3))
-def test_a_failure_leaves_an_answer(number: int, folder: Path) -> None:
-    failing(QUICK, number, folder)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("number", range(3, 16))
-def test_failures_anywhere_leave_an_answer(number: int, folder: Path) -> None:
-    failing(QUICK, number, folder)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("number", range(14))
-def test_failures_anywhere_in_a_composition_leave_an_answer(number: int, folder: Path) -> None:
-    failing(COMPOSED, number, folder)
 
 
 @contextmanager
@@ -208,41 +197,35 @@ def _on_the_command_line(case: Case) -> Iterator[None]:
         yield
 
 
-def test_a_budget_ends_the_search_with_the_best_so_far(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    out = tmp_path / "out"
-    with _on_the_command_line(QUICK):
-        arguments = [str(campaigns.concealed("creep")[0]), "--out", str(out)]
-        assert main(["diagnose", *arguments, "--budget", "0.001"]) == 0
-        assert main(["diagnose", *arguments, "--budget", "0"]) == 2
-    streams = capsys.readouterr()
-    content = json.loads((out / "diagnosis.json").read_text())
-    assert content["verdict"] == "unknown"
-    assert (content["ended"]["why"], content["ended"]["budget"]) == ("seconds", 0.001)
-    assert "what to add to base model" in content["ended"]["not_tried"]
-    assert content["warnings"] == []
-    for shown in (" ".join(streams.out.split()), (out / "report.html").read_text()):
-        assert "time of 0.001 s was used up" in shown
-        assert "The search ended before it accepted an element." in shown
-    assert "budget: 0 s: give a positive number of seconds" in streams.err
-    assert (out / "model").is_dir()
-
-
-def test_a_number_of_evaluations_ends_the_search_with_the_best_so_far(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize(("limit", "why", "told"), [
+    (("--budget", "0.001"), "seconds", ("time of 0.001 s was used up", "search ended before it accepted an element.")),
+    (("evaluations=1",), "evaluations", ("its number of evaluations was used up",)),
+])  # fmt: skip
+def test_a_limit_ends_the_search_with_the_best_so_far(
+    limit: tuple[str, ...], why: str, told: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
     with _on_the_command_line(QUICK):
-        arguments = [str(campaigns.concealed("creep")[0]), "--out", str(out)]
-        assert main(["diagnose", *arguments, "evaluations=1"]) == 0
+        assert main(["diagnose", str(campaigns.concealed("creep")[0]), "--out", str(out), *limit]) == 0
     content = json.loads((out / "diagnosis.json").read_text())
+    ended = content["ended"]
     assert content["verdict"] == "unknown"
-    assert content["ended"]["why"] == "evaluations"
-    assert content["ended"]["evaluations"] > 1.0
-    assert content["ended"]["not_tried"]
+    assert ended["why"] == why
+    assert ended["not_tried"]
+    if why == "seconds":
+        assert ended["budget"] == 0.001
+        assert "what to add to base model" in ended["not_tried"]
+    else:
+        assert ended["evaluations"] > 1.0
     assert content["warnings"] == []
     for shown in (" ".join(capsys.readouterr().out.split()), (out / "report.html").read_text()):
-        assert "its number of evaluations was used up" in shown
+        assert all(words in shown for words in told)
     assert (out / "model").is_dir()
+
+
+def test_a_budget_of_no_time_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["diagnose", str(campaigns.concealed("creep")[0]), "--out", str(tmp_path), "--budget", "0"]) == 2
+    assert "budget: 0 s: give a positive number of seconds" in capsys.readouterr().err
 
 
 def test_an_interrupted_search_leaves_its_answer(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

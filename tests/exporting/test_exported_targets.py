@@ -76,7 +76,7 @@ def test_single_steps_take_any_input_within_them() -> None:
     recording = unrecorded("drive", t, u, input_before=0.0)
     scope: dict = {}
     program = exported(PIEZO, t, 2)
-    exec(_python(program), scope)
+    exec(python(program), scope)
     state = scope["State"]()
     scope["init"](state, 0.0)
     y = [scope["output"](state)]
@@ -84,24 +84,6 @@ def test_single_steps_take_any_input_within_them() -> None:
         assert scope["substep"](state, *map(float, row)) == 1.0
         y.append(scope["output"](state))
     assert apart(np.array(y[::2]), phnn.Model(PIEZO, 2).simulate(t, u)) < PROMISED
-
-
-def _python(program: object) -> str:
-    from phnn.exporting.write import python
-
-    return python(program)  # type: ignore[arg-type]
-
-
-def test_a_further_port_is_an_input_if_it_is_named() -> None:
-    t, u = drive(201)
-    load = 0.3 * np.sin(2.0 * np.pi * 20.0 * t)
-    recording = unrecorded("drive", t, u, "linear", 0.0, {"force": load})
-    program = build(PIEZO, DT, 2, further=("force",))
-    scope: dict = {}
-    exec(_python(program), scope)
-    model = scope["Model"](0.0, 0.0)
-    y = np.array([model.output, *(model.step(float(u[k]), float(load[k])) for k in range(1, 201))])
-    assert apart(y, simulate(PIEZO, recording, 2).y) < PROMISED
 
 
 @pytest.mark.parametrize("name", ["mass_damper", "tanks", "two_masses", "hrlc", "thermal_hrc", "mass_spring_damper"])
@@ -206,7 +188,7 @@ def test_ports_whose_names_are_one_identifier_are_told_apart(tmp_path: Path) -> 
     loads = {"load a": load, "load-a": -0.5 * load}
     program = build(setup, DT, 2, further=("load a", "load-a"))
     scope: dict = {}
-    exec(_python(program), scope)
+    exec(python(program), scope)
     model = scope["Model"](0.0, 0.0, 0.0)
     given = zip(u.tolist(), load.tolist(), (-0.5 * load).tolist(), strict=True)
     y = np.array([model.output, *(model.step(*row) for row in list(given)[1:])])
