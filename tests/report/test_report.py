@@ -91,12 +91,15 @@ def test_the_headline_is_short_and_the_number_is_the_same_everywhere(verdict: st
     assert lines[:2] == [line, consequence(found)] and f"verdict: {verdict}" in lines
 
 
-def test_many_names_are_counted() -> None:
+def test_many_names_are_told_as_far_as_the_line_holds_them() -> None:
     found = made("named")
     others = tuple(catalogue()[n] for n in ("coulomb_friction", "hysteresis_asymmetry", "amplifier_saturation"))
     claim = replace(found.claims[0], status="equivalent", alike=others)
     many = replace(found, outcome=replace(found.outcome, word="equivalent", claims=(claim,)))
-    assert headline(many) == "One of 4 effects is missing; these recordings cannot tell which"
+    assert headline(many) == "Quadratic drag, Coulomb friction, hysteresis asymmetry or amplifier saturation is missing"
+    more = replace(claim, alike=(*others, catalogue()["displacement_coupling"]))
+    many = replace(found, outcome=replace(found.outcome, word="equivalent", claims=(more,)))
+    assert headline(many) == "One of 5 effects is missing; these recordings cannot tell which"
 
 
 def test_without_a_noise_floor_the_error_is_a_share_of_the_signal() -> None:
