@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib import rc_context
 from rich.console import Console
 from rich.markup import escape
@@ -98,12 +97,9 @@ def _rows(results: Results) -> Iterator[tuple[str, str, dict[str, PartScore]]]:
 
 def table_csv(results: Results) -> str:
     """Return one line for each recording and model, SI."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(["recording", "use", "model", "fit_percent", "rmse_m", "residual_over_noise"])
-    for name, use, parts in _rows(results):
-        writer.writerows([name, use, model, *p.numbers.values()] for model, p in parts.items())
-    return out.getvalue()
+    head = ["recording", "use", "model", "fit_percent", "rmse_m", "residual_over_noise"]
+    rows = [[name, use, m, *p.numbers.values()] for name, use, parts in _rows(results) for m, p in parts.items()]
+    return pd.DataFrame(rows, columns=head).to_csv(index=False, na_rep="nan", lineterminator="\n")
 
 
 def _table(results: Results) -> tuple[list[str], list[list[str]]]:
