@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from phnn.errors import InputRefused
 from phnn.model import Model
-from phnn.models.store import inputs_of, setup_from, stored
+from phnn.models.store import setup_from, stored
 from phnn.prediction import Predicted, predicted
 from phnn.recordings import Campaign, campaign_of
 from phnn.trajectory import check_names
@@ -37,7 +37,7 @@ def load(folder: str | Path, outside: bool = False) -> Model | ModalFit:
 
     content, shown = stored(Path(folder), outside)
     if content.get("schema") != SCHEMA:
-        return Model(*setup_from(content, shown), inputs_of(content, shown))
+        return Model(*setup_from(content, shown))
     try:
         return model_from(content)
     except InputRefused as error:

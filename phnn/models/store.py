@@ -97,22 +97,19 @@ def save(setup: Setup, folder: Path | Place, substeps: int = 1, inputs: tuple[fl
         (place / FILE).write(data)
 
 
-def load(folder: Path, outside: bool = False) -> tuple[Setup, int]:
+def load(folder: Path) -> tuple[Setup, int]:
     """Read a setup and its sub-steps from a folder that `save` wrote.
 
     What is returned is passive: every parameter lies in the domain of its law, whatever the file says of it.
 
-    Args:
-        outside: the file in the folder may be a link that leads out of it.
-
     Raises:
         InputRefused: the file is absent, too large, no json, or not a model of this package; names what is wrong.
     """
-    return setup_from(*stored(folder, outside))
+    return setup_from(*stored(folder))[:2]
 
 
-def setup_from(content: Mapping[str, Any], shown: str) -> tuple[Setup, int]:
-    """The setup of a file's content and its sub-steps, as `load`; ``shown`` is the file's name for messages."""
+def setup_from(content: Mapping[str, Any], shown: str) -> tuple[Setup, int, tuple[float, float] | None]:
+    """Return what `save` was given from a file's content, as `load`; ``shown`` is the file's name for messages."""
     if content.get("schema") != SCHEMA:
         raise InputRefused(f"{shown}: is no {SCHEMA} file: give model/ or base/ of a result of this version")
     try:
@@ -122,27 +119,19 @@ def setup_from(content: Mapping[str, Any], shown: str) -> tuple[Setup, int]:
         if all(has_kernel(one.element.law) for one in setup.network.with_laws()):
             compile_network(setup.network)
         _check_chain(setup)
-        return setup, a_count(content["substeps"], "substeps", 1, LIMITS.substeps)
+        return setup, a_count(content["substeps"], "substeps", 1, LIMITS.substeps), _inputs(content)
     except (KeyError, ValueError, PhnnError) as error:
         kind = f"no {error}" if isinstance(error, KeyError) else printable(str(error))
         raise InputRefused(f"{shown}: is damaged ({kind}): write the model again") from error
 
 
-def inputs_of(content: Mapping[str, Any], shown: str) -> tuple[float, float] | None:
-    """Least and largest input that a file's content states, SI; None where it states none.
-
-    Raises:
-        InputRefused: the range is none.
-    """
+def _inputs(content: Mapping[str, Any]) -> tuple[float, float] | None:
+    """Least and largest input that a file's content states, SI; None where it states none."""
     if "identified_inputs" not in content:
         return None
-    try:
-        values = a_list(content["identified_inputs"], "identified_inputs", 2)
-        low, high = (a_number(v, "identified_inputs") for v in values)
-        if low > high:
-            raise ValueError(f"identified_inputs {low:g} to {high:g} is no range")
-    except (TypeError, ValueError) as error:
-        raise InputRefused(f"{shown}: is damaged ({printable(str(error))}): write the model again") from error
+    low, high = (a_number(v, "identified_inputs") for v in a_list(content["identified_inputs"], "identified_inputs", 2))
+    if low > high:
+        raise ValueError(f"identified_inputs {low:g} to {high:g} is no range")
     return low, high
 
 
