@@ -242,10 +242,6 @@ class Bench:
     progress: Progress
     done: dict[str, Result] = field(default_factory=dict)
 
-    def home(self, model: str) -> Place:
-        """Return the folder of a model."""
-        return self.place / model
-
     def result(self, model: str) -> Result:
         """Return a model's result: the one that lies in its folder, or that of fitting it now.
 
@@ -255,7 +251,7 @@ class Bench:
         if model in self.done:
             return self.done[model]
         made_with = {**self.settings.of(model), "recordings": digest(self.campaign), "schema": _SCHEMA}
-        found = _kept(self.home(model).path, made_with) if self.settings.resume else None
+        found = _kept((self.place / model).path, made_with) if self.settings.resume else None
         if found is None:
             if model in (*NETWORKS, "bouc_wen", "linear"):
                 # They take its time step; its seconds are not theirs.
@@ -267,7 +263,7 @@ class Bench:
                 "processor_seconds": round(time.process_time() - used, 2),
             }
             found = replace(found, facts={**seconds, **found.facts})
-            _keep(found, self.home(model), made_with)
+            _keep(found, self.place / model, made_with)
         self.done[model] = found
         return found
 
@@ -345,7 +341,7 @@ def _linear(bench: Bench, model: str) -> Result:
 def _identified(bench: Bench, model: str, fitted: Fit) -> Result:
     """Score and save a parametric model."""
     scores = score_on_all(fitted, bench.campaign)
-    save_fit(fitted, bench.home(model))
+    save_fit(fitted, bench.place / model)
     facts = bench.facts(model, {"parameters": len(fitted.variables.names)})
     return Result(model, scores, facts, dict(fitted.plan.substeps))
 
@@ -363,7 +359,7 @@ def _trained(bench: Bench, model: str) -> Result:
     substeps, base = 1, None
     if model in NETWORKS:
         substeps = bench.plan().finest
-        base = str(bench.home("phs").path) if model in ("phs_neural", "hybrid") else None
+        base = str((bench.place / "phs").path) if model in ("phs_neural", "hybrid") else None
         stated = campaign.setup.get("hysterons", 2)
         recipe = replace(recipe, model={**recipe.model, "hysterons": stated if isinstance(stated, int) else 2})
     torch.manual_seed(seed)
@@ -378,27 +374,23 @@ def _trained(bench: Bench, model: str) -> Result:
             bench.progress(f"{what}: {line}")
 
         settings = replace(_stage(bench, model, recipe, stage), validation=aside)
-        done = trained(plant, thin, settings, bench.home(model) / stage, digest(campaign), told).facts
+        done = trained(plant, thin, settings, bench.place / model / stage, digest(campaign), told).facts
         losses[stage], solved = done["best_validation"], solved + done["evaluations"]
     bench.progress(f"score {model}")
     scores = evaluate(plant, solver_for(recipe.solver, plant), campaign.recordings, substeps, {})
-    (bench.home(model) / "weights.pt").write(as_bytes(plant.state_dict()))
+    (bench.place / model / "weights.pt").write(as_bytes(plant.state_dict()))
     count = sum(p.numel() for p in plant.trained())
     facts = {"parameters": count, "evaluations": solved, "loss_by_stage": losses, "stopped_by": list(aside)}
     if isinstance(plant, NetworkPlant) and is_storable(plant.network):
-        save(Setup(plant.network, name=model), bench.home(model), substeps)
+        save(Setup(plant.network, name=model), bench.place / model, substeps)
     return Result(model, scores, bench.facts(model, facts))
 
 
 def _stage(bench: Bench, model: str, recipe: Recipe, stage: str) -> Stage:
-    """Return the settings of one stage of a training.
-
-    Raises:
-        InputRefused: a key that training does not have.
-    """
+    """Return the settings of one stage of a training."""
     none = {"adam": 0, "lbfgs": 0, "gauss_newton": 0, "tensorboard": False}
     own = {
-        "folder": bench.campaign.folder, "out": str((bench.home(model) / stage).path), "model": dict(recipe.model),
+        "folder": bench.campaign.folder, "out": str((bench.place / model / stage).path), "model": dict(recipe.model),
         "solver": dict(recipe.solver), "seed": bench.settings.options.seed, "resume": bench.settings.resume,
     }  # fmt: skip
     for key in recipe.stages[stage]:
@@ -444,11 +436,7 @@ def _rival(bench: Bench, model: str) -> Result:
 
 
 def _checked(model: str, recording: Recording, given: Mapping[str, Array]) -> Array:
-    """Return a rival's output on one recording, with the recording's own zero.
-
-    Raises:
-        InputRefused: it is absent or has another length.
-    """
+    """Return a rival's output on one recording, with the recording's own zero."""
     if recording.name not in given:
         raise InputRefused(f"rival {model}: has no output for recording {recording.name}: give all recordings")
     y = np.asarray(given[recording.name], dtype=np.float64)
