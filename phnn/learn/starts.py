@@ -22,7 +22,7 @@ from phnn.intake import LIMITS
 from phnn.integrate.differentiable import simulated
 from phnn.integrate.scheme import can_compile
 from phnn.learn.settings import TARGET, accepted, instantiate
-from phnn.learn.solvers import OWN, NetworkPlant, Plant, solver_for, windows_of
+from phnn.learn.solvers import NetworkPlant, Plant, discrete_gradient, windows_of
 from phnn.models.actuator import hrc
 from phnn.models.neural import STARTS, LearnedLaws, Motion, effort_and_flow, held, neural_hrc, resolved_slope, staggered
 from phnn.models.store import load
@@ -291,9 +291,7 @@ def typical_states(given: Network | PortHamiltonianSystem, recordings: Sequence[
     windows = windows_of(recordings, 0, 1)
     try:
         with torch.no_grad():
-            paths = solver_for({"name": OWN}, plant)(
-                plant, windows, torch.zeros(len(windows), plant.scale.numel()).double()
-            )
+            paths = discrete_gradient(plant, windows, torch.zeros(len(windows), plant.scale.numel()).double())
     except SolverFailed:
         return plant.scale
     largest = torch.stack([x.abs().amax(0) for x in paths]).amax(0)

@@ -85,8 +85,7 @@ class Study:
         total = np.asarray(power).sum(axis=1)
         total[0] = 0.0
         # The line at half the sampling rate has no phase.
-        last = len(self.levels[0][0].u) // 2 + len(self.levels[0][0].u) % 2
-        return np.flatnonzero(total[:last] > _EXCITED * total.max())
+        return np.flatnonzero(total[: (len(self.levels[0][0].u) + 1) // 2] > _EXCITED * total.max())
 
     def identification(self, level: int) -> tuple[Experiment, ...]:
         """What a level has to be fitted to."""

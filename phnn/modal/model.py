@@ -116,7 +116,10 @@ class ModalModel:
         u = np.asarray(np.fft.rfft(experiment.u, axis=0), dtype=np.complex128)
         images = range(-_IMAGES, _IMAGES + 1) if experiment.zero_order else (0,)
         shifted = [f + m / dt for m in images]
-        drives = [u * _of_hold(g, dt)[:, None] for g in shifted] if experiment.zero_order else [u]
+        drives = [u]
+        if experiment.zero_order:
+            # By the spectrum of a value that is held for a sampling interval.
+            drives = [u * (np.sinc(g * dt) * np.exp(-1j * np.pi * g * dt))[:, None] for g in shifted]
         rates = [np.asarray(2j * np.pi * g, dtype=np.complex128) for g in shifted]
         impedances = [self.impedance(s) for s in rates]
 
@@ -181,11 +184,6 @@ def _closed(z: Complex, kappa: Array, drive: Complex) -> Complex:
     if not kappa.any():
         return np.asarray(moved)
     return np.asarray(np.linalg.solve(np.eye(z.shape[1]) + z * kappa, moved[:, :, None])[:, :, 0])
-
-
-def _of_hold(f: Array, h: float) -> Complex:
-    """Spectrum of a value held for a time h."""
-    return np.asarray(np.sinc(f * h) * np.exp(-1j * np.pi * f * h))
 
 
 # Ridge of the shapes over their own scale; the error of each experiment for a model without a steady state.
