@@ -290,11 +290,7 @@ def _keep(result: Result, place: Place, made_with: Mapping[str, Any]) -> None:
 
 
 def _kept(folder: Path, made_with: Mapping[str, Any]) -> Result | None:
-    """Return the result that `_keep` wrote, None where there is none.
-
-    Raises:
-        InputRefused: it was made with other settings or of other recordings, or is damaged.
-    """
+    """Return the result that `_keep` wrote, None where there is none."""
     path = folder / _FILE
     if not path.exists():
         return None

@@ -225,17 +225,15 @@ def substeps_needed(plant: Plant, solver: Solver, recordings: Sequence[Recording
     """
     if not isinstance(plant, NetworkPlant) or isinstance(plant.system, LearnedSystem):
         return 1
-    whole = can_compile(plant.system.network)
-    chosen = [] if whole else _pieces(windows_of(recordings, _PIECE, 1))
+    length = 0 if can_compile(plant.system.network) else _PIECE
+    chosen = _pieces(windows_of(recordings, length, 1))
 
     def outputs(substeps: int) -> list[tuple[float, Tensor]]:
-        if whole:
-            found = Objective(plant, solver, recordings, substeps=substeps).outputs()
-            return [(r.noise, y) for r, y in zip(recordings, found, strict=True)]
-        windows = windows_of(recordings, _PIECE, substeps)
+        windows = windows_of(recordings, length, substeps)
         pieces = [windows[k] for k in chosen]
         begun = [None if w.known else near(plant, [w]) for w in pieces]
-        x0 = torch.stack([torch.zeros_like(plant.scale) if b is None else b[0, 0] for b in begun])
+        starts = [begin(plant, recordings[w.recording]) for w in pieces]
+        x0 = torch.stack([x if b is None else b[0, 0] for x, b in zip(starts, begun, strict=True)])
         found = solver(plant, pieces, x0)
         return [(recordings[w.recording].noise, plant.measured(x)) for w, x in zip(pieces, found, strict=True)]
 

@@ -210,7 +210,7 @@ def fitted(
 
     progress = Trainer(objective, validate if held else None, settings, place, say, recordings).run()
     starts = {
-        used[w.recording].name: x0
+        w.name: x0
         for w, x0 in zip(objective.windows, objective.initial().detach(), strict=True)
         if not w.continues and not w.known
     }
@@ -305,11 +305,7 @@ def _hash(base: str | None) -> str | None:
 
 
 def _ended(settings: Settings) -> dict[str, Any] | None:
-    """What an earlier run on the same recordings has written at its end; None where there is none to keep.
-
-    Raises:
-        InputRefused: that run had other settings, or its file is damaged.
-    """
+    """What an earlier run on the same recordings has written at its end; None where there is none to keep."""
     config, metrics = settings.home / CONFIG, settings.home / METRICS
     if not (config.exists() and metrics.exists()):
         return None

@@ -97,9 +97,8 @@ def neural_hrc(
         laws: form and size of the learned laws; those of `LearnedLaws` by default.
         start: ``parametric``: each learned resistor is first fitted to the dead zone of ``values``, with a slope no
             steeper than recordings of this ``speed`` resolve; ``none``: to thresholds that the drive alone gives, at
-            staggered shares of the effort scale, as play operators are usually laid out. Two starts without any
-            threshold were tried: from linear resistors training ends in hysterons that are dampers, from cubic ones it
-            comes down tenfold more slowly.
+            staggered shares of the effort scale, as play operators are usually laid out; docs/learning.md says what
+            other starts lead to.
         values: starting values of the parameters of `hrc`; those left out are Table 1's.
         motion: how far and how fast the recordings go.
         hold: parameters that stay at their values (a mass, where no anchor fixes the common factor).
