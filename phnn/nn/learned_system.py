@@ -81,42 +81,37 @@ class LearnedSystem(PortHamiltonianSystem):
         scales: Scales | None = None,
         seed: int = 0,
     ) -> None:
-        names = [f"x_{k + 1}" for k in range(states)] if isinstance(states, int) else list(states)
+        names = tuple(f"x_{k + 1}" for k in range(states)) if isinstance(states, int) else tuple(states)
         inlets = [f"u_{k + 1}" for k in range(ports)] if isinstance(ports, int) else list(ports)
-        if len(names) < 2 or not inlets or width < 1:
+        n = len(names)
+        if n < 2 or not inlets or width < 1:
             raise InputRefused(
-                f"{len(names)} states, {len(inlets)} ports, width = {width}: give two states, one port and one unit at "
-                "least"
+                f"{n} states, {len(inlets)} ports, width = {width}: give two states, one port and one unit at least"
             )
         self.scales = scales = scales or Scales()
-        size = [scales.output, *[1.0] * (len(names) - 1)]
+        size = [scales.output, *[1.0] * (n - 1)]
         efforts, flows = [1.0 / s for s in size], [s / scales.time for s in size]
         random = torch.Generator().manual_seed(seed)
-        drawn = torch.randn(len(names), len(inlets), generator=random, dtype=torch.float64).tolist()
-        table = [replace(positive(f"k_{n}", 1.0 / s**2, "1"), fixed=True) for n, s in zip(names, size, strict=True)]
+        drawn = torch.randn(n, len(inlets), generator=random, dtype=torch.float64).tolist()
+        table = [replace(positive(f"k_{x}", 1.0 / s**2, "1"), fixed=True) for x, s in zip(names, size, strict=True)]
         table += [
-            Parameter(f"g_{n}_{p}", drawn[i][j] * flows[i] / scales.input, typical=flows[i] / scales.input)
-            for i, n in enumerate(names)
+            Parameter(f"g_{x}_{p}", drawn[i][j] * flows[i] / scales.input, typical=flows[i] / scales.input)
+            for i, x in enumerate(names)
             for j, p in enumerate(inlets)
         ]
-        n = len(names)
-        super().__init__(
-            Network(
-                tuple(Storage(name, "spring", (f"k_{name}",)) for name in names),
-                (),
-                (),
-                tuple(Port(p, {n: f"g_{n}_{p}" for n in names}, unit="1") for p in inlets),
-                as_table(table),
-                names[0],
-                multi_ports=(
-                    MultiPort(
-                        "coupling", LearnedCoupling(n, n, efforts, flows, size, width, seed), (*names,), (*names,)
-                    ),
-                    MultiPort("dissipation", LearnedDissipation(n, 0, efforts, flows, (), width, seed + 1), (*names,)),
-                ),
-                shared_energies=(SharedEnergy("energy", LearnedEnergy(n, size, 1.0, width, seed + 2), (*names,)),),
-            )
+        coupling = MultiPort("coupling", LearnedCoupling(n, n, efforts, flows, size, width, seed), names, names)
+        dissipation = MultiPort("dissipation", LearnedDissipation(n, 0, efforts, flows, (), width, seed + 1), names)
+        network = Network(
+            storages=tuple(Storage(x, "spring", (f"k_{x}",)) for x in names),
+            resistors=(),
+            couplings=(),
+            ports=tuple(Port(p, {x: f"g_{x}_{p}" for x in names}, unit="1") for p in inlets),
+            parameters=as_table(table),
+            output=names[0],
+            multi_ports=(coupling, dissipation),
+            shared_energies=(SharedEnergy("energy", LearnedEnergy(n, size, 1.0, width, seed + 2), names),),
         )
+        super().__init__(network)
 
     @classmethod
     @torch.no_grad()
