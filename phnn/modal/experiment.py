@@ -267,10 +267,9 @@ class Modes(NamedTuple):
     delay: float
 
 
-def response(experiments: Sequence[Experiment]) -> Complex:
-    """(N//2 + 1, O, P) best linear approximation; zero at the mean."""
-    u = np.stack([np.fft.rfft(e.u, axis=0) for e in experiments], axis=-1)
-    y = np.stack([np.fft.rfft(e.y, axis=0) for e in experiments], axis=-1)
+def response(u: Complex, y: Complex) -> Complex:
+    """Return the (N//2 + 1, O, P) best linear approximation of spectra (N//2 + 1, P, R) and (N//2 + 1, O, R) of R
+    experiments; zero at the mean."""
     conjugate = u.conj().transpose(0, 2, 1)
     square = u @ conjugate
     size = np.trace(square, axis1=1, axis2=2).real[:, None, None] + 1e-300
@@ -290,12 +289,12 @@ def first_modes(study: Study, experiments: Sequence[Experiment]) -> Modes:
     import control  # slow to load: whoever predicts with a model that is there needs none of it
 
     lines, dt = study.lines, study.dt
-    g = response(experiments)
+    u, y = (np.stack([np.fft.rfft(getattr(e, n), axis=0) for e in experiments], axis=-1) for n in ("u", "y"))
+    g = response(u, y)
     scale = np.abs(g[lines]).max(axis=(0, 2))[:, None]
     impulses = _impulses(g / scale, lines, len(experiments[0].u))
     s = np.asarray(2j * np.pi * study.frequencies[lines], dtype=np.complex128)
-    u, y = (np.stack([np.fft.rfft(getattr(e, n), axis=0)[lines] for e in experiments], axis=1) for n in ("u", "y"))
-    y = y / scale[:, 0]
+    u, y = u[lines].mT, y[lines].mT / scale[:, 0]
     best: list[tuple[float, Array, Complex, float]] = []
     blocks = min(_BLOCKS, impulses.shape[2] // 4)
     for order in _ORDERS:

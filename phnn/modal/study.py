@@ -189,17 +189,13 @@ def _with_slow_ports(model: ModalModel, study: Study) -> ModalModel:
     return replace(model, springs=_STIFFNESS / (model.b**2).sum(axis=0), reach=_REACH * effective)
 
 
-def _choosing(study: Study, level: int, settings: Settings) -> tuple[Experiment, ...]:
-    """Experiments of identification that no model was fitted to; the fitted ones where there are no others."""
-    known = study.identification(level)
-    return known[max(settings.experiments, len(study.inputs)) :] or known
-
-
 def _left(fit: ModalFit, study: Study, level: int, settings: Settings) -> float:
-    """Effective error over measurement of the experiments that choose, each counting alike; inf without a steady
-    state."""
+    """Effective error over measurement of the experiments of identification that no model was fitted to, all where
+    there are no others, each counting alike; inf without a steady state."""
+    known = study.identification(level)
+    choosing = known[max(settings.experiments, len(study.inputs)) :] or known
     try:
-        shares = [(fit.errors([e]) ** 2).sum() / (e.y**2).mean(axis=0).sum() for e in _choosing(study, level, settings)]
+        shares = [(fit.errors([e]) ** 2).sum() / (e.y**2).mean(axis=0).sum() for e in choosing]
     except SolverFailed:
         return float("inf")
     return float(np.sqrt(np.mean(shares)))
