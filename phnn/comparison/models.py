@@ -321,16 +321,14 @@ def _phs(bench: Bench, model: str) -> Result:
 
 
 def _bouc_wen(bench: Bench, model: str) -> Result:
-    plan = bench.plan()
-    fitted = identify_bouc_wen(plan, bench.campaign, bench.settings.options, bench.progress)
+    fitted = identify_bouc_wen(bench.plan(), bench.campaign, bench.settings.options, bench.progress)
     return _identified(bench, model, fitted)
 
 
 def _linear(bench: Bench, model: str) -> Result:
-    plan = bench.plan()
     bench.progress("identify linear")
     known = {n: a for n, a in bench.campaign.known.items() if n in MECHANICAL}
-    fitted = identify_actuator(plan, known, 0, 1, bench.settings.options.seed)
+    fitted = identify_actuator(bench.plan(), known, 0, 1, bench.settings.options.seed)
     return _identified(bench, model, fitted)
 
 
