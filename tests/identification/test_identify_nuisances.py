@@ -184,13 +184,6 @@ def test_recordings_share_a_zero_all_or_none() -> None:
         identify_base(mixed, Options(workers=1))
 
 
-def test_the_manifest_says_it(tmp_path: Path) -> None:
-
-    (tmp_path / "recordings.yaml").write_text("offset: common\n")
-    with pytest.raises(InputRefused, match="offset: 'common' is not known: accepted are own, shared"):
-        read(tmp_path)
-
-
 def test_an_unknown_gain_of_the_input_is_estimated() -> None:
     run = zero_recorded("a", "identification", "own")
     halved = replace(run, u=0.5 * run.u, start=Start("rest", 0.5 * run.start.input_before), gain="unknown")
