@@ -49,12 +49,8 @@ def content_of(setup: Setup, folder: Path) -> dict[str, Any]:
 NAN, INFINITE = float("nan"), float("inf")
 # Where something is put into a model, and what: none of these is passive, or none is a model.
 WRONG: dict[str, list[Any]] = {
-    "parameters.b.value": [-1.0, NAN, INFINITE, "b", None, 10**400, True],
-    "parameters.m.value": [-1e-3, 0],
-    "parameters.k.value": [-1.0],
-    "parameters.rho_1.value": [-1.0],
+    "parameters.b.value": [-1.0, 0, NAN, 10**400],
     "parameters.b.positive": [1],
-    "parameters.b.lower": ["0"],
     "parameters.b.typical": [0],
     "parameters.b.name": ["m"],
     "parameters.b.mood": [1],
@@ -63,17 +59,14 @@ WRONG: dict[str, list[Any]] = {
     "name": [None, "\x1b[31m"],
     "storages.0.name": ["\x00", "p", "", ["Q"]],
     "storages.0.law": [3, "eval", "dead_zone"],
-    "storages.0.parameters": [["no_such_parameter"]],
     "resistors.0.parameters": [["rho_1"], ["b"] * 9, 3, ["x", "y"]],
-    "resistors.0.on.Q_1": [NAN],
     "resistors.0.on": [{"x": 1.0}, ["Q_1"]],
     "couplings.0.ratio": [[1], "zeal", INFINITE],
-    "couplings.0.of": ["x"],
     "ports": [[]],
     "ports.0.law": ["x"],
     "output": ["x", ["q"]],
-    "substeps": [0, -3, 10**9, 1.5, "1"],
-    "drift_terms": [10**9, -1],
+    "substeps": [0, 10**9],
+    "drift_terms": [10**9],
     "lines": [[NAN], [-50.0], [50.0] * 10**4, "50"],
     "amplifier": [[{"kind": k, "parameters": p}] for k, p in (
         ("eval", []), ("lowpass", []), ("lowpass", ["zeal"]), ("drift", ["b"]))],
@@ -159,11 +152,10 @@ def test_a_wrong_learned_law_is_refused(
 
 
 TEXTS: list[str | bytes] = [
-    "", "3", "[]", '"model"', "[" * 100_000, "[" * 900 + "]" * 900, '{"a":' * 5000 + "1" + "}" * 5000,
-    '{"schema": "phnn.model/1", "schema": "phnn.model/1"}', b'{"schema": "\xff"}', '{"schema": 1}'.encode("utf-16"),
-    b"\0" * 100, '{"schema": "phnn', '{"schema": NaN}', "// model\n{}", b" " * (16 * 2**20 + 1),
-    '{"schema": "' + "x" * 10**6 + '"}', json.dumps({f"k{i}": i for i in range(50_000)}), "1" * 100_000,
-    '{"schema": "\\ud800"}', '{"schema": 1e99999}', '{"schema": "phnn.model/1"}',
+    "", "3", "[" * 100_000, "[" * 900 + "]" * 900, '{"a":' * 5000 + "1" + "}" * 5000,
+    '{"schema": "phnn.model/1", "schema": "phnn.model/1"}', b'{"schema": "\xff"}', '{"schema": NaN}',
+    b" " * (16 * 2**20 + 1), '{"schema": "' + "x" * 10**6 + '"}', json.dumps({f"k{i}": i for i in range(50_000)}),
+    "1" * 100_000, '{"schema": 1e99999}', '{"schema": "phnn.model/1"}',
 ]  # fmt: skip
 
 
