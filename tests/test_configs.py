@@ -100,27 +100,30 @@ def solver(name: str) -> None:
 
 def network(name: str) -> None:
     found = load_network(HOME / "network" / f"{name}.yaml")
-    states, steps = len(found.state_names), 20
-    marched = march(found, np.ones((steps, len(found.ports))), np.full(steps, 1e-5), np.zeros(states))
+    n, steps, h = len(found.storages), 20, 1e-5
+    u, rest = np.ones((steps, len(found.ports))), torch.zeros(len(found.state_names)).double()
+    marched = march(found, u, np.full(steps, h), rest.numpy())
     assert np.isfinite(marched.states).all()
     assert marched.states[-1].any()
-    rate = PortHamiltonianSystem(found).vector_field(
-        torch.zeros(states).double(), torch.ones(len(found.ports)).double()
-    )
+    system = PortHamiltonianSystem(found)
+    rate = system.vector_field(rest, torch.from_numpy(u[0]))
     assert torch.isfinite(rate).all()
     assert rate.any()
+    # The stored energy is what came in less what was dissipated: never more than the ports supplied.
+    supplied = h * float((marched.efforts[:, :n] @ system.incidences(rest)[1].detach().numpy() * u).sum())
+    stored = system.energy(torch.from_numpy(marched.states[-1])).item()
+    assert stored <= supplied * (1.0 + 1e-9)
 
 
 def experiment(name: str) -> None:
+    alone = {"prove": [], "slice": [], "trainers": [], "studies": ["folder=recordings"]}
+    with hydra.initialize_config_dir(str(HOME), version_base=None):
+        config = hydra.compose(f"experiment/{name}", alone.get(name, ["folder=recordings", "out=out"]))
     if name in ("prove", "slice"):
-        with hydra.initialize_config_dir(str(HOME), version_base=None):
-            config = hydra.compose(f"experiment/{name}")
         assert tasks(ProofSettings.from_config(config if name == "prove" else config.prove))
         assert name == "prove" or config.study in STUDIES
         return
     if name == "studies":
-        with hydra.initialize_config_dir(str(HOME), version_base=None):
-            config = hydra.compose(f"experiment/{name}", ["folder=recordings"])
         assert set(config.studies) == set(STUDIES)
         for study_, some in config.studies.items():
             for verb, *further in (command.split() for command in some):
@@ -128,15 +131,11 @@ def experiment(name: str) -> None:
                 assert all("=" in w or f"recordings/{study_}/{w}.yaml" in FILES for w in further)
         return
     if name == "trainers":
-        with hydra.initialize_config_dir(str(HOME), version_base=None):
-            config = hydra.compose(f"experiment/{name}")
         ways = {label: Way(**given) for label, given in config.ways.items()}
         used = {way for case in config.cases.values() for way in Case(**case).ways}
         assert used == set(ways)
         assert {way.method for way in ways.values()} <= set(METHODS)
         return
-    with hydra.initialize_config_dir(str(HOME), version_base=None):
-        config = hydra.compose(f"experiment/{name}", ["folder=recordings", "out=out"])
     groups = [config[key] for key in ("fit", "compare", "diagnose") if key in config]
     assert groups
     for group in groups:

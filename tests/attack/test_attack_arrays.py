@@ -61,33 +61,19 @@ def columns(f: h5py.File) -> None:
         f[name] = values
 
 
-RECORD = np.array(list(zip(T, U, Y, strict=True)), dtype=[(n, "f8") for n in COLUMNS])
 TABLES = {
     "V0 fields.npy": lambda: npy(np.zeros(120, [("voltage_V", "V0")])),
     "no fields.npy": lambda: npy(np.zeros(120, [])),
-    "no dimension.npy": lambda: npy(np.array(1.0)),
-    "four axes.npy": lambda: npy(np.zeros((2, 3, 4, 5))),
-    "32 axes.npy": lambda: npy(np.zeros((1,) * 32)),
     "texts.npy": lambda: npy(np.array([["a", "b"]] * 60)),
-    "dates.npy": lambda: npy(np.zeros((120, 3), "M8[s]")),
-    "complex.npy": lambda: npy(np.zeros((120, 3), complex)),
     "flags.npy": lambda: npy(np.zeros((120, 3), bool)),
     "halves.npy": lambda: npy(np.column_stack([T, U, Y]).astype("f2")),
-    "fields in fields.npy": lambda: npy(np.zeros(120, [("voltage_V", [("a", "f8")])])),
     "escape.npy": lambda: npy(np.zeros(120, [("\x1b[31mvoltage_V", "f8")])),
-    "subarrays.npy": lambda: npy(np.zeros(120, [("time_s", "f8", (2,)), ("voltage_V", "f8")])),
     "a terabyte.npy": lambda: head("{'descr': '<f8', 'fortran_order': False, 'shape': (125000000000, 1), }\n"),
-    "an exabyte of nothing.npy": lambda: head(
-        "{'descr': '|V0', 'fortran_order': False, 'shape': (1000000000000000000,), }\n"
-    ),
     "a negative shape.npy": lambda: head("{'descr': '<f8', 'fortran_order': False, 'shape': (-1, 3), }\n", bytes(240)),
     "400 digits.npy": lambda: head("{'descr': '<f8', 'fortran_order': False, 'shape': (" + "9" * 400 + ",), }\n"),
     "code.npy": lambda: head("__import__('os').system('touch ran')\n"),
     "deep.npy": lambda: head("(" * 5000 + ")" * 5000 + "\n"),
-    "a list.npy": lambda: head("[1, 2]\n"),
     "an object.npy": lambda: head("{'descr': '|O', 'fortran_order': False, 'shape': (3,), }\n", b"cos\nsystem\n"),
-    "version 9.npy": lambda: b"\x93NUMPY\x09\x00\x10\x00" + bytes(100),
-    "a long head.npy": lambda: head("{" + " " * 60000 + "}\n"),
     "a very long head.npy": lambda: head("{" + " " * 10**6 + "}\n", version=2),
     "wide.npy": lambda: npy(np.zeros((120, 100))),
     "big endian.npy": lambda: npy(np.column_stack([T, U, Y]).astype(">f8")),
@@ -112,23 +98,15 @@ TABLES = {
     "rows.mat": lambda: mat(data=np.vstack([T, U, Y])),
     "cells.mat": lambda: mat(data=np.array([[U], [Y]], dtype=object)),
     "structs.mat": lambda: mat(s={"voltage_V": U, "displacement_m": Y, "time_s": T}),
-    "deep structs.mat": lambda: mat(s={"a": {"b": {"c": {"d": {"e": {"f": {"voltage_V": U}}}}}}}),
     "texts.mat": lambda: mat(voltage_V="none"),
-    "complex.mat": lambda: mat(voltage_V=U + 1j * U, displacement_m=Y, time_s=T),
-    "sparse.mat": lambda: mat(voltage_V=scipy.sparse.csc_matrix(U)),
     "empty arrays.mat": lambda: mat(voltage_V=np.zeros((0, 0)), displacement_m=np.zeros((0, 1))),
     "zeros.mat": lambda: bytes(500),
-    "a head.mat": lambda: b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM",
     "unknown elements.mat": lambda: b"MATLAB 5.0".ljust(124) + b"\x00\x01IM" + b"\xff" * 64,
     "packed nonsense.mat": lambda: mat_of(zlib.compress(b"\x0e\0\0\0\xff\xff\xff\x7f" + bytes(64))),
     "packed zeros.mat": lambda: mat_of(packed_zeros(3 * 10**8)),
     "version 4.mat": lambda: struct.pack("<5i", 0, 10**9, 10**9, 0, 2) + b"x\0",
-    "version 4, negative.mat": lambda: struct.pack("<5i", 0, -5, 3, 0, 2) + b"x\0" + bytes(80),
     "no datasets.h5": lambda: hdf5(lambda f: f.create_group("g")),
     "null datasets.h5": lambda: hdf5(lambda f: (columns(f), f.__setitem__("empty", h5py.Empty("f8")))),
-    "null voltage.h5": lambda: hdf5(lambda f: f.__setitem__("voltage_V", h5py.Empty("f8"))),
-    "a table.h5": lambda: hdf5(lambda f: f.__setitem__("t", RECORD)),
-    "texts.h5": lambda: hdf5(lambda f: f.__setitem__("voltage_V", ["a", "b"])),
     "references.h5": lambda: hdf5(lambda f: (columns(f), f.create_dataset("r", (3,), h5py.ref_dtype))),
     "a petabyte.h5": lambda: hdf5(
         lambda f: (f.create_dataset("voltage_V", (10**14,), "f8"), f.create_dataset("displacement_m", (10**14,), "f8"))
@@ -137,7 +115,6 @@ TABLES = {
         lambda f: [f.create_dataset(n, (10**9,), "f8", chunks=(10**6,), compression="gzip") for n in COLUMNS]
     ),
     "an unused petabyte.h5": lambda: hdf5(lambda f: (columns(f), f.create_dataset("spare", (10**14,), "f8"))),
-    "65 columns.h5": lambda: hdf5(lambda f: f.__setitem__("d", np.zeros((120, 65)))),
     "deep groups.h5": lambda: hdf5(lambda f: f.create_group("/".join("g" * 1 for _ in range(400)))),
     "many datasets.h5": lambda: hdf5(lambda f: [f.__setitem__(f"d{i}", 1.0) for i in range(1000)]),
     "a circle.h5": lambda: hdf5(lambda f: (columns(f), f.__setitem__("g/again", f["/"]))),

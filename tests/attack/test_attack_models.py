@@ -49,12 +49,8 @@ def content_of(setup: Setup, folder: Path) -> dict[str, Any]:
 NAN, INFINITE = float("nan"), float("inf")
 # Where something is put into a model, and what: none of these is passive, or none is a model.
 WRONG: dict[str, list[Any]] = {
-    "parameters.b.value": [-1.0, NAN, INFINITE, "b", None, 10**400, True],
-    "parameters.m.value": [-1e-3, 0],
-    "parameters.k.value": [-1.0],
-    "parameters.rho_1.value": [-1.0],
+    "parameters.b.value": [-1.0, 0, NAN, 10**400],
     "parameters.b.positive": [1],
-    "parameters.b.lower": ["0"],
     "parameters.b.typical": [0],
     "parameters.b.name": ["m"],
     "parameters.b.mood": [1],
@@ -63,17 +59,14 @@ WRONG: dict[str, list[Any]] = {
     "name": [None, "\x1b[31m"],
     "storages.0.name": ["\x00", "p", "", ["Q"]],
     "storages.0.law": [3, "eval", "dead_zone"],
-    "storages.0.parameters": [["no_such_parameter"]],
     "resistors.0.parameters": [["rho_1"], ["b"] * 9, 3, ["x", "y"]],
-    "resistors.0.on.Q_1": [NAN],
     "resistors.0.on": [{"x": 1.0}, ["Q_1"]],
     "couplings.0.ratio": [[1], "zeal", INFINITE],
-    "couplings.0.of": ["x"],
     "ports": [[]],
     "ports.0.law": ["x"],
     "output": ["x", ["q"]],
-    "substeps": [0, -3, 10**9, 1.5, "1"],
-    "drift_terms": [10**9, -1],
+    "substeps": [0, 10**9],
+    "drift_terms": [10**9],
     "lines": [[NAN], [-50.0], [50.0] * 10**4, "50"],
     "amplifier": [[{"kind": k, "parameters": p}] for k, p in (
         ("eval", []), ("lowpass", []), ("lowpass", ["zeal"]), ("drift", ["b"]))],
@@ -159,11 +152,10 @@ def test_a_wrong_learned_law_is_refused(
 
 
 TEXTS: list[str | bytes] = [
-    "", "3", "[]", '"model"', "[" * 100_000, "[" * 900 + "]" * 900, '{"a":' * 5000 + "1" + "}" * 5000,
-    '{"schema": "phnn.model/1", "schema": "phnn.model/1"}', b'{"schema": "\xff"}', '{"schema": 1}'.encode("utf-16"),
-    b"\0" * 100, '{"schema": "phnn', '{"schema": NaN}', "// model\n{}", b" " * (16 * 2**20 + 1),
-    '{"schema": "' + "x" * 10**6 + '"}', json.dumps({f"k{i}": i for i in range(50_000)}), "1" * 100_000,
-    '{"schema": "\\ud800"}', '{"schema": 1e99999}', '{"schema": "phnn.model/1"}',
+    "", "3", "[" * 100_000, "[" * 900 + "]" * 900, '{"a":' * 5000 + "1" + "}" * 5000,
+    '{"schema": "phnn.model/1", "schema": "phnn.model/1"}', b'{"schema": "\xff"}', '{"schema": NaN}',
+    b" " * (16 * 2**20 + 1), '{"schema": "' + "x" * 10**6 + '"}', json.dumps({f"k{i}": i for i in range(50_000)}),
+    "1" * 100_000, '{"schema": 1e99999}', '{"schema": "phnn.model/1"}',
 ]  # fmt: skip
 
 
@@ -278,31 +270,27 @@ ALIASES = "\n".join(["a0: &a0 x", *(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 9
 BROKEN: dict[str, list[str]] = {
     K: ["k: {value: -8.0, unit: N/m}"],
     M: [
-        "m: {value: -2.0}", "m: {value: 0}", "m: -2.0", "m: {value: .nan}", "m: {value: .inf}", "m: {value: 1e-320}",
-        "m: {value: 1e308}", "m: {value: " + "9" * 400 + "}", "m: {value: 2, lower: 3}",
-        "m: {value: 2, lower: 3, upper: 1}", "m: {value: 2, typical: 0}", "m: {value: 2, typical: -1}",
-        "m: {value: heavy}", "m: {value: [2]}", "m: {value: true}", "m: {unit: kg}", "m: {worth: 2}", "m: null",
-        "m: {value: 2, fixed: perhaps}",
+        "m: {value: .nan}", "m: {value: 1e-320}", "m: {value: 1e308}", "m: {value: " + "9" * 400 + "}",
+        "m: {value: 2, lower: 3}", "m: {value: 2, typical: 0}", "m: {unit: kg}", "m: {worth: 2}", "m: null",
     ],
     B: ["b: {value: -0.5, lower: -1, upper: 1} #", "b: {value: -0.5,", "idle: {value: 1}\n  b: {value: 0.5,"],
     "junctions: {mass: 1}": ["junctions: {}"],
-    "mass: 1}": ["mass: 2}", "mass: true}", "mass: 0}"],
+    "mass: 1}": ["mass: 2}"],
     "{mass: 1}": ["[mass]"],
     "elements:": ["elements: {}\nabout:"],
     "  force:  {type: Se, junction: mass, unit: V}\n": [""],
     "type: Se": ["type: Sf"],
-    "unit: V}": ["unit: V, sign: 2}", "unit: V, sign: .nan}", "unit: V, sign: [1]}"],
-    "type: C": ["type: X", "type: [C]"],
-    "law: spring": ["law: sprung", "law: coulomb", "law: {a: 1}", 'law: "\\e[31m"'],
-    "[k]": ["[k, m]", "[]", "[zeal]", "[3]"],
-    "C, junction: mass": ["C, junction: wall", "C, junction: [mass]"],
+    "unit: V}": ["unit: V, sign: 2}"],
+    "type: C": ["type: X"],
+    "law: spring": ['law: "\\e[31m"'],
+    "[k]": ["[zeal]"],
     "C, junction: mass,": ["C,"],
     "output: q": [
-        "output: z", "output: damper", "output: [q]", "", "output: q\nwings: 2", "output: " + "q" * 500,
+        "output: [q]", "", "output: q\nwings: 2", "output: " + "q" * 500,
         "output: !!python/name:os.system", "output: q\n" + ALIASES,
     ],
     "bonds: []": [
-        "bonds: [{from: mass, to: mass}]", "bonds: [{from: mass, to: x}]", "bonds: [3]", "bonds: 3",
+        "bonds: [{from: mass, to: x}]", "bonds: [3]", "bonds: 3",
         "bonds: [{type: TF, from: mass, to: mass, ratio: 0}]",
         "bonds: [{type: TF, from: mass, to: mass, ratio: .inf}]", "bonds: []\nmodulations: {alpha: {by: q}}",
         "bonds: []\nmemories: {z: {law: thermal, of: [nobody], parameters: [k, m, b, k]}}",
@@ -319,10 +307,22 @@ def described(folder: Path, text: str, more: str = "") -> None:
     put(folder / "recordings.yaml", "setup: {network: net.yaml}\n" + more)
 
 
-@pytest.mark.parametrize(("old", "new"), [(old, new) for old, some in BROKEN.items() for new in some])
-def test_check_refuses_a_broken_network(old: str, new: str, attack: Attack, good: Path) -> None:
+UNFIT = (
+    "ports: {nobody: {column: voltage_V, unit: V}}", "outputs: {nobody: {column: displacement_m, unit: m}}",
+    "ports: {force: {column: voltage_V, unit: V}}", "known: {m: 0}", "known: {zeal: 1}", "known: {k: .nan}",
+    'ports: {"\\e[1m": {column: voltage_V, unit: V}}', "outputs: {p: {column: nobody, unit: m}}",
+    "recordings: [{file: a.csv, use: confirmation}]",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(("old", "new", "said"), [
+    *((old, new, "") for old, some in BROKEN.items() for new in some), *((GOOD, GOOD, said) for said in UNFIT),
+])  # fmt: skip
+def test_check_refuses_a_broken_network_and_what_does_not_fit_one_as_identify_does(
+    old: str, new: str, said: str, attack: Attack, good: Path
+) -> None:
     assert old in GOOD
-    described(good, GOOD.replace(old, new, 1))
+    described(good, GOOD.replace(old, new, 1), said)
     checked = attack(good)
     assert checked.refused
     assert attack(good, "identify").err == checked.err
@@ -331,22 +331,6 @@ def test_check_refuses_a_broken_network(old: str, new: str, attack: Attack, good
 def test_check_lets_a_good_network_pass(attack: Attack, good: Path) -> None:
     described(good, GOOD)
     assert attack(good).status == 0
-
-
-@pytest.mark.parametrize(
-    "said",
-    [
-        *("ports: {nobody: {column: voltage_V, unit: V}}", "outputs: {nobody: {column: displacement_m, unit: m}}"),
-        *("ports: {force: {column: voltage_V, unit: V}}", "known: {k: -8}", "known: {m: 0}", "known: {zeal: 1}"),
-        *("known: {b: -0.1}", "known: {k: .nan}", "recordings: [{file: a.csv, use: confirmation}]"),
-        *('ports: {"\\e[1m": {column: voltage_V, unit: V}}', "outputs: {p: {column: nobody, unit: m}}"),
-    ],
-)
-def test_check_refuses_what_does_not_fit_the_network(said: str, attack: Attack, good: Path) -> None:
-    described(good, GOOD, said)
-    checked = attack(good)
-    assert checked.refused
-    assert attack(good, "identify").err == checked.err
 
 
 def chain(count: int, bonds: bool = True) -> str:

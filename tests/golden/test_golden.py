@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from golden_answers import ANSWERS, Answers, differences, digest, fingerprint, rounded, stated_digests
-from golden_files import FILES, IN_MEMORY
+from golden_files import FILES
 from golden_subjects import (
     NETWORKS,
     concealed,
@@ -71,7 +71,7 @@ def noise_of(campaign: phnn.recordings.Campaign) -> dict[str, Any]:
     return {r.name: [rounded(float(r.noise)), r.noise_found] for r in campaign.recordings}
 
 
-def hold_reading(golden: Answers, case: str, source: Any, manifest: Any, home: Path | None) -> None:
+def hold_reading(golden: Answers, case: str, source: Path, manifest: Path | None, home: Path) -> None:
     """Hold what is read from a source, and its noise, or the text of the refusal.
 
     Args:
@@ -80,8 +80,7 @@ def hold_reading(golden: Answers, case: str, source: Any, manifest: Any, home: P
     try:
         campaign = phnn.read(source, manifest)
     except phnn.InputRefused as refusal:
-        said = str(refusal) if home is None else str(refusal).replace(str(home), "FOLDER")
-        golden.hold("read", case, {"refused": said}, READ)
+        golden.hold("read", case, {"refused": str(refusal).replace(str(home), "FOLDER")}, READ)
         return
     golden.hold("read", case, what_was_read(campaign), READ)
     golden.hold("read", f"{case}, noise", noise_of(campaign), NOISE)
@@ -101,12 +100,6 @@ def test_read_a_small_file(golden: Answers, tmp_path: Path, name: str) -> None:
     hold_reading(golden, name, home, None, home)
 
 
-@pytest.mark.parametrize("name", IN_MEMORY)
-def test_read_an_object(golden: Answers, name: str) -> None:
-    source, manifest = IN_MEMORY[name]()
-    hold_reading(golden, f"memory: {name}", source, manifest, None)
-
-
 _FOLDERS = [pytest.param(n, marks=[pytest.mark.slow] * (n in _LONG)) for n in shared_folders()]
 _MISSING = pytest.param("", marks=pytest.mark.skip(f"{SHARED} is not there: its folders are not read"))
 
@@ -118,7 +111,7 @@ def test_read_a_shared_folder(golden: Answers, name: str) -> None:
 
 
 def test_read_answers_are_all_asked_for(golden: Answers) -> None:
-    cases = {*FILES, *(f"memory: {n}" for n in IN_MEMORY), *(f"shared: {n}" for n in shared_folders())}
+    cases = {*FILES, *(f"shared: {n}" for n in shared_folders())}
     stored = golden.layer("read")
     if not shared_folders():
         cases |= {case.removesuffix(", noise") for case in stored if case.startswith("shared: ")}

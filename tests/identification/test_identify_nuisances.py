@@ -184,13 +184,6 @@ def test_recordings_share_a_zero_all_or_none() -> None:
         identify_base(mixed, Options(workers=1))
 
 
-def test_the_manifest_says_it(tmp_path: Path) -> None:
-
-    (tmp_path / "recordings.yaml").write_text("offset: common\n")
-    with pytest.raises(InputRefused, match="offset: 'common' is not known: accepted are own, shared"):
-        read(tmp_path)
-
-
 def test_an_unknown_gain_of_the_input_is_estimated() -> None:
     run = zero_recorded("a", "identification", "own")
     halved = replace(run, u=0.5 * run.u, start=Start("rest", 0.5 * run.start.input_before), gain="unknown")
@@ -269,7 +262,6 @@ def test_a_lag_of_a_minute_is_found_in_samples_every_four_seconds() -> None:
     assert found.setup.parameters[parameter].value == pytest.approx(54.0, rel=0.02)
 
 
-CENSORED_MODEL = Setup(load_network(config_folder() / "network" / "mass_spring_damper.yaml"))
 NAMES = ("k", "m", "b")
 CENSORED_ZERO = 0.004
 
@@ -281,7 +273,7 @@ def censored(seed: int = 0, noise: float = 1e-3) -> Recording:
     t = 0.05 * np.arange(800)
     force = np.repeat(rng.uniform(-1.0, 1.0, 80), 10)
     blank = recording(t, force, Start("rest", force[0]), interpolation="zero_order")
-    y = simulate(CENSORED_MODEL, blank).y + CENSORED_ZERO + noise * rng.standard_normal(t.size)
+    y = simulate(MODEL, blank).y + CENSORED_ZERO + noise * rng.standard_normal(t.size)
     return replace(blank, y=y, noise=noise, parts=(Part("a", 0, t.size, "identification"),))
 
 
@@ -292,7 +284,7 @@ def clipped(run: Recording, share: float = 0.5) -> Recording:
 
 
 def moved(factor: float) -> Setup:
-    return CENSORED_MODEL.with_values({n: factor * CENSORED_MODEL.parameters[n].value for n in NAMES})
+    return MODEL.with_values({n: factor * MODEL.parameters[n].value for n in NAMES})
 
 
 def fitted(run: Recording) -> Fit:
@@ -301,7 +293,7 @@ def fitted(run: Recording) -> Fit:
 
 def errors(found: Fit) -> np.ndarray:
     """Logarithms of the estimates over the true values."""
-    return np.array([np.log(found.setup.parameters[n].value / CENSORED_MODEL.parameters[n].value) for n in NAMES])
+    return np.array([np.log(found.setup.parameters[n].value / MODEL.parameters[n].value) for n in NAMES])
 
 
 def test_limits_that_nothing_reaches_change_nothing() -> None:
@@ -333,7 +325,7 @@ def test_derivatives_are_those_of_the_censored_residual(factor: float, own: Own)
 def test_a_sample_beyond_the_limit_counts_only_where_the_model_stays_short_of_it() -> None:
     run = clipped(censored())
     upper = run.sensor.at_limit(run.y) == 1
-    mask, model = run.mask("identification"), simulate(CENSORED_MODEL, run).y
+    mask, model = run.mask("identification"), simulate(MODEL, run).y
     hidden = beyond_limit(run, model, mask)
     assert hidden is not None
     residual = run.y - model - np.mean((run.y - model)[~hidden])
@@ -365,9 +357,9 @@ def test_clipped_data_identify_better_than_what_is_left_without_them() -> None:
 
 def test_scores_are_of_what_the_sensor_shows() -> None:
     run = clipped(censored())
-    (score,) = evaluate(CENSORED_MODEL, Plan((run,), workers=1), {}).parts
+    (score,) = evaluate(MODEL, Plan((run,), workers=1), {}).parts
     assert 0.8 < score.residual_over_noise < 1.05
-    (unknown,) = evaluate(CENSORED_MODEL, Plan((replace(run, sensor=Sensor()),), workers=1), {}).parts
+    (unknown,) = evaluate(MODEL, Plan((replace(run, sensor=Sensor()),), workers=1), {}).parts
     assert unknown.residual_over_noise > 5.0
 
 
@@ -382,22 +374,19 @@ def test_scores_are_of_what_the_sensor_shows() -> None:
 )
 def test_a_known_sensor_is_simulated_and_differentiated(sensor: Sensor) -> None:
     run = replace(censored(), sensor=sensor)
-    found = simulate(CENSORED_MODEL, run, 8)
+    found = simulate(MODEL, run, 8)
     derivatives = output_derivatives(found, NAMES)
     for i, name in enumerate(NAMES):
-        p = CENSORED_MODEL.parameters[name].value
-        ends = [simulate(CENSORED_MODEL.with_values({name: p * (1.0 + s)}), run, 8).y for s in (1e-6, -1e-6)]
+        p = MODEL.parameters[name].value
+        ends = [simulate(MODEL.with_values({name: p * (1.0 + s)}), run, 8).y for s in (1e-6, -1e-6)]
         difference = (ends[0] - ends[1]) / (2e-6 * p)
         close = np.abs(derivatives[:, i] - difference) <= 1e-4 * np.abs(difference).max()
         assert close.mean() > 0.99  # a corner of a rectifier has no derivative
-    assert found.setup.free == CENSORED_MODEL.free
+    assert found.setup.free == MODEL.free
 
 
 def test_the_rate_is_the_velocity() -> None:
     run = replace(censored(), sensor=Sensor(derivative=True))
-    found = simulate(CENSORED_MODEL, run, 16)
-    p = (
-        found.states[found.nodes, list(CENSORED_MODEL.network.state_names).index("p")]
-        / CENSORED_MODEL.parameters["m"].value
-    )
+    found = simulate(MODEL, run, 16)
+    p = found.states[found.nodes, list(MODEL.network.state_names).index("p")] / MODEL.parameters["m"].value
     np.testing.assert_allclose(found.y[1:-1], p[1:-1], atol=2e-3 * np.abs(p).max())

@@ -172,14 +172,9 @@ TIMES = torch.tensor([0.5, 1.1, 1.2, 2.03], dtype=torch.float64)
 def oscillator(resistor: object = "coulomb", rate: float = 0.3, k: float = 8.0) -> DrivenSystem:
     """A driven mass of 2 kg on a spring, with friction that decays at ``rate`` where it is linear."""
     values = {"coulomb": {"f": 0.3, "v": 0.02}, "linear": {"b": 2.0 * rate}}.get(str(resistor), {})
-    network = Network(
-        (Storage("q", "spring", ("k",)), Storage("p", "capacitor", ("m",))),
-        (Resistor("friction", resistor, {"p": 1.0}, tuple(values)),),
-        (Coupling("q", "p"),),
-        (Port("force", {"p": 1.0}),),
-        as_table([positive(name, value, "1") for name, value in {"m": 2.0, "k": k, **values}.items()]),
-    )
-    return PortHamiltonianSystem(network).with_input(lambda t: torch.sin(3.0 * t))
+    friction = Resistor("friction", resistor, {"p": 1.0}, tuple(values))
+    driven = mass(Storage("q", "spring", ("k",)), friction, k=k, **values)
+    return driven.system.with_input(lambda t: torch.sin(3.0 * t))
 
 
 def start(*batch: int) -> Tensor:

@@ -174,11 +174,13 @@ def test_a_law_that_comes_after_the_solver_is_refused() -> None:
     assert "late_damper" not in RESISTOR_LAWS
 
 
-def test_functions_that_contradict_each_other_are_refused() -> None:
+def test_functions_that_contradict_each_other_or_the_example_are_refused() -> None:
     with pytest.raises(StructureViolated, match=r"mean effort changes the energy by .* but H changes by"):
         register(StorageLaw("odd", lambda a, b, k: k * a, (1.0,)))
     with pytest.raises(StructureViolated, match="its thresholds say"):
         register(ResistorLaw("odd", lambda e, q, g: g * e, (1.0,), thresholds=lambda q, g: (g, -1.0, 1.0)))
+    with pytest.raises(StructureViolated, match="one number for each of the 2 parameters of its example"):
+        register(ResistorLaw("odd", lambda e, q, drag: drag * e, (1.0, 2.0)))
 
 
 def test_a_mean_effort_that_is_no_number_or_wrong_where_nothing_moves_is_refused() -> None:
@@ -199,11 +201,6 @@ def test_mean_efforts_that_round_near_rest_are_accepted() -> None:
         return k * (a + b) / (np.sqrt(1.0 + (a / s) ** 2) + np.sqrt(1.0 + (b / s) ** 2))
 
     check_law(StorageLaw("odd", mean_effort, (1.0, 1.0)))
-
-
-def test_functions_with_another_number_of_parameters_are_refused() -> None:
-    with pytest.raises(StructureViolated, match="one number for each of the 2 parameters of its example"):
-        register(ResistorLaw("odd", lambda e, q, drag: drag * e, (1.0, 2.0)))
 
 
 POINTS = np.array([-2.3, -0.71, -0.0021, 0.0017, 0.83, 1.9])

@@ -1,45 +1,23 @@
-"""Networks in yaml: every file of the package runs, what is written is read, what is wrong is refused."""
+"""Networks in yaml: what is written is read, what is wrong is refused."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
-import torch
 from bondgraphs import random_graph
 from graph_text import as_yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from junctions import march
 
 from phnn.configuration import config_folder
 from phnn.errors import InputRefused
 from phnn.models.network_file import load_graph, load_network
-from phnn.network import PortHamiltonianSystem
 from phnn.network.bondgraph import BondGraph, C, I, R, Se
 from phnn.parameters import Parameter, as_table, constant, positive
 
-torch.set_num_threads(1)
 FOLDER = config_folder() / "network"
-FILES = sorted(FOLDER.glob("*.yaml"))
-
-
-@pytest.mark.parametrize("path", FILES, ids=lambda p: p.stem)
-def test_every_network_of_the_package_runs(path: Path) -> None:
-    network = load_network(path)
-    n, steps, h = len(network.storages), 20, 1e-5
-    u = np.ones((steps, len(network.ports)))
-    rest = torch.zeros(len(network.state_names), dtype=torch.float64)
-    path_of = march(network, u, np.full(steps, h), rest.numpy())
-    assert np.isfinite(path_of.states).all()
-    assert path_of.states[-1].any()
-    # The stored energy is what came in less what was dissipated: never more than the ports supplied.
-    system = PortHamiltonianSystem(network)
-    supplied = h * float((path_of.efforts[:, :n] @ system.incidences(rest)[1].detach().numpy() * u).sum())
-    stored = system.energy(torch.from_numpy(path_of.states[-1])).item()
-    assert stored <= supplied * (1.0 + 1e-9)
 
 
 @settings(max_examples=50, deadline=None)

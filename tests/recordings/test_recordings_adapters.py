@@ -226,6 +226,11 @@ def test_several_channels_of_a_benchmark(columns: dict[str, Columns]) -> None:
         ({"time_s": [0.0, 1.0], "voltage_V": [0.0, 1.0]}, None, "no displacement column"),
         ({"a": {"time_s": [0.0] * 60}}, {"recordings": [{"file": "b"}]}, "no recording is called 'b', there are a"),
         ({"voltage_V": [1.0]}, {"colums": {}}, "the manifest given: unknown key 'colums' .did you mean columns"),
+        (
+            {"time_s": np.arange(60.0), "voltage_V": np.ones(60), "displacement_m": np.ones(59)},
+            None,
+            r"unequal numbers of samples: time .column time_s. has 60,.*displacement .column displacement_m. has 59",
+        ),
         ({"voltage_V": np.ones((2, 2, 2)), "time_s": []}, None, "no voltage column"),
     ],
 )

@@ -7,7 +7,6 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
-from functools import cache
 from pathlib import Path
 
 import h5py
@@ -269,12 +268,6 @@ def test_every_quantity_has_a_unit() -> None:
             assert suits(quantity, unit)
 
 
-@cache
-def made() -> np.ndarray:
-    t, u = sine(10.0, 75.0)
-    return np.column_stack([t, u, output(u)])
-
-
 def test_tdms_without_its_package_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "a.tdms").write_bytes(b"TDSm")
     monkeypatch.setitem(sys.modules, "nptdms", None)
@@ -283,12 +276,12 @@ def test_tdms_without_its_package_names_the_extra(tmp_path: Path, monkeypatch: p
 
 def test_datasets_of_a_group_by_name(tmp_path: Path) -> None:
     with h5py.File(tmp_path / "a.h5", "w") as file:
-        for name, column in zip(("T", "V1", "V2"), made().T, strict=True):
+        for name, column in zip(("T", "V1", "V2"), good(), strict=True):
             file[f"scope/{name}"] = column
     (tmp_path / "recordings.yaml").write_text(
         STATED + "recordings: [{file: a.h5, variables: {time: scope.T, voltage: scope.V1, displacement: scope.V2}}]"
     )
-    np.testing.assert_array_equal(read(tmp_path).recordings[0].y, made()[:, 2])
+    np.testing.assert_array_equal(read(tmp_path).recordings[0].y, good()[2])
 
 
 # A semicolon stands for the separator, an exclamation mark for the decimal sign.
@@ -307,7 +300,7 @@ HEADERS = {
 @pytest.mark.parametrize("separator", [",", ";", "\t", "  "])
 @pytest.mark.parametrize("encoding", ["utf-8", "latin-1", "utf-16"])
 def test_text_as_instruments_write_it(tmp_path: Path, header: str, separator: str, decimal: str, encoding: str) -> None:
-    t, u, y = made().T
+    t, u, y = good()
     quote = '"' if separator == decimal else ""
     cells = [
         [quote + f"{v:.17g}".replace(".", decimal) + quote for v in row] for row in zip(t, u, 1e6 * y, strict=True)
@@ -327,10 +320,11 @@ def test_array_of_another_shape(tmp_path: Path) -> None:
 
 
 def test_prediction_needs_no_output(tmp_path: Path) -> None:
-    np.savetxt(tmp_path / "a.csv", made()[:, :2], delimiter=",", header="time_s,voltage_V", comments="", fmt="%.17g")
+    rows = np.column_stack(good()[:2])
+    np.savetxt(tmp_path / "a.csv", rows, delimiter=",", header="time_s,voltage_V", comments="", fmt="%.17g")
     r = read(tmp_path, need_output=False).recordings[0]
     assert np.isnan(r.y).all()
-    np.testing.assert_array_equal(r.u, made()[:, 1])
+    np.testing.assert_array_equal(r.u, good()[1])
 
 
 NETWORK = """junctions: {mass: 1}

@@ -67,11 +67,9 @@ def test_undescribed_numbers_are_left_alone_with_the_reason(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(("text", "words"), [
-
     ("recordings: [{file: loops.dat, usage: confirmation}]", ("recordings[0]", "'usage'", "use")),
-
     ("recordings: [{name: x}]", ("recordings[0]", "no `file`")), ("recordings: []", ("must be a list",)),
-
+    ("offset: common", ("offset: 'common' is not known: accepted are own, shared",)),
     ("setup: {model: hrc, hysterons: 1.5}", ("hysterons", "1.5")),
     ("setup: {network: gone.yaml}", ("gone.yaml", "network file")),
     ("voltage: battery", ("'battery'", "command", "terminals")), ("known: {m: heavy}", ("known: m",)),
