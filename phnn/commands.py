@@ -113,17 +113,15 @@ def open_(
 ) -> None:
     """Serve a page that leads from a folder to a verdict, until Ctrl-C."""
     from phnn.local_page import Work, serve
-    from phnn.recordings.checks import folder_exists
-    from phnn.template import MANIFEST
+    from phnn.template import MANIFEST, look
 
     def tell(address: str) -> None:
         print(f"open {address} in a browser of this computer; Ctrl-C ends it", flush=True)
         if browser:
             webbrowser.open(address)
 
-    folder_exists(folder)
     place = out or Path("out") / folder.resolve().name
-    serve(Work(folder, manifest or folder / MANIFEST, place, outside), port, tell)
+    serve(Work(look(folder, outside), manifest or folder / MANIFEST, place, outside), port, tell)
 
 
 def identify(

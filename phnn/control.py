@@ -43,7 +43,7 @@ from phnn.integrate.scheme import obstacle
 from phnn.inverse.blocks import FlatNetwork
 from phnn.model import Model
 from phnn.network.elements import Coupling, Network, Port, Resistor, Storage, interconnect
-from phnn.network.small_signal import linearised_at_rest
+from phnn.network.roles import linearised_at_rest
 from phnn.network.system import PortHamiltonianSystem
 from phnn.parameters import as_table, constant
 from phnn.setup import Setup

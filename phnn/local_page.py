@@ -31,7 +31,7 @@ from phnn.intake import plain_values
 from phnn.recordings import read
 from phnn.report.page import content
 from phnn.results import PROGRESS, printable, write_atomic
-from phnn.template import INPUT, MANIFEST, OUTPUT, TIME, Found, Look, look
+from phnn.template import INPUT, MANIFEST, OUTPUT, TIME, Found, Look
 
 Array = NDArray[np.float64]
 
@@ -47,28 +47,19 @@ class Work:
     """What one page works on.
 
     Attributes:
-        folder: of the recordings; manifest: where it is written; out: where the diagnosis goes.
-        outside: files of the folder may lead out of it.
-        seen: what the files look like, once somebody has asked.
+        look: what the files of the folder look like; outside: they may lead out of it.
+        manifest: where it is written; out: where the diagnosis goes.
         command, process, words: what was started last, and what it has said.
     """
 
-    folder: Path
+    look: Look
     manifest: Path
     out: Path
     outside: bool = False
-    seen: Look | None = None
     command: str = ""
     process: subprocess.Popen[str] | None = None
     words: str = ""
     lock: threading.Lock = field(default_factory=threading.Lock)
-
-    @property
-    def look(self) -> Look:
-        """What the files look like."""
-        with self.lock:
-            self.seen = look(self.folder, self.outside) if self.seen is None else self.seen
-        return self.seen
 
     def files(self) -> dict[str, Any]:
         """Return every file with its columns, and the manifest that is there or was guessed."""
@@ -82,7 +73,7 @@ class Work:
         """Return the columns of a file for a plot: the ends of every column in each of some stretches."""
         found = next((f for f in self.look.found if f.file == file and not f.reason), None)
         if found is None:
-            raise InputRefused(f"there is no recording {file!r} in {self.folder}: choose one of the list")
+            raise InputRefused(f"there is no recording {file!r} in {self.look.folder}: choose one of the list")
         return {name: _ends(column.values) for name, column in found.named.items()}
 
     def drafted(self, roles: Mapping[str, Any]) -> dict[str, Any]:
@@ -92,7 +83,7 @@ class Work:
 
     def save(self, text: str, replace: bool) -> dict[str, Any]:
         """Write a manifest that can be read; one that is there is replaced only where that was said."""
-        read(self.folder, plain_values(text, MANIFEST), allow_outside=self.outside)
+        read(self.look.folder, plain_values(text, MANIFEST), allow_outside=self.outside)
         if self.manifest.exists() and not replace and self.manifest.read_text("utf-8") != text:
             raise OutputRefused(f"{self.manifest}: is there already: tick the box to replace it")
         write_atomic(self.manifest, text.encode())
@@ -105,7 +96,7 @@ class Work:
         with self.lock:
             if self.running:
                 raise InputRefused(f"phnn {self.command} is still running: stop it first")
-            given = [command, str(self.folder), "--manifest", str(self.manifest)]
+            given = [command, str(self.look.folder), "--manifest", str(self.manifest)]
             given += ["--out", str(self.out), "--overwrite"] if command == "diagnose" else []
             given += ["--allow-outside"] if self.outside else []
             self.command, self.words = command, ""
@@ -188,11 +179,6 @@ class Server(ThreadingHTTPServer):
         self.hosts = {f"{name}:{self.server_port}" for name in ("127.0.0.1", "localhost")}
         self.address = f"http://127.0.0.1:{self.server_port}/?token={self.token}"
 
-    def page(self, nonce: str) -> bytes:
-        """Return the page."""
-        text = content("open.html").replace("{{ style }}", content("report.css"))
-        return text.replace("{{ nonce }}", nonce).encode()
-
 
 class _Refused(Exception):
     """A request that is not answered, with its status."""
@@ -205,31 +191,34 @@ class _Handler(BaseHTTPRequestHandler):
     timeout = 20
 
     def do_GET(self) -> None:
+        work = self.server.work
         self._answer({
-            "/": self._page,
-            "/files": lambda: self._json(self.server.work.files()),
-            "/curves": lambda: self._json(self.server.work.curves(self._asked("file"))),
-            "/state": lambda: self._json(self.server.work.state()),
-            "/report.html": lambda: self._send(200, self.server.work.report(), "text/html; charset=utf-8"),
+            "/": lambda _: self._page(),
+            "/files": lambda _: work.files(),
+            "/curves": lambda _: work.curves(self._asked("file")),
+            "/state": lambda _: work.state(),
+            "/report.html": lambda _: self._send(200, work.report(), "text/html; charset=utf-8"),
         })  # fmt: skip
 
     def do_POST(self) -> None:
         work = self.server.work
         self._answer({
-            "/draft": lambda: self._json(work.drafted(self._body()["roles"])),
-            "/save": lambda: self._json(work.save(str(self._body()["text"]), self._body().get("replace") is True)),
-            "/start": lambda: self._json(work.start(str(self._body()["command"]))),
-            "/stop": lambda: self._json(work.stop()),
+            "/draft": lambda body: work.drafted(body["roles"]),
+            "/save": lambda body: work.save(str(body["text"]), body.get("replace") is True),
+            "/start": lambda body: work.start(str(body["command"])),
+            "/stop": lambda _: work.stop(),
         })  # fmt: skip
 
-    def _answer(self, known: Mapping[str, Callable[[], None]]) -> None:
-        """Answer one request, or say why it is refused."""
+    def _answer(self, known: Mapping[str, Callable[[Any], dict[str, Any] | None]]) -> None:
+        """Answer one request, or say why it is refused; known paths give json, or have sent their answer."""
         try:
             self._let_in()
-            work = known.get(urlsplit(self.path).path)
-            if work is None:
+            path = urlsplit(self.path).path
+            if path not in known:
                 raise _Refused(404)
-            work()
+            answer = known[path](self._body() if self.command == "POST" else {})
+            if answer is not None:
+                self._json(answer)
         except _Refused as refused:
             self.close_connection = True
             self._send(int(refused.args[0]), b"", "text/plain")
@@ -240,10 +229,8 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _let_in(self) -> None:
         """Let in who comes from this page, or with the token of the first call."""
-        origin = self.headers.get("Origin")
-        if self.headers.get("Host") not in self.server.hosts:
-            raise _Refused(403)
-        if origin is not None and origin not in {f"http://{host}" for host in self.server.hosts}:
+        hosts, origin = self.server.hosts, self.headers.get("Origin")
+        if self.headers.get("Host") not in hosts or origin not in (None, *(f"http://{host}" for host in hosts)):
             raise _Refused(403)
         cookies = [c.strip() for c in self.headers.get("Cookie", "").split(";")]
         mine = f"{_COOKIE}={self.server.cookie}"
@@ -259,12 +246,10 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _body(self) -> dict[str, Any]:
         """Return the body of the request as json."""
-        if not hasattr(self, "_read"):
-            size = int(self.headers.get("Content-Length", "-1"))
-            if not 0 <= size <= _LARGEST or self.headers.get("Transfer-Encoding"):
-                raise _Refused(413)
-            self._read = dict(json.loads(self.rfile.read(size)))
-        return self._read
+        size = int(self.headers.get("Content-Length", "-1"))
+        if not 0 <= size <= _LARGEST or self.headers.get("Transfer-Encoding"):
+            raise _Refused(413)
+        return dict(json.loads(self.rfile.read(size)))
 
     def _page(self) -> None:
         if self._asked("token"):
@@ -273,8 +258,9 @@ class _Handler(BaseHTTPRequestHandler):
             ])  # fmt: skip
             return
         nonce = secrets.token_urlsafe(16)
+        text = content("open.html").replace("{{ style }}", content("report.css")).replace("{{ nonce }}", nonce)
         policy = [("Content-Security-Policy", _POLICY.format(nonce))]
-        self._send(200, self.server.page(nonce), "text/html; charset=utf-8", policy)
+        self._send(200, text.encode(), "text/html; charset=utf-8", policy)
 
     def _json(self, value: Any, status: int = 200) -> None:
         self._send(status, json.dumps(value).encode(), "application/json")

@@ -173,13 +173,7 @@ _ACCOUNT: ContextVar[Account | None] = ContextVar("account", default=None)
 
 @contextmanager
 def accounted(until: float = float("inf"), checked: bool = False, answers: bool = False) -> Iterator[Account]:
-    """Keep an account of all parts until the end of the block.
-
-    Args:
-        until: time of day [s since the epoch] at which moves are given up.
-        checked: the block itself is part of a move.
-        answers: an interruption ends the search with an answer; otherwise it ends everything.
-    """
+    """Keep an `Account` of all parts until the end of the block; ``checked``: the block itself is part of a move."""
     account = Account(until, checked, answers)
     token = _ACCOUNT.set(account)
     try:

@@ -16,7 +16,7 @@ from phnn.configuration import config_folder
 from phnn.control import Controller, shape, simulate
 from phnn.models.network_file import load_network
 from phnn.network.elements import Network, Port
-from phnn.network.small_signal import linearised_at_rest
+from phnn.network.roles import linearised_at_rest
 from phnn.setup import Block, Setup
 
 DT = 5e-5

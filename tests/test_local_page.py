@@ -15,6 +15,7 @@ import pytest
 from chromium import PROGRAM, chromium
 
 from phnn.local_page import Server, Work
+from phnn.template import look
 
 Reply = tuple[int, Mapping[str, str], bytes]
 
@@ -38,7 +39,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def server(folder: Path, tmp_path: Path) -> Iterator[Server]:
     """A server that runs; its manifest and results are this test's own."""
-    with Server(Work(folder, tmp_path / "recordings.yaml", tmp_path / "out")) as found:
+    with Server(Work(look(folder), tmp_path / "recordings.yaml", tmp_path / "out")) as found:
         threading.Thread(target=found.serve_forever, args=(0.02,), daemon=True).start()
         yield found
         found.work.stop()
@@ -110,14 +111,11 @@ def test_picked_roles_make_a_manifest_that_is_saved_once(server: Server) -> None
     assert asked(server, "POST", "/save", {"text": text + "\n", "replace": True})[0] == 200
 
 
-def test_curves_keep_every_peak(server: Server, folder: Path) -> None:
+def test_curves_keep_every_peak(tmp_path: Path) -> None:
     t = np.arange(5000.0)
     spike = np.where(t == 3217.0, 9.0, -t / 5000.0)
-    np.savetxt(folder / "long.csv", np.column_stack([t, np.sin(t), spike]), delimiter=",", header="t,u,y", comments="")
-    try:
-        curves = json.loads(asked(server, "GET", "/curves?file=long.csv")[2])
-    finally:
-        (folder / "long.csv").unlink()
+    np.savetxt(tmp_path / "long.csv", np.column_stack([t, np.sin(t), spike]), delimiter=",", header="t,u,y")
+    curves = Work(look(tmp_path), tmp_path / "recordings.yaml", tmp_path / "out").curves("long.csv")
     assert len(curves["y"]) == 1000 and max(curves["y"]) == 9.0 and curves["t"] == sorted(curves["t"])
 
 

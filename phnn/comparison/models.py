@@ -344,10 +344,6 @@ def _trained(bench: Bench, model: str) -> Result:
     """Train a neural model stage by stage, score and save it; finished stages are read back from their checkpoints.
 
     The model is scored at the samples the recordings have; those for confirmation are looked at once, at the end.
-
-    Raises:
-        InputRefused: settings that cannot be used, or other than those of the training that lies there.
-        SolverFailed: the model could not be simulated however small the steps of training.
     """
     recipe, seed, campaign = bench.settings.recipes[model], bench.settings.options.seed, bench.campaign
     substeps, base = 1, None

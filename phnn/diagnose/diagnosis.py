@@ -175,27 +175,14 @@ def diagnose(
     budget: float | None = None,
     answers: bool = False,
 ) -> Diagnosis:
-    """Fit the base model, search for what it misses, weigh all models, and conclude.
-
-    Nothing that was finished is lost: a model that cannot be fitted is no candidate, a part that fails is left out, and
-    when the budget is used up, the best model so far is the answer. `Diagnosis.ended` tells all that.
+    """Fit the base model, search for what it misses, weigh all models, and conclude; as `phnn.diagnose`, which tells
+    what is not told here.
 
     Args:
-        recorded: recordings with their identification and confirmation parts, or a base model identified from them.
-        options: how hard to try; those of the identification where it has been done, defaults otherwise.
-        progress: called with a line of text at every stage.
-        effects: the catalogue to use; all that can exist otherwise.
         on_base: called with the base fit as soon as there is one, so that it can be kept whatever comes.
         learned: elements without a name that may be added; all that can exist otherwise.
-        budget: seconds after which the search ends with the best so far: an emergency exit. The budget proper is
-            ``options.evaluations``.
-        answers: an interruption ends the search in the same way, and `Ended.interruption` holds it; it is raised
+        answers: an interruption ends the search with the best so far, and `Ended.interruption` holds it; it is raised
             otherwise, as by a study of many diagnoses.
-
-    Raises:
-        InputRefused: a criterion is not known, the executor is not understood or does not answer, an effect to do
-            without is not in the catalogue, recordings have several inputs or outputs, or the budget is not positive;
-            nothing has been fitted yet then.
     """
     began, until = time.monotonic(), deadline(budget)
     chosen = options or (recorded.options if isinstance(recorded, Identified) else Options())

@@ -16,7 +16,7 @@ from phnn.errors import SolverFailed
 from phnn.identification.fit import Fit, carried
 from phnn.identification.plan import Plan
 from phnn.identification.problem import without_nuisances
-from phnn.network.small_signal import output_gain
+from phnn.network.roles import output_gain
 from phnn.recordings.recording import Recording, dominant_frequency
 from phnn.trajectory import Trajectory, measured_network, simulate
 

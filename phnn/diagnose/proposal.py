@@ -37,7 +37,7 @@ from phnn.errors import PhnnError
 from phnn.identification.fit import Fit, variables_from
 from phnn.identification.problem import Problem, Variables, without_nuisances
 from phnn.identification.staged import stated_only
-from phnn.network.small_signal import linearised_at_rest
+from phnn.network.roles import linearised_at_rest
 from phnn.parameters import quantity
 from phnn.recordings.recording import Part, Recording, Start, Units
 from phnn.setup import Own, Setup

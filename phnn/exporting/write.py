@@ -262,15 +262,7 @@ def program_of(
 
 
 def write(program: Program, to: str, out: Path, given: Sequence[Path] = (), overwrite: bool = False) -> list[Path]:
-    """Write the files of a target into a folder; returns their paths.
-
-    Args:
-        given: folders from which the model was read.
-        overwrite: replace files of an earlier export even where they were changed since.
-
-    Raises:
-        InputRefused: the folder cannot be written to.
-    """
+    """Write the files of a target into a folder and return their paths; ``given``: folders the model was read from."""
     files = TARGETS[to](program)
     with claim(out, "export", given, tuple(files), overwrite=overwrite) as place:
         for name, content in files.items():

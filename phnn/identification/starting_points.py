@@ -15,7 +15,7 @@ from phnn.identification.plan import Plan
 from phnn.identification.problem import without_nuisances
 from phnn.models.actuator import hrc
 from phnn.network.elements import Network
-from phnn.network.small_signal import linearised_at_rest
+from phnn.network.roles import linearised_at_rest
 from phnn.recordings.recording import Recording, dominant_frequency
 from phnn.recordings.units import powers
 from phnn.setup import Setup

@@ -128,8 +128,7 @@ def train(
         method: ``gauss_newton``, ``lbfgs`` or ``adam``; None: the first where all laws have a kernel and recordings are
             not cut into windows, else the second.
         epochs: at most; 60, 50 and 500 where left out.
-        adjoint: ``discrete``: gradients of the power-preserving steps; ``torchdiffeq``: the same through its
-            `odeint_adjoint`.
+        adjoint: ``discrete``: gradients of the power-preserving steps; ``torchdiffeq``: the same, called as its method.
         out: folder for a checkpoint after every epoch, a log and TensorBoard; the same call goes on from there.
         say: told a line an epoch.
         settings: others of `phnn.learn.Settings`: ``seed``, ``window``, ``substeps``, ``stride``, ``validation``,

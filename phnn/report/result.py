@@ -65,16 +65,7 @@ _PACKAGES = ("phnn", "torch", "numpy", "scipy", "numba")
 
 
 def write(diagnosis: Diagnosis, out: Path | str, overwrite: bool = False) -> dict[str, Any]:
-    """Write models, ``diagnosis.json`` and ``report.html`` into a folder; returns the document.
-
-    Args:
-        out: apart from the recordings; results of an earlier diagnosis in it are replaced.
-        overwrite: also where they were changed since.
-
-    Raises:
-        InputRefused: the folder belongs to the recordings or to another run, holds files of others with the names of
-            results, or cannot be written to.
-    """
+    """Write what `phnn.Diagnosis.write` writes into a folder and return the document."""
     with claim(Path(out), "diagnose", diagnosis.campaign.inputs, RESULTS, overwrite=overwrite) as place:
         return write_into(diagnosis, place)
 

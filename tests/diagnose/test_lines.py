@@ -27,7 +27,7 @@ from phnn.effects import effect
 from phnn.errors import StructureViolated
 from phnn.identification.covariance import NoiseSpectrum, most_excess, noise_spectra
 from phnn.models.actuator import hrc
-from phnn.network.small_signal import output_gain
+from phnn.network.roles import output_gain
 from phnn.recordings import read
 from phnn.recordings.recording import Campaign, Start, unrecorded
 from phnn.setup import DRIFT_TERMS, Own

@@ -18,7 +18,7 @@ from phnn.integrate.program import compile_network
 from phnn.integrate.scheme import junctions_of
 from phnn.modal.experiment import Experiment
 from phnn.modal.model import ModalModel
-from phnn.network.small_signal import linearised_at_rest
+from phnn.network.roles import linearised_at_rest
 
 torch.set_num_threads(1)
 

@@ -27,7 +27,7 @@ from scipy.linalg import eig
 from phnn.laws import RESISTOR_LAWS
 from phnn.models.actuator import TABLE_1, TABLE_2, bouc_wen, from_paper, hrc
 from phnn.network import PortHamiltonianSystem
-from phnn.network.small_signal import linearised_at_rest
+from phnn.network.roles import linearised_at_rest
 from phnn.setup import Setup
 from phnn.trajectory import simulate
 from studies.generator.plans import PEAK, Excitation, chirp, sine, step
