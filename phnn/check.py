@@ -95,7 +95,7 @@ def odd_units(campaign: Campaign) -> dict[str, list[Finding]]:
 
 
 def buried(recording: Recording) -> list[Finding]:
-    """A noise floor that is as large as the output: a signal is not its own noise floor."""
+    """Return a noise floor that is as large as the output: a signal is not its own noise floor."""
     share = recording.noise / max(float(np.std(recording.y)), 1e-300)
     if not recording.noise_found or not share >= OWN_FLOOR:
         return []
@@ -121,7 +121,7 @@ def _has_gain(r: Recording, largest: float) -> bool:
 
 
 def _thousands(ratio: float) -> bool:
-    """Whether a ratio is about a power of a thousand, up or down, but not one."""
+    """Return whether a ratio is about a power of a thousand, up or down, but not one."""
     size = max(ratio, 1.0 / ratio)
     power = round(float(np.log(size) / np.log(_STEP)))
     return power >= 1 and max(size / _STEP**power, _STEP**power / size) <= _WITHIN
@@ -137,7 +137,7 @@ _AROUND, _ITSELF, _PERIODS = 25, 3, 8.0
 
 
 def mains(recording: Recording) -> list[Finding]:
-    """The multiples of a mains frequency that stand out of an output's spectrum, but not out of its input's.
+    """Return the multiples of a mains frequency that stand out of an output's spectrum, but not out of its input's.
 
     Hann window; the amplitude of a tone is that of a sine of the same power.
     """
@@ -158,7 +158,7 @@ def mains(recording: Recording) -> list[Finding]:
 
 
 def _driven(excitation: Excitation, frequency: float, duration: float) -> bool:
-    """Whether a harmonic of what drives the recording lies within its resolution of the frequency."""
+    """Return whether a harmonic of what drives the recording lies within its resolution of the frequency."""
     if excitation.kind not in ("sine", "periodic"):
         return False
     return abs(frequency - excitation.low_Hz * round(frequency / excitation.low_Hz)) * duration < _ITSELF
@@ -174,7 +174,7 @@ def _amplitude(output: Array, drive: Array, place: float, samples: int) -> float
 
 
 def _over_neighbours(power: Array, middle: int) -> tuple[float, float]:
-    """Power at a bin over the median around it, and the power in its three bins together."""
+    """Return the power at a bin over the median around it, and the power in its three bins together."""
     own = power[max(middle - 1, 0) : middle + 2]
     below = power[max(middle - _AROUND, 1) : max(middle - _ITSELF, 1)]
     around = np.concatenate([below, power[middle + _ITSELF + 1 : middle + _AROUND + 1]])
@@ -187,7 +187,7 @@ _SAMPLES, _SURE_OF_SHIFT = 0.5, 4.0
 
 
 def lead(recording: Recording) -> list[Finding]:
-    """Whether the output leads the input at the fundamental: no causal actuator of positive static gain does.
+    """Return whether the output leads the input at the fundamental: no causal actuator of positive static gain does.
 
     With the complex amplitudes ``U`` and ``Y`` at ``f`` the lead is ``arg(Y/U) / 2πf``. Hysteresis, damping and every
     lag of amplifier or sensor make it negative; above a resonance it is negative still. Nothing is said where further
@@ -259,7 +259,7 @@ def _between_periods(r: Recording) -> Sample | None:
 
 
 def _waves(rows: slice, size: float, harmonics: int) -> Array:
-    """(n, 1 + 2 K) a constant, cosines and sines of the first harmonics of ``size`` samples, at some samples."""
+    """Return (n, 1 + 2 K) a constant, cosines and sines of the first harmonics of ``size`` samples, at some samples."""
     phase = 2.0 * np.pi / size * np.outer(np.arange(rows.start, rows.stop), np.arange(1, harmonics + 1))
     return np.column_stack([np.ones(phase.shape[0]), np.cos(phase), np.sin(phase)])
 
@@ -279,7 +279,7 @@ _LEVEL = 0.01
 
 
 def quantisation(recording: Recording) -> list[Finding]:
-    """The step of which the output's values are multiples, beside the noise."""
+    """Return the step of which the output's values are multiples, beside the noise."""
     step = quantisation_step(recording.y)
     if step == 0.0 or not recording.noise > 0.0:
         return []
@@ -351,13 +351,13 @@ def drift(recording: Recording) -> list[Finding]:
 
 
 def comes_back(u: np.ndarray) -> bool:
-    """Whether an input ends where it began."""
+    """Return whether an input ends where it began."""
     return bool(abs(u[-1] - u[0]) <= _LEVEL * np.ptp(u))
 
 
 def _levels(recording: Recording) -> tuple[np.ndarray, float, bool]:
-    """Means of the output over stretches of equal input, in order, the standard error of each, and whether the last of
-    them is a rest within which the output does not move."""
+    """Return the means of the output over stretches of equal input, in order, the standard error of each, and whether
+    the last of them is a rest within which the output does not move."""
     excitation = recording.excitation
     first, last = excitation.span
     deviation = recording.noise * float(np.sqrt(max(2.0 * recording.noise_correlation.sum() - 1.0, 1.0)))
@@ -428,7 +428,7 @@ def _last_difference(recording: Recording) -> np.ndarray | None:
 
 
 def _of_one_kind(a: Recording, b: Recording) -> bool:
-    """Whether two recordings share rate, period and size of the input."""
+    """Return whether two recordings share rate, period and size of the input."""
     if a.period is None or b.period is None or a.dt != b.dt:
         return False
     sizes = float(np.std(a.u)), float(np.std(b.u))
@@ -436,7 +436,7 @@ def _of_one_kind(a: Recording, b: Recording) -> bool:
 
 
 def _tones(x: np.ndarray, dt: float) -> list[float]:
-    """Frequencies of the strongest narrow peaks, in ascending order."""
+    """Return the frequencies of the strongest narrow peaks, in ascending order."""
     power = spectrum(x) ** 2
     limit = _TALL * float(np.median(power))
     found: list[int] = []
@@ -493,8 +493,8 @@ class Ability:
 
 
 def abilities(campaign: Campaign) -> list[Ability]:
-    """Every question that recordings may answer, in the order in which they are worth asking, in the words of the
-    system: a network of the user's own is asked for nothing that only an actuator has."""
+    """Return every question that recordings may answer, in the order in which they are worth asking, in the words of
+    the system: a network of the user's own is asked for nothing that only an actuator has."""
     chosen = [r for r in campaign.recordings if r.mask("identification").any()]
     actuator = is_actuator(campaign.setup) and all(r.units == ACTUATOR for r in chosen)
     drives = [r.excitation for r in chosen]
@@ -528,14 +528,14 @@ def abilities(campaign: Campaign) -> list[Ability]:
 
 
 def _near(a: Excitation, b: Excitation) -> bool:
-    """Whether two excitations share a frequency; steps share all."""
+    """Return whether two excitations share a frequency; steps share all."""
     if "steps" in (a.kind, b.kind):
         return a.kind == b.kind
     return min(a.high_Hz, b.high_Hz) >= 0.7 * max(a.low_Hz, b.low_Hz)
 
 
 def _steps(recording: Recording) -> bool:
-    """Whether an input jumps somewhere, at the first sample perhaps, by a good part of its range."""
+    """Return whether an input jumps somewhere, at the first sample perhaps, by a good part of its range."""
     u = recording.drive
     if recording.start.state == "rest" and not recording.further:
         u = np.append([recording.start.input_before] * _BEFORE, u)
@@ -563,7 +563,7 @@ class Checked:
     noise: dict[str, NoiseStatement]
 
     def text(self) -> str:
-        """What `phnn check` prints."""
+        """Return what `phnn check` prints."""
         lines = [describe(self.campaign), ""]
         if found := [(name, f) for name, some in self.findings.items() for f in some]:
             # Notes that differ in numbers alone share the line of the first.
@@ -579,7 +579,7 @@ class Checked:
         return "\n".join(lines).rstrip()
 
     def document(self) -> dict[str, Any]:
-        """The same as plain data, SI."""
+        """Return the same as plain data, SI."""
         return {
             "schema": "phnn.check/1",
             "recordings": {
@@ -609,7 +609,7 @@ def _grouped(how: str, told: Iterable[tuple[Hashable, tuple[str, str]]]) -> Iter
 
 
 def check(campaign: Campaign) -> Checked:
-    """All checks on all recordings that have an output."""
+    """Return all checks on all recordings that have an output."""
     recorded = [r for r in campaign.recordings if np.isfinite(r.y).all()]
     among = contaminated(recorded)
     units = odd_units(campaign)

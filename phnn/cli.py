@@ -125,7 +125,7 @@ def _dashes(command: str, strangers: Sequence[str]) -> str:
 
 @cache
 def _parser() -> tuple[_Parser, dict[str, argparse.ArgumentParser]]:
-    """The parser, and that of each command by name."""
+    """Return the parser, and that of each command by name."""
     parser = _Parser(
         prog="phnn",
         description="Models of piezoelectric actuators from recordings, and the physics they leave out.",
@@ -169,7 +169,7 @@ def _add(group: argparse._SubParsersAction, name: str, text: str) -> argparse.Ar
 
 
 def _training_settings() -> str:
-    """What ``phnn train`` accepts: its own file, and the choices of the groups in it."""
+    """Return what ``phnn train`` accepts: its own file, and the choices of the groups in it."""
     folder = config_folder()
     lines = [f"settings, given as key=value (with their defaults), from {folder / 'train.yaml'}:"]
     for group in ("model", "solver"):
@@ -200,7 +200,7 @@ def _add_own(commands: dict[str, argparse.ArgumentParser]) -> None:
 
 
 def _number(text: str) -> float:
-    """A number of the command line."""
+    """Return a number of the command line."""
     try:
         return float(text)
     except ValueError:

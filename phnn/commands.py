@@ -329,7 +329,7 @@ def train(config: Config) -> None:
     table = Table("recording", "use", "fit %", "residual over noise", title=f"{settings.named}, trained")
 
     def with_spread(row: Mapping[str, Any], key: str, form: str) -> str:
-        """A figure, with its standard deviation over several seeds."""
+        """Return a figure, with its standard deviation over several seeds."""
         spread = row.get(f"{key}_spread")
         return f"{row[key]:{form}}" + ("" if spread is None else f" ± {spread:.2g}")
 

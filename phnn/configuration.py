@@ -29,12 +29,12 @@ _LEAST = "least"
 
 
 def whole(default: int, least: int = 0) -> Any:
-    """A setting that is a whole number, ``least`` or more; at most what `phnn.intake` accepts."""
+    """Return a setting that is a whole number, ``least`` or more; at most what `phnn.intake` accepts."""
     return field(default=default, metadata={_LEAST: least})
 
 
 def positive(default: float) -> Any:
-    """A setting that is a positive number."""
+    """Return a setting that is a positive number."""
     return field(default=default, metadata={_LEAST: 0.0})
 
 
@@ -50,7 +50,7 @@ def check(settings: Any) -> None:
 
 
 def number(name: str, value: Any, least: float) -> float:
-    """The value of a setting, as a float where ``least`` is one.
+    """Return the value of a setting, as a float where ``least`` is one.
 
     Raises:
         InputRefused: wrong kind or out of range.
@@ -69,7 +69,7 @@ def number(name: str, value: Any, least: float) -> float:
 
 @cache
 def config_folder() -> Path:
-    """Where the yaml files lie: inside an installed package, beside ``phnn/`` in a source tree."""
+    """Return where the yaml files lie: inside an installed package, beside ``phnn/`` in a source tree."""
     package = Path(__file__).resolve().parent
     for candidate in (package / "configs", package.parent / "configs"):
         if candidate.is_dir():
@@ -78,7 +78,7 @@ def config_folder() -> Path:
 
 
 def compose(command: str, overrides: Sequence[str] = ()) -> dict[str, Any]:
-    """The settings of a command.
+    """Return the settings of a command.
 
     Args:
         command: name of the yaml file.
@@ -103,7 +103,7 @@ def compose(command: str, overrides: Sequence[str] = ()) -> dict[str, Any]:
 
 
 def _values(content: Any, command: str, overrides: Sequence[str], verb: str, remedy: str) -> Any:
-    """What a file comes to, as plain values: its content where that is given, else what hydra composes.
+    """Return what a file comes to, as plain values: its content where that is given, else what hydra composes.
 
     Raises:
         InputRefused: hydra cannot apply an override, or a value is missing; with the verb and the remedy.
@@ -130,7 +130,7 @@ def _values(content: Any, command: str, overrides: Sequence[str], verb: str, rem
 
 
 def checked(command: str, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings that were composed elsewhere, held against the defaults of a command.
+    """Return the settings that were composed elsewhere, held against the defaults of a command.
 
     Raises:
         InputRefused: a value of the wrong kind or out of range.
@@ -142,7 +142,7 @@ def checked(command: str, given: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def compose_groups(command: str, overrides: Sequence[str] = ()) -> dict[str, Any]:
-    """The settings of a command whose file chooses others by a defaults list; their values are for it to check.
+    """Return the settings of a command whose file chooses others by a defaults list; their values are for it to check.
 
     The override ``configs=DIR`` adds a folder of the user's own, in whose ``model/`` and ``solver/`` files are sought.
 
@@ -170,7 +170,7 @@ def _check_key(command: str, override: str, defaults: Mapping[str, Any]) -> None
 
 
 def _in_full(override: str, defaults: Mapping[str, Any]) -> str:
-    """An override as hydra takes it: a criterion stands in no file, for its class owns the default.
+    """Return an override as hydra takes it: a criterion stands in no file, for its class owns the default.
 
     ``material`` and ``material_share`` are criteria by their former names.
     """
@@ -182,7 +182,7 @@ def _in_full(override: str, defaults: Mapping[str, Any]) -> str:
 
 
 def _checked(key: str, value: Any, default: Any) -> Any:
-    """The value, as a float where the default is one.
+    """Return the value, as a float where the default is one.
 
     Raises:
         InputRefused: wrong kind or out of range.

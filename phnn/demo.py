@@ -84,12 +84,12 @@ class Drive:
 
     @property
     def t(self) -> Array:
-        """Sampling times, (samples,), s."""
+        """Return the sampling times, (samples,), s."""
         return np.arange(self.samples, dtype=np.float64) * self.dt
 
     @property
     def u(self) -> Array:
-        """Voltages, (samples,), V; a sample at a jump belongs to what follows."""
+        """Return the voltages, (samples,), V; a sample at a jump belongs to what follows."""
         ends = (*(first for first, _ in self.pieces[1:]), self.samples)
         t = self.t.tolist()
         return np.array([f(x) for (first, f), end in zip(self.pieces, ends, strict=True) for x in t[first:end]])

@@ -40,7 +40,7 @@ def output_derivatives(
     varied: Sequence[tuple[str, Array]] = (),
     instants: bool = False,
 ) -> Array:
-    """(N, K + G + S + F + W) derivatives of the output.
+    """Return (N, K + G + S + F + W) derivatives of the output.
 
     Args:
         names: K parameters of the setup.
@@ -91,7 +91,7 @@ def output_derivatives(
 
 
 def _by_start(trajectory: Trajectory, initial: Sequence[int]) -> Array:
-    """(N, S) derivatives of an output by initial states, of a network that torch has solved."""
+    """Return (N, S) derivatives of an output by initial states, of a network that torch has solved."""
     from phnn.integrate.differentiable import by_start
 
     nodes, times, samples_of = sensed(
@@ -109,7 +109,7 @@ def _by_start(trajectory: Trajectory, initial: Sequence[int]) -> Array:
 
 
 def _integrated(trajectory: Trajectory) -> Integrated:
-    """The simulation as the sweeps take it."""
+    """Return the simulation as the sweeps take it."""
     return Integrated(
         trajectory.program, trajectory.theta, trajectory.states, trajectory.efforts, trajectory.u, trajectory.h
     )
@@ -132,7 +132,7 @@ def _start_derivative(trajectory: Trajectory, moved: Perturbed, places: NDArray[
 
 
 def input_force(trajectory: Trajectory, change: Array) -> Array:
-    """(n, …) change of the junction force by a change of the port's input, ``g ψ'(V) δV``."""
+    """Return (n, …) change of the junction force by a change of the port's input, ``g ψ'(V) δV``."""
     port = trajectory.setup.network.ports[0]
     ((_, ratio),) = port.on.items()
     values = {n: p.value for n, p in trajectory.setup.network.parameters.items()}
@@ -142,7 +142,7 @@ def input_force(trajectory: Trajectory, change: Array) -> Array:
 
 
 def _factor(trajectory: Trajectory, ratio: str) -> Array | float:
-    """(n,) what a ratio is multiplied by during the steps; one where it follows no state."""
+    """Return (n,) what a ratio is multiplied by during the steps; one where it follows no state."""
     network, states = trajectory.setup.network, trajectory.states
     total: Array | float = 1.0
     for m in network.modulations:
@@ -209,7 +209,7 @@ def _by_instants(trajectory: Trajectory) -> list[_Acting]:
 
 
 def _action(trajectory: Trajectory, place: int, change: Array) -> Array:
-    """(n, P) ``ψ'(u) δu`` of a change (n,) of one port's input."""
+    """Return (n, P) ``ψ'(u) δu`` of a change (n,) of one port's input."""
     network = trajectory.setup.network
     port, out = network.ports[place], np.zeros(trajectory.u.shape)
     slope = PORT_LAWS[port.law].slope(trajectory.u[:, place], *(network.parameters[n].value for n in port.parameters))

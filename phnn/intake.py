@@ -68,7 +68,7 @@ class Limits:
         return int(getattr(self, count)) if own else 10**self.digits - 1
 
     def memory_for_a_file(self) -> int:
-        """Bytes that the numbers of one file may take."""
+        """Return the bytes that the numbers of one file may take."""
         return int(self.memory_share * available_memory())
 
 
@@ -240,7 +240,7 @@ def named_file(
 
 
 def shown_bytes(size: float) -> str:
-    """A number of bytes with three digits."""
+    """Return a number of bytes with three digits."""
     for unit in ("bytes", "kB", "MB"):
         if size < 1000.0:
             return f"{size:.3g} {unit}"
@@ -252,7 +252,7 @@ _JSON_TOO_DEEP = f"lists and objects more than {LIMITS.depth} levels deep"
 
 
 def load_json(source: Source, most: int, what: str, remedy: str) -> Any:
-    """The content of a json file.
+    """Return the content of a json file.
 
     Args:
         most: bytes; what: of a kind of file, and remedy: for the messages.
@@ -332,7 +332,7 @@ class _Refused(ValueError):
 
 
 def load_yaml(source: Source) -> Any:
-    """The one document of a yaml file; ``None`` where it holds none.
+    """Return the one document of a yaml file; ``None`` where it holds none.
 
     Raises:
         InputRefused: too large, no yaml, or something that is no plain value within the limits; names file and line.
@@ -348,7 +348,7 @@ def load_yaml(source: Source) -> Any:
 
 
 def plain_values(text: str, name: str) -> Any:
-    """The one document of a yaml text; ``name`` is that of the file. Raises InputRefused as `load_yaml`."""
+    """Return the one document of a yaml text; ``name`` is that of the file. Raises InputRefused as `load_yaml`."""
     import yaml
 
     # Without a meaning of their own, values have the tags that somebody wrote, or say whether they stood in quotes.

@@ -3,9 +3,8 @@
 The page shows the columns of every file, takes their roles and units, writes the manifest, and runs ``phnn check`` and
 ``phnn diagnose`` as processes of their own, whose words and progress it asks for once a second.
 
-Nobody else may ask. The server listens on 127.0.0.1 only. The address that is printed holds a token, good for one call,
-in exchange for a cookie that no script reads and no other site sends. Every request must name this server as its host,
-and where it names an origin, as that; a body may have a megabyte. Nothing but the files below is ever sent.
+Nobody else may ask: the server listens on 127.0.0.1 only, the address that is printed holds a token for one call, and
+the cookie that it is exchanged for no script reads and no other site sends. docs/security.md has the whole list.
 """
 
 from __future__ import annotations
@@ -114,7 +113,7 @@ class Work:
 
     @property
     def running(self) -> bool:
-        """Whether a command has not ended yet."""
+        """Return whether a command has not ended yet."""
         return self.process is not None and self.process.poll() is None
 
     def state(self) -> dict[str, Any]:
@@ -186,9 +185,8 @@ class _Refused(Exception):
 
 class _Handler(BaseHTTPRequestHandler):
     server: Server
-    server_version, sys_version = "phnn", ""
-    # Seconds that a browser may take for a request.
-    timeout = 20
+    # A browser may take so many seconds for a request.
+    server_version, sys_version, timeout = "phnn", "", 20
 
     def do_GET(self) -> None:
         work = self.server.work

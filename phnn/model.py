@@ -65,7 +65,7 @@ class Model:
 
     @property
     def parameters(self) -> dict[str, float]:
-        """Values of all parameters in SI units, by name."""
+        """Return the values of all parameters in SI units, by name."""
         return self.setup.values()
 
     @cached_property
@@ -80,7 +80,7 @@ class Model:
         return PortHamiltonianSystem(self.setup.network)
 
     def with_network(self, network: Network) -> Model:
-        """The model with another network between its amplifier and its sensor."""
+        """Return the model with another network between its amplifier and its sensor."""
         return replace(self, setup=replace(self.setup, network=network))
 
     def simulate(

@@ -80,7 +80,7 @@ def concluded(tell: Callable[[Path], bool]) -> Iterator[None]:
 
 
 def is_sweep() -> bool:
-    """Whether the present job is one of a sweep."""
+    """Return whether the present job is one of a sweep."""
     return HydraConfig.get().mode == RunMode.MULTIRUN
 
 

@@ -30,7 +30,7 @@ class Domain:
         return math.isfinite(value) and (value > self.lower or (self.closed and value == self.lower))
 
     def __and__(self, other: Domain) -> Domain:
-        """The stricter of two domains."""
+        """Return the stricter of two domains."""
         return max(self, other, key=lambda d: (d.lower, not d.closed))
 
 
@@ -87,7 +87,7 @@ class Parameter:
             )
 
     def within(self, domain: Domain, where: str) -> Parameter:
-        """The parameter with its bounds inside the domain that a law asks for.
+        """Return the parameter with its bounds inside the domain that a law asks for.
 
         Args:
             where: the law and element, for the message.
@@ -107,20 +107,20 @@ class Parameter:
         return replace(self, lower=domain.lower, positive=not domain.closed)
 
     def to_coordinate(self, value: float) -> float:
-        """The estimation coordinate ``z`` of a physical value."""
+        """Return the estimation coordinate ``z`` of a physical value."""
         return math.log(value) if self.positive else value / self.typical
 
     def from_coordinate(self, z: float) -> float:
-        """The physical value of an estimation coordinate ``z``."""
+        """Return the physical value of an estimation coordinate ``z``."""
         return math.exp(z) if self.positive else z * self.typical
 
     def slope(self, value: float) -> float:
-        """``dθ/dz`` at a physical value."""
+        """Return ``dθ/dz`` at a physical value."""
         return value if self.positive else self.typical
 
     @property
     def coordinate_bounds(self) -> tuple[float, float]:
-        """Bounds on ``z``."""
+        """Return the bounds on ``z``."""
         if not self.positive:
             return self.lower / self.typical, self.upper / self.typical
         lower = math.log(self.lower) if self.lower > 0.0 else -math.inf
@@ -128,7 +128,7 @@ class Parameter:
 
 
 def positive(name: str, value: float, unit: str, description: str = "", span: float = 1e6) -> Parameter:
-    """A positive parameter that may move by a factor ``span`` either way."""
+    """Return a positive parameter that may move by a factor ``span`` either way."""
     return Parameter(name, value, unit, value / span, value * span, positive=True, description=description)
 
 
@@ -137,18 +137,18 @@ _FAR = 1e6
 
 
 def signed(name: str, value: float, unit: str, reach: float, typical: float, description: str) -> Parameter:
-    """A parameter of either sign, up to ``reach`` or a factor 10⁶ beyond the size it is placed with."""
+    """Return a parameter of either sign, up to ``reach`` or a factor 10⁶ beyond the size it is placed with."""
     reach = max(reach, _FAR * abs(value))
     return Parameter(name, value, unit, -reach, reach, typical=typical, description=description)
 
 
 def constant(name: str, value: float, unit: str, description: str = "") -> Parameter:
-    """A parameter that is never estimated."""
+    """Return a parameter that is never estimated."""
     return Parameter(name, value, unit, fixed=True, description=description)
 
 
 def as_table(parameters: Iterable[Parameter]) -> dict[str, Parameter]:
-    """Parameters by name.
+    """Return the parameters by name.
 
     Raises:
         InputRefused: two parameters share a name.
@@ -162,7 +162,7 @@ def as_table(parameters: Iterable[Parameter]) -> dict[str, Parameter]:
 
 
 def with_values(table: Mapping[str, Parameter], values: Mapping[str, float]) -> dict[str, Parameter]:
-    """The table with some values replaced, bounds widened where a stated value lies outside them.
+    """Return the table with some values replaced, bounds widened where a stated value lies outside them.
 
     Raises:
         InputRefused: a name that the table does not have.
@@ -198,7 +198,7 @@ def quantity(value: float, unit: str, digits: int = 3) -> str:
 
 
 def _power(value: float) -> int:
-    """The exponent of the prefix with which a value has one to three digits before the point."""
+    """Return the exponent of the prefix with which a value has one to three digits before the point."""
     return min(max(3 * math.floor(math.log10(abs(value)) / 3), -15), 9)
 
 
@@ -216,7 +216,7 @@ def prefixed(value: float, unit: str) -> tuple[float, str]:
 
 
 def duration(seconds: float) -> str:
-    """A time as people say it: ``0.4 ms``, ``27 min``, ``3.5 h``."""
+    """Return a time as people say it: ``0.4 ms``, ``27 min``, ``3.5 h``."""
     for size, unit in ((86400.0, "d"), (3600.0, "h"), (60.0, "min")):
         if seconds >= 2.0 * size:
             return f"{seconds / size:.2g} {unit}"

@@ -45,7 +45,7 @@ class ErrorIndices(NamedTuple):
 
 
 def error_indices(recorded: Array, simulated: Array, skipped: int = 0) -> ErrorIndices:
-    """The indices of one output.
+    """Return the indices of one output.
 
     Args:
         recorded, simulated: (N,) samples of one unit.
@@ -61,7 +61,7 @@ def error_indices(recorded: Array, simulated: Array, skipped: int = 0) -> ErrorI
 
 
 def output_spread(setup: Setup, recording: Recording, substeps: int) -> Array | None:
-    """(N,) standard error of a prediction by the unknown instants of the input's jumps; None where it has none.
+    """Return (N,) standard error of a prediction by the unknown instants of the input's jumps; None where it has none.
 
     Without a recorded output each jump may lie anywhere in its sample interval.
     """
@@ -109,7 +109,7 @@ class Predicted:
 
     @property
     def scored(self) -> slice:
-        """The samples that are scored; none where no output was recorded."""
+        """Return the samples that are scored; none where no output was recorded."""
         if not np.isfinite(self.recording.y).all():
             return slice(0, 0)
         parts = () if self.whole else self.recording.parts
@@ -118,12 +118,12 @@ class Predicted:
 
     @property
     def error(self) -> Array:
-        """(n,) recorded minus simulated output of the scored samples, SI."""
+        """Return (n,) recorded minus simulated output of the scored samples, SI."""
         return np.asarray((self.recording.y - self.y)[self.scored])
 
     @property
     def spread(self) -> Array:
-        """(n,) recorded output of the scored samples without its mean, SI."""
+        """Return (n,) recorded output of the scored samples without its mean, SI."""
         y = self.recording.y[self.scored]
         # The mean of a constant is rounded.
         return np.asarray(y - (y.mean() if np.ptp(y) > 0.0 else y))
@@ -141,7 +141,7 @@ class Predicted:
         return error_indices(recorded, self.y[: recorded.size], first)
 
     def document(self, file: str) -> dict[str, Any]:
-        """The entry of ``predict.json``; what is undefined is None.
+        """Return the entry of ``predict.json``; what is undefined is None.
 
         Args:
             file: name of the table's file.
@@ -187,7 +187,7 @@ def predicted(setup: Setup, recording: Recording, substeps: int, held_out: bool 
 
 
 def _column(network: Network, recording: Recording) -> str:
-    """Name of the output's column, with its unit."""
+    """Return the name of the output's column, with its unit."""
     if recording.sensor.derivative:
         return f"output_{recording.units.output}"
     if network.senses:
@@ -197,8 +197,8 @@ def _column(network: Network, recording: Recording) -> str:
 
 
 def totals(found: Sequence[Predicted]) -> dict[str, dict[str, Any]]:
-    """Scores over all recordings that have an output and, where the manifest marks some as held out, over these and
-    over the others; empty where there is nothing to score."""
+    """Return the scores over all recordings that have an output and, where the manifest marks some as held out, over
+    these and over the others; empty where there is nothing to score."""
     scored = [p for p in found if p.error.size]
     groups = {"all": scored}
     if any(p.held_out for p in scored):
@@ -208,7 +208,7 @@ def totals(found: Sequence[Predicted]) -> dict[str, dict[str, Any]]:
 
 
 def _total(some: Sequence[Predicted]) -> dict[str, Any]:
-    """Scores over several recordings.
+    """Return the scores over several recordings.
 
     RMSE and fit % are those of all samples together, each recording about its own mean; they need one unit. Residual
     over noise is the root mean square over the recordings that have a noise floor. What is undefined is None.
@@ -228,7 +228,7 @@ def _total(some: Sequence[Predicted]) -> dict[str, Any]:
 
 
 def document(found: Sequence[Predicted], files: dict[str, str], model: str) -> dict[str, Any]:
-    """The content of ``predict.json``.
+    """Return the content of ``predict.json``.
 
     Args:
         files: names of the tables' files by recording; model: where the model lies.

@@ -89,7 +89,7 @@ class Ended:
 
     @property
     def early(self) -> bool:
-        """Whether something was left to try."""
+        """Return whether something was left to try."""
         return self.why != NOTHING_LEFT
 
 
@@ -118,23 +118,23 @@ class Account:
         self.checked = checked
 
     def ended(self, budget: float | None = None) -> Ended:
-        """All of it."""
+        """Return all of it."""
         why = self.stopped or (FAILURE if self._lost else NOTHING_LEFT)
         left, bad, warnings = tuple(dict.fromkeys(self.not_tried)), tuple(self.failed), tuple(self.warnings)
         return Ended(why, left, bad, warnings, budget, self.evaluations, self.interruption)
 
     @property
     def evaluations(self) -> float:
-        """What was spent so far, see `allow`; 0 where nothing is bounded."""
+        """Return what was spent so far, see `allow`; 0 where nothing is bounded."""
         return self.spent / self.unit
 
     @property
     def used_up(self) -> bool:
-        """Whether the allowed evaluations are spent."""
+        """Return whether the allowed evaluations are spent."""
         return self.evaluations >= self.most
 
     def run(self, part: str, work: Callable[[], T], otherwise: T, checked: bool, ends: bool) -> T:
-        """The result of a part; ``otherwise`` where it failed or was stopped.
+        """Return the result of a part; ``otherwise`` where it failed or was stopped.
 
         Args:
             checked: it may be stopped when the time is up.
@@ -185,7 +185,7 @@ def accounted(until: float = float("inf"), checked: bool = False, answers: bool 
 
 
 def deadline(budget: float | None) -> float:
-    """The time of day [s since the epoch] at which a budget of seconds is used up.
+    """Return the time of day [s since the epoch] at which a budget of seconds is used up.
 
     Raises:
         InputRefused: it is no positive number.
@@ -227,19 +227,19 @@ def allow(evaluations: float, unit: float) -> None:
 
 
 def spent() -> float:
-    """The share of the allowed evaluations that was spent so far."""
+    """Return the share of the allowed evaluations that was spent so far."""
     account = _ACCOUNT.get()
     return 0.0 if account is None else account.evaluations / account.most
 
 
 def used_up() -> bool:
-    """Whether a move has spent what it may: a fit then ends where it is."""
+    """Return whether a move has spent what it may: a fit then ends where it is."""
     account = _ACCOUNT.get()
     return account is not None and account.checked and account.used_up
 
 
 def untried() -> int:
-    """How many parts were left out so far because the search had ended."""
+    """Return how many parts were left out so far because the search had ended."""
     account = _ACCOUNT.get()
     return 0 if account is None else len(account.not_tried)
 
@@ -258,7 +258,7 @@ def late(part: str) -> bool:
 
 
 def attempt(part: str, work: Callable[[], T], otherwise: T) -> T:
-    """What one model gives; ``otherwise`` where it cannot be simulated, or its fit raises."""
+    """Return what one model gives; ``otherwise`` where it cannot be simulated, or its fit raises."""
     account = _ACCOUNT.get()
     try:
         return work()
@@ -273,12 +273,12 @@ def attempt(part: str, work: Callable[[], T], otherwise: T) -> T:
 
 
 def move(part: str, work: Callable[[], T], otherwise: T) -> T:
-    """What a move of the search gives; ``otherwise`` where it fails, or time is up."""
+    """Return what a move of the search gives; ``otherwise`` where it fails, or time is up."""
     return _unless_stopped(part, work, otherwise, ends=True)
 
 
 def extra(part: str, work: Callable[[], T], otherwise: T) -> T:
-    """What a part gives that an answer can do without; ``otherwise`` where it fails, or time is up."""
+    """Return what a part gives that an answer can do without; ``otherwise`` where it fails, or time is up."""
     return _unless_stopped(part, work, otherwise, ends=False)
 
 
@@ -293,7 +293,7 @@ def _unless_stopped(part: str, work: Callable[[], T], otherwise: T, ends: bool) 
 
 
 def needed(part: str, work: Callable[[], T], otherwise: T, ends: bool = False) -> T:
-    """What a part of every answer gives; ``otherwise`` where it fails.
+    """Return what a part of every answer gives; ``otherwise`` where it fails.
 
     Args:
         ends: its failure ends the search.
@@ -313,7 +313,7 @@ class _Result(NamedTuple):
 
 
 def results(executor: Executor, work: Callable[[Any], Any], items: Sequence[Any], names: Sequence[str]) -> list[Any]:
-    """``work(item)`` of every item, done by an executor; None where an item failed, or the search was ended.
+    """Return ``work(item)`` of every item, done by an executor; None where an item failed, or the search was ended.
 
     An item spends at most what is left of the budget, side by side with others half of it. Near its end no more items
     are begun at a time than two, or than there are workers, so that it ends between them.
@@ -363,7 +363,7 @@ def results(executor: Executor, work: Callable[[Any], Any], items: Sequence[Any]
 def _one(
     work: Callable[[Any], Any], until: float, steps: float, among: bool, above: Account | None, item: Any
 ) -> _Result:
-    """One item, accounted for by itself: it may be at work in another process."""
+    """Return one item, accounted for by itself: it may be at work in another process."""
     with accounted(until, checked=True) as account:
         account.among, account.above = among, above
         allow(steps, 1.0)
@@ -382,13 +382,13 @@ def among_others() -> bool:
 
 
 def warnings() -> tuple[Failure, ...]:
-    """Parts that have failed so far."""
+    """Return the parts that have failed so far."""
     account = _ACCOUNT.get()
     return () if account is None else tuple(account.warnings)
 
 
 def documents(failures: Sequence[Failure]) -> list[Mapping[str, Any]]:
-    """Failures for a json file, equal ones once with their number."""
+    """Return the failures for a json file, equal ones once with their number."""
     return [vars(failure) | {"times": times} for failure, times in Counter(failures).items()]
 
 
@@ -397,7 +397,7 @@ def _strict() -> bool:
 
 
 def _failure(part: str, error: Exception) -> Failure:
-    """What is told of an exception; its frames, which hold all recordings, are let go."""
+    """Return what is told of an exception; its frames, which hold all recordings, are let go."""
     frames = traceback.extract_tb(error.__traceback__)
     passed = [f for f in frames if Path(f.filename) != Path(__file__)]
     last = [*passed, *(f for f in passed if Path(f.filename).resolve().is_relative_to(_PACKAGE))][-1]

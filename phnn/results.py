@@ -253,7 +253,7 @@ class Place:
 
     @property
     def path(self) -> Path:
-        """Path of the file or folder."""
+        """Return the path of the file or folder."""
         return self.root / self.name
 
     def __str__(self) -> str:
@@ -335,7 +335,7 @@ class Origin:
 
     @property
     def complete(self) -> dict[str, Any]:
-        """``made_of`` with the version, as it comes back from disk."""
+        """Return ``made_of`` with the version, as it comes back from disk."""
         return {**json.loads(json.dumps(finite(self.made_of))), "version": version("phnn")}
 
 

@@ -85,25 +85,25 @@ class Setup:
 
     @cached_property
     def parameters(self) -> dict[str, Parameter]:
-        """All parameters, the network's first."""
+        """Return all parameters, the network's first."""
         return as_table((*self.network.parameters.values(), *(self.block_parameters or {}).values()))
 
     @property
     def free(self) -> tuple[str, ...]:
-        """Names of the parameters that may be estimated."""
+        """Return the names of the parameters that may be estimated."""
         return tuple(n for n, p in self.parameters.items() if not p.fixed)
 
     @property
     def has_zero(self) -> bool:
-        """Whether the zero of the output is a parameter, and no recording has one of its own."""
+        """Return whether the zero of the output is a parameter, and no recording has one of its own."""
         return any(block.kind == "zero" for block in self.sensor)
 
     def values(self) -> dict[str, float]:
-        """Parameter values by name, SI."""
+        """Return the parameter values by name, SI."""
         return {n: p.value for n, p in self.parameters.items()}
 
     def with_values(self, values: Mapping[str, float]) -> Setup:
-        """The same setup with other parameter values."""
+        """Return the same setup with other parameter values."""
         blocks = self.block_parameters or {}
         unknown = sorted(set(values) - set(self.parameters))
         if unknown:
@@ -115,14 +115,14 @@ class Setup:
         )
 
     def with_block(self, stage: str, block: Block, parameters: tuple[Parameter, ...]) -> Setup:
-        """The setup with one more block at the end of the ``amplifier`` or ``sensor`` stage."""
+        """Return the setup with one more block at the end of the ``amplifier`` or ``sensor`` stage."""
         table = as_table((*(self.block_parameters or {}).values(), *parameters))
         if stage == "amplifier":
             return replace(self, amplifier=(*self.amplifier, block), block_parameters=table)
         return replace(self, sensor=(*self.sensor, block), block_parameters=table)
 
     def with_source(self, source: Source, parameters: tuple[Parameter, ...]) -> Setup:
-        """The setup with one more source, on a port that the network has.
+        """Return the setup with one more source, on a port that the network has.
 
         Raises:
             StructureViolated: it has no such port, or that of the recorded input, its first.

@@ -41,7 +41,7 @@ _RATE = Block("rate")
 
 
 def sensing(setup: Setup, recording: Recording) -> Setup:
-    """The setup with the known sensor of a recording between the network and its other sensor blocks.
+    """Return the setup with the known sensor of a recording between the network and its other sensor blocks.
 
     The sensor belongs to the recording: one model serves recordings by several sensors. So does an input that is the
     displacement of a motion of which the network takes the velocity: its rate then drives the network.
@@ -64,13 +64,13 @@ def sensing(setup: Setup, recording: Recording) -> Setup:
 
 
 def is_displacement(setup: Setup, recording: Recording) -> bool:
-    """Whether the recorded input is the integral over time of what the first port takes, by their units."""
+    """Return whether the recorded input is the integral over time of what the first port takes, by their units."""
     port = next(iter(setup.network.ports), None)
     return port is not None and recording.units.input == integral_unit(port.unit) != "1"
 
 
 def _moved(setup: Setup, recording: Recording) -> Setup:
-    """The setup with the rate of a recorded displacement before its other amplifier blocks.
+    """Return the setup with the rate of a recorded displacement before its other amplifier blocks.
 
     Raises:
         InputRefused: the displacement is said to be held between the samples, and a jump has no rate.
@@ -127,12 +127,12 @@ def _change(moved: tuple[Any, Any]) -> tuple[Array, float]:
 
 
 def place_of(setup: Setup, source: Source) -> int:
-    """Which port of the network a source acts on."""
+    """Return which port of the network a source acts on."""
     return [p.name for p in setup.network.ports].index(source.port)
 
 
 def source_input(setup: Setup, source: Source, h: Array, lead: float, perturbed: str = "") -> Any:
-    """(n,) means of a source over the steps ``h`` (n,).
+    """Return (n,) means of a source over the steps ``h`` (n,).
 
     Args:
         lead: duration [s] of a run-in, during which sources are silent.
@@ -168,8 +168,8 @@ def sensed(
 
 
 def _beside_jumps(setup: Setup, recording: Recording, driving: Driving) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """(M,) the samples next to a jump of an imposed flow, and whether each lies behind it; none where a further block
-    of the sensor has a state, which asks for times that differ."""
+    """Return (M,) the samples next to a jump of an imposed flow, and whether each lies behind it; none where a further
+    block of the sensor has a state, which asks for times that differ."""
     plain = setup.network.senses and not any(b.kind in REMEMBERING for b in setup.sensor[1:])
     u = driving.command.u
     if not plain or is_displacement(setup, recording):
@@ -186,7 +186,7 @@ def _beside_jumps(setup: Setup, recording: Recording, driving: Driving) -> tuple
 
 
 def measured(setup: Setup, q: Array, times: Array) -> Array:
-    """(N,) what the sensor makes of the network's output at the samples."""
+    """Return (N,) what the sensor makes of the network's output at the samples."""
     for block in setup.sensor:
         q = SENSORS[block.kind](q, times, *_values(setup, block))
     return q
@@ -216,7 +216,7 @@ def measured_changes(setup: Setup, q: Array, times: Array, changes: Array, names
 
 
 def _values(setup: Setup, block: Block | Source, perturbed: str = "") -> list[Any]:
-    """Values of the parameters of a block or source, one of them with a complex step."""
+    """Return the values of the parameters of a block or source, one of them with a complex step."""
     values = [setup.parameters[p].value for p in block.parameters]
     return [complex(v, TINY) if p == perturbed else v for p, v in zip(block.parameters, values, strict=True)]
 
@@ -266,7 +266,7 @@ class Trajectory:
 
     @property
     def program(self) -> Program:
-        """The compiled network.
+        """Return the compiled network.
 
         Raises:
             StructureViolated: a law has no kernel; names it.
@@ -275,19 +275,19 @@ class Trajectory:
 
     @property
     def travel(self) -> int:
-        """Number of the state of an imposed motion, −1 without one."""
+        """Return the number of the state of an imposed motion, −1 without one."""
         return -1 if self.compiled is None else self.compiled.travel
 
     @property
     def output(self) -> int:
-        """Number of the measured state."""
+        """Return the number of the measured state."""
         network = measured_network(self.setup.network, self.recording)
         return network.state_names.index(network.output)
 
     @property
     def velocity(self) -> Array:
-        """(n,) mean rate of the output during the steps [m/s]: the flow through it, or the change of a storage that no
-        other one drives."""
+        """Return (n,) mean rate of the output during the steps [m/s]: the flow through it, or the change of a storage
+        that no other one drives."""
         try:
             return self.efforts[:, self.program.flow]
         except StructureViolated:
@@ -301,7 +301,7 @@ class Trajectory:
 
     @property
     def mid_displacement(self) -> Array:
-        """(n,) displacement in the middle of the steps: the output state, or that of an imposed motion."""
+        """Return (n,) displacement in the middle of the steps: the output state, or that of an imposed motion."""
         q = self.states[:, self.output if self.travel < 0 else self.travel]
         return 0.5 * (q[1:] + q[:-1])
 
@@ -389,7 +389,7 @@ def _port_inputs(
 def _begun(
     program: Program, network: Network, u: Array, h: Array, held: Array, place: float | None, name: str
 ) -> Array:  # fmt: skip
-    """(N,) the state in which a simulation begins: at rest under inputs, or in the steady cycle of a period.
+    """Return (N,) the state in which a simulation begins: at rest under inputs, or in the steady cycle of a period.
 
     Args:
         place: the displacement at which an imposed motion begins, where it was recorded.
@@ -411,12 +411,12 @@ def _begun(
 
 
 def measured_network(network: Network, recording: Recording) -> Network:
-    """The network with what a recording measures as its output."""
+    """Return the network with what a recording measures as its output."""
     return replace(network, output=recording.measures, senses="") if recording.measures else network
 
 
 def further_ports(network: Network, recording: Recording) -> list[int]:
-    """Places of the ports that a recording drives beside the first."""
+    """Return the places of the ports that a recording drives beside the first."""
     names = [p.name for p in network.ports]
     return [names.index(name) for name in recording.further]
 
@@ -470,7 +470,7 @@ def _check_dimension(network: Network, recording: Recording) -> None:
 
 
 def driven(setup: Setup, fine: Any, h: Array, before: Any, cycle: int) -> tuple[Any, Any]:
-    """The voltage at the port (n, 3), periodic if there is a cycle, and the one before; see `amplified`."""
+    """Return the voltage at the port (n, 3), periodic if there is a cycle, and the one before; see `amplified`."""
     longer, steps, first = _with_run_in(setup, fine, h, cycle)
     found, before = amplified(setup, longer, steps, before)
     return made_periodic(found[first:], cycle), before
@@ -479,7 +479,7 @@ def driven(setup: Setup, fine: Any, h: Array, before: Any, cycle: int) -> tuple[
 def driven_changes(
     setup: Setup, fine: Array, h: Array, before: float, cycle: int, names: Sequence[str]
 ) -> dict[str, tuple[Array, float]]:
-    """The same for changes by parameters of the amplifier; see `amplifier_changes`."""
+    """Return the same for changes by parameters of the amplifier; see `amplifier_changes`."""
     longer, steps, first = _with_run_in(setup, fine, h, cycle)
     changes = amplifier_changes(setup, longer, steps, before, names)
     return {n: (made_periodic(c[first:], cycle), b) for n, (c, b) in changes.items()}

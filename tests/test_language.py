@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import io
 import re
 import tokenize
@@ -91,3 +92,22 @@ def test_the_glossary_is_in_order() -> None:
     rows = [line.split("|")[1] for line in (ROOT / "docs/glossary.md").read_text("utf-8").splitlines() if "|" in line]
     terms = [t.strip(" `").lower() for t in rows[2 : rows.index(" location ", 3)]]
     assert terms == sorted(set(terms))
+
+
+# Names that say nothing of what they hold, and answers whose docstring begins with no verb: every change may lower
+# these counts, none may raise them.
+VAGUE = {"found", "here", "said", "left", "own", "beside", "told"}
+NO_VERB = re.compile(r"(The|An?|Whether|What|How|Why|Where|Which|All|Every|Each|Names?|Values|Numbers?)\b|[^A-Z]")
+MOST_VAGUE, MOST_WITHOUT_VERB = 552, 137
+
+
+def test_names_and_docstrings_say_what_they_hold() -> None:
+    nodes = [node for path in MODULES for node in ast.walk(ast.parse(path.read_text("utf-8")))]
+    names = [n.id for n in nodes if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)]
+    names += [n.arg for n in nodes if isinstance(n, ast.arg)]
+    answers = [n for n in nodes if isinstance(n, ast.FunctionDef) and n.returns and ast.unparse(n.returns) != "None"]
+    without_verb = [n.name for n in answers if NO_VERB.match(ast.get_docstring(n) or "Return")]
+    vague = [name for name in names if name in VAGUE]
+    assert len(vague) <= MOST_VAGUE and len(without_verb) <= MOST_WITHOUT_VERB, (
+        f"{len(vague)} names of {', '.join(sorted(VAGUE))}; {len(without_verb)} docstrings without a verb"
+    )

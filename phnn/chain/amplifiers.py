@@ -46,7 +46,7 @@ def rate(y: Array, t: Array) -> Array:
 
 
 def imposed_rate(fine: Array, h: Array, before: Any) -> Array:
-    """``u̇`` within the steps: a motion that is imposed by its displacement, as the velocity that it is.
+    """Return ``u̇`` within the steps: a motion that is imposed by its displacement, as the velocity that it is.
 
     Of the parabola through start, middle and end of every step, so that the mean over a step is the difference of the
     displacement over the step, ``Δu/h``, exactly: no noise of the samples is amplified beyond that.
@@ -63,7 +63,7 @@ def imposed_rate(fine: Array, h: Array, before: Any) -> Array:
 
 
 def kneed(u: Array, share: Any, level: Any) -> Array:
-    """``u − a max(u − U, 0)`` for ``U ≥ 0`` and mirrored for ``U < 0``: the slope is ``1 − a`` beyond the level.
+    """Return ``u − a max(u − U, 0)`` for ``U ≥ 0`` and mirrored for ``U < 0``: the slope is ``1 − a`` beyond the level.
 
     Monotone for ``a ≤ 1``.
     """
@@ -79,7 +79,7 @@ def banded(u: Array, share: Any, level: Any) -> Array:
 
 
 def bent(u: Array, square: Any, cube: Any, level: Any) -> Array:
-    """``u + U (a₂ s² + a₃ s³)``, ``s = u/U``, continued by its tangents for ``|s| > 1``.
+    """Return ``u + U (a₂ s² + a₃ s³)``, ``s = u/U``, continued by its tangents for ``|s| > 1``.
 
     Its slope is at least ``1 − 2|a₂| − 3|a₃|`` everywhere.
     """
@@ -95,7 +95,7 @@ _JUMP = 1e-9
 
 
 def delay(fine: Array, h: Array, before: Any, tau: Any) -> Array:
-    """``V(t) = u(t − τ)``, ``u`` the parabola through the three points of every step.
+    """Return ``V(t) = u(t − τ)``, ``u`` the parabola through the three points of every step.
 
     Jumps of ``u`` keep their one-sided values where they fall between two steps. Where one falls into a step, the
     middle value is chosen such that the mean over the step by Simpson's rule is that of the delayed signal: what the
@@ -136,7 +136,7 @@ def _delay_loop(fine: Any, h: Any, before: Any, tau: Any, nodes: Any, jumps: Any
 
 @shared
 def parabola(first: Any, middle: Any, last: Any, s: Any) -> Any:
-    """The parabola through values at 0, ½ and 1, at ``s``, and its integral from 0 to there."""
+    """Return the parabola through values at 0, ½ and 1, at ``s``, and its integral from 0 to there."""
     linear, square = 4.0 * middle - 3.0 * first - last, 2.0 * (first + last) - 4.0 * middle
     return first + s * (linear + s * square), s * (first + s * (0.5 * linear + s * square / 3.0))
 
@@ -149,12 +149,12 @@ _SERIES = 1e-4
 
 
 def lowpass(fine: Array, h: Array, before: float, tau: Any) -> Array:
-    """``τ V̇ = u − V``."""
+    """Return ``τ V̇ = u − V``."""
     return np.asarray(_first_order(fine + 0.0 * tau, *first_order_weights(h, tau), before + 0.0 * tau))
 
 
 def first_order_weights(h: Array, tau: Any) -> tuple[Any, Any, Any]:
-    """``a, b₀, b₁`` of `first_order_step` in steps ``h`` [s]."""
+    """Return ``a, b₀, b₁`` of `first_order_step` in steps ``h`` [s]."""
     z = 0.5 * h / tau
     a = exp(-z)
     mean = (1.0 - a) / z
@@ -162,7 +162,7 @@ def first_order_weights(h: Array, tau: Any) -> tuple[Any, Any, Any]:
 
 
 def second_order_lowpass(fine: Array, h: Array, before: float, tau: Any, zeta: Any) -> Array:
-    """``τ² V̈ + 2ζ τ V̇ + V = u``.
+    """Return ``τ² V̈ + 2ζ τ V̇ + V = u``.
 
     With ``s`` the time in units of τ and the state ``(V, dV/ds)``, ``V = u − 2ζ u'``, ``dV/ds = u'`` solve the equation
     for an input of slope ``u'``; what differs from them decays as ``exp(A s)``, ``A = [[0, 1], [−1, −2ζ]]``.
@@ -181,7 +181,7 @@ def second_order_weights(h: Array, tau: Any, zeta: Any) -> tuple[Any, Any, Any]:
 
 
 def _decay(s: Array, zeta: Any) -> tuple[Array, Array]:
-    """``e^{−ζs} cos √x`` and ``s e^{−ζs} sin √x / √x`` with ``x = (1 − ζ²) s²``, of either sign.
+    """Return ``e^{−ζs} cos √x`` and ``s e^{−ζs} sin √x / √x`` with ``x = (1 − ζ²) s²``, of either sign.
 
     Beyond critical damping they are sums of two falling exponentials, for the hyperbolic functions would overflow.
     """
@@ -199,7 +199,7 @@ def _decay(s: Array, zeta: Any) -> tuple[Array, Array]:
 
 @shared
 def first_order_step(state: Any, start: Any, end: Any, a: Any, b0: Any, b1: Any) -> Any:
-    """The output after half a step: ``a V + b₀ u₀ + b₁ u₁``."""
+    """Return the output after half a step: ``a V + b₀ u₀ + b₁ u₁``."""
     return a * state + b0 * start + b1 * end
 
 
@@ -244,7 +244,7 @@ _second_order = entry(_second_order_loop)
 
 
 def bouc_wen(fine: Array, h: Array, before: float, a: Any, beta: Any, gamma: Any, weight: Any) -> Array:
-    """``V − w h`` with ``ḣ = A V̇ − β|V̇|h − γ|h|V̇`` (eq. (19)), exact for an input monotone between points."""
+    """Return ``V − w h`` with ``ḣ = A V̇ − β|V̇|h − γ|h|V̇`` (eq. (19)), exact for an input monotone between points."""
     # All of them complex where one is, so that the loop is compiled for two types only.
     zero = 0.0 * (a + beta + gamma)
     state = _bouc_wen_state(fine + zero, before + zero, a + zero, beta + zero, gamma + zero)
@@ -253,7 +253,7 @@ def bouc_wen(fine: Array, h: Array, before: float, a: Any, beta: Any, gamma: Any
 
 @shared
 def bouc_wen_step(state: Any, rise: Any, a: Any, beta: Any, gamma: Any) -> Any:
-    """The state ``h`` after the input has risen by ``rise``."""
+    """Return the state ``h`` after the input has risen by ``rise``."""
     # With s = h·sign(V̇) both directions obey ds/d|V| = A − β s − γ|s|: one exponential a sign of s.
     side = where(real(rise) >= 0.0, 1.0, -1.0)
     length = absolute(rise)
@@ -291,7 +291,7 @@ def _bouc_wen_loop(fine: Any, last: Any, a: Any, beta: Any, gamma: Any) -> Any:
 
 @shared
 def _approach(s: Any, a: Any, rate: Any, length: Any) -> Any:
-    """``ds/dL = A − rate·s`` over a length."""
+    """Return ``ds/dL = A − rate·s`` over a length."""
     z = rate * length
     factor = 1.0 - 0.5 * z
     if abs(real(z)) > 1e-6:
@@ -317,7 +317,7 @@ def slipping(
 
 @shared
 def slip_step(state: Any, rise: Any, travel: Any, exponent: Any, back: Any, lean: Any) -> Any:
-    """The state ``s`` after the input has risen by ``rise``."""
+    """Return the state ``s`` after the input has risen by ``rise``."""
     one = 1.0 + 0.0 * state
     end, _ = bouc_wen_path(state, rise / travel, 1.0, one, one, exponent, back, lean, one)
     return end
@@ -342,7 +342,7 @@ _LEAST = 1e-100
 
 
 def saturation(fine: Array, h: Array, before: float, limit: Any) -> Array:
-    """``V = clip(u, ±V_max)``."""
+    """Return ``V = clip(u, ±V_max)``."""
     return np.asarray(where(absolute(real(fine)) > real(limit), np.sign(real(fine)) * limit, fine + 0.0 * limit))
 
 
@@ -355,7 +355,7 @@ def soft_saturation(fine: Array, h: Array, before: float, limit: Any, sharpness:
 
 
 def slew_limit(fine: Array, h: Array, before: Any, limit: Any) -> Array:
-    """``|V̇| ≤ S``: ``V`` follows ``u`` where it can and approaches it at the rate ``S`` where it cannot.
+    """Return ``|V̇| ≤ S``: ``V`` follows ``u`` where it can and approaches it at the rate ``S`` where it cannot.
 
     Exact at the points of the sub-steps for an input that is linear between them.
     """
@@ -366,7 +366,7 @@ def slew_limit(fine: Array, h: Array, before: Any, limit: Any) -> Array:
 
 @shared
 def slew_step(state: Any, u: Any, reach: Any) -> Any:
-    """The output after half a step, in which it moves by ``reach`` at most."""
+    """Return the output after half a step, in which it moves by ``reach`` at most."""
     return state + maximum(minimum(u - state, reach), -reach)
 
 
@@ -381,12 +381,12 @@ def _limited_loop(fine: Any, reach: Any, state: Any) -> Any:
 
 
 def offset(fine: Array, h: Array, before: Any, voltage: Any) -> Array:
-    """``V = u + V₀``."""
+    """Return ``V = u + V₀``."""
     return np.asarray(fine + voltage)
 
 
 def gain(fine: Array, h: Array, before: Any, factor: Any) -> Array:
-    """``V = γ u``: a drive of unknown gain."""
+    """Return ``V = γ u``: a drive of unknown gain."""
     return np.asarray(factor * fine)
 
 

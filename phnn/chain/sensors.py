@@ -24,7 +24,7 @@ Array = NDArray[Any]
 
 
 def midpoints(y: Array, t: Array) -> Array:
-    """(N−1, …) values halfway between samples (N, …), by the cubics through the four nearest samples.
+    """Return (N−1, …) values halfway between samples (N, …), by the cubics through the four nearest samples.
 
     The error is of fourth order in the intervals; fewer than four samples are joined by straight lines.
 
@@ -77,7 +77,7 @@ def lag(y: Array, t: Array, tau: Any) -> Array:
 
 
 def _lagged_loop(y: Any, middle: Any, t: Any, tau: Any, powers: Any) -> Any:
-    """The filter, step by step; the weights follow from ``∫₀¹ z e^{−z(1−s)} sᵏ ds`` for k = 0, 1, 2."""
+    """Return the filter, step by step; the weights follow from ``∫₀¹ z e^{−z(1−s)} sᵏ ds`` for k = 0, 1, 2."""
     out = np.empty(y.shape, y.dtype)
     out[0] = y[0]
     for n in range(y.shape[0] - 1):
@@ -165,22 +165,22 @@ def drifting_gain(y: Array, t: Array, slope: Any, bend: Any, duration: Any) -> A
 
 
 def drift(y: Array, t: Array, rate: Any) -> Array:
-    """``y + r t``: a sensor that drifts at a constant rate."""
+    """Return ``y + r t``: a sensor that drifts at a constant rate."""
     return np.asarray(y + rate * t)
 
 
 def polynomial(y: Array, t: Array, square: Any, cube: Any) -> Array:
-    """``y + a₂ y² + a₃ y³``: a static characteristic that is not straight."""
+    """Return ``y + a₂ y² + a₃ y³``: a static characteristic that is not straight."""
     return np.asarray(y * (1.0 + y * (square + y * cube)))
 
 
 def zero(y: Array, t: Array, offset: Any) -> Array:
-    """``y + y₀``: a sensor whose zero is the same in all recordings."""
+    """Return ``y + y₀``: a sensor whose zero is the same in all recordings."""
     return np.asarray(y + offset)
 
 
 def rectification(y: Array, t: Array) -> Array:
-    """``|y|``: a sensor that knows no sign."""
+    """Return ``|y|``: a sensor that knows no sign."""
     return np.asarray(absolute(y))
 
 
@@ -214,7 +214,7 @@ LINEAR = ("lag", "rate", "clock", "drifting_gain")
 
 
 def tone(t: Array, cosine: Any, sine: Any, frequency: Any) -> Array:
-    """``A_c cos 2πft + A_s sin 2πft``."""
+    """Return ``A_c cos 2πft + A_s sin 2πft``."""
     phase = 2.0 * np.pi * frequency * t
     return np.asarray(cosine * np.cos(phase) + sine * np.sin(phase))
 

@@ -333,7 +333,7 @@ def _linear(bench: Bench, model: str) -> Result:
 
 
 def _identified(bench: Bench, model: str, fitted: Fit) -> Result:
-    """Score and save a parametric model."""
+    """Return the score and save a parametric model."""
     scores = score_on_all(fitted, bench.campaign)
     save_fit(fitted, bench.place / model)
     facts = bench.facts(model, {"parameters": len(fitted.variables.names)})

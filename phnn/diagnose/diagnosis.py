@@ -87,12 +87,12 @@ class Diagnosis:
 
     @property
     def verdict(self) -> str:
-        """``named``, ``equivalent``, ``unknown`` or ``none``."""
+        """Return ``named``, ``equivalent``, ``unknown`` or ``none``."""
         return self.outcome.word
 
     @property
     def probability(self) -> dict[str, float]:
-        """Probability of every effect that some model holds, and of ``none``; the largest first.
+        """Return the probability of every effect that some model holds, and of ``none``; the largest first.
 
         An effect has the probability of all models together that hold it, in any form and at any place.
         """
@@ -100,22 +100,22 @@ class Diagnosis:
 
     @property
     def claims(self) -> tuple[Claim, ...]:
-        """The elements of the final model, in the order in which they were added."""
+        """Return the elements of the final model, in the order in which they were added."""
         return self.outcome.claims
 
     @property
     def final(self) -> Fit:
-        """The fit of the final model."""
+        """Return the fit of the final model."""
         return self.chosen.fit
 
     @property
     def model(self) -> Model:
-        """The final model: base and every element that helps, whatever the verdict."""
+        """Return the final model: base and every element that helps, whatever the verdict."""
         return model_of(self.final)
 
     @cached_property
     def places(self) -> tuple[str, ...]:
-        """Where the mismatch is, the likeliest place first; empty for ``none``.
+        """Return where the mismatch is, the likeliest place first; empty for ``none``.
 
         Of elements whose names are given, and of one that explains nearly all, it is the element's: a refit knows
         better than local functions did before it.
@@ -130,7 +130,7 @@ class Diagnosis:
 
     @property
     def detail(self) -> str:
-        """Kind of what is missing at the first of the places; empty for ``none``."""
+        """Return the kind of what is missing at the first of the places; empty for ``none``."""
         if not self.places:
             return ""
         acting = (c.effect for c in self.claims if c.effect.location == self.places[0])
@@ -214,7 +214,7 @@ def diagnose(
 def _base(
     recorded: Campaign | Identified, options: Options, progress: Progress
 ) -> tuple[Campaign, Fit, NumericalError]:
-    """The recordings and their base model, fitted where that has not been done."""
+    """Return the recordings and their base model, fitted where that has not been done."""
     campaign = recorded.campaign if isinstance(recorded, Identified) else recorded
     single(campaign.recordings, "a diagnosis follows one output", further=True)
     if isinstance(recorded, Identified):
@@ -223,7 +223,7 @@ def _base(
 
 
 def _concluded(search: Search, error: NumericalError, options: Options, account: Account) -> Diagnosis:
-    """The diagnosis of a search that has ended."""
+    """Return the diagnosis of a search that has ended."""
     campaign, criteria = search.campaign, search.criteria
     model, base = finished(search), search.visited[frozenset()]
     screened = _screened(search, base)
@@ -281,7 +281,7 @@ def _concluded(search: Search, error: NumericalError, options: Options, account:
 
 
 def _screened(search: Search, model: Visited) -> tuple[Candidate, ...]:
-    """The candidates in the residual of a model."""
+    """Return the candidates in the residual of a model."""
     nothing: list[Candidate] = []
     work = partial(search.screen, linearised_of(search, model))
     return tuple(needed(f"scores of {model.words}", work, nothing, ends=True))
@@ -296,7 +296,7 @@ def score_on_all(fitted: Fit, campaign: Campaign) -> Evaluation:
 
 
 def _scores(fitted: Fit, campaign: Campaign) -> Evaluation:
-    """The same, without the recordings that cannot be simulated."""
+    """Return the same, without the recordings that cannot be simulated."""
     whole = attempt("scores on all recordings", partial(score_on_all, fitted, campaign), None)
     if whole is not None:
         return whole
@@ -309,7 +309,7 @@ def _scores(fitted: Fit, campaign: Campaign) -> Evaluation:
 
 
 def _gain(claim: Claim, after: Evaluation, search: Search) -> Gain | None:
-    """What an element gains on held-out recordings."""
+    """Return what an element gains on held-out recordings."""
     if claim.without is None:
         return None
     without = claim.without

@@ -149,29 +149,29 @@ class Term(NamedTuple):
 
 
 def _speed(w: Array, n: float, forward: float = 1.0, backward: float = 1.0) -> Array:
-    """``±|v/v₀|ⁿ`` as the dampers of the package have it, smoothed near rest."""
+    """Return ``±|v/v₀|ⁿ`` as the dampers of the package have it, smoothed near rest."""
     return np.asarray(RESISTOR_LAWS["power_damper"].flow(w, 0.0, forward, backward, n, 1.0))
 
 
 def _power(s: Array, m: float) -> Array:
-    """``sᵐ`` of ``s > 0``, else zero."""
+    """Return ``sᵐ`` of ``s > 0``, else zero."""
     return np.where(s > 0.0, np.maximum(s, 1e-12) ** m, 0.0)
 
 
 def _odd(base: str, text: str, variable: str) -> str:
-    """LaTeX of a power of a magnitude times the sign of a variable."""
+    """Return the LaTeX of a power of a magnitude times the sign of a variable."""
     sign = rf"\mathrm{{sign}}\,{variable}"
     return {"0": sign, "1": base}.get(text, rf"\left|{base}\right|^{{{text}}}{sign}")
 
 
 def _even(base: str, text: str) -> str:
-    """LaTeX of a power of a magnitude."""
+    """Return the LaTeX of a power of a magnitude."""
     power = rf"\left({base}\right)^{{{text}}}" if text in ("2", "4") else rf"\left|{base}\right|^{{{text}}}"
     return {"0": "1", "1": rf"\left|{base}\right|"}.get(text, power)
 
 
 def _ramp(inside: str, text: str = "1") -> str:
-    """LaTeX of a power of what is positive."""
+    """Return the LaTeX of a power of what is positive."""
     return rf"\max({inside}, 0)" + ("" if text == "1" else rf"^{{{text}}}")
 
 
@@ -183,7 +183,7 @@ _S, _W = r"\frac{q}{q_0}", r"\frac{v}{v_0}"
 
 
 def _damper_of_side(direction: str, side: str, sign: float, minus: str) -> tuple[Term, Term]:
-    """Dampers that act in one direction, or on one side."""
+    """Return the dampers that act in one direction, or on one side."""
     ahead, back = float(sign > 0.0), float(sign < 0.0)
     word, than = ("positive", ">") if sign > 0.0 else ("negative", "<")
     return (
@@ -196,7 +196,7 @@ def _damper_of_side(direction: str, side: str, sign: float, minus: str) -> tuple
 
 
 def _spring_of_side(side: str, sign: float, minus: str) -> tuple[Term, Term]:
-    """Springs that act on one side, from rest on and from an onset on."""
+    """Return the springs that act on one side, from rest on and from an onset on."""
     word = "positive" if sign > 0.0 else "negative"
     return (
         Term(side, _P, lambda s, w, n: sign * _power(sign * s, n), lambda n: minus + _ramp(minus + _S, n),
@@ -248,22 +248,22 @@ class Formula:
 
     @property
     def cost(self) -> float:
-        """Weighted sum of squares that it leaves."""
+        """Return the weighted sum of squares that it leaves."""
         return float(self.left @ self.left)
 
     @property
     def numbers(self) -> int:
-        """How many numbers were fitted."""
+        """Return how many numbers were fitted."""
         return self.sizes.size + sum(not f for f in self.fixed)
 
     @property
     def limits(self) -> list[Shape]:
-        """The kinds of all its shapes, in order."""
+        """Return the kinds of all its shapes, in order."""
         return [s for t in self.terms for s in t.shapes]
 
     @property
     def by_term(self) -> list[tuple[Term, float, Array]]:
-        """Terms with their size and shapes."""
+        """Return the terms with their size and shapes."""
         ends = np.cumsum([len(t.shapes) for t in self.terms])
         return list(zip(self.terms, map(float, self.sizes), np.split(self.shapes, ends[:-1]), strict=True))
 

@@ -42,19 +42,19 @@ class LinearisedFit:
 
     @property
     def plan(self) -> Plan:
-        """Recordings and sub-steps."""
+        """Return the recordings and sub-steps."""
         return self.fit.plan
 
     @cached_property
     def basis(self) -> Array:
-        """(N, K) orthonormal basis of what base parameters and nuisances explain to first order."""
+        """Return (N, K) orthonormal basis of what base parameters and nuisances explain to first order."""
         jacobian = self.fit.jacobian
         # What moves nothing, such as a jump outside the samples that are fitted, spans no direction.
         return np.linalg.qr(jacobian[:, np.any(jacobian != 0.0, axis=0)])[0]
 
     @cached_property
     def residual(self) -> Array:
-        """(N,) residual without what the base could still explain."""
+        """Return (N,) residual without what the base could still explain."""
         return self.project(self.fit.residual)
 
     def project(self, columns: Array) -> Array:
@@ -99,12 +99,12 @@ class LinearisedFit:
 
     @cached_property
     def coarse_outputs(self) -> list[Array]:
-        """Outputs with the coarse sub-steps, the origin of finite changes."""
+        """Return the outputs with the coarse sub-steps, the origin of finite changes."""
         return self._outputs(self.plan.coarse())
 
     @cached_property
     def sparse_outputs(self) -> list[Array]:
-        """The same at as few samples as show the inputs."""
+        """Return the same at as few samples as show the inputs."""
         return self._outputs(self.plan.coarse().derived(self.fit.setup))
 
     @property
@@ -125,7 +125,7 @@ class LinearisedFit:
 
     @property
     def slices(self) -> list[slice]:
-        """Rows of every recording in the stacked arrays."""
+        """Return the rows of every recording in the stacked arrays."""
         return self.fit.slices
 
 

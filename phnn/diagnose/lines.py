@@ -130,7 +130,7 @@ class Spectra:
 
     @property
     def together(self) -> tuple[Array, Array]:
-        """(F,) power and degrees of freedom of all recordings together."""
+        """Return (F,) power and degrees of freedom of all recordings together."""
         return self.added(lambda s: s.power), self.added(lambda s: np.full_like(s.power, _FREEDOM))
 
     def undriven(self, without: int = -1) -> tuple[Array, Array]:

@@ -69,7 +69,7 @@ class Visited:
 
     @property
     def families(self) -> tuple[str, ...]:
-        """What its elements are called, each once, in order of the alphabet."""
+        """Return what its elements are called, each once, in order of the alphabet."""
         return tuple(sorted({family(e) for e in self.elements}))
 
     @property
@@ -79,21 +79,21 @@ class Visited:
 
     @property
     def left(self) -> float:
-        """Mean square of the residual over that of the noise, on the fitted recordings."""
+        """Return the mean square of the residual over that of the noise, on the fitted recordings."""
         return mean_square(self.fitted.values())
 
     @property
     def left_held_out(self) -> float:
-        """The same on held-out recordings; NaN where there are none."""
+        """Return the same on held-out recordings; NaN where there are none."""
         return mean_square(self.held_out.values())
 
     @property
     def left_most(self) -> float:
-        """The larger one of both."""
+        """Return the larger one of both."""
         return max(self.left, self.left_held_out if self.held_out else 0.0)
 
     def parameters_of(self, element: Effect) -> int:
-        """How many free parameters an element has in this model."""
+        """Return how many free parameters an element has in this model."""
         parameters = self.fit.setup.parameters
         return sum(n in parameters and not parameters[n].fixed for n in element.parameters)
 
@@ -121,7 +121,7 @@ def family(effect: Effect) -> str:
 
 
 def is_learned(effect: Effect) -> bool:
-    """Whether an element is learned and stands for no effect of the catalogue."""
+    """Return whether an element is learned and stands for no effect of the catalogue."""
     return effect.name.startswith("learned_") and not effect.several_of
 
 
@@ -151,7 +151,7 @@ def _floor(criteria: Criteria) -> float:
 
 
 def _count(misfit: Misfit, rho: float) -> float:
-    """Samples for which a recording counts."""
+    """Return the samples for which a recording counts."""
     return misfit.samples / (1.0 + misfit.samples * rho)
 
 
@@ -176,18 +176,18 @@ class Weighed:
 
     @property
     def best(self) -> Visited:
-        """The most probable model."""
+        """Return the most probable model."""
         return self.models[0]
 
     @cached_property
     def shares(self) -> Array:
-        """(M,) probabilities of the models."""
+        """Return (M,) probabilities of the models."""
         odds = np.exp(self.logs - self.logs[0])
         return np.asarray(odds / odds.sum())
 
     @cached_property
     def probability(self) -> dict[str, float]:
-        """Probability of every family that some model holds, and of ``none``; the largest first."""
+        """Return the probability of every family that some model holds, and of ``none``; the largest first."""
         total: dict[str, float] = {"none": 0.0}
         for model, share in zip(self.models, self.shares, strict=True):
             for name in model.families or ("none",):
@@ -196,7 +196,7 @@ class Weighed:
 
     @cached_property
     def alternatives(self) -> list[tuple[tuple[str, ...], float]]:
-        """Sets of families with their probabilities, the largest first."""
+        """Return the sets of families with their probabilities, the largest first."""
         total: dict[tuple[str, ...], float] = {}
         for model, share in zip(self.models, self.shares, strict=True):
             total[model.families] = total.get(model.families, 0.0) + float(share)

@@ -105,17 +105,17 @@ class Experiment:
 
     @property
     def words(self) -> str:
-        """All that is needed to make it."""
+        """Return all that is needed to make it."""
         return f"{self.kind}: {self.told}; {quantity(self.duration, 's')} in all, {self.rate:.6g} samples/s"
 
     @property
     def t(self) -> Array:
-        """(N,) sampling times [s]."""
+        """Return (N,) sampling times [s]."""
         return np.arange(math.floor(self.duration * self.rate + 1e-6), dtype=np.float64) / self.rate
 
     @property
     def u(self) -> Array:
-        """(N,) input."""
+        """Return (N,) input."""
         t = self.t
         u = np.empty_like(t)
         for stretch in self.stretches:
@@ -317,7 +317,7 @@ class NextExperiment:
 
     @property
     def separates(self) -> tuple[str, ...]:
-        """The names in all groups."""
+        """Return the names in all groups."""
         return tuple(dict.fromkeys(n for group in self.groups for n in group))
 
 

@@ -148,8 +148,8 @@ def _begun(base: Fit, plan: Plan, effect: Effect, values: Mapping[str, float]) -
 
 
 def _adjusted(base: Fit, begun: Setup, plan: Plan) -> tuple[float, Setup, Fit]:
-    """A start whose base parameters and initial states make room for the effect, to first order; where they are, and
-    what is left there first.
+    """Return a start whose base parameters and initial states make room for the effect, to first order; where they are,
+    and what is left there first.
 
     Without that a strong effect beside parameters that took its part before is further off than no effect at all.
     """
@@ -220,7 +220,7 @@ def started(
 
 
 def clamped(effect: Effect, setup: Setup, values: Mapping[str, float]) -> Setup:
-    """The effect at starting values moved inside the bounds of its parameters."""
+    """Return the effect at starting values moved inside the bounds of its parameters."""
     defaults = dict(values)
     if not effect.one_sided:
         # Zero lies within the bounds of every strength that has two signs.
@@ -255,7 +255,7 @@ def large_starts(model: LinearisedFit, effect: Effect) -> list[dict[str, float]]
 
 
 def _strong(model: LinearisedFit, effect: Effect, point: Mapping[str, float], sign: float) -> _Strong | None:
-    """The strength of one shape that suits the residual; None where it changes nothing that is not explained.
+    """Return the strength of one shape that suits the residual; None where it changes nothing that is not explained.
 
     Two neighbouring strengths are searched, whose changes are smaller and larger than wanted. A change that is far too
     small tells how many strengths to leave out, as it grows in proportion; a wrong guess is halved.
@@ -285,7 +285,7 @@ def _strong(model: LinearisedFit, effect: Effect, point: Mapping[str, float], si
 
 
 def _stronger(effect: Effect, point: Mapping[str, float], sign: float) -> list[dict[str, float]]:
-    """Values of the effect at a point of its grid, ever stronger, as far as they can be."""
+    """Return the values of the effect at a point of its grid, ever stronger, as far as they can be."""
     found = [dict(point)]
     for strength in _STRENGTHS:
         values = effect.scaled(point, sign * strength)

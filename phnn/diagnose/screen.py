@@ -218,7 +218,7 @@ class Screen:
 
 
 def _is_of_recordings(effect: Effect, model: LinearisedFit) -> bool:
-    """Whether an effect is a term that every recording has of its own."""
+    """Return whether an effect is a term that every recording has of its own."""
     setup = model.fit.setup
     return bool(effect.add_to(setup, effect.grid(model.scales)[0]).own != setup.own)
 
@@ -239,7 +239,7 @@ def _beside(residual: Array, recording: Recording, own: Own) -> Array:
 
 
 def _blocks(slices: Sequence[slice]) -> list[slice]:
-    """Some twenty blocks of neighbouring samples of each recording, none of them very short."""
+    """Return some twenty blocks of neighbouring samples of each recording, none of them very short."""
     found = []
     for rows in slices:
         count = min(_BLOCKS, max(1, (rows.stop - rows.start) // _SAMPLES))
@@ -249,7 +249,7 @@ def _blocks(slices: Sequence[slice]) -> list[slice]:
 
 
 def _owners(blocks: Sequence[slice], slices: Sequence[slice]) -> Array:
-    """(B, R) one where a block belongs to a recording, over the recording's number of samples."""
+    """Return (B, R) one where a block belongs to a recording, over the recording's number of samples."""
     starts = np.array([s.start for s in slices])
     recording = np.searchsorted(starts, [b.start for b in blocks], side="right") - 1
     lengths = np.array([s.stop - s.start for s in slices], dtype=float)
@@ -257,7 +257,7 @@ def _owners(blocks: Sequence[slice], slices: Sequence[slice]) -> Array:
 
 
 def _by_blocks(column: Array, residual: Array, blocks: Sequence[slice]) -> tuple[Array, Array]:
-    """(B,) products of a column with a residual, and with itself."""
+    """Return (B,) products of a column with a residual, and with itself."""
     edges = [b.start for b in blocks]
     return np.add.reduceat(column * residual, edges), np.add.reduceat(column**2, edges)
 

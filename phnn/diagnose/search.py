@@ -125,25 +125,25 @@ class Search:
 
     @property
     def weighed(self) -> Weighed:
-        """All models so far with their numbers."""
+        """Return all models so far with their numbers."""
         return weigh(list(self.visited.values()), self.criteria)
 
     @property
     def best(self) -> Visited:
-        """The most probable model so far."""
+        """Return the most probable model so far."""
         return self.weighed.best
 
     @property
     def written(self) -> Visited:
-        """The model that would be written."""
+        """Return the model that would be written."""
         return best_to_write(list(self.visited.values()), self.criteria)
 
     def far(self, model: Visited) -> bool:
-        """Whether a model is far from the noise."""
+        """Return whether a model is far from the noise."""
         return model.left > self.criteria.far**2
 
     def model(self, elements: Sequence[Effect], fitted: Fit, done: bool = False) -> Visited:
-        """A model of a fit, with its χ² in each recording."""
+        """Return a model of a fit, with its χ² in each recording."""
         base, recordings = self.base.fit.setup.own, fitted.plan.recordings
         each = [(r.name, fitted.residual[rows]) for r, rows in zip(recordings, fitted.slices, strict=True)]
         left = {name: Misfit(float(r @ r), r.size) for name, r in each}
@@ -216,7 +216,7 @@ def _grow_all(search: Search) -> None:
 
 
 def _next(search: Search) -> Visited | None:
-    """The model to grow next; None where the search has come to its end.
+    """Return the model to grow next; None where the search has come to its end.
 
     First comes the most probable model; then the best one of effects alone, for a learned element may stand for two of
     them; then the one that would be written; then others that predict about as well. Far from the noise probabilities
@@ -293,7 +293,7 @@ def _grow(search: Search, model: Visited) -> None:
 
 
 def material(candidate: Candidate, fitted: Fit, criteria: Criteria) -> bool:
-    """Whether a candidate is worth a refit.
+    """Return whether a candidate is worth a refit.
 
     What takes a twentieth of the residual need not stand out of its scatter as far, and far from the noise not at all:
     the scatter is that of the mismatch itself there.
@@ -309,8 +309,8 @@ def material(candidate: Candidate, fitted: Fit, criteria: Criteria) -> bool:
 def _heat(
     search: Search, model: Visited, candidates: Sequence[Candidate], share: float = _PROMISING, evaluations: int = 0
 ) -> list[Visited]:
-    """Short refits of candidates beside a model, with coarse sub-steps, the best first; far from the noise from large
-    strengths too, where one that promises this share of the largest fall has not helped."""
+    """Return the short refits of candidates beside a model, with coarse sub-steps, the best first; far from the noise
+    from large strengths too, where one that promises this share of the largest fall has not helped."""
     if not candidates or late(f"refits beside {model.words}"):
         return []
     begun = LinearisedFit(model.fit, (), search.scales)
@@ -324,8 +324,8 @@ def _heat(
 
 
 def _other_forms(search: Search, model: Visited) -> list[Visited]:
-    """The base model with other forms of hysteresis in the place of its hysterons: beside these, which have taken over
-    what they can, another form promises nothing."""
+    """Return the base model with other forms of hysteresis in the place of its hysterons: beside these, which have
+    taken over what they can, another form promises nothing."""
     values = model.fit.setup.values()
     if not (weak := weakened(values)):
         return []
@@ -336,8 +336,8 @@ def _other_forms(search: Search, model: Visited) -> list[Visited]:
 
 
 def _with_new_hysterons(search: Search, trial: Visited) -> Visited:
-    """The trial with hysterons that begin anew: without the element the fit may have taken them to where no step leads
-    back from. Where there are none, or no time, it is the trial."""
+    """Return the trial with hysterons that begin anew: without the element the fit may have taken them to where no step
+    leads back from. Where there are none, or no time, it is the trial."""
     count, values = len(hysterons(search.base.fit.setup.network)), trial.fit.setup.values()
     if not count or not set(values).issuperset(MECHANICAL):
         return trial
@@ -351,7 +351,7 @@ def _with_new_hysterons(search: Search, trial: Visited) -> Visited:
 
 
 def _tried(model: LinearisedFit, plan: Plan, promising: float, evaluations: int, candidate: Candidate) -> Fit | None:
-    """A short refit of a candidate; from large strengths too, where it promised a lot and has not helped."""
+    """Return a short refit of a candidate; from large strengths too, where it promised a lot and has not helped."""
     best = short(model.fit, plan.coarse(), candidate.effect, [candidate.values], evaluations)
     helps = best is not None and best.cost < 0.98 * model.fit.cost
     if helps or candidate.effect.strength is None or candidate.fall < promising:
@@ -380,8 +380,8 @@ def _race(search: Search, trials: Sequence[Visited]) -> list[Visited]:
 
 
 def _while_the_best_falls(search: Search, trials: Sequence[Visited]) -> list[Visited]:
-    """The trials, the best of them after further steps as long as it is far from the noise and each stretch takes a
-    fifth of what is left: what is grown half-fitted is grown by what only stands for the rest of the fit."""
+    """Return the trials, the best of them after further steps as long as it is far from the noise and each stretch
+    takes a fifth of what is left: what is grown half-fitted is grown by what only stands for the rest of the fit."""
     best, *others = sorted(trials, key=lambda t: t.fit.cost)
     while search.far(best):
         before, best = best, _onwards(search, [best])[0]
@@ -391,8 +391,8 @@ def _while_the_best_falls(search: Search, trials: Sequence[Visited]) -> list[Vis
 
 
 def _onwards(search: Search, trials: Sequence[Visited], before: int = 0) -> list[Visited]:
-    """The trials after further steps, where they have not ended within those before, or began with coarser steps than
-    the present ones."""
+    """Return the trials after further steps, where they have not ended within those before, or began with coarser steps
+    than the present ones."""
     coarse, most = search.plan.coarse(), before or search.criteria.short
     moving = [t for t in trials if t.fit.evaluations >= most or t.fit.plan.size < coarse.size]
     if not moving or late("further steps of " + ", ".join(t.words for t in moving)):
@@ -404,14 +404,14 @@ def _onwards(search: Search, trials: Sequence[Visited], before: int = 0) -> list
 
 
 def _fits(search: Search, work: Callable[[Any], Fit | None], items: Sequence[Any], names: Sequence[str]) -> list[Any]:
-    """``work(item)`` of every item, on the very recordings of the search wherever it was done."""
+    """Return ``work(item)`` of every item, on the very recordings of the search wherever it was done."""
     fits: list[Fit | None] = results(search.executor, work, items, names)
     same = search.plan.recordings
     return [f if f is None else replace(f, plan=replace(f.plan, recordings=same)) for f in fits]
 
 
 def _further_forms(search: Search, trial: Visited) -> list[Visited]:
-    """The trial with one more copy of its last element, and with two, as long as each of them pays."""
+    """Return the trial with one more copy of its last element, and with two, as long as each of them pays."""
     found: list[Visited] = []
     while True:
         last = found[-1] if found else trial
@@ -568,8 +568,8 @@ def _exchange(search: Search, best: Visited, element: Effect) -> None:
 
 
 def _in_place_of(search: Search, best: Visited, element: Effect, rest: tuple[Effect, ...]) -> list[Visited]:
-    """What the search has begun and not ended in the place of an element, and short refits of it in the model that the
-    element has led to: the other parameters may have come to where nothing else would lead them."""
+    """Return what the search has begun and not ended in the place of an element, and short refits of it in the model
+    that the element has led to: the other parameters may have come to where nothing else would lead them."""
     others = [e for e in search.effects if not e.after and e is not element]
     if is_learned(element):
         able = [e for e in others if e.location == element.location]
@@ -587,7 +587,7 @@ def _in_place_of(search: Search, best: Visited, element: Effect, rest: tuple[Eff
 
 
 def _within_reach(search: Search, model: Visited, fall: float) -> bool:
-    """Whether a model would be near the best one if its χ² fell by twice what its derivatives predict."""
+    """Return whether a model would be near the best one if its χ² fell by twice what its derivatives predict."""
     share = max(0.0, 1.0 - 2.0 * fall / model.fit.cost)
     reached = replace(model, fitted={r: Misfit(share * m.chi2, m.samples) for r, m in model.fitted.items()})
     return weigh([*search.visited.values(), reached], search.criteria).behind(reached) < _GROWN
@@ -604,12 +604,12 @@ def _screened(search: Search, model: Visited, effects: Sequence[Effect]) -> list
 
 
 def linearised_of(search: Search, model: Visited) -> LinearisedFit:
-    """A model with its residual and sensitivities, as a screen needs it."""
+    """Return a model with its residual and sensitivities, as a screen needs it."""
     return _with_few_steps(LinearisedFit(model.fit, (), search.scales), search.plan)
 
 
 def _with_few_steps(linearised: LinearisedFit, plan: Plan) -> LinearisedFit:
-    """The same with sub-steps that are fine enough for directions."""
+    """Return the same with sub-steps that are fine enough for directions."""
     steps = {r.name: min(_ENOUGH, plan.steps_of(r)) for r in plan.recordings}
     return replace(linearised, fit=replace(linearised.fit, plan=replace(linearised.fit.plan, substeps=steps)))
 

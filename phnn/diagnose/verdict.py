@@ -59,7 +59,7 @@ class Claim:
 
     @property
     def elements(self) -> tuple[Effect, ...]:
-        """The effect and its copies."""
+        """Return the effect and its copies."""
         return (self.effect, *self.copies)
 
     @property
@@ -69,17 +69,17 @@ class Claim:
 
     @property
     def learned(self) -> bool:
-        """Whether it is a learned element, which has no name."""
+        """Return whether it is a learned element, which has no name."""
         return is_learned(self.effect)
 
     @property
     def claimed(self) -> bool:
-        """Whether its name is given: alone, or as one of a class."""
+        """Return whether its name is given: alone, or as one of a class."""
         return self.status in (NAMED, EQUIVALENT)
 
     @property
     def name(self) -> str:
-        """Name under which it counts."""
+        """Return the name under which it counts."""
         return family(self.effect)
 
 
@@ -219,7 +219,7 @@ class Verdict:
 
     @property
     def claimed(self) -> tuple[Claim, ...]:
-        """The elements whose names are given."""
+        """Return the elements whose names are given."""
         return tuple(c for c in self.claims if c.claimed)
 
 
@@ -330,8 +330,8 @@ def _share(model: Visited, without: Visited) -> float | None:
 
 
 def _predicts(claim: Claim, model: Visited, criteria: Criteria) -> bool:
-    """Whether the held-out error does not rise with an element, or nothing is known of it; what has no parameter, but
-    terms of each recording, predicts nothing."""
+    """Return whether the held-out error does not rise with an element, or nothing is known of it; what has no
+    parameter, but terms of each recording, predicts nothing."""
     if not claim.effect.parameters and model.nuisances:
         return False
     if claim.without is None or not model.held_out:

@@ -65,12 +65,12 @@ class Vocabulary:
 
     @property
     def mechanical(self) -> bool:
-        """Whether the output is a displacement [m]."""
+        """Return whether the output is a displacement [m]."""
         return self.output_unit == "m"
 
     @property
     def rate_unit(self) -> str:
-        """SI unit of the rate."""
+        """Return the SI unit of the rate."""
         return "1/s" if self.output_unit == "1" else f"{self.output_unit}/s"
 
     def label(self, variable: str) -> str:
@@ -155,7 +155,7 @@ def is_effort(location: Location) -> bool:
 
 
 def _shown(x: Array, axis: str, words: Vocabulary) -> tuple[Array, str]:
-    """An axis in the words and units of the system; displacements in micrometres."""
+    """Return an axis in the words and units of the system; displacements in micrometres."""
     name = axis.partition(" [")[0]
     if name == "displacement" and words.mechanical:
         return 1e6 * x, f"{words.output} [µm]"

@@ -32,7 +32,7 @@ class Parts:
 
     @property
     def passive(self) -> bool:
-        """Whether every new storage has an energy that is bounded below."""
+        """Return whether every new storage has an energy that is bounded below."""
         return all(STORAGE_LAWS[s.law].bounded for s in self.storages if isinstance(s.law, str))
 
     def __call__(self, setup: Setup, parameters: Placed) -> Setup:
@@ -63,7 +63,7 @@ class Slipping:
     passive = True
 
     def __call__(self, setup: Setup, parameters: Placed) -> Setup:
-        """The setup with it."""
+        """Return the setup with it."""
         z = self.spring.name
         slip = Resistor(self.name, self.law, {z: 1.0}, (*self.shape, inertia(setup)), "p")
         return Parts((self.spring,), (slip,), (Coupling(z, "p"),))(setup, parameters)
@@ -109,22 +109,22 @@ class OfEveryRecording:
 
 
 def at_amplifier(kind: str, *parameters: str) -> Chain:
-    """A block at the end of the amplifier; it takes all parameters of the effect unless some are named."""
+    """Return a block at the end of the amplifier; it takes all parameters of the effect unless some are named."""
     return Chain("amplifier", (Block(kind, parameters),))
 
 
 def at_sensor(kind: str, *parameters: str) -> Chain:
-    """A block at the end of the sensor; it takes all parameters of the effect unless some are named."""
+    """Return a block at the end of the sensor; it takes all parameters of the effect unless some are named."""
     return Chain("sensor", (Block(kind, parameters),))
 
 
 def with_network(setup: Setup, network: Network) -> Setup:
-    """The setup with another network."""
+    """Return the setup with another network."""
     return replace(setup, network=network)
 
 
 def with_resistors(setup: Setup, change: Callable[[Resistor], Resistor], parameters: Placed) -> Setup:
-    """The setup with its resistors changed and with more parameters."""
+    """Return the setup with its resistors changed and with more parameters."""
     network = setup.network
     table = as_table((*network.parameters.values(), *parameters.values()))
     return with_network(setup, replace(network, resistors=tuple(map(change, network.resistors)), parameters=table))
@@ -133,7 +133,7 @@ def with_resistors(setup: Setup, change: Callable[[Resistor], Resistor], paramet
 def with_following_dead_zones(
     setup: Setup, parameters: Placed, law: str, state: str, further: tuple[str, ...] = ()
 ) -> Setup:
-    """The setup in which every unmodulated dead zone is modulated by one state.
+    """Return the setup in which every unmodulated dead zone is modulated by one state.
 
     Args:
         parameters: parameters that the setup does not have yet.
@@ -151,7 +151,7 @@ def with_following_dead_zones(
 
 
 def bent_spring(setup: Setup, law: str, parameters: Placed) -> Setup:
-    """The setup whose spring of ``q`` follows ``quadratic_spring`` or ``cubic_spring``, or both.
+    """Return the setup whose spring of ``q`` follows ``quadratic_spring`` or ``cubic_spring``, or both.
 
     Args:
         law: the law to add; the spring may have the other one already.
@@ -174,7 +174,7 @@ def bent_spring(setup: Setup, law: str, parameters: Placed) -> Setup:
 
 
 def bent_port(setup: Setup, parameters: Placed, law: str) -> Setup:
-    """The setup whose voltage port follows ``electrostriction`` or ``polynomial``, or both.
+    """Return the setup whose voltage port follows ``electrostriction`` or ``polynomial``, or both.
 
     Args:
         parameters: those of the law, its reference voltage last.
@@ -197,7 +197,7 @@ def bent_port(setup: Setup, parameters: Placed, law: str) -> Setup:
 
 
 def with_rim(setup: Setup, name: str, tank: str, on: Mapping[str, Ratio], parameters: Placed) -> Setup:
-    """The setup in which the volume above the rim of a tank flows off.
+    """Return the setup in which the volume above the rim of a tank flows off.
 
     Args:
         name: of the resistor.

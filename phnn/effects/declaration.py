@@ -25,33 +25,33 @@ def always(setup: Setup) -> bool:
 
 
 def has_motion(setup: Setup) -> bool:
-    """A momentum ``p`` moves the displacement ``q``: forces can act on it."""
+    """Return whether a momentum ``p`` moves the displacement ``q``: forces can act on it."""
     return any({c.to, c.of} == {"q", "p"} for c in setup.network.couplings)
 
 
 def has_inertia(setup: Setup) -> bool:
-    """A mass of constant inertia moves the displacement ``q``."""
+    """Return whether a mass of constant inertia moves the displacement ``q``."""
     return has_motion(setup) and any(s.name == "p" and s.law == "capacitor" for s in setup.network.storages)
 
 
 def inertia(setup: Setup) -> str:
-    """The parameter by which the momentum ``p`` is a velocity, where `has_inertia` holds."""
+    """Return the parameter by which the momentum ``p`` is a velocity, where `has_inertia` holds."""
     return next(s.parameters[0] for s in setup.network.storages if s.name == "p")
 
 
 def has_spring(setup: Setup) -> bool:
-    """The displacement ``q`` has a spring of its own, not only a storage that keeps the position."""
+    """Return whether the displacement ``q`` has a spring of its own, not only a storage that keeps the position."""
     stiffness = [s.parameters[0] for s in setup.network.storages if s.name == "q" and s.law in SPRINGS]
     return has_motion(setup) and any(setup.parameters[name].value > 0.0 for name in stiffness)
 
 
 def has_dead_zones(setup: Setup) -> bool:
-    """At least one resistor has a dead zone: there are hysterons."""
+    """Return whether at least one resistor has a dead zone: there are hysterons."""
     return bool(hysterons(setup.network))
 
 
 def has_plain_dead_zones(setup: Setup) -> bool:
-    """At least one resistor has a dead zone that follows no state yet."""
+    """Return whether at least one resistor has a dead zone that follows no state yet."""
     return any(r.law == "dead_zone" for r in setup.network.resistors)
 
 
@@ -62,7 +62,7 @@ def has_transducer(setup: Setup) -> bool:
 
 
 def has_tanks(setup: Setup) -> bool:
-    """Stores of constant capacity drain into each other through resistors alone."""
+    """Return whether stores of constant capacity drain into each other through resistors alone."""
     network = setup.network
     return all(s.law == "capacitor" for s in network.storages) and not network.couplings
 
@@ -153,11 +153,11 @@ class Declared:
     plausible: Plausible = NO_RANGE
 
     def plausibly(self, lower: float, upper: float, source: str, *, over: str = "", outside: str = "") -> Declared:
-        """The parameter with its plausible range; for the arguments see `Plausible`."""
+        """Return the parameter with its plausible range; for the arguments see `Plausible`."""
         return replace(self, plausible=Plausible(lower, upper, source, over, outside))
 
     def at(self, value: float, setup: Setup) -> Parameter:
-        """The parameter with a value [SI], for a setup.
+        """Return the parameter with a value [SI], for a setup.
 
         Raises:
             InputRefused: the value is not finite or lies outside the bounds.
@@ -193,7 +193,7 @@ def signed(
     strength: bool = False,
     own_size: bool = False,
 ) -> Declared:
-    """A parameter on a linear scale, of either sign.
+    """Return a parameter on a linear scale, of either sign.
 
     Args:
         reach: largest size; at most a factor 10⁶ beyond the start value.
@@ -207,7 +207,7 @@ def signed(
 
 
 def nonnegative(name: str, unit: str, description: str, reach: float, typical: float) -> Declared:
-    """A parameter on a linear scale that is zero or positive; for the arguments see `signed`."""
+    """Return a parameter on a linear scale that is zero or positive; for the arguments see `signed`."""
     return replace(signed(name, unit, description, reach, typical), lower=0.0)
 
 
@@ -221,12 +221,12 @@ def bounded(
     *,
     strength: bool = False,
 ) -> Declared:
-    """A parameter between fixed bounds on a linear scale; ``typical`` is the size of a noticeable change."""
+    """Return a parameter between fixed bounds on a linear scale; ``typical`` is the size of a noticeable change."""
     return Declared(name, unit, description, strength, lower, upper, typical=typical)
 
 
 def between(name: str, unit: str, description: str, lower: float, upper: float) -> Declared:
-    """A positive parameter between fixed bounds, estimated on a logarithmic scale."""
+    """Return a positive parameter between fixed bounds, estimated on a logarithmic scale."""
     return Declared(name, unit, description, False, lower, upper, "log")
 
 
@@ -235,7 +235,7 @@ _NOTICED = 0.02
 
 
 def limit(name: str, unit: str, description: str, span: float, signed: bool = False) -> Declared:
-    """A limit, level or gap; it keeps its sign, and is bounded to a factor ``span`` in either direction.
+    """Return a limit, level or gap; it keeps its sign, and is bounded to a factor ``span`` in either direction.
 
     Args:
         signed: it may be negative, and is estimated on a linear scale.
@@ -246,7 +246,7 @@ def limit(name: str, unit: str, description: str, span: float, signed: bool = Fa
 
 
 def time_constant(name: str, description: str, strength: bool = False) -> Declared:
-    """A delay or lag [s]: from 1 ns to 10 s as in actuators, or a factor 10⁶ either way around its value.
+    """Return a delay or lag [s]: from 1 ns to 10 s as in actuators, or a factor 10⁶ either way around its value.
 
     What drives a system gives the value a start, so that tanks that are sampled every few seconds have room as well.
     """
@@ -254,5 +254,5 @@ def time_constant(name: str, description: str, strength: bool = False) -> Declar
 
 
 def constant(name: str, unit: str, description: str) -> Declared:
-    """A parameter that is never estimated, such as a reference displacement."""
+    """Return a parameter that is never estimated, such as a reference displacement."""
     return Declared(name, unit, description, scale="fixed")

@@ -156,7 +156,7 @@ class Effect:
 
     @property
     def location(self) -> str:
-        """One of `phnn.effects.kinds.LOCATIONS`."""
+        """Return one of `phnn.effects.kinds.LOCATIONS`."""
         return self.kind.location
 
     @property
@@ -171,33 +171,33 @@ class Effect:
 
     @property
     def all_strengths(self) -> tuple[str, ...]:
-        """The parameters that are zero when the effect is absent."""
+        """Return the parameters that are zero when the effect is absent."""
         return tuple(d.name for d in self.declares if d.strength)
 
     @property
     def strength(self) -> str | None:
-        """The first parameter that is zero when the effect is absent; None where there is no such parameter."""
+        """Return the first parameter that is zero when the effect is absent; None where there is no such parameter."""
         return next(iter(self.all_strengths), None)
 
     @property
     def strengths(self) -> tuple[str, ...]:
-        """All parameters that are zero when the effect is absent, where there are several of them."""
+        """Return all parameters that are zero when the effect is absent, where there are several of them."""
         return self.all_strengths if len(self.all_strengths) > 1 else ()
 
     @property
     def one_sided(self) -> bool:
-        """Whether only positive strengths are physical; the amplitudes of a nuisance may have either sign."""
+        """Return whether only positive strengths are physical; the amplitudes of a nuisance may have either sign."""
         signs = all(d.lower >= 0.0 for d in self.declares if d.strength)
         return signs and not getattr(self.adds, "signless", False)
 
     @property
     def passive(self) -> bool:
-        """Whether adding it keeps ``J = −Jᵀ``, ``D ≥ 0`` and ``H`` bounded below."""
+        """Return whether adding it keeps ``J = −Jᵀ``, ``D ≥ 0`` and ``H`` bounded below."""
         return getattr(self.adds, "passive", True)
 
     @property
     def needs_command(self) -> bool:
-        """Whether it is meaningful only if the recorded voltage is the amplifier's command."""
+        """Return whether it is meaningful only if the recorded voltage is the amplifier's command."""
         return self.location == "amplifier"
 
     @property
@@ -211,11 +211,11 @@ class Effect:
         return self.title.removesuffix(f" at {self.place}") if self.place else self.title
 
     def is_neighbour_of(self, other: Effect) -> bool:
-        """Whether ordinary recordings cannot always tell the two apart, as one of them declares."""
+        """Return whether ordinary recordings cannot always tell the two apart, as one of them declares."""
         return self.title in other.neighbours or other.title in self.neighbours
 
     def or_as(self, **changes: object) -> Effect:
-        """The effect with one more form, which differs in these fields."""
+        """Return the effect with one more form, which differs in these fields."""
         return replace(self, forms=(*self.forms, replace(self, forms=(), **changes)))  # type: ignore[arg-type]
 
     def scaled(self, values: Values, factor: float) -> dict[str, float]:
@@ -231,13 +231,13 @@ class Effect:
         return dict(values) | {name: values[name] * factor for name in self.all_strengths}
 
     def can_be_added_to(self, setup: Setup) -> bool:
-        """Whether it can be added to the setup: its condition holds, the previous copy is there, and its own
+        """Return whether it can be added to the setup: its condition holds, the previous copy is there, and its own
         parameter names are free."""
         there = set(setup.parameters)
         return self.applies(setup) and set(self.after) <= there and not set(self.parameters) & there
 
     def build(self, setup: Setup, values: Values) -> Setup:
-        """The setup with the effect's addition, its parameters at the given values [SI]."""
+        """Return the setup with the effect's addition, its parameters at the given values [SI]."""
         built = self.adds(setup, {d.name: d.at(values[d.name], setup) for d in self.declares})
         network, before = built.network, setup.network.storage_names
         storages = tuple(
@@ -246,7 +246,7 @@ class Effect:
         return replace(built, network=replace(network, storages=storages)) if storages != network.storages else built
 
     def add_to(self, setup: Setup, values: Values) -> Setup:
-        """The setup with this effect at the given parameter values [SI], renamed to say so.
+        """Return the setup with this effect at the given parameter values [SI], renamed to say so.
 
         Raises:
             InputRefused: it does not apply to the setup, or is in it already.
@@ -268,7 +268,7 @@ _registered: dict[str, Effect] = {}
 
 
 def catalogue() -> dict[str, Effect]:
-    """All effects by name, registered ones last."""
+    """Return all effects by name, registered ones last."""
     return {**_own(), **_registered}
 
 
@@ -278,14 +278,14 @@ def _own() -> dict[str, Effect]:
 
 
 def gathered(*modules: str) -> dict[str, Effect]:
-    """The effects that modules define under public names, by their own names in alphabetical order."""
+    """Return the effects that modules define under public names, by their own names in alphabetical order."""
     defined = [item for module in modules for item in vars(importlib.import_module(module)).items()]
     members = [member for name, member in defined if isinstance(member, Effect) and not name.startswith("_")]
     return {member.name: member for member in sorted(members, key=lambda member: member.name)}
 
 
 def effect(name: str) -> Effect:
-    """One effect by name.
+    """Return one effect by name.
 
     Raises:
         InputRefused: there is no such effect; the message lists those that exist.

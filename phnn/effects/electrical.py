@@ -15,7 +15,7 @@ from phnn.setup import Setup
 
 
 def leak(setup: Setup, parameters: Placed) -> Setup:
-    """``Q̇_i = α v − h_i⁻¹(e_i) − G e_i``: a linear resistor beside every dead zone."""
+    """Return ``Q̇_i = α v − h_i⁻¹(e_i) − G e_i``: a linear resistor beside every dead zone."""
     leaks = tuple(Resistor(f"leakage_{n}", "linear", {n: 1.0}, ("G",)) for n in charges(setup.network))
     return Parts(resistors=leaks)(setup, parameters)
 

@@ -18,7 +18,7 @@ _FORCE = 1e-3
 
 
 def shake(setup: Setup, parameters: Placed) -> Setup:
-    """A port ``F_b`` on ``p`` with ``F_b(t) = A_c cos 2πft + A_s sin 2πft``, ``t`` the time of the recording.
+    """Return a port ``F_b`` on ``p`` with ``F_b(t) = A_c cos 2πft + A_s sin 2πft``, ``t`` the time of the recording.
 
     In the frame of a base that moves by ``s_b``, it is the inertia force ``−m s̈_b``.
     """

@@ -111,10 +111,10 @@ SENSOR_GAIN_DRIFT = Effect(
 
 @cache
 def formulas() -> dict[str, Effect]:
-    """All formulas by name."""
+    """Return all formulas by name."""
     return gathered(__name__)
 
 
 def formulas_for(element: Effect) -> list[Effect]:
-    """The formulas that may replace a learned element, in all forms."""
+    """Return the formulas that may replace a learned element, in all forms."""
     return [f for f in in_all_forms(formulas().values()) if f.kind == element.kind]

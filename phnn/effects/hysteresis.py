@@ -46,7 +46,7 @@ def bouc_wen_grid(scales: Scales) -> list[dict[str, float]]:
 
 
 def duhem_grid(scales: Scales) -> list[dict[str, float]]:
-    """The same with a way back that is softer, and much stiffer, the larger the force."""
+    """Return the same with a way back that is softer, and much stiffer, the larger the force."""
     return _slipping_grid(scales, (-0.3, 2.0))
 
 
@@ -207,8 +207,8 @@ def rescale_hysteron(values: Mapping[str, float], factor: float) -> dict[str, fl
 
 
 def weakened(values: Mapping[str, float]) -> dict[str, float]:
-    """The hysterons of a model at a hundredth of their strength, so that another form of hysteresis can take their
-    place."""
+    """Return the hysterons of a model at a hundredth of their strength, so that another form of hysteresis can take
+    their place."""
     found = {}
     for name in _names(values):
         weak = rescale_hysteron({f"{kind}_x": values[f"{kind}_{name}"] for kind in ("C", "rho", "d")}, 0.0)
@@ -217,7 +217,7 @@ def weakened(values: Mapping[str, float]) -> dict[str, float]:
 
 
 def equivalents(values: Mapping[str, float]) -> list[dict[str, float]]:
-    """The extra hysteron exchanged with each of the others, any of which may be the superfluous one."""
+    """Return the extra hysteron exchanged with each of the others, any of which may be the superfluous one."""
     return [_in_the_place_of(name, values) for name in _names(values) if name != "x"]
 
 
@@ -279,7 +279,7 @@ HYSTERESIS_ASYMMETRY = Effect(
 
 
 def follow_rate(setup: Setup, parameters: Placed) -> Setup:
-    """Every dead zone becomes ``d_i (1 + κ |v|)``, ``v = p/m``: the law reads the momentum."""
+    """Return every dead zone becomes ``d_i (1 + κ |v|)``, ``v = p/m``: the law reads the momentum."""
     return with_following_dead_zones(setup, parameters, "rate_dependent_dead_zone", "p", (inertia(setup),))
 
 

@@ -61,7 +61,7 @@ def stiffness_of(setup: Setup) -> float:
 
 
 def sized(parameters: Placed, typical: float) -> dict[str, Parameter]:
-    """The parameters; for the estimated ones, ``typical`` is a noticeable change."""
+    """Return the parameters; for the estimated ones, ``typical`` is a noticeable change."""
     return {n: p if p.fixed else replace(p, typical=typical) for n, p in parameters.items()}
 
 
@@ -197,13 +197,13 @@ _RESISTORS = (
 
 
 def brake(setup: Setup, parameters: Placed) -> Setup:
-    """``F += −σ(v, q) v``, ``σ ≥ 0``: resistors on ``p``, some of which read ``q``."""
+    """Return ``F += −σ(v, q) v``, ``σ ≥ 0``: resistors on ``p``, some of which read ``q``."""
     typical = _DAMPER_NOTICEABLE * stiffness_of(setup) * parameters["q_D"].value
     return Parts(resistors=_RESISTORS)(setup, sized(parameters, typical))
 
 
 def damper_grid(scales: Scales) -> list[dict[str, float]]:
-    """All strengths equal; emphasis on those of the speed; on those of the position, as viscous damping and as
+    """Return all strengths equal; emphasis on those of the speed; on those of the position, as viscous damping and as
     friction."""
     slow = 2.0 * np.pi * scales.slowest * scales.displacement
     sticking, sliding = _STICKING * slow / SMOOTHED, _SLIDING * scales.velocity / SMOOTHED
@@ -312,7 +312,7 @@ _RELAXATION_PARTS = Parts(
 
 
 def relax(setup: Setup, parameters: Placed) -> Setup:
-    """``F += −Σ kᵢ sᵢ``, ``ṡᵢ = v − sᵢ/τᵢ``: storages with ``J[s, p] = 1`` and a linear resistor each.
+    """Return ``F += −Σ kᵢ sᵢ``, ``ṡᵢ = v − sᵢ/τᵢ``: storages with ``J[s, p] = 1`` and a linear resistor each.
 
     The resistors divide by the stiffness, which therefore has a positive lower bound.
     """
@@ -484,5 +484,5 @@ LEARNED_SPRING = Effect(
 
 @cache
 def learned_elements() -> dict[str, Effect]:
-    """All learned elements by name; none of them is in the catalogue."""
+    """Return all learned elements by name; none of them is in the catalogue."""
     return gathered(__name__)

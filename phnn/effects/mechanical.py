@@ -78,7 +78,7 @@ _RATES = (0.03, 0.3, 3.0)
 
 
 def slides(setup: Setup) -> bool:
-    """The output is a displacement ``q`` that a momentum ``p`` moves, without a coulomb_friction yet."""
+    """Return whether the output is a displacement ``q`` that a momentum ``p`` moves, without a coulomb_friction yet."""
     return has_motion(setup) and all(r.name != _NAME for r in setup.network.resistors)
 
 
@@ -96,7 +96,7 @@ def friction_grid(scales: Scales) -> list[dict[str, float]]:
 
 
 def falling_friction_grid(scales: Scales) -> list[dict[str, float]]:
-    """The same speeds; friction falls over a few and over many of them."""
+    """Return the same speeds; friction falls over a few and over many of them."""
     return [{**v, "r_f": 0.5, "v_d": times * v["v_s"]} for v in friction_grid(scales) for times in (5.0, 50.0)]
 
 
@@ -199,7 +199,7 @@ def creep_grid(scales: Scales) -> list[dict[str, float]]:
 
 
 def logarithmic_creep_grid(scales: Scales) -> list[dict[str, float]]:
-    """A cell in each of six decades, which begin well below the fastest period, below it and beyond it."""
+    """Return a cell in each of six decades, which begin well below the fastest period, below it and beyond it."""
     return [
         {"k_s": 1e-3 * scales.stiffness} | {f"tau_s1{i}": 10.0 ** (i - 1) * share / scales.fastest for i in _CELLS}
         for share in _SHORTEST
@@ -207,7 +207,7 @@ def logarithmic_creep_grid(scales: Scales) -> list[dict[str, float]]:
 
 
 def growth_per_decade(network: Network, stiffness: float, first: float, last: float) -> float:
-    """The growth of the displacement under a constant force in every decade from one time to another [%].
+    """Return the growth of the displacement under a constant force in every decade from one time to another [%].
 
     With the stiffness ``K(t) = k + Σ k_i exp(−t/τ_i)`` of the spring and all cells beside it it is
     ``100 (K(t₁)/K(t₂) − 1) / lg(t₂/t₁)``.
@@ -311,7 +311,7 @@ CUBIC_STIFFNESS = Effect(
 
 
 def moves_without_drag(setup: Setup) -> bool:
-    """The output is a displacement ``q`` that a momentum ``p`` moves, without a quadratic_drag yet."""
+    """Return whether the output is a displacement ``q`` that a momentum ``p`` moves, without a quadratic_drag yet."""
     return has_motion(setup) and all(r.name != "quadratic_drag" for r in setup.network.resistors)
 
 

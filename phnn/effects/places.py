@@ -44,12 +44,12 @@ class Roles:
 
     @property
     def plain(self) -> bool:
-        """Whether every name equals its role."""
+        """Return whether every name equals its role."""
         return not self._set_apart and all(role == name for role, name in (*self.elements, *self.parameters))
 
     @property
     def _set_apart(self) -> bool:
-        """Whether all additions of an effect get other names than in its law."""
+        """Return whether all additions of an effect get other names than in its law."""
         return bool(self.place or self.which)
 
     @property
@@ -75,7 +75,7 @@ class Roles:
         return {self._name(self.parameters, n): v for n, v in values.items()}
 
     def inwards(self, setup: Setup) -> Setup:
-        """The setup with role names."""
+        """Return the setup with role names."""
         return _relabelled(setup, lambda n: self._role(self.elements, n), lambda n: self._role(self.parameters, n))
 
     def outwards(self, setup: Setup) -> Setup:
@@ -98,7 +98,7 @@ class Roles:
 
 
 def roles_of(network: Network, motion: Motion | None) -> Roles:
-    """The roles around a motion of a network without effects; without a motion, those of its hysterons and ports
+    """Return the roles around a motion of a network without effects; without a motion, those of its hysterons and ports
     alone."""
     elements: list[tuple[str, str]] = []
     parameters: list[tuple[str, str]] = []
@@ -130,7 +130,7 @@ def values_by_role(network: Network) -> dict[str, float]:
 
 
 def _once(pairs: list[tuple[str, str]]) -> Pairs:
-    """The pairs without repeated names or roles."""
+    """Return the pairs without repeated names or roles."""
     found: dict[str, str] = {}
     for role, name in pairs:
         if name not in found.values():
@@ -175,7 +175,7 @@ def attached(effect: Effect, setup: Setup) -> list[Effect]:
 
 
 def _as_often_as_it_may(effect: Effect, roles: Roles) -> list[Effect]:
-    """All copies of an effect that may act at one place; each requires the previous one."""
+    """Return all copies of an effect that may act at one place; each requires the previous one."""
     found = [_at(effect, roles)]
     for which in _FURTHER[: effect.at_most - 1]:
         one = _at(effect, replace(roles, which=which))
@@ -184,7 +184,7 @@ def _as_often_as_it_may(effect: Effect, roles: Roles) -> list[Effect]:
 
 
 def place_of(effect: Effect, network: Network) -> str:
-    """The element or port of a network at which an effect acts; several are separated by commas."""
+    """Return the element or port of a network at which an effect acts; several are separated by commas."""
     driven, measured = (p.name for p in network.ports[:1]), (m.displacement for m in motions(network)[:1])
     if effect.location in ("amplifier", "coupling", "thermal"):
         return next(driven, "")
@@ -196,7 +196,7 @@ def place_of(effect: Effect, network: Network) -> str:
 
 
 def _at(effect: Effect, roles: Roles) -> Effect:
-    """The effect with its law, values and parameters under the names of a network."""
+    """Return the effect with its law, values and parameters under the names of a network."""
     if roles.plain:
         return effect
     names = {n: roles.added(n) for n in effect.parameters}
@@ -221,7 +221,7 @@ def _at(effect: Effect, roles: Roles) -> Effect:
 
 
 def _renamed(declared: Declared, roles: Roles) -> Declared:
-    """A parameter with its name in a network."""
+    """Return a parameter with its name in a network."""
     over = declared.plausible.over
     plausible = replace(declared.plausible, over=roles.parameter(over) if over else "")
     return replace(declared, name=roles.added(declared.name), plausible=plausible)

@@ -14,7 +14,7 @@ from phnn.setup import DRIFT_TERMS, Setup
 
 
 def backlash_grid(scales: Scales) -> list[dict[str, float]]:
-    """Three half-widths, from below the noise to a few hundredths of the displacement."""
+    """Return three half-widths, from below the noise to a few hundredths of the displacement."""
     widest = 0.03 * scales.sensed
     least = min(0.3 * scales.noise, 0.1 * widest)
     return [{"delta_b": float(width)} for width in np.geomspace(least, widest, 3)]
@@ -42,18 +42,18 @@ OUTPUT_BACKLASH = Effect(
 
 
 def wander(setup: Setup, parameters: Placed) -> Setup:
-    """``y = q + Σ_m c_m cos(πmt/T)`` with coefficients for each recording."""
+    """Return ``y = q + Σ_m c_m cos(πmt/T)`` with coefficients for each recording."""
     return replace(setup, own=setup.own._replace(drift_terms=DRIFT_TERMS))
 
 
 def steady(setup: Setup) -> bool:
-    """Recordings have no drift of their own yet."""
+    """Return whether recordings have no drift of their own yet."""
     return not setup.own.drift_terms
 
 
 def wandering(setup: Setup) -> bool:
-    """The sensor has no drift yet, neither a ramp nor one for each recording, and its zero is not known to be the
-    same in all recordings."""
+    """Return whether the sensor has no drift yet, neither a ramp nor one for each recording, and its zero is not known
+    to be the same in all recordings."""
     return steady(setup) and "drift_rate" not in setup.parameters and not setup.has_zero
 
 

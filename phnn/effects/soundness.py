@@ -42,7 +42,7 @@ class Home:
 
 @cache
 def actuator() -> Home:
-    """The piezo actuator of the paper: two amplitudes of a sine from rest."""
+    """Return the piezo actuator of the paper: two amplitudes of a sine from rest."""
     scales = Scales(
         voltage=75.0, displacement=1.2e-4, velocity=0.1, stiffness=24579.0, transducer=0.046, slowest=20.0,
         fastest=150.0, duration=0.02, noise=5e-8,
@@ -54,7 +54,7 @@ def actuator() -> Home:
 
 @cache
 def tanks() -> Home:
-    """A pump that fills two tanks by swells of two sizes."""
+    """Return a pump that fills two tanks by swells of two sizes."""
     scales = Scales(
         voltage=1e-4, displacement=1.4e-3, velocity=2e-4, stiffness=1.0, transducer=1.0, slowest=0.02, fastest=0.05,
         duration=100.0, noise=1e-6,
@@ -65,14 +65,14 @@ def tanks() -> Home:
 
 
 def home_of(effect: Effect) -> Home | None:
-    """The base model for an effect: the actuator if the effect applies to it, else the tanks; None if it applies to
-    neither."""
+    """Return the base model for an effect: the actuator if the effect applies to it, else the tanks; None if it applies
+    to neither."""
     return next((h for h in (actuator(), tanks()) if effect.can_be_added_to(h.setup)), None)
 
 
 @cache
 def base_of(home: Home) -> Trajectory:
-    """The simulation without an effect."""
+    """Return the simulation without an effect."""
     return simulate(home.setup, home.drive)
 
 
@@ -81,12 +81,12 @@ _SEEN = 50.0
 
 
 def point(effect: Effect, home: Home) -> dict[str, float]:
-    """The first point of the effect's grid, scaled to a visible strength."""
+    """Return the first point of the effect's grid, scaled to a visible strength."""
     return effect.scaled(effect.grid(home.scales)[0], _SEEN)
 
 
 def added(effect: Effect, values: dict[str, float], home: Home) -> Trajectory:
-    """The simulation with one effect at parameter values [SI]."""
+    """Return the simulation with one effect at parameter values [SI]."""
     return simulate(effect.add_to(home.setup, values), home.drive)
 
 
@@ -97,7 +97,7 @@ _EVERY = 7
 
 
 def sources(network: Network) -> list[bool]:
-    """The storages whose energy is not bounded below."""
+    """Return the storages whose energy is not bounded below."""
     return [not STORAGE_LAWS[s.law].bounded for s in network.storages]
 
 

@@ -16,7 +16,7 @@ from phnn.setup import Setup
 
 
 def overflows(setup: Setup, parameters: Placed) -> Setup:
-    """``V̇ += −r max(V − V_o, 0)`` of the measured tank: a resistor that opens above a level."""
+    """Return ``V̇ += −r max(V − V_o, 0)`` of the measured tank: a resistor that opens above a level."""
     tank = setup.network.output
     return with_rim(setup, "overflow", tank, {tank: 1.0}, parameters)
 
@@ -54,7 +54,7 @@ def spills(setup: Setup, parameters: Placed) -> Setup:
 
 
 def _pipe(network: Network) -> tuple[Resistor, str] | None:
-    """The pipe into the measured tank, and the tank at its other end; None if there is no such pipe."""
+    """Return the pipe into the measured tank, and the tank at its other end; None if there is no such pipe."""
     for resistor in network.resistors:
         others = [name for name in resistor.on if name != network.output]
         if network.output in resistor.on and len(others) == 1:
@@ -90,22 +90,22 @@ SPILL_OVER = Effect(
 
 
 def is_linear(resistor: Resistor) -> bool:
-    """The flow of a pipe is proportional to the head."""
+    """Return whether the flow of a pipe is proportional to the head."""
     return resistor.law == "linear"
 
 
 def is_pipe(resistor: Resistor) -> bool:
-    """The pipe joins two tanks."""
+    """Return whether the pipe joins two tanks."""
     return is_linear(resistor) and len(resistor.on) > 1
 
 
 def is_outlet(resistor: Resistor) -> bool:
-    """The pipe drains a single tank."""
+    """Return whether the pipe drains a single tank."""
     return is_linear(resistor) and len(resistor.on) == 1
 
 
 def narrowed(setup: Setup, parameters: Placed, where: Callable[[Resistor], bool] = is_linear) -> Setup:
-    """Every linear pipe gets an orifice: ``g Δp = Q (1 + κ |Q|/Q_t)``, for large flows ``Q ∝ √|Δp|``."""
+    """Return every linear pipe gets an orifice: ``g Δp = Q (1 + κ |Q|/Q_t)``, for large flows ``Q ∝ √|Δp|``."""
 
     def narrow(resistor: Resistor) -> Resistor:
         if not where(resistor):
@@ -121,7 +121,7 @@ def has_linear_pipes(setup: Setup) -> bool:
 
 
 def has_both(setup: Setup) -> bool:
-    """Some linear pipes join tanks and some drain a single tank."""
+    """Return whether some linear pipes join tanks and some drain a single tank."""
     linear = setup.network.resistors
     return has_tanks(setup) and any(map(is_pipe, linear)) and any(map(is_outlet, linear))
 

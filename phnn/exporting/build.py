@@ -79,7 +79,7 @@ class Chain:
             self.output.append(f"y = {self._static(SENSORS, block, what, 'y', time)}")
 
     def source(self, source: Source) -> str:
-        """The mean of a source over a step, by Simpson's rule; it begins with the first step."""
+        """Return the mean of a source over a step, by Simpson's rule; it begins with the first step."""
         what = f"source {source.kind}"
         self.e.program.state("count", "steps since the start")
         values = [self._static(SOURCES, source, what, f"(s.count + {at}) * H") for at in ("0.0", "0.5", "1.0")]
@@ -229,7 +229,7 @@ class _Builder:
         self.further = [self.key[p.name] for p in inputs[1:]]
 
     def program(self, initial_input: float) -> Program:
-        """The finished program."""
+        """Return the finished program."""
         self.p.from_rest = self.rest.follows_input
         self._solver_fields()
         self._add("balance", (), self.b.write(), "Equations of a step at the unknowns y: what is left, and its terms")
@@ -268,7 +268,7 @@ class _Builder:
             p.state(name, "work of the solver", (m, m))
 
     def _solver(self, balance: str, table: str, floors: Sequence[float], suffix: str) -> str:
-        """The solver of ``balance``; returns its name, empty where there are no unknowns."""
+        """Return the solver of ``balance``; returns its name, empty where there are no unknowns."""
         m = len(self.b.junctions)
         if m == 0:
             return ""
@@ -316,7 +316,7 @@ class _Builder:
 
     @property
     def chain_counts(self) -> bool:
-        """Whether something follows the time since the start."""
+        """Return whether something follows the time since the start."""
         # Sources are written with the step, after init.
         return bool(self.setup.sources) or "count" in self.p.fields
 
@@ -336,7 +336,7 @@ class _Builder:
         return ["s.known = 0.0", *(cleared if m > 1 else [f"s.slope = {floor!r}" for floor in floors])]
 
     def _stored(self, initial_input: float) -> list[str]:
-        """The state of rest under one input, where something flows at rest."""
+        """Return the state of rest under one input, where something flows at rest."""
         program, u = compile_network(self.network), np.zeros(len(self.network.ports))
         u[0] = initial_input
         try:
@@ -371,7 +371,7 @@ class _Builder:
         )
 
     def _remembered(self, memory: ModulatorState) -> list[str]:
-        """The step of a modulator state by its mean drive."""
+        """Return the step of a modulator state by its mean drive."""
         key = self.e.states.of(memory.name)
         x, what = self.b.x(memory.name), f"memory {memory.name}"
         rate = self.e.memory(memory, "rate", x, f"drive_{key}")

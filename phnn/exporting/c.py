@@ -28,7 +28,7 @@ _HELPERS = {
 
 
 def number(value: float | int) -> str:
-    """A literal that reads back as the same number."""
+    """Return a literal that reads back as the same number."""
     text = f"{value:.17g}"
     shorter = repr(float(value))
     text = shorter if len(shorter) < len(text) else text
@@ -70,7 +70,7 @@ class _Body(Printer):
         return f"{_FUNCTIONS.get(name, name)}({', '.join([*arguments, *outputs])})", self.primary
 
     def lines(self) -> list[str]:
-        """The function's body."""
+        """Return the function's body."""
         declared = set(self.function.arguments) | self.loops
         top = [self.name(t) for t in self._declared_early(declared)]
         kinds = [(self._type(n.rstrip("_")), n) for n in top]
@@ -83,7 +83,7 @@ class _Body(Printer):
         return "int" if name in self.whole | self.truths else "double"
 
     def _declared_early(self, known: set[str]) -> list[str]:
-        """Names that are not first assigned by a plain statement of the function's own block."""
+        """Return the names that are not first assigned by a plain statement of the function's own block."""
         plain: set[str] = set()
         early: list[str] = []
         for statement in self.function.body:
@@ -125,7 +125,7 @@ class _Body(Printer):
 
 
 def public(program: Program, name: str) -> str:
-    """The name of a function in C: those that are called from outside have the program's as prefix."""
+    """Return the name of a function in C: those that are called from outside have the program's as prefix."""
     # The public step also gives the output.
     return f"{program.name}_{'advance' if name == 'step' else name}"
 
@@ -170,7 +170,7 @@ def _step(program: Program) -> str:
 
 
 def c_header(program: Program) -> str:
-    """The text of the header file."""
+    """Return the text of the header file."""
     guard = f"{program.name.upper()}_H"
     about = map(one_line, header(program).splitlines())
     lines = [f"/* {line}" if i == 0 else f" * {line}" for i, line in enumerate(about)]
@@ -189,7 +189,7 @@ def c_header(program: Program) -> str:
 
 
 def c_source(program: Program) -> str:
-    """The text of the source file."""
+    """Return the text of the source file."""
     wanted = {name for f in program.functions.values() for name in called(f.body)}
     parts = [f'#include "{program.name}.h"\n\n#include <math.h>']
     parts += ["\n".join(text for name, text in _HELPERS.items() if name in wanted)] if wanted & set(_HELPERS) else []

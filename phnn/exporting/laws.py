@@ -83,7 +83,7 @@ def _tuples(node: ast.AST) -> list[ast.AST]:
 
 
 def _is_beyond(node: ast.AST, tuples: set[int], functions: Mapping[str, Function]) -> bool:
-    """Whether a node of a known kind is used in a way that is not translated."""
+    """Return whether a node of a known kind is used in a way that is not translated."""
     if isinstance(node, ast.Constant):
         return isinstance(node.value, bool) or not (
             isinstance(node.value, int | float) and math.isfinite(float(node.value))
@@ -174,7 +174,7 @@ class Sources:
 
 
 def _free(name: str, source: Callable[..., Any], taken: Mapping[str, Any]) -> str:
-    """A name that is not taken: the function's own, or one with that of its module."""
+    """Return a name that is not taken: the function's own, or one with that of its module."""
     if name not in taken and name not in INTRINSICS:
         return name
     longer = f"{name}_{source.__module__.rpartition('.')[2]}"
@@ -238,12 +238,12 @@ class _Simplified(ast.NodeTransformer):
         return [*kept, ast.Assign([target], ast.Tuple([ast.Name(n, ast.Load()) for n in names], ast.Load()), lineno=0)]
 
     def _temporary(self, count: int) -> list[str]:
-        """Names that the function does not have."""
+        """Return the names that the function does not have."""
         self.temporaries += count
         return [f"value_{i}" for i in range(self.temporaries - count, self.temporaries)]
 
     def _headed(self, statement: ast.stmt) -> ast.stmt:
-        """A statement with its own expressions simplified; those of the blocks in it are simplified already."""
+        """Return a statement with its own expressions simplified; those of the blocks in it are simplified already."""
         if isinstance(statement, ast.If):
             statement.test = self.visit(statement.test)
             return statement
@@ -316,7 +316,7 @@ class _Simplified(ast.NodeTransformer):
         return ast.UnaryOp(ast.Not() if isinstance(node.op, ast.Invert) else node.op, operand)
 
     def visit_Compare(self, node: ast.Compare) -> ast.AST:
-        """A chain ``a < b < c`` as ``a < b and b < c``."""
+        """Return a chain ``a < b < c`` as ``a < b and b < c``."""
         values = [self.visit(v) for v in (node.left, *node.comparators)]
         pairs = [
             ast.Compare(copy.deepcopy(a), [op], [copy.deepcopy(b)])
@@ -377,7 +377,7 @@ def _literal(value: float) -> ast.expr:
 
 
 def _whole(node: ast.AST) -> int | None:
-    """The whole number that an expression writes out."""
+    """Return the whole number that an expression writes out."""
     try:
         return int(ast.literal_eval(node))
     except (ValueError, TypeError):
@@ -402,21 +402,21 @@ class Elements:
         self.names, self.states, self.tables = Names(), Names(), Names()
 
     def parameter(self, name: str) -> str:
-        """The constant of a parameter."""
+        """Return the constant of a parameter."""
         p = self.parameters[name]
         about = one_line(f"{name}: {p.description or 'parameter'} [{p.unit}]")
         return self.program.constant(f"P_{self.names.of(name)}", p.value, about)
 
     def derived(self, name: str, value: float, about: str) -> str:
-        """A constant that follows from parameters and the step."""
+        """Return a constant that follows from parameters and the step."""
         return self.program.constant(f"D_{name}", value, about)
 
     def values(self, names: Sequence[str]) -> list[float]:
-        """Values of parameters."""
+        """Return the values of parameters."""
         return [self.parameters[n].value for n in names]
 
     def call(self, source: Callable[..., Any], what: str, *arguments: str) -> str:
-        """A call of one of the package's functions."""
+        """Return a call of one of the package's functions."""
         return f"{self.sources.name_of(source, what)}({', '.join(arguments)})"
 
     def law(self, law: Any, part: str, what: str, leading: Sequence[str], names: Sequence[str]) -> str:
@@ -424,41 +424,41 @@ class Elements:
         return self.call(getattr(law, part), what, *leading, *(self.parameter(n) for n in names))
 
     def mean_effort(self, storage: Any, a: str, b: str) -> str:
-        """``(H(b) − H(a))/(b − a)`` of a storage."""
+        """Return ``(H(b) − H(a))/(b − a)`` of a storage."""
         what = f"storage {storage.name}"
         if isinstance(storage.law, str):
             return self.law(STORAGE_LAWS[storage.law], "mean_effort", what, (a, b), storage.parameters)
         return f"{self._sum_over_units(WIDE_STORAGES, storage, what, ('a', 'b'))}({a}, {b})"
 
     def flow(self, resistor: Any, effort: str, q: str) -> str:
-        """``φ(ε, q)`` of a resistor."""
+        """Return ``φ(ε, q)`` of a resistor."""
         what = f"resistor {resistor.name}"
         if isinstance(resistor.law, str):
             return self.law(RESISTOR_LAWS[resistor.law], "flow", what, (effort, q), resistor.parameters)
         return f"{self._sum_over_units(WIDE_RESISTORS, resistor, what, ('effort',))}({effort})"
 
     def thresholds(self, resistor: Any, q: str) -> str:
-        """``(ρ, lo, hi)(q)`` of a piecewise linear resistor."""
+        """Return ``(ρ, lo, hi)(q)`` of a piecewise linear resistor."""
         what = f"resistor {resistor.name}"
         return self.law(RESISTOR_LAWS[resistor.law], "thresholds", what, (q,), resistor.parameters)
 
     def action(self, port: Any, u: str) -> str:
-        """``ψ(u)`` of a port."""
+        """Return ``ψ(u)`` of a port."""
         if port.law == "linear":
             return u
         return self.law(PORT_LAWS[port.law], "action", f"port {port.name}", (u,), port.parameters)
 
     def factor(self, modulation: Any, q: str) -> str:
-        """``f(q)`` of a modulation."""
+        """Return ``f(q)`` of a modulation."""
         what = f"modulation of {modulation.ratio}"
         return self.law(FACTOR_LAWS[modulation.law], "factor", what, (q,), modulation.parameters)
 
     def memory(self, memory: Any, part: str, *leading: str) -> str:
-        """``rate`` or ``decay`` of a modulator state."""
+        """Return ``rate`` or ``decay`` of a modulator state."""
         return self.law(MEMORY_LAWS[memory.law], part, f"memory {memory.name}", leading, memory.parameters)
 
     def _sum_over_units(self, known: Mapping[str, Any], element: Any, what: str, arguments: tuple[str, ...]) -> str:
-        """A function of a law that is a sum over units, with its weights in a table; returns its name."""
+        """Return a function of a law that is a sum over units, with its weights in a table; returns its name."""
         law = known[form_of(element.law)]
         name = f"law_{self.tables.of(what)}"
         if name in self.program.functions:

@@ -49,7 +49,7 @@ class Names:
         self._given: dict[str, str] = {}
 
     def of(self, name: str) -> str:
-        """The identifier of a name; the same every time."""
+        """Return the identifier of a name; the same every time."""
         if name not in self._given:
             plain = identifier(name)
             taken = set(self._given.values())
@@ -59,13 +59,13 @@ class Names:
 
 
 def identifier(name: str) -> str:
-    """A name with what no identifier may hold replaced by underscores."""
+    """Return a name with what no identifier may hold replaced by underscores."""
     plain = re.sub(r"[^A-Za-z0-9]+", "_", name)[:_LONGEST].strip("_") or "x"
     return f"x_{plain}" if plain[0].isdigit() else plain
 
 
 def prefix(name: str, title: str) -> str:
-    """The name of files and the prefix of what is public: the given one, or that of the model.
+    """Return the name of files and the prefix of what is public: the given one, or that of the model.
 
     Raises:
         InputRefused: the given name is a word of a target language or the name of one of its own files.
@@ -83,7 +83,7 @@ def prefix(name: str, title: str) -> str:
 
 
 def one_line(text: str) -> str:
-    """Text for a comment: one line that ends no comment of any language."""
+    """Return the text for a comment: one line that ends no comment of any language."""
     plain = " ".join("".join(c for c in text if c.isprintable()).split())
     return plain.replace("/*", "/ *").replace("*/", "* /").replace('"""', "'''")
 
@@ -95,7 +95,7 @@ _HOLD = {
 
 
 def header(program: Program) -> str:
-    """What an exported file is, in a few lines of text."""
+    """Return what an exported file is, in a few lines of text."""
     inputs = ", ".join(f"{n} [{unit}]" for n, unit in program.inputs)
     name, unit = program.output
     begin = "init begins in the state of rest that was computed at the export; its input only fills the amplifier."
@@ -225,17 +225,17 @@ class Program:
         return f"{STATE}.{name}"
 
     def used_constants(self) -> list[Constant]:
-        """Constants that a function names, in the order in which they were added."""
+        """Return the constants that a function names, in the order in which they were added."""
         names = {n.id for f in self.functions.values() for n in walk(f.body) if isinstance(n, ast.Name)}
         return [c for c in self.constants.values() if c.name in names]
 
     def used_fields(self) -> list[Field]:
-        """Fields that a function names, in the order in which they were added."""
+        """Return the fields that a function names, in the order in which they were added."""
         names = {n.attr for f in self.functions.values() for n in walk(f.body) if isinstance(n, ast.Attribute)}
         return [f for f in self.fields.values() if f.name in names]
 
     def needed(self, *roots: str) -> dict[str, Function]:
-        """The functions that are called by the roots, or by what these call, and the roots."""
+        """Return the functions that are called by the roots, or by what these call, and the roots."""
         kept = set(roots)
         for name in reversed(self.functions):
             if name in kept:
@@ -253,7 +253,7 @@ def _finite(name: str, about: str, value: float) -> float:
 
 
 def walk(body: Iterable[ast.stmt]) -> Iterator[ast.AST]:
-    """All nodes of statements, without those of texts that stand alone, which no printer shows."""
+    """Return all nodes of statements, without those of texts that stand alone, which no printer shows."""
     for statement in body:
         if not _is_text(statement):
             yield from ast.walk(statement)
@@ -264,12 +264,12 @@ def _is_text(statement: ast.stmt) -> bool:
 
 
 def called(body: Iterable[ast.stmt]) -> list[str]:
-    """Names of the functions that statements call."""
+    """Return the names of the functions that statements call."""
     return [n.func.id for n in walk(body) if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)]
 
 
 def returned(body: tuple[ast.stmt, ...], known: dict[str, Function]) -> int:
-    """Number of values that statements return."""
+    """Return the number of values that statements return."""
     for node in walk(body):
         if isinstance(node, ast.Return) and node.value is not None:
             if isinstance(node.value, ast.Tuple):
@@ -287,7 +287,7 @@ def function(
     about: str = "",
     of_state: bool = True,
 ) -> Function:
-    """A function from the lines of its body; its calls refer to known functions."""
+    """Return a function from the lines of its body; its calls refer to known functions."""
     text = "\n".join(f"    {line}" for line in lines)
     tree = ast.parse(f"def f({', '.join((*[STATE] * of_state, *arguments))}):\n{text}").body[0]
     assert isinstance(tree, ast.FunctionDef)
@@ -295,7 +295,7 @@ def function(
 
 
 def made(name: str, tree: ast.FunctionDef, known: dict[str, Function], about: str = "") -> Function:
-    """The function of a definition that is in the subset already."""
+    """Return the function of a definition that is in the subset already."""
     body = tuple(s for s in tree.body if not _is_text(s))
     arguments = tuple(a.arg for a in tree.args.args)
     text = " ".join((about or ast.get_docstring(tree) or "").partition("\n\n")[0].split())
@@ -307,12 +307,12 @@ def made(name: str, tree: ast.FunctionDef, known: dict[str, Function], about: st
 
 
 def indented(lines: Iterable[str]) -> list[str]:
-    """Lines of a block."""
+    """Return the lines of a block."""
     return [f"    {line}" for line in lines]
 
 
 def is_taken(name: str) -> bool:
-    """Whether a local name is a word of some target language."""
+    """Return whether a local name is a word of some target language."""
     return name in RESERVED - {"s", "y", "u", "h"}
 
 
@@ -339,11 +339,11 @@ class Printer:
         self.nodes = list(walk(function.body))
 
     def name(self, name: str) -> str:
-        """A local name; words of a language get an underscore."""
+        """Return a local name; words of a language get an underscore."""
         return f"{name}_" if is_taken(name) else name
 
     def expression(self, node: ast.expr, level: int = 0) -> str:
-        """An expression in brackets if it binds less than ``level``."""
+        """Return an expression in brackets if it binds less than ``level``."""
         text, own = self._expression(node)
         return f"({text})" if own < level else text
 

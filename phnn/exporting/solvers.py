@@ -38,22 +38,22 @@ def balance(s: Any) -> None:
 
 
 def lost(s: Any, state: Any) -> Any:
-    """The flow into the resistors of a storage at a state."""
+    """Return the flow into the resistors of a storage at a state."""
     raise NotImplementedError
 
 
 def mean_effort(a: Any, b: Any) -> Any:
-    """The mean effort of a storage between two states."""
+    """Return the mean effort of a storage between two states."""
     raise NotImplementedError
 
 
 def value(s: Any, y: Any, x: Any, other: Any, current: Any) -> Any:
-    """An equation at the unknown ``y``, and the size of its terms."""
+    """Return an equation at the unknown ``y``, and the size of its terms."""
     raise NotImplementedError
 
 
 def root(s: Any, x: Any, other: Any, current: Any, guess: Any, floor: Any, slope: Any) -> Any:
-    """The root of an increasing equation by secant steps inside a bracket, and the last slope; 1e300 for none.
+    """Return the root of an increasing equation by secant steps inside a bracket, and the last slope; 1e300 for none.
 
     ``slope`` is tried first, and one step of the least slope ``floor`` leads beyond the root.
     """
@@ -85,7 +85,7 @@ def root(s: Any, x: Any, other: Any, current: Any, guess: Any, floor: Any, slope
 
 
 def balance_value(s: Any, y: Any, x: Any, other: Any, current: Any) -> Any:
-    """The equation of a step with one unknown."""
+    """Return the equation of a step with one unknown."""
     s.y[0] = y
     balance(s)
     return s.force[0], s.size[0]
@@ -99,45 +99,45 @@ def solve_one(s: Any) -> Any:
 
 
 def first_stage_value(s: Any, y: Any, x: Any, other: Any, current: Any) -> Any:
-    """The first equation of Radau IIA at its first stage, for a given second one."""
+    """Return the first equation of Radau IIA at its first stage, for a given second one."""
     taken = lost(s, y)
     left, _unused = radau_defects(y - x, other - x, current, H, taken, 0.0)
     return left, absolute(y) + absolute(other) + absolute(x) + H * (absolute(current) + absolute(taken))
 
 
 def second_stage_value(s: Any, y: Any, x: Any, other: Any, current: Any) -> Any:
-    """The second equation at the second stage, with the first stage that solves the first one."""
+    """Return the second equation at the second stage, with the first stage that solves the first one."""
     taken, one = lost(s, y), first_stage(s, y, x, current)
     _unused, left = radau_defects(one - x, y - x, current, H, 0.0, taken)
     return left, absolute(one) + absolute(y) + absolute(x) + H * (absolute(current) + absolute(taken))
 
 
 def first_stage(s: Any, two: Any, x: Any, current: Any) -> Any:
-    """The first stage for a given second one."""
+    """Return the first stage for a given second one."""
     raise NotImplementedError
 
 
 def first_root(s: Any, two: Any, x: Any, current: Any) -> Any:
-    """The first stage for a given second one."""
+    """Return the first stage for a given second one."""
     one, _unused = root(s, x, two, current, two, 1.5, 1.5)
     return one
 
 
 def radau(s: Any, x: Any, current: Any) -> Any:
-    """Both stages of a storage under a constant current; the second is its end state."""
+    """Return both stages of a storage under a constant current; the second is its end state."""
     two, _unused = root(s, x, 0.0, current, x, 2.5, 2.5)
     return first_stage(s, two, x, current), two
 
 
 def gradient_value(s: Any, y: Any, x: Any, other: Any, current: Any) -> Any:
-    """The equation of the discrete gradient at the end state."""
+    """Return the equation of the discrete gradient at the end state."""
     taken = lost(s, mean_effort(x, y))
     left = gradient_defect(y - x, current, H, taken)
     return left, absolute(y) + absolute(x) + H * (absolute(current) + absolute(taken))
 
 
 def gradient(s: Any, x: Any, current: Any) -> Any:
-    """The end state of a storage under a constant current."""
+    """Return the end state of a storage under a constant current."""
     end, _unused = root(s, x, 0.0, current, x, 1.0, 1.0)
     return end
 
@@ -194,7 +194,7 @@ def newton_step(s: Any) -> None:
 
 
 def merit(s: Any) -> Any:
-    """Sum of the squared equations, each by its scale."""
+    """Return the sum of the squared equations, each by its scale."""
     total = 0.0
     for j in range(UNKNOWNS):
         total = total + s.force[j] * s.force[j] / FLOORS[0][j]
@@ -202,7 +202,7 @@ def merit(s: Any) -> Any:
 
 
 def is_solved(s: Any, tolerance: Any, rounding: Any) -> Any:
-    """Whether what is left of the equations is rounding."""
+    """Return whether what is left of the equations is rounding."""
     solved = 1.0
     for j in range(UNKNOWNS):
         rounded = 0.0

@@ -35,7 +35,7 @@ from phnn.network.roles import imposed
 
 
 def drives(balance: Balance, memory: ModulatorState) -> list[str]:
-    """Terms of the mean drive: powers of resistors, efforts of storages, actions of ports.
+    """Return the terms of the mean drive: powers of resistors, efforts of storages, actions of ports.
 
     Of a reducible storage all resistors drive the modulator state or none does, see `phnn.integrate.scheme`.
     """
@@ -59,7 +59,7 @@ def drives(balance: Balance, memory: ModulatorState) -> list[str]:
 
 
 def _dissipated(balance: Balance, name: str) -> str:
-    """``i ē − ΔH/h``: what the resistors of a reducible storage take."""
+    """Return ``i ē − ΔH/h``: what the resistors of a reducible storage take."""
     x, end = balance.x(name), balance.end(name)
     stored = balance.e.mean_effort(balance.storage(name), x, end)
     return f"({balance.current(name)} * {balance.mean(name)} - {stored} * ({end} - {x}) / H)"
@@ -78,7 +78,7 @@ class Rest:
 
     @property
     def follows_input(self) -> bool:
-        """Whether displacements of the junctions say all about rest."""
+        """Return whether displacements of the junctions say all about rest."""
         inside = any({to, of} <= set(self.b.junctions) for to, of, _ in self.b.couplings)
         beside = any(name in self.b.reducible for p in self.network.ports for name in p.on)
         return (
@@ -90,7 +90,7 @@ class Rest:
         )
 
     def floors(self) -> list[float]:
-        """Stiffness that acts on every junction near zero."""
+        """Return the stiffness that acts on every junction near zero."""
         total = dict.fromkeys(self.b.junctions, 0.0)
         for name in self.lossless:
             for other, ratio, _ in self.b.links(name):
@@ -107,7 +107,7 @@ class Rest:
         return (ends[1] - ends[0]) / (2.0 * _SHARE)
 
     def write(self) -> list[str]:
-        """The lines of the function; states are left at those of the displacements."""
+        """Return the lines of the function; states are left at those of the displacements."""
         lines = self._states()
         modulated = dict.fromkeys(m.ratio for m in self.network.modulations)
         lines += [f"{self.b.ratio(r)} = {self.e.parameter(r)}" for r in modulated]
@@ -153,7 +153,7 @@ class Rest:
 
 
 def searched(balance: Balance, name: str) -> str:
-    """End state and mean effort of a reducible storage, as an expression with two values."""
+    """Return the end state and mean effort of a reducible storage, as an expression with two values."""
     key, e = balance.e.states.of(name), balance.e
     x, current, storage = balance.x(name), balance.current(name), balance.storage(name)
     lost = _lost(balance, name)
@@ -227,45 +227,45 @@ class Balance:
         self.lines: list[str] = []
 
     def storage(self, name: str) -> Storage:
-        """The storage of a name."""
+        """Return the storage of a name."""
         return self.network.storages[self.network.storage_names.index(name)]
 
     def is_linear(self, name: str) -> bool:
-        """Whether the unknown of a junction is its mean effort; else it is its end state."""
+        """Return whether the unknown of a junction is its mean effort; else it is its end state."""
         return is_linear(self.storage(name))
 
     def x(self, name: str) -> str:
-        """The field of a state."""
+        """Return the field of a state."""
         field = self.e.program.states.setdefault(name, f"x_{self.e.states.of(name)}")
         units = {s.name: s.unit for s in self.network.storages} | {m.name: m.unit for m in self.network.memories}
         return self.e.program.state(field, f"state {name} [{units[name]}]")
 
     def end(self, name: str) -> str:
-        """The field of a state's value at the end of the step."""
+        """Return the field of a state's value at the end of the step."""
         return self.e.program.state(f"end_{self.e.states.of(name)}", f"{name} at the end of the step")
 
     def mean(self, name: str) -> str:
-        """The field of a storage's mean effort."""
+        """Return the field of a storage's mean effort."""
         return self.e.program.state(f"mean_{self.e.states.of(name)}", f"mean effort of {name} in the step")
 
     def current(self, name: str) -> str:
-        """The field of the constant flow into a reducible storage."""
+        """Return the field of the constant flow into a reducible storage."""
         return self.e.program.state(f"current_{self.e.states.of(name)}", f"flow into {name} in the step")
 
     def action(self, port: str) -> str:
-        """The field of what a port makes of its mean input."""
+        """Return the field of what a port makes of its mean input."""
         return self.e.program.state(f"action_{self.e.names.of(port)}", f"action of the port {port} in the step")
 
     def power(self, resistor: str) -> str:
-        """The field of the power that a resistor between junctions takes."""
+        """Return the field of the power that a resistor between junctions takes."""
         return self.e.program.state(f"power_{self.e.names.of(resistor)}", f"mean power of {resistor} in the step")
 
     def flow(self, name: str) -> str:
-        """The local variable of a junction's mean effort."""
+        """Return the local variable of a junction's mean effort."""
         return f"flow_{self.e.states.of(name)}"
 
     def change(self, name: str) -> str:
-        """The local variable of a junction's change of state."""
+        """Return the local variable of a junction's change of state."""
         return f"change_{self.e.states.of(name)}"
 
     def ratio(self, ratio: Ratio) -> str:
@@ -275,18 +275,18 @@ class Balance:
         return f"ratio_{self.e.names.of(ratio)}" if ratio in self.modulated else self.e.parameter(ratio)
 
     def capacity(self, name: str) -> str:
-        """The constant ``1/s`` of a linear storage, ``E = s x``."""
+        """Return the constant ``1/s`` of a linear storage, ``E = s x``."""
         value = 1.0 / self.stiffness_of(name)
         return self.e.derived(f"capacity_{self.e.states.of(name)}", value, f"1/s of {name}, effort = s state")
 
     def stiffness_of(self, name: str) -> float:
-        """``s`` of a linear storage, or of another one at rest."""
+        """Return ``s`` of a linear storage, or of another one at rest."""
         storage = self.storage(name)
         law = STORAGE_LAWS[storage.law]
         return float(law.mean_effort(NEAR_REST, NEAR_REST, *self.e.values(storage.parameters))) / NEAR_REST
 
     def write(self) -> list[str]:
-        """The lines of the function."""
+        """Return the lines of the function."""
         self._flows()
         self._modulate()
         for name in self.reducible:
@@ -322,7 +322,7 @@ class Balance:
 
     @property
     def _read_early(self) -> list[str]:
-        """Reducible storages that a ratio follows: their own ratios follow modulator states alone."""
+        """Return the reducible storages that a ratio follows: their own ratios follow modulator states alone."""
         return list(dict.fromkeys(m.by for m in self.network.modulations if m.by in self.reducible))
 
     def _modulate(self) -> None:
@@ -339,7 +339,7 @@ class Balance:
                     self._current(name)
 
     def reading(self, name: str | None) -> str:
-        """What a law reads: a state in the middle of the step, or a modulator state at its start."""
+        """Return what a law reads: a state in the middle of the step, or a modulator state at its start."""
         if name is None:
             return "0.0"
         if name in self.known:
@@ -349,7 +349,7 @@ class Balance:
         return self.x(name)
 
     def links(self, name: str) -> Iterable[tuple[str, Ratio, int]]:
-        """Junctions to which a reducible storage is coupled, with ratio and sign of its flow."""
+        """Return the junctions to which a reducible storage is coupled, with ratio and sign of its flow."""
         for (to, of, ratio), times in self.couplings.items():
             for own, other, sign in ((to, of, times), (of, to, -times)):
                 if own == name:
@@ -392,7 +392,7 @@ class Balance:
             self._add(name, scaled(1, self.ratio(b), lost))
 
     def _advanced(self, name: str) -> str:
-        """End state and mean effort of a reducible storage, as an expression with two values."""
+        """Return the end state and mean effort of a reducible storage, as an expression with two values."""
         x, current, rule, storage = self.x(name), self.current(name), self.rules[name], self.storage(name)
         if rule == LOSSLESS and self.is_linear(name):
             stiffness = self.stiffness(name)
@@ -410,12 +410,12 @@ class Balance:
         return searched(self, name)
 
     def stiffness(self, name: str) -> str:
-        """The constant ``s`` of a linear storage."""
+        """Return the constant ``s`` of a linear storage."""
         key = self.e.states.of(name)
         return self.e.derived(f"stiffness_{key}", self.stiffness_of(name), f"s of {name}, effort = s state")
 
     def _exact(self, name: str) -> str:
-        """The exact flow of a storage with one piecewise linear resistor and any number of linear ones."""
+        """Return the exact flow of a storage with one piecewise linear resistor and any number of linear ones."""
         key, s = self.e.states.of(name), self.stiffness_of(name)
         first, *others = (self.network.resistors[k] for k in resistors_of(self.network, name))
         assert all(map(is_leak, others))
@@ -446,12 +446,12 @@ class Balance:
 
 
 def added(force: str, size: str, term: str) -> list[str]:
-    """Lines that add a term to what is left of an equation, and to the size of its terms."""
+    """Return the lines that add a term to what is left of an equation, and to the size of its terms."""
     return [f"term = {term}", f"{force} = {force} + term", f"{size} = {size} + absolute(term)"]
 
 
 def scaled(sign: float, ratio: str, value: str) -> str:
-    """``sign · ratio · value`` without factors of one."""
+    """Return ``sign · ratio · value`` without factors of one."""
     number = float(sign)
     if ratio.lstrip("-").replace(".", "").replace("e-", "").isdigit():
         number, ratio = number * float(ratio), "1.0"

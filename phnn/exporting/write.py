@@ -58,7 +58,7 @@ _DATE = (1980, 1, 1, 0, 0, 0)
 
 
 def fmu(program: Program) -> bytes:
-    """The content of the ``.fmu`` file."""
+    """Return the content of the ``.fmu`` file."""
     name = program.name
     sources = {f"{name}.h": c_header(program), f"{name}.c": c_source(program)}
     guid = str(uuid.UUID(bytes=hashlib.sha256("".join(sources.values()).encode()).digest()[:16]))
@@ -76,7 +76,7 @@ def fmu(program: Program) -> bytes:
 
 
 def _wrapper(program: Program, guid: str) -> str:
-    """The functions of the standard around the model."""
+    """Return the functions of the standard around the model."""
     count = len(program.inputs)
     points = [f"u[0] + rate[0] * at[{k}]" for k in range(3)]
     means = [f"u[{k}] + rate[{k}] * at[1]" for k in range(1, count)]
@@ -96,7 +96,7 @@ def _wrapper(program: Program, guid: str) -> str:
 
 
 def description(program: Program, guid: str) -> str:
-    """``modelDescription.xml``."""
+    """Return ``modelDescription.xml``."""
     output, unit = program.output
     variables = [
         f'<ScalarVariable name={quoteattr(name)} valueReference="{k}" causality="input" variability="continuous">'
@@ -133,7 +133,7 @@ def description(program: Program, guid: str) -> str:
 
 
 def compiled(name: str, sources: Mapping[str, str]) -> bytes | None:
-    """The shared library for Linux on 64 bits; None on other machines or without a compiler.
+    """Return the shared library for Linux on 64 bits; None on other machines or without a compiler.
 
     Args:
         name: of the program.
@@ -232,7 +232,7 @@ def program_of(
     sensor: bool = True,
     initial_input: float = 0.0,
 ) -> Program:
-    """The program of a model; arguments as of `export`, ``hold`` is its ``input``.
+    """Return the program of a model; arguments as of `export`, ``hold`` is its ``input``.
 
     Raises:
         InputRefused: a setting is out of range, or a law or block cannot be exported; names it.
@@ -353,7 +353,7 @@ def _zero(field: Field) -> str:
 
 
 def python(program: Program) -> str:
-    """The text of the file."""
+    """Return the text of the file."""
     names = [n for n, _ in program.inputs]
     plain = ", ".join(["u", *(f"u_{n}" for n in names[1:])])
     lines = [f'"""{header(program)}\n"""', "", "import math", "", f"DT = {program.dt!r}  # sample time [s]"]
@@ -399,7 +399,7 @@ class _Body(Printer):
         self.results = [f"out_{i}" for i in range(function.returns)]
 
     def name(self, name: str) -> str:
-        """A local name or a field of the constants; words of the language get an underscore."""
+        """Return a local name or a field of the constants; words of the language get an underscore."""
         if name in self.program.constants and name not in self.local:
             return f"c.{name}"
         return f"{name}_" if name in ("i", "c", "where") else super().name(name)
@@ -410,7 +410,7 @@ class _Body(Printer):
         return f"{_BUILTIN.get(name, name)}({arguments})", self.primary
 
     def _entry(self, node: ast.Subscript) -> str:
-        """An entry of an array, counted from one."""
+        """Return an entry of an array, counted from one."""
         indices: list[str] = []
         value: ast.expr = node
         while isinstance(value, ast.Subscript):
@@ -421,7 +421,7 @@ class _Body(Printer):
         return f"{self.expression(value)}({', '.join(indices)})"
 
     def lines(self) -> list[str]:
-        """The function, from its head to its end."""
+        """Return the function, from its head to its end."""
         f = self.function
         results = [*["s"] * f.changes, *self.results]
         left = f"[{', '.join(results)}] = " if len(results) > 1 else f"{results[0]} = " if results else ""
@@ -438,7 +438,7 @@ class _Body(Printer):
         return self._called([self.expression(t) for t in targets], value)
 
     def _called(self, left: list[str], value: ast.expr) -> list[str]:
-        """An assignment; a function that changes the state gives it back."""
+        """Return an assignment; a function that changes the state gives it back."""
         name = value.func.id if isinstance(value, ast.Call) else ""  # type: ignore[attr-defined]
         known = self.program.functions.get(name)
         left = ["s", *left] if known is not None and known.changes else left
@@ -468,7 +468,7 @@ def _field(field: Field) -> str:
 
 
 def matlab(program: Program) -> dict[str, str]:
-    """Texts of the files by name."""
+    """Return the texts of the files by name."""
     name, inputs = program.name, ", ".join(program.functions["step"].arguments[1:])
     about = [f"% {one_line(line)}" for line in header(program).splitlines()]
     begin = [f"function s = {name}_init({inputs})", f"% {name.upper()}_INIT The state at the start.", *about]
@@ -491,7 +491,7 @@ def matlab(program: Program) -> dict[str, str]:
 
 
 def _file(program: Program, first: list[list[str]], *roots: str) -> str:
-    """A file: its own functions, and those of the program that it needs."""
+    """Return a file: its own functions, and those of the program that it needs."""
     constants = ["function c = constants()", *(f"% {line}" for line in CONSTANTS_ABOUT)]
     constants += [*map(_constant, program.used_constants()), "end"]
     bodies = (_Body(program, f).lines() for f in program.needed(*roots).values())

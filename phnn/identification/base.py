@@ -146,7 +146,7 @@ class NumericalError:
 
 
 def substeps_for(fitted: Fit, plan: Plan, bound: float, error: NumericalError | None = None) -> Plan:
-    """The plan with sub-steps doubled, recording by recording, until a model's solver error is below the bound.
+    """Return the plan with sub-steps doubled, recording by recording, until a model's solver error is below the bound.
 
     The bound [standard deviations] on what parameters do not absorb is shared evenly among the recordings.
 
@@ -179,7 +179,7 @@ def substeps_for(fitted: Fit, plan: Plan, bound: float, error: NumericalError | 
 
 
 def numerical_error(fit: Fit) -> NumericalError:
-    """Error of solver and reconstruction at a fit."""
+    """Return the error of solver and reconstruction at a fit."""
     plan = fit.plan
 
     def one(recording: Recording) -> Array:
@@ -217,7 +217,7 @@ def with_bounded_error(first: Fit, bound: float) -> tuple[Fit, NumericalError]:
 
 
 def released(fitted: Fit, keep: Sequence[str] = ()) -> Fit:
-    """A fit whose held parameters do not stand on a plateau far from where the recordings would notice them.
+    """Return a fit whose held parameters do not stand on a plateau far from where the recordings would notice them.
 
     A parameter that has run off to where nothing depends on it any more has no sensitivity there and is held. What it
     cost to run off shows only at a distance: the sum of squares is scanned over many decades of it, and where a better
@@ -245,7 +245,7 @@ def released(fitted: Fit, keep: Sequence[str] = ()) -> Fit:
 
 
 def coarse_cost(setup: Setup, plan: Plan) -> float:
-    """Sum of squares of a setup on a plan with coarse sub-steps; infinite where it cannot be simulated."""
+    """Return the sum of squares of a setup on a plan with coarse sub-steps; infinite where it cannot be simulated."""
     problem = Problem(setup, plan.coarse(), Variables((), (), np.zeros(0), {}))
     try:
         residual = problem.residual(np.zeros(0))
@@ -418,12 +418,12 @@ def identify_base(
 
 
 def _bound(fitted: Fit, options: Options, share: float) -> float:
-    """Largest numerical error [standard deviations]."""
+    """Return the largest numerical error [standard deviations]."""
     return max(options.error_bound_sigma, share * fitted.beyond_noise**0.5)
 
 
 def _begun(prepared: Prepared, campaign: Campaign, options: Options, progress: Progress) -> Fit:
-    """A first fit of the base model, from no starting values or those of a network's file."""
+    """Return a first fit of the base model, from no starting values or those of a network's file."""
     plan, model, hysterons = prepared.plan, prepared.model, prepared.hysterons
     if prepared.described is not None:
         progress(f"identify the network of {prepared.described.name}")
@@ -441,7 +441,7 @@ def _begun(prepared: Prepared, campaign: Campaign, options: Options, progress: P
 
 
 def identify_bouc_wen(plan: Plan, campaign: Campaign, options: Options, progress: Progress = quiet) -> Fit:
-    """Bouc–Wen with its parameters scaled to the drive, from several starts."""
+    """Return the Bouc–Wen with its parameters scaled to the drive, from several starts."""
     progress("identify bouc_wen")
     anchored = {n: a.value for n, a in campaign.known.items()}
     held = held_by_statement(campaign.known)

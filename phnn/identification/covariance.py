@@ -87,17 +87,17 @@ class NoiseSpectrum:
     freedom: Array
 
     def at(self, cycles: Array) -> Array:
-        """The density at frequencies in cycles a sample."""
+        """Return the density at frequencies in cycles a sample."""
         return np.interp(cycles, self.cycles, self.density)
 
     def covariance(self, columns: Array) -> Array:
-        """(C, C) covariance of ``columnsᵀ noise`` for columns (N, C): ``Σ_f S(f) D*(f) D(f) / N``, zero-padded so that
-        the end of the columns does not meet their beginning."""
+        """Return (C, C) covariance of ``columnsᵀ noise`` for columns (N, C): ``Σ_f S(f) D*(f) D(f) / N``, zero-padded
+        so that the end of the columns does not meet their beginning."""
         root = self._shaped(columns)[0]
         return np.asarray(root.real.T @ root.real + root.imag.T @ root.imag)
 
     def by_band(self, columns: Array) -> Array:
-        """(K, C) variances in `covariance` by the band whose density gives them."""
+        """Return (K, C) variances in `covariance` by the band whose density gives them."""
         root, cycles = self._shaped(columns)
         after = np.clip(np.searchsorted(self.cycles, cycles), 1, self.cycles.size - 1)
         first, last = self.cycles[after - 1], self.cycles[after]
@@ -110,7 +110,7 @@ class NoiseSpectrum:
         return np.asarray(bands @ (root.real**2 + root.imag**2))
 
     def _shaped(self, columns: Array) -> tuple[NDArray[np.complex128], Array]:
-        """(F, C) transforms of columns (N, C), in units of the noise, and their frequencies (F,)."""
+        """Return (F, C) transforms of columns (N, C), in units of the noise, and their frequencies (F,)."""
         size = next_fast_len(columns.shape[0] + _CORRELATED, real=True)
         waves = np.fft.rfft(columns, size, axis=0)
         cycles = np.arange(waves.shape[0]) / size
@@ -145,7 +145,7 @@ def noise_spectra(
 
 
 def difference(residual: Array, recording: Recording) -> Array | None:
-    """What does not repeat: the difference over √2 of two halves of the residual, whole periods apart.
+    """Return what does not repeat: the difference over √2 of two halves of the residual, whole periods apart.
 
     The first period is left out, for it holds a transient. None where there are fewer than three periods.
     """
@@ -163,7 +163,7 @@ def difference(residual: Array, recording: Recording) -> Array | None:
 
 
 def _averaged(sequences: Sequence[Array]) -> NoiseSpectrum:
-    """Mean periodogram of all sequences in bands that widen from the lowest frequency on.
+    """Return the mean periodogram of all sequences in bands that widen from the lowest frequency on.
 
     Below the lowest frequency seen it goes on with the slope in the lowest decade, if that falls with frequency.
     """
@@ -194,7 +194,7 @@ def _averaged(sequences: Sequence[Array]) -> NoiseSpectrum:
 
 
 def _slope(at: Array, density: Array, sizes: NDArray[np.int64]) -> float:
-    """Exponent of the frequency in the lowest decade of a spectrum, between −2 (a random walk) and 0."""
+    """Return the exponent of the frequency in the lowest decade of a spectrum, between −2 (a random walk) and 0."""
     low = at <= 10.0 * at[0]
     if low.sum() < 3:
         return 0.0
@@ -203,7 +203,7 @@ def _slope(at: Array, density: Array, sizes: NDArray[np.int64]) -> float:
 
 
 def _running_median(residual: Array, most: float) -> NoiseSpectrum:
-    """The running median of a periodogram: what repeats stands in single lines, which a median passes over.
+    """Return the running median of a periodogram: what repeats stands in single lines, which a median passes over.
 
     Args:
         most: largest ratio [rms] of noise to stated noise.
@@ -231,7 +231,7 @@ def held_anchors(problem: Problem) -> dict[str, float]:
 
 
 def residual_by_anchors(problem: Problem, z: Array, names: tuple[str, ...]) -> Array:
-    """(N, A) derivatives of the weighted residual by A held parameters [1/SI unit], initial states unchanged."""
+    """Return (N, A) derivatives of the weighted residual by A held parameters [1/SI unit], initial states unchanged."""
     own = problem.template.own
 
     def one(recording: Recording, trajectory: Trajectory, mask: Array) -> Array:
@@ -270,14 +270,14 @@ _Share = tuple[Array, Array]
 
 
 def bread(jacobian: Array) -> Array:
-    """``(JᵀJ)⁻¹``; a direction without information keeps a huge variance, where a pseudo-inverse would call it exactly
-    known."""
+    """Return ``(JᵀJ)⁻¹``; a direction without information keeps a huge variance, where a pseudo-inverse would call it
+    exactly known."""
     root = _root(jacobian)
     return np.asarray(root @ root.T)
 
 
 def _root(jacobian: Array) -> Array:
-    """(K, K) ``T`` with ``T Tᵀ = (JᵀJ)⁻¹``, of columns of one length: a large unit must not hide the others."""
+    """Return (K, K) ``T`` with ``T Tᵀ = (JᵀJ)⁻¹``, of columns of one length: a large unit must not hide the others."""
     sizes = np.linalg.norm(jacobian, axis=0)
     sizes[sizes == 0.0] = 1.0
     columns = jacobian / sizes
@@ -287,7 +287,7 @@ def _root(jacobian: Array) -> Array:
 
 
 def scatter(residual: Array, jacobian: Array, recordings: Sequence[Recording], slices: Sequence[slice]) -> Scatter:
-    """The covariance of estimates, as the module says; never below that of white noise of the stated deviation.
+    """Return the covariance of estimates, as the module says; never below that of white noise of the stated deviation.
 
     Args:
         residual: (N,) weighted by the stated deviation of the noise; jacobian: (N, K) its derivatives.
@@ -322,7 +322,7 @@ def scatter(residual: Array, jacobian: Array, recordings: Sequence[Recording], s
 
 
 def _uneven(residual: Array, basis: Array, root: Array) -> _Share:
-    """What noise adds where its variance is not the same in all samples (part 2)."""
+    """Return what noise adds where its variance is not the same in all samples (part 2)."""
     leverage = np.minimum(np.einsum("ij,ij->i", basis, basis), _HIGHEST_LEVERAGE)
     squares = (residual / (1.0 - leverage)) ** 2
     middle = basis.T @ ((squares - squares.mean())[:, None] * basis)
@@ -331,7 +331,7 @@ def _uneven(residual: Array, basis: Array, root: Array) -> _Share:
 
 
 def _lines(residual: Array, basis: Array, root: Array, density: Array, bounded: Array) -> _Share:
-    """What lines add that exceed the noise (part 3).
+    """Return what lines add that exceed the noise (part 3).
 
     Args:
         density: (F,) of the noise at the frequencies of the recording, over that of white noise of unit variance;

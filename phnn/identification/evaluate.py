@@ -35,8 +35,8 @@ Begun = tuple[Setup, Array]
 def estimated_start(
     setup: Setup, recording: Recording, substeps: int, use: str = "nuisance", near: Begun | None = None
 ) -> Array | None:
-    """(N,) initial state of a recording, estimated from the samples of one use, those of the head that is not scored;
-    None where its start says it.
+    """Return (N,) initial state of a recording, estimated from the samples of one use, those of the head that is not
+    scored; None where its start says it.
 
     Args:
         near: where another model begins: sought from there and from what is expected, in a fraction of the time.
@@ -65,8 +65,8 @@ def estimated_start(
 
 
 def likely_start(setup: Setup, recording: Recording, substeps: int) -> Array | None:
-    """(N,) the state in which a recording begins: estimated where its output was recorded and has a head, else the one
-    that is expected before any sample is seen; None where its start says it."""
+    """Return (N,) the state in which a recording begins: estimated where its output was recorded and has a head, else
+    the one that is expected before any sample is seen; None where its start says it."""
     if recording.mask("nuisance").any() and np.isfinite(recording.y).all():
         return estimated_start(setup, recording, substeps)
     known = variables_of(setup, Plan((recording,), {recording.name: substeps}, workers=1), ()).expected
@@ -74,7 +74,7 @@ def likely_start(setup: Setup, recording: Recording, substeps: int) -> Array | N
 
 
 def _head_of(setup: Setup, recording: Recording, substeps: int, use: str) -> tuple[Setup, Plan]:
-    """A recording as far as its head is concerned, and the setup for it.
+    """Return a recording as far as its head is concerned, and the setup for it.
 
     A slow drift is ignored: over so short a part it looks like a decaying motion.
     """
@@ -113,7 +113,7 @@ class PartScore:
 
     @property
     def numbers(self) -> dict[str, float]:
-        """The three scores by name."""
+        """Return the three scores by name."""
         return {n: getattr(self, n) for n in ("fit_percent", "rmse", "residual_over_noise")}
 
 
@@ -125,11 +125,11 @@ class Evaluation:
     parts: tuple[PartScore, ...]
 
     def table(self) -> dict[str, dict[str, float]]:
-        """Scores by part name."""
+        """Return the scores by part name."""
         return {p.name: p.numbers for p in self.parts}
 
     def over_noise(self, use: str) -> float:
-        """Root mean square of the residual over noise over the parts of one use; NaN where there is none."""
+        """Return the root mean square of the residual over noise over the parts of one use; NaN where there is none."""
         found = [p.residual_over_noise for p in self.parts if p.use == use]
         return float(np.sqrt(np.mean(np.square(found)))) if found else float("nan")
 
@@ -175,7 +175,7 @@ def evaluate(
 
 
 def zero_mask(recording: Recording) -> NDArray[np.bool_]:
-    """(N,) samples that give the zero of an output: those for identification, else for nuisances, else all."""
+    """Return (N,) samples that give the zero of an output: those for identification, else for nuisances, else all."""
     masks = (recording.mask("identification"), recording.mask("nuisance"), np.ones(recording.t.size, dtype=bool))
     return next(m for m in masks if m.any())
 
@@ -193,7 +193,7 @@ def scored(recordings: Sequence[Recording], outputs: Mapping[str, Array]) -> Eva
 
 
 def _own_parts(setup: Setup, recording: Recording, y: Array) -> Array:
-    """(N,) what a recording adds of its own to the model's output ``y``, up to a constant."""
+    """Return (N,) what a recording adds of its own to the model's output ``y``, up to a constant."""
     hidden = beyond_limit(recording, y, np.ones(recording.t.size, dtype=bool), setup.own)
     if hidden is None:
         return own_parts(recording.y - y, slice(None), recording, setup.own)
@@ -201,7 +201,7 @@ def _own_parts(setup: Setup, recording: Recording, y: Array) -> Array:
 
 
 def with_instants(setup: Setup, recording: Recording, substeps: int, initial: Array | None) -> tuple[Recording, Array]:
-    """The recording with the instants of its input's jumps estimated from its whole output, the model held.
+    """Return the recording with the instants of its input's jumps estimated from its whole output, the model held.
 
     Args:
         initial: initial state; None where the recording's start says it.

@@ -67,18 +67,18 @@ class Fit:
 
     @cached_property
     def slices(self) -> list[slice]:
-        """Rows of every recording in residual and Jacobian."""
+        """Return the rows of every recording in residual and Jacobian."""
         ends = np.cumsum([0, *(int(r.mask(self.use).sum()) for r in self.plan.recordings)])
         return [slice(int(a), int(b)) for a, b in itertools.pairwise(ends)]
 
     @property
     def chi2(self) -> float:
-        """Weighted sum of squares over its number of samples; 1 at the noise floor."""
+        """Return the weighted sum of squares over its number of samples; 1 at the noise floor."""
         return float(self.residual @ self.residual / self.residual.size)
 
     @property
     def cost(self) -> float:
-        """Weighted sum of squares."""
+        """Return the weighted sum of squares."""
         return float(self.residual @ self.residual)
 
     @cached_property
@@ -90,7 +90,7 @@ class Fit:
 
     @property
     def beyond_noise(self) -> float:
-        """Weighted sum of squares above that of the noise, one for each sample; 0 where it is less."""
+        """Return the weighted sum of squares above that of the noise, one for each sample; 0 where it is less."""
         return max(self.cost - self.residual.size, 0.0)
 
     @cached_property
@@ -108,7 +108,7 @@ class Fit:
 
     @cached_property
     def scatter(self) -> Scatter:
-        """Covariance of ``z`` by the noise and by what the model misses, and its degrees of freedom."""
+        """Return the covariance of ``z`` by the noise and by what the model misses, and its degrees of freedom."""
         return scatter(self.residual, self.jacobian, self.plan.recordings, self.slices)
 
     @cached_property
@@ -133,7 +133,7 @@ class Fit:
 
     @cached_property
     def covariance(self) -> Array:
-        """(K, K) covariance of ``z``: `exact_anchors`, and the errors of the held anchors."""
+        """Return (K, K) covariance of ``z``: `exact_anchors`, and the errors of the held anchors."""
         variances = np.square(np.array(list(self.anchors.values()), dtype=float))
         return np.asarray(self.exact_anchors + (self.by_anchors * variances) @ self.by_anchors.T)
 
@@ -210,8 +210,8 @@ class Fit:
         return self.held.get(name, "not identified by these recordings" if unknown else "")
 
     def std(self) -> dict[str, float]:
-        """Standard errors of the estimated parameters and of the held anchors, SI; infinite where the recordings do
-        not identify one, alone or together with others."""
+        """Return the standard errors of the estimated parameters and of the held anchors, SI; infinite where the
+        recordings do not identify one, alone or together with others."""
         names, covariance = self.joint_covariance()
         spread = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
         loose = {n for direction in self.open_directions for n in direction}
@@ -247,7 +247,7 @@ class Fit:
         return p.from_coordinate(z - reach), p.from_coordinate(z + reach)
 
     def joint_covariance(self) -> tuple[tuple[str, ...], Array]:
-        """Names and covariance (P, P), SI, of the estimated parameters and the held anchors together.
+        """Return the names and covariance (P, P), SI, of the estimated parameters and the held anchors together.
 
         Errors of quantities that combine several parameters need it: ``k/m`` is known far better than ``k`` and an
         anchored ``m`` are each, as both errors go together.
@@ -361,7 +361,7 @@ def continued(variables: Variables, setup: Setup, plan: Plan, origin: Fit) -> Va
 
 
 def unidentified(jacobian: Array, names: Sequence[str]) -> list[str]:
-    """Names that the recordings cannot identify, worst first, from the sensitivities alone.
+    """Return the names that the recordings cannot identify, worst first, from the sensitivities alone.
 
     A parameter is dropped while some direction of the scaled Jacobian leaves a coordinate uncertain by more than
     a factor ``e^1.5``; what is dropped is the largest entry of the weakest direction. So is one for which the others

@@ -65,7 +65,7 @@ class Identified:
 
     @property
     def model(self) -> Model:
-        """The base model with its estimates."""
+        """Return the base model with its estimates."""
         return model_of(self.fit)
 
     @property
@@ -76,7 +76,7 @@ class Identified:
 
 
 def model_of(fitted: Fit) -> Model:
-    """The model of a fit, with the finest sub-steps and the inputs of its plan."""
+    """Return the model of a fit, with the finest sub-steps and the inputs of its plan."""
     return Model(fitted.setup, fitted.plan.finest, fitted.plan.inputs)
 
 
@@ -116,7 +116,7 @@ def identify(
 
 
 def _manifest_setup(model: Network | Setup | str) -> dict[str, object]:
-    """What a manifest would say under ``setup`` for a model.
+    """Return what a manifest would say under ``setup`` for a model.
 
     Raises:
         InputRefused: it is neither a network nor a setup.
@@ -136,5 +136,5 @@ def _manifest_setup(model: Network | Setup | str) -> dict[str, object]:
 
 
 def _elements(network: Network) -> tuple[object, ...]:
-    """All of a network but the values of its parameters."""
+    """Return all of a network but the values of its parameters."""
     return tuple(getattr(network, f.name) for f in fields(network) if f.name != "parameters")

@@ -34,22 +34,22 @@ class Plan:
     rough: bool = False
 
     def steps_of(self, recording: Recording) -> int:
-        """Sub-steps of a recording, 1 where nothing was chosen."""
+        """Return the sub-steps of a recording, 1 where nothing was chosen."""
         return self.substeps.get(recording.name, 1)
 
     @property
     def finest(self) -> int:
-        """The most sub-steps of any recording."""
+        """Return the most sub-steps of any recording."""
         return max((self.steps_of(r) for r in self.recordings), default=1)
 
     @property
     def inputs(self) -> tuple[float, float]:
-        """The least and the largest input of the recordings, SI."""
+        """Return the least and the largest input of the recordings, SI."""
         return min(float(r.u.min()) for r in self.recordings), max(float(r.u.max()) for r in self.recordings)
 
     @property
     def size(self) -> int:
-        """Steps of one simulation of all recordings."""
+        """Return the steps of one simulation of all recordings."""
         return sum(r.t.size * self.steps_of(r) for r in self.recordings)
 
     def each(self, function: Callable[..., Any], *sequences: Sequence[Any], simulations: float = 0.0) -> list[Any]:
@@ -81,12 +81,12 @@ class Plan:
         return [waiting[i].result() for i in range(len(tasks))]
 
     def coarse(self) -> Plan:
-        """The same recordings with a quarter of the sub-steps and rough derivatives, for first evaluations."""
+        """Return the same recordings with a quarter of the sub-steps and rough derivatives, for first evaluations."""
         return replace(self, substeps={r.name: max(1, self.steps_of(r) // 4) for r in self.recordings}, rough=True)
 
     def derived(self, setup: Setup) -> Plan:
-        """The recordings of which derivatives are taken: where these may be rough, at as few samples as show their
-        inputs, unless the setup has sources of its own, which may be faster."""
+        """Return the recordings of which derivatives are taken: where these may be rough, at as few samples as show
+        their inputs, unless the setup has sources of its own, which may be faster."""
         if not self.rough or setup.sources:
             return self
         return replace(self, recordings=tuple(r.sparse for r in self.recordings))
@@ -94,5 +94,5 @@ class Plan:
 
 @cache
 def _threads(count: int) -> ThreadPoolExecutor:
-    """Threads that are kept: a fit asks for them a thousand times."""
+    """Return the threads that are kept: a fit asks for them a thousand times."""
     return ThreadPoolExecutor(count)

@@ -74,7 +74,7 @@ class Gain:
 
     @property
     def takes(self) -> float:
-        """Mean square [noise²] that the element takes; negative where the error rises."""
+        """Return the mean square [noise²] that the element takes; negative where the error rises."""
         return self.before**2 - self.after**2
 
 
@@ -120,20 +120,20 @@ def gain(
 
 
 def _fair(recording: Recording, own: Own) -> float:
-    """Factor on a residual beside what was fitted to its own samples, for noise to keep its size."""
+    """Return the factor on a residual beside what was fitted to its own samples, for noise to keep its size."""
     size = recording.t.size
     return math.sqrt(size / max(size - own_size(recording, own), 1))
 
 
 def _block_sums(before: Array, after: Array) -> Array:
-    """(B,) sums of ``e₀² − e₁²`` over blocks of equal length, at least one."""
+    """Return (B,) sums of ``e₀² − e₁²`` over blocks of equal length, at least one."""
     length = max(_LENGTHS * correlation_length(after), _FEWEST_SAMPLES)
     count = max(1, int(before.size // length))
     return np.array([block.sum() for block in np.array_split(before**2 - after**2, count)])
 
 
 def correlation_length(residual: Array) -> float:
-    """Correlation length of a residual (N,) without mean, in samples; at least 1."""
+    """Return the correlation length of a residual (N,) without mean, in samples; at least 1."""
     size = residual.size
     covariance = np.fft.irfft(np.abs(np.fft.rfft(residual, 2 * size)) ** 2)[:size]
     if not covariance[0] > 0.0:
@@ -144,7 +144,7 @@ def correlation_length(residual: Array) -> float:
 
 
 def _p_value(values: Array, fewest: int) -> float | None:
-    """One-sided p-value of Student's test that the mean is positive."""
+    """Return the one-sided p-value of Student's test that the mean is positive."""
     if values.size < fewest:
         return None
     spread = float(np.std(values, ddof=1)) / math.sqrt(values.size)
@@ -175,18 +175,18 @@ class LeftOut:
     fewest_blocks: int
 
     def scores(self, fitted: Fit) -> Evaluation:
-        """A model's outputs on all of them."""
+        """Return a model's outputs on all of them."""
         return evaluate(fitted.setup, self.chosen, fitted.initial_states)
 
     def gain(self, before: tuple[Fit, Evaluation], after: tuple[Fit, Evaluation]) -> Gain:
-        """What one model gains over another on the left-out samples."""
+        """Return what one model gains over another on the left-out samples."""
         own = (before[0].setup.own, after[0].setup.own)
         found = gain(before[1], after[1], self.chosen.recordings, _CHOOSES, self.fewest_blocks, own)
         assert found is not None
         return found
 
     def over_noise(self, scores: Evaluation) -> float:
-        """Residual over noise on the left-out samples."""
+        """Return the residual over noise on the left-out samples."""
         return scores.over_noise(_CHOOSES)
 
 
@@ -200,7 +200,7 @@ def leave_out(plan: Plan, fewest_blocks: int) -> LeftOut:
 
 
 def _identified(recording: Recording) -> Recording:
-    """A recording up to the end of its identification samples."""
+    """Return a recording up to the end of its identification samples."""
     last = max(p.last for p in recording.parts if p.use == "identification")
     return recording if last == recording.t.size else recording.only(slice(0, last))
 
@@ -220,8 +220,8 @@ _NOISE = 1.1
 def hysteresis_needed(
     plan: Plan, known: Mapping[str, Anchor], starts: int, seed: int, progress: Callable[[str], None]
 ) -> tuple[int | str, Fit | None]:
-    """The number of hysterons, at most `MOST_HYSTERONS`, or the form of hysteresis, beyond which recordings that were
-    left out are predicted no better; and its fit to the others, None where none could be made.
+    """Return the number of hysterons, at most `MOST_HYSTERONS`, or the form of hysteresis, beyond which recordings that
+    were left out are predicted no better; and its fit to the others, None where none could be made.
 
     Args:
         plan: identification recordings.
@@ -260,7 +260,7 @@ def hysteresis_needed(
 
 
 def _better(held: LeftOut, before: tuple[Fit, Evaluation], after: tuple[Fit, Evaluation], tried: int | str) -> bool:
-    """Whether what was left out is predicted clearly better with one more hysteron, or with another form.
+    """Return whether what was left out is predicted clearly better with one more hysteron, or with another form.
 
     Recordings too short for a test decide nothing: there the default stays, if it predicts no worse.
     """
@@ -272,7 +272,7 @@ def _better(held: LeftOut, before: tuple[Fit, Evaluation], after: tuple[Fit, Eva
 
 
 def identification_plan(campaign: Campaign, workers: int) -> Plan:
-    """The recordings with identification samples.
+    """Return the recordings with identification samples.
 
     Raises:
         InputRefused: there are none.
@@ -301,7 +301,7 @@ class Prepared:
 
 
 def prepare(campaign: Campaign, workers: int = 1) -> Prepared:
-    """Everything of an identification that can be refused before it begins.
+    """Return everything of an identification that can be refused before it begins.
 
     Raises:
         InputRefused: no recording to identify from, a network that cannot be built or simulated, ports or outputs that
@@ -325,12 +325,12 @@ def prepare(campaign: Campaign, workers: int = 1) -> Prepared:
 
 
 def is_ready(campaign: Campaign) -> bool:
-    """Whether the manifest names a ready model, whose values mean nothing yet."""
+    """Return whether the manifest names a ready model, whose values mean nothing yet."""
     return campaign.setup.get("model") in READY and not is_actuator(campaign.setup) and "network" not in campaign.setup
 
 
 def _described(campaign: Campaign) -> Setup:
-    """The network of the manifest, a file or a setup, with its anchors."""
+    """Return the network of the manifest, a file or a setup, with its anchors."""
     given = campaign.setup.get("network") or Setup(ready(campaign.setup["model"]), name=campaign.setup["model"])
     path = Path(given.name if isinstance(given, Setup) else str(given))
     setup = given if isinstance(given, Setup) else Setup(load_network(path), name=printable(path.stem))
@@ -388,12 +388,12 @@ ZERO, GAIN = "y_0", "gamma_u"
 
 
 def own_zeros(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
-    """Recordings, each with a zero of its own."""
+    """Return the recordings, each with a zero of its own."""
     return tuple(replace(r, offset="own") for r in recordings)
 
 
 def is_shared(recordings: Sequence[Recording]) -> bool:
-    """Whether recordings share the zero of their output.
+    """Return whether recordings share the zero of their output.
 
     Raises:
         InputRefused: some do and some do not.
@@ -409,7 +409,7 @@ def is_shared(recordings: Sequence[Recording]) -> bool:
 
 
 def with_shared_zero(first: Fit, plan: Plan) -> Fit:
-    """A fit with own zeros continued with one zero for all recordings of a plan.
+    """Return a fit with own zeros continued with one zero for all recordings of a plan.
 
     Args:
         first: with own zeros; plan: the same recordings, which share theirs.
@@ -429,7 +429,7 @@ def with_shared_zero(first: Fit, plan: Plan) -> Fit:
 
 
 def with_unknown_gain(setup: Setup, recordings: Sequence[Recording]) -> Setup:
-    """The setup behind a drive of unknown gain, where the recordings say so.
+    """Return the setup behind a drive of unknown gain, where the recordings say so.
 
     Raises:
         InputRefused: some have a known gain and some do not.

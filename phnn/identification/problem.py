@@ -37,7 +37,7 @@ _RANK = 1e-9
 
 
 def line_columns(recording: Recording, frequencies: Sequence[float]) -> Array:
-    """(N, 2L) cosine and sine of every line at the samples of a recording.
+    """Return (N, 2L) cosine and sine of every line at the samples of a recording.
 
     Left out are lines at or above the Nyquist frequency, which look like other ones, and lines with less than one
     period in the recording, which look like a zero that moves.
@@ -51,13 +51,13 @@ def line_columns(recording: Recording, frequencies: Sequence[float]) -> Array:
 
 
 def _held(recording: Recording, frequencies: Sequence[float]) -> list[float]:
-    """The lines that a recording can hold."""
+    """Return the lines that a recording can hold."""
     duration = recording.t.size * recording.dt
     return [f for f in dict.fromkeys(frequencies) if 1.0 / duration <= f < 0.5 / recording.dt]
 
 
 def drift_columns(recording: Recording, count: int) -> Array:
-    """(N, C) drift basis: half-cosines ``cos(πmt/T)`` over a recording, ``m = 1, …``, at most ``count``.
+    """Return (N, C) drift basis: half-cosines ``cos(πmt/T)`` over a recording, ``m = 1, …``, at most ``count``.
 
     All are slower than the input, if there is one: a faster drift cannot be told from a response.
     """
@@ -66,7 +66,7 @@ def drift_columns(recording: Recording, count: int) -> Array:
 
 
 def _slow(recording: Recording, count: int) -> int:
-    """Number of half-cosines, at most ``count``, that are slower than the input of a recording."""
+    """Return the number of half-cosines, at most ``count``, that are slower than the input of a recording."""
     if not count or not np.ptp(recording.u) > 0.0:
         return count
     duration = recording.t.size * recording.dt
@@ -74,19 +74,19 @@ def _slow(recording: Recording, count: int) -> int:
 
 
 def own_columns(recording: Recording, own: Own) -> Array:
-    """(N, K) basis of all nuisances of a recording but its zero."""
+    """Return (N, K) basis of all nuisances of a recording but its zero."""
     return np.hstack([line_columns(recording, own.lines), drift_columns(recording, own.drift_terms)])
 
 
 def own_size(recording: Recording, own: Own) -> int:
-    """Number of these columns."""
+    """Return the number of these columns."""
     return 2 * len(_held(recording, own.lines)) + _slow(recording, own.drift_terms)
 
 
 def without_nuisances(
     values: Array, mask: NDArray[Any], recording: Recording, own: Own = NOTHING, hidden: NDArray[np.bool_] | None = None
 ) -> Array:
-    """The masked rows of (N, …) without their mean and nuisances.
+    """Return the masked rows of (N, …) without their mean and nuisances.
 
     The mean stays where the zero of the output is a parameter that recordings share.
 
@@ -109,7 +109,7 @@ def without_nuisances(
 
 @lru_cache(maxsize=32)
 def _own_basis(recording: Recording, own: Own, mask: bytes) -> Array:
-    """Orthonormal basis of the nuisances on the masked rows, without their means; cached for all models."""
+    """Return the orthonormal basis of the nuisances on the masked rows, without their means; cached for all models."""
     columns = own_columns(recording, own)[np.frombuffer(mask, dtype=bool)]
     if not columns.size:
         return np.zeros((columns.shape[0], 0))
@@ -129,7 +129,7 @@ def constant_and_own(error: Array, rows: NDArray[np.bool_], recording: Recording
 
 
 def own_parts(error: Array, rows: slice, recording: Recording, own: Own) -> Array:
-    """(M,) the nuisances in some rows of an error (N,), fitted to these very rows beside a constant."""
+    """Return (M,) the nuisances in some rows of an error (N,), fitted to these very rows beside a constant."""
     columns = np.column_stack([np.ones(recording.t.size), own_columns(recording, own)])[rows]
     found = np.linalg.lstsq(columns, error[rows], rcond=_RANK)[0]
     return np.asarray(columns[:, 1:] @ found[1:])
@@ -142,7 +142,7 @@ _ROUNDS = 30
 
 
 def beyond_limit(recording: Recording, y: Array, mask: NDArray[Any], own: Own = NOTHING) -> Rows | None:
-    """(N,) which masked samples sit at a limit while the model lies beyond it; None where none sits at a limit.
+    """Return (N,) which masked samples sit at a limit while the model lies beyond it; None where none sits at a limit.
 
     Args:
         y: (N,) the model's output without zero and nuisances.
@@ -193,7 +193,7 @@ class Expected:
 
 
 def expected_start(trajectory: Trajectory, scales: Array) -> Expected:
-    """The distribution of the state in which a recording begins.
+    """Return the distribution of the state in which a recording begins.
 
     Args:
         trajectory: of the recording, from rest.
@@ -239,7 +239,7 @@ class Variables:
     expected: Mapping[str, Expected] = field(default_factory=dict)
 
     def start(self, setup: Setup) -> Array:
-        """``z`` of a setup, initial states at their origin."""
+        """Return ``z`` of a setup, initial states at their origin."""
         parameters = setup.parameters
         z = [parameters[n].to_coordinate(parameters[n].value) for n in self.names]
         states = np.zeros(len(self.unknown) * self.scales.size)
@@ -254,7 +254,7 @@ class Variables:
         return lower, np.concatenate([[p[1] for p in pairs], free, within])
 
     def setup(self, template: Setup, z: Array) -> Setup:
-        """The setup at ``z``."""
+        """Return the setup at ``z``."""
         parameters = template.parameters
         values = {}
         for n, c in zip(self.names, z[: len(self.names)], strict=True):
@@ -263,14 +263,14 @@ class Variables:
         return template.with_values(values)
 
     def initial(self, recording: Recording, z: Array) -> Array | None:
-        """Initial state of a recording at ``z``; None where its start says it."""
+        """Return the initial state of a recording at ``z``; None where its start says it."""
         if recording.name not in self.unknown:
             return self.origin.get(recording.name)
         return self.origin[recording.name] + z[self._states_of(recording.name)] * self.scales
 
     def prior(self, z: Array) -> Array:
-        """(P, K+1) derivatives of ``(x₀ − mean)/spread`` of every estimated initial state by ``z``, and these numbers
-        themselves: rows beside those of the samples."""
+        """Return (P, K+1) derivatives of ``(x₀ − mean)/spread`` of every estimated initial state by ``z``, and these
+        numbers themselves: rows beside those of the samples."""
         size = self.scales.size
         rows = np.zeros((len(self.unknown) * size, z.size + 1))
         for i, name in enumerate(self.unknown):
@@ -292,7 +292,7 @@ class Variables:
         return True
 
     def timed(self, recording: Recording, z: Array) -> Recording:
-        """The recording with the instants of its jumps at ``z``."""
+        """Return the recording with the instants of its jumps at ``z``."""
         if recording.name not in self.instants:
             return recording
         return replace(recording, instants=np.clip(z[self._instants_of(recording)], 0.0, 1.0))
@@ -342,7 +342,7 @@ def variables_of(setup: Setup, plan: Plan, names: Sequence[str]) -> Variables:
 
 
 def _first_guess(setup: Setup, recording: Recording, substeps: int) -> Trajectory:
-    """A simulation from rest under the first input; from nothing stored where that input lets nothing rest."""
+    """Return a simulation from rest under the first input; from nothing stored where that input lets nothing rest."""
     try:
         return simulate(setup, recording, substeps)
     except SolverFailed:
@@ -383,7 +383,7 @@ class Problem:
         self._differentiated: tuple[bytes | None, list[Array]] = (None, [])
 
     def trajectories(self, z: Array) -> list[Trajectory]:
-        """Simulations at ``z``."""
+        """Return the simulations at ``z``."""
         if self._marched[0] != z.tobytes():
             setup = self.variables.setup(self.template, z)
 
@@ -395,18 +395,18 @@ class Problem:
         return self._marched[1]
 
     def residual(self, z: Array) -> Array:
-        """(N,) weighted residual."""
+        """Return (N,) weighted residual."""
         if self._differentiated[0] == z.tobytes():
             return np.concatenate([both[:, -1] for both in self._differentiated[1]])
         found = self.trajectories(z)
         return np.concatenate([weighted_residual(t, m) for t, m in zip(found, self.masks, strict=True)])
 
     def jacobian(self, z: Array) -> Array:
-        """(N, K) derivatives of the residual by ``z``."""
+        """Return (N, K) derivatives of the residual by ``z``."""
         return np.concatenate([both[:, :-1] for both in self._with_derivatives(z)])
 
     def size(self, z: Array) -> Array:
-        """(K+1,) the residual turned into the last of a few coordinates, where `slopes` are its derivatives.
+        """Return (K+1,) the residual turned into the last of a few coordinates, where `slopes` are its derivatives.
 
         If an optimiser needs only products of the two, a step is evaluated without sensitivities.
         """
@@ -417,7 +417,7 @@ class Problem:
         return turned
 
     def _length(self, z: Array) -> float:
-        """Root of the sum of squares of residual and prior; infinite where ``z`` cannot be simulated."""
+        """Return the root of the sum of squares of residual and prior; infinite where ``z`` cannot be simulated."""
         try:
             return float(np.hypot(np.linalg.norm(self.residual(z)), np.linalg.norm(self.variables.prior(z)[:, -1])))
         except SolverFailed:
@@ -442,11 +442,11 @@ class Problem:
 
     @property
     def samples(self) -> int:
-        """How many samples are scored."""
+        """Return how many samples are scored."""
         return sum(int(m.sum()) for m in self.masks)
 
     def _with_derivatives(self, z: Array) -> list[Array]:
-        """(N_r, K+1) derivatives of the residual of every recording, and the residual."""
+        """Return (N_r, K+1) derivatives of the residual of every recording, and the residual."""
         if self._differentiated[0] != z.tobytes():
             found, setup = self.trajectories(z), self.variables.setup(self.template, z)
             plan = self.plan.derived(setup)
@@ -472,7 +472,7 @@ class Problem:
 
 
 def weighted_residual(trajectory: Trajectory, mask: Array) -> Array:
-    """``(y − ŷ)/σ`` on the masked samples without what zero and nuisances explain."""
+    """Return ``(y − ŷ)/σ`` on the masked samples without what zero and nuisances explain."""
     recording = trajectory.recording
     error, own = recording.y - trajectory.y, trajectory.setup.own
     hidden = beyond_limit(recording, trajectory.y, mask, own)

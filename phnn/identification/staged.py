@@ -42,7 +42,7 @@ _SLOWER = 0.1
 
 
 def representative_subset(plan: Plan) -> Plan:
-    """The plan with at most five recordings, spread over amplitude and frequency.
+    """Return the plan with at most five recordings, spread over amplitude and frequency.
 
     Beginning with the largest input, each further one is the farthest from those chosen (Gonzalez 1985), in decades of
     the input's range and of its dominant frequency.
@@ -59,7 +59,7 @@ def representative_subset(plan: Plan) -> Plan:
 
 
 def _places(recordings: tuple[Recording, ...]) -> Array:
-    """(R, 2) decades of the input's range and of its dominant frequency."""
+    """Return (R, 2) decades of the input's range and of its dominant frequency."""
     ranges = np.array([float(np.ptp(r.u)) for r in recordings])
     frequencies = np.array([dominant_frequency(r) for r in recordings])
     known = frequencies[frequencies > 0.0]
@@ -87,7 +87,7 @@ FURTHER_STARTS = "further starts of the base model"
 def identify_actuator(
     plan: Plan, known: Mapping[str, Anchor], hysterons: int | str, starts: int, seed: int, setup: Setup | None = None
 ) -> Fit:
-    """The HRC actuator fitted to the identification samples of a plan, no starting values needed.
+    """Return the HRC actuator fitted to the identification samples of a plan, no starting values needed.
 
     Args:
         plan: recordings and sub-steps.
@@ -116,7 +116,7 @@ def identify_actuator(
 
 
 def identify_form(plan: Plan, known: Mapping[str, Anchor], hysterons: Fit) -> tuple[str, Fit]:
-    """The form of hysteresis that fits best in the place of hysterons, and its fit.
+    """Return the form of hysteresis that fits best in the place of hysterons, and its fit.
 
     Args:
         hysterons: a fit with these, from whose mass, spring and damper all forms begin.
@@ -133,7 +133,7 @@ def _held(known: Mapping[str, Anchor], slow: bool) -> dict[str, str]:
 
 
 def _finished(points: Sequence[Setup], plan: Plan, held: Mapping[str, str]) -> list[Fit]:
-    """Short fits to a whole plan from the best of starting points."""
+    """Return the short fits to a whole plan from the best of starting points."""
     finished: list[Fit] = []
     for first in _raced(points, representative_subset(plan), held):
         if finished and late(FURTHER_STARTS):
@@ -143,7 +143,7 @@ def _finished(points: Sequence[Setup], plan: Plan, held: Mapping[str, str]) -> l
 
 
 def _raced(points: Sequence[Setup], plan: Plan, held: Mapping[str, str]) -> list[Fit]:
-    """Fits from the best of several starting points and from those that nearly equal it, the best first.
+    """Return the fits from the best of several starting points and from those that nearly equal it, the best first.
 
     The first steps say little about where a start ends: several of the best go on from where they are. Of starts that
     have met only one goes on; a start that has reached the noise ends the race.
@@ -172,7 +172,7 @@ def _raced(points: Sequence[Setup], plan: Plan, held: Mapping[str, str]) -> list
 def _from_known_starts(
     plan: Plan, known: Mapping[str, Anchor], hysterons: int | str, starts: int, seed: int
 ) -> Fit | None:
-    """A fit whose parameters come from the recordings of known start, and then the unknown initial states.
+    """Return a fit whose parameters come from the recordings of known start, and then the unknown initial states.
 
     Unknown initial states make many local optima. None where all starts are known, or none, and where the recordings
     of known start do not identify the model by themselves.
@@ -205,7 +205,7 @@ def check_known(known: Mapping[str, Anchor], parameters: Mapping[str, Parameter]
 
 
 def held_by_statement(known: Mapping[str, Anchor]) -> dict[str, str]:
-    """What is not estimated because the manifest states it, or because nothing fixes the common factor."""
+    """Return what is not estimated because the manifest states it, or because nothing fixes the common factor."""
     wrong = [n for n, a in known.items() if a.value <= 0.0]
     if wrong:
         raise InputRefused(f"known: {wrong[0]} = {known[wrong[0]].value:g} must be positive, in SI units")
@@ -216,8 +216,8 @@ def held_by_statement(known: Mapping[str, Anchor]) -> dict[str, str]:
 
 
 def is_quasi_static(plan: Plan) -> bool:
-    """Whether all recordings are so slow that the longest lag of a likely actuator, that of critical damping at the
-    lowest resonance, leaves less than the noise of them: then no mass and no damping shows."""
+    """Return whether all recordings are so slow that the longest lag of a likely actuator, that of critical damping at
+    the lowest resonance, leaves less than the noise of them: then no mass and no damping shows."""
     lag = 1.0 / (np.pi * RESONANCES_HZ[0])
     found = [(r, r.excitation) for r in plan.recordings]
     # Steps excite whatever the sampling can show.
@@ -227,8 +227,8 @@ def is_quasi_static(plan: Plan) -> bool:
 
 
 def _held_quasi_static(known: Mapping[str, Anchor]) -> dict[str, str]:
-    """Mass and damping, which slow recordings do not determine, and the stiffness, unless something else fixes the
-    common factor."""
+    """Return the mass and damping, which slow recordings do not determine, and the stiffness, unless something else
+    fixes the common factor."""
     fixed = fixes_common_factor(n for n in known if n not in ("m", "b"))
     return {n: _SLOW for n in ("m", "b", "k") if n not in known and not (fixed and n == "k")}
 
@@ -239,12 +239,12 @@ def held_at(known: Mapping[str, Anchor]) -> dict[str, str]:
 
 
 def fixes_common_factor(known: Iterable[str]) -> bool:
-    """Whether one of the known parameters fixes the factor that voltage and displacement leave open."""
+    """Return whether one of the known parameters fixes the factor that voltage and displacement leave open."""
     return any(n.startswith(_SCALED) for n in known)
 
 
 def stated_only(held: Mapping[str, str]) -> dict[str, str]:
-    """What is held by a statement; what an earlier fit could not identify is left out, to be asked again."""
+    """Return what is held by a statement; what an earlier fit could not identify is left out, to be asked again."""
     return {n: why for n, why in held.items() if not why.endswith(UNIDENTIFIED)}
 
 

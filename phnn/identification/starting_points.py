@@ -44,7 +44,7 @@ MECHANICAL = ("m", "k", "b", "alpha")
 
 
 def mechanical_points(plan: Plan, anchored: Mapping[str, float]) -> list[Setup]:
-    """Mass–spring–dampers with the static gain of the recordings, one for each of several resonances.
+    """Return the mass–spring–dampers with the static gain of the recordings, one for each of several resonances.
 
     Hysterons start from these and not from a fit of them: a linear model takes hysteresis for a lag and loses its mass.
     """
@@ -62,12 +62,12 @@ def mechanical_points(plan: Plan, anchored: Mapping[str, float]) -> list[Setup]:
 
 
 def linear_part(values: Mapping[str, float]) -> Setup:
-    """The mass–spring–damper of an actuator, without hysterons, from values of which others are passed over."""
+    """Return the mass–spring–damper of an actuator, without hysterons, from values of which others are passed over."""
     return Setup(hrc(0, {n: values[n] for n in MECHANICAL}), name="linear")
 
 
 def static_gain(recordings: Sequence[Recording]) -> float:
-    """Displacement per volt from the recording with the largest output.
+    """Return the displacement per volt from the recording with the largest output.
 
     Raises:
         InputRefused: no input moves, or the output falls, all the way, where the input rises.
@@ -86,7 +86,7 @@ def static_gain(recordings: Sequence[Recording]) -> float:
 
 
 def falls_throughout(u: Array, y: Array) -> bool:
-    """Whether an output (N,) falls with the input (N,) over its whole range, and not only on a part of it.
+    """Return whether an output (N,) falls with the input (N,) over its whole range, and not only on a part of it.
 
     Means of the output over bins of the input take both branches of a loop together. They fall if nearly all their way
     leads down: a loop that is widened or lags behind does so, a butterfly, which falls and rises again, does not.
@@ -101,7 +101,7 @@ def falls_throughout(u: Array, y: Array) -> bool:
 
 
 def _input_range(recording: Recording) -> float:
-    """Range of the input, what was before the first sample included."""
+    """Return the range of the input, what was before the first sample included."""
     return float(np.ptp(np.append(recording.u, recording.input_before)))
 
 
@@ -112,7 +112,7 @@ def with_hysterons(
     rates: Sequence[float],
     widths: Sequence[float],
 ) -> Setup:
-    """Hysterons added to a linear setup: ``α²/C_i = share·k``, relaxation rate ``ϱ_i⁻¹/C_i``, dead zone.
+    """Return the hysterons added to a linear setup: ``α²/C_i = share·k``, relaxation rate ``ϱ_i⁻¹/C_i``, dead zone.
 
     Stiffness gives up what the hysterons take while they stick, so that the small-signal gain stays.
     """
@@ -146,8 +146,8 @@ def random_starts(
 
 
 def with_form(linear: Setup, plan: Plan, form: str) -> list[Setup]:
-    """Starting points of another hysteresis in the place of hysterons, named after it, one for each point of its
-    effect's grid."""
+    """Return the starting points of another hysteresis in the place of hysterons, named after it, one for each point of
+    its effect's grid."""
     stiffness = linear.values()["k"]
     moved = 0.5 * max(float(np.ptp(r.y)) for r in plan.recordings)
     fastest = max((dominant_frequency(r) for r in plan.recordings), default=1.0)
@@ -230,11 +230,11 @@ def _with_best_gain(setup: Setup, plan: Plan) -> tuple[float, float]:
 
 
 def drive_amplitude(recordings: Sequence[Recording]) -> float:
-    """Half the largest range of the input."""
+    """Return half the largest range of the input."""
     return 0.5 * max(_input_range(r) for r in recordings)
 
 
 def middle_frequency(recordings: Sequence[Recording]) -> float:
-    """Geometric mean of the excited frequencies [Hz]."""
+    """Return the geometric mean of the excited frequencies [Hz]."""
     found = [f for r in recordings if (f := dominant_frequency(r)) > 0.0]
     return float(np.exp(np.mean(np.log(found)))) if found else 10.0

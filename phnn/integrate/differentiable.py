@@ -171,7 +171,7 @@ class Steps(nn.Module):
 
     @property
     def trained(self) -> dict[str, Tensor]:
-        """All that gradients are asked by, by name."""
+        """Return all that gradients are asked by, by name."""
         return {name: p for name, p in self.named_parameters() if p.requires_grad}
 
     def solve(self, x0: Tensor, u: Tensor, h: Tensor, start: float = 0.0) -> Tensor:
@@ -346,16 +346,16 @@ class _Run(NamedTuple):
     scheme: Scheme
 
     def first(self, steps: int) -> _Run:
-        """The first steps of the stretch."""
+        """Return the first steps of the stretch."""
         return self._replace(u=self.u[:steps], h=self.h[:steps])
 
     def starts(self, z: Tensor) -> Tensor:
-        """(N, ..., n) states at the starts of steps that end at ``z``."""
+        """Return (N, ..., n) states at the starts of steps that end at ``z``."""
         return torch.cat([self.x.unsqueeze(0), z[:-1]])
 
 
 def _by_parts(run: _Run, t: float) -> Tensor:
-    """(1, ..., n) end of one step, found along growing parts of it."""
+    """Return (1, ..., n) end of one step, found along growing parts of it."""
     done, part, guess = 0.0, 0.25, run.x.unsqueeze(0)
     while done < 1.0:
         part = min(part, 1.0 - done)
@@ -428,18 +428,18 @@ def _newton(run: _Run, z: Tensor, damped: bool = False) -> _Root:
 
 
 def _is_sure(run: _Run, z: Tensor) -> bool:
-    """Whether the steps have one solution each, or theirs are connected to their starts."""
+    """Return whether the steps have one solution each, or theirs are connected to their starts."""
     return _has_one_root(run, z) or _is_connected(run, z)
 
 
 def _sizes(matrix: Tensor, state: Tensor) -> Tensor:
-    """(..., n) size of the terms of a linear form, and so of the effect of rounding the state."""
+    """Return (..., n) size of the terms of a linear form, and so of the effect of rounding the state."""
     return (matrix.abs() @ state.abs().unsqueeze(-1)).squeeze(-1)
 
 
 def _has_one_root(run: _Run, z: Tensor) -> bool:
-    """Whether all efforts and flows rise along the steps, which then have exactly one solution each: by the laws'
-    forms, or where these say nothing, at points between start and end."""
+    """Return whether all efforts and flows rise along the steps, which then have exactly one solution each: by the
+    laws' forms, or where these say nothing, at points between start and end."""
     system = run.system
     network, x = system.network, run.starts(z)
     # States that a law or ratio follows within the step, unlike those of modulators. Multi-ports of a known form are
@@ -465,13 +465,13 @@ def _has_one_root(run: _Run, z: Tensor) -> bool:
 
 
 def _between(a: Tensor, b: Tensor) -> Tensor:
-    """(9, ...) points on the way from ``a`` to ``b``."""
+    """Return (9, ...) points on the way from ``a`` to ``b``."""
     way = torch.linspace(0.0, 1.0, _ALONG, dtype=a.dtype, device=a.device)
     return a + way.reshape(-1, *[1] * a.ndim) * (b - a)
 
 
 def _rises(law: Callable[[Tensor], Tensor], a: Tensor, b: Tensor) -> bool:
-    """Whether a law's slope is positive or zero at points between ``a`` and ``b``."""
+    """Return whether a law's slope is positive or zero at points between ``a`` and ``b``."""
     with torch.enable_grad():
         at = _between(a, b).requires_grad_(True)
         # A constant law has a slope too.
@@ -480,7 +480,7 @@ def _rises(law: Callable[[Tensor], Tensor], a: Tensor, b: Tensor) -> bool:
 
 
 def _is_connected(run: _Run, z: Tensor) -> bool:
-    """Whether the Jacobian's determinant stays positive along the way from the start of every step to its end.
+    """Return whether the Jacobian's determinant stays positive along the way from the start of every step to its end.
 
     The determinant is one at ``h = 0`` and negative on the branch between two folds. If it stays positive on the way,
     exactly one root lies there for every shorter step too (proved in one dimension, sampled in others).
@@ -492,13 +492,13 @@ def _is_connected(run: _Run, z: Tensor) -> bool:
 
 
 def _names(system: PortHamiltonianSystem, bad: Tensor) -> str:
-    """Names of the states that a mask (..., n) marks anywhere."""
+    """Return the names of the states that a mask (..., n) marks anywhere."""
     marked = bad.reshape(-1, bad.shape[-1]).any(0).tolist()
     return ", ".join(name for name, flag in zip(system.state_names, marked, strict=True) if flag)
 
 
 def recursion(m: Tensor, r: Tensor) -> Tensor:
-    """(N, ..., n) solution of ``x_k = r_k + m_k x_{k−1}`` with ``x_{−1} = 0``, by cyclic reduction.
+    """Return (N, ..., n) solution of ``x_k = r_k + m_k x_{k−1}`` with ``x_{−1} = 0``, by cyclic reduction.
 
     Two steps make one of half as many, whose solution is every second ``x_k`` (Blelloch 1990, "Prefix sums and their
     applications").
@@ -515,7 +515,7 @@ def recursion(m: Tensor, r: Tensor) -> Tensor:
 
 
 def _times(matrix: Tensor, vector: Tensor) -> Tensor:
-    """(..., n) product."""
+    """Return (..., n) product."""
     return (matrix @ vector.unsqueeze(-1)).squeeze(-1)
 
 
@@ -581,7 +581,7 @@ def _with(given: Mapping[str, Tensor], module: nn.Module, *arguments: Any) -> An
 
 
 def _by_weights(steps: Steps, weights: Mapping[str, Tensor], x: Tensor, ends: Tensor, u: Tensor, h: Tensor) -> Tensor:
-    """(N, B, n, W) derivatives of the residuals of single steps."""
+    """Return (N, B, n, W) derivatives of the residuals of single steps."""
 
     def residual(given: dict[str, Tensor], *step: Tensor) -> Tensor:
         return _with(given, steps, *step, False)[0]
@@ -595,7 +595,7 @@ def _by_weights(steps: Steps, weights: Mapping[str, Tensor], x: Tensor, ends: Te
 def first_order(
     steps: Steps, states: Tensor, u: Tensor, h: Tensor, moved: Mapping[str, Tensor], start: Tensor
 ) -> Tensor:
-    """(N+1, ..., n) changes of the states by small changes of weights and of the initial state (..., n)."""
+    """Return (N+1, ..., n) changes of the states by small changes of weights and of the initial state (..., n)."""
     weights = {name: p.detach() for name, p in steps.named_parameters() if name in moved}
     x, ends = states[:-1], states[1:]
 
@@ -649,7 +649,7 @@ def integrated(
 
 
 def _at_rest(network: Network, held: Array, cycle: int) -> Array:
-    """(n,) steady state under an input; without one a cycle is looked for from zero."""
+    """Return (n,) steady state under an input; without one a cycle is looked for from zero."""
     try:
         return steady_state(network, held)
     except SolverFailed:

@@ -85,7 +85,7 @@ def prepare(t: Any, theta: Any, h: Any, c: Any, c_perturbed: Any) -> None:
 
 @inline
 def inertia(t: Any, j: Any, c: Any) -> Any:
-    """``d(z_j − p_j)/dy_j``: twice the mass of a linear junction, else one."""
+    """Return ``d(z_j − p_j)/dy_j``: twice the mass of a linear junction, else one."""
     return 2.0 * c[count(t, LEAVES) + j, CAPACITY] if is_linear(t, j) else 1.0
 
 
@@ -252,7 +252,7 @@ def _converged(wj: Any, own: Any, relaxed: bool) -> bool:
 
 @plain
 def _merit(wj: Any, own: Any) -> Any:
-    """``Σ (F_j/c_j)²`` with ``c_j² = d(z_j − p_j)/dy_j / h``."""
+    """Return ``Σ (F_j/c_j)²`` with ``c_j² = d(z_j − p_j)/dy_j / h``."""
     stay_outside()
     total = 0.0
     for j in range(own.shape[1]):
@@ -321,7 +321,7 @@ def _ask(t: Any, x: Any, y: Any, wj: Any, jacobian: Any, step: Any, own: Any) ->
 
 @plain
 def _once(t: Any, h: Any, values: Any, room: Room) -> bool:
-    """One step with the latest Jacobian, which mostly suffices where the equations are piecewise linear.
+    """Return whether one step with the latest Jacobian, which mostly suffices where the equations are piecewise linear.
 
     If it does not suffice, the unknowns are restored.
     """

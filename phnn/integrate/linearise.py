@@ -187,7 +187,7 @@ def _signal(t: Any, p: Any, d: Any, s: Any) -> None:
 
 @plain
 def _end(t: Any, row: Any, z: Any, drive: Any, h: Any, theta: Any) -> Any:
-    """End state of the modulator state in a row."""
+    """Return the end state of the modulator state in a row."""
     stay_outside()
     return advanced(z, h, memory_rate(t, row, z, drive, theta), memory_decay(t, row, theta))
 
@@ -222,7 +222,7 @@ def memories_by(t: Any, p: Any, d: Any, k: Any, n: Any, run: Any) -> None:
 
 @inline
 def _term(piece: Any, h: Any, c: Any, term: Any) -> Any:
-    """One coefficient of a piece as complex numbers: end state and mean effort for a unit state, current or
+    """Return one coefficient of a piece as complex numbers: end state and mean effort for a unit state, current or
     threshold."""
     none, unit = 0.0 * c[STIFFNESS], 1.0 + 0.0 * c[STIFFNESS]
     x, current, threshold = unit if term == 0 else none, unit if term == 1 else none, unit if term == 2 else none
@@ -236,7 +236,7 @@ def _term(piece: Any, h: Any, c: Any, term: Any) -> Any:
 
 @inline
 def part(z: Any, perturbed: Any) -> Any:
-    """The derivative along a perturbation; the value if nothing is perturbed."""
+    """Return the derivative along a perturbation; the value if nothing is perturbed."""
     return z.imag / TINY if perturbed else z.real
 
 

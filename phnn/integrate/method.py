@@ -88,7 +88,7 @@ def solve(
 
 
 def _inputs(driven: DrivenSystem, t: Tensor) -> Tensor:
-    """(N, ..., P) inputs at many times (N,), one after the other where the function cannot take all of them."""
+    """Return (N, ..., P) inputs at many times (N,), one after the other where the function cannot take all of them."""
     try:
         return torch.as_tensor(torch.func.vmap(driven.input)(t))
     except (RuntimeError, ValueError):
@@ -130,7 +130,7 @@ class PowerPreserving:
         return set()
 
     def integrate(self, t: Tensor) -> Tensor:
-        """(K, ..., n) states at the output times (K,), or the augmented state at both ends of an interval."""
+        """Return (K, ..., n) states at the output times (K,), or the augmented state at both ends of an interval."""
         if known := _backwards(self.driven):
             return self._pulled_back(t, known)
         if self.holder is None:
@@ -146,7 +146,7 @@ class PowerPreserving:
         return x.detach()
 
     def _pulled_back(self, t: Tensor, known: dict[str, Any]) -> Tensor:
-        """(2, A) the augmented state (by t, x, by x, by parameters) at the end and the start of an interval.
+        """Return (2, A) the augmented state (by t, x, by x, by parameters) at the end and the start of an interval.
 
         torchdiffeq passes negated times, and adds the gradient by the output at the start to ``by x``. That is returned
         as zero but in the first interval, so that what comes for an interval is the gradient by the output at its end.

@@ -129,7 +129,7 @@ class Pattern(NamedTuple):
 
 @lru_cache(maxsize=256)
 def pattern_of(program: Program, active: tuple[int, ...]) -> Pattern:
-    """The pattern of a program for the parameters at some entries of theta."""
+    """Return the pattern of a program for the parameters at some entries of theta."""
     table, sparsity, known = program.table, program.sparsity, len(program.states) + len(program.junctions)
     inputs = [*range(known), *(known + place for place in active)]
     in_ports = np.isin(active, rows_of(table, PORTS)[:, PLACE_1 : PLACE_5 + 1])
@@ -167,7 +167,7 @@ def pattern_of(program: Program, active: tuple[int, ...]) -> Pattern:
 
 
 def _listed(sets: Iterable[frozenset[int]], inputs: list[int]) -> tuple[Integers, Integers]:
-    """The start of every set's list, and all lists one after the other: numbers of the inputs in each set."""
+    """Return the start of every set's list, and all lists one after the other: numbers of the inputs in each set."""
     lists = [[i for i, name in enumerate(inputs) if name in found] for found in sets]
     first = np.cumsum([0, *map(len, lists)])
     return first.astype(np.int64), np.array([i for found in lists for i in found], dtype=np.int64)
@@ -279,7 +279,7 @@ def new_derivatives(t: Integers, p: Pattern, theta: Array, run: Run) -> Derivati
 
 @inline
 def parameter(d: Any, i: Any) -> Any:
-    """Number of the parameter that input ``i`` is; negative if it is a state or an unknown."""
+    """Return the number of the parameter that input ``i`` is; negative if it is a state or an unknown."""
     return i - d.x.shape[0] - d.y.shape[0]
 
 
@@ -297,14 +297,14 @@ def perturb(p: Any, d: Any, i: Any, by: Any) -> None:
 
 @inline
 def places_of(p: Any, d: Any, i: Any) -> Any:
-    """The rows of constants, ratios and actions that belong to the perturbation of input ``i``."""
+    """Return the rows of constants, ratios and actions that belong to the perturbation of input ``i``."""
     k = parameter(d, i)
     return (k, p.slot[i], 1 + p.in_ports[k]) if k >= 0 else (p.active.shape[0], p.slot[i], 0)
 
 
 @inline
 def step_of(d: Any, which: Any, slot: Any, act: Any, h: Any) -> Step:
-    """The step with the constants, ratios and actions in some rows, see `places_of`."""
+    """Return the step with the constants, ratios and actions in some rows, see `places_of`."""
     return Step(d.theta, d.c[which], d.g[slot], d.a[act], d.x, d.y, h, d.wj)
 
 
@@ -405,7 +405,7 @@ def in_full(t: Any, p: Any, d: Any, n: Any, run: Any) -> None:
 
 @inline
 def piece_of(of: Any, own: Any, low: Any, high: Any, x: Any, current: Any) -> Any:
-    """The affine piece on which a reducible storage spends a step, by the rules of `phnn.laws.leaf.rc_flow`.
+    """Return the affine piece on which a reducible storage spends a step, by the rules of `phnn.laws.leaf.rc_flow`.
 
     Args:
         of: (3, 6) coefficients of its pieces; own: its values.
@@ -424,7 +424,7 @@ def piece_of(of: Any, own: Any, low: Any, high: Any, x: Any, current: Any) -> An
 
 @inline
 def _shift(t: Any, p: Any, d: Any, row: Any, i: Any) -> Any:
-    """Derivative of the current into the reducible storage in a row by an input."""
+    """Return the derivative of the current into the reducible storage in a row by an input."""
     _, slot, act = places_of(p, d, i)
     total = 0.0
     for r in range(t[row, FIRST_LINK], t[row, LAST_LINK]):
@@ -484,7 +484,7 @@ def fill(t: Any, p: Any, d: Any, leaf: Any, piece: Any, at: Any) -> None:
 
 @inline
 def current_of(t: Any, d: Any, leaf: Any) -> Any:
-    """The current of a reducible storage whose ratios are not modulated."""
+    """Return the current of a reducible storage whose ratios are not modulated."""
     row, only = t[0, LEAVES] + leaf, d.kinds[leaf, ONLY_LINK]
     if only >= 0:
         return d.values[leaf, TIMES] * d.flows[only]

@@ -99,14 +99,14 @@ def stack(rows: Mapping[int, Sequence[Sequence[int]]], ratios: Mapping[int, Sequ
 
 
 def rows_of(table: Integers, kind: int) -> Integers:
-    """(…, 18) the rows of one kind."""
+    """Return (…, 18) the rows of one kind."""
     return table[table[0, kind] : table[0, kind + 1]]
 
 
 def source_rows(
     network: Network, memory: ModulatorState, leaves: Sequence[str], junctions: Sequence[str]
 ) -> list[list[int]]:
-    """The rows of one modulator state's sources; junction resistors are counted within their kind."""
+    """Return the rows of one modulator state's sources; junction resistors are counted within their kind."""
     on_junctions = [r.name for r in network.resistors if set(r.on) <= set(junctions)]
     ports = [p.name for p in network.ports]
     names = network.drives_of(memory)
@@ -175,8 +175,8 @@ class Program:
 
     @cached_property
     def flow(self) -> int:
-        """Index of the storage whose effort is the flow through the measured one: the mass beside a displacement.
-        For an imposed motion, the storage that is moved."""
+        """Return the index of the storage whose effort is the flow through the measured one: the mass beside a
+        displacement. For an imposed motion, the storage that is moved."""
         if self.moving >= 0:
             return self.moving
         output = self.states[self.output]
@@ -189,7 +189,7 @@ class Program:
 
     @cached_property
     def held(self) -> Integers:
-        """(4,) the contact of an imposed motion, see `phnn.integrate.kernel.Room`."""
+        """Return (4,) the contact of an imposed motion, see `phnn.integrate.kernel.Room`."""
         t, gyrators = self.table, range(self.table[0, GYRATORS], self.table[0, GYRATORS + 1])
         if self.contact < 0:
             return np.full(4, NONE)
@@ -199,12 +199,12 @@ class Program:
 
     @cached_property
     def rules(self) -> dict[str, int]:
-        """The rule that advances each reducible storage, see `phnn.integrate.scheme`."""
+        """Return the rule that advances each reducible storage, see `phnn.integrate.scheme`."""
         return dict(zip(self.leaves, rows_of(self.table, LEAVES)[:, RULE].tolist(), strict=True))
 
     @cached_property
     def dissipative(self) -> tuple[int, ...]:
-        """The reducible storages that have resistors of their own."""
+        """Return the reducible storages that have resistors of their own."""
         return tuple(self.states.index(name) for name, rule in self.rules.items() if rule != LOSSLESS)
 
     def theta(self, network: Network) -> NDArray[np.float64]:
@@ -212,7 +212,7 @@ class Program:
         return self.filled({n: p.value for n, p in network.parameters.items()}, network)
 
     def filled(self, values: Mapping[str, float], network: Network) -> NDArray[np.float64]:
-        """(M,) the same, with some parameter values replaced by name."""
+        """Return (M,) the same, with some parameter values replaced by name."""
         laws: dict[tuple[str, str], Any] = {("storage", s.name): s.law for s in network.storages}
         laws |= {("resistor", r.name): r.law for r in network.resistors}
         weights = [laws[key].weights().detach().numpy() for key in self.modules]
@@ -220,7 +220,7 @@ class Program:
 
 
 def compile_network(network: Network, scheme: Scheme = Scheme.DISCRETE_GRADIENT) -> Program:
-    """The kernel's program of a network under a scheme.
+    """Return the kernel's program of a network under a scheme.
 
     Raises:
         StructureViolated: an unknown law, or a torch module without weights for the kernel, which
@@ -271,7 +271,7 @@ class _Builder:
         return len(self.names) + self.constants.index(float(ratio))
 
     def _law(self, kind: str, name: str, law: Any, parameters: tuple[str, ...]) -> list[int]:
-        """Code and places, or the block of weights, of a law."""
+        """Return the code and places, or the block of weights, of a law."""
         scalar, wide = LAWS[kind]
         if isinstance(law, str):
             places = [self.names.index(n) for n in parameters]
@@ -449,7 +449,7 @@ class _Finder:
         self.modulated = {int(place) for place in self.factors[:, RATIO_PLACE]}
 
     def _law(self, row: Integers, laws: Mapping[str, Any]) -> set[int]:
-        """Indices of a law's parameters; weights of neural laws are left to the torch module."""
+        """Return the indices of a law's parameters; weights of neural laws are left to the torch module."""
         known = list(laws.values())
         return (
             {self.theta + int(p) for p in row[PLACE_1 : PLACE_1 + len(known[row[LAW]].example)]}
@@ -458,14 +458,14 @@ class _Finder:
         )
 
     def _port(self, k: int) -> set[int]:
-        """Indices of a port's law and of its padding, which may carry a given derivative of the action."""
+        """Return the indices of a port's law and of its padding, which may carry a given derivative of the action."""
         return {self.theta + int(p) for p in self.ports[k][1 : 1 + SCALARS]}
 
     def _storage(self, k: int) -> set[int]:
         return self._law(self.storages[k], STORAGE_LAWS)
 
     def ratio(self, place: int) -> set[int]:
-        """Inputs of a ratio."""
+        """Return the inputs of a ratio."""
         found = {self.theta + int(place)}
         for row in self.factors[self.factors[:, RATIO_PLACE] == place]:
             found |= self._law(row, FACTOR_LAWS) | self._read(row[READ])
@@ -477,7 +477,7 @@ class _Finder:
         return {self.unknown + int(j)} | (set() if linear else {int(storage)} | self._storage(storage))
 
     def current(self, leaf: int) -> set[int]:
-        """Inputs of a reducible storage's current."""
+        """Return the inputs of a reducible storage's current."""
         found: set[int] = set()
         links, inlets = self._connections(leaf)
         for row in links:
@@ -487,7 +487,7 @@ class _Finder:
         return found
 
     def _connections(self, leaf: int) -> tuple[Integers, Integers]:
-        """Rows of a reducible storage's links and of its inlets."""
+        """Return the rows of a reducible storage's links and of its inlets."""
         first, last, first_inlet, last_inlet = self.leaf_rows[leaf, FIRST_LINK : LAST_INLET + 1]
         return self.table[first:last], self.table[first_inlet:last_inlet]
 
@@ -509,7 +509,7 @@ class _Finder:
         return self._law(row, RESISTOR_LAWS) | self._read(row[READ])
 
     def leaf(self, leaf: int) -> set[int]:
-        """Inputs of the end state, the mean effort and the forces of a reducible storage."""
+        """Return the inputs of the end state, the mean effort and the forces of a reducible storage."""
         row = self.leaf_rows[leaf]
         found = {int(row[OWN_STORAGE])} | self._storage(row[OWN_STORAGE]) | self.current(leaf)
         for resistor in self.table[row[FIRST_RESISTOR] : row[LAST_RESISTOR]]:
@@ -517,20 +517,20 @@ class _Finder:
         return found
 
     def thresholds(self, leaf: int) -> set[int]:
-        """Inputs of the modulated thresholds of a reducible storage's first resistor."""
+        """Return the inputs of the modulated thresholds of a reducible storage's first resistor."""
         row = self.leaf_rows[leaf]
         follows = row[RULE] == EXACT and self.table[row[FIRST_RESISTOR], READ] >= 0
         return self._resistor(self.table[row[FIRST_RESISTOR]]) if follows else set()
 
     def is_affine(self, leaf: int) -> bool:
-        """Whether known ratios make the current linear in the unknowns, and the flow is exact or lossless."""
+        """Return whether known ratios make the current linear in the unknowns, and the flow is exact or lossless."""
         row, (links, _) = self.leaf_rows[leaf], self._connections(leaf)
         # A nonlinear law with a modulated ratio is differentiated in full.
         plain = row[RULE] == EXACT or (row[RULE] == LOSSLESS and (row[IS_LINEAR] > 0 or not self.varies(leaf)))
         return bool(plain and all(self.junction_rows[r[TO_JUNCTION], IS_LINEAR] for r in links))
 
     def varies(self, leaf: int) -> bool:
-        """Whether a ratio between a reducible storage and a junction or a port is modulated."""
+        """Return whether a ratio between a reducible storage and a junction or a port is modulated."""
         links, inlets = self._connections(leaf)
         return bool(self.modulated & {int(r[RATIO]) for r in (*links, *inlets)})
 
@@ -538,7 +538,7 @@ class _Finder:
         return self.table[row[FIRST_BRANCH] : row[LAST_BRANCH]]
 
     def is_plain(self, place: int) -> bool:
-        """Whether a term of the junctions is linear in the flows, or in an action, with a constant factor."""
+        """Return whether a term of the junctions is linear in the flows, or in an action, with a constant factor."""
         row, kind = self.table[place], self._kind(place)
         if kind == JUNCTION_RESISTORS:
             rows = self._branches(row)
@@ -554,7 +554,7 @@ class _Finder:
         return int(np.searchsorted(self.table[0, :KINDS], place, side="right")) - 1
 
     def term(self, place: int) -> set[int]:
-        """Inputs of a junction resistor's, a gyrator's or a junction inlet's term."""
+        """Return the inputs of a junction resistor's, a gyrator's or a junction inlet's term."""
         row, kind = self.table[place], self._kind(place)
         if kind == JUNCTION_INLETS:
             return self._inlet(row)
@@ -566,7 +566,7 @@ class _Finder:
         return found
 
     def modulator(self, k: int) -> set[int]:
-        """Inputs of a modulator state's law without its drive."""
+        """Return the inputs of a modulator state's law without its drive."""
         return {len(self.storages) + k} | self._law(rows_of(self.table, MODULATOR_STATES)[k], MEMORY_LAWS)
 
     def source(self, row: Integers) -> set[int]:
@@ -582,7 +582,7 @@ Array = NDArray[np.float64]
 
 
 def actions(program: Program, theta: Any, u: Array) -> Any:
-    """(…, P) ``ψ_p(u_p)`` of inputs (…, P)."""
+    """Return (…, P) ``ψ_p(u_p)`` of inputs (…, P)."""
     out = np.empty(u.shape, dtype=theta.dtype)
     for port, row in enumerate(rows_of(program.table, PORTS)):
         law = list(PORT_LAWS.values())[row[LAW]]
@@ -593,7 +593,7 @@ def actions(program: Program, theta: Any, u: Array) -> Any:
 
 
 def action_derivatives(program: Program, theta: Array, u: Array, places: NDArray[np.int64]) -> Array:
-    """(S, n, P) derivatives of the actions by the parameters at some entries of ``theta``."""
+    """Return (S, n, P) derivatives of the actions by the parameters at some entries of ``theta``."""
     out = np.empty((places.size, *u.shape))
     for s, place in enumerate(places):
         moved = theta.astype(complex)

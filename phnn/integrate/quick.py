@@ -116,7 +116,7 @@ def _relaxation(c: Any, rho: Any, h: Any) -> Any:
 
 @inline
 def _total(y: Any, context: Any, x: Any, ends: Any, means: Any) -> Any:
-    """``F`` and the size of its terms; fills the end states and mean efforts."""
+    """Return ``F`` and the size of its terms; fills the end states and mean efforts."""
     t, theta, kinds, c, capacity, damping, drive, h, p, others, ratios = context
     change = 2.0 * (y * capacity - p)
     rate = 1.0 / h
@@ -206,7 +206,7 @@ class Work(NamedTuple):
 
 @lru_cache(maxsize=512)
 def serves(program: Program) -> bool:
-    """Whether the steps of a program have the form above."""
+    """Return whether the steps of a program have the form above."""
     t = program.table
     junctions, leaves = rows_of(t, JUNCTIONS), rows_of(t, LEAVES)
     if len(junctions) != 1 or not junctions[0, IS_LINEAR] or len(rows_of(t, GYRATORS)):

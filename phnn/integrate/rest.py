@@ -63,7 +63,7 @@ _WEIGHTS = [code for code, law in enumerate(STORAGE_LAWS.values()) if not law.bo
 
 
 def equilibrium(program: Program, network: Network, u: Array) -> Array:
-    """(N,) rest state under constant inputs (P,).
+    """Return (N,) rest state under constant inputs (P,).
 
     Raises:
         SolverFailed: a state grows without bound, so that there is no rest state; names the state.
@@ -76,7 +76,7 @@ def equilibrium(program: Program, network: Network, u: Array) -> Array:
 
 
 def equilibrium_derivative(program: Program, network: Network, u: Array, places: NDArray[np.int64]) -> Array:
-    """(N, K) derivatives of the rest state by the parameters at some entries of theta, by the implicit function
+    """Return (N, K) derivatives of the rest state by the parameters at some entries of theta, by the implicit function
     theorem."""
     out = np.zeros((len(program.states), places.size))
     theta = program.theta(network)
@@ -98,7 +98,7 @@ def equilibrium_derivative(program: Program, network: Network, u: Array, places:
 
 
 def equilibrium_slope(program: Program, network: Network, u: Array, port: int) -> Array:
-    """(N,) derivative of the rest state by the input at one port.
+    """Return (N,) derivative of the rest state by the input at one port.
 
     Raises:
         SolverFailed: there is no rest state close by; names the states that grow without bound.
@@ -128,7 +128,7 @@ def _pulled(program: Program, theta: Array, u: Array) -> bool:
 
 
 def _displacements(program: Program, theta: Array, u: Array) -> Array | None:
-    """(m,) ``ξ`` by Newton's method; None where they do not determine the rest state."""
+    """Return (m,) ``ξ`` by Newton's method; None where they do not determine the rest state."""
     if not _pulled(program, theta, u):
         return np.zeros(len(program.junctions))
     if not _served(program):
@@ -147,14 +147,14 @@ def _displacements(program: Program, theta: Array, u: Array) -> Array | None:
 
 
 def _served(program: Program) -> bool:
-    """Whether displacements of the junctions determine the rest state: there are some, and no input acts beside
+    """Return whether displacements of the junctions determine the rest state: there are some, and no input acts beside
     them."""
     beside = len(rows_of(program.table, LEAF_INLETS)) + len(rows_of(program.table, GYRATORS))
     return bool(program.junctions) and not beside
 
 
 def _slopes(program: Program, theta: Array, u: Array, xi: Array) -> Array:
-    """(m, m) derivative of the forces by the displacements."""
+    """Return (m, m) derivative of the forces by the displacements."""
     columns = [np.imag(_forces(program, theta, u, xi + 1j * TINY * e)) / TINY for e in np.eye(xi.size)]
     return np.column_stack(columns)
 
@@ -165,7 +165,7 @@ def _lossless(program: Program) -> NDArray[np.int64]:
 
 
 def _states(program: Program, theta: Any, u: Array, xi: Any) -> Any:
-    """(N,) states at junction displacements."""
+    """Return (N,) states at junction displacements."""
     x = np.zeros(len(program.states), dtype=np.result_type(theta, xi))
     for leaf in _lossless(program):
         for row in program.table[leaf[FIRST_LINK] : leaf[LAST_LINK]]:
@@ -179,7 +179,7 @@ def _states(program: Program, theta: Any, u: Array, xi: Any) -> Any:
 
 
 def _resting_drive(program: Program, memory: NDArray[np.int64], theta: Any, u: Array, x: Any) -> Any:
-    """Drive of a modulator state at rest: efforts of lossless storages and actions of ports."""
+    """Return the drive of a modulator state at rest: efforts of lossless storages and actions of ports."""
     total = 0.0 * theta[0]
     lossless = _lossless(program)[:, OWN_STORAGE]
     for _, _, storage, _, port in program.table[memory[FIRST_SOURCE] : memory[LAST_SOURCE], : SOURCE_PORT + 1]:
@@ -191,7 +191,7 @@ def _resting_drive(program: Program, memory: NDArray[np.int64], theta: Any, u: A
 
 
 def _forces(program: Program, theta: Any, u: Array, xi: Any) -> Any:
-    """(m,) force on every junction at rest."""
+    """Return (m,) force on every junction at rest."""
     x = _states(program, theta, u, xi)
     ratio: dict[int, Any] = {}
     for row in rows_of(program.table, FACTORS):
@@ -209,7 +209,7 @@ def _forces(program: Program, theta: Any, u: Array, xi: Any) -> Any:
 
 
 def _factor(program: Program, row: NDArray[np.int64], theta: Any, x: Any) -> Any:
-    """``f(x)`` of a modulation. It reads a reducible storage, a modulator state, or a junction, which is zero at
+    """Return ``f(x)`` of a modulation. It reads a reducible storage, a modulator state, or a junction, which is zero at
     rest."""
     law = list(FACTOR_LAWS.values())[row[LAW]]
     leaf, _, memory = program.table[row[READ], : READ_MODULATOR + 1]

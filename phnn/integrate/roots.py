@@ -42,7 +42,7 @@ def extrapolated(found: Any, n: Any, k: Any) -> Any:
 
 
 def make_root(value_at: Callable[..., Any], slope_at: Callable[..., Any]) -> Callable[..., Any]:
-    """``root(guess, floor, slope, context) -> (y, slope)``, to be compiled with its two functions.
+    """Return ``root(guess, floor, slope, context) -> (y, slope)``, to be compiled with its two functions.
 
     ``floor > 0`` is a lower bound on the slope of an increasing equation: one step with this slope leads beyond the
     root. A positive ``slope`` replaces the derivative in the first step: where the equation is piecewise linear, the
@@ -99,7 +99,7 @@ _QUICK = 15
 
 
 def radau_defects(d1: Any, d2: Any, current: Any, h: Any, lost1: Any, lost2: Any) -> Any:
-    """``A⁻¹ d − h f`` for the stage displacements ``d_i = X_i − x`` and the flows ``φ_i`` lost there."""
+    """Return ``A⁻¹ d − h f`` for the stage displacements ``d_i = X_i − x`` and the flows ``φ_i`` lost there."""
     return (
         1.5 * d1 + 0.5 * d2 - h * (current - lost1),
         2.5 * d2 - 4.5 * d1 - h * (current - lost2),
@@ -107,7 +107,7 @@ def radau_defects(d1: Any, d2: Any, current: Any, h: Any, lost1: Any, lost2: Any
 
 
 def gradient_defect(d: Any, current: Any, h: Any, lost: Any) -> Any:
-    """``x⁺ − x − h (i − φ(ē))``."""
+    """Return ``x⁺ − x − h (i − φ(ē))``."""
     return d - h * (current - lost)
 
 
@@ -240,7 +240,7 @@ def make_gradient(flow: Callable[..., Any], plain_flow: Callable[..., Any]) -> A
 
 
 def _make_lost(plain_flow: Callable[..., Any]) -> Callable[..., Any]:
-    """``lost(state, context)``: the lost flow and its slope at a real state."""
+    """Return ``lost(state, context)``: the lost flow and its slope at a real state."""
 
     @plain
     def lost(state: Any, context: Any) -> Any:

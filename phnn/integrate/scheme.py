@@ -52,7 +52,7 @@ class Scheme(Enum):
 
     @classmethod
     def named(cls, name: str) -> Scheme:
-        """The scheme with a given name.
+        """Return the scheme with a given name.
 
         Raises:
             InputRefused: no scheme has this name; lists the names.
@@ -76,7 +76,7 @@ LINEAR_RESISTOR_CODES = tuple(code for code, name in enumerate(RESISTOR_LAWS) if
 
 
 def junctions_of(network: Network) -> tuple[str, ...]:
-    """The storages whose mean efforts are the unknowns of a step, in the order of the network."""
+    """Return the storages whose mean efforts are the unknowns of a step, in the order of the network."""
     forced = {name for r in network.resistors if len(r.on) > 1 for name in r.on}
     forced |= {name for m in network.multi_ports for b in m.columns for name in b}
     forced |= {name for e in network.shared_energies for name in e.of}
@@ -108,23 +108,23 @@ def junctions_of(network: Network) -> tuple[str, ...]:
 
 
 def is_linear(storage: Storage) -> bool:
-    """Whether the effort of a storage is linear in its state."""
+    """Return whether the effort of a storage is linear in its state."""
     return isinstance(storage.law, str) and storage.law in _LINEAR_STORAGES
 
 
 def is_leak(resistor: Resistor) -> bool:
-    """Whether the flow of a resistor is linear in its effort."""
+    """Return whether the flow of a resistor is linear in its effort."""
     return isinstance(resistor.law, str) and resistor.law in _LINEAR_RESISTORS
 
 
 def resistors_of(network: Network, storage: str) -> list[int]:
-    """Numbers of the resistors that act on one storage alone, linear ones after the one with a dead zone."""
+    """Return the numbers of the resistors that act on one storage alone, linear ones after the one with a dead zone."""
     on = [k for k, r in enumerate(network.resistors) if tuple(r.on) == (storage,)]
     return sorted(on, key=lambda k: is_leak(network.resistors[k]))
 
 
 def rule_of(network: Network, storage: str, scheme: Scheme) -> int:
-    """The rule that advances a reducible storage, one of the tables'."""
+    """Return the rule that advances a reducible storage, one of the tables'."""
     resistors = [network.resistors[k] for k in resistors_of(network, storage)]
     if not resistors:
         return LOSSLESS
@@ -142,7 +142,7 @@ def rule_of(network: Network, storage: str, scheme: Scheme) -> int:
 
 
 def _follows_the_path(network: Network, storage: str, resistor: Resistor) -> bool:
-    """Whether a step of a storage has the closed form of a law of the path.
+    """Return whether a step of a storage has the closed form of a law of the path.
 
     The velocity that the law reads must be all of the current into the storage, whose law must be the right one.
     """
@@ -193,12 +193,12 @@ LAWS: dict[str, tuple[Mapping[str, Any], Mapping[str, Any]]] = {
 
 
 def can_compile(network: Network) -> bool:
-    """Whether the compiled kernels solve a network."""
+    """Return whether the compiled kernels solve a network."""
     return not obstacle(network)
 
 
 def obstacle(network: Network) -> str:
-    """The reason why the compiled kernels cannot solve a network, with the remedy; empty if they can."""
+    """Return the reason why the compiled kernels cannot solve a network, with the remedy; empty if they can."""
     found = map(_law_obstacle, network.with_laws())
     return fault_of_laws(network) or next(filter(None, found), "") or partly_driven(network, network.storage_names)
 
@@ -214,8 +214,8 @@ def _law_obstacle(one: WithLaw) -> str:
 
 
 def partly_driven(network: Network, storages: Iterable[str]) -> str:
-    """Message for a modulator state that only some of the resistors on one storage drive; empty if there is no such
-    state.
+    """Return the message for a modulator state that only some of the resistors on one storage drive; empty if there is
+    no such state.
 
     For each of the given storages, a step knows only the total power that the resistors acting on this storage alone
     dissipate.

@@ -57,7 +57,7 @@ class _Point(NamedTuple):
 
 
 def steady_state(network: Network, u: Array) -> Array:
-    """(n,) steady state under constant inputs (P,), by Newton's method from the zero state.
+    """Return (n,) steady state under constant inputs (P,), by Newton's method from the zero state.
 
     Raises:
         SolverFailed: there is no steady state, or it is not found: names the storages and the remedy.
@@ -79,7 +79,7 @@ def steady_state(network: Network, u: Array) -> Array:
 
 
 def steady_derivative(network: Network, u: Array, names: Sequence[str]) -> Array:
-    """(n, K) derivatives of the steady state by the values of parameters.
+    """Return (n, K) derivatives of the steady state by the values of parameters.
 
     The state minimises ``½ |ε_S|²`` of the silent resistors under ``G = (ẋ, C x) = 0``. With the multipliers ``λ`` the
     implicit function theorem gives, for ``L = ½ |ε_S|² + λᵀ G``,
@@ -108,14 +108,14 @@ def steady_derivative(network: Network, u: Array, names: Sequence[str]) -> Array
 
 
 def steady_slope(network: Network, u: Array, port: int) -> Array:
-    """(n,) derivative of the steady state by the input at one port, as `steady_derivative`."""
+    """Return (n,) derivative of the steady state by the input at one port, as `steady_derivative`."""
     inputs = [torch.tensor(value, dtype=torch.float64, requires_grad=k == port) for k, value in enumerate(u)]
     found = _implicit(PortHamiltonianSystem(network), steady_state(network, u), torch.stack(inputs), [inputs[port]])
     return np.asarray(found[:, 0])
 
 
 def _implicit(system: PortHamiltonianSystem, steady: Array, u: Tensor, by: Sequence[Tensor]) -> Array:
-    """(n, K) derivatives of a steady state by some scalars on which the system or its inputs depend.
+    """Return (n, K) derivatives of a steady state by some scalars on which the system or its inputs depend.
 
     Raises:
         SolverFailed: there is no steady state close by; names the states that grow without bound.
@@ -144,7 +144,7 @@ def _implicit(system: PortHamiltonianSystem, steady: Array, u: Tensor, by: Seque
 
 
 def _conditions(system: PortHamiltonianSystem, point: _Point, x: Tensor, u: Tensor) -> tuple[Tensor, Tensor]:
-    """(n + c,) ``G`` and (S,) efforts of the silent resistors, differentiable to second order."""
+    """Return (n + c,) ``G`` and (S,) efforts of the silent resistors, differentiable to second order."""
     branches, inputs = system.incidences(x)
     touched = torch.cat([system.structure(x), branches, inputs], dim=-1)
     invariants = torch.from_numpy(point.invariants)
@@ -157,7 +157,7 @@ def _conditions(system: PortHamiltonianSystem, point: _Point, x: Tensor, u: Tens
 
 
 def _rows(values: Tensor, by: Sequence[Tensor]) -> Array:
-    """(m, K) derivatives of values (m,) by one vector (K,) or by K scalars."""
+    """Return (m, K) derivatives of values (m,) by one vector (K,) or by K scalars."""
     out = np.zeros((values.shape[0], sum(b.numel() for b in by)))
     for i in range(values.shape[0]):
         if values.requires_grad:
@@ -191,7 +191,7 @@ def _at(system: PortHamiltonianSystem, u: Array, x: Array) -> _Point:
 
 
 def _newton(point: _Point, x: Array) -> tuple[Array, tuple[Array, Array], Array]:
-    """(n,) step, the factors of rows and columns, and (n, f) directions that the equations leave free."""
+    """Return (n,) step, the factors of rows and columns, and (n, f) directions that the equations leave free."""
     matrix = np.vstack([point.slope, point.invariants])
     right = np.concatenate([-point.rate, -point.invariants @ x])
     rows, columns = _equilibrated(matrix)
@@ -206,7 +206,7 @@ def _newton(point: _Point, x: Array) -> tuple[Array, tuple[Array, Array], Array]
 
 
 def _equilibrated(matrix: Array) -> tuple[Array, Array]:
-    """Factors of rows and columns that bring all their largest entries to one; Ruiz 2001."""
+    """Return the factors of rows and columns that bring all their largest entries to one; Ruiz 2001."""
     rows, columns = np.ones(matrix.shape[0]), np.ones(matrix.shape[1])
     for _ in range(_SWEEPS):
         scaled = np.abs(rows[:, None] * matrix * columns)
@@ -217,7 +217,7 @@ def _equilibrated(matrix: Array) -> tuple[Array, Array]:
 
 
 def _least(matrix: Array, right: Array) -> tuple[Array, Array]:
-    """The least-squares solution of least norm, and the null space."""
+    """Return the least-squares solution of least norm, and the null space."""
     if not (np.isfinite(matrix).all() and np.isfinite(right).all()):
         raise SolverFailed("no rest state was found: the network's rates, or their derivatives, are not finite there")
     left, size, across = np.linalg.svd(matrix)

@@ -112,7 +112,7 @@ def _of_law(name: str, leading: int, laws: Mapping[str, Any], wide: Iterable[Cal
 
 
 def _unmodulated(flow: Any) -> Any:
-    """A flow with an unused read-only argument."""
+    """Return a flow with an unused read-only argument."""
 
     def with_read(effort: Any, q: Any, theta: Any, first: Any, units: Any) -> Any:
         return flow(effort, theta, first, units)
@@ -133,32 +133,32 @@ memory_decay = _of_law("decay", 0, MEMORY_LAWS)
 
 @inline
 def count(t: Any, kind: Any) -> Any:
-    """Number of rows of a kind."""
+    """Return the number of rows of a kind."""
     return t[0, kind + 1] - t[0, kind]
 
 
 @inline
 def mean_effort(t: Any, k: Any, a: Any, b: Any, theta: Any) -> Any:
-    """``ē`` of storage ``k`` between two states."""
+    """Return ``ē`` of storage ``k`` between two states."""
     return storage_effort(t, t[0, STORAGES] + k, a, b, theta)
 
 
 @inline
 def stiffness(t: Any, k: Any, theta: Any) -> Any:
-    """``s`` of a linear storage, ``E = s x``, or of another one at rest."""
+    """Return ``s`` of a linear storage, ``E = s x``, or of another one at rest."""
     small = NEAR_REST + 0.0 * theta[0]
     return mean_effort(t, k, small, small, theta) / NEAR_REST
 
 
 @inline
 def junction_storage(t: Any, j: Any) -> Any:
-    """Number of the storage of junction ``j``."""
+    """Return the number of the storage of junction ``j``."""
     return t[t[0, JUNCTIONS] + j, OWN_STORAGE]
 
 
 @inline
 def is_linear(t: Any, j: Any) -> Any:
-    """Whether the unknown of junction ``j`` is its mean effort; otherwise it is its end state."""
+    """Return whether the unknown of junction ``j`` is its mean effort; otherwise it is its end state."""
     return t[t[0, JUNCTIONS] + j, IS_LINEAR] > 0
 
 
@@ -246,14 +246,14 @@ class Step(NamedTuple):
 
 @inline
 def junction_change(t: Any, j: Any, c: Any, x: Any, y: Any) -> Any:
-    """``z_j − p_j``; of a linear storage ``2 (v̄/s − p)``, which takes no difference of end states."""
+    """Return ``z_j − p_j``; of a linear storage ``2 (v̄/s − p)``, which takes no difference of end states."""
     p = x[junction_storage(t, j)]
     return 2.0 * (y[j] * c[count(t, LEAVES) + j, CAPACITY] - p) if is_linear(t, j) else y[j] - p
 
 
 @inline
 def leaf_current(t: Any, leaf: Any, g: Any, a: Any, wj: Any) -> Any:
-    """``i_l``."""
+    """Return ``i_l``."""
     row = t[0, LEAVES] + leaf
     total = 0.0 * g[0]
     for r in range(t[row, FIRST_LINK], t[row, LAST_LINK]):
@@ -265,7 +265,7 @@ def leaf_current(t: Any, leaf: Any, g: Any, a: Any, wj: Any) -> Any:
 
 @inline
 def read(t: Any, r: Any, step: Step) -> Any:
-    """Mid-step energy variable, or modulator state, that a law may read; 0 for none.
+    """Return the mid-step energy variable, or modulator state, that a law may read; 0 for none.
 
     The ratios of a reducible storage that is read follow no energy variable. A modulator state is read at the start of
     the step.
@@ -283,7 +283,7 @@ def read(t: Any, r: Any, step: Step) -> Any:
 
 @inline
 def branch_effort(t: Any, r: Any, g: Any, wj: Any) -> Any:
-    """``b_rᵀ v̄`` of the junction resistor in row ``r``."""
+    """Return ``b_rᵀ v̄`` of the junction resistor in row ``r``."""
     effort = 0.0 * g[0]
     for b in range(t[r, FIRST_BRANCH], t[r, LAST_BRANCH]):
         effort += g[b] * wj[FLOW, t[b, TO_JUNCTION]]
@@ -364,8 +364,8 @@ def modulate(t: Any, step: Step) -> None:
 
 
 def _make_lost(part: Any) -> Any:
-    """``Σ_r b_r φ_r(b_r ε)`` of a reducible storage at an effort; ``part`` takes a ratio or a variable that a law reads
-    with its perturbations or without them, ``theta`` being unperturbed."""
+    """Return ``Σ_r b_r φ_r(b_r ε)`` of a reducible storage at an effort; ``part`` takes a ratio or a variable that a
+    law reads with its perturbations or without them, ``theta`` being unperturbed."""
 
     def lost(context: Any, effort: Any) -> Any:
         t, leaf, step = context
@@ -388,7 +388,7 @@ _lost, _plainly_lost = _make_lost(_whole), _make_lost(real)
 
 
 def _at_state(lost: Any) -> Any:
-    """The flow lost at a state."""
+    """Return the flow lost at a state."""
 
     def at_state(state: Any, context: Any) -> Any:
         stay_outside()
@@ -399,7 +399,7 @@ def _at_state(lost: Any) -> Any:
 
 
 def _between_states(lost: Any) -> Any:
-    """The flow lost at the mean effort between two states."""
+    """Return the flow lost at the mean effort between two states."""
 
     def between_states(start: Any, end: Any, context: Any) -> Any:
         stay_outside()
@@ -415,7 +415,7 @@ _gradient_search, _gradient_moved = make_gradient(_between_states(_lost), _betwe
 
 @inline
 def is_closed(t: Any, leaf: Any) -> Any:
-    """Whether the equations of a reducible storage have a closed solution."""
+    """Return whether the equations of a reducible storage have a closed solution."""
     rule = t[t[0, LEAVES] + leaf, RULE]
     return (rule == LOSSLESS) | (rule == EXACT) | (rule == PATH)
 
@@ -435,7 +435,7 @@ def leaf_search(t: Any, leaf: Any, step: Step) -> Any:
 
 @plain
 def leaf_moved(t: Any, leaf: Any, step: Step, found: Any) -> Any:
-    """End state and mean effort of a reducible storage from the result of `leaf_search`."""
+    """Return the end state and mean effort of a reducible storage from the result of `leaf_search`."""
     stay_outside()
     row = t[0, LEAVES] + leaf
     k = t[row, OWN_STORAGE]
@@ -449,7 +449,7 @@ def leaf_moved(t: Any, leaf: Any, step: Step, found: Any) -> Any:
 
 @inline
 def leaf_closed(t: Any, leaf: Any, step: Step) -> Any:
-    """End state and mean effort of a reducible storage with a closed solution."""
+    """Return the end state and mean effort of a reducible storage with a closed solution."""
     theta, c, x, h = step.theta, step.c, step.x, step.h
     row = t[0, LEAVES] + leaf
     k, rule = t[row, OWN_STORAGE], t[row, RULE]
@@ -475,7 +475,7 @@ def leaf_closed(t: Any, leaf: Any, step: Step) -> Any:
 
 @inline
 def leaf_step(t: Any, leaf: Any, step: Step) -> Any:
-    """End state and mean effort of a reducible storage."""
+    """Return the end state and mean effort of a reducible storage."""
     if is_closed(t, leaf):
         return leaf_closed(t, leaf, step)
     found = leaf_search(t, leaf, step)
@@ -524,7 +524,7 @@ def balance(t: Any, step: Step, wx: Any) -> None:
 
 @inline
 def _source(t: Any, s: Any, step: Step, wx: Any) -> Any:
-    """Contribution of the source in row ``s`` to ``s̄``."""
+    """Return the contribution of the source in row ``s`` to ``s̄``."""
     theta, g, x, wj = step.theta, step.g, step.x, step.wj
     leaf, r = t[s, SOURCE_LEAF], t[s, SOURCE_RESISTOR]
     if leaf >= 0:

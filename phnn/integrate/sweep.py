@@ -191,7 +191,7 @@ _sensitivities = loop_entry(sensitivity_steps)
 
 
 def carrier(program: Program, port: int) -> int:
-    """An unused entry of theta in the padded row of a port's law.
+    """Return an unused entry of theta in the padded row of a port's law.
 
     As an active parameter it changes only the actions, by the derivatives that `sensitivities` is given for it.
     """
@@ -209,7 +209,7 @@ class Integrated(NamedTuple):
     h: Array
 
     def first(self, steps: int | None) -> Integrated:
-        """The same in the first steps; in all of them where ``steps`` is None."""
+        """Return the same in the first steps; in all of them where ``steps`` is None."""
         nodes = None if steps is None else steps + 1
         return Integrated(
             self.program, self.theta, self.states[:nodes], self.efforts[:steps], self.u[:steps], self.h[:steps]
@@ -234,11 +234,11 @@ class Perturbed(NamedTuple):
 
     @property
     def columns(self) -> int:
-        """Number of perturbations."""
+        """Return the number of perturbations."""
         return self.active.size + self.forces.shape[1] + self.varied.size
 
     def first(self, steps: int | None) -> Perturbed:
-        """The same in the first steps; in all of them where ``steps`` is None."""
+        """Return the same in the first steps; in all of them where ``steps`` is None."""
         pushed = {k: action[:steps] for k, action in self.pushed.items()}
         return Perturbed(self.active, self.forces[:steps], self.varied, self.weights[:steps], pushed)
 
@@ -257,7 +257,7 @@ def sensitivities(
     nodes: NDArray[np.int64],
     end: Array | None = None,
 ) -> Array:
-    """Forward sweep of the linearised recursion with many right-hand sides.
+    """Return the forward sweep of the linearised recursion with many right-hand sides.
 
     Columns are, in order: the active parameters, perturbed initial states, perturbed forces on the junction through
     which the output flows, and parameters perturbed by a signal instead of a constant.
@@ -314,7 +314,7 @@ _PROGRESS, _DAMPED = 0.5, (1.0, 0.25)
 
 
 def steady_cycle(program: Program, theta: Array, x: Array, u: Array, h: Array) -> Array:
-    """(N,) the state in which a period begins and ends; arguments and errors as of `closed_cycle`.
+    """Return (N,) the state in which a period begins and ends; arguments and errors as of `closed_cycle`.
 
     Args:
         u: (n, P) mean inputs and h: (n,) steps [s] of one period.
@@ -344,7 +344,7 @@ def closed_cycle(
     names: Sequence[str],
     free: int | None = None,
 ) -> Array:
-    """(N,) the state in which a period begins and ends, by Newton's method.
+    """Return (N,) the state in which a period begins and ends, by Newton's method.
 
     Args:
         period: (n+1, N) states of a period from its initial state.
@@ -357,7 +357,7 @@ def closed_cycle(
     """
 
     def integrated(start: Array) -> tuple[Array, Array, Array]:
-        """The states of a period, and the change and the range of each."""
+        """Return the states of a period, and the change and the range of each."""
         states = period(start)
         change = states[-1] - start
         if free is not None:
@@ -395,7 +395,7 @@ def closed_cycle(
 
 
 def reach_of(states: Array) -> Array:
-    """(N,) range of each state within a period; one for a state that does not move."""
+    """Return (N,) range of each state within a period; one for a state that does not move."""
     # State by state in memory: across rows of a few numbers the reduction takes sixteen times as long.
     by_state = np.ascontiguousarray(states.T)
     least, most = by_state.min(axis=1), by_state.max(axis=1)
@@ -416,14 +416,14 @@ def cycle_derivative(end: Array, first: int, states: Array) -> Array:
 
 
 def steady_change(monodromy: Array, change: Array, reach: Array) -> Array:
-    """(N, C) ``(I − M)⁻¹ δ`` of changes (N, C) within a period; zero along neutral directions."""
+    """Return (N, C) ``(I − M)⁻¹ δ`` of changes (N, C) within a period; zero along neutral directions."""
     matrix = np.eye(reach.size) - monodromy * reach / reach[:, None]
     return np.asarray(reach[:, None] * np.linalg.lstsq(matrix, change / reach[:, None], rcond=_NEUTRAL)[0])
 
 
 def without_impulse(program: Program, end: Array, first: int) -> Array:
-    """Derivatives (N, C) of the state at the end of a period, with zero derivatives of the impulse of an imposed
-    motion.
+    """Return the derivatives (N, C) of the state at the end of a period, with zero derivatives of the impulse of an
+    imposed motion.
 
     Args:
         first: first of the columns by the initial states of the period.

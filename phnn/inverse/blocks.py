@@ -85,14 +85,14 @@ class Signal(NamedTuple):
     causes: tuple[str, ...] = ()
 
     def then(self, values: Array, lost: NDArray[np.bool_] | None = None, cause: str = "") -> Signal:
-        """The signal behind one more stage, which may lose samples for a cause of its own."""
+        """Return the signal behind one more stage, which may lose samples for a cause of its own."""
         if lost is None or not lost.any():
             return Signal(values, self.lost, self.causes)
         return Signal(values, self.lost | lost, (*self.causes, cause))
 
 
 def reachable(values: Array) -> Signal:
-    """A signal of which nothing is lost."""
+    """Return a signal of which nothing is lost."""
     return Signal(values, np.zeros(values.size, dtype=bool))
 
 
@@ -120,7 +120,7 @@ class Path:
 
 
 def path_through(samples: Array, dt: float, substeps: int) -> Path:
-    """The quintic spline through samples, on the sub-steps of a simulation.
+    """Return the quintic spline through samples, on the sub-steps of a simulation.
 
     Args:
         samples: (N,) displacement [m]; dt: their interval [s].
@@ -180,7 +180,7 @@ def solve_rising(function: Callable[[Array], Array], target: Array) -> Solved:
 
 
 def _short(function: Callable[[Array], Array], side: Array, size: Array, target: Array) -> NDArray[np.bool_]:
-    """Where the characteristic has not yet come as far as the target."""
+    """Return where the characteristic has not yet come as far as the target."""
     return np.asarray(side * (function(side * size) - target) < 0.0)
 
 
@@ -189,7 +189,7 @@ _ROUNDING, _REACHED = 1e-9, 1e-6
 
 
 def command(setup: Setup, voltage: Signal, h: float) -> Signal:
-    """The command at the nodes that makes the amplifier give a voltage at its end.
+    """Return the command at the nodes that makes the amplifier give a voltage at its end.
 
     Args:
         voltage: at the nodes; h: their interval [s].
@@ -211,7 +211,7 @@ def command(setup: Setup, voltage: Signal, h: float) -> Signal:
 
 
 def command_at_rest(setup: Setup, voltage: float) -> float:
-    """The constant command under which the amplifier gives a constant voltage."""
+    """Return the constant command under which the amplifier gives a constant voltage."""
     return float(command(setup, reachable(np.full(2, voltage)), 1.0).values[0])
 
 
@@ -289,7 +289,7 @@ _BELOW = 1e-3
 
 
 def displacement(setup: Setup, output: Signal, dt: float, strict: bool = True) -> Signal:
-    """The displacement at the samples that makes the sensor report an output.
+    """Return the displacement at the samples that makes the sensor report an output.
 
     Args:
         output: at the samples; dt: their interval [s].
@@ -388,22 +388,22 @@ class FlatNetwork:
 
     @cached_property
     def momentum(self) -> int:
-        """Place of the momentum among the states."""
+        """Return the place of the momentum among the states."""
         return self.setup.network.state_names.index(motions(self.setup.network)[0].momentum)
 
     @cached_property
     def mass(self) -> Storage:
-        """The storage of the momentum."""
+        """Return the storage of the momentum."""
         return self.setup.network.storages[self.momentum]
 
     @property
     def output(self) -> int:
-        """Place of the displacement among the states."""
+        """Return the place of the displacement among the states."""
         return self.setup.network.state_names.index(self.setup.network.output)
 
     @cached_property
     def imposed(self) -> Network:
-        """The network with a heavy mass and a port that moves it."""
+        """Return the network with a heavy mass and a port that moves it."""
         network = self.setup.network
         heavy = constant(_HEAVY, _TIMES * self._inertia, "kg", "mass that no force of the network moves")
         storages = list(network.storages)
@@ -420,7 +420,7 @@ class FlatNetwork:
         return self.setup.network.parameters[self.mass.parameters[0]].value
 
     def at_rest(self, q: float) -> tuple[float, Array]:
-        """The constant voltage under which the network rests at a displacement, and (N,) its state.
+        """Return the constant voltage under which the network rests at a displacement, and (N,) its state.
 
         Zero voltage and an empty network with that displacement where the voltage does not tell it.
         """
@@ -441,7 +441,7 @@ class FlatNetwork:
         return float(u[0]), found
 
     def voltage(self, path: Path, before: Array | None = None) -> Solved:
-        """(n+1,) port voltage at the nodes of a motion, and by how much a bent port misses the action it needs.
+        """Return (n+1,) port voltage at the nodes of a motion, and by how much a bent port misses the action it needs.
 
         Args:
             path: the displacement and its derivatives.
@@ -468,7 +468,7 @@ class FlatNetwork:
         return solve_rising(action, wanted)
 
     def _states(self, path: Path, before: Array | None) -> Array:
-        """(n+1, N) states at the nodes while the displacement is imposed."""
+        """Return (n+1, N) states at the nodes while the displacement is imposed."""
         network, heavy = self.imposed, _TIMES * self._inertia
         program = compile_network(network)
         h = np.full(path.q.size - 1, path.h)
@@ -490,7 +490,7 @@ class FlatNetwork:
         return states
 
     def _inputs(self, times: Array) -> Array:
-        """(n+1, P) inputs of the ports at the nodes, the first one zero."""
+        """Return (n+1, P) inputs of the ports at the nodes, the first one zero."""
         u = np.zeros((times.size, len(self.setup.network.ports)))
         for source in self.setup.sources:
             values = [self.setup.parameters[name].value for name in source.parameters]

@@ -94,7 +94,7 @@ _ROUNDING = 1e-9
 
 
 def limited(command: Signal, before: float, dt: float, options: InverseOptions) -> Signal:
-    """The command at the samples within its limits; it follows what was asked for where it can.
+    """Return the command at the samples within its limits; it follows what was asked for where it can.
 
     Args:
         command: at the samples; before: the command before the first one [V].
@@ -147,11 +147,11 @@ class Plant:
 
     @cached_property
     def network(self) -> FlatNetwork:
-        """The inverse of the network."""
+        """Return the inverse of the network."""
         return FlatNetwork(self.setup)
 
     def backwards(self, output: Array, known: Array | None = None) -> tuple[Signal, float, Array]:
-        """The command for an output (N,), whatever its limits.
+        """Return the command for an output (N,), whatever its limits.
 
         Args:
             known: (n+1,) port voltage at the nodes for nearly the same output.
@@ -177,7 +177,7 @@ class Plant:
         return Attempt(kept, before, np.asarray(simulate(self.setup, recording, self.substeps).y))
 
     def _sampled(self, asked: Signal) -> Signal:
-        """A signal at the nodes, at the samples: its value there, or its mean while a sample is held."""
+        """Return a signal at the nodes, at the samples: its value there, or its mean while a sample is held."""
         n = self.substeps
         if self.options.hold == "cubic":
             return Signal(asked.values[::n], asked.lost[::n], asked.causes)
@@ -198,7 +198,7 @@ _AT_REST = 1e-2
 
 
 def checked(t: Array, reference: Array, of_actuator: bool = False) -> float:
-    """The sampling interval [s] of a reference (N,) at times (N,).
+    """Return the sampling interval [s] of a reference (N,) at times (N,).
 
     Raises:
         InputRefused: too few samples, values that are not finite, steps that differ, a reference that never moves, or
@@ -263,7 +263,7 @@ def led_in(reference: Array, dt: float, duration: float) -> Array:
 
 
 def judged(command: Array, dt: float) -> tuple[str, ...]:
-    """What to say of a command (N,) of which a share is faster than a quarter of the sampling rate.
+    """Return what to say of a command (N,) of which a share is faster than a quarter of the sampling rate.
 
     The share is that of the command's variation, root mean square.
 
@@ -351,21 +351,21 @@ class Inverse:
 
     @property
     def error(self) -> Array:
-        """(N,) output minus reference [m]."""
+        """Return (N,) output minus reference [m]."""
         return self.reached - self.reference
 
     @property
     def error_of_given(self) -> Array:
-        """(N,) output minus the reference as it was given, what smoothing has taken from it included [m]."""
+        """Return (N,) output minus the reference as it was given, what smoothing has taken from it included [m]."""
         return self.reached - self.given
 
     @property
     def follows(self) -> bool:
-        """Whether the error is nowhere larger than the tolerance."""
+        """Return whether the error is nowhere larger than the tolerance."""
         return not self.missed
 
     def document(self) -> dict[str, Any]:
-        """The content of ``invert.json``."""
+        """Return the content of ``invert.json``."""
         speed = np.diff(self.voltage) / (self.t[1] - self.t[0])
         return {
             "schema": SCHEMA,
@@ -398,7 +398,7 @@ class Inverse:
 
 def stretches(t: Array, error: Array, tolerance: float, lost: NDArray[np.bool_], causes: tuple[str, ...],
               least: float) -> tuple[Stretch, ...]:  # fmt: skip
-    """The times in which an error is larger than the tolerance.
+    """Return the times in which an error is larger than the tolerance.
 
     Args:
         t: (N,) [s]; error: (N,) [m].
@@ -467,7 +467,7 @@ def invert(setup: Setup, substeps: int, t: Array, reference: Array, options: Inv
 
 
 def _iterated(plant: Plant, wanted: Array, tolerance: float, begun: tuple[Attempt, Array]) -> tuple[Attempt, int]:
-    """The attempt with the least error, and the number of simulations.
+    """Return the attempt with the least error, and the number of simulations.
 
     Args:
         wanted: (N,) the reference.
@@ -489,13 +489,13 @@ def _iterated(plant: Plant, wanted: Array, tolerance: float, begun: tuple[Attemp
 
 
 def _has_voltage_and_displacement(network: Network) -> bool:
-    """Whether a voltage moves something."""
+    """Return whether a voltage moves something."""
     volts = any(port.unit == "V" for port in network.ports[:1])
     return volts and any(s.name == network.output and s.unit == "m" for s in network.storages)
 
 
 def _size(error: Array) -> float:
-    """Root mean square."""
+    """Return the root mean square."""
     return float(np.sqrt(np.mean(error**2)))
 
 
@@ -508,7 +508,7 @@ def _weight(lost: NDArray[np.bool_]) -> Array:
 
 
 def _told(missed: tuple[Stretch, ...], tolerance: float) -> tuple[str, ...]:
-    """Sentences on what is missed: the largest errors first."""
+    """Return the sentences on what is missed: the largest errors first."""
     ordered = sorted(missed, key=lambda s: -abs(s.error))
     told = [
         f"From {s.start:.6g} s to {s.end:.6g} s the reference is missed by up to {abs(s.error):.3g} m, at {s.at:.6g} s"

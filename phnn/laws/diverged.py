@@ -50,14 +50,14 @@ def check_weights(module: nn.Module, owner: str = "", largest: float = math.inf)
 
 
 def _largest(tensors: list[torch.Tensor]) -> float:
-    """The largest absolute entry; NaN where an entry is, or where a tensor is not in 32 or 64 bits."""
+    """Return the largest absolute entry; NaN where an entry is, or where a tensor is not in 32 or 64 bits."""
     if any(t.dtype not in (torch.float32, torch.float64) for t in tensors):
         return math.nan
     return float(torch.cat([t.reshape(-1) for t in tensors]).abs().amax())
 
 
 def is_finite(values: torch.Tensor) -> bool:
-    """Whether all entries are finite; true where that cannot be asked, inside vmap."""
+    """Return whether all entries are finite; true where that cannot be asked, inside vmap."""
     try:
         return bool(torch.isfinite(values).all())
     except RuntimeError:

@@ -26,7 +26,7 @@ def effort(
     energy: Callable[[Tensor], Tensor],  # elementwise
     x: Tensor,  # (...) energy variable
 ) -> Tensor:
-    """``H'(x)`` by automatic differentiation, itself differentiable where gradients are enabled."""
+    """Return ``H'(x)`` by automatic differentiation, itself differentiable where gradients are enabled."""
     wanted = torch.is_grad_enabled()
     # A graph that x carries must be kept, not detached; inside a no-grad solve there is none to keep.
     z = x if wanted and x.requires_grad else x.detach().requires_grad_(True)
@@ -40,7 +40,7 @@ def mean_effort(
     a: Tensor,  # (...) energy variable at the start of a step
     b: Tensor,  # (...) and at its end
 ) -> Tensor:
-    """``(H(b) − H(a))/(b − a)``, tending to ``H'(a)`` without cancellation."""
+    """Return ``(H(b) − H(a))/(b − a)``, tending to ``H'(a)`` without cancellation."""
     difference = b - a
     size = torch.maximum(a.abs(), b.abs()).detach()
     close = difference.detach().abs() <= _SLOPE_LOST * size

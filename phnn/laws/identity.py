@@ -25,7 +25,7 @@ class UnknownContent(Exception):
 
 
 def registered_outside() -> list[Any]:
-    """The laws from outside the package, in the order of their tables."""
+    """Return the laws from outside the package, in the order of their tables."""
     return [law for table in TABLES.values() for law in table.values() if not is_of_package(law)]
 
 
@@ -85,7 +85,7 @@ def content(value: Any, owner: str, seen: list[Any]) -> Any:
 
 
 def _is_known(value: Any) -> bool:
-    """Whether a value belongs to the package or to a library whose version is known."""
+    """Return whether a value belongs to the package or to a library whose version is known."""
     if isinstance(value, ModuleType):
         return value.__name__.partition(".")[0] in _KNOWN
     if isinstance(value, np.ufunc):

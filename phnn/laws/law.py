@@ -198,7 +198,7 @@ def remember_package() -> None:
 
 
 def is_of_package(law: Any) -> bool:
-    """Whether a law is one of the package's, and not one that a user registered."""
+    """Return whether a law is one of the package's, and not one that a user registered."""
     return any(law is own for own in _package)
 
 

@@ -112,7 +112,7 @@ def relaxed(x: Any, gain: Any, stiffness: Any, one: Any, two: Any) -> Any:
 
 @shared
 def slides_on(effort: Any, end: Any, above: Any, threshold: Any, current: Any, leak: Any) -> Any:
-    """Whether a state that starts beyond a threshold stays there for a whole step.
+    """Return whether a state that starts beyond a threshold stays there for a whole step.
 
     Under an outward current it relaxes towards an effort beyond the threshold. Under an inward one its end tells,
     unless rounding decides on which side that lies: a steep one falls to the threshold at once, and moves on inside.

@@ -31,7 +31,7 @@ shared = register_jitable(**_INLINE)
 
 
 def _torch_of(*values: Any) -> Any:
-    """The torch module if one of the values is a tensor (then it has been imported), else None."""
+    """Return the torch module if one of the values is a tensor (then it has been imported), else None."""
     torch = sys.modules.get("torch")
     if torch is not None:
         for v in values:
@@ -41,12 +41,12 @@ def _torch_of(*values: Any) -> Any:
 
 
 def real(x: Any) -> Any:
-    """The value without its perturbation."""
+    """Return the value without its perturbation."""
     return x if _torch_of(x) else np.real(x)
 
 
 def where(condition: Any, a: Any, b: Any) -> Any:
-    """``a`` where the condition holds, else ``b``; both are evaluated."""
+    """Return ``a`` where the condition holds, else ``b``; both are evaluated."""
     torch = _torch_of(condition, a, b)
     if not torch:
         # A number stays a number: an array without dimensions cannot be multiplied by a tensor.
@@ -60,12 +60,12 @@ def where(condition: Any, a: Any, b: Any) -> Any:
 
 
 def certain(condition: Any) -> bool:
-    """Whether a scalar evaluation may leave early; arrays and tensors, whose entries may differ, never do."""
+    """Return whether a scalar evaluation may leave early; arrays and tensors, whose entries may differ, never do."""
     return bool(condition) if isinstance(condition, bool | np.bool_) else False
 
 
 def reciprocal(x: Any) -> Any:
-    """``1/x``; a perturbation costs no second division, which is why inner loops prefer it."""
+    """Return ``1/x``; a perturbation costs no second division, which is why inner loops prefer it."""
     return 1.0 / x
 
 
@@ -82,7 +82,7 @@ def sqrt(x: Any) -> Any:
 
 
 def log1p(x: Any) -> Any:
-    """``log(1 + x)``."""
+    """Return ``log(1 + x)``."""
     torch = _torch_of(x)
     return torch.log1p(x) if torch else np.log1p(x)
 
@@ -94,12 +94,12 @@ def tanh(x: Any) -> Any:
 
 
 def maximum(a: Any, b: Any) -> Any:
-    """The larger value, with its perturbation."""
+    """Return the larger value, with its perturbation."""
     return where(real(a) >= real(b), a, b)
 
 
 def minimum(a: Any, b: Any) -> Any:
-    """The smaller value, with its perturbation."""
+    """Return the smaller value, with its perturbation."""
     return where(real(a) <= real(b), a, b)
 
 

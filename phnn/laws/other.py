@@ -13,17 +13,17 @@ from phnn.parameters import ANY, POSITIVE
 
 
 def affine(q: Any, kappa: Any, q0: Any) -> Any:
-    """``1 + κ q/q₀``."""
+    """Return ``1 + κ q/q₀``."""
     return 1.0 + kappa * q / q0
 
 
 def declining(z: Any, delta: Any) -> Any:
-    """``1 − δ z``."""
+    """Return ``1 − δ z``."""
     return 1.0 - delta * z
 
 
 def cubic(q: Any, kappa_1: Any, kappa_2: Any, kappa_3: Any, q0: Any) -> Any:
-    """``1 + κ₁ s + κ₂ s² + κ₃ s³``, ``s = q/q₀``."""
+    """Return ``1 + κ₁ s + κ₂ s² + κ₃ s³``, ``s = q/q₀``."""
     s = q / q0
     return 1.0 + s * (kappa_1 + s * (kappa_2 + s * kappa_3))
 
@@ -35,39 +35,39 @@ register(FactorLaw("cubic", cubic, (0.3, -0.2, 0.1, 0.9), (ANY, ANY, ANY, POSITI
 
 @shared
 def advanced(z: Any, h: Any, rate: Any, decay: Any) -> Any:
-    """``z + h φ₁(−h d) f``: the exact flow of ``ż = f`` under a constant drive, for ``f`` affine in ``z``."""
+    """Return ``z + h φ₁(−h d) f``: the exact flow of ``ż = f`` under a constant drive, for ``f`` affine in ``z``."""
     return z + h * relaxation(h * decay)[0] * rate
 
 
 def thermal_rate(z: Any, power: Any, capacity: Any, resistance: Any, ambient: Any, reference: Any) -> Any:
-    """``C_T ż = P − (T − T_a)/R_T`` for the temperature ``T = T_ref + z``."""
+    """Return ``C_T ż = P − (T − T_a)/R_T`` for the temperature ``T = T_ref + z``."""
     # The two large temperatures first, so that nothing of a small rise is lost.
     return (power - (z - (ambient - reference)) * reciprocal(resistance)) * reciprocal(capacity)
 
 
 def thermal_decay(capacity: Any, resistance: Any, ambient: Any, reference: Any) -> Any:
-    """``1/(R_T C_T)``."""
+    """Return ``1/(R_T C_T)``."""
     return reciprocal(capacity * resistance)
 
 
 def relaxing_rate(z: Any, drive: Any, tau: Any) -> Any:
-    """``τ ż = s − z``."""
+    """Return ``τ ż = s − z``."""
     return (drive - z) * reciprocal(tau)
 
 
 def relaxing_decay(tau: Any) -> Any:
-    """``1/τ``."""
+    """Return ``1/τ``."""
     return reciprocal(tau)
 
 
 def exceeding_rate(z: Any, drive: Any, tau: Any, threshold: Any) -> Any:
-    """``τ ż = max(|s|/s₀ − 1, 0) − z``: follows how far a drive of either sign goes beyond a threshold."""
+    """Return ``τ ż = max(|s|/s₀ − 1, 0) − z``: follows how far a drive of either sign goes beyond a threshold."""
     beyond = absolute(drive) * reciprocal(threshold) - 1.0
     return (maximum(beyond, 0.0 * beyond) - z) * reciprocal(tau)
 
 
 def exceeding_decay(tau: Any, threshold: Any) -> Any:
-    """``1/τ``."""
+    """Return ``1/τ``."""
     return reciprocal(tau)
 
 
@@ -77,22 +77,22 @@ register(MemoryLaw("exceeding", exceeding_rate, exceeding_decay, (0.8, 0.5)))
 
 
 def linear_action(u: Any) -> Any:
-    """``ψ(u) = u``."""
+    """Return ``ψ(u) = u``."""
     return u
 
 
 def linear_slope(u: Any) -> Any:
-    """``ψ'(u) = 1``."""
+    """Return ``ψ'(u) = 1``."""
     return 1.0 + 0.0 * u
 
 
 def electrostrictive_action(u: Any, epsilon: Any) -> Any:
-    """``ψ(u) = u + ε u²/2``, from the co-energy ``α q (V + ε V²/2)``."""
+    """Return ``ψ(u) = u + ε u²/2``, from the co-energy ``α q (V + ε V²/2)``."""
     return u + 0.5 * epsilon * u * u
 
 
 def electrostrictive_slope(u: Any, epsilon: Any) -> Any:
-    """``ψ'(u) = 1 + ε u``."""
+    """Return ``ψ'(u) = 1 + ε u``."""
     return 1.0 + epsilon * u
 
 
@@ -103,18 +103,18 @@ def polynomial_action(u: Any, a_1: Any, a_2: Any, u0: Any) -> Any:
 
 
 def polynomial_slope(u: Any, a_1: Any, a_2: Any, u0: Any) -> Any:
-    """``ψ'(u) = 1 + a₁ s + a₂ s²``."""
+    """Return ``ψ'(u) = 1 + a₁ s + a₂ s²``."""
     s = u / u0
     return 1.0 + s * (a_1 + s * a_2)
 
 
 def electrostrictive_polynomial_action(u: Any, epsilon: Any, a_1: Any, a_2: Any, u0: Any) -> Any:
-    """Both what electrostriction and what a polynomial add to ``u``."""
+    """Return both what electrostriction and what a polynomial add to ``u``."""
     return electrostrictive_action(u, epsilon) + (polynomial_action(u, a_1, a_2, u0) - u)
 
 
 def electrostrictive_polynomial_slope(u: Any, epsilon: Any, a_1: Any, a_2: Any, u0: Any) -> Any:
-    """``ψ'(u) = 1 + ε u + a₁ s + a₂ s²``."""
+    """Return ``ψ'(u) = 1 + ε u + a₁ s + a₂ s²``."""
     return epsilon * u + polynomial_slope(u, a_1, a_2, u0)
 
 

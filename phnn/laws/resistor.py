@@ -30,7 +30,7 @@ from phnn.parameters import ANY, NONNEGATIVE, POSITIVE
 
 @shared
 def piecewise_linear(effort: Any, rho: Any, low: Any, high: Any) -> Any:
-    """``φ = ρ (max(ε − hi, 0) + min(ε − lo, 0))``, with ``lo ≤ 0 ≤ hi`` a sector law."""
+    """Return ``φ = ρ (max(ε − hi, 0) + min(ε − lo, 0))``, with ``lo ≤ 0 ≤ hi`` a sector law."""
     above = effort - high
     below = effort - low
     return rho * (maximum(above, 0.0 * above) + minimum(below, 0.0 * below))
@@ -42,7 +42,7 @@ def linear_thresholds(q: Any, rho: Any) -> Any:
 
 
 def linear(effort: Any, q: Any, rho: Any) -> Any:
-    """``φ = ρ ε``."""
+    """Return ``φ = ρ ε``."""
     return rho * effort
 
 
@@ -79,7 +79,7 @@ def bristles(effort: Any, q: Any, rho: Any, force: Any) -> Any:
 
 @shared
 def following_width(q: Any, width: Any, kappa: Any, q0: Any) -> Any:
-    """``d max(0, 1 + κ q/q₀)``: never negative, hence a sector law at every displacement."""
+    """Return ``d max(0, 1 + κ q/q₀)``: never negative, hence a sector law at every displacement."""
     factor = 1.0 + kappa * q / q0
     return width * maximum(factor, 0.0 * factor)
 
@@ -98,7 +98,7 @@ def following_dead_zone(effort: Any, q: Any, rho: Any, width: Any, kappa: Any, q
 
 @shared
 def _hastened_half(momentum: Any, width: Any, kappa: Any, mass: Any) -> Any:
-    """``(d/2) (1 + κ |p|/m)``."""
+    """Return ``(d/2) (1 + κ |p|/m)``."""
     return 0.5 * width * (1.0 + kappa * absolute(momentum) * reciprocal(mass))
 
 
@@ -116,7 +116,7 @@ def rate_dependent_dead_zone(effort: Any, q: Any, rho: Any, width: Any, kappa: A
 
 @shared
 def _tempered(value: Any, kappa: Any, rise: Any) -> Any:
-    """``v max(0, 1 + κ ϑ)``: never negative, hence a sector law at every temperature."""
+    """Return ``v max(0, 1 + κ ϑ)``: never negative, hence a sector law at every temperature."""
     factor = 1.0 + kappa * rise
     return value * maximum(factor, 0.0 * factor)
 
@@ -166,7 +166,7 @@ def _falling(velocity: Any, rise: Any, decay: Any) -> Any:
 
 
 def quadratic_drag(effort: Any, q: Any, drag: Any) -> Any:
-    """``c₂ |v| v``."""
+    """Return ``c₂ |v| v``."""
     return drag * absolute(effort) * effort
 
 
@@ -176,7 +176,7 @@ def turbulent(effort: Any, q: Any, conductance: Any, kappa: Any, flow: Any) -> A
 
 
 def overflow(effort: Any, q: Any, rate: Any, level: Any, capacitance: Any) -> Any:
-    """``r max(V − V_o, 0)`` out of a tank of volume ``V = C ε`` whose rim is at ``V_o ≥ 0``."""
+    """Return ``r max(V − V_o, 0)`` out of a tank of volume ``V = C ε`` whose rim is at ``V_o ≥ 0``."""
     above = capacitance * effort - level
     return rate * maximum(above, 0.0 * above)
 
@@ -246,7 +246,7 @@ def _power(speed: Any, exponent: Any, reference: Any) -> Any:
 
 
 def power_damper(effort: Any, q: Any, forward: Any, backward: Any, exponent: Any, reference: Any) -> Any:
-    """``F₊ |v/v₀|ⁿ`` for ``v ≥ 0`` and ``−F₋ |v/v₀|ⁿ`` for ``v < 0``, linear below a hundredth of ``v₀``.
+    """Return ``F₊ |v/v₀|ⁿ`` for ``v ≥ 0`` and ``−F₋ |v/v₀|ⁿ`` for ``v < 0``, linear below a hundredth of ``v₀``.
 
     ``n = 0`` is friction, 1 a viscous damper, 2 drag.
     """
@@ -256,7 +256,7 @@ def power_damper(effort: Any, q: Any, forward: Any, backward: Any, exponent: Any
 
 
 def square_damper(effort: Any, q: Any, force: Any, exponent: Any, reference: Any, q0: Any) -> Any:
-    """``±F (q/q₀)² |v/v₀|ⁿ``: a damper that grows with the square of the displacement."""
+    """Return ``±F (q/q₀)² |v/v₀|ⁿ``: a damper that grows with the square of the displacement."""
     s = q / q0
     return force * s * s * _power(effort, exponent, reference)
 
@@ -283,20 +283,20 @@ def bouc_wen(effort: Any, q: Any, force: Any, exponent: Any, back: Any, lean: An
 
 @shared
 def _leant(lean: Any, side: Any) -> Any:
-    """``1 ± a``, which stays positive."""
+    """Return ``1 ± a``, which stays positive."""
     return 1.0 + side * maximum(minimum(lean, _LEANS + 0.0 * lean), -_LEANS + 0.0 * lean)
 
 
 @shared
 def _strained(strain: Any, exponent: Any) -> Any:
-    """``|s|ⁿ``, ``n ≥ 1``, and no more than for a strain far beyond one."""
+    """Return ``|s|ⁿ``, ``n ≥ 1``, and no more than for a strain far beyond one."""
     size = minimum(absolute(strain), _FAR + 0.0 * strain)
     return _power(size, maximum(exponent, 1.0 + 0.0 * exponent), 1.0 + 0.0 * size)
 
 
 @shared
 def _of_length(way: Any, length: Any) -> Any:
-    """The share of a way in a length; none of no length."""
+    """Return the share of a way in a length; none of no length."""
     moves = real(length) > 0.0
     return where(moves, way / where(moves, length, 1.0 + 0.0 * length), 0.0 * way)
 
@@ -375,7 +375,7 @@ def duhem(effort: Any, q: Any, force: Any, exponent: Any, bend: Any, mass: Any) 
 
 @shared
 def _stiffer(strain: Any, bend: Any) -> Any:
-    """``1 + b |E|/F`` within the bounds of the exponential spring."""
+    """Return ``1 + b |E|/F`` within the bounds of the exponential spring."""
     return maximum(minimum(1.0 + bend * strain, MOST_BENT + 0.0 * strain), 1.0 / MOST_BENT + 0.0 * strain)
 
 
@@ -418,7 +418,7 @@ def plastic_thresholds(q: Any, stiffness: Any, travel: Any, gape: Any, lean: Any
 
 
 def plastic(effort: Any, q: Any, stiffness: Any, travel: Any, gape: Any, lean: Any) -> Any:
-    """A spring that yields at once beyond ``x_s + (g ± a) q²``."""
+    """Return a spring that yields at once beyond ``x_s + (g ± a) q²``."""
     slope, low, high = plastic_thresholds(q, stiffness, travel, gape, lean)
     return piecewise_linear(effort, slope, low, high)
 

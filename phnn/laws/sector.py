@@ -197,7 +197,7 @@ def _reading(law: ResistorLaw, q: float, values: tuple[float, ...], effort: Arra
 
 
 def _reads(law: ResistorLaw) -> bool:
-    """Whether the flow of a law depends on the state that it may read."""
+    """Return whether the flow of a law depends on the state that it may read."""
     flows = [law.flow(POINTS, q + 0.0 * POINTS, *law.example) for q in READ]
     return any(not np.array_equal(flow, flows[0]) for flow in flows[1:])
 
@@ -208,7 +208,7 @@ def _edges(law: ResistorLaw, q: float, values: tuple[float, ...]) -> tuple[float
 
 
 def _samples(example: tuple[float, ...], domains: tuple[Domain, ...]) -> Iterator[tuple[float, ...]]:
-    """The example, each parameter moved far alone, and all combinations of signs."""
+    """Return the example, each parameter moved far alone, and all combinations of signs."""
     yield example
     for k, domain in enumerate(domains):
         for value in (1e-3 * example[k], 1e3 * example[k], 0.0, -1e3 * example[k]):

@@ -16,12 +16,12 @@ from phnn.parameters import ANY, NONNEGATIVE, POSITIVE
 
 
 def capacitor_mean_effort(a: Any, b: Any, capacitance: Any) -> Any:
-    """``H = x²/(2C)``: charge on a capacitor, momentum of a mass."""
+    """Return ``H = x²/(2C)``: charge on a capacitor, momentum of a mass."""
     return 0.5 * (a + b) * reciprocal(capacitance)
 
 
 def spring_mean_effort(a: Any, b: Any, stiffness: Any) -> Any:
-    """``H = k x²/2``."""
+    """Return ``H = k x²/2``."""
     return 0.5 * stiffness * (a + b)
 
 
@@ -33,7 +33,7 @@ def _completion(kappa: Any) -> Any:
 
 @shared
 def _cubic_share(u: Any, w: Any, kappa: Any, completion: Any) -> Any:
-    """What the cubic bend adds to the mean effort between ``u q₀`` and ``w q₀``, as a share of ``k (a + b)``."""
+    """Return what the cubic bend adds to the mean effort between ``u q₀`` and ``w q₀``, as a share of ``k (a + b)``."""
     quadratic = u * u + w * w
     sextic = (quadratic + u * w) * (quadratic - u * w)
     return kappa * quadratic / 4.0 + completion * sextic / 6.0
@@ -51,19 +51,19 @@ def _quadratic_mean(a: Any, b: Any, u: Any, w: Any) -> Any:
 
 
 def quadratic_spring_mean_effort(a: Any, b: Any, stiffness: Any, kappa: Any, q0: Any) -> Any:
-    """``H = k x² (1/2 + κ s/3 + κ² s²/12)``, ``s = x/q₀``, of curvature ``H″ = k (1 + κ s)² ≥ 0``."""
+    """Return ``H = k x² (1/2 + κ s/3 + κ² s²/12)``, ``s = x/q₀``, of curvature ``H″ = k (1 + κ s)² ≥ 0``."""
     return stiffness * _quadratic_mean(a, b, kappa * a / q0, kappa * b / q0)
 
 
 @shared
 def _bent_completion(kappa_2: Any, q2: Any, kappa_3: Any, q3: Any) -> Any:
-    """``c = (9/20) |κ₃| (|κ₃| + (κ₂ q₃/q₂)²)`` where ``κ₃ < 0``, else 0: without κ₂ that of the cubic bend."""
+    """Return ``c = (9/20) |κ₃| (|κ₃| + (κ₂ q₃/q₂)²)`` where ``κ₃ < 0``, else 0: without κ₂ that of the cubic bend."""
     slant = kappa_2 * q3 / q2
     return where(real(kappa_3) < 0.0, 0.45 * kappa_3 * (kappa_3 - slant * slant), 0.0 * kappa_3)
 
 
 def bent_spring_mean_effort(a: Any, b: Any, stiffness: Any, kappa_2: Any, q2: Any, kappa_3: Any, q3: Any) -> Any:
-    """A spring with both bends, effort ``k x (1 + κ₂ s₂ + κ₂² s₂²/3 + κ₃ s₃² + c s₃⁴)``.
+    """Return a spring with both bends, effort ``k x (1 + κ₂ s₂ + κ₂² s₂²/3 + κ₃ s₃² + c s₃⁴)``.
 
     ``H ≥ k x²/7`` for all bends, so that rest is the minimum. Convex where ``κ₃ ≥ 0``; elsewhere the effort may fall.
     """
@@ -72,13 +72,13 @@ def bent_spring_mean_effort(a: Any, b: Any, stiffness: Any, kappa_2: Any, q2: An
 
 
 def weight_mean_effort(a: Any, b: Any, force: Any) -> Any:
-    """``H = −F x``: the potential of a constant force, not bounded below."""
+    """Return ``H = −F x``: the potential of a constant force, not bounded below."""
     return -force + 0.0 * (a + b)
 
 
 @shared
 def _stop_side(gap: Any) -> Any:
-    """The sign of a stop's side."""
+    """Return the sign of a stop's side."""
     return where(real(gap) < 0.0, -1.0 + 0.0 * gap, 1.0 + 0.0 * gap)
 
 
@@ -102,14 +102,14 @@ def _depths(raw_a: Any, raw_b: Any) -> tuple[Any, Any, Any]:
 
 @shared
 def _mean_depth(raw_a: Any, raw_b: Any) -> Any:
-    """``(P_b² − P_a²)/2/(r_b − r_a)``, ``P = max(r, 0)``: the mean of ``P`` between two values of ``r``."""
+    """Return ``(P_b² − P_a²)/2/(r_b − r_a)``, ``P = max(r, 0)``: the mean of ``P`` between two values of ``r``."""
     depth_a, depth_b, share = _depths(raw_a, raw_b)
     return 0.5 * (depth_a + depth_b) * share
 
 
 @shared
 def _root(x: Any) -> Any:
-    """``√x`` of ``x ≥ 0``, with the slope zero at 0."""
+    """Return ``√x`` of ``x ≥ 0``, with the slope zero at 0."""
     inside = real(x) > 0.0
     return where(inside, sqrt(where(inside, x, 1.0 + 0.0 * x)), 0.0 * x)
 
@@ -136,7 +136,7 @@ def stops_mean_effort(a: Any, b: Any, right: Any, left: Any, gap: Any) -> Any:
 
 
 def saturating_spring_mean_effort(a: Any, b: Any, stiffness: Any, reach: Any) -> Any:
-    """A spring whose force ``k clip(x, ±reach)`` grows no further beyond a displacement; convex, ``H ≥ 0``.
+    """Return a spring whose force ``k clip(x, ±reach)`` grows no further beyond a displacement; convex, ``H ≥ 0``.
 
     The mean of ``clip`` is that of the clipped ends, moved towards the end farther outside.
     """
@@ -151,13 +151,13 @@ def saturating_spring_mean_effort(a: Any, b: Any, stiffness: Any, reach: Any) ->
 
 @shared
 def _bend(x: Any, reach: Any) -> Any:
-    """``√(1 + (x/r)²)``."""
+    """Return ``√(1 + (x/r)²)``."""
     s = x / reach
     return sqrt(1.0 + s * s)
 
 
 def softening_spring_mean_effort(a: Any, b: Any, stiffness: Any, reach: Any) -> Any:
-    """``H = k r² (√(1 + (x/r)²) − 1)``, effort ``k x/√(1 + (x/r)²)``: at most ``k r``; convex, ``H ≥ 0``.
+    """Return ``H = k r² (√(1 + (x/r)²) − 1)``, effort ``k x/√(1 + (x/r)²)``: at most ``k r``; convex, ``H ≥ 0``.
 
     The difference of the roots is taken by that of their squares.
     """
@@ -165,12 +165,12 @@ def softening_spring_mean_effort(a: Any, b: Any, stiffness: Any, reach: Any) -> 
 
 
 def hardening_spring_mean_effort(a: Any, b: Any, coefficient: Any) -> Any:
-    """``H = k₃ x⁴/4``, effort ``k₃ x³``: the spring has no stiffness at rest; convex, ``H ≥ 0``."""
+    """Return ``H = k₃ x⁴/4``, effort ``k₃ x³``: the spring has no stiffness at rest; convex, ``H ≥ 0``."""
     return 0.25 * coefficient * (a + b) * (a * a + b * b)
 
 
 def quintic_spring_mean_effort(a: Any, b: Any, stiffness: Any, q0: Any) -> Any:
-    """``H = k x² s⁴/6``, ``s = x/q₀``, effort ``k x s⁴``: convex, ``H ≥ 0``."""
+    """Return ``H = k x² s⁴/6``, ``s = x/q₀``, effort ``k x s⁴``: convex, ``H ≥ 0``."""
     u2, w2 = (a / q0) * (a / q0), (b / q0) * (b / q0)
     return stiffness * (a + b) * (u2 * u2 + u2 * w2 + w2 * w2) / 6.0
 
@@ -183,7 +183,7 @@ _NEVER, _STRAIGHT = 1e150, 1e-100
 
 @shared
 def _last(rate: Any, stiffness: Any, bend: Any) -> tuple[Any, Any, Any]:
-    """Where an exponential spring becomes straight, and its force and stiffness there."""
+    """Return where an exponential spring becomes straight, and its force and stiffness there."""
     bends = real(rate) > _STRAIGHT
     bent = where(bends, rate, 1.0 + 0.0 * rate)
     factor = where(real(bend) > 0.0, MOST_BENT + 0.0 * rate, 1.0 / MOST_BENT + 0.0 * rate)
@@ -193,7 +193,7 @@ def _last(rate: Any, stiffness: Any, bend: Any) -> tuple[Any, Any, Any]:
 
 @shared
 def _grown(size: Any, bend: Any) -> Any:
-    """``e^w`` where the spring stiffens, else 1: so the `relaxation` of ``w`` becomes that of ``−w``."""
+    """Return ``e^w`` where the spring stiffens, else 1: so the `relaxation` of ``w`` becomes that of ``−w``."""
     return where(real(bend) > 0.0, exp(size), 1.0 + 0.0 * size)
 
 

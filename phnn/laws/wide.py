@@ -96,18 +96,18 @@ def register_compiled(module: type, *laws: str) -> None:
 
 
 def is_passive_by_form(law: Any) -> bool:
-    """Whether a module is of a registered type and has no evaluation of its own."""
+    """Return whether a module is of a registered type and has no evaluation of its own."""
     return type(law) in MODULES and not any(name in vars(law) for name in _EVALUATED_BY)
 
 
 def form_of(law: Any) -> str:
-    """The name of the additive-unit law that evaluates a module; empty where only torch can."""
+    """Return the name of the additive-unit law that evaluates a module; empty where only torch can."""
     name = str(getattr(law, "law", "")) if is_passive_by_form(law) else ""
     return name if name in MODULES.get(type(law), ()) else ""
 
 
 def has_kernel(law: Any) -> bool:
-    """Whether compiled code evaluates a law: one that is named, or a torch module of a registered form."""
+    """Return whether compiled code evaluates a law: one that is named, or a torch module of a registered form."""
     return isinstance(law, str) or bool(form_of(law))
 
 
@@ -116,7 +116,7 @@ def evaluated(
     weights: Any,  # (head + U·per_unit,) flat
     *arguments: Any,  # (...) tensors or arrays
 ) -> Any:
-    """(...) ``φ(ε)`` of a resistor, ``ē(a, b)`` of a storage."""
+    """Return (...) ``φ(ε)`` of a resistor, ``ē(a, b)`` of a storage."""
     units = weights[law.head :].reshape(-1, law.per_unit)
     total = law.unit(*(x[..., None] for x in arguments), *(units[:, j] for j in range(law.per_unit))).sum(-1)
     return law.combine(*arguments, total, *(weights[i] for i in range(law.head)))
@@ -152,7 +152,7 @@ def evaluate({given}, theta, first, count):
 
 @shared
 def hinge(y: Any) -> Any:
-    """``S(y)`` and ``r(y)``, the former as ``1/S(−y)`` where the sum would cancel."""
+    """Return ``S(y)`` and ``r(y)``, the former as ``1/S(−y)`` where the sum would cancel."""
     r = sqrt(4.0 + y * y)
     large = 0.5 * (absolute(y) + r)
     return where(real(y) >= 0.0, large, reciprocal(large)), r
@@ -160,14 +160,14 @@ def hinge(y: Any) -> Any:
 
 @shared
 def _hinge_rise(c: Any, d: Any) -> Any:
-    """``S(c + d) − S(c)``."""
+    """Return ``S(c + d) − S(c)``."""
     product = hinge(c)[0] * hinge(c + d)[0]
     return d * product * reciprocal(1.0 + product)
 
 
 @shared
 def _step_rise(c: Any, d: Any) -> Any:
-    """``σ(c + d) − σ(c)``."""
+    """Return ``σ(c + d) − σ(c)``."""
     start, r_start = hinge(c)
     end, r_end = hinge(c + d)
     return d * (start + end) * reciprocal((1.0 + start * end) * r_start * r_end)
@@ -175,7 +175,7 @@ def _step_rise(c: Any, d: Any) -> Any:
 
 @shared
 def damping_unit(effort: Any, weight: Any, gain: Any, position: Any) -> Any:
-    """``w tanh(k ε + c)``, by one exponential that cannot overflow: half the price of the library's function."""
+    """Return ``w tanh(k ε + c)``, by one exponential that cannot overflow: half the price of the library's function."""
     y = gain * effort + position
     decay = exp(-2.0 * absolute(y))
     size = (1.0 - decay) * reciprocal(1.0 + decay)
@@ -183,12 +183,12 @@ def damping_unit(effort: Any, weight: Any, gain: Any, position: Any) -> Any:
 
 
 def symmetric_damping_unit(effort: Any, weight: Any, gain: Any, position: Any) -> Any:
-    """``w tanh(k |ε| + c)``: the same for both signs, so that ``φ`` is odd."""
+    """Return ``w tanh(k |ε| + c)``: the same for both signs, so that ``φ`` is odd."""
     return damping_unit(absolute(effort), weight, gain, position)
 
 
 def damping_combine(effort: Any, total: Any, offset: Any) -> Any:
-    """``φ = ε max(g₀ + Σ, 0)``."""
+    """Return ``φ = ε max(g₀ + Σ, 0)``."""
     conductance = offset + total
     return effort * maximum(conductance, 0.0 * conductance)
 
@@ -203,7 +203,7 @@ def monotone_unit(
 
 
 def monotone_combine(effort: Any, total: Any, slope: Any) -> Any:
-    """``φ = a ε + Σ``."""
+    """Return ``φ = a ε + Σ``."""
     return slope * effort + total
 
 
@@ -226,7 +226,7 @@ def convex_unit(a: Any, b: Any, weight: Any, gain: Any, position: Any) -> Any:
 
 
 def convex_combine(a: Any, b: Any, total: Any, curvature: Any) -> Any:
-    """``ē = c (a + b)/2 + Σ`` with the curvature ``c``."""
+    """Return ``ē = c (a + b)/2 + Σ`` with the curvature ``c``."""
     return 0.5 * curvature * (a + b) + total
 
 

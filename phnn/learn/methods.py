@@ -62,7 +62,7 @@ class GaussNewton:
         self.states: list[Tensor] = []
 
     def state_dict(self) -> dict[str, Any]:
-        """What the next step depends on beside the parameters."""
+        """Return what the next step depends on beside the parameters."""
         return {"damping": self.damping}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
@@ -95,7 +95,7 @@ class GaussNewton:
 
     @torch.no_grad()
     def _cost(self, before: Sequence[Tensor], step: Sequence[Tensor]) -> float:
-        """The loss after a step, which is taken; infinite where the model cannot be simulated there."""
+        """Return the loss after a step, which is taken; infinite where the model cannot be simulated there."""
         after = [p + s for p, s in zip(before, step, strict=True)]
         try:
             if not self.steps.compiles:
@@ -121,7 +121,7 @@ class GaussNewton:
 
     @torch.no_grad()
     def _solved(self, guesses: Sequence[Tensor | None], alone: bool = False) -> list[Tensor]:
-        """(N+1, B, n) states of the windows of every group; those that torch has found are remembered."""
+        """Return (N+1, B, n) states of the windows of every group; those that torch has found are remembered."""
         x0, found = self.objective.initial(), []
         for members, windows, (u, h), guess in zip(self.groups, self.windows, self.driven, guesses, strict=True):
             if self.steps.compiles:
@@ -139,7 +139,7 @@ class GaussNewton:
         return found
 
     def linearised(self) -> tuple[Array, Array]:
-        """(N,) residual over noise and (N, K) its derivatives by all that is trained."""
+        """Return (N,) residual over noise and (N, K) its derivatives by all that is trained."""
         o, scale = self.objective, self.plant.scale.numpy()
         o.solved += 1
         outputs, derivatives = self._by_program() if self.parametric else self._in_torch()
@@ -170,7 +170,7 @@ class GaussNewton:
         return self._outputs(self.states), found
 
     def _by_program(self) -> tuple[list[Tensor], list[Array]]:
-        """The same of a network without learned laws; by the initial state only where that is estimated."""
+        """Return the same of a network without learned laws; by the initial state only where that is estimated."""
         plant, network, start = self.plant, self.plant.network, self.objective.initial().detach().numpy()
         program = compile_network(network)
         theta, n = program.theta(network), plant.scale.numel()
@@ -200,7 +200,7 @@ _BAD = 1e3
 
 
 def method_of(name: str, objective: Objective, settings: Settings, factor: float) -> Method:
-    """A method by its name; ``factor`` lowers the rate of learning after failures."""
+    """Return a method by its name; ``factor`` lowers the rate of learning after failures."""
     if name == "gauss_newton":
         return GaussNewton(objective)
     if name == "lbfgs":
@@ -209,7 +209,7 @@ def method_of(name: str, objective: Objective, settings: Settings, factor: float
 
 
 def with_gradients(objective: Objective) -> Tensor:
-    """() the loss, gradients left in ``.grad`` of all that is trained.
+    """Return () the loss, gradients left in ``.grad`` of all that is trained.
 
     Raises:
         SolverFailed: the model could not be simulated, or loss or gradient are not finite.
@@ -243,12 +243,12 @@ class Stepwise:
         self.scheduler: Any = None if given is None else _made(given, "optimizer", self.optimiser)
 
     def now(self, epoch: int) -> float:
-        """The rate of Adam in an epoch."""
+        """Return the rate of Adam in an epoch."""
         share = 0.5 * (1.0 + math.cos(math.pi * epoch / self.settings.adam))
         return self.rate * (_LEAST_RATE + (1.0 - _LEAST_RATE) * share)
 
     def __call__(self, epoch: int) -> float:
-        """One step."""
+        """Return one step."""
         for group in self.optimiser.param_groups if self.settings.optimiser is None else ():
             group["lr"] = self.now(epoch)
         loss = with_gradients(self.objective)
@@ -258,7 +258,7 @@ class Stepwise:
         return float(loss)
 
     def state_dict(self) -> dict[str, Any]:
-        """The state of optimiser and scheduler."""
+        """Return the state of optimiser and scheduler."""
         later = None if self.scheduler is None else self.scheduler.state_dict()
         return {"optimiser": self.optimiser.state_dict(), "scheduler": later}
 
@@ -270,7 +270,7 @@ class Stepwise:
 
 
 def _made(given: Any, name: str, argument: Any) -> Any:
-    """What a function makes of its argument, or a mapping with ``_target_`` of an argument of this name."""
+    """Return what a function makes of its argument, or a mapping with ``_target_`` of an argument of this name."""
     try:
         return given(argument) if callable(given) else instantiate({**given, "_partial_": True})(**{name: argument})
     except (TypeError, ValueError, KeyError) as error:
@@ -287,7 +287,7 @@ class QuasiNewton:
         )
 
     def __call__(self, epoch: int) -> float:
-        """Iterations up to the limit."""
+        """Return the iterations up to the limit."""
         first: list[float] = []
 
         def closure() -> Tensor:
@@ -307,7 +307,7 @@ class QuasiNewton:
         return first[0]
 
     def state_dict(self) -> dict[str, Any]:
-        """History of gradients and steps."""
+        """Return the history of gradients and steps."""
         return self.optimiser.state_dict()
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:

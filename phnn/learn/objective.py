@@ -69,7 +69,7 @@ class Objective(nn.Module):
         self.offsets = nn.Parameter(torch.zeros(len(self.unknown), plant.scale.numel(), dtype=torch.float64))
 
     def trained(self) -> list[nn.Parameter]:
-        """What an optimiser moves: coordinates and weights of the plant, then initial states."""
+        """Return what an optimiser moves: coordinates and weights of the plant, then initial states."""
         return [*self.plant.trained(), self.offsets] if self.unknown else self.plant.trained()
 
     def present(self) -> list[Tensor]:
@@ -83,13 +83,13 @@ class Objective(nn.Module):
             parameter.copy_(value)
 
     def initial(self) -> Tensor:
-        """(W, n) initial states of the windows."""
+        """Return (W, n) initial states of the windows."""
         if not self.unknown:
             return self.origin
         return self.origin.index_add(0, torch.tensor(self.unknown), self.offsets * self.plant.scale)
 
     def outputs(self) -> list[Tensor]:
-        """(N,) displacement of every recording, without its zero."""
+        """Return (N,) displacement of every recording, without its zero."""
         return self._joined(self.solver(self.plant, self.windows, self.initial()))
 
     def _joined(self, states: Sequence[Tensor]) -> list[Tensor]:
@@ -101,7 +101,7 @@ class Objective(nn.Module):
         return [torch.cat(p) for p in pieces]
 
     def residuals(self, outputs: Sequence[Tensor]) -> Tensor:
-        """(N,) scored residuals over noise, each recording's mean taken out."""
+        """Return (N,) scored residuals over noise, each recording's mean taken out."""
         found = []
         for r, mask, y, model in zip(self.recordings, self.masks, self.measured, outputs, strict=True):
             error = (y - model)[mask]
@@ -109,7 +109,7 @@ class Objective(nn.Module):
         return torch.cat(found)
 
     def forward(self) -> Tensor:
-        """() the loss.
+        """Return () the loss.
 
         Raises:
             SolverFailed: a window could not be solved.
@@ -126,7 +126,7 @@ class Objective(nn.Module):
         return loss + self.continuity * torch.stack(jumps).square().mean() if jumps else loss
 
     def _noise(self, recording: int) -> float:
-        """``ν`` of a recording."""
+        """Return ``ν`` of a recording."""
         y = self.recordings[recording].y
         return float(self.recordings[recording].noise / np.sqrt(np.mean((y - y.mean()) ** 2)))
 
@@ -135,7 +135,7 @@ class Objective(nn.Module):
 def first_guess(
     plant: Plant, solver: Solver, recordings: Sequence[Recording], windows: Sequence[Window], substeps: int
 ) -> Tensor:
-    """(W, n) initial states: where recordings begin, and on the way of the untrained model where windows do."""
+    """Return (W, n) initial states: where recordings begin, and on the way of the untrained model where windows do."""
     starts = torch.stack([begin(plant, r) for r in recordings])
     if not any(w.continues for w in windows):
         return starts
@@ -149,7 +149,7 @@ def first_guess(
 
 
 def begin(plant: Plant, recording: Recording) -> Tensor:
-    """(n,) state that a recording begins in or near: the rest state under the input before it."""
+    """Return (n,) state that a recording begins in or near: the rest state under the input before it."""
     zero = torch.zeros_like(plant.scale)
     if starts_at_zero(recording) or not isinstance(plant, NetworkPlant) or not can_compile(plant.system.network):
         return zero
@@ -160,7 +160,7 @@ def begin(plant: Plant, recording: Recording) -> Tensor:
 
 
 def estimated_start(plant: Plant, solver: Solver, recording: Recording, substeps: int) -> Tensor:
-    """(n,) initial state of a recording, estimated from its first samples with the plant held.
+    """Return (n,) initial state of a recording, estimated from its first samples with the plant held.
 
     The samples are those of its nuisance part or, where it has none, the first 2 % and 50 at least.
     """

@@ -74,17 +74,17 @@ class Trained:
 
     @property
     def aside(self) -> tuple[str, ...]:
-        """Names of the recordings that stopped the training."""
+        """Return the names of the recordings that stopped the training."""
         return tuple(name for name, row in self.facts["recordings"].items() if row["validation"])
 
     @property
     def system(self) -> nn.Module:
-        """The trained module."""
+        """Return the trained module."""
         return self.plant.core
 
     @property
     def model(self) -> Model:
-        """The model with the trained network, for `Model.simulate`, ``phnn.predict`` and files.
+        """Return the model with the trained network, for `Model.simulate`, ``phnn.predict`` and files.
 
         Raises:
             InputRefused: it is no network.
@@ -97,7 +97,7 @@ class Trained:
 
     @property
     def over_noise(self) -> float:
-        """Residual over noise of the recordings for confirmation, NaN where there are none."""
+        """Return the residual over noise of the recordings for confirmation, NaN where there are none."""
         return self.scores.over_noise("confirmation")
 
 
@@ -304,7 +304,7 @@ def _hash(base: str | None) -> str | None:
 
 
 def _ended(settings: Settings) -> dict[str, Any] | None:
-    """What an earlier run on the same recordings has written at its end; None where there is none to keep."""
+    """Return what an earlier run on the same recordings has written at its end; None where there is none to keep."""
     config, metrics = settings.home / CONFIG, settings.home / METRICS
     if not (config.exists() and metrics.exists()):
         return None

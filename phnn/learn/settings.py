@@ -129,22 +129,22 @@ class Settings:
 
     @property
     def named(self) -> str:
-        """What is trained, for people."""
+        """Return what is trained, for people."""
         return str(self.model.get("kind") or self.model.get(TARGET, "")).rpartition(".")[2]
 
     @property
     def home(self) -> Path:
-        """Where the results go."""
+        """Return where the results go."""
         return Path(self.out)
 
 
 def _called(function: Any) -> str | None:
-    """The name of a function, the same in every process."""
+    """Return the name of a function, the same in every process."""
     return None if function is None else str(getattr(function, "__qualname__", type(function).__qualname__))
 
 
 def settings_in(path: Path) -> dict[str, Any]:
-    """What a run's ``config.yaml`` holds, read as plain values.
+    """Return what a run's ``config.yaml`` holds, read as plain values.
 
     Raises:
         InputRefused: the file is damaged.
@@ -161,7 +161,7 @@ def check_same(before: Mapping[str, Any], now: Mapping[str, Any], where: Path) -
 
 
 def accepted(target: str) -> set[str]:
-    """Names of the arguments that a class or function takes.
+    """Return the names of the arguments that a class or function takes.
 
     Raises:
         InputRefused: there is no such class or function.
@@ -177,8 +177,8 @@ def accepted(target: str) -> set[str]:
 
 
 def instantiate(given: Any) -> Any:
-    """What a mapping with ``_target_`` makes: an instance, or what its function returns; modules of the present folder
-    are found.
+    """Return what a mapping with ``_target_`` makes: an instance, or what its function returns; modules of the present
+    folder are found.
 
     Raises:
         InputRefused: there is no such class, or it does not take these arguments.

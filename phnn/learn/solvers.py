@@ -52,19 +52,19 @@ class Plant(nn.Module):
         self.register_buffer("scale", scale)
 
     def inputs(self, u: Tensor) -> Tensor:  # u: (...) [V]
-        """(..., P) inputs of all ports."""
+        """Return (..., P) inputs of all ports."""
         return u.unsqueeze(-1)
 
     def rate(self, x: Tensor, u: Tensor) -> Tensor:  # x: (..., n), u: (...) [V]
-        """(..., n) ``ẋ``."""
+        """Return (..., n) ``ẋ``."""
         return self.core.vector_field(x, self.inputs(u))
 
     def measured(self, x: Tensor) -> Tensor:  # x: (..., n)
-        """(...) displacement [m]."""
+        """Return (...) displacement [m]."""
         return self.core.measured(x)
 
     def trained(self) -> list[nn.Parameter]:
-        """What an optimiser moves."""
+        """Return what an optimiser moves."""
         return list(self.core.parameters())
 
 
@@ -87,25 +87,25 @@ class NetworkPlant(Plant):
 
     @property
     def network(self) -> Network:
-        """The network with the present parameter values and laws."""
+        """Return the network with the present parameter values and laws."""
         return self.system.shown()
 
     def inputs(self, u: Tensor) -> Tensor:
-        """(..., P) the voltage at the first port, the others at zero."""
+        """Return (..., P) the voltage at the first port, the others at zero."""
         others = u.new_zeros(*u.shape, len(self.system.network.ports) - 1)
         return torch.cat([u.unsqueeze(-1), others], dim=-1)
 
     def measured(self, x: Tensor) -> Tensor:
-        """(...) state of the measured storage."""
+        """Return (...) state of the measured storage."""
         return x[..., self.system.state_names.index(self.system.network.output)]
 
     def trained(self) -> list[nn.Parameter]:
-        """Coordinates of the parameters, then weights of the learned laws."""
+        """Return the coordinates of the parameters, then weights of the learned laws."""
         own = (*self.system.free.parameters(), *self.system.laws.parameters())
         return [p for p in own if p.requires_grad]
 
     def slopes(self) -> list[float]:
-        """``dθ/dz`` of every coordinate."""
+        """Return ``dθ/dz`` of every coordinate."""
         return [self.system.free.slope(name) for name in self.names]
 
 
@@ -136,17 +136,17 @@ class Window:
 
     @property
     def times(self) -> Tensor:
-        """(n+1,) time of the nodes of the steps [s]."""
+        """Return (n+1,) time of the nodes of the steps [s]."""
         return self.start + torch.cat([self.h.new_zeros(1), self.h.cumsum(0)])
 
     @property
     def mean(self) -> Tensor:
-        """(n,) mean inputs of the steps, by Simpson's rule."""
+        """Return (n,) mean inputs of the steps, by Simpson's rule."""
         return (self.fine[:, 0] + 4.0 * self.fine[:, 1] + self.fine[:, 2]) / 6.0
 
 
 def thinned(recording: Recording, stride: int) -> Recording:
-    """Every ``stride``-th sample of a recording, its noise and its parts as they are.
+    """Return every ``stride``-th sample of a recording, its noise and its parts as they are.
 
     Raises:
         InputRefused: too few samples would be left.
@@ -162,12 +162,12 @@ def thinned(recording: Recording, stride: int) -> Recording:
 
 
 def starts_at_zero(recording: Recording) -> bool:
-    """Whether a recording begins at rest without input."""
+    """Return whether a recording begins at rest without input."""
     return recording.start.state == "rest" and recording.start.input_before == 0.0
 
 
 def windows_of(recordings: Sequence[Recording], length: int, substeps: int) -> list[Window]:
-    """The windows of recordings, in order.
+    """Return the windows of recordings, in order.
 
     Args:
         length: samples of a window, 0 for whole recordings.
@@ -208,7 +208,7 @@ Solver = Callable[[Plant, Sequence[Window], Tensor], list[Tensor]]
 
 
 def solver_for(settings: Mapping[str, Any], plant: Plant) -> Solver:
-    """The solver of a training run.
+    """Return the solver of a training run.
 
     Args:
         settings: ``name`` is ``discrete_gradient``: the compiled kernel, or where a law has none all windows at once
@@ -250,8 +250,8 @@ def discrete_gradient(plant: Plant, windows: Sequence[Window], x0: Tensor) -> li
 
 
 def together(plant: Plant, windows: Sequence[Window]) -> tuple[Tensor, Tensor]:
-    """Mean inputs (N, B, P) and steps (N, B) of windows; shorter ones go on under their last input, which counts for
-    nothing."""
+    """Return the mean inputs (N, B, P) and steps (N, B) of windows; shorter ones go on under their last input, which
+    counts for nothing."""
     count = torch.arange(max(len(w.h) for w in windows))
     rows = [count.clamp_max(len(w.h) - 1) for w in windows]
     u = plant.inputs(torch.stack([w.mean[k] for w, k in zip(windows, rows, strict=True)], dim=1))
@@ -321,7 +321,7 @@ class Torchdiffeq:
         self.method, self.adjoint, self.rtol, self.atol = method, adjoint, rtol, atol
 
     def __call__(self, plant: Plant, windows: Sequence[Window], x0: Tensor) -> list[Tensor]:
-        """States at the samples of each window."""
+        """Return the states at the samples of each window."""
         if self.method == METHOD:
             return _by_groups(partial(_preserving, plant), windows, x0, [w.h.numpy().tobytes() for w in windows])
         return _by_groups(partial(self._general, plant), windows, x0, [0] * len(windows))
@@ -349,7 +349,7 @@ class Torchdiffeq:
 
 
 def _preserving(plant: Plant, windows: Sequence[Window], x0: Tensor) -> Tensor:
-    """(N+1, B, n) states of windows with the same steps, by torchdiffeq with the power-preserving step."""
+    """Return (N+1, B, n) states of windows with the same steps, by torchdiffeq with the power-preserving step."""
     assert isinstance(plant, NetworkPlant)
     h = windows[0].h
     t = torch.cat([h.new_zeros(1), h.cumsum(0)])
@@ -365,7 +365,7 @@ def _preserving(plant: Plant, windows: Sequence[Window], x0: Tensor) -> Tensor:
 
 
 def _quadratic(fine: Tensor, share: Tensor) -> Tensor:
-    """The parabola through the values at the start, middle and end of a step, at a share of it."""
+    """Return the parabola through the values at the start, middle and end of a step, at a share of it."""
     start, middle, end = fine.unbind(-1)
     linear, bend = -3.0 * start + 4.0 * middle - end, 2.0 * start - 4.0 * middle + 2.0 * end
     return start + share * (linear + share * bend)
@@ -386,7 +386,7 @@ class _Counted(nn.Module):
         return self.h[step].unsqueeze(-1) * self.plant.rate(x, u)
 
     def jumps(self) -> Tensor:
-        """Nodes where the input or the size of a step jumps."""
+        """Return the nodes where the input or the size of a step jumps."""
         # Both sides of a smooth joint come out of a spline, equal up to rounding.
         apart = (self.fine[1:, :, 0] - self.fine[:-1, :, 2]).abs() > _ROUNDING * self.fine.abs().max()
         moved = apart | (self.h[1:] != self.h[:-1])

@@ -60,7 +60,7 @@ _RATES = (30.0, 1.0)
 
 
 def plant_for(model: Mapping[str, Any], campaign: Campaign, seed: int, base: str | None = None) -> Plant:
-    """The untrained plant of a run.
+    """Return the untrained plant of a run.
 
     Args:
         model: ``kind`` and its arguments. ``hrc`` is the parametric network, ``neural_hrc`` takes the arguments of
@@ -203,7 +203,7 @@ def _lags(core: NeuralODE, recordings: Sequence[Recording], random: torch.Genera
 
 
 def _dead_zones(values: Mapping[str, float], hysterons: int, motion: Motion) -> dict[str, float]:
-    """Thresholds and slopes that the drive alone gives."""
+    """Return the thresholds and slopes that the drive alone gives."""
     found = {}
     for i in range(1, hysterons + 1):
         found[f"d_{i}"], found[f"rho_{i}"], _ = staggered(i, *effort_and_flow(i, values, motion))
@@ -220,7 +220,7 @@ def _check(kind: str, arguments: Mapping[str, Any], known: Sequence[str]) -> Non
 
 
 def _values(campaign: Campaign, hysterons: int, start: str, base: str | None, seed: int) -> dict[str, float]:
-    """Starting values of the physical parameters."""
+    """Return the starting values of the physical parameters."""
     if base is not None:
         values = load(Path(base))[0].values()
     elif start == "parametric":
@@ -258,7 +258,7 @@ def scales_of(recordings: Sequence[Recording]) -> Scales:
 
 
 def motion_of(recordings: Sequence[Recording]) -> Motion:
-    """Half the largest range of the output [m], and the largest velocity of a sine of that size [m/s]."""
+    """Return half the largest range of the output [m], and the largest velocity of a sine of that size [m/s]."""
     halves = [(0.5 * float(np.ptp(r.y)), dominant_frequency(r)) for r in recordings]
     return Motion(max(h for h, _ in halves), max(2.0 * np.pi * f * h for h, f in halves))
 

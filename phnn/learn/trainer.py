@@ -53,7 +53,7 @@ def as_bytes(content: Mapping[str, Any]) -> bytes:
 
 
 def load(path: Path, keys: Sequence[str] = ()) -> dict[str, Any] | None:
-    """The state that `save` wrote, with torch's random generator set back to it; None where there is none.
+    """Return the state that `save` wrote, with torch's random generator set back to it; None where there is none.
 
     Args:
         keys: what the state must hold.
@@ -227,7 +227,7 @@ class Trainer:
             self._save()
 
     def _attempt(self, name: str) -> float:
-        """One epoch; taken back and tried again more carefully where it fails."""
+        """Return one epoch; taken back and tried again more carefully where it fails."""
         p = self.progress
         while True:
             before = self.objective.present()
@@ -252,7 +252,7 @@ class Trainer:
 
     @torch.no_grad()
     def _value(self) -> float:
-        """The validation at the present parameters."""
+        """Return the validation at the present parameters."""
         try:
             return self.validate() if self.validate is not None else float(self.objective())
         except SolverFailed:

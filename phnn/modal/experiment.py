@@ -50,7 +50,7 @@ class Experiment:
 
     @property
     def amplitude(self) -> float:
-        """Effective value of all inputs together, the root of their summed squares."""
+        """Return the effective value of all inputs together, the root of their summed squares."""
         return float(np.sqrt((self.u - self.u.mean(axis=0)).var(axis=0).sum()))
 
 
@@ -75,12 +75,12 @@ class Study:
 
     @property
     def frequencies(self) -> Array:
-        """(N//2 + 1,) Hz."""
+        """Return (N//2 + 1,) Hz."""
         return np.asarray(np.fft.rfftfreq(len(self.levels[0][0].u), self.dt), dtype=np.float64)
 
     @cached_property
     def lines(self) -> NDArray[np.int64]:
-        """Excited lines, the mean not among them."""
+        """Return the excited lines, the mean not among them."""
         power = sum(np.abs(np.fft.rfft(e.u, axis=0)) ** 2 for level in self.levels for e in level)
         total = np.asarray(power).sum(axis=1)
         total[0] = 0.0
@@ -88,16 +88,16 @@ class Study:
         return np.flatnonzero(total[: (len(self.levels[0][0].u) + 1) // 2] > _EXCITED * total.max())
 
     def identification(self, level: int) -> tuple[Experiment, ...]:
-        """What a level has to be fitted to."""
+        """Return what a level has to be fitted to."""
         return tuple(e for e in self.levels[level] if not e.held_out)
 
     def held_out(self, level: int) -> tuple[Experiment, ...]:
-        """What a level has for confirmation."""
+        """Return what a level has for confirmation."""
         return tuple(e for e in self.levels[level] if e.held_out)
 
 
 def study_of(campaign: Campaign) -> Study:
-    """The experiments of a campaign.
+    """Return the experiments of a campaign.
 
     Raises:
         InputRefused: a recording is not periodic or has no output, recordings differ in rate, period, inputs, outputs
@@ -198,7 +198,7 @@ def _check_alike(grouped: Mapping[str, Sequence[Recording]], first: Sequence[Rec
 
 
 def experiments_of(campaign: Campaign) -> dict[str, list[Recording]]:
-    """The recordings of a campaign by their experiment: one for each output.
+    """Return the recordings of a campaign by their experiment: one for each output.
 
     Raises:
         InputRefused: one is not periodic.
@@ -211,7 +211,7 @@ def experiments_of(campaign: Campaign) -> dict[str, list[Recording]]:
 
 
 def experiment_of(name: str, views: Sequence[Recording]) -> Experiment:
-    """The mean period of recordings that share their inputs.
+    """Return the mean period of recordings that share their inputs.
 
     Raises:
         InputRefused: they are partly held out.
@@ -236,7 +236,7 @@ def experiment_of(name: str, views: Sequence[Recording]) -> Experiment:
 
 
 def _periods(x: Array, size: int) -> Array:
-    """(periods, size)."""
+    """Return (periods, size)."""
     return x[: x.size // size * size].reshape(-1, size)
 
 
@@ -281,7 +281,7 @@ def response(u: Complex, y: Complex) -> Complex:
 
 
 def first_modes(study: Study, experiments: Sequence[Experiment]) -> Modes:
-    """Modes of some experiments on the excited lines, the fewest that describe them well.
+    """Return the modes of some experiments on the excited lines, the fewest that describe them well.
 
     Raises:
         InputRefused: there is no oscillation within the excited lines.
@@ -333,7 +333,7 @@ def _impulses(g: Complex, lines: NDArray[np.int64], size: int) -> Array:
 
 
 def _oscillations(poles: Complex, dt: float, s: Complex) -> Complex:
-    """Poles of modes in the band, in continuous time, in ascending order."""
+    """Return the poles of modes in the band, in continuous time, in ascending order."""
     continuous = np.log(poles[np.abs(poles) > 0.0]) / dt
     damping = -continuous.real / np.maximum(np.abs(continuous), 1e-300)
     inside = (continuous.imag > s[0].imag) & (continuous.imag < s[-1].imag)

@@ -69,7 +69,7 @@ class Steady(NamedTuple):
 
     @property
     def columns(self) -> Complex:
-        """(F, 2 M + P) what outputs are made of: q, q̇ over the reference rate, and forces."""
+        """Return (F, 2 M + P) what outputs are made of: q, q̇ over the reference rate, and forces."""
         return np.concatenate([self.q, self.q * (self.s / RATE)[:, None], self.force], axis=1)
 
     def at(self, lines: NDArray[np.int64], scale: float) -> Steady:
@@ -98,15 +98,15 @@ class ModalModel:
     reach: Array
 
     def transfer(self, s: Complex) -> Complex:
-        """(F, M) ``H_i``: the modes by the force upon each."""
+        """Return (F, M) ``H_i``: the modes by the force upon each."""
         return np.asarray(self.omega**2 / (s[:, None] ** 2 + 2.0 * self.zeta * self.omega * s[:, None] + self.omega**2))
 
     def impedance(self, s: Complex) -> Complex:
-        """(F, P, P) ``Z``: the extensions of the ports by the forces upon the modes."""
+        """Return (F, P, P) ``Z``: the extensions of the ports by the forces upon the modes."""
         return np.asarray((self.b.T * self.transfer(s)[:, None, :]) @ self.b)
 
     def steady(self, experiment: Experiment, dt: float) -> Steady:
-        """The steady state under the inputs of an experiment.
+        """Return the steady state under the inputs of an experiment.
 
         Raises:
             SolverFailed: no steady state was found.
@@ -149,8 +149,8 @@ class ModalModel:
         return Steady(rates[here], q, np.sum(x, axis=0), forces[here], kappa)
 
     def slopes(self, steady: Steady, shapes: Array, dt: float) -> Complex:
-        """(F, O, K) derivatives of the outputs behind their delays by ln ω, ln ζ, b, delays in samples and ln k, all at
-        the same ``φ``.
+        """Return (F, O, K) derivatives of the outputs behind their delays by ln ω, ln ζ, b, delays in samples and ln k,
+        all at the same ``φ``.
 
         Args:
             shapes: (O, 2 M + P), held fast.
@@ -179,7 +179,7 @@ class ModalModel:
 
 
 def _closed(z: Complex, kappa: Array, drive: Complex) -> Complex:
-    """(F, P) extensions in the closed loop."""
+    """Return (F, P) extensions in the closed loop."""
     moved = np.einsum("fjl,fl->fj", z, drive)
     if not kappa.any():
         return np.asarray(moved)
@@ -273,7 +273,7 @@ class Problem:
         return model.steady(experiment, self.study.dt).at(self.study.lines, _HALF / len(experiment.u))
 
     def residual(self, moved: Array) -> Array:
-        """(R,) real and imaginary parts on all excited lines of all experiments."""
+        """Return (R,) real and imaginary parts on all excited lines of all experiments."""
         point = self.point(moved)
         if point is None:
             return np.full(2 * sum(y.size for y in self.wanted), _FAILED / np.sqrt(self.wanted[0].size))
@@ -284,7 +284,7 @@ class Problem:
         return np.concatenate([np.stack([x.real, x.imag], axis=2).ravel() for x in left])
 
     def slopes(self, moved: Array) -> Array:
-        """(R, K) derivatives of the residual."""
+        """Return (R, K) derivatives of the residual."""
         point = self.point(moved)
         assert point is not None
         slope = [point.model.slopes(one, point.shapes, self.study.dt) for one in point.steady]
@@ -331,14 +331,14 @@ class ModalFit:
         )
 
     def predict(self, experiment: Experiment) -> Array:
-        """(N, O) outputs of an experiment, without their means."""
+        """Return (N, O) outputs of an experiment, without their means."""
         steady = self.model.steady(experiment, self.dt)
         spectrum = (steady.columns @ self.shapes.T) * np.exp(-steady.s[:, None] * self.model.delay)
         spectrum[0] = 0.0
         return np.asarray(np.fft.irfft(spectrum, len(experiment.u), axis=0))
 
     def errors(self, experiments: Sequence[Experiment]) -> Array:
-        """(O,) root mean square error over all recorded periods of some experiments."""
+        """Return (O,) root mean square error over all recorded periods of some experiments."""
         squares = [((e.y - self.predict(e)) ** 2).mean(axis=0) + e.spread**2 for e in experiments]
         return np.asarray(np.sqrt(np.mean(squares, axis=0)))
 
@@ -373,7 +373,7 @@ def fit_modes(
 
 
 def model_document(fit: ModalFit) -> dict[str, Any]:
-    """All that is needed to simulate the model again, SI."""
+    """Return all that is needed to simulate the model again, SI."""
     m = fit.model
     return {
         "schema": SCHEMA,
@@ -393,7 +393,7 @@ def model_document(fit: ModalFit) -> dict[str, Any]:
 
 
 def model_from(document: Mapping[str, Any]) -> ModalFit:
-    """The model of a document; what is returned is passive at its ports, whatever the document says.
+    """Return the model of a document; what is returned is passive at its ports, whatever the document says.
 
     Raises:
         InputRefused: it is not such a document, something in it is missing, or a value lies outside its domain.
@@ -462,7 +462,7 @@ def predicted_modes(fit: ModalFit, campaign: Campaign) -> tuple[Predicted, ...]:
 
 
 def _one(recording: Recording, period: Array, fit: ModalFit, held_out: bool) -> Predicted:
-    """One recorded output, or all outputs of the model side by side where none was recorded."""
+    """Return one recorded output, or all outputs of the model side by side where none was recorded."""
     repeated = np.resize(period, (recording.t.size, period.shape[1]))
     if not np.isfinite(recording.y).all():
         unit = fit.units.output.replace(" ", "")

@@ -80,12 +80,12 @@ class Result:
 
     @property
     def linear_serves(self) -> bool:
-        """Whether one linear model is as good as one for each amplitude."""
+        """Return whether one linear model is as good as one for each amplitude."""
         return SLOW not in self.models
 
     @cached_property
     def document(self) -> dict[str, Any]:
-        """The study as plain data, SI; all models predict all held-out recordings for it."""
+        """Return the study as plain data, SI; all models predict all held-out recordings for it."""
         study = self.study
         return {
             "schema": SCHEMA,
@@ -183,15 +183,15 @@ def _alone(study: Study, level: int, settings: Settings) -> ModalFit:
 
 
 def _with_slow_ports(model: ModalModel, study: Study) -> ModalModel:
-    """A linear model with a spring at every port, too weak yet to matter much at any amplitude."""
+    """Return a linear model with a spring at every port, too weak yet to matter much at any amplitude."""
     low = model.steady(study.identification(0)[0], study.dt)
     effective = np.sqrt(2.0) * np.linalg.norm(low.x[1:], axis=0) / len(study.levels[0][0].u)
     return replace(model, springs=_STIFFNESS / (model.b**2).sum(axis=0), reach=_REACH * effective)
 
 
 def _left(fit: ModalFit, study: Study, level: int, settings: Settings) -> float:
-    """Effective error over measurement of the experiments of identification that no model was fitted to, all where
-    there are no others, each counting alike; inf without a steady state."""
+    """Return the effective error over measurement of the experiments of identification that no model was fitted to, all
+    where there are no others, each counting alike; inf without a steady state."""
     known = study.identification(level)
     choosing = known[max(settings.experiments, len(study.inputs)) :] or known
     try:

@@ -28,7 +28,7 @@ TABLE_1 = {
 
 
 def hysteron(i: int | str) -> tuple[Storage, Resistor, Coupling]:
-    """The i-th parallel-RC hysteron, eq. (1), driven by the current ``α v``."""
+    """Return the i-th parallel-RC hysteron, eq. (1), driven by the current ``α v``."""
     return (
         Storage(f"Q_{i}", "capacitor", (f"C_{i}",), "C"),
         Resistor(f"hysteron_{i}", "dead_zone", {f"Q_{i}": 1.0}, (f"rho_{i}", f"d_{i}")),
@@ -37,7 +37,7 @@ def hysteron(i: int | str) -> tuple[Storage, Resistor, Coupling]:
 
 
 def hrc(hysterons: int = 2, values: dict[str, float] | None = None) -> Network:
-    """The actuator of eqs. (3)–(6) and Proposition 1 with any number of hysterons.
+    """Return the actuator of eqs. (3)–(6) and Proposition 1 with any number of hysterons.
 
         Q̇_i = α p/m − h_i⁻¹(Q_i/C_i),   q̇ = p/m,   ṗ = −α Σ Q_i/C_i − k q − b p/m + α V − F
 
@@ -81,7 +81,7 @@ def hrc(hysterons: int = 2, values: dict[str, float] | None = None) -> Network:
 
 
 def from_paper() -> Network:
-    """Two hysterons with the identified values of Table 1."""
+    """Return two hysterons with the identified values of Table 1."""
     return hrc(2)
 
 
@@ -203,7 +203,7 @@ def modal(
 
 
 def _ratios(name: str, ratios: Array, unit: str, end: str) -> list[Parameter]:
-    """The ratios (K, M) between modes and ports or outputs as parameters, ``name_mode_end``."""
+    """Return the ratios (K, M) between modes and ports or outputs as parameters, ``name_mode_end``."""
     typical = float(np.abs(ratios).max()) or 1.0
     return [
         signed(

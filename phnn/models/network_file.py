@@ -53,7 +53,7 @@ _FIELDS: dict[str, Callable[[Any, str], Any]] = {
 
 
 def load_network(path: Path | str) -> Network:
-    """The network of a bond graph in a file.
+    """Return the network of a bond graph in a file.
 
     Raises:
         InputRefused: as `load_graph`, or a graph without a network: names the elements and the remedy.
@@ -66,7 +66,7 @@ def load_network(path: Path | str) -> Network:
 
 
 def load_graph(path: Path | str) -> BondGraph:
-    """The bond graph in a file.
+    """Return the bond graph in a file.
 
     Raises:
         InputRefused: a file that cannot be read, or says something that is not understood; names file, key, value and
@@ -145,7 +145,7 @@ def _element(name: str, said: Any, where: str) -> Element:
 
 
 def _law(content: Mapping[str, Any], default: str, laws: Mapping[str, Any], where: str) -> tuple[str, tuple[str, ...]]:
-    """A law's name and the names of its parameters."""
+    """Return a law's name and the names of its parameters."""
     law = choice(content.get("law", default), tuple(laws), f"{where}: law")
     given = content.get("parameters", [])
     names = given if isinstance(given, list) else [given]

@@ -60,7 +60,7 @@ class LearnedLaws:
             raise InputRefused(f"law = {self.law!r}: choose {' or '.join(LAWS)}")
 
     def resistor(self, effort: float, conductance: float, seed: int) -> SectorMLP | MonotoneMLP:
-        """An untrained resistor of a typical conductance [S] at an effort scale [V]."""
+        """Return an untrained resistor of a typical conductance [S] at an effort scale [V]."""
         if self.law == "monotone":
             return MonotoneMLP(effort, conductance * effort, self.width)
         return SectorMLP(effort, conductance * effort, self.width, self.symmetric, seed)
@@ -153,7 +153,7 @@ def _learned(
 
 
 def effort_and_flow(number: int, values: Mapping[str, float], motion: Motion) -> tuple[float, float]:
-    """Effort scale [V] of a hysteron, numbered from 1, and the fastest current [A]."""
+    """Return the effort scale [V] of a hysteron, numbered from 1, and the fastest current [A]."""
     return 0.5 * values["alpha"] * motion.reach / values[f"C_{number}"], values["alpha"] * motion.speed
 
 

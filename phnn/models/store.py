@@ -126,7 +126,7 @@ def setup_from(content: Mapping[str, Any], shown: str) -> tuple[Setup, int, tupl
 
 
 def _inputs(content: Mapping[str, Any]) -> tuple[float, float] | None:
-    """Least and largest input that a file's content states, SI; None where it states none."""
+    """Return the least and largest input that a file's content states, SI; None where it states none."""
     if "identified_inputs" not in content:
         return None
     low, high = (a_number(v, "identified_inputs") for v in a_list(content["identified_inputs"], "identified_inputs", 2))
@@ -211,7 +211,7 @@ def _setup(content: Mapping[str, Any]) -> Setup:
 
 
 def _all(items: Any, key: str, kind: type[T]) -> tuple[T, ...]:
-    """The elements or blocks of a list, laws by their names or made of the weights of a learned one."""
+    """Return the elements or blocks of a list, laws by their names or made of the weights of a learned one."""
     made = []
     for i, item in enumerate(a_list(items, key)):
         given = an_object(item, f"{key}[{i}]")
@@ -232,7 +232,7 @@ def _parameters(content: Mapping[str, Any], key: str) -> dict[str, Parameter]:
 
 
 def _element(element: Any) -> dict[str, Any]:
-    """An element as json, its law by name or, where it is learned, by its weights."""
+    """Return an element as json, its law by name or, where it is learned, by its weights."""
     if isinstance(element, Coupling):
         return asdict(element)
     return asdict(replace(element, law="")) | {"law": as_json(element.law)}
@@ -266,18 +266,18 @@ _TOGETHER: dict[str, type[Any]] = {
 
 
 def is_storable(network: Network) -> bool:
-    """Whether all laws of a network have a form on disk."""
+    """Return whether all laws of a network have a form on disk."""
     return all(isinstance(one.element.law, str) or _kind_of(one.element.law) for one in network.with_laws())
 
 
 def _kind_of(law: nn.Module) -> str:
-    """The kind under which a torch module stands on disk; empty where it has no form there."""
+    """Return the kind under which a torch module stands on disk; empty where it has no form there."""
     name = type(law).__name__ if is_passive_by_form(law) else ""
     return name if name in _TOGETHER else form_of(law) if form_of(law) in _KINDS else ""
 
 
 def as_json(law: Any) -> Any:
-    """The name of a law, or the content of a learned one.
+    """Return the name of a law, or the content of a learned one.
 
     Raises:
         PhnnError: a torch module of another kind.
@@ -292,7 +292,7 @@ def as_json(law: Any) -> Any:
 
 
 def from_json(content: Any) -> Any:
-    """What `as_json` was given.
+    """Return what `as_json` was given.
 
     Raises:
         ValueError: an unknown kind, weights that do not fit it, or values with which the law would not be passive.
@@ -326,7 +326,7 @@ def from_json(content: Any) -> Any:
 
 
 def _tensor(value: Any, where: str) -> torch.Tensor:
-    """Numbers in lists of equal lengths. Raises ValueError for other values, or if one is not finite."""
+    """Return the numbers in lists of equal lengths. Raises ValueError for other values, or if one is not finite."""
     try:
         tensor = torch.tensor(value, dtype=torch.float64)
     except (TypeError, ValueError, OverflowError, RuntimeError) as error:
@@ -341,7 +341,7 @@ _PROSE = "description"
 
 
 def of_fields(cls: type[T], content: Any, where: str) -> T:
-    """A dataclass from an object of json.
+    """Return a dataclass from an object of json.
 
     Args:
         cls: its fields are texts, numbers, truth values, lists of texts, or objects of ratios; fields called ``law`` of
@@ -372,7 +372,7 @@ def an_object(content: Any, where: str) -> Mapping[str, Any]:
 
 
 def a_list(content: Any, where: str, most: int = LIMITS.elements) -> list[Any]:
-    """A list of json of at most ``most`` entries. Raises ValueError otherwise, or if it is longer."""
+    """Return a list of json of at most ``most`` entries. Raises ValueError otherwise, or if it is longer."""
     if not isinstance(content, list):
         raise ValueError(f"{where} is {brief(content)}, no list")
     if len(content) > most:
@@ -381,14 +381,14 @@ def a_list(content: Any, where: str, most: int = LIMITS.elements) -> list[Any]:
 
 
 def a_text(value: Any, where: str) -> str:
-    """A printable text. Raises ValueError otherwise, or if it is too long."""
+    """Return a printable text. Raises ValueError otherwise, or if it is too long."""
     if not isinstance(value, str) or printable(value) != value:
         raise ValueError(f"{where} is {brief(value)}, no printable text")
     return value
 
 
 def a_name(value: Any, where: str) -> str:
-    """A printable text that is not empty and no longer than a name. Raises ValueError otherwise."""
+    """Return a printable text that is not empty and no longer than a name. Raises ValueError otherwise."""
     if not 0 < len(a_text(value, where)) <= LIMITS.name_characters:
         raise ValueError(f"{where} has {len(value)} characters: 1 to {LIMITS.name_characters} are accepted")
     return str(value)
@@ -409,7 +409,7 @@ def a_count(value: Any, where: str, least: int, most: int) -> int:
 
 
 def _typed(value: Any, hint: Any, where: str) -> Any:
-    """A value of the type that a field declares; a union is ``str | other``. Raises ValueError otherwise."""
+    """Return a value of the type that a field declares; a union is ``str | other``. Raises ValueError otherwise."""
     kind, parts = typing.get_origin(hint), typing.get_args(hint)
     if hint is Any:
         return value

@@ -101,7 +101,7 @@ class BoundedParameters(nn.Module):
         return self
 
     def values(self) -> dict[str, Tensor]:
-        """Present values [SI] by name, differentiable by the coordinates.
+        """Return the present values [SI] by name, differentiable by the coordinates.
 
         Raises:
             SolverFailed: a coordinate is not finite.
@@ -136,7 +136,7 @@ class BoundedParameters(nn.Module):
         return self.table[_REFERENCE] * torch.exp(self.table[_LOGARITHMIC] * delta) + self.table[_LINEAR] * delta
 
     def value(self, name: str) -> Tensor:
-        """(...) present value of one parameter [SI]."""
+        """Return (...) present value of one parameter [SI]."""
         check_weights(self.z)
         return self._at(name, self.z[name])
 
@@ -144,13 +144,13 @@ class BoundedParameters(nn.Module):
         return _physical(z, self.table[:, self.place[name]].reshape(-1, *[1] * z.ndim))
 
     def slope(self, name: str) -> float:
-        """``dθ/dz`` at the present value."""
+        """Return ``dθ/dz`` at the present value."""
         with torch.enable_grad():
             z = self.z[name].detach().requires_grad_(True)
             return float(torch.autograd.grad(self._at(name, z), z)[0])
 
     def gradient(self, name: str) -> float | None:
-        """``∂L/∂θ`` by the physical value, from the ``.grad`` of the coordinate; None where that has none."""
+        """Return ``∂L/∂θ`` by the physical value, from the ``.grad`` of the coordinate; None where that has none."""
         found = self.z[name].grad
         return None if found is None else float(found) / self.slope(name)
 
@@ -198,7 +198,7 @@ def _take_references(module: BoundedParameters, _: object) -> None:
 
 
 def _referenced(declared: Parameter, reference: Tensor) -> Parameter:
-    """The parameter at a reference; in 32 bits one on its bound may have been rounded beyond it."""
+    """Return the parameter at a reference; in 32 bits one on its bound may have been rounded beyond it."""
     value = float(reference)
     near = min(max(value, declared.lower), declared.upper)
     rounded = reference.dtype == torch.float32 and math.isclose(value, near, rel_tol=1e-6)
@@ -206,7 +206,7 @@ def _referenced(declared: Parameter, reference: Tensor) -> Parameter:
 
 
 def _row(p: Parameter) -> list[float]:
-    """Column of the table of one parameter."""
+    """Return the column of the table of one parameter."""
     far = _DECADES * math.log(10.0) if p.positive else _CHANGES
     if p.positive:
         down = math.log(p.value / p.lower) if p.lower > 0.0 else far
@@ -238,7 +238,7 @@ def _in_short_range(half: Tensor, table: Tensor) -> Tensor:  # half: (...), tabl
 
 
 def _physical(z: Tensor, table: Tensor) -> Tensor:  # z: (...), table: (10, ...)
-    """(...) values of coordinates."""
+    """Return (...) values of coordinates."""
     half, gain = torch.where(z >= 0.0, table[_UP], table[_DOWN])
     half = _in_short_range(half, table)
     inner = torch.clamp(z, -half, half)

@@ -47,7 +47,7 @@ Present = tuple[int, dict[str, Tensor]] | None
 
 
 def present_of(system: Any) -> dict[str, Tensor] | None:
-    """Values read for the evaluation that is going on in this thread, None outside of one."""
+    """Return the values read for the evaluation that is going on in this thread, None outside of one."""
     present = None if torch.compiler.is_compiling() else system._present
     return present[1] if present is not None and present[0] == get_ident() else None
 
@@ -96,7 +96,7 @@ def check_input(u: Tensor, ports: Sequence[Port]) -> None:
 
 
 def energy_of(law: nn.Module) -> Callable[[Tensor], Tensor]:
-    """The energy ``H`` of a module; of one whose form does not keep it passive ``max(H(x) − H(0), 0)``.
+    """Return the energy ``H`` of a module; of one whose form does not keep it passive ``max(H(x) − H(0), 0)``.
 
     Training may carry the latter below its energy at rest, so that it could deliver energy from there.
     """
@@ -111,7 +111,7 @@ def mean_effort_of(
     a: Tensor,  # (...) energy variable at the start of a step
     b: Tensor,  # (...) and at its end
 ) -> Tensor:
-    """(...) ``(H(b) − H(a))/(b − a)`` of a module, ``H'(a)`` where they are equal."""
+    """Return (...) ``(H(b) − H(a))/(b − a)`` of a module, ``H'(a)`` where they are equal."""
     if is_passive_by_form(law):
         return law.mean_effort(a, b)  # type: ignore[operator]
     energy = energy_of(law)
@@ -123,7 +123,7 @@ def mean_efforts_of(
     a: Tensor,  # (..., k) energy variables at the start of a step
     b: Tensor,  # (..., k) and at its end
 ) -> Tensor:
-    """(..., k) discrete gradient of a shared energy, ``∇H(a)`` where they are equal.
+    """Return (..., k) discrete gradient of a shared energy, ``∇H(a)`` where they are equal.
 
     That of a module of unknown form goes from ``a`` to ``b`` one variable after the other (Itoh & Abe 1988).
     """
@@ -209,7 +209,7 @@ _ORDINARY = np.concatenate([-np.logspace(2, -12, 15), [0.0], np.logspace(-12, 2,
 
 
 def _points(columns: int) -> Array:
-    """(K, columns) points over 24 decades, some with zeros, some with entries of one size."""
+    """Return (K, columns) points over 24 decades, some with zeros, some with entries of one size."""
     random, shape = np.random.default_rng(0), (_TRIALS, columns)
     # Entries of one size in half of the points, of different sizes in the others.
     apart = random.choice([0.0, 1.0], (_TRIALS, 1)) * random.uniform(-6.0, 6.0, shape)
@@ -268,12 +268,12 @@ def _listed(values: Array) -> str:
 
 
 def _reading(law: nn.Module, q: float, effort: Tensor) -> Tensor:
-    """The flow of a law that reads a constant state."""
+    """Return the flow of a law that reads a constant state."""
     return law(effort, torch.full_like(effort, q))
 
 
 def _of_arrays(function: Callable[[Tensor], Tensor]) -> Callable[[Array], Array]:
-    """A function of tensors as one of arrays, without gradients."""
+    """Return a function of tensors as one of arrays, without gradients."""
 
     def call(points: Array) -> Array:
         with torch.no_grad():

@@ -109,7 +109,7 @@ class MultiPort:
 
     @property
     def columns(self) -> tuple[Mapping[str, Ratio], ...]:
-        """The vectors ``b_i``."""
+        """Return the vectors ``b_i``."""
         return tuple({one: 1.0} if isinstance(one, str) else one for one in self.on)
 
 
@@ -187,7 +187,7 @@ class WithLaw(NamedTuple):
 
     @property
     def called(self) -> str:
-        """Kind and name, for messages."""
+        """Return the kind and name, for messages."""
         return f"{self.kind} {self.name}"
 
 
@@ -290,7 +290,7 @@ class Network:
                 kept[name] = memory.name
 
     def _passive_parameters(self) -> dict[str, Parameter]:
-        """The parameters with their bounds inside the domains of the laws that take them."""
+        """Return the parameters with their bounds inside the domains of the laws that take them."""
         table = dict(self.parameters)
         for one in self.with_laws():
             law = one.element.law
@@ -301,7 +301,7 @@ class Network:
         return table
 
     def with_laws(self) -> Iterator[WithLaw]:
-        """Every element that has a law."""
+        """Return every element that has a law."""
         # Laws are compiled by numba, which takes longer to load than a program that builds no network may.
         from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 
@@ -314,7 +314,7 @@ class Network:
         yield from (WithLaw("shared_energy", e.name, e, {}) for e in self.shared_energies)
 
     def _vectors(self) -> list[Mapping[str, Ratio]]:
-        """The combinations of efforts on which resistors, ports and multi-ports act."""
+        """Return the combinations of efforts on which resistors, ports and multi-ports act."""
         alone = [*(r.on for r in self.resistors), *(p.on for p in self.ports)]
         return [*alone, *(column for m in self.multi_ports for column in m.columns)]
 
@@ -326,12 +326,12 @@ class Network:
 
     @property
     def state_names(self) -> tuple[str, ...]:
-        """Names of the state vector: the energy variables, then the modulator states."""
+        """Return the names of the state vector: the energy variables, then the modulator states."""
         return (*self.storage_names, *(m.name for m in self.memories))
 
     @property
     def storage_names(self) -> tuple[str, ...]:
-        """Names of the energy variables."""
+        """Return the names of the energy variables."""
         return tuple(s.name for s in self.storages)
 
     def equations(self) -> dict[str, str]:
@@ -369,11 +369,11 @@ class Network:
         )
 
     def drives_of(self, memory: ModulatorState) -> tuple[str, ...]:
-        """Names of what drives a memory."""
+        """Return the names of what drives a memory."""
         return memory.of or tuple(r.name for r in self.resistors)
 
     def copied(self) -> Network:
-        """The same network with copies of those laws that are torch modules; what shared a law still does."""
+        """Return the same network with copies of those laws that are torch modules; what shared a law still does."""
         if all(isinstance(one.element.law, str) for one in self.with_laws()):
             return self
         memo: dict[int, Any] = {}
@@ -417,7 +417,7 @@ class Network:
         return replace(found, parameters={n: p for n, p in found.parameters.items() if n in used or n not in before})
 
     def with_values(self, values: Mapping[str, float]) -> Network:
-        """The same network with other parameter values."""
+        """Return the same network with other parameter values."""
         return replace(self, parameters=with_values(self.parameters, values))
 
     def extend(
@@ -431,7 +431,7 @@ class Network:
         multi_ports: tuple[MultiPort, ...] = (),
         shared_energies: tuple[SharedEnergy, ...] = (),
     ) -> Network:
-        """The network with more elements; the momentum stays the last storage as in the paper's (9)."""
+        """Return the network with more elements; the momentum stays the last storage as in the paper's (9)."""
         return replace(
             self,
             storages=(*self.storages[:-1], *storages, self.storages[-1]),
@@ -466,7 +466,7 @@ def _sum(terms: Iterable[str]) -> str:
 
 
 def relabelled(network: Network, element: Label, parameter: Label) -> Network:
-    """The same network with every name replaced.
+    """Return the same network with every name replaced.
 
     Args:
         element: gives the name of a storage, resistor, port or memory; parameter: that of a parameter. Two names must
@@ -520,7 +520,7 @@ def check_laws(network: Network) -> None:
 
 
 def fault_of_laws(network: Network) -> str:
-    """What is wrong with the laws that a network names; empty if nothing is."""
+    """Return what is wrong with the laws that a network names; empty if nothing is."""
     return next(filter(None, map(_fault, network.with_laws())), "")
 
 
@@ -539,7 +539,7 @@ def _fault(one: WithLaw) -> str:
 
 
 def _misfit(one: WithLaw) -> str:
-    """What a torch module was made for, where that is not what its element has."""
+    """Return what a torch module was made for, where that is not what its element has."""
     from phnn.laws.wide import is_passive_by_form
 
     element, made = one.element, getattr(one.element.law, "counts", {})
@@ -607,7 +607,7 @@ def interconnect(
 def _between(
     near: Port, far: Port, kind: Kind
 ) -> tuple[tuple[Storage, ...], tuple[Resistor, ...], tuple[Coupling, ...]]:
-    """What joins two ports; see `interconnect`."""
+    """Return what joins two ports; see `interconnect`."""
     if isinstance(kind, Storage):
         ratios = [*near.on.items(), *far.on.items()]
         return (kind,), (), tuple(Coupling(kind.name, k, ratio) for k, ratio in ratios)
@@ -629,7 +629,7 @@ def renamed(network: Network, prefix: str) -> Network:
 
 
 def _own(network: Network) -> tuple[ModulatorState, ...]:
-    """The modulator states, with the drives of their own network and no resistor of another."""
+    """Return the modulator states, with the drives of their own network and no resistor of another."""
     for memory in network.memories:
         if not network.drives_of(memory):
             raise StructureViolated(f"memory {memory.name} is driven by nothing: leave it out before joining")
@@ -664,7 +664,7 @@ def _check_names(one: Network, other: Network) -> None:
 
 
 def _coupling(to: str, a: Ratio, of: str, b: Ratio) -> Coupling:
-    """``J[to, of] = a b``."""
+    """Return ``J[to, of] = a b``."""
     if not isinstance(a, str) and not isinstance(b, str):
         return Coupling(to, of, a * b)
     number, name = (a, b) if isinstance(b, str) else (b, a)

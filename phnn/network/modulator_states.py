@@ -20,7 +20,7 @@ def between(
     a: Tensor,  # (..., n) state at the start of a step
     b: Tensor,  # (..., n) and at its end
 ) -> Tensor:
-    """(..., n) what laws read during a step: energy variables in its middle, modulator states at its start."""
+    """Return (..., n) what laws read during a step: energy variables in its middle, modulator states at its start."""
     middle = 0.5 * (a + b)
     if not system.network.memories:
         return middle
@@ -35,7 +35,7 @@ def drives(
     u: Tensor,  # (..., P)
     dissipated: Mapping[int, Tensor] | None = None,
 ) -> Tensor:
-    """(..., M) what drives every memory.
+    """Return (..., M) what drives every memory.
 
     Args:
         dissipated: powers (...) of some resistors by their numbers; those of the others are ``ε φ(ε)``.
@@ -55,7 +55,7 @@ def rates(
     z: Tensor,  # (..., M) modulator states
     driven: Tensor,  # (..., M) their drives
 ) -> Tensor:
-    """(..., M) ``ż``."""
+    """Return (..., M) ``ż``."""
     laws = [(MEMORY_LAWS[m.law], [*map(system.value, m.parameters)]) for m in system.network.memories]
     found = [law.rate(z[..., k], driven[..., k], *values) for k, (law, values) in enumerate(laws)]
     return torch.stack(found, dim=-1)
@@ -67,11 +67,11 @@ def ends(
     driven: Tensor,  # (..., M) their mean drives
     h: float | Tensor,  # [s], one for all or shaped to multiply states
 ) -> Tensor:
-    """(..., M) modulator states at the end of a step, by the exact flow under constant drives."""
+    """Return (..., M) modulator states at the end of a step, by the exact flow under constant drives."""
     return advanced(z, h, rates(system, z, driven), decays(system))
 
 
 def decays(system: PortHamiltonianSystem) -> Tensor:
-    """(M,) rates at which that flow decays."""
+    """Return (M,) rates at which that flow decays."""
     memories = system.network.memories
     return torch.stack([MEMORY_LAWS[m.law].decay(*map(system.value, m.parameters)) for m in memories])

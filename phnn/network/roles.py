@@ -62,7 +62,7 @@ def imposed(network: Network) -> Imposed | None:
 
 
 def auxiliary(network: Network) -> set[str]:
-    """Constants of the storages through which a motion is imposed, which nobody has stated."""
+    """Return the constants of the storages through which a motion is imposed, which nobody has stated."""
     given = imposed(network)
     names = () if given is None else (given.contact, given.impulse, given.motion.momentum, given.motion.displacement)
     found = {n for s in network.storages if s.name in names for n in s.parameters}
@@ -70,13 +70,13 @@ def auxiliary(network: Network) -> set[str]:
 
 
 def measured_displacement(network: Network) -> str:
-    """The storage whose motion is measured: the output, or the displacement that is imposed."""
+    """Return the storage whose motion is measured: the output, or the displacement that is imposed."""
     found = imposed(network)
     return network.output if found is None else found.motion.displacement
 
 
 def motions(network: Network) -> tuple[Motion, ...]:
-    """Every inertia that has a displacement, the measured one first, then in the order of the network."""
+    """Return every inertia that has a displacement, the measured one first, then in the order of the network."""
     follows = _flows(network)
     # A charge follows a flux as a displacement follows a velocity.
     electrical = {s.name for s in network.storages if s.unit in _ELECTRICAL}
@@ -95,12 +95,12 @@ def motions(network: Network) -> tuple[Motion, ...]:
 
 
 def _held(network: Network) -> set[str]:
-    """Storages on which resistors and ports act: their derivative is no velocity alone."""
+    """Return the storages on which resistors and ports act: their derivative is no velocity alone."""
     return {name for r in network.resistors for name in r.on} | {name for p in network.ports for name in p.on}
 
 
 def _flows(network: Network) -> dict[str, str]:
-    """Storage to the one whose co-energy is all of its derivative, as a displacement follows a velocity."""
+    """Return the storage to the one whose co-energy is all of its derivative, as a displacement follows a velocity."""
     sources: dict[str, list[tuple[str, Ratio]]] = {}
     for c in network.couplings:
         sources.setdefault(c.to, []).append((c.of, c.ratio))
@@ -110,40 +110,40 @@ def _flows(network: Network) -> dict[str, str]:
 
 
 def drive_ratio(network: Network, momentum: str) -> str | None:
-    """The parameter that is the ratio by which the recorded input acts on an inertia; None where none is."""
+    """Return the parameter that is the ratio by which the recorded input acts on an inertia; None where none is."""
     ratio = network.ports[0].on.get(momentum) if network.ports else None
     return ratio if isinstance(ratio, str) else None
 
 
 def dampings(network: Network) -> list[str]:
-    """Coefficients of linear dampers: resistors on what moves."""
+    """Return the coefficients of linear dampers: resistors on what moves."""
     inertias = {m.momentum for m in motions(network)}
     return _named(r.parameters[0] for r in network.resistors if r.law == "linear" and inertias & set(r.on))
 
 
 def thresholds(network: Network) -> list[str]:
-    """Widths of the dead zones of hysterons."""
+    """Return the widths of the dead zones of hysterons."""
     return _named(r.parameters[1] for r in hysterons(network))
 
 
 def capacitances(network: Network) -> list[str]:
-    """Capacitances of the hysterons."""
+    """Return the capacitances of the hysterons."""
     charged = charges(network)
     return _named(n for s in network.storages if s.name in charged for n in s.parameters)
 
 
 def ratios(network: Network) -> list[str]:
-    """Ratios by which the recorded input acts on what moves."""
+    """Return the ratios by which the recorded input acts on what moves."""
     return _named(n for m in motions(network) if (n := drive_ratio(network, m.momentum)) is not None)
 
 
 def hysterons(network: Network) -> list[Resistor]:
-    """Resistors with a dead zone."""
+    """Return the resistors with a dead zone."""
     return [r for r in network.resistors if r.law in DEAD_ZONES]
 
 
 def charges(network: Network) -> list[str]:
-    """Storages of the hysterons, which a dead zone discharges."""
+    """Return the storages of the hysterons, which a dead zone discharges."""
     return _named(name for r in hysterons(network) for name in r.on)
 
 
@@ -171,7 +171,7 @@ def linearised_at_rest(network: Network) -> tuple[Array, Array]:
 
 
 def output_gain(network: Network, f: Array) -> Array:
-    """(F,) amplitude of the output over that of a force at frequencies ``f`` [Hz], ``|C (jω − A)⁻¹ B|``.
+    """Return (F,) amplitude of the output over that of a force at frequencies ``f`` [Hz], ``|C (jω − A)⁻¹ B|``.
 
     The force enters at the first port in newtons, otherwise at the first port. The amplitude is zero where the input
     imposes a motion, and where a law has no finite slope at rest.

@@ -58,7 +58,7 @@ class Incidence(nn.Module):
         self.register_buffer("places", places, persistent=False)
 
     def forward(self, value: Callable[[str], Tensor]) -> Tensor:
-        """(..., rows, columns) the matrix at present values."""
+        """Return (..., rows, columns) the matrix at present values."""
         matrix = self.base
         # A sum of products per entry, so that a matrix of one batch member never depends on the others.
         for name, places in zip(self.names, self.places, strict=True):
@@ -70,7 +70,7 @@ def combined(
     row: Tensor,  # (..., n)
     matrix: Tensor,  # (n, k) or (..., n, k)
 ) -> Tensor:
-    """(..., k) product of a row with a matrix, batched or not."""
+    """Return (..., k) product of a row with a matrix, batched or not."""
     return row @ matrix if matrix.ndim == 2 else (row.unsqueeze(-2) @ matrix).squeeze(-2)
 
 
@@ -157,11 +157,11 @@ class PortHamiltonianSystem(nn.Module):
 
     @property
     def state_names(self) -> tuple[str, ...]:
-        """Names of the energy variables and then the modulator states, in the order of ``x``."""
+        """Return the names of the energy variables and then the modulator states, in the order of ``x``."""
         return self.network.state_names
 
     def value(self, name: str) -> Tensor:
-        """() present value of a parameter [SI]."""
+        """Return () present value of a parameter [SI]."""
         # Kept for the time of one evaluation only: from a tensor kept longer the adjoint method would get no gradient.
         present = present_of(self)
         if present is not None and name in present:
@@ -177,7 +177,7 @@ class PortHamiltonianSystem(nn.Module):
         self.free.assign(values)
 
     def present_values(self) -> dict[str, Tensor]:
-        """Values of all free parameters, once they and all weights have been found finite.
+        """Return the values of all free parameters, once they and all weights have been found finite.
 
         Raises:
             SolverFailed: one is not; names it.
@@ -190,7 +190,7 @@ class PortHamiltonianSystem(nn.Module):
         self,
         x: Tensor,  # (..., n) state that modulated ratios read
     ) -> Callable[[str], Tensor]:
-        """The function from a ratio's name to its value (...) at a state."""
+        """Return the function from a ratio's name to its value (...) at a state."""
 
         def ratio(name: str) -> Tensor:
             value = self.value(name)
@@ -203,16 +203,16 @@ class PortHamiltonianSystem(nn.Module):
         return ratio
 
     def as_network(self) -> Network:
-        """The network with the present parameter values, and with copies of the laws as they are now."""
+        """Return the network with the present parameter values, and with copies of the laws as they are now."""
         return self.shown().copied()
 
     def shown(self) -> Network:
-        """The same, with the laws that the system goes on using."""
+        """Return the same, with the laws that the system goes on using."""
         return self.network.with_values({name: value.item() for name, value in self.present_values().items()})
 
     @evaluation
     def energies(self, x: Tensor) -> Tensor:  # x: (..., n)
-        """(..., n) energy of every storage [J]."""
+        """Return (..., n) energy of every storage [J]."""
         check_state(x, self.state_names)
         values = []
         for k, s in enumerate(self.network.storages):
@@ -221,7 +221,7 @@ class PortHamiltonianSystem(nn.Module):
         return torch.stack(values, dim=-1)
 
     def energy(self, x: Tensor) -> Tensor:  # x: (..., n)
-        """(...) stored energy ``H(x)`` [J]."""
+        """Return (...) stored energy ``H(x)`` [J]."""
         own = self.energies(x).sum(-1)
         return own + sum(energy_of(law)(x[..., places]) for places, law in self.shared) if self.shared else own
 
@@ -231,7 +231,7 @@ class PortHamiltonianSystem(nn.Module):
         a: Tensor,  # (..., n) state at the start of a step
         b: Tensor,  # (..., n) and at its end
     ) -> Tensor:
-        """(..., n) discrete gradient ``ē_k = (H_k(b_k) − H_k(a_k))/(b_k − a_k)``; ``∇H(a)`` where ``b = a``."""
+        """Return (..., n) discrete gradient ``ē_k = (H_k(b_k) − H_k(a_k))/(b_k − a_k)``; ``∇H(a)`` where ``b = a``."""
         check_state(a, self.state_names)
         first = len(self.network.storages)
         ends = zip(a.unbind(-1)[:first], (a if a is b else b).unbind(-1)[:first], strict=True)
@@ -239,7 +239,7 @@ class PortHamiltonianSystem(nn.Module):
         return self.with_shared(torch.stack(own, dim=-1), a, b)
 
     def with_shared(self, own: Tensor, a: Tensor, b: Tensor) -> Tensor:
-        """(..., n) mean efforts of the storages' own energies, and those of shared energies added to them."""
+        """Return (..., n) mean efforts of the storages' own energies, and those of shared energies added to them."""
         for places, law in self.shared:
             at = torch.tensor(places, device=own.device)
             start = a[..., places]
@@ -253,29 +253,29 @@ class PortHamiltonianSystem(nn.Module):
         a: Tensor,  # (...) energy variable of storage k at the start of a step
         b: Tensor,  # (...) and at its end
     ) -> Tensor:
-        """(...) ``ē_k`` of one storage."""
+        """Return (...) ``ē_k`` of one storage."""
         s = self.network.storages[k]
         if isinstance(s.law, str):
             return STORAGE_LAWS[s.law].mean_effort(a, b, *map(self.value, s.parameters))
         return mean_effort_of(s.law, a, b)
 
     def efforts(self, x: Tensor) -> Tensor:  # x: (..., n)
-        """(..., n) efforts ``e = ∇H(x)``."""
+        """Return (..., n) efforts ``e = ∇H(x)``."""
         return self.mean_efforts(x, x)
 
     @evaluation
     def structure(self, x: Tensor) -> Tensor:  # x: (..., n)
-        """(..., n, n) interconnection ``J = A − Aᵀ``: skew to the last bit."""
+        """Return (..., n, n) interconnection ``J = A − Aᵀ``: skew to the last bit."""
         skew = self._skew(x)
         return skew.expand(*x.shape[:-1], *skew.shape[-2:])
 
     def interconnection(self, x: Tensor) -> Tensor:  # x: (..., n)
-        """(n, n) or (..., n, n) ``J`` of the couplings, without that of multi-ports."""
+        """Return (n, n) or (..., n, n) ``J`` of the couplings, without that of multi-ports."""
         half = self._half(self.ratios(x))
         return half - half.mT
 
     def _skew(self, x: Tensor) -> Tensor:
-        """(n, n) or (..., n, n) ``J``, without leading dimensions where it does not depend on ``x``."""
+        """Return (n, n) or (..., n, n) ``J``, without leading dimensions where it does not depend on ``x``."""
         skew = self.interconnection(x)
         for port in self.multi_ports:
             if port.conserves:
@@ -286,7 +286,7 @@ class PortHamiltonianSystem(nn.Module):
 
     @evaluation
     def dissipation(self, x: Tensor) -> Tensor:  # x: (..., n)
-        """(..., n, n) ``D(x) = Σ_r b_r (φ_r(ε_r)/ε_r) b_rᵀ ⪰ 0``, with the slope of ``φ_r`` where ``ε_r = 0``.
+        """Return (..., n, n) ``D(x) = Σ_r b_r (φ_r(ε_r)/ε_r) b_rᵀ ⪰ 0``, with the slope of ``φ_r`` where ``ε_r = 0``.
 
         For inspection (eq. (11)): the vector field itself never divides by an effort.
         """
@@ -304,7 +304,7 @@ class PortHamiltonianSystem(nn.Module):
         return found
 
     def _conductance(self, r: int, epsilon: Tensor, x: Tensor) -> Tensor:
-        """``φ_r(ε)/ε`` with its limit at ``ε = 0``."""
+        """Return ``φ_r(ε)/ε`` with its limit at ``ε = 0``."""
         # Where efforts and flows are still normal numbers: 1e-151 in 64 bits, 1e-19 in 32.
         least = torch.finfo(epsilon.dtype).tiny ** 0.49
         silent = epsilon.abs() < least
@@ -321,7 +321,7 @@ class PortHamiltonianSystem(nn.Module):
         self,
         x: Tensor,  # (..., n) state that modulated ratios read
     ) -> tuple[Tensor, Tensor]:
-        """(..., n, R) columns ``b_r`` of the resistors and (..., n, P) columns ``g_p`` of the ports.
+        """Return (..., n, R) columns ``b_r`` of the resistors and (..., n, P) columns ``g_p`` of the ports.
 
         Without leading dimensions where no ratio is modulated.
         """
@@ -334,7 +334,7 @@ class PortHamiltonianSystem(nn.Module):
         efforts: Tensor,  # (..., n)
         x: Tensor,  # (..., n) state that modulated ratios read
     ) -> Tensor:
-        """(..., R) effort ``ε_r = b_rᵀ e`` on every resistor."""
+        """Return (..., R) effort ``ε_r = b_rᵀ e`` on every resistor."""
         return combined(efforts, self._branches(self.ratios(x)))
 
     @evaluation
@@ -343,7 +343,7 @@ class PortHamiltonianSystem(nn.Module):
         epsilon: Tensor,  # (..., R) effort on every resistor
         x: Tensor,  # (..., n) state that modulated laws read
     ) -> Tensor:
-        """(..., R) flow ``φ_r(ε_r, q_r)`` through every resistor."""
+        """Return (..., R) flow ``φ_r(ε_r, q_r)`` through every resistor."""
         if not self.network.resistors:
             return epsilon
         return torch.stack([self.branch_flow(r, e, x) for r, e in enumerate(epsilon.unbind(-1))], dim=-1)
@@ -355,7 +355,7 @@ class PortHamiltonianSystem(nn.Module):
         epsilon: Tensor,  # (...) effort on resistor r
         x: Tensor,  # (..., n) state that modulated laws read
     ) -> Tensor:
-        """(...) ``φ_r(ε, q_r)`` of one resistor."""
+        """Return (...) ``φ_r(ε, q_r)`` of one resistor."""
         resistor, place = self.network.resistors[r], self._modulators[r]
         q = torch.zeros_like(epsilon) if place is None else x[..., place]
         if isinstance(resistor.law, str):
@@ -369,7 +369,7 @@ class PortHamiltonianSystem(nn.Module):
         self,
         u: Tensor,  # (..., P)
     ) -> Tensor:
-        """(..., P) ``ψ_p(u_p)`` of every port.
+        """Return (..., P) ``ψ_p(u_p)`` of every port.
 
         Raises:
             InputRefused: the last dimension is not the number of ports.
@@ -377,7 +377,7 @@ class PortHamiltonianSystem(nn.Module):
         return self._of_ports("action", u)
 
     def _of_ports(self, part: str, u: Tensor) -> Tensor:
-        """(..., P) ``action`` or ``slope`` of every port's law at its input."""
+        """Return (..., P) ``action`` or ``slope`` of every port's law at its input."""
         check_input(u, self.network.ports)
         values = [
             getattr(PORT_LAWS[p.law], part)(v, *map(self.value, p.parameters))
@@ -392,7 +392,7 @@ class PortHamiltonianSystem(nn.Module):
         x: Tensor,  # (..., n) state that modulated laws read
         u: Tensor,  # (..., P)
     ) -> Tensor:
-        """(..., n) ``J e − Σ_r b_r φ_r(b_rᵀ e) + g ψ(u)`` of the storages for any effort ``e``."""
+        """Return (..., n) ``J e − Σ_r b_r φ_r(b_rᵀ e) + g ψ(u)`` of the storages for any effort ``e``."""
         branches, inputs = self.incidences(x)
         conserved = combined(efforts, self._skew(x).mT)
         lost = combined(self.branch_flows(combined(efforts, branches), x), branches.mT)
@@ -416,7 +416,7 @@ class PortHamiltonianSystem(nn.Module):
         x: Tensor,  # (..., n)
         u: Tensor,  # (..., P)
     ) -> Tensor:
-        """(..., n) ``ẋ``."""
+        """Return (..., n) ``ẋ``."""
         efforts = self.efforts(x)
         rate = self.rate(efforts, x, u)
         if not self.network.memories:
@@ -432,7 +432,7 @@ class PortHamiltonianSystem(nn.Module):
         x: Tensor,  # (..., n)
         u: Tensor,  # (..., P)
     ) -> Tensor:
-        """(..., P) ``y = ψ'(u) gᵀ∇H``, conjugate to ``u``: current at a voltage port, velocity at a force port.
+        """Return (..., P) ``y = ψ'(u) gᵀ∇H``, conjugate to ``u``: current at a voltage port, velocity at a force port.
 
         For a nonlinear port ``yᵀu`` also fills the port's own field energy; what enters ``H`` is ``ψ(u) gᵀ∇H``.
         """
@@ -446,7 +446,7 @@ class PortHamiltonianSystem(nn.Module):
         u: Tensor,  # (..., P)
         stored: Tensor,  # (...) rate of change of the stored energy [W]
     ) -> PowerBalance:
-        """The balance of a given rate of storage at given efforts."""
+        """Return the balance of a given rate of storage at given efforts."""
         epsilon = self.branch_efforts(efforts, x)
         dissipated = epsilon * self.branch_flows(epsilon, x)
         more = [(e * flows).sum(-1, keepdim=True) for _, e, flows in self._through_multi_ports(efforts, x)]
@@ -460,7 +460,7 @@ class PortHamiltonianSystem(nn.Module):
         x: Tensor,  # (..., n)
         u: Tensor,  # (..., P)
     ) -> PowerBalance:
-        """The power balance at a state."""
+        """Return the power balance at a state."""
         efforts = self.efforts(x)
         return self.power(efforts, x, u, (efforts * self.rate(efforts, x, u)).sum(-1))
 
@@ -469,11 +469,11 @@ class PortHamiltonianSystem(nn.Module):
         t: Tensor,  # () time, not used: the system is autonomous
         x: Tensor,  # (..., n)
     ) -> Tensor:
-        """(..., n) ``ẋ`` with every input at zero, in the order of arguments that `torchdiffeq.odeint` calls."""
+        """Return (..., n) ``ẋ`` with every input at zero, in the order of arguments that `torchdiffeq.odeint` calls."""
         return self.vector_field(x, x.new_zeros(len(self.network.ports)))
 
     def with_input(self, u: Callable[[Tensor], Tensor], ports: Sequence[str] | None = None) -> DrivenSystem:
-        """This system driven by ``u(t)``; see `DrivenSystem`."""
+        """Return this system driven by ``u(t)``; see `DrivenSystem`."""
         return DrivenSystem(self, u, ports)
 
 
@@ -487,14 +487,14 @@ class _Placed:
         self.conserves = is_passive_by_form(port.law) and hasattr(port.law, "lower")
 
     def flows(self, epsilon: Tensor, x: Tensor) -> Tensor:
-        """(..., k) ``φ(ε, q)``; of a law of unknown form zero where it would deliver power."""
+        """Return (..., k) ``φ(ε, q)``; of a law of unknown form zero where it would deliver power."""
         flows = self.law(epsilon, x[..., self.reads]) if self.reads else self.law(epsilon)
         if is_passive_by_form(self.law):
             return flows
         return torch.where((epsilon * flows).sum(-1, keepdim=True) < 0.0, 0.0 * flows, flows)
 
     def dissipation(self, epsilon: Tensor, x: Tensor) -> Tensor:
-        """(..., k, k) a matrix ``⪰ 0`` that gives ``φ(ε, q)`` from ``ε``: the law's own, or ``φ φᵀ/(εᵀφ)``."""
+        """Return (..., k, k) a matrix ``⪰ 0`` that gives ``φ(ε, q)`` from ``ε``: the law's own, or ``φ φᵀ/(εᵀφ)``."""
         if is_passive_by_form(self.law):
             root = self.law.root(epsilon, x[..., self.reads])
             return root @ root.mT
@@ -536,7 +536,7 @@ class DrivenSystem(nn.Module):
         self,
         t: Tensor,  # ()
     ) -> Tensor:
-        """(..., P) the inputs of all ports at a time."""
+        """Return (..., P) the inputs of all ports at a time."""
         value = self.u(t)
         if value.ndim == 0 and len(self.ports) == 1:
             value = value.unsqueeze(-1)
@@ -555,5 +555,5 @@ class DrivenSystem(nn.Module):
         t: Tensor,  # ()
         x: Tensor,  # (..., n)
     ) -> Tensor:
-        """(..., n) ``ẋ`` at a time and state."""
+        """Return (..., n) ``ẋ`` at a time and state."""
         return self.system.vector_field(x, self.input(t))

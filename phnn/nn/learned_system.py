@@ -178,7 +178,7 @@ class LearnedSystem(PortHamiltonianSystem):
 
 
 def _curvature(system: PortHamiltonianSystem, k: int) -> Tensor:
-    """() ``H_k''(0)`` of one storage."""
+    """Return () ``H_k''(0)`` of one storage."""
     with torch.enable_grad():
         at = torch.zeros((), dtype=torch.float64, requires_grad=True)
         return torch.autograd.grad(system.mean_effort(k, at, at), at)[0]
@@ -219,11 +219,11 @@ class NeuralODE(nn.Module):
         x: Tensor,  # (..., n)
         u: Tensor,  # (..., 1) [V]
     ) -> Tensor:
-        """(..., n) ``ẋ`` [1/s]."""
+        """Return (..., n) ``ẋ`` [1/s]."""
         check_weights(self, largest=LARGEST_WEIGHT)
         both = torch.cat([x, (u / self.scales.input).expand(*x.shape[:-1], 1)], dim=-1)
         return (self.field(both) - self.field(both.new_zeros(both.shape[-1]))) / self.scales.time
 
     def measured(self, x: Tensor) -> Tensor:  # x: (..., n)
-        """(...) ``y`` [m]."""
+        """Return (...) ``y`` [m]."""
         return self.scales.output * (x @ self.readout)

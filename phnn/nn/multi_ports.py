@@ -59,13 +59,13 @@ class Perceptron(nn.Module):
             self.biases.append(nn.Parameter((0.0 if final else 0.5) * drawn))
 
     def hidden(self, x: Tensor) -> Tensor:  # x: (..., sizes[0])
-        """(..., sizes[-2]) what the last layer is given."""
+        """Return (..., sizes[-2]) what the last layer is given."""
         for weight, bias in list(zip(self.weights, self.biases, strict=True))[:-1]:
             x = torch.tanh(x @ weight.mT + bias)
         return x
 
     def forward(self, x: Tensor) -> Tensor:  # x: (..., sizes[0])
-        """(..., sizes[-1])."""
+        """Return (..., sizes[-1])."""
         return self.hidden(x) @ self.weights[-1].mT + self.biases[-1]
 
     @torch.no_grad()
@@ -140,12 +140,12 @@ class _OnEfforts(nn.Module):
             self.entries.biases[-1].normal_(0.0, spread, generator=random).add_((rows == columns).double())
 
     def triangle(self, given: Tensor) -> Tensor:
-        """(..., k, k) the matrix at what it follows, its rows times ``√(f/s)``."""
+        """Return (..., k, k) the matrix at what it follows, its rows times ``√(f/s)``."""
         check_weights(self, largest=LARGEST_WEIGHT)
         return self._filled(self.entries(given / self.scale.abs()))
 
     def _filled(self, entries: Tensor) -> Tensor:
-        """(..., k, k) of the entries on and below the diagonal."""
+        """Return (..., k, k) of the entries on and below the diagonal."""
         n = self.ports
         rows, columns = torch.tril_indices(n, n, 0 if self.dissipative else -1, device=entries.device)
         matrix = entries.new_zeros(*entries.shape[:-1], n * n)
@@ -153,7 +153,7 @@ class _OnEfforts(nn.Module):
         return self.factor.unsqueeze(-1) * filled
 
     def _followed(self, given: Tensor) -> tuple[Tensor, Tensor]:
-        """(..., k, k) the matrix, and (..., I, k, k) its derivatives by the ``I`` numbers that it follows."""
+        """Return (..., k, k) the matrix, and (..., I, k, k) its derivatives by the ``I`` numbers that it follows."""
         scale = self.scale.abs()
         entries, rates = self.entries.slopes(given / scale)
         return self._filled(entries), self._filled((rates / scale).mT)
@@ -186,7 +186,7 @@ class LearnedDissipation(_OnEfforts):
         effort: Tensor,  # (..., k)
         q: Tensor,  # (..., s)
     ) -> Tensor:
-        """(..., k, k) ``R L``; its square is the matrix of the flow."""
+        """Return (..., k, k) ``R L``; its square is the matrix of the flow."""
         return self.triangle(torch.cat([effort, q], dim=-1))
 
     def forward(
@@ -194,12 +194,12 @@ class LearnedDissipation(_OnEfforts):
         effort: Tensor,  # (..., k)
         q: Tensor | None = None,  # (..., s)
     ) -> Tensor:
-        """(..., k) flows ``φ(ε, q)``."""
+        """Return (..., k) flows ``φ(ε, q)``."""
         root = self.root(effort, effort[..., :0] if q is None else q)
         return (root @ (root.mT @ effort.unsqueeze(-1))).squeeze(-1)
 
     def flow_slopes(self, effort: Tensor, q: Tensor) -> Tensor:
-        """(..., k, k+s) derivatives of the flows by efforts and states."""
+        """Return (..., k, k+s) derivatives of the flows by efforts and states."""
         root, rates = self._followed(torch.cat([effort, q], dim=-1))
         inner = (root.mT @ effort.unsqueeze(-1)).squeeze(-1)
         # Of R L (Lᵀ R ε) by L, column by column.
@@ -229,7 +229,7 @@ class LearnedCoupling(_OnEfforts):
         self,
         q: Tensor,  # (..., s)
     ) -> Tensor:
-        """(..., k, k) ``F A F``, whose difference to its transpose is ``S``."""
+        """Return (..., k, k) ``F A F``, whose difference to its transpose is ``S``."""
         return self.triangle(q) * self.factor
 
     def forward(
@@ -237,12 +237,12 @@ class LearnedCoupling(_OnEfforts):
         effort: Tensor,  # (..., k)
         q: Tensor | None = None,  # (..., s)
     ) -> Tensor:
-        """(..., k) flows ``−S(q) ε`` that leave the storages."""
+        """Return (..., k) flows ``−S(q) ε`` that leave the storages."""
         half = self.lower(effort[..., :0] if q is None else q)
         return ((half.mT - half) @ effort.unsqueeze(-1)).squeeze(-1)
 
     def flow_slopes(self, effort: Tensor, q: Tensor) -> Tensor:
-        """(..., k, k+s) derivatives of the flows by efforts and states."""
+        """Return (..., k, k+s) derivatives of the flows by efforts and states."""
         half, rates = (v * self.factor for v in self._followed(q))
         by_state = ((rates.mT - rates) * effort[..., None, None, :]).sum(-1).mT
         return torch.cat([(half.mT - half).expand(*by_state.shape[:-1], self.ports), by_state], dim=-1)
@@ -299,12 +299,12 @@ class LearnedEnergy(nn.Module):
         self.smoothing = _BEND / width
 
     def _weights(self) -> Tensor:
-        """(U,) ``E w > 0``."""
+        """Return (U,) ``E w > 0``."""
         check_weights(self, largest=LARGEST_WEIGHT)
         return self.typical.abs() * self.smoothing * hinge(self.heights / self.smoothing)[0]
 
     def energy(self, x: Tensor) -> Tensor:  # x: (..., k)
-        """(...) ``H(x)`` [J]."""
+        """Return (...) ``H(x)`` [J]."""
         projected = x @ (self.directions / self.scale.abs()).mT
         return (projected * convex_unit(0.0 * projected, projected, self._weights(), 1.0, self.positions)).sum(-1)
 
@@ -313,13 +313,13 @@ class LearnedEnergy(nn.Module):
         a: Tensor,  # (..., k) states at the start of a step
         b: Tensor,  # (..., k) and at its end
     ) -> Tensor:
-        """(..., k) ``∇̄H(a, b)``, and ``∇H(a)`` where ``b = a``."""
+        """Return (..., k) ``∇̄H(a, b)``, and ``∇H(a)`` where ``b = a``."""
         directions = self.directions / self.scale.abs()
         ends = a @ directions.mT, (a if a is b else b) @ directions.mT
         return convex_unit(*ends, self._weights(), 1.0, self.positions) @ directions
 
     def effort_slopes(self, a: Tensor, b: Tensor) -> tuple[Tensor, Tensor]:
-        """(..., k, k) derivatives of the mean efforts by the states at the start and at the end of a step."""
+        """Return (..., k, k) derivatives of the mean efforts by the states at the start and at the end of a step."""
         directions, weights = self.directions / self.scale.abs(), self._weights()
         at = [hinge(x @ directions.mT + self.positions) for x in (a, b)]
         product = at[0][0] * at[1][0]
@@ -330,7 +330,7 @@ class LearnedEnergy(nn.Module):
         return by_start, by_end
 
     def forward(self, x: Tensor) -> Tensor:  # x: (..., k)
-        """(..., k) efforts ``∇H(x)``."""
+        """Return (..., k) efforts ``∇H(x)``."""
         return self.mean_efforts(x, x)
 
 
@@ -362,7 +362,7 @@ class LearnedRatio(nn.Module):
         self.positions = nn.Parameter(torch.linspace(-3.0, 3.0, width, dtype=torch.float64))
 
     def forward(self, x: Tensor) -> Tensor:  # x: (...)
-        """(...) ``f(x)``."""
+        """Return (...) ``f(x)``."""
         check_weights(self, largest=LARGEST_WEIGHT)
         rise = torch.tanh(self.gains * x.unsqueeze(-1) / self.scale.abs() + self.positions) - torch.tanh(self.positions)
         return 1.0 + (rise * self.heights).sum(-1)

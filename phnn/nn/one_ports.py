@@ -23,12 +23,12 @@ from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES, evaluated, register_co
 
 
 def _positive(raw: Tensor) -> Tensor:
-    """Softplus to the last digit; torch's default turns linear at 20, where that is an error of 2e-9."""
+    """Return the softplus to the last digit; torch's default turns linear at 20, where that is an error of 2e-9."""
     return functional.softplus(raw, threshold=50.0)
 
 
 def _raw(positive: Tensor) -> nn.Parameter:
-    """The parameter whose softplus is the given positive tensor."""
+    """Return the parameter whose softplus is the given positive tensor."""
     return nn.Parameter(torch.log(torch.expm1(positive)))
 
 
@@ -37,7 +37,7 @@ def _full(value: float, *shape: int) -> Tensor:
 
 
 def _spread(width: int, reach: float) -> Tensor:
-    """(width,) even positions on ``[−reach, reach]``, none at zero for an even width."""
+    """Return (width,) even positions on ``[−reach, reach]``, none at zero for an even width."""
     return torch.linspace(-reach, reach, width, dtype=torch.float64)
 
 
@@ -72,11 +72,11 @@ class _Units:
 
     @property
     def units(self) -> int:
-        """Number of units."""
+        """Return the number of units."""
         return self.positions.shape[-1]
 
     def weights(self) -> Tensor:
-        """Physical weights in the order of the law."""
+        """Return the physical weights in the order of the law."""
         raise NotImplementedError
 
 
@@ -84,7 +84,7 @@ class _Resistor(_Units):
     """A resistor of that kind."""
 
     def forward(self, effort: Tensor) -> Tensor:  # effort: (...)
-        """(...) flow ``φ(ε)``."""
+        """Return (...) flow ``φ(ε)``."""
         return evaluated(WIDE_RESISTORS[self.law], self.weights(), effort)
 
 
@@ -133,7 +133,7 @@ class SectorMLP(_Resistor, nn.Module):
         self.positions = nn.Parameter(-gains * _spread(width, 2.5))
 
     def weights(self) -> Tensor:
-        """(1 + 3U,) physical weights ``[g c₀, g w_1/√U, k_1/s, c_1, …]``."""
+        """Return (1 + 3U,) physical weights ``[g c₀, g w_1/√U, k_1/s, c_1, …]``."""
         g, scale = self.conductance.abs(), self.scale.abs()  # of either sign in a state that is loaded
         return _flat(self, g * self.offset, g / self.units**0.5 * self.heights, self.gains / scale, self.positions)
 
@@ -178,7 +178,7 @@ class MonotoneMLP(_Resistor, nn.Module):
         self.positions = nn.Parameter(4.0 * torch.stack([_spread(width, 2.5), outer, outer]))
 
     def weights(self) -> Tensor:
-        """(1 + 9U,) physical weights ``[f a/s, f w_1, k_1/s, c_1, …]``, three weights for each row of a unit."""
+        """Return (1 + 9U,) physical weights ``[f a/s, f w_1, k_1/s, c_1, …]``, three weights for each row of a unit."""
         flow, scale = self.flow.abs(), self.scale.abs()
         heights, gains = flow * _positive(self.heights), _positive(self.gains) / scale
         rows = zip(heights, gains, self.positions, strict=True)
@@ -223,13 +223,13 @@ class ConvexEnergyMLP(_Units, nn.Module):
         self.positions = nn.Parameter(3.0 * _spread(width, 2.0))
 
     def weights(self) -> Tensor:
-        """(1 + 3U,) physical weights ``[E a/s, E w_1, k_1/s, c_1, …]``."""
+        """Return (1 + 3U,) physical weights ``[E a/s, E w_1, k_1/s, c_1, …]``."""
         typical, scale = self.typical.abs(), self.scale.abs()
         heights, gains = typical * _positive(self.heights), _positive(self.gains) / scale
         return _flat(self, typical / scale * _positive(self.curvature), heights, gains, self.positions)
 
     def energy(self, x: Tensor) -> Tensor:  # x: (...)
-        """(...) ``H(x)``."""
+        """Return (...) ``H(x)``."""
         return x * self.mean_effort(0.0 * x, x)
 
     def mean_effort(
@@ -237,11 +237,11 @@ class ConvexEnergyMLP(_Units, nn.Module):
         a: Tensor,  # (...) energy variable at the start of a step
         b: Tensor,  # (...) and at its end
     ) -> Tensor:
-        """(...) ``(H(b) − H(a))/(b − a)``, and ``H'(a)`` where ``b = a``."""
+        """Return (...) ``(H(b) − H(a))/(b − a)``, and ``H'(a)`` where ``b = a``."""
         return evaluated(WIDE_STORAGES[self.law], self.weights(), a, b)
 
     def forward(self, x: Tensor) -> Tensor:  # x: (...)
-        """(...) effort ``H'(x)``."""
+        """Return (...) effort ``H'(x)``."""
         return self.mean_effort(x, x)
 
 

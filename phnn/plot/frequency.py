@@ -84,7 +84,7 @@ class Bode:
 
     @property
     def gain_unit(self) -> str:
-        """Unit of the response."""
+        """Return the unit of the response."""
         into, out = self.units
         return out if into == "1" else f"{out}/({into})" if "/" in into or " " in into else f"{out}/{into}"
 
@@ -147,11 +147,11 @@ class Bode:
         return figure
 
     def at_its_amplitude(self, own: bool) -> list[Point]:
-        """Measured responses at the amplitude of the model's, or those at another one."""
+        """Return the measured responses at the amplitude of the model's, or those at another one."""
         return [p for p in self.measured if (abs(p.amplitude / self.amplitude - 1.0) <= _ALIKE) == own]
 
     def beside(self, point: Point) -> float:
-        """Phase of a measured response [degrees], in the turn that is nearest to the model's."""
+        """Return the phase of a measured response [degrees], in the turn that is nearest to the model's."""
         near = float(np.interp(np.log(point.frequency), np.log(self.frequencies), _degrees(self.gain)))
         phase = float(np.degrees(np.angle(point.gain)))
         return phase + 360.0 * round((near - phase) / 360.0)
@@ -194,7 +194,7 @@ def response(
     offset: float = 0.0,
     campaign: Campaign | str | Path | None = None,
 ) -> Bode:
-    """What `bode` draws."""
+    """Return what `bode` draws."""
     setup = network_model(model).setup
     recorded = () if campaign is None else campaign_of(campaign).recordings
     measured = tuple(p for r in recorded if (p := point(r)) is not None)
@@ -213,7 +213,7 @@ def response(
 
 
 def _asked(frequencies: ArrayLike | None, amplitude: float | None, measured: Sequence[Point]) -> tuple[Array, float]:
-    """Frequencies and amplitude as given, or as recorded."""
+    """Return the frequencies and amplitude as given, or as recorded."""
     if (frequencies is None or amplitude is None) and not measured:
         raise InputRefused("frequencies and amplitude: give both, or recordings of single sines")
     if frequencies is None:
@@ -247,7 +247,7 @@ def _converged(setup: Setup, amplitude: float, offset: float, frequency: float) 
 
 
 def _amplitudes(setup: Setup, amplitude: float, offset: float, frequency: float, substeps: int) -> Complex:
-    """(5,) complex amplitudes of the output's harmonics over that of the input, in the steady cycle."""
+    """Return (5,) complex amplitudes of the output's harmonics over that of the input, in the steady cycle."""
     period = 1.0 / frequency
     t = np.arange(_SAMPLES) * period / _SAMPLES
     u = offset + amplitude * np.sin(2.0 * np.pi * np.arange(_SAMPLES) / _SAMPLES)
@@ -261,7 +261,7 @@ def _amplitudes(setup: Setup, amplitude: float, offset: float, frequency: float,
 
 
 def _degrees(gain: Complex) -> Array:
-    """Phase [degrees] without jumps along the frequencies."""
+    """Return the phase [degrees] without jumps along the frequencies."""
     return np.degrees(np.unwrap(np.angle(gain)))
 
 
@@ -307,12 +307,12 @@ class Correlated:
 
     @property
     def outside(self) -> NDArray[np.bool_]:
-        """(K,) whether a correlation lies outside the band of the noise."""
+        """Return (K,) whether a correlation lies outside the band of the noise."""
         return np.asarray(self.tested & (np.abs(self.values - self.centre) > self.reach))
 
     @property
     def count(self) -> str:
-        """How many lie outside, and how many of them chance would give."""
+        """Return how many lie outside, and how many of them chance would give."""
         number = int(self.tested.sum())
         return f"{int(self.outside.sum())} of {number} outside ({(1.0 - LEVEL) * number:.2g} expected)"
 
@@ -378,7 +378,7 @@ def residual_tests(
 
 
 def whiteness(found: Sequence[Tested]) -> Plot:
-    """What `residuals` draws: a row of panels for each recording."""
+    """Return what `residuals` draws: a row of panels for each recording."""
 
     def draw() -> Figure:
         figure = new_figure(11.4, 2.9 * len(found) + 0.3)

@@ -52,7 +52,7 @@ class Point:
 
 
 def point(recording: Recording) -> Point | None:
-    """The response in a recording of a single sine, by its last whole periods; None of any other recording."""
+    """Return the response in a recording of a single sine, by its last whole periods; None of any other recording."""
     drive = excitation_of(recording.u, recording.dt)
     if drive.kind != "sine" or drive.cycles < 1.0 or not np.isfinite(recording.y).all():
         return None
@@ -103,24 +103,24 @@ class Scaled:
     label: str
 
     def __call__(self, values: Any) -> Array:
-        """Values as they are drawn."""
+        """Return the values as they are drawn."""
         return np.asarray(values) / self.size
 
 
 def scaled(name: str, unit: str, *values: Any) -> Scaled:
-    """The axis on which values up to the largest one given read well; no unit is shown for ``1``."""
+    """Return the axis on which values up to the largest one given read well; no unit is shown for ``1``."""
     sizes = [np.abs(np.asarray(v)[np.isfinite(v)]).max(initial=0.0) for v in values]
     size, shown = prefixed(float(max(sizes, default=0.0)), unit)
     return Scaled(size, name if shown == "1" else f"{name} ({shown})")
 
 
 def column(name: str, unit: str) -> str:
-    """Name of a column with its unit."""
+    """Return the name of a column with its unit."""
     return f"{name}_{unit.replace(' ', '')}"
 
 
 def model_of(given: Any, outside: bool = False) -> Model | ModalFit:
-    """The model that is given: itself, the final one of a diagnosis, or that in a folder.
+    """Return the model that is given: itself, the final one of a diagnosis, or that in a folder.
 
     Args:
         outside: the file in the folder may be a link that leads out of it.
@@ -137,7 +137,7 @@ def model_of(given: Any, outside: bool = False) -> Model | ModalFit:
 
 
 def network_model(given: Any) -> Model:
-    """The same, which must be the model of a network.
+    """Return the same, which must be the model of a network.
 
     Raises:
         InputRefused: it is a model of modes.
@@ -151,12 +151,12 @@ def network_model(given: Any) -> Model:
 
 
 def predictions(given: Any, campaign: Campaign | str | Path, recordings: Sequence[str] | None) -> tuple[Predicted, ...]:
-    """Predictions of the recordings that are drawn; see `chosen`."""
+    """Return the predictions of the recordings that are drawn; see `chosen`."""
     return tuple(predictor.predictions(model_of(given), chosen(campaign, recordings)))
 
 
 def chosen(campaign: Campaign | str | Path, recordings: Sequence[str] | None) -> Campaign:
-    """A campaign of the recordings that are named, or of the first dozen whose output was recorded.
+    """Return a campaign of the recordings that are named, or of the first dozen whose output was recorded.
 
     Raises:
         InputRefused: there is no recording of a name, or none that can be drawn.

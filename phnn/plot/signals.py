@@ -65,7 +65,7 @@ def compare(
 
 
 def outputs(model: Any, campaign: Campaign | str | Path, recordings: Sequence[str] | None = None) -> Plot:
-    """What `compare` draws; ``shown_1`` of its table is 1 for the samples that are drawn."""
+    """Return what `compare` draws; ``shown_1`` of its table is 1 for the samples that are drawn."""
     found = predictions(model, campaign, recordings)
 
     def draw() -> Figure:
@@ -81,7 +81,7 @@ def outputs(model: Any, campaign: Campaign | str | Path, recordings: Sequence[st
 
 
 def _shown(one: Predicted) -> slice:
-    """The samples that are drawn."""
+    """Return the samples that are drawn."""
     scored = np.zeros(one.y.size, dtype=bool)
     scored[one.scored] = True
     return telling_stretch(one.recording.u, one.recording.y - one.y, scored)
@@ -159,7 +159,7 @@ def loops(
 
 
 def hysteresis(model: Any, campaign: Campaign | str | Path, recordings: Sequence[str] | None = None) -> Plot:
-    """What `loops` draws."""
+    """Return what `loops` draws."""
     campaign = campaign_of(campaign)
     if recordings is None:
         recordings = [r.name for r in campaign.recordings if r.period is not None and np.isfinite(r.y).any()][:MOST]
@@ -242,27 +242,27 @@ class Balance:
 
     @property
     def total_stored(self) -> Array:
-        """(n+1,) ``H(x)`` [J]."""
+        """Return (n+1,) ``H(x)`` [J]."""
         return sum(self.stored.values(), np.zeros(self.t.size))
 
     @property
     def total_supplied(self) -> Array:
-        """(n+1,) energy supplied by all ports [J]."""
+        """Return (n+1,) energy supplied by all ports [J]."""
         return sum(self.supplied.values(), np.zeros(self.t.size))
 
     @property
     def total_dissipated(self) -> Array:
-        """(n+1,) energy that all resistors have taken [J]."""
+        """Return (n+1,) energy that all resistors have taken [J]."""
         return sum(self.dissipated.values(), np.zeros(self.t.size))
 
     @property
     def error(self) -> Array:
-        """(n+1,) ``H(t) − H(0) − supplied + dissipated`` [J]; a rounding error."""
+        """Return (n+1,) ``H(t) − H(0) − supplied + dissipated`` [J]; a rounding error."""
         return self.total_stored - self.total_stored[0] - self.total_supplied + self.total_dissipated
 
     @property
     def turned_over(self) -> float:
-        """The largest energy that was supplied, or taken back [J]: the measure of the error."""
+        """Return the largest energy that was supplied, or taken back [J]: the measure of the error."""
         return float(np.abs(self.total_supplied).max())
 
     def plot(self) -> Plot:
@@ -310,7 +310,7 @@ def energy(model: Model | Diagnosis | str | Path, t: ArrayLike, u: ArrayLike, **
 
 
 def balance(trajectory: Trajectory) -> Balance:
-    """What `energy` draws, from the first recorded sample on."""
+    """Return what `energy` draws, from the first recorded sample on."""
     network = trajectory.setup.network
     first = int(trajectory.nodes[trajectory.lead])
     found = power_balance(trajectory)

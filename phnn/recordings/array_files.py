@@ -240,7 +240,7 @@ _NPZ = "not a readable .npz file", "save it again with numpy.savez"
 
 
 def read_npz(source: Source) -> Table:
-    """The arrays of an archive by name, columns as in `read_mat`; those that nobody asks for are not read."""
+    """Return the arrays of an archive by name, columns as in `read_mat`; those that nobody asks for are not read."""
     with readable(source, *_NPZ), source.open() as file, zipfile.ZipFile(file) as archive:
         members = [m for m in archive.infolist() if m.filename.endswith(".npy")]
         if len(members) > LIMITS.variables:
@@ -267,7 +267,7 @@ def _member(source: Source, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -
 
 
 def _header(stream: BinaryIO | Any) -> tuple[tuple[int, ...], np.dtype]:
-    """Shape and type that the head of a .npy file states."""
+    """Return the shape and type that the head of a .npy file states."""
     version = np.lib.format.read_magic(stream)
     read = np.lib.format.read_array_header_1_0 if version[0] == 1 else np.lib.format.read_array_header_2_0
     shape, _, dtype = read(stream)
@@ -275,7 +275,7 @@ def _header(stream: BinaryIO | Any) -> tuple[tuple[int, ...], np.dtype]:
 
 
 def read_npy(source: Source) -> Table:
-    """A two-dimensional array (samples, columns), or a structured one with named fields."""
+    """Return a two-dimensional array (samples, columns), or a structured one with named fields."""
     array, most = _load_npy(source), LIMITS.columns
     if array.dtype.names:
         names = array.dtype.names
@@ -298,7 +298,7 @@ _AXES = ("realisation", "period", "time", "channel")
 
 
 def read_axes(source: Source, axes: Sequence[str]) -> Table:
-    """An array whose axes are time and any of channel, realisation and period, as of a periodic experiment.
+    """Return an array whose axes are time and any of channel, realisation and period, as of a periodic experiment.
 
     The periods of a realisation follow one another, and so do the realisations, each a segment.
     """

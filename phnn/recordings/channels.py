@@ -231,7 +231,7 @@ def _unit(table: Table, index: int, quantity: str, said: Column) -> tuple[str, t
 
 
 def _contradicts(one: str, other: str | None, quantity: str) -> bool:
-    """Whether two units give one number different values; of a quantity in any unit, units of one kind alone."""
+    """Return whether two units give one number different values; of a quantity in any unit, units of one kind alone."""
     first, second = find_unit(one), find_unit(other or "")
     alike = first is None or second is None or first.si == second.si
     return suits(quantity, other) and first != second and (alike or QUANTITIES[quantity] is not None)

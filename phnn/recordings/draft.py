@@ -25,7 +25,7 @@ _JUMP = 1.5
 
 
 def segmented(entry: Entry, channels: Mapping[str, Channel], table: Table) -> list[Entry]:
-    """An entry for every recording in its file, each with its slice and, where there are several, a number.
+    """Return an entry for every recording in its file, each with its slice and, where there are several, a number.
 
     The slice of an array with axes is taken of every realisation.
     """
@@ -48,7 +48,7 @@ def segmented(entry: Entry, channels: Mapping[str, Channel], table: Table) -> li
 
 
 def _edges(entry: Entry, channels: Mapping[str, Channel], first: int, last: int, where: Where) -> Sequence[int]:
-    """Where the second segment and every further one begins."""
+    """Return where the second segment and every further one begins."""
     if entry.segments is not True:
         if (last - first) % entry.segments:
             raise InputRefused(
@@ -145,7 +145,7 @@ class Draft:
 
 
 def drafts_of(entry: Entry, table: Table, said: Manifest, need_output: bool, home: Path) -> list[Draft]:
-    """The recordings of a table, one for each segment and for each of several outputs.
+    """Return the recordings of a table, one for each segment and for each of several outputs.
 
     ``entry`` is what is said about the table, ``said`` about all; ``home``, where it comes from, stands in messages.
     """
@@ -302,7 +302,7 @@ def _longest_even(t: np.ndarray) -> np.ndarray:
 def _roles(
     entry: Entry, channels: Mapping[str, Channel], said: Manifest, table: Table, need_output: bool
 ) -> tuple[str, list[str | None]]:
-    """Which channels are the first input and the outputs. A force drives only what is no piezo actuator."""
+    """Return which channels are the first input and the outputs. A force drives only what is no piezo actuator."""
     actuator = is_actuator(said.setup)
     inputs = [q for q in (["voltage"] if actuator else ["input", "voltage", "force"]) if q in channels]
     asked = list(entry.outputs) or (["displacement"] if actuator else ["output", "displacement"])

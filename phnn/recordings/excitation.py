@@ -57,7 +57,7 @@ class Excitation:
 
     @property
     def frequency(self) -> float:
-        """A single frequency that stands for the band, Hz."""
+        """Return a single frequency that stands for the band, Hz."""
         return float(np.sqrt(self.low_Hz * self.high_Hz))
 
 
@@ -102,7 +102,7 @@ def active_span(u: np.ndarray) -> tuple[int, int]:
 
 
 def find_period(x: np.ndarray) -> float | None:
-    """The period of ``x`` ``(N,)`` in samples (not necessarily whole), where at least two are there.
+    """Return the period of ``x`` ``(N,)`` in samples (not necessarily whole), where at least two are there.
 
     A lag L counts when ``mean((x[k+L] − x[k])²) / (2 var x)`` returns to nearly nothing after the signal has become
     unlike itself, and when it does not grow over several periods, as it would for a changing amplitude.
@@ -126,7 +126,7 @@ def find_period(x: np.ndarray) -> float | None:
 
 
 def _over_many(x: np.ndarray, period: float, left: float) -> float | None:
-    """The period refined over as many cycles as there are; ``None`` where the repetition is not steady."""
+    """Return the period refined over as many cycles as there are; ``None`` where the repetition is not steady."""
     count = int((x.size - 0.95 * period) / period)
     if count < 2:
         return _snapped(period, 1) if left < _EXACT else None
@@ -137,12 +137,12 @@ def _over_many(x: np.ndarray, period: float, left: float) -> float | None:
 
 
 def _snapped(period: float, count: int) -> float:
-    """A whole number of samples where the difference cannot be seen over the recording."""
+    """Return a whole number of samples where the difference cannot be seen over the recording."""
     return float(round(period)) if abs(period - round(period)) * count < 0.02 else period
 
 
 def _mismatches(x: np.ndarray, most: int) -> np.ndarray:
-    """``(most+1,)`` mismatch of ``x`` with itself at whole lags."""
+    """Return ``(most+1,)`` mismatch of ``x`` with itself at whole lags."""
     n = x.size
     # A length with a large prime factor is transformed by way of much longer ones.
     length = 2 * n if n <= _LONG else int(next_fast_len(2 * n, real=True))
@@ -157,7 +157,7 @@ def _mismatches(x: np.ndarray, most: int) -> np.ndarray:
 
 
 def _refined(x: np.ndarray, lag: float, reach: float) -> tuple[float, float]:
-    """The lag of least mismatch within ``reach`` samples, and that mismatch."""
+    """Return the lag of least mismatch within ``reach`` samples, and that mismatch."""
     stride = max(1, x.size // 20_000)  # some thousands of samples settle it
     k, curve = np.arange(x.size), spline(x)
     variance = 2.0 * float(x.var())
@@ -174,7 +174,7 @@ def _refined(x: np.ndarray, lag: float, reach: float) -> tuple[float, float]:
 
 
 def _sine_misfit(x: NDArray[np.float64], frequency: float) -> float:
-    """Share of the variance of ``x`` that a sine of that frequency (cycles per sample) leaves."""
+    """Return the share of the variance of ``x`` that a sine of that frequency (cycles per sample) leaves."""
 
     def waves(rows: slice) -> NDArray[np.float64]:
         phase = 2.0 * np.pi * frequency * np.arange(rows.start, rows.stop)
@@ -209,14 +209,14 @@ def _sine_between(x: NDArray[np.float64], low: float, high: float, most: float) 
 
 
 def _few_levels(u: np.ndarray) -> bool:
-    """Whether the input mostly stands still: steps and holds."""
+    """Return whether the input mostly stands still: steps and holds."""
     still = np.abs(np.diff(u)) <= 1e-6 * float(np.ptp(u))
     first, last = longest_hold(u)
     return bool(still.mean() > 0.9 or (still.mean() > 0.5 and last - first > 0.3 * u.size))
 
 
 def _sweep(x: np.ndarray) -> tuple[float, float] | None:
-    """First and last frequency (cycles per sample, ascending) of a sweep, from its zero crossings."""
+    """Return the first and last frequency (cycles per sample, ascending) of a sweep, from its zero crossings."""
     centred = x - 0.5 * (x.max() + x.min())
     i = np.flatnonzero(np.signbit(centred[1:]) != np.signbit(centred[:-1]))
     if i.size < 6:
@@ -233,7 +233,7 @@ def _sweep(x: np.ndarray) -> tuple[float, float] | None:
 
 
 def _band(x: np.ndarray, dt: float) -> tuple[float, float]:
-    """Frequencies in Hz between which 98 % of the power lies."""
+    """Return the frequencies in Hz between which 98 % of the power lies."""
     power = spectrum(x) ** 2
     share = np.cumsum(power) / max(float(power.sum()), 1e-300)
     frequency = np.fft.rfftfreq(x.size, dt)
@@ -268,11 +268,11 @@ class Driving(NamedTuple):
     lengths: Array
 
     def fine(self, recording: Recording) -> Array:
-        """(n, 3) the first input with jumps at the recording's instants."""
+        """Return (n, 3) the first input with jumps at the recording's instants."""
         return self.command.fine(self.instants(recording)[self.group])
 
     def slopes(self, recording: Recording) -> Array:
-        """(n, G) derivatives of the mean first input by the recording's instants."""
+        """Return (n, G) derivatives of the mean first input by the recording's instants."""
         return self.command.slopes(self.instants(recording)[self.group], self.group)
 
     def instants(self, recording: Recording) -> Array:
@@ -299,7 +299,7 @@ class _Same:
 
 
 def driving_of(recording: Recording, substeps: int, method: str | None = None) -> Driving:
-    """The input of a recording between its samples; kept, because every candidate model sees the same one.
+    """Return the input of a recording between its samples; kept, because every candidate model sees the same one.
 
     Args:
         substeps: steps a sample interval, more of them after jumps.
@@ -363,7 +363,7 @@ def _shared(jumps: NDArray[np.int64], cycle: int, period: float, samples: int) -
 
 
 def unknown_instants(recording: Recording) -> Array:
-    """(G,) present values of the instants that are to be estimated."""
+    """Return (G,) present values of the instants that are to be estimated."""
     return driving_of(recording, 1).instants(recording)
 
 
@@ -377,7 +377,7 @@ def instants_known(recording: Recording) -> bool:
 
 
 def made_periodic(x: Any, cycle: int) -> Any:
-    """(n, …) quantities of the steps of a simulation, the first cycle replaced by the second, which is periodic.
+    """Return (n, …) quantities of the steps of a simulation, the first cycle replaced by the second, which is periodic.
 
     A recording of one cycle lacks the last interval of its second cycle, but there the first is periodic too.
     """

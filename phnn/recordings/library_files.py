@@ -303,7 +303,7 @@ class _Clock(NamedTuple):
 
 
 def _numeric(source: Source, content: Any) -> dict[tuple[str, str], tuple[np.ndarray, dict[str, Any]]]:
-    """Numbers and properties of the channels that hold some, by group and name."""
+    """Return the numbers and properties of the channels that hold some, by group and name."""
     channels = [c for group in content.groups() for c in group.channels()]
     if len(channels) > LIMITS.variables:
         raise ValueError(f"{len(channels)} channels, at most {LIMITS.variables} are accepted")

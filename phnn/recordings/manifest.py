@@ -25,12 +25,12 @@ _BRIEF.maxstring = _BRIEF.maxother = 60
 
 
 def shown(value: Any) -> str:
-    """The beginning of a value, for messages."""
+    """Return the beginning of a value, for messages."""
     return printable(_BRIEF.repr(value))
 
 
 def mapping(value: Any, where: str) -> Mapping[str, Any]:
-    """``value`` as a mapping. Raises InputRefused otherwise."""
+    """Return ``value`` as a mapping. Raises InputRefused otherwise."""
     if not isinstance(value, Mapping):
         raise InputRefused(f"{where}: expected keys and values, found {shown(value)}: write `key: value` entries")
     return value
@@ -46,7 +46,7 @@ def keys_of(content: Mapping[str, Any], accepted: Iterable[str], where: str) -> 
 
 
 def choice(value: Any, accepted: tuple[str, ...], where: str, otherwise: str = "") -> str:
-    """``value`` if it is one of the accepted words. Raises InputRefused otherwise."""
+    """Return ``value`` if it is one of the accepted words. Raises InputRefused otherwise."""
     if value not in accepted:
         more = f" {otherwise}" if otherwise else ""
         raise InputRefused(f"{where}: {shown(value)} is not known: accepted are {', '.join(accepted)}{more}")
@@ -54,7 +54,7 @@ def choice(value: Any, accepted: tuple[str, ...], where: str, otherwise: str = "
 
 
 def number(value: Any, where: str, above: float | None = None) -> float:
-    """``value`` as a finite float, greater than ``above`` where that is given. Raises InputRefused otherwise."""
+    """Return ``value`` as a finite float, greater than ``above`` where that is given. Raises InputRefused otherwise."""
     good = isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= _LARGEST
     good = good and (value == 0.0 or abs(value) >= _SMALLEST)
     if not good or (above is not None and value <= above):
@@ -64,21 +64,21 @@ def number(value: Any, where: str, above: float | None = None) -> float:
 
 
 def flag(value: Any, where: str) -> bool:
-    """``value`` as a truth value. Raises InputRefused otherwise."""
+    """Return ``value`` as a truth value. Raises InputRefused otherwise."""
     if not isinstance(value, bool):
         raise InputRefused(f"{where}: {shown(value)} is neither true nor false: write one of them")
     return value
 
 
 def text(value: Any, where: str) -> str:
-    """``value`` as a non-empty text; a plain number is taken as its digits. Raises InputRefused otherwise."""
+    """Return ``value`` as a non-empty text; a plain number is taken as its digits. Raises InputRefused otherwise."""
     if isinstance(value, bool) or not isinstance(value, (str, int, float)) or str(value).strip() == "":
         raise InputRefused(f"{where}: {shown(value)} is no name: write a text")
     return str(value).strip()
 
 
 def label(value: Any, where: str) -> str:
-    """A name as `text`, printable and not too long. Raises InputRefused otherwise."""
+    """Return a name as `text`, printable and not too long. Raises InputRefused otherwise."""
     name = printable(text(value, where))
     if len(name) > LIMITS.name_characters:
         raise InputRefused(
@@ -126,7 +126,7 @@ def columns_of(value: Any, inherited: Mapping[str, Column], where: str, anew: bo
 
 
 def named_of(value: Any, quantity: str, where: str) -> dict[str, Column]:
-    """Columns by the name of a port or a storage."""
+    """Return the columns by the name of a port or a storage."""
     content = {label(n, where): said for n, said in mapping(value, where).items()}
     columns = {n: _column(said, Column(), quantity, f"{where}: {n}") for n, said in content.items()}
     for name, column in columns.items():
@@ -139,7 +139,7 @@ def named_of(value: Any, quantity: str, where: str) -> dict[str, Column]:
 
 
 def axes_of(value: Any, where: str) -> tuple[str, ...]:
-    """What the axes of an array are."""
+    """Return what the axes of an array are."""
     axes = tuple(choice(v, AXES, where) for v in value) if isinstance(value, list) else ()
     if "time" not in axes or len(set(axes)) < len(axes):
         raise InputRefused(
@@ -182,7 +182,7 @@ _DERIVATIVES = ("derivative", "second_derivative")
 
 
 def sensor_of(value: Any, where: str) -> Sensor:
-    """What a manifest says under ``sensor``."""
+    """Return what a manifest says under ``sensor``."""
     content = mapping(value, where)
     keys_of(content, ("saturates", "rectified", "lag", *_DERIVATIVES), where)
     said = {key: key in content and flag(content[key], f"{where}: {key}") for key in _DERIVATIVES}
@@ -225,7 +225,7 @@ def _limits(content: Mapping[str, Any], where: str) -> tuple[tuple[float, float]
 
 
 def _physical(value: Any, where: str, example: str) -> tuple[float, str]:
-    """SI value and SI unit of a text such as ``10 V``."""
+    """Return the SI value and SI unit of a text such as ``10 V``."""
     size, _, unit = str(value).strip().partition(" ")
     known = find_unit(unit) if unit else None
     try:
@@ -312,7 +312,7 @@ DEFAULT_SETUP: Mapping[str, Any] = {"model": "piezo_actuator", "hysterons": 2}
 
 
 def load_manifest(folder: Path, path: Path | None, outside: bool = False) -> Manifest:
-    """The manifest at ``path``, else ``folder/recordings.yaml``, else the defaults.
+    """Return the manifest at ``path``, else ``folder/recordings.yaml``, else the defaults.
 
     Args:
         outside: what lies in ``folder``, or is named in the manifest, may lead out of it.
@@ -332,7 +332,7 @@ def load_manifest(folder: Path, path: Path | None, outside: bool = False) -> Man
 def manifest_of(
     content: Any, name: str, homes: Sequence[Path], outside: bool = False, path: Path | None = None
 ) -> Manifest:
-    """The manifest with a content, as `load_manifest`; None says nothing.
+    """Return the manifest with a content, as `load_manifest`; None says nothing.
 
     Args:
         content: plain values.
@@ -450,7 +450,7 @@ def _known(value: Any, name: str) -> dict[str, Anchor]:
 
 
 def _si(value: Any, where: str) -> tuple[float, str]:
-    """Factor to SI and SI unit of an anchor's unit; without one it is in SI units already."""
+    """Return the factor to SI and SI unit of an anchor's unit; without one it is in SI units already."""
     if value is None:
         return 1.0, ""
     found = find_unit(text(value, where))

@@ -26,13 +26,13 @@ Given = tuple[Entry, Table]
 
 
 def where_of(data: object, name: str) -> Where:
-    """The place of a recording, for messages: its name where it has one, and what it is."""
+    """Return the place of a recording, for messages: its name where it has one, and what it is."""
     kind = type(data).__name__
     return Where(f"{printable(name)} ({kind})" if name else kind)
 
 
 def plain(value: Any) -> Any:
-    """A number of numpy as one of Python."""
+    """Return a number of numpy as one of Python."""
     return value.item() if isinstance(value, np.generic | np.ndarray) and value.size == 1 else value
 
 
@@ -50,7 +50,7 @@ def _library(data: object) -> str:
 
 
 def given_labelled(data: Any, name: str) -> Iterator[Given]:
-    """The recordings of a Dataset, one for each index of a second dimension."""
+    """Return the recordings of a Dataset, one for each index of a second dimension."""
     where = where_of(data, name)
     time, further = _dimensions(data, where)
     runs = [(name, data)]
@@ -64,7 +64,7 @@ def given_labelled(data: Any, name: str) -> Iterator[Given]:
 
 
 def _dimensions(data: Any, where: object) -> tuple[str, str | None]:
-    """The dimension of time, and a second one where there is one."""
+    """Return the dimension of time, and a second one where there is one."""
     dims = [str(d) for d in data.dims]
     times = [d for d in dims if d.lower() in _TIMES or parse_name(d)[0] == "time"]
     if len(dims) == 1:
@@ -120,7 +120,7 @@ def given_frame(frame: Any, name: str = "", where: Where | None = None) -> Given
 
 
 def _time(index: Any) -> tuple[str, np.ndarray] | None:
-    """Name and numbers of an index of times; None where it only counts rows."""
+    """Return the name and numbers of an index of times; None where it only counts rows."""
     index = index.to_timestamp() if hasattr(index, "to_timestamp") else index
     zoned = getattr(index, "tz", None) is not None
     values = np.asarray(index.tz_convert(None) if zoned else index)
@@ -213,7 +213,7 @@ def _collected(data: Any, name: str, names: tuple[str, str]) -> Iterator[Given]:
 
 
 def _is_numbers(value: Any) -> bool:
-    """Whether an object is an array of real numbers, or a list of some."""
+    """Return whether an object is an array of real numbers, or a list of some."""
     try:
         array = np.asarray(value)
     except (TypeError, ValueError, RuntimeError):

@@ -63,7 +63,7 @@ class Candidate:
 
 
 def candidate_of(recording: Recording, excitation: Excitation, use: str | None = None) -> Candidate:
-    """What the choice needs to know of a recording."""
+    """Return what the choice needs to know of a recording."""
     begun, u = recording.start.state == "unknown", recording.drive
     one = Candidate(recording.name, recording.t.size, recording.dt, excitation, use, begun)
     covered = np.ptp(u) > 0.0 and np.ptp(u[: one.head]) >= _COVERED * np.ptp(u)
@@ -71,7 +71,7 @@ def candidate_of(recording: Recording, excitation: Excitation, use: str | None =
 
 
 def divide(candidates: Sequence[Candidate]) -> tuple[Mapping[str, tuple[Part, ...]], bool, tuple[str, ...]]:
-    """The parts of every recording by name, whether the held-out ones are new, and notes."""
+    """Return the parts of every recording by name, whether the held-out ones are new, and notes."""
     if all(c.use == "confirmation" for c in candidates):
         raise InputRefused(
             "recordings.yaml: every recording has use: confirmation, nothing is left to identify from: "
@@ -108,7 +108,7 @@ def divide(candidates: Sequence[Candidate]) -> tuple[Mapping[str, tuple[Part, ..
 
 
 def whole_parts(one: Candidate, held_out: bool) -> tuple[Part, ...]:
-    """The parts of a recording that serves one use; a held-out one spends its head on zero and initial state."""
+    """Return the parts of a recording that serves one use; a held-out one spends its head on zero and initial state."""
     if not held_out:
         return (Part(one.name, 0, one.size, "identification"),)
     return (Part(f"{one.name}[start]", 0, one.head, "nuisance"), Part(one.name, one.head, one.size, "confirmation"))
@@ -141,7 +141,7 @@ def split_one(one: Candidate) -> tuple[tuple[Part, ...], str]:
 
 
 def choose(candidates: Sequence[Candidate]) -> set[str]:
-    """Names of the recordings to hold out: about a quarter, inside the span of the rest, spread over it.
+    """Return the names of the recordings to hold out: about a quarter, inside the span of the rest, spread over it.
 
     Kept for identification where possible: the extremes of frequency and of amplitude, and whatever is unique in
     kind (steps, chirps, broadband signals). Where some starts are unknown, the largest recording of known start stays
@@ -167,8 +167,8 @@ def choose(candidates: Sequence[Candidate]) -> set[str]:
 
 
 def _worth_keeping(one: Candidate, everyone: Sequence[Candidate]) -> int:
-    """0: interpolated by the rest, 1: repeats another, 2: smallest amplitude, 3: an extreme, 4: unique in kind, or of
-    no use to confirm, as its first samples tell nothing of its start."""
+    """Return 0: interpolated by the rest, 1: repeats another, 2: smallest amplitude, 3: an extreme, 4: unique in kind,
+    or of no use to confirm, as its first samples tell nothing of its start."""
     if one.untold:
         return 4
     tones = [c for c in everyone if c.excitation.kind in ("sine", "periodic")]
@@ -216,7 +216,7 @@ DIFFERENT = 0.01
 
 
 def pooled(floors: Sequence[NoiseFloor], kinds: Sequence[Hashable] | None = None) -> list[NoiseFloor]:
-    """The floors of recordings, those seen in a part of the spectrum only brought to a common word.
+    """Return the floors of recordings, those seen in a part of the spectrum only brought to a common word.
 
     Args:
         kinds: of each recording; recordings of one kind are taken to share a sensor. All are of one kind if left out.
@@ -235,7 +235,7 @@ def pooled(floors: Sequence[NoiseFloor], kinds: Sequence[Hashable] | None = None
 
 
 def _sharing(floors: Sequence[NoiseFloor]) -> list[NoiseFloor]:
-    """The floors of one kind: one for those that are not proven different.
+    """Return the floors of one kind: one for those that are not proven different.
 
     One spectrum hardly tells coloured noise from what the signal leaves there. Where others of the kind do not agree on
     it the smaller floor stands, with an interval that holds both.
@@ -261,7 +261,7 @@ class Shared(NamedTuple):
 
 
 def alike(values: Sequence[float], intervals: Sequence[tuple[float, float]]) -> Shared | None:
-    """The deviation that estimates share unless they are proven different; None where no two agree.
+    """Return the deviation that estimates share unless they are proven different; None where no two agree.
 
     Under equal deviations ``Q = Σ (ln σ_i − m)²/s_i²`` is χ² with one degree of freedom less than estimates, where
     ``s_i`` is a quarter of the width of ``ln`` of an interval and ``m`` the weighted mean. Where Q exceeds its quantile
@@ -284,7 +284,7 @@ def alike(values: Sequence[float], intervals: Sequence[tuple[float, float]]) -> 
 
 
 def _of_one_word(floors: Sequence[NoiseFloor]) -> list[NoiseFloor]:
-    """Floors seen in a part of the spectrum only, where several agree on white or on first-order noise.
+    """Return the floors seen in a part of the spectrum only, where several agree on white or on first-order noise.
 
     One spectrum hardly tells coloured noise from what the signal leaves there; several that agree do. Where at least
     half of them show first-order noise of about the same coefficient, all get their median; where few do, those get

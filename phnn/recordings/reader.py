@@ -54,11 +54,11 @@ class Files:
     outside: bool
 
     def source(self, file: str) -> Source:
-        """A file of a recording. Raises InputRefused as `phnn.intake.named_file`."""
+        """Return a file of a recording. Raises InputRefused as `phnn.intake.named_file`."""
         return named_file(self.home / file, (self.home,), outside=self.outside)
 
     def entries(self) -> tuple[list[Entry], list[str]]:
-        """The entries to read, and the files left alone, each with its reason where that is not plain."""
+        """Return the entries to read, and the files left alone, each with its reason where that is not plain."""
         said, present = self.said, self._present()
         if said.path is not None:
             present = [p for p in present if os.path.realpath(p) != os.path.realpath(said.path)]
@@ -87,14 +87,14 @@ class Files:
         return [replace(said.common, files=(path.name,)) for path in chosen], left
 
     def possible(self) -> tuple[list[Path], list[str]]:
-        """The files that may be recordings, whatever describes them, and what else lies there, in words."""
+        """Return the files that may be recordings, whatever describes them, and what else lies there, in words."""
         present = self._present()
         chosen = [p for p in present if self._numbers(p)]
         checks.not_too_many(len(chosen), 0, self.home)
         return chosen, [_shown(p) for p in present if p not in chosen]
 
     def _present(self) -> list[Path]:
-        """What lies in the folder, without its manifest and hidden files."""
+        """Return what lies in the folder, without its manifest and hidden files."""
         try:
             names = sorted(self.home.iterdir())
         except OSError as error:
@@ -116,7 +116,7 @@ class Files:
             return True
 
     def _no_recording(self, path: Path) -> str | None:
-        """Why a file found in the folder is no recording, in words to follow its name; ``None`` if it is one."""
+        """Return why a file found in the folder is no recording, in words to follow its name; ``None`` if it is one."""
         if not self._numbers(path):
             special = path.suffix.lower() in READERS and not os.path.isfile(path) and not os.path.isdir(path)
             return " (no regular file)" if special else ""
@@ -141,7 +141,7 @@ def _shown(path: Path) -> str:
 
 
 def reader_of(path: Path) -> Reader:
-    """What reads a file of this suffix. Raises InputRefused where nothing does."""
+    """Return what reads a file of this suffix. Raises InputRefused where nothing does."""
     kind = path.suffix.lower()
     if kind not in READERS:
         raise InputRefused(f"{printable(path.name)}: unknown format {kind!r}: accepted are {', '.join(READERS)}")
@@ -198,7 +198,7 @@ def _table(source: Source, entry: Entry) -> Table:
 
 
 def campaign_of(recorded: Campaign | str | Path | Any, *, need_output: bool = True) -> Campaign:
-    """A campaign as it is; a folder, and what else `read` takes, is read."""
+    """Return a campaign as it is; a folder, and what else `read` takes, is read."""
     return recorded if isinstance(recorded, Campaign) else read(recorded, need_output=need_output)
 
 
@@ -224,7 +224,7 @@ def _from_memory(data: Any, manifest: str | Path | Mapping[str, Any] | None, nee
 def _campaign(
     tables: Iterable[tuple[Entry, Table]], said: Manifest, need_output: bool, home: Path, left: list[str]
 ) -> Campaign:
-    """The campaign of tables, which are asked for one after another; ``left`` is what else lies in ``home``."""
+    """Return the campaign of tables, which are asked for one after another; ``left`` is what else lies in ``home``."""
     drafts: list[Draft] = []
     for entry, table in tables:
         drafts += drafts_of(entry, table, said, need_output, home)
@@ -251,7 +251,7 @@ def _campaign(
 
 
 def _extent(recordings: tuple[Recording, ...]) -> str:
-    """How much was recorded, and at which rates."""
+    """Return how much was recorded, and at which rates."""
     seconds = sum(r.t.size * r.dt for r in recordings)
     rates = sorted({float(f"{1 / r.dt:.6g}") for r in recordings})
     said = f"at {rates[0]:g} Hz"
@@ -263,7 +263,7 @@ def _extent(recordings: tuple[Recording, ...]) -> str:
 
 
 def _heavy(said: Manifest) -> tuple[str, ...]:
-    """A doubt where the mass of an actuator, stated without a unit, would be unusually large."""
+    """Return a doubt where the mass of an actuator, stated without a unit, would be unusually large."""
     mass = said.known.get("m")
     if not is_actuator(said.setup) or mass is None or mass.unit or mass.value < _HEAVY:
         return ()
@@ -271,7 +271,7 @@ def _heavy(said: Manifest) -> tuple[str, ...]:
 
 
 def _columns(drafts: list[Draft]) -> tuple[str, ...]:
-    """Which columns serve as what, said once for all recordings that share it."""
+    """Return which columns serve as what, said once for all recordings that share it."""
     names: dict[str, list[str]] = {}
     for draft in drafts:
         names.setdefault(draft.columns, []).append(draft.recording.name)
@@ -315,7 +315,7 @@ def _listed(known: list[tuple[str, str]]) -> list[str]:
 
 
 def facts(r: Recording) -> list[tuple[str, str]]:
-    """What was understood of a recording: label and words."""
+    """Return what was understood of a recording: label and words."""
     span = " to ".join(quantity(v, r.units.input, 4) for v in (r.u.min(), r.u.max()))
     found = [
         ("sampled", f"{1 / r.dt:.6g} Hz, {r.t.size} samples, {r.t.size * r.dt:.4g} s"),

@@ -65,20 +65,20 @@ class Sensor:
 
     @property
     def is_limited(self) -> bool:
-        """Whether it saturates at all."""
+        """Return whether it saturates at all."""
         return math.isfinite(self.saturates[0]) or math.isfinite(self.saturates[1])
 
     def at_limit(self, y: NDArray[np.float64]) -> NDArray[np.int8]:
-        """(N,) 1 where a recorded output sits at the upper limit, -1 where at the lower one, 0 between them."""
+        """Return (N,) 1 where a recorded output sits at the upper limit, -1 where at the lower one, 0 between them."""
         room = _AT_LIMIT * float(np.ptp(y))
         return (y >= self.saturates[1] - room).astype(np.int8) - (y <= self.saturates[0] + room).astype(np.int8)
 
     def limited(self, y: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(N,) an output as the sensor shows it."""
+        """Return (N,) an output as the sensor shows it."""
         return np.clip(y, *self.saturates)
 
     def words(self, y: NDArray[np.float64]) -> str:
-        """What is known, and how many samples (N,) sit at a limit; empty where nothing is."""
+        """Return what is known, and how many samples (N,) sit at a limit; empty where nothing is."""
         found = []
         if self.is_limited:
             ends = [quantity(limit, self.unit) for limit in self.saturates if math.isfinite(limit)]
@@ -181,19 +181,19 @@ class Recording:
 
     @cached_property
     def clock(self) -> np.ndarray | None:
-        """``(N,)`` sampling instants in mean intervals; None where all intervals are equal."""
+        """Return ``(N,)`` sampling instants in mean intervals; None where all intervals are equal."""
         steps = np.diff(self.t)
         even = steps.size == 0 or float(np.abs(steps - self.dt).max()) <= _ROUNDING * self.dt
         return None if even else self.t / self.dt
 
     @property
     def drive(self) -> np.ndarray:
-        """``(N,)`` what moves when any input does, see `drive_of`."""
+        """Return ``(N,)`` what moves when any input does, see `drive_of`."""
         return drive_of(self.u, self.further)
 
     @cached_property
     def excitation(self) -> Excitation:
-        """What the input does: its kind, band and period, and the samples in which it is at work."""
+        """Return what the input does: its kind, band and period, and the samples in which it is at work."""
         return excitation_of(self.drive, self.dt)
 
     @property
@@ -208,8 +208,8 @@ class Recording:
         return 0
 
     def last_periods(self, count: float) -> slice:
-        """The samples of the last periods, with that at which the first of them begins; all samples where nothing
-        repeats or fewer periods were recorded."""
+        """Return the samples of the last periods, with that at which the first of them begins; all samples where
+        nothing repeats or fewer periods were recorded."""
         if self.period is None:
             return slice(0, self.t.size)
         return slice(max(0, self.t.size - 1 - round(count * self.period / self.dt)), self.t.size)
@@ -229,8 +229,8 @@ class Recording:
 
     @cached_property
     def stride(self) -> int:
-        """The most samples, up to eight, between two of which straight lines show all inputs; 1 where inputs are held
-        from sample to sample, jump within an interval, or repeat after no whole number of samples."""
+        """Return the most samples, up to eight, between two of which straight lines show all inputs; 1 where inputs are
+        held from sample to sample, jump within an interval, or repeat after no whole number of samples."""
         inputs = (self.u, *self.further.values())
         jumps = self.interpolation == "zero_order" or self.instants is not None or self.clock is not None
         if jumps or (self.start.state == "periodic" and not self.cycle):
@@ -239,31 +239,31 @@ class Recording:
 
     @cached_property
     def sparse(self) -> Recording:
-        """The recording at every `stride`-th sample."""
+        """Return the recording at every `stride`-th sample."""
         return self if self.stride == 1 else self.only(slice(None, None, self.stride))
 
     def from_sparse(self, rows: np.ndarray) -> np.ndarray:
-        """``(N, …)`` values on straight lines between those at the samples of `sparse`; the last of them stands for
-        what follows. Values at all samples are returned as they are."""
+        """Return ``(N, …)`` values on straight lines between those at the samples of `sparse`; the last of them stands
+        for what follows. Values at all samples are returned as they are."""
         return rows if rows.shape[0] == self.t.size else _on_lines(rows, self.stride)[: self.t.size]
 
     @property
     def dt(self) -> float:
-        """Sampling interval in s, the mean where intervals differ."""
+        """Return the sampling interval in s, the mean where intervals differ."""
         return float(self.t[-1] - self.t[0]) / (self.t.size - 1)
 
     @property
     def colour_unseen(self) -> bool:
-        """Whether the noise floor is the level of a band, and nothing shows what the noise is outside it."""
+        """Return whether the noise floor is the level of a band, and nothing shows what the noise is outside it."""
         return AS_WHITE in self.noise_source and self.noise_interval is None
 
     @property
     def input_before(self) -> float:
-        """The input before the first sample; the first sample itself where the start does not say."""
+        """Return the input before the first sample; the first sample itself where the start does not say."""
         return self.start.input_before if self.start.state == "rest" else float(self.u[0])
 
     def mask(self, use: str) -> np.ndarray:
-        """``(N,)`` bool: the samples that serve as ``use``."""
+        """Return ``(N,)`` bool: the samples that serve as ``use``."""
         chosen = np.zeros(self.t.size, dtype=bool)
         for part in self.parts:
             if part.use == use:
@@ -279,7 +279,7 @@ def _on_lines(rows: np.ndarray, stride: int) -> np.ndarray:
 
 
 def _follows(x: np.ndarray, stride: int) -> bool:
-    """Whether straight lines between every ``stride``-th value follow a signal."""
+    """Return whether straight lines between every ``stride``-th value follow a signal."""
     between = (x.size - 1) // stride * stride
     return bool(np.abs(_on_lines(x[::stride], stride)[: between + 1] - x[: between + 1]).max() <= _STRAIGHT * np.ptp(x))
 
@@ -292,7 +292,7 @@ def unrecorded(
     input_before: float = 0.0,
     further: Mapping[str, np.ndarray] | None = None,
 ) -> Recording:
-    """An input from rest whose output nobody recorded: ``y`` is NaN.
+    """Return an input from rest whose output nobody recorded: ``y`` is NaN.
 
     Args:
         name: of the recording; it stands in messages.
@@ -307,7 +307,7 @@ def unrecorded(
 
 
 def drive_of(u: np.ndarray, further: Mapping[str, np.ndarray]) -> np.ndarray:
-    """``(N,)`` what moves when any input does and repeats when all do: the inputs' sum, weighted unevenly.
+    """Return ``(N,)`` what moves when any input does and repeats when all do: the inputs' sum, weighted unevenly.
 
     With a single input it is that input. Further ones come in over their range, times that of the first.
     """
@@ -373,7 +373,7 @@ class Campaign:
 
     @property
     def inputs(self) -> list[Path]:
-        """Folders that results must not be written into, as they were read from."""
+        """Return the folders that results must not be written into, as they were read from."""
         return [] if self.in_memory else [Path(self.folder)]
 
 
@@ -384,12 +384,12 @@ def _span(x: np.ndarray, unit: str) -> str:
 
 
 def is_actuator(setup: Mapping[str, Any]) -> bool:
-    """Whether a setup is the piezo actuator, with a voltage in and a displacement out."""
+    """Return whether a setup is the piezo actuator, with a voltage in and a displacement out."""
     return setup.get("model") in ("piezo_actuator", "hrc")
 
 
 def dominant_frequency(recording: Recording) -> float:
-    """Frequency of the strongest input line [Hz]."""
+    """Return the frequency of the strongest input line [Hz]."""
     if recording.period:
         return 1.0 / recording.period
     peak = int(np.argmax(spectrum(recording.u)[1:])) + 1

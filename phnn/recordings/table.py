@@ -61,7 +61,7 @@ class Where:
     between: tuple[tuple[int, int], ...] = ()
 
     def row(self, i: int) -> str:
-        """The i-th used row in words; data rows are counted from 1."""
+        """Return the i-th used row in words; data rows are counted from 1."""
         row = i + self.offset
         if self.first_line is None:
             return f"row {row + 1}"
@@ -101,7 +101,7 @@ class Table:
     own: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def find(self, place: int | str) -> int:
-        """Index of the column at an index or of a name."""
+        """Return the index of the column at an index or of a name."""
         named = [n for n in self.names if n]
         listed = ", ".join([*named[:_LISTED], *(["…"] if len(named) > _LISTED else [])])
         if isinstance(place, str):
@@ -124,11 +124,11 @@ class Table:
         return place
 
     def label(self, index: int) -> str:
-        """The column in words."""
+        """Return the column in words."""
         return f"column {self.names[index] or index}"
 
     def numbers(self, index: int) -> np.ndarray:
-        """``(N,)`` the column as float64; empty cells become NaN."""
+        """Return ``(N,)`` the column as float64; empty cells become NaN."""
         held = self.columns[index]
         column = held() if callable(held) else held
         if column.dtype.kind not in _READ or column.ndim != 1:
@@ -228,7 +228,7 @@ def _dates(column: np.ndarray, beside: Any, name: str) -> tuple[np.ndarray, str]
 
 
 def beside(tables: Sequence[Table]) -> Table:
-    """The columns of several files of one recording, side by side, counted through."""
+    """Return the columns of several files of one recording, side by side, counted through."""
     first = tables[0]
     if len(tables) == 1:
         return first

@@ -63,14 +63,14 @@ _COMMON = {f"{p}{si}": Unit(si, factor, 0.0) for si in QUANTITIES.values() if si
 
 
 def spelled(unit: str) -> str:
-    """One spelling of a unit: both Unicode micro signs become ``u``, ``°C`` becomes ``degC``, words symbols."""
+    """Return one spelling of a unit: both Unicode micro signs become ``u``, ``°C`` becomes ``degC``, words symbols."""
     bare = unit.strip().replace("\u00b5", "u").replace("\u03bc", "u").replace("\u00b0C", "degC")
     return _WORDS.get(bare.lower(), bare)
 
 
 @lru_cache(maxsize=256)
 def find_unit(text: str) -> Unit | None:
-    """The unit of a text such as ``um``, ``m3/s`` or ``N s/m``; None if it is not a unit.
+    """Return the unit of a text such as ``um``, ``m3/s`` or ``N s/m``; None if it is not a unit.
 
     The text is a product of names with exponents of one digit; pint never sees anything else.
     """
@@ -166,7 +166,7 @@ def stated_by_name(header: str, quantity: str) -> str | None:
 
 
 def suits(quantity: str, unit: str | None) -> bool:
-    """Whether a text is a unit of the quantity."""
+    """Return whether a text is a unit of the quantity."""
     found = find_unit(unit) if unit else None
     return found is not None and QUANTITIES[quantity] in (None, found.si)
 
@@ -211,7 +211,7 @@ def times_of_seconds(one: str, other: str) -> int | None:
 
 
 def accepted(quantity: str) -> str:
-    """Examples of the units that a quantity may have, for messages."""
+    """Return the examples of the units that a quantity may have, for messages."""
     si = QUANTITIES[quantity]
     if si is None:
         return "V, N, m/s, rad, Pa, L/min, degC, 1 and any other physical unit"
@@ -221,7 +221,7 @@ def accepted(quantity: str) -> str:
 
 
 def check_unit(quantity: str, unit: str | None, where: str) -> str:
-    """The unit in its common spelling."""
+    """Return the unit in its common spelling."""
     if unit is None:
         raise InputRefused(
             f"{where}: no unit for the {quantity}, so its numbers are ambiguous: put the unit in the column's name "
@@ -245,7 +245,7 @@ def check_unit(quantity: str, unit: str | None, where: str) -> str:
 
 
 def _hint(quantity: str, name: str) -> str:
-    """The unit of the quantity that was probably meant, in brackets."""
+    """Return the unit of the quantity that was probably meant, in brackets."""
     if len(name) > LIMITS.unit_characters:
         return ""
     si = QUANTITIES[quantity] or "V"

@@ -15,7 +15,7 @@ _FLOOR = 2.0001e-5
 
 
 def finite(value: object) -> float | None:
-    """The value as a finite float, ``None`` where it is missing, not a number or infinite."""
+    """Return the value as a finite float, ``None`` where it is missing, not a number or infinite."""
     if value is None or isinstance(value, bool):
         return None
     try:
@@ -26,12 +26,12 @@ def finite(value: object) -> float | None:
 
 
 def power_of_ten(exponent: int) -> str:
-    """``10⁻⁵``."""
+    """Return ``10⁻⁵``."""
     return "10" + str(exponent).translate(_SUPERSCRIPT)
 
 
 def _exponent(value: float, digits: int = 3) -> int:
-    """Decimal exponent after rounding to ``digits``: 9.999 has 1."""
+    """Return the decimal exponent after rounding to ``digits``: 9.999 has 1."""
     return int(f"{value:.{digits - 1}e}".partition("e")[2])
 
 
@@ -42,7 +42,7 @@ def _fixed(value: float, decimals: int) -> str:
 
 
 def number(value: float | None, digits: int = 3, lowest: int = -3, highest: int = 4) -> str:
-    """``digits`` significant digits, with a power of ten outside 0.001 … 99999 or other decades."""
+    """Return ``digits`` significant digits, with a power of ten outside 0.001 … 99999 or other decades."""
     value = finite(value)
     if value is None:
         return DASH
@@ -61,7 +61,7 @@ def plain(value: float | None, digits: int = 3) -> str:
 
 
 def with_error(value: float | None, std: float | None) -> str:
-    """``0.310 ± 0.020``: the error with two digits, the value to the same place.
+    """Return ``0.310 ± 0.020``: the error with two digits, the value to the same place.
 
     Where the error is missing the value stands with three digits.
     """
@@ -95,8 +95,8 @@ def interval(ends: tuple[float, float] | None) -> str:
 
 
 def p_value(value: float | None) -> str:
-    """``p = 0.04``, ``p = 3 × 10⁻⁵``, and ``p < 2 × 10⁻⁵`` below that: nobody knows the noise so well that smaller
-    tails are to be believed."""
+    """Return ``p = 0.04``, ``p = 3 × 10⁻⁵``, and ``p < 2 × 10⁻⁵`` below that: nobody knows the noise so well that
+    smaller tails are to be believed."""
     value = finite(value)
     if value is None:
         return "p not computed"
@@ -104,7 +104,7 @@ def p_value(value: float | None) -> str:
 
 
 def likelihood(value: float | None) -> str:
-    """A probability as a person reads it: ``97 %``, ``> 99 %``."""
+    """Return a probability as a person reads it: ``97 %``, ``> 99 %``."""
     value = finite(value)
     if value is None:
         return DASH
@@ -112,13 +112,13 @@ def likelihood(value: float | None) -> str:
 
 
 def percent(value: float | None, decimals: int = 1) -> str:
-    """A percentage without its sign."""
+    """Return a percentage without its sign."""
     value = finite(value)
     return DASH if value is None else _fixed(value, decimals)
 
 
 def ratio(value: float | None) -> str:
-    """A residual over noise: ``1.01``, ``12.4``, ``350``."""
+    """Return a residual over noise: ``1.01``, ``12.4``, ``350``."""
     value = finite(value)
     if value is None:
         return DASH
@@ -126,7 +126,7 @@ def ratio(value: float | None) -> str:
 
 
 def short(value: float | None) -> str:
-    """At most four digits and no trailing zeros, for lists of times and frequencies."""
+    """Return the at most four digits and no trailing zeros, for lists of times and frequencies."""
     value = finite(value)
     return DASH if value is None else f"{value:.4g}".replace("-", "−")
 
@@ -137,7 +137,7 @@ def words(name: str | None) -> str:
 
 
 def listing(names: Iterable[str], last: str = "and") -> str:
-    """``a, b and c``."""
+    """Return ``a, b and c``."""
     items = list(names)
     if len(items) < 2:
         return "".join(items)
@@ -145,7 +145,7 @@ def listing(names: Iterable[str], last: str = "and") -> str:
 
 
 def markdown_table(head: Sequence[str], body: Sequence[Sequence[str]]) -> list[str]:
-    """The lines of a table in markdown; a bar within a cell becomes a slash."""
+    """Return the lines of a table in markdown; a bar within a cell becomes a slash."""
     rule = ["---"] * len(head)
     return [f"| {' | '.join(cell.replace('|', '/') for cell in line)} |" for line in [head, rule, *body]]
 

@@ -153,7 +153,7 @@ _COMMANDS = {
 
 
 def _outline(path: Path) -> str:
-    """The path as SVG drawing commands, y downwards."""
+    """Return the path as SVG drawing commands, y downwards."""
     pieces = []
     for vertices, code in path.iter_segments(curves=True, simplify=False):
         points = np.asarray(vertices).reshape(-1, 2)

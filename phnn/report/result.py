@@ -126,7 +126,7 @@ def _plain_page(content: dict[str, Any]) -> bytes:
 
 
 def _ending(diagnosis: Diagnosis, further: Sequence[Failure] = ()) -> dict[str, Any]:
-    """How the search ended, and what failed."""
+    """Return how the search ended, and what failed."""
     ended = diagnosis.ended
     return {
         "ended": {
@@ -141,7 +141,7 @@ def _ending(diagnosis: Diagnosis, further: Sequence[Failure] = ()) -> dict[str, 
 
 
 def document(diagnosis: Diagnosis) -> dict[str, Any]:
-    """``diagnosis.json`` as a mapping; numbers that are not finite become null, and so do parts that fail."""
+    """Return ``diagnosis.json`` as a mapping; numbers that are not finite become null, and so do parts that fail."""
     campaign = diagnosis.campaign
     found = {r.name: r.noise_found for r in campaign.recordings}
     parts: dict[str, Callable[[], Any]] = {

@@ -54,7 +54,7 @@ class FirstOrder:
 
 
 def correlation_of(coefficient: float) -> np.ndarray:
-    """Autocorrelation ``aᵏ`` until it is forgotten, two lags at least."""
+    """Return the autocorrelation ``aᵏ`` until it is forgotten, two lags at least."""
     lags = 1 + int(np.log(_FORGOTTEN) / np.log(max(coefficient, 1e-3)))
     return np.asarray(coefficient ** np.arange(max(lags, 2)))
 
@@ -79,11 +79,11 @@ class _Band:
     tail: np.ndarray
 
     def shape(self, z: np.ndarray) -> np.ndarray:
-        """Spectrum of noise of unit variance, and of the tail beside it."""
+        """Return the spectrum of noise of unit variance, and of the tail beside it."""
         return np.asarray(density(_coefficient(z[0]), self.cosine) + np.exp(min(z[1], 50.0)) * self.tail)
 
     def best(self, starts: tuple[float, ...], white: bool = False) -> OptimizeResult:
-        """Best coefficient and strength of the tail; the coefficient stays zero for white noise."""
+        """Return the best coefficient and strength of the tail; the coefficient stays zero for white noise."""
 
         def negative(z: np.ndarray) -> float:
             shape = self.shape(np.array([0.0, z[0]]) if white else z)
@@ -94,20 +94,20 @@ class _Band:
 
 
 def without_line(y: Array) -> Array:
-    """(N,) samples without the straight line that fits them best."""
+    """Return (N,) samples without the straight line that fits them best."""
     line = np.polynomial.Polynomial.fit(np.arange(y.size), y, 1)
     return np.asarray(y - line(np.arange(y.size)))
 
 
 def periodogram(x: Array) -> Array:
-    """Power over that of white noise of unit variance, through a window that leaks nothing from afar."""
+    """Return the power over that of white noise of unit variance, through a window that leaks nothing from afar."""
     window = blackmanharris(x.size, sym=False)
     return np.asarray(np.abs(np.fft.rfft(window * x)) ** 2 / float(window @ window))
 
 
 def fit_first_order(y: np.ndarray) -> FirstOrder | None:
-    """First-order noise in ``(N,)`` samples; ``None`` where white noise explains the high frequencies as well, or
-    where the signal reaches too high.
+    """Return the first-order noise in ``(N,)`` samples; ``None`` where white noise explains the high frequencies as
+    well, or where the signal reaches too high.
 
     What the signal's kinks leave there falls with the fourth power of the frequency and is fitted beside the noise.
     """
@@ -136,7 +136,7 @@ def _coefficient(z: float) -> float:
 
 
 def fits(power: np.ndarray, shape: np.ndarray) -> bool:
-    """Whether the whitened spectrum has no lines and the same level everywhere."""
+    """Return whether the whitened spectrum has no lines and the same level everywhere."""
     white = power / shape
     white = white / white.mean()
     levels = np.array([part.mean() for part in np.array_split(white, _PARTS)])

@@ -18,7 +18,7 @@ _WHOLE, _ROWS = 2**16, 2**13
 
 
 def residual(y: Array, columns: Callable[[slice], Array]) -> Array:
-    """(N,) what remains of ``y`` (N,) after the best combination of some columns, ``y − A A⁺ y``.
+    """Return (N,) what remains of ``y`` (N,) after the best combination of some columns, ``y − A A⁺ y``.
 
     Args:
         columns: the rows of ``A`` (N, K) in a slice; asked for blocks one by one, twice for each.
@@ -34,7 +34,7 @@ def residual(y: Array, columns: Callable[[slice], Array]) -> Array:
 
 
 def _weights(y: Array, columns: Callable[[slice], Array]) -> Array:
-    """(K,) weights of the columns. Columns that are nearly combinations of others count once."""
+    """Return (K,) weights of the columns. Columns that are nearly combinations of others count once."""
     if y.size <= _WHOLE:
         return np.asarray(np.linalg.lstsq(columns(slice(0, y.size)), y, rcond=None)[0])
     reduced: Array | None = None
@@ -59,7 +59,7 @@ _BASIS = 20
 
 
 def harmonic_weights(t: Array, period: float) -> NDArray[np.complex128]:
-    """(5, N) weights of the samples in the complex amplitudes ``Y_k`` of a periodic output, by least squares.
+    """Return (5, N) weights of the samples in the complex amplitudes ``Y_k`` of a periodic output, by least squares.
 
     ``y = Y_0 + Re Σ_k Y_k e^{ikωt}``; exact for as many harmonics as fit in, whole number of samples a period or not.
     """
@@ -73,7 +73,7 @@ def harmonic_weights(t: Array, period: float) -> NDArray[np.complex128]:
 
 
 def deviation(weights: NDArray[np.complex128] | Array, correlation: Array) -> float:
-    """Standard deviation of ``w·n`` for noise ``n`` of unit variance and the given autocorrelation."""
+    """Return the standard deviation of ``w·n`` for noise ``n`` of unit variance and the given autocorrelation."""
     total = float(np.vdot(weights, weights).real)
     for lag, shared in enumerate(correlation[1 : weights.size], start=1):
         total += 2.0 * float(shared * np.vdot(weights[lag:], weights[:-lag]).real)

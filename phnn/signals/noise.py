@@ -59,7 +59,7 @@ def spread(values: np.ndarray) -> float:
 
 
 def holds_throughout(y: np.ndarray, deviation: float, correlation: np.ndarray) -> bool:
-    """Whether a noise is there in most samples, and not in a few, as the ringing after a step is.
+    """Return whether a noise is there in most samples, and not in a few, as the ringing after a step is.
 
     Differences of order p with coefficients ``c`` would have the variance ``σ² Σ_ij c_i c_j ρ(|i − j|)``; the
     differences in most samples must reach half its root. Finer than the quantisation they show nothing.
@@ -87,7 +87,7 @@ _NEAREST = 0.2
 
 
 def silent_deviation(u: np.ndarray, y: np.ndarray) -> float | None:
-    """Standard deviation of white noise that has the power of an output where its input does not cause it.
+    """Return the standard deviation of white noise that has the power of an output where its input does not cause it.
 
         γ² = |S_uy|² / (S_uu S_yy) < ½
 
@@ -161,7 +161,7 @@ def noise_floor(
     span: tuple[int, int] | None = None,
     periodic_start: bool = False,
 ) -> NoiseFloor:
-    """The noise floor of one recording by the best source it offers.
+    """Return the noise floor of one recording by the best source it offers.
 
     Args:
         u: ``(N,)`` input.
@@ -234,7 +234,7 @@ def from_periods(y: np.ndarray, period: float, skip: int = 1) -> NoiseFloor | No
 
 
 def _transient(variances: np.ndarray, n: int) -> int:
-    """How many leading differences still hold a transient: they exceed the typical later one beyond chance."""
+    """Return how many leading differences still hold a transient: they exceed the typical later one beyond chance."""
     limit = 1.0 + max(0.3, 8.0 / sqrt(n))
     for first in range(variances.size - 1):
         if variances[first] <= limit * float(np.median(variances[first + 1 :])):
@@ -243,7 +243,7 @@ def _transient(variances: np.ndarray, n: int) -> int:
 
 
 def _slow_changes(earlier: np.ndarray, later: np.ndarray, fractional: bool) -> np.ndarray:
-    """``(n, c)`` orthonormal shapes by which two periods may differ without noise.
+    """Return ``(n, c)`` orthonormal shapes by which two periods may differ without noise.
 
     Offset, trend and amplitude; with a period of a fractional number of samples also the small shift in time, to
     second order.
@@ -262,7 +262,7 @@ def _slow_changes(earlier: np.ndarray, later: np.ndarray, fractional: bool) -> n
 
 
 def _loss(basis: np.ndarray, correlation: np.ndarray) -> float:
-    """Share of the variance that projecting out a basis leaves of noise of a given autocorrelation.
+    """Return the share of the variance that projecting out a basis leaves of noise of a given autocorrelation.
 
     It is ``1 − tr(Qᵀ R Q)/n``; a coloured noise loses more than a white one.
     """
@@ -296,7 +296,7 @@ def from_rest(u: np.ndarray, y: np.ndarray) -> NoiseFloor | None:
 
 
 def longest_hold(u: np.ndarray) -> tuple[int, int]:
-    """Samples ``[first, last)`` of the longest stretch of constant input."""
+    """Return the samples ``[first, last)`` of the longest stretch of constant input."""
     still = np.abs(np.diff(u)) <= 1e-9 * max(float(np.ptp(u)), 1e-300)
     longest = longest_run(still)
     return (longest.start, longest.stop + 1) if longest.stop else (0, 0)
@@ -352,7 +352,7 @@ def from_one_spectrum(u: np.ndarray, y: np.ndarray, dt: float) -> NoiseFloor:
 
 
 def _correlation(pieces: list[np.ndarray]) -> np.ndarray:
-    """``(K,)`` mean autocorrelation of the pieces, tapered, cut where it is no longer significant."""
+    """Return ``(K,)`` mean autocorrelation of the pieces, tapered, cut where it is no longer significant."""
     from scipy.signal.windows import parzen
 
     total = sum(p.size for p in pieces)
@@ -417,7 +417,7 @@ class Estimate:
     one_step: bool
 
     def words(self, dt: float) -> str:
-        """Where it comes from; ``dt`` is the sampling interval [s]."""
+        """Return where it comes from; ``dt`` is the sampling interval [s]."""
         above = f"above {self.edge / dt:.4g} Hz"
         if self.one_step:
             return f"one-step-ahead residuals of an autoregression of order {ORDER} {above}"
@@ -425,7 +425,7 @@ class Estimate:
 
 
 def estimated(u: Array, y: Array) -> Estimate | None:
-    """The smaller of the estimates that can be trusted; None where none can.
+    """Return the smaller of the estimates that can be trusted; None where none can.
 
     An estimate is trusted where the spectrum that it whitens has no lines and one level (`first_order.fits`).
 
@@ -478,7 +478,7 @@ def _lagged(u: Array, y: Array) -> tuple[Array, Array]:
 
 
 def _above_an_edge(power: Array, one_step: bool) -> Estimate | None:
-    """The estimate above the lowest edge at which it can be trusted.
+    """Return the estimate above the lowest edge at which it can be trusted.
 
     Args:
         power: (B, F) periodograms of B blocks from frequency zero to half the sampling rate.
@@ -498,8 +498,8 @@ def _above_an_edge(power: Array, one_step: bool) -> Estimate | None:
 
 
 def _likely(power: Array, omega: Array) -> tuple[float, float, float, float] | None:
-    """Deviation, its bounds and the coefficient by Whittle's likelihood; None where the spectrum has another shape,
-    where tails hide the noise, or where the bounds lie so far apart that nothing is known."""
+    """Return the deviation, its bounds and the coefficient by Whittle's likelihood; None where the spectrum has another
+    shape, where tails hide the noise, or where the bounds lie so far apart that nothing is known."""
     scale = float(power.mean())
     if scale <= 0.0:
         return None

@@ -43,7 +43,7 @@ class NoiseStatement:
     notes: tuple[str, ...]
 
     def document(self) -> dict[str, Any]:
-        """The same as plain data."""
+        """Return the same as plain data."""
         return asdict(self) | {"notes": list(self.notes)}
 
 
@@ -68,7 +68,7 @@ class Sample:
 
 
 def noise_statement(rms: float, source: str, unit: str, sample: Sample | None) -> NoiseStatement:
-    """What the noise of one recording is.
+    """Return what the noise of one recording is.
 
     Args:
         rms: its stated standard deviation; source: where that comes from; unit: of the output.
@@ -93,7 +93,7 @@ def noise_statement(rms: float, source: str, unit: str, sample: Sample | None) -
 
 
 def _colour(x: Array, sample: Sample) -> str:
-    """How a spectrum differs from that of white noise; empty where it does not, to the level.
+    """Return how a spectrum differs from that of white noise; empty where it does not, to the level.
 
     Spectra ``(1 − s) + s g(f)`` of some shapes ``g`` with mean one and shares ``s`` are compared with white noise by
     Whittle's (1953) likelihood, whose gain is ``χ²`` of one degree of freedom each under white noise.
@@ -128,7 +128,7 @@ def _gain(power: Array, shape: Array, shares: Array) -> tuple[float, float]:
 
 
 def _jitter(x: Array, speed: Array | None) -> float | None:
-    """Deviation of the sampling instants [s] from the slope of ``x² = σ² + τ² v²``.
+    """Return the deviation of the sampling instants [s] from the slope of ``x² = σ² + τ² v²``.
 
     Its error is that of White (1980), or as blocks of neighbouring samples show it where that is more: squares of
     coloured noise are correlated.
@@ -148,7 +148,7 @@ def _jitter(x: Array, speed: Array | None) -> float | None:
 
 
 def _outliers(x: Array, step: float) -> list[str]:
-    """Heavy tails: more samples beyond four robust deviations than Gaussian noise has."""
+    """Return the heavy tails: more samples beyond four robust deviations than Gaussian noise has."""
     # Values on a coarse grid have no robust deviation: spread them evenly over their steps.
     spread = x + step * (np.random.default_rng(0).random(x.size) - 0.5)
     robust = _ROBUST * float(np.median(np.abs(spread - np.median(spread))))

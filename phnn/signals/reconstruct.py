@@ -57,7 +57,7 @@ class Stretch:
         return make_interp_spline(at, self.u, k=order if order % 2 else order - 1)
 
     def __call__(self, positions: Array) -> Array:
-        """Values at positions counted in samples of the whole signal, shape as ``positions``."""
+        """Return the values at positions counted in samples of the whole signal, shape as ``positions``."""
         if self._spline is None:
             return np.full(positions.shape, self.u[0])
         if self.clock is not None:
@@ -66,7 +66,7 @@ class Stretch:
 
 
 def _band_limited(u: Array) -> Callable[[Array], Array]:
-    """The spline through a signal resampled eight times as densely."""
+    """Return the spline through a signal resampled eight times as densely."""
     # A straight line is taken out, because the filter assumes zero outside the record.
     line = np.linspace(u[0], u[-1], u.size)
     dense = np.asarray(signal.resample_poly(u - line, _DENSE, 1, window=("kaiser", 14.0)))
@@ -112,11 +112,11 @@ class Breaks:
 
     @property
     def jumps(self) -> NDArray[np.int64]:
-        """(J,) the sample indices ``n`` of the jumps."""
+        """Return (J,) the sample indices ``n`` of the jumps."""
         return self.at[np.isnan(self.instant)]
 
     def stretches(self, u: Array, method: str, clock: Array | None = None) -> list[Stretch]:
-        """The B + 1 smooth stretches of the input (N,)."""
+        """Return the B + 1 smooth stretches of the input (N,)."""
         edges = [0, *self.at.tolist(), u.size]
         # A curve through few samples, continued beyond them, leads far away from what they say.
         short = _CURVED if self.at.size else 0
@@ -124,7 +124,7 @@ class Breaks:
 
 
 def find_jumps(u: Array) -> NDArray[np.int64]:
-    """Indices ``n`` where the input jumps between samples ``n − 1`` and ``n``.
+    """Return the indices ``n`` where the input jumps between samples ``n − 1`` and ``n``.
 
     A jump is a difference above 5 % of the range and above twenty times the typical difference next to it. An input
     that dwells on a few levels, such as a binary sequence, jumps at every change.
@@ -145,7 +145,7 @@ def find_jumps(u: Array) -> NDArray[np.int64]:
 
 
 def find_breaks(u: Array, clock: Array | None = None) -> Breaks:
-    """Jumps and kinks of an input (N,).
+    """Return the jumps and kinks of an input (N,).
 
     A band-limited signal that is sampled well has second differences that vary slowly from sample to sample. A kink
     adds its change of slope to the two second differences next to it, whatever its instant between the samples. Where
@@ -159,7 +159,7 @@ def find_breaks(u: Array, clock: Array | None = None) -> Breaks:
 
 
 def _meeting(n: int, left: Stretch, right: Stretch, near: float) -> float:
-    """Where two stretches meet, in sample intervals behind sample ``n − 1``; NaN where they do not."""
+    """Return where two stretches meet, in sample intervals behind sample ``n − 1``; NaN where they do not."""
     if min(left.u.size, right.u.size) < 2:
         # A single sample has no slope: how it was reached and left is not known.
         return np.nan
@@ -186,7 +186,7 @@ def _without_ramps(u: Array, jumps: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _kinks(u: Array, jumps: NDArray[np.int64], clock: Array | None = None) -> NDArray[np.int64]:
-    """Indices ``n`` of the intervals ``(n − 1, n)`` in which the slope changes."""
+    """Return the indices ``n`` of the intervals ``(n − 1, n)`` in which the slope changes."""
     span = float(np.ptp(u))
     if span == 0.0 or u.size < 2 * _BESIDE + 4:
         return np.zeros(0, np.int64)
@@ -243,19 +243,19 @@ def substep_counts(u: Array, before: float, substeps: int) -> NDArray[np.int64]:
 
 
 def starts_with_jump(u: Array, before: float) -> bool:
-    """Whether the first sample (N,) lies far from the input before it."""
+    """Return whether the first sample (N,) lies far from the input before it."""
     return bool(abs(u[0] - before) > _JUMP_SHARE * float(np.ptp(u)))
 
 
 def mean_input(fine: Array) -> Array:
-    """(n,) means over the sub-steps by Simpson's rule."""
+    """Return (n,) means over the sub-steps by Simpson's rule."""
     return np.asarray((fine[..., 0] + 4.0 * fine[..., 1] + fine[..., 2]) / 6.0)
 
 
 def substep_input(
     u: Array, counts: NDArray[np.int64], method: str, instants: Array | None = None, clock: Array | None = None
 ) -> Array:
-    """The input at the start, middle and end of every sub-step; see `Reconstruction`."""
+    """Return the input at the start, middle and end of every sub-step; see `Reconstruction`."""
     return Reconstruction(u, counts, method, clock=clock).fine(instants)
 
 
@@ -286,19 +286,19 @@ class Reconstruction:
 
     @cached_property
     def breaks(self) -> Breaks:
-        """Where the input is not smooth."""
+        """Return where the input is not smooth."""
         if self.method in WITH_BREAKS:
             return find_breaks(self.u, self.clock)
         return Breaks(np.zeros(0, np.int64), np.zeros(0))
 
     @cached_property
     def nominal(self) -> Array:
-        """(J,) instants that are assumed of jumps, in sample intervals behind the sample before the jump."""
+        """Return (J,) instants that are assumed of jumps, in sample intervals behind the sample before the jump."""
         return np.array([HELD if j.law == _FAST else _MIDDLE for j in self._jumps])
 
     def fine(self, instants: Array | None = None) -> Array:
-        """(n, 3) input at the start, middle and end of the sub-steps; its Simpson mean is exact in the sub-step of a
-        break, where the end of one row and the start of the next differ.
+        """Return (n, 3) input at the start, middle and end of the sub-steps; its Simpson mean is exact in the sub-step
+        of a break, where the end of one row and the start of the next differ.
 
         Args:
             instants: (J,) of the jumps, each between 0 and 1 sample interval behind the sample before it.
@@ -311,7 +311,7 @@ class Reconstruction:
         return fine
 
     def slopes(self, instants: Array | None, group: NDArray[np.int64]) -> Array:
-        """(n, G) derivatives of the mean input by instants that several jumps may share.
+        """Return (n, G) derivatives of the mean input by instants that several jumps may share.
 
         Args:
             group: (J,) which instant each jump has, 0 … G − 1.
@@ -328,7 +328,7 @@ class Reconstruction:
 
     @cached_property
     def _positions(self) -> Array:
-        """(n, 3) start, middle and end of the sub-steps, counted in samples."""
+        """Return (n, 3) start, middle and end of the sub-steps, counted in samples."""
         nodes, interval = self._nodes, np.repeat(np.arange(self.counts.size), self.counts)
         first = interval + (np.arange(nodes[-1]) - nodes[interval]) / self.counts[interval]
         size = 1.0 / self.counts[interval]
@@ -340,7 +340,7 @@ class Reconstruction:
 
     @cached_property
     def _known(self) -> Array:
-        """(n, 3) the input, zero in the intervals of jumps."""
+        """Return (n, 3) the input, zero in the intervals of jumps."""
         if self.method == "zero_order":
             return np.repeat(np.repeat(self.u[:-1], self.counts)[:, None], 3, axis=1)
         fine = np.zeros(self._positions.shape)
@@ -356,7 +356,7 @@ class Reconstruction:
 
     @property
     def _broken(self) -> list[tuple[int, float, tuple[Stretch, Stretch]]]:
-        """Sample, instant and sides of every break."""
+        """Return the sample, instant and sides of every break."""
         return list(zip(self.breaks.at.tolist(), self.breaks.instant, pairwise(self._stretches), strict=True))
 
     @cached_property
@@ -411,8 +411,8 @@ class _Jump:
     law: _Law
 
     def _shares(self, instant: float) -> tuple[Array, Array, Array, Array]:
-        """Edges of the sub-steps (r+1,), the share of the transition that is done at them, its integral, and the
-        derivative of the integral by the duration."""
+        """Return the edges of the sub-steps (r+1,), the share of the transition that is done at them, its integral, and
+        the derivative of the integral by the duration."""
         edges = np.append(self.at[:, 0], 1.0)
         centre = self.law.centre[0] + self.law.centre[1] * instant
         duration = max(self.law.duration[0] + self.law.duration[1] * instant, _SHARP)
@@ -425,12 +425,12 @@ class _Jump:
         return edges, share, integral, 0.5 * share * (1.0 - share)
 
     def values(self, instant: float) -> Array:
-        """(r, 3) the input; means over the sub-steps are exact where the gap is constant."""
+        """Return (r, 3) the input; means over the sub-steps are exact where the gap is constant."""
         edges, _, integral, _ = self._shares(instant)
         return self.left + self.gap * (np.diff(integral) / np.diff(edges))[:, None]
 
     def slope(self, instant: float) -> Array:
-        """(r,) derivative of the mean input by the instant."""
+        """Return (r,) derivative of the mean input by the instant."""
         edges, share, _, by_duration = self._shares(instant)
         change = -self.law.centre[1] * np.diff(share) + self.law.duration[1] * np.diff(by_duration)
         return np.asarray(mean_input(self.gap) * change / np.diff(edges))

@@ -15,7 +15,7 @@ _UNIFORM = 1e-3
 
 
 def series(name: str, values: Any) -> NDArray[np.float64]:
-    """(N,) values as float64.
+    """Return (N,) values as float64.
 
     Raises:
         InputRefused: they are no numbers, or do not stand in one row.
@@ -50,7 +50,7 @@ def check_samples(t: NDArray[np.float64], signals: Mapping[str, NDArray[np.float
 
 
 def quantisation_step(y: np.ndarray) -> float:
-    """The step of which all differences of ``y`` are multiples; 0 where there is none to be seen."""
+    """Return the step of which all differences of ``y`` are multiples; 0 where there is none to be seen."""
     levels = np.unique(y)
     if levels.size < 2:
         return 0.0

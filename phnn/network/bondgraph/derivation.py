@@ -57,17 +57,17 @@ class Branch:
 
 
 def resistors_of(graph: BondGraph) -> list[R]:
-    """The resistors in the order of the graph."""
+    """Return the resistors in the order of the graph."""
     return [e for e in graph.elements if isinstance(e, R)]
 
 
 def sources_of(graph: BondGraph) -> list[Se | Sf]:
-    """The sources in the order of the graph."""
+    """Return the sources in the order of the graph."""
     return [e for e in graph.elements if isinstance(e, Se | Sf)]
 
 
 def is_invertible(resistor: R) -> bool:
-    """Whether the law can be read in the other direction."""
+    """Return whether the law can be read in the other direction."""
     return bool(resistor.law == "linear")
 
 
@@ -112,7 +112,7 @@ def check_sources(graph: BondGraph, solution: Solution) -> None:
 
 
 def branch(graph: BondGraph, solution: Solution, resistor: R) -> Branch:
-    """How a resistor acts; of a power-conserving structure every rate follows once all resistors and sources do.
+    """Return how a resistor acts; of a power-conserving structure every rate follows once all resistors and sources do.
 
     Raises:
         StructureViolated: its law is declared in the wrong direction, it belongs to an algebraic loop, a source drives
@@ -192,14 +192,14 @@ class Merge:
 
 
 def is_linear(store: C | I) -> bool:
-    """Whether the energy is quadratic."""
+    """Return whether the energy is quadratic."""
     return isinstance(store.law, str) and store.law in _LINEAR
 
 
 def merged(
     kept: C | I, gone: C | I, ratio: Expr, parameters: Mapping[str, Parameter], name: str, compliant: bool
 ) -> tuple[C | I, Parameter, Merge]:
-    """The kept storage and its parameter, now of both.
+    """Return the kept storage and its parameter, now of both.
 
     Args:
         name: what that parameter is called.
@@ -231,7 +231,7 @@ def merged(
 
 
 def check_dependent(store: C | I, form: Form, stores: Mapping[str, C | I]) -> C | I:
-    """The storage that a storage with derivative causality can be merged with.
+    """Return the storage that a storage with derivative causality can be merged with.
 
     Raises:
         StructureViolated: a source fixes it, several storages do, or a law is not linear.
@@ -284,7 +284,7 @@ def assemble(
     rates: Mapping[str, Form],
     branches: Mapping[str, Branch],
 ) -> Network:
-    """The network of ``ẋ_k = Σ_l J_kl e_l − Σ_r b_rk φ_r + Σ_p g_kp ψ_p(u_p)`` with ``ε_r = Σ_k b_rk e_k``.
+    """Return the network of ``ẋ_k = Σ_l J_kl e_l − Σ_r b_rk φ_r + Σ_p g_kp ψ_p(u_p)`` with ``ε_r = Σ_k b_rk e_k``.
 
     The entries of ``J`` are read above the diagonal, those of ``b`` from what the laws take: the junctions conserve
     power, so that the rest repeats them.
@@ -337,7 +337,7 @@ def _port(
     field: Field,
     names: Sequence[str],
 ) -> Port:
-    """The port of a source, which acts on rates directly or through one linear resistor.
+    """Return the port of a source, which acts on rates directly or through one linear resistor.
 
     A resistor takes ``ε = bᵀe + c u`` and gives ``φ = G ε`` back: ``ẋ −= b G bᵀe`` is its damping, and
     ``−b c`` the ratio of a port that acts with ``G u``, or ``u/R``.
@@ -363,14 +363,14 @@ def _port(
 
 
 def _minuses(coefficients: Mapping[str, Expr]) -> tuple[int, bool]:
-    """How many named ratios have a minus, which cannot stay, and whether the first entry has one."""
+    """Return how many named ratios have a minus, which cannot stay, and whether the first entry has one."""
     minus = [bool(c.could_extract_minus_sign()) for c in coefficients.values()]
     named = [not c.is_number for c in coefficients.values()]
     return sum(m and n for m, n in zip(minus, named, strict=True)), minus[0]
 
 
 def _is_odd(law: Any, values: Sequence[float]) -> bool:
-    """Whether ``φ(−ε) = −φ(ε)``, tried over many magnitudes; not known of a torch module."""
+    """Return whether ``φ(−ε) = −φ(ε)``, tried over many magnitudes; not known of a torch module."""
     if not isinstance(law, str) or law not in RESISTOR_LAWS:
         return False
     flow = RESISTOR_LAWS[law].flow
@@ -379,7 +379,7 @@ def _is_odd(law: Any, values: Sequence[float]) -> bool:
 
 
 def _signed(coefficient: Expr, where: str) -> tuple[int, Ratio]:
-    """Sign and parameter of ``±name``; a number is (1, number).
+    """Return the sign and parameter of ``±name``; a number is (1, number).
 
     Raises:
         StructureViolated: anything else, with the product that arises.
@@ -397,7 +397,7 @@ def _signed(coefficient: Expr, where: str) -> tuple[int, Ratio]:
 
 
 def _positive(coefficient: Expr, where: str) -> Ratio:
-    """A number or a name.
+    """Return a number or a name.
 
     Raises:
         StructureViolated: as `_signed`, or minus a parameter.
@@ -462,7 +462,7 @@ class _Derivation:
         return Derivation(network, tuple(self.merges), inverted)
 
     def _integral(self) -> Solution:
-        """The solved structure after storages with derivative causality have gone into others."""
+        """Return the solved structure after storages with derivative causality have gone into others."""
         equations: list[Form] = junction_equations(self.graph, self.field)
         while True:
             solution = causal(self.graph, self.field, equations, self.stores)
@@ -537,7 +537,7 @@ class _Derivation:
 
 
 def _proportional(rates: dict[str, Form]) -> list[Sequence[str]]:
-    """Groups of storages whose rates are multiples of each other; one that nothing moves is in none."""
+    """Return the groups of storages whose rates are multiples of each other; one that nothing moves is in none."""
     groups: dict[frozenset[tuple[Variable, Any]], list[str]] = {}
     for name, form in rates.items():
         if form:

@@ -219,12 +219,12 @@ class BondGraph:
 
     @property
     def ratios(self) -> tuple[str, ...]:
-        """Names of the parameters that are ratios of transformers and gyrators."""
+        """Return the names of the parameters that are ratios of transformers and gyrators."""
         ratios = [b.ratio for b in self.bonds if not isinstance(b, Bond)]
         return tuple(dict.fromkeys(r.removeprefix("1/") for r in ratios if isinstance(r, str)))
 
     def derive(self) -> Derivation:
-        """The network with what was merged and inverted on the way to it.
+        """Return the network with what was merged and inverted on the way to it.
 
         Raises:
             StructureViolated: the graph has no network, with the elements and the remedy.
@@ -235,7 +235,7 @@ class BondGraph:
         return derive(self)
 
     def network(self) -> Network:
-        """The port-Hamiltonian network of the graph. Raises StructureViolated as `derive` does."""
+        """Return the port-Hamiltonian network of the graph. Raises StructureViolated as `derive` does."""
         return self.derive().network
 
 
@@ -269,7 +269,7 @@ _UNITS = {
 
 
 def effort_unit(flow_unit: str) -> str:
-    """SI unit of the effort whose product with a flow is power; ``1`` where it is not known."""
+    """Return the SI unit of the effort whose product with a flow is power; ``1`` where it is not known."""
     return _units(flow_unit)[0]
 
 
@@ -283,12 +283,12 @@ def _units(flow_unit: str) -> tuple[str, str, str]:
 
 
 def sensed_source(graph: BondGraph) -> Sf | None:
-    """The source of flow that is the output of a graph."""
+    """Return the source of flow that is the output of a graph."""
     return next((e for e in graph.elements if isinstance(e, Sf) and e.name == graph.output), None)
 
 
 def with_contact(graph: BondGraph, source: Sf) -> BondGraph:
-    """The graph with the contact through which a source imposes its flow; its output is the impulse.
+    """Return the graph with the contact through which a source imposes its flow; its output is the impulse.
 
     Raises:
         StructureViolated: the source stands at a 0-junction, whose effort a storage there already is.

@@ -40,7 +40,7 @@ class Field:
         self.domain = QQ.frac_field(*(Symbol(n) for n in names)) if names else QQ
 
     def number(self, value: Ratio | int) -> Any:
-        """The element of the field that is a number, a named ratio or, as ``1/name``, its inverse."""
+        """Return the element of the field that is a number, a named ratio or, as ``1/name``, its inverse."""
         if isinstance(value, str):
             named = self.domain.from_sympy(Symbol(value.removeprefix("1/")))
             return self.domain.one / named if value.startswith("1/") else named
@@ -48,11 +48,11 @@ class Field:
         return self.domain.convert(QQ(exact.numerator, exact.denominator))
 
     def expression(self, coefficient: Any) -> Expr:
-        """The coefficient for a person."""
+        """Return the coefficient for a person."""
         return self.domain.to_sympy(coefficient)
 
     def is_polynomial(self, coefficient: Any) -> bool:
-        """Whether no named ratio stands in a denominator."""
+        """Return whether no named ratio stands in a denominator."""
         return bool(self.expression(coefficient).as_numer_denom()[1].is_number)
 
 
@@ -85,7 +85,7 @@ def solve(field: Field, equations: Iterable[Form], order: Sequence[Variable]) ->
 
 
 def plus(*forms: Form) -> dict[Variable, Any]:
-    """The sum of linear forms."""
+    """Return the sum of linear forms."""
     total: dict[Variable, Any] = {}
     for form in forms:
         for variable, coefficient in form.items():
@@ -94,7 +94,7 @@ def plus(*forms: Form) -> dict[Variable, Any]:
 
 
 def times(factor: Any, form: Form) -> dict[Variable, Any]:
-    """A linear form times an element of the field."""
+    """Return a linear form times an element of the field."""
     return {variable: factor * coefficient for variable, coefficient in form.items()}
 
 

@@ -25,7 +25,7 @@ def envelope(
     y: np.ndarray,  # (N,)
     bins: int = 1500,
 ) -> np.ndarray:
-    """Indices of the smallest and the largest sample of each of ``bins`` stretches, in order of time.
+    """Return the indices of the smallest and the largest sample of each of ``bins`` stretches, in order of time.
 
     A line through them covers the same pixels as the whole trace: no spike is lost, nothing aliases.
     Samples that are not finite are passed over. A trace of at most ``2 bins`` samples is kept as it is.
@@ -49,7 +49,7 @@ def draw_trace(axes: Axes, x: np.ndarray, y: np.ndarray, size: float = 1.0, bins
 
 
 def cycles(u: np.ndarray) -> float:
-    """Number of cycles in an input, counted by crossings of its mid-range with 5 % hysteresis."""
+    """Return the number of cycles in an input, counted by crossings of its mid-range with 5 % hysteresis."""
     finite = u[np.isfinite(u)]
     if finite.size < 2 or np.ptp(finite) == 0.0:
         return 0.0
@@ -82,7 +82,7 @@ _SHORTEST = 32
 
 
 def amplitude_density(x: np.ndarray, dt: float) -> tuple[np.ndarray, np.ndarray]:
-    """(K,) frequencies [Hz] without zero, and the one-sided amplitude density, in the unit of ``x`` by √Hz.
+    """Return (K,) frequencies [Hz] without zero, and the one-sided amplitude density, in the unit of ``x`` by √Hz.
 
     Args:
         x: (N,) samples; dt: sampling interval [s].
@@ -124,12 +124,12 @@ class Trace:
 
     @property
     def changed(self) -> bool:
-        """Whether the final model differs from the base model."""
+        """Return whether the final model differs from the base model."""
         return not np.array_equal(self.before, self.after, equal_nan=True)
 
     @property
     def stretch(self) -> slice:
-        """The samples that are drawn: some cycles where the error of the base model is largest."""
+        """Return the samples that are drawn: some cycles where the error of the base model is largest."""
         return telling_stretch(self.u, self.measured - self.before, np.isfinite(self.measured))
 
 

@@ -64,12 +64,12 @@ class Drawing:
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """An empty figure in inches; call inside ``rc_context(RC)``."""
+    """Return an empty figure in inches; call inside ``rc_context(RC)``."""
     return Figure(figsize=(width, height), layout="constrained")
 
 
 def png(figure: Figure) -> bytes:
-    """The figure as PNG of at most 256 colours; the same figure gives the same bytes."""
+    """Return the figure as PNG of at most 256 colours; the same figure gives the same bytes."""
     from PIL import Image
 
     buffer = io.BytesIO()
@@ -114,7 +114,7 @@ def _any_script() -> Iterator[None]:
 
 
 def literal(text: str, longest: int = 60) -> str:
-    """A name that is never read as mathematics, shortened in the middle where it is long."""
+    """Return a name that is never read as mathematics, shortened in the middle where it is long."""
     if len(text) > longest:
         half = (longest - 1) // 2
         text = f"{text[:half]}…{text[-half:]}"
