@@ -274,7 +274,7 @@ def _grow(search: Search, model: Visited) -> None:
         trials = sorted([*trials, *_heat(search, model, learned[:_LEARNED])], key=lambda t: t.fit.cost)
     if not trials or search.far(trials[0]):
         little = not trials or trials[0].fit.beyond_noise > 0.5 * model.fit.beyond_noise
-        if little and not any(map(is_learned, model.elements)):
+        if little and len(model.elements) < 2 and not any(map(is_learned, model.elements)):
             # A law that is far from linear may promise nothing, and still be what is missing.
             rest = [c for c in screened if not (is_learned(c.effect) or c in named or family(c.effect) in _FORMS)]
             begun = _heat(search, model, rest, share=0.0, evaluations=_GLANCE)

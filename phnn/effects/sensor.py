@@ -127,8 +127,8 @@ SENSOR_NONLINEARITY = Effect(
         signed("a_3", "1/{sensed}^2", "cubic error", 1e15, _CUBE, strength=True, own_size=True),
     ),
     adds=at_sensor("polynomial"),
-    # The law is linear in both; neither begins at zero, where nothing would tell the size of a noticeable change.
-    grid=Points(*({"a_2": (1e-3, "1/sensed"), "a_3": (share, "1/sensed", "1/sensed")} for share in (1e-3, -1e-3))),
+    # One point for each coefficient; the law is linear in both.
+    grid=Points({"a_2": (1e-3, "1/sensed"), "a_3": 0.0}, {"a_2": 0.0, "a_3": (1e-3, "1/sensed", "1/sensed")}),
     neighbours=("electrostriction", "displacement_coupling", "quadratic_stiffness"),
 )
 
