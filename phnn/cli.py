@@ -256,7 +256,7 @@ def _run(arguments: argparse.Namespace, settings: Sequence[str]) -> None:
     # simulated in threads already.
     for variable, count in ONE_THREAD.items():
         os.environ.setdefault(variable, count)
-    command = getattr(import_module("phnn.commands"), name + "_" * (name == "open"))
+    command = getattr(import_module("phnn.commands"), name)
     offered = {**vars(arguments), "config": config, "options": vars(arguments)}
     taken = inspect.signature(command).parameters
     command(**{key: value for key, value in offered.items() if key in taken})

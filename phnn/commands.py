@@ -108,7 +108,7 @@ def template(folder: Path, out: Path | None, outside: bool = False) -> None:
     print(text.rstrip() if out is None else f"written: {out}; correct what is marked as guessed")
 
 
-def open_(
+def open(
     folder: Path, manifest: Path | None, out: Path | None, port: int, browser: bool = True, outside: bool = False
 ) -> None:
     """Serve a page that leads from a folder to a verdict, until Ctrl-C."""

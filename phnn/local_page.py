@@ -16,6 +16,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -36,7 +37,6 @@ Array = NDArray[np.float64]
 
 # Bytes of a body; letters of a command's words that are kept; stretches of a column that are drawn.
 _LARGEST, _KEPT, _DRAWN = 1_000_000, 200_000, 500
-_COOKIE = "phnn"
 # The page has its script in itself, and may ask for nothing but what this server has.
 _POLICY = "default-src 'none'; script-src 'nonce-{}'; style-src 'unsafe-inline'; connect-src 'self'; base-uri 'none'"
 
@@ -48,7 +48,7 @@ class Work:
     Attributes:
         look: what the files of the folder look like; outside: they may lead out of it.
         manifest: where it is written; out: where the diagnosis goes.
-        command, process, words: what was started last, and what it has said.
+        command, process, words: what was started last, and what it has said; running: not all has been said yet.
     """
 
     look: Look
@@ -58,13 +58,14 @@ class Work:
     command: str = ""
     process: subprocess.Popen[str] | None = None
     words: str = ""
+    running: bool = False
     lock: threading.Lock = field(default_factory=threading.Lock)
 
     def files(self) -> dict[str, Any]:
         """Return every file with its columns, and the manifest that is there or was guessed."""
         files = [{"file": f.file, "reason": f.reason, "columns": _columns(f)} for f in self.look.found]
         there = self.manifest.is_file()
-        text = self.manifest.read_text("utf-8") if there else self.look.text()
+        text = self.manifest.read_text("utf-8", "replace") if there else self.look.text()
         roles = [TIME, INPUT, OUTPUT]
         return {"files": files, "roles": roles, "manifest": text, "there": there, "path": str(self.manifest)}
 
@@ -83,7 +84,7 @@ class Work:
     def save(self, text: str, replace: bool) -> dict[str, Any]:
         """Write a manifest that can be read; one that is there is replaced only where that was said."""
         read(self.look.folder, plain_values(text, MANIFEST), allow_outside=self.outside)
-        if self.manifest.exists() and not replace and self.manifest.read_text("utf-8") != text:
+        if self.manifest.exists() and not replace and self.manifest.read_bytes() != text.encode():
             raise OutputRefused(f"{self.manifest}: is there already: tick the box to replace it")
         write_atomic(self.manifest, text.encode())
         return {"saved": str(self.manifest)}
@@ -103,6 +104,7 @@ class Work:
                 [sys.executable, "-m", "phnn.cli", *given], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
                 stderr=subprocess.STDOUT, text=True, encoding="utf-8", errors="replace",
             )  # fmt: skip
+            self.running = True
         threading.Thread(target=self._listen, args=(self.process,), daemon=True).start()
         return self.state()
 
@@ -110,21 +112,16 @@ class Work:
         for line in process.stdout or ():
             self.words = (self.words + line)[-_KEPT:]
         process.wait()
-
-    @property
-    def running(self) -> bool:
-        """Return whether a command has not ended yet."""
-        return self.process is not None and self.process.poll() is None
+        self.running = False
 
     def state(self) -> dict[str, Any]:
         """Return what the command that was started last has said, its last step, and how it ended."""
-        status = self.process.poll() if self.process is not None else None
-        step, path = "", self.out / PROGRESS
-        if self.running and self.command == "diagnose" and path.is_file():
-            # The file is replaced as a whole while the command runs.
-            steps = json.loads(path.read_text("utf-8")).get("steps", [])
-            step = str(steps[-1]["text"]) if steps else ""
-        report = self.command == "diagnose" and not self.running and (self.out / "report.html").is_file()
+        running, diagnosis, step = self.running, self.command == "diagnose", ""
+        if running and diagnosis:
+            with suppress(FileNotFoundError):  # it goes when the command ends
+                step = str(json.loads((self.out / PROGRESS).read_text("utf-8"))["steps"][-1]["text"])
+        status = None if running or self.process is None else self.process.returncode
+        report = diagnosis and not running and (self.out / "report.html").is_file()
         words = printable(self.words, lines=True)
         return {"command": self.command, "words": words, "step": step, "status": status, "report": report}
 
@@ -174,7 +171,9 @@ class Server(ThreadingHTTPServer):
 
     def __init__(self, work: Work, port: int = 0) -> None:
         super().__init__(("127.0.0.1", port), _Handler)
-        self.work, self.token, self.cookie = work, secrets.token_urlsafe(32), secrets.token_urlsafe(32)
+        self.work, self.token = work, secrets.token_urlsafe(32)
+        # A browser keeps cookies by the host, whatever the port: each server has a name of its own.
+        self.cookie = f"phnn_{self.server_port}={secrets.token_urlsafe(32)}"
         self.hosts = {f"{name}:{self.server_port}" for name in ("127.0.0.1", "localhost")}
         self.address = f"http://127.0.0.1:{self.server_port}/?token={self.token}"
 
@@ -231,8 +230,7 @@ class _Handler(BaseHTTPRequestHandler):
         if self.headers.get("Host") not in hosts or origin not in (None, *(f"http://{host}" for host in hosts)):
             raise _Refused(403)
         cookies = [c.strip() for c in self.headers.get("Cookie", "").split(";")]
-        mine = f"{_COOKIE}={self.server.cookie}"
-        if any(secrets.compare_digest(c.encode(), mine.encode()) for c in cookies):
+        if any(secrets.compare_digest(c.encode(), self.server.cookie.encode()) for c in cookies):
             return
         token, given = self.server.token, self._asked("token")
         if self.command != "GET" or not token or not secrets.compare_digest(given.encode(), token.encode()):
@@ -252,13 +250,13 @@ class _Handler(BaseHTTPRequestHandler):
     def _page(self) -> None:
         if self._asked("token"):
             self._send(303, b"", "text/plain", [
-                ("Location", "/"), ("Set-Cookie", f"{_COOKIE}={self.server.cookie}; HttpOnly; SameSite=Strict; Path=/"),
+                ("Location", "/"), ("Set-Cookie", f"{self.server.cookie}; HttpOnly; SameSite=Strict; Path=/"),
             ])  # fmt: skip
             return
         nonce = secrets.token_urlsafe(16)
         text = content("open.html").replace("{{ style }}", content("report.css")).replace("{{ nonce }}", nonce)
-        policy = [("Content-Security-Policy", _POLICY.format(nonce))]
-        self._send(200, text.encode(), "text/html; charset=utf-8", policy)
+        policy = ("Content-Security-Policy", _POLICY.format(nonce))
+        self._send(200, text.encode(), "text/html; charset=utf-8", [policy])
 
     def _json(self, value: Any, status: int = 200) -> None:
         self._send(status, json.dumps(value).encode(), "application/json")
@@ -277,13 +275,10 @@ class _Handler(BaseHTTPRequestHandler):
 
 
 def serve(work: Work, port: int, tell: Callable[[str], None]) -> None:
-    """Serve the page until somebody interrupts.
-
-    Args:
-        port: 0 for a free one; tell: called with the address.
+    """Serve the page until somebody interrupts; ``tell`` is called with its address.
 
     Raises:
-        OutputRefused: the port is taken.
+        OutputRefused: the port is taken; 0 is a free one.
     """
     try:
         server = Server(work, port)

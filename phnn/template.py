@@ -184,7 +184,7 @@ def _found(file: str, table: Table) -> Found:
     y = answer or next(c for c in free if c is not u)
     if (u.size[2], y.size[2]) == ("V", "A"):
         u, y, source, answer = y, u, answer, source  # what is imposed on a cell or a coil is a current
-    actuator = not any(_is_other(*pair) for pair in ((u, "voltage"), (y, "displacement")))
+    actuator = _is_of_actuator(u, y)
     roles = {
         INPUT: _role(u, "V" if actuator else "1", source),
         OUTPUT: _role(y, _length(y) if actuator else "1", answer),
@@ -216,7 +216,7 @@ def with_roles(found: Found, picked: Mapping[str, tuple[str, str]]) -> Found:
     if missing := [role for role in (INPUT, OUTPUT) if role not in roles]:
         raise InputRefused(f"{found.file}: no column is the {missing[0]}: choose one")
     others = tuple(c for n, c in named.items() if n not in [name for name, _ in picked.values()])
-    actuator = not any(_is_other(roles[r].column, n) for r, n in ((INPUT, "voltage"), (OUTPUT, "displacement")))
+    actuator = _is_of_actuator(roles[INPUT].column, roles[OUTPUT].column)
     return replace(found, roles=roles, others=others, actuator=actuator)
 
 
@@ -238,6 +238,11 @@ def _by_words(columns: Sequence[_Seen], role: str, first: str) -> _Seen | None:
     named = [c for c in columns if c.words & _WORDS[role]]
     exact = [c for c in named if parse_name(c.name)[0] == first]
     return next(iter([*exact, *named]), None)
+
+
+def _is_of_actuator(source: _Seen, answer: _Seen) -> bool:
+    """Return whether nothing says that two columns are not input and output of a piezo actuator."""
+    return not (_is_other(source, "voltage") or _is_other(answer, "displacement"))
 
 
 def _is_other(column: _Seen, name: str) -> bool:

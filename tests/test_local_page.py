@@ -48,7 +48,7 @@ def server(folder: Path, tmp_path: Path) -> Iterator[Server]:
 
 def asked(server: Server, method: str, path: str, body: Any = None, known: bool = True, **headers: str) -> Reply:
     """Send one request as a browser that knows the cookie would, or not."""
-    given = {"Cookie": f"phnn={server.cookie}"} if known else {}
+    given = {"Cookie": server.cookie} if known else {}
     connection = HTTPConnection("127.0.0.1", server.server_port, timeout=30)
     content = None if body is None else body if isinstance(body, bytes) else json.dumps(body).encode()
     connection.request(method, path, content, {**given, **{n.replace("_", "-"): v for n, v in headers.items()}})

@@ -268,7 +268,7 @@ class _Builder:
             p.state(name, "work of the solver", (m, m))
 
     def _solver(self, balance: str, table: str, floors: Sequence[float], suffix: str) -> str:
-        """Return the solver of ``balance``; returns its name, empty where there are no unknowns."""
+        """Write the solver of ``balance`` and return its name; empty where there are no unknowns."""
         m = len(self.b.junctions)
         if m == 0:
             return ""

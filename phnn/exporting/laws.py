@@ -458,7 +458,7 @@ class Elements:
         return self.law(MEMORY_LAWS[memory.law], part, f"memory {memory.name}", leading, memory.parameters)
 
     def _sum_over_units(self, known: Mapping[str, Any], element: Any, what: str, arguments: tuple[str, ...]) -> str:
-        """Return a function of a law that is a sum over units, with its weights in a table; returns its name."""
+        """Write a function of a law that is a sum over units, with its weights in a table, and return its name."""
         law = known[form_of(element.law)]
         name = f"law_{self.tables.of(what)}"
         if name in self.program.functions:

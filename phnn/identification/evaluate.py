@@ -129,7 +129,7 @@ class Evaluation:
         return {p.name: p.numbers for p in self.parts}
 
     def over_noise(self, use: str) -> float:
-        """Return the root mean square of the residual over noise over the parts of one use; NaN where there is none."""
+        """Return the root mean square of the residual over noise over the parts of one use; NaN without any."""
         found = [p.residual_over_noise for p in self.parts if p.use == use]
         return float(np.sqrt(np.mean(np.square(found)))) if found else float("nan")
 

@@ -119,11 +119,11 @@ def branch(graph: BondGraph, solution: Solution, resistor: R) -> Branch:
             it directly, or nothing acts on it.
     """
     name = resistor.name
-    # Resistors of which the structure fixes both variables or neither fix each other.
-    loop = [r.name for r in resistors_of(graph) if (argument(r.name) in solution) == (result(r.name) in solution)]
-    if name in loop:
-        _refuse_loop(loop)
-    gives = result(name) in solution
+    takes, gives = argument(name) in solution, result(name) in solution
+    if takes == gives:
+        # Resistors of which the structure fixes both variables or neither fix each other.
+        names = [r.name for r in resistors_of(graph)]
+        _refuse_loop([n for n in names if (argument(n) in solution) == (result(n) in solution)])
     form = solution[result(name) if gives else argument(name)]
     if not form:
         raise StructureViolated(f"no storage acts on the resistor {name}: join its junction with the rest or remove it")
