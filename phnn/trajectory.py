@@ -70,19 +70,25 @@ def is_displacement(setup: Setup, recording: Recording) -> bool:
 
 
 def _moved(setup: Setup, recording: Recording) -> Setup:
-    """Return the setup with the rate of a recorded displacement before its other amplifier blocks.
+    """Return the setup with the rate of a recorded displacement before its other amplifier blocks, behind a play.
 
     Raises:
-        InputRefused: the displacement is said to be held between the samples, and a jump has no rate.
+        InputRefused: the displacement is said to be held between the samples, and a jump has no rate; a play is asked
+            for where the velocity was recorded.
     """
-    if setup.amplifier[:1] == (_RATE,) or not is_displacement(setup, recording):
+    plays = tuple(b for b in setup.amplifier if b.kind == "play")
+    if _RATE in setup.amplifier:
+        return setup
+    if not is_displacement(setup, recording):
+        if plays and setup.network.senses:
+            raise InputRefused(f"{recording.source}: a play needs the displacement of the motion as the input")
         return setup
     if recording.interpolation == "zero_order":
         raise InputRefused(
             f"{recording.source}: input: zero_order: a displacement that is held and jumps has no velocity: "
             f"write input: cubic or linear in recordings.yaml"
         )
-    return replace(setup, amplifier=(_RATE, *setup.amplifier))
+    return replace(setup, amplifier=(*plays, _RATE, *(b for b in setup.amplifier if b not in plays)))
 
 
 def amplified(setup: Setup, fine: Any, h: Array, before: Any) -> tuple[Any, Any]:

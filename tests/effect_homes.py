@@ -35,7 +35,9 @@ OF_ACTUATOR = [e for e in EFFECTS if e.can_be_added_to(BASE)]
 
 def home(effect_: Effect) -> Home:
     """The base model for an effect: the actuator wherever it applies to that."""
-    return ACTUATOR if effect_.can_be_added_to(BASE) else TANKS
+    where = soundness.home_of(effect_)
+    assert where is not None
+    return where
 
 
 def run(setup: Setup, where: Home = ACTUATOR) -> Trajectory:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from phnn.derivatives import output_derivatives
 from phnn.effects import Effect, Scales
-from phnn.effects.soundness import home_of, tanks
+from phnn.effects.soundness import home_of, rig, tanks
 from phnn.errors import PhnnError
 from phnn.identification.problem import own_columns
 from phnn.models import from_paper
@@ -109,9 +109,19 @@ def tank_scene() -> Scene:
     return Scene(home.setup, home.drive, base, home.scales, loops, ("inflow", "volume of the tank"), units)
 
 
+@cache
+def rig_scene() -> Scene:
+    """A specimen that a table moves to and fro with two amplitudes."""
+    home = rig()
+    units = (("mm", 1e3), ("N", 1.0))
+    loops = (("1.6 mm", 100, 201), ("4 mm", 300, 401))
+    base = simulate(home.setup, home.drive)
+    return Scene(home.setup, home.drive, base, home.scales, loops, ("imposed motion", "force"), units)
+
+
 def scene_of(effect: Effect) -> Scene:
     """The scene to which an effect can be added."""
-    return tank_scene() if home_of(effect) is tanks() else actuator_scene()
+    return {tanks(): tank_scene, rig(): rig_scene}.get(home_of(effect), actuator_scene)()
 
 
 def shown(effect: Effect) -> Shown:

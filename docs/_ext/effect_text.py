@@ -68,7 +68,7 @@ def page(shown: Shown) -> str:
         f"## What is confused with it\n\n{_confused(effect)}",
         f"## The recording that separates it\n\n{effect.separation}",
         _measured(effect),
-        f"## In Python\n\n{_example(shown)}",
+        _example(shown),
         "## References\n\n" + "\n".join(f"* {r}" for r in effect.references),
     ]
     return "\n\n".join(p for p in parts if p) + "\n"
@@ -194,7 +194,9 @@ def _measured(effect: Effect) -> str:
 
 
 def _example(shown: Shown) -> str:
-    """Code that adds the effect to the base model, with its output."""
+    """Code that adds the effect to the base model, with its output; none for a motion that is imposed by recordings."""
+    if shown.setup.network.senses:
+        return ""
     network = shown.setup.network
     unit = next(s.unit for s in network.storages if s.name == network.output)
     values = {name: float(f"{value:.3g}") for name, value in shown.values.items()}
@@ -202,4 +204,4 @@ def _example(shown: Shown) -> str:
     code = _EXAMPLE.format(name=shown.effect.name, values=values, unit=unit, **words)
     with redirect_stdout(io.StringIO()) as out:
         exec(compile(code, shown.effect.name, "exec"), {})
-    return f"```python\n{code}```\n\n```text\n{out.getvalue()}```"
+    return f"## In Python\n\n```python\n{code}```\n\n```text\n{out.getvalue()}```"

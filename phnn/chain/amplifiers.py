@@ -380,6 +380,24 @@ def _limited_loop(fine: Any, reach: Any, state: Any) -> Any:
     return out
 
 
+def play(fine: Array, h: Array, before: Any, width: Any) -> Array:
+    """Return the play operator of half-width ``δ``: ``w`` rests while ``|u − w| < δ``; centred at first."""
+    zero = 0.0 * (width + before + fine[0, 0])
+    return np.asarray(_carried(fine + zero, width + zero, before + zero))
+
+
+def _carried_loop(fine: Any, width: Any, state: Any) -> Any:
+    out = np.empty_like(fine)
+    for n in range(fine.shape[0]):
+        for i in range(3):
+            state = maximum(minimum(state, fine[n, i] + width), fine[n, i] - width)
+            out[n, i] = state
+    return out
+
+
+_carried = entry(_carried_loop)
+
+
 def offset(fine: Array, h: Array, before: Any, voltage: Any) -> Array:
     """Return ``V = u + V₀``."""
     return np.asarray(fine + voltage)
@@ -411,6 +429,7 @@ AMPLIFIERS: dict[str, Callable[..., Array]] = {
     "slipping": slipping,
     "delay": delay,
     "slew_limit": slew_limit,
+    "play": play,
     "gain": gain,
     "offset": offset,
     "knee": knee,

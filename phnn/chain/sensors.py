@@ -17,7 +17,7 @@ from scipy.interpolate import CubicSpline
 
 from phnn.chain.amplifiers import bent, kneed, rate
 from phnn.integrate.cache import entry
-from phnn.laws.namespace import absolute, maximum, minimum, real
+from phnn.laws.namespace import absolute, cos, maximum, minimum, real, sin
 from phnn.parameters import ANY, NONNEGATIVE, POSITIVE, Domain
 
 Array = NDArray[Any]
@@ -194,6 +194,13 @@ def cubic(y: Array, t: Array, square: Any, cube: Any, level: Any) -> Array:
     return bent(y, square, cube, level)
 
 
+def wave(y: Array, t: Array, sine: Any, cosine: Any, length: Any) -> Array:
+    """Return ``y + λ/2π (s sin κy + c (1 − cos κy))``, ``κ = 2π/λ``: an error that repeats along the scale, monotone
+    for ``s² + c² ≤ 1``."""
+    turn = 2.0 * np.pi / length
+    return np.asarray(y + (1.0 / turn) * (sine * sin(turn * y) + cosine * (1.0 - cos(turn * y))))
+
+
 SENSORS: dict[str, Callable[..., Array]] = {
     "drift": drift,
     "lag": lag,
@@ -204,6 +211,7 @@ SENSORS: dict[str, Callable[..., Array]] = {
     "play": play,
     "knee": knee,
     "cubic": cubic,
+    "wave": wave,
     "clock": clock,
     "drifting_gain": drifting_gain,
 }
@@ -243,6 +251,7 @@ DOMAINS: Mapping[str, tuple[Domain, ...]] = {
     "knee": (ANY, ANY),
     "dead_band": (ANY, NONNEGATIVE),
     "cubic": (ANY, ANY, POSITIVE),
+    "wave": (ANY, ANY, POSITIVE),
     "clock": (ANY, POSITIVE),
     "drifting_gain": (ANY, ANY, POSITIVE),
     "tone": (ANY, ANY, NONNEGATIVE),

@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
-from scipy.ndimage import median_filter, uniform_filter1d
+from scipy.ndimage import maximum_filter1d, median_filter, uniform_filter1d
 from scipy.optimize import minimize_scalar
 from scipy.signal import periodogram
 from scipy.special import ndtri_exp
@@ -66,6 +66,8 @@ _HARMONICS = (1, 2, 3)
 # Logarithm of the tail probability below which a line stands out of its surroundings; probability below which an
 # estimate of a variance contradicts the one that is stated.
 _LINE, _CONTRADICTED = float(np.log(0.01)), 0.05
+# The same for a wave along the position; how many of them are tried, bins of the position, and padding of the spectrum.
+_WAVE, _WAVES, _BINS, _PADDED = float(np.log(1e-4)), 2, 4096, 4
 
 
 def force_noise(residual: Array, dt: float, response: Response, most: float = np.inf) -> NoiseSpectrum:
@@ -212,6 +214,43 @@ def strongest_line(spectra: Spectra) -> tuple[float, float, float]:
     best = int(np.argmin(tails)) if least < _LINE else _strongest(power, freedom)
     stated = _deviate(float(power[best]), int(freedom[best]), tries)
     return float(spectra.f[best]), stated, min(_normal(least), stated)
+
+
+def wavelengths(linearised: LinearisedFit) -> list[float]:
+    """Return the periods, the clearest first, with which a residual repeats along the measured position.
+
+    The residual is summed up in bins of the position, apart for each recording and direction of motion, and divided by
+    the root of their number of samples: where nothing is missing these sums are white. The powers of their spectra are
+    added up, and a period is one whose power stands out of the periods beside it, longer and shorter ones alike.
+    """
+    recordings, senses = linearised.plan.recordings, linearised.fit.setup.network.senses
+    along = [
+        ((r.u if senses else r.y)[r.mask("identification")], linearised.residual[rows])
+        for r, rows in zip(recordings, linearised.slices, strict=True)
+        if rows.stop - rows.start > 1 and not r.sensor.derivative
+    ]
+    if not along:
+        return []
+    least, most = min(x.min() for x, _ in along), max(x.max() for x, _ in along)
+    power = np.zeros(_PADDED * _BINS // 2 + 1)
+    for x, residual in along:
+        bins = np.minimum((_BINS * (x - least) / max(most - least, 1e-300)).astype(int), _BINS - 1)
+        forwards = np.gradient(x) > 0.0
+        for stroke in (forwards, ~forwards):
+            count = np.bincount(bins[stroke], minlength=_BINS)
+            sums = np.bincount(bins[stroke], residual[stroke], _BINS) / np.sqrt(np.maximum(count, 1))
+            power += np.abs(np.fft.rfft(sums, _PADDED * _BINS)) ** 2 / max(np.count_nonzero(count), 1)
+    # The larger mean of the cells on either side: the spectrum of a smooth law falls steadily.
+    at = np.arange(2 * _PADDED, power.size // 2)
+    added = np.append(0.0, np.cumsum(power))
+    above = (added[at + _AROUND * _PADDED] - added[at + _FILLED * _PADDED]) / (_CELLS * _PADDED)
+    first, last = np.maximum(at - _AROUND * _PADDED, 0), np.maximum(at - _FILLED * _PADDED, 0)
+    below = (added[last] - added[first]) / np.maximum(last - first, 1)
+    ratio = power[at] / np.maximum(np.maximum(above, below), 1e-300)
+    tails = _over_level(ratio, 2.0 * _FREEDOM * len(along)) + np.log(at.size / _PADDED)
+    peaks = (power[at] >= maximum_filter1d(power, 2 * _PADDED + 1)[at]) & (tails < _WAVE)
+    clearest = sorted(np.flatnonzero(peaks), key=lambda i: -ratio[i])[:_WAVES]
+    return [_PADDED * (most - least) / float(at[i]) for i in clearest]
 
 
 def own_score(linearised: LinearisedFit, own: Own, spectra: Spectra) -> tuple[float, float]:

@@ -28,7 +28,7 @@ from scipy.stats import chi2
 
 from phnn.criteria import Criteria
 from phnn.diagnose.linearised import LinearisedFit, direction
-from phnn.diagnose.lines import own_score, strongest_line
+from phnn.diagnose.lines import own_score, strongest_line, wavelengths
 from phnn.diagnose.refit import clamped
 from phnn.effects import Effect
 from phnn.identification.fit import variables_from
@@ -100,7 +100,7 @@ class Screen:
     base: LinearisedFit
     effects: Sequence[Effect]
     criteria: Criteria
-    _known: dict[int, tuple[Effect, _Directions | None]] = field(default_factory=dict)
+    _known: dict[tuple[int, float], tuple[Effect, _Directions | None]] = field(default_factory=dict)
 
     def __call__(self, model: LinearisedFit) -> list[Candidate]:
         """Return the candidates that can be added to a model, the largest predicted fall first."""
@@ -108,8 +108,11 @@ class Screen:
         able = [e for e in self.effects if e.can_be_added_to(setup)]
         # Lines and drifts have no direction that is common to all recordings.
         alone = [e for e in able if e.searched is not None or _is_of_recordings(e, model)]
+        waves = [e for e in able if e.wavelength]
         found: list[Candidate] = attempt("scores of lines", lambda: self._of_recordings(model, alone), [])
-        found += self._along_directions(model, [e for e in able if e not in alone])
+        found += attempt("scores of waves", lambda: self._of_waves(model, waves), [])
+        ordinary = [e for e in able if e not in alone and e not in waves]
+        found += self._along(model, [d for d in map(self._directions, ordinary) if d is not None])
         return sorted(found, key=lambda c: -c.fall)
 
     def _of_recordings(self, model: LinearisedFit, effects: Sequence[Effect]) -> list[Candidate]:
@@ -139,8 +142,15 @@ class Screen:
                 found.append(Candidate(effect, values, stated**2, judged, stated**2 / model.residual.size))
         return found
 
-    def _along_directions(self, model: LinearisedFit, effects: Sequence[Effect]) -> list[Candidate]:
-        known = [d for d in map(self._directions, effects) if d is not None]
+    def _of_waves(self, model: LinearisedFit, effects: Sequence[Effect]) -> list[Candidate]:
+        """Return each learned wave with its most promising period of the few that stand out of the residual."""
+        lengths = wavelengths(model) if effects else []
+        known = [d for e in effects for length in lengths if (d := self._directions(e, length)) is not None]
+        best = {c.effect: c for c in sorted(self._along(model, known), key=lambda c: c.fall)}
+        return list(best.values())
+
+    def _along(self, model: LinearisedFit, known: Sequence[_Directions]) -> list[Candidate]:
+        """Return the candidates of some directions with their predicted falls."""
         if not known:
             return []
         blocks = _blocks(model.slices)
@@ -172,24 +182,28 @@ class Screen:
                 found.append(_best_point(directions, along[:, mine], squares[:, mine], free[mine], owner))
         return found
 
-    def _directions(self, effect: Effect) -> _Directions | None:
-        """Return the directions of a candidate, computed where they are not known."""
-        if id(effect) not in self._known:
+    def _directions(self, effect: Effect, length: float = 0.0) -> _Directions | None:
+        """Return the directions of a candidate, computed where they are not known.
+
+        Args:
+            length: period of a wave along the position.
+        """
+        if (key := (id(effect), length)) not in self._known:
             # A further copy changes the output as it would alone.
             alone = replace(effect, after=())
             work = self._of_strengths if len(effect.all_strengths) > 1 else self._of_points
+            points = [p | ({effect.wavelength: length} if length else {}) for p in effect.grid(self.base.scales)]
             able = alone.can_be_added_to(self.base.fit.setup)
-            found = attempt(f"directions of {effect.name}", lambda: work(alone), None) if able else None
-            self._known[id(effect)] = effect, found and replace(found, effect=effect)
-        return self._known[id(effect)][1]
+            made = attempt(f"directions of {effect.name}", lambda: work(alone, points), None) if able else None
+            self._known[key] = effect, made and replace(made, effect=effect)
+        return self._known[key][1]
 
-    def _of_points(self, effect: Effect) -> _Directions:
-        points = tuple(effect.grid(self.base.scales))
+    def _of_points(self, effect: Effect, points: Sequence[dict[str, float]]) -> _Directions:
         columns = [direction(self.base, effect, v).astype(np.float32) for v in points]
-        return _Directions(effect, points, np.column_stack(columns))
+        return _Directions(effect, tuple(points), np.column_stack(columns))
 
-    def _of_strengths(self, effect: Effect) -> _Directions:
-        fit, values = self.base.fit, effect.grid(self.base.scales)[0]
+    def _of_strengths(self, effect: Effect, points: Sequence[dict[str, float]]) -> _Directions:
+        fit, values = self.base.fit, points[0]
         setup = clamped(effect, fit.setup, values)
         names = [n for n in effect.all_strengths if not setup.parameters[n].fixed]
         plan = self.base.plan.coarse()

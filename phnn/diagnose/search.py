@@ -528,8 +528,7 @@ def _against_others(search: Search, model: Visited) -> None:
     """Fit a model without each of its elements, and with another one in the place of each."""
     before = untried()
     move(f"{model.words} without each element", partial(_drop_each, search, model, model.elements), None)
-    # No name is given far from the noise.
-    for element in () if search.far(model) else model.elements:
+    for element in model.elements:
         move(f"what may be taken for {element.name}", partial(_exchange, search, model, element), None)
     if untried() == before:
         search.compared.add(model.key)
@@ -571,10 +570,15 @@ def _in_place_of(search: Search, best: Visited, element: Effect, rest: tuple[Eff
     """Return what the search has begun and not ended in the place of an element, and short refits of it in the model
     that the element has led to: the other parameters may have come to where nothing else would lead them."""
     others = [e for e in search.effects if not e.after and e is not element]
-    if is_learned(element):
+    if search.far(best):
+        # No name is given far from the noise, but another form may lead on from where the element has led to.
+        able = [e for e in others if family(e) == family(element)]
+    elif is_learned(element):
         able = [e for e in others if e.location == element.location]
     else:
         able = [e for e in others if family(e) == family(element) or e.is_neighbour_of(element)]
+    if not able:
+        return []
     known = [m for e in able if (m := search.visited.get(key_of((*rest, e)))) is not None]
     ended = {m.elements[-1] for m in known if m.converged}
     wanted = [Wanted(rest, [values]) for values in _starts_without(element, best)]

@@ -114,6 +114,7 @@ class Effect:
         equivalents: function from all values of a model with it to other values that explain as much, because parts of
             the model can be exchanged; a refit without the effect starts there too.
         searched: the parameter that is a frequency to be found in the spectrum of the residual.
+        wavelength: the parameter that is a period to be found in the residual's spectrum along the measured position.
         rescale: how to multiply the strength, if that takes more than multiplying parameters.
         forms: the same physics by other laws, under the same name, at the same place and of the same kind.
         place: displacement of the motion on which it acts, if that is not the measured one.
@@ -139,6 +140,7 @@ class Effect:
     neighbours: tuple[str, ...] = ()
     equivalents: Callable[[Values], list[dict[str, float]]] | None = field(default=None, compare=False)
     searched: str | None = None
+    wavelength: str = ""
     rescale: Callable[[Values, float], dict[str, float]] | None = field(default=None, compare=False)
     forms: tuple[Effect, ...] = ()
     place: str = ""
@@ -329,7 +331,7 @@ def register(effect: Effect, home: Home | None = None) -> Effect:
     where = home or home_of(effect)
     if where is None:
         raise InputRefused(
-            f"effect {effect.name} can be added neither to the actuator nor to the tanks, which both lack: "
+            f"effect {effect.name} can be added to none of the base models, which all lack: "
             f"{(effect.applies.__doc__ or 'its condition').strip()} Give a base model with register(effect, home)"
         )
     check_effect(effect, where)

@@ -69,6 +69,7 @@ ELASTIC = Kind("mechanical", "elastic", learned="learned_spring")
 DISSIPATIVE = Kind("mechanical", "dissipative", learned="learned_damper")
 MEMORY = Kind("mechanical", "memory", learned="learned_relaxation")
 DAMPING_BY_DISPLACEMENT = Kind("mechanical", "damping that follows the displacement")
+PLAY = Kind("mechanical", "play", "on the turning points of the {source}")
 MODE = Kind("mechanical", "mode", "on the rate at which the {rate} changes, and on its past")
 RINGING_MODE = Kind(
     "mechanical",

@@ -17,7 +17,7 @@ import numpy as np
 
 from phnn.effects import kinds
 from phnn.effects.additions import Chain, Parts, Placed, bent_port
-from phnn.effects.declaration import Declared, bounded, constant, has_motion, has_transducer
+from phnn.effects.declaration import Declared, bounded, constant, has_motion, has_transducer, positive, signed
 from phnn.effects.effect import Effect, Points, Scales, gathered
 from phnn.laws.resistor import SMOOTHED
 from phnn.network.elements import Coupling, Modulation, Resistor, Storage
@@ -86,7 +86,7 @@ def starts(
 
 
 def each(
-    strengths: Sequence[Declared], value: float, constants: Mapping[str, Any], groups: Iterable[Iterable[str]] = ()
+    strengths: Sequence[Declared], value: Any, constants: Mapping[str, Any], groups: Iterable[Iterable[str]] = ()
 ) -> Points:
     """Grid points of strengths of either sign: one for each strength, or for each group of their names."""
     names = named(strengths)
@@ -479,6 +479,118 @@ LEARNED_SPRING = Effect(
     applies=has_motion,
     neighbours=("contact_stop", "cubic_stiffness", "quadratic_stiffness"),
     rescale=Within(_STIFFNESSES),
+)
+
+
+# Errors and forces that repeat along the way: the period is found in the spectrum of the residual along the position.
+# A noticeable share of the scale's slope, and of the stiffness times a period.
+_WAVE_NOTICEABLE, _PUSH_NOTICEABLE, _WAVE_SMALL = 1e-2, 0.05, 1e-3
+# Of a period, whose start value a spectrum gives to a few hundredths.
+_STRETCH = 1.5
+# Both phases together leave the reading of a scale rising.
+_READINGS = either({"h_V1": 0.65, "h_V2": 0.65}, "1", "error of the scale's slope", _WAVE_NOTICEABLE)
+
+
+LEARNED_WAVE_OF_THE_SENSOR = Effect(
+    name="learned_wave_of_the_sensor",
+    kind=kinds.SENSOR_STATIC,
+    equation=r"y = q + \frac{\lambda}{2\pi}\,(h_{V1} \sin \kappa q + h_{V2} (1 - \cos \kappa q)), \quad "
+    r"\kappa = 2\pi/\lambda",
+    statement="The reading of the sensor errs periodically along its scale: every {lambda_V} its slope swings by the "
+    "shares {h_V1} and {h_V2}.",
+    fingerprint="An error that repeats along the displacement, the same forwards and backwards and at every speed.",
+    separation="The same sine once with the sensor moved by half a period: the error moves with it.",
+    references=("Heydemann 1981, Applied Optics 20 (periodic errors of interferometers and encoders)",),
+    declares=(*_READINGS, positive("lambda_V", "{sensed}", "period of the scale's error", _STRETCH)),
+    adds=Chain("sensor", (Block("wave", ("h_V1", "h_V2", "lambda_V")),)),
+    grid=each(_READINGS, _WAVE_SMALL, {"lambda_V": (0.3, "sensed")}),
+    neighbours=("sensor_nonlinearity",),
+    rescale=Within(_READINGS),
+    wavelength="lambda_V",
+)
+
+
+_WAVES = tuple(signed(n, "N", "force that repeats along the way", 1e9, 1.0, strength=True) for n in ("F_E1", "F_E2"))
+_WAVE_SPRING = Storage("learned_wave", "wave_spring", ("F_E1", "F_E2", "lambda_E"), "m")
+
+
+def cog(setup: Setup, parameters: Placed) -> Setup:
+    """Return ``F += −F_E1 sin κq − F_E2 cos κq``, ``κ = 2π/λ``: a storage with ``J[x, p] = 1``."""
+    typical = _PUSH_NOTICEABLE * stiffness_of(setup) * parameters["lambda_E"].value
+    forces = {n: replace(p, typical=typical) if n != "lambda_E" else p for n, p in parameters.items()}
+    return Parts((_WAVE_SPRING,), couplings=(Coupling(_WAVE_SPRING.name, "p", 1.0),))(setup, forces)
+
+
+# Its energy is bounded, and may be lower than at rest.
+cog.passive = False  # type: ignore[attr-defined]
+
+
+LEARNED_WAVE_OF_THE_SPRING = Effect(
+    name="learned_wave_of_the_spring",
+    kind=kinds.ELASTIC,
+    equation=r"F = F_{E1} \sin \kappa q + F_{E2} \cos \kappa q, \quad \kappa = 2\pi/\lambda",
+    statement="A force that repeats along the displacement acts on the moving part: every {lambda_E} it rises and "
+    "falls, by {F_E1} (sine) and {F_E2} (cosine).",
+    fingerprint="An error that repeats along the displacement, the same forwards and backwards, larger near the "
+    "resonance.",
+    separation="A slow ramp through several periods, forwards and backwards: both show the same waves.",
+    references=("Tomita et al. 1997, IEEE Transactions on Robotics and Automation 13 (cogging)",),
+    declares=(*_WAVES, positive("lambda_E", "m", "period of the force", _STRETCH)),
+    adds=cog,
+    grid=each(_WAVES, (_WAVE_SMALL, "stiffness", "displacement"), {"lambda_E": (0.3, "displacement")}),
+    applies=has_motion,
+    neighbours=("cubic_stiffness",),
+    wavelength="lambda_E",
+)
+
+
+_QUARTERS = ("1", "2", "3", "4")
+_SLIPPING = strengths((f"F_w{i}" for i in _QUARTERS), "N", "friction that repeats along the way")
+_WAVE_CONSTANTS = (
+    constant("n_Dw", "1", "exponent of the speed in the friction that repeats"),
+    constant("v_Dw", "m/s", "reference speed of the friction that repeats"),
+    *constants((f"phi_w{i}" for i in _QUARTERS), "rad", "phase of the friction that repeats"),
+)
+_WAVE_RESISTORS = tuple(
+    Resistor(f"learned_wave_{i}", "wave_damper", {"p": 1.0}, (f"F_w{i}", "n_Dw", "v_Dw", "lambda_w", f"phi_w{i}"), "q")
+    for i in _QUARTERS
+)
+
+
+def rub(setup: Setup, parameters: Placed) -> Setup:
+    """Return ``F += −σ(v, q) v``, ``σ ≥ 0`` and periodic in ``q``: four resistors a quarter of a period apart."""
+    typical = _PUSH_NOTICEABLE * stiffness_of(setup) * parameters["lambda_w"].value
+    forces = {n: replace(p, typical=typical) if n.startswith("F_") else p for n, p in parameters.items()}
+    return Parts(resistors=_WAVE_RESISTORS)(setup, forces)
+
+
+def wave_damper_grid(scales: Scales) -> list[dict[str, float]]:
+    """Return two strengths emphasised, as friction and as viscous damping: were all of them equal, nothing would
+    repeat."""
+    constants = damper_grid(scales)[0]
+    force = _DAMPER_SMALL * scales.stiffness * scales.displacement
+    point = {f"F_w{i}": share * force for i, share in zip(_QUARTERS, (1.0, 1.0, _FAINT, _FAINT), strict=True)}
+    point |= {"lambda_w": 0.3 * scales.displacement}
+    point |= {f"phi_w{i}": 0.5 * math.pi * k for k, i in enumerate(_QUARTERS)}
+    return [point | {"n_Dw": n, "v_Dw": constants[v]} for n, v in ((0.0, "v_D1"), (1.0, "v_D3"))]
+
+
+LEARNED_WAVE_OF_THE_DAMPER = Effect(
+    name="learned_wave_of_the_damper",
+    kind=kinds.DISSIPATIVE,
+    equation=r"F = \sum_{i=1}^{4} \frac{F_{wi}}{2} (1 + \cos(\kappa q - i\pi/2))\,B(v), \quad \kappa = 2\pi/\lambda",
+    statement="A further friction acts on the moving part that repeats along the displacement: every {lambda_w} it "
+    "reaches {F_w1}, {F_w2}, {F_w3} and {F_w4}, a quarter of a period apart.",
+    fingerprint="An error that repeats along the displacement and changes its sign with the direction of motion.",
+    separation="A slow ramp through several periods, forwards and backwards: the waves are mirrored.",
+    references=("Armstrong-Hélouvry, Dupont & Canudas de Wit 1994, Automatica 30 (friction by position)",),
+    declares=(*_SLIPPING, positive("lambda_w", "m", "period of the friction", _STRETCH), *_WAVE_CONSTANTS),
+    adds=rub,
+    grid=wave_damper_grid,
+    applies=has_motion,
+    neighbours=("coulomb_friction",),
+    rescale=Within(_SLIPPING),
+    wavelength="lambda_w",
 )
 
 

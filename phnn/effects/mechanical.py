@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from phnn.effects import kinds
-from phnn.effects.additions import Parts, Placed, Slipping, bent_spring
+from phnn.effects.additions import Parts, Placed, Slipping, at_amplifier, bent_spring
 from phnn.effects.declaration import between, bounded, constant, has_inertia, has_motion, has_spring, limit, positive
 from phnn.effects.effect import Effect, Points, Scales
 from phnn.network.elements import Coupling, Network, Resistor, Storage
@@ -313,6 +313,28 @@ CUBIC_STIFFNESS = Effect(
 def moves_without_drag(setup: Setup) -> bool:
     """Return whether the output is a displacement ``q`` that a momentum ``p`` moves, without a quadratic_drag yet."""
     return has_motion(setup) and all(r.name != "quadratic_drag" for r in setup.network.resistors)
+
+
+def has_imposed_motion(setup: Setup) -> bool:
+    """Return whether a motion is imposed and the force that it takes is measured; no play carries it yet."""
+    return bool(setup.network.senses) and all(b.kind != "play" for b in setup.amplifier)
+
+
+INPUT_BACKLASH = Effect(
+    name="input_backlash",
+    kind=kinds.PLAY,
+    equation=r"|x - x_e| \leq \delta_i, \quad \dot{x}_e \neq 0 \ \mathrm{only\ where}\ |x - x_e| = \delta_i",
+    statement="There is play between the imposed motion and what it moves: after each reversal the force rests until "
+    "the drive has moved by twice {delta_i}.",
+    fingerprint="A plateau of the force after every reversal, as wide at every amplitude and frequency.",
+    separation="Small triangles whose amplitude grows from nothing: below the width of the play no force changes.",
+    references=("Brokate & Sprekels 1996, Hysteresis and Phase Transitions, ch. 2 (play operator)",),
+    declares=(positive("delta_i", "m", "half-width of the play at the drive", 1e4, strength=True),),
+    adds=at_amplifier("play"),
+    grid=Points(*({"delta_i": (share, "displacement")} for share in (1e-4, 1e-3, 0.01, 0.05))),
+    applies=has_imposed_motion,
+    neighbours=("coulomb_friction", "bouc_wen_hysteresis"),
+)
 
 
 QUADRATIC_DRAG = Effect(

@@ -20,6 +20,11 @@ def backlash_grid(scales: Scales) -> list[dict[str, float]]:
     return [{"delta_b": float(width)} for width in np.geomspace(least, widest, 3)]
 
 
+def measures_a_motion(setup: Setup) -> bool:
+    """Return whether the sensor measures a motion, not the force that an imposed motion takes."""
+    return not setup.network.senses
+
+
 OUTPUT_BACKLASH = Effect(
     name="output_backlash",
     kind=kinds.LAG_OR_PLAY,
@@ -37,6 +42,7 @@ OUTPUT_BACKLASH = Effect(
     ),
     adds=at_sensor("play"),
     grid=backlash_grid,
+    applies=measures_a_motion,
     neighbours=("coulomb_friction", "extra_hysteron"),
 )
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import string
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import pairwise
 
@@ -26,7 +26,7 @@ from phnn.laws import STORAGE_LAWS
 from phnn.models.actuator import from_paper
 from phnn.models.network_file import load_network
 from phnn.network import Network, PortHamiltonianSystem
-from phnn.recordings.recording import Recording, unrecorded
+from phnn.recordings.recording import Recording, Units, unrecorded
 from phnn.setup import Setup
 from phnn.trajectory import Trajectory, simulate
 
@@ -64,10 +64,23 @@ def tanks() -> Home:
     return Home(Setup(load_network(config_folder() / "network" / "tanks.yaml")), scales, unrecorded("home", t, u))
 
 
+@cache
+def rig() -> Home:
+    """Return a specimen with dry friction that a table moves to and fro, with two amplitudes."""
+    scales = Scales(
+        voltage=4e-3, displacement=4e-3, velocity=0.1, stiffness=1e4, transducer=1.0, slowest=2.0, fastest=4.0,
+        duration=1.0, noise=1.0, effort=1e3,
+    )  # fmt: skip
+    t = np.arange(401) * 2.5e-3
+    u = 4e-3 * np.sin(2 * np.pi * 4.0 * t) * np.where(t < 0.5, 0.4, 1.0)
+    setup = Setup(load_network(config_folder() / "network" / "friction_rig.yaml"))
+    return Home(setup, scales, replace(unrecorded("home", t, u), units=Units("m", "N")))
+
+
 def home_of(effect: Effect) -> Home | None:
-    """Return the base model for an effect: the actuator if the effect applies to it, else the tanks; None if it applies
-    to neither."""
-    return next((h for h in (actuator(), tanks()) if effect.can_be_added_to(h.setup)), None)
+    """Return the first base model to which an effect can be added, of the actuator, the tanks and the rig; None if it
+    applies to none of them."""
+    return next((h for h in (actuator(), tanks(), rig()) if effect.can_be_added_to(h.setup)), None)
 
 
 @cache

@@ -93,6 +93,24 @@ def tanh(x: Any) -> Any:
     return torch.tanh(x) if torch else np.tanh(x)
 
 
+def sin(x: Any) -> Any:
+    """Sine."""
+    torch = _torch_of(x)
+    return torch.sin(x) if torch else _perturbed(np.sin, np.cos, 1.0, x)
+
+
+def cos(x: Any) -> Any:
+    """Cosine."""
+    torch = _torch_of(x)
+    return torch.cos(x) if torch else _perturbed(np.cos, np.sin, -1.0, x)
+
+
+def _perturbed(function: Any, other: Any, sign: float, x: Any) -> Any:
+    """Return a function of slope ``± other``, of the same value with a perturbation and without."""
+    value = function(np.real(x))
+    return value + 1j * sign * other(np.real(x)) * np.imag(x) if np.iscomplexobj(x) else value
+
+
 def maximum(a: Any, b: Any) -> Any:
     """Return the larger value, with its perturbation."""
     return where(real(a) >= real(b), a, b)
@@ -161,3 +179,5 @@ _smooth(exp, lambda x: math.exp(x), lambda x, y: y)
 _smooth(sqrt, lambda x: math.sqrt(x), lambda x, y: 0.5 / y)
 _smooth(log1p, lambda x: math.log1p(x), lambda x, y: 1.0 / (1.0 + x))
 _smooth(tanh, lambda x: math.tanh(x), lambda x, y: 1.0 - y * y)
+_smooth(sin, lambda x: math.sin(x), lambda x, y: math.cos(x))
+_smooth(cos, lambda x: math.cos(x), lambda x, y: -math.sin(x))

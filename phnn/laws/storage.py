@@ -11,7 +11,7 @@ from typing import Any
 
 from phnn.laws.law import StorageLaw, register
 from phnn.laws.leaf import relaxation
-from phnn.laws.namespace import absolute, exp, maximum, minimum, real, reciprocal, shared, sqrt, where
+from phnn.laws.namespace import absolute, cos, exp, maximum, minimum, real, reciprocal, shared, sin, sqrt, where
 from phnn.parameters import ANY, NONNEGATIVE, POSITIVE
 
 
@@ -175,6 +175,26 @@ def quintic_spring_mean_effort(a: Any, b: Any, stiffness: Any, q0: Any) -> Any:
     return stiffness * (a + b) * (u2 * u2 + u2 * w2 + w2 * w2) / 6.0
 
 
+_HALF_TURN = math.pi
+
+
+@shared
+def _slope_of_sine(x: Any) -> Any:
+    """Return ``sin x/x``."""
+    apart = real(x) * real(x) > 1e-8
+    safe = where(apart, x, 1.0 + 0.0 * x)
+    return where(apart, sin(safe) / safe, 1.0 - x * x / 6.0)
+
+
+def wave_spring_mean_effort(a: Any, b: Any, sine: Any, cosine: Any, length: Any) -> Any:
+    """Return a force that repeats along the way, ``F_s sin κx + F_c cos κx``, ``κ = 2π/λ``.
+
+    ``H`` is bounded, and negative in places: where nothing moves yet, the force may already act.
+    """
+    middle, half = _HALF_TURN * (a + b) / length, _HALF_TURN * (b - a) / length
+    return (sine * sin(middle) + cosine * cos(middle)) * _slope_of_sine(half)
+
+
 # The stiffness of an exponential spring changes by at most this factor; beyond, it is constant.
 MOST_BENT = 100.0
 _FARTHEST = math.log(MOST_BENT)
@@ -243,5 +263,9 @@ register(StorageLaw("saturating_spring", saturating_spring_mean_effort, (1.3, 0.
 register(StorageLaw("softening_spring", softening_spring_mean_effort, (1.3, 0.4), domains=(NONNEGATIVE, POSITIVE)))
 register(StorageLaw("hardening_spring", hardening_spring_mean_effort, (0.9,), domains=(NONNEGATIVE,)))
 register(StorageLaw("quintic_spring", quintic_spring_mean_effort, (0.9, 0.8), domains=(NONNEGATIVE, POSITIVE)))
+_WAVE = (ANY, ANY, POSITIVE)
+register(
+    StorageLaw("wave_spring", wave_spring_mean_effort, (0.3, 0.2, 0.7), convex=False, bounded=False, domains=_WAVE)
+)
 _EXPONENTIAL = (NONNEGATIVE, POSITIVE, ANY)
 register(StorageLaw("exponential_spring", exponential_spring_mean_effort, (1.3, 0.7, 0.4), domains=_EXPONENTIAL))

@@ -233,6 +233,7 @@ VALUES = {
     "delay": (7.3e-3,),
     "slew_limit": (700.0,),
     "offset": (1.5,),
+    "play": (2.5,),
     "gain": (1.3,),
     "knee": (0.3, 4.0),
     "dead_band": (0.7, 2.5),
@@ -369,7 +370,7 @@ def test_a_slow_clock_holds_what_it_knows_beyond_the_last_sample() -> None:
 
 VALUES_SENSORS = {"drift": (0.3,), "lag": (4e-3,), "polynomial": (0.3, -0.2), "rectification": (), "play": (0.15,),
           "knee": (0.3, 0.4), "rate": (), "zero": (0.3,), "cubic": (0.1, -0.08, 0.7),
-          "clock": (0.02, 0.6), "drifting_gain": (0.1, -0.05, 0.6)}  # fmt: skip
+          "wave": (0.4, -0.3, 0.5), "clock": (0.02, 0.6), "drifting_gain": (0.1, -0.05, 0.6)}  # fmt: skip
 
 
 @pytest.mark.parametrize("kind", SENSORS)

@@ -32,7 +32,7 @@ from phnn.effects import Effect, catalogue, effect, has_spring, in_all_forms
 from phnn.effects.effect import gathered
 from phnn.effects.formulas import formulas
 from phnn.effects.learned import learned_elements
-from phnn.effects.soundness import CHECKS, Check
+from phnn.effects.soundness import CHECKS, Check, rig
 from phnn.errors import InputRefused
 from phnn.laws import STORAGE_LAWS
 
@@ -171,7 +171,7 @@ def test_neighbours_are_in_the_catalogue() -> None:
 
 
 def test_setup_is_not_changed_by_adding() -> None:
-    for where in (ACTUATOR, TANKS):
+    for where in (ACTUATOR, TANKS, rig()):
         before = replace(where.setup)
         for member in EFFECTS:
             if home(member) is where:

@@ -100,6 +100,7 @@ def recording(t: Array, u: Array, unit: str = "V", **entry: Any) -> Recording:
 
 ACTUATOR_DRIVE = sine(5e-5, 75.0, 150.0)
 TANK_DRIVE = (np.arange(STEPS + 1) * 0.5, 5e-5 * (1.0 - np.cos(2 * np.pi * 0.04 * np.arange(STEPS + 1) * 0.5)))
+RIG_DRIVE = sine(1e-3, 5e-3, 4.0)
 JUNCTION_DRIVE = sine(0.05, 1.5, 0.31)
 
 
@@ -182,21 +183,30 @@ def _blocks() -> Iterator[tuple[str, Setup]]:
             yield f"{stage} {kind}", with_block(stage, kind)
 
 
-def _effects() -> Iterator[tuple[str, Setup, bool]]:
-    """Every effect, in all forms, with the setup to which it is added and whether that is the pair of tanks."""
+def _effects() -> Iterator[tuple[str, Setup, tuple[tuple[Array, Array], str]]]:
+    """Every effect, in all forms, with the setup to which it is added, what drives that, and the unit."""
+    rig = replace(TANK_SCALES, displacement=5e-3, velocity=0.1, stiffness=1e4, effort=1e3)
+    homes = (
+        (actuator(), ACTUATOR_SCALES, (ACTUATOR_DRIVE, "V")),
+        (network("tanks"), TANK_SCALES, (TANK_DRIVE, "m³/s")),
+        (network("friction_rig"), rig, (RIG_DRIVE, "m")),
+    )
     tables = {"effect": catalogue(), "learned": learned_elements(), "formula": formulas()}
     for table, members in tables.items():
         for member in members.values():
             for i, form in enumerate(in_all_forms([member])):
-                fits = form.can_be_added_to(actuator())
-                setup, scales = (actuator(), ACTUATOR_SCALES) if fits else (network("tanks"), TANK_SCALES)
+                setup, scales, driven = next(h for h in homes if form.can_be_added_to(h[0]))
                 point = form.scaled(form.grid(scales)[0], _VISIBLE)
                 name = f"{table} {form.name}" + (f", form {i + 1}" if i else "")
-                yield name, form.add_to(setup, point), not fits
+                yield name, form.add_to(setup, point), driven
     # At the second motion of a network with other names.
     for form in attached(effect("cubic_stiffness"), network("two_masses")):
         masses = replace(ACTUATOR_SCALES, voltage=1.0, displacement=2e-3, velocity=0.1, stiffness=800.0)
-        yield f"effect {form.name} of two masses", form.add_to(network("two_masses"), form.grid(masses)[0]), False
+        yield (
+            f"effect {form.name} of two masses",
+            form.add_to(network("two_masses"), form.grid(masses)[0]),
+            (sine(2e-3, 1.0, 7.0), "N"),
+        )
 
 
 def _models() -> Iterator[tuple[str, Setup]]:
@@ -233,11 +243,9 @@ def simulations() -> dict[str, Callable[[], dict[str, Array]]]:
         add(name, setup, JUNCTION_DRIVE)
     for name, setup in (*_blocks(), *_models()):
         add(name, setup, ACTUATOR_DRIVE)
-    for name, setup, tanks in _effects():
-        masses = name.endswith("masses")
-        drive = TANK_DRIVE if tanks else sine(2e-3, 1.0, 7.0) if masses else ACTUATOR_DRIVE
-        add(name, setup, drive, "m³/s" if tanks else "N" if masses else "V")
-    add("imposed motion", network("friction_rig"), sine(1e-3, 5e-3, 4.0), "m")
+    for name, setup, (drive, unit) in _effects():
+        add(name, setup, drive, unit)
+    add("imposed motion", network("friction_rig"), RIG_DRIVE, "m")
     add("imposed velocity", network("friction_rig"), sine(1e-3, 0.1, 4.0), "m/s")
     for name, driven, substeps in _starts():
         cases[name] = lambda d=driven, s=substeps: responses(actuator(), d, s)  # type: ignore[misc]
