@@ -242,15 +242,13 @@ def _by_words(columns: Sequence[_Seen], role: str, first: str) -> _Seen | None:
 
 def _is_of_actuator(source: _Seen, answer: _Seen) -> bool:
     """Return whether nothing says that two columns are not input and output of a piezo actuator."""
-    return not (_is_other(source, "voltage") or _is_other(answer, "displacement"))
-
-
-def _is_other(column: _Seen, name: str) -> bool:
-    """Return whether something says that a column is not the voltage or the displacement of a piezo actuator."""
-    least, most, unit = checks.ACTUATORS[name]
-    largest, reach, si = column.size
-    size = largest if name == "voltage" else reach
-    return bool(column.words & _OTHER_SYSTEMS) or (bool(si) and (si != unit or not least <= size <= most))
+    for column, name in ((source, "voltage"), (answer, "displacement")):
+        least, most, unit = checks.ACTUATORS[name]
+        largest, reach, si = column.size
+        size = largest if name == "voltage" else reach
+        if column.words & _OTHER_SYSTEMS or (si and (si != unit or not least <= size <= most)):
+            return False
+    return True
 
 
 def _length(column: _Seen) -> str:
@@ -258,49 +256,6 @@ def _length(column: _Seen) -> str:
     size = float(np.ptp(column.values))
     factors = {"um": 1e-6, "m": 1.0, "mm": 1e-3, "nm": 1e-9}
     return next((u for u, factor in factors.items() if 1e-9 <= size * factor <= 1e-3), "um")
-
-
-def manifest_text(found: Sequence[Found], left: Sequence[str], folder: str, actuator: bool) -> str:
-    """Return the manifest.
-
-    Args:
-        found: files that may be recordings; those with a reason are commented out.
-        left: other files and folders.
-        folder: as the user calls it.
-        actuator: input and output are taken for voltage and displacement of a piezo actuator.
-    """
-    usable, shown = [f for f in found if not f.reason], _comment(folder)
-    lines = [
-        f"# A first manifest for {shown}, from what the files look like.",
-        "# Correct what is marked as guessed. Save it as recordings.yaml in that folder, or give it by --manifest:",
-        f"#   phnn check {shown} --manifest recordings.yaml",
-        "",
-        *_setup(usable, actuator),
-        *(f"# {key}: {value}   # {why}" for key, value, why in _WANTED),
-    ]
-    columns = [_columns(f, actuator) for f in usable]
-    shared = bool(columns) and all(c == columns[0] for c in columns)
-    if shared:
-        lines += ["", "columns:", *(f"  {line}" for line in columns[0])]
-    if any(TIME not in f.roles for f in usable):
-        lines += [f"sample_rate_hz: {_RATE:g}   # guessed: no column is a time; write the true rate"]
-    lines += ["", "recordings:"] if usable else []
-    for i, f in enumerate(usable):
-        lines += [f"  - file: {_quoted(f.file)}"]
-        if f.name:
-            lines += [f"    name: {_quoted(f.name)}"]
-        if len(usable) >= _HELD_OUT:
-            lines += [f"    use: {'identification' if (i + 1) % _HELD_OUT else 'confirmation   # proposed: held out'}"]
-        if not shared:
-            lines += ["    columns:", *(f"      {line}" for line in columns[i])]
-    if usable and len(usable) < _HELD_OUT:
-        lines += ["    # add `use: confirmation` to what is to be held out; left out, phnn chooses"]
-    refused = [f for f in found if f.reason]
-    lines += ["", "# These files cannot be used as they are:"] if refused else []
-    for f in refused:
-        lines += [f"#   - file: {_quoted(f.file)}", f"#     # {_comment(f.reason)}"]
-    lines += ["", f"# Left alone, no recordings: {_comment(', '.join(left))}"] if left else []
-    return "\n".join(lines) + "\n"
 
 
 def _setup(usable: Sequence[Found], actuator: bool) -> list[str]:
@@ -391,8 +346,40 @@ class Look(NamedTuple):
     actuator: bool
 
     def text(self) -> str:
-        """Return a first manifest."""
-        return manifest_text(self.found, self.left, str(self.folder), self.actuator)
+        """Return a first manifest; files with a reason are commented out."""
+        usable, shown = [f for f in self.found if not f.reason], _comment(str(self.folder))
+        lines = [
+            f"# A first manifest for {shown}, from what the files look like.",
+            "# Correct what is marked as guessed. Save it as recordings.yaml in that folder, or give it by --manifest:",
+            f"#   phnn check {shown} --manifest recordings.yaml",
+            "",
+            *_setup(usable, self.actuator),
+            *(f"# {key}: {value}   # {why}" for key, value, why in _WANTED),
+        ]
+        columns = [_columns(f, self.actuator) for f in usable]
+        shared = bool(columns) and all(c == columns[0] for c in columns)
+        if shared:
+            lines += ["", "columns:", *(f"  {line}" for line in columns[0])]
+        if any(TIME not in f.roles for f in usable):
+            lines += [f"sample_rate_hz: {_RATE:g}   # guessed: no column is a time; write the true rate"]
+        lines += ["", "recordings:"] if usable else []
+        for i, f in enumerate(usable):
+            lines += [f"  - file: {_quoted(f.file)}"]
+            if f.name:
+                lines += [f"    name: {_quoted(f.name)}"]
+            if len(usable) >= _HELD_OUT:
+                use = "identification" if (i + 1) % _HELD_OUT else "confirmation   # proposed: held out"
+                lines += [f"    use: {use}"]
+            if not shared:
+                lines += ["    columns:", *(f"      {line}" for line in columns[i])]
+        if usable and len(usable) < _HELD_OUT:
+            lines += ["    # add `use: confirmation` to what is to be held out; left out, phnn chooses"]
+        refused = [f for f in self.found if f.reason]
+        lines += ["", "# These files cannot be used as they are:"] if refused else []
+        for f in refused:
+            lines += [f"#   - file: {_quoted(f.file)}", f"#     # {_comment(f.reason)}"]
+        lines += ["", f"# Left alone, no recordings: {_comment(', '.join(self.left))}"] if self.left else []
+        return "\n".join(lines) + "\n"
 
     def picked(self, roles: Mapping[str, tuple[str, str]]) -> Look:
         """Return the same where a person gave the columns of all files their roles, see `with_roles`."""
@@ -428,27 +415,17 @@ def look(folder: Path, outside: bool = False) -> Look:
     found = [replace(f, name=f.file) if shared[printable(Path(f.file).stem)] > 1 else f for f in found]
     actuator = all(f.actuator for f in found if not f.reason)
     # Numbers that no piezo actuator gives show only when the recordings are read.
-    tried = [_readable(found, folder, kind, outside) for kind in ([True, False] if actuator else [False])]
-    best = max(range(len(tried)), key=lambda i: sum(not f.reason for f in tried[i]))
-    return Look(folder, tried[best], left, actuator and best == 0)
+    tried = [_tried(Look(folder, found, left, kind), outside) for kind in ([True, False] if actuator else [False])]
+    return max(tried, key=lambda one: sum(not f.reason for f in one.found))
 
 
-def template(folder: Path, outside: bool = False) -> str:
-    """Return the text of a first manifest, which `phnn check` reads; arguments and errors as of `look`.
-
-    Files that cannot be used are listed in comments with the reason.
-    """
-    return look(folder, outside).text()
-
-
-def write_template(folder: Path, out: Path, outside: bool = False) -> None:
-    """Write that text into a new file, which may lie in the folder of the recordings.
+def write_new(out: Path, content: bytes) -> None:
+    """Write a new file, which may lie in the folder of the recordings.
 
     Raises:
-        InputRefused: as `template`; or there is a file, folder or link of that name, or the new one cannot be written.
+        InputRefused: there is a file, folder or link of that name, or the new one cannot be written.
         OutputFailed: the disk is full.
     """
-    content = template(folder, outside).encode()
     try:
         # Exclusive: nothing is replaced, and no link is followed.
         file = out.open("xb")
@@ -465,19 +442,19 @@ def write_template(folder: Path, out: Path, outside: bool = False) -> None:
         raise refusal(out, error) from error
 
 
-def _readable(found: Sequence[Found], folder: Path, actuator: bool, outside: bool) -> list[Found]:
-    """Return the files, those with a reason that the reader refuses with the guessed manifest."""
-    usable = [f for f in found if not f.reason]
-    if usable and not _refusal(usable, folder, actuator, outside):
-        return list(found)
-    return [f if f.reason else replace(f, reason=_refusal([f], folder, actuator, outside)) for f in found]
+def _tried(one: Look, outside: bool) -> Look:
+    """Return the same, files with a reason that the reader refuses with the guessed manifest."""
+    usable = [f for f in one.found if not f.reason]
+    if usable and not _refusal(one._replace(found=usable), outside):
+        return one
+    reasons = [f.reason or _refusal(one._replace(found=[f]), outside) for f in one.found]
+    return one._replace(found=[replace(f, reason=reason) for f, reason in zip(one.found, reasons, strict=True)])
 
 
-def _refusal(found: Sequence[Found], folder: Path, actuator: bool, outside: bool) -> str:
-    """Return why these files cannot be read with the guessed manifest; empty where they can."""
-    text = manifest_text(found, (), str(folder), actuator)
+def _refusal(one: Look, outside: bool) -> str:
+    """Return why files cannot be read with the guessed manifest; empty where they can."""
     try:
-        read(folder, plain_values(text, MANIFEST), allow_outside=outside)
+        read(one.folder, plain_values(one._replace(left=()).text(), MANIFEST), allow_outside=outside)
     except InputRefused as error:
         return str(error)
     return ""

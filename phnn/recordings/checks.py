@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from phnn.errors import InputRefused
-from phnn.intake import LIMITS, available_memory, shown_bytes
+from phnn.intake import LIMITS, available_memory, reached, shown_bytes
 from phnn.recordings.table import Where
 from phnn.results import NOTES, printable
 
@@ -38,18 +38,11 @@ ACTUATORS = {"voltage": (1e-5, 1e5, "V"), "displacement": (1e-10, 1e-2, "m")}
 
 def folder_exists(folder: Path) -> None:
     """Refuse a folder that is absent, out of reach or a file."""
-    name = printable(str(folder))
-    try:
-        # Unlike `Path.exists`, this says why a path cannot be looked at.
-        found = folder.stat()
-    except (FileNotFoundError, NotADirectoryError) as error:
-        raise InputRefused(f"folder {name}: there is no such folder: check the path") from error
-    except (OSError, ValueError) as error:
-        cause = getattr(error, "strerror", None) or str(error)
-        shown = name[: LIMITS.name_characters]
-        raise InputRefused(f"folder {shown}: cannot be reached ({cause}): check the path") from error
+    _, found = reached(folder, "folder ", "folder", "check the path")
     if not stat.S_ISDIR(found.st_mode):
-        raise InputRefused(f"{name}: this is a file: give the folder that holds it (one file is one recording)")
+        raise InputRefused(
+            f"{printable(str(folder))}: this is a file: give the folder that holds it (one file is one recording)"
+        )
 
 
 def any_recordings(files: Sequence[Path], left: Sequence[str], folder: Path) -> None:
