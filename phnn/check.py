@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import find_peaks
 
 from phnn.parameters import duration, quantity
 from phnn.recordings.excitation import Excitation, spectrum
@@ -438,15 +439,10 @@ def _of_one_kind(a: Recording, b: Recording) -> bool:
 def _tones(x: np.ndarray, dt: float) -> list[float]:
     """Return the frequencies of the strongest narrow peaks, in ascending order."""
     power = spectrum(x) ** 2
-    limit = _TALL * float(np.median(power))
-    found: list[int] = []
-    for i in np.argsort(power)[::-1]:
-        if power[i] < limit or len(found) == _NAMED:
-            break
-        # The window widens a peak over its neighbours.
-        if all(abs(int(i) - k) > 3 for k in found):
-            found.append(int(i))
-    return sorted(k / (x.size * dt) for k in found)
+    # The window widens a peak over its neighbours.
+    peaks, _ = find_peaks(power, height=_TALL * float(np.median(power)), distance=4)
+    strongest = peaks[np.argsort(power[peaks])[-_NAMED:]]
+    return sorted((strongest / (x.size * dt)).tolist())
 
 
 # Amplitudes and frequencies that count as different; a hold that counts as long, in shortest periods.

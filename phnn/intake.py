@@ -68,10 +68,6 @@ class Limits:
         own = count in ("hysterons", "starts", "workers", "substeps", "units")
         return int(getattr(self, count)) if own else 10**self.digits - 1
 
-    def memory_for_a_file(self) -> int:
-        """Return the bytes that the numbers of one file may take."""
-        return int(self.memory_share * available_memory())
-
 
 LIMITS = Limits()
 _TOO_DEEP = f"lists and mappings more than {LIMITS.depth} levels deep"
@@ -185,7 +181,7 @@ class Source:
             size: bytes of the numbers once they are read.
             unpacked: the file holds them packed, and may claim any number of them.
         """
-        most = LIMITS.memory_for_a_file()
+        most = int(LIMITS.memory_share * available_memory())
         if unpacked:
             most = min(most, LIMITS.unpacked_bytes + self.size)
         if size > most:

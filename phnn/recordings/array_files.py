@@ -23,6 +23,7 @@ import numpy as np
 from phnn.errors import InputRefused
 from phnn.intake import LIMITS, Source, each_key_once
 from phnn.recordings.library_files import matlab_content, readable
+from phnn.recordings.manifest import AXES
 from phnn.recordings.table import (
     NUMBERS,
     Stored,
@@ -35,7 +36,7 @@ from phnn.recordings.table import (
     table_of,
 )
 from phnn.recordings.text_files import read_content
-from phnn.results import printable
+from phnn.results import listed, printable
 
 # The layout is that of MathWorks' "MAT-File Format": a header of 128 bytes, then tagged elements, matrices nested.
 # The content of a file: read, or mapped into memory.
@@ -293,10 +294,6 @@ def read_npy(source: Source) -> Table:
     return Table(Where(source.name), ("",) * array.shape[1], tuple(array.T))
 
 
-# Axes of an array of a periodic experiment, in the order in which it is read.
-_AXES = ("realisation", "period", "time", "channel")
-
-
 def read_axes(source: Source, axes: Sequence[str]) -> Table:
     """Return an array whose axes are time and any of channel, realisation and period, as of a periodic experiment.
 
@@ -310,8 +307,8 @@ def read_axes(source: Source, axes: Sequence[str]) -> Table:
             f"{source.name}: an array of shape {array.shape} and type {array.dtype}, said to have the axes "
             f"{', '.join(axes)}: name as many, of real numbers"
         )
-    absent = [name for name in _AXES if name not in axes]
-    ordered = np.expand_dims(array, tuple(range(array.ndim, 4))).transpose([[*axes, *absent].index(n) for n in _AXES])
+    absent = [name for name in AXES if name not in axes]
+    ordered = np.expand_dims(array, tuple(range(array.ndim, 4))).transpose([[*axes, *absent].index(n) for n in AXES])
     channels = ordered.shape[3]
     if channels > LIMITS.columns:
         raise InputRefused(f"{source.name}: {channels} channels: correct the order of `axes`")
@@ -357,7 +354,7 @@ def _load_v5(source: Source) -> tuple[Mapping[str, Any], Sequence[Sequence[str]]
 
 # A text takes at most so many times its size while it is read: an object of 32 bytes for each "0,", and itself.
 _TIMES = 20
-_SHOWN, _LISTED = 40, 5
+_SHOWN = 40
 _REMEDY = "save it as an object of arrays of equal length, or as a list of records with the same keys"
 
 
@@ -387,10 +384,7 @@ def read_json(source: Source) -> Table:
         raise InputRefused(f"{source.name}: {error}") from error
     if not columns:
         raise NoRecording(f"{source.name}: no arrays of numbers in it: {_REMEDY}")
-    notes: tuple[str, ...] = ()
-    if left:
-        more = " and more" if len(left) > _LISTED else ""
-        notes = (f"{', '.join(left[:_LISTED])}{more} are no arrays of numbers and were left alone",)
+    notes = (f"{listed(left)} are no arrays of numbers and were left alone",) if left else ()
     return Table(Where(source.name), tuple(columns), tuple(columns.values()), by_name=True, notes=notes)
 
 

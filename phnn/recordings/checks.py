@@ -12,7 +12,7 @@ import numpy as np
 from phnn.errors import InputRefused
 from phnn.intake import LIMITS, available_memory, reached, shown_bytes
 from phnn.recordings.table import Where
-from phnn.results import NOTES, printable
+from phnn.results import NOTES, listed, printable
 
 _UNITS = {"voltage": "V", "displacement": "um"}
 _REMEDIES = {"time": "name one time_s, or write sample_rate_hz in recordings.yaml"} | {
@@ -49,7 +49,7 @@ def any_recordings(files: Sequence[Path], left: Sequence[str], folder: Path) -> 
     """Refuse a folder without recordings, naming what lies in it."""
     if files:
         return
-    found = f"; it holds {', '.join(left[:8])}" if left else "; it is empty"
+    found = f"; it holds {listed(left)}" if left else "; it is empty"
     raise InputRefused(
         f"folder {printable(str(folder))}: no recordings in it{found}: add .csv files with columns "
         f"time_s, voltage_V, displacement_um, or describe the files in recordings.yaml (`phnn template` writes a first "
@@ -97,8 +97,8 @@ def unique_names(names: Iterable[tuple[str, str]]) -> None:
 
 def absent(quantity: str, names: Sequence[str], where: Where) -> InputRefused:
     """Return the refusal of a file without a column that is needed."""
-    listed = [name for name in names if name]
-    found = f"columns found: {', '.join(listed[:12])}" if listed else "the columns have no names"
+    named = [name for name in names if name]
+    found = f"columns found: {listed(named)}" if named else "the columns have no names"
     return InputRefused(f"{where}: no {quantity} column ({found}): {_REMEDIES[quantity]}")
 
 

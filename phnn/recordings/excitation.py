@@ -78,12 +78,10 @@ def excitation_of(u: np.ndarray, dt: float) -> Excitation:
     if _few_levels(u):
         return Excitation("steps", 0.0, 0.0, amplitude, None, 0.0, span)
     frequency = _single_sine(x)
-    if frequency is not None:
-        return Excitation("sine", frequency / dt, frequency / dt, amplitude, None, x.size * frequency, span)
-    sweep = _sweep(x)
+    sweep = _sweep(x) if frequency is None else None
     if sweep is not None:
         return Excitation("chirp", sweep[0] / dt, sweep[1] / dt, amplitude, None, 0.0, span)
-    frequency = _disturbed_sine(x)
+    frequency = frequency or _disturbed_sine(x)
     if frequency is not None:
         return Excitation("sine", frequency / dt, frequency / dt, amplitude, None, x.size * frequency, span)
     return Excitation("broadband", *_band(x, dt), amplitude, None, 0.0, span)
@@ -127,17 +125,14 @@ def find_period(x: np.ndarray) -> float | None:
 
 def _over_many(x: np.ndarray, period: float, left: float) -> float | None:
     """Return the period refined over as many cycles as there are; ``None`` where the repetition is not steady."""
-    count = int((x.size - 0.95 * period) / period)
-    if count < 2:
-        return _snapped(period, 1) if left < _EXACT else None
-    multiple, left_many = _refined(x, count * period, min(1.0 + 0.02 * count, 0.2 * period))
-    if left_many > 3.0 * left + 1e-5:
+    count = max(int((x.size - 0.95 * period) / period), 1)
+    steady = left < _EXACT
+    if count > 1:
+        multiple, left_many = _refined(x, count * period, min(1.0 + 0.02 * count, 0.2 * period))
+        period, steady = multiple / count, left_many <= 3.0 * left + 1e-5
+    if not steady:
         return None
-    return _snapped(multiple / count, count)
-
-
-def _snapped(period: float, count: int) -> float:
-    """Return a whole number of samples where the difference cannot be seen over the recording."""
+    # A whole number of samples where the difference cannot be seen over the recording.
     return float(round(period)) if abs(period - round(period)) * count < 0.02 else period
 
 

@@ -92,7 +92,8 @@ DRIVING = ("input", "voltage", "force")
 GAINS = ("known", "unknown")
 # What may be missing beside numbers: cells without a number, and single samples far off their neighbours.
 EMPTY, GLITCHES = "empty", "glitches"
-AXES = ("time", "channel", "realisation", "period")
+# Axes of an array of a periodic experiment, in the order in which it is read.
+AXES = ("realisation", "period", "time", "channel")
 
 
 @dataclass(frozen=True)

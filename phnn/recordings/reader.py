@@ -148,8 +148,6 @@ def reader_of(path: Path) -> Reader:
     return READERS[kind]
 
 
-# A manifest of an object in memory: its second argument.
-_SAID = "recordings.yaml"
 # A moving mass of an actuator beyond this is doubted where no unit was stated [kg].
 _HEAVY = 0.1
 
@@ -212,7 +210,7 @@ def _from_memory(data: Any, manifest: str | Path | Mapping[str, Any] | None, nee
         tables, left = given(data, said)
         found = _campaign(tables, said, need_output, Path(IN_MEMORY), left)
     except InputRefused as error:
-        if _SAID not in str(error):
+        if "recordings.yaml" not in str(error):
             raise
         raise InputRefused(
             f"{error} (of recordings in memory the second argument of phnn.read says what recordings.yaml says: a "
