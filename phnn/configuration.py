@@ -99,8 +99,14 @@ def compose(command: str, overrides: Sequence[str] = ()) -> dict[str, Any]:
         # Criteria stand in no file, for their class owns the defaults; two of them had names of their own before.
         OmegaConf.set_struct(content.criteria, False)
         overrides = [f"criteria.{o}" if o.partition("=")[0] in _FORMER_CRITERIA else o for o in overrides]
+    accepted = ", ".join(map(str, content))
     for override in overrides:
-        _check_key(command, override, content)
+        key, equals, _ = override.partition("=")
+        if not equals:
+            raise InputRefused(f"{override!r} is no setting: write key=value with a key out of {accepted}")
+        if key.partition(".")[0] not in content:
+            hint = meant(key, map(str, content))
+            raise InputRefused(f"unknown setting {key!r} in {override!r}{hint}: phnn {command} accepts {accepted}")
     try:
         chosen = OmegaConf.merge(content, OmegaConf.from_dotlist(list(overrides)))
         given: Any = OmegaConf.to_container(chosen, resolve=True, throw_on_missing=True)
@@ -156,16 +162,6 @@ def compose_groups(command: str, overrides: Sequence[str] = ()) -> dict[str, Any
     except (OmegaConfBaseException, HydraException, ValueError, OverflowError) as error:
         raise _refused(others, error, f"see phnn {command} --help") from error
     return {str(key): value for key, value in given.items()}
-
-
-def _check_key(command: str, override: str, defaults: Mapping[str, Any]) -> None:
-    accepted = ", ".join(str(key) for key in defaults)
-    key, equals, _ = override.partition("=")
-    if not equals:
-        raise InputRefused(f"{override!r} is no setting: write key=value with a key out of {accepted}")
-    if key.partition(".")[0] not in defaults:
-        hint = meant(key, map(str, defaults))
-        raise InputRefused(f"unknown setting {key!r} in {override!r}{hint}: phnn {command} accepts {accepted}")
 
 
 def _checked(key: str, value: Any, default: Any) -> Any:

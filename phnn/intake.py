@@ -19,6 +19,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from rich import filesize
+
 from phnn.errors import InputRefused
 from phnn.results import printable
 
@@ -170,8 +172,8 @@ class Source:
         """Refuse a file of more than ``most`` bytes. Raises InputRefused."""
         if self.size > most:
             raise InputRefused(
-                f"{self.name}: {shown_bytes(self.size)}, {what} may have at most {shown_bytes(most)}: split it, or "
-                f"export less"
+                f"{self.name}: {filesize.decimal(self.size)}, {what} may have at most {filesize.decimal(most)}: split "
+                f"it, or export less"
             )
 
     def check_memory(self, size: int, unpacked: bool = False) -> None:
@@ -186,7 +188,7 @@ class Source:
             most = min(most, LIMITS.unpacked_bytes + self.size)
         if size > most:
             raise InputRefused(
-                f"{self.name}: its numbers take {shown_bytes(size)}, at most {shown_bytes(most)} are accepted"
+                f"{self.name}: its numbers take {filesize.decimal(size)}, at most {filesize.decimal(most)} are accepted"
                 f"{' of a packed file of this size' if unpacked else ' with the memory that is available'}: split it, "
                 f"or export fewer samples"
             )
@@ -242,15 +244,6 @@ def named_file(
     source = Source(real, name, path.suffix.lower(), found.st_size, outside or not within)
     source.check_size(LIMITS.file_bytes)
     return source
-
-
-def shown_bytes(size: float) -> str:
-    """Return a number of bytes with three digits."""
-    for unit in ("bytes", "kB", "MB"):
-        if size < 1000.0:
-            return f"{size:.3g} {unit}"
-        size /= 1000.0
-    return f"{size:.3g} GB"
 
 
 def load_json(source: Source, most: int, what: str, remedy: str) -> Any:

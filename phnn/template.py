@@ -20,7 +20,7 @@ from phnn.errors import InputRefused, OutputRefused
 from phnn.intake import LIMITS, plain_values
 from phnn.recordings import checks, read
 from phnn.recordings.manifest import DEFAULT_SETUP, Manifest
-from phnn.recordings.reader import READERS, Files
+from phnn.recordings.reader import Files
 from phnn.recordings.table import Table
 from phnn.recordings.units import QUANTITIES, find_unit, parse_name, split_unit
 from phnn.results import message, printable, refusal
@@ -406,8 +406,7 @@ def look(folder: Path, outside: bool = False) -> Look:
     found = []
     for path in candidates:
         try:
-            source = files.source(path.name)
-            found.append(_found(path.name, READERS[source.suffix](source)))
+            found.append(_found(path.name, files.table(path.name)))
         except InputRefused as error:
             found.append(Found(path.name, reason=str(error)))
     # Files that share a name up to their endings get their whole names as those of their recordings.

@@ -168,10 +168,6 @@ def _nested(raw: Raw, position: int, end: int, order: str, kind: int, count: int
         position = element.next
 
 
-# The object of MATLAB's System Identification Toolbox, and its time, input and output.
-_IDDATA, _FIELDS = "iddata", ("SamplingInstants", "InputData", "OutputData")
-
-
 def read_mat(source: Source) -> Table:
     """Return the numeric variables of a .mat file.
 
@@ -188,7 +184,9 @@ def read_mat(source: Source) -> Table:
     found = list(stored_arrays({n: v for n, v in content.items() if n not in experiments}))
     if not any(stored.dtype.kind in NUMBERS for stored in found) and not experiments and objects:
         name, kind = objects[0]
-        time, u, y = (f"{name}.{field}" for field in _FIELDS) if kind == _IDDATA else ("…", "…", "…")
+        # The object of MATLAB's System Identification Toolbox has a time, an input and an output.
+        fields = ("SamplingInstants", "InputData", "OutputData") if kind == "iddata" else ()
+        time, u, y = (f"{name}.{field}" for field in fields) if fields else ("…", "…", "…")
         raise InputRefused(
             f"{where}: {name} is an object of class {kind}, whose content only MATLAB can read: save its numbers "
             f"there, with their units: time_s = {time}; input_V = {u}; output_m = {y}; save('{name}.mat', 'time_s', "

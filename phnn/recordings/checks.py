@@ -8,9 +8,10 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
+from rich import filesize
 
 from phnn.errors import InputRefused
-from phnn.intake import LIMITS, available_memory, reached, shown_bytes
+from phnn.intake import LIMITS, available_memory, reached
 from phnn.recordings.table import Where
 from phnn.results import NOTES, listed, printable
 
@@ -78,8 +79,8 @@ def not_too_many(recordings: int, samples: int, folder: Path) -> None:
     taken = samples * LIMITS.sample_bytes
     if taken > _MUCH and taken > available_memory():
         raise InputRefused(
-            f"folder {printable(str(folder))}: {samples} samples take {shown_bytes(taken)} of memory to check, and "
-            f"less is available: export fewer, or divide them among several folders"
+            f"folder {printable(str(folder))}: {samples} samples take {filesize.decimal(taken)} of memory to check, "
+            f"and less is available: export fewer, or divide them among several folders"
         )
 
 
@@ -124,21 +125,17 @@ def finite(values: np.ndarray, label: str, where: Where, key: str) -> None:
         )
 
 
-def time_advances(t: np.ndarray, where: Where, rows: np.ndarray) -> None:
-    """Refuse time that goes back or stands still; ``rows`` are those of the file from which the instants come."""
+def disorder(t: np.ndarray, where: Where, rows: np.ndarray) -> InputRefused:
+    """Return the refusal of a time that goes back or stands still; ``rows`` of the file are those of the instants."""
     steps = np.diff(t)
-    for bad, cause, remedy in (
-        (
-            steps < 0.0,
-            "time goes back",
-            "sort the rows, or say `segments: true` in recordings.yaml where new recordings begin",
-        ),
-        (steps == 0.0, "two rows with one time", "delete the repeated row, or write time with more digits"),
-    ):
-        if bad.any():
-            i = int(np.argmax(bad)) + 1
-            row = where.row(int(rows[i]))
-            raise InputRefused(f"{where}: time, {row}: {cause} ({t[i - 1]:.9g} s, then {t[i]:.9g} s): {remedy}")
+    bad, cause = steps == 0.0, "two rows with one time"
+    remedy = "delete the repeated row, or write time with more digits"
+    if (steps < 0.0).any():
+        bad, cause = steps < 0.0, "time goes back"
+        remedy = "sort the rows, or say `segments: true` in recordings.yaml where new recordings begin"
+    i = int(np.argmax(bad)) + 1
+    row = where.row(int(rows[i]))
+    return InputRefused(f"{where}: time, {row}: {cause} ({t[i - 1]:.9g} s, then {t[i]:.9g} s): {remedy}")
 
 
 def interval(dt: float, where: Where) -> None:

@@ -168,14 +168,15 @@ def _refined(x: np.ndarray, lag: float, reach: float) -> tuple[float, float]:
     return min(((float(best.x), float(best.fun)), (whole, mismatch(whole))), key=lambda pair: pair[1])
 
 
+def waves(rows: slice, frequency: float, harmonics: int) -> NDArray[np.float64]:
+    """Return (n, 1 + 2 K) a constant, cosines and sines of the first harmonics of a frequency, in cycles per sample."""
+    phase = 2.0 * np.pi * frequency * np.outer(np.arange(rows.start, rows.stop), np.arange(1, harmonics + 1))
+    return np.column_stack([np.ones(phase.shape[0]), np.cos(phase), np.sin(phase)])
+
+
 def _sine_misfit(x: NDArray[np.float64], frequency: float) -> float:
     """Return the share of the variance of ``x`` that a sine of that frequency (cycles per sample) leaves."""
-
-    def waves(rows: slice) -> NDArray[np.float64]:
-        phase = 2.0 * np.pi * frequency * np.arange(rows.start, rows.stop)
-        return np.column_stack([np.ones(phase.size), np.sin(phase), np.cos(phase)])
-
-    rest = residual(x, waves)
+    rest = residual(x, lambda rows: waves(rows, frequency, 1))
     return float(rest @ rest) / max(float(np.sum((x - x.mean()) ** 2)), 1e-300)
 
 

@@ -89,7 +89,6 @@ def label(value: Any, where: str) -> str:
 
 
 DRIVING = ("input", "voltage", "force")
-GAINS = ("known", "unknown")
 # What may be missing beside numbers: cells without a number, and single samples far off their neighbours.
 EMPTY, GLITCHES = "empty", "glitches"
 # Axes of an array of a periodic experiment, in the order in which it is read.
@@ -166,7 +165,7 @@ def _column(said: Any, inherited: Column, quantity: str, where: str) -> Column:
     if "unit" in content:
         found["unit"] = check_unit(quantity, str(content["unit"]), where)
     if "gain" in content:
-        found["gain"] = choice(content["gain"], GAINS, f"{where}: gain")
+        found["gain"] = choice(content["gain"], ("known", "unknown"), f"{where}: gain")
     if "unwrap" in content:
         found["unwrap"] = number(content["unwrap"], f"{where}: unwrap", above=0.0)
     if "missing" in content:
@@ -248,8 +247,6 @@ MODELS = (*READY, "hrc", "linear", "bouc_wen")
 STATES = ("rest", "unknown", "periodic")
 INPUTS = ("cubic", "band_limited", "linear", "zero_order")
 USES = ("identification", "confirmation")
-OFFSETS = ("own", "shared")
-VOLTAGES = ("command", "terminals")
 
 _SHARED = (
     "columns", "variables", "sample_rate_hz", "start", "periodic", "input", "segments", "ports",
@@ -348,7 +345,7 @@ def manifest_of(
     return Manifest(
         _setup(top.get("setup"), name, homes, outside),
         _known(top.get("known"), name),
-        choice(top.get("voltage", "command"), VOLTAGES, f"{name}: voltage"),
+        choice(top.get("voltage", "command"), ("command", "terminals"), f"{name}: voltage"),
         common,
         entries,
         path,
@@ -426,7 +423,7 @@ _READ: Mapping[str, Callable[[Any, str], Any]] = {
     "sample_rate_hz": partial(number, above=0.0), "start": _start,
     "periodic": flag, "input": _one_of(INPUTS), "segments": _segments,
     "ports": lambda value, where: named_of(value, "input", where), "axes": axes_of, "sensor": sensor_of,
-    "outputs": lambda value, where: named_of(value, "output", where), "offset": _one_of(OFFSETS),
+    "outputs": lambda value, where: named_of(value, "output", where), "offset": _one_of(("own", "shared")),
     "slice": _slice, "use": _one_of(USES), "name": label,
 }  # fmt: skip
 
