@@ -125,7 +125,7 @@ class Found:
 
     Attributes:
         file: its name; table, roles: None and empty where it cannot be read, or has no input and output.
-        others: columns that serve as nothing; columns: all of them, in order.
+        columns: of numbers, in order.
         actuator: it may be the recording of a piezo actuator.
         reason: why it is no recording; empty where it is one.
         name: of the recording where the file's name alone is not unique.
@@ -134,7 +134,6 @@ class Found:
     file: str
     table: Table | None = None
     roles: Mapping[str, _Role] = field(default_factory=dict)
-    others: tuple[_Seen, ...] = ()
     columns: tuple[_Seen, ...] = ()
     actuator: bool = True
     reason: str = ""
@@ -194,7 +193,7 @@ def _found(file: str, table: Table) -> Found:
         roles[TIME] = _role(time if of_time else time._replace(unit=None), "s", time.words & _WORDS[TIME])
         if time.name == table.stamps:
             roles[TIME] = _Role(time, "s", ())
-    return Found(file, table, roles, tuple(c for c in rest if c not in (u, y)), tuple(columns), actuator)
+    return Found(file, table, roles, tuple(columns), actuator)
 
 
 def with_roles(found: Found, picked: Mapping[str, tuple[str, str]]) -> Found:
@@ -215,9 +214,8 @@ def with_roles(found: Found, picked: Mapping[str, tuple[str, str]]) -> Found:
         roles[role] = _Role(named[name]._replace(unit=unit), unit, ())
     if missing := [role for role in (INPUT, OUTPUT) if role not in roles]:
         raise InputRefused(f"{found.file}: no column is the {missing[0]}: choose one")
-    others = tuple(c for n, c in named.items() if n not in [name for name, _ in picked.values()])
     actuator = _is_of_actuator(roles[INPUT].column, roles[OUTPUT].column)
-    return replace(found, roles=roles, others=others, actuator=actuator)
+    return replace(found, roles=roles, actuator=actuator)
 
 
 def _role(column: _Seen, otherwise: str, named: object) -> _Role:
@@ -297,8 +295,9 @@ def _columns(f: Found, actuator: bool) -> list[str]:
         if len(some) > 1 or unit is None:
             unit = unit or QUANTITIES[key] or "1"
             lines.append(f"{key}: {{column: {_place(table, index)}, unit: {unit}}}   # guessed: not in use")
-    if f.others:
-        lines.append(f"# not used: {', '.join(_called(table, c.place) for c in f.others)}")
+    used = [role.column.place for role in f.roles.values()]
+    if others := [_called(table, c.place) for c in f.columns if c.place not in used]:
+        lines.append(f"# not used: {', '.join(others)}")
     return lines
 
 
