@@ -431,14 +431,14 @@ def _known(value: Any, name: str) -> dict[str, Anchor]:
         std = number(content.get("std", 0.0), f"{where}: std")
         if std < 0.0:
             raise InputRefused(f"{where}: std {std:g} is negative: give the standard deviation, 0 or more")
-        said = content.get("unit")
+        stated = content.get("unit")
         # Without a unit it is in SI units already.
-        unit = Unit("", 1.0, 0.0) if said is None else find_unit(text(said, f"{where}: unit"))
+        unit = Unit("", 1.0, 0.0) if stated is None else find_unit(text(stated, f"{where}: unit"))
         if unit is None or unit.offset:
-            cause = f"{shown(said)} is no unit of a parameter"
+            cause = f"{shown(stated)} is no unit of a parameter"
             raise InputRefused(f"{where}: unit: {cause}: write one such as g, N/mm or uF")
-        value = unit.factor * number(content["value"], f"{where}: value")
-        anchors[anchor] = Anchor(value, unit.factor * std, unit.si)
+        size = number(content["value"], f"{where}: value")
+        anchors[anchor] = Anchor(unit.factor * size, unit.factor * std, unit.si)
     return anchors
 
 
