@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import next_fast_len
 from scipy.optimize import minimize_scalar
+from scipy.signal import correlate
 from scipy.stats import spearmanr
 
 from phnn.signals.least_squares import residual, spline
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 
 _UNLIKE = 0.3  # mismatch that a signal must reach before a return counts as a period
 _ALIKE = 1e-3  # mismatch of a noisy repetition
-_LONG = 2**17  # samples from which on memory counts
 _EXACT = 1e-4  # mismatch accepted where only two periods bear witness
 _DISTURBED = 0.01  # share of its variance that a recorded sine may have beside the sine: noise, steps, a slow trend
 
@@ -139,13 +138,7 @@ def _over_many(x: np.ndarray, period: float, left: float) -> float | None:
 def _mismatches(x: np.ndarray, most: int) -> np.ndarray:
     """Return ``(most+1,)`` mismatch of ``x`` with itself at whole lags."""
     n = x.size
-    # A length with a large prime factor is transformed by way of much longer ones.
-    length = 2 * n if n <= _LONG else int(next_fast_len(2 * n, real=True))
-    spectrum = np.abs(np.fft.rfft(x, length))
-    spectrum **= 2
-    # A copy, so that the other half of the lags is freed.
-    cross = np.fft.irfft(spectrum, length)[: most + 1].copy()
-    del spectrum
+    cross = correlate(x, x, method="fft")[n - 1 : n + most]
     squares = np.concatenate(([0.0], np.cumsum(x * x)))
     energy = squares[n - most :][::-1] + (squares[n] - squares[: most + 1])
     return np.asarray((energy - 2.0 * cross) / (n - np.arange(most + 1)) / (2.0 * float(x.var())))
