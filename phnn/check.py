@@ -15,9 +15,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import find_peaks
 
 from phnn.parameters import duration, quantity
-from phnn.recordings.excitation import Excitation, spectrum
+from phnn.recordings.excitation import Excitation, spectrum, waves
 from phnn.recordings.reader import describe
 from phnn.recordings.recording import ACTUATOR, Campaign, Recording, dominant_frequency, is_actuator
 from phnn.signals.least_squares import residual
@@ -241,7 +242,7 @@ def _between_periods(r: Recording) -> Sample | None:
     late = whole // 2 * size - lag
     y = r.y[start : min(last, r.y.size)]
     harmonics = min(_HARMONICS, int(0.4 * size))
-    smooth = y - residual(y, lambda rows: _waves(rows, size, harmonics))
+    smooth = y - residual(y, lambda rows: waves(rows, 1.0 / size, harmonics))
     speed = np.gradient(smooth, r.dt)
     count = y.size - lag
     # Offset, trend, amplitude, what settles, and the fraction of a sample by which the periods miss each other.
@@ -249,19 +250,14 @@ def _between_periods(r: Recording) -> Sample | None:
     if abs(late) > 1e-9:
         shapes += [speed[:count], np.gradient(speed, r.dt)[:count]]
     slow = [shape / np.sqrt(np.mean(shape**2)) for shape in shapes]
+    few = min(_SETTLING, harmonics)
     changed = residual(
         y[lag:] - y[:count],
-        lambda rows: np.column_stack([*(shape[rows] for shape in slow), _waves(rows, size, min(_SETTLING, harmonics))]),
+        lambda rows: np.column_stack([*(shape[rows] for shape in slow), waves(rows, 1.0 / size, few)]),
     )
     return Sample(
         changed / np.sqrt(2.0), r.dt, speed[:count], quantisation_step(r.y), above=(_SETTLING + 1.5) / r.period
     )
-
-
-def _waves(rows: slice, size: float, harmonics: int) -> Array:
-    """Return (n, 1 + 2 K) a constant, cosines and sines of the first harmonics of ``size`` samples, at some samples."""
-    phase = 2.0 * np.pi / size * np.outer(np.arange(rows.start, rows.stop), np.arange(1, harmonics + 1))
-    return np.column_stack([np.ones(phase.shape[0]), np.cos(phase), np.sin(phase)])
 
 
 # Steps of a share of the noise are not worth a word; steps of several times the noise hide it, whose own deviation
@@ -438,15 +434,10 @@ def _of_one_kind(a: Recording, b: Recording) -> bool:
 def _tones(x: np.ndarray, dt: float) -> list[float]:
     """Return the frequencies of the strongest narrow peaks, in ascending order."""
     power = spectrum(x) ** 2
-    limit = _TALL * float(np.median(power))
-    found: list[int] = []
-    for i in np.argsort(power)[::-1]:
-        if power[i] < limit or len(found) == _NAMED:
-            break
-        # The window widens a peak over its neighbours.
-        if all(abs(int(i) - k) > 3 for k in found):
-            found.append(int(i))
-    return sorted(k / (x.size * dt) for k in found)
+    # The window widens a peak over its neighbours.
+    peaks, _ = find_peaks(power, height=_TALL * float(np.median(power)), distance=4)
+    strongest = peaks[np.argsort(power[peaks])[-_NAMED:]]
+    return sorted((strongest / (x.size * dt)).tolist())
 
 
 # Amplitudes and frequencies that count as different; a hold that counts as long, in shortest periods.

@@ -97,14 +97,12 @@ def check(
 
 def template(folder: Path, out: Path | None, outside: bool = False) -> None:
     """Print a first manifest for a folder of unknown layout, or write it into a new file."""
-    from phnn.template import template as first_manifest
-    from phnn.template import write_template
+    from phnn.template import look, write_new
 
     with status():
-        if out is None:
-            text = first_manifest(folder, outside)
-        else:
-            write_template(folder, out, outside)
+        text = look(folder, outside).text()
+        if out is not None:
+            write_new(out, text.encode())
     print(text.rstrip() if out is None else f"written: {out}; correct what is marked as guessed")
 
 

@@ -1,4 +1,4 @@
-"""Settings of a command: ``configs/<command>.yaml`` with the user's ``key=value`` overrides, composed by hydra.
+"""Settings of a command: ``configs/<command>.yaml`` with the user's ``key=value`` overrides.
 
 A dataclass of settings declares its numbers with their bounds, which are refused alike wherever they come from:
 
@@ -26,6 +26,7 @@ from phnn.intake import LIMITS
 from phnn.results import message
 
 _LEAST = "least"
+_FORMER_CRITERIA = ("material", "material_share")
 
 
 def whole(default: int, least: int = 0) -> Any:
@@ -82,51 +83,44 @@ def compose(command: str, overrides: Sequence[str] = ()) -> dict[str, Any]:
 
     Args:
         command: name of the yaml file.
-        overrides: ``key=value`` in hydra's grammar.
+        overrides: ``key=value``, the value in yaml; ``key.inner=value`` for one of several settings together.
 
     Raises:
         InputRefused: an override without ``=``, an unknown key, a value of the wrong kind or out of range; whole
             numbers are for the dataclass of the command to check.
     """
     from omegaconf import OmegaConf
+    from omegaconf.errors import OmegaConfBaseException
+    from yaml import YAMLError
 
-    folder = config_folder()
-    content = OmegaConf.load(folder / f"{command}.yaml")
-    defaults = dict(content)
-    overrides = [_in_full(override, defaults) for override in overrides]
+    content: Any = OmegaConf.load(config_folder() / f"{command}.yaml")
+    OmegaConf.set_struct(content, True)
+    if "criteria" in content:
+        # Criteria stand in no file, for their class owns the defaults; two of them had names of their own before.
+        OmegaConf.set_struct(content.criteria, False)
+        overrides = [f"criteria.{o}" if o.partition("=")[0] in _FORMER_CRITERIA else o for o in overrides]
+    accepted = ", ".join(map(str, content))
     for override in overrides:
-        _check_key(command, override.removeprefix("++") if override.startswith("++criteria.") else override, defaults)
-    given = _values(None if overrides else content, command, overrides, "read", "write key=value")
-    if not isinstance(given, dict):
-        raise InputRefused(f"{folder / command}.yaml must hold key: value lines")
+        key, equals, _ = override.partition("=")
+        if not equals:
+            raise InputRefused(f"{override!r} is no setting: write key=value with a key out of {accepted}")
+        if key.partition(".")[0] not in content:
+            hint = meant(key, map(str, content))
+            raise InputRefused(f"unknown setting {key!r} in {override!r}{hint}: phnn {command} accepts {accepted}")
+    try:
+        chosen = OmegaConf.merge(content, OmegaConf.from_dotlist(list(overrides)))
+        given: Any = OmegaConf.to_container(chosen, resolve=True, throw_on_missing=True)
+    # Python refuses to convert thousands of digits.
+    except (OmegaConfBaseException, YAMLError, ValueError) as error:
+        raise _refused(overrides, error, "write key=value") from error
     return checked(command, {str(key): value for key, value in given.items()})
 
 
-def _values(content: Any, command: str, overrides: Sequence[str], verb: str, remedy: str) -> Any:
-    """Return what a file comes to, as plain values: its content where that is given, else what hydra composes.
-
-    Raises:
-        InputRefused: hydra cannot apply an override, or a value is missing; with the verb and the remedy.
-    """
-    from omegaconf import OmegaConf
-    from omegaconf.errors import OmegaConfBaseException
-
-    refused: tuple[type[Exception], ...] = (OmegaConfBaseException,)
-    try:
-        if content is None:
-            # hydra costs a third of a second: not before there is something to compose.
-            import hydra
-            from hydra.errors import HydraException
-
-            # Python refuses to convert thousands of digits.
-            refused = (OmegaConfBaseException, HydraException, ValueError, OverflowError)
-            with hydra.initialize_config_dir(str(config_folder()), version_base=None, job_name=f"phnn_{command}"):
-                content = hydra.compose(command, list(overrides))
-        return OmegaConf.to_container(content, resolve=True, throw_on_missing=True)
-    except refused as error:
-        reason = str(error).strip().splitlines()[0]
-        said = message(" ".join(overrides), LIMITS.name_characters)
-        raise InputRefused(f"settings {said} cannot be {verb} ({reason}): {remedy}") from error
+def _refused(overrides: Sequence[str], error: Exception, remedy: str) -> InputRefused:
+    """Return the refusal of overrides that no settings come from, for the reason that a library gives."""
+    reason = str(error).strip().splitlines()[0]
+    said = message(" ".join(overrides), LIMITS.name_characters)
+    return InputRefused(f"settings {said} cannot be used ({reason}): {remedy}")
 
 
 def checked(command: str, given: Mapping[str, Any]) -> dict[str, Any]:
@@ -149,36 +143,25 @@ def compose_groups(command: str, overrides: Sequence[str] = ()) -> dict[str, Any
     Raises:
         InputRefused: an override that hydra cannot apply: an unknown key, file or grammar, or a value that is missing.
     """
+    # A third of a second: not before it is needed.
+    import hydra
+    from hydra.errors import HydraException
+    from omegaconf import OmegaConf
+    from omegaconf.errors import OmegaConfBaseException
+
     own = [o.partition("=")[2] for o in overrides if o.startswith("configs=")]
     for folder in own:
         if not Path(folder).is_dir():
             raise InputRefused(f"configs={folder}: there is no such folder: give one with model/NAME.yaml")
     search = [f"hydra.searchpath=[{', '.join(f'file://{Path(folder).resolve()}' for folder in own)}]"] if own else []
-    others = [o for o in overrides if not o.startswith("configs=")]
-    given = _values(None, command, [*search, *others], "used", f"see phnn {command} --help")
-    return {str(key): value for key, value in dict(given).items()}
-
-
-def _check_key(command: str, override: str, defaults: Mapping[str, Any]) -> None:
-    accepted = ", ".join(str(key) for key in defaults)
-    key, equals, _ = override.partition("=")
-    if not equals:
-        raise InputRefused(f"{override!r} is no setting: write key=value with a key out of {accepted}")
-    if key.partition(".")[0] not in defaults:
-        hint = meant(key, map(str, defaults))
-        raise InputRefused(f"unknown setting {key!r} in {override!r}{hint}: phnn {command} accepts {accepted}")
-
-
-def _in_full(override: str, defaults: Mapping[str, Any]) -> str:
-    """Return an override as hydra takes it: a criterion stands in no file, for its class owns the default.
-
-    ``material`` and ``material_share`` are criteria by their former names.
-    """
-    if "criteria" not in defaults:
-        return override
-    if override.partition("=")[0] in ("material", "material_share"):
-        override = f"criteria.{override}"
-    return f"++{override}" if override.startswith("criteria.") else override
+    others = [*search, *(o for o in overrides if not o.startswith("configs="))]
+    try:
+        with hydra.initialize_config_dir(str(config_folder()), version_base=None, job_name=f"phnn_{command}"):
+            given: Any = OmegaConf.to_container(hydra.compose(command, others), resolve=True, throw_on_missing=True)
+    # Python refuses to convert thousands of digits.
+    except (OmegaConfBaseException, HydraException, ValueError, OverflowError) as error:
+        raise _refused(others, error, f"see phnn {command} --help") from error
+    return {str(key): value for key, value in given.items()}
 
 
 def _checked(key: str, value: Any, default: Any) -> Any:

@@ -8,15 +8,18 @@ as what it stands for, so that aliases of aliases cannot multiply.
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import os
 import re
 import stat
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO
+
+from rich import filesize
 
 from phnn.errors import InputRefused
 from phnn.results import printable
@@ -67,12 +70,10 @@ class Limits:
         own = count in ("hysterons", "starts", "workers", "substeps", "units")
         return int(getattr(self, count)) if own else 10**self.digits - 1
 
-    def memory_for_a_file(self) -> int:
-        """Return the bytes that the numbers of one file may take."""
-        return int(self.memory_share * available_memory())
-
 
 LIMITS = Limits()
+_TOO_DEEP = f"lists and mappings more than {LIMITS.depth} levels deep"
+_TOO_LARGE = 10**LIMITS.digits
 
 
 def available_memory() -> int:
@@ -115,13 +116,6 @@ def _text(path: Path) -> str:
         return ""
 
 
-_KINDS = (
-    (stat.S_ISDIR, "a folder"),
-    (stat.S_ISFIFO, "a pipe (FIFO)"),
-    (stat.S_ISSOCK, "a socket"),
-    (stat.S_ISCHR, "a device"),
-    (stat.S_ISBLK, "a device"),
-)
 OUTSIDE = "--allow-outside"
 
 
@@ -178,8 +172,8 @@ class Source:
         """Refuse a file of more than ``most`` bytes. Raises InputRefused."""
         if self.size > most:
             raise InputRefused(
-                f"{self.name}: {shown_bytes(self.size)}, {what} may have at most {shown_bytes(most)}: split it, or "
-                f"export less"
+                f"{self.name}: {filesize.decimal(self.size)}, {what} may have at most {filesize.decimal(most)}: split "
+                f"it, or export less"
             )
 
     def check_memory(self, size: int, unpacked: bool = False) -> None:
@@ -189,15 +183,36 @@ class Source:
             size: bytes of the numbers once they are read.
             unpacked: the file holds them packed, and may claim any number of them.
         """
-        most = LIMITS.memory_for_a_file()
+        most = int(LIMITS.memory_share * available_memory())
         if unpacked:
             most = min(most, LIMITS.unpacked_bytes + self.size)
         if size > most:
             raise InputRefused(
-                f"{self.name}: its numbers take {shown_bytes(size)}, at most {shown_bytes(most)} are accepted"
+                f"{self.name}: its numbers take {filesize.decimal(size)}, at most {filesize.decimal(most)} are accepted"
                 f"{' of a packed file of this size' if unpacked else ' with the memory that is available'}: split it, "
                 f"or export fewer samples"
             )
+
+
+def reached(path: Path, before: str, kind: str, remedy: str) -> tuple[Path, os.stat_result]:
+    """Return a path that a user names, links resolved, and its entry in the file system.
+
+    Args:
+        before: what stands before it in a message; kind: what it should be; remedy: where it is not there.
+
+    Raises:
+        InputRefused: there is nothing, or it cannot be reached.
+    """
+    shown = printable(str(path))
+    try:
+        real = path.resolve(strict=True)
+        return real, real.stat()
+    except (FileNotFoundError, NotADirectoryError) as error:
+        raise InputRefused(f"{before}{shown}: there is no such {kind}: {remedy}") from error
+    except (OSError, ValueError, RuntimeError) as error:
+        cause = getattr(error, "strerror", None) or printable(str(error))
+        shown = shown[: LIMITS.name_characters]
+        raise InputRefused(f"{before}{shown}: cannot be reached ({cause}): {remedy}") from error
 
 
 def named_file(
@@ -217,18 +232,10 @@ def named_file(
     """
     name = printable(path.name)
     said = f"{where}: " if where else ""
-    try:
-        real = path.resolve(strict=True)
-        found = real.stat()
-    except (FileNotFoundError, NotADirectoryError) as error:
-        raise InputRefused(f"{said}{printable(str(path))}: there is no such file: {absent}") from error
-    except (OSError, ValueError, RuntimeError) as error:
-        cause = getattr(error, "strerror", None) or printable(str(error))
-        shown = printable(str(path))[: LIMITS.name_characters]
-        raise InputRefused(f"{said}{shown}: cannot be reached ({cause}): {absent}") from error
-    for test, kind in _KINDS:
-        if test(found.st_mode):
-            raise InputRefused(f"{said}{name}: is {kind}, not a file: copy what is to be read into a file")
+    real, found = reached(path, said, "file", absent)
+    if not stat.S_ISREG(found.st_mode):
+        kind = "a folder" if stat.S_ISDIR(found.st_mode) else "a pipe, a socket or a device"
+        raise InputRefused(f"{said}{name}: is {kind}, not a file: copy what is to be read into a file")
     if within and not outside and not any(real.is_relative_to(os.path.realpath(folder)) for folder in within):
         raise InputRefused(
             f"{said}{printable(str(path))}: leads out of the folder {printable(str(within[0]))}: copy the file into "
@@ -237,18 +244,6 @@ def named_file(
     source = Source(real, name, path.suffix.lower(), found.st_size, outside or not within)
     source.check_size(LIMITS.file_bytes)
     return source
-
-
-def shown_bytes(size: float) -> str:
-    """Return a number of bytes with three digits."""
-    for unit in ("bytes", "kB", "MB"):
-        if size < 1000.0:
-            return f"{size:.3g} {unit}"
-        size /= 1000.0
-    return f"{size:.3g} GB"
-
-
-_JSON_TOO_DEEP = f"lists and objects more than {LIMITS.depth} levels deep"
 
 
 def load_json(source: Source, most: int, what: str, remedy: str) -> Any:
@@ -262,34 +257,24 @@ def load_json(source: Source, most: int, what: str, remedy: str) -> Any:
     """
     raw = source.read(most, what)
     try:
-        content = json.loads(
-            raw.decode("utf-8-sig"), parse_int=_whole, parse_float=_real, parse_constant=_constant,
-            object_pairs_hook=each_key_once,
-        )  # fmt: skip
-        if _levels(content) > LIMITS.depth:
-            raise ValueError(_JSON_TOO_DEEP)
+        content = json.loads(raw.decode("utf-8-sig"), object_pairs_hook=each_key_once)
+        _check_plain(content, 0)
     except RecursionError as error:
-        raise InputRefused(f"{source.name}: {_JSON_TOO_DEEP}: {remedy}") from error
+        raise InputRefused(f"{source.name}: {_TOO_DEEP}: {remedy}") from error
     except ValueError as error:
         raise InputRefused(f"{source.name}: is not json ({error}): {remedy}") from error
     return content
 
 
-def _whole(text: str) -> int:
-    if len(text.lstrip("-")) > LIMITS.digits:
-        raise ValueError(f"a whole number of {len(text)} digits, at most {LIMITS.digits} are accepted")
-    return int(text)
-
-
-def _real(text: str) -> float:
-    value = float(text)
-    if not math.isfinite(value):
-        raise ValueError(f"{text[:40]} is too large a number")
-    return value
-
-
-def _constant(text: str) -> float:
-    raise ValueError(f"{text} is no number")
+def _check_plain(value: Any, depth: int) -> None:
+    """Refuse values too deep in one another, and numbers too large. Raises ValueError."""
+    if isinstance(value, dict | list):
+        if value and depth == LIMITS.depth:
+            raise ValueError(_TOO_DEEP)
+        for inner in value.values() if isinstance(value, dict) else value:
+            _check_plain(inner, depth + 1)
+    elif isinstance(value, int | float) and not abs(value) < (math.inf if isinstance(value, float) else _TOO_LARGE):
+        raise ValueError(f"{value!r:.40} is no finite number of at most {LIMITS.digits} digits")
 
 
 def each_key_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -302,12 +287,6 @@ def each_key_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return content
 
 
-def _levels(value: Any) -> int:
-    """Return how many lists and objects stand in one another, empty ones not counted."""
-    inner = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
-    return 1 + max(map(_levels, inner)) if inner else 0
-
-
 # Words of yaml, in small letters, in capitals, or with one at the beginning.
 _WORDS = {"": None, "~": None, "null": None, "yes": True, "true": True, "on": True} | dict.fromkeys(
     ("no", "false", "off"), False
@@ -317,10 +296,6 @@ _REAL = re.compile(
     r"[-+]?(?:[0-9][0-9_]*\.[0-9_]*(?:[eE][-+]?[0-9]+)?|[0-9][0-9_]*[eE][-+]?[0-9]+|\.[0-9][0-9_]*(?:[eE][-+]?[0-9]+)?"
     r"|\.(?:inf|Inf|INF))|\.(?:nan|NaN|NAN)"
 )
-_MERGE = "<<"
-# What other readers of yaml would replace, from the environment for instance.
-_INTERPOLATION = "${"
-_TOO_DEEP = f"lists and mappings more than {LIMITS.depth} levels deep: write less"
 
 
 class _Refused(ValueError):
@@ -362,11 +337,11 @@ def plain_values(text: str, name: str) -> Any:
         for event in yaml.parse(text, Loader=loader):
             depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
             if depth > LIMITS.depth + 1:
-                raise _Refused(event, _TOO_DEEP)
+                raise _Refused(event, f"{_TOO_DEEP}: write less")
         documents = list(yaml.compose_all(text, Loader=loader))
         if len(documents) > 1:
             raise _Refused(documents[1], "a second document begins: one file holds one")
-        return _Values().of(documents[0], 0) if documents else None
+        return _plain(documents[0], 0, itertools.count(1)) if documents else None
     except _Refused as error:
         raise InputRefused(f"{name}: line {error.line}: {error}") from error
     except (yaml.YAMLError, RecursionError) as error:
@@ -377,50 +352,41 @@ def plain_values(text: str, name: str) -> Any:
 _PLAIN, _QUOTED = "", "quoted"
 
 
-class _Values:
-    """Plain values from the nodes of a document, counted; an alias is the node that it stands for, again."""
-
-    def __init__(self) -> None:
-        self.count = 0
-
-    def of(self, node: Any, depth: int) -> Any:
-        """Return the value of a node that lies so deep in others."""
-        self.count += 1
-        if self.count > LIMITS.yaml_values:
-            raise _Refused(node, f"more than {LIMITS.yaml_values} values, aliases written out: write less")
-        if depth > LIMITS.depth:
-            raise _Refused(node, _TOO_DEEP)
-        if node.tag not in (_PLAIN, _QUOTED):
-            raise _Refused(node, f"the tag {node.tag!r} is not accepted: write plain values without tags")
-        if node.id == "scalar":
-            return _scalar(node)
-        if node.id == "sequence":
-            return [self.of(inner, depth + 1) for inner in node.value]
-        return self._mapping(node, depth + 1)
-
-    def _mapping(self, node: Any, depth: int) -> dict[Any, Any]:
-        own: dict[Any, Any] = {}
-        merged: dict[Any, Any] = {}
-        for key_node, value_node in node.value:
-            key, value = self.of(key_node, depth), self.of(value_node, depth)
-            if isinstance(key, list | dict):
-                raise _Refused(key_node, "a list or mapping as a key: write a name")
-            if key in own:
-                raise _Refused(key_node, f"the key {key!r} is given twice: remove one")
-            if key != _MERGE:
-                own[key] = value
-                continue
-            for mapping in value if isinstance(value, list) else [value]:
-                if not isinstance(mapping, dict):
-                    raise _Refused(key_node, "<< stands before something that is no mapping: name a mapping")
-                # The first mapping that has a key wins.
-                merged = mapping | merged
-        return merged | own
+def _plain(node: Any, depth: int, counted: Iterator[int]) -> Any:
+    """Return the value of a node that lies so deep in others; an alias is the node that it stands for, again."""
+    if next(counted) > LIMITS.yaml_values:
+        raise _Refused(node, f"more than {LIMITS.yaml_values} values, aliases written out: write less")
+    if depth > LIMITS.depth:
+        raise _Refused(node, f"{_TOO_DEEP}: write less")
+    if node.tag not in (_PLAIN, _QUOTED):
+        raise _Refused(node, f"the tag {node.tag!r} is not accepted: write plain values without tags")
+    if node.id == "scalar":
+        return _scalar(node)
+    if node.id == "sequence":
+        return [_plain(inner, depth + 1, counted) for inner in node.value]
+    own: dict[Any, Any] = {}
+    merged: dict[Any, Any] = {}
+    for key_node, value_node in node.value:
+        key, value = (_plain(inner, depth + 1, counted) for inner in (key_node, value_node))
+        if isinstance(key, list | dict):
+            raise _Refused(key_node, "a list or mapping as a key: write a name")
+        if key in own:
+            raise _Refused(key_node, f"the key {key!r} is given twice: remove one")
+        if key != "<<":
+            own[key] = value
+            continue
+        for mapping in value if isinstance(value, list) else [value]:
+            if not isinstance(mapping, dict):
+                raise _Refused(key_node, "<< stands before something that is no mapping: name a mapping")
+            # The first mapping that has a key wins.
+            merged = mapping | merged
+    return merged | own
 
 
 def _scalar(node: Any) -> Any:
     text = node.value
-    if _INTERPOLATION in text:
+    # What other readers of yaml would replace, from the environment for instance.
+    if "${" in text:
         raise _Refused(node, f"{text[:60]!r}: nothing is put in for ${{…}} here: write the value itself")
     if node.tag == _QUOTED:
         return text

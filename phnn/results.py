@@ -65,6 +65,12 @@ def printable(text: str, lines: bool = False) -> str:
     return shown if lines else shown.replace("\n", "\\x0a")
 
 
+def listed(names: Iterable[str], most: int = 8) -> str:
+    """Return names in a row, the first of many with the number of the others."""
+    some = list(names)
+    return ", ".join(some[:most]) + (f" and {len(some) - most} more" if len(some) > most else "")
+
+
 def message(text: str, most: int) -> str:
     """Return a message of one printable line; of one with more characters the beginning and the end."""
     line = printable(text)

@@ -20,7 +20,7 @@ from phnn.errors import InputRefused, OutputRefused
 from phnn.intake import LIMITS, plain_values
 from phnn.recordings import checks, read
 from phnn.recordings.manifest import DEFAULT_SETUP, Manifest
-from phnn.recordings.reader import READERS, Files
+from phnn.recordings.reader import Files
 from phnn.recordings.table import Table
 from phnn.recordings.units import QUANTITIES, find_unit, parse_name, split_unit
 from phnn.results import message, printable, refusal
@@ -125,7 +125,7 @@ class Found:
 
     Attributes:
         file: its name; table, roles: None and empty where it cannot be read, or has no input and output.
-        others: columns that serve as nothing; columns: all of them, in order.
+        columns: of numbers, in order.
         actuator: it may be the recording of a piezo actuator.
         reason: why it is no recording; empty where it is one.
         name: of the recording where the file's name alone is not unique.
@@ -134,7 +134,6 @@ class Found:
     file: str
     table: Table | None = None
     roles: Mapping[str, _Role] = field(default_factory=dict)
-    others: tuple[_Seen, ...] = ()
     columns: tuple[_Seen, ...] = ()
     actuator: bool = True
     reason: str = ""
@@ -194,7 +193,7 @@ def _found(file: str, table: Table) -> Found:
         roles[TIME] = _role(time if of_time else time._replace(unit=None), "s", time.words & _WORDS[TIME])
         if time.name == table.stamps:
             roles[TIME] = _Role(time, "s", ())
-    return Found(file, table, roles, tuple(c for c in rest if c not in (u, y)), tuple(columns), actuator)
+    return Found(file, table, roles, tuple(columns), actuator)
 
 
 def with_roles(found: Found, picked: Mapping[str, tuple[str, str]]) -> Found:
@@ -215,9 +214,8 @@ def with_roles(found: Found, picked: Mapping[str, tuple[str, str]]) -> Found:
         roles[role] = _Role(named[name]._replace(unit=unit), unit, ())
     if missing := [role for role in (INPUT, OUTPUT) if role not in roles]:
         raise InputRefused(f"{found.file}: no column is the {missing[0]}: choose one")
-    others = tuple(c for n, c in named.items() if n not in [name for name, _ in picked.values()])
     actuator = _is_of_actuator(roles[INPUT].column, roles[OUTPUT].column)
-    return replace(found, roles=roles, others=others, actuator=actuator)
+    return replace(found, roles=roles, actuator=actuator)
 
 
 def _role(column: _Seen, otherwise: str, named: object) -> _Role:
@@ -242,15 +240,13 @@ def _by_words(columns: Sequence[_Seen], role: str, first: str) -> _Seen | None:
 
 def _is_of_actuator(source: _Seen, answer: _Seen) -> bool:
     """Return whether nothing says that two columns are not input and output of a piezo actuator."""
-    return not (_is_other(source, "voltage") or _is_other(answer, "displacement"))
-
-
-def _is_other(column: _Seen, name: str) -> bool:
-    """Return whether something says that a column is not the voltage or the displacement of a piezo actuator."""
-    least, most, unit = checks.ACTUATORS[name]
-    largest, reach, si = column.size
-    size = largest if name == "voltage" else reach
-    return bool(column.words & _OTHER_SYSTEMS) or (bool(si) and (si != unit or not least <= size <= most))
+    for column, name in ((source, "voltage"), (answer, "displacement")):
+        least, most, unit = checks.ACTUATORS[name]
+        largest, reach, si = column.size
+        size = largest if name == "voltage" else reach
+        if column.words & _OTHER_SYSTEMS or (si and (si != unit or not least <= size <= most)):
+            return False
+    return True
 
 
 def _length(column: _Seen) -> str:
@@ -258,49 +254,6 @@ def _length(column: _Seen) -> str:
     size = float(np.ptp(column.values))
     factors = {"um": 1e-6, "m": 1.0, "mm": 1e-3, "nm": 1e-9}
     return next((u for u, factor in factors.items() if 1e-9 <= size * factor <= 1e-3), "um")
-
-
-def manifest_text(found: Sequence[Found], left: Sequence[str], folder: str, actuator: bool) -> str:
-    """Return the manifest.
-
-    Args:
-        found: files that may be recordings; those with a reason are commented out.
-        left: other files and folders.
-        folder: as the user calls it.
-        actuator: input and output are taken for voltage and displacement of a piezo actuator.
-    """
-    usable, shown = [f for f in found if not f.reason], _comment(folder)
-    lines = [
-        f"# A first manifest for {shown}, from what the files look like.",
-        "# Correct what is marked as guessed. Save it as recordings.yaml in that folder, or give it by --manifest:",
-        f"#   phnn check {shown} --manifest recordings.yaml",
-        "",
-        *_setup(usable, actuator),
-        *(f"# {key}: {value}   # {why}" for key, value, why in _WANTED),
-    ]
-    columns = [_columns(f, actuator) for f in usable]
-    shared = bool(columns) and all(c == columns[0] for c in columns)
-    if shared:
-        lines += ["", "columns:", *(f"  {line}" for line in columns[0])]
-    if any(TIME not in f.roles for f in usable):
-        lines += [f"sample_rate_hz: {_RATE:g}   # guessed: no column is a time; write the true rate"]
-    lines += ["", "recordings:"] if usable else []
-    for i, f in enumerate(usable):
-        lines += [f"  - file: {_quoted(f.file)}"]
-        if f.name:
-            lines += [f"    name: {_quoted(f.name)}"]
-        if len(usable) >= _HELD_OUT:
-            lines += [f"    use: {'identification' if (i + 1) % _HELD_OUT else 'confirmation   # proposed: held out'}"]
-        if not shared:
-            lines += ["    columns:", *(f"      {line}" for line in columns[i])]
-    if usable and len(usable) < _HELD_OUT:
-        lines += ["    # add `use: confirmation` to what is to be held out; left out, phnn chooses"]
-    refused = [f for f in found if f.reason]
-    lines += ["", "# These files cannot be used as they are:"] if refused else []
-    for f in refused:
-        lines += [f"#   - file: {_quoted(f.file)}", f"#     # {_comment(f.reason)}"]
-    lines += ["", f"# Left alone, no recordings: {_comment(', '.join(left))}"] if left else []
-    return "\n".join(lines) + "\n"
 
 
 def _setup(usable: Sequence[Found], actuator: bool) -> list[str]:
@@ -342,8 +295,9 @@ def _columns(f: Found, actuator: bool) -> list[str]:
         if len(some) > 1 or unit is None:
             unit = unit or QUANTITIES[key] or "1"
             lines.append(f"{key}: {{column: {_place(table, index)}, unit: {unit}}}   # guessed: not in use")
-    if f.others:
-        lines.append(f"# not used: {', '.join(_called(table, c.place) for c in f.others)}")
+    used = [role.column.place for role in f.roles.values()]
+    if others := [_called(table, c.place) for c in f.columns if c.place not in used]:
+        lines.append(f"# not used: {', '.join(others)}")
     return lines
 
 
@@ -391,8 +345,40 @@ class Look(NamedTuple):
     actuator: bool
 
     def text(self) -> str:
-        """Return a first manifest."""
-        return manifest_text(self.found, self.left, str(self.folder), self.actuator)
+        """Return a first manifest; files with a reason are commented out."""
+        usable, shown = [f for f in self.found if not f.reason], _comment(str(self.folder))
+        lines = [
+            f"# A first manifest for {shown}, from what the files look like.",
+            "# Correct what is marked as guessed. Save it as recordings.yaml in that folder, or give it by --manifest:",
+            f"#   phnn check {shown} --manifest recordings.yaml",
+            "",
+            *_setup(usable, self.actuator),
+            *(f"# {key}: {value}   # {why}" for key, value, why in _WANTED),
+        ]
+        columns = [_columns(f, self.actuator) for f in usable]
+        shared = bool(columns) and all(c == columns[0] for c in columns)
+        if shared:
+            lines += ["", "columns:", *(f"  {line}" for line in columns[0])]
+        if any(TIME not in f.roles for f in usable):
+            lines += [f"sample_rate_hz: {_RATE:g}   # guessed: no column is a time; write the true rate"]
+        lines += ["", "recordings:"] if usable else []
+        for i, f in enumerate(usable):
+            lines += [f"  - file: {_quoted(f.file)}"]
+            if f.name:
+                lines += [f"    name: {_quoted(f.name)}"]
+            if len(usable) >= _HELD_OUT:
+                use = "identification" if (i + 1) % _HELD_OUT else "confirmation   # proposed: held out"
+                lines += [f"    use: {use}"]
+            if not shared:
+                lines += ["    columns:", *(f"      {line}" for line in columns[i])]
+        if usable and len(usable) < _HELD_OUT:
+            lines += ["    # add `use: confirmation` to what is to be held out; left out, phnn chooses"]
+        refused = [f for f in self.found if f.reason]
+        lines += ["", "# These files cannot be used as they are:"] if refused else []
+        for f in refused:
+            lines += [f"#   - file: {_quoted(f.file)}", f"#     # {_comment(f.reason)}"]
+        lines += ["", f"# Left alone, no recordings: {_comment(', '.join(self.left))}"] if self.left else []
+        return "\n".join(lines) + "\n"
 
     def picked(self, roles: Mapping[str, tuple[str, str]]) -> Look:
         """Return the same where a person gave the columns of all files their roles, see `with_roles`."""
@@ -419,8 +405,7 @@ def look(folder: Path, outside: bool = False) -> Look:
     found = []
     for path in candidates:
         try:
-            source = files.source(path.name)
-            found.append(_found(path.name, READERS[source.suffix](source)))
+            found.append(_found(path.name, files.table(path.name)))
         except InputRefused as error:
             found.append(Found(path.name, reason=str(error)))
     # Files that share a name up to their endings get their whole names as those of their recordings.
@@ -428,27 +413,17 @@ def look(folder: Path, outside: bool = False) -> Look:
     found = [replace(f, name=f.file) if shared[printable(Path(f.file).stem)] > 1 else f for f in found]
     actuator = all(f.actuator for f in found if not f.reason)
     # Numbers that no piezo actuator gives show only when the recordings are read.
-    tried = [_readable(found, folder, kind, outside) for kind in ([True, False] if actuator else [False])]
-    best = max(range(len(tried)), key=lambda i: sum(not f.reason for f in tried[i]))
-    return Look(folder, tried[best], left, actuator and best == 0)
+    tried = [_tried(Look(folder, found, left, kind), outside) for kind in ([True, False] if actuator else [False])]
+    return max(tried, key=lambda one: sum(not f.reason for f in one.found))
 
 
-def template(folder: Path, outside: bool = False) -> str:
-    """Return the text of a first manifest, which `phnn check` reads; arguments and errors as of `look`.
-
-    Files that cannot be used are listed in comments with the reason.
-    """
-    return look(folder, outside).text()
-
-
-def write_template(folder: Path, out: Path, outside: bool = False) -> None:
-    """Write that text into a new file, which may lie in the folder of the recordings.
+def write_new(out: Path, content: bytes) -> None:
+    """Write a new file, which may lie in the folder of the recordings.
 
     Raises:
-        InputRefused: as `template`; or there is a file, folder or link of that name, or the new one cannot be written.
+        InputRefused: there is a file, folder or link of that name, or the new one cannot be written.
         OutputFailed: the disk is full.
     """
-    content = template(folder, outside).encode()
     try:
         # Exclusive: nothing is replaced, and no link is followed.
         file = out.open("xb")
@@ -465,19 +440,19 @@ def write_template(folder: Path, out: Path, outside: bool = False) -> None:
         raise refusal(out, error) from error
 
 
-def _readable(found: Sequence[Found], folder: Path, actuator: bool, outside: bool) -> list[Found]:
-    """Return the files, those with a reason that the reader refuses with the guessed manifest."""
-    usable = [f for f in found if not f.reason]
-    if usable and not _refusal(usable, folder, actuator, outside):
-        return list(found)
-    return [f if f.reason else replace(f, reason=_refusal([f], folder, actuator, outside)) for f in found]
+def _tried(one: Look, outside: bool) -> Look:
+    """Return the same, files with a reason that the reader refuses with the guessed manifest."""
+    usable = [f for f in one.found if not f.reason]
+    if usable and not _refusal(one._replace(found=usable), outside):
+        return one
+    reasons = [f.reason or _refusal(one._replace(found=[f]), outside) for f in one.found]
+    return one._replace(found=[replace(f, reason=reason) for f, reason in zip(one.found, reasons, strict=True)])
 
 
-def _refusal(found: Sequence[Found], folder: Path, actuator: bool, outside: bool) -> str:
-    """Return why these files cannot be read with the guessed manifest; empty where they can."""
-    text = manifest_text(found, (), str(folder), actuator)
+def _refusal(one: Look, outside: bool) -> str:
+    """Return why files cannot be read with the guessed manifest; empty where they can."""
     try:
-        read(folder, plain_values(text, MANIFEST), allow_outside=outside)
+        read(one.folder, plain_values(one._replace(left=()).text(), MANIFEST), allow_outside=outside)
     except InputRefused as error:
         return str(error)
     return ""

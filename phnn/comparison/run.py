@@ -49,7 +49,7 @@ def compare(
     Args:
         campaign: recordings with their uses, or their folder.
         out: where the results go.
-        settings: which models, and how they are fitted: ``key=value`` in the grammar of hydra, as for ``phnn compare``,
+        settings: which models, and how they are fitted: ``key=value``, as for ``phnn compare``,
             see ``configs/compare.yaml``.
         progress: called with a line of text at every stage.
         overwrite: replace results that were changed since.

@@ -23,6 +23,7 @@ import numpy as np
 from phnn.errors import InputRefused
 from phnn.intake import LIMITS, Source, each_key_once
 from phnn.recordings.library_files import matlab_content, readable
+from phnn.recordings.manifest import AXES
 from phnn.recordings.table import (
     NUMBERS,
     Stored,
@@ -35,7 +36,7 @@ from phnn.recordings.table import (
     table_of,
 )
 from phnn.recordings.text_files import read_content
-from phnn.results import printable
+from phnn.results import listed, printable
 
 # The layout is that of MathWorks' "MAT-File Format": a header of 128 bytes, then tagged elements, matrices nested.
 # The content of a file: read, or mapped into memory.
@@ -167,10 +168,6 @@ def _nested(raw: Raw, position: int, end: int, order: str, kind: int, count: int
         position = element.next
 
 
-# The object of MATLAB's System Identification Toolbox, and its time, input and output.
-_IDDATA, _FIELDS = "iddata", ("SamplingInstants", "InputData", "OutputData")
-
-
 def read_mat(source: Source) -> Table:
     """Return the numeric variables of a .mat file.
 
@@ -187,7 +184,9 @@ def read_mat(source: Source) -> Table:
     found = list(stored_arrays({n: v for n, v in content.items() if n not in experiments}))
     if not any(stored.dtype.kind in NUMBERS for stored in found) and not experiments and objects:
         name, kind = objects[0]
-        time, u, y = (f"{name}.{field}" for field in _FIELDS) if kind == _IDDATA else ("…", "…", "…")
+        # The object of MATLAB's System Identification Toolbox has a time, an input and an output.
+        fields = ("SamplingInstants", "InputData", "OutputData") if kind == "iddata" else ()
+        time, u, y = (f"{name}.{field}" for field in fields) if fields else ("…", "…", "…")
         raise InputRefused(
             f"{where}: {name} is an object of class {kind}, whose content only MATLAB can read: save its numbers "
             f"there, with their units: time_s = {time}; input_V = {u}; output_m = {y}; save('{name}.mat', 'time_s', "
@@ -293,10 +292,6 @@ def read_npy(source: Source) -> Table:
     return Table(Where(source.name), ("",) * array.shape[1], tuple(array.T))
 
 
-# Axes of an array of a periodic experiment, in the order in which it is read.
-_AXES = ("realisation", "period", "time", "channel")
-
-
 def read_axes(source: Source, axes: Sequence[str]) -> Table:
     """Return an array whose axes are time and any of channel, realisation and period, as of a periodic experiment.
 
@@ -310,8 +305,8 @@ def read_axes(source: Source, axes: Sequence[str]) -> Table:
             f"{source.name}: an array of shape {array.shape} and type {array.dtype}, said to have the axes "
             f"{', '.join(axes)}: name as many, of real numbers"
         )
-    absent = [name for name in _AXES if name not in axes]
-    ordered = np.expand_dims(array, tuple(range(array.ndim, 4))).transpose([[*axes, *absent].index(n) for n in _AXES])
+    absent = [name for name in AXES if name not in axes]
+    ordered = np.expand_dims(array, tuple(range(array.ndim, 4))).transpose([[*axes, *absent].index(n) for n in AXES])
     channels = ordered.shape[3]
     if channels > LIMITS.columns:
         raise InputRefused(f"{source.name}: {channels} channels: correct the order of `axes`")
@@ -357,7 +352,7 @@ def _load_v5(source: Source) -> tuple[Mapping[str, Any], Sequence[Sequence[str]]
 
 # A text takes at most so many times its size while it is read: an object of 32 bytes for each "0,", and itself.
 _TIMES = 20
-_SHOWN, _LISTED = 40, 5
+_SHOWN = 40
 _REMEDY = "save it as an object of arrays of equal length, or as a list of records with the same keys"
 
 
@@ -387,10 +382,7 @@ def read_json(source: Source) -> Table:
         raise InputRefused(f"{source.name}: {error}") from error
     if not columns:
         raise NoRecording(f"{source.name}: no arrays of numbers in it: {_REMEDY}")
-    notes: tuple[str, ...] = ()
-    if left:
-        more = " and more" if len(left) > _LISTED else ""
-        notes = (f"{', '.join(left[:_LISTED])}{more} are no arrays of numbers and were left alone",)
+    notes = (f"{listed(left)} are no arrays of numbers and were left alone",) if left else ()
     return Table(Where(source.name), tuple(columns), tuple(columns.values()), by_name=True, notes=notes)
 
 

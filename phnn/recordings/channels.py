@@ -338,7 +338,7 @@ def _in_order(t: Array, channels: Mapping[str, Array], where: Where) -> tuple[Ar
     again = np.flatnonzero(np.diff(t[order]) == 0.0) + 1
     same = all(np.array_equal(x[order[again]], x[order[again - 1]]) for x in channels.values())
     if far or not same or again.size > _DISORDER * t.size:
-        checks.time_advances(t[order], where, order)
+        raise checks.disorder(t[order], where, order)
     notes = []
     if back.size:
         notes.append(f"{back.size} times go back, the first at {where.row(int(back[0]) + 1)}: rows sorted by time")

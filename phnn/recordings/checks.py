@@ -8,11 +8,12 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
+from rich import filesize
 
 from phnn.errors import InputRefused
-from phnn.intake import LIMITS, available_memory, shown_bytes
+from phnn.intake import LIMITS, available_memory, reached
 from phnn.recordings.table import Where
-from phnn.results import NOTES, printable
+from phnn.results import NOTES, listed, printable
 
 _UNITS = {"voltage": "V", "displacement": "um"}
 _REMEDIES = {"time": "name one time_s, or write sample_rate_hz in recordings.yaml"} | {
@@ -38,25 +39,18 @@ ACTUATORS = {"voltage": (1e-5, 1e5, "V"), "displacement": (1e-10, 1e-2, "m")}
 
 def folder_exists(folder: Path) -> None:
     """Refuse a folder that is absent, out of reach or a file."""
-    name = printable(str(folder))
-    try:
-        # Unlike `Path.exists`, this says why a path cannot be looked at.
-        found = folder.stat()
-    except (FileNotFoundError, NotADirectoryError) as error:
-        raise InputRefused(f"folder {name}: there is no such folder: check the path") from error
-    except (OSError, ValueError) as error:
-        cause = getattr(error, "strerror", None) or str(error)
-        shown = name[: LIMITS.name_characters]
-        raise InputRefused(f"folder {shown}: cannot be reached ({cause}): check the path") from error
+    _, found = reached(folder, "folder ", "folder", "check the path")
     if not stat.S_ISDIR(found.st_mode):
-        raise InputRefused(f"{name}: this is a file: give the folder that holds it (one file is one recording)")
+        raise InputRefused(
+            f"{printable(str(folder))}: this is a file: give the folder that holds it (one file is one recording)"
+        )
 
 
 def any_recordings(files: Sequence[Path], left: Sequence[str], folder: Path) -> None:
     """Refuse a folder without recordings, naming what lies in it."""
     if files:
         return
-    found = f"; it holds {', '.join(left[:8])}" if left else "; it is empty"
+    found = f"; it holds {listed(left)}" if left else "; it is empty"
     raise InputRefused(
         f"folder {printable(str(folder))}: no recordings in it{found}: add .csv files with columns "
         f"time_s, voltage_V, displacement_um, or describe the files in recordings.yaml (`phnn template` writes a first "
@@ -85,8 +79,8 @@ def not_too_many(recordings: int, samples: int, folder: Path) -> None:
     taken = samples * LIMITS.sample_bytes
     if taken > _MUCH and taken > available_memory():
         raise InputRefused(
-            f"folder {printable(str(folder))}: {samples} samples take {shown_bytes(taken)} of memory to check, and "
-            f"less is available: export fewer, or divide them among several folders"
+            f"folder {printable(str(folder))}: {samples} samples take {filesize.decimal(taken)} of memory to check, "
+            f"and less is available: export fewer, or divide them among several folders"
         )
 
 
@@ -104,8 +98,8 @@ def unique_names(names: Iterable[tuple[str, str]]) -> None:
 
 def absent(quantity: str, names: Sequence[str], where: Where) -> InputRefused:
     """Return the refusal of a file without a column that is needed."""
-    listed = [name for name in names if name]
-    found = f"columns found: {', '.join(listed[:12])}" if listed else "the columns have no names"
+    named = [name for name in names if name]
+    found = f"columns found: {listed(named)}" if named else "the columns have no names"
     return InputRefused(f"{where}: no {quantity} column ({found}): {_REMEDIES[quantity]}")
 
 
@@ -131,21 +125,17 @@ def finite(values: np.ndarray, label: str, where: Where, key: str) -> None:
         )
 
 
-def time_advances(t: np.ndarray, where: Where, rows: np.ndarray) -> None:
-    """Refuse time that goes back or stands still; ``rows`` are those of the file from which the instants come."""
+def disorder(t: np.ndarray, where: Where, rows: np.ndarray) -> InputRefused:
+    """Return the refusal of a time that goes back or stands still; ``rows`` of the file are those of the instants."""
     steps = np.diff(t)
-    for bad, cause, remedy in (
-        (
-            steps < 0.0,
-            "time goes back",
-            "sort the rows, or say `segments: true` in recordings.yaml where new recordings begin",
-        ),
-        (steps == 0.0, "two rows with one time", "delete the repeated row, or write time with more digits"),
-    ):
-        if bad.any():
-            i = int(np.argmax(bad)) + 1
-            row = where.row(int(rows[i]))
-            raise InputRefused(f"{where}: time, {row}: {cause} ({t[i - 1]:.9g} s, then {t[i]:.9g} s): {remedy}")
+    bad, cause = steps == 0.0, "two rows with one time"
+    remedy = "delete the repeated row, or write time with more digits"
+    if (steps < 0.0).any():
+        bad, cause = steps < 0.0, "time goes back"
+        remedy = "sort the rows, or say `segments: true` in recordings.yaml where new recordings begin"
+    i = int(np.argmax(bad)) + 1
+    row = where.row(int(rows[i]))
+    return InputRefused(f"{where}: time, {row}: {cause} ({t[i - 1]:.9g} s, then {t[i]:.9g} s): {remedy}")
 
 
 def interval(dt: float, where: Where) -> None:

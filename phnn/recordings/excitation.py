@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import next_fast_len
 from scipy.optimize import minimize_scalar
+from scipy.signal import correlate
 from scipy.stats import spearmanr
 
 from phnn.signals.least_squares import residual, spline
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 
 _UNLIKE = 0.3  # mismatch that a signal must reach before a return counts as a period
 _ALIKE = 1e-3  # mismatch of a noisy repetition
-_LONG = 2**17  # samples from which on memory counts
 _EXACT = 1e-4  # mismatch accepted where only two periods bear witness
 _DISTURBED = 0.01  # share of its variance that a recorded sine may have beside the sine: noise, steps, a slow trend
 
@@ -78,12 +77,10 @@ def excitation_of(u: np.ndarray, dt: float) -> Excitation:
     if _few_levels(u):
         return Excitation("steps", 0.0, 0.0, amplitude, None, 0.0, span)
     frequency = _single_sine(x)
-    if frequency is not None:
-        return Excitation("sine", frequency / dt, frequency / dt, amplitude, None, x.size * frequency, span)
-    sweep = _sweep(x)
+    sweep = _sweep(x) if frequency is None else None
     if sweep is not None:
         return Excitation("chirp", sweep[0] / dt, sweep[1] / dt, amplitude, None, 0.0, span)
-    frequency = _disturbed_sine(x)
+    frequency = frequency or _disturbed_sine(x)
     if frequency is not None:
         return Excitation("sine", frequency / dt, frequency / dt, amplitude, None, x.size * frequency, span)
     return Excitation("broadband", *_band(x, dt), amplitude, None, 0.0, span)
@@ -127,30 +124,21 @@ def find_period(x: np.ndarray) -> float | None:
 
 def _over_many(x: np.ndarray, period: float, left: float) -> float | None:
     """Return the period refined over as many cycles as there are; ``None`` where the repetition is not steady."""
-    count = int((x.size - 0.95 * period) / period)
-    if count < 2:
-        return _snapped(period, 1) if left < _EXACT else None
-    multiple, left_many = _refined(x, count * period, min(1.0 + 0.02 * count, 0.2 * period))
-    if left_many > 3.0 * left + 1e-5:
+    count = max(int((x.size - 0.95 * period) / period), 1)
+    steady = left < _EXACT
+    if count > 1:
+        multiple, left_many = _refined(x, count * period, min(1.0 + 0.02 * count, 0.2 * period))
+        period, steady = multiple / count, left_many <= 3.0 * left + 1e-5
+    if not steady:
         return None
-    return _snapped(multiple / count, count)
-
-
-def _snapped(period: float, count: int) -> float:
-    """Return a whole number of samples where the difference cannot be seen over the recording."""
+    # A whole number of samples where the difference cannot be seen over the recording.
     return float(round(period)) if abs(period - round(period)) * count < 0.02 else period
 
 
 def _mismatches(x: np.ndarray, most: int) -> np.ndarray:
     """Return ``(most+1,)`` mismatch of ``x`` with itself at whole lags."""
     n = x.size
-    # A length with a large prime factor is transformed by way of much longer ones.
-    length = 2 * n if n <= _LONG else int(next_fast_len(2 * n, real=True))
-    spectrum = np.abs(np.fft.rfft(x, length))
-    spectrum **= 2
-    # A copy, so that the other half of the lags is freed.
-    cross = np.fft.irfft(spectrum, length)[: most + 1].copy()
-    del spectrum
+    cross = correlate(x, x, method="fft")[n - 1 : n + most]
     squares = np.concatenate(([0.0], np.cumsum(x * x)))
     energy = squares[n - most :][::-1] + (squares[n] - squares[: most + 1])
     return np.asarray((energy - 2.0 * cross) / (n - np.arange(most + 1)) / (2.0 * float(x.var())))
@@ -173,14 +161,15 @@ def _refined(x: np.ndarray, lag: float, reach: float) -> tuple[float, float]:
     return min(((float(best.x), float(best.fun)), (whole, mismatch(whole))), key=lambda pair: pair[1])
 
 
+def waves(rows: slice, frequency: float, harmonics: int) -> NDArray[np.float64]:
+    """Return (n, 1 + 2 K) a constant, cosines and sines of the first harmonics of a frequency, in cycles per sample."""
+    phase = 2.0 * np.pi * frequency * np.outer(np.arange(rows.start, rows.stop), np.arange(1, harmonics + 1))
+    return np.column_stack([np.ones(phase.shape[0]), np.cos(phase), np.sin(phase)])
+
+
 def _sine_misfit(x: NDArray[np.float64], frequency: float) -> float:
     """Return the share of the variance of ``x`` that a sine of that frequency (cycles per sample) leaves."""
-
-    def waves(rows: slice) -> NDArray[np.float64]:
-        phase = 2.0 * np.pi * frequency * np.arange(rows.start, rows.stop)
-        return np.column_stack([np.ones(phase.size), np.sin(phase), np.cos(phase)])
-
-    rest = residual(x, waves)
+    rest = residual(x, lambda rows: waves(rows, frequency, 1))
     return float(rest @ rest) / max(float(np.sum((x - x.mean()) ** 2)), 1e-300)
 
 

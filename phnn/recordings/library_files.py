@@ -28,8 +28,6 @@ _SUPERBLOCK, _BLOCK = 52, 2**20
 # Attributes of the CF conventions: of a unit, of numbers that are packed, of values that are missing.
 _UNITS, _PACKED, _MISSING = ("units", "unit"), ("scale_factor", "add_offset"), ("_FillValue", "missing_value")
 _CLASS, _EMPTY, _OBJECT = "MATLAB_class", "MATLAB_empty", "MATLAB_object_decode"
-# Packages that an extra of phnn brings.
-_EXTRAS = {"npTDMS": "'phnn[tdms]'"}
 
 
 @contextmanager
@@ -48,7 +46,8 @@ def readable(source: Source, kind: str, remedy: str, package: str = "", typed: b
         raise
     except Exception as error:
         if package and isinstance(error, ImportError):
-            cause = f"{source.suffix} files need the package {package}: pip install {_EXTRAS.get(package, package)}"
+            extra = "'phnn[tdms]'" if package == "npTDMS" else package
+            cause = f"{source.suffix} files need the package {package}: pip install {extra}"
             raise InputRefused(f"{source.name}: {cause}") from error
         cause = printable(f"{type(error).__name__}: {error}" if typed else str(error))
         raise InputRefused(f"{source.name}: {kind} ({cause}): {remedy}") from error

@@ -14,7 +14,7 @@ from typing import Any
 from phnn.errors import InputRefused, meant
 from phnn.intake import LIMITS, load_yaml, named_file
 from phnn.recordings.recording import PLAIN, Anchor, Sensor, Start
-from phnn.recordings.units import QUANTITIES, check_unit, find_unit
+from phnn.recordings.units import QUANTITIES, Unit, check_unit, find_unit
 from phnn.results import printable
 
 # Beyond, squares and products of two values are no numbers any more, or nothing.
@@ -89,10 +89,10 @@ def label(value: Any, where: str) -> str:
 
 
 DRIVING = ("input", "voltage", "force")
-GAINS = ("known", "unknown")
 # What may be missing beside numbers: cells without a number, and single samples far off their neighbours.
 EMPTY, GLITCHES = "empty", "glitches"
-AXES = ("time", "channel", "realisation", "period")
+# Axes of an array of a periodic experiment, in the order in which it is read.
+AXES = ("realisation", "period", "time", "channel")
 
 
 @dataclass(frozen=True)
@@ -165,7 +165,7 @@ def _column(said: Any, inherited: Column, quantity: str, where: str) -> Column:
     if "unit" in content:
         found["unit"] = check_unit(quantity, str(content["unit"]), where)
     if "gain" in content:
-        found["gain"] = choice(content["gain"], GAINS, f"{where}: gain")
+        found["gain"] = choice(content["gain"], ("known", "unknown"), f"{where}: gain")
     if "unwrap" in content:
         found["unwrap"] = number(content["unwrap"], f"{where}: unwrap", above=0.0)
     if "missing" in content:
@@ -178,25 +178,17 @@ def _column(said: Any, inherited: Column, quantity: str, where: str) -> Column:
     return replace(inherited, **found)
 
 
-_DERIVATIVES = ("derivative", "second_derivative")
-
-
 def sensor_of(value: Any, where: str) -> Sensor:
     """Return what a manifest says under ``sensor``."""
-    content = mapping(value, where)
-    keys_of(content, ("saturates", "rectified", "lag", *_DERIVATIVES), where)
-    said = {key: key in content and flag(content[key], f"{where}: {key}") for key in _DERIVATIVES}
+    content, flags = mapping(value, where), ("rectified", "derivative", "second_derivative")
+    keys_of(content, ("saturates", *flags, "lag"), where)
+    said = {key: key in content and flag(content[key], f"{where}: {key}") for key in flags}
     saturates, unit = _limits(content, f"{where}: saturates")
     lag, time = _physical(content["lag"], f"{where}: lag", "2 ms") if "lag" in content else (0.0, "")
     if "lag" in content and (time != "s" or not lag > 0.0):
         raise InputRefused(f"{where}: lag: {shown(content['lag'])} is no time constant: write it as 2 ms")
-    return Sensor(
-        saturates,
-        "rectified" in content and flag(content["rectified"], f"{where}: rectified"),
-        lag,
-        2 if said["second_derivative"] else said["derivative"],
-        unit,
-    )
+    derivative = 2 if said["second_derivative"] else said["derivative"]
+    return Sensor(saturates, said["rectified"], lag, derivative, unit)
 
 
 def check_unit_of_limits(sensor: Sensor, si: str, label: str, where: object) -> None:
@@ -247,8 +239,6 @@ MODELS = (*READY, "hrc", "linear", "bouc_wen")
 STATES = ("rest", "unknown", "periodic")
 INPUTS = ("cubic", "band_limited", "linear", "zero_order")
 USES = ("identification", "confirmation")
-OFFSETS = ("own", "shared")
-VOLTAGES = ("command", "terminals")
 
 _SHARED = (
     "columns", "variables", "sample_rate_hz", "start", "periodic", "input", "segments", "ports",
@@ -347,7 +337,7 @@ def manifest_of(
     return Manifest(
         _setup(top.get("setup"), name, homes, outside),
         _known(top.get("known"), name),
-        choice(top.get("voltage", "command"), VOLTAGES, f"{name}: voltage"),
+        choice(top.get("voltage", "command"), ("command", "terminals"), f"{name}: voltage"),
         common,
         entries,
         path,
@@ -416,17 +406,14 @@ def _segments(value: Any, where: str) -> bool | int:
     )
 
 
-def _one_of(accepted: tuple[str, ...]) -> Callable[[Any, str], str]:
-    return lambda value, where: choice(value, accepted, where)
-
-
 # How the value of a key is read; the text says where it stands.
 _READ: Mapping[str, Callable[[Any, str], Any]] = {
-    "sample_rate_hz": partial(number, above=0.0), "start": _start,
-    "periodic": flag, "input": _one_of(INPUTS), "segments": _segments,
-    "ports": lambda value, where: named_of(value, "input", where), "axes": axes_of, "sensor": sensor_of,
-    "outputs": lambda value, where: named_of(value, "output", where), "offset": _one_of(OFFSETS),
-    "slice": _slice, "use": _one_of(USES), "name": label,
+    "sample_rate_hz": partial(number, above=0.0), "start": _start, "periodic": flag, "segments": _segments,
+    "input": lambda value, where: choice(value, INPUTS, where), "axes": axes_of, "sensor": sensor_of,
+    "ports": lambda value, where: named_of(value, "input", where), "slice": _slice, "name": label,
+    "outputs": lambda value, where: named_of(value, "output", where),
+    "offset": lambda value, where: choice(value, ("own", "shared"), where),
+    "use": lambda value, where: choice(value, USES, where),
 }  # fmt: skip
 
 
@@ -444,19 +431,15 @@ def _known(value: Any, name: str) -> dict[str, Anchor]:
         std = number(content.get("std", 0.0), f"{where}: std")
         if std < 0.0:
             raise InputRefused(f"{where}: std {std:g} is negative: give the standard deviation, 0 or more")
-        factor, si = _si(content.get("unit"), f"{where}: unit")
-        anchors[anchor] = Anchor(factor * number(content["value"], f"{where}: value"), factor * std, si)
+        stated = content.get("unit")
+        # Without a unit it is in SI units already.
+        unit = Unit("", 1.0, 0.0) if stated is None else find_unit(text(stated, f"{where}: unit"))
+        if unit is None or unit.offset:
+            cause = f"{shown(stated)} is no unit of a parameter"
+            raise InputRefused(f"{where}: unit: {cause}: write one such as g, N/mm or uF")
+        size = number(content["value"], f"{where}: value")
+        anchors[anchor] = Anchor(unit.factor * size, unit.factor * std, unit.si)
     return anchors
-
-
-def _si(value: Any, where: str) -> tuple[float, str]:
-    """Return the factor to SI and SI unit of an anchor's unit; without one it is in SI units already."""
-    if value is None:
-        return 1.0, ""
-    found = find_unit(text(value, where))
-    if found is None or found.offset:
-        raise InputRefused(f"{where}: {shown(value)} is no unit of a parameter: write one such as g, N/mm or uF")
-    return found.factor, found.si
 
 
 def _setup(value: Any, name: str, homes: Sequence[Path], outside: bool) -> Mapping[str, Any]:

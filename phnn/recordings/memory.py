@@ -19,7 +19,7 @@ from phnn.recordings.manifest import USES, Entry, Manifest, choice, mapping, num
 from phnn.recordings.recording import is_actuator
 from phnn.recordings.table import Table, Where, beside, stored_arrays, table_of, with_stamps
 from phnn.recordings.units import parse_name
-from phnn.results import printable
+from phnn.results import listed, printable
 
 # A recording: what its object says about it (its name, which may be empty, use and rate), and its columns.
 Given = tuple[Entry, Table]
@@ -153,8 +153,6 @@ _ACCEPTED = (
     "array.to_dataset(dim='channel')), an Input_output_data of nonlinear_benchmarks, a "
     "mapping from column names to arrays, or a list of these or a mapping from names to these"
 )
-# Members of a mapping that a message lists.
-_SHOWN = 5
 
 
 def given(data: Any, said: Manifest) -> tuple[list[Given], list[str]]:
@@ -208,7 +206,7 @@ def _collected(data: Any, name: str, names: tuple[str, str]) -> Iterator[Given]:
         kind = type(data).__name__
         if isinstance(data, Mapping):
             wrong = [f"{printable(str(key))} ({type(v).__name__})" for key, v in data.items() if not _is_numbers(v)]
-            kind = f"a {kind} with {', '.join(wrong[:_SHOWN]) or 'nothing in it'}"
+            kind = f"a {kind} with {listed(wrong) or 'nothing in it'}"
         raise InputRefused(f"{label}{kind} is not known as a recording: give {_ACCEPTED}")
 
 

@@ -15,6 +15,7 @@ from scipy.stats import chi2, norm
 from phnn.errors import InputRefused
 from phnn.recordings.excitation import Excitation
 from phnn.recordings.recording import Part, Recording
+from phnn.results import listed
 from phnn.signals.first_order import correlation_of, density
 from phnn.signals.noise import SILENT, WHITE, NoiseFloor
 
@@ -24,8 +25,6 @@ _NUISANCE_SHARE, _NUISANCE_LEAST = 0.02, 50
 _COVERED = 0.9
 # Of a recording that starts nobody knows how, where its input has no swing after which a hysteresis has forgotten.
 _UNKNOWN_SHARE = 0.2
-# Names of recordings in a note.
-_SHOWN = 6
 _SAME = 0.05  # amplitudes and frequencies nearer than this are no new ones
 
 
@@ -90,9 +89,8 @@ def divide(candidates: Sequence[Candidate]) -> tuple[Mapping[str, tuple[Part, ..
         note = f"Held out for confirmation, chosen here within the span of the others: {', '.join(sorted(held))}."
         untold = [c.name for c in candidates if c.untold and c.name not in held]
         if untold:
-            more = f" and {len(untold) - _SHOWN} more" if len(untold) > _SHOWN else ""
             note += (
-                f" Not held out, because nobody knows how they start: {', '.join(untold[:_SHOWN])}{more}; in the first "
+                f" Not held out, because nobody knows how they start: {listed(untold)}; in the first "
                 f"samples, which would tell state and zero, the input covers less than {_COVERED:.0%} of its range. "
                 f"Say `start: rest`, or begin the slice earlier."
             )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -56,6 +56,11 @@ class Files:
     def source(self, file: str) -> Source:
         """Return a file of a recording. Raises InputRefused as `phnn.intake.named_file`."""
         return named_file(self.home / file, (self.home,), outside=self.outside)
+
+    def table(self, file: str, axes: Sequence[str] = ()) -> Table:
+        """Return the columns of a file, of an array with axes where they are given."""
+        source = self.source(file)
+        return read_axes(source, axes) if axes else READERS[source.suffix](source)
 
     def entries(self) -> tuple[list[Entry], list[str]]:
         """Return the entries to read, and the files left alone, each with its reason where that is not plain."""
@@ -125,7 +130,7 @@ class Files:
         if kind == ".csv" or (stated and kind != ".json"):
             return None
         try:
-            names = READERS[kind](self.source(path.name)).names
+            names = self.table(path.name).names
         except NoRecording:
             return " (json without arrays of numbers)"
         # Settings and results in json may lie beside recordings.
@@ -148,8 +153,6 @@ def reader_of(path: Path) -> Reader:
     return READERS[kind]
 
 
-# A manifest of an object in memory: its second argument.
-_SAID = "recordings.yaml"
 # A moving mass of an actuator beyond this is doubted where no unit was stated [kg].
 _HEAVY = 0.1
 
@@ -189,12 +192,8 @@ def read(
     checks.no_results(home)
     files = Files(home, said, allow_outside)
     entries, left = files.entries()
-    tables = ((entry, beside([_table(files.source(f), entry) for f in entry.files])) for entry in entries)
+    tables = ((entry, beside([files.table(file, entry.axes) for file in entry.files])) for entry in entries)
     return _campaign(tables, said, need_output, home, left)
-
-
-def _table(source: Source, entry: Entry) -> Table:
-    return read_axes(source, entry.axes) if entry.axes else READERS[source.suffix](source)
 
 
 def campaign_of(recorded: Campaign | str | Path | Any, *, need_output: bool = True) -> Campaign:
@@ -212,7 +211,7 @@ def _from_memory(data: Any, manifest: str | Path | Mapping[str, Any] | None, nee
         tables, left = given(data, said)
         found = _campaign(tables, said, need_output, Path(IN_MEMORY), left)
     except InputRefused as error:
-        if _SAID not in str(error):
+        if "recordings.yaml" not in str(error):
             raise
         raise InputRefused(
             f"{error} (of recordings in memory the second argument of phnn.read says what recordings.yaml says: a "

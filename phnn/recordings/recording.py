@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from phnn.html import table, titled
 from phnn.parameters import quantity
 from phnn.recordings.excitation import Excitation, excitation_of, spectrum
+from phnn.results import listed
 from phnn.signals.noise import AS_WHITE
 
 
@@ -38,8 +39,6 @@ _ROUNDING = 1e-6
 # Most samples from one that shows the inputs to the next; the largest error of straight lines, over the range.
 _STRIDE, _STRAIGHT = 8, 0.001
 
-# Names of recordings in a short form of a campaign.
-_SHOWN = 4
 # A sample sits at a limit of the sensor within this share of the range: numbers in files are rounded.
 _AT_LIMIT = 1e-4
 
@@ -359,7 +358,7 @@ class Campaign:
     in_memory: bool = False
 
     def __repr__(self) -> str:
-        names = ", ".join(r.name for r in self.recordings[:_SHOWN]) + (", …" if len(self.recordings) > _SHOWN else "")
+        names = listed((r.name for r in self.recordings), 4)
         return f"<Campaign {self.folder}: {len(self.recordings)} recordings ({names}); phnn.describe tells more>"
 
     def _repr_html_(self) -> str:

@@ -14,11 +14,9 @@ import numpy as np
 
 from phnn.errors import InputRefused
 from phnn.intake import LIMITS
-from phnn.results import printable
+from phnn.results import listed, printable
 
 DECIMAL_COMMA = re.compile(r"^\s*[-+]?\d+,\d+([eE][-+]?\d+)?\s*$")
-# Names that a message lists.
-_LISTED = 12
 # Kinds of numpy's types that may hold numbers: those themselves, texts, and complex ones, refused by name.
 _READ = "iufbcOUS"
 REMEDY_COMMA = "write numbers with a point as decimal sign"
@@ -103,17 +101,16 @@ class Table:
     def find(self, place: int | str) -> int:
         """Return the index of the column at an index or of a name."""
         named = [n for n in self.names if n]
-        listed = ", ".join([*named[:_LISTED], *(["…"] if len(named) > _LISTED else [])])
         if isinstance(place, str):
             hits = [i for i, name in enumerate(self.names) if name == place]
             if len(hits) == 1:
                 return hits[0]
-            found = f"it has {listed}" if named else "it has no header, give an index from 0 on"
+            found = f"it has {listed(named)}" if named else "it has no header, give an index from 0 on"
             cause = "several columns are" if hits else "no column is"
             raise InputRefused(f"{self.where}: {cause} called {place!r}: {found}; correct recordings.yaml")
         if self.by_name:
             raise InputRefused(
-                f"{self.where}: column {place} is an index, but its variables have names only ({listed}): "
+                f"{self.where}: column {place} is an index, but its variables have names only ({listed(named)}): "
                 f"use `variables: {{voltage: NAME, displacement: NAME}}` in recordings.yaml"
             )
         if place >= len(self.columns):
@@ -247,10 +244,6 @@ def beside(tables: Sequence[Table]) -> Table:
     return replace(first, where=where, by_name=any(t.by_name for t in tables), stamps=stamps, **both)
 
 
-# Arrays that a message lists.
-_SHOWN = 5
-
-
 def members_of(value: Any) -> list[Any]:
     """Return the members of a cell array or an array of structures; empty for anything else."""
     if isinstance(value, np.ndarray) and value.dtype == object:
@@ -327,12 +320,12 @@ def table_of(where: Where, found: Iterable[Stored]) -> Table:
         elif len(shape) == 2 and shape[1] <= LIMITS.columns:
             several = {f"{name}[{i}]": _column(load, i) for i in range(shape[1])}
         else:
-            left.append(f"{name}, {' × '.join(map(str, stored.shape))}")
+            left.append(f"{name} of {' × '.join(map(str, stored.shape))}")
             continue
         columns |= {n: c for n, c in several.items() if n not in columns}
         units |= {n: stored.unit for n in several if stored.unit and n not in units}
     if not columns:
-        more = f" (left out, with more than {LIMITS.columns} columns: {'; '.join(left[:_SHOWN])})" if left else ""
+        more = f" (left out, with more than {LIMITS.columns} columns: {listed(left)})" if left else ""
         raise InputRefused(f"{where}: no numeric variables in it{more}: save the samples as vectors")
     return Table(where, tuple(columns), tuple(columns.values()), by_name=True, units=units)
 

@@ -318,4 +318,4 @@ def test_every_limit_stands_in_the_documentation() -> None:
 
 
 def test_a_file_may_take_less_than_the_memory_that_is_available() -> None:
-    assert 0 < LIMITS.memory_for_a_file() < available_memory()
+    assert 0.0 < LIMITS.memory_share < 1.0 and available_memory() > 0

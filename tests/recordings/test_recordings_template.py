@@ -14,13 +14,13 @@ from phnn.cli import main
 from phnn.errors import InputRefused
 from phnn.recordings import Campaign, read
 from phnn.recordings.manifest import TOP_KEYS
-from phnn.template import _WANTED, template, write_template
+from phnn.template import _WANTED, look
 
 
 def written(folder: Path, tmp_path: Path) -> tuple[str, Campaign]:
     """The template of a folder, and what the reader makes of it."""
     out = tmp_path / "first.yaml"
-    write_template(folder, out)
+    out.write_text(look(folder).text(), encoding="utf-8")
     return out.read_text(encoding="utf-8"), read(folder, out)
 
 
@@ -194,12 +194,12 @@ def test_it_is_printed_or_written_anew_and_never_over_anything(
 def test_a_folder_without_anything_to_read_is_refused(folder: Path) -> None:
     (folder / "notes.pdf").write_bytes(b"%PDF")
     with pytest.raises(InputRefused, match="no recordings"):
-        template(folder)
+        look(folder)
 
 
 def test_every_key_that_is_shown_is_one_of_the_manifest(folder: Path) -> None:
     write_sine(folder, "a", 5.0, 60.0)
-    shown = [line[2:].partition(":")[0] for line in template(folder).splitlines() if line.startswith("# ")]
+    shown = [line[2:].partition(":")[0] for line in look(folder).text().splitlines() if line.startswith("# ")]
     keys = [key for key, _, _ in _WANTED if key in TOP_KEYS]
     assert [key for key in shown if key in TOP_KEYS] == keys
     for key, value, _ in _WANTED:
