@@ -17,9 +17,10 @@ from typing import Any
 import numpy as np
 
 from phnn.errors import InputRefused
-from phnn.exporting.program import INTRINSICS, STATE, Function, Names, Program, function, made, one_line, walk
+from phnn.exporting.program import INTRINSICS, STATE, Function, Names, Program, made, one_line, walk
 from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS, namespace
 from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES, form_of
+from phnn.network.elements import Modulation, ModulatorState, Port, Resistor, Storage
 from phnn.parameters import Parameter
 
 _STATEMENTS = (ast.Assign, ast.AugAssign, ast.If, ast.For, ast.Break, ast.Return, ast.Expr)
@@ -388,6 +389,16 @@ def _names(node: ast.AST) -> set[str]:
     return {n.id for n in ast.walk(node) if isinstance(n, ast.Name)}
 
 
+# What messages call the elements that have laws, and these laws by name.
+_LAWS: dict[type, tuple[str, Mapping[str, Any]]] = {
+    Storage: ("storage", STORAGE_LAWS),
+    Resistor: ("resistor", RESISTOR_LAWS),
+    Port: ("port", PORT_LAWS),
+    Modulation: ("modulation of", FACTOR_LAWS),
+    ModulatorState: ("memory", MEMORY_LAWS),
+}
+
+
 class Elements:
     """Expressions of laws and parameters; what they name is added to the program.
 
@@ -419,43 +430,15 @@ class Elements:
         """Return a call of one of the package's functions."""
         return f"{self.sources.name_of(source, what)}({', '.join(arguments)})"
 
-    def law(self, law: Any, part: str, what: str, leading: Sequence[str], names: Sequence[str]) -> str:
-        """A call of a part of a registered law, such as ``mean_effort``, with the constants of its parameters."""
-        return self.call(getattr(law, part), what, *leading, *(self.parameter(n) for n in names))
-
-    def mean_effort(self, storage: Any, a: str, b: str) -> str:
-        """Return ``(H(b) − H(a))/(b − a)`` of a storage."""
-        what = f"storage {storage.name}"
-        if isinstance(storage.law, str):
-            return self.law(STORAGE_LAWS[storage.law], "mean_effort", what, (a, b), storage.parameters)
-        return f"{self._sum_over_units(WIDE_STORAGES, storage, what, ('a', 'b'))}({a}, {b})"
-
-    def flow(self, resistor: Any, effort: str, q: str) -> str:
-        """Return ``φ(ε, q)`` of a resistor."""
-        what = f"resistor {resistor.name}"
-        if isinstance(resistor.law, str):
-            return self.law(RESISTOR_LAWS[resistor.law], "flow", what, (effort, q), resistor.parameters)
-        return f"{self._sum_over_units(WIDE_RESISTORS, resistor, what, ('effort',))}({effort})"
-
-    def thresholds(self, resistor: Any, q: str) -> str:
-        """Return ``(ρ, lo, hi)(q)`` of a piecewise linear resistor."""
-        what = f"resistor {resistor.name}"
-        return self.law(RESISTOR_LAWS[resistor.law], "thresholds", what, (q,), resistor.parameters)
-
-    def action(self, port: Any, u: str) -> str:
-        """Return ``ψ(u)`` of a port."""
-        if port.law == "linear":
-            return u
-        return self.law(PORT_LAWS[port.law], "action", f"port {port.name}", (u,), port.parameters)
-
-    def factor(self, modulation: Any, q: str) -> str:
-        """Return ``f(q)`` of a modulation."""
-        what = f"modulation of {modulation.ratio}"
-        return self.law(FACTOR_LAWS[modulation.law], "factor", what, (q,), modulation.parameters)
-
-    def memory(self, memory: Any, part: str, *leading: str) -> str:
-        """Return ``rate`` or ``decay`` of a modulator state."""
-        return self.law(MEMORY_LAWS[memory.law], part, f"memory {memory.name}", leading, memory.parameters)
+    def law(self, element: Any, part: str, *arguments: str) -> str:
+        """Return a call of a part of an element's law, such as ``mean_effort``, with its parameters."""
+        kind, known = _LAWS[type(element)]
+        what = f"{kind} {element.ratio if isinstance(element, Modulation) else element.name}"
+        if isinstance(element.law, str):
+            values = (self.parameter(n) for n in element.parameters)
+            return self.call(getattr(known[element.law], part), what, *arguments, *values)
+        known, names = (WIDE_STORAGES, ("a", "b")) if isinstance(element, Storage) else (WIDE_RESISTORS, ("effort",))
+        return f"{self._sum_over_units(known, element, what, names)}({', '.join(arguments[: len(names)])})"
 
     def _sum_over_units(self, known: Mapping[str, Any], element: Any, what: str, arguments: tuple[str, ...]) -> str:
         """Write a function of a law that is a sum over units, with its weights in a table, and return its name."""
@@ -476,10 +459,4 @@ class Elements:
             f"    total = total + {self.call(law.unit, what, *arguments, *entries)}",
             f"return {self.call(law.combine, what, *arguments, 'total', *given)}",
         ]
-        return self.stateless(name, arguments, lines, one_line(f"law of {what}"))
-
-    def stateless(self, name: str, arguments: tuple[str, ...], lines: list[str], about: str) -> str:
-        """Add a function that does not know the state; returns its name."""
-        known = self.program.functions
-        known[name] = function(name, arguments, lines, known, about, of_state=False)
-        return name
+        return self.program.add(name, arguments, lines, one_line(f"law of {what}"), of_state=False)
