@@ -283,11 +283,8 @@ class _Builder:
     def _actions(self, u: str, heard: dict[str, str]) -> list[str]:
         """What every port makes of its input: `u`, `u_NAME` of further ports, of others a source that is heard or 0."""
         values = {name: f"{u}_{key}" for name, key in self.key.items()} | {self.inputs[0].name: u} | heard
-        lines = []
-        for p in self.network.ports:
-            value = values.get(p.name, "0.0")
-            lines.append(f"{self.b.action(p.name)} = {value if p.law == 'linear' else self.e.law(p, 'action', value)}")
-        return lines
+        given = ((p, values.get(p.name, "0.0")) for p in self.network.ports)
+        return [f"{self.b.action(p.name)} = {self.e.law(p, 'action', value)}" for p, value in given]
 
     def _init(self, rest: str, solve: str, initial_input: float) -> None:
         lines = ["s.count = 0.0", "s.u = u"] if self.chain_counts else ["s.u = u"]

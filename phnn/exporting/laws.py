@@ -83,47 +83,40 @@ def _tuples(node: ast.AST) -> list[ast.AST]:
     return [node.targets[0], node.value]
 
 
+def _is_range(node: ast.AST) -> bool:
+    return isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "range"
+
+
+# How nodes of these kinds have to be used to be translated.
+_USED: dict[type[ast.AST], Callable[[Any], bool]] = {
+    ast.Constant: lambda node: type(node.value) in (int, float) and math.isfinite(node.value),
+    ast.Attribute: lambda node: isinstance(node.value, ast.Name) and node.value.id == STATE,
+    ast.BoolOp: lambda node: all(isinstance(v, _TRUTHS) for v in node.values),
+    ast.Subscript: lambda node: isinstance(node.slice, ast.Constant | ast.Name | ast.BinOp),
+    ast.For: lambda node: not node.orelse and isinstance(node.target, ast.Name) and _is_range(node.iter),
+    ast.Return: lambda node: node.value is not None,
+    ast.Expr: lambda node: isinstance(node.value, ast.Call),
+}
+
+
 def _is_beyond(node: ast.AST, tuples: set[int], functions: Mapping[str, Function]) -> bool:
     """Return whether a node of a known kind is used in a way that is not translated."""
-    if isinstance(node, ast.Constant):
-        return isinstance(node.value, bool) or not (
-            isinstance(node.value, int | float) and math.isfinite(float(node.value))
-        )
     if isinstance(node, ast.Tuple):
         return id(node) not in tuples
-    if isinstance(node, ast.Attribute):
-        return not (isinstance(node.value, ast.Name) and node.value.id == STATE)
-    if isinstance(node, ast.BoolOp):
-        return not all(isinstance(v, _TRUTHS) for v in node.values)
-    if isinstance(node, ast.Subscript):
-        return not isinstance(node.slice, ast.Constant | ast.Name | ast.BinOp)
     if isinstance(node, ast.Call):
         # The names of calls are resolved, and named arguments are refused already.
         name, count = node.func.id, len(node.args)  # type: ignore[attr-defined]
         wanted = len(functions[name].arguments) if name in functions else _ARGUMENTS.get(name, count)
         return bool(count != wanted)
-    return _is_unknown_statement(node, functions)
-
-
-def _is_unknown_statement(node: ast.AST, functions: Mapping[str, Function]) -> bool:
-    if isinstance(node, ast.For):
-        ranged = isinstance(node.iter, ast.Call) and isinstance(node.iter.func, ast.Name)
-        return bool(node.orelse) or not isinstance(node.target, ast.Name) or not ranged or node.iter.func.id != "range"  # type: ignore[attr-defined]
-    if isinstance(node, ast.Return):
-        return node.value is None
-    if isinstance(node, ast.Expr):
-        return not isinstance(node.value, ast.Call)
-    if not isinstance(node, ast.Assign):
-        return False
-    target, value = node.targets[0], node.value
-    if len(node.targets) > 1:
-        return True
-    if not isinstance(target, ast.Tuple):
-        return False
-    if isinstance(value, ast.Tuple):
-        return len(value.elts) != len(target.elts)
-    called = value.func.id if isinstance(value, ast.Call) and isinstance(value.func, ast.Name) else ""
-    return called not in functions or functions[called].returns != len(target.elts)
+    if isinstance(node, ast.Assign):
+        target, value = node.targets[0], node.value
+        if len(node.targets) > 1 or not isinstance(target, ast.Tuple):
+            return len(node.targets) > 1
+        if isinstance(value, ast.Tuple):
+            return len(value.elts) != len(target.elts)
+        called = value.func.id if isinstance(value, ast.Call) and isinstance(value.func, ast.Name) else ""
+        return called not in functions or functions[called].returns != len(target.elts)
+    return type(node) in _USED and not _USED[type(node)](node)
 
 
 # Functions that are known to every target, by the objects that the package's sources name.
@@ -283,7 +276,7 @@ class _Simplified(ast.NodeTransformer):
     def visit_Call(self, node: ast.Call) -> ast.AST:
         if isinstance(node.func, ast.Name) and node.func.id in self.renamed and not node.keywords:
             return ast.Call(self.visit(node.func), [self.visit(a) for a in node.args], [])
-        if isinstance(node.func, ast.Name) and node.func.id == "range":
+        if _is_range(node):
             return self._range(node)
         if isinstance(node.func, ast.Attribute) and node.func.attr == "reshape":
             return self.visit(node.func.value)
@@ -432,6 +425,8 @@ class Elements:
 
     def law(self, element: Any, part: str, *arguments: str) -> str:
         """Return a call of a part of an element's law, such as ``mean_effort``, with its parameters."""
+        if isinstance(element, Port) and element.law == "linear":
+            return arguments[0]
         kind, known = _LAWS[type(element)]
         what = f"{kind} {element.ratio if isinstance(element, Modulation) else element.name}"
         if isinstance(element.law, str):
