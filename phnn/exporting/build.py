@@ -22,7 +22,7 @@ from phnn.chain.amplifiers import (
 from phnn.errors import SolverFailed
 from phnn.exporting import solvers
 from phnn.exporting.laws import Elements, refused
-from phnn.exporting.program import Names, Program, function, one_line, prefix
+from phnn.exporting.program import Names, Program, one_line, prefix
 from phnn.exporting.step import Balance, Rest, drives
 from phnn.integrate.program import compile_network
 from phnn.integrate.rest import equilibrium
@@ -232,11 +232,11 @@ class _Builder:
         """Return the finished program."""
         self.p.from_rest = self.rest.follows_input
         self._solver_fields()
-        self._add("balance", (), self.b.write(), "Equations of a step at the unknowns y: what is left, and its terms")
+        self.p.add("balance", (), self.b.write(), "Equations of a step at the unknowns y: what is left, and its terms")
         solve = self._solver("balance", "FLOORS", self._floors(), "")
         rest = ""
         if self.p.from_rest:
-            self._add("rest_balance", (), self.rest.write(), "Forces on the junctions at rest at the displacements y")
+            self.p.add("rest_balance", (), self.rest.write(), "Forces on the junctions at rest at the displacements y")
             rest = self._solver("rest_balance", "REST_FLOORS", self.rest.floors(), "_rest")
         self._init(rest, solve, initial_input)
         self._substep(solve)
@@ -244,12 +244,9 @@ class _Builder:
         # Efforts of a step hold in its middle: two of them tell that at its end.
         signal = "1.5 * s.effort - 0.5 * s.effort_before" if self.b.moved else self.b.x(self.network.output)
         lines = [f"y = {signal}", *self.chain.output, "return y"]
-        self._add("output", (), lines, "What is measured now")
+        self.p.add("output", (), lines, "What is measured now")
         self.p.functions = self.p.needed(*ROOTS)
         return self.p
-
-    def _add(self, name: str, arguments: tuple[str, ...], lines: list[str], about: str) -> None:
-        self.p.functions[name] = function(name, arguments, lines, self.p.functions, about)
 
     def _solver_fields(self) -> None:
         m = max(len(self.b.junctions), 1)
@@ -286,7 +283,8 @@ class _Builder:
     def _actions(self, u: str, heard: dict[str, str]) -> list[str]:
         """What every port makes of its input: `u`, `u_NAME` of further ports, of others a source that is heard or 0."""
         values = {name: f"{u}_{key}" for name, key in self.key.items()} | {self.inputs[0].name: u} | heard
-        return [f"{self.b.action(p.name)} = {self.e.action(p, values.get(p.name, '0.0'))}" for p in self.network.ports]
+        given = ((p, values.get(p.name, "0.0")) for p in self.network.ports)
+        return [f"{self.b.action(p.name)} = {self.e.law(p, 'action', value)}" for p, value in given]
 
     def _init(self, rest: str, solve: str, initial_input: float) -> None:
         lines = ["s.count = 0.0", "s.u = u"] if self.chain_counts else ["s.u = u"]
@@ -312,7 +310,7 @@ class _Builder:
             self.p.state("effort", "mean effort at the source in the last step")
             self.p.state("effort_before", "and in the one before")
             self.p.state("begins", "whether no step was taken yet")
-        self._add("init", ("u", *(f"u_{n}" for n in self.further)), lines, "Begin at rest under constant inputs")
+        self.p.add("init", ("u", *(f"u_{n}" for n in self.further)), lines, "Begin at rest under constant inputs")
 
     @property
     def chain_counts(self) -> bool:
@@ -366,7 +364,7 @@ class _Builder:
             lines += ["    s.effort_before = 2.0 * s.effort - s.supplied", "s.begins = 0.0", "s.effort = s.supplied"]
         lines += ["s.count = s.count + 1.0"] if self.chain_counts else []
         arguments = ("u_start", "u_middle", "u_end", *(f"mean_{n}" for n in self.further))
-        self._add(
+        self.p.add(
             "substep", arguments, [*lines, "return solved"], "One step; 1 where its equations were solved, else 0"
         )
 
@@ -374,8 +372,8 @@ class _Builder:
         """Return the step of a modulator state by its mean drive."""
         key = self.e.states.of(memory.name)
         x, what = self.b.x(memory.name), f"memory {memory.name}"
-        rate = self.e.memory(memory, "rate", x, f"drive_{key}")
-        decay = self.e.memory(memory, "decay")
+        rate = self.e.law(memory, "rate", x, f"drive_{key}")
+        decay = self.e.law(memory, "decay")
         lines = [f"drive_{key} = {' + '.join(drives(self.b, memory)) or '0.0'}"]
         return [*lines, f"{self.b.end(memory.name)} = {self.e.call(advanced, what, x, 'H', rate, decay)}"]
 
@@ -403,4 +401,4 @@ class _Builder:
             "return solved",
         ]
         about = "One sample time, to the given input; 1 where all its steps were solved, else 0"
-        self._add("step", ("u", *(f"u_{n}" for n in self.further)), lines, about)
+        self.p.add("step", ("u", *(f"u_{n}" for n in self.further)), lines, about)

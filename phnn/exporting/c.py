@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterable
+from typing import ClassVar
 
 from phnn.exporting.program import (
     CONSTANTS_ABOUT,
     Constant,
     Field,
     Function,
-    Printer,
     Program,
     called,
     header,
     indented,
     is_taken,
     one_line,
+    walk,
 )
 
 _FUNCTIONS = {"absolute": "fabs", "isfinite": "isfinite"}
@@ -35,23 +36,100 @@ def number(value: float | int) -> str:
     return text if any(c in text for c in ".en") else f"{text}.0"
 
 
-class _Body(Printer):
-    """Prints the statements of one function in C."""
+class Printer:
+    """Prints the statements of one function in C.
+
+    Other languages have the same operators and levels, and other attributes, of which those with braces are filled with
+    a test, or with the name, the number and the last value of a loop.
+    """
+
+    negation = "!"
+    field = "s->"
+    first, other, otherwise, end = "if ({}) {{", "}} else if ({}) {{", "} else {", "}"
+    loop = "for (int {0} = 0; {0} < {1}; {0}++) {{"
+    operators: ClassVar[dict[type, tuple[str, int]]] = {
+        ast.Add: ("+", 6), ast.Sub: ("-", 6), ast.Mult: ("*", 7), ast.Div: ("/", 7), ast.Lt: ("<", 5),
+        ast.LtE: ("<=", 5), ast.Gt: (">", 5), ast.GtE: (">=", 5), ast.Eq: ("==", 5), ast.NotEq: ("!=", 5),
+        ast.And: ("&&", 3), ast.Or: ("||", 2),
+    }  # fmt: skip
+    conditional, unary, primary = 1, 8, 9
 
     def __init__(self, program: Program, function: Function) -> None:
-        super().__init__(program, function)
-        nodes = self.nodes
+        self.program, self.function = program, function
+        self.nodes = nodes = list(walk(function.body))
         self.named = {n.id for n in nodes if isinstance(n, ast.Name)} | ({"s"} if function.of_state else set())
         slices = [n for s in nodes if isinstance(s, ast.Subscript) for n in ast.walk(s.slice)]
         self.whole = {n.id for n in slices if isinstance(n, ast.Name)}
         self.loops = {n.target.id for n in nodes if isinstance(n, ast.For) and isinstance(n.target, ast.Name)}
-        self.truths = {
-            t.id
-            for n in nodes
-            if isinstance(n, ast.Assign) and isinstance(n.value, ast.Compare | ast.BoolOp)
-            for t in n.targets
-            if isinstance(t, ast.Name)
-        }
+
+    def name(self, name: str) -> str:
+        """Return a local name; words of a language get an underscore."""
+        return f"{name}_" if is_taken(name) else name
+
+    def expression(self, node: ast.expr, level: int = 0) -> str:
+        """Return an expression in brackets if it binds less than ``level``."""
+        text, own = self._expression(node)
+        return f"({text})" if own < level else text
+
+    def _expression(self, node: ast.expr) -> tuple[str, int]:
+        if isinstance(node, ast.Constant):
+            return self._number(node.value), self.primary  # type: ignore[arg-type]
+        if isinstance(node, ast.Name):
+            return self.name(node.id), self.primary
+        if isinstance(node, ast.Attribute):
+            return f"{self.field}{node.attr}", self.primary
+        if isinstance(node, ast.Subscript):
+            return self._entry(node), self.primary
+        if isinstance(node, ast.UnaryOp):
+            sign = self.negation if isinstance(node.op, ast.Not) else "-"
+            return f"{sign}{self.expression(node.operand, self.unary + 1)}", self.unary
+        if isinstance(node, ast.BinOp):
+            sign, level = self.operators[type(node.op)]
+            return f"{self.expression(node.left, level)} {sign} {self.expression(node.right, level + 1)}", level
+        if isinstance(node, ast.Compare):
+            sign, level = self.operators[type(node.ops[0])]
+            # Brackets around comparisons that are compared, which compilers ask for.
+            return f"{self.expression(node.left, 6)} {sign} {self.expression(node.comparators[0], 6)}", level
+        if isinstance(node, ast.BoolOp):
+            sign, level = self.operators[type(node.op)]
+            # Brackets around mixed conditions, which compilers ask for.
+            return f" {sign} ".join(self.expression(v, 4) for v in node.values), level
+        if isinstance(node, ast.Call):
+            return self._call(node)
+        raise TypeError(ast.dump(node))
+
+    def _statement(self, node: ast.stmt) -> list[str]:
+        if isinstance(node, ast.Assign):
+            target, value = node.targets[0], node.value
+            if isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple):
+                pairs = zip(target.elts, value.elts, strict=True)
+                return [line for one, own in pairs for line in self._assign(one, own)]
+            return self._assign(target, value)
+        if isinstance(node, ast.AugAssign):
+            loaded = ast.parse(ast.unparse(node.target), mode="eval").body
+            return self._assign(node.target, ast.BinOp(loaded, node.op, node.value))
+        if isinstance(node, ast.If):
+            return [*self._branches(node, self.first), self.end]
+        if isinstance(node, ast.For):
+            i, n = self.name(node.target.id), node.iter.args[0].value  # type: ignore[attr-defined]
+            return [self.loop.format(i, n, n - 1), *indented(self._block(node.body)), self.end]
+        if isinstance(node, ast.Break):
+            return ["break;"]
+        if isinstance(node, ast.Return):
+            assert node.value is not None
+            return self._return(node.value)
+        if isinstance(node, ast.Expr):
+            return self._alone(node.value)
+        raise TypeError(ast.dump(node))
+
+    def _branches(self, node: ast.If, head: str) -> list[str]:
+        lines = [head.format(self.expression(node.test)), *indented(self._block(node.body))]
+        if len(node.orelse) == 1 and isinstance(node.orelse[0], ast.If):
+            return [*lines, *self._branches(node.orelse[0], self.other)]
+        return [*lines, self.otherwise, *indented(self._block(node.orelse))] if node.orelse else lines
+
+    def _block(self, body: Iterable[ast.stmt]) -> list[str]:
+        return [line for statement in body for line in self._statement(statement)]
 
     def _number(self, value: float | int) -> str:
         return str(value) if isinstance(value, int) and not isinstance(value, bool) else number(value)
@@ -70,46 +148,18 @@ class _Body(Printer):
         return f"{_FUNCTIONS.get(name, name)}({', '.join([*arguments, *outputs])})", self.primary
 
     def lines(self) -> list[str]:
-        """Return the function's body."""
-        declared = set(self.function.arguments) | self.loops
-        top = [self.name(t) for t in self._declared_early(declared)]
-        kinds = [(self._type(n.rstrip("_")), n) for n in top]
-        self.seen = declared | {n.rstrip("_") for n in top}
+        """Return the function's body; what it assigns to is declared at its beginning."""
+        stored = [n.id for n in self.nodes if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)]
+        local = [n for n in dict.fromkeys(stored) if n not in {*self.function.arguments, *self.loops}]
         start = [f"(void){self.name(a)};" for a in self.function.arguments if a not in self.named]
-        start += [f"{kind} {n} = {'0' if kind == 'int' else '0.0'};" for kind, n in kinds]
+        start += [f"int {self.name(n)} = 0;" if n in self.whole else f"double {self.name(n)} = 0.0;" for n in local]
         return [*start, *self._block(self.function.body)]
-
-    def _type(self, name: str) -> str:
-        return "int" if name in self.whole | self.truths else "double"
-
-    def _declared_early(self, known: set[str]) -> list[str]:
-        """Return the names that are not first assigned by a plain statement of the function's own block."""
-        plain: set[str] = set()
-        early: list[str] = []
-        for statement in self.function.body:
-            for node in ast.walk(statement):
-                if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
-                    if isinstance(statement, ast.Assign):
-                        plain.add(node.id)
-                    elif node.id not in plain | known and node.id not in early:
-                        early.append(node.id)
-        return early
 
     def _assign(self, target: ast.expr, value: ast.expr) -> list[str]:
         if not isinstance(target, ast.Tuple):
-            left = self.expression(target)
-            if isinstance(target, ast.Name) and target.id not in self.seen:
-                self.seen.add(target.id)
-                left = f"{self._type(target.id)} {left}"
-            return [f"{left} = {self.expression(value)};"]
-        if isinstance(value, ast.Tuple):
-            pairs = zip(target.elts, value.elts, strict=True)
-            return [line for one, own in pairs for line in self._assign(one, own)]
+            return [f"{self.expression(target)} = {self.expression(value)};"]
         outputs = [f"&{self.expression(t)}" for t in target.elts]
-        new = [t.id for t in target.elts if isinstance(t, ast.Name) and t.id not in self.seen]
-        self.seen |= set(new)
-        declared = [f"{self._type(n)} {self.name(n)} = 0.0;" for n in new]
-        return [*declared, f"{self._call(value, outputs)[0]};"]  # type: ignore[arg-type]
+        return [f"{self._call(value, outputs)[0]};"]  # type: ignore[arg-type]
 
     def _return(self, value: ast.expr) -> list[str]:
         if self.function.returns == 1:
@@ -142,7 +192,7 @@ def _signature(program: Program, f: Function, api: bool = False) -> str:
 
 def _function(program: Program, f: Function, api: bool) -> str:
     lines = [f"/* {one_line(f.about)} */"] if f.about else []
-    lines += [f"{_signature(program, f, api)} {{", *indented(_Body(program, f).lines()), "}"]
+    lines += [f"{_signature(program, f, api)} {{", *indented(Printer(program, f).lines()), "}"]
     text = "\n".join(lines)
     return text.replace("    return;\n}", "}") if f.returns > 1 else text
 

@@ -17,9 +17,10 @@ from typing import Any
 import numpy as np
 
 from phnn.errors import InputRefused
-from phnn.exporting.program import INTRINSICS, STATE, Function, Names, Program, function, made, one_line, walk
+from phnn.exporting.program import INTRINSICS, STATE, Function, Names, Program, made, one_line, walk
 from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS, namespace
 from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES, form_of
+from phnn.network.elements import Modulation, ModulatorState, Port, Resistor, Storage
 from phnn.parameters import Parameter
 
 _STATEMENTS = (ast.Assign, ast.AugAssign, ast.If, ast.For, ast.Break, ast.Return, ast.Expr)
@@ -82,47 +83,40 @@ def _tuples(node: ast.AST) -> list[ast.AST]:
     return [node.targets[0], node.value]
 
 
+def _is_range(node: ast.AST) -> bool:
+    return isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "range"
+
+
+# How nodes of these kinds have to be used to be translated.
+_USED: dict[type[ast.AST], Callable[[Any], bool]] = {
+    ast.Constant: lambda node: type(node.value) in (int, float) and math.isfinite(node.value),
+    ast.Attribute: lambda node: isinstance(node.value, ast.Name) and node.value.id == STATE,
+    ast.BoolOp: lambda node: all(isinstance(v, _TRUTHS) for v in node.values),
+    ast.Subscript: lambda node: isinstance(node.slice, ast.Constant | ast.Name | ast.BinOp),
+    ast.For: lambda node: not node.orelse and isinstance(node.target, ast.Name) and _is_range(node.iter),
+    ast.Return: lambda node: node.value is not None,
+    ast.Expr: lambda node: isinstance(node.value, ast.Call),
+}
+
+
 def _is_beyond(node: ast.AST, tuples: set[int], functions: Mapping[str, Function]) -> bool:
     """Return whether a node of a known kind is used in a way that is not translated."""
-    if isinstance(node, ast.Constant):
-        return isinstance(node.value, bool) or not (
-            isinstance(node.value, int | float) and math.isfinite(float(node.value))
-        )
     if isinstance(node, ast.Tuple):
         return id(node) not in tuples
-    if isinstance(node, ast.Attribute):
-        return not (isinstance(node.value, ast.Name) and node.value.id == STATE)
-    if isinstance(node, ast.BoolOp):
-        return not all(isinstance(v, _TRUTHS) for v in node.values)
-    if isinstance(node, ast.Subscript):
-        return not isinstance(node.slice, ast.Constant | ast.Name | ast.BinOp)
     if isinstance(node, ast.Call):
         # The names of calls are resolved, and named arguments are refused already.
         name, count = node.func.id, len(node.args)  # type: ignore[attr-defined]
         wanted = len(functions[name].arguments) if name in functions else _ARGUMENTS.get(name, count)
         return bool(count != wanted)
-    return _is_unknown_statement(node, functions)
-
-
-def _is_unknown_statement(node: ast.AST, functions: Mapping[str, Function]) -> bool:
-    if isinstance(node, ast.For):
-        ranged = isinstance(node.iter, ast.Call) and isinstance(node.iter.func, ast.Name)
-        return bool(node.orelse) or not isinstance(node.target, ast.Name) or not ranged or node.iter.func.id != "range"  # type: ignore[attr-defined]
-    if isinstance(node, ast.Return):
-        return node.value is None
-    if isinstance(node, ast.Expr):
-        return not isinstance(node.value, ast.Call)
-    if not isinstance(node, ast.Assign):
-        return False
-    target, value = node.targets[0], node.value
-    if len(node.targets) > 1:
-        return True
-    if not isinstance(target, ast.Tuple):
-        return False
-    if isinstance(value, ast.Tuple):
-        return len(value.elts) != len(target.elts)
-    called = value.func.id if isinstance(value, ast.Call) and isinstance(value.func, ast.Name) else ""
-    return called not in functions or functions[called].returns != len(target.elts)
+    if isinstance(node, ast.Assign):
+        target, value = node.targets[0], node.value
+        if len(node.targets) > 1 or not isinstance(target, ast.Tuple):
+            return len(node.targets) > 1
+        if isinstance(value, ast.Tuple):
+            return len(value.elts) != len(target.elts)
+        called = value.func.id if isinstance(value, ast.Call) and isinstance(value.func, ast.Name) else ""
+        return called not in functions or functions[called].returns != len(target.elts)
+    return type(node) in _USED and not _USED[type(node)](node)
 
 
 # Functions that are known to every target, by the objects that the package's sources name.
@@ -282,7 +276,7 @@ class _Simplified(ast.NodeTransformer):
     def visit_Call(self, node: ast.Call) -> ast.AST:
         if isinstance(node.func, ast.Name) and node.func.id in self.renamed and not node.keywords:
             return ast.Call(self.visit(node.func), [self.visit(a) for a in node.args], [])
-        if isinstance(node.func, ast.Name) and node.func.id == "range":
+        if _is_range(node):
             return self._range(node)
         if isinstance(node.func, ast.Attribute) and node.func.attr == "reshape":
             return self.visit(node.func.value)
@@ -388,6 +382,16 @@ def _names(node: ast.AST) -> set[str]:
     return {n.id for n in ast.walk(node) if isinstance(n, ast.Name)}
 
 
+# What messages call the elements that have laws, and these laws by name.
+_LAWS: dict[type, tuple[str, Mapping[str, Any]]] = {
+    Storage: ("storage", STORAGE_LAWS),
+    Resistor: ("resistor", RESISTOR_LAWS),
+    Port: ("port", PORT_LAWS),
+    Modulation: ("modulation of", FACTOR_LAWS),
+    ModulatorState: ("memory", MEMORY_LAWS),
+}
+
+
 class Elements:
     """Expressions of laws and parameters; what they name is added to the program.
 
@@ -419,43 +423,17 @@ class Elements:
         """Return a call of one of the package's functions."""
         return f"{self.sources.name_of(source, what)}({', '.join(arguments)})"
 
-    def law(self, law: Any, part: str, what: str, leading: Sequence[str], names: Sequence[str]) -> str:
-        """A call of a part of a registered law, such as ``mean_effort``, with the constants of its parameters."""
-        return self.call(getattr(law, part), what, *leading, *(self.parameter(n) for n in names))
-
-    def mean_effort(self, storage: Any, a: str, b: str) -> str:
-        """Return ``(H(b) − H(a))/(b − a)`` of a storage."""
-        what = f"storage {storage.name}"
-        if isinstance(storage.law, str):
-            return self.law(STORAGE_LAWS[storage.law], "mean_effort", what, (a, b), storage.parameters)
-        return f"{self._sum_over_units(WIDE_STORAGES, storage, what, ('a', 'b'))}({a}, {b})"
-
-    def flow(self, resistor: Any, effort: str, q: str) -> str:
-        """Return ``φ(ε, q)`` of a resistor."""
-        what = f"resistor {resistor.name}"
-        if isinstance(resistor.law, str):
-            return self.law(RESISTOR_LAWS[resistor.law], "flow", what, (effort, q), resistor.parameters)
-        return f"{self._sum_over_units(WIDE_RESISTORS, resistor, what, ('effort',))}({effort})"
-
-    def thresholds(self, resistor: Any, q: str) -> str:
-        """Return ``(ρ, lo, hi)(q)`` of a piecewise linear resistor."""
-        what = f"resistor {resistor.name}"
-        return self.law(RESISTOR_LAWS[resistor.law], "thresholds", what, (q,), resistor.parameters)
-
-    def action(self, port: Any, u: str) -> str:
-        """Return ``ψ(u)`` of a port."""
-        if port.law == "linear":
-            return u
-        return self.law(PORT_LAWS[port.law], "action", f"port {port.name}", (u,), port.parameters)
-
-    def factor(self, modulation: Any, q: str) -> str:
-        """Return ``f(q)`` of a modulation."""
-        what = f"modulation of {modulation.ratio}"
-        return self.law(FACTOR_LAWS[modulation.law], "factor", what, (q,), modulation.parameters)
-
-    def memory(self, memory: Any, part: str, *leading: str) -> str:
-        """Return ``rate`` or ``decay`` of a modulator state."""
-        return self.law(MEMORY_LAWS[memory.law], part, f"memory {memory.name}", leading, memory.parameters)
+    def law(self, element: Any, part: str, *arguments: str) -> str:
+        """Return a call of a part of an element's law, such as ``mean_effort``, with its parameters."""
+        if isinstance(element, Port) and element.law == "linear":
+            return arguments[0]
+        kind, known = _LAWS[type(element)]
+        what = f"{kind} {element.ratio if isinstance(element, Modulation) else element.name}"
+        if isinstance(element.law, str):
+            values = (self.parameter(n) for n in element.parameters)
+            return self.call(getattr(known[element.law], part), what, *arguments, *values)
+        known, names = (WIDE_STORAGES, ("a", "b")) if isinstance(element, Storage) else (WIDE_RESISTORS, ("effort",))
+        return f"{self._sum_over_units(known, element, what, names)}({', '.join(arguments[: len(names)])})"
 
     def _sum_over_units(self, known: Mapping[str, Any], element: Any, what: str, arguments: tuple[str, ...]) -> str:
         """Write a function of a law that is a sum over units, with its weights in a table, and return its name."""
@@ -476,10 +454,4 @@ class Elements:
             f"    total = total + {self.call(law.unit, what, *arguments, *entries)}",
             f"return {self.call(law.combine, what, *arguments, 'total', *given)}",
         ]
-        return self.stateless(name, arguments, lines, one_line(f"law of {what}"))
-
-    def stateless(self, name: str, arguments: tuple[str, ...], lines: list[str], about: str) -> str:
-        """Add a function that does not know the state; returns its name."""
-        known = self.program.functions
-        known[name] = function(name, arguments, lines, known, about, of_state=False)
-        return name
+        return self.program.add(name, arguments, lines, one_line(f"law of {what}"), of_state=False)

@@ -19,7 +19,6 @@ import re
 import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import ClassVar
 
 from phnn.errors import InputRefused
 
@@ -224,6 +223,16 @@ class Program:
         self.fields.setdefault(name, Field(name, shape, about, index))
         return f"{STATE}.{name}"
 
+    def add(
+        self, name: str, arguments: tuple[str, ...], lines: list[str], about: str = "", of_state: bool = True
+    ) -> str:
+        """Add a function from the lines of its body, whose calls refer to known functions; returns its name."""
+        text = "\n".join(indented(lines))
+        tree = ast.parse(f"def f({', '.join((*[STATE] * of_state, *arguments))}):\n{text}").body[0]
+        assert isinstance(tree, ast.FunctionDef)
+        self.functions[name] = made(name, tree, self.functions, about)
+        return name
+
     def used_constants(self) -> list[Constant]:
         """Return the constants that a function names, in the order in which they were added."""
         names = {n.id for f in self.functions.values() for n in walk(f.body) if isinstance(n, ast.Name)}
@@ -279,21 +288,6 @@ def returned(body: tuple[ast.stmt, ...], known: dict[str, Function]) -> int:
     return 0
 
 
-def function(
-    name: str,
-    arguments: tuple[str, ...],
-    lines: list[str],
-    known: dict[str, Function],
-    about: str = "",
-    of_state: bool = True,
-) -> Function:
-    """Return a function from the lines of its body; its calls refer to known functions."""
-    text = "\n".join(f"    {line}" for line in lines)
-    tree = ast.parse(f"def f({', '.join((*[STATE] * of_state, *arguments))}):\n{text}").body[0]
-    assert isinstance(tree, ast.FunctionDef)
-    return made(name, tree, known, about)
-
-
 def made(name: str, tree: ast.FunctionDef, known: dict[str, Function], about: str = "") -> Function:
     """Return the function of a definition that is in the subset already."""
     body = tuple(s for s in tree.body if not _is_text(s))
@@ -314,110 +308,3 @@ def indented(lines: Iterable[str]) -> list[str]:
 def is_taken(name: str) -> bool:
     """Return whether a local name is a word of some target language."""
     return name in RESERVED - {"s", "y", "u", "h"}
-
-
-class Printer:
-    """Prints the statements of one function, in a language whose expressions have the operators and levels of C.
-
-    What other languages write differently are the attributes; those with braces are filled with a test, or with the
-    name, the number and the last value of a loop.
-    """
-
-    negation = "!"
-    field = "s->"
-    first, other, otherwise, end = "if ({}) {{", "}} else if ({}) {{", "} else {", "}"
-    loop = "for (int {0} = 0; {0} < {1}; {0}++) {{"
-    operators: ClassVar[dict[type, tuple[str, int]]] = {
-        ast.Add: ("+", 6), ast.Sub: ("-", 6), ast.Mult: ("*", 7), ast.Div: ("/", 7), ast.Lt: ("<", 5),
-        ast.LtE: ("<=", 5), ast.Gt: (">", 5), ast.GtE: (">=", 5), ast.Eq: ("==", 5), ast.NotEq: ("!=", 5),
-        ast.And: ("&&", 3), ast.Or: ("||", 2),
-    }  # fmt: skip
-    conditional, unary, primary = 1, 8, 9
-
-    def __init__(self, program: Program, function: Function) -> None:
-        self.program, self.function = program, function
-        self.nodes = list(walk(function.body))
-
-    def name(self, name: str) -> str:
-        """Return a local name; words of a language get an underscore."""
-        return f"{name}_" if is_taken(name) else name
-
-    def expression(self, node: ast.expr, level: int = 0) -> str:
-        """Return an expression in brackets if it binds less than ``level``."""
-        text, own = self._expression(node)
-        return f"({text})" if own < level else text
-
-    def _expression(self, node: ast.expr) -> tuple[str, int]:
-        if isinstance(node, ast.Constant):
-            return self._number(node.value), self.primary  # type: ignore[arg-type]
-        if isinstance(node, ast.Name):
-            return self.name(node.id), self.primary
-        if isinstance(node, ast.Attribute):
-            return f"{self.field}{node.attr}", self.primary
-        if isinstance(node, ast.Subscript):
-            return self._entry(node), self.primary
-        if isinstance(node, ast.UnaryOp):
-            sign = self.negation if isinstance(node.op, ast.Not) else "-"
-            return f"{sign}{self.expression(node.operand, self.unary + 1)}", self.unary
-        if isinstance(node, ast.BinOp):
-            sign, level = self.operators[type(node.op)]
-            return f"{self.expression(node.left, level)} {sign} {self.expression(node.right, level + 1)}", level
-        if isinstance(node, ast.Compare):
-            sign, level = self.operators[type(node.ops[0])]
-            # Brackets around comparisons that are compared, which compilers ask for.
-            return f"{self.expression(node.left, 6)} {sign} {self.expression(node.comparators[0], 6)}", level
-        if isinstance(node, ast.BoolOp):
-            sign, level = self.operators[type(node.op)]
-            # Brackets around mixed conditions, which compilers ask for.
-            return f" {sign} ".join(self.expression(v, 4) for v in node.values), level
-        if isinstance(node, ast.Call):
-            return self._call(node)
-        raise TypeError(ast.dump(node))
-
-    def _number(self, value: float | int) -> str:
-        return repr(value)
-
-    def _entry(self, node: ast.Subscript) -> str:
-        raise NotImplementedError
-
-    def _call(self, node: ast.Call) -> tuple[str, int]:
-        raise NotImplementedError
-
-    def _assign(self, target: ast.expr, value: ast.expr) -> list[str]:
-        raise NotImplementedError
-
-    def _return(self, value: ast.expr) -> list[str]:
-        raise NotImplementedError
-
-    def _alone(self, value: ast.expr) -> list[str]:
-        """Return the lines of a call whose values nobody takes."""
-        raise NotImplementedError
-
-    def _statement(self, node: ast.stmt) -> list[str]:
-        if isinstance(node, ast.Assign):
-            return self._assign(node.targets[0], node.value)
-        if isinstance(node, ast.AugAssign):
-            loaded = ast.parse(ast.unparse(node.target), mode="eval").body
-            return self._assign(node.target, ast.BinOp(loaded, node.op, node.value))
-        if isinstance(node, ast.If):
-            return [*self._branches(node, self.first), self.end]
-        if isinstance(node, ast.For):
-            i, n = self.name(node.target.id), node.iter.args[0].value  # type: ignore[attr-defined]
-            return [self.loop.format(i, n, n - 1), *indented(self._block(node.body)), self.end]
-        if isinstance(node, ast.Break):
-            return ["break;"]
-        if isinstance(node, ast.Return):
-            assert node.value is not None
-            return self._return(node.value)
-        if isinstance(node, ast.Expr):
-            return self._alone(node.value)
-        raise TypeError(ast.dump(node))
-
-    def _branches(self, node: ast.If, head: str) -> list[str]:
-        lines = [head.format(self.expression(node.test)), *indented(self._block(node.body))]
-        if len(node.orelse) == 1 and isinstance(node.orelse[0], ast.If):
-            return [*lines, *self._branches(node.orelse[0], self.other)]
-        return [*lines, self.otherwise, *indented(self._block(node.orelse))] if node.orelse else lines
-
-    def _block(self, body: Iterable[ast.stmt]) -> list[str]:
-        return [line for statement in body for line in self._statement(statement)]

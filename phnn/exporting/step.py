@@ -9,11 +9,11 @@ is left on any junction.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from functools import partialmethod
 from typing import Any
 
 from phnn.exporting import solvers
 from phnn.exporting.laws import Elements
-from phnn.exporting.program import function
 from phnn.integrate.scheme import (
     EXACT,
     LOSSLESS,
@@ -61,7 +61,7 @@ def drives(balance: Balance, memory: ModulatorState) -> list[str]:
 def _dissipated(balance: Balance, name: str) -> str:
     """Return ``i ē − ΔH/h``: what the resistors of a reducible storage take."""
     x, end = balance.x(name), balance.end(name)
-    stored = balance.e.mean_effort(balance.storage(name), x, end)
+    stored = balance.e.law(balance.storage(name), "mean_effort", x, end)
     return f"({balance.current(name)} * {balance.mean(name)} - {stored} * ({end} - {x}) / H)"
 
 
@@ -114,11 +114,11 @@ class Rest:
         for m in self.network.modulations:
             name = self.b.ratio(m.ratio)
             read = "0.0" if m.by in self.b.junctions else self.b.x(m.by)
-            lines.append(f"{name} = {name} * {self.e.factor(m, read)}")
+            lines.append(f"{name} = {name} * {self.e.law(m, 'factor', read)}")
         for j in range(len(self.b.junctions)):
             lines += [f"s.force[{j}] = 0.0", f"s.size[{j}] = 0.0"]
         for name in self.lossless:
-            effort = self.e.mean_effort(self.b.storage(name), self.b.x(name), self.b.x(name))
+            effort = self.e.law(self.b.storage(name), "mean_effort", self.b.x(name), self.b.x(name))
             lines.append(f"effort = {effort}")
             for other, ratio, sign in self.b.links(name):
                 lines += self._added(other, scaled(sign, self.b.ratio(ratio), "effort"))
@@ -142,13 +142,15 @@ class Rest:
             lines.append(f"{self.b.x(name)} = {' + '.join(terms) or '0.0'}")
         for memory in self.network.memories:
             drive = " + ".join(self._drives(self.network.drives_of(memory))) or "0.0"
-            rate, decay = self.e.memory(memory, "rate", "0.0", drive), self.e.memory(memory, "decay")
+            rate, decay = self.e.law(memory, "rate", "0.0", drive), self.e.law(memory, "decay")
             lines.append(f"{self.b.x(memory.name)} = {rate} / {decay}")
         return lines
 
     def _drives(self, names: tuple[str, ...]) -> list[str]:
         ports = [p.name for p in self.network.ports]
-        efforts = [self.e.mean_effort(self.b.storage(n), self.b.x(n), self.b.x(n)) for n in names if n in self.lossless]
+        efforts = [
+            self.e.law(self.b.storage(n), "mean_effort", self.b.x(n), self.b.x(n)) for n in names if n in self.lossless
+        ]
         return efforts + [self.b.action(n) for n in names if n in ports]
 
 
@@ -168,12 +170,12 @@ def searched(balance: Balance, name: str) -> str:
         stages = translated(solvers.radau, first_stage=first, value=value)
         balance.lines.append(f"one_{key}, two_{key} = {stages}(s, {x}, {current})")
         return f"two_{key}, {balance.stiffness(name)} * (0.75 * one_{key} + 0.25 * two_{key})"
-    lines, about = [f"return {e.mean_effort(storage, 'a', 'b')}"], f"Mean effort of {name} between two states"
-    mean = e.stateless(f"effort_{key}", ("a", "b"), lines, about)
+    lines, about = [f"return {e.law(storage, 'mean_effort', 'a', 'b')}"], f"Mean effort of {name} between two states"
+    mean = e.program.add(f"effort_{key}", ("a", "b"), lines, about, of_state=False)
     value = translated(solvers.gradient_value, mean_effort=mean)
     end = translated(solvers.gradient, mean_effort=mean, value=value)
     balance.lines.append(f"two_{key} = {end}(s, {x}, {current})")
-    return f"two_{key}, {e.mean_effort(storage, x, f'two_{key}')}"
+    return f"two_{key}, {e.law(storage, 'mean_effort', x, f'two_{key}')}"
 
 
 def _lost(balance: Balance, name: str) -> str:
@@ -192,12 +194,10 @@ def _lost(balance: Balance, name: str) -> str:
             balance.lines.append(f"{ratio} = {balance.ratio(r.on[name])}")
         else:
             ratio = balance.ratio(r.on[name])
-        total.append(scaled(1, ratio, e.flow(r, scaled(1, ratio, "effort"), read)))
+        total.append(scaled(1, ratio, e.law(r, "flow", scaled(1, ratio, "effort"), read)))
     lines.append(f"return {' + '.join(total)}")
-    found = f"lost_into_{key}"
     about = f"Flow into the resistors of {name} {'at its state' if at_state else 'at its mean effort'}"
-    e.program.functions[found] = function(found, ("state",), lines, e.program.functions, about)
-    return found
+    return e.program.add(f"lost_into_{key}", ("state",), lines, about)
 
 
 class Balance:
@@ -240,25 +240,18 @@ class Balance:
         units = {s.name: s.unit for s in self.network.storages} | {m.name: m.unit for m in self.network.memories}
         return self.e.program.state(field, f"state {name} [{units[name]}]")
 
-    def end(self, name: str) -> str:
-        """Return the field of a state's value at the end of the step."""
-        return self.e.program.state(f"end_{self.e.states.of(name)}", f"{name} at the end of the step")
+    def _field(self, name: str, kind: str, about: str) -> str:
+        """Return the field of the state that holds something of an element in a step."""
+        names = self.e.names if kind in ("action", "power") else self.e.states
+        return self.e.program.state(f"{kind}_{names.of(name)}", about.format(name))
 
-    def mean(self, name: str) -> str:
-        """Return the field of a storage's mean effort."""
-        return self.e.program.state(f"mean_{self.e.states.of(name)}", f"mean effort of {name} in the step")
-
-    def current(self, name: str) -> str:
-        """Return the field of the constant flow into a reducible storage."""
-        return self.e.program.state(f"current_{self.e.states.of(name)}", f"flow into {name} in the step")
-
-    def action(self, port: str) -> str:
-        """Return the field of what a port makes of its mean input."""
-        return self.e.program.state(f"action_{self.e.names.of(port)}", f"action of the port {port} in the step")
-
-    def power(self, resistor: str) -> str:
-        """Return the field of the power that a resistor between junctions takes."""
-        return self.e.program.state(f"power_{self.e.names.of(resistor)}", f"mean power of {resistor} in the step")
+    # Of a state; of a storage, whose constant flow is that into a reducible one; of a port's mean input; of a resistor
+    # between junctions.
+    end = partialmethod(_field, kind="end", about="{} at the end of the step")
+    mean = partialmethod(_field, kind="mean", about="mean effort of {} in the step")
+    current = partialmethod(_field, kind="current", about="flow into {} in the step")
+    action = partialmethod(_field, kind="action", about="action of the port {} in the step")
+    power = partialmethod(_field, kind="power", about="mean power of {} in the step")
 
     def flow(self, name: str) -> str:
         """Return the local variable of a junction's mean effort."""
@@ -317,7 +310,7 @@ class Balance:
                 self.lines.append(f"{flow} = {y}")
                 self.lines.append(f"{self.change(name)} = 2.0 * ({flow} * {self.capacity(name)} - {x})")
             else:
-                self.lines.append(f"{flow} = {self.e.mean_effort(self.storage(name), x, y)}")
+                self.lines.append(f"{flow} = {self.e.law(self.storage(name), 'mean_effort', x, y)}")
                 self.lines.append(f"{self.change(name)} = {y} - {x}")
 
     @property
@@ -333,7 +326,7 @@ class Balance:
         for group in (slow, by_state):
             for m in group:
                 name = self.ratio(m.ratio)
-                self.lines.append(f"{name} = {name} * {self.e.factor(m, self.reading(m.by))}")
+                self.lines.append(f"{name} = {name} * {self.e.law(m, 'factor', self.reading(m.by))}")
             if group is slow:
                 for name in self._read_early:
                     self._current(name)
@@ -385,7 +378,7 @@ class Balance:
     def _between_junctions(self, r: Resistor) -> None:
         effort = " + ".join(scaled(1, self.ratio(b), self.flow(name)) for name, b in r.on.items())
         lost = f"lost_{self.e.names.of(r.name)}"
-        self.lines.append(f"{lost} = {self.e.flow(r, f'{effort}', self.reading(r.modulated_by))}")
+        self.lines.append(f"{lost} = {self.e.law(r, 'flow', f'{effort}', self.reading(r.modulated_by))}")
         if any(r.name in self.network.drives_of(m) for m in self.network.memories):
             self.lines.append(f"{self.power(r.name)} = ({effort}) * {lost}")
         for name, b in r.on.items():
@@ -398,15 +391,13 @@ class Balance:
             stiffness = self.stiffness(name)
             return f"{x} + H * {current}, {stiffness} * ({x} + 0.5 * H * {current})"
         if rule == LOSSLESS:
-            return f"{x} + H * {current}, {self.e.mean_effort(storage, x, f'{x} + H * {current}')}"
+            return f"{x} + H * {current}, {self.e.law(storage, 'mean_effort', x, f'{x} + H * {current}')}"
         if rule == EXACT:
             return self._exact(name)
         if rule == PATH:
             (r,) = resistors_of(self.network, name)
             resistor = self.network.resistors[r]
-            leading = (x, current, "H", self.stiffness(name))
-            what = f"resistor {resistor.name}"
-            return self.e.law(RESISTOR_LAWS[resistor.law], "path", what, leading, resistor.parameters)
+            return self.e.law(resistor, "path", x, current, "H", self.stiffness(name))
         return searched(self, name)
 
     def stiffness(self, name: str) -> str:
@@ -438,7 +429,9 @@ class Balance:
             ]
         else:
             given, both = [f"{part}_{key}" for part in ("rho", "low", "high")], [f"one_{key}", f"two_{key}"]
-            self.lines.append(f"{', '.join(given)} = {self.e.thresholds(first, self.reading(first.modulated_by))}")
+            self.lines.append(
+                f"{', '.join(given)} = {self.e.law(first, 'thresholds', self.reading(first.modulated_by))}"
+            )
             duration = f"H * ({given[0]} + {leaking}) * {self.stiffness(name)}"
             self.lines.append(f"{', '.join(both)} = {self.e.call(relaxation, f'resistor {first.name}', duration)}")
         arguments = (self.x(name), self.current(name), "H", self.stiffness(name), *given, leaking, *both)

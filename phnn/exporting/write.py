@@ -18,7 +18,7 @@ import sys
 import tempfile
 import uuid
 import zipfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
@@ -27,13 +27,12 @@ from xml.sax.saxutils import quoteattr
 
 from phnn.errors import InputRefused, OutputFailed
 from phnn.exporting.build import HOLDS, Hold, build
-from phnn.exporting.c import c_header, c_source
+from phnn.exporting.c import Printer, c_header, c_source
 from phnn.exporting.program import (
     CONSTANTS_ABOUT,
     Constant,
     Field,
     Function,
-    Printer,
     Program,
     header,
     indented,
@@ -404,7 +403,7 @@ class _Body(Printer):
             return f"c.{name}"
         return f"{name}_" if name in ("i", "c", "where") else super().name(name)
 
-    def _call(self, node: ast.Call) -> tuple[str, int]:
+    def _call(self, node: ast.Call, outputs: Iterable[str] = ()) -> tuple[str, int]:
         name = node.func.id  # type: ignore[attr-defined]
         arguments = ", ".join(self.expression(a) for a in node.args)
         return f"{_BUILTIN.get(name, name)}({arguments})", self.primary
@@ -433,8 +432,6 @@ class _Body(Printer):
 
     def _assign(self, target: ast.expr, value: ast.expr) -> list[str]:
         targets = target.elts if isinstance(target, ast.Tuple) else [target]
-        if isinstance(value, ast.Tuple):
-            return [line for one, own in zip(targets, value.elts, strict=True) for line in self._assign(one, own)]
         return self._called([self.expression(t) for t in targets], value)
 
     def _called(self, left: list[str], value: ast.expr) -> list[str]:

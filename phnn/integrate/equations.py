@@ -24,8 +24,7 @@ from phnn.integrate.scheme import EXACT, NEAR_REST, PATH, Scheme, reducible, res
 from phnn.laws import RESISTOR_LAWS
 from phnn.laws.leaf import rc_flow, relaxation
 from phnn.laws.wide import is_passive_by_form
-from phnn.network import modulator_states
-from phnn.network.checks import PowerBalance, evaluation
+from phnn.network.checks import PowerBalance, drives_of, ends_of, evaluation, middle_of
 from phnn.network.system import PortHamiltonianSystem, combined
 
 if TYPE_CHECKING:
@@ -67,7 +66,7 @@ def means(
     system: PortHamiltonianSystem, scheme: Scheme, x: Tensor, x_next: Tensor, u: Tensor, h: float | Tensor
 ) -> Means:
     """Return the mean efforts of a step from ``x`` (..., N) to ``x_next``; arguments as of `step_residual`."""
-    middle, rules = modulator_states.between(system, x, x_next), reducible_rules(system, scheme)
+    middle, rules = middle_of(system, x, x_next), reducible_rules(system, scheme)
     if not rules:
         return Means(system.mean_efforts(x, x_next), middle, {}, {})
     none = torch.zeros_like(middle[..., 0])
@@ -118,8 +117,8 @@ def _residual(
         residual = torch.stack(columns, dim=-1)
     if not system.network.memories:
         return residual
-    drives = modulator_states.drives(system, step.efforts, step.middle, u, _powers(system, step, x, h))
-    end = modulator_states.ends(system, x[..., first:], drives, h)
+    drives = drives_of(system, step.efforts, step.middle, u, _powers(system, step, x, h))
+    end = ends_of(system, x[..., first:], drives, h)
     return torch.cat([residual, x_next[..., first:] - end], dim=-1)
 
 

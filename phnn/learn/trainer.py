@@ -87,43 +87,22 @@ def load(path: Path, keys: Sequence[str] = ()) -> dict[str, Any] | None:
     return state
 
 
-class Log:
-    """One row an epoch, as csv and for TensorBoard; a resumed run first writes again what its checkpoint knows.
+def board_of(place: Place, epochs: int) -> Any:
+    """Return what writes ``tensorboard/``, of which points after these epochs are void; None where it is not
+    installed."""
+    try:
+        from torch.utils.tensorboard import SummaryWriter
+    except ImportError:
+        return None
+    return SummaryWriter(str((place / "tensorboard").own_folder()), purge_step=epochs)
 
-    Args:
-        place: gets ``log.csv`` and, if wanted and installed, ``tensorboard/``.
-        rows: of the epochs before.
-        tensorboard: write for it as well.
-    """
 
-    def __init__(self, place: Place, rows: Sequence[Row] = (), tensorboard: bool = True) -> None:
-        self.place, self.rows = place / LOG, list(rows)
-        self.board: Any = None
-        if tensorboard:
-            try:
-                from torch.utils.tensorboard import SummaryWriter
-
-                # Earlier points from there on are void.
-                self.board = SummaryWriter(str((place / "tensorboard").own_folder()), purge_step=len(rows))
-            except ImportError:
-                pass
-        self._write()
-
-    def _write(self) -> None:
-        self.place.write(pd.DataFrame(self.rows, columns=COLUMNS).to_csv(index=False).encode())
-
-    def add(self, row: Row) -> None:
-        """Write one epoch."""
-        self.rows.append(row)
-        self._write()
-        for name in ("loss", "validation", "rate") if self.board is not None else ():
-            if row[name] is not None:
-                self.board.add_scalar(name, row[name], row["epoch"])
-
-    def close(self) -> None:
-        """Write what TensorBoard has not yet."""
-        if self.board is not None:
-            self.board.close()
+def write_log(place: Place, rows: Sequence[Row], board: Any = None) -> None:
+    """Write one row an epoch as csv, and the last one for TensorBoard."""
+    (place / LOG).write(pd.DataFrame(rows, columns=COLUMNS).to_csv(index=False).encode())
+    for name in ("loss", "validation", "rate") if board is not None else ():
+        if rows[-1][name] is not None:
+            board.add_scalar(name, rows[-1][name], rows[-1]["epoch"])
 
 
 @dataclass
@@ -174,6 +153,7 @@ class Trainer:
         self.place, self.made_of = place, {**settings.plain(), "recordings": recordings}
         self.progress = Progress(parameters=objective.present())
         self.method: Method | None = None
+        self.board: Any = None
         self.until = math.inf
 
     def run(self) -> Progress:
@@ -189,20 +169,22 @@ class Trainer:
         if not p.rows:
             # A training that only harms ends where it began.
             p.best = self._value()
-        log = None if self.place is None else Log(self.place, p.rows, self.settings.tensorboard)
+        if self.place is not None:
+            write_log(self.place, p.rows)
+            self.board = board_of(self.place, len(p.rows)) if self.settings.tensorboard else None
         try:
             while p.phase < len(METHODS):
-                self._phase(log)
+                self._phase()
                 self.objective.move_to(p.parameters)
                 p.phase, p.epoch, p.since, p.failures = p.phase + 1, 0, 0, 0
                 self.method = None
                 self._save()
         finally:
-            if log is not None:
-                log.close()
+            if self.board is not None:
+                self.board.close()
         return p
 
-    def _phase(self, log: Log | None) -> None:
+    def _phase(self) -> None:
         name = METHODS[self.progress.phase]
         epochs = int(getattr(self.settings, name))
         if epochs and self.method is None:
@@ -221,8 +203,8 @@ class Trainer:
             }  # fmt: skip
             p.rows.append(row)
             p.epoch += 1
-            if log is not None:
-                log.add(row)
+            if self.place is not None:
+                write_log(self.place, p.rows, self.board)
             self.say(f"{name} {p.epoch}/{epochs}: loss {loss:.5g}, validation {short(value)}, best {p.best:.5g}")
             self._save()
 

@@ -31,7 +31,7 @@ from scipy.optimize import least_squares, root
 from phnn.errors import InputRefused, SolverFailed
 from phnn.modal.experiment import Experiment, Study, experiment_of, experiments_of
 from phnn.models.actuator import modal
-from phnn.models.store import a_list, a_name, a_number, an_object
+from phnn.models.store import a_list, a_name, a_number, a_tensor, an_object
 from phnn.network.elements import Network
 from phnn.prediction import Predicted
 from phnn.recordings.manifest import shown
@@ -429,17 +429,11 @@ def _model(document: Mapping[str, Any]) -> ModalFit:
 
 
 def _numbers(document: Mapping[str, Any], name: str, *shape: int) -> Array:
-    """Read finite numbers of a given shape. Raises ValueError otherwise."""
-
-    def nested(value: Any, sizes: tuple[int, ...]) -> Any:
-        if not sizes:
-            return a_number(value, name)
-        entries = a_list(value, name)
-        if len(entries) != sizes[0]:
-            raise ValueError(f"{name} has {len(entries)} entries where {sizes[0]} belong")
-        return [nested(v, sizes[1:]) for v in entries]
-
-    return np.array(nested(document[name], shape), dtype=float).reshape(shape)
+    """Return finite numbers of a given shape. Raises ValueError otherwise."""
+    numbers = a_tensor(document[name], name).numpy()
+    if numbers.shape != shape:
+        raise ValueError(f"{name} has the shape {numbers.shape} where {shape} belongs")
+    return numbers
 
 
 def predicted_modes(fit: ModalFit, campaign: Campaign) -> tuple[Predicted, ...]:

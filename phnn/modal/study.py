@@ -13,7 +13,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table as Listing
@@ -26,8 +25,6 @@ from phnn.models.store import FILE
 from phnn.report.formatting import DASH, display_unit, plain, short
 from phnn.report.page import Section, Table, page
 from phnn.results import Place
-
-Array = NDArray[np.float64]
 
 SCHEMA = "phnn.modes/3"
 # The models of a study, by the names of their files.

@@ -312,7 +312,7 @@ def from_json(content: Any) -> Any:
         most = {"width": LIMITS.units, "ports": 64, "states": 64, "reads": 64}
         law = known(**{n: a_count(v, n, 0, most[n]) for n, v in counts.items()})
     given = an_object(content.get("state"), "state of a learned law")
-    state = {n: _tensor(v, f"{brief(n)} of a learned law") for n, v in given.items()}
+    state = {n: a_tensor(v, f"{brief(n)} of a learned law") for n, v in given.items()}
     try:
         law.load_state_dict(state)
         check_weights(law, "of a learned law ", LARGEST_WEIGHT)
@@ -325,7 +325,7 @@ def from_json(content: Any) -> Any:
     return law
 
 
-def _tensor(value: Any, where: str) -> torch.Tensor:
+def a_tensor(value: Any, where: str) -> torch.Tensor:
     """Return the numbers in lists of equal lengths. Raises ValueError for other values, or if one is not finite."""
     try:
         tensor = torch.tensor(value, dtype=torch.float64)

@@ -149,11 +149,6 @@ class BoundedParameters(nn.Module):
             z = self.z[name].detach().requires_grad_(True)
             return float(torch.autograd.grad(self._at(name, z), z)[0])
 
-    def gradient(self, name: str) -> float | None:
-        """Return ``∂L/∂θ`` by the physical value, from the ``.grad`` of the coordinate; None where that has none."""
-        found = self.z[name].grad
-        return None if found is None else float(found) / self.slope(name)
-
     @torch.no_grad()
     def assign(self, values: Mapping[str, float]) -> None:
         """Set physical values [SI]; each becomes the reference of its coordinate, which starts again at zero.

@@ -1,11 +1,12 @@
 """Checks of the torch module of a network: names, learned laws, and the tensors that it is evaluated at.
 
-Here are also the terms of a power balance, and the one reading of all parameters for all that one call evaluates.
+Here are also the terms of a power balance, the one reading of all parameters for all that one call evaluates, and the
+modulator states: their drives, their rates, and their values after a step.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial, wraps
 from threading import get_ident
 from typing import Any, Concatenate, NamedTuple, ParamSpec, TypeVar
@@ -16,8 +17,9 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from phnn.errors import InputRefused, StructureViolated
-from phnn.laws import gradient
+from phnn.laws import MEMORY_LAWS, gradient
 from phnn.laws.diverged import check_weights
+from phnn.laws.other import advanced
 from phnn.laws.sector import READ, check_energy, check_sector
 from phnn.laws.wide import form_of, is_passive_by_form
 from phnn.network.elements import Port
@@ -280,3 +282,65 @@ def _of_arrays(function: Callable[[Tensor], Tensor]) -> Callable[[Array], Array]
             return function(torch.from_numpy(points)).double().numpy()
 
     return call
+
+
+def middle_of(
+    system: Any,
+    a: Tensor,  # (..., n) state at the start of a step
+    b: Tensor,  # (..., n) and at its end
+) -> Tensor:
+    """Return (..., n) what laws read during a step: energy variables in its middle, modulator states at its start."""
+    middle = 0.5 * (a + b)
+    if not system.network.memories:
+        return middle
+    first = len(system.network.storages)
+    return torch.cat([middle[..., :first], a.expand_as(middle)[..., first:]], dim=-1)
+
+
+def drives_of(
+    system: Any,
+    efforts: Tensor,  # (..., n) efforts of the storages, of a state or averaged over a step
+    x: Tensor,  # (..., n+M) state that modulated laws read
+    u: Tensor,  # (..., P)
+    dissipated: Mapping[int, Tensor] | None = None,
+) -> Tensor:
+    """Return (..., M) what drives every memory.
+
+    Args:
+        dissipated: powers (...) of some resistors by their numbers; those of the others are ``ε φ(ε)``.
+    """
+    epsilon = system.branch_efforts(efforts, x)
+    powers, actions = epsilon * system.branch_flows(epsilon, x), system.actions(u)
+    network, known = system.network, dissipated or {}
+    found = {r.name: known.get(k, powers[..., k]) for k, r in enumerate(network.resistors)}
+    found |= {s.name: efforts[..., k] for k, s in enumerate(network.storages)}
+    found |= {p.name: actions[..., k] for k, p in enumerate(network.ports)}
+    none = torch.zeros_like(efforts[..., 0])
+    return torch.stack([sum((found[n] for n in network.drives_of(m)), none) for m in network.memories], dim=-1)
+
+
+def rates_of(
+    system: Any,
+    z: Tensor,  # (..., M) modulator states
+    driven: Tensor,  # (..., M) their drives
+) -> Tensor:
+    """Return (..., M) ``ż``."""
+    laws = [(MEMORY_LAWS[m.law], [*map(system.value, m.parameters)]) for m in system.network.memories]
+    found = [law.rate(z[..., k], driven[..., k], *values) for k, (law, values) in enumerate(laws)]
+    return torch.stack(found, dim=-1)
+
+
+def ends_of(
+    system: Any,
+    z: Tensor,  # (..., M) modulator states at the start of a step
+    driven: Tensor,  # (..., M) their mean drives
+    h: float | Tensor,  # [s], one for all or shaped to multiply states
+) -> Tensor:
+    """Return (..., M) modulator states at the end of a step, by the exact flow under constant drives."""
+    return advanced(z, h, rates_of(system, z, driven), decays_of(system))
+
+
+def decays_of(system: Any) -> Tensor:
+    """Return (M,) rates at which that flow decays."""
+    memories = system.network.memories
+    return torch.stack([MEMORY_LAWS[m.law].decay(*map(system.value, m.parameters)) for m in memories])

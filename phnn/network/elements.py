@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any, ClassVar, Literal, NamedTuple
 
 from phnn.errors import StructureViolated
@@ -381,14 +381,9 @@ class Network:
         def own(elements: tuple[Any, ...]) -> tuple[Any, ...]:
             return tuple(e if isinstance(e.law, str) else replace(e, law=copy.deepcopy(e.law, memo)) for e in elements)
 
-        return replace(
-            self,
-            storages=own(self.storages),
-            resistors=own(self.resistors),
-            modulations=own(self.modulations),
-            multi_ports=own(self.multi_ports),
-            shared_energies=own(self.shared_energies),
-        )
+        groups = ("storages", "resistors", "modulations", "multi_ports", "shared_energies")
+        copies: dict[str, Any] = {name: own(getattr(self, name)) for name in groups}
+        return replace(self, **copies)
 
     def replace(self, name: str, law: Any, parameters: tuple[str, ...] = ()) -> Network:
         """The network with another law on a resistor or storage, without the parameters that nothing uses any more.
@@ -465,6 +460,11 @@ def _sum(terms: Iterable[str]) -> str:
     return " ".join(terms).removeprefix("+ ") or "0"
 
 
+# Fields that hold names of elements, and those that hold names of parameters.
+_OF_ELEMENTS = ("name", "to", "of", "on", "by", "reads", "modulated_by", "output", "senses")
+_OF_PARAMETERS = ("parameters", "ratio")
+
+
 def relabelled(network: Network, element: Label, parameter: Label) -> Network:
     """Return the same network with every name replaced.
 
@@ -473,40 +473,20 @@ def relabelled(network: Network, element: Label, parameter: Label) -> Network:
             not become one.
     """
 
-    def ratio(given: Ratio) -> Ratio:
-        return parameter(given) if isinstance(given, str) else given
+    def label(role: str, value: Any) -> Any:
+        if isinstance(value, Mapping):
+            return {element(n): label("ratio", ratio) for n, ratio in value.items()}
+        if isinstance(value, tuple):
+            return tuple(label(role, one) for one in value)
+        if is_dataclass(value) and not isinstance(value, type):
+            return replace(value, **{f.name: label(f.name, getattr(value, f.name)) for f in fields(value)})
+        if not isinstance(value, str) or not value:
+            return value
+        return element(value) if role in _OF_ELEMENTS else parameter(value) if role in _OF_PARAMETERS else value
 
-    def parameters(given: tuple[str, ...]) -> tuple[str, ...]:
-        return tuple(parameter(n) for n in given)
-
-    def vector(on: Mapping[str, Ratio]) -> dict[str, Ratio]:
-        return {element(n): ratio(r) for n, r in on.items()}
-
-    def one(given: Any, **further: Any) -> Any:
-        return replace(given, name=element(given.name), parameters=parameters(given.parameters), **further)
-
-    def resistor(r: Resistor) -> Resistor:
-        return one(r, on=vector(r.on), modulated_by=None if r.modulated_by is None else element(r.modulated_by))
-
-    return Network(
-        tuple(map(one, network.storages)),
-        tuple(map(resistor, network.resistors)),
-        tuple(Coupling(element(c.to), element(c.of), ratio(c.ratio)) for c in network.couplings),
-        tuple(one(p, on=vector(p.on)) for p in network.ports),
-        {parameter(n): replace(p, name=parameter(n)) for n, p in network.parameters.items()},
-        element(network.output),
-        tuple(
-            replace(m, ratio=parameter(m.ratio), by=element(m.by), parameters=parameters(m.parameters))
-            for m in network.modulations
-        ),
-        tuple(one(m, of=tuple(map(element, m.of))) for m in network.memories),
-        element(network.senses) if network.senses else "",
-        tuple(
-            replace(m, name=element(m.name), on=tuple(map(vector, m.columns)), reads=tuple(map(element, m.reads)))
-            for m in network.multi_ports
-        ),
-        tuple(replace(e, name=element(e.name), of=tuple(map(element, e.of))) for e in network.shared_energies),
-    )  # fmt: skip
+    parts = {f.name: label(f.name, getattr(network, f.name)) for f in fields(network) if f.name != "parameters"}
+    table = {parameter(n): replace(p, name=parameter(n)) for n, p in network.parameters.items()}
+    return replace(network, **parts, parameters=table)
 
 
 def check_laws(network: Network) -> None:

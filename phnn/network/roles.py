@@ -38,12 +38,10 @@ class Imposed:
     """A motion that a port imposes, by the names of its storages.
 
     Attributes:
-        port: gives the velocity.
         contact: its effort is the force; impulse: the integral of that force, the output.
         motion: what the port moves.
     """
 
-    port: str
     contact: str
     impulse: str
     motion: Motion
@@ -58,7 +56,7 @@ def imposed(network: Network) -> Imposed | None:
     (momentum,) = (n for n in moved if n != network.output)
     follows = _flows(network)
     travels = [s.name for s in network.storages if follows.get(s.name) == momentum and s.name not in _held(network)]
-    return Imposed(network.senses, contact, network.output, Motion(travels[0], momentum))
+    return Imposed(contact, network.output, Motion(travels[0], momentum))
 
 
 def auxiliary(network: Network) -> set[str]:

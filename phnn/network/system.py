@@ -12,7 +12,6 @@ from phnn.errors import InputRefused
 from phnn.laws import FACTOR_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS, gradient
 from phnn.laws.diverged import LARGEST_WEIGHT, check_weights
 from phnn.laws.wide import form_of, is_passive_by_form
-from phnn.network import modulator_states
 from phnn.network.bounded import BoundedParameters
 from phnn.network.checks import (
     PowerBalance,
@@ -22,11 +21,13 @@ from phnn.network.checks import (
     check_input,
     check_name,
     check_state,
+    drives_of,
     energy_of,
     evaluation,
     mean_effort_of,
     mean_efforts_of,
     present_of,
+    rates_of,
 )
 from phnn.network.elements import MultiPort, Network, Ratio, WithLaw, check_laws
 
@@ -422,9 +423,7 @@ class PortHamiltonianSystem(nn.Module):
         if not self.network.memories:
             return rate
         slow = x[..., len(self.network.storages) :]
-        return torch.cat(
-            [rate, modulator_states.rates(self, slow, modulator_states.drives(self, efforts, x, u))], dim=-1
-        )
+        return torch.cat([rate, rates_of(self, slow, drives_of(self, efforts, x, u))], dim=-1)
 
     @evaluation
     def port_outputs(

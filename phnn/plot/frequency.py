@@ -119,9 +119,9 @@ class Bode:
     def _draw(self) -> Figure:
         figure = new_figure(7.2, 8.4)
         panels = figure.subplots(3, 1, sharex=True, height_ratios=[1.3, 1.0, 1.0])
-        gain = scaled(f"{self.words[1]} by {self.words[0]}", self.gain_unit, np.abs(self.gain))
+        size, label = scaled(f"{self.words[1]} by {self.words[0]}", self.gain_unit, np.abs(self.gain))
         at = f"at {quantity(self.amplitude, self.units[0])}"
-        shown: tuple[Callable[[Complex], Array], ...] = (lambda g: gain(np.abs(g)), _degrees)
+        shown: tuple[Callable[[Complex], Array], ...] = (lambda g: np.abs(g) / size, _degrees)
         for axes, value in zip(panels, shown, strict=False):
             axes.plot(self.frequencies, value(self.gain), color=AFTER, linewidth=1.6, label=at)
             small = {"color": INK, "linewidth": 1.2, "dashes": (4, 2), "label": "at small amplitude"}
@@ -136,13 +136,13 @@ class Bode:
                     "markerfacecolor": BEFORE if own else "none",
                     "label": name,
                 }
-                panels[0].plot(f, gain([abs(p.gain) for p in some]), "o", **style)
+                panels[0].plot(f, [abs(p.gain) / size for p in some], "o", **style)
                 panels[1].plot(f, [self.beside(p) for p in some], "o", **style)
         _draw_harmonics(panels[2], self)
         log_axis(panels[0], "y")
         for axes in panels:
             log_axis(axes)
-        finish(panels[0], "", gain.label)
+        finish(panels[0], "", label)
         finish(panels[1], "", "phase (degrees)", None)
         return figure
 
@@ -436,16 +436,16 @@ def _draw_correlated(axes: Axes, found: Correlated, label: str) -> None:
 
 def _draw_spectrum(axes: Axes, one: Tested) -> None:
     unit = f"{one.recording.units.output}/√Hz"
-    left = scaled("residual", unit, float(np.median(one.density)))
-    axes.loglog(one.f, left(one.density), color=AFTER, linewidth=0.9, label="residual")
-    drawn = left(one.density[one.density > 0.0])
+    size, label = scaled("residual", unit, float(np.median(one.density)))
+    axes.loglog(one.f, one.density / size, color=AFTER, linewidth=0.9, label="residual")
+    drawn = one.density[one.density > 0.0] / size
     floor = float(np.percentile(drawn, 1.0)) if drawn.size else 1.0
     if np.isfinite(one.noise).all():
-        axes.loglog(one.f, left(one.noise), color=INK, linewidth=1.3, dashes=(4, 2), label="noise of the recording")
-        floor = min(floor, float(left(one.noise.min())))
+        axes.loglog(one.f, one.noise / size, color=INK, linewidth=1.3, dashes=(4, 2), label="noise of the recording")
+        floor = min(floor, float(one.noise.min()) / size)
     if drawn.size:
         axes.set_ylim(0.5 * floor, 6.0 * max(float(drawn.max()), floor))
-    finish(axes, "frequency (Hz)", left.label, "upper right")
+    finish(axes, "frequency (Hz)", label, "upper right")
 
 
 def _correlations(one: Tested) -> list[pd.DataFrame]:

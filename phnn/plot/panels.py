@@ -95,23 +95,12 @@ class Plot:
             return self.draw()
 
 
-@dataclass(frozen=True)
-class Scaled:
-    """An axis in a unit that suits: ``shown = value / size``."""
-
-    size: float
-    label: str
-
-    def __call__(self, values: Any) -> Array:
-        """Return the values as they are drawn."""
-        return np.asarray(values) / self.size
-
-
-def scaled(name: str, unit: str, *values: Any) -> Scaled:
-    """Return the axis on which values up to the largest one given read well; no unit is shown for ``1``."""
+def scaled(name: str, unit: str, *values: Any) -> tuple[float, str]:
+    """Return the size of the unit in which values up to the largest one given read well, and the label of their axis;
+    no unit is shown for ``1``."""
     sizes = [np.abs(np.asarray(v)[np.isfinite(v)]).max(initial=0.0) for v in values]
     size, shown = prefixed(float(max(sizes, default=0.0)), unit)
-    return Scaled(size, name if shown == "1" else f"{name} ({shown})")
+    return size, name if shown == "1" else f"{name} ({shown})"
 
 
 def column(name: str, unit: str) -> str:

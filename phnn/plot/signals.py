@@ -194,17 +194,17 @@ def _order(one: Predicted) -> tuple[float, float]:
 
 def _draw_loops(axes: Axes, title: str, some: Sequence[Predicted]) -> None:
     r = some[0].recording
-    into = scaled("input", r.units.input, *(one.recording.u for one in some))
-    out = scaled("output", r.units.output, *(one.recording.y for one in some))
+    across, x_label = scaled("input", r.units.input, *(one.recording.u for one in some))
+    up, y_label = scaled("output", r.units.output, *(one.recording.y for one in some))
     for number, one in enumerate(some):
         rows, u = one.recording.last_periods(1.0), one.recording.u
         for y, colour, name, width in ((one.recording.y, MEASURED, "measured", 4.0), (one.y, AFTER, "simulated", 1.2)):
             draw_trace(
-                axes, into(u[rows]), y[rows], out.size, color=colour, linewidth=width,
+                axes, u[rows] / across, y[rows], up, color=colour, linewidth=width,
                 label=name if number == 0 else None, zorder=2.0 if name == "measured" else 3.0,
             )  # fmt: skip
     axes.set_title(title)
-    finish(axes, into.label, out.label)
+    finish(axes, x_label, y_label)
 
 
 def _loop_table(one: Predicted) -> pd.DataFrame:
@@ -240,48 +240,38 @@ class Balance:
     supplied: dict[str, Array]
     dissipated: dict[str, Array]
 
-    @property
-    def total_stored(self) -> Array:
-        """Return (n+1,) ``H(x)`` [J]."""
-        return sum(self.stored.values(), np.zeros(self.t.size))
-
-    @property
-    def total_supplied(self) -> Array:
-        """Return (n+1,) energy supplied by all ports [J]."""
-        return sum(self.supplied.values(), np.zeros(self.t.size))
-
-    @property
-    def total_dissipated(self) -> Array:
-        """Return (n+1,) energy that all resistors have taken [J]."""
-        return sum(self.dissipated.values(), np.zeros(self.t.size))
+    def total(self, part: str) -> Array:
+        """Return (n+1,) energy [J] of all that is ``stored``, ``supplied`` or ``dissipated``."""
+        parts: dict[str, Array] = getattr(self, part)
+        return sum(parts.values(), np.zeros(self.t.size))
 
     @property
     def error(self) -> Array:
         """Return (n+1,) ``H(t) − H(0) − supplied + dissipated`` [J]; a rounding error."""
-        return self.total_stored - self.total_stored[0] - self.total_supplied + self.total_dissipated
+        stored = self.total("stored")
+        return stored - stored[0] - self.total("supplied") + self.total("dissipated")
 
     @property
     def turned_over(self) -> float:
         """Return the largest energy that was supplied, or taken back [J]: the measure of the error."""
-        return float(np.abs(self.total_supplied).max())
+        return float(np.abs(self.total("supplied")).max())
 
     def plot(self) -> Plot:
         """Return stored energy, cumulated balance and its error, with all energies at the nodes."""
         content = {"time_s": self.t}
         parts = {"stored": self.stored, "supplied": self.supplied, "dissipated": self.dissipated}
         content |= {f"{what}_{n.replace(' ', '_')}_J": x for what, some in parts.items() for n, x in some.items()}
-        content |= {"stored_J": self.total_stored, "supplied_J": self.total_supplied}
-        content |= {"dissipated_J": self.total_dissipated, "balance_error_J": self.error}
+        content |= {f"{what}_J": self.total(what) for what in parts} | {"balance_error_J": self.error}
         return Plot(self._draw, {"": pd.DataFrame(content)})
 
     def _draw(self) -> Figure:
         figure = new_figure(7.6, 7.2)
         above, middle, below = figure.subplots(3, 1, sharex=True, height_ratios=[1.2, 1.2, 0.7])
-        time = scaled("time", "s", self.t)
-        t = time(self.t)
+        size, label = scaled("time", "s", self.t)
+        t = self.t / size
         _draw_stored(above, t, self)
         _draw_cumulated(middle, t, self)
-        _draw_error(below, t, time.label, self)
+        _draw_error(below, t, label, self)
         below.set_xlim(t[0], t[-1])
         return figure
 
@@ -333,29 +323,30 @@ def _draw_stored(axes: Axes, t: Array, found: Balance) -> None:
     layers = {literal(name, 24): found.stored[name] for name in apart}
     if rest:
         layers[f"{len(rest)} others"] = np.sum([found.stored[name] for name in rest], axis=0)
-    unit, index = scaled("stored energy", "J", found.total_stored), envelope(found.total_stored)
+    total = found.total("stored")
+    (size, label), index = scaled("stored energy", "J", total), envelope(total)
     bottom = np.zeros(index.size)
     for (name, values), colour in zip(layers.items(), CATEGORIES, strict=False):
-        top = bottom + unit(values[index])
+        top = bottom + values[index] / size
         axes.fill_between(t[index], bottom, top, color=colour, linewidth=0, alpha=0.85, label=name)
         bottom = top
-    axes.plot(t[index], unit(found.total_stored[index]), color=INK, linewidth=0.9, label="all storages")
+    axes.plot(t[index], total[index] / size, color=INK, linewidth=0.9, label="all storages")
     # Short names, as `q_1`, stand five in a row.
     columns = 5 if max(map(len, layers), default=0) < 10 else 3
-    finish(axes, "", unit.label, "upper left", 0.1 + 0.15 * -(-(len(layers) + 1) // columns), ncols=columns)
+    finish(axes, "", label, "upper left", 0.1 + 0.15 * -(-(len(layers) + 1) // columns), ncols=columns)
 
 
 def _draw_cumulated(axes: Axes, t: Array, found: Balance) -> None:
-    change = found.total_stored - found.total_stored[0]
+    stored = found.total("stored")
     rows = (
-        (found.total_supplied, AFTER, "supplied", "-", 1.6),
-        (found.total_dissipated, BEFORE, "dissipated", (0, (4, 1.5)), 1.4),
-        (change, CATEGORIES[2], "stored since the beginning", "-", 1.1),
+        (found.total("supplied"), AFTER, "supplied", "-", 1.6),
+        (found.total("dissipated"), BEFORE, "dissipated", (0, (4, 1.5)), 1.4),
+        (stored - stored[0], CATEGORIES[2], "stored since the beginning", "-", 1.1),
     )
-    unit = scaled("energy", "J", *(values for values, *_ in rows))
+    size, label = scaled("energy", "J", *(values for values, *_ in rows))
     for values, colour, name, style, width in rows:
-        draw_trace(axes, t, values, unit.size, color=colour, linestyle=style, linewidth=width, label=name)
-    finish(axes, "", unit.label, "upper left", 0.25, ncols=3)
+        draw_trace(axes, t, values, size, color=colour, linestyle=style, linewidth=width, label=name)
+    finish(axes, "", label, "upper left", 0.25, ncols=3)
 
 
 def _draw_error(axes: Axes, t: Array, time: str, found: Balance) -> None:

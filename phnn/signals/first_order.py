@@ -70,27 +70,22 @@ def density(a: float, cosine: np.ndarray) -> np.ndarray:
     return np.asarray((1.0 - a * a) / (1.0 + a * a - 2.0 * a * cosine))
 
 
-@dataclass(frozen=True)
-class _Band:
-    """Some frequencies of a spectrum, with what all shapes there are made of: ``cos ω`` and ``ω⁻⁴``, each ``(F,)``."""
+def _shape(z: np.ndarray, cosine: np.ndarray, tail: np.ndarray) -> np.ndarray:
+    """Return the (F,) spectrum of noise of unit variance, and of the tail beside it."""
+    return np.asarray(density(_coefficient(z[0]), cosine) + np.exp(min(z[1], 50.0)) * tail)
 
-    power: np.ndarray
-    cosine: np.ndarray
-    tail: np.ndarray
 
-    def shape(self, z: np.ndarray) -> np.ndarray:
-        """Return the spectrum of noise of unit variance, and of the tail beside it."""
-        return np.asarray(density(_coefficient(z[0]), self.cosine) + np.exp(min(z[1], 50.0)) * self.tail)
+def _best(
+    power: np.ndarray, cosine: np.ndarray, tail: np.ndarray, starts: tuple[float, ...], white: bool = False
+) -> OptimizeResult:
+    """Return the best coefficient and strength of the tail; the coefficient stays zero for white noise."""
 
-    def best(self, starts: tuple[float, ...], white: bool = False) -> OptimizeResult:
-        """Return the best coefficient and strength of the tail; the coefficient stays zero for white noise."""
+    def negative(z: np.ndarray) -> float:
+        shape = _shape(np.array([0.0, z[0]]) if white else z, cosine, tail)
+        return float(np.log(np.mean(power / shape)) + np.mean(np.log(shape)))
 
-        def negative(z: np.ndarray) -> float:
-            shape = self.shape(np.array([0.0, z[0]]) if white else z)
-            return float(np.log(np.mean(self.power / shape)) + np.mean(np.log(shape)))
-
-        points = [[t] if white else [np.arctanh(np.sqrt(a)), t] for a in starts for t in _TAILS]
-        return min((minimize(negative, z, method="Nelder-Mead") for z in points), key=lambda r: float(r.fun))
+    points = [[t] if white else [np.arctanh(np.sqrt(a)), t] for a in starts for t in _TAILS]
+    return min((minimize(negative, z, method="Nelder-Mead") for z in points), key=lambda r: float(r.fun))
 
 
 def without_line(y: Array) -> Array:
@@ -118,9 +113,10 @@ def fit_first_order(y: np.ndarray) -> FirstOrder | None:
         if band.sum() < _FEWEST:
             return None
         p, w = power[band], omega[band]
-        seen = _Band(p, np.cos(w), w**-4.0)
-        coloured, white = seen.best((0.1, 0.5, 0.8)), seen.best((0.0,), white=True)
-        shape = seen.shape(coloured.x)
+        cosine, tail = np.cos(w), w**-4.0
+        coloured = _best(p, cosine, tail, (0.1, 0.5, 0.8))
+        white = _best(p, cosine, tail, (0.0,), white=True)
+        shape = _shape(coloured.x, cosine, tail)
         if not fits(p, shape):
             continue
         a = _coefficient(coloured.x[0])

@@ -26,7 +26,7 @@ from phnn.errors import InputRefused
 from phnn.exporting.build import Hold, build
 from phnn.exporting.c import c_header, c_source
 from phnn.exporting.laws import Sources
-from phnn.exporting.program import Program, function
+from phnn.exporting.program import Program
 from phnn.exporting.write import matlab, python
 from phnn.laws.namespace import where
 from phnn.models.network_file import load_network, ready
@@ -390,9 +390,9 @@ def program_of(laws: list[Callable[..., Any]]) -> Program:
     names = [sources.name_of(law, "law of a test") for law in laws]
     nothing = ["s.x = 0.0", "return 1.0"]
     for name, arguments in (("init", ("u",)), ("substep", ("a", "b", "c")), ("step", ("u",))):
-        p.functions[name] = function(name, arguments, nothing if name != "init" else nothing[:1], p.functions)
+        p.add(name, arguments, nothing if name != "init" else nothing[:1])
     calls = " + ".join(f"{name}(s.x, s.x)" for name in names)
-    p.functions["output"] = function("output", (), [f"return {calls}"], p.functions)
+    p.add("output", (), [f"return {calls}"])
     return p
 
 

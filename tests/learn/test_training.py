@@ -17,7 +17,7 @@ from phnn.learn import methods, trainer
 from phnn.learn.objective import Objective
 from phnn.learn.settings import Settings
 from phnn.learn.solvers import Plant, Torchdiffeq, discrete_gradient
-from phnn.learn.trainer import Log, Progress, Trainer
+from phnn.learn.trainer import Progress, Trainer, board_of, write_log
 from phnn.results import Place
 
 KINDS: dict[str, tuple[Callable[[], Plant], int]] = {
@@ -172,10 +172,10 @@ def test_logs_are_written_for_tensorboard_as_well(tmp_path: Path) -> None:
         {"epoch": k, "method": "adam", "loss": 3.0 - k, "validation": None, "rate": 0.1, "seconds": 0.0}
         for k in range(3)
     ]
-    log = Log(Place(tmp_path), rows[:1])
-    for row in rows[1:]:
-        log.add(row)
-    log.close()
+    board = board_of(Place(tmp_path), 1)
+    for count in (2, 3):
+        write_log(Place(tmp_path), rows[:count], board)
+    board.close()
     events = accumulator.EventAccumulator(str(tmp_path / "tensorboard")).Reload()
     assert [e.value for e in events.Scalars("loss")] == [2.0, 1.0]
     assert "validation" not in events.Tags()["scalars"]

@@ -350,9 +350,11 @@ def test_the_true_model_leaves_noise_and_a_wrong_one_does_not() -> None:
 def test_the_energy_balance_closes_and_dissipation_never_falls() -> None:
     found = balance(MODEL.trajectory(T, sine(20.0, 60.0)))
     assert np.abs(found.error).max() <= 1e-9 * found.turned_over
-    assert np.diff(found.total_dissipated).min() >= -1e-15 * found.turned_over
+    assert np.diff(found.total("dissipated")).min() >= -1e-15 * found.turned_over
     # Passivity: no more is stored than was supplied.
-    assert (found.total_stored - found.total_stored[0] <= found.total_supplied + 1e-12 * found.turned_over).all()
+    assert (
+        found.total("stored") - found.total("stored")[0] <= found.total("supplied") + 1e-12 * found.turned_over
+    ).all()
     q, energy = MODEL.trajectory(T, sine(20.0, 60.0)).states[:, 1], found.stored["q"]
     np.testing.assert_allclose(energy, 0.5 * VALUES["k"] * q**2, rtol=1e-12, atol=1e-25)
     assert found.t[-1] == pytest.approx(T[-1])

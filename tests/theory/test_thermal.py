@@ -23,7 +23,7 @@ from phnn.laws import MEMORY_LAWS
 from phnn.laws.leaf import relaxation
 from phnn.models.actuator import hrc
 from phnn.network import ModulatorState, Network, PortHamiltonianSystem
-from phnn.network.modulator_states import decays, rates
+from phnn.network.checks import decays_of, rates_of
 from phnn.parameters import Parameter
 from phnn.setup import Block, Setup
 from phnn.trajectory import Trajectory, simulate
@@ -71,8 +71,8 @@ def balances(trajectory: Trajectory) -> tuple[PortHamiltonianSystem, SimpleNames
     first, x, h = len(system.network.storages), torch.from_numpy(trajectory.states), torch.from_numpy(trajectory.h)
     drives, columns = torch.from_numpy(trajectory.efforts[:, first:]), []
     with torch.no_grad():
-        start, decay = x[:-1, first:], h[:, None] * decays(system)
-        mean = start + h[:, None] * relaxation(decay)[1] * rates(system, start, drives)
+        start, decay = x[:-1, first:], h[:, None] * decays_of(system)
+        mean = start + h[:, None] * relaxation(decay)[1] * rates_of(system, start, drives)
         for k, (capacity, resistance, ambient, reference) in bodies(system):
             a, b = x[:-1, k], x[1:, k]
             released = h * (mean[:, k - first] - (ambient - reference)) / resistance

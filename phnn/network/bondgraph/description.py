@@ -84,20 +84,8 @@ class R:
 
 
 @dataclass(frozen=True)
-class Se:
-    """A source of effort ``sign · ψ(u)``, a port of the network; its conjugate is the flow that it delivers."""
-
-    name: str
-    junction: str
-    unit: str = "V"
-    sign: int = 1
-    law: str = "linear"
-    parameters: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Sf:
-    """A source of flow ``sign · ψ(u)``, a port of the network; its conjugate is the effort that it meets."""
+class _Source:
+    """A source ``sign · ψ(u)``, a port of the network."""
 
     name: str
     junction: str
@@ -105,6 +93,17 @@ class Sf:
     sign: int = 1
     law: str = "linear"
     parameters: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Se(_Source):
+    """A source of effort; its conjugate is the flow that it delivers."""
+
+    unit: str = "V"
+
+
+class Sf(_Source):
+    """A source of flow; its conjugate is the effort that it meets."""
 
 
 @dataclass(frozen=True)
