@@ -162,9 +162,9 @@ _DAMPER_NOTICEABLE, _DAMPER_SMALL = 1e-2, 5e-4
 # Speeds at which friction reaches half its value, as shares of the largest speed in the slowest and in any recording.
 _STICKING, _SLIDING = 0.1, 0.1
 
-# Strengths: friction, viscous damping and drag forwards and backwards; damping that follows the position.
+# Strengths: friction, viscous damping and drag forwards and backwards; damping and friction that follow the position.
 _BY_SPEED = ("F_f1", "F_b1", "F_2", "F_f3", "F_b3", "F_f4", "F_b4")
-_BY_POSITION = ("F_q", "F_qR", "F_qL")
+_BY_POSITION = ("F_q", "F_qR", "F_qL", "F_rR", "F_rL")
 _FORCES = strengths((*_BY_SPEED, *_BY_POSITION), "N", "learned damping force")
 _DAMPER_CONSTANTS = (
     constant("v_D1", "m/s", "reference speed of the friction of slow motion, 100 × the speed at half the friction"),
@@ -189,6 +189,8 @@ _OF_POSITION = {
     "bowl": ("square_damper", ("F_q", "n_Dq", "v_Dq", "q_D")),
     "right": ("ramp_damper", ("F_qR", "n_Dq", "v_Dq", "c_DR")),
     "left": ("ramp_damper", ("F_qL", "n_Dq", "v_Dq", "c_DL")),
+    "right_friction": ("ramp_damper", ("F_rR", "n_D1", "v_D1", "c_DR")),
+    "left_friction": ("ramp_damper", ("F_rL", "n_D1", "v_D1", "c_DL")),
 }
 _RESISTORS = (
     *(Resistor(f"learned_{n}", "power_damper", {"p": 1.0}, names) for n, names in _OF_SPEED.items()),
@@ -203,8 +205,7 @@ def brake(setup: Setup, parameters: Placed) -> Setup:
 
 
 def damper_grid(scales: Scales) -> list[dict[str, float]]:
-    """Return all strengths equal; emphasis on those of the speed; on those of the position, as viscous damping and as
-    friction."""
+    """Return all strengths equal; emphasis on those of the speed, and on those of the position."""
     slow = 2.0 * np.pi * scales.slowest * scales.displacement
     sticking, sliding = _STICKING * slow / SMOOTHED, _SLIDING * scales.velocity / SMOOTHED
     constants = {
@@ -213,8 +214,7 @@ def damper_grid(scales: Scales) -> list[dict[str, float]]:
         "q_D": scales.displacement, "c_DR": 1.0 / scales.displacement, "c_DL": -1.0 / scales.displacement,
     }  # fmt: skip
     force = _DAMPER_SMALL * scales.stiffness * scales.displacement
-    points = starts(_FORCES, force, (_BY_SPEED, _BY_POSITION), constants)(scales)
-    return [*points, points[-1] | {"v_Dq": sticking, "n_Dq": 0.0}]
+    return starts(_FORCES, force, (_BY_SPEED, _BY_POSITION), constants)(scales)
 
 
 LEARNED_DAMPER = Effect(
@@ -223,8 +223,8 @@ LEARNED_DAMPER = Effect(
     equation=r"F = \sigma(v, q)\,v, \quad \sigma = \sum_{ij} F_{ij} B_i(v) C_j(q) \geq 0",
     statement="A further damper acts on the moving part. Forwards it brakes with a friction of {F_f1}, a viscous force "
     "of {F_f3} and a drag of {F_f4} at {v_D3}, backwards with {F_b1}, {F_b3} and {F_b4}; with a friction of fast "
-    "motion of {F_2}; and at a displacement of {q_D} with {F_q} on both sides, {F_qR} on the right and {F_qL} on the "
-    "left.",
+    "motion of {F_2}; and at a displacement of {q_D} with a viscous force of {F_q} on both sides, {F_qR} on the right "
+    "and {F_qL} on the left, and a friction of {F_rR} and {F_rL}.",
     fingerprint="A loop whose width depends on the velocity, on its direction or on the displacement, and closes at "
     "rest.",
     separation="Sines of several amplitudes and frequencies about several offsets: damping of the speed follows "

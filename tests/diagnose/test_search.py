@@ -14,9 +14,11 @@ import pytest
 
 from phnn.criteria import Criteria
 from phnn.diagnose.diagnosis import Diagnosis
-from phnn.diagnose.linearised import LinearisedFit, direction, tie
+from phnn.diagnose.linearised import LinearisedFit, direction, prepare, tie
+from phnn.diagnose.lines import wavelengths
 from phnn.diagnose.number import Visited
 from phnn.diagnose.refit import Wanted, converged, rebuilt
+from phnn.diagnose.refit import short as short_fit
 from phnn.diagnose.screen import Screen
 from phnn.diagnose.search import Search, _drop_each, _exchange, _with_new_hysterons, begin, explore, finished
 from phnn.diagnose.verdict import NAMED, NONE, PROVISIONAL, UNKNOWN, Claim, conclude
@@ -287,3 +289,30 @@ def test_a_further_copy_stands_in_the_screen_of_a_model_that_has_the_first(base:
     (found,) = screen(grown)
     assert found.effect == second
     assert found.fall == pytest.approx(screen(base)[0].fall)
+
+
+WAVES = {
+    "learned_wave_of_the_sensor": ("lambda_V", {"h_V1": 0.1, "h_V2": -0.05, "lambda_V": 2.5e-5}),
+    "learned_wave_of_the_spring": ("lambda_E", {"F_E1": 0.02, "F_E2": 0.01, "lambda_E": 3e-5}),
+}
+
+
+@pytest.mark.parametrize("name", WAVES)
+def test_what_repeats_along_the_position_is_found_with_its_period(name: str) -> None:
+    length, values = WAVES[name]
+    element, base = learned_elements()[name], campaigns.base()
+    true = element.add_to(base.setup, values)
+    made = [campaigns.recorded(true, r.name, r.t, r.u, r.noise, k) for k, r in enumerate(base.plan.recordings)]
+    plan = replace(base.plan, recordings=tuple(made))
+    linearised = prepare(fit(base.setup, plan, base.variables.names, base.held))
+    assert wavelengths(linearised)[0] == pytest.approx(values[length], rel=0.05)
+    (candidate,) = Screen(linearised, [element], Criteria())(linearised)
+    assert candidate.values[length] == pytest.approx(values[length], rel=0.05)
+    short = short_fit(linearised.fit, plan.coarse(), element, [candidate.values], 20)
+    assert short is not None and short.chi2 == pytest.approx(1.0, abs=0.05)
+    found = short.setup.values()
+    assert all(found[n] == pytest.approx(v, rel=0.05) for n, v in values.items())
+
+
+def test_nothing_repeats_where_nothing_is_missing() -> None:
+    assert wavelengths(prepare(campaigns.base())) == []

@@ -60,7 +60,7 @@ SIZES = st.lists(
 @every
 def test_it_has_few_strengths_and_fixed_shapes(element: Effect) -> None:
     assert element.name not in catalogue()
-    assert 0 < len(element.strengths) <= 10
+    assert 0 < len(element.strengths) <= 12
     assert element.strength == element.strengths[0]
     points = element.grid(SCALES)
     assert 2 <= len(points) <= 4

@@ -47,13 +47,13 @@ BLOCKS: Mapping[str, Mapping[str, tuple[float, ...]]] = {
     "amplifier": {
         "lowpass": (3e-4,), "second_order_lowpass": (2e-4, 0.6), "saturation": (52.5,), "soft_saturation": (60.0, 3.0),
         "bouc_wen": (0.0087, 0.006, 0.014, 40.0), "slipping": (20.0, 40.0, 1.4, 0.3, 0.2),
-        "delay": (1.37e-4,), "slew_limit": (3e4,), "offset": (1.5,),
+        "delay": (1.37e-4,), "slew_limit": (3e4,), "offset": (1.5,), "play": (6.0,),
         "gain": (1.3,), "knee": (0.3, 20.0), "dead_band": (0.7, 4.5), "rate": (),
     },
     "sensor": {
         "drift": (3e-4,), "lag": (2e-4,), "rate": (), "polynomial": (900.0, -2e6), "rectification": (),
         "zero": (3e-6,), "play": (4e-6,), "knee": (0.3, 4e-5), "cubic": (0.1, -0.08, 7e-5), "clock": (0.02, 0.02),
-        "drifting_gain": (0.1, -0.05, 0.02),
+        "drifting_gain": (0.1, -0.05, 0.02), "wave": (0.4, -0.3, 3e-5),
     },
     "source": {"tone": (0.4, -0.3, 130.0)},
 }  # fmt: skip
