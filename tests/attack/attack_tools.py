@@ -121,6 +121,19 @@ def table(samples: int = 120) -> np.ndarray:
 
 
 HEADER = "time_s,voltage_V,displacement_m"
+NETWORK = """junctions: {mass: 1}
+elements:
+  q:      {type: C, junction: mass, law: spring, parameters: [k], unit: m}
+  p:      {type: I, junction: mass, law: capacitor, parameters: [m], unit: kg m/s}
+  damper: {type: R, junction: mass, law: linear, parameters: [b], direction: resistance}
+  force:  {type: Se, junction: mass, unit: V}
+bonds: []
+parameters:
+  k: {value: 8.0, unit: N/m, positive: true}
+  m: {value: 2.0, unit: kg, positive: true}
+  b: {value: 0.5, unit: N s/m, positive: true}
+output: q
+"""
 
 
 def csv(values: np.ndarray | None = None, header: str = HEADER) -> str:

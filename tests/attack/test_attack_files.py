@@ -12,7 +12,7 @@ from pathlib import Path
 
 import campaigns
 import pytest
-from attack_tools import HEADER, REFUSED, Attack, Outcome, check_printed, csv, often, put, quick
+from attack_tools import HEADER, NETWORK, REFUSED, Attack, Outcome, check_printed, csv, often, put, quick, rows
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -82,63 +82,51 @@ def bound(path: Path) -> None:
         s.bind(path.name)
 
 
-KINDS: dict[str, Callable[[Path], object]] = {
-    "a pipe": os.mkfifo, "a socket": bound, "a folder": Path.mkdir, "a link to nothing": link("nowhere.csv"),
-    "a link to itself": lambda path: path.symlink_to(path.name),
-    "a link to zeros": link("/dev/zero"), "a link to a terminal": link("/dev/tty"),
-    "a link to standard input": link("/dev/stdin"), "a link to memory": link("/proc/self/mem"),
-    "a link to the environment": link("/proc/self/environ"), "a link to passwords": link("/etc/passwd"),
-    "a link to a folder": link("/etc"), "a link outside": link("../outside.csv"),
-    "an absolute link": link("/etc/hostname"), "a link upwards": link(".."), "20 GB of nothing": sparse(20 * 10**9),
-    "1 GB of nothing": sparse(10**9), "100 MB of nothing": sparse(10**8), "an exabyte": sparse(2**43),
-    "no permission": lambda path: (put(path, csv()), path.chmod(0)),
-}  # fmt: skip
-# The words of the refusal where such a file is named; of others that it is no recording.
-SAID = {
-    "a pipe": "is a pipe", "a socket": "is a socket", "a folder": "is a folder", "a link to a folder": "is a folder",
-    "a link upwards": "is a folder", "a link to nothing": "no such file", "a link to itself": "cannot be reached",
-    **dict.fromkeys(("a link to zeros", "a link to a terminal", "a link to standard input"), "is a device"),
-    **dict.fromkeys(("a link outside", "an absolute link", "a link to passwords", "a link to memory"), "leads out of"),
-    "a link to the environment": "leads out of",
-    **dict.fromkeys(("20 GB of nothing", "an exabyte"), "may have at most"),
+# What is no file, by the words of the refusal where it is named.
+KINDS: dict[str, dict[str, Callable[[Path], object]]] = {
+    "is a pipe": {"a pipe": os.mkfifo},
+    "is a socket": {"a socket": bound},
+    "is a folder": {"a folder": Path.mkdir, "a link to a folder": link("/etc"), "a link upwards": link("..")},
+    "is a device": {"zeros": link("/dev/zero"), "a terminal": link("/dev/tty"), "standard input": link("/dev/stdin")},
+    "no such file": {"a link to nothing": link("nowhere.csv")},
+    "cannot be reached": {"a link to itself": lambda path: path.symlink_to(path.name)},
+    "leads out of": {
+        "memory": link("/proc/self/mem"), "the environment": link("/proc/self/environ"),
+        "passwords": link("/etc/passwd"), "a link outside": link("../outside.csv"), "a host": link("/etc/hostname"),
+    },
+    "may have at most": {"20 GB of nothing": sparse(20 * 10**9), "an exabyte": sparse(2**43)},
+    "phnn: ": {
+        "1 GB of nothing": sparse(10**9), "100 MB of nothing": sparse(10**8),
+        "no permission": lambda path: (put(path, csv()), path.chmod(0)),
+    },
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("suffix", quick([".csv", ".h5"], ".txt", ".npy", ".npz", ".mat", ".tdms"))
-@pytest.mark.parametrize("kind", KINDS)
-def test_kinds_of_files(kind: str, suffix: str, attack: Attack, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("words", "kind"), rows(KINDS))
+def test_kinds_of_files(words: str, kind: str, suffix: str, attack: Attack, tmp_path: Path) -> None:
     folder = tmp_path / "data"
     folder.mkdir()
-    KINDS[kind](folder / f"a{suffix}")
+    KINDS[words][kind](folder / f"a{suffix}")
     # Rights do not bind some users.
-    words = None if kind == "no permission" and os.geteuid() == 0 else "phnn: "
-    attack(folder, words=words)
+    bound_by_rights = kind != "no permission" or os.geteuid() != 0
+    attack(folder, words="phnn: " if bound_by_rights else None)
     put(folder / "recordings.yaml", f"recordings: [a{suffix}]\n")
-    attack(folder, words=words and SAID.get(kind, words))
+    attack(folder, words=words if bound_by_rights else None)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(("words", "kind"), rows(KINDS))
 @pytest.mark.parametrize("what", quick(["network", "model"], "manifest", "--manifest"))
-def test_kinds_of_other_files(what: str, kind: str, attack: Attack, good: Path, tmp_path: Path) -> None:
+def test_kinds_of_other_files(what: str, words: str, kind: str, attack: Attack, good: Path, tmp_path: Path) -> None:
     beside = tmp_path / "model"
     beside.mkdir()
     if what == "network":
         put(good / "recordings.yaml", "setup: {network: net.yaml}")
     places = {"manifest": good / "recordings.yaml", "network": good / "net.yaml", "model": beside / FILE}
-    KINDS[kind](path := places.get(what, beside / "m.yaml"))
+    KINDS[words][kind](path := places.get(what, beside / "m.yaml"))
     # A manifest that the user names may lie anywhere, and is quoted where it is wrong.
     named = path if what == "--manifest" else None
     attack(good, "predict" if what == "model" else "check", words="phnn: ", manifest=named)
-
-
-NETWORK = """junctions: {mass: 1}
-elements:
-  q: {type: C, junction: mass, law: spring, parameters: [k], unit: m}
-  p: {type: I, junction: mass, parameters: [k]}
-  u: {type: Se, junction: mass, unit: V}
-parameters: {k: {value: 1.0, positive: true}}
-output: q
-"""
 
 
 @pytest.mark.parametrize("how", ["b.csv", "recordings: [a.csv, ../outside.csv]", "recordings: [a.csv, sub/b.csv]",

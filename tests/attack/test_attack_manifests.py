@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from attack_tools import Attack, each, often, put, rows
+from attack_tools import NETWORK, Attack, each, often, put, rows
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -138,19 +138,6 @@ def test_manifests_with_a_damaged_place(at: int, cut: int, piece: str, attack: A
     attack(good)
 
 
-NETWORK = """junctions: {mass: 1}
-elements:
-  q:      {type: C, junction: mass, law: spring, parameters: [k], unit: m}
-  p:      {type: I, junction: mass, law: capacitor, parameters: [m], unit: kg m/s}
-  damper: {type: R, junction: mass, law: linear, parameters: [b], direction: resistance}
-  force:  {type: Se, junction: mass, unit: V}
-bonds: []
-parameters:
-  k: {value: 8.0, unit: N/m, positive: true}
-  m: {value: 2.0, unit: kg, positive: true}
-  b: {value: 0.5, unit: N s/m, positive: true}
-output: q
-"""
 K, M, B = "k: {value: 8.0, unit: N/m, positive: true}", "m: {value: 2.0, unit: kg, positive: true}", "b: {value: 0.5,"
 UNFINITE = "is not a finite number"
 # What of the network is replaced, the words of the refusal, and by what; nothing where it does not fit the manifest.
