@@ -22,11 +22,11 @@ Reply = tuple[int, Mapping[str, str], bytes]
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two recordings of a capacitor behind a resistor, 0.2 s."""
+    """Return a folder with two recordings of a capacitor behind a resistor, 0.2 s."""
     there = tmp_path_factory.mktemp("lab")
     rng = np.random.default_rng(1)
     for name, frequency in (("slow", 0.5), ("fast", 2.0)):
-        t = 0.01 * np.arange(500)
+        t = 0.01 * np.arange(300)
         u = 3.0 * np.sin(2.0 * np.pi * frequency * t)
         y = np.zeros(t.size)
         for n in range(1, t.size):

@@ -263,7 +263,7 @@ with claim(Path(sys.argv[1]), "diagnose", (), ("a", "b", "c")) as place:
 """
 
 
-@pytest.mark.parametrize("delay", [0.0, 0.005, 0.01, 0.02])
+@pytest.mark.parametrize("delay", [0.0, 0.01, *(pytest.param(d, marks=pytest.mark.slow) for d in (0.005, 0.02))])
 def test_a_kill_leaves_whole_files_and_a_mark(tmp_path: Path, delay: float) -> None:
     def begin(word: str) -> subprocess.Popen[str]:
         command = [sys.executable, "-c", _KILLED, str(tmp_path / "o"), word]

@@ -341,7 +341,9 @@ def test_a_source_has_a_port_of_its_own() -> None:
 def test_every_kind_has_an_effect_or_a_model() -> None:
     setups = [built(form) for name in CHAIN for form in in_all_forms([effect(name)])]
     setups += [e.add_to(Setup(from_paper()), e.grid(SIZES)[0]) for e in learned_elements().values()]
-    assert {b.kind for s in setups for b in s.amplifier} | {"bouc_wen", "gain", "rate", "slipping"} == set(AMPLIFIERS)
+    assert {b.kind for s in setups for b in s.amplifier} | {"bouc_wen", "gain", "play", "rate", "slipping"} == set(
+        AMPLIFIERS
+    )
     said = sensing(Setup(from_paper()), recording(np.arange(9.0), np.zeros(9), sensor=Sensor(derivative=True))).sensor
     assert {b.kind for s in setups for b in s.sensor} | {b.kind for b in said} | {"zero"} == set(SENSORS)
     assert {b.kind for s in setups for b in s.sources} == set(SOURCES)

@@ -1,13 +1,20 @@
-"""Names and settings that the attacks share."""
+"""What every attack shares: what is written into a folder, one command in this process, and what must hold after it."""
 
 from __future__ import annotations
 
+import functools
+import hashlib
 import io
+import os
+import resource
 import shutil
+import stat
+import sys
+import time
 import warnings
 import zipfile
-import zlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,12 +22,50 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
-# Runs a command and checks what must hold afterwards; see `attack` in conftest.py.
+from phnn.cli import main
+from phnn.integrate.kernel import march
+from phnn.integrate.program import compile_network
+from phnn.models import hrc
+from phnn.models.store import save
+from phnn.setup import Setup
+
+LONGEST_S = 10.0
+# Bytes of memory beyond twice the size of the input.
+MEMORY = 10**9
+REFUSED = 2
+# Names of commands that take --out.
+WITH_OUT = ("predict", "identify", "diagnose", "compare", "modes")
+# Stands in the environment, and in a file that is no input: neither is ever printed.
+SECRETS = ("swordfish", "root:")
+# What all attacks of this process took at most: inputs, seconds, bytes.
+TALLY = {"inputs": 0.0, "seconds": 0.0, "memory": 0.0}
+# Names of the files that are opened while a command runs; nothing while none does.
+OPENED: list[list[str]] = []
+ROOT = Path(__file__).resolve().parents[2]
+# Installed code, what it compiled, and what the system tells of itself: any command may open these.
+CACHE = os.environ.get("PHNN_CACHE_DIR") or Path.home() / ".cache"
+OPEN_TO_ALL = (sys.prefix, sys.base_prefix, ROOT, CACHE, "/dev/null", "/proc", "/sys/fs/cgroup", *sys.path[1:])
+# Runs a command and checks what must hold afterwards; see `attack`.
 Attack = Callable[..., Any]
 
 
+@functools.cache
+def watch() -> None:
+    """Note from now on what is opened while a command runs."""
+    sys.addaudithook(lambda event, args: OPENED[-1].append(str(args[0])) if event == "open" and OPENED else None)
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Tell how many inputs were tried, and what the worst of them took."""
+    if TALLY["inputs"]:
+        terminalreporter.write_line(
+            f"attacks: {TALLY['inputs']:.0f} inputs, at most {TALLY['seconds']:.1f} s, and "
+            f"{TALLY['memory'] / 1e6:.0f} MB of memory beyond twice the size of the input"
+        )
+
+
 def often(count: int) -> settings:
-    """So many examples, each with fixtures that a test clears itself."""
+    """Return settings for so many examples, each with fixtures that a test clears itself."""
     return settings(
         max_examples=count, deadline=None, derandomize=True,
         suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow, HealthCheck.data_too_large],
@@ -28,12 +73,21 @@ def often(count: int) -> settings:
 
 
 def quick(first: Sequence[str], *others: str) -> list[Any]:
-    """Parameters of a test of which only the first run in the fast suite."""
+    """Return parameters of a test of which only the first run in the fast suite."""
     return [*first, *(pytest.param(other, marks=pytest.mark.slow) for other in others)]
 
 
+def rows(table: Mapping[str, Iterable[Any]]) -> list[Any]:
+    """Return words of the refusal and an input, once for each input of a table by these words."""
+    return [
+        pytest.param(words, one, id=f"{words or 'passes'}-{one if isinstance(inputs, Mapping) else number}")
+        for words, inputs in table.items()
+        for number, one in enumerate(inputs)
+    ]
+
+
 def each(cases: Iterable[str], one: Callable[[str], object]) -> None:
-    """One attack after the other in the same folder, which is quicker than a test for each; all that fail are told."""
+    """Run one attack after the other in the same folder, quicker than a test for each; all that fail are told."""
     failed = []
     for case in cases:
         try:
@@ -43,45 +97,23 @@ def each(cases: Iterable[str], one: Callable[[str], object]) -> None:
     assert not failed, "\n".join(failed)
 
 
-def put(path: Path, content: str | bytes) -> Path:
-    """A file with this content, whatever was there."""
-    if path.is_dir() and not path.is_symlink():
-        shutil.rmtree(path)
-    path.unlink(missing_ok=True)
+def put(path: Path, content: str | bytes) -> None:
+    """Write a file with this content."""
     path.write_bytes(content if isinstance(content, bytes) else content.encode("utf-8", "surrogatepass"))
-    return path
 
 
-def zipped(members: Mapping[str, bytes] | Sequence[tuple[str, bytes]]) -> bytes:
-    """An archive of these members; a sequence may hold a name twice."""
+def zipped(members: Iterable[tuple[str, bytes]]) -> bytes:
+    """Return an archive of these members, whose names may be the same."""
     file = io.BytesIO()
     with zipfile.ZipFile(file, "w") as archive, warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        for name, content in members.items() if isinstance(members, Mapping) else members:
+        for name, content in members:
             archive.writestr(name, content)
     return file.getvalue()
 
 
-def encrypted(members: Mapping[str, bytes]) -> bytes:
-    """An archive whose members say that they are encrypted."""
-    raw = bytearray(zipped(members))
-    for mark, flags in ((b"PK\x03\x04", 6), (b"PK\x01\x02", 8)):
-        at = raw.find(mark)
-        while at >= 0:
-            raw[at + flags] |= 1
-            at = raw.find(mark, at + 1)
-    return bytes(raw)
-
-
-def packed_zeros(size: int) -> bytes:
-    """So many zeros, compressed by zlib."""
-    # The quickest level: two hundred times smaller do as well as a thousand times.
-    packer, block = zlib.compressobj(1), bytes(10**6)
-    return b"".join([*(packer.compress(block) for _ in range(size // len(block))), packer.flush()])
-
-
 def table(samples: int = 120) -> np.ndarray:
-    """(N, 3) time [s], voltage [V] and displacement [m] of a recording in which nothing is wrong."""
+    """Return (N, 3) time [s], voltage [V] and displacement [m] of a recording in which nothing is wrong."""
     t = 1e-3 * np.arange(samples)
     u = 50.0 * np.sin(2.0 * np.pi * 40.0 * t)
     y = 1e-6 * (0.9 * u + 2e-3 * u**2) + 20e-9 * np.random.default_rng(0).standard_normal(samples)
@@ -89,9 +121,158 @@ def table(samples: int = 120) -> np.ndarray:
 
 
 HEADER = "time_s,voltage_V,displacement_m"
+NETWORK = """junctions: {mass: 1}
+elements:
+  q:      {type: C, junction: mass, law: spring, parameters: [k], unit: m}
+  p:      {type: I, junction: mass, law: capacitor, parameters: [m], unit: kg m/s}
+  damper: {type: R, junction: mass, law: linear, parameters: [b], direction: resistance}
+  force:  {type: Se, junction: mass, unit: V}
+bonds: []
+parameters:
+  k: {value: 8.0, unit: N/m, positive: true}
+  m: {value: 2.0, unit: kg, positive: true}
+  b: {value: 0.5, unit: N s/m, positive: true}
+output: q
+"""
 
 
-def csv(rows: np.ndarray | None = None, header: str = HEADER) -> str:
-    """The recording as text."""
-    rows = table() if rows is None else rows
-    return "\n".join([header, *(",".join(repr(float(v)) for v in row) for row in rows)]) + "\n"
+def csv(values: np.ndarray | None = None, header: str = HEADER) -> str:
+    """Return the recording as text."""
+    values = table() if values is None else values
+    return "\n".join([header, *(",".join(repr(float(v)) for v in row) for row in values)]) + "\n"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Exit status, what was printed, and the names of what was written or changed below --out."""
+
+    status: int
+    out: str
+    err: str
+    written: tuple[str, ...]
+
+
+def seen(root: Path) -> dict[Path, str]:
+    """Return kind, size and hash of everything below a folder; of sparse and special files no content."""
+    found = {}
+    for path in sorted(root.rglob("*")):
+        state = path.lstat()
+        small = stat.S_ISREG(state.st_mode) and state.st_blocks * 512 <= 2**26 and state.st_size <= 2**26
+        content = hashlib.sha256(path.read_bytes()).hexdigest() if small else ""
+        found[path] = f"{state.st_mode:o} {state.st_size} {state.st_mtime_ns} {content}"
+    return found
+
+
+def inside(path: str, folders: Iterable[Any]) -> bool:
+    """Tell whether a file is one of these, or lies in one of them."""
+    real = Path(os.path.realpath(path))
+    allowed = {Path(os.path.realpath(one)) for one in folders if "\0" not in str(one)}
+    return not allowed.isdisjoint((real, *real.parents))
+
+
+def peak() -> int:
+    """Return the largest resident size of this process so far, bytes."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
+
+
+@pytest.fixture(scope="session")
+def compiled() -> None:
+    """Compile the kernels before a time is taken."""
+    network = hrc(2)
+    program, n = compile_network(network), len(network.storages)
+    states, efforts, u = np.zeros((2, n)), np.zeros((1, n)), np.zeros((1, len(network.ports)))
+    for general in (False, True):
+        assert march(program, program.theta(network), states[0], u, np.full(1, 1e-3), states, efforts, general) == 1
+
+
+@pytest.fixture
+def attack(
+    compiled: None, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> Iterator[Attack]:
+    """Run a command on a folder below ``tmp_path`` and check what must hold after any input.
+
+    Its arguments: ``folder``, ``command``, ``more`` arguments, ``words`` of the refusal (none where the input has to
+    pass, ``None`` where either is right), the ``manifest``, the ``model`` of predict, the folder ``out``, whether
+    what an earlier run wrote there is ``kept``, and the other exit ``statuses`` that are accepted.
+    """
+    watch()
+    monkeypatch.setenv("PHNN_SECRET", SECRETS[0])
+    put(tmp_path / "outside.csv", csv())
+
+    def run(
+        folder: Path | str, command: str = "check", *more: str, words: str | None = None, manifest: Path | None = None,
+        model: Path | str | None = None, out: Path | None = None, kept: bool = False, statuses: tuple[int, ...] = (),
+    ) -> Outcome:  # fmt: skip
+        # Where somebody else's folder is given, a lock may be left in it.
+        unseen, out = ("" if out is None else ".phnn"), out or tmp_path / "out"
+        if not kept:
+            shutil.rmtree(tmp_path / "out", ignore_errors=True)
+        given = [model or tmp_path / "model"] if command == "predict" else []
+        given += [folder, *(["--manifest", manifest] if manifest is not None else [])]
+        given += ["--out", out] if command in WITH_OUT else []
+        before, memory = seen(tmp_path), peak()
+        size = sum(p.lstat().st_blocks * 512 for p in before)
+        capsys.readouterr()
+        began = time.perf_counter()
+        OPENED.append(opened := [])
+        with warnings.catch_warnings(record=True) as warned:
+            warnings.simplefilter("always")
+            status = main([command, *map(os.fspath, given), *more])
+        OPENED.clear()
+        seconds, printed, after = time.perf_counter() - began, capsys.readouterr(), seen(tmp_path)
+        beyond = peak() - memory - 2 * size
+        for name, value in (("inputs", TALLY["inputs"] + 1), ("seconds", seconds), ("memory", beyond)):
+            TALLY[name] = max(TALLY[name], value)
+        changed = [p for p in sorted({*before, *after} - {out}) if before.get(p) != after.get(p)]
+        changed = [p for p in changed if unseen not in p.parts]
+        strange = [p for p in changed if out not in p.parents]
+        assert not strange, f"an input was changed, or something was written beside --out: {strange}"
+        if "--allow-outside" not in more:
+            strange = [p for p in opened if not (p.isdigit() or inside(p, (*OPEN_TO_ALL, *given)))]
+            assert not strange, f"opened outside of what was given: {strange}"
+        outcome = Outcome(status, *printed, tuple(p.relative_to(out).as_posix() for p in changed))
+        check_printed(outcome)
+        assert manifest is not None or not any(secret in outcome.out + outcome.err for secret in SECRETS), outcome
+        # On a terminal they would stand between the lines of the answer.
+        assert not [str(w.message) for w in warned if issubclass(w.category, RuntimeWarning | UserWarning)]
+        assert seconds < LONGEST_S, f"{seconds:.1f} s"
+        assert beyond < MEMORY, f"{beyond / 1e6:.0f} MB beyond twice the size"
+        accepted = (0, REFUSED) if words is None else (REFUSED,) if words else (0,)
+        assert status in (*accepted, *statuses) and (status != REFUSED or (words or "") in outcome.err), outcome
+        return outcome
+
+    yield run
+    for path in tmp_path.rglob("*"):
+        if not path.is_symlink():
+            path.chmod(0o700)
+
+
+def check_printed(outcome: Outcome) -> None:
+    """Assert one message where it was refused, nothing that a terminal obeys, no traceback."""
+    text = outcome.out + outcome.err
+    assert "Traceback" not in text, text
+    assert "internal error" not in text, text
+    odd = {c for c in text if (ord(c) < 32 and c != "\n") or 127 <= ord(c) < 160 or 0xD800 <= ord(c) < 0xE000}
+    assert not odd, (odd, text)
+    if outcome.status:
+        assert outcome.err.startswith("phnn: "), outcome
+        assert outcome.err.count("\n") == 1, outcome
+        # A message names cause and remedy; it does not recite the file.
+        assert 20 < len(outcome.err) < 3000, outcome
+    if outcome.status == REFUSED:
+        assert not outcome.written, outcome
+
+
+@pytest.fixture
+def good(tmp_path: Path) -> Path:
+    """Return a folder with one recording, beside a folder with a model."""
+    (tmp_path / "data").mkdir()
+    put(tmp_path / "data" / "a.csv", csv())
+    return tmp_path / "data"
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> Path:
+    """Return a folder with a model."""
+    save(Setup(hrc(1)), tmp_path / "model", 1)
+    return tmp_path / "model"

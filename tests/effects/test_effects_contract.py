@@ -35,6 +35,7 @@ from phnn.effects.learned import learned_elements
 from phnn.effects.soundness import CHECKS, Check, rig
 from phnn.errors import InputRefused
 from phnn.laws import STORAGE_LAWS
+from phnn.recordings.recording import unrecorded
 
 torch.set_num_threads(1)
 
@@ -101,6 +102,8 @@ class TestEveryEffect:
 # A threshold follows one state: of two effects that would change it, the second does not apply.
 EXCLUSIVE = [{"hysteresis_asymmetry", "rate_dependent_threshold"}]
 PAIRS = [(a, b) for a, b in combinations(EFFECTS, 2) if home(a) is home(b)]
+# Structure is the same whatever the step: every fourth sample of the drives will do.
+SHORTER = {w: replace(w, drive=unrecorded("home", w.drive.t[::4], w.drive.u[::4])) for w in (ACTUATOR, TANKS)}
 
 
 @pytest.mark.parametrize(("a", "b"), [pytest.param(a, b, id=f"{a.name}+{b.name}") for a, b in PAIRS])
@@ -114,7 +117,7 @@ def test_every_pair_keeps_the_structure(a: Effect, b: Effect) -> None:
             b.add_to(with_a, point(b))
         return
     first = b.add_to(with_a, point(b))
-    is_sound(first, where)
+    is_sound(first, SHORTER[where])
     second = a.add_to(with_b, point(a))
     assert set(first.parameters) == set(second.parameters)
 

@@ -102,7 +102,7 @@ def test_all_learned_elements_stand_beside_each_other() -> None:
 
 @every
 def test_without_strength_it_is_the_base_model(element: Effect) -> None:
-    setup = strong(element, [0.0] * 10)
+    setup = strong(element, [0.0] * 12)
     np.testing.assert_allclose(run(setup).y, base(ACTUATOR).y, atol=1e-8 * np.abs(base(ACTUATOR).y).max())
 
 
@@ -185,7 +185,7 @@ def test_strengths_beyond_their_bounds_are_refused_and_scaled_ones_stay_inside()
 
 def test_a_damper_with_direction_and_position_is_that_of_its_formula() -> None:
     element = learned_elements()["learned_damper"]
-    setup = strong(element, [0.0, 0.0, 0.0, 3.0, 1.0, 0.5, 2.0, 2.0, 1.0, 3.0])
+    setup = strong(element, [0.0, 0.0, 0.0, 3.0, 1.0, 0.5, 2.0, 2.0, 1.0, 3.0, 0.0, 0.0])
     v, rate = setup.values(), elementary(setup)
 
     def force(q: float, speed: float) -> float:

@@ -115,7 +115,7 @@ def test_the_masses_are_identified_and_predict(
         ("q_2: {", "q_3: {", ("outputs", "'q_3'", "q_1, q_2")),
         ("realisation, period]", "period]", ("u.npy", "(400, 2, 2, 2)", "name as many")),
         ("realisation, period]", "realisation, time]", ("axes", "each once")),
-        ("[time, channel", "[times, channel", ("axes", "'times'", "accepted are time")),
+        ("[time, channel", "[times, channel", ("axes", "'times'", "accepted are realisation, period, time")),
         ("[u.npy, y.npy]", "[u.npy, y_test.npy]", ("u.npy, y_test.npy", "different shapes")),
         ("column: 3", "column: 4", ("column 4 does not exist",)),
         ("force_2: {column: 1, unit: N}", "force: {column: 1, unit: N}", ("'force'", "name of a quantity")),

@@ -96,11 +96,11 @@ def any_law(seeds: Iterable[int]) -> int:
 
 def test_stiff_monotone_networks_are_always_solved() -> None:
     # The last three are steep: the slope of the step before leads far from the root, or to terms that overflow.
-    all_monotone((*range(80), 184, 934, 8054))
+    all_monotone((*range(50), 184, 934, 8054))
 
 
 def test_memories_do_not_get_in_the_way() -> None:
-    all_monotone(range(40), memories=True)
+    all_monotone(range(25), memories=True)
 
 
 @pytest.mark.slow

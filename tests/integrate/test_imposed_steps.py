@@ -228,12 +228,12 @@ def all_solved(seeds: range) -> None:
 
 
 def test_no_step_of_an_imposed_motion_fails() -> None:
-    all_solved(range(60))
+    all_solved(range(40))
 
 
 @pytest.mark.slow
 def test_no_step_of_five_hundred_networks_fails() -> None:
-    all_solved(range(60, 560))
+    all_solved(range(40, 560))
 
 
 @pytest.mark.parametrize("seed", range(8))

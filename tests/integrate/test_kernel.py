@@ -49,7 +49,7 @@ def solved_and_balanced(seed: int, memories: bool) -> None:
     assert (balance.dissipated >= -1e-14 * size[:, None]).all()
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=75, deadline=None)
 @given(st.integers(0, 2**31 - 1), st.booleans())
 def test_any_stiff_network_is_solved_and_keeps_its_power_balance(seed: int, memories: bool) -> None:
     solved_and_balanced(seed, memories)

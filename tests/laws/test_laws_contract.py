@@ -149,18 +149,17 @@ def test_compiled_values_and_slopes_are_those_of_the_law(call: Any, laws: dict[s
             continue
         parameters = np.zeros(5)
         parameters[: len(law.example)] = law.example
-        for row in zip(*arguments(leading), strict=True):
-            wanted = np.array(function(*row, *law.example))
-            np.testing.assert_allclose(call(table, *row, parameters), wanted, rtol=1e-14, err_msg=law.name)
-            for k in range(leading + len(law.example)):
-                moved = np.array([*row, *parameters], dtype=complex)
-                moved[k] += TINY * 1j
-                got = np.array(call(table, *moved[:leading], moved[leading:]))
-                expected = np.array(function(*moved[: leading + len(law.example)])) + 0j
-                np.testing.assert_allclose(got.real, wanted, rtol=1e-14, err_msg=law.name)
-                np.testing.assert_allclose(
-                    got.imag / TINY, expected.imag / TINY, rtol=1e-12, atol=1e-14, err_msg=law.name
-                )
+        rows = [np.array([*row, *parameters], dtype=complex) for row in zip(*arguments(leading), strict=True)]
+        wanted = stacked(function(*arguments(leading), *law.example), POINTS).T
+        real = [np.atleast_1d(call(table, *row[:leading].real, parameters)) for row in rows]
+        np.testing.assert_allclose(real, wanted, rtol=1e-14, err_msg=law.name)
+        for k in range(leading + len(law.example)):
+            moved = [row + TINY * 1j * (np.arange(row.size) == k) for row in rows]
+            got = np.array([np.atleast_1d(call(table, *row[:leading], row[leading:])) for row in moved])
+            columns = np.array(moved).T[: leading + len(law.example)]
+            expected = stacked(function(*columns), POINTS + 0j).T
+            np.testing.assert_allclose(got.real, wanted, rtol=1e-14, err_msg=law.name)
+            np.testing.assert_allclose(got.imag / TINY, expected.imag / TINY, rtol=1e-12, atol=1e-14, err_msg=law.name)
 
 
 @named(STORAGE_LAWS)

@@ -91,7 +91,7 @@ def coordinates(plant: NetworkPlant) -> np.ndarray:
 def test_the_adjoint_finds_the_optimum_of_gauss_newton_on_one_period_of_two_sines() -> None:
     direct, adjoint = example.parametric(**WRONG), example.parametric(**WRONG)
     exact = GaussNewton(Objective(direct, discrete_gradient, example.recordings(), substeps=4))
-    for epoch in range(40):
+    for epoch in range(15):
         exact(epoch)
     objective = Objective(adjoint, Torchdiffeq(adjoint), example.recordings(), substeps=4)
     method, losses = QuasiNewton(objective, 10), []

@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 
 TABLE = yaml.safe_load(Path(__file__).with_name("laboratories.yaml").read_text())
 LABS = {name: Lab(**{"known": {}, "further": {}, "input": "zero_order"} | said) for name, said in TABLE.items()}
-SAMPLES = 1500
+SAMPLES = 1000
 OSCILLATOR = """setup: {model: mass_spring_damper}
 columns: {input: {column: force_N, unit: N}, output: {column: y_m, unit: m}}
 """

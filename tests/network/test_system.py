@@ -21,7 +21,7 @@ from phnn.parameters import Parameter, as_table, constant, positive
 
 torch.set_num_threads(1)
 seeds = st.integers(0, 2**31 - 1)
-many = settings(max_examples=250, deadline=None)
+many = settings(max_examples=150, deadline=None)
 BATCH = 8
 
 

@@ -82,7 +82,7 @@ def balances(trajectory: Trajectory) -> tuple[PortHamiltonianSystem, SimpleNames
     return system, heat, power_balance(trajectory, system).supplied.sum(-1)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(st.integers(0, 2**31 - 1))
 def test_total_energy_changes_by_what_is_supplied_and_released(seed: int) -> None:
     trajectory = drawn(seed)
@@ -102,7 +102,7 @@ def test_total_energy_changes_by_what_is_supplied_and_released(seed: int) -> Non
     assert ((thermal.stored - thermal.received + thermal.released).abs().sum(-1) <= 1e-12 * size).all()
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(st.integers(0, 2**31 - 1))
 def test_entropy_of_body_and_ambient_never_falls(seed: int) -> None:
     trajectory = drawn(seed)
