@@ -84,10 +84,11 @@ def bound(path: Path) -> None:
 
 # What is no file, by the words of the refusal where it is named.
 KINDS: dict[str, dict[str, Callable[[Path], object]]] = {
-    "is a pipe": {"a pipe": os.mkfifo},
-    "is a socket": {"a socket": bound},
+    "is a pipe, a socket or a device": {
+        "a pipe": os.mkfifo, "a socket": bound,
+        "zeros": link("/dev/zero"), "a terminal": link("/dev/tty"), "standard input": link("/dev/stdin"),
+    },
     "is a folder": {"a folder": Path.mkdir, "a link to a folder": link("/etc"), "a link upwards": link("..")},
-    "is a device": {"zeros": link("/dev/zero"), "a terminal": link("/dev/tty"), "standard input": link("/dev/stdin")},
     "no such file": {"a link to nothing": link("nowhere.csv")},
     "cannot be reached": {"a link to itself": lambda path: path.symlink_to(path.name)},
     "leads out of": {
