@@ -365,8 +365,10 @@ def _race(search: Search, trials: Sequence[Visited]) -> list[Visited]:
     """The best trials after further steps, as long as each can still end near the best one, each in its best form."""
     samples = trials[0].fit.residual.size
     first = _onwards(search, trials[:1])
-    # Near the noise what the best has reached counts; far from it six steps say little of where a refit ends.
-    most = _RACE * (trials if search.far(trials[0]) else first)[0].fit.beyond_noise + 0.05 * samples
+    # Near the noise what the best has reached counts; far from it six steps say little of where a refit ends, and a
+    # learned element, which bends to anything, is no measure for effects.
+    effects = [t for t in trials if not is_learned(t.elements[-1])]
+    most = _RACE * ([*effects, *trials] if search.far(trials[0]) else first)[0].fit.beyond_noise + 0.05 * samples
     # Several copies of an effect may be what a learned element stands for.
     several = trials[0].elements[-1].several_of
     others = [t for t in trials[1:_RACERS] if t.fit.beyond_noise <= most or family(t.elements[-1]) == several]
