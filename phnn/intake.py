@@ -230,7 +230,7 @@ def named_file(
     Raises:
         InputRefused: it is absent, cannot be reached, is no regular file, lies outside, or is larger than any.
     """
-    name = printable(path.name)
+    name = printable(path.name or str(path))
     said = f"{where}: " if where else ""
     real, found = reached(path, said, "file", absent)
     if not stat.S_ISREG(found.st_mode):

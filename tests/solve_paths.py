@@ -240,8 +240,9 @@ def apart(case: Case, one: Solution, other: Solution, weakest: float) -> tuple[f
 
 
 def effect_networks() -> Iterator[tuple[str, Network]]:
-    """The network of every effect of the catalogue, of every learned element and every formula, at its home."""
-    for effect in (*EFFECTS, *LEARNED, *FORMULAS):
+    """The network of every effect of the catalogue, of every learned element and every formula, at its home; those of
+    imposed motions are the kernel's alone."""
+    for effect in (e for e in (*EFFECTS, *LEARNED, *FORMULAS) if not home(e).setup.network.senses):
         yield f"effect {effect.name}", effect.add_to(home(effect).setup, point(effect)).network
 
 

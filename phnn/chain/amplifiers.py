@@ -153,6 +153,11 @@ def lowpass(fine: Array, h: Array, before: float, tau: Any) -> Array:
     return np.asarray(_first_order(fine + 0.0 * tau, *first_order_weights(h, tau), before + 0.0 * tau))
 
 
+def fading(fine: Array, h: Array, before: float, share: Any, tau: Any) -> Array:
+    """Return ``V = u − a z``, ``τ ż = u − z``: what lasts longer than ``τ`` fades by a share."""
+    return np.asarray(fine - share * lowpass(fine, h, before, tau))
+
+
 def first_order_weights(h: Array, tau: Any) -> tuple[Any, Any, Any]:
     """Return ``a, b₀, b₁`` of `first_order_step` in steps ``h`` [s]."""
     z = 0.5 * h / tau
@@ -423,6 +428,7 @@ _limited = entry(_limited_loop)
 AMPLIFIERS: dict[str, Callable[..., Array]] = {
     "lowpass": lowpass,
     "second_order_lowpass": second_order_lowpass,
+    "fading": fading,
     "saturation": saturation,
     "soft_saturation": soft_saturation,
     "bouc_wen": bouc_wen,

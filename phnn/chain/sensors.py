@@ -233,6 +233,7 @@ SOURCES: dict[str, Callable[..., Array]] = {"tone": tone}
 DOMAINS: Mapping[str, tuple[Domain, ...]] = {
     "lowpass": (POSITIVE,),
     "second_order_lowpass": (POSITIVE, POSITIVE),
+    "fading": (ANY, POSITIVE),
     "saturation": (POSITIVE,),
     "soft_saturation": (POSITIVE, POSITIVE),
     "bouc_wen": (POSITIVE, ANY, ANY, ANY),

@@ -156,6 +156,36 @@ LEARNED_AMPLIFIER = Effect(
 )
 
 
+_FADING = strengths(("a_H1", "a_H2"), "1", "share of the slow voltage that fades", 0.999, _AMPLIFIER_TYPICAL)
+# Times over that of one radian of the slowest line.
+_FADING_TIMES = {"tau_H1": 0.3, "tau_H2": 10.0}
+
+
+def fading_grid(scales: Scales) -> list[dict[str, float]]:
+    """Return both shares equal, and each of them emphasised."""
+    turn = 1.0 / (2.0 * math.pi * scales.slowest)
+    names = named(_FADING)
+    return starts(_FADING, 1e-3, ((n,) for n in names), {n: t * turn for n, t in _FADING_TIMES.items()})(scales)
+
+
+LEARNED_FADING = Effect(
+    name="learned_fading",
+    kind=kinds.LAG,
+    equation=r"V = u - a_{Hi} z_i, \quad \tau_{Hi} \dot{z}_i = u - z_i",
+    statement="The amplifier does not hold its voltage: of what lasts longer than {tau_H1} the share {a_H1} fades, of "
+    "what lasts longer than {tau_H2} the share {a_H2}.",
+    fingerprint="After a step the displacement creeps back towards where it came from; slow sines are smaller, and "
+    "ahead of the command.",
+    separation="A step held as long as possible with the terminal voltage recorded as well.",
+    references=("Fleming & Moheimani 2005, IEEE Transactions on Control Systems Technology 13 (charge drives)",),
+    declares=(*_FADING, *(positive(n, "s", "time after which the voltage fades", 1e3) for n in _FADING_TIMES)),
+    adds=Chain("amplifier", tuple(Block("fading", (f"a_H{i}", f"tau_H{i}")) for i in "12")),
+    grid=fading_grid,
+    neighbours=("creep", "charge_leakage"),
+    rescale=Within(_FADING),
+)
+
+
 # A noticeable strength, and one at which the response is still proportional to it, as shares of stiffness ×
 # displacement.
 _DAMPER_NOTICEABLE, _DAMPER_SMALL = 1e-2, 5e-4
@@ -178,6 +208,7 @@ _DAMPER_CONSTANTS = (
     constant("q_D", "m", "displacement at which the damping that follows the position has its nominal size"),
     constant("c_DR", "1/m", "inverse of that displacement"),
     constant("c_DL", "1/m", "its mirror image"),
+    bounded("s_D", "1", "share of that displacement at which the damping on one side sets in", 0.0, 0.9, 0.1),
 )
 _OF_SPEED = {
     "friction": ("F_f1", "F_b1", "n_D1", "v_D1"),
@@ -187,8 +218,8 @@ _OF_SPEED = {
 }
 _OF_POSITION = {
     "bowl": ("square_damper", ("F_q", "n_Dq", "v_Dq", "q_D")),
-    "right": ("ramp_damper", ("F_qR", "n_Dq", "v_Dq", "c_DR")),
-    "left": ("ramp_damper", ("F_qL", "n_Dq", "v_Dq", "c_DL")),
+    "right": ("cushion", ("F_qR", "n_Dq", "v_Dq", "c_DR", "s_D")),
+    "left": ("cushion", ("F_qL", "n_Dq", "v_Dq", "c_DL", "s_D")),
     "right_friction": ("ramp_damper", ("F_rR", "n_D1", "v_D1", "c_DR")),
     "left_friction": ("ramp_damper", ("F_rL", "n_D1", "v_D1", "c_DL")),
 }
@@ -211,7 +242,7 @@ def damper_grid(scales: Scales) -> list[dict[str, float]]:
     constants = {
         "v_D1": sticking, "v_D2": sliding, "v_D3": scales.velocity, "v_Dq": scales.velocity,
         "n_D1": 0.0, "n_D3": 1.0, "n_D4": 2.0, "n_Dq": 1.0,
-        "q_D": scales.displacement, "c_DR": 1.0 / scales.displacement, "c_DL": -1.0 / scales.displacement,
+        "q_D": scales.displacement, "c_DR": 1.0 / scales.displacement, "c_DL": -1.0 / scales.displacement, "s_D": 0.0,
     }  # fmt: skip
     force = _DAMPER_SMALL * scales.stiffness * scales.displacement
     return starts(_FORCES, force, (_BY_SPEED, _BY_POSITION), constants)(scales)
@@ -541,56 +572,6 @@ LEARNED_WAVE_OF_THE_SPRING = Effect(
     applies=has_motion,
     neighbours=("cubic_stiffness",),
     wavelength="lambda_E",
-)
-
-
-_QUARTERS = ("1", "2", "3", "4")
-_SLIPPING = strengths((f"F_w{i}" for i in _QUARTERS), "N", "friction that repeats along the way")
-_WAVE_CONSTANTS = (
-    constant("n_Dw", "1", "exponent of the speed in the friction that repeats"),
-    constant("v_Dw", "m/s", "reference speed of the friction that repeats"),
-    *constants((f"phi_w{i}" for i in _QUARTERS), "rad", "phase of the friction that repeats"),
-)
-_WAVE_RESISTORS = tuple(
-    Resistor(f"learned_wave_{i}", "wave_damper", {"p": 1.0}, (f"F_w{i}", "n_Dw", "v_Dw", "lambda_w", f"phi_w{i}"), "q")
-    for i in _QUARTERS
-)
-
-
-def rub(setup: Setup, parameters: Placed) -> Setup:
-    """Return ``F += −σ(v, q) v``, ``σ ≥ 0`` and periodic in ``q``: four resistors a quarter of a period apart."""
-    typical = _PUSH_NOTICEABLE * stiffness_of(setup) * parameters["lambda_w"].value
-    forces = {n: replace(p, typical=typical) if n.startswith("F_") else p for n, p in parameters.items()}
-    return Parts(resistors=_WAVE_RESISTORS)(setup, forces)
-
-
-def wave_damper_grid(scales: Scales) -> list[dict[str, float]]:
-    """Return two strengths emphasised, as friction and as viscous damping: were all of them equal, nothing would
-    repeat."""
-    constants = damper_grid(scales)[0]
-    force = _DAMPER_SMALL * scales.stiffness * scales.displacement
-    point = {f"F_w{i}": share * force for i, share in zip(_QUARTERS, (1.0, 1.0, _FAINT, _FAINT), strict=True)}
-    point |= {"lambda_w": 0.3 * scales.displacement}
-    point |= {f"phi_w{i}": 0.5 * math.pi * k for k, i in enumerate(_QUARTERS)}
-    return [point | {"n_Dw": n, "v_Dw": constants[v]} for n, v in ((0.0, "v_D1"), (1.0, "v_D3"))]
-
-
-LEARNED_WAVE_OF_THE_DAMPER = Effect(
-    name="learned_wave_of_the_damper",
-    kind=kinds.DISSIPATIVE,
-    equation=r"F = \sum_{i=1}^{4} \frac{F_{wi}}{2} (1 + \cos(\kappa q - i\pi/2))\,B(v), \quad \kappa = 2\pi/\lambda",
-    statement="A further friction acts on the moving part that repeats along the displacement: every {lambda_w} it "
-    "reaches {F_w1}, {F_w2}, {F_w3} and {F_w4}, a quarter of a period apart.",
-    fingerprint="An error that repeats along the displacement and changes its sign with the direction of motion.",
-    separation="A slow ramp through several periods, forwards and backwards: the waves are mirrored.",
-    references=("Armstrong-Hélouvry, Dupont & Canudas de Wit 1994, Automatica 30 (friction by position)",),
-    declares=(*_SLIPPING, positive("lambda_w", "m", "period of the friction", _STRETCH), *_WAVE_CONSTANTS),
-    adds=rub,
-    grid=wave_damper_grid,
-    applies=has_motion,
-    neighbours=("coulomb_friction",),
-    rescale=Within(_SLIPPING),
-    wavelength="lambda_w",
 )
 
 

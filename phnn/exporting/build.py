@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -57,7 +58,8 @@ class Chain:
         self.step: list[str] = []
         self.output: list[str] = []
         dynamic: dict[str, Callable[[Block, str], None]] = {
-            "lowpass": self._lowpass, "second_order_lowpass": self._second_order, "slew_limit": self._slew,
+            "lowpass": self._lowpass, "fading": self._fading, "second_order_lowpass": self._second_order,
+            "slew_limit": self._slew,
             "bouc_wen": self._of_path, "slipping": self._of_path, "delay": self._delay,
         }  # fmt: skip
         for k, block in enumerate(setup.amplifier):
@@ -92,28 +94,36 @@ class Chain:
         about = f"weight of {key.rpartition('_')[0]} over half a step"
         return [self.e.derived(f"{key}_{n}", float(v[0]), about) for n, v in zip(names, values, strict=True)]
 
-    def _lowpass(self, block: Block, key: str) -> None:
+    def _lowpass(self, block: Block, key: str, rest: str = "") -> None:
         state = self.e.program.state(key, "output of the amplifier's low-pass")
-        found = first_order_weights(np.array([self.h]), *self.e.values(block.parameters))
+        found = first_order_weights(np.array([self.h]), *self.e.values(block.parameters[-1:]))
         weights = self._weights(key, ("keep", "old", "new"), found)
-        self._follow(state, lambda a, b: [f"{state} = {self.e.call(first_order_step, key, state, a, b, *weights)}"])
+        step = partial(self.e.call, first_order_step, key, state)
+        self._follow(state, lambda a, b: [f"{state} = {step(a, b, *weights)}"], rest)
+
+    def _fading(self, block: Block, key: str) -> None:
+        self._lowpass(block, key, rest=f"- {self.e.parameter(block.parameters[0])} * ")
 
     def _slew(self, block: Block, key: str) -> None:
         state = self.e.program.state(key, "output of the slew-rate limit")
         reach = f"0.5 * H * {self.e.parameter(block.parameters[0])}"
         self._follow(state, lambda a, b: [f"{state} = {self.e.call(slew_step, key, state, b, reach)}"])
 
-    def _follow(self, state: str, stepped: Callable[[str, str], list[str]]) -> None:
-        """A block whose state is its output, in equilibrium equal to its input."""
+    def _follow(self, state: str, stepped: Callable[[str, str], list[str]], rest: str = "") -> None:
+        """A block whose state is its output, in equilibrium equal to its input.
+
+        Args:
+            rest: what stands between the input and the state where the output is the input less a part of the state.
+        """
         self.begin.append(f"{state} = u")
+        self.begin += [f"u = u {rest}{state}"] if rest else []
         self.step += [
             f"v_start = {state}",
             *stepped("u_start", "u_middle"),
             f"v_middle = {state}",
             *stepped("u_middle", "u_end"),
-            "u_start = v_start",
-            "u_middle = v_middle",
-            f"u_end = {state}",
+            *(f"u_{at} = {f'u_{at} {rest}' if rest else ''}v_{at}" for at in ("start", "middle")),
+            f"u_end = {f'u_end {rest}' if rest else ''}{state}",
         ]
 
     def _second_order(self, block: Block, key: str) -> None:

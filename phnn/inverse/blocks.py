@@ -8,6 +8,7 @@ order in the step, which the iteration on the complete model removes. Amplifier 
 static blocks            the block's own characteristic, solved for its argument
 ``lowpass``              ``u = V + τ V̇``
 ``second_order_lowpass`` ``u = V + 2ζ τ V̇ + τ² V̈``
+``fading``               ``τ u̇ + (1 − a) u = V + τ V̇``
 ``delay``                ``u(t) = V(t + τ)``, held at the end
 ``slew_limit``           ``u = V`` where ``|V̇| ≤ S``; elsewhere out of reach
 ``bouc_wen``             ``u = V``; the iteration finds the rest
@@ -53,6 +54,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
+from scipy.signal import lfilter, lfiltic
 
 from phnn.chain import AMPLIFIERS, MEMORYLESS, REMEMBERING, SENSORS, SOURCES
 from phnn.chain.amplifiers import slip_step
@@ -233,6 +235,16 @@ def _lowpass(voltage: Signal, h: float, tau: float) -> Signal:
     return voltage.then(voltage.values + tau * _rate(voltage.values, h))
 
 
+def _fading(voltage: Signal, h: float, share: float, tau: float) -> Signal:
+    """Return ``τ u̇ + (1 − a) u = V + τ V̇`` by the trapezoidal rule, from the equilibrium of the first voltage."""
+    ahead, back = (
+        [2.0 * tau / h + 1.0, 1.0 - 2.0 * tau / h],
+        np.array([2.0 * tau / h + 1.0, 1.0 - 2.0 * tau / h]) - share,
+    )
+    rest = lfiltic(ahead, back, [voltage.values[0] / (1.0 - share)], voltage.values[:1])
+    return voltage.then(np.asarray(lfilter(ahead, back, voltage.values, zi=rest)[0]))
+
+
 def _second_order(voltage: Signal, h: float, tau: float, zeta: float) -> Signal:
     rate = _rate(voltage.values, h)
     return voltage.then(voltage.values + 2.0 * zeta * tau * rate + tau * tau * _rate(rate, h))
@@ -273,6 +285,7 @@ def _rate(values: Array, h: float) -> Array:
 _AMPLIFIER_INVERSES: dict[str, Callable[..., Any]] = {
     "lowpass": _lowpass,
     "second_order_lowpass": _second_order,
+    "fading": _fading,
     "delay": _delay,
     "slew_limit": _slew_limit,
     "bouc_wen": lambda voltage, h, *values: voltage,

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -69,28 +70,17 @@ def reciprocal(x: Any) -> Any:
     return 1.0 / x
 
 
-def exp(x: Any) -> Any:
-    """Exponential."""
-    torch = _torch_of(x)
-    return torch.exp(x) if torch else np.exp(x)
+def _elementary(name: str) -> Callable[[Any], Any]:
+    """Return a function of numpy, or of torch for tensors."""
+
+    def function(x: Any) -> Any:
+        return getattr(_torch_of(x) or np, name)(x)
+
+    function.__name__ = name
+    return function
 
 
-def sqrt(x: Any) -> Any:
-    """Square root of a positive value."""
-    torch = _torch_of(x)
-    return torch.sqrt(x) if torch else np.sqrt(x)
-
-
-def log1p(x: Any) -> Any:
-    """Return ``log(1 + x)``."""
-    torch = _torch_of(x)
-    return torch.log1p(x) if torch else np.log1p(x)
-
-
-def tanh(x: Any) -> Any:
-    """Hyperbolic tangent."""
-    torch = _torch_of(x)
-    return torch.tanh(x) if torch else np.tanh(x)
+exp, sqrt, log1p, tanh = map(_elementary, ("exp", "sqrt", "log1p", "tanh"))
 
 
 def sin(x: Any) -> Any:

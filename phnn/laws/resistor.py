@@ -13,7 +13,6 @@ from phnn.laws.leaf import relaxation
 from phnn.laws.namespace import (
     absolute,
     certain,
-    cos,
     exp,
     log1p,
     maximum,
@@ -227,7 +226,6 @@ SMOOTHED = 1e-2
 # Largest exponent: more would leave the range of 32 bits at the ends of the parameters' ranges.
 _STEEPEST = 3.0
 _LOG_SMOOTHED = math.log(SMOOTHED)
-_TURN = 2.0 * math.pi
 # Largest force over the force of slip: beyond it the share that slips grows no more.
 _FAR = 30.0
 # Strain below which a slip counts as linear in it.
@@ -269,9 +267,10 @@ def ramp_damper(effort: Any, q: Any, force: Any, exponent: Any, reference: Any, 
     return force * maximum(s, 0.0 * s) * _power(effort, exponent, reference)
 
 
-def wave_damper(effort: Any, q: Any, force: Any, exponent: Any, reference: Any, length: Any, phase: Any) -> Any:
-    """Return ``±F ½(1 + cos(2πq/λ − φ)) |v/v₀|ⁿ``: a damper that repeats along the way."""
-    return 0.5 * force * (1.0 + cos(_TURN * q / length - phase)) * _power(effort, exponent, reference)
+def cushion(effort: Any, q: Any, force: Any, exponent: Any, reference: Any, slope: Any, onset: Any) -> Any:
+    """Return ``±F max(c q − s, 0) |v/v₀|ⁿ``: a ramp that sets in at a distance."""
+    s = slope * q - onset
+    return force * maximum(s, 0.0 * s) * _power(effort, exponent, reference)
 
 
 @shared
@@ -435,9 +434,7 @@ _POWER = (NONNEGATIVE, POSITIVE)
 register(ResistorLaw("power_damper", power_damper, (0.7, 0.5, 1.6, 0.8), domains=(NONNEGATIVE, NONNEGATIVE, *_POWER)))
 register(ResistorLaw("square_damper", square_damper, (0.7, 0.6, 0.8, 0.9), domains=(NONNEGATIVE, *_POWER, POSITIVE)))
 register(ResistorLaw("ramp_damper", ramp_damper, (0.7, 1.3, 0.8, 1.1), domains=(NONNEGATIVE, *_POWER, ANY)))
-register(
-    ResistorLaw("wave_damper", wave_damper, (0.7, 1.3, 0.8, 0.9, 0.4), domains=(NONNEGATIVE, *_POWER, POSITIVE, ANY))
-)
+register(ResistorLaw("cushion", cushion, (0.7, 1.3, 0.8, 1.1, 0.3), domains=(NONNEGATIVE, *_POWER, ANY, NONNEGATIVE)))
 _PATH = (POSITIVE, NONNEGATIVE)
 register(
     ResistorLaw(

@@ -49,7 +49,9 @@ def readable(source: Source, kind: str, remedy: str, package: str = "", typed: b
             extra = "'phnn[tdms]'" if package == "npTDMS" else package
             cause = f"{source.suffix} files need the package {package}: pip install {extra}"
             raise InputRefused(f"{source.name}: {cause}") from error
-        cause = printable(f"{type(error).__name__}: {error}" if typed else str(error))
+        # Of an error that a library has lost on its way, Python tells the place in memory.
+        first = (isinstance(error, SystemError) and error.__cause__) or error
+        cause = printable((f"{type(first).__name__}: {first}" if typed else str(first)).rstrip(": "))
         raise InputRefused(f"{source.name}: {kind} ({cause}): {remedy}") from error
 
 

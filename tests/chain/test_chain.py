@@ -233,6 +233,7 @@ VALUES = {
     "delay": (7.3e-3,),
     "slew_limit": (700.0,),
     "offset": (1.5,),
+    "fading": (0.6, 5e-3),
     "play": (2.5,),
     "gain": (1.3,),
     "knee": (0.3, 4.0),

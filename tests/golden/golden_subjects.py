@@ -47,7 +47,7 @@ BLOCKS: Mapping[str, Mapping[str, tuple[float, ...]]] = {
     "amplifier": {
         "lowpass": (3e-4,), "second_order_lowpass": (2e-4, 0.6), "saturation": (52.5,), "soft_saturation": (60.0, 3.0),
         "bouc_wen": (0.0087, 0.006, 0.014, 40.0), "slipping": (20.0, 40.0, 1.4, 0.3, 0.2),
-        "delay": (1.37e-4,), "slew_limit": (3e4,), "offset": (1.5,), "play": (6.0,),
+        "delay": (1.37e-4,), "slew_limit": (3e4,), "offset": (1.5,), "play": (6.0,), "fading": (0.6, 5e-3),
         "gain": (1.3,), "knee": (0.3, 20.0), "dead_band": (0.7, 4.5), "rate": (),
     },
     "sensor": {
