@@ -434,7 +434,7 @@ _POWER = (NONNEGATIVE, POSITIVE)
 register(ResistorLaw("power_damper", power_damper, (0.7, 0.5, 1.6, 0.8), domains=(NONNEGATIVE, NONNEGATIVE, *_POWER)))
 register(ResistorLaw("square_damper", square_damper, (0.7, 0.6, 0.8, 0.9), domains=(NONNEGATIVE, *_POWER, POSITIVE)))
 register(ResistorLaw("ramp_damper", ramp_damper, (0.7, 1.3, 0.8, 1.1), domains=(NONNEGATIVE, *_POWER, ANY)))
-register(ResistorLaw("cushion", cushion, (0.7, 1.3, 0.8, 1.1, 0.3), domains=(NONNEGATIVE, *_POWER, ANY, NONNEGATIVE)))
+register(ResistorLaw("cushion", cushion, (0.7, 1.3, 0.8, 1.1, 0.3), domains=(NONNEGATIVE, *_POWER, ANY, ANY)))
 _PATH = (POSITIVE, NONNEGATIVE)
 register(
     ResistorLaw(

@@ -191,6 +191,30 @@ def _fit(law: nn.Module, x: Tensor, target: Tensor) -> None:
     optimiser.step(misfit)
 
 
+def inverse(
+    law: Callable[[Tensor], Tensor],
+    flows: Array,  # (K,) [A]
+    reach: float,
+) -> Array:
+    """Return the (K,) smallest effort [V] within ``reach``, on the side of the flow's sign, at which the law carries
+    each flow.
+
+    Raises:
+        PhnnError: a flow that the law does not reach.
+    """
+    effort, found = np.linspace(0.0, reach, _GRID), np.empty_like(flows)
+    for side, mine in ((-1.0, flows < 0.0), (1.0, flows >= 0.0)):
+        with torch.no_grad():
+            carried = np.maximum.accumulate(side * law(torch.from_numpy(side * effort)).numpy())
+        wanted = np.abs(flows[mine])
+        if strange := wanted[(wanted <= carried[0]) | (wanted > carried[-1])].tolist():
+            raise PhnnError(
+                f"the law carries no {strange[0]:g} A within {reach:g} V: give a larger reach, or a flow above 0"
+            )
+        found[mine] = side * np.interp(wanted, carried, effort)
+    return found
+
+
 def thresholds(law: Callable[[Tensor], Tensor], largest: float, reach: float, points: int = 50) -> tuple[float, float]:
     """Return where the straight line through the inverse characteristic of each side meets zero flow [V].
 
@@ -199,15 +223,7 @@ def thresholds(law: Callable[[Tensor], Tensor], largest: float, reach: float, po
     Args:
         largest: largest flow that was visited [A]; the line is fitted from a twentieth of it on.
         reach: efforts looked at [V].
-
-    Raises:
-        PhnnError: the law does not reach the largest flow.
     """
-    flows, efforts, found = np.linspace(0.05 * largest, largest, points), np.linspace(0.0, reach, _GRID), []
-    for side in (-1.0, 1.0):
-        with torch.no_grad():
-            carried = np.maximum.accumulate(side * law(torch.from_numpy(side * efforts)).numpy())
-        if largest > carried[-1]:
-            raise PhnnError(f"the law carries no {largest:g} A within {reach:g} V: give a larger reach")
-        found.append(float(np.polyfit(side * flows, side * np.interp(flows, carried, efforts), 1)[1]))
-    return found[0], found[1]
+    flows = np.linspace(0.05 * largest, largest, points)
+    low, high = (np.polyfit(s * flows, inverse(law, s * flows, reach), 1)[1] for s in (-1.0, 1.0))
+    return float(low), float(high)
