@@ -331,7 +331,7 @@ INPUT_BACKLASH = Effect(
     references=("Brokate & Sprekels 1996, Hysteresis and Phase Transitions, ch. 2 (play operator)",),
     declares=(positive("delta_i", "m", "half-width of the play at the drive", 1e4, strength=True),),
     adds=at_amplifier("play"),
-    grid=Points(*({"delta_i": (share, "displacement")} for share in (1e-4, 1e-3, 0.01, 0.05))),
+    grid=Points(*({"delta_i": (share, "displacement")} for share in (1e-3, 0.01, 0.05))),
     applies=has_imposed_motion,
     neighbours=("coulomb_friction", "bouc_wen_hysteresis"),
 )
