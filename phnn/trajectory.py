@@ -81,7 +81,10 @@ def _moved(setup: Setup, recording: Recording) -> Setup:
         return setup
     if not is_displacement(setup, recording):
         if plays and setup.network.senses:
-            raise InputRefused(f"{recording.source}: a play needs the displacement of the motion as the input")
+            raise InputRefused(
+                f"{recording.source}: the input is a velocity, and a play needs the displacement of the motion: give "
+                "that column as input, or a model without play"
+            )
         return setup
     if recording.interpolation == "zero_order":
         raise InputRefused(

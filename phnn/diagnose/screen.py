@@ -192,10 +192,13 @@ class Screen:
             # A further copy changes the output as it would alone.
             alone = replace(effect, after=())
             work = self._of_strengths if len(effect.all_strengths) > 1 else self._of_points
-            points = [p | ({effect.wavelength: length} if length else {}) for p in effect.grid(self.base.scales)]
+            placed = {effect.wavelength: length} if length else {}
+
+            def made() -> _Directions:
+                return replace(work(alone, [p | placed for p in effect.grid(self.base.scales)]), effect=effect)
+
             able = alone.can_be_added_to(self.base.fit.setup)
-            made = attempt(f"directions of {effect.name}", lambda: work(alone, points), None) if able else None
-            self._known[key] = effect, made and replace(made, effect=effect)
+            self._known[key] = effect, attempt(f"directions of {effect.name}", made, None) if able else None
         return self._known[key][1]
 
     def _of_points(self, effect: Effect, points: Sequence[dict[str, float]]) -> _Directions:

@@ -237,12 +237,10 @@ def _lowpass(voltage: Signal, h: float, tau: float) -> Signal:
 
 def _fading(voltage: Signal, h: float, share: float, tau: float) -> Signal:
     """Return ``τ u̇ + (1 − a) u = V + τ V̇`` by the trapezoidal rule, from the equilibrium of the first voltage."""
-    ahead, back = (
-        [2.0 * tau / h + 1.0, 1.0 - 2.0 * tau / h],
-        np.array([2.0 * tau / h + 1.0, 1.0 - 2.0 * tau / h]) - share,
-    )
-    rest = lfiltic(ahead, back, [voltage.values[0] / (1.0 - share)], voltage.values[:1])
-    return voltage.then(np.asarray(lfilter(ahead, back, voltage.values, zi=rest)[0]))
+    of_voltage = 1.0 + 2.0 * tau / h * np.array([1.0, -1.0])
+    of_command = of_voltage - share
+    rest = lfiltic(of_voltage, of_command, [voltage.values[0] / (1.0 - share)], voltage.values[:1])
+    return voltage.then(np.asarray(lfilter(of_voltage, of_command, voltage.values, zi=rest)[0]))
 
 
 def _second_order(voltage: Signal, h: float, tau: float, zeta: float) -> Signal:
