@@ -37,7 +37,7 @@ from phnn.diagnose.number import (
     key_of,
     weigh,
 )
-from phnn.diagnose.refit import Wanted, converged, further, large_starts, rebuilt, short
+from phnn.diagnose.refit import Wanted, converged, further, rebuilt, short
 from phnn.diagnose.screen import Candidate, Screen
 from phnn.effects import Effect, Scales
 from phnn.effects.hysteresis import weakened
@@ -76,8 +76,6 @@ _GROWN, _FINER = 30.0, 8.0
 _ALIKE = 5.0
 # Evaluations of an effect that promises little, where what promises more leaves too much.
 _GLANCE = 3
-# Share of the largest predicted fall from which a candidate that has not helped begins again from large strengths.
-_PROMISING = 0.3
 # Sub-steps from which on directions are fine enough.
 _ENOUGH = 8
 # Norm of a numerical error over that of a mismatch that is just material, and over that of what a model leaves.
@@ -277,7 +275,7 @@ def _grow(search: Search, model: Visited) -> None:
         if little and len(model.elements) < 2 and not any(map(is_learned, model.elements)):
             # A law that is far from linear may promise nothing, and still be what is missing.
             rest = [c for c in screened if not (is_learned(c.effect) or c in named or family(c.effect) in _FORMS)]
-            begun = _heat(search, model, rest, share=0.0, evaluations=_GLANCE)
+            begun = _heat(search, model, rest, _GLANCE)
             trials += _onwards(search, begun[:_RACERS], _GLANCE)
         trials = sorted([*trials, *([] if model.elements else _other_forms(search, model))], key=lambda t: t.fit.cost)
     if not trials:
@@ -306,16 +304,11 @@ def material(candidate: Candidate, fitted: Fit, criteria: Criteria) -> bool:
     return size > criteria.material**2 and candidate.score > criteria.score * (_LARGE_SCORE if large else 1.0)
 
 
-def _heat(
-    search: Search, model: Visited, candidates: Sequence[Candidate], share: float = _PROMISING, evaluations: int = 0
-) -> list[Visited]:
-    """Return the short refits of candidates beside a model, with coarse sub-steps, the best first; far from the noise
-    from large strengths too, where one that promises this share of the largest fall has not helped."""
+def _heat(search: Search, model: Visited, candidates: Sequence[Candidate], evaluations: int = 0) -> list[Visited]:
+    """Return the short refits of candidates beside a model, with coarse sub-steps, the best first."""
     if not candidates or late(f"refits beside {model.words}"):
         return []
-    begun = LinearisedFit(model.fit, (), search.scales)
-    least = share * max(candidates[0].fall, 1.0) if search.far(model) else np.inf
-    work = partial(_tried, begun, search.plan, least, evaluations or search.criteria.short)
+    work = partial(_tried, model.fit, search.plan.coarse(), evaluations or search.criteria.short)
     fits = _fits(search, work, candidates, [c.effect.name for c in candidates])
     trials = [
         search.model((*model.elements, c.effect), f) for c, f in zip(candidates, fits, strict=True) if f is not None
@@ -350,15 +343,8 @@ def _with_new_hysterons(search: Search, trial: Visited) -> Visited:
     return trial if best is None else _while_the_best_falls(search, _onwards(search, [best]))[0]
 
 
-def _tried(model: LinearisedFit, plan: Plan, promising: float, evaluations: int, candidate: Candidate) -> Fit | None:
-    """Return a short refit of a candidate; from large strengths too, where it promised a lot and has not helped."""
-    best = short(model.fit, plan.coarse(), candidate.effect, [candidate.values], evaluations)
-    helps = best is not None and best.cost < 0.98 * model.fit.cost
-    if helps or candidate.effect.strength is None or candidate.fall < promising:
-        return best
-    starts = large_starts(_with_few_steps(model, plan), candidate.effect)
-    again = short(model.fit, plan.coarse(), candidate.effect, starts, evaluations)
-    return min((f for f in (best, again) if f is not None), key=lambda f: f.cost, default=None)
+def _tried(model: Fit, plan: Plan, evaluations: int, candidate: Candidate) -> Fit | None:
+    return short(model, plan, candidate.effect, candidate.values, evaluations)
 
 
 def _race(search: Search, trials: Sequence[Visited]) -> list[Visited]:
@@ -429,7 +415,7 @@ def _further_forms(search: Search, trial: Visited) -> list[Visited]:
         if not candidates or candidates[0].fall < search.criteria.material**2 * last.fit.residual.size:
             return found
         first, plan = candidates[0], search.plan.coarse()
-        best = short(last.fit, plan, first.effect, [first.values], search.criteria.further)
+        best = short(last.fit, plan, first.effect, first.values, search.criteria.further)
         if best is None:
             return found
         found.append(search.model((*last.elements, first.effect), best))
@@ -494,10 +480,11 @@ def _to_the_end(plan: Plan, held: Mapping[str, str], brief: bool, item: tuple[Fi
 
 
 def _refine(search: Search) -> None:
-    """Bound the numerical error of the best model, and fit its rivals with the same steps: models are compared on the
-    same ones only."""
+    """Bound the numerical error of the best model, and fit its rivals of other effects with the same steps: models are
+    compared on the same ones only."""
     weighed = search.weighed
-    best, rivals = weighed.best, weighed.models[1:3]
+    best = weighed.best
+    others = {m.families: m for m in reversed(weighed.models) if m.elements and m.families != best.families}
     # Neither a hundredth of what is material nor a four-hundredth of what is left is taken for a missing effect.
     unseen = _OF_MATERIAL * search.criteria.material * best.fit.residual.size**0.5
     bound = max(1.0, unseen, _OF_LEFT * best.fit.beyond_noise**0.5)
@@ -507,7 +494,7 @@ def _refine(search: Search) -> None:
     search.progress("numerical error too large for what is left: finer steps")
     search.plan = plan
     search.compared.clear()
-    near = [m for m in rivals if m.elements and weighed.behind(m) < _FINER]
+    near = sorted((m for m in others.values() if weighed.behind(m) < _FINER), key=weighed.behind)[:2]
     _converge(search, [replace(m, converged=False) for m in (best, *near)])
     search.grown.discard(best.key)
 

@@ -36,7 +36,7 @@ class Options:
     starts: int = whole(4, least=1)
     error_bound_sigma: float = positive(1.0)
     max_effects: int = whole(4)
-    evaluations: int = whole(3000, least=1)
+    evaluations: int = whole(4000, least=1)
     without: tuple[str, ...] = ()
     criteria: Mapping[str, float] = field(default_factory=dict)
     workers: int = whole(2, least=1)
