@@ -1,14 +1,14 @@
 """Refits of a model with one more element: short, further, and to the end.
 
-A short refit begins where the screen proposes, with the base parameters moved to make room for the element, and takes
-a few steps. What a search keeps goes further, and is at last carried to convergence.
+A short refit begins where the screen proposes, or at strengths far from there, with the base parameters moved to make
+room for the element, and takes a few steps. What a search keeps goes further, and is at last carried to convergence.
 Sub-steps are those of the plan that is given: coarse ones at first, at the end those of the search.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
+from phnn.diagnose.linearised import LinearisedFit, direction
 from phnn.effects import Effect
-from phnn.errors import SolverFailed
+from phnn.errors import PhnnError, SolverFailed
 from phnn.identification.base import coarse_cost, released, resumed
 from phnn.identification.fit import Fit, continued, fit, variables_from
 from phnn.identification.plan import Plan
@@ -37,6 +38,11 @@ _SHARES = (1.0, 0.3)
 # Strengths that the linear problem puts on a bound begin this share of the largest one away from it, by their typical
 # sizes: from next to a bound the optimiser's first steps would all be short.
 _FAINT = 0.02
+# Multiples of the grid's strengths, which are small ones.
+_STRENGTHS = tuple(10.0 ** (0.5 * k) for k in range(1, 10))
+# Change of the output by a large strength, over the squares that are left: wanted, and most.
+_WANTED, _MOST = 0.5, 3.0
+_LARGE = 2
 # Evaluations of a refit carried to its end; its tolerance near the noise, far from it, and there with all sub-steps.
 _LAST, _NEAR, _FAR, _WHOLE = 25, 1e-5, 1e-4, 1e-3
 # Mean square of the residual over that of the noise below which a fit is near it.
@@ -45,9 +51,10 @@ _CLOSE = 1.5
 _BRIEF = 3
 
 
-def short(base: Fit, plan: Plan, effect: Effect, values: Mapping[str, float], evaluations: int) -> Fit | None:
-    """Return the fit on a plan after a few steps from some values of an effect; None where it cannot be simulated."""
-    return attempt("start", partial(_steps_from, base, plan, effect, values, evaluations), None)
+def short(base: Fit, plan: Plan, effect: Effect, starts: Sequence[Mapping[str, float]], evaluations: int) -> Fit | None:
+    """Return the best fit on a plan after a few steps from some starts; None where none of them can be simulated."""
+    tried = [attempt("start", partial(_steps_from, base, plan, effect, values, evaluations), None) for values in starts]
+    return min((f for f in tried if f is not None), key=lambda f: f.cost, default=None)
 
 
 def further(fitted: Fit, evaluations: int, plan: Plan) -> Fit:
@@ -230,3 +237,65 @@ def clamped(effect: Effect, setup: Setup, values: Mapping[str, float]) -> Setup:
         p = probe.parameters[name]
         inside[name] = p.value if p.fixed else min(max(values[name], p.lower), p.upper)
     return effect.add_to(setup, inside)
+
+
+@dataclass(frozen=True)
+class _Strong:
+    """What an effect of some strength leaves: its square, and how far its change is from the wanted size."""
+
+    left: float
+    off: float
+    values: dict[str, float]
+
+
+def large_starts(model: LinearisedFit, effect: Effect) -> list[dict[str, float]]:
+    """Return values of an effect's parameters at strengths that change the output about as much as the residual.
+
+    A base model that has taken over much of a strong effect is so far off that a first derivative at strength zero
+    knows neither its strength nor its shape, and may even have the wrong sign.
+    """
+    signs = (1.0,) if effect.one_sided else (1.0, -1.0)
+    tried = [_strong(model, effect, p, sign) for p in effect.grid(model.scales) for sign in signs]
+    ranked = sorted((s for s in tried if s is not None), key=lambda s: s.left)
+    return [s.values for s in ranked[:_LARGE]]
+
+
+def _strong(model: LinearisedFit, effect: Effect, point: Mapping[str, float], sign: float) -> _Strong | None:
+    """Return the strength of one shape that suits the residual; None where it changes nothing that is not explained.
+
+    Two neighbouring strengths are searched, whose changes are smaller and larger than wanted. A change that is far too
+    small tells how many strengths to leave out, as it grows in proportion; a wrong guess is halved.
+    """
+    size = float(np.sum(model.residual**2))
+    stronger = _stronger(effect, point, sign)
+    best: _Strong | None = None
+    below, above, at, before = -1, len(stronger), 0, 0.0
+    while below < at < above:
+        try:
+            change: Array | None = model.project(direction(model, effect, stronger[at]))
+        except PhnnError:
+            change = None
+        share = np.inf if change is None else float(np.sum(change**2)) / size
+        if change is not None and 0.0 < share <= _MOST:
+            off = abs(np.log(share / _WANTED))
+            if best is None or off < best.off:
+                best = _Strong(float(np.sum((model.residual - change) ** 2)), off, stronger[at])
+        # What changes less than a weaker effect does cannot be simulated, or is saturated.
+        if before <= share < _WANTED:
+            # Shares are squares: half a decade of strength is a decade of them.
+            ahead = max(1, int(np.log10(_WANTED) - np.log10(share))) if share > 0.0 else 1
+            below, at, before = at, min(at + ahead, above - 1), share
+        else:
+            above, at = at, (below + at) // 2
+    return best
+
+
+def _stronger(effect: Effect, point: Mapping[str, float], sign: float) -> list[dict[str, float]]:
+    """Return the values of the effect at a point of its grid, ever stronger, as far as they can be."""
+    found = [dict(point)]
+    for strength in _STRENGTHS:
+        values = effect.scaled(point, sign * strength)
+        if values == found[-1]:
+            break
+        found.append(values)
+    return found[1:]

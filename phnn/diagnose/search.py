@@ -10,8 +10,8 @@
     converge a model that is grown near the noise, and what a verdict compares, is carried to its end
 
 Every model that is fitted on the way is kept with its χ² in each recording; `phnn.diagnose.number` weighs them.
-The search goes on from the best three sets of effects. Each step stands in its own account (`phnn.rescue`): one that
-fails, or comes too late, takes nothing away from what was finished.
+The search goes on from the best three sets of effects, far from the noise from two of each size too. Each step stands
+in its own account (`phnn.rescue`): one that fails, or comes too late, takes nothing away from what was finished.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -37,7 +38,7 @@ from phnn.diagnose.number import (
     key_of,
     weigh,
 )
-from phnn.diagnose.refit import Wanted, converged, further, rebuilt, short
+from phnn.diagnose.refit import Wanted, converged, further, large_starts, rebuilt, short
 from phnn.diagnose.screen import Candidate, Screen
 from phnn.effects import Effect, Scales
 from phnn.effects.hysteresis import weakened
@@ -72,10 +73,14 @@ _ANEW = 3
 _SAME = 3.0
 # Nats behind the best at which a model is no longer grown, or refitted with finer steps.
 _GROWN, _FINER = 30.0, 8.0
+# Models of each size that are grown in any case where none comes near the noise.
+_BESIDE = 2
 # The same for models that share the probability: each of them has to be fitted to its end.
 _ALIKE = 5.0
 # Evaluations of an effect that promises little, where what promises more leaves too much.
 _GLANCE = 3
+# Share of the largest predicted fall from which a candidate that has not helped begins again from large strengths.
+_PROMISING = 0.3
 # Sub-steps from which on directions are fine enough.
 _ENOUGH = 8
 # Norm of a numerical error over that of a mismatch that is just material, and over that of what a model leaves.
@@ -226,11 +231,14 @@ def _next(search: Search) -> Visited | None:
         ranked = sorted(search.visited.values(), key=number, reverse=True)
         # The best model of each set of effects, whatever their forms and places.
         first = {m.families: m for m in reversed(ranked)}
-        different = [m for m in ranked if first[m.families] is m][: search.criteria.beam]
-        likely = [m for m in different if number(ranked[0]) - number(m) < _GROWN]
+        different = [m for m in ranked if first[m.families] is m]
+        likely = [m for m in different[: search.criteria.beam] if number(ranked[0]) - number(m) < _GROWN]
         nameable = next(m for m in ranked if not any(map(is_learned, m.elements)))
         best = search.best
         leading = [nameable, search.written, best] if search.far(best) else [best, nameable, search.written]
+        if search.far(best):
+            sizes = ([m for m in different if len(m.elements) == n][:_BESIDE] for n in range(search.most))
+            likely += chain.from_iterable(sizes)
         able = [m for m in (*leading, *likely) if len(m.elements) < search.most and m.key not in search.grown]
         excess = max(_LEAST, min((m.left for m in leading if m.elements), default=np.inf) - 1.0)
         todo = next((m for m in (*leading, *able[:1]) if not m.converged and m.left < _QUIET), None)
@@ -275,7 +283,7 @@ def _grow(search: Search, model: Visited) -> None:
         if little and len(model.elements) < 2 and not any(map(is_learned, model.elements)):
             # A law that is far from linear may promise nothing, and still be what is missing.
             rest = [c for c in screened if not (is_learned(c.effect) or c in named or family(c.effect) in _FORMS)]
-            begun = _heat(search, model, rest, _GLANCE)
+            begun = _heat(search, model, rest, glance=True)
             trials += _onwards(search, begun[:_RACERS], _GLANCE)
         trials = sorted([*trials, *([] if model.elements else _other_forms(search, model))], key=lambda t: t.fit.cost)
     if not trials:
@@ -304,11 +312,15 @@ def material(candidate: Candidate, fitted: Fit, criteria: Criteria) -> bool:
     return size > criteria.material**2 and candidate.score > criteria.score * (_LARGE_SCORE if large else 1.0)
 
 
-def _heat(search: Search, model: Visited, candidates: Sequence[Candidate], evaluations: int = 0) -> list[Visited]:
-    """Return the short refits of candidates beside a model, with coarse sub-steps, the best first."""
+def _heat(search: Search, model: Visited, candidates: Sequence[Candidate], glance: bool = False) -> list[Visited]:
+    """Return the short refits of candidates beside a model, with coarse sub-steps, the best first; far from the noise
+    from large strengths too, where one that promises much of the largest fall, or is glanced at, has not helped."""
     if not candidates or late(f"refits beside {model.words}"):
         return []
-    work = partial(_tried, model.fit, search.plan.coarse(), evaluations or search.criteria.short)
+    begun = LinearisedFit(model.fit, (), search.scales)
+    promising = 0.0 if glance else _PROMISING * max(candidates[0].fall, 1.0)
+    evaluations = _GLANCE if glance else search.criteria.short
+    work = partial(_tried, begun, search.plan, promising if search.far(model) else np.inf, evaluations)
     fits = _fits(search, work, candidates, [c.effect.name for c in candidates])
     trials = [
         search.model((*model.elements, c.effect), f) for c, f in zip(candidates, fits, strict=True) if f is not None
@@ -343,8 +355,15 @@ def _with_new_hysterons(search: Search, trial: Visited) -> Visited:
     return trial if best is None else _while_the_best_falls(search, _onwards(search, [best]))[0]
 
 
-def _tried(model: Fit, plan: Plan, evaluations: int, candidate: Candidate) -> Fit | None:
-    return short(model, plan, candidate.effect, candidate.values, evaluations)
+def _tried(model: LinearisedFit, plan: Plan, promising: float, evaluations: int, candidate: Candidate) -> Fit | None:
+    """Return a short refit of a candidate; from large strengths too, where it promised a lot and has not helped."""
+    best = short(model.fit, plan.coarse(), candidate.effect, [candidate.values], evaluations)
+    helps = best is not None and best.cost < 0.98 * model.fit.cost
+    if helps or candidate.effect.strength is None or candidate.fall < promising:
+        return best
+    starts = large_starts(_with_few_steps(model, plan), candidate.effect)
+    again = short(model.fit, plan.coarse(), candidate.effect, starts, evaluations)
+    return min((f for f in (best, again) if f is not None), key=lambda f: f.cost, default=None)
 
 
 def _race(search: Search, trials: Sequence[Visited]) -> list[Visited]:
@@ -415,7 +434,7 @@ def _further_forms(search: Search, trial: Visited) -> list[Visited]:
         if not candidates or candidates[0].fall < search.criteria.material**2 * last.fit.residual.size:
             return found
         first, plan = candidates[0], search.plan.coarse()
-        best = short(last.fit, plan, first.effect, first.values, search.criteria.further)
+        best = short(last.fit, plan, first.effect, [first.values], search.criteria.further)
         if best is None:
             return found
         found.append(search.model((*last.elements, first.effect), best))

@@ -103,8 +103,9 @@ def _beyond_rough(fitted: Fit) -> list[Array]:
 
 def predicted_step(fitted: Fit) -> tuple[Array, float]:
     """Return the step inside the bounds with the largest predicted decrease, and this decrease."""
-    if not fitted.z.size:
-        return fitted.z, 0.0
+    # Derivatives of which the rounding of a variable alone is more than the noise predict nothing.
+    if not fitted.z.size or np.finfo(float).eps * np.linalg.norm(fitted.jacobian, axis=0).max() > 1.0:
+        return np.zeros(fitted.z.size), 0.0
     q, triangle = np.linalg.qr(fitted.jacobian)
     lower, upper = fitted.variables.bounds(fitted.setup)
     # Rounding may have left an estimate a little beyond its bound.

@@ -12,9 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from phnn.errors import InputRefused, SolverFailed
-from phnn.integrate import kernel, sweep
 from phnn.integrate.differentiable import Steps, first_order, march, sensitivities
-from phnn.integrate.program import compile_network
 from phnn.integrate.scheme import can_compile
 from phnn.learn.objective import Objective
 from phnn.learn.settings import Settings, instantiate
@@ -52,7 +50,6 @@ class GaussNewton:
             )
         self.objective, self.plant, self.damping = objective, plant, _DAMPING
         self.steps = Steps(plant.system, compiles=can_compile(plant.system.network))
-        self.parametric = self.steps.compiles and not len(plant.system.laws)
         # Of equal lengths: no step is wasted.
         sizes = [len(w.h) for w in objective.windows]
         self.groups = [[k for k, s in enumerate(sizes) if s == size] for size in dict.fromkeys(sizes)]
@@ -142,7 +139,7 @@ class GaussNewton:
         """Return (N,) residual over noise and (N, K) its derivatives by all that is trained."""
         o, scale = self.objective, self.plant.scale.numpy()
         o.solved += 1
-        outputs, derivatives = self._by_program() if self.parametric else self._in_torch()
+        outputs, derivatives = self._derived()
         rows, count = [], sum(p.numel() for p in self.plant.trained())
         for k, (w, by) in enumerate(zip(o.windows, derivatives, strict=True)):
             of_start = np.zeros((len(by), o.offsets.numel()))
@@ -153,7 +150,7 @@ class GaussNewton:
             rows.append(-(inside - inside.mean(0)) / o.recordings[w.recording].noise)
         return o.residuals(outputs).detach().numpy(), np.concatenate(rows)
 
-    def _in_torch(self) -> tuple[list[Tensor], list[Array]]:
+    def _derived(self) -> tuple[list[Tensor], list[Array]]:
         """(S,) output of every window, and its derivatives by what the plant trains, then by the initial state."""
         self.states = self._solved([None if self.steps.compiles else near(self.plant, w) for w in self.windows])
         trained, row = self.steps.trained.values(), self.plant.system.state_names.index(self.plant.network.output)
@@ -168,27 +165,6 @@ class GaussNewton:
             for k, by in zip(members, derivatives, strict=True):
                 found[k] = by.numpy()[:, [*order, *range(-x.shape[-1], 0)]]
         return self._outputs(self.states), found
-
-    def _by_program(self) -> tuple[list[Tensor], list[Array]]:
-        """Return the same of a network without learned laws; by the initial state only where that is estimated."""
-        plant, network, start = self.plant, self.plant.network, self.objective.initial().detach().numpy()
-        program = compile_network(network)
-        theta, n = program.theta(network), plant.scale.numel()
-        places = np.array([program.names.index(name) for name in plant.names], dtype=np.int64)
-        outputs, found = [], []
-        for x0, w in zip(start, self.objective.windows, strict=True):
-            u, h, nodes = plant.inputs(w.mean).numpy(), w.h.numpy(), w.nodes.numpy()
-            states, efforts = np.empty((h.size + 1, n)), np.empty((h.size, n))
-            done = kernel.march(program, theta, x0, u, h, states, efforts)
-            if done < h.size:
-                raise SolverFailed(f"no solution of the step at t = {h[:done].sum():.6g} s: lower the rate of learning")
-            march = sweep.Integrated(program, theta, states, efforts, u, h)
-            none, initial = np.zeros((n, places.size)), np.arange(0 if w.known else n, dtype=np.int64)
-            by = sweep.sensitivities(march, sweep.by_parameters(places, h.size), none, initial, nodes)
-            by[:, : places.size] *= plant.slopes()
-            outputs.append(torch.from_numpy(states[nodes, program.output]))
-            found.append(by)
-        return outputs, found
 
 
 METHODS = ("adam", "lbfgs", "gauss_newton")

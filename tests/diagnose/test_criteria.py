@@ -101,7 +101,7 @@ def test_springs_beyond_the_recorded_motion_stay_as_weak_as_they_begin() -> None
     wide = replace(linearised, scales=replace(linearised.scales, displacement=2.0 * linearised.scales.displacement))
     element, base = learned_elements()["learned_spring"], linearised.fit
     values = element.grid(wide.scales)[0]
-    began = short(base, base.plan.coarse(), element, values, 12)
+    began = short(base, base.plan.coarse(), element, [values], 12)
     assert began is not None and began.cost < base.cost
     ended = converged(began, base.plan, base.held, element.parameters)
     assert ended is not None

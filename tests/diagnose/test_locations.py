@@ -272,7 +272,7 @@ def test_learned_dampers_and_memories_follow_what_is_missing(effect: str, kind: 
     linearised = campaigns.linearised(effect)
     (element, *_) = attached(learned_elements()[kind.learned], linearised.fit.setup)
     (candidate,) = Screen(linearised, [element], Criteria())(linearised)
-    learned = short(linearised.fit, linearised.fit.plan.coarse(), element, candidate.values, 12)
+    learned = short(linearised.fit, linearised.fit.plan.coarse(), element, [candidate.values], 12)
     assert learned is not None
     assert learned.chi2 < 0.5 * linearised.fit.chi2
     assert all(learned.setup.values()[n] >= 0.0 for n in element.strengths)

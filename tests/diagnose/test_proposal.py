@@ -166,7 +166,7 @@ def test_the_menu_stays_within_what_is_in_use_and_says_all_that_is_needed() -> N
 def test_no_class_no_proposal() -> None:
     g = campaigns.linearised("quadratic_drag")
     drag = effect("quadratic_drag")
-    fitted = short(g.fit, g.fit.plan.coarse(), drag, drag.grid(g.scales)[0], 12)
+    fitted = short(g.fit, g.fit.plan.coarse(), drag, drag.grid(g.scales)[:1], 12)
     assert fitted is not None
     models = (refitted_rival("creep", g.fit), refitted_rival("quadratic_drag", fitted, drag.parameters))
     found = propose([Question(models)], g)

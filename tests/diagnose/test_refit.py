@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from phnn.criteria import Criteria
-from phnn.diagnose.linearised import prepare
-from phnn.diagnose.refit import converged, further, short
-from phnn.diagnose.screen import Screen
-from phnn.diagnose.search import Search, begin, explore, material
-from phnn.effects import Effect, effect, in_all_forms
+from phnn.diagnose.linearised import direction, prepare
+from phnn.diagnose.refit import converged, further, large_starts, short
+from phnn.diagnose.screen import Candidate, Screen
+from phnn.diagnose.search import Search, _tried, begin, explore, material
+from phnn.effects import Effect, catalogue, effect, in_all_forms
 from phnn.identification.fit import Fit
 from phnn.identification.plan import Plan
 from phnn.identification.staged import fit_identified
@@ -42,9 +42,9 @@ def searching(base: Fit, *names: str) -> Search:
     return begin(campaign, base, in_all_forms(effect(n) for n in names), [], CRITERIA)
 
 
-def to_the_end(base: Fit, added: Effect, start: dict[str, float]) -> Fit:
-    """An effect beside a base model, carried to its end from a start."""
-    begun = short(base, base.plan.coarse(), added, start, CRITERIA.short)
+def to_the_end(base: Fit, added: Effect, *starts: dict[str, float]) -> Fit:
+    """An effect beside a base model, carried to its end from the best of some starts."""
+    begun = short(base, base.plan.coarse(), added, starts, CRITERIA.short)
     assert begun is not None
     ended = converged(further(begun, CRITERIA.further, begun.plan), base.plan, base.held, added.parameters)
     assert ended is not None
@@ -75,14 +75,16 @@ def test_the_form_of_an_effect_that_acts_stands_first(name: str, values: dict[st
     assert set(values) <= set(min(ended, key=lambda f: f.cost).setup.values())
 
 
-def test_a_strong_effect_that_the_screen_hardly_sees_is_found() -> None:
+def test_a_strong_effect_that_the_screen_hardly_sees_is_found_from_large_starts() -> None:
     base = strong()
     assert base.chi2 > 4.0
     threshold, linearised = effect("rate_dependent_threshold"), prepare(base)
     grid = threshold.grid(linearised.scales)
-    hidden = short(base, base.plan.coarse(), threshold, grid[len(grid) // 2], CRITERIA.short)
-    assert hidden is not None
-    found = converged(hidden, base.plan, base.held, threshold.parameters)
+    hidden = Candidate(threshold, grid[len(grid) // 2], 0.0, 0.0, 0.0)
+    near = _tried(linearised, base.plan, np.inf, CRITERIA.short, hidden)
+    far = _tried(linearised, base.plan, 0.0, CRITERIA.short, hidden)
+    assert near is not None and far is not None and far.cost <= near.cost
+    found = converged(far, base.plan, base.held, threshold.parameters)
     assert found is not None and found.chi2 < 1.1
     assert found.setup.values()["kappa_v"] == pytest.approx(6.0, rel=0.05)
 
@@ -108,6 +110,20 @@ def test_friction_has_forms(values: dict[str, float]) -> None:
     assert best.fit.chi2 < 1.1
     found, sizes = best.fit.setup.values(), [n for n in ("F_c", "r_f", "rho_f") if n in values]
     assert [found[n] for n in sizes] == pytest.approx([values[n] for n in sizes], rel=0.15)
+
+
+@pytest.mark.parametrize("name", sorted(n for n, e in catalogue().items() if e.strength is not None))
+def test_large_step_starts_change_about_as_much_as_there_is_to_explain(name: str) -> None:
+    base, chosen = strong(), effect(name)
+    if not chosen.can_be_added_to(base.setup):
+        pytest.skip("not of an actuator")
+    linearised = prepare(base)
+    total = float(np.sum(linearised.residual**2))
+    starts = large_starts(linearised, chosen)
+    assert len(starts) <= 2
+    assert len({tuple(v.values()) for v in starts}) == len(starts)
+    shares = [float(np.sum(linearised.project(direction(linearised, chosen, v)) ** 2)) / total for v in starts]
+    assert all(0.0 < s <= 3.0 for s in shares)
 
 
 def test_an_extra_hysteron_takes_the_place_of_each_of_the_others() -> None:
