@@ -27,7 +27,7 @@ from torch.nn.utils.rnn import pad_sequence
 
 from phnn.errors import InputRefused, SolverFailed
 from phnn.integrate.differentiable import simulated
-from phnn.integrate.method import METHOD, solve
+from phnn.integrate.method import METHOD
 from phnn.integrate.scheme import can_compile
 from phnn.network.elements import Network
 from phnn.network.system import PortHamiltonianSystem
@@ -323,7 +323,7 @@ class Torchdiffeq:
     def __call__(self, plant: Plant, windows: Sequence[Window], x0: Tensor) -> list[Tensor]:
         """Return the states at the samples of each window."""
         if self.method == METHOD:
-            return _by_groups(partial(_preserving, plant), windows, x0, [w.h.numpy().tobytes() for w in windows])
+            return _by_groups(partial(self._preserving, plant), windows, x0, [w.h.numpy().tobytes() for w in windows])
         return _by_groups(partial(self._general, plant), windows, x0, [0] * len(windows))
 
     def _general(self, plant: Plant, windows: Sequence[Window], x0: Tensor) -> Tensor:
@@ -347,21 +347,24 @@ class Torchdiffeq:
             raise SolverFailed(f"{self.method} is unstable from step {int((~finite).int().argmax())} on: add sub-steps")
         return states
 
+    def _preserving(self, plant: Plant, windows: Sequence[Window], x0: Tensor) -> Tensor:
+        """Return (N+1, B, n) states of windows with the same steps."""
+        assert isinstance(plant, NetworkPlant)
+        h = windows[0].h
+        t = torch.cat([h.new_zeros(1), h.cumsum(0)])
+        fine = torch.stack([w.fine for w in windows], dim=1)
 
-def _preserving(plant: Plant, windows: Sequence[Window], x0: Tensor) -> Tensor:
-    """Return (N+1, B, n) states of windows with the same steps, by torchdiffeq with the power-preserving step."""
-    assert isinstance(plant, NetworkPlant)
-    h = windows[0].h
-    t = torch.cat([h.new_zeros(1), h.cumsum(0)])
-    fine = torch.stack([w.fine for w in windows], dim=1)
+        def inputs(time: Tensor) -> Tensor:
+            step = (torch.searchsorted(t, time.detach().reshape(1), right=True)[0] - 1).clamp(0, len(h) - 1)
+            # By tensors, for torch.func.vmap.
+            start, end, of_step = (
+                v.index_select(0, k.reshape(1))[0] for v, k in ((t, step), (t, step + 1), (fine, step))
+            )
+            return plant.inputs(_quadratic(of_step, (time - start) / (end - start)))
 
-    def inputs(time: Tensor) -> Tensor:
-        step = (torch.searchsorted(t, time.detach().reshape(1), right=True)[0] - 1).clamp(0, len(h) - 1)
-        # By tensors, for torch.func.vmap.
-        start, end, of_step = (v.index_select(0, k.reshape(1))[0] for v, k in ((t, step), (t, step + 1), (fine, step)))
-        return plant.inputs(_quadratic(of_step, (time - start) / (end - start)))
-
-    return solve(plant.system.with_input(inputs), x0, t)
+        integrate = torchdiffeq.odeint_adjoint if self.adjoint else torchdiffeq.odeint
+        states: Tensor = integrate(plant.system.with_input(inputs), x0, t, method=METHOD)
+        return states
 
 
 def _quadratic(fine: Tensor, share: Tensor) -> Tensor:

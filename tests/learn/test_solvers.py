@@ -9,6 +9,7 @@ import learn_example as example
 import numpy as np
 import pytest
 import torch
+import torchdiffeq
 from networks import ledger
 from scipy.integrate import solve_ivp
 from scipy.interpolate import make_interp_spline
@@ -74,13 +75,17 @@ def test_power_preserving_marches_converge_with_the_square_of_the_step(kind: str
     assert 3.0 < coarse / fine < 5.5
 
 
-def test_the_step_under_torchdiffeq_is_that_of_the_compiled_march() -> None:
+@pytest.mark.parametrize("name", ["odeint", "odeint_adjoint"])
+def test_the_step_under_torchdiffeq_is_that_of_the_compiled_march(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    called, own = [], getattr(torchdiffeq, name)
+    monkeypatch.setattr(torchdiffeq, name, lambda *a, **k: called.append(k["method"]) or own(*a, **k))
     plant = example.neural()
     with torch.no_grad():
         found, exact = (
             Objective(plant, s, [thinned(example.recording(), 2)]).outputs()
-            for s in (Torchdiffeq(plant, "phnn"), discrete_gradient)
+            for s in (Torchdiffeq(plant, "phnn", adjoint=name == "odeint_adjoint"), discrete_gradient)
         )
+    assert called == ["phnn"]
     assert error(found, [y.numpy() for y in exact]) < 1e-10
 
 
