@@ -158,10 +158,17 @@ def clock(y: Array, t: Array, change: Any, scale: Any) -> Array:
     return np.asarray(found)
 
 
-def drifting_gain(y: Array, t: Array, slope: Any, bend: Any, duration: Any) -> Array:
-    """``y (1 + a₁ s + a₂ s²)``, ``s = min(t/T, 1)``: nothing says how a gain goes on drifting after the time T."""
+# A drift that follows the logarithm of time has half of its size after a seventeenth of the time.
+_EARLY = 300.0
+
+
+def drifting_gain(y: Array, t: Array, slope: Any, bend: Any, early: Any, duration: Any) -> Array:
+    """Return ``y (1 + a₁ s + a₂ s² + a₃ ln(1 + 300 s)/ln 301)``, ``s = min(t/T, 1)``: warming bends, ageing is early.
+
+    Nothing says how a gain goes on drifting after the time T.
+    """
     s = np.minimum(t / duration, 1.0).reshape(-1, *[1] * (y.ndim - 1))
-    return np.asarray(y * (1.0 + s * (slope + s * bend)))
+    return np.asarray(y * (1.0 + s * (slope + s * bend) + early * np.log1p(_EARLY * s) / np.log1p(_EARLY)))
 
 
 def drift(y: Array, t: Array, rate: Any) -> Array:
@@ -254,6 +261,6 @@ DOMAINS: Mapping[str, tuple[Domain, ...]] = {
     "cubic": (ANY, ANY, POSITIVE),
     "wave": (ANY, ANY, POSITIVE),
     "clock": (ANY, POSITIVE),
-    "drifting_gain": (ANY, ANY, POSITIVE),
+    "drifting_gain": (ANY, ANY, ANY, POSITIVE),
     "tone": (ANY, ANY, NONNEGATIVE),
 }

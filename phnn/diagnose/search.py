@@ -594,7 +594,9 @@ def _in_place_of(search: Search, best: Visited, element: Effect, rest: tuple[Eff
     for bare in _rebuilt(search, wanted, f"what may be taken for {element.name}", evaluations=1):
         screened = _screened(search, bare, [e for e in able if e not in ended])
         first = {family(c.effect): c for c in reversed(screened)}
-        trials += _heat(search, bare, [c for c in screened if first[family(c.effect)] is c][:_RACERS])
+        # Of neighbours the likeliest form, and all forms of the effect itself.
+        tried = [c for c in screened if first[family(c.effect)] is c or family(c.effect) == family(element)]
+        trials += _heat(search, bare, tried[:_RACERS])
     return trials
 
 

@@ -100,10 +100,11 @@ SENSOR_GAIN_DRIFT = Effect(
     declares=(
         _GAIN_SLOPE,
         constant("bend_G", "1", "curvature of the gain over time"),
+        constant("early_G", "1", "part of the gain that follows the logarithm of time"),
         constant("T_G", "s", "time over which the gain changes"),
     ),
     adds=at_sensor("drifting_gain"),
-    grid=Points({"kappa_G": 1e-3, "bend_G": 0.0, "T_G": "duration"}),
+    grid=Points({"kappa_G": 1e-3, "bend_G": 0.0, "early_G": 0.0, "T_G": "duration"}),
     neighbours=("sensor_drift", "self_heating"),
     rescale=Within((_GAIN_SLOPE,)),
 )

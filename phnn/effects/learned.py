@@ -427,22 +427,22 @@ LEARNED_SENSOR = Effect(
 
 
 # Bounds: the gain stays above a tenth, and the clock error is at most one radian of the fastest line.
-_TIME_LIMITS = {"g_Z1": 0.45, "g_Z2": 0.45, "c_Z": 1.0}
+_TIME_LIMITS = {"g_Z1": 0.3, "g_Z2": 0.3, "g_Z3": 0.3, "c_Z": 1.0}
 
 _CHANGES_BY_TIME = either(_TIME_LIMITS, "1", "change of the sensor with time", _SENSOR_TYPICAL)
 _TIME_SIZES = (
     constant("T_Z", "s", "time over which the sensor changes"),
     constant("s_Z", "1", "change of the clock for a strength of one"),
 )
-_TIME_BLOCKS = (Block("clock", ("c_Z", "s_Z")), Block("drifting_gain", ("g_Z1", "g_Z2", "T_Z")))
+_TIME_BLOCKS = (Block("clock", ("c_Z", "s_Z")), Block("drifting_gain", ("g_Z1", "g_Z2", "g_Z3", "T_Z")))
 
 
 LEARNED_SENSOR_OVER_TIME = Effect(
     name="learned_sensor_over_time",
     kind=kinds.SENSOR_OVER_TIME,
     equation=r"y = g(t)\,q((1 - \kappa)\,t)",
-    statement="The sensor changes with the time of the recording: its gain by the shares {g_Z1} (straight) and {g_Z2} "
-    "(square) in {T_Z}, and its clock by {c_Z} times {s_Z}.",
+    statement="The sensor changes with the time of the recording: its gain by the shares {g_Z1} "
+    "(straight), {g_Z2} (square) and {g_Z3} (logarithm) in {T_Z}, and its clock by {c_Z} times {s_Z}.",
     fingerprint="An amplitude that grows or falls, or a growing phase error, with the time since the start.",
     separation="The same sine twice in one long recording, at its start and at its end.",
     references=("Fraden 2016, Handbook of Modern Sensors, ch. 3",),

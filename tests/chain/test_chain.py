@@ -354,9 +354,11 @@ def test_wide_play_shows_nothing_and_none_shows_all() -> None:
 def test_a_fast_clock_reads_a_sine_too_early_and_a_drifting_gain_scales_it() -> None:
     y = SENSORS["clock"](sine(11.0), T, 0.02, 1.0)
     np.testing.assert_allclose(y, np.sin(2.0 * np.pi * 11.0 * 0.98 * T), atol=1e-6)
-    y = SENSORS["drifting_gain"](sine(11.0), T, 0.3, -0.1, 0.5)
+    y = SENSORS["drifting_gain"](sine(11.0), T, 0.3, -0.1, 0.2, 0.5)
     s = np.minimum(T / 0.5, 1.0)
-    np.testing.assert_allclose(y, sine(11.0) * (1.0 + 0.3 * s - 0.1 * s**2), atol=1e-15)
+    np.testing.assert_allclose(
+        y, sine(11.0) * (1.0 + 0.3 * s - 0.1 * s**2 + 0.2 * np.log1p(300.0 * s) / np.log(301.0)), atol=1e-15
+    )
 
 
 def test_a_slow_clock_holds_what_it_knows_beyond_the_last_sample() -> None:
@@ -371,7 +373,7 @@ def test_a_slow_clock_holds_what_it_knows_beyond_the_last_sample() -> None:
 
 VALUES_SENSORS = {"drift": (0.3,), "lag": (4e-3,), "polynomial": (0.3, -0.2), "rectification": (), "play": (0.15,),
           "knee": (0.3, 0.4), "rate": (), "zero": (0.3,), "cubic": (0.1, -0.08, 0.7),
-          "wave": (0.4, -0.3, 0.5), "clock": (0.02, 0.6), "drifting_gain": (0.1, -0.05, 0.6)}  # fmt: skip
+          "wave": (0.4, -0.3, 0.5), "clock": (0.02, 0.6), "drifting_gain": (0.1, -0.05, 0.03, 0.6)}  # fmt: skip
 
 
 @pytest.mark.parametrize("kind", SENSORS)

@@ -132,7 +132,12 @@ def test_a_fit_of_strengths_needs_few_steps_wherever_they_begin(share: float) ->
         ),
         ("learned_sensor_over_time", "sensor_clock", {"kappa_Z": 3e-4, "one_Z": 1.0}, "clock"),
         pytest.param(
-            *("learned_sensor_over_time", "sensor_gain_drift", {"kappa_G": -0.02, "bend_G": 0.0, "T_G": 0.06}, "gain"),
+            *(
+                "learned_sensor_over_time",
+                "sensor_gain_drift",
+                {"kappa_G": -0.02, "bend_G": 0.0, "early_G": 0.0, "T_G": 0.06},
+                "gain",
+            ),
             marks=pytest.mark.slow,
         ),
     ],

@@ -53,7 +53,7 @@ BLOCKS: Mapping[str, Mapping[str, tuple[float, ...]]] = {
     "sensor": {
         "drift": (3e-4,), "lag": (2e-4,), "rate": (), "polynomial": (900.0, -2e6), "rectification": (),
         "zero": (3e-6,), "play": (4e-6,), "knee": (0.3, 4e-5), "cubic": (0.1, -0.08, 7e-5), "clock": (0.02, 0.02),
-        "drifting_gain": (0.1, -0.05, 0.02), "wave": (0.4, -0.3, 3e-5),
+        "drifting_gain": (0.1, -0.05, 0.03, 0.02), "wave": (0.4, -0.3, 3e-5),
     },
     "source": {"tone": (0.4, -0.3, 130.0)},
 }  # fmt: skip
