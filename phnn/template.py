@@ -326,11 +326,7 @@ def _quoted(text: str) -> str:
 
 def _escaped(text: str) -> str:
     """Return a text with an escape in the place of every character that yaml or a terminal may not show."""
-
-    def escape(code: int) -> str:
-        return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}" if code < 0x10000 else f"\\U{code:08x}"
-
-    return "".join(c if c.isprintable() else escape(ord(c)) for c in text)
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 MANIFEST = "recordings.yaml"

@@ -28,14 +28,6 @@ _HELPERS = {
 }
 
 
-def number(value: float | int) -> str:
-    """Return a literal that reads back as the same number."""
-    text = f"{value:.17g}"
-    shorter = repr(float(value))
-    text = shorter if len(shorter) < len(text) else text
-    return text if any(c in text for c in ".en") else f"{text}.0"
-
-
 class Printer:
     """Prints the statements of one function in C.
 
@@ -73,7 +65,8 @@ class Printer:
 
     def _expression(self, node: ast.expr) -> tuple[str, int]:
         if isinstance(node, ast.Constant):
-            return self._number(node.value), self.primary  # type: ignore[arg-type]
+            # As Python writes a number, it reads back as the same one in every language.
+            return repr(node.value), self.primary
         if isinstance(node, ast.Name):
             return self.name(node.id), self.primary
         if isinstance(node, ast.Attribute):
@@ -130,9 +123,6 @@ class Printer:
 
     def _block(self, body: Iterable[ast.stmt]) -> list[str]:
         return [line for statement in body for line in self._statement(statement)]
-
-    def _number(self, value: float | int) -> str:
-        return str(value) if isinstance(value, int) and not isinstance(value, bool) else number(value)
 
     def _entry(self, node: ast.Subscript) -> str:
         return f"{self.expression(node.value, self.primary)}[{self.expression(node.slice)}]"
@@ -200,8 +190,8 @@ def _function(program: Program, f: Function, api: bool) -> str:
 def _constant(constant: Constant) -> str:
     about = f" /* {one_line(constant.about)} */" if constant.about else ""
     if isinstance(constant.value, float):
-        return f"static const double {constant.name} = {number(constant.value)};{about}"
-    rows = ", ".join("{" + ", ".join(map(number, row)) + "}" for row in constant.value)
+        return f"static const double {constant.name} = {constant.value!r};{about}"
+    rows = ", ".join("{" + ", ".join(map(repr, row)) + "}" for row in constant.value)
     shape = f"[{len(constant.value)}][{len(constant.value[0])}]"
     return f"static const double {constant.name}{shape} = {{{rows}}};{about}"
 
@@ -226,7 +216,7 @@ def c_header(program: Program) -> str:
     lines = [f"/* {line}" if i == 0 else f" * {line}" for i, line in enumerate(about)]
     lines += [" */", f"#ifndef {guard}", f"#define {guard}", ""]
     lines += ["#ifdef __cplusplus", 'extern "C" {', "#endif", ""]
-    lines += [f"#define {program.name.upper()}_DT {number(program.dt)} /* sample time [s] */", ""]
+    lines += [f"#define {program.name.upper()}_DT {program.dt!r} /* sample time [s] */", ""]
     lines += [f"typedef struct {program.name}_state {{", *map(_field, program.used_fields())]
     lines += [f"}} {program.name}_state;", ""]
     for name in API:

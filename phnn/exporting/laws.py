@@ -120,12 +120,9 @@ def _is_beyond(node: ast.AST, tuples: set[int], functions: Mapping[str, Function
 
 
 # Functions that are known to every target, by the objects that the package's sources name.
-_FUNCTIONS_OF_NUMBERS: dict[Any, str] = {getattr(namespace, n): n for n in INTRINSICS if hasattr(namespace, n)}
-_FUNCTIONS_OF_NUMBERS |= {
-    np.exp: "exp", np.sqrt: "sqrt", np.log: "log", np.log1p: "log1p", np.tanh: "tanh", np.sin: "sin", np.cos: "cos",
-    np.sign: "sign", np.minimum: "minimum", np.maximum: "maximum", np.isfinite: "isfinite", np.where: "where",
-    math.exp: "exp", math.sqrt: "sqrt", math.log: "log", abs: "absolute", max: "maximum", min: "minimum",
-}  # fmt: skip
+_FUNCTIONS_OF_NUMBERS: dict[Any, str] = {
+    getattr(module, n): n for module in (namespace, np, math) for n in INTRINSICS if hasattr(module, n)
+} | {abs: "absolute", max: "maximum", min: "minimum"}
 # Functions that only concern arrays, derivatives or compilation: their argument stands for them.
 _TRANSPARENT = {namespace.real, namespace.certain, np.asarray, np.real, float}
 

@@ -387,9 +387,6 @@ class Balance:
     def _advanced(self, name: str) -> str:
         """Return the end state and mean effort of a reducible storage, as an expression with two values."""
         x, current, rule, storage = self.x(name), self.current(name), self.rules[name], self.storage(name)
-        if rule == LOSSLESS and self.is_linear(name):
-            stiffness = self.stiffness(name)
-            return f"{x} + H * {current}, {stiffness} * ({x} + 0.5 * H * {current})"
         if rule == LOSSLESS:
             return f"{x} + H * {current}, {self.e.law(storage, 'mean_effort', x, f'{x} + H * {current}')}"
         if rule == EXACT:

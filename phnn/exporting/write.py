@@ -257,7 +257,8 @@ def program_of(
         setup = replace(setup, sensor=())
     # What drives a unit of co-simulation holds its input during a communication step.
     held: Hold = "zero_order" if to == "fmu" else hold
-    return build(setup, dt, known if substeps is None else substeps, held, name, ports, initial_input)
+    # A number of numpy has another text than one of Python.
+    return build(setup, float(dt), known if substeps is None else substeps, held, name, ports, initial_input)
 
 
 def write(program: Program, to: str, out: Path, given: Sequence[Path] = (), overwrite: bool = False) -> list[Path]:
@@ -358,9 +359,8 @@ def python(program: Program) -> str:
     lines = [f'"""{header(program)}\n"""', "", "import math", "", f"DT = {program.dt!r}  # sample time [s]"]
     lines += ["", *(f"# {line}" for line in CONSTANTS_ABOUT)]
     for constant in program.used_constants():
-        value = constant.value
-        shown = repr(value) if isinstance(value, float) else repr([list(row) for row in value])
-        lines += [f"{constant.name} = {shown}" + (f"  # {one_line(constant.about)}" if constant.about else "")]
+        about = f"  # {one_line(constant.about)}" if constant.about else ""
+        lines.append(f"{constant.name} = {constant.value!r}{about}")
     fields = program.used_fields()
     lines += ["", "", "class State:", '    """The state; init fills it."""', ""]
     lines += ["    __slots__ = (", *(f'        "{f.name}",  # {one_line(f.about)}' for f in fields), "    )", ""]

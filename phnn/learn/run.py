@@ -30,7 +30,6 @@ from phnn.learn.trainer import LOG, Trainer, as_bytes
 from phnn.models.store import FILE, is_storable, save
 from phnn.network.elements import Network
 from phnn.recordings import Campaign, read
-from phnn.recordings.excitation import excitation_of
 from phnn.recordings.partition import candidate_of, choose
 from phnn.recordings.recording import digest
 from phnn.results import Origin, Place, claim, finished, finite, sha256_of
@@ -329,4 +328,4 @@ def validation_names(campaign: Campaign, given: Sequence[str] | None) -> tuple[s
             raise InputRefused(f"validation: no recording {name} for identification among {[r.name for r in chosen]}")
     if given is not None or len(chosen) < _LEAST:
         return tuple(given or ())
-    return tuple(sorted(choose([candidate_of(r, excitation_of(r.u, r.dt)) for r in chosen])))
+    return tuple(sorted(choose([candidate_of(r, r.excitation) for r in chosen])))

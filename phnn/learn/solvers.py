@@ -83,7 +83,6 @@ class NetworkPlant(Plant):
         super().__init__(PortHamiltonianSystem(given) if isinstance(given, Network) else given, scale)
         self.system: PortHamiltonianSystem = self.core
         self.near: dict[str, tuple[Tensor, Tensor]] = {}
-        self.names = tuple(n for n, p in self.system.network.parameters.items() if not p.fixed)
 
     @property
     def network(self) -> Network:
@@ -103,10 +102,6 @@ class NetworkPlant(Plant):
         """Return the coordinates of the parameters, then weights of the learned laws."""
         own = (*self.system.free.parameters(), *self.system.laws.parameters())
         return [p for p in own if p.requires_grad]
-
-    def slopes(self) -> list[float]:
-        """Return ``dθ/dz`` of every coordinate."""
-        return [self.system.free.slope(name) for name in self.names]
 
 
 @dataclass(frozen=True, eq=False)

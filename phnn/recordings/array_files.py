@@ -206,33 +206,31 @@ def read_mat(source: Source) -> Table:
     return table
 
 
-def _loaded(value: Any) -> Any:
-    """Return the numbers of a value of a structure."""
-    return value.load() if isinstance(value, Stored) else value
-
-
 def _experiments(name: str, value: Any) -> list[tuple[str, list[np.ndarray]]]:
     """Return the columns that the experiments of an array of structures or of a cell array share; empty for others.
 
     A column is its name, and its (n,) values in each experiment.
     """
-    members = members_of(value)
-    if len(members) < 2:
+    members = [m if isinstance(m, Mapping) else _by_column(name, m) for m in members_of(value)]
+    if len(members) < 2 or any(m.keys() != members[0].keys() or signal_of(m) for m in members):
         return []
-    one = members[0]
-    if all(isinstance(m, Mapping) for m in members):
-        if any(m.keys() != one.keys() or signal_of(m) for m in members):
-            return []
-        keys = [k for k in one if all(is_vector(m[k]) for m in members)]
-        parts = [(printable(k), [np.ravel(_loaded(m[k])) for m in members]) for k in keys]
-    else:
-        arrays = [_loaded(m) for m in members if isinstance(m, Stored | np.ndarray)]
-        if len(arrays) < len(members) or len({a.shape[1:] for a in arrays}) > 1 or arrays[0].ndim != 2:
-            return []
-        width = min(arrays[0].shape[1], LIMITS.columns)
-        parts = [(f"{name}[{i}]", [a[:, i] for a in arrays]) for i in range(width)]
+    shared = [k for k in members[0] if all(is_vector(m[k]) for m in members)]
+    parts = [(printable(k), [np.ravel(_loaded(m[k])) for m in members]) for k in shared]
     sizes = {tuple(v.size for v in values) for _, values in parts}
-    return parts if len(parts) > 1 and len(sizes) == 1 and min(*sizes.pop(), LIMITS.columns) > 1 else []
+    return parts if len(parts) > 1 and len(sizes) == 1 else []
+
+
+def _by_column(name: str, value: Any) -> dict[str, np.ndarray]:
+    """Return the columns of a matrix; none of anything else."""
+    matrix = _loaded(value)
+    if not isinstance(matrix, np.ndarray) or matrix.ndim != 2:
+        return {}
+    return {f"{name}[{i}]": matrix[:, i] for i in range(min(matrix.shape[1], LIMITS.columns))}
+
+
+def _loaded(value: Any) -> Any:
+    """Return the numbers of a value of a structure."""
+    return value.load() if isinstance(value, Stored) else value
 
 
 _NPZ = "not a readable .npz file", "save it again with numpy.savez"

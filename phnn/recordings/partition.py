@@ -5,6 +5,7 @@ Confirmation interpolates and is used once.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -184,7 +185,7 @@ def _worth_keeping(one: Candidate, everyone: Sequence[Candidate]) -> int:
         min(frequencies) * (1 + _SAME) < mine.frequency < max(frequencies) * (1 - _SAME)
     ):
         # several may share the lowest frequency: the one of largest amplitude stands for it
-        rivals = [c for c in tones if _near(c.excitation.frequency, mine.frequency)]
+        rivals = [c for c in tones if math.isclose(c.excitation.frequency, mine.frequency, rel_tol=_SAME)]
         if mine.amplitude >= max(c.excitation.amplitude for c in rivals) * (1 - 1e-9):
             return 3
     largest = [c for c in everyone if c.excitation.amplitude > (1 - _SAME) * max(amplitudes)]
@@ -198,11 +199,7 @@ def _worth_keeping(one: Candidate, everyone: Sequence[Candidate]) -> int:
 def _alike(a: Candidate, b: Candidate) -> bool:
     """Same kind of input at the same frequency and amplitude."""
     pairs = ((getattr(a.excitation, n), getattr(b.excitation, n)) for n in ("amplitude", "low_Hz", "high_Hz"))
-    return a.excitation.kind == b.excitation.kind and all(_near(*pair) for pair in pairs)
-
-
-def _near(a: float, b: float) -> bool:
-    return abs(a - b) <= _SAME * max(abs(a), abs(b))
+    return a.excitation.kind == b.excitation.kind and all(math.isclose(*pair, rel_tol=_SAME) for pair in pairs)
 
 
 # Fewest recordings whose spectra are pooled; how far their coefficients may lie from the median.

@@ -220,7 +220,7 @@ def test_c_is_one_header_and_one_source_without_allocation(tmp_path: Path) -> No
 
 def test_python_runs_where_phnn_and_numpy_are_not_installed(tmp_path: Path) -> None:
     t, u = drive(101)
-    (path,) = phnn.export(PIEZO, "python", tmp_path / "py", dt=DT, name="stage")
+    (path,) = phnn.export(PIEZO, "python", tmp_path / "py", dt=np.float64(DT), name="stage")
     program = (
         f"import json, sys; sys.path.insert(0, {str(path.parent)!r}); import stage; m = stage.Model(0.0); "
         f"print(json.dumps([m.step(u) for u in json.loads(sys.stdin.read())]))"
