@@ -12,7 +12,7 @@ import sys
 import time
 import warnings
 import zipfile
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -77,17 +77,6 @@ def rows(table: Mapping[str, Iterable[Any]]) -> list[Any]:
         for words, inputs in table.items()
         for number, one in enumerate(inputs)
     ]
-
-
-def each(cases: Iterable[str], one: Callable[[str], object]) -> None:
-    """Run one attack after the other in the same folder, quicker than a test for each; all that fail are told."""
-    failed = []
-    for case in cases:
-        try:
-            one(case)
-        except AssertionError as error:
-            failed.append(f"{case}: {error}")
-    assert not failed, "\n".join(failed)
 
 
 def put(path: Path, content: str | bytes) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 import yaml
-from attack_tools import NETWORK, Attack, each, often, put, rows
+from attack_tools import NETWORK, Attack, often, put, rows
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -96,7 +96,8 @@ ENTRIES = [
 
 @pytest.mark.parametrize("entry", ENTRIES)
 def test_any_value_under_any_key(entry: str, attack: Attack) -> None:
-    each(VALUES, lambda value: attack(said=entry.replace("VALUE", value)))
+    for value in VALUES:
+        attack(said=entry.replace("VALUE", value))
 
 
 SCALARS = st.one_of(

@@ -6,6 +6,7 @@ import io
 import struct
 import zlib
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ import h5py
 import numpy as np
 import pytest
 import scipy.io
-from attack_tools import HEADER, Attack, csv, each, put, quick, rows, table, zipped
+from attack_tools import HEADER, Attack, csv, put, quick, rows, table, zipped
 
 ROWS = csv().splitlines()
 T, U, Y = table().T
@@ -26,16 +27,12 @@ def scaled(*factors: float, plus: tuple[float, float, float] = (0.0, 0.0, 0.0)) 
     return csv(table() * np.array(factors or 1.0) + np.array(plus))
 
 
-def along(u: np.ndarray) -> str:
-    """Return a recording whose output follows its input at once."""
-    return csv(np.column_stack([T, u, 1e-6 * u]))
-
-
 # Texts by the words of the refusal; none where they are read.
 TEXTS: dict[str, list[str | bytes]] = {
     "": [
         csv().encode() + b"\xff\xfe", "# a\n" * 50_000 + csv(), "word " * 10_000 + "\n" + csv(),
-        scaled(plus=(-1e3, 0, 0)), along(np.arange(120) >= 60), along((-1.0) ** np.arange(120)),
+        scaled(plus=(-1e3, 0, 0)),
+        *(csv(np.column_stack([T, u, 1e-6 * u])) for u in (np.arange(120) >= 60, (-1.0) ** np.arange(120))),
     ],
     "the file is empty": [""],
     "not a text file": [
@@ -79,13 +76,11 @@ def test_any_text(words: str, text: str | bytes, suffix: str, attack: Attack) ->
 @pytest.mark.parametrize("row", [0, 119])
 @pytest.mark.parametrize("column", [0, 1, 2])
 def test_any_cell(column: int, row: int, attack: Attack) -> None:
-    def one(number: str) -> None:
+    for number in NUMBERS:
         cells = ROWS[row + 1].split(",")
         cells[column] = number
         put(attack.data / "a.csv", "\n".join([*ROWS[: row + 1], ",".join(cells), *ROWS[row + 2 :]]) + "\n")
         attack()
-
-    each(NUMBERS, one)
 
 
 EXTREMES = [
@@ -113,16 +108,8 @@ def made(write: Callable[..., object], *given: Any, **more: Any) -> bytes:
     return file.getvalue()
 
 
-def npy(array: Any) -> bytes:
-    return made(np.save, array)
-
-
-def npz(**arrays: np.ndarray) -> bytes:
-    return made(np.savez_compressed, **COLUMNS, **arrays)
-
-
-def mat(**arrays: object) -> bytes:
-    return made(scipy.io.savemat, arrays, do_compression=True)
+npy, npz = partial(made, np.save), partial(made, np.savez_compressed, **COLUMNS)
+mat = partial(made, scipy.io.savemat, do_compression=True)
 
 
 def head(shape: str, data: bytes = b"", descr: str = "<f8") -> bytes:
@@ -179,13 +166,14 @@ FILES: dict[str, dict[str, bytes | Callable[[], bytes]]] = {
         "escape.npy": npy(np.zeros(120, [("\x1b[31mvoltage_V", "f8")])),
         "pickle.npz": zipped((VOLTAGE, npy([print])), ("displacement_m.npy", npy(U))),
         "out of it.npz": zipped(("../../../../tmp/phnn_ran.npy", npy(U)), ("/etc/x.npy", npy(U))),
-        "escape.npz": zipped(("\x1b[2J" + VOLTAGE, npy(U))), "64 columns.mat": mat(data=np.zeros((120, 64))),
-        "structs.mat": mat(s=COLUMNS), "many.h5": lambda: hdf5({f"d{i}": 1.0 for i in range(1000)}),
+        "escape.npz": zipped(("\x1b[2J" + VOLTAGE, npy(U))), "64 columns.mat": mat({"data": np.zeros((120, 64))}),
+        "structs.mat": mat({"s": COLUMNS}), "many.h5": lambda: hdf5({f"d{i}": 1.0 for i in range(1000)}),
         "escape.h5": hdf5({"\x1b[31mvoltage_V": U}),
     },
     "no numeric variables": {
-        "no arrays.npz": zipped(("a.txt", b"1")), "rows.mat": mat(data=table().T), "texts.mat": mat(voltage_V="none"),
-        "cells.mat": mat(data=np.array([[U], [Y]], dtype=object)), "no.h5": hdf5({"g": lambda f: f.create_group("h")}),
+        "no arrays.npz": zipped(("a.txt", b"1")), "texts.mat": mat({"voltage_V": "none"}),
+        "rows.mat": mat({"data": table().T}), "cells.mat": mat({"data": np.array([[U], [Y]], dtype=object)}),
+        "no datasets.h5": hdf5({"g": lambda f: f.create_group("h")}),
     },
     "its numbers take": {
         "terabyte.npz": zipped((VOLTAGE, head("(125000000000,)"))), "zeros.mat": lambda: packed(zeros(3 * 10**8)),
@@ -208,7 +196,7 @@ FILES: dict[str, dict[str, bytes | Callable[[], bytes]]] = {
     "what its axes are": {"no fields.npy": npy(np.zeros(120, []))},
     "is no table of samples": {"wide.npy": npy(np.zeros((120, 100)))},
     "no time column": {"twice.npz": zipped(*((f"{n}.npy", npy(Y)) for n in ("voltage_V", "displacement_m") * 2))},
-    "0 samples": {"empty.mat": mat(voltage_V=np.zeros((0, 0)), displacement_m=np.zeros((0, 1)))},
+    "0 samples": {"empty.mat": mat({"voltage_V": np.zeros((0, 0)), "displacement_m": np.zeros((0, 1))})},
     "holds complex numbers": {"complex.h5": hdf5({"voltage_V": U + 1j})},
 }  # fmt: skip
 
