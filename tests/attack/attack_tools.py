@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import hashlib
 import io
 import os
@@ -13,16 +12,17 @@ import sys
 import time
 import warnings
 import zipfile
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
 from phnn.cli import main
+from phnn.configuration import config_folder
 from phnn.integrate.kernel import march
 from phnn.integrate.program import compile_network
 from phnn.models import hrc
@@ -44,35 +44,28 @@ OPENED: list[list[str]] = []
 ROOT = Path(__file__).resolve().parents[2]
 # Installed code, what it compiled, and what the system tells of itself: any command may open these.
 CACHE = os.environ.get("PHNN_CACHE_DIR") or Path.home() / ".cache"
-OPEN_TO_ALL = (sys.prefix, sys.base_prefix, ROOT, CACHE, "/dev/null", "/proc", "/sys/fs/cgroup", *sys.path[1:])
-# Runs a command and checks what must hold afterwards; see `attack`.
-Attack = Callable[..., Any]
-
-
-@functools.cache
-def watch() -> None:
-    """Note from now on what is opened while a command runs."""
-    sys.addaudithook(lambda event, args: OPENED[-1].append(str(args[0])) if event == "open" and OPENED else None)
+SYSTEM = ("/dev/null", "/proc", "/sys/fs/cgroup", "/usr/share/zoneinfo")
+OPEN_TO_ALL = (sys.prefix, sys.base_prefix, ROOT, CACHE, *SYSTEM, *sys.path[1:])
+HEADER = "time_s,voltage_V,displacement_m"
+GIVEN = (config_folder() / "network" / "mass_spring_damper.yaml").read_text(encoding="utf-8")
+# What is driven is the voltage; what it is about is left out.
+NETWORK = GIVEN.replace("unit: N}", "unit: V}").partition("\n")[2]
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     """Tell how many inputs were tried, and what the worst of them took."""
     if TALLY["inputs"]:
-        terminalreporter.write_line(
-            f"attacks: {TALLY['inputs']:.0f} inputs, at most {TALLY['seconds']:.1f} s, and "
-            f"{TALLY['memory'] / 1e6:.0f} MB of memory beyond twice the size of the input"
-        )
+        worst = f"{TALLY['inputs']:.0f} inputs, at most {TALLY['seconds']:.1f} s, and {TALLY['memory'] / 1e6:.0f} MB"
+        terminalreporter.write_line(f"attacks: {worst} of memory beyond twice the size of the input")
 
 
 def often(count: int) -> settings:
     """Return settings for so many examples, each with fixtures that a test clears itself."""
-    return settings(
-        max_examples=count, deadline=None, derandomize=True,
-        suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow, HealthCheck.data_too_large],
-    )  # fmt: skip
+    unsuited = [HealthCheck.function_scoped_fixture, HealthCheck.too_slow, HealthCheck.data_too_large]
+    return settings(max_examples=count, deadline=None, derandomize=True, suppress_health_check=unsuited)
 
 
-def quick(first: Sequence[str], *others: str) -> list[Any]:
+def quick(first: Iterable[str], *others: str) -> list[Any]:
     """Return parameters of a test of which only the first run in the fast suite."""
     return [*first, *(pytest.param(other, marks=pytest.mark.slow) for other in others)]
 
@@ -86,26 +79,14 @@ def rows(table: Mapping[str, Iterable[Any]]) -> list[Any]:
     ]
 
 
-def each(cases: Iterable[str], one: Callable[[str], object]) -> None:
-    """Run one attack after the other in the same folder, quicker than a test for each; all that fail are told."""
-    failed = []
-    for case in cases:
-        try:
-            one(case)
-        except AssertionError as error:
-            failed.append(f"{case}: {error}")
-    assert not failed, "\n".join(failed)
-
-
 def put(path: Path, content: str | bytes) -> None:
     """Write a file with this content."""
     path.write_bytes(content if isinstance(content, bytes) else content.encode("utf-8", "surrogatepass"))
 
 
-def zipped(members: Iterable[tuple[str, bytes]]) -> bytes:
+def zipped(*members: tuple[str, bytes]) -> bytes:
     """Return an archive of these members, whose names may be the same."""
-    file = io.BytesIO()
-    with zipfile.ZipFile(file, "w") as archive, warnings.catch_warnings():
+    with zipfile.ZipFile(file := io.BytesIO(), "w") as archive, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         for name, content in members:
             archive.writestr(name, content)
@@ -120,36 +101,10 @@ def table(samples: int = 120) -> np.ndarray:
     return np.column_stack([t, u, y])
 
 
-HEADER = "time_s,voltage_V,displacement_m"
-NETWORK = """junctions: {mass: 1}
-elements:
-  q:      {type: C, junction: mass, law: spring, parameters: [k], unit: m}
-  p:      {type: I, junction: mass, law: capacitor, parameters: [m], unit: kg m/s}
-  damper: {type: R, junction: mass, law: linear, parameters: [b], direction: resistance}
-  force:  {type: Se, junction: mass, unit: V}
-bonds: []
-parameters:
-  k: {value: 8.0, unit: N/m, positive: true}
-  m: {value: 2.0, unit: kg, positive: true}
-  b: {value: 0.5, unit: N s/m, positive: true}
-output: q
-"""
-
-
 def csv(values: np.ndarray | None = None, header: str = HEADER) -> str:
     """Return the recording as text."""
     values = table() if values is None else values
     return "\n".join([header, *(",".join(repr(float(v)) for v in row) for row in values)]) + "\n"
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """Exit status, what was printed, and the names of what was written or changed below --out."""
-
-    status: int
-    out: str
-    err: str
-    written: tuple[str, ...]
 
 
 def seen(root: Path) -> dict[Path, str]:
@@ -157,7 +112,7 @@ def seen(root: Path) -> dict[Path, str]:
     found = {}
     for path in sorted(root.rglob("*")):
         state = path.lstat()
-        small = stat.S_ISREG(state.st_mode) and state.st_blocks * 512 <= 2**26 and state.st_size <= 2**26
+        small = stat.S_ISREG(state.st_mode) and max(state.st_blocks * 512, state.st_size) <= 2**26
         content = hashlib.sha256(path.read_bytes()).hexdigest() if small else ""
         found[path] = f"{state.st_mode:o} {state.st_size} {state.st_mtime_ns} {content}"
     return found
@@ -175,104 +130,123 @@ def peak() -> int:
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024)
 
 
-@pytest.fixture(scope="session")
-def compiled() -> None:
-    """Compile the kernels before a time is taken."""
-    network = hrc(2)
-    program, n = compile_network(network), len(network.storages)
-    states, efforts, u = np.zeros((2, n)), np.zeros((1, n)), np.zeros((1, len(network.ports)))
-    for general in (False, True):
-        assert march(program, program.theta(network), states[0], u, np.full(1, 1e-3), states, efforts, general) == 1
+class Outcome(NamedTuple):
+    """Exit status, what was printed, and the names of what was written or changed below --out."""
+
+    status: int
+    out: str
+    err: str
+    written: tuple[str, ...]
 
 
-@pytest.fixture
-def attack(
-    compiled: None, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> Iterator[Attack]:
-    """Run a command on a folder below ``tmp_path`` and check what must hold after any input.
+@dataclass
+class Attack:
+    """A folder ``data`` with one recording below ``root``, and the commands that are run on it or another folder."""
 
-    Its arguments: ``folder``, ``command``, ``more`` arguments, ``words`` of the refusal (none where the input has to
-    pass, ``None`` where either is right), the ``manifest``, the ``model`` of predict, the folder ``out``, whether
-    what an earlier run wrote there is ``kept``, and the other exit ``statuses`` that are accepted.
-    """
-    watch()
-    monkeypatch.setenv("PHNN_SECRET", SECRETS[0])
-    put(tmp_path / "outside.csv", csv())
+    root: Path
+    captured: pytest.CaptureFixture[str]
 
-    def run(
-        folder: Path | str, command: str = "check", *more: str, words: str | None = None, manifest: Path | None = None,
-        model: Path | str | None = None, out: Path | None = None, kept: bool = False, statuses: tuple[int, ...] = (),
+    @property
+    def data(self) -> Path:
+        return self.root / "data"
+
+    def only(self, name: str, content: str | bytes) -> None:
+        """Put this file in the place of the recording."""
+        (self.data / "a.csv").unlink(missing_ok=True)
+        put(self.data / name, content)
+
+    def __call__(
+        self, command: str = "check", *more: str, said: str | bytes | None = None, words: str | None = None,
+        folder: Path | str | None = None, model: Path | str | None = None, manifest: Path | None = None,
+        out: Path | None = None, kept: bool = False, statuses: tuple[int, ...] = (),
     ) -> Outcome:  # fmt: skip
+        """Run a command and check what must hold after any input.
+
+        Args:
+            more: further arguments; said: content of the manifest of ``data``, as it is where nothing is given.
+            words: of the refusal; none where the input has to pass, ``None`` where either is right.
+            model: of predict, a good one where none is there; out, kept: where to write, and whether what an earlier
+                run wrote there stays; statuses: others that are accepted.
+        """
+        if said is not None:
+            put(self.data / "recordings.yaml", said)
         # Where somebody else's folder is given, a lock may be left in it.
-        unseen, out = ("" if out is None else ".phnn"), out or tmp_path / "out"
+        unseen, out = ("" if out is None else ".phnn"), out or self.root / "out"
         if not kept:
-            shutil.rmtree(tmp_path / "out", ignore_errors=True)
-        given = [model or tmp_path / "model"] if command == "predict" else []
-        given += [folder, *(["--manifest", manifest] if manifest is not None else [])]
+            shutil.rmtree(self.root / "out", ignore_errors=True)
+        given = [self.data if folder is None else folder, *(["--manifest", manifest] if manifest is not None else [])]
         given += ["--out", out] if command in WITH_OUT else []
-        before, memory = seen(tmp_path), peak()
+        if command == "predict":
+            if not (self.root / "model").exists():
+                save(Setup(hrc(1)), self.root / "model", 1)
+            given.insert(0, model or self.root / "model")
+        if command == "train":
+            given = [f"folder={self.data}", f"out={out}"]
+        values = [argument.partition("=")[2] for argument in (*map(str, given), *more) if "=/" in argument]
+        before, memory = seen(self.root), peak()
         size = sum(p.lstat().st_blocks * 512 for p in before)
-        capsys.readouterr()
+        self.captured.readouterr()
         began = time.perf_counter()
         OPENED.append(opened := [])
         with warnings.catch_warnings(record=True) as warned:
             warnings.simplefilter("always")
             status = main([command, *map(os.fspath, given), *more])
         OPENED.clear()
-        seconds, printed, after = time.perf_counter() - began, capsys.readouterr(), seen(tmp_path)
-        beyond = peak() - memory - 2 * size
+        seconds, (shown, err), after = time.perf_counter() - began, self.captured.readouterr(), seen(self.root)
+        beyond, text = peak() - memory - 2 * size, shown + err
         for name, value in (("inputs", TALLY["inputs"] + 1), ("seconds", seconds), ("memory", beyond)):
             TALLY[name] = max(TALLY[name], value)
         changed = [p for p in sorted({*before, *after} - {out}) if before.get(p) != after.get(p)]
         changed = [p for p in changed if unseen not in p.parts]
         strange = [p for p in changed if out not in p.parents]
         assert not strange, f"an input was changed, or something was written beside --out: {strange}"
-        if "--allow-outside" not in more:
-            strange = [p for p in opened if not (p.isdigit() or inside(p, (*OPEN_TO_ALL, *given)))]
-            assert not strange, f"opened outside of what was given: {strange}"
-        outcome = Outcome(status, *printed, tuple(p.relative_to(out).as_posix() for p in changed))
-        check_printed(outcome)
-        assert manifest is not None or not any(secret in outcome.out + outcome.err for secret in SECRETS), outcome
+        strange = [p for p in opened if not (p.isdigit() or inside(p, (*OPEN_TO_ALL, *given, *values)))]
+        assert "--allow-outside" in more or not strange, f"opened outside of what was given: {strange}"
+        outcome = Outcome(status, shown, err, tuple(p.relative_to(out).as_posix() for p in changed))
+        assert "Traceback" not in text and "internal error" not in text, text
+        # Nothing that a terminal obeys.
+        odd = {c for c in text if (ord(c) < 32 and c != "\n") or 127 <= ord(c) < 160 or 0xD800 <= ord(c) < 0xE000}
+        assert not odd, (odd, text)
+        if status:
+            assert err.startswith("phnn: ") and err.count("\n") == 1, outcome
+            # A message names cause and remedy; it does not recite the file.
+            assert 20 < len(err) < 3000, outcome
+        # A training keeps its settings, whatever came of it.
+        assert status != REFUSED or command == "train" or not outcome.written, outcome
+        # A manifest that the user names is quoted where it is wrong.
+        quoted = manifest is not None or any(m.startswith("manifest=") for m in more)
+        assert quoted or not any(secret in text for secret in SECRETS), outcome
         # On a terminal they would stand between the lines of the answer.
         assert not [str(w.message) for w in warned if issubclass(w.category, RuntimeWarning | UserWarning)]
         assert seconds < LONGEST_S, f"{seconds:.1f} s"
         assert beyond < MEMORY, f"{beyond / 1e6:.0f} MB beyond twice the size"
         accepted = (0, REFUSED) if words is None else (REFUSED,) if words else (0,)
-        assert status in (*accepted, *statuses) and (status != REFUSED or (words or "") in outcome.err), outcome
+        assert status in (*accepted, *statuses) and (status != REFUSED or (words or "") in err), outcome
         return outcome
 
-    yield run
+
+@pytest.fixture(scope="session")
+def compiled() -> None:
+    """Compile the kernels before a time is taken, and note from then on what is opened while a command runs."""
+    network = hrc(2)
+    program, n = compile_network(network), len(network.storages)
+    states, efforts, u = np.zeros((2, n)), np.zeros((1, n)), np.zeros((1, len(network.ports)))
+    for general in (False, True):
+        assert march(program, program.theta(network), states[0], u, np.full(1, 1e-3), states, efforts, general) == 1
+    sys.addaudithook(lambda event, args: OPENED[-1].append(str(args[0])) if event == "open" and OPENED else None)
+
+
+@pytest.fixture
+def attack(
+    compiled: None, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> Iterator[Attack]:
+    """Return a folder to attack: what runs in it would write beside it, where that is seen."""
+    monkeypatch.setenv("PHNN_SECRET", SECRETS[0])
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "data").mkdir()
+    for name in ("outside.csv", "data/a.csv"):
+        put(tmp_path / name, csv())
+    yield Attack(tmp_path, capsys)
     for path in tmp_path.rglob("*"):
         if not path.is_symlink():
             path.chmod(0o700)
-
-
-def check_printed(outcome: Outcome) -> None:
-    """Assert one message where it was refused, nothing that a terminal obeys, no traceback."""
-    text = outcome.out + outcome.err
-    assert "Traceback" not in text, text
-    assert "internal error" not in text, text
-    odd = {c for c in text if (ord(c) < 32 and c != "\n") or 127 <= ord(c) < 160 or 0xD800 <= ord(c) < 0xE000}
-    assert not odd, (odd, text)
-    if outcome.status:
-        assert outcome.err.startswith("phnn: "), outcome
-        assert outcome.err.count("\n") == 1, outcome
-        # A message names cause and remedy; it does not recite the file.
-        assert 20 < len(outcome.err) < 3000, outcome
-    if outcome.status == REFUSED:
-        assert not outcome.written, outcome
-
-
-@pytest.fixture
-def good(tmp_path: Path) -> Path:
-    """Return a folder with one recording, beside a folder with a model."""
-    (tmp_path / "data").mkdir()
-    put(tmp_path / "data" / "a.csv", csv())
-    return tmp_path / "data"
-
-
-@pytest.fixture
-def model(tmp_path: Path) -> Path:
-    """Return a folder with a model."""
-    save(Setup(hrc(1)), tmp_path / "model", 1)
-    return tmp_path / "model"

@@ -1,5 +1,3 @@
 """What every attack of this folder is given."""
 
-from attack_tools import attack, compiled, good, model, pytest_terminal_summary
-
-__all__ = ["attack", "compiled", "good", "model", "pytest_terminal_summary"]
+from attack_tools import attack, compiled, pytest_terminal_summary  # noqa: F401
