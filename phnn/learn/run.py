@@ -20,19 +20,19 @@ from phnn.identification.evaluate import Evaluation
 from phnn.identification.prepare import single
 from phnn.integrate.method import PortHamiltonianSystem
 from phnn.integrate.scheme import can_compile
-from phnn.learn.methods import with_gradients
+from phnn.learn.methods import METHODS, method_of, with_gradients
 from phnn.learn.objective import Objective, evaluate, substeps_needed, whole
 from phnn.learn.settings import Settings, check_same, settings_in
 from phnn.learn.solvers import NetworkPlant, Plant, solver_for, thinned
 from phnn.learn.starts import near_known_part, plant_for, typical_states
 from phnn.learn.trainer import FILE as CHECKPOINT
 from phnn.learn.trainer import LOG, Trainer, as_bytes
-from phnn.models.store import FILE, is_storable, save
+from phnn.models.store import is_storable, save, stored
 from phnn.network.elements import Network
 from phnn.recordings import Campaign, read
 from phnn.recordings.partition import candidate_of, choose
 from phnn.recordings.recording import digest
-from phnn.results import Origin, Place, claim, finished, finite, sha256_of
+from phnn.results import Origin, Place, claim, finished, finite
 from phnn.setup import Setup
 
 if TYPE_CHECKING:
@@ -206,6 +206,12 @@ def fitted(
     def validate() -> float:
         return float(whole(plant, solver, held, substeps, {})())
 
+    # What cannot be trained in this way is refused before anything is written.
+    for name in METHODS:
+        if getattr(settings, name):
+            method_of(name, objective, settings, 1.0)
+    if place is not None:
+        (place / CONFIG).write(OmegaConf.to_yaml(OmegaConf.create(settings.plain())).encode())
     progress = Trainer(objective, validate if held else None, settings, place, say, recordings).run()
     starts = {
         w.name: x0
@@ -259,7 +265,6 @@ def train_folder(settings: Settings, say: Callable[[str], None] = lambda line: N
         if not settings.resume:
             (place / CHECKPOINT).remove()
             (place / METRICS).remove()
-        (place / CONFIG).write(OmegaConf.to_yaml(OmegaConf.create(settings.plain())).encode())
         plant = plant_for(settings.model, campaign, settings.seed, settings.base)
         trained = fitted(plant, campaign, settings, place, repr(made_of), say)
         (place / "weights.pt").write(as_bytes(plant.state_dict()))
@@ -296,10 +301,7 @@ def _several(settings: Settings, say: Callable[[str], None]) -> dict[str, Any]:
 
 def _hash(base: str | None) -> str | None:
     """Of the model that training starts from."""
-    if base is None:
-        return None
-    path = Path(base) / FILE if Path(base).is_dir() else Path(base)
-    return sha256_of(path) if path.is_file() else None
+    return None if base is None else sha256(json.dumps(stored(Path(base))[0]).encode()).hexdigest()
 
 
 def _ended(settings: Settings) -> dict[str, Any] | None:

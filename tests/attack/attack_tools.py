@@ -211,8 +211,7 @@ class Attack:
             assert err.startswith("phnn: ") and err.count("\n") == 1, outcome
             # A message names cause and remedy; it does not recite the file.
             assert 20 < len(err) < 3000, outcome
-        # A training keeps its settings, whatever came of it.
-        assert status != REFUSED or command == "train" or not outcome.written, outcome
+        assert status != REFUSED or not outcome.written, outcome
         # A manifest that the user names is quoted where it is wrong.
         quoted = manifest is not None or any(m.startswith("manifest=") for m in more)
         assert quoted or not any(secret in text for secret in SECRETS), outcome

@@ -25,9 +25,10 @@ from phnn.learn.run import validation_names
 from phnn.learn.settings import settings_in
 from phnn.models.actuator import hrc
 from phnn.models.neural import inverse, thresholds
-from phnn.models.store import load
+from phnn.models.store import load, save
 from phnn.network import PortHamiltonianSystem
 from phnn.recordings import read
+from phnn.setup import Setup
 from phnn.trajectory import simulate
 from studies.generator.world import TABLE
 from studies.recordings import Conditions, write_recordings
@@ -238,6 +239,17 @@ def test_settings_of_an_earlier_run_are_read_as_plain_values(tmp_path: Path) -> 
         with pytest.raises(InputRefused, match=words):
             settings_in(tmp_path / "out" / "config.yaml")
     assert not settings.allow_outside
+
+
+def test_a_run_goes_on_from_the_base_it_began_with_alone(tmp_path: Path) -> None:
+    folder, given = written(tmp_path / "rec", (30.0, 50.0)), ("gauss_newton=1", "substeps=2", "model.start=parametric")
+    settings = settings_of(folder, tmp_path / "out", *QUICK, *given, f"base={tmp_path / 'diagnosis'}")
+    save(Setup(hrc(1)), tmp_path / "diagnosis" / "model")
+    first = train_folder(settings)
+    assert train_folder(settings) == first
+    save(Setup(hrc(1)).with_values({"k": 2e4}), tmp_path / "diagnosis" / "model")
+    with pytest.raises(InputRefused, match="another model to start from"):
+        train_folder(settings)
 
 
 def test_recordings_outside_the_folder_are_read_where_that_is_allowed(tmp_path: Path) -> None:
