@@ -19,7 +19,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -237,8 +236,7 @@ def _next(search: Search) -> Visited | None:
         best = search.best
         leading = [nameable, search.written, best] if search.far(best) else [best, nameable, search.written]
         if search.far(best):
-            sizes = ([m for m in different if len(m.elements) == n][:_BESIDE] for n in range(search.most))
-            likely += chain.from_iterable(sizes)
+            likely += [m for n in range(search.most) for m in [m for m in different if len(m.elements) == n][:_BESIDE]]
         able = [m for m in (*leading, *likely) if len(m.elements) < search.most and m.key not in search.grown]
         excess = max(_LEAST, min((m.left for m in leading if m.elements), default=np.inf) - 1.0)
         todo = next((m for m in (*leading, *able[:1]) if not m.converged and m.left < _QUIET), None)

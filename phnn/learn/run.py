@@ -207,9 +207,8 @@ def fitted(
         return float(whole(plant, solver, held, substeps, {})())
 
     # What cannot be trained in this way is refused before anything is written.
-    for name in METHODS:
-        if getattr(settings, name):
-            method_of(name, objective, settings, 1.0)
+    for name in (n for n in METHODS if getattr(settings, n)):
+        method_of(name, objective, settings, 1.0)
     if place is not None:
         (place / CONFIG).write(OmegaConf.to_yaml(OmegaConf.create(settings.plain())).encode())
     progress = Trainer(objective, validate if held else None, settings, place, say, recordings).run()
