@@ -105,6 +105,12 @@ def mean_square(misfits: Iterable[Misfit]) -> float:
     return sum(m.chi2 for m in each) / samples if samples else float("nan")
 
 
+def best_of_each(ranked: Sequence[Visited]) -> list[Visited]:
+    """Return the first model of each set of effects, whatever their forms and places, in the order that is given."""
+    first = {m.families: m for m in reversed(ranked)}
+    return [m for m in ranked if first[m.families] is m]
+
+
 def key_of(elements: Iterable[Effect]) -> Key:
     """Return a key of some elements; two forms of an effect have different ones."""
     return frozenset(uid(e) for e in elements)

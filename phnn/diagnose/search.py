@@ -30,6 +30,7 @@ from phnn.diagnose.number import (
     Misfit,
     Visited,
     Weighed,
+    best_of_each,
     best_to_write,
     family,
     forecast,
@@ -228,15 +229,13 @@ def _next(search: Search) -> Visited | None:
     while True:
         number = partial(forecast, criteria=search.criteria)
         ranked = sorted(search.visited.values(), key=number, reverse=True)
-        # The best model of each set of effects, whatever their forms and places.
-        first = {m.families: m for m in reversed(ranked)}
-        different = [m for m in ranked if first[m.families] is m]
+        different = best_of_each(ranked)
         likely = [m for m in different[: search.criteria.beam] if number(ranked[0]) - number(m) < _GROWN]
         nameable = next(m for m in ranked if not any(map(is_learned, m.elements)))
         best = search.best
         leading = [nameable, search.written, best] if search.far(best) else [best, nameable, search.written]
-        if search.far(best):
-            likely += [m for n in range(search.most) for m in [m for m in different if len(m.elements) == n][:_BESIDE]]
+        for size in range(search.most) if search.far(best) else ():
+            likely += [m for m in different if len(m.elements) == size][:_BESIDE]
         able = [m for m in (*leading, *likely) if len(m.elements) < search.most and m.key not in search.grown]
         excess = max(_LEAST, min((m.left for m in leading if m.elements), default=np.inf) - 1.0)
         todo = next((m for m in (*leading, *able[:1]) if not m.converged and m.left < _QUIET), None)
@@ -501,7 +500,6 @@ def _refine(search: Search) -> None:
     compared on the same ones only."""
     weighed = search.weighed
     best = weighed.best
-    others = {m.families: m for m in reversed(weighed.models) if m.elements and m.families != best.families}
     # Neither a hundredth of what is material nor a four-hundredth of what is left is taken for a missing effect.
     unseen = _OF_MATERIAL * search.criteria.material * best.fit.residual.size**0.5
     bound = max(1.0, unseen, _OF_LEFT * best.fit.beyond_noise**0.5)
@@ -511,8 +509,8 @@ def _refine(search: Search) -> None:
     search.progress("numerical error too large for what is left: finer steps")
     search.plan = plan
     search.compared.clear()
-    near = sorted((m for m in others.values() if weighed.behind(m) < _FINER), key=weighed.behind)[:2]
-    _converge(search, [replace(m, converged=False) for m in (best, *near)])
+    rivals = [m for m in best_of_each(weighed.models)[1:] if m.elements and weighed.behind(m) < _FINER]
+    _converge(search, [replace(m, converged=False) for m in (best, *rivals[:2])])
     search.grown.discard(best.key)
 
 
