@@ -91,13 +91,7 @@ def converged(fitted: Fit, plan: Plan, held: Mapping[str, str], own: Sequence[st
             return steps(fitted, plan, _FAR)
         if coarse.size == plan.size:
             return released(resumed(steps(fitted, plan, _FAR)), own)
-        begun = released(resumed(steps(fitted, coarse, _FAR)), own)
-        if begun.chi2 >= _CLOSE:
-            return steps(begun, plan, _WHOLE)
-        # Near the noise rough derivatives lead to the same end; those that are kept are exact.
-        found = steps(begun, replace(plan, rough=True), _WHOLE)
-        exact = replace(found.plan, rough=False)
-        return replace(found, plan=exact, jacobian=Problem(found.setup, exact, found.variables).jacobian(found.z))
+        return steps(released(resumed(steps(fitted, coarse, _FAR)), own), plan, _WHOLE)
 
     return attempt("refit to the end", to_the_end, None)
 
