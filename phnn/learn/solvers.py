@@ -32,7 +32,7 @@ from phnn.integrate.scheme import can_compile
 from phnn.network.elements import Network
 from phnn.network.system import PortHamiltonianSystem
 from phnn.recordings.recording import Recording
-from phnn.signals.reconstruct import substep_counts, substep_input
+from phnn.signals.reconstruct import Reconstruction, substep_counts
 
 
 class Plant(nn.Module):
@@ -171,7 +171,7 @@ def windows_of(recordings: Sequence[Recording], length: int, substeps: int) -> l
     windows = []
     for index, r in enumerate(recordings):
         counts = substep_counts(r.u, r.input_before, substeps)
-        fine = substep_input(r.u, counts, r.interpolation, clock=r.clock)
+        fine = Reconstruction(r.u, counts, r.interpolation, clock=r.clock).fine()
         h = np.repeat((r.dt if r.clock is None else np.diff(r.t)) / counts, counts)
         nodes = np.concatenate([[0], np.cumsum(counts)])
         intervals = r.t.size - 1

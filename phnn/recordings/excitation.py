@@ -21,7 +21,6 @@ from phnn.signals.reconstruct import (
     mean_input,
     starts_with_jump,
     substep_counts,
-    substep_input,
 )
 
 if TYPE_CHECKING:
@@ -331,7 +330,7 @@ def _driving(
     command = Reconstruction(samples, counts, method, clock=clock)
     means = np.zeros((int(counts.sum()), len(others)))
     for k, x in enumerate(others):
-        means[:, k] = mean_input(substep_input(x, counts, method, clock=clock))
+        means[:, k] = mean_input(Reconstruction(x, counts, method, clock=clock).fine())
     means.flags.writeable = False
     group = _shared(command.breaks.jumps, cycle, period, samples.size)
     if group.max(initial=-1) + 1 < group.size:

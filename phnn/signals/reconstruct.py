@@ -252,13 +252,6 @@ def mean_input(fine: Array) -> Array:
     return np.asarray((fine[..., 0] + 4.0 * fine[..., 1] + fine[..., 2]) / 6.0)
 
 
-def substep_input(
-    u: Array, counts: NDArray[np.int64], method: str, instants: Array | None = None, clock: Array | None = None
-) -> Array:
-    """Return the input at the start, middle and end of every sub-step; see `Reconstruction`."""
-    return Reconstruction(u, counts, method, clock=clock).fine(instants)
-
-
 @dataclass(frozen=True, eq=False)
 class Reconstruction:
     """An input between its samples.

@@ -15,7 +15,6 @@ from phnn.signals.reconstruct import (
     find_jumps,
     mean_input,
     substep_counts,
-    substep_input,
 )
 
 
@@ -33,14 +32,14 @@ SAMPLES = np.arange(COUNTS.size + 1.0)
 @pytest.mark.parametrize(("method", "degree"), [("linear", 1), ("cubic", 3), ("quintic", 5)])
 def test_polynomials_are_exact(method: str, degree: int) -> None:
     for n in range(degree + 1):
-        fine = substep_input(((SAMPLES - 17.3) / 20.0) ** n, COUNTS, method)
+        fine = Reconstruction(((SAMPLES - 17.3) / 20.0) ** n, COUNTS, method).fine()
         np.testing.assert_allclose(fine, ((positions(COUNTS) - 17.3) / 20.0) ** n, atol=1e-12)
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_every_method_passes_through_the_samples(method: str) -> None:
     u = np.sin(0.3 * SAMPLES) + 0.1 * SAMPLES
-    fine = substep_input(u, COUNTS, method)
+    fine = Reconstruction(u, COUNTS, method).fine()
     assert fine.shape == (COUNTS.sum(), 3)
     first = np.concatenate([[0], np.cumsum(COUNTS)[:-1]])
     np.testing.assert_allclose(fine[first, 0], u[:-1], atol=1e-6)
@@ -49,7 +48,7 @@ def test_every_method_passes_through_the_samples(method: str) -> None:
 
 
 def test_zero_order_holds_the_earlier_sample() -> None:
-    fine = substep_input(SAMPLES**2, COUNTS, "zero_order")
+    fine = Reconstruction(SAMPLES**2, COUNTS, "zero_order").fine()
     np.testing.assert_array_equal(fine, np.repeat(SAMPLES[:-1] ** 2, COUNTS)[:, None] * np.ones(3))
 
 
@@ -57,7 +56,7 @@ def test_zero_order_holds_the_earlier_sample() -> None:
 def test_a_band_limited_sine_is_accurate_away_from_the_ends(cycles: float) -> None:
     t = np.arange(801.0)
     counts = np.full(800, 4)
-    fine = substep_input(np.sin(2 * np.pi * cycles * t + 0.4), counts, "band_limited")
+    fine = Reconstruction(np.sin(2 * np.pi * cycles * t + 0.4), counts, "band_limited").fine()
     error = np.abs(fine - np.sin(2 * np.pi * cycles * positions(counts) + 0.4))
     limit = 1e-6 if cycles <= 0.1 else 1e-5
     assert error[400:-400].max() < limit
@@ -68,7 +67,8 @@ def test_orders_of_a_sine_at_67_samples_a_period() -> None:
     t = np.arange(401.0)
     counts = np.full(400, 2)
     exact = np.sin(2 * np.pi * 0.015 * positions(counts))
-    errors = {m: np.abs(substep_input(np.sin(2 * np.pi * 0.015 * t), counts, m) - exact)[40:-40].max() for m in METHODS}
+    found = {m: Reconstruction(np.sin(2 * np.pi * 0.015 * t), counts, m).fine() for m in METHODS}
+    errors = {m: np.abs(fine - exact)[40:-40].max() for m, fine in found.items()}
     assert errors["band_limited"] < 1e-6
     assert errors["quintic"] < errors["cubic"] < 2e-6
     assert 5e-4 < errors["linear"] < 2e-3 < errors["zero_order"]
@@ -80,7 +80,7 @@ def test_a_jump_is_found_and_the_stretch_before_it_continued_until_its_instant()
     assert find_jumps(u).tolist() == [25]
     at = positions(COUNTS)
     for instants, instant in ((None, 25.0), (np.array([0.4]), 24.4)):
-        fine = substep_input(u, COUNTS, "cubic", instants)
+        fine = Reconstruction(u, COUNTS, "cubic").fine(instants)
         whole = (at[:, 2] <= instant) | (at[:, 0] >= instant)
         np.testing.assert_allclose(
             fine[whole], (np.sin(0.02 * at) + 3.0 * (at[:, :1] >= instant))[whole], rtol=0.0, atol=1e-7
@@ -101,7 +101,7 @@ def test_kinks_are_placed_between_the_samples() -> None:
     u = 60.0 * trapezoid(np.arange(200.0))
     breaks = find_breaks(u)
     np.testing.assert_allclose(breaks.at - 1 + breaks.instant, [60.3, 70.3, 120.9, 127.9], atol=1e-9)
-    fine = substep_input(u, counts, "cubic")
+    fine = Reconstruction(u, counts, "cubic").fine()
     smooth = np.all([(at[:, 2] <= kink) | (at[:, 0] >= kink) for kink in (60.3, 70.3, 120.9, 127.9)], axis=0)
     np.testing.assert_allclose(fine[smooth], 60.0 * trapezoid(at)[smooth], atol=1e-9)
     # The integral of every sub-step, by a grid that contains the kinks.
@@ -143,7 +143,7 @@ def test_several_jumps_a_staircase_and_none() -> None:
     stairs = np.repeat([0.0, 1.0, 1.0, 3.0], 12)
     assert find_jumps(stairs).tolist() == [12, 36]
     counts = np.full(stairs.size - 1, 2)
-    fine = substep_input(stairs, counts, "cubic")
+    fine = Reconstruction(stairs, counts, "cubic").fine()
     np.testing.assert_allclose(fine, np.repeat(stairs[:-1], 2)[:, None] * np.ones(3), atol=1e-14)
     assert find_jumps(np.sin(0.9 * SAMPLES)).size == 0
     assert find_jumps(np.ones(50)).size == 0
@@ -165,10 +165,10 @@ def test_more_substeps_follow_a_jump_and_a_start_that_is_one() -> None:
 
 def test_short_records_and_an_unknown_method() -> None:
     for n in (2, 3, 4, 5):
-        fine = substep_input(np.arange(n, dtype=float), np.full(n - 1, 2), "cubic")
+        fine = Reconstruction(np.arange(n, dtype=float), np.full(n - 1, 2), "cubic").fine()
         np.testing.assert_allclose(fine, positions(np.full(n - 1, 2)), atol=1e-12)
     with pytest.raises(InputRefused, match=r"'spline' is not a reconstruction; choose cubic"):
-        substep_input(SAMPLES, COUNTS, "spline")
+        Reconstruction(SAMPLES, COUNTS, "spline").fine()
 
 
 def test_a_band_limited_input_is_not_cut_where_it_looks_like_a_jump() -> None:
@@ -182,14 +182,14 @@ def test_a_band_limited_input_is_not_cut_where_it_looks_like_a_jump() -> None:
     samples = u(np.arange(200.0))
     assert find_jumps(samples).tolist() == [99]
     middles = (np.arange(398) + 0.5) / 2.0
-    error = np.abs(substep_input(samples, np.full(199, 2), "band_limited")[:, 1] - u(middles))
+    error = np.abs(Reconstruction(samples, np.full(199, 2), "band_limited").fine()[:, 1] - u(middles))
     assert error[80:320].max() < 1e-4 * np.abs(samples).max()
 
 
 def test_a_short_pulse_back_is_no_ramp() -> None:
     u = np.concatenate([np.zeros(10), [1.0, 0.0], np.ones(12)])
     assert find_breaks(u).jumps.tolist() == [10, 11, 12]
-    fine = substep_input(u, np.full(u.size - 1, 4), "cubic")
+    fine = Reconstruction(u, np.full(u.size - 1, 4), "cubic").fine()
     assert fine.min() >= -1e-12
     assert fine.max() <= 1.0 + 1e-12
 
@@ -200,7 +200,7 @@ def test_a_sequence_of_levels_stays_within_its_levels(seed: int, hold: int, leve
     # Levels that change with every sample, and are more than two, may as well be samples of something smooth.
     hold = hold if levels == 2 else max(hold, 2)
     u = np.repeat(np.random.default_rng(seed).integers(0, levels, 300).astype(float), hold)
-    fine = substep_input(u, np.full(u.size - 1, 3), "cubic")
+    fine = Reconstruction(u, np.full(u.size - 1, 3), "cubic").fine()
     assert fine.min() >= u.min() - 1e-9
     assert fine.max() <= u.max() + 1e-9
 
