@@ -274,15 +274,14 @@ def attempt(part: str, work: Callable[[], T], otherwise: T) -> T:
 
 def move(part: str, work: Callable[[], T], otherwise: T) -> T:
     """Return what a move of the search gives; ``otherwise`` where it fails, or time is up."""
-    return _unless_stopped(part, work, otherwise, ends=True)
+    return extra(part, work, otherwise, ends=True)
 
 
-def extra(part: str, work: Callable[[], T], otherwise: T) -> T:
-    """Return what a part gives that an answer can do without; ``otherwise`` where it fails, or time is up."""
-    return _unless_stopped(part, work, otherwise, ends=False)
+def extra(part: str, work: Callable[[], T], otherwise: T, ends: bool = False) -> T:
+    """Return what a part gives that an answer can do without; ``otherwise`` where it fails, or time is up.
 
-
-def _unless_stopped(part: str, work: Callable[[], T], otherwise: T, ends: bool) -> T:
+    ``ends``: its failure ends the search.
+    """
     account = _ACCOUNT.get()
     if account is None:
         return work()
