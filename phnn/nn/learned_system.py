@@ -139,7 +139,10 @@ class LearnedSystem(PortHamiltonianSystem):
         output = network.storage_names.index(network.output)
         order = [output, *(k for k in range(len(network.storages)) if k != output)]
         rest = torch.zeros(len(order), dtype=torch.float64)
-        curvature = torch.stack([_curvature(system, k) for k in range(len(order))])
+        with torch.enable_grad():
+            at = rest.clone().requires_grad_()
+            efforts = torch.stack([system.mean_effort(k, x, x) for k, x in enumerate(at)])
+            curvature = torch.autograd.grad(efforts.sum(), at)[0]
         if network.memories or not bool((curvature > 0.0).all()):
             raise InputRefused("a linear start needs energies with a curvature at rest and no modulator states")
         found = cls([network.storage_names[k] for k in order], [p.name for p in network.ports], width, scales, seed)
@@ -175,13 +178,6 @@ class LearnedSystem(PortHamiltonianSystem):
             }
         )
         return found
-
-
-def _curvature(system: PortHamiltonianSystem, k: int) -> Tensor:
-    """Return () ``H_k''(0)`` of one storage."""
-    with torch.enable_grad():
-        at = torch.zeros((), dtype=torch.float64, requires_grad=True)
-        return torch.autograd.grad(system.mean_effort(k, at, at), at)[0]
 
 
 class NeuralODE(nn.Module):

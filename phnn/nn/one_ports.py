@@ -11,7 +11,7 @@ with convex, concave and saturating units); Barron 2021 (squareplus).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import torch
 from torch import Tensor, nn
@@ -64,31 +64,24 @@ def _check(width: int) -> None:
         raise InputRefused(f"width = {width}: a learned law needs at least one unit")
 
 
-class _Units:
-    """An additive-unit law with the module's physical weights, ``weights()``."""
+class _Units(nn.Module):
+    """An additive-unit law with the module's physical weights, ``weights()``; a resistor, unless it says otherwise."""
 
     law: str
     positions: nn.Parameter
+    weights: Callable[[], Tensor]
 
     @property
     def units(self) -> int:
         """Return the number of units."""
         return self.positions.shape[-1]
 
-    def weights(self) -> Tensor:
-        """Return the physical weights in the order of the law."""
-        raise NotImplementedError
-
-
-class _Resistor(_Units):
-    """A resistor of that kind."""
-
     def forward(self, effort: Tensor) -> Tensor:  # effort: (...)
         """Return (...) flow ``φ(ε)``."""
         return evaluated(WIDE_RESISTORS[self.law], self.weights(), effort)
 
 
-class SectorMLP(_Resistor, nn.Module):
+class SectorMLP(_Units):
     """A sign-constrained resistor that may be silent on whole intervals and need not be monotone.
 
         φ(ε) = g ε max(c₀ + Σ_i (w_i/√U) tanh(k_i z + c_i), 0),   z = ε/s,   g = flow_scale/effort_scale,
@@ -138,7 +131,7 @@ class SectorMLP(_Resistor, nn.Module):
         return _flat(self, g * self.offset, g / self.units**0.5 * self.heights, self.gains / scale, self.positions)
 
 
-class MonotoneMLP(_Resistor, nn.Module):
+class MonotoneMLP(_Units):
     """A monotone resistor through the origin, hence a sector law whose implicit step has one root.
 
         φ(ε)/f = a z + Σ_i w_i [σ(k_i z + c_i) − σ(c_i)]
@@ -185,7 +178,7 @@ class MonotoneMLP(_Resistor, nn.Module):
         return _flat(self, flow / scale * _positive(self.slope), *(w for row in rows for w in row))
 
 
-class ConvexEnergyMLP(_Units, nn.Module):
+class ConvexEnergyMLP(_Units):
     """A convex energy with its minimum of zero at zero, so that the network stays passive.
 
         H(x) = E s { a z²/2 + Σ_i (w_i/k_i) [S(k_i z + c_i) − S(c_i) − σ(c_i) k_i z] },   z = x/s
