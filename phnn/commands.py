@@ -510,7 +510,7 @@ def _write_inverse(inverse: Inverse, units: Units, notes: tuple[str, ...], place
     from matplotlib import rc_context
 
     from phnn.report.figures import draw_trace
-    from phnn.report.figures.style import AFTER, BEFORE, FAINT, MEASURED, RC, new_figure, png, quiet_grid
+    from phnn.report.figures.style import AFTER, BEFORE, FAINT, MEASURED, RC, finish, new_figure, png
     from phnn.report.formatting import display_unit
 
     suffix = units.output.replace(" ", "")
@@ -543,13 +543,10 @@ def _write_inverse(inverse: Inverse, units: Units, notes: tuple[str, ...], place
         draw_trace(commands, inverse.t, inverse.voltage, color=AFTER, linewidth=1.1)
         for limit in inverse.options.limits or ():
             commands.axhline(limit, color=FAINT, linewidth=1.0)
-        outputs.set_ylabel(f"output ({unit.name})")
-        errors.set_ylabel(f"error ({fine.name})")
-        commands.set_ylabel(f"command ({units.input})")
-        commands.set_xlabel("time (s)")
+        finish(outputs, "", f"output ({unit.name})", None)
+        finish(errors, "", f"error ({fine.name})", None)
+        finish(commands, "time (s)", f"command ({units.input})", None)
         figure.legend(*outputs.get_legend_handles_labels(), loc="outside upper right", ncols=2)
-        for axes in (outputs, errors, commands):
-            quiet_grid(axes)
         (place / _INVERSE[2]).write(png(figure))
 
 

@@ -143,24 +143,15 @@ def image(drawing: Drawing) -> Markup:
 
 _SIZE = 20.0  # points, the size in which glyphs are laid out
 _FRACTION = re.compile(r"\\frac\b")  # is drawn at full size
-_COMMANDS = {
-    int(Path.MOVETO): "M",
-    int(Path.LINETO): "L",
-    int(Path.CURVE3): "Q",
-    int(Path.CURVE4): "C",
-    int(Path.CLOSEPOLY): "Z",
-}
+_COMMANDS = {Path.MOVETO: "M", Path.LINETO: "L", Path.CURVE3: "Q", Path.CURVE4: "C", Path.CLOSEPOLY: "Z"}
 
 
 def _outline(path: Path) -> str:
     """Return the path as SVG drawing commands, y downwards."""
     pieces = []
     for vertices, code in path.iter_segments(curves=True, simplify=False):
-        points = np.asarray(vertices).reshape(-1, 2)
-        if code == Path.CLOSEPOLY:
-            pieces.append("Z")
-        else:
-            pieces.append(_COMMANDS[int(code)] + " ".join(f"{x:.2f} {-y:.2f}" for x, y in points))
+        points = () if code == Path.CLOSEPOLY else np.asarray(vertices).reshape(-1, 2)
+        pieces.append(_COMMANDS[code] + " ".join(f"{x:.2f} {-y:.2f}" for x, y in points))
     return "".join(pieces)
 
 
