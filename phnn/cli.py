@@ -111,16 +111,10 @@ def parse(argv: Sequence[str] | None) -> tuple[argparse.Namespace, list[str]]:
     arguments.typed = tuple(sys.argv[1:] if argv is None else argv)
     strangers = [s for s in settings if s.startswith("-") or arguments.command not in (*SETTINGS, TRAIN)]
     if strangers:
-        commands[arguments.command].error(
-            f"phnn {arguments.command} does not know {' '.join(strangers)}{_dashes(arguments.command, strangers)}"
-        )
+        dashes = arguments.command in SETTINGS and any(s.startswith("-") and "=" in s for s in strangers)
+        hint = "; settings have no dashes, such as seed=1" if dashes else ""
+        commands[arguments.command].error(f"phnn {arguments.command} does not know {' '.join(strangers)}{hint}")
     return arguments, settings
-
-
-def _dashes(command: str, strangers: Sequence[str]) -> str:
-    """Says how settings are written, where one has the dashes of an option."""
-    named = any(s.startswith("-") and "=" in s for s in strangers)
-    return "; settings have no dashes, such as seed=1" if named and command in SETTINGS else ""
 
 
 @cache

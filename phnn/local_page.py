@@ -141,12 +141,9 @@ class Work:
 
 def _columns(found: Found) -> list[dict[str, Any]]:
     """Return name, unit and role of every column of a file."""
-    roles = {role.column.place: name for name, role in found.roles.items()}
-    units = {role.column.place: role.unit for role in found.roles.values()}
-    return [
-        {"name": name, "unit": units.get(c.place, c.unit or ""), "role": roles.get(c.place, "")}
-        for name, c in found.named.items()
-    ]
+    taken = {role.column.place: {"unit": role.unit, "role": name} for name, role in found.roles.items()}
+    free = ((name, c.place, {"unit": c.unit or "", "role": ""}) for name, c in found.named.items())
+    return [{"name": name, **taken.get(place, own)} for name, place, own in free]
 
 
 def _ends(values: Array) -> list[float]:

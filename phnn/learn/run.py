@@ -253,7 +253,8 @@ def train_folder(settings: Settings, say: Callable[[str], None] = lambda line: N
     torch.manual_seed(settings.seed)
     campaign = read(settings.folder, settings.manifest, allow_outside=settings.allow_outside)
     single(campaign.recordings, "training follows one input to one output")
-    made_of = {"recordings": digest(campaign), "base": _hash(settings.base)}
+    base = None if settings.base is None else json.dumps(stored(Path(settings.base))[0])
+    made_of = {"recordings": digest(campaign), "base": None if base is None else sha256(base.encode()).hexdigest()}
     origin = Origin(made_of, settings.resume, anew="resume=false")
     inputs = [Path(p) for p in (settings.folder, settings.base) if p]
     if settings.resume and finished(settings.home, "train", origin):
@@ -296,11 +297,6 @@ def _several(settings: Settings, say: Callable[[str], None]) -> dict[str, Any]:
     })  # fmt: skip
     (Place(settings.home.resolve()) / METRICS).write_json(content)
     return content
-
-
-def _hash(base: str | None) -> str | None:
-    """Of the model that training starts from."""
-    return None if base is None else sha256(json.dumps(stored(Path(base))[0]).encode()).hexdigest()
 
 
 def _ended(settings: Settings) -> dict[str, Any] | None:
