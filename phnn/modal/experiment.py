@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -258,15 +257,6 @@ _ENOUGH, _MATTERS = 1.3, 2e-3
 _DELAYS = np.arange(0.0, 3.01, 0.1)
 
 
-class Modes(NamedTuple):
-    """Modes of a response: ω (M,) rad/s, ζ (M,), directions of the ports b (M, P) of length 1, delay in samples."""
-
-    omega: Array
-    zeta: Array
-    b: Array
-    delay: float
-
-
 def response(u: Complex, y: Complex) -> Complex:
     """Return the (N//2 + 1, O, P) best linear approximation of spectra (N//2 + 1, P, R) and (N//2 + 1, O, R) of R
     experiments; zero at the mean."""
@@ -280,8 +270,9 @@ def response(u: Complex, y: Complex) -> Complex:
     return g
 
 
-def first_modes(study: Study, experiments: Sequence[Experiment]) -> Modes:
-    """Return the modes of some experiments on the excited lines, the fewest that describe them well.
+def first_modes(study: Study, experiments: Sequence[Experiment]) -> tuple[Array, Array, Array, float]:
+    """Return the modes of some experiments on the excited lines, the fewest that describe them well: ω (M,) rad/s,
+    ζ (M,), directions of the ports b (M, P) of length 1, and the delay in samples.
 
     Raises:
         InputRefused: there is no oscillation within the excited lines.
@@ -318,7 +309,7 @@ def first_modes(study: Study, experiments: Sequence[Experiment]) -> Modes:
     kept = size > _MATTERS * size.max()
     b = np.array([np.linalg.svd(r)[2][0] for r in residues[kept]])
     omega = np.asarray(np.abs(poles[kept]), dtype=np.float64)
-    return Modes(omega, -poles.real[kept] / omega, b, delay)
+    return omega, -poles.real[kept] / omega, b, delay
 
 
 def _impulses(g: Complex, lines: NDArray[np.int64], size: int) -> Array:

@@ -171,10 +171,10 @@ def study_modes(study: Study, settings: Settings, progress: Callable[[str], None
 
 def _alone(study: Study, level: int, settings: Settings) -> ModalFit:
     fitted = study.identification(level)
-    modes = first_modes(study, fitted)
+    omega, zeta, b, late = first_modes(study, fitted)
     ports = len(study.inputs)
-    delay = np.full(len(study.outputs), modes.delay * study.dt)
-    model = ModalModel(modes.omega, modes.zeta, modes.b, delay, np.zeros(0), np.ones(ports))
+    delay = np.full(len(study.outputs), late * study.dt)
+    model = ModalModel(omega, zeta, b, delay, np.zeros(0), np.ones(ports))
     few = fitted[: max(settings.experiments, ports)]
     return fit_modes(model, few, study, settings.iterations, settings.workers)
 

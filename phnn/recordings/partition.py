@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import chi2, norm
@@ -241,22 +240,18 @@ def _sharing(floors: Sequence[NoiseFloor]) -> list[NoiseFloor]:
     shared = alike([f.value for f in floors], [f.interval or (0.0, 0.0) for f in floors])
     if shared is None:
         return found
-    for k in shared.members:
-        source = f"{floors[k].source}, shared by {len(shared.members)} recordings that do not differ in it"
-        found[k] = replace(floors[k], value=shared.value, source=source, interval=shared.interval, smaller=None)
+    value, interval, members = shared
+    for k in members:
+        source = f"{floors[k].source}, shared by {len(members)} recordings that do not differ in it"
+        found[k] = replace(floors[k], value=value, source=source, interval=interval, smaller=None)
     return found
 
 
-class Shared(NamedTuple):
-    """A deviation that some recordings share, its 95 % interval, and their numbers."""
-
-    value: float
-    interval: tuple[float, float]
-    members: tuple[int, ...]
-
-
-def alike(values: Sequence[float], intervals: Sequence[tuple[float, float]]) -> Shared | None:
-    """Return the deviation that estimates share unless they are proven different; None where no two agree.
+def alike(
+    values: Sequence[float], intervals: Sequence[tuple[float, float]]
+) -> tuple[float, tuple[float, float], list[int]] | None:
+    """Return the deviation that estimates share unless they are proven different, its 95 % interval, and their numbers;
+    None where no two agree.
 
     Under equal deviations ``Q = Σ (ln σ_i − m)²/s_i²`` is χ² with one degree of freedom less than estimates, where
     ``s_i`` is a quarter of the width of ``ln`` of an interval and ``m`` the weighted mean. Where Q exceeds its quantile
@@ -273,7 +268,7 @@ def alike(values: Sequence[float], intervals: Sequence[tuple[float, float]]) -> 
         if away.sum() <= chi2.isf(DIFFERENT, len(members) - 1):
             half = norm.isf(0.025) / np.sqrt(weight.sum())
             interval = float(np.exp(mean - half)), float(np.exp(mean + half))
-            return Shared(float(np.exp(mean)), interval, tuple(members))
+            return float(np.exp(mean)), interval, members
         del members[int(away.argmax())]
     return None
 

@@ -19,8 +19,6 @@ At lag k both are smaller by (N − k)/N, as fewer pairs are summed and divided 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import OptimizeResult, minimize
@@ -42,15 +40,6 @@ _LARGEST = 0.95
 _TAILS = (-12.0, -4.0)
 # Correlation at which it is cut; least spectrum that a correlation may give.
 _FORGOTTEN, _HARDLY = 0.01, 0.1
-
-
-@dataclass(frozen=True)
-class FirstOrder:
-    """Standard deviation, coefficient ``a``, and the edge [cycles a sample] above which they were fitted."""
-
-    deviation: float
-    coefficient: float
-    edge: float
 
 
 def correlation_of(coefficient: float) -> np.ndarray:
@@ -100,9 +89,10 @@ def periodogram(x: Array) -> Array:
     return np.asarray(np.abs(np.fft.rfft(window * x)) ** 2 / float(window @ window))
 
 
-def fit_first_order(y: np.ndarray) -> FirstOrder | None:
-    """Return the first-order noise in ``(N,)`` samples; ``None`` where white noise explains the high frequencies as
-    well, or where the signal reaches too high.
+def fit_first_order(y: np.ndarray) -> tuple[float, float, float] | None:
+    """Return deviation and coefficient ``a`` of the first-order noise in ``(N,)`` samples, and the edge [cycles a
+    sample] above which they were fitted; ``None`` where white noise explains the high frequencies as well, or where the
+    signal reaches too high.
 
     What the signal's kinks leave there falls with the fourth power of the frequency and is fitted beside the noise.
     """
@@ -122,7 +112,7 @@ def fit_first_order(y: np.ndarray) -> FirstOrder | None:
         a = _coefficient(coloured.x[0])
         variance = float(np.mean(p / shape))
         gain = (white.fun - coloured.fun) * p.size / SMEARED
-        return FirstOrder(float(np.sqrt(variance)), a, edge) if gain > _CLEARLY else None
+        return (float(np.sqrt(variance)), a, edge) if gain > _CLEARLY else None
     return None
 
 

@@ -311,13 +311,12 @@ def from_high_band(u: np.ndarray, y: np.ndarray, dt: float) -> NoiseFloor:
     """
     coloured = fit_first_order(y)
     if coloured is not None:
-        correlation = correlation_of(coloured.coefficient)
-        if holds_throughout(y, coloured.deviation, correlation):
-            source = (
-                f"the spectrum above {coloured.edge / dt:.4g} Hz, carried on below as first-order noise of coefficient "
-                f"{coloured.coefficient:.2g}"
-            )
-            return NoiseFloor(coloured.deviation, source, correlation, coloured.coefficient)
+        deviation, coefficient, edge = coloured
+        correlation = correlation_of(coefficient)
+        if holds_throughout(y, deviation, correlation):
+            above = f"the spectrum above {edge / dt:.4g} Hz"
+            source = f"{above}, carried on below as first-order noise of coefficient {coefficient:.2g}"
+            return NoiseFloor(deviation, source, correlation, coefficient)
     sigma, order = by_differences(y)
     source = f"the spectrum above {0.25 / dt:.4g} Hz, {AS_WHITE}"
     gain = float(np.ptp(y)) / max(float(np.ptp(u)), 1e-300)
@@ -330,7 +329,7 @@ def from_high_band(u: np.ndarray, y: np.ndarray, dt: float) -> NoiseFloor:
 
 
 def from_one_spectrum(u: np.ndarray, y: np.ndarray, dt: float) -> NoiseFloor:
-    """From the highest frequencies, corrected where `spectral_noise.estimated` can be trusted and disagrees.
+    """From the highest frequencies, corrected where `estimated` can be trusted and disagrees.
 
     What lies in its interval stays, and so does a floor from frequencies about which the input is silent.
     """
@@ -490,10 +489,8 @@ def _above_an_edge(power: Array, one_step: bool) -> Estimate | None:
         p, w = power[:, band].T.ravel(), np.repeat(omega[band], len(power))
         if p.size < _FEWEST:
             return None
-        found = _likely(p, w)
-        if found is not None:
-            value, low, high, a = found
-            return Estimate(value, low, high, a, edge, one_step)
+        if (found := _likely(p, w)) is not None:
+            return Estimate(*found, edge, one_step)
     return None
 
 
