@@ -119,16 +119,11 @@ class Objective(nn.Module):
         states = self.solver(self.plant, self.windows, x0)
         loss = self.residuals(self._joined(states)).square().mean()
         jumps = [
-            (states[k - 1][-1] - x0[k]) / (self.plant.scale * self._noise(w.recording))
-            for k, w in enumerate(self.windows)
+            (states[k - 1][-1] - x0[k]) / (self.plant.scale * float(r.noise / np.std(r.y)))
+            for k, (w, r) in enumerate((w, self.recordings[w.recording]) for w in self.windows)
             if w.continues
         ]
         return loss + self.continuity * torch.stack(jumps).square().mean() if jumps else loss
-
-    def _noise(self, recording: int) -> float:
-        """Return ``ν`` of a recording."""
-        y = self.recordings[recording].y
-        return float(self.recordings[recording].noise / np.sqrt(np.mean((y - y.mean()) ** 2)))
 
 
 @torch.no_grad()

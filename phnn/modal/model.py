@@ -19,7 +19,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -255,7 +254,8 @@ class Problem:
 
     def _point(self, model: ModalModel) -> Point | None:
         try:
-            steady = tuple(self.pool.map(partial(self._steady, model), self.experiments))
+            every = self.pool.map(lambda one: (model.steady(one, self.study.dt), len(one.u)), self.experiments)
+            steady = tuple(found.at(self.study.lines, _HALF / size) for found, size in every)
         except SolverFailed:
             return None
         size = model.b.shape[1] + 2 * model.omega.size
@@ -268,9 +268,6 @@ class Problem:
         scale = np.sqrt(np.diag(normal)) + 1e-300
         factor = np.linalg.inv(normal / np.outer(scale, scale) + _RIDGE * np.eye(scale.size)) / np.outer(scale, scale)
         return Point(model, steady, columns, later, (factor @ right).T, factor)
-
-    def _steady(self, model: ModalModel, experiment: Experiment) -> Steady:
-        return model.steady(experiment, self.study.dt).at(self.study.lines, _HALF / len(experiment.u))
 
     def residual(self, moved: Array) -> Array:
         """Return (R,) real and imaginary parts on all excited lines of all experiments."""

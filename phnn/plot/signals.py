@@ -165,7 +165,9 @@ def hysteresis(model: Any, campaign: Campaign | str | Path, recordings: Sequence
         recordings = [r.name for r in campaign.recordings if r.period is not None and np.isfinite(r.y).any()][:MOST]
         if not recordings:
             raise InputRefused("no recording repeats, so that there is no loop: name some to draw them as a whole")
-    found = sorted(predictions(model, campaign, recordings), key=_order)
+    found = list(predictions(model, campaign, recordings))
+    # Lowest frequency first, what does not repeat last; large loops before small ones, which they would hide.
+    found.sort(key=lambda one: (-(one.recording.period or 0.0), -float(np.ptp(one.recording.u))))
     panels: list[tuple[str, list[Predicted]]] = []
     last = None
     for one in found:
@@ -184,12 +186,6 @@ def hysteresis(model: Any, campaign: Campaign | str | Path, recordings: Sequence
         return figure
 
     return Plot(draw, {"": pd.concat(map(_loop_table, found), ignore_index=True)})
-
-
-def _order(one: Predicted) -> tuple[float, float]:
-    """Lowest frequency first, what does not repeat last; large loops before small ones, which they would hide."""
-    period = one.recording.period
-    return (np.inf if period is None else 1.0 / period, -float(np.ptp(one.recording.u)))
 
 
 def _draw_loops(axes: Axes, title: str, some: Sequence[Predicted]) -> None:
