@@ -188,21 +188,7 @@ def _add_own(commands: dict[str, argparse.ArgumentParser]) -> None:
         "--seed", type=_seed, metavar="N", help="which effect, how strong, what noise (drawn if left out)"
     )
     demo.add_argument("--out", type=Path, metavar="DIR", default=Path("out/demo"), help="default: %(default)s")
-    _add_export(commands["export"])
-    _add_invert(commands["invert"])
-    _add_plot(commands["plot"])
-
-
-def _number(text: str) -> float:
-    """Return a number of the command line."""
-    try:
-        return float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is no number: give it without a unit, such as 1e-4") from None
-
-
-def _add_export(command: argparse.ArgumentParser) -> None:
-    add = command.add_argument
+    add = commands["export"].add_argument
     add("--to", required=True, metavar="TARGET", help="c, fmu, python or matlab")
     add("--dt", type=_number, default=1e-4, metavar="S", help="sample time in seconds; default: %(default)s")
     add("--substeps", type=int, metavar="N", help="integration steps in a sample time; default: those of the model")
@@ -212,10 +198,7 @@ def _add_export(command: argparse.ArgumentParser) -> None:
     add("--port", dest="ports", action="append", default=[], metavar="PORT", help=text)
     add("--no-sensor", dest="sensor", action="store_false", help="leave the sensor out: the output is what it senses")
     add("--initial-input", type=_number, default=0.0, metavar="U", help="begin at rest under it, where rest is stored")
-
-
-def _add_invert(command: argparse.ArgumentParser) -> None:
-    add = command.add_argument
+    add = commands["invert"].add_argument
     add("reference", type=Path, metavar="FILE", help="time_s, displacement_um: what is to be followed")
     add("--smooth", type=_number, metavar="HZ", help="low-pass without phase for the reference: its corner")
     add("--slew", type=_number, metavar="V/s", help="largest rate of the voltage")
@@ -224,14 +207,19 @@ def _add_invert(command: argparse.ArgumentParser) -> None:
     add("--limits", type=_number, nargs=2, metavar=("LOW", "HIGH"), help="lowest and highest voltage, V")
     text = "the voltage between its samples; zero_order for a converter"
     add("--hold", choices=("cubic", "zero_order"), help=text)
-
-
-def _add_plot(command: argparse.ArgumentParser) -> None:
-    add = command.add_argument
+    add = commands["plot"].add_argument
     add("folder", type=Path, metavar="FOLDER", nargs="?", help="folder of recordings")
     add("--recording", metavar="NAME", action="append", help="draw this recording; may be repeated")
     add("--frequencies", type=_number, nargs=2, metavar=("LOW", "HIGH"), help="bode: lowest and highest [Hz]")
     add("--amplitude", type=_number, metavar="A", help="bode: amplitude of the input, SI")
+
+
+def _number(text: str) -> float:
+    """Return a number of the command line."""
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is no number: give it without a unit, such as 1e-4") from None
 
 
 _DEBUG = "PHNN_DEBUG"
