@@ -9,14 +9,8 @@ taken off a constant ``u*`` is therefore a spring and a damper on the mass. The 
 
 ``C_f`` is the filter of the derivative, ``L`` the integral. All elements are positive for ``0 < a < ω``. ``Q_s − α q``
 is constant (a Casimir function), so ``u*`` is no source: it is in the initial charge ``Q_s = α (q − q*) − C_s u*``.
-About the equilibrium (12) the energy is (15), a second spring and what filter and integral store:
-
-    H_d = H_L(x) + (k_s + c a) (q − q*)²/2 + Q_f²/(2 C_f) + λ²/(2 L),   Ḣ_d = Ḣ_L − G (Q_f/C_f)² ≤ 0
-
-A passive integral leaks: ``c a²`` is its largest gain at the leak ``a``, and ``k/(k + k_s + c a)`` of an offset stays.
-Without leak the offset vanishes, and passivity is lost at low frequencies. Stability is then that of PID control with
-hysteresis (Jayawardhana, Logemann & Ryan 2008, Int. J. Control); docs/control.md has a criterion for rate-independent
-hysterons.
+docs/control.md has the energy of the closed loop, what the leak of a passive integral costs, and a criterion of
+stability without it.
 
 References: Ortega, van der Schaft, Maschke & Escobar 2002, "Interconnection and damping assignment passivity-based
 control"; van der Schaft & Jeltsema 2014, "Port-Hamiltonian Systems Theory", on control by interconnection.
