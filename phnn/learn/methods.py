@@ -95,26 +95,23 @@ class GaussNewton:
         """Return the loss after a step, which is taken; infinite where the model cannot be simulated there."""
         after = [p + s for p, s in zip(before, step, strict=True)]
         try:
-            if not self.steps.compiles:
-                return self._cost_in_torch(before, after, step)
+            if self.steps.compiles:
+                self.objective.move_to(after)
+                return float(self.objective())
+            x0 = self.objective.initial()
+            names = {id(p): name for name, p in self.steps.named_parameters()}
+            # Initial states come last in a step.
+            moved = {names[id(p)]: s for p, s in zip(self.plant.trained(), step, strict=False)}
             self.objective.move_to(after)
-            return float(self.objective())
+            start = self.objective.initial() - x0
+            self.objective.move_to(before)
+            given = zip(self.groups, self.driven, self.states, strict=True)
+            guesses = [x + first_order(self.steps, x, u, h, moved, start[m]) for m, (u, h), x in given]
+            self.objective.move_to(after)
+            states = self._solved(guesses, alone=True)
+            return float(self.objective.residuals(self._outputs(states)).square().mean())
         except SolverFailed:
             return float("inf")
-
-    def _cost_in_torch(self, before: Sequence[Tensor], after: Sequence[Tensor], step: Sequence[Tensor]) -> float:
-        x0 = self.objective.initial()
-        names = {id(p): name for name, p in self.steps.named_parameters()}
-        # Initial states come last in a step.
-        moved = {names[id(p)]: s for p, s in zip(self.plant.trained(), step, strict=False)}
-        self.objective.move_to(after)
-        start = self.objective.initial() - x0
-        self.objective.move_to(before)
-        given = zip(self.groups, self.driven, self.states, strict=True)
-        guesses = [x + first_order(self.steps, x, u, h, moved, start[m]) for m, (u, h), x in given]
-        self.objective.move_to(after)
-        states = self._solved(guesses, alone=True)
-        return float(self.objective.residuals(self._outputs(states)).square().mean())
 
     @torch.no_grad()
     def _solved(self, guesses: Sequence[Tensor | None], alone: bool = False) -> list[Tensor]:
@@ -218,15 +215,12 @@ class Stepwise:
         given = None if own is None else settings.scheduler
         self.scheduler: Any = None if given is None else _made(given, "optimizer", self.optimiser)
 
-    def now(self, epoch: int) -> float:
-        """Return the rate of Adam in an epoch."""
-        share = 0.5 * (1.0 + math.cos(math.pi * epoch / self.settings.adam))
-        return self.rate * (_LEAST_RATE + (1.0 - _LEAST_RATE) * share)
-
     def __call__(self, epoch: int) -> float:
         """Return one step."""
-        for group in self.optimiser.param_groups if self.settings.optimiser is None else ():
-            group["lr"] = self.now(epoch)
+        if self.settings.optimiser is None:
+            share = 0.5 * (1.0 + math.cos(math.pi * epoch / self.settings.adam))
+            for group in self.optimiser.param_groups:
+                group["lr"] = self.rate * (_LEAST_RATE + (1.0 - _LEAST_RATE) * share)
         loss = with_gradients(self.objective)
         self.optimiser.step()
         if self.scheduler is not None:

@@ -194,8 +194,12 @@ class Trainer:
                 break
             began = time.perf_counter()
             loss = self._attempt(name)
-            value = self._judged()
-            p = self.progress
+            p, value = self.progress, self._value()
+            p.since += 1
+            if value < p.best:
+                # What nobody would notice is kept, but is no reason to go on.
+                p.since = 0 if value < (1.0 - _NOTICEABLE) * p.best else p.since
+                p.best, p.parameters = value, self.objective.present()
             p.seconds += time.perf_counter() - began
             row = {
                 "epoch": len(p.rows), "method": name, "loss": loss, "validation": value,
@@ -239,16 +243,6 @@ class Trainer:
             return self.validate() if self.validate is not None else float(self.objective())
         except SolverFailed:
             return math.inf
-
-    def _judged(self) -> float:
-        """Return the validation of an epoch; remember the parameters where it is the best."""
-        p, value = self.progress, self._value()
-        p.since += 1
-        if value < p.best:
-            # What nobody would notice is kept, but is no reason to go on.
-            p.since = 0 if value < (1.0 - _NOTICEABLE) * p.best else p.since
-            p.best, p.parameters = value, self.objective.present()
-        return value
 
     def _save(self) -> None:
         if self.place is None:
