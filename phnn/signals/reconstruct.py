@@ -303,15 +303,14 @@ class Reconstruction:
             fine[jump.rows] = jump.values(instant)
         return fine
 
-    def slopes(self, instants: Array | None, group: NDArray[np.int64]) -> Array:
+    def slopes(self, instants: Array, group: NDArray[np.int64]) -> Array:
         """Return (n, G) derivatives of the mean input by instants that several jumps may share.
 
         Args:
             group: (J,) which instant each jump has, 0 … G − 1.
         """
         out = np.zeros((self._known.shape[0], int(group.max(initial=-1)) + 1))
-        at = self.nominal if instants is None else instants
-        for jump, instant, g in zip(self._jumps, at, group, strict=True):
+        for jump, instant, g in zip(self._jumps, instants, group, strict=True):
             out[jump.rows, g] += jump.slope(instant)
         return out
 
@@ -364,17 +363,12 @@ class Reconstruction:
         return found
 
 
-@dataclass(frozen=True)
-class _Law:
-    """Centre and duration of a transition, in sample intervals: linear functions of the one unknown."""
-
-    centre: tuple[float, float]
-    duration: tuple[float, float]
-
-
-_FAST = _Law((0.0, 1.0), (0.0, 0.0))
+# Centre and duration of a transition, in sample intervals: linear functions of the one unknown.
+_Law = tuple[tuple[float, float], tuple[float, float]]
+_FAST: _Law = (0.0, 1.0), (0.0, 0.0)
 # A transition by way of a single sample begins somewhere before and ends at it, or the other way round.
-_INTO, _OUT_OF = _Law((0.5, 0.5), (1.0, -1.0)), _Law((0.0, 0.5), (0.0, 1.0))
+_INTO: _Law = (0.5, 0.5), (1.0, -1.0)
+_OUT_OF: _Law = (0.0, 0.5), (0.0, 1.0)
 
 
 def _law_of(left: Stretch, right: Stretch, samples: int) -> _Law:
@@ -407,8 +401,8 @@ class _Jump:
         """Return the edges of the sub-steps (r+1,), the share of the transition that is done at them, its integral, and
         the derivative of the integral by the duration."""
         edges = np.append(self.at[:, 0], 1.0)
-        centre = self.law.centre[0] + self.law.centre[1] * instant
-        duration = max(self.law.duration[0] + self.law.duration[1] * instant, _SHARP)
+        centre, duration = (begun + rate * instant for begun, rate in self.law)
+        duration = max(duration, _SHARP)
         share = np.clip((edges - centre) / duration + 0.5, 0.0, 1.0)
         # The transition ends within its interval, also where rounding says otherwise.
         share[0], share[-1] = 0.0, 1.0
@@ -425,7 +419,8 @@ class _Jump:
     def slope(self, instant: float) -> Array:
         """Return (r,) derivative of the mean input by the instant."""
         edges, share, _, by_duration = self._shares(instant)
-        change = -self.law.centre[1] * np.diff(share) + self.law.duration[1] * np.diff(by_duration)
+        (_, moved), (_, grown) = self.law
+        change = -moved * np.diff(share) + grown * np.diff(by_duration)
         return np.asarray(mean_input(self.gap) * change / np.diff(edges))
 
 
