@@ -458,17 +458,14 @@ def _locked(root: Path) -> Iterator[None]:
         raise OutputRefused(f"{root}: is a file: name a folder for --out")
     _make(root / NOTES)
     try:
-        lock = FileLock(root / NOTES / "lock")
-        lock.acquire(timeout=0)
+        held = FileLock(root / NOTES / "lock").acquire(timeout=0)
     except Timeout as error:
         text = f"{root}: another run of phnn writes there: wait for its end, or choose another --out"
         raise OutputRefused(text) from error
     except OSError as error:
         raise refusal(root, error) from error
-    try:
+    with held:
         yield
-    finally:
-        lock.release()
 
 
 def _check_room(root: Path) -> None:
