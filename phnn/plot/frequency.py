@@ -63,7 +63,7 @@ class Bode:
     """Frequency response of a model.
 
     Attributes:
-        frequencies: (F,) [Hz]; amplitude, offset: of the input.
+        frequencies: (F,) [Hz]; amplitude: of the input.
         gain: (F,) describing function; error: (F,) by how much the last halving of the steps has changed it.
         harmonics: (F, 4) ``|Y_k|/|Y_1|`` for k = 2 … 5.
         linear: (F,) response to a small amplitude.
@@ -73,7 +73,6 @@ class Bode:
 
     frequencies: Array
     amplitude: float
-    offset: float
     gain: Complex
     error: Array
     harmonics: Array
@@ -129,15 +128,10 @@ class Bode:
         # Measured points; those of another amplitude are hollow.
         for own, name in ((True, "measured"), (False, "measured at another amplitude")):
             if some := self.at_its_amplitude(own):
-                f = [p.frequency for p in some]
-                style = {
-                    "color": BEFORE,
-                    "markersize": 5.0,
-                    "markerfacecolor": BEFORE if own else "none",
-                    "label": name,
-                }
-                panels[0].plot(f, [abs(p.gain) / size for p in some], "o", **style)
-                panels[1].plot(f, [self.beside(p) for p in some], "o", **style)
+                f, fill = [p.frequency for p in some], BEFORE if own else "none"
+                gains, phases = [abs(p.gain) / size for p in some], [self.beside(p) for p in some]
+                for axes, values in zip(panels, (gains, phases), strict=False):
+                    axes.plot(f, values, "o", color=BEFORE, markersize=5.0, markerfacecolor=fill, label=name)
         _draw_harmonics(panels[2], self)
         log_axis(panels[0], "y")
         for axes in panels:
@@ -206,7 +200,7 @@ def response(
     # Behind an imposed motion the sensor sees the force.
     out = (words.effort, words.effort_unit or "1") if senses else (words.output, words.output_unit)
     return Bode(
-        f, size, offset, np.array([g for g, _, _ in found]), np.array([e for _, _, e in found]),
+        f, size, np.array([g for g, _, _ in found]), np.array([e for _, _, e in found]),
         np.array([h for _, h, _ in found]), np.array(linear), (words.source_unit, out[1]), (words.source, out[0]),
         measured,
     )  # fmt: skip
@@ -389,9 +383,8 @@ def whiteness(found: Sequence[Tested]) -> Plot:
             row[0].set_title(literal(one.recording.name, 40))
         return figure
 
-    tables = {"": _correlations, "_spectrum": lambda one: [_spectrum(one)]}
-    joined = {end: pd.concat([t for one in found for t in of(one)], ignore_index=True) for end, of in tables.items()}
-    return Plot(draw, joined)
+    tables = {"": [t for one in found for t in _correlations(one)], "_spectrum": [_spectrum(one) for one in found]}
+    return Plot(draw, {end: pd.concat(some, ignore_index=True) for end, some in tables.items()})
 
 
 def _tested(one: Predicted, lags: int | None) -> Tested:
