@@ -2,7 +2,8 @@
 displacement that makes a sensor block report an output.
 
 Signals stand at the nodes of the sub-steps, equally far apart. Derivatives are central differences, an error of second
-order in the step, which the iteration on the complete model removes. Amplifier blocks (``V`` their voltage):
+order in the step, which the iteration on the complete model removes. Amplifier blocks give a voltage ``V``, sensor
+blocks an output ``y``:
 
 =======================  ===========================================================================================
 static blocks            the block's own characteristic, solved for its argument
@@ -12,12 +13,6 @@ static blocks            the block's own characteristic, solved for its argument
 ``delay``                ``u(t) = V(t + τ)``, held at the end
 ``slew_limit``           ``u = V`` where ``|V̇| ≤ S``; elsewhere out of reach
 ``bouc_wen``             ``u = V``; the iteration finds the rest
-=======================  ===========================================================================================
-
-Sensor blocks (``y`` their output):
-
-=======================  ===========================================================================================
-static blocks            the block's own characteristic, solved for its argument
 ``lag``                  ``q = y + τ ẏ``
 ``clock``                ``q((1 − c s) t) = y(t)``, held at the end
 ``rectification``        ``q = y``, for outputs that are not negative
@@ -212,11 +207,6 @@ def command(setup: Setup, voltage: Signal, h: float) -> Signal:
     return voltage
 
 
-def command_at_rest(setup: Setup, voltage: float) -> float:
-    """Return the constant command under which the amplifier gives a constant voltage."""
-    return float(command(setup, reachable(np.full(2, voltage)), 1.0).values[0])
-
-
 def _static_amplifier(block: Block, voltage: Signal, values: list[float]) -> Signal:
     def characteristic(u: Array) -> Array:
         return np.asarray(AMPLIFIERS[block.kind](u[:, None], np.ones(1), 0.0, *values))[:, 0]
@@ -313,9 +303,14 @@ def displacement(setup: Setup, output: Signal, dt: float, strict: bool = True) -
     for block in reversed(setup.sensor):
         values = [setup.parameters[name].value for name in block.parameters]
         if block.kind in _SENSOR_INVERSES:
-            if strict and block.kind == "rectification":
-                _check_sign(output.values, t)
-            output = output.then(_SENSOR_INVERSES[block.kind](output.values, t, *values))
+            y = output.values
+            if strict and block.kind == "rectification" and y.min() < -_BELOW * np.ptp(y):
+                worst = int(np.argmin(y))
+                raise InputRefused(
+                    f"the model's sensor reports |q|, and the reference is {y[worst]:.4g} m at t = {t[worst]:.6g} s: "
+                    "give a reference that is not negative"
+                )
+            output = output.then(_SENSOR_INVERSES[block.kind](y, t, *values))
         elif block.kind not in REMEMBERING:
             output = _static_sensor(block.kind, output, t, values)
         else:
@@ -335,15 +330,6 @@ def _lag(y: Array, t: Array, tau: float) -> Array:
 def _clock(y: Array, t: Array, change: float, scale: float) -> Array:
     places = np.minimum(np.arange(y.size) / (1.0 - change * scale), y.size - 1.0)
     return np.asarray(spline(y)(places))
-
-
-def _check_sign(y: Array, t: Array) -> None:
-    if y.min() < -_BELOW * np.ptp(y):
-        worst = int(np.argmin(y))
-        raise InputRefused(
-            f"the model's sensor reports |q|, and the reference is {y[worst]:.4g} m at t = {t[worst]:.6g} s: give a "
-            "reference that is not negative"
-        )
 
 
 def _play(y: Array, t: Array, width: float) -> Array:

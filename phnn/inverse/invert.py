@@ -31,12 +31,10 @@ from phnn.inverse.blocks import (
     FlatNetwork,
     Signal,
     command,
-    command_at_rest,
     displacement,
     path_through,
     reachable,
 )
-from phnn.network.elements import Network
 from phnn.recordings.checks import ACTUATORS
 from phnn.recordings.recording import unrecorded
 from phnn.setup import Setup
@@ -164,8 +162,10 @@ class Plant:
         port = self.network.voltage(path, known)
         moved = Signal(path.q, np.repeat(q.lost, self.substeps)[: path.q.size], q.causes)
         asked = command(self.setup, moved.then(port.x, port.missed != 0.0, _FORCE), path.h)
-        before = command_at_rest(self.setup, self.network.at_rest(float(q.values[0]))[0])
-        return self._sampled(asked), before, port.x
+        rest = self.network.at_rest(float(q.values[0]))[0]
+        # The constant command under which the amplifier gives that voltage.
+        before = command(self.setup, reachable(np.full(2, rest)), 1.0)
+        return self._sampled(asked), float(before.values[0]), port.x
 
     def forwards(self, asked: Signal, before: float) -> Attempt:
         """Simulate the model under a command within its limits."""
@@ -441,7 +441,9 @@ def invert(setup: Setup, substeps: int, t: Array, reference: Array, options: Inv
         InputRefused: the reference or the model cannot be used; names the cause and a remedy.
         SolverFailed: a step has no solution.
     """
-    dt = checked(t, reference, _has_voltage_and_displacement(setup.network))
+    volts = any(port.unit == "V" for port in setup.network.ports[:1])
+    moves = any(s.name == setup.network.output and s.unit == "m" for s in setup.network.storages)
+    dt = checked(t, reference, volts and moves)
     given = led_in(reference, dt, options.lead_in)
     wanted = smoothed(given, dt, options.smooth)
     times = t[0] + dt * (np.arange(wanted.size) - (wanted.size - t.size))
@@ -486,12 +488,6 @@ def _iterated(plant: Plant, wanted: Array, tolerance: float, begun: tuple[Attemp
         elif not np.isfinite(error) or count - latest >= _PATIENCE:
             break
     return best, count
-
-
-def _has_voltage_and_displacement(network: Network) -> bool:
-    """Return whether a voltage moves something."""
-    volts = any(port.unit == "V" for port in network.ports[:1])
-    return volts and any(s.name == network.output and s.unit == "m" for s in network.storages)
 
 
 def _size(error: Array) -> float:
