@@ -18,10 +18,5 @@ def titled(title: str, *parts: str) -> str:
     return f"<div><b>{escape(title)}</b>{''.join(parts)}</div>"
 
 
-def paragraph(text: str) -> str:
-    """Return a line of text."""
-    return f"<p>{escape(text)}</p>"
-
-
 def _shown(cell: object) -> str:
     return f"{cell:.4g}" if isinstance(cell, float) else "" if cell is None else str(cell)

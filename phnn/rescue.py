@@ -151,7 +151,7 @@ class Account:
         except (OutputRefused, OutputFailed):
             raise
         except Exception as error:
-            if _strict():
+            if os.environ.get(_STRICT):
                 raise
             self.warnings.append(_failure(part, error))
             self._lost |= ends
@@ -266,7 +266,7 @@ def attempt(part: str, work: Callable[[], T], otherwise: T) -> T:
         if account is not None:
             account.failed.append(_failure(part, error))
     except Exception as error:
-        if account is None or _strict():
+        if account is None or os.environ.get(_STRICT):
             raise
         account.warnings.append(_failure(part, error))
     return otherwise
@@ -389,10 +389,6 @@ def warnings() -> tuple[Failure, ...]:
 def documents(failures: Sequence[Failure]) -> list[Mapping[str, Any]]:
     """Return the failures for a json file, equal ones once with their number."""
     return [vars(failure) | {"times": times} for failure, times in Counter(failures).items()]
-
-
-def _strict() -> bool:
-    return bool(os.environ.get(_STRICT))
 
 
 def _failure(part: str, error: Exception) -> Failure:

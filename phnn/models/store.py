@@ -244,12 +244,9 @@ def _plain(parameter: Parameter) -> dict[str, Any]:
 
 
 def _parameter(content: Any, where: str) -> Parameter:
-    values = dict(an_object(content, where))
-    for bound in ("lower", "upper"):
-        # An absent bound is infinite.
-        if bound in values and values[bound] is None:
-            del values[bound]
-    return of_fields(Parameter, values, where)
+    # An absent bound is infinite.
+    given = {n: v for n, v in an_object(content, where).items() if v is not None or n not in ("lower", "upper")}
+    return of_fields(Parameter, given, where)
 
 
 # Scales are buffers and come with the weights: the ones given here only make room for them.

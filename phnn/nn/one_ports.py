@@ -65,7 +65,7 @@ def _check(width: int) -> None:
 
 
 class _Units(nn.Module):
-    """An additive-unit law with the module's physical weights, ``weights()``; a resistor, unless it says otherwise."""
+    """An additive-unit law, by its name, with the module's physical weights; a resistor, unless it says otherwise."""
 
     law: str
     positions: nn.Parameter
@@ -97,10 +97,6 @@ class SectorMLP(_Units):
         width: number of units.
         symmetric: make ``φ`` odd by feeding ``|ε|/s``.
         seed: of the initial weights.
-
-    Attributes:
-        law: name of the additive-unit law, ``damping`` or ``symmetric_damping``.
-        monotone: false.
 
     Raises:
         InputRefused: a scale that is not positive, or no unit.
@@ -145,10 +141,6 @@ class MonotoneMLP(_Units):
         flow_scale: typical flow ``f``, SI.
         width: number of steps, and of hinges of each direction.
 
-    Attributes:
-        law: name of the additive-unit law.
-        monotone: true.
-
     Raises:
         InputRefused: a scale that is not positive, or no unit.
     """
@@ -191,10 +183,6 @@ class ConvexEnergyMLP(_Units):
         state_scale: typical energy variable ``s``, SI.
         effort_scale: typical effort ``E``, SI.
         width: number of units.
-
-    Attributes:
-        law: name of the additive-unit law.
-        convex: true.
 
     Raises:
         InputRefused: a scale that is not positive, or no unit.

@@ -15,11 +15,10 @@ from phnn.intake import LIMITS, available_memory, reached
 from phnn.recordings.table import Where
 from phnn.results import NOTES, listed, printable
 
-_UNITS = {"voltage": "V", "displacement": "um"}
 _REMEDIES = {"time": "name one time_s, or write sample_rate_hz in recordings.yaml"} | {
     quantity: f"name the column with its unit, such as {quantity}_{unit}, or write in recordings.yaml "
     f"columns: {{{quantity}: {{column: ..., unit: {unit}}}}} (phnn template FOLDER prints a first one)"
-    for quantity, unit in _UNITS.items()
+    for quantity, unit in (("voltage", "V"), ("displacement", "um"))
 }
 FEWEST_SAMPLES = 50
 # Bytes that any machine has; to ask for what is available takes time.

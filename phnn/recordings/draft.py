@@ -43,7 +43,7 @@ def segmented(entry: Entry, channels: Mapping[str, Channel], table: Table) -> li
         pieces = list(itertools.pairwise([first, *(row for row in inner if first < row < last), last]))
     if len(pieces) == 1 and not counted:
         return [replace(entry, slice=pieces[0])]
-    stem, digits = entry.name or printable(Path(entry.file).stem), len(str(len(pieces)))
+    stem, digits = entry.name or printable(Path(entry.files[0]).stem), len(str(len(pieces)))
     return [replace(entry, slice=piece, name=f"{stem}_{i:0{digits}d}") for i, piece in enumerate(pieces, start=1)]
 
 
@@ -164,7 +164,7 @@ def _draft(
     entry: Entry, table: Table, channels: Mapping[str, Channel], roles: tuple[str, str | None], said: Manifest
 ) -> Draft:
     u_name, y_name = roles
-    name = entry.name or printable(Path(entry.file).stem)
+    name = entry.name or printable(Path(entry.files[0]).stem)
     t, values, own, where, notes = _sampled(entry, table, channels)
     if t.size > _LONG:
         stride = 1 if own else _stride(t, values, roles)

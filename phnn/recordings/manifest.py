@@ -278,11 +278,6 @@ class Entry:
     sensor: Sensor = PLAIN
     offset: str = "own"
 
-    @property
-    def file(self) -> str:
-        """Its first file."""
-        return self.files[0]
-
 
 @dataclass(frozen=True)
 class Manifest:

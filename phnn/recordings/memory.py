@@ -36,7 +36,6 @@ def plain(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic | np.ndarray) and value.size == 1 else value
 
 
-_TIMES = ("time", "t")
 # Libraries that may be loaded, and the class of each whose objects are recordings.
 _CLASSES = {"pandas": "DataFrame", "xarray": "Dataset", "nonlinear_benchmarks.utilities": "Input_output_data"}
 
@@ -66,7 +65,7 @@ def given_labelled(data: Any, name: str) -> Iterator[Given]:
 def _dimensions(data: Any, where: object) -> tuple[str, str | None]:
     """Return the dimension of time, and a second one where there is one."""
     dims = [str(d) for d in data.dims]
-    times = [d for d in dims if d.lower() in _TIMES or parse_name(d)[0] == "time"]
+    times = [d for d in dims if d.lower() in ("time", "t") or parse_name(d)[0] == "time"]
     if len(dims) == 1:
         return dims[0], None
     if len(times) == 1 and len(dims) == 2:
@@ -221,7 +220,7 @@ def _is_numbers(value: Any) -> bool:
 
 
 def _described(entry: Entry, by_name: Mapping[str, Given]) -> Given:
-    first, _ = by_name[entry.file]
+    first, _ = by_name[entry.files[0]]
     table = beside([by_name[file][1] for file in entry.files])
     if entry.axes:
         raise InputRefused(f"{table.where}: `axes` describe a .npy array: leave them out, and give columns")

@@ -23,7 +23,7 @@ from phnn.check import doubts
 from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.verdict import NAMED, UNKNOWN, Claim
 from phnn.diagnose.words import Picture, learned_picture, picture
-from phnn.html import paragraph, table, titled
+from phnn.html import table, titled
 from phnn.network.roles import auxiliary
 from phnn.recordings import Campaign
 from phnn.recordings.recording import ACTUATOR, digest
@@ -138,7 +138,7 @@ def notebook(diagnosis: Diagnosis) -> str:
     drawn = b64encode(svg(error_figure(diagnosis))).decode("ascii")
     picture = f'<img alt="{escape(heading)}: error before and after" src="data:image/svg+xml;base64,{drawn}">'
     likely = table(("cause", "probability"), ((name, likelihood(p)) for name, p in causes(diagnosis)))
-    return titled(heading, paragraph(consequence(diagnosis)), picture, likely)
+    return titled(heading, f"<p>{escape(consequence(diagnosis))}</p>", picture, likely)
 
 
 def _first(diagnosis: Diagnosis, traces: Sequence[Trace]) -> list[Block]:

@@ -84,12 +84,9 @@ def quality(diagnosis: Diagnosis) -> Quality:
     """Return the number by which the two models are compared."""
     uses = {p.use for p in diagnosis.before.parts}
     use = "confirmation" if "confirmation" in uses else "identification"
-    both = diagnosis.before, diagnosis.after
-    if all(r.noise_found for r in diagnosis.campaign.recordings):
-        before, after = (e.over_noise(use) for e in both)
-        return Quality(before, after, "× noise", use == "confirmation")
-    before, after = (_share_of_signal(e, use) for e in both)
-    return Quality(before, after, "% of the signal", use == "confirmation")
+    both, known = (diagnosis.before, diagnosis.after), all(r.noise_found for r in diagnosis.campaign.recordings)
+    before, after = (e.over_noise(use) if known else _share_of_signal(e, use) for e in both)
+    return Quality(before, after, "× noise" if known else "% of the signal", use == "confirmation")
 
 
 def _share_of_signal(scores: Evaluation, use: str) -> float:
