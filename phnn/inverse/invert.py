@@ -26,15 +26,7 @@ from scipy.signal import butter, sosfiltfilt
 from phnn.chain.amplifiers import slew_limit
 from phnn.errors import InputRefused
 from phnn.intake import LIMITS
-from phnn.inverse.blocks import (
-    FEWEST,
-    FlatNetwork,
-    Signal,
-    command,
-    displacement,
-    path_through,
-    reachable,
-)
+from phnn.inverse.blocks import FEWEST, FlatNetwork, Signal, command, displacement, path_through, reachable
 from phnn.recordings.checks import ACTUATORS
 from phnn.recordings.recording import unrecorded
 from phnn.setup import Setup
@@ -497,8 +489,6 @@ def _size(error: Array) -> float:
 
 def _weight(lost: NDArray[np.bool_]) -> Array:
     """(N,) by how much of the error a reference is corrected: not where something is out of reach, nor close to it."""
-    if not lost.any():
-        return np.ones(lost.size)
     near = maximum_filter1d(lost.astype(float), 2 * _FADE + 1)
     return np.asarray(1.0 - uniform_filter1d(near, 2 * _FADE + 1))
 

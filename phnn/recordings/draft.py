@@ -208,9 +208,8 @@ def _draft(
         gain=entry.columns.get(u_name, Column()).gain, seen=own.get(y_name or ""),
     )  # fmt: skip
     excitation = _excitation(recording, entry, table, where)
-    floor = NoiseFloor(float("nan"), "no output recorded", WHITE)
-    if np.isfinite(y).all():
-        floor = _noise(recording, excitation)
+    unseen = NoiseFloor(float("nan"), "no output recorded", WHITE)
+    floor = _noise(recording, excitation) if np.isfinite(y).all() else unseen
     recording = replace(recording, period=excitation.period)
     what = ", ".join(f"{q} from {c.label} in {c.unit}" for q, c in channels.items())
     used = {channel.label for channel in channels.values()}

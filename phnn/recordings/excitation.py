@@ -15,13 +15,7 @@ from scipy.stats import spearmanr
 
 from phnn.signals.least_squares import residual, spline
 from phnn.signals.noise import longest_hold
-from phnn.signals.reconstruct import (
-    WITH_BREAKS,
-    Reconstruction,
-    mean_input,
-    starts_with_jump,
-    substep_counts,
-)
+from phnn.signals.reconstruct import WITH_BREAKS, Reconstruction, mean_input, starts_with_jump, substep_counts
 
 if TYPE_CHECKING:
     from phnn.recordings.recording import Recording

@@ -417,10 +417,8 @@ class Estimate:
 
     def words(self, dt: float) -> str:
         """Return where it comes from; ``dt`` is the sampling interval [s]."""
-        above = f"above {self.edge / dt:.4g} Hz"
-        if self.one_step:
-            return f"one-step-ahead residuals of an autoregression of order {ORDER} {above}"
-        return f"the spectrum {above}"
+        predicted = f"one-step-ahead residuals of an autoregression of order {ORDER}"
+        return f"{predicted if self.one_step else 'the spectrum'} above {self.edge / dt:.4g} Hz"
 
 
 def estimated(u: Array, y: Array) -> Estimate | None:
