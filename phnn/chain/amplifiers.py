@@ -72,23 +72,6 @@ def kneed(u: Array, share: Any, level: Any) -> Array:
     return np.asarray(u - share * side * maximum(beyond, 0.0 * beyond))
 
 
-def banded(u: Array, share: Any, level: Any) -> Array:
-    """``u − a clip(u, ±U)``: the slope is ``1 − a`` below the level, a dead band for ``a = 1``, monotone up to it."""
-    inside = 0.0 * u + level
-    return np.asarray(u - share * maximum(minimum(u + 0.0 * inside, inside), -inside))
-
-
-def bent(u: Array, square: Any, cube: Any, level: Any) -> Array:
-    """Return ``u + U (a₂ s² + a₃ s³)``, ``s = u/U``, continued by its tangents for ``|s| > 1``.
-
-    Its slope is at least ``1 − 2|a₂| − 3|a₃|`` everywhere.
-    """
-    s = u * (1.0 / level)
-    inner = maximum(minimum(s, 1.0 + 0.0 * s), -1.0 + 0.0 * s)
-    slope = inner * (2.0 * square + 3.0 * cube * inner)
-    return np.asarray(u + level * (inner * inner * (square + cube * inner) + slope * (s - inner)))
-
-
 # Share of a step by which a point counts as inside it: the node of a jump is hit to rounding only, of a million steps.
 _INSIDE = 1e-9
 _JUMP = 1e-9
@@ -110,7 +93,8 @@ def delay(fine: Array, h: Array, before: Any, tau: Any) -> Array:
     return np.asarray(_delayed(fine, h, before, tau + zero, nodes, jumps, area))
 
 
-def _delay_loop(fine: Any, h: Any, before: Any, tau: Any, nodes: Any, jumps: Any, area: Any) -> Any:
+@entry
+def _delayed(fine: Any, h: Any, before: Any, tau: Any, nodes: Any, jumps: Any, area: Any) -> Any:
     out = np.empty_like(fine)
     # Of the start, middle and end of a step: where it comes from, and the signal's integral up to there.
     rows, areas = np.full(3, -1), np.empty(3, fine.dtype)
@@ -139,9 +123,6 @@ def parabola(first: Any, middle: Any, last: Any, s: Any) -> Any:
     """Return the parabola through values at 0, ½ and 1, at ``s``, and its integral from 0 to there."""
     linear, square = 4.0 * middle - 3.0 * first - last, 2.0 * (first + last) - 4.0 * middle
     return first + s * (linear + s * square), s * (first + s * (0.5 * linear + s * square / 3.0))
-
-
-_delayed = entry(_delay_loop)
 
 
 # Below this size of x the series of sin(√x)/√x has converged after its third term.
@@ -221,7 +202,8 @@ def second_order_step(off: Any, rate: Any, slope: Any, even: Any, odd: Any, zeta
     return end - lag, slope + end_rate
 
 
-def _first_order_loop(fine: Any, a: Any, b0: Any, b1: Any, state: Any) -> Any:
+@entry
+def _first_order(fine: Any, a: Any, b0: Any, b1: Any, state: Any) -> Any:
     out = np.empty_like(fine)
     for n in range(fine.shape[0]):
         out[n, 0] = state
@@ -231,7 +213,8 @@ def _first_order_loop(fine: Any, a: Any, b0: Any, b1: Any, state: Any) -> Any:
     return out
 
 
-def _second_order_loop(fine: Any, s: Any, decay: Any, zeta: Any, state: Any) -> Any:
+@entry
+def _second_order(fine: Any, s: Any, decay: Any, zeta: Any, state: Any) -> Any:
     out = np.empty_like(fine)
     rate = 0.0 * state
     for n in range(fine.shape[0]):
@@ -242,10 +225,6 @@ def _second_order_loop(fine: Any, s: Any, decay: Any, zeta: Any, state: Any) -> 
             state = fine[n, i] + off
             out[n, i] = state
     return out
-
-
-_first_order = entry(_first_order_loop)
-_second_order = entry(_second_order_loop)
 
 
 def bouc_wen(fine: Array, h: Array, before: float, a: Any, beta: Any, gamma: Any, weight: Any) -> Array:
@@ -283,7 +262,8 @@ def bouc_wen_step(state: Any, rise: Any, a: Any, beta: Any, gamma: Any) -> Any:
     return side * s
 
 
-def _bouc_wen_loop(fine: Any, last: Any, a: Any, beta: Any, gamma: Any) -> Any:
+@entry
+def _bouc_wen_state(fine: Any, last: Any, a: Any, beta: Any, gamma: Any) -> Any:
     out = np.empty_like(fine)
     state = 0.0 * last
     for n in range(fine.shape[0]):
@@ -302,9 +282,6 @@ def _approach(s: Any, a: Any, rate: Any, length: Any) -> Any:
     if abs(real(z)) > 1e-6:
         factor = (1.0 - exp(-z)) / z
     return s + (a - rate * s) * length * factor
-
-
-_bouc_wen_state = entry(_bouc_wen_loop)
 
 
 def slipping(
@@ -328,7 +305,8 @@ def slip_step(state: Any, rise: Any, travel: Any, exponent: Any, back: Any, lean
     return end
 
 
-def _slipping_loop(fine: Any, last: Any, travel: Any, exponent: Any, back: Any, lean: Any) -> Any:
+@entry
+def _slipped(fine: Any, last: Any, travel: Any, exponent: Any, back: Any, lean: Any) -> Any:
     out = np.empty_like(fine)
     state = 0.0 * last
     for n in range(fine.shape[0]):
@@ -337,9 +315,6 @@ def _slipping_loop(fine: Any, last: Any, travel: Any, exponent: Any, back: Any, 
             last = fine[n, i]
             out[n, i] = state
     return out
-
-
-_slipped = entry(_slipping_loop)
 
 
 # A ratio whose powers vanish, while its logarithm exists.
@@ -375,7 +350,8 @@ def slew_step(state: Any, u: Any, reach: Any) -> Any:
     return state + maximum(minimum(u - state, reach), -reach)
 
 
-def _limited_loop(fine: Any, reach: Any, state: Any) -> Any:
+@entry
+def _limited(fine: Any, reach: Any, state: Any) -> Any:
     out = np.empty_like(fine)
     for n in range(fine.shape[0]):
         out[n, 0] = state
@@ -391,16 +367,14 @@ def play(fine: Array, h: Array, before: Any, width: Any) -> Array:
     return np.asarray(_carried(fine + zero, width + zero, before + zero))
 
 
-def _carried_loop(fine: Any, width: Any, state: Any) -> Any:
+@entry
+def _carried(fine: Any, width: Any, state: Any) -> Any:
     out = np.empty_like(fine)
     for n in range(fine.shape[0]):
         for i in range(3):
             state = maximum(minimum(state, fine[n, i] + width), fine[n, i] - width)
             out[n, i] = state
     return out
-
-
-_carried = entry(_carried_loop)
 
 
 def offset(fine: Array, h: Array, before: Any, voltage: Any) -> Array:
@@ -419,28 +393,17 @@ def knee(fine: Array, h: Array, before: Any, share: Any, level: Any) -> Array:
 
 
 def dead_band(fine: Array, h: Array, before: Any, share: Any, level: Any) -> Array:
-    """`phnn.chain.amplifiers.banded`: less gain below a level on both sides."""
-    return banded(fine, share, level)
+    """``u − a clip(u, ±U)``: the slope is ``1 − a`` below the level, a dead band for ``a = 1``, monotone up to it."""
+    inside = 0.0 * fine + level
+    return np.asarray(fine - share * maximum(minimum(fine + 0.0 * inside, inside), -inside))
 
-
-_limited = entry(_limited_loop)
 
 AMPLIFIERS: dict[str, Callable[..., Array]] = {
-    "lowpass": lowpass,
-    "second_order_lowpass": second_order_lowpass,
-    "fading": fading,
-    "saturation": saturation,
-    "soft_saturation": soft_saturation,
-    "bouc_wen": bouc_wen,
-    "slipping": slipping,
-    "delay": delay,
-    "slew_limit": slew_limit,
-    "play": play,
-    "gain": gain,
-    "offset": offset,
-    "knee": knee,
-    "dead_band": dead_band,
-    "rate": imposed_rate,
-}
+    block.__name__: block
+    for block in (
+        lowpass, second_order_lowpass, fading, saturation, soft_saturation, bouc_wen, slipping, delay, slew_limit, play,
+        gain, offset, knee, dead_band,
+    )
+} | {"rate": imposed_rate}  # fmt: skip
 MEMORYLESS = ("saturation", "soft_saturation", "gain", "offset", "knee", "dead_band")
 """Blocks whose output at an instant follows from their input at that instant alone."""

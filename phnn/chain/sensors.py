@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from phnn.chain.amplifiers import bent, kneed, rate
+from phnn.chain.amplifiers import kneed, rate
 from phnn.integrate.cache import entry
 from phnn.laws.namespace import absolute, cos, maximum, minimum, real, sin
 from phnn.parameters import ANY, NONNEGATIVE, POSITIVE, Domain
@@ -37,7 +37,8 @@ def midpoints(y: Array, t: Array) -> Array:
     return np.asarray(_midpoints(y.reshape(n, -1), t).reshape(n - 1, *y.shape[1:]))
 
 
-def _midpoints_loop(y: Any, t: Any) -> Any:
+@entry
+def _midpoints(y: Any, t: Any) -> Any:
     n = y.shape[0]
     out = np.empty((n - 1, y.shape[1]), y.dtype)
     weights = np.empty(4)
@@ -59,9 +60,6 @@ def _midpoints_loop(y: Any, t: Any) -> Any:
     return out
 
 
-_midpoints = entry(_midpoints_loop)
-
-
 # Below this ratio of interval to time constant the closed forms cancel; the series has converged after these terms.
 _SERIES, _TERMS = 0.5, 16
 # Coefficients of the series of the second moment, the last one first.
@@ -76,7 +74,8 @@ def lag(y: Array, t: Array, tau: Any) -> Array:
     return np.asarray(_lagged(columns, midpoints(columns, times), times, tau, _POWERS).reshape(y.shape))
 
 
-def _lagged_loop(y: Any, middle: Any, t: Any, tau: Any, powers: Any) -> Any:
+@entry
+def _lagged(y: Any, middle: Any, t: Any, tau: Any, powers: Any) -> Any:
     """Return the filter, step by step; the weights follow from ``∫₀¹ z e^{−z(1−s)} sᵏ ds`` for k = 0, 1, 2."""
     out = np.empty(y.shape, y.dtype)
     out[0] = y[0]
@@ -101,9 +100,6 @@ def _lagged_loop(y: Any, middle: Any, t: Any, tau: Any, powers: Any) -> Any:
     return out
 
 
-_lagged = entry(_lagged_loop)
-
-
 def play(y: Array, t: Array, width: Any) -> Array:
     """The play operator of half-width ``δ``: ``w`` rests while ``|y − w| < δ`` and is carried along at the edges.
 
@@ -116,7 +112,8 @@ def play(y: Array, t: Array, width: Any) -> Array:
     return np.asarray(found.reshape(y.shape))
 
 
-def _play_loop(y: Any, middle: Any, width: Any) -> Any:
+@entry
+def _played(y: Any, middle: Any, width: Any) -> Any:
     out = np.empty_like(y)
     for k in range(y.shape[1]):
         state = y[0, k]
@@ -131,9 +128,6 @@ def _play_loop(y: Any, middle: Any, width: Any) -> Any:
             state = maximum(minimum(state, y[n + 1, k] + width), y[n + 1, k] - width)
             out[n + 1, k] = state
     return out
-
-
-_played = entry(_play_loop)
 
 
 def clock(y: Array, t: Array, change: Any, scale: Any) -> Array:
@@ -197,8 +191,14 @@ def knee(y: Array, t: Array, share: Any, level: Any) -> Array:
 
 
 def cubic(y: Array, t: Array, square: Any, cube: Any, level: Any) -> Array:
-    """`phnn.chain.amplifiers.bent`: a characteristic that is a cubic within a level and straight beyond it."""
-    return bent(y, square, cube, level)
+    """Return ``y + U (a₂ s² + a₃ s³)``, ``s = y/U``, continued by its tangents for ``|s| > 1``.
+
+    Its slope is at least ``1 − 2|a₂| − 3|a₃|`` everywhere.
+    """
+    s = y * (1.0 / level)
+    inner = maximum(minimum(s, 1.0 + 0.0 * s), -1.0 + 0.0 * s)
+    slope = inner * (2.0 * square + 3.0 * cube * inner)
+    return np.asarray(y + level * (inner * inner * (square + cube * inner) + slope * (s - inner)))
 
 
 def wave(y: Array, t: Array, sine: Any, cosine: Any, length: Any) -> Array:
@@ -209,19 +209,11 @@ def wave(y: Array, t: Array, sine: Any, cosine: Any, length: Any) -> Array:
 
 
 SENSORS: dict[str, Callable[..., Array]] = {
-    "drift": drift,
-    "lag": lag,
-    "rate": rate,
-    "polynomial": polynomial,
-    "rectification": rectification,
-    "zero": zero,
-    "play": play,
-    "knee": knee,
-    "cubic": cubic,
-    "wave": wave,
-    "clock": clock,
-    "drifting_gain": drifting_gain,
-}
+    block.__name__: block
+    for block in (
+        drift, lag, rate, polynomial, rectification, zero, play, knee, cubic, wave, clock, drifting_gain,
+    )
+}  # fmt: skip
 REMEMBERING = ("lag", "play", "clock", "rate")
 """Blocks whose output depends on what was between the samples."""
 LINEAR = ("lag", "rate", "clock", "drifting_gain")

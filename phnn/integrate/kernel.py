@@ -465,6 +465,7 @@ def _guess(t: Any, theta: Any, n: Any, states: Any, efforts: Any, y: Any) -> Non
         y[j] = extrapolated(efforts, n, k) if is_linear(t, j) else extrapolated(states, n + 1, k)
 
 
+@loop_entry
 def _steps(t: Any, actions: Any, h: Any, states: Any, efforts: Any, both: Any, room: Room) -> Any:
     """Integrate; ``both`` are the values of a step in floats and in complex numbers."""
     values, perturbed = both
@@ -504,9 +505,6 @@ def _steps(t: Any, actions: Any, h: Any, states: Any, efforts: Any, both: Any, r
     return actions.shape[0]
 
 
-_compiled = loop_entry(_steps)
-
-
 def march_any(program: Program, theta: Array, actions: Array, h: Array, states: Array, efforts: Array) -> int:
     """Integrate any program from ``states[0]`` under the actions (n, P) of its ports; return the steps solved."""
     t = program.table
@@ -515,7 +513,7 @@ def march_any(program: Program, theta: Array, actions: Array, h: Array, states: 
     values = (theta, *(np.zeros(shape) for shape in shapes))
     perturbed = (theta.astype(np.complex128), *(np.zeros(shape, np.complex128) for shape in shapes))
     room = Room(np.zeros((m, m)), np.zeros((m, 1)), np.zeros((7 + m, m)), program.held)
-    return int(_compiled(t, actions, h, states, efforts, (values, perturbed), room))
+    return int(_steps(t, actions, h, states, efforts, (values, perturbed), room))
 
 
 def work_of(program: Program) -> float:

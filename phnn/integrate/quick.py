@@ -286,6 +286,7 @@ def _advance_modulators(t: Any, step: Step, next_x: Any, means: Any, wx: Any) ->
         next_x[k], means[k] = wx[NEXT, k], wx[EFFORT, k]
 
 
+@loop_entry
 def _steps(t: Any, theta: Any, actions: Any, h: Any, states: Any, efforts: Any, work: Work) -> Any:
     """Integrate."""
     g, constants, kinds, c, perturbed, ends, means, others, ratios, slow, scaled = work
@@ -316,9 +317,6 @@ def _steps(t: Any, theta: Any, actions: Any, h: Any, states: Any, efforts: Any, 
     return actions.shape[0]
 
 
-_compiled = loop_entry(_steps)
-
-
 def march(program: Program, theta: Array, actions: Array, h: Array, states: Array, efforts: Array) -> int:
     """`phnn.integrate.kernel.march_any` of the programs that this kernel serves."""
     t = program.table
@@ -330,4 +328,4 @@ def march(program: Program, theta: Array, actions: Array, h: Array, states: Arra
     slow = (np.zeros(1), np.zeros((4, 1)), np.zeros((2, states.shape[1])))
     scaled = np.array(program.sparsity.scaled, dtype=np.int64)
     work = Work(*own, others, np.zeros(others.size), slow, scaled)
-    return int(_compiled(t, theta, actions, h, states, efforts, work))
+    return int(_steps(t, theta, actions, h, states, efforts, work))

@@ -168,6 +168,7 @@ def _modulator_rows(d: Any, columns: Any, known: Any, following: Any, inputs: An
             out[first_varied + w] += by[inputs + varied[w]] * weight_of[w]
 
 
+@loop_entry
 def sensitivity_steps(t: Any, p: Any, d: Any, run: Any, asked: Asked, start: Sensitivities, out: Any) -> None:
     """The forward sweep of `phnn.integrate.sweep.sensitivities`, from the derivatives at its start."""
     junction, first_force, first_varied, varied = asked.columns
@@ -185,9 +186,6 @@ def sensitivity_steps(t: Any, p: Any, d: Any, run: Any, asked: Asked, start: Sen
             for c in range(out.shape[1]):
                 out[node, c] = known[output, c]
             node += 1
-
-
-_sensitivities = loop_entry(sensitivity_steps)
 
 
 def carrier(program: Program, port: int) -> int:
@@ -208,11 +206,10 @@ class Integrated(NamedTuple):
     u: Array
     h: Array
 
-    def first(self, steps: int | None) -> Integrated:
-        """Return the same in the first steps; in all of them where ``steps`` is None."""
-        nodes = None if steps is None else steps + 1
+    def first(self, steps: int) -> Integrated:
+        """Return the same in the first steps."""
         return Integrated(
-            self.program, self.theta, self.states[:nodes], self.efforts[:steps], self.u[:steps], self.h[:steps]
+            self.program, self.theta, self.states[: steps + 1], self.efforts[:steps], self.u[:steps], self.h[:steps]
         )
 
 
@@ -237,8 +234,8 @@ class Perturbed(NamedTuple):
         """Return the number of perturbations."""
         return self.active.size + self.forces.shape[1] + self.varied.size
 
-    def first(self, steps: int | None) -> Perturbed:
-        """Return the same in the first steps; in all of them where ``steps`` is None."""
+    def first(self, steps: int) -> Perturbed:
+        """Return the same in the first steps."""
         pushed = {k: action[:steps] for k, action in self.pushed.items()}
         return Perturbed(self.active, self.forces[:steps], self.varied, self.weights[:steps], pushed)
 
@@ -291,7 +288,8 @@ def sensitivities(
     junction, following = program.junctions.index(program.states[program.flow]) if m else 0, np.zeros_like(known)
     columns = (junction, first_force, first_varied, varied)
     asked = Asked(perturbed.forces, columns, perturbed.weights, nodes, program.output)
-    _sensitivities(program.table, pattern, memory, run, asked, Sensitivities(known, following, np.zeros((m, m))), out)
+    found = Sensitivities(known, following, np.zeros((m, m)))
+    sensitivity_steps(program.table, pattern, memory, run, asked, found, out)
     if end is not None:
         # The sweep swaps the two arrays after every step.
         end[:] = (following if h.size % 2 else known)[: states.shape[1]]

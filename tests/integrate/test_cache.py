@@ -36,7 +36,7 @@ _KERNEL = """
 from phnn.derivatives import compile_all
 from phnn.integrate import sweep
 compile_all()
-print(sum(sweep._sensitivities.stats.cache_misses.values()))
+print(sum(sweep.sensitivity_steps.stats.cache_misses.values()))
 """
 
 
@@ -128,12 +128,12 @@ def test_an_edited_callee_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyP
 )
 def test_derivatives_are_compiled_ahead_for_all_networks(network: Network) -> None:
     compile_all()
-    known = list(sweep._sensitivities.signatures)
+    known = list(sweep.sensitivity_steps.signatures)
     t = np.arange(21) * 1e-4
     recording = campaigns.recorded(Setup(network), "sine", t, 5.0 * np.sin(300.0 * t), 1e-9, 0)
     name = next(name for name, p in network.parameters.items() if not p.fixed)
     output_derivatives(simulate(Setup(network), recording), [name], (0,), np.ones((20, 1)), [(name, np.ones(20))])
-    assert sweep._sensitivities.signatures == known
+    assert sweep.sensitivity_steps.signatures == known
 
 
 @pytest.mark.parametrize("reason", ["", "kept", "own laws", "no process"])
