@@ -70,35 +70,25 @@ def reciprocal(x: Any) -> Any:
     return 1.0 / x
 
 
-def _elementary(name: str) -> Callable[[Any], Any]:
-    """Return a function of numpy, or of torch for tensors."""
+def _elementary(name: str, slope: Callable[[Any], Any] | None = None) -> Callable[[Any], Any]:
+    """Return a function of numpy, or of torch for tensors.
+
+    Args:
+        slope: given where numpy's value of a perturbed number differs from that of the number alone.
+    """
 
     def function(x: Any) -> Any:
-        return getattr(_torch_of(x) or np, name)(x)
+        torch = _torch_of(x)
+        if torch or slope is None or not np.iscomplexobj(x):
+            return getattr(torch or np, name)(x)
+        return getattr(np, name)(np.real(x)) + 1j * slope(np.real(x)) * np.imag(x)
 
     function.__name__ = name
     return function
 
 
 exp, sqrt, log1p, tanh = map(_elementary, ("exp", "sqrt", "log1p", "tanh"))
-
-
-def sin(x: Any) -> Any:
-    """Sine."""
-    torch = _torch_of(x)
-    return torch.sin(x) if torch else _perturbed(np.sin, np.cos, 1.0, x)
-
-
-def cos(x: Any) -> Any:
-    """Cosine."""
-    torch = _torch_of(x)
-    return torch.cos(x) if torch else _perturbed(np.cos, np.sin, -1.0, x)
-
-
-def _perturbed(function: Any, other: Any, sign: float, x: Any) -> Any:
-    """Return a function of slope ``± other``, of the same value with a perturbation and without."""
-    value = function(np.real(x))
-    return value + 1j * sign * other(np.real(x)) * np.imag(x) if np.iscomplexobj(x) else value
+sin, cos = _elementary("sin", np.cos), _elementary("cos", lambda x: -np.sin(x))
 
 
 def maximum(a: Any, b: Any) -> Any:
@@ -123,29 +113,16 @@ def _real(x: Any) -> Any:
     return lambda x: x
 
 
-@overload(where, strict=False, jit_options=_INLINE)
-def _where(condition: Any, a: Any, b: Any) -> Any:
-    return lambda condition, a, b: a if condition else b
+def _alike(function: Any, compiled: Any) -> None:
+    """Make a function known to compiled code, the same for floats and complex numbers."""
+    overload(function, strict=False, jit_options=_INLINE)(lambda *_: compiled)
 
 
-@overload(maximum, strict=False, jit_options=_INLINE)
-def _maximum(a: Any, b: Any) -> Any:
-    return lambda a, b: a if real(a) >= real(b) else b
-
-
-@overload(minimum, strict=False, jit_options=_INLINE)
-def _minimum(a: Any, b: Any) -> Any:
-    return lambda a, b: a if real(a) <= real(b) else b
-
-
-@overload(absolute, strict=False, jit_options=_INLINE)
-def _absolute(x: Any) -> Any:
-    return lambda x: x if real(x) >= 0.0 else -x
-
-
-@overload(certain, strict=False, jit_options=_INLINE)
-def _certain(condition: Any) -> Any:
-    return lambda condition: condition
+_alike(where, lambda condition, a, b: a if condition else b)
+_alike(maximum, lambda a, b: a if real(a) >= real(b) else b)
+_alike(minimum, lambda a, b: a if real(a) <= real(b) else b)
+_alike(absolute, lambda x: x if real(x) >= 0.0 else -x)
+_alike(certain, lambda condition: condition)
 
 
 def _smooth(function: Any, value: Any, slope: Any) -> None:
