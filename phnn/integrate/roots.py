@@ -124,10 +124,15 @@ def make_radau(flow: Callable[..., Any], plain_flow: Callable[..., Any]) -> Any:
     (implicit function theorem), so that one search serves all derivatives of a step.
 
     Args:
-        flow: ``(state, context) -> φ``, the flow into the resistors of the storage.
+        flow: ``(x, x⁺, context) -> φ``, the flow into the resistors of the storage at its mean effort.
         plain_flow: the same without the perturbations of the context.
     """
-    lost = _make_lost(plain_flow)
+
+    @plain
+    def at(state: Any, context: Any) -> Any:
+        return plain_flow(state, state, context)
+
+    lost = _make_lost(at)
 
     @plain
     def first_value(one: Any, given: Any) -> Any:
@@ -187,7 +192,8 @@ def make_radau(flow: Callable[..., Any], plain_flow: Callable[..., Any]) -> Any:
         stay_outside()
         one, two, a, b = found
         before, after = one + 0.0 * current, two + 0.0 * current
-        g1, g2 = _radau_defects(before - x, after - x, current, h, flow(before, context), flow(after, context))
+        lost1, lost2 = flow(before, before, context), flow(after, after, context)
+        g1, g2 = _radau_defects(before - x, after - x, current, h, lost1, lost2)
         inverse = 1.0 / (a * b + 2.25)
         before = before - (b * g1 - 0.5 * g2) * inverse
         after = after - (4.5 * g1 + a * g2) * inverse
@@ -197,12 +203,7 @@ def make_radau(flow: Callable[..., Any], plain_flow: Callable[..., Any]) -> Any:
 
 
 def make_gradient(flow: Callable[..., Any], plain_flow: Callable[..., Any]) -> Any:
-    """``search(x, i, h, context) -> (x⁺, slope)`` and ``moved(x, i, h, found, context) -> x⁺``, as of `make_radau`.
-
-    Args:
-        flow: ``(x, x⁺, context) -> φ(ē)``.
-        plain_flow: the same without the perturbations of the context.
-    """
+    """``search(x, i, h, context) -> (x⁺, slope)`` and ``moved(x, i, h, found, context) -> x⁺``, as of `make_radau`."""
 
     @plain
     def between(end: Any, context: Any) -> Any:

@@ -363,20 +363,22 @@ def modulate(t: Any, step: Step) -> None:
         scale_gains(t, t[r, RATIO_PLACE], factor(t, r, read(t, t[r, READ], step), theta), g)
 
 
-def _make_lost(part: Any) -> Any:
-    """Return ``Σ_r b_r φ_r(b_r ε)`` of a reducible storage at an effort; ``part`` takes a ratio or a variable that a
-    law reads with its perturbations or without them, ``theta`` being unperturbed."""
+def _make_flow(part: Any) -> Any:
+    """Return ``Σ_r b_r φ_r(b_r ē)`` of a reducible storage at its mean effort between two states; ``part`` takes a
+    ratio or a variable that a law reads with its perturbations or without them, ``theta`` being unperturbed."""
 
-    def lost(context: Any, effort: Any) -> Any:
+    def flow(start: Any, end: Any, context: Any) -> Any:
+        stay_outside()
         t, leaf, step = context
         row = t[0, LEAVES] + leaf
+        effort = mean_effort(t, t[row, OWN_STORAGE], start, end, step.theta)
         total = 0.0 * effort
         for r in range(t[row, FIRST_RESISTOR], t[row, LAST_RESISTOR]):
             q, ratio = read(t, t[r, READ], step), part(step.g[r])
             total += ratio * resistor_flow(t, r, ratio * effort, part(q) + 0.0 * q, step.theta)
         return total
 
-    return inline(lost)
+    return plain(flow)
 
 
 @inline
@@ -384,33 +386,9 @@ def _whole(value: Any) -> Any:
     return value
 
 
-_lost, _plainly_lost = _make_lost(_whole), _make_lost(real)
-
-
-def _at_state(lost: Any) -> Any:
-    """Return the flow lost at a state."""
-
-    def at_state(state: Any, context: Any) -> Any:
-        stay_outside()
-        t, leaf, step = context
-        return lost(context, mean_effort(t, t[t[0, LEAVES] + leaf, OWN_STORAGE], state, state, step.theta))
-
-    return plain(at_state)
-
-
-def _between_states(lost: Any) -> Any:
-    """Return the flow lost at the mean effort between two states."""
-
-    def between_states(start: Any, end: Any, context: Any) -> Any:
-        stay_outside()
-        t, leaf, step = context
-        return lost(context, mean_effort(t, t[t[0, LEAVES] + leaf, OWN_STORAGE], start, end, step.theta))
-
-    return plain(between_states)
-
-
-_radau_search, _radau_moved = make_radau(_at_state(_lost), _at_state(_plainly_lost))
-_gradient_search, _gradient_moved = make_gradient(_between_states(_lost), _between_states(_plainly_lost))
+_flow, _plain_flow = _make_flow(_whole), _make_flow(real)
+_radau_search, _radau_moved = make_radau(_flow, _plain_flow)
+_gradient_search, _gradient_moved = make_gradient(_flow, _plain_flow)
 
 
 @inline
