@@ -39,6 +39,7 @@ from phnn.integrate.perturbed import (
     load_actions,
     parameter,
     perturb,
+    perturbed_step,
     piece_of,
     places_of,
     plain_leaf,
@@ -136,14 +137,12 @@ def _leaf_power(t: Any, p: Any, d: Any, leaf: Any, n: Any, run: Any) -> None:
     k = t[row, OWN_STORAGE]
     for pair in range(p.first[leaf], p.first[leaf + 1]):
         i = p.input[pair]
-        which, slot, act = places_of(p, d, i)
-        perturb(p, d, i, TINY)
-        junction_flows(t, d.theta, d.x, d.y, d.wj)
-        current, start = leaf_current(t, leaf, d.g[slot], d.a[act], d.wj), d.x[k]
+        step = perturbed_step(t, p, d, i, h)
+        current, start = leaf_current(t, leaf, step.g, step.a, step.wj), step.x[k]
         end = complex(run.states[n + 1, k], TINY * d.by_leaf[pair])
         mean = complex(run.efforts[n, k], TINY * d.by_mean[pair])
         if t[row, IS_LINEAR] > 0:
-            between = 0.5 * d.c[which, leaf, STIFFNESS] * (start + end)
+            between = 0.5 * step.c[leaf, STIFFNESS] * (start + end)
         else:
             between = mean_effort(t, k, start, end, d.theta)
         d.by_drive[i] += (current * mean - between * (end - start) / h).imag / TINY
@@ -156,11 +155,8 @@ def _junction_power(t: Any, p: Any, d: Any, s: Any, h: Any) -> None:
     r, source = t[s, SOURCE_RESISTOR], s - t[0, SOURCES]
     for place in range(p.source_first[source], p.source_first[source + 1]):
         i = p.source_input[place]
-        which, slot, act = places_of(p, d, i)
-        perturb(p, d, i, TINY)
-        junction_flows(t, d.theta, d.x, d.y, d.wj)
-        effort = branch_effort(t, r, d.g[slot], d.wj)
-        q = read(t, t[r, READ], step_of(d, which, slot, act, h))
+        step = perturbed_step(t, p, d, i, h)
+        effort, q = branch_effort(t, r, step.g, step.wj), read(t, t[r, READ], step)
         d.by_drive[i] += (effort * resistor_flow(t, r, effort, q, d.theta)).imag / TINY
         perturb(p, d, i, 0.0)
 

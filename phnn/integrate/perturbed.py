@@ -309,6 +309,15 @@ def step_of(d: Any, which: Any, slot: Any, act: Any, h: Any) -> Step:
 
 
 @inline
+def perturbed_step(t: Any, p: Any, d: Any, i: Any, h: Any) -> Step:
+    """Return the step with input ``i`` perturbed, with its flows; `perturb` takes the perturbation away again."""
+    which, slot, act = places_of(p, d, i)
+    perturb(p, d, i, TINY)
+    junction_flows(t, d.theta, d.x, d.y, d.wj)
+    return step_of(d, which, slot, act, h)
+
+
+@inline
 def load_actions(d: Any, n: Any, run: Any) -> None:
     """Load the actions of a step; only those by parameters of port laws are perturbed."""
     for port in range(d.a.shape[1]):
@@ -356,12 +365,10 @@ def terms_in_full(t: Any, p: Any, d: Any, h: Any) -> None:
     for term in range(p.terms.shape[0]):
         for place in range(p.term_first[term], p.term_first[term + 1]):
             i = p.term_input[place]
-            which, slot, act = places_of(p, d, i)
-            perturb(p, d, i, TINY)
-            junction_flows(t, d.theta, d.x, d.y, d.wj)
+            step = perturbed_step(t, p, d, i, h)
             for j in range(d.y.shape[0]):
                 d.wj[FORCE, j] = 0.0
-            junction_term(t, p.terms[term], step_of(d, which, slot, act, h))
+            junction_term(t, p.terms[term], step)
             for j in range(d.y.shape[0]):
                 d.by_force[j, i] += d.wj[FORCE, j].imag / TINY
             perturb(p, d, i, 0.0)
@@ -379,10 +386,7 @@ def leaf_in_full(t: Any, p: Any, d: Any, leaf: Any, h: Any) -> None:
         found = leaf_search(t, leaf, step_of(d, none, 0, 0, h))
     for pair in range(p.first[leaf], p.first[leaf + 1]):
         i = p.input[pair]
-        which, slot, act = places_of(p, d, i)
-        perturb(p, d, i, TINY)
-        junction_flows(t, d.theta, d.x, d.y, d.wj)
-        step = step_of(d, which, slot, act, h)
+        step = perturbed_step(t, p, d, i, h)
         if closed:
             end, mean = leaf_closed(t, leaf, step)
         else:
