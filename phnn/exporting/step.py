@@ -22,7 +22,6 @@ from phnn.integrate.scheme import (
     RADAU,
     Scheme,
     is_leak,
-    is_linear,
     junctions_of,
     merged_couplings,
     resistors_of,
@@ -30,7 +29,7 @@ from phnn.integrate.scheme import (
 )
 from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.leaf import rc_flow, relaxation
-from phnn.network.elements import ModulatorState, Network, Ratio, Resistor, Storage
+from phnn.network.elements import ModulatorState, Network, Ratio, Resistor, Storage, is_linear
 from phnn.network.roles import imposed
 
 

@@ -27,7 +27,6 @@ from phnn.integrate.scheme import (
     LOSSLESS,
     SCALARS,
     Scheme,
-    is_linear,
     junctions_of,
     merged_couplings,
     obstacle,
@@ -37,7 +36,7 @@ from phnn.integrate.scheme import (
 from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.namespace import TINY
 from phnn.laws.wide import form_of
-from phnn.network.elements import ModulatorState, Network, Ratio, Resistor, Storage
+from phnn.network.elements import ModulatorState, Network, Ratio, Resistor, Storage, is_linear
 from phnn.network.roles import imposed
 
 Integers = NDArray[np.int64]

@@ -39,7 +39,7 @@ from typing import Any
 from phnn.errors import InputRefused
 from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES, form_of, has_kernel
-from phnn.network.elements import Network, Ratio, Resistor, Storage, WithLaw, fault_of_laws
+from phnn.network.elements import Network, Ratio, Resistor, WithLaw, fault_of_laws, is_linear
 from phnn.network.roles import imposed
 
 
@@ -69,7 +69,6 @@ LOSSLESS, EXACT, RADAU, GRADIENT, PATH = range(5)
 NEAR_REST = 2.0**-80
 # Parameters that the kernels pass to a law.
 SCALARS = 5
-_LINEAR_STORAGES = ("capacitor", "spring")
 _LINEAR_RESISTORS = ("linear", "maxwell")
 # Their codes in the kernel's tables.
 LINEAR_RESISTOR_CODES = tuple(code for code, name in enumerate(RESISTOR_LAWS) if name in _LINEAR_RESISTORS)
@@ -105,11 +104,6 @@ def junctions_of(network: Network) -> tuple[str, ...]:
         if name in chosen - forced and all(e & (chosen - {name}) for e in edges):
             chosen.remove(name)
     return tuple(n for n in order if n in chosen)
-
-
-def is_linear(storage: Storage) -> bool:
-    """Return whether the effort of a storage is linear in its state."""
-    return isinstance(storage.law, str) and storage.law in _LINEAR_STORAGES
 
 
 def is_leak(resistor: Resistor) -> bool:

@@ -440,6 +440,11 @@ class Network:
         )
 
 
+def is_linear(storage: Any) -> bool:
+    """Return whether the effort of a storage, in a network or a bond graph, is linear in its state."""
+    return isinstance(storage.law, str) and storage.law in ("capacitor", "spring")
+
+
 Label = Callable[[str], str]
 
 

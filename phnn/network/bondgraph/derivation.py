@@ -43,7 +43,7 @@ from phnn.network.bondgraph.equations import (
     source,
     times,
 )
-from phnn.network.elements import Coupling, Network, Port, Ratio, Resistor, Storage
+from phnn.network.elements import Coupling, Network, Port, Ratio, Resistor, Storage, is_linear
 from phnn.parameters import Parameter, constant
 
 
@@ -170,9 +170,6 @@ def _names(form: Form, *roles: str) -> list[str]:
     return [v.of for v in form if v.role in roles]
 
 
-_LINEAR = ("capacitor", "spring")
-
-
 @dataclass(frozen=True)
 class Merge:
     """One storage that went into another.
@@ -189,11 +186,6 @@ class Merge:
     ratio: str
     parameter: str
     statement: str
-
-
-def is_linear(store: C | I) -> bool:
-    """Return whether the energy is quadratic."""
-    return isinstance(store.law, str) and store.law in _LINEAR
 
 
 def merged(
