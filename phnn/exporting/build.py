@@ -26,7 +26,7 @@ from phnn.exporting.laws import Elements, refused
 from phnn.exporting.program import Names, Program, one_line, prefix
 from phnn.exporting.step import Balance, Rest, drives
 from phnn.integrate.program import compile_network
-from phnn.integrate.rest import equilibrium
+from phnn.integrate.rest import equilibrium, served
 from phnn.integrate.scheme import obstacle
 from phnn.laws.other import advanced
 from phnn.network.bondgraph.description import MASSLESS, effort_unit
@@ -240,7 +240,8 @@ class _Builder:
 
     def program(self, initial_input: float) -> Program:
         """Return the finished program."""
-        self.p.from_rest = self.rest.follows_input
+        # Whether displacements of the junctions say all about rest.
+        self.p.from_rest = served(compile_network(self.network)) and all(f > 0.0 for f in self.rest.floors())
         self._solver_fields()
         self.p.add("balance", (), self.b.write(), "Equations of a step at the unknowns y: what is left, and its terms")
         solve = self._solver("balance", "FLOORS", self._floors(), "")

@@ -75,19 +75,6 @@ class Rest:
         self.b, self.e, self.network = balance, balance.e, balance.network
         self.lossless = [n for n in balance.reducible if balance.rules[n] == LOSSLESS]
 
-    @property
-    def follows_input(self) -> bool:
-        """Return whether displacements of the junctions say all about rest."""
-        inside = any({to, of} <= set(self.b.junctions) for to, of, _ in self.b.couplings)
-        beside = any(name in self.b.reducible for p in self.network.ports for name in p.on)
-        return (
-            bool(self.b.junctions)
-            and not self.b.moved
-            and not inside
-            and not beside
-            and all(f > 0.0 for f in self.floors())
-        )
-
     def floors(self) -> list[float]:
         """Return the stiffness that acts on every junction near zero."""
         total = dict.fromkeys(self.b.junctions, 0.0)

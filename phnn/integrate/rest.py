@@ -69,8 +69,6 @@ def equilibrium(program: Program, network: Network, u: Array) -> Array:
         SolverFailed: a state grows without bound, so that there is no rest state; names the state.
     """
     theta = program.theta(network)
-    if not _pulled(program, theta, u) and not len(rows_of(program.table, MODULATOR_STATES)):
-        return np.zeros(len(program.states))
     xi = _displacements(program, theta, u)
     return _steady().steady_state(network, u) if xi is None else np.real(_states(program, theta, u, xi))
 
@@ -105,7 +103,7 @@ def equilibrium_slope(program: Program, network: Network, u: Array, port: int) -
     """
     theta = program.theta(network).astype(complex)
     along = np.arange(u.size) == port
-    xi = _displacements(program, theta.real, u) if _served(program) else None
+    xi = _displacements(program, theta.real, u) if served(program) else None
     slopes = np.zeros((0, 0)) if xi is None else _slopes(program, theta.real, u, xi)
     if xi is not None and np.linalg.matrix_rank(slopes) == xi.size:
         shift = -np.linalg.solve(slopes, np.imag(_forces(program, theta, u + 1j * TINY * along, xi)) / TINY)
@@ -131,7 +129,7 @@ def _displacements(program: Program, theta: Array, u: Array) -> Array | None:
     """Return (m,) ``ξ`` by Newton's method; None where they do not determine the rest state."""
     if not _pulled(program, theta, u):
         return np.zeros(len(program.junctions))
-    if not _served(program):
+    if not served(program):
         return None
     xi = np.zeros(len(program.junctions))
     start = np.abs(_forces(program, theta, u, xi)).max()
@@ -146,7 +144,7 @@ def _displacements(program: Program, theta: Array, u: Array) -> Array | None:
     return xi
 
 
-def _served(program: Program) -> bool:
+def served(program: Program) -> bool:
     """Return whether displacements of the junctions determine the rest state: there are some, and no input acts beside
     them."""
     beside = len(rows_of(program.table, LEAF_INLETS)) + len(rows_of(program.table, GYRATORS))
