@@ -26,11 +26,9 @@ from phnn.errors import InputRefused
 _WORDS = """
 auto break case char const continue default do double else enum extern float for goto if inline int long register
 restrict return short signed sizeof static struct switch typedef union unsigned void volatile while
-and as assert async await class def del elif except finally from global import in is lambda nonlocal not or pass
-raise try with yield None True False end elseif function otherwise parfor persistent spmd
-s y u h main self math
+end elseif function otherwise parfor persistent spmd s y u h main self math
 """
-RESERVED = frozenset(_WORDS.split())
+RESERVED = frozenset(_WORDS.split()) | frozenset(keyword.kwlist)
 # Names of files that a compiler or an interpreter would find in place of its own, or that a target writes besides.
 _HEADERS = """
 assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp signal stdalign stdarg stdatomic stdbool

@@ -32,24 +32,16 @@ FLOORS: Any = ((1.0,),)
 H = 1.0
 
 
-def balance(s: Any) -> None:
-    """Fills ``force`` and ``size`` at the unknowns ``y``."""
+def _of_program(*_: Any) -> Any:
+    """Stand for a function of the program."""
     raise NotImplementedError
 
 
-def lost(s: Any, state: Any) -> Any:
-    """Return the flow into the resistors of a storage at a state."""
-    raise NotImplementedError
-
-
-def mean_effort(a: Any, b: Any) -> Any:
-    """Return the mean effort of a storage between two states."""
-    raise NotImplementedError
-
-
-def value(s: Any, y: Any, x: Any, other: Any, current: Any) -> Any:
-    """Return an equation at the unknown ``y``, and the size of its terms."""
-    raise NotImplementedError
+# ``balance(s)`` fills ``force`` and ``size`` at the unknowns ``y``.
+# ``lost(s, state)`` is the flow into the resistors of a storage, ``mean_effort(a, b)`` its mean effort between states.
+# ``value(s, y, x, other, current)`` is an equation at the unknown ``y``, and the size of its terms.
+# ``first_stage(s, two, x, current)`` is the first stage for a given second one.
+balance = lost = mean_effort = value = first_stage = _of_program
 
 
 def root(s: Any, x: Any, other: Any, current: Any, guess: Any, floor: Any, slope: Any) -> Any:
@@ -110,11 +102,6 @@ def second_stage_value(s: Any, y: Any, x: Any, other: Any, current: Any) -> Any:
     taken, one = lost(s, y), first_stage(s, y, x, current)
     _unused, left = radau_defects(one - x, y - x, current, H, 0.0, taken)
     return left, absolute(one) + absolute(y) + absolute(x) + H * (absolute(current) + absolute(taken))
-
-
-def first_stage(s: Any, two: Any, x: Any, current: Any) -> Any:
-    """Return the first stage for a given second one."""
-    raise NotImplementedError
 
 
 def first_root(s: Any, two: Any, x: Any, current: Any) -> Any:
