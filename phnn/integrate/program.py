@@ -106,32 +106,17 @@ def source_rows(
     network: Network, memory: ModulatorState, leaves: Sequence[str], junctions: Sequence[str]
 ) -> list[list[int]]:
     """Return the rows of one modulator state's sources; junction resistors are counted within their kind."""
-    on_junctions = [r.name for r in network.resistors if set(r.on) <= set(junctions)]
-    ports = [p.name for p in network.ports]
-    names = network.drives_of(memory)
-    rows: list[list[int]] = []
-    for name in names:
-        if name in on_junctions:
-            rows.append(_row(SOURCE_RESISTOR, on_junctions.index(name)))
-        elif name in leaves:
-            rows.append(_row(SOURCE_EFFORT, network.state_names.index(name)))
-        elif name in junctions:
-            rows.append(_row(SOURCE_FLOW, junctions.index(name)))
-        elif name in ports:
-            rows.append(_row(SOURCE_PORT, ports.index(name)))
-        else:
-            leaf = next(storage for r in network.resistors if r.name == name for storage in r.on)
-            # All resistors of the storage drive the modulator state, or none does: see `phnn.integrate.scheme`.
-            together = [r.name for r in network.resistors if tuple(r.on) == (leaf,)]
-            if name == together[0]:
-                rows.append(_row(SOURCE_LEAF, leaves.index(leaf)))
-    return rows
-
-
-def _row(column: int, value: int) -> list[int]:
-    row = [NONE] * 5
-    row[column] = value
-    return row
+    found: dict[str, tuple[int, int]] = {}
+    for k, leaf in enumerate(leaves):
+        # All resistors of the storage drive the modulator state, or none does: see `phnn.integrate.scheme`.
+        found |= {r.name: (SOURCE_LEAF, k) for r in network.resistors if tuple(r.on) == (leaf,)}
+    found |= {p.name: (SOURCE_PORT, k) for k, p in enumerate(network.ports)}
+    found |= {name: (SOURCE_FLOW, j) for j, name in enumerate(junctions)}
+    found |= {name: (SOURCE_EFFORT, network.state_names.index(name)) for name in leaves}
+    on_junctions = (r.name for r in network.resistors if set(r.on) <= set(junctions))
+    found |= {name: (SOURCE_RESISTOR, k) for k, name in enumerate(on_junctions)}
+    sources = dict.fromkeys(found[name] for name in network.drives_of(memory))
+    return [[value if column == c else NONE for c in range(5)] for column, value in sources]
 
 
 # Kinds of rows that belong to a reducible storage, in the order of its columns.
