@@ -1,8 +1,9 @@
 """Checks of recordings before any model is fitted to them, in words and as data: what they show, and what to record.
 
-Of one recording: steps, limits and drift of its output, a gain that differs from others by a factor of a thousand (a
-wrong unit), tones of the mains, an output that comes before its input. Of all: noise that exceeds that of others with
-such an excitation, and the questions that the recordings can and cannot answer.
+Of one recording: steps, limits and drift of its output, tones of the mains, an output that comes before its input,
+harmonics that the input does not drive. Of all: a gain that differs from that of others by a factor of a thousand or by
+its sign (a wrong unit, a reversed wire), noise that exceeds that of others with such an excitation, and the questions
+that the recordings can and cannot answer.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
 from phnn.parameters import duration, quantity
+from phnn.recordings.checks import turned
 from phnn.recordings.excitation import Excitation, spectrum, waves
 from phnn.recordings.reader import describe
 from phnn.recordings.recording import ACTUATOR, Campaign, Recording, dominant_frequency, is_actuator
@@ -33,7 +35,8 @@ NOTE, WARNING = "note", "warning"
 @dataclass(frozen=True)
 class Finding:
     """Attributes:
-    kind: ``quantisation``, ``limits``, ``drift``, ``mains``, ``lead``, ``units``, ``noise`` or ``contaminated``.
+    kind: ``quantisation``, ``limits``, ``drift``, ``mains``, ``lead``, ``distortion``, ``units``, ``noise`` or
+        ``contaminated``.
     severity: ``note``, or ``warning`` where it may mislead a diagnosis.
     text: one sentence for a person, with what to do about a warning.
     values: its numbers, SI.
@@ -49,20 +52,25 @@ class Finding:
 _STEP, _WITHIN = 1000.0, 2.5
 # Recordings of one kind that tell what the gain usually is, and within which factor of each other they lie.
 _FEWEST, _ALIKE = 3, 30.0
-# A recording has a gain if its input moves by this share of the largest one, and its output by so many noise floors.
+# A recording has a gain if its input moves by this share of the usual range, and its output by so many noise floors.
 _MOVES, _SEEN = 0.01, 20.0
-# A fast recording may have a small gain: up to this factor of the fastest usual one, it may not.
-_FAST = 2.0
+# A faster recording has a smaller gain: it may fall with this power of the frequency (a mass and one lag).
+_ROLL_OFF = 3.0
+# Correlation of input and output from which one follows the other, with it or against it; how much faster than all
+# others a recording is that may lie above a resonance, where a displacement moves against the force.
+_FOLLOWS, _ABOVE = 0.9, 2.0
+# Largest voltage of the piezo actuators that are sold, V, with some reserve.
+_HIGHEST = 5e3
 # Stroke per volt, from a tube scanner of a tenth of a nanometre to a bender, with a decade beyond both; a command in
 # front of an amplifier may be smaller by its gain.
 _LEAST, _MOST, _AMPLIFIED = 1e-11, 1e-4, 1e-2
 
 
 def odd_units(campaign: Campaign) -> dict[str, list[Finding]]:
-    """By recording: doubts about the units of its input or output.
+    """By recording: doubts about the units and signs of its input or output.
 
-    Gains about 10³ or 10⁻³ times that of most others, and strokes per volt far beyond those of actuators that are sold;
-    any other system may have any gain.
+    Gains about 10³ or 10⁻³ times that of most others, outputs that move against an input that most others follow, and
+    voltages and strokes per volt far beyond those of actuators that are sold; any other system may have any gain.
     """
     found: dict[str, list[Finding]] = {r.name: [] for r in campaign.recordings}
     actuator, most = is_actuator(campaign.setup), _AMPLIFIED if campaign.voltage == "command" else _MOST
@@ -71,16 +79,16 @@ def odd_units(campaign: Campaign) -> dict[str, list[Finding]]:
         if np.isfinite(r.y).all():
             kinds.setdefault((r.measures, r.units.input, r.units.output), []).append(r)
     for some in kinds.values():
-        largest = max(float(np.ptp(r.u)) for r in some)
-        gains = {r: float(np.ptp(r.y) / np.ptp(r.u)) for r in some if _has_gain(r, largest)}
+        moves = float(np.median([np.ptp(r.u) for r in some]))
+        gains = {r: float(np.ptp(r.y) / np.ptp(r.u)) for r in some if _has_gain(r, moves)}
         usual = float(np.median(list(gains.values()))) if gains else 1.0
         alike = [r for r, g in gains.items() if max(g / usual, usual / g) < _ALIKE]
         usable = len(alike) >= max(_FEWEST, len(gains) // 2 + 1)
         fastest = max((dominant_frequency(r) for r in alike), default=0.0) if usable else 0.0
+        against = _against([r for r in gains if not r.further])
         for r, gain in gains.items():
-            ratio = gain / usual
-            slow = usable and (ratio > 1.0 or dominant_frequency(r) <= _FAST * fastest)
-            if slow and _thousands(ratio):
+            ratio, faster = gain / usual, max(dominant_frequency(r) / max(fastest, 1e-300), 1.0)
+            if usable and _thousands(ratio) and max(ratio, 1.0 / (ratio * faster**_ROLL_OFF)) > _ALIKE:
                 text = (
                     f"output over input is {ratio:.3g} times that of the {len(alike)} others: a column has probably "
                     f"another unit than is stated (nm, µm, mm; V, kV); correct it in recordings.yaml, columns"
@@ -92,7 +100,30 @@ def odd_units(campaign: Campaign) -> dict[str, list[Finding]]:
                     f"the units and names of its columns with what was recorded"
                 )
                 found[r.name].append(Finding("units", WARNING, text, {"gain": gain}))
+            if actuator and r.units.input == "V" and (size := float(np.max(np.abs(r.u)))) > _HIGHEST:
+                text = (
+                    f"a voltage of {quantity(size, 'V')}, piezo actuators take up to {quantity(_HIGHEST, 'V')}: the "
+                    f"column is probably in mV; correct it in recordings.yaml, columns"
+                )
+                found[r.name].append(Finding("units", WARNING, text, {"voltage": size}))
+            if r in against:
+                text = f"the output moves the other way than in most others: {turned(r.source)}"
+                found[r.name].append(Finding("units", WARNING, text, {"correlation": against[r]}))
     return found
+
+
+def _against(recordings: Sequence[Recording]) -> dict[Recording, float]:
+    """Return those whose output follows the input with another sign than that of most others, with the correlation.
+
+    One that is much faster than all of the others may lie above a resonance, where that is physics.
+    """
+    correlations = {r: float(np.corrcoef(r.u, r.y)[0, 1]) for r in recordings}
+    usual = [r for r, c in correlations.items() if c > _FOLLOWS]
+    other = [r for r, c in correlations.items() if c < -_FOLLOWS]
+    if len(other) > len(usual):
+        usual, other = other, usual
+    fastest = max((dominant_frequency(r) for r in usual), default=0.0)
+    return {r: correlations[r] for r in other if dominant_frequency(r) <= _ABOVE * fastest}
 
 
 def buried(recording: Recording) -> list[Finding]:
@@ -115,10 +146,10 @@ def doubts(campaign: Campaign) -> tuple[str, ...]:
     return tuple(f"{name}: {f.text}." for name, findings in found.items() for f in findings)
 
 
-def _has_gain(r: Recording, largest: float) -> bool:
+def _has_gain(r: Recording, usual: float) -> bool:
     floor = r.noise if r.noise_found and np.isfinite(r.noise) else 0.0
     moves, seen = float(np.ptp(r.u)), float(np.ptp(r.y))
-    return moves > _MOVES * largest and moves > 0.0 and seen > _SEEN * floor and seen > 0.0
+    return moves > _MOVES * usual and moves > 0.0 and seen > _SEEN * floor and seen > 0.0
 
 
 def _thousands(ratio: float) -> bool:
@@ -213,10 +244,46 @@ def lead(recording: Recording) -> list[Finding]:
         return []
     text = (
         f"the output leads the input by {seconds:.3g} s ({seconds / recording.dt:.2g} samples) at "
-        f"{excitation.low_Hz:.4g} Hz, as no actuator does: the channels are shifted; sample them "
-        f"together, or correct the shift"
+        f"{excitation.low_Hz:.4g} Hz, as no actuator does: the columns are swapped, or the channels "
+        f"shifted; compare names and columns, and sample both together"
     )
     return [Finding("lead", WARNING, text, {"lead_s": seconds})]
+
+
+# Share of the largest line of the input from which a harmonic is driven; the least distortion that is told, as a share
+# of the output and in deviations of its noise.
+_DRIVEN, _TOLD, _ABOVE_NOISE = 0.01, 1e-3, 4.0
+
+
+def distortion(recording: Recording) -> list[Finding]:
+    """Return what a periodic output holds at harmonics that the input does not drive, where a linear system is silent.
+
+    Of ``K`` whole periods the spectrum has its harmonics at every K-th line. Odd ones come of what is the same in both
+    directions (hysteresis, friction, a cubic spring), even ones of what is not (Pintelon & Schoukens 2012, System
+    Identification, ch. 4). Shares of the output's deviation; noise is that in as many lines.
+    """
+    excitation, starting = recording.excitation, 0 if recording.start.state == "periodic" else 1
+    periods = int(excitation.cycles + _WHOLE) - starting
+    if excitation.period is None or periods < 2 or recording.further or not np.isfinite(recording.noise):
+        return []
+    size = excitation.period / recording.dt
+    rows = slice(excitation.span[1] - round(periods * size), excitation.span[1])
+    u, y = recording.u[rows], recording.y[rows]
+    # The line through the means of the first and the last period: what drifts is in all harmonics.
+    drift = (y[-round(size) :].mean() - y[: round(size)].mean()) / (y.size - size)
+    lines = np.fft.rfft(np.column_stack([u, y - drift * np.arange(y.size)]), axis=0)[periods : y.size // 2 : periods].T
+    driven, power = np.abs(lines[0]) > _DRIVEN * np.abs(lines[0]).max(), np.abs(lines[1]) ** 2
+    order = np.arange(1, power.size + 1)
+    odd, even = (np.sqrt(power[~driven & (order % 2 == k)].sum() / power.sum()) for k in (1, 0))
+    noise = recording.noise * float(np.sqrt(y.size * (~driven).sum() / power.sum()))
+    if not max(odd, even) > max(_TOLD, _ABOVE_NOISE * noise):
+        return []
+    text = (
+        f"beside its linear response the output holds odd harmonics of {100.0 * odd:.2g} % and even ones of "
+        f"{100.0 * even:.2g} % (noise {100.0 * noise:.2g} %): hysteresis, friction and symmetric bends make odd ones, "
+        f"what differs between both directions even ones"
+    )
+    return [Finding("distortion", NOTE, text, {"odd": float(odd), "even": float(even), "noise": noise})]
 
 
 # Harmonics of the drive in which periods may differ because of the transient.
@@ -535,9 +602,11 @@ def _steps(recording: Recording) -> bool:
 
 
 _NUMBER = re.compile(r"[-−]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?: [nµmkM]?(?:m|V|s|N|A|Hz|rad)\b)?")
+# Kinds of findings that say that a recording is not what it is taken for.
+_WRONG = ("units", "lead")
 # Names in a line before only their number is said; check.json has all.
 _LISTED = 3
-_CHECKS = (buried, quantisation, limits, drift, mains, lead)
+_CHECKS = (buried, quantisation, limits, drift, mains, lead, distortion)
 
 
 @dataclass(frozen=True)
@@ -555,12 +624,16 @@ class Checked:
 
     def text(self) -> str:
         """Return what `phnn check` prints."""
-        lines = [describe(self.campaign), ""]
-        if found := [(name, f) for name, some in self.findings.items() for f in some]:
-            # Notes that differ in numbers alone share the line of the first.
-            keys = ((name, f.text) if f.severity == WARNING else _NUMBER.sub("#", f.text) for name, f in found)
+        first, rest = describe(self.campaign).split("\n\n", 1)
+        lines = [first, ""]
+        found = [(name, f) for name, some in self.findings.items() for f in some]
+        if found := sorted(found, key=lambda n: (n[1].severity != WARNING, n[1].kind not in _WRONG)):
+            # What differs in numbers alone shares the line of the first; other warnings each have their own.
+            alone = (f.severity == WARNING and f.kind not in _WRONG for _, f in found)
+            keys = ((n, f.text) if a else _NUMBER.sub("#", f.text) for a, (n, f) in zip(alone, found, strict=True))
             told = zip(keys, ((name, f"{f.severity:8}{name}: {f.text}") for name, f in found), strict=True)
             lines += ["Noticed:", *_grouped("similar", told), ""]
+        lines += [rest, ""]
         said = ((name, "; ".join((s.colour, *s.notes))) for name, s in self.noise.items())
         lines += ["Noise:", *_grouped("the same", ((text, (name, f"{name}: {text}")) for name, text in said)), ""]
         for head, able in (("These recordings can show:", True), ("They cannot show, for which to record:", False)):
@@ -609,9 +682,9 @@ def check(campaign: Campaign) -> Checked:
     findings: dict[str, list[Finding]] = {r.name: [] for r in campaign.recordings}
     for r in recorded:
         findings[r.name] = [
+            *units[r.name],
             *(f for one in _CHECKS if one is not lead or actuator for f in one(r)),
             *among[r.name],
-            *units[r.name],
         ]
     noise = {r.name: noise_statement(r.noise, r.noise_source, r.units.output, _between_periods(r)) for r in recorded}
     return Checked(campaign, findings, abilities(campaign), noise)

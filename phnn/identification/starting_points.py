@@ -16,6 +16,7 @@ from phnn.identification.problem import without_nuisances
 from phnn.models.actuator import hrc
 from phnn.network.elements import Network
 from phnn.network.roles import linearised_at_rest
+from phnn.recordings.checks import turned
 from phnn.recordings.recording import Recording, dominant_frequency
 from phnn.recordings.units import powers
 from phnn.setup import Setup
@@ -78,9 +79,10 @@ def static_gain(recordings: Sequence[Recording]) -> float:
     chosen = max(driven, key=lambda r: float(np.ptp(r.y)))
     span = _input_range(chosen)
     if not chosen.sensor.rectified and falls_throughout(chosen.u, chosen.y):
+        alone = any(not falls_throughout(r.u, r.y) for r in driven)
+        remedy = "give one of them `scale: -1` under columns in recordings.yaml"
         raise InputRefused(
-            f"{chosen.source}: the output falls where the input rises; give one of them `scale: -1` under columns in "
-            "recordings.yaml"
+            f"{chosen.source}: the output falls where the input rises: {turned(chosen.source) if alone else remedy}"
         )
     return float(np.ptp(chosen.y) / span)
 

@@ -164,6 +164,14 @@ def input_moves(u: np.ndarray, before: float | None, label: str, where: Where) -
         )
 
 
+def turned(source: str) -> str:
+    """Return how to reverse the sign of one recording among others that have the right one."""
+    return (
+        f"a wire or a sign is reversed; list all files in recordings.yaml, recordings, this one as {{file: {source}, "
+        "columns: {displacement: {scale: -1}}}, with the name of its output"
+    )
+
+
 def like_an_actuator(size: float, quantity: str, label: str, where: Where) -> None:
     """Refuse what no piezo actuator does: its numbers are in another unit than is said."""
     least, most, unit = ACTUATORS[quantity]

@@ -86,7 +86,7 @@ def divide(candidates: Sequence[Candidate]) -> tuple[Mapping[str, tuple[Part, ..
         note = f"Held out for confirmation, as recordings.yaml says: {', '.join(sorted(held)) or 'nothing'}."
     else:
         held = choose(candidates)
-        note = f"Held out for confirmation, chosen here within the span of the others: {', '.join(sorted(held))}."
+        note = f"Held out for confirmation, chosen here: {', '.join(sorted(held))}."
         untold = [c.name for c in candidates if c.untold and c.name not in held]
         if untold:
             note += (
@@ -141,9 +141,10 @@ def split_one(one: Candidate) -> tuple[tuple[Part, ...], str]:
 def choose(candidates: Sequence[Candidate]) -> set[str]:
     """Return the names of the recordings to hold out: about a quarter, inside the span of the rest, spread over it.
 
-    Kept for identification where possible: the extremes of frequency and of amplitude, and whatever is unique in
-    kind (steps, chirps, broadband signals). Where some starts are unknown, the largest recording of known start stays
-    in any case: parameters are identified from it first. The choice depends on nothing but the recordings.
+    Kept for identification where possible: the extremes of frequency and of amplitude, the largest one above all, and
+    whatever is unique in kind (steps, chirps, broadband signals). Where some starts are unknown, the largest recording
+    of known start stays in any case: parameters are identified from it first. The choice depends on nothing but the
+    recordings.
     """
     certain = [c for c in candidates if not c.begun and c.use != "confirmation"]
     largest = max(certain, key=lambda c: c.excitation.amplitude) if 0 < len(certain) < len(candidates) else None
@@ -166,7 +167,7 @@ def choose(candidates: Sequence[Candidate]) -> set[str]:
 
 def _worth_keeping(one: Candidate, everyone: Sequence[Candidate]) -> int:
     """Return 0: interpolated by the rest, 1: repeats another, 2: smallest amplitude, 3: an extreme, 4: unique in kind,
-    or of no use to confirm, as its first samples tell nothing of its start."""
+    the largest of all, or of no use to confirm, as its first samples tell nothing of its start."""
     if one.untold:
         return 4
     tones = [c for c in everyone if c.excitation.kind in ("sine", "periodic")]
@@ -180,6 +181,8 @@ def _worth_keeping(one: Candidate, everyone: Sequence[Candidate]) -> int:
     frequencies = [c.excitation.frequency for c in tones]
     amplitudes = [c.excitation.amplitude for c in everyone]
     mine = one.excitation
+    if [c for c in everyone if c.excitation.amplitude > (1 - _SAME) * max(amplitudes)] == [one]:
+        return 4
     if max(frequencies) > (1 + _SAME) * min(frequencies) and not (
         min(frequencies) * (1 + _SAME) < mine.frequency < max(frequencies) * (1 - _SAME)
     ):
@@ -187,9 +190,6 @@ def _worth_keeping(one: Candidate, everyone: Sequence[Candidate]) -> int:
         rivals = [c for c in tones if math.isclose(c.excitation.frequency, mine.frequency, rel_tol=_SAME)]
         if mine.amplitude >= max(c.excitation.amplitude for c in rivals) * (1 - 1e-9):
             return 3
-    largest = [c for c in everyone if c.excitation.amplitude > (1 - _SAME) * max(amplitudes)]
-    if largest == [one]:
-        return 3
     if mine.amplitude < (1 + _SAME) * min(amplitudes) and max(amplitudes) > (1 + _SAME) * min(amplitudes):
         return 2
     return 0

@@ -79,7 +79,8 @@ class Files:
                     )
                 reader_of(path)
             listed = {os.path.realpath(path) for _, path in paths}
-            return list(said.entries), [_shown(p) for p in present if os.path.realpath(p) not in listed]
+            others = [p for p in present if os.path.realpath(p) not in listed]
+            return list(said.entries), [_shown(p) + " (not listed)" * self._numbers(p) for p in others]
         chosen, left = [], []
         for path in present:
             reason = self._no_recording(path)
@@ -244,7 +245,7 @@ def _campaign(
     notes = (_extent(recordings), *_columns(drafts), *(note for d in drafts for note in d.notes), *notes)
     notes += _heavy(said)
     if left:
-        notes = (*notes, f"Left alone, no recordings: {', '.join(left)}.")
+        notes = (*notes, f"Left alone: {', '.join(left)}.")
     held = frozenset(d.recording.name for d in drafts if d.use == "confirmation")
     return Campaign(recordings, said.setup, said.known, said.voltage, notes, new, printable(str(home)), held)
 

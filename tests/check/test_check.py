@@ -78,6 +78,19 @@ def test_an_output_that_leads_is_found_with_its_lead(samples: int) -> None:
     assert noticed.values["lead_s"] == pytest.approx(samples * DT, rel=0.05)
 
 
+@settings(max_examples=25, deadline=None)
+@given(st.floats(5.0, 40.0), st.integers(3, 9), st.floats(0.003, 0.1), st.floats(0.003, 0.1))
+def test_distortion_is_told_by_even_and_odd_harmonics(frequency: float, cycles: int, even: float, odd: float) -> None:
+    """A square and a cube of a sine make a second harmonic of a half and a third one of a quarter of themselves."""
+    clean = sine(float(f"{frequency:.2g}"), cycles=cycles, lag=0.0)
+    x, drift = clean.u / 70.0, 4e-7 * clean.t
+    noticed = found(with_output(clean, GAIN * 70.0 * (2.0 * even * x**2 + 4.0 * odd * x**3) + drift))["distortion"]
+    total = np.sqrt((1.0 + 3.0 * odd) ** 2 + even**2 + odd**2)
+    least = 3.0 * noticed.values["noise"]
+    assert noticed.values["even"] == pytest.approx(even / total, rel=0.03, abs=least)
+    assert noticed.values["odd"] == pytest.approx(odd / total, rel=0.03, abs=least)
+
+
 def test_drift_from_period_to_period_and_between_rests() -> None:
     clean = sine(8.0, cycles=10)
     ramp = 4e-7 * clean.t / clean.t[-1]
@@ -279,10 +292,31 @@ def test_a_recording_in_another_unit_is_noticed() -> None:
         wrong = replace(some[1], y=factor * some[1].y, noise=factor * NOISE)
         findings = check(campaign(some[0], wrong, *some[2:])).findings
         assert [name for name, found in findings.items() if any("of the 3 others" in f.text for f in found)] == ["at_8"]
+    # Of a faster one, and where the large unit is that of the input.
+    wrong = replace(some[3], u=1e3 * some[3].u, name="fast")
+    assert any("of the 3 others" in f.text for f in check(campaign(*some[:3], wrong)).findings["fast"])
     # A resonance may do this.
     higher = replace(some[1], y=50.0 * some[1].y)
     findings = check(campaign(some[0], higher, *some[2:])).findings
     assert not any(f.kind == "units" for found in findings.values() for f in found)
+
+
+@pytest.mark.parametrize("turned", [0, 1, 3])
+def test_a_recording_of_the_other_sign_is_noticed(turned: int) -> None:
+    some = [replace(sine(f), name=f"at_{f:g}") for f in (5.0, 8.0, 12.0, 20.0)]
+    one = replace(some[turned], y=-some[turned].y)
+    findings = check(campaign(*some[:turned], one, *some[turned + 1 :])).findings
+    assert [name for name, told in findings.items() if any("scale: -1" in f.text for f in told)] == [one.name]
+    # All of them may be so, and one that is much faster may lie above a resonance.
+    assert not any(check(campaign(*(replace(r, y=-r.y) for r in some))).findings.values())
+    above = replace(sine(90.0), name="above", y=-sine(90.0).y)
+    assert not any(check(campaign(*some, above)).findings.values())
+
+
+def test_a_voltage_that_no_actuator_takes_is_noticed() -> None:
+    some = [replace(sine(f), name=f"at_{f:g}", u=1e3 * sine(f).u) for f in (5.0, 8.0)]
+    findings = check(campaign(*some)).findings
+    assert all([f.values for f in told] == [{"voltage": pytest.approx(7e4, rel=1e-3)}] for told in findings.values())
 
 
 def test_a_stroke_that_no_actuator_has_is_noticed() -> None:

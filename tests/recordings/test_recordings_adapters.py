@@ -138,7 +138,7 @@ def test_a_manifest_says_of_objects_what_it_says_of_files(columns: dict[str, Col
     _as_read(found, expected)
     assert (found.setup, found.known, found.voltage) == (expected.setup, expected.known, expected.voltage)
     assert found.held_out == {"fast"}
-    assert found.notes[-1] == "Left alone, no recordings: middle, middle_too."
+    assert found.notes[-1] == "Left alone: middle, middle_too."
 
 
 def test_a_manifest_may_be_a_file(columns: dict[str, Columns], tmp_path: Path) -> None:

@@ -179,7 +179,7 @@ def test_describe_says_it_in_words(tmp_path: Path) -> None:
     for words in (
         "4 recordings", "middle (middle.csv)", "sine of 10 Hz, amplitude 50, 6 periods", "steps and holds", "4000 Hz",
         "period-to-period differences over 5 cycles", "rest, input 0 before", "m = 0.0011 ± 1e-05",
-        "Left alone, no recordings: notes.md", "start, not scored",
+        "Left alone: notes.md", "start, not scored",
     ):  # fmt: skip
         assert words in text
 
