@@ -206,7 +206,7 @@ def _grow_all(search: Search) -> None:
         part = f"what to add to {model.words}"
         if late(part):
             break
-        nearly = len(model.elements) == 2 or (model.elements and model.left <= search.criteria.explained)
+        nearly = len(model.elements) == 2 or (model.elements and model.left < _QUIET)
         if nearly and model in (search.best, search.written) and model.key not in search.compared:
             # One of its elements may stand for another, most often the first of two.
             _against_others(search, model)
@@ -523,15 +523,20 @@ def _compare(search: Search) -> None:
     likely = weighed.models if weighed.best.left < _QUIET else ()
     alike = [m for m in likely if not m.converged and weighed.behind(m) < _ALIKE]
     move("fits of what is as likely to their end", partial(_converge, search, alike), None)
-    for model in dict.fromkeys((search.best, search.written)):
-        if model.key not in search.compared:
-            _against_others(search, model)
+    for _ in range(_ROUNDS):
+        # What has taken the place of an element leads to a model that has to be compared itself.
+        for model in dict.fromkeys((search.best, search.written)):
+            if model.key not in search.compared:
+                _against_others(search, model)
 
 
 def _against_others(search: Search, model: Visited) -> None:
     """Fit a model without each of its elements, and with another one in the place of each."""
     before = untried()
     move(f"{model.words} without each element", partial(_drop_each, search, model, model.elements), None)
+    if model.key not in (search.best.key, search.written.key):
+        # It does as well without one: that is compared.
+        return
     for element in model.elements:
         move(f"what may be taken for {element.name}", partial(_exchange, search, model, element), None)
     if untried() == before:
@@ -573,7 +578,8 @@ def _exchange(search: Search, best: Visited, element: Effect) -> None:
 def _in_place_of(search: Search, best: Visited, element: Effect, rest: tuple[Effect, ...]) -> list[Visited]:
     """Return what the search has begun and not ended in the place of an element, and short refits of it in the model
     that the element has led to: the other parameters may have come to where nothing else would lead them."""
-    others = [e for e in search.effects if not e.after and e is not element]
+    known = {n for e in rest for n in e.parameters}
+    others = [e for e in search.effects if known.issuperset(e.after) and e is not element and e not in rest]
     if search.far(best):
         # No name is given far from the noise, but another form may lead on from where the element has led to.
         able = [e for e in others if family(e) == family(element)]
@@ -583,10 +589,10 @@ def _in_place_of(search: Search, best: Visited, element: Effect, rest: tuple[Eff
         able = [e for e in others if family(e) == family(element) or e.is_neighbour_of(element)]
     if not able:
         return []
-    known = [m for e in able if (m := search.visited.get(key_of((*rest, e)))) is not None]
-    ended = {m.elements[-1] for m in known if m.converged}
+    begun = [m for e in able if (m := search.visited.get(key_of((*rest, e)))) is not None]
+    ended = {m.elements[-1] for m in begun if m.converged}
     wanted = [Wanted(rest, [values]) for values in _starts_without(element, best)]
-    trials = [m for m in known if not m.converged]
+    trials = [m for m in begun if not m.converged]
     for bare in _rebuilt(search, wanted, f"what may be taken for {element.name}", evaluations=1):
         screened = _screened(search, bare, [e for e in able if e not in ended])
         first = {family(c.effect): c for c in reversed(screened)}
