@@ -234,7 +234,7 @@ def _concluded(search: Search, error: NumericalError, options: Options, account:
     promises = [c for c in remaining if not denied(c.effect, model, search.visited, criteria)]
     promising = sum(material(c, base.fit, criteria) for c in screened), len(promises)
     # What the budget has cut off matters where the model may still be a part of the truth, or another one as good.
-    early = account.ended().early and bool(promises or model.key not in search.compared)
+    early = account.ended().early and bool(promises or not search.is_compared(model))
     exact = None if remaining or early else model
     weighed = weigh(list(search.visited.values()), criteria, exact)
     outcome = conclude(weighed, model, campaign.held_out_is_new, promising, criteria, early)

@@ -79,8 +79,9 @@ _BESIDE = 2
 _ALIKE = 5.0
 # Evaluations of an effect that promises little, where what promises more leaves too much.
 _GLANCE = 3
-# Share of the largest predicted fall from which a candidate that has not helped begins again from large strengths.
-_PROMISING = 0.3
+# Share of the largest predicted fall from which a candidate that has not helped begins again from large strengths, and
+# of an output's variance that is left, from which all do so: what is missing is far from linear then.
+_PROMISING, _MUCH = 0.3, 0.01
 # Sub-steps from which on directions are fine enough.
 _ENOUGH = 8
 # Norm of a numerical error over that of a mismatch that is just material, and over that of what a model leaves.
@@ -102,7 +103,7 @@ class Search:
         scales: sizes from which effects take their grids.
         screen: directions of all candidates.
         visited: all models, by their elements; grown: those from which the search has gone on; compared: those whose
-            alternatives have all been fitted.
+            alternatives have all been fitted, to the end where they leave so little that they may be named.
         most: elements of a model; executor: where refits are done, with the same results everywhere.
         progress: told what is tried; seed: of random starts.
         begun: where the base model begins held-out recordings whose start is unknown.
@@ -122,7 +123,7 @@ class Search:
     progress: Progress
     seed: int = 0
     grown: set[Key] = field(default_factory=set)
-    compared: set[Key] = field(default_factory=set)
+    compared: set[tuple[Key, bool]] = field(default_factory=set)
     begun: dict[str, Begun] = field(default_factory=dict)
     refined_at: float = np.inf
 
@@ -144,6 +145,14 @@ class Search:
     def far(self, model: Visited) -> bool:
         """Return whether a model is far from the noise."""
         return model.left > self.criteria.far**2
+
+    def nameable(self, model: Visited) -> bool:
+        """Return whether a model leaves so little that its names may stand for all that is missing."""
+        return model.left <= self.criteria.explained / self.criteria.proven**2
+
+    def is_compared(self, model: Visited) -> bool:
+        """Return whether the alternatives of a model have been fitted."""
+        return (model.key, self.nameable(model)) in self.compared
 
     def model(self, elements: Sequence[Effect], fitted: Fit, done: bool = False) -> Visited:
         """Return a model of a fit, with its χ² in each recording."""
@@ -207,7 +216,7 @@ def _grow_all(search: Search) -> None:
         if late(part):
             break
         nearly = len(model.elements) == 2 or (model.elements and model.left < _QUIET)
-        if nearly and model in (search.best, search.written) and model.key not in search.compared:
+        if nearly and model in (search.best, search.written) and not search.is_compared(model):
             # One of its elements may stand for another, most often the first of two.
             _against_others(search, model)
             continue
@@ -311,11 +320,14 @@ def material(candidate: Candidate, fitted: Fit, criteria: Criteria) -> bool:
 
 def _heat(search: Search, model: Visited, candidates: Sequence[Candidate], glance: bool = False) -> list[Visited]:
     """Return the short refits of candidates beside a model, with coarse sub-steps, the best first; far from the noise
-    from large strengths too, where one that promises much of the largest fall, or is glanced at, has not helped."""
+    from large strengths too, where one that promises much of the largest fall has not helped, or one that is glanced at
+    while much of the motion is unexplained."""
     if not candidates or late(f"refits beside {model.words}"):
         return []
     begun = LinearisedFit(model.fit, (), search.scales)
-    promising = 0.0 if glance else _PROMISING * max(candidates[0].fall, 1.0)
+    promising = _PROMISING * max(candidates[0].fall, 1.0)
+    if glance:
+        promising = 0.0 if _unexplained(model.fit) > _MUCH else np.inf
     evaluations = _GLANCE if glance else search.criteria.short
     work = partial(_tried, begun, search.plan, promising if search.far(model) else np.inf, evaluations)
     fits = _fits(search, work, candidates, [c.effect.name for c in candidates])
@@ -323,6 +335,12 @@ def _heat(search: Search, model: Visited, candidates: Sequence[Candidate], glanc
         search.model((*model.elements, c.effect), f) for c, f in zip(candidates, fits, strict=True) if f is not None
     ]  # fmt: skip
     return sorted(trials, key=lambda t: t.fit.cost)
+
+
+def _unexplained(fitted: Fit) -> float:
+    """Return the share of an output's variance that a fit leaves, the median of its recordings."""
+    pairs = zip(fitted.plan.recordings, fitted.slices, strict=True)
+    return float(np.median([np.mean((r.noise * fitted.residual[rows]) ** 2) / np.var(r.y) for r, rows in pairs]))
 
 
 def _other_forms(search: Search, model: Visited) -> list[Visited]:
@@ -526,7 +544,7 @@ def _compare(search: Search) -> None:
     for _ in range(_ROUNDS):
         # What has taken the place of an element leads to a model that has to be compared itself.
         for model in dict.fromkeys((search.best, search.written)):
-            if model.key not in search.compared:
+            if not search.is_compared(model):
                 _against_others(search, model)
 
 
@@ -540,7 +558,7 @@ def _against_others(search: Search, model: Visited) -> None:
     for element in model.elements:
         move(f"what may be taken for {element.name}", partial(_exchange, search, model, element), None)
     if untried() == before:
-        search.compared.add(model.key)
+        search.compared.add((model.key, search.nameable(model)))
 
 
 def finished(search: Search) -> Visited:
@@ -571,7 +589,8 @@ def _exchange(search: Search, best: Visited, element: Effect) -> None:
     # An effect is compared at its best place, in its best form.
     places = {family(m.elements[-1]): m for m in sorted(onwards, key=lambda m: -m.fit.cost)}
     near = [m for m in places.values() if m.left < _QUIET and weighed.behind(m) < _GROWN]
-    if near and not late(f"what may be taken for {element.name}"):
+    # Where more is left no name is given, and what is better shows without.
+    if near and search.nameable(best) and not late(f"what may be taken for {element.name}"):
         _converge(search, near)
 
 

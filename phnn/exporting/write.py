@@ -204,7 +204,7 @@ def export(
         input: between two samples, ``linear`` or ``zero_order``.
         name: prefix of what is made public; that of the model if empty.
         ports: further ports of the network that are inputs; the input of the others is zero.
-        sensor: include the sensor; without it the output is what the sensor senses.
+        sensor: include the sensor, without its drift; without it the output is what the sensor senses.
         initial_input: constant input under whose rest a network begins in which something flows at rest.
         overwrite: replace files of an earlier export even where they were changed since.
 
@@ -253,8 +253,8 @@ def program_of(
         raise InputRefused(
             f"ports: the network has no further port {strange[0]!r}; it has {', '.join(further) or 'none'}"
         )
-    if not sensor:
-        setup = replace(setup, sensor=())
+    # A drift belongs to the recordings: in a program, it would go on for ever.
+    setup = replace(setup, sensor=tuple(b for b in setup.sensor if sensor and b.kind != "drift"))
     # What drives a unit of co-simulation holds its input during a communication step.
     held: Hold = "zero_order" if to == "fmu" else hold
     # A number of numpy has another text than one of Python.

@@ -86,20 +86,22 @@ def save_fit(fitted: Fit, place: Path | Place) -> None:
 
 
 def identify(
-    model: Network | Setup | str | None,
-    campaign: Campaign | str | Path,
+    model: Network | Setup | Campaign | str | Path | None,
+    campaign: Campaign | str | Path | None = None,
     options: Options | None = None,
     progress: Progress = quiet,
 ) -> Identified:
     """Identify a model from the identification parts of a campaign.
 
+        fit = phnn.identify(phnn.read("recordings/"))        # the model that the manifest names
         fit = phnn.identify(phnn.models.hrc(hysterons=2), phnn.read("recordings/"))
         value, standard_error = fit.parameters["k"]          # [N/m]
 
     Args:
         model: a network, or one with amplifier and sensor, or the name of a ready model such as ``"motor"``. Of the
             actuator `phnn.models.hrc` only the number of hysterons counts: it needs no starting values, nor does a
-            ready model by its name. Any other model starts from its own values. None: what the manifest names.
+            ready model by its name. Any other model starts from its own values. None, or recordings alone in its
+            place: what the manifest names.
         campaign: recordings, or their folder; see `phnn.read`.
         options: how hard to try.
         progress: called with a line of text at every stage.
@@ -109,8 +111,10 @@ def identify(
             parameters that it does not have.
     """
     chosen = options or Options()
+    if campaign is None:
+        model, campaign = None, model
     known = campaign_of(campaign)
-    stated = known if model is None else replace(known, setup=_manifest_setup(model))
+    stated = known if model is None else replace(known, setup=_manifest_setup(model))  # type: ignore[arg-type]
     fitted, error = identify_base(stated, chosen, progress)
     return Identified(stated, fitted, error, chosen)
 

@@ -279,7 +279,10 @@ def _of_arrays(function: Callable[[Tensor], Tensor]) -> Callable[[Array], Array]
 
     def call(points: Array) -> Array:
         with torch.no_grad():
-            return function(torch.from_numpy(points)).double().numpy()
+            values = function(torch.from_numpy(points)).double().numpy()
+        if values.shape != points.shape:
+            raise ValueError(f"of {points.shape} points it makes {values.shape} values; act on each point alone")
+        return values
 
     return call
 

@@ -17,7 +17,7 @@ from phnn.recordings.excitation import Excitation
 from phnn.recordings.recording import Part, Recording
 from phnn.results import listed
 from phnn.signals.first_order import correlation_of, density
-from phnn.signals.noise import SILENT, WHITE, NoiseFloor
+from phnn.signals.noise import WHITE, NoiseFloor
 
 _HELD_OUT_SHARE = 0.28  # of the recordings
 _NUISANCE_SHARE, _NUISANCE_LEAST = 0.02, 50
@@ -209,14 +209,18 @@ _ONE_SIZE = 1.5
 DIFFERENT = 0.01
 
 
-def pooled(floors: Sequence[NoiseFloor], kinds: Sequence[Hashable] | None = None) -> list[NoiseFloor]:
+def pooled(floors: Sequence[NoiseFloor], kinds: Sequence[tuple[Hashable, ...]] | None = None) -> list[NoiseFloor]:
     """Return the floors of recordings, those seen in a part of the spectrum only brought to a common word.
 
     Args:
-        kinds: of each recording; recordings of one kind are taken to share a sensor. All are of one kind if left out.
+        kinds: sensor and sampling interval, last, of each recording. All are of one kind if left out.
     """
+    names = kinds if kinds is not None else [()] * len(floors)
     common = _of_one_word(floors)
-    names = kinds if kinds is not None else [None] * len(common)
+    for sensor in {name[:-1] for name in names}:
+        mine = [i for i, name in enumerate(names) if name[:-1] == sensor]
+        for i, floor in zip(mine, _as_others([common[i] for i in mine]), strict=True):
+            common[i] = floor
     groups: dict[Hashable, list[int]] = {}
     for i, (floor, name) in enumerate(zip(common, names, strict=True)):
         # Others keep what they were given: by repetition, by rest, or by agreement.
@@ -226,6 +230,22 @@ def pooled(floors: Sequence[NoiseFloor], kinds: Sequence[Hashable] | None = None
         for i, floor in zip(group, _sharing([common[i] for i in group]), strict=True):
             common[i] = floor
     return common
+
+
+def _as_others(floors: Sequence[NoiseFloor]) -> list[NoiseFloor]:
+    """Return the floors of one sensor, those that are the level of a band alone replaced by what others agree on that
+    show all of their noise, by repetition or at rest.
+
+    Such a band may lie above most of a coloured noise, or hold what the signal leaves there.
+    """
+    whole = [f for f in floors if f.found and f.coefficient is None]
+    size = float(np.median([f.value for f in whole])) if whole else 0.0
+    agreeing = [f for f in whole if size / _ONE_SIZE <= f.value <= size * _ONE_SIZE]
+    if len(agreeing) < _FEWEST or 2 * len(agreeing) < len(whole):
+        return list(floors)
+    typical = min(agreeing, key=lambda f: abs(f.value - size))
+    shared = NoiseFloor(size, f"{len(agreeing)} others of this sensor that repeat or rest", typical.correlation)
+    return [shared if f.found and f.is_level else f for f in floors]
 
 
 def _sharing(floors: Sequence[NoiseFloor]) -> list[NoiseFloor]:
@@ -302,7 +322,7 @@ def _of_one_word(floors: Sequence[NoiseFloor]) -> list[NoiseFloor]:
     value = float(np.median([f.value for f in agreeing]))
     source = f"the spectra of {len(agreeing)} recordings that agree on {note}"
     # Floors from the highest frequencies, taken as white, of about the deviation that the common noise has there.
-    as_white = [f for f in every if not f.coefficient and f.interval is None and SILENT not in f.source]
+    as_white = [f for f in every if f.is_level]
     there = highest * value
     agreed = (*partial, *(f for f in as_white if there / _ONE_SIZE <= f.value <= there * _ONE_SIZE))
     told = [f for f in every if f not in agreed and (f.value < size or f.interval is not None)]

@@ -152,6 +152,11 @@ class NoiseFloor:
     interval: tuple[float, float] | None = None
     smaller: NoiseFloor | None = None
 
+    @property
+    def is_level(self) -> bool:
+        """Return whether it is the level of the highest frequencies, taken as white."""
+        return self.coefficient == 0.0 and self.interval is None and SILENT not in self.source
+
 
 def noise_floor(
     u: np.ndarray,

@@ -229,7 +229,7 @@ def test_a_sweep_in_first_order_noise_is_no_physics(tmp_path: Path) -> None:
 
 def promising(campaign: Campaign) -> list[str]:
     """Names of the candidates that are worth a refit at the base model."""
-    base = phnn.identify(None, campaign, phnn.Options(starts=1, workers=1)).fit
+    base = phnn.identify(campaign, options=phnn.Options(starts=1, workers=1)).fit
     linearised, criteria = prepare(base), Criteria()
     candidates = screen.Screen(linearised, available(campaign, base.setup), criteria)(linearised)
     return [c.effect.name for c in candidates if material(c, base, criteria)]

@@ -174,6 +174,8 @@ def decided(facts: Facts) -> tuple[str, str]:
         ({"falls": False}, "held_out_recordings_deny_it", UNKNOWN),
         ({"new": False}, "held_out_recordings_are_not_new", EQUIVALENT),
         ({"certain": 0.6, "alternatives": 3}, "a_class_is_proven", EQUIVALENT),
+        ({"elements": 2, "certain": CRITERIA.proven}, "every_element_is_proven", NAMED),
+        ({"certain": CRITERIA.proven - 1e-9, "alternatives": 3}, "a_class_is_proven", EQUIVALENT),
     ],
 )
 def test_every_rule_decides_a_case(changes: dict[str, object], rule: str, word: str) -> None:

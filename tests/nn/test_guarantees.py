@@ -87,7 +87,16 @@ class Hill(nn.Module):
         return -x.square()
 
 
-@pytest.mark.parametrize(("law", "words"), [(Source(), "delivers power"), (Hill(), "lies below H")])
+class Mixed(nn.Module):
+    """A law of all points together."""
+
+    def forward(self, effort: Tensor) -> Tensor:
+        return effort.sum()
+
+
+@pytest.mark.parametrize(
+    ("law", "words"), [(Source(), "delivers power"), (Hill(), "lies below H"), (Mixed(), "act on each point alone")]
+)
 def test_a_law_outside_its_promise_is_told_with_a_counterexample(law: nn.Module, words: str) -> None:
     with pytest.raises(StructureViolated, match=words):
         check(law)

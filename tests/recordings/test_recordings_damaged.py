@@ -187,7 +187,8 @@ def test_a_truncated_file_is_refused(tmp_path: Path, name: str, share: float) ->
 
 def test_every_format_makes_the_campaign_that_its_csv_twin_makes(tmp_path: Path) -> None:
     # A diagnosis follows from the campaign and a seed alone.
-    assert {Path(f"a{name}").suffix for name in FILES} >= set(READERS) - {".tdms", ".xlsx", ".parquet"}
+    unseen = set(READERS) - {".tdms", ".xlsx", ".parquet"} - {Path(f"a{name}").suffix for name in FILES}
+    assert not unseen, f"add a file of each to FILES: {unseen}"
     twins = {}
     for name in (n for n in FILES if n != "fixed.csv"):
         found = outcome(tmp_path, name, FILES[name])

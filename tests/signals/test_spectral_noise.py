@@ -141,14 +141,14 @@ def floor_of(value: float) -> NoiseFloor:
 
 def test_one_that_differs_keeps_its_own_floor() -> None:
     floors = [floor_of(v) for v in (1.0, 1.02, 2.0, 0.99)]
-    found = pooled(floors, ["a"] * 4)
+    found = pooled(floors, [("a", 1)] * 4)
     assert [f.value for f in found] == pytest.approx([1.003] * 2 + [2.0] + [1.003], rel=1e-3)
     assert "shared by 3" in found[0].source and found[2] is floors[2]
     # Where nothing agrees with coloured noise, the smaller floor of white noise stands.
     white = floor_of(1.0)
-    assert pooled([floor_of(1.0), replace(floor_of(2.0), smaller=white)], ["a"] * 2)[1] is white
+    assert pooled([floor_of(1.0), replace(floor_of(2.0), smaller=white)], [("a", 1)] * 2)[1] is white
     # Other outputs and rates have floors of their own.
-    assert pooled(floors[:2], ["a", "b"]) == floors[:2]
+    assert pooled(floors[:2], [("a", 1), ("b", 1)]) == floors[:2]
 
 
 def test_a_spectrum_that_a_signal_fills_is_no_word_on_the_noise() -> None:
@@ -182,6 +182,20 @@ def test_a_floor_taken_as_white_at_the_highest_frequencies_agrees_with_first_ord
     others = replace(high, value=0.2 * 40e-9), replace(high, value=0.65 * 40e-9), replace(high, interval=(16e-9, 18e-9))
     for other in (*others, replace(high, source=SILENT)):
         assert pooled([*known, other])[-1] is other
+
+
+def test_a_level_of_the_highest_frequencies_gives_way_to_what_others_of_the_sensor_show() -> None:
+    whole = [NoiseFloor(v, "period-to-period differences", correlation_of(0.7)) for v in (60e-9, 62e-9, 64e-9)]
+    level = NoiseFloor(25e-9, "the highest frequencies, noise taken as white", WHITE, 0.0)
+    found = pooled([*whole, level], [("q", 1e-4)] * 3 + [("q", 2e-4)])
+    assert found[:3] == whole
+    assert found[3].value == pytest.approx(62e-9)
+    assert found[3].correlation == pytest.approx(correlation_of(0.7))
+    # Another sensor, too few that show their noise, and one that comes with an interval keep their own.
+    trusted = replace(level, interval=(24e-9, 26e-9))
+    assert pooled([*whole, level], [("q", 1e-4)] * 3 + [("i", 1e-4)])[3] is level
+    assert pooled([*whole[:2], level])[2] is level
+    assert pooled([*whole, trusted])[3].value == trusted.value
 
 
 @pytest.mark.parametrize("dependent", [False, True])
