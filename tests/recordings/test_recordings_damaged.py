@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import scipy.io
-from recordings_example import output, sine
+from recordings_example import output, sine, write
 
 from phnn.check import check
 from phnn.errors import InputRefused
@@ -241,26 +241,19 @@ def test_a_row_that_breaks_off_is_left_out_and_told_of(tmp_path: Path) -> None:
     assert read(tmp_path).recordings[0].u.size == T.size
 
 
-def test_what_a_crash_has_left_of_a_tdms_file_is_read(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", [".tdms", ".h5"])
+def test_what_a_crash_has_left_of_a_tdms_file_and_zeros_behind_an_hdf5_file_are_read(tmp_path: Path, name: str) -> None:
     pytest.importorskip("nptdms")
-    raw = bytearray(FILES[".tdms"])
-    raw[12:20] = b"\xff" * 8
-    found = outcome(tmp_path, ".tdms", bytes(raw))
+    raw = FILES[name]
+    found = outcome(tmp_path, name, raw + bytes(500) if name == ".h5" else raw[:12] + b"\xff" * 8 + raw[20:])
     assert not isinstance(found, str), found
-    assert agrees(found, Damaged(raw, "not closed"))
-    assert "was not closed" in found.notes
-
-
-def test_zeros_behind_an_hdf5_file_are_no_damage(tmp_path: Path) -> None:
-    found = outcome(tmp_path, ".h5", FILES[".h5"] + bytes(500))
-    assert not isinstance(found, str), found
-    assert agrees(found, Damaged(b"", "padded"))
+    assert agrees(found, Damaged(b"", "not closed, or padded"))
+    assert name == ".h5" or "was not closed" in found.notes
 
 
 def test_a_step_to_zero_is_no_wrong_unit(tmp_path: Path) -> None:
     t, y = T, 1e-6 * np.exp(-T / 0.1) + 1e-9 * np.random.default_rng(0).standard_normal(T.size)
-    rows = "\n".join(f"{a!r},0.0,{b!r}" for a, b in zip(t.tolist(), y.tolist(), strict=True))
-    (tmp_path / "a.csv").write_text(f"time_s,voltage_V,displacement_m\n{rows}\n")
+    write(tmp_path / "a.csv", t, np.zeros(T.size), y)
     (tmp_path / "recordings.yaml").write_text("start: {state: rest, input_before: 100.0}\n")
     assert read(tmp_path).recordings[0].start.input_before == 100.0
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.io
 from recordings_example import output, refused, sine, write, write_sine
 
 from phnn.recordings import read
@@ -146,10 +147,8 @@ def test_a_heavy_mass_without_a_unit_is_doubted(tmp_path: Path) -> None:
     [("pos [um]", "nm"), ("pos_um", "nm"), ("weg (nm)", "um"), ("displacement_um", "nm")],
 )
 def test_the_unit_of_the_manifest_wins_over_the_name_and_that_is_said(header: str, stated: str, tmp_path: Path) -> None:
-    u, y = loops(tmp_path)
-    (tmp_path / "loops.dat").unlink()
-    table = np.column_stack([np.arange(u.size) / 4000, u, 1e6 * y])
-    np.savetxt(tmp_path / "a.csv", table, delimiter=",", header=f"time_s,voltage_V,{header}", comments="")
+    t, u, y = three()[0]
+    write(tmp_path / "a.csv", t, u, 1e6 * y, f"time_s,voltage_V,{header}")
     manifest(tmp_path, f"columns: {{displacement: {{column: 2, unit: {stated}}}}}\n")
     campaign = read(tmp_path)
     assert np.allclose(campaign.recordings[0].y, {"nm": 1e-9, "um": 1e-6}[stated] * 1e6 * y)
@@ -163,10 +162,8 @@ def test_the_unit_of_the_manifest_wins_over_the_name_and_that_is_said(header: st
 
 @pytest.mark.parametrize("header", ["pos_m", "pos_N", "monitor [a.u.]", "signal_mV"])
 def test_a_last_word_that_is_no_unit_of_the_quantity_says_nothing(header: str, tmp_path: Path) -> None:
-    u, y = loops(tmp_path)
-    (tmp_path / "loops.dat").unlink()
-    table = np.column_stack([np.arange(u.size) / 4000, u, 1e6 * y])
-    np.savetxt(tmp_path / "a.csv", table, delimiter=",", header=f"time_s,voltage_V,{header}", comments="")
+    t, u, y = three()[0]
+    write(tmp_path / "a.csv", t, u, 1e6 * y, f"time_s,voltage_V,{header}")
     manifest(tmp_path, "columns: {displacement: {column: 2, unit: um}}\n")
     assert np.allclose(read(tmp_path).recordings[0].y, y)
 
@@ -181,8 +178,6 @@ def test_the_folder_of_a_result_is_refused(tmp_path: Path) -> None:
 
 
 def test_column_index_in_a_mat_file(tmp_path: Path) -> None:
-    import scipy.io
-
     scipy.io.savemat(tmp_path / "a.mat", {"V1": np.arange(100.0)})
     manifest(tmp_path, COLUMNS)
     refused(tmp_path, "a.mat", "column 0", "variables", "V1")
@@ -258,17 +253,14 @@ def test_a_clipped_output_is_refused_unless_the_sensor_is_known_to_saturate(tmp_
     assert set(np.unique(r.sensor.at_limit(r.y))) == {-1, 0, 1}
     assert 30e-9 < r.noise < 80e-9
     assert "saturates at -20 µm and 20 µm" in describe(campaign)
-
-
-def test_a_limit_on_one_side_leaves_the_other_one_clipped(tmp_path: Path) -> None:
+    # A limit on one side leaves the other one clipped.
     clipped(tmp_path, "sensor: {saturates: [null, 20 um]}\n")
     refused(tmp_path, "clipped", "smallest")
 
 
 def test_every_recording_may_have_a_sensor_of_its_own(tmp_path: Path) -> None:
     for name in "ab":
-        t, u = sine(10.0, 75.0)
-        write(tmp_path / f"{name}.csv", t, u, output(u))
+        write_sine(tmp_path, name, 10.0, 75.0)
     (tmp_path / "recordings.yaml").write_text(
         "sensor: {lag: 2 ms}\nrecordings: [a.csv, {file: b.csv, sensor: {rectified: true, derivative: true}}]\n"
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from recordings_example import NOISE, output, sine
-from scipy.signal import chirp, lfilter, lsim
+from scipy.signal import chirp, cont2discrete, firwin, lfilter, lsim
 
 from phnn.recordings.excitation import excitation_of
 from phnn.signals.noise import NoiseFloor, from_high_band, from_periods, from_rest, longest_hold, noise_floor
@@ -19,8 +19,6 @@ def floor_of(t: np.ndarray, u: np.ndarray, y: np.ndarray) -> NoiseFloor:
 
 def resonant(u: np.ndarray, dt: float, seed: int = 0, step: float = 0.0) -> np.ndarray:
     """Output through a 400 Hz resonance and creep of 0.3 s, as an actuator's is; then noise and quantisation."""
-    from scipy.signal import cont2discrete
-
     w = 2.0 * np.pi * 400.0
     b, a, _ = cont2discrete(([w * w], [1.0, 0.4 * w, w * w]), dt, "bilinear")
     q = lfilter(np.ravel(b), np.ravel(a), output(u, noise=0.0))
@@ -136,8 +134,6 @@ def test_an_excitation_that_fills_the_band_is_named() -> None:
 
 @pytest.mark.parametrize("highest", [0.3, 0.35, 0.4])
 def test_above_an_excitation_that_reaches_high(highest: float) -> None:
-    from scipy.signal import firwin
-
     rng = np.random.default_rng(0)
     u = lfilter(firwin(201, 2.0 * highest), [1.0], rng.normal(size=20_300))[300:]
     q = lfilter([1.0], [1.0, -1.5, 0.95], u)
@@ -147,8 +143,6 @@ def test_above_an_excitation_that_reaches_high(highest: float) -> None:
 
 
 def test_noise_that_an_anti_aliasing_filter_took_away_is_seen_beside_the_excitation() -> None:
-    from scipy.signal import firwin
-
     rng = np.random.default_rng(1)
     u = lfilter(firwin(201, 0.6), [1.0], rng.normal(size=20_300))[300:]
     n = lfilter(firwin(201, 0.8), [1.0], rng.normal(size=20_300))[300:]

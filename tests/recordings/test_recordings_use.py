@@ -241,9 +241,3 @@ def recorded_input(u: np.ndarray, name: str) -> Recording:
     t = 1e-3 * np.arange(u.size)
     parts = (Part(name, 0, u.size, "identification"),)
     return Recording(name, t, u, 1e-6 * u, Start("unknown"), "cubic", parts, 1e-8, "stated", np.ones(1), None, {}, name)
-
-
-def test_describe_without_output(tmp_path: Path) -> None:
-    t, u = sine(1.0, 10.0)
-    np.savetxt(tmp_path / "a.csv", np.column_stack([t, u]), delimiter=",", header="time_s,voltage_V", comments="")
-    assert "noise floor" not in describe(read(tmp_path, need_output=False))
