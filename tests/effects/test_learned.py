@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from itertools import combinations
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -28,7 +27,6 @@ from phnn.effects import Effect, catalogue
 from phnn.effects.learned import learned_elements
 from phnn.errors import InputRefused
 from phnn.laws import RESISTOR_LAWS
-from phnn.models.store import load, save
 from phnn.network import PortHamiltonianSystem
 from phnn.setup import Setup
 from phnn.trajectory import amplified, measured
@@ -106,16 +104,6 @@ def test_all_learned_elements_stand_beside_each_other() -> None:
 def test_without_strength_it_is_the_base_model(element: Effect) -> None:
     setup = strong(element, [0.0] * 12)
     np.testing.assert_allclose(run(setup).y, base(ACTUATOR).y, atol=1e-8 * np.abs(base(ACTUATOR).y).max())
-
-
-@every
-def test_it_is_kept_by_a_file(element: Effect, tmp_path: Path) -> None:
-    setup = element.add_to(BASE, point(element))
-    save(setup, tmp_path / "model")
-    again, _ = load(tmp_path / "model")
-    assert (again.network, again.amplifier, again.sensor) == (setup.network, setup.amplifier, setup.sensor)
-    assert again.parameters == setup.parameters
-    np.testing.assert_array_equal(run(again).y, run(setup).y)
 
 
 @pytest.mark.parametrize("element", PASSIVE, ids=[e.name for e in PASSIVE])

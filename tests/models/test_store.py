@@ -10,22 +10,25 @@ import numpy as np
 import pytest
 
 from phnn.effects import catalogue
+from phnn.effects.learned import learned_elements
 from phnn.errors import InputRefused
 from phnn.models.actuator import bouc_wen, hrc
 from phnn.models.store import FILE, load, save
 from phnn.setup import Setup
 from phnn.trajectory import simulate
 
+MEMBERS = {**catalogue(), **learned_elements()}
+
 
 def with_effect(name: str) -> Setup:
     base = Setup(hrc(2), name="phs")
     if name == "none":
         return base
-    entry = catalogue()[name]
+    entry = MEMBERS[name]
     return entry.add_to(base, entry.grid(campaigns.linearised().scales)[-1])
 
 
-@pytest.mark.parametrize("name", ["none", *(n for n, e in catalogue().items() if e.can_be_added_to(Setup(hrc(2))))])
+@pytest.mark.parametrize("name", ["none", *(n for n, e in MEMBERS.items() if e.can_be_added_to(Setup(hrc(2))))])
 def test_round_trip(tmp_path: Path, name: str) -> None:
     setup = with_effect(name)
     save(setup, tmp_path / "model", 3)
