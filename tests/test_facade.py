@@ -36,8 +36,13 @@ def test_every_public_name_is_there_and_explains_itself() -> None:
         _ = phnn.simulated
 
 
-def test_importing_the_package_loads_nothing_heavy() -> None:
-    code = "import sys, phnn; print(sorted({'torch', 'numba', 'scipy', 'pandas'} & set(sys.modules)))"
+@pytest.mark.parametrize(("begun", "heavy"), [
+    ("phnn", {"torch", "numba", "scipy", "pandas"}),
+    ("phnn.network.bondgraph, phnn.models.actuator", {"sympy", "torch"}),
+    ("phnn.report", {"matplotlib", "torch", "jinja2", "scipy"}), ("phnn; phnn.plot.compare", {"matplotlib.pyplot"}),
+])  # fmt: skip
+def test_a_part_of_the_package_loads_nothing_heavy_that_it_does_not_need(begun: str, heavy: set[str]) -> None:
+    code = f"import sys, {begun}; print(sorted({heavy} & set(sys.modules)))"
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert found.stdout.strip() == "[]"
 

@@ -72,7 +72,7 @@ def test_absent_and_unreadable_files_are_refused(tmp_path: Path) -> None:
         load(tmp_path)
     for content in ("[]", "3", '{"schema": "phnn.model/99"}'):
         (tmp_path / FILE).write_text(content)
-        with pytest.raises(InputRefused, match="this version"):
+        with pytest.raises(InputRefused, match=r"model\.json: .*model/ or base/ of a result of this version"):
             load(tmp_path)
 
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import itertools
 import re
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -222,13 +220,6 @@ def test_what_cannot_be_drawn_is_refused() -> None:
         phnn.plot.residuals(MODEL)
     with pytest.raises(phnn.InputRefused, match="give fewer lags"):
         phnn.plot.residuals(MODEL, campaign(), lags=5000)
-
-
-@pytest.mark.slow
-def test_pyplot_is_not_needed() -> None:
-    code = "import sys, phnn; phnn.plot.compare; print('matplotlib.pyplot' in sys.modules)"
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert found.stdout.strip() == "False"
 
 
 def test_panels_of_the_same_title_stay_apart() -> None:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-import subprocess
-import sys
 from collections.abc import Iterator
 from dataclasses import fields, replace
 from functools import cache
@@ -20,7 +18,6 @@ from report_html import Page
 import phnn
 from phnn.diagnose.diagnosis import Diagnosis
 from phnn.effects import catalogue
-from phnn.errors import OutputFailed
 from phnn.report.figures.style import Drawing
 from phnn.report.page import Bar, Bars, Block, Code, Formula, Link, Section, Table, literal_text, page
 from phnn.report.result import document, write
@@ -226,25 +223,6 @@ def test_same_diagnosis_gives_the_same_bytes(report: tuple[Diagnosis, Path, Page
     found, folder, _ = report
     write(found, tmp_path)
     assert (tmp_path / "report.html").read_bytes() == (folder / "report.html").read_bytes()
-
-
-def test_an_interrupted_write_leaves_the_earlier_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    write(made("none"), tmp_path)
-    before = (tmp_path / "report.html").read_bytes()
-
-    def fail(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr("os.replace", fail)
-    with pytest.raises(OutputFailed, match=r"the disk is full \(No space left on device\)"):
-        write(made("named"), tmp_path)
-    assert (tmp_path / "report.html").read_bytes() == before
-
-
-def test_importing_the_report_loads_no_drawing_and_no_torch() -> None:
-    code = "import sys, phnn.report; print([m for m in ('matplotlib', 'torch', 'jinja2', 'scipy') if m in sys.modules])"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "[]"
 
 
 def facade(verdict: str) -> phnn.Diagnosis:
