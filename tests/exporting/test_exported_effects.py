@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -29,8 +30,6 @@ from phnn.network.elements import Network
 from phnn.recordings.recording import unrecorded
 from phnn.setup import Setup
 from phnn.trajectory import simulate
-
-# Largest difference of a state, as a share of its largest value.
 
 
 @cache
@@ -170,14 +169,11 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
     ({"dt": 0.0}, "0 s is no sample time"),
     ({"dt": float("inf")}, "inf s is no sample time"),
     ({"dt": 1e-310}, "1e-310 s is no sample time"),
-    (
-        {"name": "math"},
-        "name: 'math' is a word of C, Python or MATLAB or a file of theirs: choose another",
-    ),
-    ({"name": "class"}, "such as class_model"),
-    ({"name": "Stdio", "to": "c"}, "such as Stdio_model"),
+    ({"name": "math"}, "name: 'math' is a word of C, Python or MATLAB or a file of theirs: choose another"),
+    ({"name": "class", "to": "python"}, "such as class_model"),
+    ({"name": "Stdio"}, "such as Stdio_model"),
     ({"name": "fmi2", "to": "fmu"}, "such as fmi2_model"),
-    ({"name": "json"}, "such as json_model"),
+    ({"name": "json", "to": "python"}, "such as json_model"),
     ({"name": "function", "to": "matlab"}, "such as function_model"),
     ({"substeps": 0}, "substeps: 0: give 1 to"),
     ({"initial_input": float("nan")}, "initial_input: nan"),
@@ -185,32 +181,20 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
 ]
 
 
-@pytest.mark.parametrize(("given", "needle"), REFUSALS)
-def test_settings_out_of_range_are_refused(given: dict[str, Any], needle: str, tmp_path: Path) -> None:
-    with pytest.raises(InputRefused) as caught:
-        phnn.export(BASE, given.pop("to", "python"), tmp_path / "out", **given)
-    assert needle in str(caught.value)
-    assert not (tmp_path / "out").exists()
+# What an effect adds cannot be exported with these.
+OF_EFFECTS: list[tuple[str, dict[str, Any], str]] = [
+    ("output_backlash", {}, "sensor play: cannot be exported: it needs the output after .*--no-sensor"),
+    ("delay", {"input": "zero_order"}, "amplifier delay: cannot be exported.*take --input linear"),
+    ("delay", {"to": "fmu"}, "amplifier delay: cannot be exported.*a target other than fmu"),
+    ("delay", {"dt": 1e-12}, "at most 10000 are kept.*take larger steps"),
+]
 
 
-@pytest.mark.parametrize(
-    ("name", "options", "cause", "remedy"),
-    [
-        ("output_backlash", {}, "sensor play: cannot be exported: it needs the output after", "--no-sensor"),
-        ("sensor_lag", {}, "sensor lag: cannot be exported: it needs the output after", "--no-sensor"),
-        ("delay", {"input": "zero_order"}, "amplifier delay: cannot be exported", "take --input linear"),
-        ("delay", {"to": "fmu"}, "amplifier delay: cannot be exported", "a target other than fmu"),
-        ("delay", {"dt": 1e-12}, "at most 10000 are kept", "take larger steps"),
-    ],
-)
-def test_what_has_no_program_is_refused_by_name(
-    name: str, options: dict[str, Any], cause: str, remedy: str, tmp_path: Path
-) -> None:
-    setup = effect(name).add_to(BASE, point(effect(name)))
-    with pytest.raises(InputRefused) as caught:
-        phnn.export(setup, options.pop("to", "c"), tmp_path / "out", **options)
-    assert cause in str(caught.value)
-    assert remedy in str(caught.value)
+@pytest.mark.parametrize(("name", "given", "needle"), [*(("", *row) for row in REFUSALS), *OF_EFFECTS])
+def test_what_has_no_program_is_refused_by_name(name: str, given: dict[str, Any], needle: str, tmp_path: Path) -> None:
+    setup, options = effect(name).add_to(BASE, point(effect(name))) if name else BASE, {"to": "c", **given}
+    with pytest.raises(InputRefused, match=needle):
+        phnn.export(setup, out=tmp_path / "out", **options)
     assert not (tmp_path / "out").exists()
 
 
@@ -249,8 +233,6 @@ def test_names_of_people_become_identifiers() -> None:
 
 
 def test_texts_of_a_model_end_no_comment(tmp_path: Path) -> None:
-    from dataclasses import replace
-
     hostile = replace(BASE, name='*/ int x; """ \n" + evil() + "')
     for to in ("c", "python", "matlab"):
         for path in phnn.export(hostile, to, tmp_path / to, name="stage"):
@@ -262,8 +244,6 @@ def test_texts_of_a_model_end_no_comment(tmp_path: Path) -> None:
 
 
 def test_a_backslash_in_a_name_or_a_unit_begins_no_escape(tmp_path: Path) -> None:
-    from dataclasses import replace
-
     first, *others = BASE.network.ports
     network = replace(BASE.network, ports=(replace(first, unit="V\\N{x}"), *others))
     (path,) = phnn.export(replace(BASE, name="C:\\users\\x", network=network), "python", tmp_path, name="stage")
