@@ -12,6 +12,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -162,33 +163,27 @@ def test_answers_to_another_benchmark_are_refused(tmp_path: Path, capsys: pytest
     assert "cannot be scored without all that was written" in capsys.readouterr().err
 
 
-def test_a_tool_that_cannot_solve_a_case_says_so(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def fails(case: Path, seed: int) -> Answer:
+    raise SolverFailed("the step at 0.1 s has no solution")
+
+
+def never_ends(case: Path, seed: int) -> Answer:
+    while True:
+        with suppress(Exception):
+            np.linalg.svd(np.ones((50, 50)))
+
+
+@pytest.mark.parametrize(
+    ("tool", "words"), [(fails, "the step at 0.1 s"), (never_ends, "stopped after 0.2 processor seconds")]
+)
+def test_a_tool_that_cannot_solve_a_case_or_takes_too_long_has_no_answer(
+    tool: Any, words: str, folder: Path, tmp_path: Path, monkeypatch: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def fails(case: Path, seed: int) -> Answer:
-        raise SolverFailed("the step at 0.1 s has no solution")
-
-    monkeypatch.setattr(bench, "tool", lambda name: fails)
-    assert answered(folder, tmp_path / "a", "--first", 1) == 0
-    assert "no answer, the step at 0.1 s" in capsys.readouterr().out
-    (score,) = scores_of(folder, tmp_path / "a", 1)
-    assert score.failed
-    assert not score.right
-
-
-def test_a_tool_has_no_answer_after_the_limit(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def never_ends(case: Path, seed: int) -> Answer:
-        while True:
-            with suppress(Exception):
-                np.linalg.svd(np.ones((50, 50)))
-
-    monkeypatch.setattr(bench, "tool", lambda name: never_ends)
+    monkeypatch.setattr(bench, "tool", lambda name: tool)
     assert answered(folder, tmp_path / "a", "--first", 1, "--limit", 0.2) == 0
-    assert "no answer, stopped after 0.2 processor seconds" in capsys.readouterr().out
+    assert f"no answer, {words}" in capsys.readouterr().out
     (score,) = scores_of(folder, tmp_path / "a", 1)
-    assert score.failed
+    assert score.failed and not score.right
     assert json.loads((tmp_path / "a" / "tool.json").read_text())["limit"] == 0.2
     # With more time the case may have an answer: the same folder does not take both.
     assert answered(folder, tmp_path / "a", "--first", 1, "--limit", 5) == 2
@@ -204,7 +199,7 @@ def test_a_tool_has_no_answer_after_the_limit(
         (["answer", "--cases", "c", "--tool", "bse"], "did you mean base?"),
         (["write", "nane=3"], "unknown setting 'nane=3' (did you mean none?)"),
         (["write", "none=-3"], "setting none=-3: give a whole number"),
-        (["write", "none=0", *(f"{g}=0" for g in GROUPS if g != "none")], "no cases"),
+        (["write", "none=0", *NOTHING[1:]], "no cases"),
         (["all", "--tools", "base", "--page", str(ROOT / "README.md")], "has no lines <!-- begin bench -->"),
     ],
 )
