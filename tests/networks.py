@@ -214,6 +214,13 @@ def shaken(law: nn.Module, seed: int, size: float) -> nn.Module:
     return law
 
 
+class Falling(nn.Module):
+    """A sector law that falls so steeply that long steps have no connected solution."""
+
+    def forward(self, effort: Tensor) -> Tensor:
+        return 50.0 * effort * torch.exp(-((effort / 0.1) ** 2))
+
+
 def oscillator(storage: object = "spring", resistor: object = "linear") -> Network:
     """A driven mass on a spring with a damper, whose laws can be exchanged."""
     return Network(

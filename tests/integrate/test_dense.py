@@ -9,7 +9,7 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from networks import ledger, networks, oscillator, random_network, random_states, solve_dense
+from networks import Falling, ledger, networks, oscillator, random_network, random_states, solve_dense
 from scipy.integrate import solve_ivp
 from torch import Tensor, nn
 
@@ -121,13 +121,6 @@ class _Call:
     def __call__(self, values: dict[str, Tensor], x0: Tensor, u: Tensor) -> Tensor:
         renamed = {f"system.{name}": value for name, value in values.items()}
         return torch.func.functional_call(self.holder, renamed, (x0, u))
-
-
-class Falling(nn.Module):
-    """A sector law that falls so steeply that long steps have no connected solution."""
-
-    def forward(self, effort: Tensor) -> Tensor:
-        return 50.0 * effort * torch.exp(-((effort / 0.1) ** 2))
 
 
 def test_a_step_without_connected_solution_names_time_and_remedy() -> None:

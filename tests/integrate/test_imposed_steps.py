@@ -7,13 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from junctions import trajectory_of
+from junctions import march, trajectory_of
 from numpy.typing import NDArray
 
 from phnn.errors import SolverFailed
-from phnn.integrate import differentiable, kernel
+from phnn.integrate import differentiable
 from phnn.integrate.equations import check, power_balance
-from phnn.integrate.program import compile_network
 from phnn.network import Coupling, Network, PortHamiltonianSystem, Resistor, Storage
 from phnn.network.bondgraph import Bond, BondGraph, C, I, R, Sf
 from phnn.network.bondgraph.description import Element
@@ -199,12 +198,9 @@ def drawn(seed: int) -> tuple[Network, Array, Array]:
 
 def solved(network: Network, u: Array, h: Array) -> tuple[Array, Array]:
     """States and efforts from rest; fails the test where a step was not solved."""
-    program = compile_network(network)
-    states, efforts = (np.full((h.size + more, len(program.states)), np.nan) for more in (1, 0))
-    done = kernel.march(program, program.theta(network), np.zeros(states.shape[1]), u, h, states, efforts)
-    assert done == h.size, f"step {done} was not solved"
-    assert np.isfinite(states).all()
-    return states, efforts
+    run = march(network, u, h, np.zeros(len(network.state_names)))
+    assert np.isfinite(run.states).all()
+    return run.states, run.efforts
 
 
 def balanced(network: Network, u: Array, h: Array, states: Array, efforts: Array) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 import torchdiffeq
-from networks import ledger, solve_dense
+from networks import Falling, ledger, solve_dense
 from torch import Tensor, nn
 
 from phnn.errors import InputRefused, SolverFailed
@@ -293,13 +293,6 @@ def test_misplaced_adjoint_methods_and_events_are_refused() -> None:
         x.sum().backward()
     with pytest.raises(InputRefused, match="does not look for events"):
         torchdiffeq.odeint(driven, x0, TIMES[:2], method=METHOD, event_fn=lambda t, x: x[..., 0] - 1.0)
-
-
-class Falling(nn.Module):
-    """A sector law that falls so steeply that a long step has no connected solution."""
-
-    def forward(self, effort: Tensor) -> Tensor:
-        return 50.0 * effort * torch.exp(-((effort / 0.1) ** 2))
 
 
 def test_a_step_without_solution_is_named_by_its_own_time() -> None:
