@@ -95,6 +95,7 @@ def test_further_ports_act() -> None:
         (T, SINE[:, None], {}, r"u has shape \(501, 1\)"),
         (T, ["a"] * T.size, {}, "u: could not convert"),
         (T, SINE, {"further": {"torque": SINE}}, "no port 'torque'; there are force"),
+        (T, SINE, {"hold": "quintic"}, "hold = 'quintic': choose one of cubic"),
     ],
 )
 def test_what_cannot_be_simulated_is_refused(t: object, u: object, options: dict[str, object], message: str) -> None:

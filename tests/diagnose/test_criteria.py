@@ -53,6 +53,7 @@ def test_an_override_on_the_command_line_reaches_the_options() -> None:
         ("criteria.material=-1", "criteria.material=-1 must be a positive number"),
         ("criteria.material=much", "criteria.material=much must be a positive number"),
         ("criteria.refits=1.5", "criteria.refits=1.5 must be a whole number"),
+        ("criteria.beam=true", "criteria.beam=True must be a positive number"),
         ("criteria=3", "write criteria.NAME=value"),
     ],
 )

@@ -17,7 +17,6 @@ from phnn.diagnose.number import Misfit, Visited, Weighed, best_to_write, log_we
 from phnn.diagnose.verdict import EQUIVALENT, NAMED, NONE, RULES, UNKNOWN, Facts, Verdict, conclude, denied
 from phnn.effects import Effect, effect, in_all_forms
 from phnn.effects.learned import learned_elements
-from phnn.errors import InputRefused
 
 CRITERIA = Criteria()
 NAMES = ["creep", "delay", "coulomb_friction", "quadratic_drag", "sensor_lag"]
@@ -126,26 +125,6 @@ def test_criteria_are_few_and_each_names_its_case() -> None:
     rows = Criteria.table()
     assert len(rows) <= 16
     assert all(row["needed"] and row["meaning"] and row["unit"] for row in rows)
-
-
-@pytest.mark.parametrize(
-    ("given_values", "told"),
-    [
-        ({"materal": 1.0}, "material"),
-        ({"material": -1.0}, "positive"),
-        ({"short": 2.5}, "whole"),
-        ({"beam": True}, "positive"),
-    ],
-)
-def test_criteria_that_are_wrong_are_refused(given_values: dict[str, float], told: str) -> None:
-    with pytest.raises(InputRefused, match=told):
-        Criteria().with_values(given_values)
-
-
-def test_criteria_are_replaced_by_name() -> None:
-    changed = Criteria().with_values({"material": 0.2, "beam": 2})
-    assert changed.changed() == {"material": 0.2, "beam": 2}
-    assert isinstance(changed.beam, int)
 
 
 PROVEN = Facts(

@@ -124,11 +124,7 @@ def test_the_masses_are_identified_and_predict(
 def test_what_does_not_fit_is_refused(
     folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], old: str, new: str, words: tuple[str, ...]
 ) -> None:
-    assert old in MANIFEST
-    (tmp_path / "recordings.yaml").write_text(
-        MANIFEST.replace(old, new, 1).replace("two_masses.yaml", str(folder / "two_masses.yaml"))
-    )
-    said = ["--manifest", str(tmp_path / "recordings.yaml"), "--out", str(tmp_path / "out")]
+    said = ["--manifest", str(rewritten(folder, tmp_path, (old, new))), "--out", str(tmp_path / "out")]
     assert main(["identify", str(folder), *said]) == 2
     message = capsys.readouterr().err
     for word in words:

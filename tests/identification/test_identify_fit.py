@@ -134,19 +134,10 @@ def test_unidentified() -> None:
     assert len(unidentified(product, ["a", "b"])) == 1
 
 
-def cut(recording: Recording, first: int) -> Recording:
-    """What follows a sample, with a start that nobody knows."""
-    last = recording.t.size - first
-    return replace(
-        recording, t=recording.t[:last], u=recording.u[first:], y=recording.y[first:], start=Start("unknown"),
-        parts=(Part(recording.name, 0, last, "identification"),),
-    )  # fmt: skip
-
-
 def test_initial_state_is_estimated_where_the_start_is_unknown() -> None:
     fitted = campaigns.base()
     whole = fitted.plan.recordings[0]
-    later = cut(whole, 700)
+    later = sliced(whole, 700)
     plan = Plan((later,), fitted.plan.substeps, workers=1)
     found = fit(fitted.setup, plan, ())
     initial = found.initial(later.name)
@@ -166,7 +157,7 @@ def test_initial_state_is_estimated_where_the_start_is_unknown() -> None:
 
 def test_a_fit_of_other_recordings_begins_at_the_initial_states_of_those_it_shares() -> None:
     fitted = campaigns.base()
-    first, second = (cut(r, 300) for r in fitted.plan.recordings[:2])
+    first, second = (sliced(r, 300) for r in fitted.plan.recordings[:2])
     found = fit(fitted.setup, Plan((first, second), fitted.plan.substeps, workers=1), ())
     shared = variables_from(fitted.setup, Plan((second,), fitted.plan.substeps), (), found)
     np.testing.assert_array_equal(shared.origin[second.name], found.initial_states[second.name])
@@ -198,11 +189,11 @@ def whole() -> Recording:
 
 
 def sliced(whole: Recording, first: int, head: int = 0) -> Recording:
-    """What comes after a number of samples; a head that is not scored, or all for identification."""
+    """What follows a sample, with an unknown start; a head that is not scored, or all for identification."""
     size = whole.t.size - first
     parts = (Part("head", 0, head, "nuisance"), Part("rest", head, size, "confirmation"))
     return replace(
-        whole, name="slice", t=whole.t[:size], u=whole.u[first:], y=whole.y[first:], start=Start("unknown"),
+        whole, t=whole.t[:size], u=whole.u[first:], y=whole.y[first:], start=Start("unknown"),
         parts=parts if head else (Part("all", 0, size, "identification"),),
     )  # fmt: skip
 
@@ -234,7 +225,7 @@ def test_a_short_recording_expects_rest(whole: Recording) -> None:
 
 
 def test_derivatives_of_the_prior_are_those_of_finite_differences(whole: Recording) -> None:
-    plan = Plan((sliced(whole, 1300),), {"slice": 2}, 1)
+    plan = Plan((sliced(whole, 1300),), {"whole": 2}, 1)
     variables = variables_of(SETUP, plan, ("k", "b"))
     rng = np.random.default_rng(3)
     z = variables.start(SETUP) + 0.1 * rng.standard_normal(variables.start(SETUP).size)
@@ -248,7 +239,7 @@ def test_derivatives_of_the_prior_are_those_of_finite_differences(whole: Recordi
 
 
 def test_an_optimiser_sees_the_prior(whole: Recording) -> None:
-    plan = Plan((sliced(whole, 1300),), {"slice": 2}, 1)
+    plan = Plan((sliced(whole, 1300),), {"whole": 2}, 1)
     problem = Problem(SETUP, plan, variables_of(SETUP, plan, ("k",)))
     z = problem.variables.start(SETUP) + 0.05
     prior, slopes, residual = problem.variables.prior(z), problem.jacobian(z), problem.residual(z)
@@ -262,7 +253,7 @@ def test_an_optimiser_sees_the_prior(whole: Recording) -> None:
 @pytest.mark.parametrize("first", [200, 1000])
 def test_a_slice_is_predicted_as_well_as_the_whole(whole: Recording, first: int) -> None:
     later = sliced(whole, first, head=1000)
-    found = evaluate(SETUP, Plan((later,), {"slice": 4}, 1), {})
+    found = evaluate(SETUP, Plan((later,), {"whole": 4}, 1), {})
     assert found.over_noise("confirmation") == pytest.approx(1.0, abs=0.1)
 
 

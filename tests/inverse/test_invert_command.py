@@ -113,14 +113,9 @@ def test_what_is_no_reference_is_refused(
     assert not (home / "out").exists()
 
 
-def test_other_refusals(home: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for arguments, needle in (
-        (["--limits", "5", "-5"], "lowest voltage, then the highest"),
-        (["--smooth", "9000"], "below half"),
-        (["--slew", "-1"], "slew"),
-    ):
-        assert run(home, *arguments) == 2
-        assert needle in capsys.readouterr().err
+def test_an_absent_reference_and_another_kind_of_model_are_refused(
+    home: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert run(home, reference="given/none.csv") == 2
     assert "no such file" in capsys.readouterr().err
     model = json.loads((home / "model" / "model.json").read_text())
@@ -168,8 +163,3 @@ def test_what_is_reached_is_simulated_with_the_same_hold(hold: str) -> None:
     found = model.inverse(t, y, hold=hold)
     again = model.simulate(found.t, found.voltage, input_before=found.voltage_before, hold=hold)
     np.testing.assert_allclose(again, found.reached, atol=1e-15)
-
-
-def test_an_unknown_hold_is_refused() -> None:
-    with pytest.raises(phnn.PhnnError, match="hold = 'quintic': choose one of cubic"):
-        phnn.Model(Setup(from_paper())).simulate([0.0, 1.0], [0.0, 1.0], hold="quintic")
