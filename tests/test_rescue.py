@@ -223,11 +223,6 @@ def test_a_limit_ends_the_search_with_the_best_so_far(
     assert (out / "model").is_dir()
 
 
-def test_a_budget_of_no_time_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["diagnose", str(campaigns.concealed("creep")[0]), "--out", str(tmp_path), "--budget", "0"]) == 2
-    assert "budget: 0 s: give a positive number of seconds" in capsys.readouterr().err
-
-
 def test_an_interrupted_search_leaves_its_answer(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     def on_call(name: str, call: int) -> None:
         if (name, call) == ("phnn.diagnose.search.converged", 1):

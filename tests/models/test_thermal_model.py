@@ -17,11 +17,10 @@ from phnn.integrate.program import compile_network
 from phnn.integrate.rest import equilibrium, equilibrium_derivative
 from phnn.models.actuator import hrc
 from phnn.models.network_file import load_graph, load_network
-from phnn.models.store import load, save
-from phnn.network import Modulation, ModulatorState, Network, Port, Resistor, Storage
+from phnn.network import ModulatorState, Network, Port, Resistor, Storage
 from phnn.network.bondgraph import BondGraph, C
 from phnn.network.elements import interconnect, renamed
-from phnn.parameters import Parameter, as_table, constant, positive
+from phnn.parameters import Parameter, as_table, positive
 from phnn.setup import Setup
 from phnn.trajectory import simulate
 
@@ -100,15 +99,6 @@ def test_a_ratio_that_moves_is_not_merged_into_a_stiffness() -> None:
             graph.junctions, (*graph.elements, capacitor), graph.bonds, parameters, "q", True, graph.modulations,
             graph.memories,
         ).network()  # fmt: skip
-
-
-def test_a_ratio_that_follows_a_displacement_is_kept_on_disk(tmp_path: Path) -> None:
-    base = hrc(1)
-    more = {"kappa": Parameter("kappa", 0.1), "q0": constant("q0", 1e-4, "m")}
-    modulation = Modulation("alpha", "q", "affine", ("kappa", "q0"))
-    setup = Setup(replace(base, modulations=(modulation,), parameters={**base.parameters, **more}))
-    save(setup, tmp_path)
-    assert load(tmp_path)[0].network == setup.network
 
 
 def joined() -> Network:
