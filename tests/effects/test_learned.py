@@ -107,33 +107,9 @@ def test_without_strength_it_is_the_base_model(element: Effect) -> None:
 
 
 @pytest.mark.parametrize("element", PASSIVE, ids=[e.name for e in PASSIVE])
-@settings(max_examples=25, deadline=None)
-@given(sizes=SIZES, seed=st.integers(0, 2**31 - 1))
-def test_no_strengths_make_it_active(element: Effect, sizes: list[float], seed: int) -> None:
-    setup = strong(element, sizes)
-    system = PortHamiltonianSystem(setup.network)
-    reach = np.abs(base(ACTUATOR).states).max(axis=0).max()
-    scale = {"p": np.abs(base(ACTUATOR).states[:, -1]).max()}
-    sizes_ = np.array([scale.get(n, SCALES.displacement if n[0] != "Q" else reach) for n in setup.network.state_names])
-    random = np.random.default_rng(seed)
-    x = torch.from_numpy(3.0 * sizes_ * random.normal(size=(20, sizes_.size)))
-    u = torch.from_numpy(random.normal(size=(20, 2)) * [SCALES.voltage, 1.0])
-    with torch.no_grad():
-        j, d = system.structure(x), system.dissipation(x)
-        balance = system.power_balance(x, u)
-        held = system.energies(x)
-    assert torch.equal(j, -j.mT)
-    assert (torch.linalg.eigvalsh(d) >= -1e-12 * d.abs().amax((-2, -1))[:, None]).all()
-    assert (held >= 0.0).all()
-    assert (balance.dissipated >= 0.0).all()
-    size = balance.stored.abs() + balance.dissipated.sum(-1) + balance.supplied.abs().sum(-1)
-    assert (balance.defect.abs() <= 1e-9 * size).all()
-
-
-@pytest.mark.parametrize("element", PASSIVE, ids=[e.name for e in PASSIVE])
-@settings(max_examples=5, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(sizes=SIZES)
-def test_every_march_keeps_the_power_balance(element: Effect, sizes: list[float]) -> None:
+def test_no_strengths_make_it_active(element: Effect, sizes: list[float]) -> None:
     is_sound(strong(element, sizes))
 
 

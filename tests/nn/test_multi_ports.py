@@ -90,8 +90,6 @@ def test_the_rates_are_those_of_structure_dissipation_and_ports() -> None:
     x = torch.tensor([[1e-3, -2e-4, 3e-5, 1e-4], [2e-3, 5e-4, -8e-5, 2e-4]], dtype=torch.float64)
     u = torch.tensor([[30.0, 0.2], [-10.0, 0.0]], dtype=torch.float64)
     j, d = system.structure(x), system.dissipation(x)
-    assert torch.equal(j, -j.mT)
-    assert float(torch.linalg.eigvalsh(d).detach().min()) > -1e-12 * float(d.detach().abs().max())
     columns = system.incidences(x)[1]
     built = ((j - d) @ system.efforts(x).unsqueeze(-1) + columns @ u.unsqueeze(-1)).squeeze(-1)
     torch.testing.assert_close(system.vector_field(x, u), built, rtol=1e-9, atol=1e-12)
