@@ -21,10 +21,8 @@ VALUES = [
     "!!binary aGFsbG8=", "!!set {a, b}", "2001-12-14t21:59:43.10-05:00", "190:20:30", "0o17", "1_000",
 ]  # fmt: skip
 PATHS = (
-    "../outside.csv", "/etc/passwd", "../../../../../../etc/passwd", "sub/../../outside.csv", "./../outside.csv",
-    "/dev/zero", "/proc/self/environ", "..", ".", "/", "~/x.csv", "a.csv/../../outside.csv", "nowhere/../a.csv",
-    "x" * 300 + ".csv", "y/" * 3000 + "a.csv", "\\\\server\\share.csv", "file:///etc/passwd",
-    "http://example.org/a.csv",
+    "../outside.csv", "/etc/passwd", "sub/../../outside.csv", "/dev/zero", "/proc/self/environ", "..", ".", "/",
+    "~/x.csv", "a.csv/../../outside.csv", "x" * 300 + ".csv", "y/" * 3000 + "a.csv", "http://example.org/a.csv",
 )  # fmt: skip
 
 
@@ -37,40 +35,30 @@ def bomb(levels: int, last: str, frame: str, alias: str) -> str:
 
 # A list, a mapping, and one that is merged of others: the value at the end, and what stands for those below.
 BOMBS = (("x", "[%s]", "*a{i}"), ("{k: 1}", "{%s}", "k{j}: *a{i}"), ("{k: 1}", "{<<: [%s]}", "*a{i}"))
-MODELS = ("{}", "{model: linear}", "{model: bouc_wen}", "{hysterons: 0}")
 ANCHORS = (
-    "{k: -1.0}", "{k: 0}", "{m: -1e-3}", "{m: .nan}", "{k: {value: 1, std: -1}}", "{k: {std: 1}}", "{k: 1e300}",
-    "{nobody: 1}", "{'': 1}", "{C_1: -1}", "{C_9: 1}", "{alpha: -0.04}", "{b: 1e-320}", "{k: {value: {a: 1}}}",
-    "{d_1: 0}", "{k: {value: 1, std: .inf}}", '{"\\e[31m": 1}', "[k, 1]", "{k: true}",
+    "{k: -1.0}", "{k: 0}", "{m: .nan}", "{k: {value: 1, std: -1}}", "{k: {std: 1}}", "{nobody: 1}", "{'': 1}",
+    "{C_1: -1}", "{k: {value: {a: 1}}}", "{k: {value: 1, std: .inf}}", '{"\\e[31m": 1}', "[k, 1]",
 )  # fmt: skip
 # Manifests by the words of the refusal; none where they are read.
 MANIFESTS: dict[str, list[str | bytes]] = {
     "": ["\ufeffvoltage: command", "#\n" * 200_000],
     "not readable as yaml": [
-        " \n\t\n", "{[}", "voltage: *nobody", b"voltage: \xff\xfe\x80", "voltage: command".encode("utf-16"),
-        b"voltage: \x07\x1b[2J", b"a: \xed\xa0\x80",
-    ],
+        " \n\t\n", "{[}", "voltage: *nobody", b"voltage: \xff\xfe\x80", b"voltage: \x07\x1b[2J"],
     "expected keys and values": ["3", "- a\n- b"], "a second document begins": ["voltage: command\n---\na: 1"],
     "is given twice": ["voltage: command\nvoltage: command"],
     "more than 32 levels deep": [
-        "setup: &a {model: *a}", "recordings: &r [*r]", "recordings: " + "[" * 5000,
-        "recordings: " + "[" * 900 + "]" * 900, "setup: " + "{a: " * 2000 + "1" + "}" * 2000,
-        "\n".join(" " * i + "a:" for i in range(600)),
-    ],
+        "setup: &a {model: *a}", "recordings: " + "[" * 5000, "\n".join(" " * i + "a:" for i in range(600))],
     "unknown key": [
-        "a: &a {model: hrc}\nsetup: {<<: *a}", "".join(f"k{i}: {i}\n" for i in range(20000)),
-        "? " + "k" * 500_000 + "\n: 1", "".join(f"k{i}: &a{i} {i}\n" for i in range(5000)),
-        *(bomb(2, *form) for form in BOMBS),
+        "a: &a {model: hrc}\nsetup: {<<: *a}", "".join(f"k{i}: &a{i} {i}\n" for i in range(20000)),
+        "? " + "k" * 500_000 + "\n: 1", *(bomb(2, *form) for form in BOMBS),
     ],
     "no mapping": ["setup: {<<: 3}"], "as a key": ["? [a, b]\n: 1"], "is not accepted": ["!include /etc/passwd"],
     "may have at most": ["#" * (2**20 + 1)], "20000 recordings": ["recordings: [" + "a.csv, " * 20_000 + "]"],
     "is not known": ["voltage: '" + "x" * 900_000 + "'", "voltage: >\n" + "  x\n" * 100_000],
     "aliases written out": [bomb(levels, *form) for levels in (9, 30) for form in BOMBS],
     "nothing is put in for": [
-        "recordings: [{file: a.csv, name: '${oc.env:PHNN_SECRET}'}]", "voltage: ${oc.env:PHNN_SECRET}",
-        "known: {'${oc.env:PHNN_SECRET}': 1}", "setup: {network: '${oc.env:PHNN_SECRET}.yaml'}",
-    ],
-    "known: ": [f"setup: {model}\nknown: {anchor}\n" for anchor in ANCHORS for model in MODELS],
+        "recordings: [{file: a.csv, name: '${oc.env:PHNN_SECRET}'}]", "known: {'${oc.env:PHNN_SECRET}': 1}"],
+    "known: ": [f"setup: {model}\nknown: {anchor}\n" for anchor in ANCHORS for model in ("{}", "{model: linear}")],
     "recordings.yaml: setup: ": [f"setup: {form % path}" for form in ("{network: '%s'}", "'%s'") for path in PATHS],
     "phnn: ": [
         *(f"recordings: [{{file: {form % path}}}]" for form in ("'%s'", "[a.csv, '%s']") for path in PATHS),
@@ -135,14 +123,11 @@ BOND, UNFINITE = "bonds: [{type: TF, from: mass, to: mass, ratio: %s}]", "is not
 BROKEN: dict[str, dict[str, list[str]]] = {
     "8.0, unit: N/m, positive: true": {"must be zero or positive": ["-8.0, unit: N/m"]},
     "m: {value: 2.0,": {
-        UNFINITE: ["m: {value: .nan,", "m: {value: 1e-320,", "m: {value: 1e308,"],
+        UNFINITE: ["m: {value: .nan,"],
         "400 digits": ["m: {value: " + "9" * 400 + ","], "its typical change is 0": ["m: {value: 2, typical: 0,"],
         "unknown key 'worth'": ["m: {worth: 2,"], "expected keys and values": ["m: null #"],
     },
-    "b: {value: 0.5,": {
-        "must be zero or positive": ["b: {value: -0.5, lower: -1, upper: 1} #"],
-        "nothing uses the parameter idle": ["idle: {value: 1}\n  b: {value: 0.5,"],
-    },
+    "b: {value: 0.5,": {"nothing uses the parameter idle": ["idle: {value: 1}\n  b: {value: 0.5,"]},
     "{mass: 1}": {
         "the junction 'mass', which is not defined": ["{}"], "junction mass is 2": ["{mass: 2}"],
         "expected keys and values": ["[mass]"],
@@ -167,8 +152,7 @@ ADDED = {
 }  # fmt: skip
 UNFIT = {
     "the network has no": ['ports: {"\\e[1m": {column: voltage_V, unit: V}}'],
-    "the network has no 'nobody'": [
-        "ports: {nobody: {column: voltage_V, unit: V}}", "outputs: {nobody: {column: displacement_m, unit: m}}"],
+    "the network has no 'nobody'": ["outputs: {nobody: {column: displacement_m, unit: m}}"],
     "'force' is the name of a quantity": ["ports: {force: {column: voltage_V, unit: V}}"],
     "must be positive": ["known: {m: 0}"], "no parameter zeal": ["known: {zeal: 1}"], UNFINITE: ["known: {k: .nan}"],
     "no column is called 'nobody'": ["outputs: {p: {column: nobody, unit: m}}"],

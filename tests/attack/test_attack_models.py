@@ -177,23 +177,24 @@ def _saved(content: Any) -> bytes:
     return file.getvalue()
 
 
-STATE = {"schema": "phnn.checkpoint/1", "random": torch.get_rng_state()}
+STATE = {"schema": "phnn.checkpoint/1", "random": torch.get_rng_state(), "settings": {}, "progress": {}}
 VERSION, PICKLE = ("archive/version", b"3"), pickle.dumps(_Runs())
-CHECKPOINTS = {
-    "empty": b"", "a text": b"checkpoint", "zeros": bytes(4096), "a list": _saved([1, 2]), "a pickle": PICKLE,
-    "no schema": _saved({"random": 1}), "another schema": _saved(STATE | {"schema": "x"}), "no keys": _saved(STATE),
-    "no random state": _saved({"schema": STATE["schema"]}), "an empty zip": zipped(),
-    "a random state that is none": _saved(STATE | {"random": 3}), "a numpy array": _saved(STATE | {"x": np.zeros(3)}),
-    "an empty one": _saved(STATE | {"random": torch.zeros(0)}), "a tensor that is not there": _saved(STATE)[:-800],
-    "of another type": _saved(STATE | {"random": torch.zeros(5056)}),
-    "a pickle in a zip": zipped(("archive/data.pkl", PICKLE), VERSION),
-    "no content": zipped(("archive/data.pkl", b"\x80\x02}"), VERSION),
+# By the words of the refusal.
+CHECKPOINTS: dict[str, list[bytes]] = {
+    "cannot be read": [
+        b"", bytes(4096), PICKLE, zipped(), _saved(STATE | {"x": np.zeros(3)}), _saved(STATE)[:-800],
+        zipped(("archive/data.pkl", PICKLE), VERSION), zipped(("archive/data.pkl", b"\x80\x02}"), VERSION),
+    ],
+    "is no phnn.checkpoint/1": [_saved([1, 2]), _saved(STATE | {"schema": "x"})],
+    "holds no 'random'": [_saved({"schema": STATE["schema"]})],
+    "its state of the random generator": [
+        _saved(STATE | {"random": wrong}) for wrong in (3, torch.zeros(0), torch.zeros(5056))],
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("case", CHECKPOINTS)
-def test_a_checkpoint_that_is_none_is_refused_and_never_run(case: str, attack: Attack) -> None:
-    put(attack.data / trainer.FILE, CHECKPOINTS[case])
-    with pytest.raises(InputRefused, match="delete it to begin anew"):
+@pytest.mark.parametrize(("words", "content"), rows(CHECKPOINTS))
+def test_a_checkpoint_that_is_none_is_refused_and_never_run(words: str, content: bytes, attack: Attack) -> None:
+    put(attack.data / trainer.FILE, content)
+    with pytest.raises(InputRefused, match=f"{words}.*delete it to begin anew"):
         trainer.load(attack.data / trainer.FILE, ("settings", "progress"))
     assert not list(attack.root.rglob("ran"))
