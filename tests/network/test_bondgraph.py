@@ -297,7 +297,7 @@ def test_conflicts_are_refused_with_names_and_remedy(case: str) -> None:
     [
         ({"junctions": {"mass": 2}}, "junction mass is 2: write 0"),
         ({"elements": (SPRING,)}, "q hangs on the junction 'a', which is not defined; there are mass"),
-        ({"output": "z"}, "the output is the storage 'z'"),
+        ({"output": "z"}, "the output is the storage 'z', which is not defined; there are q, p"),
         ({"parameters": as_table([K, M])}, "uses the parameter 'b'"),
         ({"parameters": as_table([K, M, B, constant("c", 1.0, "1")])}, "nothing uses the parameter c"),
         ({"bonds": (Bond("mass", "mass"),)}, "joins mass with itself"),
