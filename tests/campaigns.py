@@ -5,11 +5,14 @@ from __future__ import annotations
 import atexit
 import shutil
 import tempfile
+from collections.abc import Iterable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from unittest import mock
 
 import numpy as np
+import pandas as pd
 
 from phnn.diagnose import diagnosis as path
 from phnn.diagnose.diagnosis import Diagnosis
@@ -35,6 +38,9 @@ from studies.generator.plans import Excitation
 SEED = 5
 # What keeps the numerical error of these recordings below the noise.
 STEPS = {"sine_010Hz_75V": 2, "sine_100Hz_75V": 1, "step_75V": 4}
+# One hysteron that slips slowly enough for explicit methods and for a training of few steps, and what is known of it.
+GENTLE = {"m": 1.0e-3, "k": 2.0e4, "b": 6.0, "alpha": 0.04, "C_1": 5.0e-7, "rho_1": 1.0e-3, "d_1": 8.0}
+KNOWN = "known: {m: {value: 1.0e-3, std: 1.0e-6}}\nsetup: {model: piezo_actuator, hysterons: 1}\n"
 
 
 @cache
@@ -107,6 +113,14 @@ def recorded(
         None, {}, name,
     )  # fmt: skip
     y = simulate(setup, blank, 4).y + 3e-6 + noise * np.random.default_rng(seed).standard_normal(t.size)
-    return Recording(
-        name, t, u, y, Start("rest", 0.0), interpolation, (part,), noise, "stated", np.array([1.0]), None, {}, name
-    )  # fmt: skip
+    return replace(blank, y=y)
+
+
+def written(folder: Path, recordings: Iterable[Recording], manifest: str = KNOWN) -> Path:
+    """Recordings of an actuator as the files of a folder."""
+    folder.mkdir()
+    for r in recordings:
+        table = pd.DataFrame({"time_s": r.t, "voltage_V": r.u, "displacement_m": r.y})
+        table.to_csv(folder / f"{r.name}.csv", index=False)
+    (folder / "recordings.yaml").write_text(manifest)
+    return folder

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import campaigns
 import numpy as np
-import pandas as pd
 
 from phnn.comparison.models import Settings
 from phnn.configuration import compose
@@ -15,16 +14,12 @@ from phnn.models.actuator import hrc
 from phnn.recordings.recording import Recording
 from phnn.setup import Setup
 
-# One hysteron that slips slowly enough for explicit methods.
-VALUES = {"m": 1.0e-3, "k": 2.0e4, "b": 6.0, "alpha": 0.04, "C_1": 5.0e-7, "rho_1": 1.0e-3, "d_1": 8.0}
 NOISE = 60e-9
-MANIFEST = """known: {m: {value: 1.0e-3, std: 1.0e-6}}
-setup: {model: piezo_actuator, hysterons: 1}
-recordings:
-  - {file: sine_050Hz_75V.csv, use: identification}
-  - {file: sine_100Hz_75V.csv, use: identification}
-  - {file: sine_070Hz_75V.csv, use: confirmation}
-  - {file: sine_070Hz_30V.csv, use: confirmation}
+MANIFEST = f"""{campaigns.KNOWN}recordings:
+  - {{file: sine_050Hz_75V.csv, use: identification}}
+  - {{file: sine_100Hz_75V.csv, use: identification}}
+  - {{file: sine_070Hz_75V.csv, use: confirmation}}
+  - {{file: sine_070Hz_30V.csv, use: confirmation}}
 """
 DRIVES = ((50.0, 75.0), (100.0, 75.0), (70.0, 75.0), (70.0, 30.0))
 # A handful of steps of training each.
@@ -47,18 +42,12 @@ def recording(frequency: float = 50.0, amplitude: float = 75.0) -> Recording:
     t = np.arange(251) / (100 * frequency)
     u = amplitude * np.sin(2 * np.pi * frequency * t)
     name = f"sine_{frequency:03.0f}Hz_{amplitude:g}V"
-    return campaigns.recorded(Setup(hrc(1, VALUES)), name, t, u, NOISE, int(frequency))
+    return campaigns.recorded(Setup(hrc(1, campaigns.GENTLE)), name, t, u, NOISE, int(frequency))
 
 
 def written(folder: Path) -> Path:
     """The recordings as a folder."""
-    folder.mkdir()
-    for frequency, amplitude in DRIVES:
-        r = recording(frequency, amplitude)
-        table = pd.DataFrame({"time_s": r.t, "voltage_V": r.u, "displacement_m": r.y})
-        table.to_csv(folder / f"{r.name}.csv", index=False)
-    (folder / "recordings.yaml").write_text(MANIFEST)
-    return folder
+    return campaigns.written(folder, (recording(*drive) for drive in DRIVES), MANIFEST)
 
 
 def settings(*overrides: str) -> Settings:

@@ -48,7 +48,7 @@ FILES = sorted(path.relative_to(HOME).as_posix() for path in HOME.rglob("*.y*ml"
 @cache
 def campaign() -> Campaign:
     """Two short recordings of a gentle actuator."""
-    true = Setup(hrc(1, {"m": 1e-3, "k": 2e4, "b": 6.0, "alpha": 0.04, "C_1": 5e-7, "rho_1": 1e-3, "d_1": 8.0}))
+    true = Setup(hrc(1, campaigns.GENTLE))
     t = np.linspace(0.0, 0.02, 41)
     waves = {f: 75.0 * np.sin(2 * np.pi * f * t) for f in (50.0, 100.0)}
     found = tuple(campaigns.recorded(true, f"sine_{f:g}", t, u, 60e-9) for f, u in waves.items())

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from campaigns import GENTLE
 from junctions import recording
 
 from phnn.cli import main
@@ -19,14 +20,13 @@ from phnn.prediction import Predicted, error_indices
 from phnn.recordings.recording import Part
 from phnn.setup import Setup
 
-VALUES = {"m": 1.0e-3, "k": 2.0e4, "b": 6.0, "alpha": 0.04, "C_1": 5.0e-7, "rho_1": 1.0e-3, "d_1": 8.0}
 NOISE, RATE, SAMPLES = 50e-9, 20_000.0, 2_000
 
 
 @pytest.fixture(scope="module")
 def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("stored")
-    save(Setup(hrc(1, VALUES)), folder / "model", 1)
+    save(Setup(hrc(1, GENTLE)), folder / "model", 1)
     return folder / "model"
 
 

@@ -18,8 +18,7 @@ from phnn.nn.learned_system import NeuralODE
 from phnn.recordings.recording import Recording
 from phnn.setup import Setup
 
-# One hysteron that slips slowly enough for explicit methods.
-VALUES = {"m": 1.0e-3, "k": 2.0e4, "b": 6.0, "alpha": 0.04, "C_1": 5.0e-7, "rho_1": 1.0e-3, "d_1": 8.0}
+VALUES = campaigns.GENTLE
 NOISE = 60e-9
 SCALES = Scales(1.0 / (2 * np.pi * 150.0), 75.0, 1.2e-4)
 
@@ -29,7 +28,7 @@ def recording(frequency: float = 50.0, samples: int = 81, amplitude: float = 75.
     """One period of a sine through the true actuator."""
     t = np.arange(samples) / (samples - 1) / frequency
     u = amplitude * np.sin(2 * np.pi * frequency * t)
-    return campaigns.recorded(Setup(hrc(1, VALUES)), f"sine_{frequency:.0f}", t, u, NOISE, seed)
+    return campaigns.recorded(Setup(hrc(1, VALUES)), f"sine_{frequency:03.0f}", t, u, NOISE, seed)
 
 
 def recordings() -> list[Recording]:

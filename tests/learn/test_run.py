@@ -10,6 +10,7 @@ import sys
 import time
 from pathlib import Path
 
+import campaigns
 import learn_example as example
 import numpy as np
 import pandas as pd
@@ -34,19 +35,12 @@ from studies.generator.world import TABLE
 from studies.recordings import Conditions, write_recordings
 
 ROOT = Path(__file__).resolve().parents[2]
-ANCHOR = "known: {m: {value: 1.0e-3, std: 1.0e-6}}\nsetup: {model: piezo_actuator, hysterons: 1}\n"
 QUICK = ("tensorboard=false", "model.hysterons=1", "model.width=3", "model.start=none")
 
 
 def written(folder: Path, frequencies: tuple[float, ...] = (30.0, 50.0, 80.0, 120.0)) -> Path:
     """A folder of recordings of the gentle actuator."""
-    folder.mkdir()
-    for k, f in enumerate(frequencies):
-        r = example.recording(f, 161, seed=k)
-        table = pd.DataFrame({"time_s": r.t, "voltage_V": r.u, "displacement_m": r.y})
-        table.to_csv(folder / f"sine_{f:03.0f}.csv", index=False)
-    (folder / "recordings.yaml").write_text(ANCHOR)
-    return folder
+    return campaigns.written(folder, (example.recording(f, 161, seed=k) for k, f in enumerate(frequencies)))
 
 
 def settings_of(folder: Path, out: Path, *overrides: str) -> Settings:

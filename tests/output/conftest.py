@@ -9,7 +9,7 @@ import campaigns
 import numpy as np
 import pandas as pd
 import pytest
-from small_runs import GENTLE, ROOT, VALUES, Runner
+from small_runs import ROOT, Runner
 
 from phnn.models.actuator import hrc
 from phnn.models.store import save
@@ -20,15 +20,14 @@ from phnn.setup import Setup
 def runner(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Runner]:
     """A folder with recordings and models, and what runs commands in it."""
     home = tmp_path_factory.mktemp("kills")
-    setup = Setup(hrc(1, VALUES), name="phs")
+    setup = Setup(hrc(1, campaigns.GENTLE), name="phs")
     for name, frequencies in (("gentle", (30.0, 50.0, 80.0, 120.0)), ("fewer", (30.0, 80.0))):
-        (home / name).mkdir()
+        recordings = []
         for k, f in enumerate(frequencies):
             t = np.arange(161) / 160.0 / f
-            r = campaigns.recorded(setup, f"sine_{f:.0f}", t, 75.0 * np.sin(2.0 * np.pi * f * t), 60e-9, k)
-            table = pd.DataFrame({"time_s": r.t, "voltage_V": r.u, "displacement_m": r.y})
-            table.to_csv(home / name / f"{r.name}.csv", index=False)
-        (home / name / "recordings.yaml").write_text(GENTLE)
+            u = 75.0 * np.sin(2.0 * np.pi * f * t)
+            recordings.append(campaigns.recorded(setup, f"sine_{f:.0f}", t, u, 60e-9, k))
+        campaigns.written(home / name, recordings)
     save(setup, home / "model", 2)
     save(setup.with_values({"k": 2.2e4}), home / "other", 2)
     (home / "wanted").mkdir()

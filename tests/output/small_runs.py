@@ -17,9 +17,6 @@ import pandas as pd
 
 ROOT = Path(__file__).resolve().parents[2]
 MARK = "INCOMPLETE.txt"
-# One hysteron that slips slowly enough for a training of few steps.
-VALUES = {"m": 1.0e-3, "k": 2.0e4, "b": 6.0, "alpha": 0.04, "C_1": 5.0e-7, "rho_1": 1.0e-3, "d_1": 8.0}
-GENTLE = "known: {m: {value: 1.0e-3, std: 1.0e-6}}\nsetup: {model: piezo_actuator, hysterons: 1}\n"
 # What each run is given, and what an earlier one in the same folder was given; None where that would be refused.
 RUNS: dict[str, tuple[list[str], list[str] | None]] = {
     "predict": (["predict", "model", "gentle", "--out", "OUT"], ["predict", "other", "gentle", "--out", "OUT"]),

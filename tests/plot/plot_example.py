@@ -8,6 +8,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from campaigns import GENTLE
 
 import phnn
 from phnn.models.actuator import hrc
@@ -17,7 +18,7 @@ from phnn.recordings.recording import Campaign, Part, Recording, Start, unrecord
 from phnn.setup import Setup
 from phnn.trajectory import simulate
 
-VALUES = {"m": 1.0e-3, "k": 2.0e4, "b": 6.0, "alpha": 0.04, "C_1": 5.0e-7, "rho_1": 1.0e-3, "d_1": 8.0}
+VALUES = GENTLE
 NOISE, DT, SAMPLES = 50e-9, 1e-4, 2000
 MODEL = phnn.Model(Setup(hrc(1, VALUES)), 2)
 WRONG = phnn.Model(Setup(hrc(1, VALUES | {"d_1": 4.0, "C_1": 3.0e-7})), 2)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from campaigns import written
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -356,10 +357,7 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a model and recordings."""
     home = tmp_path_factory.mktemp("plots")
     save(MODEL.setup, home / "result" / "model", 2)
-    (home / "recordings").mkdir()
-    for r in campaign().recordings:
-        frame = pd.DataFrame({"time_s": r.t, "voltage_V": r.u, "displacement_m": r.y})
-        frame.to_csv(home / "recordings" / f"{r.name}.csv", index=False)
+    written(home / "recordings", campaign().recordings)
     return home
 
 
