@@ -143,13 +143,19 @@ NETWORK = config_folder() / "network" / "mass_spring_damper.yaml"
 MODEL, ZERO, ZERO_NOISE = Setup(load_network(NETWORK)), 0.05, 1e-3
 
 
+def answer(seed: int, count: int, zero: float, noise: float) -> Recording:
+    """A noisy response to so many random forces, each of ten samples."""
+    rng = np.random.default_rng(seed)
+    force = np.repeat(rng.uniform(-1.0, 1.0, count), 10)
+    t = 0.05 * np.arange(force.size)
+    blank = recording(t, force, Start("rest", force[0]), interpolation="zero_order")
+    y = simulate(MODEL, blank).y + zero + noise * rng.standard_normal(t.size)
+    return replace(blank, name="a", y=y, noise=noise, parts=(Part("a", 0, t.size, "identification"),))
+
+
 def zero_recorded(name: str, use: str, offset: str = "shared") -> Recording:
-    rng = np.random.default_rng(sum(map(ord, name)))
-    t = 0.05 * np.arange(400)
-    force = np.repeat(rng.uniform(-1.0, 1.0, 40), 10)
-    blank = recording(t, force, Start("rest", force[0]), interpolation="zero_order", offset=offset)
-    y = simulate(MODEL, blank).y + ZERO + ZERO_NOISE * rng.standard_normal(t.size)
-    return replace(blank, name=name, y=y, noise=ZERO_NOISE, parts=(Part(name, 0, t.size, use),))
+    run = answer(sum(map(ord, name)), 40, ZERO, ZERO_NOISE)
+    return replace(run, name=name, offset=offset, parts=(Part(name, 0, run.t.size, use),))
 
 
 def campaign(*recordings: Recording) -> Campaign:
@@ -263,18 +269,12 @@ def test_a_lag_of_a_minute_is_found_in_samples_every_four_seconds() -> None:
 
 
 NAMES = ("k", "m", "b")
-CENSORED_ZERO = 0.004
 
 
 @cache
 def censored(seed: int = 0, noise: float = 1e-3) -> Recording:
     """A noisy response to a random force, without limits."""
-    rng = np.random.default_rng(seed)
-    t = 0.05 * np.arange(800)
-    force = np.repeat(rng.uniform(-1.0, 1.0, 80), 10)
-    blank = recording(t, force, Start("rest", force[0]), interpolation="zero_order")
-    y = simulate(MODEL, blank).y + CENSORED_ZERO + noise * rng.standard_normal(t.size)
-    return replace(blank, y=y, noise=noise, parts=(Part("a", 0, t.size, "identification"),))
+    return answer(seed, 80, 0.004, noise)
 
 
 def clipped(run: Recording, share: float = 0.5) -> Recording:

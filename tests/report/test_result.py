@@ -156,15 +156,6 @@ def test_an_element_that_is_not_proven_is_in_the_model_and_has_no_name(status: s
     assert headline(unproven) == "A mechanical effect is missing; no name is proven"
 
 
-def test_a_class_is_told_with_its_members() -> None:
-    found = made("found")
-    claim = replace(found.claims[0], status="equivalent", alike=(catalogue()["coulomb_friction"],))
-    tied = told(found, word="equivalent", claims=(claim,))
-    (entry,) = document(tied)["missing"]
-    assert (entry["effect"], entry["equivalent_to"]) == ("quadratic_drag", ["coulomb_friction"])
-    assert headline(tied) == "Quadratic drag or Coulomb friction is missing; these recordings cannot tell which"
-
-
 def test_without_new_held_out_recordings_a_name_is_not_confirmed() -> None:
     found = made("found")
     outcome = conclude(found.visited, found.chosen, False, (1, 0), found.criteria)
@@ -243,9 +234,7 @@ def test_where_no_element_helps_one_entry_tells_the_place_and_the_nearest_effect
     assert entry["location"] == "mechanical" and entry["parameters"] == {}
     assert "No effect and no learned element is in the model" in entry["statement"]
     assert "It acts most like quadratic drag, which alone explains" in acts_like(bare)
-
-
-def test_places_that_are_tied_are_not_claimed() -> None:
+    # Places that are tied are not claimed.
     assert headline(nameless(made("found"), ("sensor",))) == "Something is missing; no name is proven"
 
 
@@ -259,11 +248,14 @@ def test_a_longer_bar_that_lost_has_its_reason() -> None:
     assert told == {"sensor": "longer bar, but only 0.25 of it is confirmed by another recording"}
 
 
-def test_effects_that_are_tied_have_a_reason_where_nothing_is_proposed() -> None:
+def test_effects_that_are_tied_are_told_with_a_reason_where_nothing_is_proposed() -> None:
     found = made("found")
     friction = catalogue()["coulomb_friction"]
     claim = replace(found.claims[0], status="equivalent", alike=(friction,))
-    why = next_recording(replace(told(found, word="equivalent", claims=(claim,)), proposal=None))
+    tied = replace(told(found, word="equivalent", claims=(claim,)), proposal=None)
+    (entry,) = document(tied)["missing"]
+    assert (entry["effect"], entry["equivalent_to"]) == ("quadratic_drag", ["coulomb_friction"])
+    why = next_recording(tied)
     assert "No recording of the menu would decide" in why and friction.separation in why
 
 
@@ -323,25 +315,20 @@ def test_a_value_is_held_against_its_range(
 
 
 @pytest.mark.parametrize(
-    ("known", "units", "expected"),
+    ("known", "changes", "expected"),
     [
-        ({"m": Anchor(1e-3, 1e-5)}, Units("V", "m"), True),
-        ({"d_1": Anchor(10.0, 0.0)}, Units("V", "m"), False),
-        ({}, Units("V", "m"), False),
-        ({}, Units("N", "m"), True),
-        ({"rho_2": Anchor(1e-4, 0.0)}, Units("V", "m"), True),
+        ({"m": Anchor(1e-3, 1e-5)}, {}, True),
+        ({"d_1": Anchor(10.0, 0.0)}, {}, False),
+        ({}, {}, False),
+        ({}, {"units": Units("N", "m")}, True),
+        ({}, {"units": Units("N", "m"), "gain": "unknown"}, False),
+        ({"rho_2": Anchor(1e-4, 0.0)}, {}, True),
     ],
 )
 def test_a_stated_value_or_a_measured_force_fixes_the_common_factor(
-    known: dict[str, Anchor], units: Units, expected: bool
+    known: dict[str, Anchor], changes: dict[str, Any], expected: bool
 ) -> None:
-    found = campaigns.diagnosis("quadratic_drag", "quadratic_drag")
-    first, *others = found.campaign.recordings
-    campaign = replace(found.campaign, known=known, recordings=(replace(first, units=units), *others))
+    found = made("found")
+    recordings = tuple(replace(r, **changes) for r in found.campaign.recordings)
+    campaign = replace(found.campaign, known=known, recordings=recordings)
     assert forces_known(replace(found, campaign=campaign)) is expected
-
-
-def test_a_force_of_unknown_gain_fixes_nothing() -> None:
-    found = campaigns.diagnosis("quadratic_drag", "quadratic_drag")
-    recordings = tuple(replace(r, units=Units("N", "m"), gain="unknown") for r in found.campaign.recordings)
-    assert not forces_known(replace(found, campaign=replace(found.campaign, known={}, recordings=recordings)))
