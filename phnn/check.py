@@ -272,6 +272,8 @@ def distortion(recording: Recording) -> list[Finding]:
     # The line through the means of the first and the last period: what drifts is in all harmonics.
     drift = (y[-round(size) :].mean() - y[: round(size)].mean()) / (y.size - size)
     lines = np.fft.rfft(np.column_stack([u, y - drift * np.arange(y.size)]), axis=0)[periods : y.size // 2 : periods].T
+    if not lines.any():
+        return []
     driven, power = np.abs(lines[0]) > _DRIVEN * np.abs(lines[0]).max(), np.abs(lines[1]) ** 2
     order = np.arange(1, power.size + 1)
     odd, even = (np.sqrt(power[~driven & (order % 2 == k)].sum() / power.sum()) for k in (1, 0))

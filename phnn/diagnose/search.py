@@ -148,7 +148,7 @@ class Search:
 
     def nameable(self, model: Visited) -> bool:
         """Return whether a model leaves so little that its names may stand for all that is missing."""
-        return model.left <= self.criteria.explained / self.criteria.proven**2
+        return model.left_most <= self.criteria.explained / self.criteria.proven**2
 
     def is_compared(self, model: Visited) -> bool:
         """Return whether the alternatives of a model have been fitted."""
