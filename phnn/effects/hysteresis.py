@@ -165,7 +165,7 @@ DISTRIBUTED_HYSTERESIS = Effect(
         *(positive(f"k_{i}", "N/m", "stiffness of a spring that yields", 1e8, strength=True) for i in CELLS),
         *(positive(f"x_{i}", "m", "displacement after which it yields", 1e3) for i in CELLS),
         signed("g_D", "1/m", "growth of the travels with the square of the displacement", 1e9, 100.0, own_size=True),
-        signed("a_D", "1/m", "growth of the travels forwards less that backwards, halved", 1e9, 100.0, own_size=True),
+        signed("a_D", "1/m", "half of what the travels grow more forwards than back", 1e9, 100.0, own_size=True),
     ),
     adds=Parts(
         tuple(Storage(f"s_{i}", "spring", (f"k_{i}",), "m") for i in CELLS),

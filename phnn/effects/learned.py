@@ -172,8 +172,8 @@ LEARNED_FADING = Effect(
     name="learned_fading",
     kind=kinds.LAG,
     equation=r"V = u - a_{Hi} z_i, \quad \tau_{Hi} \dot{z}_i = u - z_i",
-    statement="The amplifier does not hold its voltage: of what lasts longer than {tau_H1} the share {a_H1} fades, of "
-    "what lasts longer than {tau_H2} the share {a_H2}.",
+    statement="The amplifier does not hold its voltage: the share {a_H1} of it fades with the time {tau_H1}, the share "
+    "{a_H2} with {tau_H2}.",
     fingerprint="After a step the displacement creeps back towards where it came from; slow sines are smaller, and "
     "ahead of the command.",
     separation="A step held as long as possible with the terminal voltage recorded as well.",

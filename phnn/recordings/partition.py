@@ -245,7 +245,10 @@ def _as_others(floors: Sequence[NoiseFloor]) -> list[NoiseFloor]:
         return list(floors)
     typical = min(agreeing, key=lambda f: abs(f.value - size))
     shared = NoiseFloor(size, f"{len(agreeing)} others of this sensor that repeat or rest", typical.correlation)
-    return [shared if f.found and f.is_level else f for f in floors]
+    # The deviation that first-order noise of this correlation has at the highest frequencies.
+    lag = float(typical.correlation[1]) if typical.correlation.size > 1 else 0.0
+    there = size * float(np.sqrt(density(lag, np.array(-1.0))))
+    return [shared if f.found and f.is_level and f.value >= there / _ONE_SIZE else f for f in floors]
 
 
 def _sharing(floors: Sequence[NoiseFloor]) -> list[NoiseFloor]:

@@ -233,7 +233,7 @@ def reasons(diagnosis: Diagnosis, where: Location) -> dict[str, str]:
         if name in tied:
             said[name] = "cannot be told apart from the first on these recordings"
         elif score > best and refitted:
-            said[name] = f"longer bar, but refitted models decide: {words(refitted[0].name)} leaves least"
+            said[name] = f"longer bar, but of the fitted models the one with {words(refitted[0].name)} fits best"
         elif score > best:
             tested = f"{where.ranks[name]:.2f}"
             said[name] = f"longer bar, but only {tested} of it is confirmed by another recording"

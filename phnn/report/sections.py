@@ -325,16 +325,20 @@ def _understood(diagnosis: Diagnosis, document: dict[str, Any]) -> list[Block]:
 
 
 def usage(traces: Sequence[Trace], input_unit: str, output_unit: str) -> str:
-    """Return a short program: a sine as large and as long as the first recording, simulated with the model."""
-    amplitude, seconds = 1.0, 1.0
+    """Return a short program: a sine over the range and the time of the first recording, simulated with the model."""
+    middle, amplitude, seconds = 0.0, 1.0, 1.0
     if traces and np.isfinite(traces[0].u).any():
-        amplitude = float(np.nanmax(np.abs(traces[0].u))) or 1.0
+        low, high = float(np.nanmin(traces[0].u)), float(np.nanmax(traces[0].u))
+        middle, amplitude = 0.5 * (low + high), 0.5 * (high - low) or 1.0
         seconds = float(np.ptp(traces[0].t)) or 1.0
+    wave = f"{amplitude:.4g} * np.sin({6.0 * math.pi / seconds:.4g} * t)"
+    if abs(middle) > 0.1 * amplitude:
+        wave = f"{middle:.4g} - {wave.replace('sin', 'cos')}"
     return (
         "import numpy as np\nimport phnn\n\n"
         'model = phnn.load("model")  # the folder beside this page\n'
         f"t = np.linspace(0.0, {seconds:.4g}, 2001)  # [s]\n"
-        f"u = {amplitude:.4g} * np.sin({6.0 * math.pi / seconds:.4g} * t)  # [{input_unit}]\n"
+        f"u = {wave}  # [{input_unit}]\n"
         f"y = model.simulate(t, u)  # [{output_unit}]"
     )
 

@@ -33,8 +33,8 @@ _INSIDE = "inside the network"
 _UNNAMED = {
     "mechanical": "A mechanical effect is missing", "electrical": "An electrical effect is missing",
     "hysteron": "Hysteresis has another form", "coupling": "The coupling has another form",
-    "thermal": "A thermal effect is missing", "sensor": "The sensor does something else",
-    "amplifier": "The amplifier does something else", "environment": "A disturbance acts from outside",
+    "thermal": "A thermal effect is missing", "sensor": "The sensor does more than was modelled",
+    "amplifier": "The amplifier does more than was modelled", "environment": "A disturbance acts from outside",
 }  # fmt: skip
 # Why no name is proven, by the rule that gave the verdict.
 _WHY = {
@@ -297,7 +297,7 @@ def next_recording(diagnosis: Diagnosis) -> str:
     also = [f"These recordings lack: {'; '.join(lacks)}."] if lacks else []
     if not told and not also:
         return ""
-    return " ".join(["No recording of the menu would decide.", *told, *also])
+    return " ".join(["No further recording within the range of these would decide.", *told, *also])
 
 
 @dataclass(frozen=True)

@@ -242,7 +242,8 @@ def test_a_longer_bar_that_lost_has_its_reason() -> None:
     found = made("found")
     assert found.location is not None
     longer = replace(found.location, scores=found.location.scores | {"sensor": 1.5})
-    assert reasons(found, longer) == {"sensor": "longer bar, but refitted models decide: quadratic drag leaves least"}
+    lost = "longer bar, but of the fitted models the one with quadratic drag fits best"
+    assert reasons(found, longer) == {"sensor": lost}
     bare = nameless(found, ())
     told = reasons(bare, replace(longer, ranks=longer.ranks | {"sensor": 0.25}))
     assert told == {"sensor": "longer bar, but only 0.25 of it is confirmed by another recording"}
@@ -256,7 +257,7 @@ def test_effects_that_are_tied_are_told_with_a_reason_where_nothing_is_proposed(
     (entry,) = document(tied)["missing"]
     assert (entry["effect"], entry["equivalent_to"]) == ("quadratic_drag", ["coulomb_friction"])
     why = next_recording(tied)
-    assert "No recording of the menu would decide" in why and friction.separation in why
+    assert "No further recording within the range of these would decide" in why and friction.separation in why
 
 
 def test_an_unknown_without_a_tie_is_told_what_its_recordings_lack() -> None:
