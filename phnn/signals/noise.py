@@ -155,7 +155,8 @@ class NoiseFloor:
     @property
     def is_level(self) -> bool:
         """Return whether it is the level of the highest frequencies, taken as white."""
-        return self.coefficient == 0.0 and self.interval is None and SILENT not in self.source
+        white = AS_WHITE in self.source and SILENT not in self.source
+        return white and self.coefficient == 0.0 and self.interval is None
 
 
 def noise_floor(
