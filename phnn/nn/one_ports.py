@@ -64,7 +64,7 @@ def _check(width: int) -> None:
         raise InputRefused(f"width = {width}: a learned law needs at least one unit")
 
 
-class _Units(nn.Module):
+class _Units:
     """An additive-unit law, by its name, with the module's physical weights; a resistor, unless it says otherwise."""
 
     law: str
@@ -81,7 +81,7 @@ class _Units(nn.Module):
         return evaluated(WIDE_RESISTORS[self.law], self.weights(), effort)
 
 
-class SectorMLP(_Units):
+class SectorMLP(_Units, nn.Module):
     """A sign-constrained resistor that may be silent on whole intervals and need not be monotone.
 
         φ(ε) = g ε max(c₀ + Σ_i (w_i/√U) tanh(k_i z + c_i), 0),   z = ε/s,   g = flow_scale/effort_scale,
@@ -127,7 +127,7 @@ class SectorMLP(_Units):
         return _flat(self, g * self.offset, g / self.units**0.5 * self.heights, self.gains / scale, self.positions)
 
 
-class MonotoneMLP(_Units):
+class MonotoneMLP(_Units, nn.Module):
     """A monotone resistor through the origin, hence a sector law whose implicit step has one root.
 
         φ(ε)/f = a z + Σ_i w_i [σ(k_i z + c_i) − σ(c_i)]
@@ -170,7 +170,7 @@ class MonotoneMLP(_Units):
         return _flat(self, flow / scale * _positive(self.slope), *(w for row in rows for w in row))
 
 
-class ConvexEnergyMLP(_Units):
+class ConvexEnergyMLP(_Units, nn.Module):
     """A convex energy with its minimum of zero at zero, so that the network stays passive.
 
         H(x) = E s { a z²/2 + Σ_i (w_i/k_i) [S(k_i z + c_i) − S(c_i) − σ(c_i) k_i z] },   z = x/s
