@@ -331,9 +331,8 @@ def _heat(search: Search, model: Visited, candidates: Sequence[Candidate], glanc
     evaluations = _GLANCE if glance else search.criteria.short
     work = partial(_tried, begun, search.plan, promising if search.far(model) else np.inf, evaluations)
     fits = _fits(search, work, candidates, [c.effect.name for c in candidates])
-    trials = [
-        search.model((*model.elements, c.effect), f) for c, f in zip(candidates, fits, strict=True) if f is not None
-    ]  # fmt: skip
+    pairs = zip(candidates, fits, strict=True)
+    trials = [search.model((*model.elements, c.effect), f) for c, f in pairs if f is not None]
     return sorted(trials, key=lambda t: t.fit.cost)
 
 
@@ -438,10 +437,7 @@ def _further_forms(search: Search, trial: Visited) -> list[Visited]:
     while True:
         last = found[-1] if found else trial
         own = family(last.elements[-1])
-        copies = [
-            e for e in search.effects
-            if e.after and family(e) == own and e.can_be_added_to(last.fit.setup)
-        ]  # fmt: skip
+        copies = [e for e in search.effects if e.after and family(e) == own and e.can_be_added_to(last.fit.setup)]
         if not copies or late(f"one more {own} in {trial.words}"):
             return found
         search.visit(last)
@@ -504,13 +500,9 @@ def _converge(search: Search, models: Sequence[Visited], brief: bool = False) ->
 
 
 def _ended(search: Search, models: Sequence[Visited], brief: bool = False) -> list[Fit | None]:
-    work = partial(_to_the_end, search.plan, search.base.fit.held, brief)
+    plan, held = search.plan, search.base.fit.held
     items = [(m.fit, [n for e in m.elements for n in e.parameters]) for m in models]
-    return _fits(search, work, items, [m.words for m in models])
-
-
-def _to_the_end(plan: Plan, held: Mapping[str, str], brief: bool, item: tuple[Fit, Sequence[str]]) -> Fit | None:
-    return converged(item[0], plan, held, item[1], brief)
+    return _fits(search, lambda i: converged(i[0], plan, held, i[1], brief), items, [m.words for m in models])
 
 
 def _refine(search: Search) -> None:
@@ -538,8 +530,8 @@ def _compare(search: Search) -> None:
     while not (written := search.written).converged and _carry(search, written):
         pass
     weighed = search.weighed
-    likely = weighed.models if weighed.best.left < _QUIET else ()
-    alike = [m for m in likely if not m.converged and weighed.behind(m) < _ALIKE]
+    close = weighed.best.left < _QUIET
+    alike = [m for m in weighed.models if close and not m.converged and weighed.behind(m) < _ALIKE]
     move("fits of what is as likely to their end", partial(_converge, search, alike), None)
     for _ in range(_ROUNDS):
         # What has taken the place of an element leads to a model that has to be compared itself.
@@ -565,7 +557,14 @@ def finished(search: Search) -> Visited:
     """Return the model to write, with the sub-steps of the search, whatever has ended it."""
     if not (model := search.written).converged:
         needed(f"fit of {model.words} with all sub-steps", partial(_converge, search, [model], brief=True), None)
-    return best_to_write([m for m in search.visited.values() if m.converged], search.criteria)
+    models, alone = [m for m in search.visited.values() if m.converged], replace(search, begun={})
+    while (model := best_to_write(models, search.criteria)).elements and search.begun:
+        # Whoever loads the model does not know where the base model begins a recording.
+        predicted = needed(f"prediction by {model.words}", partial(alone.model, model.elements, model.fit, True), model)
+        if best_to_write([search.base, predicted], search.criteria) is predicted:
+            break
+        models.remove(model)
+    return model
 
 
 def carry_beside(search: Search, model: Visited, effects: Sequence[Effect]) -> None:

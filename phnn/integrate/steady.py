@@ -71,7 +71,7 @@ def steady_state(network: Network, u: Array) -> Array:
             break
     point, rows = _at(system, u, x), rows[: x.size]
     # A rate with a single term is rounding as a whole: its scale is the largest of all rates.
-    size = max(np.abs(x / columns).max(), (rows * point.terms).max())
+    size = (rows * point.terms).max()
     moving = ~(np.abs(rows * point.rate) <= _BALANCED * size)
     if moving.any():
         raise SolverFailed(_why(network, free, moving))

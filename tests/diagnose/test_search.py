@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
+from sys import modules
 from types import SimpleNamespace
 from typing import Any
 
@@ -16,7 +17,7 @@ from phnn.criteria import Criteria
 from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.linearised import LinearisedFit, direction, prepare, tie
 from phnn.diagnose.lines import wavelengths
-from phnn.diagnose.number import Visited
+from phnn.diagnose.number import Misfit, Visited
 from phnn.diagnose.refit import Wanted, converged, rebuilt
 from phnn.diagnose.refit import short as short_fit
 from phnn.diagnose.screen import Screen
@@ -124,6 +125,17 @@ def test_hysterons_begin_anew_beside_an_effect_where_no_derivative_leads_back() 
     assert stuck is not None and stuck.chi2 > 100.0
     found = _with_new_hysterons(search, search.model((friction,), stuck))
     assert found.left < 0.1 * stuck.chi2
+
+
+def test_a_model_that_only_predicts_from_where_another_begins_is_not_written(monkeypatch: pytest.MonkeyPatch) -> None:
+    search, whole = together(lacking("quadratic_drag"), "quadratic_drag")
+    well, astray = {"later": Misfit(100.0, 100)}, {"later": Misfit(1e12, 100)}
+    search.visited = {k: replace(m, held_out=well) for k, m in search.visited.items()}
+    search.base, search.begun = search.visited[search.base.key], {"later": (whole.fit.setup, np.zeros(1))}
+    monkeypatch.setattr(modules[finished.__module__], "held_out", lambda *given: well)
+    assert finished(search).key == whole.key
+    monkeypatch.setattr(modules[finished.__module__], "held_out", lambda *given: astray)
+    assert finished(search).key == search.base.key
 
 
 @pytest.mark.slow

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -14,7 +16,8 @@ from phnn.integrate.rest import equilibrium, equilibrium_derivative, equilibrium
 from phnn.integrate.steady import steady_derivative, steady_slope, steady_state
 from phnn.models.actuator import from_paper
 from phnn.models.network_file import load_network
-from phnn.network import Network, PortHamiltonianSystem
+from phnn.network import Network, PortHamiltonianSystem, Resistor
+from phnn.parameters import Parameter
 
 VOLTAGES = (3.0, 40.0)
 
@@ -136,4 +139,21 @@ def test_what_moves_for_ever_is_refused_by_name() -> None:
     network = named("mass_damper")
     with pytest.raises(SolverFailed, match=r"moves q for ever, nothing holds it.* declare start: unknown"):
         equilibrium(compile_network(network), network, np.array([30.0]))
+    assert not equilibrium(compile_network(network), network, np.zeros(1)).any()
+
+
+@pytest.mark.parametrize("force", [0.5, 30.0])
+@pytest.mark.parametrize("exponent", [0.0, 0.5])
+def test_friction_that_grows_with_the_distance_holds_nothing(exponent: float, force: float) -> None:
+    # A speed that is small beside the place is none the less a speed; it was taken for rest at 1e7 to 1e55 m.
+    bare = named("mass_damper")
+    values = {"drag": 0.01, "square": 2.0, "v_d": 0.003, "F_h": 1e-3, "n_h": exponent, "v_h": 0.5, "c_h": -20.0}
+    resistors = (
+        Resistor("drag", "power_damper", {"p": 1.0}, ("drag", "drag", "square", "v_d")),
+        Resistor("guide", "ramp_damper", {"p": 1.0}, ("F_h", "n_h", "v_h", "c_h"), "q"),
+    )
+    parameters = {**bare.parameters, **{n: Parameter(n, v) for n, v in values.items()}}
+    network = replace(bare, resistors=resistors, parameters=parameters)
+    with pytest.raises(SolverFailed, match=r"moves q.* for ever, nothing holds"):
+        equilibrium(compile_network(network), network, np.array([force]))
     assert not equilibrium(compile_network(network), network, np.zeros(1)).any()
