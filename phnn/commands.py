@@ -377,7 +377,8 @@ def _score_table(content: Mapping[str, Any]) -> Table:
         rmse = DASH if row["rmse"] is None else quantity(row["rmse"], row["unit"])
         return percent(row["fit_percent"], 2), rmse, ratio(row["residual_over_noise"])
 
-    table = Table("recording", "use", "fit %", "RMSE", "residual over noise")
+    told = "Zero and initial state come from the first samples; a fit, as in a report, takes them from all that it has."
+    table = Table("recording", "use", "fit %", "RMSE", "residual over noise", caption=told)
     for name, row in content["recordings"].items():
         if row["samples"]:
             table.add_row(escape(name), "held out" if row["held_out"] else DASH, *cells(row))

@@ -2,12 +2,11 @@
 
 A block takes samples (N, …) of its input, their times (N,) or (N, 1) [s] and its parameters, and gives the samples of
 its output. It acts on every column alike: with ``q + i·1e-140 q'`` in the columns come the directional derivatives.
-`DOMAINS` has the admissible values of the parameters of blocks and sources, in the order of each kind.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from math import factorial
 from typing import Any
 
@@ -18,7 +17,6 @@ from scipy.interpolate import CubicSpline
 from phnn.chain.amplifiers import kneed, rate
 from phnn.integrate.cache import entry
 from phnn.laws.namespace import absolute, cos, maximum, minimum, real, sin
-from phnn.parameters import ANY, NONNEGATIVE, POSITIVE, Domain
 
 Array = NDArray[Any]
 
@@ -227,32 +225,3 @@ def tone(t: Array, cosine: Any, sine: Any, frequency: Any) -> Array:
 
 
 SOURCES: dict[str, Callable[..., Array]] = {"tone": tone}
-
-
-DOMAINS: Mapping[str, tuple[Domain, ...]] = {
-    "lowpass": (POSITIVE,),
-    "second_order_lowpass": (POSITIVE, POSITIVE),
-    "fading": (ANY, POSITIVE),
-    "saturation": (POSITIVE,),
-    "soft_saturation": (POSITIVE, POSITIVE),
-    "bouc_wen": (POSITIVE, ANY, ANY, ANY),
-    "slipping": (ANY, POSITIVE, POSITIVE, NONNEGATIVE, ANY),
-    "delay": (NONNEGATIVE,),
-    "slew_limit": (POSITIVE,),
-    "offset": (ANY,),
-    "drift": (ANY,),
-    "lag": (POSITIVE,),
-    "polynomial": (ANY, ANY),
-    "rectification": (),
-    "rate": (),
-    "zero": (ANY,),
-    "gain": (POSITIVE,),
-    "play": (NONNEGATIVE,),
-    "knee": (ANY, ANY),
-    "dead_band": (ANY, NONNEGATIVE),
-    "cubic": (ANY, ANY, POSITIVE),
-    "wave": (ANY, ANY, POSITIVE),
-    "clock": (ANY, POSITIVE),
-    "drifting_gain": (ANY, ANY, ANY, POSITIVE),
-    "tone": (ANY, ANY, NONNEGATIVE),
-}

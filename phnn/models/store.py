@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 import torch
 from torch import nn
 
-from phnn.chain.sensors import DOMAINS
+from phnn.chain import DOMAINS
 from phnn.errors import InputRefused, PhnnError
 from phnn.intake import LIMITS, load_json, named_file
 from phnn.integrate.program import compile_network

@@ -278,12 +278,12 @@ def parameter_rows(diagnosis: Diagnosis) -> Iterator[list[str]]:
         note = note or (f"base model: {unknown}" if (unknown := diagnosis.base.note(name)) else "")
         old = before[name].value if name in before else None
         value, ends = with_error(p.value, finite(std.get(name))), interval(final.interval(name))
-        yield [name, p.description, note, number(old), value, ends, shown_unit(p.unit)]
+        yield [name, "; ".join(filter(None, (p.description, note))), number(old), value, ends, shown_unit(p.unit)]
 
 
 def _parameters(diagnosis: Diagnosis) -> list[Block]:
-    head = ["parameter", "meaning", "remark", "before", "after ± standard error", "95 % interval", "unit"]
-    return [Table(head, list(parameter_rows(diagnosis)), 3)]
+    head = ["parameter", "meaning", "before", "after ± standard error", "95 % interval", "unit"]
+    return [Table(head, list(parameter_rows(diagnosis)), 2)]
 
 
 def _tried(diagnosis: Diagnosis) -> list[Block]:
