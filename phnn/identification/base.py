@@ -305,7 +305,7 @@ def identify_network(
     best = min(finished, key=lambda f: f.cost)
     whole = not any(r.sensor.rectified or r.sensor.is_limited for r in best.plan.recordings)
     if whole and best.explained <= 1.0 - _BADLY:
-        _can_be_explained(best, setup, held)
+        _can_be_explained(best, setup, held, stated)
         _can_rest(best)
     return best
 
@@ -323,14 +323,13 @@ def _tried(points: Sequence[Setup], plan: Plan, held: Mapping[str, str], tried: 
     return failure
 
 
-def _can_be_explained(fitted: Fit, setup: Setup, held: Mapping[str, str]) -> None:
+def _can_be_explained(fitted: Fit, setup: Setup, held: Mapping[str, str], stated: Mapping[str, float]) -> None:
     """Refuse recordings that a network explains badly as they are and well with the output reversed."""
     recordings = fitted.plan.recordings
     turned = replace(fitted.plan, recordings=tuple(replace(r, y=-r.y) for r in recordings))
-    try:
-        reversed_fit = fit_identified(setup, turned, held, _QUICK)
-    except PhnnError:
-        return
+    fits: list[Fit] = []
+    _tried([setup, *scaled_points(setup, turned, stated)[:1]], turned, held, fits)
+    reversed_fit = min(fits, key=lambda f: f.cost, default=fitted)
     if reversed_fit.cost < _WELL * fitted.cost:
         source = max(recordings, key=lambda r: float(np.ptp(r.y))).source
         raise InputRefused(

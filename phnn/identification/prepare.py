@@ -331,7 +331,8 @@ def is_ready(campaign: Campaign) -> bool:
 
 def _described(campaign: Campaign) -> Setup:
     """Return the network of the manifest, a file or a setup, with its anchors."""
-    given = campaign.setup.get("network") or Setup(ready(campaign.setup["model"]), name=campaign.setup["model"])
+    units, model = campaign.recordings[0].units[:2], campaign.setup.get("model", "")
+    given = campaign.setup.get("network") or Setup(ready(model, units=units), name=model)
     path = Path(given.name if isinstance(given, Setup) else str(given))
     setup = given if isinstance(given, Setup) else Setup(load_network(path), name=printable(path.stem))
     check_names(setup.network, campaign.recordings)

@@ -335,7 +335,8 @@ def variables_of(setup: Setup, plan: Plan, names: Sequence[str]) -> Variables:
         return Variables(tuple(names), (), np.zeros(0), {}, instants)
     trajectories = {r.name: _first_guess(setup, r, plan.steps_of(r)) for r in unknown}
     spread = np.max([np.ptp(t.states, axis=0) for t in trajectories.values()], axis=0)
-    scales = np.where(spread > 0.0, spread, 1.0)
+    # A state that nothing moves may begin anywhere in the range of the output.
+    scales = np.where(spread > 0.0, spread, max(1.0, *(float(np.ptp(r.y)) for r in unknown)))
     expected = {n: expected_start(t, scales) for n, t in trajectories.items()}
     origin = {n: e.mean for n, e in expected.items()}
     return Variables(tuple(names), tuple(trajectories), scales, origin, instants, expected)

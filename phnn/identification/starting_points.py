@@ -202,10 +202,14 @@ def _time_scale(network: Network) -> float:
 
 
 def _in_units(setup: Setup, sizes: Mapping[str, float], time: float, held: Mapping[str, float]) -> Setup:
-    """Return the setup in units in which quantities have given sizes, and ``time`` [s] is one; what is held stays."""
-    bases = sorted({b for unit in sizes for b in powers(unit)} - {"second"})
-    rows = np.array([[powers(unit).get(b, 0.0) for b in bases] for unit in sizes])
-    wanted = [np.log(size) - powers(unit).get("second", 0.0) * np.log(time) for unit, size in sizes.items()]
+    """Return the setup in units in which quantities have given sizes, ``time`` [s] is one, and anchored parameters are
+    what they are held at."""
+    known = {n: v for n, v in held.items() if n in setup.network.parameters}
+    free = ((setup.network.parameters[n], v) for n, v in known.items() if not setup.network.parameters[n].fixed)
+    conditions = [*sizes.items(), *((p.unit, v / p.value) for p, v in free if v * p.value > 0.0)]
+    bases = sorted({b for unit, _ in conditions for b in powers(unit)} - {"second"})
+    rows = np.array([[powers(unit).get(b, 0.0) for b in bases] for unit, _ in conditions])
+    wanted = [np.log(size) - powers(unit).get("second", 0.0) * np.log(time) for unit, size in conditions]
     solved = np.linalg.lstsq(rows, np.array(wanted), rcond=None)[0]
     logs = dict(zip(bases, solved.tolist(), strict=True)) | {"second": float(np.log(time))}
     table = {}
@@ -214,7 +218,6 @@ def _in_units(setup: Setup, sizes: Mapping[str, float], time: float, held: Mappi
         table[name] = replace(
             p, value=p.value * factor, lower=p.lower * factor, upper=p.upper * factor, typical=p.typical * factor
         )
-    known = {n: v for n, v in held.items() if n in table}
     return replace(setup, network=replace(setup.network, parameters=table)).with_values(known)
 
 

@@ -76,13 +76,14 @@ def load_graph(path: Path | str) -> BondGraph:
     return _graph(load_yaml(source), source.name)
 
 
-def ready(name: str, values: Mapping[str, float] | None = None) -> Network:
+def ready(name: str, values: Mapping[str, float] | None = None, units: tuple[str, str] = ("1", "1")) -> Network:
     """Return a ready model by its name, one of `phnn.recordings.manifest.READY`.
 
         motor = phnn.models.ready("motor", {"R": 2.1})
 
     Args:
         values: of its parameters, SI; those left out only set the shape, and an identification scales them.
+        units: of input and output, SI, for a model of any input and output.
 
     Raises:
         InputRefused: no such model; the message lists all.
@@ -93,6 +94,11 @@ def ready(name: str, values: Mapping[str, float] | None = None) -> Network:
     if name not in table:
         raise InputRefused(f"model {name!r}: the ready models are {', '.join(READY)}")
     content = {key: said for key, said in table[name].items() if key != "equation"}
+    first, last = units
+    per = "" if first == "1" else f"/({first})" if set(first) & {" ", "/"} else f"/{first}"
+    known = {"input": first, "output": last, "output/input": f"{last}{per}"}
+    for said in (*content["elements"].values(), *content["parameters"].values()):
+        said |= {"unit": known[said["unit"]]} if said.get("unit") in known else {}
     return _graph(content, name).network().with_values(values or {})
 
 
