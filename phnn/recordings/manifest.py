@@ -29,20 +29,15 @@ def shown(value: Any) -> str:
     return printable(_BRIEF.repr(value))
 
 
-def mapping(value: Any, where: str) -> Mapping[str, Any]:
-    """Return ``value`` as a mapping. Raises InputRefused otherwise."""
+def mapping(value: Any, where: str, accepted: Iterable[str] | None = None) -> Mapping[str, Any]:
+    """Return ``value`` as a mapping, of accepted keys alone where they are given. Raises InputRefused otherwise."""
     if not isinstance(value, Mapping):
         raise InputRefused(f"{where}: expected keys and values, found {shown(value)}: write `key: value` entries")
+    names = list(accepted or ())
+    if accepted is not None and (unknown := [key for key in value if key not in names]):
+        said = f"unknown key {shown(unknown[0])}{meant(str(unknown[0]), names)}"
+        raise InputRefused(f"{where}: {said}: accepted are {', '.join(names)}")
     return value
-
-
-def keys_of(content: Mapping[str, Any], accepted: Iterable[str], where: str) -> None:
-    """Refuse the first key that is not accepted, naming the accepted ones."""
-    names = list(accepted)
-    for key in content:
-        if key not in names:
-            hint = meant(str(key), names)
-            raise InputRefused(f"{where}: unknown key {shown(key)}{hint}: accepted are {', '.join(names)}")
 
 
 def choice(value: Any, accepted: tuple[str, ...], where: str, otherwise: str = "") -> str:
@@ -117,19 +112,18 @@ def columns_of(value: Any, inherited: Mapping[str, Column], where: str, anew: bo
     """Return columns by quantity, laid over inherited ones.
 
     ``anew``: places given elsewhere no longer count (they describe other files), units still do."""
-    content = mapping(value, where)
-    keys_of(content, QUANTITIES, where)
     columns = {q: replace(column, place=None) if anew else column for q, column in inherited.items()}
-    for quantity, said in content.items():
+    for quantity, said in mapping(value, where, QUANTITIES).items():
         columns[quantity] = _column(said, columns.get(quantity, Column()), quantity, f"{where}: {quantity}")
     return columns
 
 
 def named_of(value: Any, quantity: str, where: str) -> dict[str, Column]:
     """Return the columns by the name of a port or a storage."""
-    content = {label(n, where): said for n, said in mapping(value, where).items()}
-    columns = {n: _column(said, Column(), quantity, f"{where}: {n}") for n, said in content.items()}
-    for name, column in columns.items():
+    columns = {}
+    for key, said in mapping(value, where).items():
+        name = label(key, where)
+        columns[name] = column = _column(said, Column(), quantity, f"{where}: {name}")
         if name in QUANTITIES or column.place is None:
             cause = "is the name of a quantity" if name in QUANTITIES else "has no column"
             raise InputRefused(
@@ -151,9 +145,8 @@ def axes_of(value: Any, where: str) -> tuple[str, ...]:
 def _column(said: Any, inherited: Column, quantity: str, where: str) -> Column:
     if isinstance(said, (int, str)) and not isinstance(said, bool):
         said = {"column": said}
-    content = mapping(said, where)
     gain = ("gain",) if quantity in DRIVING else ()
-    keys_of(content, ("column", "unit", "scale", "unwrap", "missing", *gain), where)
+    content = mapping(said, where, ("column", "unit", "scale", "unwrap", "missing", *gain))
     found: dict[str, Any] = {}
     if "column" in content:
         place = content["column"]
@@ -180,8 +173,8 @@ def _column(said: Any, inherited: Column, quantity: str, where: str) -> Column:
 
 def sensor_of(value: Any, where: str) -> Sensor:
     """Return what a manifest says under ``sensor``."""
-    content, flags = mapping(value, where), ("rectified", "derivative", "second_derivative")
-    keys_of(content, ("saturates", *flags, "lag"), where)
+    flags = ("rectified", "derivative", "second_derivative")
+    content = mapping(value, where, ("saturates", *flags, "lag"))
     said = {key: key in content and flag(content[key], f"{where}: {key}") for key in flags}
     saturates, unit = _limits(content, f"{where}: saturates")
     lag, time = _physical(content["lag"], f"{where}: lag", "2 ms") if "lag" in content else (0.0, "")
@@ -324,8 +317,7 @@ def manifest_of(
         name: of the manifest, for messages; path: of its file.
         homes: folders in which a network file may lie; outside: it may also lie elsewhere.
     """
-    top = mapping({} if content is None else content, name)
-    keys_of(top, TOP_KEYS, name)
+    top = mapping({} if content is None else content, name, TOP_KEYS)
     common = _entry({key: top[key] for key in _SHARED if key in top}, Entry(), name)
     listed = top.get("recordings")
     entries = None if listed is None else _entries(listed, common, name)
@@ -359,7 +351,7 @@ def _entries(listed: Any, common: Entry, name: str) -> tuple[Entry, ...]:
 
 def _entry(item: Mapping[str, Any], common: Entry, where: str) -> Entry:
     """Return one entry laid over the common one: what it says itself wins, quantity by quantity for columns."""
-    keys_of(item, _EACH, where)
+    mapping(item, where, _EACH)
     said: dict[str, Any] = {}
     for key in (key for key in _EACH if key in item):
         value, here = item[key], f"{where}: {key}"
@@ -374,8 +366,7 @@ def _entry(item: Mapping[str, Any], common: Entry, where: str) -> Entry:
 
 
 def _start(value: Any, where: str) -> Start:
-    content = mapping({"state": value} if isinstance(value, str) else value, where)
-    keys_of(content, ("state", "input_before"), where)
+    content = mapping({"state": value} if isinstance(value, str) else value, where, ("state", "input_before"))
     state = choice(content.get("state", "rest"), STATES, f"{where}: state")
     if "input_before" in content and state != "rest":
         raise InputRefused(
@@ -417,8 +408,7 @@ def _known(value: Any, name: str) -> dict[str, Anchor]:
     for key, said in mapping(value if value is not None else {}, f"{name}: known").items():
         anchor = label(key, f"{name}: known")
         where = f"{name}: known: {anchor}"
-        content = mapping({"value": said} if isinstance(said, int | float) else said, where)
-        keys_of(content, ("value", "std", "unit"), where)
+        content = mapping({"value": said} if isinstance(said, int | float) else said, where, ("value", "std", "unit"))
         if "value" not in content:
             raise InputRefused(
                 f"{where}: no value: write {{value: ..., std: ...}} in SI units, or with a unit, such as unit: g"
@@ -443,11 +433,16 @@ def _setup(value: Any, name: str, homes: Sequence[Path], outside: bool) -> Mappi
     where = f"{name}: setup"
     if isinstance(value, str):
         value = {"model": value} if value in MODELS else {"network": value}
-    content = dict(mapping(value, where))
-    keys_of(content, ("model", "network", "hysterons"), where)
+    content = dict(mapping(value, where, ("model", "network", "hysterons")))
     if "network" in content:
         file = text(content["network"], f"{where}: network")
-        return {**content, "network": _network_file(file, where, homes, outside)}
+        home = next((home for home in homes if os.path.lexists(home / file)), None)
+        if home is None:
+            raise InputRefused(
+                f"{where}: {shown(file)} is neither a model ({', '.join(MODELS)}) nor a network file beside the "
+                f"manifest: name one of these"
+            )
+        return {**content, "network": str(named_file(home / file, homes, where, outside=outside).path)}
     content.setdefault("model", DEFAULT_SETUP["model"])
     choice(content["model"], MODELS, f"{where}: model", "or `network: FILE.yaml` for a network of your own")
     if content["model"] in ("piezo_actuator", "hrc"):
@@ -459,13 +454,3 @@ def _setup(value: Any, name: str, homes: Sequence[Path], outside: bool) -> Mappi
             f"{', '.join(HYSTERESES)}: give one"
         )
     return content
-
-
-def _network_file(file: str, where: str, homes: Sequence[Path], outside: bool) -> str:
-    for home in homes:
-        if os.path.lexists(home / file):
-            return str(named_file(home / file, homes, where, outside=outside).path)
-    raise InputRefused(
-        f"{where}: {shown(file)} is neither a model ({', '.join(MODELS)}) nor a network file beside the manifest: "
-        f"name one of these"
-    )
