@@ -243,7 +243,10 @@ def _campaign(
         for d, f in zip(drafts, pooled([d.floor for d in drafts], kinds), strict=True)
     )  # fmt: skip
     notes = (_extent(recordings), *_columns(drafts), *(note for d in drafts for note in d.notes), *notes)
-    notes += _heavy(said)
+    mass = said.known.get("m")
+    if is_actuator(said.setup) and mass is not None and not mass.unit and mass.value >= _HEAVY:
+        doubt = f"known: m = {mass.value:g} kg is much for a moving mass of an actuator; if it is in g, add unit: g."
+        notes = (*notes, doubt)
     if left:
         notes = (*notes, f"Left alone: {', '.join(left)}.")
     held = frozenset(d.recording.name for d in drafts if d.use == "confirmation")
@@ -260,14 +263,6 @@ def _extent(recordings: tuple[Recording, ...]) -> str:
     samples = sum(r.t.size for r in recordings)
     many = "s" if len(recordings) > 1 else ""
     return f"Read {len(recordings)} recording{many}: {samples} samples, {seconds:.4g} s, {said}."
-
-
-def _heavy(said: Manifest) -> tuple[str, ...]:
-    """Return a doubt where the mass of an actuator, stated without a unit, would be unusually large."""
-    mass = said.known.get("m")
-    if not is_actuator(said.setup) or mass is None or mass.unit or mass.value < _HEAVY:
-        return ()
-    return (f"known: m = {mass.value:g} kg is much for a moving mass of an actuator; if it is in g, add unit: g.",)
 
 
 def _columns(drafts: list[Draft]) -> tuple[str, ...]:
@@ -297,11 +292,11 @@ def describe(campaign: Campaign | str | Path) -> str:
     ]
     every = [facts(r) for r in campaign.recordings]
     common = [fact for fact in every[0] if len(every) > 1 and all(fact in known for known in every)]
-    if common:
-        lines += ["all recordings", *_listed(common), ""]
+    told = [("all recordings", common)] if common else []
     for recording, known in zip(campaign.recordings, every, strict=True):
-        own = [fact for fact in known if fact not in common]
-        lines += [f"{recording.name} ({recording.source})", *_listed(own), ""]
+        told.append((f"{recording.name} ({recording.source})", [fact for fact in known if fact not in common]))
+    for head, known in told:
+        lines += [head, *(f"  {label:14}{value}" for label, value in known), ""]
     if campaign.known:
         anchors = (f"{name} = {a.value:g} ± {a.std:g} {a.unit}".rstrip() for name, a in campaign.known.items())
         lines += [f"known, in SI units: {', '.join(anchors)}", ""]
@@ -310,39 +305,32 @@ def describe(campaign: Campaign | str | Path) -> str:
     return "\n".join(lines)
 
 
-def _listed(known: list[tuple[str, str]]) -> list[str]:
-    return [f"  {label:14}{value}" for label, value in known]
-
-
 def facts(r: Recording) -> list[tuple[str, str]]:
     """Return what was understood of a recording: label and words."""
-    span = " to ".join(quantity(v, r.units.input, 4) for v in (r.u.min(), r.u.max()))
-    found = [
+    u_unit, y_unit = r.units
+    span = " to ".join(quantity(v, u_unit, 4) for v in (r.u.min(), r.u.max()))
+    output = noise = sensor = ""
+    if np.isfinite(r.y).all():
+        output = " to ".join(quantity(v, y_unit, 4) for v in (r.y.min(), r.y.max()))
+        noise, sensor = r.noise_source, r.sensor.words(r.y)
+        if r.noise_found:
+            ends = " to ".join(quantity(x, y_unit) for x in r.noise_interval or ())
+            colour = "" if r.noise_correlation.size == 1 else f", correlated over {r.noise_correlation.size} samples"
+            noise = f"{quantity(r.noise, y_unit)}{f' ({ends})' if ends else ''} from {noise}{colour}"
+    told = [
         ("sampled", f"{1 / r.dt:.6g} Hz, {r.t.size} samples, {r.t.size * r.dt:.4g} s"),
         ("input", f"{span}; {_words(r.excitation)}; {r.interpolation} between samples"),
+        ("driven too at", ", ".join(r.further)),
+        ("output", output),
+        ("noise floor", noise),
+        ("sensor", sensor),
+        ("gain", "of the input unknown, one factor is estimated" if r.gain == "unknown" else ""),
+        ("zero", "shared with other recordings" if r.offset == "shared" else ""),
+        ("start", f"rest, input {r.start.input_before:g} before" if r.start.state == "rest" else r.start.state),
+        ("also", ", ".join(r.channels)),
+        ("use", _uses(r)),
     ]
-    if r.further:
-        found.append(("driven too at", ", ".join(r.further)))
-    if np.isfinite(r.y).all():
-        unit = r.units.output
-        found.append(("output", " to ".join(quantity(v, unit, 4) for v in (r.y.min(), r.y.max()))))
-        noise = r.noise_source
-        if r.noise_found:
-            ends = " to ".join(quantity(x, unit) for x in r.noise_interval or ())
-            colour = "" if r.noise_correlation.size == 1 else f", correlated over {r.noise_correlation.size} samples"
-            noise = f"{quantity(r.noise, unit)}{f' ({ends})' if ends else ''} from {r.noise_source}{colour}"
-        found.append(("noise floor", noise))
-        if known := r.sensor.words(r.y):
-            found.append(("sensor", known))
-    if r.gain == "unknown":
-        found.append(("gain", "of the input unknown, one factor is estimated"))
-    if r.offset == "shared":
-        found.append(("zero", "shared with other recordings"))
-    at_rest = f"rest, input {r.start.input_before:g} before"
-    found.append(("start", at_rest if r.start.state == "rest" else r.start.state))
-    if r.channels:
-        found.append(("also", ", ".join(r.channels)))
-    return [*found, ("use", _uses(r))]
+    return [(label, words) for label, words in told if words]
 
 
 def _words(e: Excitation) -> str:
