@@ -254,11 +254,11 @@ def _as_sampled(
         own: by channel, (N,) at which rows it was sampled.
         held: the input stays where it is between its changes.
     """
-    notes: list[str] = []
     u, y = values[u_name], values[y_name]
     mine = own_rows(t, y, u) if y_name not in own else None
     if mine is None:
-        return notes
+        return []
+    notes = []
     theirs = own_rows(t, u) if u_name not in own else None
     if theirs is not None and (mine | theirs).mean() > _ALL and not held:
         # Two rasters on the union of their stamps.

@@ -17,8 +17,6 @@ from phnn.intake import LIMITS
 from phnn.results import listed, printable
 
 DECIMAL_COMMA = re.compile(r"^\s*[-+]?\d+,\d+([eE][-+]?\d+)?\s*$")
-# Kinds of numpy's types that may hold numbers: those themselves, texts, and complex ones, refused by name.
-_READ = "iufbcOUS"
 REMEDY_COMMA = "write numbers with a point as decimal sign"
 # The numbers or texts of a column, or what reads them.
 Column = np.ndarray | Callable[[], np.ndarray]
@@ -128,7 +126,8 @@ class Table:
         """Return ``(N,)`` the column as float64; empty cells become NaN."""
         held = self.columns[index]
         column = held() if callable(held) else held
-        if column.dtype.kind not in _READ or column.ndim != 1:
+        # Texts may hold numbers.
+        if column.dtype.kind not in f"{NUMBERS}OUS" or column.ndim != 1:
             raise InputRefused(
                 f"{self.where}: {self.label(index)} holds {column.dtype} of shape {column.shape}, not one number for "
                 f"every sample: export seconds and numbers"
@@ -171,16 +170,13 @@ def with_stamps(table: Table) -> Table:
     A date and a time of day beside it are one column. What cannot be read as a date becomes a missing value.
     """
     for i, held in enumerate(table.columns):
-        if callable(held):
-            continue
-        dates = _dates(held, i + 1 < len(table.columns) and table.columns[i + 1], table.names[i])
-        if dates is None:
-            continue
-        name = table.names[i] or "date"
-        columns = (*table.columns[:i], dates[0], *table.columns[i + 1 :])
-        names = (*table.names[:i], name, *table.names[i + 1 :])
-        notes = (*table.notes, f"{name}: dates, taken as seconds since {dates[1]}")
-        return replace(table, columns=columns, names=names, stamps=name, notes=notes)
+        later = i + 1 < len(table.columns) and table.columns[i + 1]
+        if not callable(held) and (dates := _dates(held, later, table.names[i])) is not None:
+            name = table.names[i] or "date"
+            columns = (*table.columns[:i], dates[0], *table.columns[i + 1 :])
+            names = (*table.names[:i], name, *table.names[i + 1 :])
+            notes = (*table.notes, f"{name}: dates, taken as seconds since {dates[1]}")
+            return replace(table, columns=columns, names=names, stamps=name, notes=notes)
     return table
 
 

@@ -59,10 +59,6 @@ class Lines:
         """Return the i-th line, without its end."""
         return self.raw[self.starts[i] : self.starts[i + 1] - 1].decode("utf-8", "surrogatepass")
 
-    def of(self, first: int, last: int) -> Iterator[str]:
-        """Yield some lines."""
-        return (self[i] for i in range(first, min(last, len(self))))
-
 
 def read_content(source: Source, most: int, what: str) -> str:
     """Return the text of a file in any of the usual encodings.
@@ -181,7 +177,7 @@ def table_of_lines(name: str, text: Lines) -> Table:
     """Return the columns of a text; ``name`` is that of its file. Raises InputRefused as `read_text`."""
     dialect = _recognised(text)
     if not dialect.numeric:
-        head = next(line.strip() for line in text.of(0, len(text)) if line.strip())
+        head = next(filter(None, (text[i].strip() for i in range(len(text)))))
         raise InputRefused(
             f"{name}: no rows of numbers in it, it begins with {head[:60]!r}: the recording is empty or no "
             f"table: record it again or remove it"
@@ -192,28 +188,24 @@ def table_of_lines(name: str, text: Lines) -> Table:
         )
     rows = (next((i for i in range(len(text)) if dialect.is_row(text[i], share)), None) for share in (_FILLED, 0.0))
     first = next(i for i in rows if i is not None)
-    names, header = _names(name, list(text.of(0, first + 1)), first, dialect)
+    names, header = _names(name, [text[i] for i in range(first + 1)], dialect)
     tables = _blocks(name, text, first, header if any(names) else (), dialect)
     notes: list[str] = []
     if len(tables) > 1:
         notes.append(f"{len(tables)} tables stand in the file, each below a header: each is a recording of its own")
     begin, end = tables[-1].start, tables[-1].stop
     if end == len(text):
-        footer = _footer(list(text.of(max(begin + 1, end - _FOOTER), end)), dialect)
+        footer = _footer([text[i] for i in range(max(begin + 1, end - _FOOTER), end)], dialect)
         if footer:
             notes.append(f"below the last row stands {footer[0].strip()[:_SHOWN]!r}, which was left alone")
             end -= len(footer)
         elif not text.ended and end > begin + 1:
             last = text[end - 1]
             others = (text[i] for block in [*tables[:-1], range(begin, end - 1)] for i in block)
+            said = "has no end: if the file was cut there, its last number is wrong"
             if _breaks_off(others, last, dialect):
-                notes.append(f"its last line, {last.strip()[:40]!r}, was left out: the file ends within it")
-                end -= 1
-            else:
-                notes.append(
-                    f"its last line, {last.strip()[:40]!r}, has no end: if the file was cut there, its last number is "
-                    f"wrong"
-                )
+                said, end = "was left out: the file ends within it", end - 1
+            notes.append(f"its last line, {last.strip()[:_SHOWN]!r}, {said}")
     table = _parsed(name, text, [*tables[:-1], range(begin, end)], names, dialect)
     return with_stamps(replace(table, notes=tuple(notes)))
 
@@ -284,9 +276,9 @@ def _format(number: str, decimal: str) -> tuple[int, int]:
     return len(mantissa.partition(decimal)[2]), len(exponent.lstrip("+-"))
 
 
-def _names(name: str, lines: Sequence[str], first: int, dialect: Dialect) -> tuple[tuple[str, ...], Sequence[str]]:
-    """Return the names of the columns from what stands above them, empty where nothing does, and these lines."""
-    width = dialect.width
+def _names(name: str, lines: Sequence[str], dialect: Dialect) -> tuple[tuple[str, ...], Sequence[str]]:
+    """Return the names of the columns from the lines above the last one, the first row, and the lines of the names."""
+    width, first = dialect.width, len(lines) - 1
     filled = [i for i in range(first) if lines[i].strip().strip(_MARKS)]
     rows = [_words(lines[i].strip().lstrip(_MARKS).strip(), dialect) for i in filled[-2:]]
     nothing = ("",) * width
