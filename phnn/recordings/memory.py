@@ -50,30 +50,21 @@ def _library(data: object) -> str:
 
 def given_labelled(data: Any, name: str) -> Iterator[Given]:
     """Return the recordings of a Dataset, one for each index of a second dimension."""
-    where = where_of(data, name)
-    time, further = _dimensions(data, where)
+    where, dims = where_of(data, name), [str(d) for d in data.dims]
+    times = [d for d in dims if len(dims) == 1 or d.lower() in ("time", "t") or parse_name(d)[0] == "time"]
+    if len(times) != 1 or len(dims) > 2:
+        raise InputRefused(
+            f"{where}: dimensions {', '.join(dims) or 'none'}: a recording has one, `time`, and at most one more along "
+            f"which recordings are counted: select the rest"
+        )
     runs = [(name, data)]
-    if further is not None:
+    for further in (d for d in dims if d not in times):
         labels = data.coords[further].values if further in data.coords else np.arange(data.sizes[further])
         stem = name or data.attrs.get("name", further)
         runs = [(f"{stem}_{label}", data.isel({further: i})) for i, label in enumerate(labels)]
     for called, run in runs:
-        said, table = given_frame(_along(run, time), printable(called), where)
+        said, table = given_frame(_along(run, times[0]), printable(called), where)
         yield said, replace(table, by_name=True)
-
-
-def _dimensions(data: Any, where: object) -> tuple[str, str | None]:
-    """Return the dimension of time, and a second one where there is one."""
-    dims = [str(d) for d in data.dims]
-    times = [d for d in dims if d.lower() in ("time", "t") or parse_name(d)[0] == "time"]
-    if len(dims) == 1:
-        return dims[0], None
-    if len(times) == 1 and len(dims) == 2:
-        return times[0], next(d for d in dims if d != times[0])
-    raise InputRefused(
-        f"{where}: dimensions {', '.join(dims) or 'none'}: a recording has one, `time`, and at most one more along "
-        f"which recordings are counted: select the rest"
-    )
 
 
 def _along(data: Any, time: str) -> Any:

@@ -334,15 +334,14 @@ def facts(r: Recording) -> list[tuple[str, str]]:
 
 
 def _words(e: Excitation) -> str:
-    if e.kind == "sine":
-        return f"sine of {e.low_Hz:.4g} Hz, amplitude {e.amplitude:.4g}, {e.cycles:.3g} periods"
-    if e.kind == "periodic":
-        return f"periodic, {e.low_Hz:.4g} Hz with content to {e.high_Hz:.4g} Hz, {e.cycles:.3g} periods"
-    if e.kind == "chirp":
-        return f"sweep between {e.low_Hz:.3g} and {e.high_Hz:.3g} Hz, amplitude {e.amplitude:.4g}"
-    if e.kind == "broadband":
-        return f"broadband, {e.low_Hz:.3g} to {e.high_Hz:.3g} Hz"
-    return {"steps": "steps and holds", "constant": "constant"}[e.kind]
+    return {
+        "sine": f"sine of {e.low_Hz:.4g} Hz, amplitude {e.amplitude:.4g}, {e.cycles:.3g} periods",
+        "periodic": f"periodic, {e.low_Hz:.4g} Hz with content to {e.high_Hz:.4g} Hz, {e.cycles:.3g} periods",
+        "chirp": f"sweep between {e.low_Hz:.3g} and {e.high_Hz:.3g} Hz, amplitude {e.amplitude:.4g}",
+        "broadband": f"broadband, {e.low_Hz:.3g} to {e.high_Hz:.3g} Hz",
+        "steps": "steps and holds",
+        "constant": "constant",
+    }[e.kind]
 
 
 def _uses(r: Recording) -> str:
