@@ -164,10 +164,8 @@ class Source:
     def check_size(self, most: int, what: str = "a file") -> None:
         """Refuse a file of more than ``most`` bytes. Raises InputRefused."""
         if self.size > most:
-            raise InputRefused(
-                f"{self.name}: {filesize.decimal(self.size)}, {what} may have at most {filesize.decimal(most)}: split "
-                f"it, or export less"
-            )
+            cause = f"{filesize.decimal(self.size)}, {what} may have at most {filesize.decimal(most)}"
+            raise InputRefused(f"{self.name}: {cause}: split it, or export less")
 
     def check_memory(self, size: int, unpacked: bool = False) -> None:
         """Refuse numbers that would take more memory than there is for one file.
@@ -230,10 +228,9 @@ def named_file(
         kind = "a folder" if stat.S_ISDIR(found.st_mode) else "a pipe, a socket or a device"
         raise InputRefused(f"{said}{name}: is {kind}, not a file: copy what is to be read into a file")
     if within and not outside and not any(real.is_relative_to(os.path.realpath(folder)) for folder in within):
-        raise InputRefused(
-            f"{said}{printable(str(path))}: leads out of the folder {printable(str(within[0]))}: copy the file into "
-            f"the folder, or give the option {OUTSIDE} if you trust who made the folder"
-        )
+        cause = f"leads out of the folder {printable(str(within[0]))}"
+        remedy = f"copy the file into the folder, or give the option {OUTSIDE} if you trust who made the folder"
+        raise InputRefused(f"{said}{printable(str(path))}: {cause}: {remedy}")
     source = Source(real, name, path.suffix.lower(), found.st_size, outside or not within)
     source.check_size(LIMITS.file_bytes)
     return source
@@ -309,9 +306,8 @@ def load_yaml(source: Source) -> Any:
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise InputRefused(
-            f"{source.name}: not readable as yaml (byte {error.start} is no UTF-8): save it as UTF-8"
-        ) from error
+        cause = f"not readable as yaml (byte {error.start} is no UTF-8)"
+        raise InputRefused(f"{source.name}: {cause}: save it as UTF-8") from error
     return plain_values(text, source.name)
 
 

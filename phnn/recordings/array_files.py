@@ -299,10 +299,8 @@ def read_axes(source: Source, axes: Sequence[str]) -> Table:
         raise InputRefused(f"{source.name}: `axes` describe a .npy array: leave them out, or save it with numpy.save")
     array = _load_npy(source)
     if array.ndim != len(axes) or array.dtype.kind not in "iuf":
-        raise InputRefused(
-            f"{source.name}: an array of shape {array.shape} and type {array.dtype}, said to have the axes "
-            f"{', '.join(axes)}: name as many, of real numbers"
-        )
+        cause = f"an array of shape {array.shape} and type {array.dtype}, said to have the axes {', '.join(axes)}"
+        raise InputRefused(f"{source.name}: {cause}: name as many, of real numbers")
     absent = [name for name in AXES if name not in axes]
     ordered = np.expand_dims(array, tuple(range(array.ndim, 4))).transpose([[*axes, *absent].index(n) for n in AXES])
     channels = ordered.shape[3]
@@ -414,8 +412,6 @@ def _numbers(values: list[Any], name: str) -> np.ndarray:
     """Return the numbers of an array, missing ones as NaN."""
     for i, value in enumerate(values, start=1):
         if not isinstance(value, float | None):
-            raise ValueError(
-                f"{name}, row {i}: {printable(repr(value)[:_SHOWN])} is no number: write numbers with a point as "
-                f"decimal sign, and null where a sample is missing"
-            )
+            remedy = "write numbers with a point as decimal sign, and null where a sample is missing"
+            raise ValueError(f"{name}, row {i}: {printable(repr(value)[:_SHOWN])} is no number: {remedy}")
     return np.array([np.nan if value is None else value for value in values])

@@ -205,10 +205,8 @@ def _by_name(table: Table, quantity: str, spoken_for: Mapping[int, Column]) -> i
     known = known or [i for i in units if i not in spoken_for]
     if len(known) > 1:
         names = ", ".join(table.names[i] for i in known)
-        raise InputRefused(
-            f"{table.where}: {names} all claim to be the {quantity}: keep one, or say which in recordings.yaml, "
-            f"columns: {{{quantity}: {{column: NAME}}}}"
-        )
+        remedy = f"keep one, or say which in recordings.yaml, columns: {{{quantity}: {{column: NAME}}}}"
+        raise InputRefused(f"{table.where}: {names} all claim to be the {quantity}: {remedy}")
     return known[0] if known else None
 
 

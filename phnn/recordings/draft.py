@@ -33,9 +33,8 @@ def segmented(entry: Entry, channels: Mapping[str, Channel], table: Table) -> li
     one = size // table.shape[0] if table.shape else size
     first, last = entry.slice or (0, one)
     if last > one:
-        raise InputRefused(
-            f"{where}: slice {[first, last]} reaches beyond the file's {one} samples: correct it in recordings.yaml"
-        )
+        cause = f"slice {[first, last]} reaches beyond the file's {one} samples"
+        raise InputRefused(f"{where}: {cause}: correct it in recordings.yaml")
     pieces = [(i + first, i + last) for i in range(0, max(size, 1), max(one, 1))]
     counted = entry.segments is not False and not table.shape
     if counted or table.segments:
@@ -51,15 +50,13 @@ def _edges(entry: Entry, channels: Mapping[str, Channel], first: int, last: int,
     """Return where the second segment and every further one begins."""
     if entry.segments is not True:
         if (last - first) % entry.segments:
-            raise InputRefused(
-                f"{where}: {last - first} samples are no whole number of segments of {entry.segments}: correct "
-                f"`segments` in recordings.yaml, or cut the rest off with `slice`"
-            )
+            cause = f"{last - first} samples are no whole number of segments of {entry.segments}"
+            remedy = "correct `segments` in recordings.yaml, or cut the rest off with `slice`"
+            raise InputRefused(f"{where}: {cause}: {remedy}")
         return range(first + entry.segments, last, entry.segments)
     if "time" not in channels:
-        raise InputRefused(
-            f"{where}: no time column to tell segments by: write the number of samples of each, segments: 8192"
-        )
+        cause = "no time column to tell segments by"
+        raise InputRefused(f"{where}: {cause}: write the number of samples of each, segments: 8192")
     steps = np.diff(channels["time"].values[first:last])
     usual = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
     return (np.flatnonzero((steps < 0.0) | (steps > _JUMP * usual)) + first + 1).tolist()
@@ -348,8 +345,6 @@ def _excitation(recording: Recording, entry: Entry, table: Table, where: Where) 
     if found.period is None and table.shape and drive.size >= table.shape[-1]:
         return replace(found, period=table.shape[-1] * dt, cycles=drive.size / table.shape[-1])
     if entry.periodic and found.period is None:
-        raise InputRefused(
-            f"{where}: recordings.yaml says periodic: true, but the input does not repeat (two whole periods are "
-            f"needed): correct it, or leave `periodic` out"
-        )
+        cause = "recordings.yaml says periodic: true, but the input does not repeat (two whole periods are needed)"
+        raise InputRefused(f"{where}: {cause}: correct it, or leave `periodic` out")
     return found

@@ -280,10 +280,8 @@ def read_tdms(source: Source) -> Table:
         begun = {n: 1e-9 * (c.start - first) for n, c in clocks.items()}
         if not all(clock.dated for clock in clocks.values()):
             said = "; ".join(f"{name}: every {clock.interval:g} s" for name, clock in clocks.items())
-            raise InputRefused(
-                f"{where}: channels with clocks of their own, and not all say when they began ({said}): write "
-                f"{_START} with each waveform, or export them with one time"
-            )
+            cause = f"channels with clocks of their own, and not all say when they began ({said})"
+            raise InputRefused(f"{where}: {cause}: write {_START} with each waveform, or export them with one time")
         stamps = {n: (begun[n] + c.interval * np.arange(columns[n].size), columns[n]) for n, c in clocks.items()}
         t, columns, own = merged(stamps, where)
         said = "; ".join(f"{n} from {begun[n]:.6g} s on, every {c.interval:g} s" for n, c in clocks.items())

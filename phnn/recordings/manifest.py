@@ -76,10 +76,8 @@ def label(value: Any, where: str) -> str:
     """Return a name as `text`, printable and not too long. Raises InputRefused otherwise."""
     name = printable(text(value, where))
     if len(name) > LIMITS.name_characters:
-        raise InputRefused(
-            f"{where}: {shown(name)}, a name of {len(name)} characters, at most {LIMITS.name_characters} are accepted: "
-            f"write a shorter one"
-        )
+        cause = f"{shown(name)}, a name of {len(name)} characters, at most {LIMITS.name_characters} are accepted"
+        raise InputRefused(f"{where}: {cause}: write a shorter one")
     return name
 
 
@@ -136,9 +134,8 @@ def axes_of(value: Any, where: str) -> tuple[str, ...]:
     """Return what the axes of an array are."""
     axes = tuple(choice(v, AXES, where) for v in value) if isinstance(value, list) else ()
     if "time" not in axes or len(set(axes)) < len(axes):
-        raise InputRefused(
-            f"{where}: {shown(value)}: list the axes of the array in order, each once: {', '.join(AXES)}"
-        )
+        remedy = f"list the axes of the array in order, each once: {', '.join(AXES)}"
+        raise InputRefused(f"{where}: {shown(value)}: {remedy}")
     return axes
 
 
@@ -151,9 +148,8 @@ def _column(said: Any, inherited: Column, quantity: str, where: str) -> Column:
     if "column" in content:
         place = content["column"]
         if isinstance(place, bool) or not isinstance(place, (int, str)) or (isinstance(place, int) and place < 0):
-            raise InputRefused(
-                f"{where}: column {shown(place)} is neither an index from 0 on nor a name: give one of them"
-            )
+            cause = f"column {shown(place)} is neither an index from 0 on nor a name"
+            raise InputRefused(f"{where}: {cause}: give one of them")
         found["place"] = place
     if "unit" in content:
         found["unit"] = check_unit(quantity, str(content["unit"]), where)
@@ -187,10 +183,9 @@ def sensor_of(value: Any, where: str) -> Sensor:
 def check_unit_of_limits(sensor: Sensor, si: str, label: str, where: object) -> None:
     """Refuse limits in a unit that is not one of the output. Raises InputRefused."""
     if sensor.is_limited and sensor.unit != si:
-        raise InputRefused(
-            f"{where}: {label} is in units of {si}, but recordings.yaml gives limits of the sensor in {sensor.unit}: "
-            f"give them in the unit of the output, sensor: {{saturates: [LEAST {si}, LARGEST {si}]}}"
-        )
+        cause = f"{label} is in units of {si}, but recordings.yaml gives limits of the sensor in {sensor.unit}"
+        remedy = f"give them in the unit of the output, sensor: {{saturates: [LEAST {si}, LARGEST {si}]}}"
+        raise InputRefused(f"{where}: {cause}: {remedy}")
 
 
 def _limits(content: Mapping[str, Any], where: str) -> tuple[tuple[float, float], str]:
@@ -198,9 +193,8 @@ def _limits(content: Mapping[str, Any], where: str) -> tuple[tuple[float, float]
         return PLAIN.saturates, ""
     said = content["saturates"]
     if not isinstance(said, list) or len(said) != 2 or said == [None, None]:
-        raise InputRefused(
-            f"{where}: {shown(said)} is no pair of limits: write [0 V, 10 V], null for a side without a limit"
-        )
+        cause = f"{shown(said)} is no pair of limits"
+        raise InputRefused(f"{where}: {cause}: write [0 V, 10 V], null for a side without a limit")
     found = [None if limit is None else _physical(limit, where, "10 V") for limit in said]
     units = {unit for pair in found if pair is not None for unit in pair[1:]}
     lower, upper = (free if pair is None else pair[0] for pair, free in zip(found, PLAIN.saturates, strict=True))
@@ -335,10 +329,9 @@ def _entries(listed: Any, common: Entry, name: str) -> tuple[Entry, ...]:
     if isinstance(listed, list) and len(listed) > LIMITS.recordings:
         raise InputRefused(f"{name}: {len(listed)} recordings, at most {LIMITS.recordings} are accepted: list fewer")
     if not isinstance(listed, list) or not listed:
-        raise InputRefused(
-            f"{name}: recordings must be a list such as `- {{file: loops.csv}}`, not {shown(listed)}: "
-            f"list the files, or leave `recordings` out to take every file of the folder"
-        )
+        cause = f"recordings must be a list such as `- {{file: loops.csv}}`, not {shown(listed)}"
+        remedy = "list the files, or leave `recordings` out to take every file of the folder"
+        raise InputRefused(f"{name}: {cause}: {remedy}")
     entries = []
     for i, item in enumerate(listed):
         where = f"{name}: recordings[{i}]"
@@ -369,27 +362,24 @@ def _start(value: Any, where: str) -> Start:
     content = mapping({"state": value} if isinstance(value, str) else value, where, ("state", "input_before"))
     state = choice(content.get("state", "rest"), STATES, f"{where}: state")
     if "input_before" in content and state != "rest":
-        raise InputRefused(
-            f"{where}: input_before has a meaning only for a start at rest, not for {state!r}: leave it out"
-        )
+        cause = f"input_before has a meaning only for a start at rest, not for {state!r}"
+        raise InputRefused(f"{where}: {cause}: leave it out")
     return Start(state, number(content.get("input_before", 0.0), f"{where}: input_before"))
 
 
 def _slice(value: Any, where: str) -> tuple[int, int]:
     whole = isinstance(value, list) and len(value) == 2 and all(type(v) is int for v in value)
     if not whole or not 0 <= value[0] < value[1]:
-        raise InputRefused(
-            f"{where}: {shown(value)} is no range of samples: write [first, last], first included, last not"
-        )
+        cause = f"{shown(value)} is no range of samples"
+        raise InputRefused(f"{where}: {cause}: write [first, last], first included, last not")
     return value[0], value[1]
 
 
 def _segments(value: Any, where: str) -> bool | int:
     if isinstance(value, bool) or (isinstance(value, int) and value > 0):
         return value
-    raise InputRefused(
-        f"{where}: {shown(value)} is neither true (jumps of time separate the segments) nor a number of samples of each"
-    )
+    cause = f"{shown(value)} is neither true (jumps of time separate the segments) nor a number of samples of each"
+    raise InputRefused(f"{where}: {cause}")
 
 
 # How the value of a key is read; the text says where it stands.
@@ -438,10 +428,8 @@ def _setup(value: Any, name: str, homes: Sequence[Path], outside: bool) -> Mappi
         file = text(content["network"], f"{where}: network")
         home = next((home for home in homes if os.path.lexists(home / file)), None)
         if home is None:
-            raise InputRefused(
-                f"{where}: {shown(file)} is neither a model ({', '.join(MODELS)}) nor a network file beside the "
-                f"manifest: name one of these"
-            )
+            cause = f"{shown(file)} is neither a model ({', '.join(MODELS)}) nor a network file beside the manifest"
+            raise InputRefused(f"{where}: {cause}: name one of these")
         return {**content, "network": str(named_file(home / file, homes, where, outside=outside).path)}
     content.setdefault("model", DEFAULT_SETUP["model"])
     choice(content["model"], MODELS, f"{where}: model", "or `network: FILE.yaml` for a network of your own")

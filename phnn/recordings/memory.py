@@ -53,10 +53,8 @@ def given_labelled(data: Any, name: str) -> Iterator[Given]:
     where, dims = where_of(data, name), [str(d) for d in data.dims]
     times = [d for d in dims if len(dims) == 1 or d.lower() in ("time", "t") or parse_name(d)[0] == "time"]
     if len(times) != 1 or len(dims) > 2:
-        raise InputRefused(
-            f"{where}: dimensions {', '.join(dims) or 'none'}: a recording has one, `time`, and at most one more along "
-            f"which recordings are counted: select the rest"
-        )
+        cause = "a recording has one, `time`, and at most one more along which recordings are counted"
+        raise InputRefused(f"{where}: dimensions {', '.join(dims) or 'none'}: {cause}: select the rest")
     runs = [(name, data)]
     for further in (d for d in dims if d not in times):
         labels = data.coords[further].values if further in data.coords else np.arange(data.sizes[further])
@@ -88,10 +86,8 @@ def given_frame(frame: Any, name: str = "", where: Where | None = None) -> Given
     """
     where = where or where_of(frame, name)
     if frame.columns.nlevels > 1 or frame.shape[1] > LIMITS.text_columns:
-        raise InputRefused(
-            f"{where}: {frame.shape[1]} columns on {frame.columns.nlevels} levels: give one recording with plain "
-            f"names, at most {LIMITS.text_columns}"
-        )
+        cause = f"{frame.shape[1]} columns on {frame.columns.nlevels} levels"
+        raise InputRefused(f"{where}: {cause}: give one recording with plain names, at most {LIMITS.text_columns}")
     names = [printable(str(column)) for column in frame.columns]
     columns = [frame.iloc[:, i].to_numpy() for i in range(frame.shape[1])]
     time = _time(frame.index)
@@ -129,9 +125,8 @@ def given_benchmark(data: Any, names: tuple[str, str], name: str) -> Given:
     where = where_of(data, name)
     interval = plain(data.sampling_time)
     if not isinstance(interval, int | float) or not interval > 0.0:
-        raise InputRefused(
-            f"{where}: sampling_time is {interval!r:.40}: set it to the interval between samples in seconds"
-        )
+        cause = f"sampling_time is {interval!r:.40}"
+        raise InputRefused(f"{where}: {cause}: set it to the interval between samples in seconds")
     pairs = zip(names, ("u", "y"), (data.u, data.y), strict=True)
     columns = {one if np.squeeze(values).ndim < 2 else several: values for one, several, values in pairs}
     table = table_of(where, stored_arrays(columns))

@@ -72,10 +72,9 @@ def candidate_of(recording: Recording, excitation: Excitation, use: str | None =
 def divide(candidates: Sequence[Candidate]) -> tuple[Mapping[str, tuple[Part, ...]], bool, tuple[str, ...]]:
     """Return the parts of every recording by name, whether the held-out ones are new, and notes."""
     if all(c.use == "confirmation" for c in candidates):
-        raise InputRefused(
-            "recordings.yaml: every recording has use: confirmation, nothing is left to identify from: "
-            "give at least one use: identification, or leave `use` out"
-        )
+        cause = "every recording has use: confirmation, nothing is left to identify from"
+        remedy = "give at least one use: identification, or leave `use` out"
+        raise InputRefused(f"recordings.yaml: {cause}: {remedy}")
     if len(candidates) == 1 and candidates[0].use is None:
         one = candidates[0]
         parts, note = split_one(one)

@@ -73,10 +73,8 @@ class Files:
             for i, path in paths:
                 if not os.path.lexists(path):
                     name, home = (printable(p)[: LIMITS.name_characters] for p in (path.name, str(path.parent)))
-                    raise InputRefused(
-                        f"{where}: recordings[{i}]: file {name!r} is not in {home}: correct its name or remove the "
-                        f"entry"
-                    )
+                    cause = f"recordings[{i}]: file {name!r} is not in {home}"
+                    raise InputRefused(f"{where}: {cause}: correct its name or remove the entry")
                 reader_of(path)
             listed = {os.path.realpath(path) for _, path in paths}
             others = [p for p in present if os.path.realpath(p) not in listed]
@@ -104,9 +102,8 @@ class Files:
         try:
             names = sorted(self.home.iterdir())
         except OSError as error:
-            raise InputRefused(
-                f"folder {printable(str(self.home))}: cannot be read ({error.strerror}): make it readable"
-            ) from error
+            cause = f"cannot be read ({error.strerror})"
+            raise InputRefused(f"folder {printable(str(self.home))}: {cause}: make it readable") from error
         return [p for p in names if not p.name.startswith(".") and p.name != "recordings.yaml"]
 
     def _numbers(self, path: Path) -> bool:

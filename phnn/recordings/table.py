@@ -228,10 +228,8 @@ def beside(tables: Sequence[Table]) -> Table:
     where = replace(first.where, file=", ".join(t.where.file for t in tables))
     shapes = [" × ".join(map(str, t.shape)) for t in tables]
     if len(set(shapes)) > 1:
-        raise InputRefused(
-            f"{where}: arrays of different shapes ({', '.join(shapes)} realisations, periods and samples): give input "
-            f"and output of one experiment"
-        )
+        cause = f"arrays of different shapes ({', '.join(shapes)} realisations, periods and samples)"
+        raise InputRefused(f"{where}: {cause}: give input and output of one experiment")
     both: dict[str, Any] = {
         name: tuple(one for t in tables for one in getattr(t, name)) for name in ("names", "columns", "notes")
     }

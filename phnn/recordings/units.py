@@ -229,10 +229,8 @@ def check_unit(quantity: str, unit: str | None, where: str) -> str:
     name, si = spelled(unit), QUANTITIES[quantity]
     found = find_unit(name)
     if found is None:
-        raise InputRefused(
-            f"{where}: unknown unit {unit[: LIMITS.unit_characters]!r} for the {quantity}{_hint(quantity, name)}: "
-            f"accepted are {accepted(quantity)}"
-        )
+        cause = f"unknown unit {unit[: LIMITS.unit_characters]!r} for the {quantity}{_hint(quantity, name)}"
+        raise InputRefused(f"{where}: {cause}: accepted are {accepted(quantity)}")
     if si is not None and found.si != si:
         raise InputRefused(
             f"{where}: the {quantity} cannot be in {unit} (that is a unit of {found.si}): accepted are "
