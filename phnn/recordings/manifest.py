@@ -283,27 +283,25 @@ HYSTERESES = ("auto", "distributed", "bouc_wen", "duhem")
 DEFAULT_SETUP: Mapping[str, Any] = {"model": "piezo_actuator", "hysterons": 2}
 
 
-def load_manifest(folder: Path, path: Path | None, outside: bool = False) -> Manifest:
-    """Return the manifest at ``path``, else ``folder/recordings.yaml``, else the defaults.
+def load_manifest(folder: Path, said: str | Path | Mapping[str, Any] | None, outside: bool = False) -> Manifest:
+    """Return the manifest at a path or with a content, else that of ``folder/recordings.yaml``, else the defaults.
 
     Args:
-        outside: what lies in ``folder``, or is named in the manifest, may lead out of it.
+        said: path or content; outside: what lies in ``folder``, or is named in the manifest, may lead out of it.
 
     Raises:
         InputRefused: a manifest that is absent, unreadable or says something that is not understood.
     """
-    inside: tuple[Path, ...] = ()
-    if path is None:
-        path, inside = folder / "recordings.yaml", (folder,)
-        if not os.path.lexists(path):
-            return Manifest()
+    if said is not None and not isinstance(said, str | Path):
+        return _manifest(said, "the manifest given", (folder,), outside)
+    path, inside = (folder / "recordings.yaml", (folder,)) if said is None else (Path(said), ())
+    if said is None and not os.path.lexists(path):
+        return Manifest()
     source = named_file(path, inside, "manifest", "check the path given to --manifest", outside)
-    return manifest_of(load_yaml(source), source.name, (path.parent, folder), outside, path)
+    return _manifest(load_yaml(source), source.name, (path.parent, folder), outside, path)
 
 
-def manifest_of(
-    content: Any, name: str, homes: Sequence[Path], outside: bool = False, path: Path | None = None
-) -> Manifest:
+def _manifest(content: Any, name: str, homes: Sequence[Path], outside: bool, path: Path | None = None) -> Manifest:
     """Return the manifest with a content, as `load_manifest`; None says nothing.
 
     Args:

@@ -18,7 +18,7 @@ from phnn.recordings.array_files import NoRecording, read_axes, read_json, read_
 from phnn.recordings.draft import Draft, drafts_of
 from phnn.recordings.excitation import Excitation
 from phnn.recordings.library_files import read_hdf5, read_parquet, read_sheet, read_tdms
-from phnn.recordings.manifest import Entry, Manifest, load_manifest, manifest_of
+from phnn.recordings.manifest import Entry, Manifest, load_manifest
 from phnn.recordings.memory import given
 from phnn.recordings.partition import candidate_of, divide, pooled, whole_parts
 from phnn.recordings.recording import IN_MEMORY, Campaign, Recording, is_actuator
@@ -183,10 +183,7 @@ def read(
         return _from_memory(folder, manifest, need_output)
     home = Path(folder)
     checks.folder_exists(home)
-    if isinstance(manifest, Mapping):
-        said = manifest_of(manifest, "the manifest given", (home,), allow_outside)
-    else:
-        said = load_manifest(home, Path(manifest) if manifest is not None else None, allow_outside)
+    said = load_manifest(home, manifest, allow_outside)
     checks.no_results(home)
     files = Files(home, said, allow_outside)
     entries, left = files.entries()
@@ -200,12 +197,8 @@ def campaign_of(recorded: Campaign | str | Path | Any, *, need_output: bool = Tr
 
 
 def _from_memory(data: Any, manifest: str | Path | Mapping[str, Any] | None, need_output: bool) -> Campaign:
-    here = (Path(),)
     try:
-        if isinstance(manifest, str | Path):
-            said = load_manifest(here[0], Path(manifest), outside=True)
-        else:
-            said = manifest_of(manifest, "the manifest given", here, outside=True)
+        said = load_manifest(Path(), {} if manifest is None else manifest, outside=True)
         tables, left = given(data, said)
         found = _campaign(tables, said, need_output, Path(IN_MEMORY), left)
     except InputRefused as error:

@@ -213,9 +213,7 @@ def accepted(quantity: str) -> str:
     si = QUANTITIES[quantity]
     if si is None:
         return "V, N, m/s, rad, Pa, L/min, degC, 1 and any other physical unit"
-    if si == "K":
-        return "K, degC, degF"
-    return f"{si}, m{si}, u{si}, n{si}, k{si} and any other unit of {si}"
+    return "K, degC, degF" if si == "K" else f"{si}, m{si}, u{si}, n{si}, k{si} and any other unit of {si}"
 
 
 def check_unit(quantity: str, unit: str | None, where: str) -> str:
