@@ -20,11 +20,12 @@ from phnn.results import printable
 from phnn.signals.noise import FROM_PERIODS, WHITE, NoiseFloor, noise_floor
 from phnn.signals.sampling import longest_run, quantisation_step, runs
 
+Channels = Mapping[str, Channel]
 # A step of time longer than this many usual ones begins a new recording.
 _JUMP = 1.5
 
 
-def segmented(entry: Entry, channels: Mapping[str, Channel], table: Table) -> list[Entry]:
+def segmented(entry: Entry, channels: Channels, table: Table) -> list[Entry]:
     """Return an entry for every recording in its file, each with its slice and, where there are several, a number.
 
     The slice of an array with axes is taken of every realisation.
@@ -46,7 +47,7 @@ def segmented(entry: Entry, channels: Mapping[str, Channel], table: Table) -> li
     return [replace(entry, slice=piece, name=f"{stem}_{i:0{digits}d}") for i, piece in enumerate(pieces, start=1)]
 
 
-def _edges(entry: Entry, channels: Mapping[str, Channel], first: int, last: int, where: Where) -> Sequence[int]:
+def _edges(entry: Entry, channels: Channels, first: int, last: int, where: Where) -> Sequence[int]:
     """Return where the second segment and every further one begins."""
     if entry.segments is not True:
         if (last - first) % entry.segments:
@@ -157,9 +158,7 @@ def drafts_of(entry: Entry, table: Table, said: Manifest, need_output: bool, hom
     return [_draft(piece, table, channels, (u_name, y_name), said) for piece in pieces for y_name in y_names]
 
 
-def _draft(
-    entry: Entry, table: Table, channels: Mapping[str, Channel], roles: tuple[str, str | None], said: Manifest
-) -> Draft:
+def _draft(entry: Entry, table: Table, channels: Channels, roles: tuple[str, str | None], said: Manifest) -> Draft:
     u_name, y_name = roles
     name = entry.name or printable(Path(entry.files[0]).stem)
     t, values, own, where, notes = _sampled(entry, table, channels)
@@ -243,7 +242,7 @@ def _stride(t: np.ndarray, values: Mapping[str, np.ndarray], roles: tuple[str, s
 
 
 def _as_sampled(
-    t: np.ndarray, values: _Values, own: _Values, u_name: str, y_name: str, channels: Mapping[str, Channel], held: bool
+    t: np.ndarray, values: _Values, own: _Values, u_name: str, y_name: str, channels: Channels, held: bool
 ) -> list[str]:
     """Take input and output where they repeat values at their own instants alone, in place; return what was done.
 
@@ -296,7 +295,7 @@ def _longest_even(t: np.ndarray) -> np.ndarray:
 
 
 def _roles(
-    entry: Entry, channels: Mapping[str, Channel], said: Manifest, table: Table, need_output: bool
+    entry: Entry, channels: Channels, said: Manifest, table: Table, need_output: bool
 ) -> tuple[str, list[str | None]]:
     """Return which channels are the first input and the outputs. A force drives only what is no piezo actuator."""
     actuator = is_actuator(said.setup)
@@ -308,9 +307,7 @@ def _roles(
     return inputs[0], (outputs if entry.outputs else outputs[:1]) or [None]
 
 
-def _sampled(
-    entry: Entry, table: Table, channels: Mapping[str, Channel]
-) -> tuple[np.ndarray, _Values, _Values, Where, list[str]]:
+def _sampled(entry: Entry, table: Table, channels: Channels) -> tuple[np.ndarray, _Values, _Values, Where, list[str]]:
     """Return the instants and the channels, cut to the slice, at which rows each was sampled, and notes."""
     assert entry.slice is not None
     first, last = entry.slice
