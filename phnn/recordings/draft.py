@@ -164,12 +164,10 @@ def _draft(entry: Entry, table: Table, channels: Channels, roles: tuple[str, str
     t, values, own, where, notes = _sampled(entry, table, channels)
     if t.size > _LONG:
         stride = 1 if own else _stride(t, values, roles)
-        notes.append(
-            f"{t.size} samples, of which one in {stride} is used: what lies between follows from these"
-            if stride > 1
-            else f"{t.size} samples, all of which are needed: a fit takes {t.size // _ENOUGH} times as long as of "
-            f"{_ENOUGH}; see `slice`"
-        )
+        why = f"of which one in {stride} is used: what lies between follows from these"
+        if stride == 1:
+            why = f"all of which are needed: a fit takes {t.size // _ENOUGH} times as long as of {_ENOUGH}; see `slice`"
+        notes.append(f"{t.size} samples, {why}")
         t, values = t[::stride], {q: x[::stride] for q, x in values.items()}
     if y_name is not None:
         notes += _as_sampled(t, values, own, u_name, y_name, channels, entry.input == "zero_order")
@@ -208,8 +206,8 @@ def _draft(entry: Entry, table: Table, channels: Channels, roles: tuple[str, str
     floor = _noise(recording, excitation) if np.isfinite(y).all() else unseen
     recording = replace(recording, period=excitation.period)
     what = ", ".join(f"{q} from {c.label} in {c.unit}" for q, c in channels.items())
-    used = {channel.label for channel in channels.values()}
-    spare = [n for i, n in enumerate(table.names) if n and table.label(i) not in used]
+    labels = {channel.label for channel in channels.values()}
+    spare = [n for i, n in enumerate(table.names) if n and table.label(i) not in labels]
     if spare and not table.by_name:
         notes.append(f"columns not used: {', '.join(spare)}")
     notes += [note for q in (*roles, *ports) if q is not None for note in channels[q].notes]
@@ -262,10 +260,8 @@ def _as_sampled(
         notes.append(f"{u_name} ({channels[u_name].label}) repeats values: taken at its own {theirs.sum()} stamps")
     own[y_name], values[y_name] = mine, interpolated(t[mine], y[mine], t)
     every = np.median(np.diff(np.flatnonzero(mine)))
-    notes.append(
-        f"{y_name} ({channels[y_name].label}) changes only in every {every:.3g}th row: taken at these {mine.sum()} rows"
-    )
-    return notes
+    changes = f"changes only in every {every:.3g}th row: taken at these {mine.sum()} rows"
+    return [*notes, f"{y_name} ({channels[y_name].label}) {changes}"]
 
 
 def _noise(recording: Recording, excitation: Excitation) -> NoiseFloor:
@@ -328,9 +324,8 @@ def _sampled(entry: Entry, table: Table, channels: Channels) -> tuple[np.ndarray
     # Where channels have clocks of their own, their union has uneven intervals.
     notes = [] if table.own else list(found.notes)
     if rate is not None and abs(rate * interval - 1.0) > _RATE:
-        notes.append(
-            f"sample_rate_hz {rate:g} is not used: the times are {interval:.6g} s apart ({1 / interval:.6g} Hz)"
-        )
+        apart = f"{interval:.6g} s apart ({1 / interval:.6g} Hz)"
+        notes.append(f"sample_rate_hz {rate:g} is not used: the times are {apart}")
     return found.t, found.values, {q: x[found.rows] for q, x in own.items()}, where, notes
 
 
