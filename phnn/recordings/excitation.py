@@ -164,8 +164,7 @@ def _single_sine(x: np.ndarray) -> float | None:
     stride = max(1, x.size // 1000)
     thin = np.asarray(x[::stride], dtype=float)
     grid = np.geomspace(0.3, 3.0, 24) / thin.size
-    coarse = [_sine_misfit(thin, float(f)) for f in grid]
-    i = int(np.argmin(coarse))
+    i = int(np.argmin([_sine_misfit(thin, float(f)) for f in grid]))
     frequency = _sine_between(thin, float(grid[max(i - 1, 0)]), float(grid[min(i + 1, grid.size - 1)]), 1e-4)
     return None if frequency is None else frequency / stride
 

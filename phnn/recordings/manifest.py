@@ -124,9 +124,8 @@ def named_of(value: Any, quantity: str, where: str) -> dict[str, Column]:
         columns[name] = column = _column(said, Column(), quantity, f"{where}: {name}")
         if name in QUANTITIES or column.place is None:
             cause = "is the name of a quantity" if name in QUANTITIES else "has no column"
-            raise InputRefused(
-                f"{where}: {shown(name)} {cause}: write NAME: {{column: ..., unit: ...}}, NAME of the network's"
-            )
+            remedy = "write NAME: {column: ..., unit: ...}, NAME of the network's"
+            raise InputRefused(f"{where}: {shown(name)} {cause}: {remedy}")
     return columns
 
 
@@ -398,9 +397,8 @@ def _known(value: Any, name: str) -> dict[str, Anchor]:
         where = f"{name}: known: {anchor}"
         content = mapping({"value": said} if isinstance(said, int | float) else said, where, ("value", "std", "unit"))
         if "value" not in content:
-            raise InputRefused(
-                f"{where}: no value: write {{value: ..., std: ...}} in SI units, or with a unit, such as unit: g"
-            )
+            remedy = "write {value: ..., std: ...} in SI units, or with a unit, such as unit: g"
+            raise InputRefused(f"{where}: no value: {remedy}")
         std = number(content.get("std", 0.0), f"{where}: std")
         if std < 0.0:
             raise InputRefused(f"{where}: std {std:g} is negative: give the standard deviation, 0 or more")

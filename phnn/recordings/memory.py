@@ -129,8 +129,7 @@ def given_benchmark(data: Any, names: tuple[str, str], name: str) -> Given:
         raise InputRefused(f"{where}: {cause}: set it to the interval between samples in seconds")
     pairs = zip(names, ("u", "y"), (data.u, data.y), strict=True)
     columns = {one if np.squeeze(values).ndim < 2 else several: values for one, several, values in pairs}
-    table = table_of(where, stored_arrays(columns))
-    return Entry(name=name, sample_rate_hz=1.0 / interval), table
+    return Entry(name=name, sample_rate_hz=1.0 / interval), table_of(where, stored_arrays(columns))
 
 
 _ACCEPTED = (

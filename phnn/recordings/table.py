@@ -107,15 +107,12 @@ class Table:
             cause = "several columns are" if hits else "no column is"
             raise InputRefused(f"{self.where}: {cause} called {place!r}: {found}; correct recordings.yaml")
         if self.by_name:
-            raise InputRefused(
-                f"{self.where}: column {place} is an index, but its variables have names only ({listed(named)}): "
-                f"use `variables: {{voltage: NAME, displacement: NAME}}` in recordings.yaml"
-            )
-        if place >= len(self.columns):
-            raise InputRefused(
-                f"{self.where}: column {place} does not exist, the file has {len(self.columns)} columns "
-                f"(0 to {len(self.columns) - 1}): correct `columns` in recordings.yaml"
-            )
+            cause = f"column {place} is an index, but its variables have names only ({listed(named)})"
+            remedy = "use `variables: {voltage: NAME, displacement: NAME}` in recordings.yaml"
+            raise InputRefused(f"{self.where}: {cause}: {remedy}")
+        if place >= (size := len(self.columns)):
+            cause = f"column {place} does not exist, the file has {size} columns (0 to {size - 1})"
+            raise InputRefused(f"{self.where}: {cause}: correct `columns` in recordings.yaml")
         return place
 
     def label(self, index: int) -> str:
@@ -150,9 +147,8 @@ class Table:
         elif cell.endswith("?"):
             cell, cause = cell[:-1], "a point among numbers with a decimal comma, and may be a thousand times as large"
             remedy = "write all numbers of the file with one decimal sign and without thousands separators"
-        raise InputRefused(
-            f"{self.where}: {self.label(index)}, {self.where.row(row)}: {cell[:40]!r} is {cause}: {remedy}"
-        )
+        place = f"{self.where}: {self.label(index)}, {self.where.row(row)}"
+        raise InputRefused(f"{place}: {cell[:40]!r} is {cause}: {remedy}")
 
 
 # Dates, with a time of day behind them or none; times of day; when numbers without a unit are seconds since 1970, or

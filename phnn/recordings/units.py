@@ -219,22 +219,19 @@ def accepted(quantity: str) -> str:
 def check_unit(quantity: str, unit: str | None, where: str) -> str:
     """Return the unit in its common spelling."""
     if unit is None:
-        raise InputRefused(
-            f"{where}: no unit for the {quantity}, so its numbers are ambiguous: put the unit in the column's name "
-            f"({quantity}_{accepted(quantity).split(',')[0]}) or write it in recordings.yaml, "
-            f"columns: {{{quantity}: {{unit: ...}}}}; accepted: {accepted(quantity)}"
-        )
+        units = accepted(quantity)
+        cause = f"no unit for the {quantity}, so its numbers are ambiguous"
+        remedy = f"put the unit in the column's name ({quantity}_{units.split(',')[0]}) or write it in recordings.yaml"
+        raise InputRefused(f"{where}: {cause}: {remedy}, columns: {{{quantity}: {{unit: ...}}}}; accepted: {units}")
     name, si = spelled(unit), QUANTITIES[quantity]
     found = find_unit(name)
     if found is None:
         cause = f"unknown unit {unit[: LIMITS.unit_characters]!r} for the {quantity}{_hint(quantity, name)}"
         raise InputRefused(f"{where}: {cause}: accepted are {accepted(quantity)}")
     if si is not None and found.si != si:
-        raise InputRefused(
-            f"{where}: the {quantity} cannot be in {unit} (that is a unit of {found.si}): accepted are "
-            f"{accepted(quantity)}; a column that is proportional to it takes `scale` and the unit after scaling, "
-            f"in recordings.yaml"
-        )
+        cause = f"the {quantity} cannot be in {unit} (that is a unit of {found.si})"
+        remedy = "a column that is proportional to it takes `scale` and the unit after scaling, in recordings.yaml"
+        raise InputRefused(f"{where}: {cause}: accepted are {accepted(quantity)}; {remedy}")
     return name
 
 
