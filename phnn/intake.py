@@ -178,11 +178,9 @@ class Source:
         if unpacked:
             most = min(most, LIMITS.unpacked_bytes + self.size)
         if size > most:
-            raise InputRefused(
-                f"{self.name}: its numbers take {filesize.decimal(size)}, at most {filesize.decimal(most)} are accepted"
-                f"{' of a packed file of this size' if unpacked else ' with the memory that is available'}: split it, "
-                f"or export fewer samples"
-            )
+            limit = "of a packed file of this size" if unpacked else "with the memory that is available"
+            cause = f"its numbers take {filesize.decimal(size)}, at most {filesize.decimal(most)} are accepted {limit}"
+            raise InputRefused(f"{self.name}: {cause}: split it, or export fewer samples")
 
 
 def reached(path: Path, before: str, kind: str, remedy: str) -> tuple[Path, os.stat_result]:

@@ -289,11 +289,10 @@ def stamped(t: Array, resolution: float, channels: Mapping[str, Array], where: W
     unknown = gap[steps[gap] > _BRIDGED * usual]
     if unknown.size and not held:
         first = int(unknown[0])
-        raise InputRefused(
-            f"{where}: time, {where.row(int(rows[first + 1]))}: a gap of {steps[first]:.6g} s where samples are "
-            f"{usual:.6g} s apart: split the file there, or in recordings.yaml say `segments: true`, take one side of "
-            f"it with `slice`, or say `input: zero_order` where the input was held"
-        )
+        row = where.row(int(rows[first + 1]))
+        cause = f"time, {row}: a gap of {steps[first]:.6g} s where samples are {usual:.6g} s apart"
+        remedy = "split the file there, or in recordings.yaml say `segments: true`, take one side of it with `slice`"
+        raise InputRefused(f"{where}: {cause}: {remedy}, or say `input: zero_order` where the input was held")
     if gap.size:
         how = "held" if held else "interpolated"
         notes += (

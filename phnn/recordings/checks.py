@@ -49,11 +49,9 @@ def any_recordings(files: Sequence[Path], left: Sequence[str], folder: Path) -> 
     if files:
         return
     found = f"; it holds {listed(left)}" if left else "; it is empty"
-    raise InputRefused(
-        f"folder {printable(str(folder))}: no recordings in it{found}: add .csv files with columns "
-        f"time_s, voltage_V, displacement_um, or describe the files in recordings.yaml (`phnn template` writes a first "
-        f"one)"
-    )
+    remedy = "add .csv files with columns time_s, voltage_V, displacement_um"
+    other = "describe the files in recordings.yaml (`phnn template` writes a first one)"
+    raise InputRefused(f"folder {printable(str(folder))}: no recordings in it{found}: {remedy}, or {other}")
 
 
 def no_results(folder: Path) -> None:

@@ -125,10 +125,8 @@ class Table:
         column = held() if callable(held) else held
         # Texts may hold numbers.
         if column.dtype.kind not in f"{NUMBERS}OUS" or column.ndim != 1:
-            raise InputRefused(
-                f"{self.where}: {self.label(index)} holds {column.dtype} of shape {column.shape}, not one number for "
-                f"every sample: export seconds and numbers"
-            )
+            cause = f"holds {column.dtype} of shape {column.shape}, not one number for every sample"
+            raise InputRefused(f"{self.where}: {self.label(index)} {cause}: export seconds and numbers")
         if np.iscomplexobj(column):
             raise InputRefused(f"{self.where}: {self.label(index)} holds complex numbers: export real samples")
         if column.dtype.kind in "iufb":

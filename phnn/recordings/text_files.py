@@ -350,11 +350,9 @@ def _blocks(name: str, text: Lines, first: int, header: Sequence[str], dialect: 
         under = [line for i, line in lines.items() if line and i > at]
         if under != wanted:
             differs = next((line for line in under if line not in wanted), "nothing")
-            raise InputRefused(
-                f"{name}: line {at + 2}: {differs[:_SHOWN]!r} stands under the names of this table, "
-                f"{' '.join(wanted)[:_SHOWN]!r} under those of the first: give all tables of a file the same units, or "
-                f"split the file"
-            )
+            first_has = f"{' '.join(wanted)[:_SHOWN]!r} under those of the first"
+            cause = f"line {at + 2}: {differs[:_SHOWN]!r} stands under the names of this table, {first_has}"
+            raise InputRefused(f"{name}: {cause}: give all tables of a file the same units, or split the file")
         found.append(range(begin, min(lines)))
         begin = max(lines) + 1
         if len(found) >= LIMITS.recordings:
