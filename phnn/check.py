@@ -313,9 +313,8 @@ def _between_periods(r: Recording) -> Sample | None:
         y[lag:] - y[:count],
         lambda rows: np.column_stack([*(shape[rows] for shape in slow), waves(rows, 1.0 / size, few)]),
     )
-    return Sample(
-        changed / np.sqrt(2.0), r.dt, speed[:count], quantisation_step(r.y), above=(_SETTLING + 1.5) / r.period
-    )
+    above = (_SETTLING + 1.5) / r.period
+    return Sample(changed / np.sqrt(2.0), r.dt, speed[:count], quantisation_step(r.y), above=above)
 
 
 # Steps of a share of the noise are not worth a word; steps of several times the noise hide it, whose own deviation
@@ -661,16 +660,11 @@ def _grouped(how: str, told: Iterable[tuple[Hashable, tuple[str, str]]]) -> Iter
 def check(campaign: Campaign) -> Checked:
     """Return all checks on all recordings that have an output."""
     recorded = [r for r in campaign.recordings if np.isfinite(r.y).all()]
-    among = contaminated(recorded)
-    units = odd_units(campaign)
+    among, units = contaminated(recorded), odd_units(campaign)
     # Any other system may give an output that leads its input, such as the force of an imposed motion.
-    actuator = is_actuator(campaign.setup)
+    checks = [one for one in _CHECKS if one is not lead or is_actuator(campaign.setup)]
     findings: dict[str, list[Finding]] = {r.name: [] for r in campaign.recordings}
     for r in recorded:
-        findings[r.name] = [
-            *units[r.name],
-            *(f for one in _CHECKS if one is not lead or actuator for f in one(r)),
-            *among[r.name],
-        ]
+        findings[r.name] = [*units[r.name], *(f for one in checks for f in one(r)), *among[r.name]]
     noise = {r.name: noise_statement(r.noise, r.noise_source, r.units.output, _between_periods(r)) for r in recorded}
     return Checked(campaign, findings, abilities(campaign), noise)

@@ -209,9 +209,5 @@ def _described(entry: Entry, by_name: Mapping[str, Given]) -> Given:
     table = beside([by_name[file][1] for file in entry.files])
     if entry.axes:
         raise InputRefused(f"{table.where}: `axes` describe a .npy array: leave them out, and give columns")
-    return replace(
-        entry,
-        name=entry.name or first.name,
-        use=entry.use or first.use,
-        sample_rate_hz=entry.sample_rate_hz or first.sample_rate_hz,
-    ), table
+    said: dict[str, Any] = {n: getattr(entry, n) or getattr(first, n) for n in ("name", "use", "sample_rate_hz")}
+    return replace(entry, **said), table

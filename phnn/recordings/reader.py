@@ -275,11 +275,8 @@ def describe(campaign: Campaign | str | Path) -> str:
     volts = all(r.units.input == "V" for r in campaign.recordings)
     drive, place = ("voltage", "measured at the terminals") if volts else ("input", "measured where it enters")
     setup = ", ".join(f"{key} {value}" for key, value in campaign.setup.items())
-    lines = [
-        f"{campaign.folder}: {count} recording{'s' if count != 1 else ''}; {setup}; "
-        f"the {drive} is {'the command' if campaign.voltage == 'command' else place}",
-        "",
-    ]
+    place = "the command" if campaign.voltage == "command" else place
+    lines = [f"{campaign.folder}: {count} recording{'s' if count != 1 else ''}; {setup}; the {drive} is {place}", ""]
     every = [facts(r) for r in campaign.recordings]
     common = [fact for fact in every[0] if len(every) > 1 and all(fact in known for known in every)]
     told = [("all recordings", common)] if common else []
