@@ -89,17 +89,17 @@ def odd_units(campaign: Campaign) -> dict[str, list[Finding]]:
         for r, gain in gains.items():
             ratio, faster = gain / usual, max(dominant_frequency(r) / max(fastest, 1e-300), 1.0)
             if usable and _thousands(ratio) and max(ratio, 1.0 / (ratio * faster**_ROLL_OFF)) > _ALIKE:
-                said = f"output over input is {ratio:.3g} times that of the {len(alike)} others"
+                fact = f"output over input is {ratio:.3g} times that of the {len(alike)} others"
                 cause = "a column has probably another unit than is stated (nm, µm, mm; V, kV)"
-                text = f"{said}: {cause}; correct it in recordings.yaml, columns"
+                text = f"{fact}: {cause}; correct it in recordings.yaml, columns"
                 found[r.name].append(Finding("units", WARNING, text, {"gain_over_others": ratio}))
             if actuator and (r.units.input, r.units.output) == ("V", "m") and not _LEAST <= gain <= most:
-                said = f"output over input is {gain:.2g} m/V, piezo actuators have {_LEAST:g} to {most:g} m/V"
-                text = f"{said}: compare the units and names of its columns with what was recorded"
+                fact = f"output over input is {gain:.2g} m/V, piezo actuators have {_LEAST:g} to {most:g} m/V"
+                text = f"{fact}: compare the units and names of its columns with what was recorded"
                 found[r.name].append(Finding("units", WARNING, text, {"gain": gain}))
             if actuator and r.units.input == "V" and (size := float(np.max(np.abs(r.u)))) > _HIGHEST:
-                said = f"a voltage of {quantity(size, 'V')}, piezo actuators take up to {quantity(_HIGHEST, 'V')}"
-                text = f"{said}: the column is probably in mV; correct it in recordings.yaml, columns"
+                fact = f"a voltage of {quantity(size, 'V')}, piezo actuators take up to {quantity(_HIGHEST, 'V')}"
+                text = f"{fact}: the column is probably in mV; correct it in recordings.yaml, columns"
                 found[r.name].append(Finding("units", WARNING, text, {"voltage": size}))
             if r in against:
                 text = f"the output moves the other way than in most others: {turned(r.source)}"
@@ -126,9 +126,9 @@ def buried(recording: Recording) -> list[Finding]:
     share = recording.noise / max(float(np.std(recording.y)), 1e-300)
     if not recording.noise_found or not share >= OWN_FLOOR:
         return []
-    said = f"the noise floor is {share:.2g} times the deviation of the whole output"
+    fact = f"the noise floor is {share:.2g} times the deviation of the whole output"
     cause = "noise hides what the input moves, or the output does not follow this input and counts as noise"
-    text = f"{said}: {cause}. Compare columns and wiring, drive it more, or record a rest"
+    text = f"{fact}: {cause}. Compare columns and wiring, drive it more, or record a rest"
     return [Finding("noise", WARNING, text, {"noise_over_output": share})]
 
 
@@ -271,9 +271,9 @@ def distortion(recording: Recording) -> list[Finding]:
     noise = recording.noise * float(np.sqrt(y.size * (~driven).sum() / power.sum()))
     if not max(odd, even) > max(_TOLD, _ABOVE_NOISE * noise):
         return []
-    said = f"odd harmonics of {100.0 * odd:.2g} % and even ones of {100.0 * even:.2g} % (noise {100.0 * noise:.2g} %)"
+    fact = f"odd harmonics of {100.0 * odd:.2g} % and even ones of {100.0 * even:.2g} % (noise {100.0 * noise:.2g} %)"
     cause = "hysteresis, friction and symmetric bends make odd ones, what differs between both directions even ones"
-    text = f"beside its linear response the output holds {said}: {cause}"
+    text = f"beside its linear response the output holds {fact}: {cause}"
     return [Finding("distortion", NOTE, text, {"odd": float(odd), "even": float(even), "noise": noise})]
 
 
@@ -457,8 +457,8 @@ def contaminated(recordings: Sequence[Recording]) -> dict[str, list[Finding]]:
         if usual > 0.0 and times > _NOISIER:
             tones = _tones(between[r.name], r.dt)
             where = f", most of it in tones at {', '.join(f'{f:.4g}' for f in tones)} Hz" if tones else ""
-            said = f"noise between periods {times:.2g} times that of {len(kin) - 1} others with such an excitation"
-            text = f"{said}{where}: leave it out, or record it again"
+            fact = f"noise between periods {times:.2g} times that of {len(kin) - 1} others with such an excitation"
+            text = f"{fact}{where}: leave it out, or record it again"
             values = {"noise_over_others": times, **{f"tone_{i}_Hz": f for i, f in enumerate(tones, start=1)}}
             found[r.name].append(Finding("contaminated", WARNING, text, values))
     return found

@@ -295,8 +295,8 @@ def stamped(t: Array, resolution: float, channels: Mapping[str, Array], where: W
         raise InputRefused(f"{where}: {cause}: {remedy}, or say `input: zero_order` where the input was held")
     if gap.size:
         row, how = where.row(int(rows[gap[0] + 1])), "held" if held else "interpolated"
-        said = f"{gap.size} intervals are longer than the usual {usual:.4g} s, up to {steps[gap].max():.4g} s"
-        notes += (f"{said}, the first before {row}: the input is {how} there",)
+        gaps = f"{gap.size} intervals are longer than the usual {usual:.4g} s, up to {steps[gap].max():.4g} s"
+        notes += (f"{gaps}, the first before {row}: the input is {how} there",)
     k = np.arange(t.size)
     dt, start = (float(c) for c in np.polyfit(k, t - t[0], 1))
     largest = float(np.abs(t - t[0] - (start + dt * k)).max())

@@ -35,8 +35,8 @@ def mapping(value: Any, where: str, accepted: Iterable[str] | None = None) -> Ma
         raise InputRefused(f"{where}: expected keys and values, found {shown(value)}: write `key: value` entries")
     names = list(accepted or ())
     if accepted is not None and (unknown := [key for key in value if key not in names]):
-        said = f"unknown key {shown(unknown[0])}{meant(str(unknown[0]), names)}"
-        raise InputRefused(f"{where}: {said}: accepted are {', '.join(names)}")
+        cause = f"unknown key {shown(unknown[0])}{meant(str(unknown[0]), names)}"
+        raise InputRefused(f"{where}: {cause}: accepted are {', '.join(names)}")
     return value
 
 
@@ -282,19 +282,19 @@ HYSTERESES = ("auto", "distributed", "bouc_wen", "duhem")
 DEFAULT_SETUP: Mapping[str, Any] = {"model": "piezo_actuator", "hysterons": 2}
 
 
-def load_manifest(folder: Path, said: str | Path | Mapping[str, Any] | None, outside: bool = False) -> Manifest:
+def load_manifest(folder: Path, given: str | Path | Mapping[str, Any] | None, outside: bool = False) -> Manifest:
     """Return the manifest at a path or with a content, else that of ``folder/recordings.yaml``, else the defaults.
 
     Args:
-        said: path or content; outside: what lies in ``folder``, or is named in the manifest, may lead out of it.
+        given: path or content; outside: what lies in ``folder``, or is named in the manifest, may lead out of it.
 
     Raises:
         InputRefused: a manifest that is absent, unreadable or says something that is not understood.
     """
-    if said is not None and not isinstance(said, str | Path):
-        return _manifest(said, "the manifest given", (folder,), outside)
-    path, inside = (folder / "recordings.yaml", (folder,)) if said is None else (Path(said), ())
-    if said is None and not os.path.lexists(path):
+    if given is not None and not isinstance(given, str | Path):
+        return _manifest(given, "the manifest given", (folder,), outside)
+    path, inside = (folder / "recordings.yaml", (folder,)) if given is None else (Path(given), ())
+    if given is None and not os.path.lexists(path):
         return Manifest()
     source = named_file(path, inside, "manifest", "check the path given to --manifest", outside)
     return _manifest(load_yaml(source), source.name, (path.parent, folder), outside, path)

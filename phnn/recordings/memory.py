@@ -209,5 +209,5 @@ def _described(entry: Entry, by_name: Mapping[str, Given]) -> Given:
     table = beside([by_name[file][1] for file in entry.files])
     if entry.axes:
         raise InputRefused(f"{table.where}: `axes` describe a .npy array: leave them out, and give columns")
-    said: dict[str, Any] = {n: getattr(entry, n) or getattr(first, n) for n in ("name", "use", "sample_rate_hz")}
-    return replace(entry, **said), table
+    stated: dict[str, Any] = {n: getattr(entry, n) or getattr(first, n) for n in ("name", "use", "sample_rate_hz")}
+    return replace(entry, **stated), table

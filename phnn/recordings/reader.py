@@ -279,10 +279,10 @@ def describe(campaign: Campaign | str | Path) -> str:
     lines = [f"{campaign.folder}: {count} recording{'s' if count != 1 else ''}; {setup}; the {drive} is {place}", ""]
     every = [facts(r) for r in campaign.recordings]
     common = [fact for fact in every[0] if len(every) > 1 and all(fact in known for known in every)]
-    told = [("all recordings", common)] if common else []
+    sections = [("all recordings", common)] if common else []
     for recording, known in zip(campaign.recordings, every, strict=True):
-        told.append((f"{recording.name} ({recording.source})", [fact for fact in known if fact not in common]))
-    for head, known in told:
+        sections.append((f"{recording.name} ({recording.source})", [fact for fact in known if fact not in common]))
+    for head, known in sections:
         lines += [head, *(f"  {label:14}{value}" for label, value in known), ""]
     if campaign.known:
         anchors = (f"{name} = {a.value:g} ± {a.std:g} {a.unit}".rstrip() for name, a in campaign.known.items())
@@ -304,7 +304,7 @@ def facts(r: Recording) -> list[tuple[str, str]]:
             ends = " to ".join(quantity(x, y_unit) for x in r.noise_interval or ())
             colour = "" if r.noise_correlation.size == 1 else f", correlated over {r.noise_correlation.size} samples"
             noise = f"{quantity(r.noise, y_unit)}{f' ({ends})' if ends else ''} from {noise}{colour}"
-    told = [
+    rows = [
         ("sampled", f"{1 / r.dt:.6g} Hz, {r.t.size} samples, {r.t.size * r.dt:.4g} s"),
         ("input", f"{span}; {_words(r.excitation)}; {r.interpolation} between samples"),
         ("driven too at", ", ".join(r.further)),
@@ -317,7 +317,7 @@ def facts(r: Recording) -> list[tuple[str, str]]:
         ("also", ", ".join(r.channels)),
         ("use", _uses(r)),
     ]
-    return [(label, words) for label, words in told if words]
+    return [(label, words) for label, words in rows if words]
 
 
 def _words(e: Excitation) -> str:

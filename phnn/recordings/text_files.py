@@ -197,10 +197,10 @@ def table_of_lines(name: str, text: Lines) -> Table:
         elif not text.ended and end > begin + 1:
             last = text[end - 1]
             others = (text[i] for block in [*tables[:-1], range(begin, end - 1)] for i in block)
-            said = "has no end: if the file was cut there, its last number is wrong"
+            ending = "has no end: if the file was cut there, its last number is wrong"
             if _breaks_off(others, last, dialect):
-                said, end = "was left out: the file ends within it", end - 1
-            notes.append(f"its last line, {last.strip()[:_SHOWN]!r}, {said}")
+                ending, end = "was left out: the file ends within it", end - 1
+            notes.append(f"its last line, {last.strip()[:_SHOWN]!r}, {ending}")
     table = _parsed(name, text, [*tables[:-1], range(begin, end)], names, dialect)
     return with_stamps(replace(table, notes=tuple(notes)))
 
