@@ -89,22 +89,17 @@ def odd_units(campaign: Campaign) -> dict[str, list[Finding]]:
         for r, gain in gains.items():
             ratio, faster = gain / usual, max(dominant_frequency(r) / max(fastest, 1e-300), 1.0)
             if usable and _thousands(ratio) and max(ratio, 1.0 / (ratio * faster**_ROLL_OFF)) > _ALIKE:
-                text = (
-                    f"output over input is {ratio:.3g} times that of the {len(alike)} others: a column has probably "
-                    f"another unit than is stated (nm, µm, mm; V, kV); correct it in recordings.yaml, columns"
-                )
+                fact = f"output over input is {ratio:.3g} times that of the {len(alike)} others"
+                cause = "a column has probably another unit than is stated (nm, µm, mm; V, kV)"
+                text = f"{fact}: {cause}; correct it in recordings.yaml, columns"
                 found[r.name].append(Finding("units", WARNING, text, {"gain_over_others": ratio}))
             if actuator and (r.units.input, r.units.output) == ("V", "m") and not _LEAST <= gain <= most:
-                text = (
-                    f"output over input is {gain:.2g} m/V, piezo actuators have {_LEAST:g} to {most:g} m/V: compare "
-                    f"the units and names of its columns with what was recorded"
-                )
+                fact = f"output over input is {gain:.2g} m/V, piezo actuators have {_LEAST:g} to {most:g} m/V"
+                text = f"{fact}: compare the units and names of its columns with what was recorded"
                 found[r.name].append(Finding("units", WARNING, text, {"gain": gain}))
             if actuator and r.units.input == "V" and (size := float(np.max(np.abs(r.u)))) > _HIGHEST:
-                text = (
-                    f"a voltage of {quantity(size, 'V')}, piezo actuators take up to {quantity(_HIGHEST, 'V')}: the "
-                    f"column is probably in mV; correct it in recordings.yaml, columns"
-                )
+                fact = f"a voltage of {quantity(size, 'V')}, piezo actuators take up to {quantity(_HIGHEST, 'V')}"
+                text = f"{fact}: the column is probably in mV; correct it in recordings.yaml, columns"
                 found[r.name].append(Finding("units", WARNING, text, {"voltage": size}))
             if r in against:
                 text = f"the output moves the other way than in most others: {turned(r.source)}"
@@ -131,11 +126,9 @@ def buried(recording: Recording) -> list[Finding]:
     share = recording.noise / max(float(np.std(recording.y)), 1e-300)
     if not recording.noise_found or not share >= OWN_FLOOR:
         return []
-    text = (
-        f"the noise floor is {share:.2g} times the deviation of the whole output: noise hides what the input moves, or "
-        f"the output does not follow this input and counts as noise. Compare columns and wiring, drive it more, or "
-        f"record a rest"
-    )
+    fact = f"the noise floor is {share:.2g} times the deviation of the whole output"
+    cause = "noise hides what the input moves, or the output does not follow this input and counts as noise"
+    text = f"{fact}: {cause}. Compare columns and wiring, drive it more, or record a rest"
     return [Finding("noise", WARNING, text, {"noise_over_output": share})]
 
 
@@ -242,11 +235,9 @@ def lead(recording: Recording) -> list[Finding]:
     seconds = angle / (2.0 * np.pi * excitation.low_Hz)
     if not (0.0 < angle < 0.5 * np.pi and angle > _SURE_OF_SHIFT * uncertain and seconds > _SAMPLES * recording.dt):
         return []
-    text = (
-        f"the output leads the input by {seconds:.3g} s ({seconds / recording.dt:.2g} samples) at "
-        f"{excitation.low_Hz:.4g} Hz, as no actuator does: the columns are swapped, or the channels "
-        f"shifted; compare names and columns, and sample both together"
-    )
+    shift = f"{seconds:.3g} s ({seconds / recording.dt:.2g} samples) at {excitation.low_Hz:.4g} Hz"
+    cause = "the columns are swapped, or the channels shifted; compare names and columns, and sample both together"
+    text = f"the output leads the input by {shift}, as no actuator does: {cause}"
     return [Finding("lead", WARNING, text, {"lead_s": seconds})]
 
 
@@ -280,11 +271,9 @@ def distortion(recording: Recording) -> list[Finding]:
     noise = recording.noise * float(np.sqrt(y.size * (~driven).sum() / power.sum()))
     if not max(odd, even) > max(_TOLD, _ABOVE_NOISE * noise):
         return []
-    text = (
-        f"beside its linear response the output holds odd harmonics of {100.0 * odd:.2g} % and even ones of "
-        f"{100.0 * even:.2g} % (noise {100.0 * noise:.2g} %): hysteresis, friction and symmetric bends make odd ones, "
-        f"what differs between both directions even ones"
-    )
+    fact = f"odd harmonics of {100.0 * odd:.2g} % and even ones of {100.0 * even:.2g} % (noise {100.0 * noise:.2g} %)"
+    cause = "hysteresis, friction and symmetric bends make odd ones, what differs between both directions even ones"
+    text = f"beside its linear response the output holds {fact}: {cause}"
     return [Finding("distortion", NOTE, text, {"odd": float(odd), "even": float(even), "noise": noise})]
 
 
@@ -324,9 +313,8 @@ def _between_periods(r: Recording) -> Sample | None:
         y[lag:] - y[:count],
         lambda rows: np.column_stack([*(shape[rows] for shape in slow), waves(rows, 1.0 / size, few)]),
     )
-    return Sample(
-        changed / np.sqrt(2.0), r.dt, speed[:count], quantisation_step(r.y), above=(_SETTLING + 1.5) / r.period
-    )
+    above = (_SETTLING + 1.5) / r.period
+    return Sample(changed / np.sqrt(2.0), r.dt, speed[:count], quantisation_step(r.y), above=above)
 
 
 # Steps of a share of the noise are not worth a word; steps of several times the noise hide it, whose own deviation
@@ -371,10 +359,8 @@ def limits(recording: Recording) -> list[Finding]:
     holds = float(np.mean(np.diff(recording.drive) == 0.0))
     if at <= max(3, _SHARE * y.size) or quantisation_step(y) > 0.0 or holds > 0.5:
         return []
-    text = (
-        f"{at} samples stand at the output's extreme value: if the sensor's range ends there, choose a larger one, or "
-        f"say so in recordings.yaml, sensor: {{saturates: [LEAST, LARGEST]}}"
-    )
+    remedy = "choose a larger one, or say so in recordings.yaml, sensor: {saturates: [LEAST, LARGEST]}"
+    text = f"{at} samples stand at the output's extreme value: if the sensor's range ends there, {remedy}"
     return [Finding("limits", WARNING, text, {"samples": float(at)})]
 
 
@@ -393,9 +379,8 @@ def drift(recording: Recording) -> list[Finding]:
     if abs(change) < _SURE * error:
         return []
     seconds = recording.t.size * recording.dt
-    text = (
-        f"the output's mean moves by {quantity(change, recording.units.output)} within {seconds:.3g} s at equal input"
-    )
+    size = quantity(change, recording.units.output)
+    text = f"the output's mean moves by {size} within {seconds:.3g} s at equal input"
     later, causes = float(np.ptp(means[means.size // 2 :])), "creep, heating or a drifting sensor"
     zero = "zero voltage" if recording.units.input == "V" else "the input zero"
     values = {"change": change, "standard_error": error}
@@ -472,10 +457,8 @@ def contaminated(recordings: Sequence[Recording]) -> dict[str, list[Finding]]:
         if usual > 0.0 and times > _NOISIER:
             tones = _tones(between[r.name], r.dt)
             where = f", most of it in tones at {', '.join(f'{f:.4g}' for f in tones)} Hz" if tones else ""
-            text = (
-                f"noise between periods {times:.2g} times that of {len(kin) - 1} others with such an excitation"
-                f"{where}: leave it out, or record it again"
-            )
+            fact = f"noise between periods {times:.2g} times that of {len(kin) - 1} others with such an excitation"
+            text = f"{fact}{where}: leave it out, or record it again"
             values = {"noise_over_others": times, **{f"tone_{i}_Hz": f for i, f in enumerate(tones, start=1)}}
             found[r.name].append(Finding("contaminated", WARNING, text, values))
     return found
@@ -677,16 +660,11 @@ def _grouped(how: str, told: Iterable[tuple[Hashable, tuple[str, str]]]) -> Iter
 def check(campaign: Campaign) -> Checked:
     """Return all checks on all recordings that have an output."""
     recorded = [r for r in campaign.recordings if np.isfinite(r.y).all()]
-    among = contaminated(recorded)
-    units = odd_units(campaign)
+    among, units = contaminated(recorded), odd_units(campaign)
     # Any other system may give an output that leads its input, such as the force of an imposed motion.
-    actuator = is_actuator(campaign.setup)
+    checks = [one for one in _CHECKS if one is not lead or is_actuator(campaign.setup)]
     findings: dict[str, list[Finding]] = {r.name: [] for r in campaign.recordings}
     for r in recorded:
-        findings[r.name] = [
-            *units[r.name],
-            *(f for one in _CHECKS if one is not lead or actuator for f in one(r)),
-            *among[r.name],
-        ]
+        findings[r.name] = [*units[r.name], *(f for one in checks for f in one(r)), *among[r.name]]
     noise = {r.name: noise_statement(r.noise, r.noise_source, r.units.output, _between_periods(r)) for r in recorded}
     return Checked(campaign, findings, abilities(campaign), noise)

@@ -15,6 +15,7 @@ import os
 import re
 import stat
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -77,36 +78,28 @@ _TOO_LARGE = 10**LIMITS.digits
 
 
 def available_memory() -> int:
-    """Bytes of memory that may still be taken: the least of what the machine and its control group have left."""
-    found = [_machine(), *_control_group()]
-    return min((size for size in found if size is not None), default=_UNKNOWN_MEMORY)
+    """Return the bytes of memory that may still be taken: the least of what the machine and its control group have."""
+    return min(_memory_left(), default=_UNKNOWN_MEMORY)
 
 
-def _machine() -> int | None:
-    for line in _text(Path("/proc/meminfo")).splitlines():
-        if line.startswith("MemAvailable:"):
-            return int(line.split()[1]) * _KIB
-    try:
-        # Systems without /proc: half of what is built in.
-        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2
-    except (ValueError, OSError, AttributeError):
-        return None
-
-
-def _control_group() -> list[int]:
-    """What the control groups of version 2 and 1 leave, as a container sees them; pages of read files can be freed."""
+def _memory_left() -> Iterator[int]:
+    """Yield what the machine has left, and what control groups of version 2 and 1 leave, as a container sees them."""
+    if known := re.search(r"^MemAvailable:\s+(\d+)", _text(Path("/proc/meminfo")), re.MULTILINE):
+        yield int(known[1]) * _KIB
+    else:
+        with suppress(ValueError, OSError, AttributeError):
+            # Systems without /proc: half of what is built in.
+            yield os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") // 2
     root = Path("/sys/fs/cgroup")
-    groups = (
-        (root / "memory.max", root / "memory.current", root / "memory.stat"),
-        (root / "memory/memory.limit_in_bytes", root / "memory/memory.usage_in_bytes", root / "memory/memory.stat"),
-    )
-    found: list[int] = []
-    for most, used, kinds in groups:
-        texts = _text(most).strip(), _text(used).strip()
+    for folder, most, used in (
+        (root, "memory.max", "memory.current"),
+        (root / "memory", "memory.limit_in_bytes", "memory.usage_in_bytes"),
+    ):
+        texts = _text(folder / most).strip(), _text(folder / used).strip()
         if all(text.isdecimal() for text in texts):
-            freed = sum(int(line.split()[1]) for line in _text(kinds).splitlines() if line.startswith("inactive_file "))
-            found.append(max(int(texts[0]) - int(texts[1]) + freed, 0))
-    return found
+            # Pages of files that were read can be freed.
+            freed = re.findall(r"^inactive_file (\d+)", _text(folder / "memory.stat"), re.MULTILINE)
+            yield max(int(texts[0]) - int(texts[1]) + sum(map(int, freed)), 0)
 
 
 def _text(path: Path) -> str:
@@ -171,10 +164,8 @@ class Source:
     def check_size(self, most: int, what: str = "a file") -> None:
         """Refuse a file of more than ``most`` bytes. Raises InputRefused."""
         if self.size > most:
-            raise InputRefused(
-                f"{self.name}: {filesize.decimal(self.size)}, {what} may have at most {filesize.decimal(most)}: split "
-                f"it, or export less"
-            )
+            cause = f"{filesize.decimal(self.size)}, {what} may have at most {filesize.decimal(most)}"
+            raise InputRefused(f"{self.name}: {cause}: split it, or export less")
 
     def check_memory(self, size: int, unpacked: bool = False) -> None:
         """Refuse numbers that would take more memory than there is for one file.
@@ -187,11 +178,9 @@ class Source:
         if unpacked:
             most = min(most, LIMITS.unpacked_bytes + self.size)
         if size > most:
-            raise InputRefused(
-                f"{self.name}: its numbers take {filesize.decimal(size)}, at most {filesize.decimal(most)} are accepted"
-                f"{' of a packed file of this size' if unpacked else ' with the memory that is available'}: split it, "
-                f"or export fewer samples"
-            )
+            limit = "of a packed file of this size" if unpacked else "with the memory that is available"
+            cause = f"its numbers take {filesize.decimal(size)}, at most {filesize.decimal(most)} are accepted {limit}"
+            raise InputRefused(f"{self.name}: {cause}: split it, or export fewer samples")
 
 
 def reached(path: Path, before: str, kind: str, remedy: str) -> tuple[Path, os.stat_result]:
@@ -237,10 +226,9 @@ def named_file(
         kind = "a folder" if stat.S_ISDIR(found.st_mode) else "a pipe, a socket or a device"
         raise InputRefused(f"{said}{name}: is {kind}, not a file: copy what is to be read into a file")
     if within and not outside and not any(real.is_relative_to(os.path.realpath(folder)) for folder in within):
-        raise InputRefused(
-            f"{said}{printable(str(path))}: leads out of the folder {printable(str(within[0]))}: copy the file into "
-            f"the folder, or give the option {OUTSIDE} if you trust who made the folder"
-        )
+        cause = f"leads out of the folder {printable(str(within[0]))}"
+        remedy = f"copy the file into the folder, or give the option {OUTSIDE} if you trust who made the folder"
+        raise InputRefused(f"{said}{printable(str(path))}: {cause}: {remedy}")
     source = Source(real, name, path.suffix.lower(), found.st_size, outside or not within)
     source.check_size(LIMITS.file_bytes)
     return source
@@ -316,9 +304,8 @@ def load_yaml(source: Source) -> Any:
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise InputRefused(
-            f"{source.name}: not readable as yaml (byte {error.start} is no UTF-8): save it as UTF-8"
-        ) from error
+        cause = f"not readable as yaml (byte {error.start} is no UTF-8)"
+        raise InputRefused(f"{source.name}: {cause}: save it as UTF-8") from error
     return plain_values(text, source.name)
 
 

@@ -439,9 +439,8 @@ def apart(out: Path, inputs: Sequence[Path]) -> None:
         folder = path if path.is_dir() else path.parent
         if root == folder or (path.is_dir() and (root in folder.parents or folder in root.parents)):
             relation = "is" if root == folder else "contains" if root in folder.parents else "lies in"
-            raise OutputRefused(
-                f"--out {out}: {relation} {folder}, from which this command reads: choose a folder apart from it"
-            )
+            cause = f"{relation} {folder}, from which this command reads"
+            raise OutputRefused(f"--out {out}: {cause}: choose a folder apart from it")
 
 
 def _resolved(path: Path) -> Path:
@@ -472,10 +471,8 @@ def _check_room(root: Path) -> None:
     """Refuse a disk that is full before the work begins."""
     free = shutil.disk_usage(root).free
     if free < _LEAST_FREE:
-        raise OutputRefused(
-            f"{root}: only {free / 2**20:.1f} MiB of disk are free, at least {_LEAST_FREE >> 20} are needed: make "
-            "room, or choose another folder for --out"
-        )
+        cause = f"only {free / 2**20:.1f} MiB of disk are free, at least {_LEAST_FREE >> 20} are needed"
+        raise OutputRefused(f"{root}: {cause}: make room, or choose another folder for --out")
 
 
 def _remove_parts(root: Path) -> None:

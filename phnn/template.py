@@ -214,8 +214,7 @@ def with_roles(found: Found, picked: Mapping[str, tuple[str, str]]) -> Found:
         roles[role] = _Role(named[name]._replace(unit=unit), unit, ())
     if missing := [role for role in (INPUT, OUTPUT) if role not in roles]:
         raise InputRefused(f"{found.file}: no column is the {missing[0]}: choose one")
-    actuator = _is_of_actuator(roles[INPUT].column, roles[OUTPUT].column)
-    return replace(found, roles=roles, actuator=actuator)
+    return replace(found, roles=roles, actuator=_is_of_actuator(roles[INPUT].column, roles[OUTPUT].column))
 
 
 def _role(column: _Seen, otherwise: str, named: object) -> _Role:

@@ -31,7 +31,7 @@ from phnn.network.bondgraph import GY, TF, Bond, BondGraph, C, I, R, Se, Sf
 from phnn.network.bondgraph.description import DIRECTIONS, Element, Link
 from phnn.network.elements import Modulation, ModulatorState, Network, Ratio
 from phnn.parameters import Parameter, positive
-from phnn.recordings.manifest import READY, choice, flag, keys_of, label, mapping, number, shown
+from phnn.recordings.manifest import READY, choice, flag, label, mapping, number, shown
 from phnn.results import printable
 
 _TOP = ("about", "junctions", "elements", "bonds", "modulations", "memories", "parameters", "output", "merge")
@@ -104,8 +104,7 @@ def ready(name: str, values: Mapping[str, float] | None = None, units: tuple[str
 
 def _graph(content: Any, name: str) -> BondGraph:
     """Return the bond graph that a mapping describes; raises as `load_graph`."""
-    top = mapping({} if content is None else content, name)
-    keys_of(top, _TOP, name)
+    top = mapping({} if content is None else content, name, _TOP)
     for key in ("junctions", "elements", "parameters", "output"):
         if key not in top:
             raise InputRefused(f"{name}: no {key!r}: a network has {', '.join(_TOP[1:])}")
@@ -141,7 +140,7 @@ def _element(name: str, said: Any, where: str) -> Element:
     keys = ["type", *(f.name for f in fields(make) if f.name != "name")]
     if "junction" not in content:
         raise InputRefused(f"{where}: no `junction`: name the junction that it hangs on")
-    keys_of(content, keys, where)
+    mapping(content, where, keys)
     law, parameters = _law(content, default, laws, where)
     # The classes have the units of an actuator where none is given.
     given: dict[str, Any] = ({"unit": "1"} if "unit" in keys else {}) | dict(content)
@@ -170,8 +169,7 @@ def _each(top: Mapping[str, Any], key: str, make: Callable[[str, Any, str], Any]
 
 
 def _modulation(ratio: str, said: Any, where: str) -> Modulation:
-    content = mapping(said, where)
-    keys_of(content, ("by", "law", "parameters"), where)
+    content = mapping(said, where, ("by", "law", "parameters"))
     if "by" not in content:
         raise InputRefused(f"{where}: no `by`: name the storage or memory that the ratio follows")
     return Modulation(
@@ -180,8 +178,7 @@ def _modulation(ratio: str, said: Any, where: str) -> Modulation:
 
 
 def _memory(name: str, said: Any, where: str) -> ModulatorState:
-    content = mapping(said, where)
-    keys_of(content, ("law", "parameters", "of", "unit"), where)
+    content = mapping(said, where, ("law", "parameters", "of", "unit"))
     law, parameters = _law(content, next(iter(MEMORY_LAWS)), MEMORY_LAWS, where)
     of = content.get("of", [])
     drives = tuple(label(n, f"{where}: of") for n in (of if isinstance(of, list) else [of]))
@@ -191,7 +188,7 @@ def _memory(name: str, said: Any, where: str) -> ModulatorState:
 def _bond(said: Any, where: str) -> Link:
     content = mapping(said, where)
     kind = choice(content.get("type", "bond"), ("bond", "TF", "GY"), f"{where}: type")
-    keys_of(content, ("type", "from", "to") if kind == "bond" else ("type", "from", "to", "ratio"), where)
+    mapping(content, where, ("type", "from", "to") if kind == "bond" else ("type", "from", "to", "ratio"))
     for key in ("from", "to"):
         if key not in content:
             raise InputRefused(f"{where}: no `{key}`: a bond goes from one junction to another")
@@ -204,8 +201,7 @@ def _bond(said: Any, where: str) -> Link:
 
 
 def _parameter(name: str, said: Any, where: str) -> Parameter:
-    content = mapping({"value": said} if isinstance(said, int | float) else said, where)
-    keys_of(content, _PARAMETER, where)
+    content = mapping({"value": said} if isinstance(said, int | float) else said, where, _PARAMETER)
     if "value" not in content:
         raise InputRefused(f"{where}: no value: write {{value: ..., unit: ...}} in SI units")
     value = number(content["value"], f"{where}: value")

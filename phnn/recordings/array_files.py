@@ -187,11 +187,9 @@ def read_mat(source: Source) -> Table:
         # The object of MATLAB's System Identification Toolbox has a time, an input and an output.
         fields = ("SamplingInstants", "InputData", "OutputData") if kind == "iddata" else ()
         time, u, y = (f"{name}.{field}" for field in fields) if fields else ("…", "…", "…")
-        raise InputRefused(
-            f"{where}: {name} is an object of class {kind}, whose content only MATLAB can read: save its numbers "
-            f"there, with their units: time_s = {time}; input_V = {u}; output_m = {y}; save('{name}.mat', 'time_s', "
-            f"'input_V', 'output_m')"
-        )
+        cause = f"{name} is an object of class {kind}, whose content only MATLAB can read"
+        remedy = f"time_s = {time}; input_V = {u}; output_m = {y}; save('{name}.mat', 'time_s', 'input_V', 'output_m')"
+        raise InputRefused(f"{where}: {cause}: save its numbers there, with their units: {remedy}")
     if len(experiments) == 1:
         ((name, columns),) = experiments.items()
         names, values = zip(*columns, strict=True)
@@ -278,11 +276,9 @@ def read_npy(source: Source) -> Table:
         names = array.dtype.names
         return Table(Where(source.name), tuple(map(printable, names)), tuple(array.reshape(-1)[n] for n in names))
     if array.ndim != 2:
-        raise InputRefused(
-            f"{source.name}: an array of shape {array.shape}: save it as (samples, columns) with voltage and "
-            f"displacement among the columns, or say in recordings.yaml what its axes are, such as "
-            f"axes: [time, channel, realisation, period]"
-        )
+        remedy = "save it as (samples, columns) with voltage and displacement among the columns"
+        other = "say in recordings.yaml what its axes are, such as axes: [time, channel, realisation, period]"
+        raise InputRefused(f"{source.name}: an array of shape {array.shape}: {remedy}, or {other}")
     if array.shape[0] < array.shape[1] and array.shape[0] <= most:
         array = array.T  # channels along the first axis: never more channels than samples
     if array.shape[1] > most:
@@ -299,10 +295,8 @@ def read_axes(source: Source, axes: Sequence[str]) -> Table:
         raise InputRefused(f"{source.name}: `axes` describe a .npy array: leave them out, or save it with numpy.save")
     array = _load_npy(source)
     if array.ndim != len(axes) or array.dtype.kind not in "iuf":
-        raise InputRefused(
-            f"{source.name}: an array of shape {array.shape} and type {array.dtype}, said to have the axes "
-            f"{', '.join(axes)}: name as many, of real numbers"
-        )
+        cause = f"an array of shape {array.shape} and type {array.dtype}, said to have the axes {', '.join(axes)}"
+        raise InputRefused(f"{source.name}: {cause}: name as many, of real numbers")
     absent = [name for name in AXES if name not in axes]
     ordered = np.expand_dims(array, tuple(range(array.ndim, 4))).transpose([[*axes, *absent].index(n) for n in AXES])
     channels = ordered.shape[3]
@@ -414,8 +408,6 @@ def _numbers(values: list[Any], name: str) -> np.ndarray:
     """Return the numbers of an array, missing ones as NaN."""
     for i, value in enumerate(values, start=1):
         if not isinstance(value, float | None):
-            raise ValueError(
-                f"{name}, row {i}: {printable(repr(value)[:_SHOWN])} is no number: write numbers with a point as "
-                f"decimal sign, and null where a sample is missing"
-            )
+            remedy = "write numbers with a point as decimal sign, and null where a sample is missing"
+            raise ValueError(f"{name}, row {i}: {printable(repr(value)[:_SHOWN])} is no number: {remedy}")
     return np.array([np.nan if value is None else value for value in values])

@@ -127,21 +127,18 @@ def _without_marks(
         others = good[good != mark]
         if others.size in (0, good.size) or np.unique(others).size < _VALUES:
             continue
-        far = max(others.min() - mark, mark - others.max())
-        if far > _APART * float(np.ptp(others)):
-            row = int(np.flatnonzero((values == mark) & ~marked)[0])
-            raise InputRefused(
-                f"{where}: {label}, {where.row(row)}: {good.size - others.size} values of {mark:g}, all others lie "
-                f"between {others.min():g} and {others.max():g}: a mark of missing values? Say missing: [{mark:g}] for "
-                f"this column in recordings.yaml, or repair these rows"
-            )
+        if max(others.min() - mark, mark - others.max()) > _APART * float(np.ptp(others)):
+            row = where.row(int(np.flatnonzero((values == mark) & ~marked)[0]))
+            between = f"{others.min():g} and {others.max():g}"
+            cause = f"{good.size - others.size} values of {mark:g}, all others lie between {between}"
+            remedy = f"Say missing: [{mark:g}] for this column in recordings.yaml, or repair these rows"
+            raise InputRefused(f"{where}: {label}, {row}: {cause}: a mark of missing values? {remedy}")
     unwrapped = good if said.unwrap is None else np.unwrap(good, period=said.unwrap)
     if output and said.unwrap is None and (turn := _wraps(good)) is not None:
-        row = int(np.flatnonzero(~marked)[int(np.argmax(np.abs(np.diff(good)) > _JUMPS * turn)) + 1])
-        raise InputRefused(
-            f"{where}: {label}, {where.row(row)}: jumps by its whole range of {turn:.6g}, as an angle or a counter "
-            f"that starts again: say unwrap: {turn:.6g} for this column in recordings.yaml, in the numbers of the file"
-        )
+        row = where.row(int(np.flatnonzero(~marked)[int(np.argmax(np.abs(np.diff(good)) > _JUMPS * turn)) + 1]))
+        cause = f"jumps by its whole range of {turn:.6g}, as an angle or a counter that starts again"
+        remedy = f"say unwrap: {turn:.6g} for this column in recordings.yaml, in the numbers of the file"
+        raise InputRefused(f"{where}: {label}, {row}: {cause}: {remedy}")
     off = _glitches(unwrapped) if output else np.zeros(0, dtype=np.int64)
     if off.size:
         rows = np.flatnonzero(~marked)[off]
@@ -157,9 +154,9 @@ def _without_marks(
         return unwrapped, marked
     kept = np.flatnonzero(~marked)
     if not output and int(np.diff(np.concatenate([[-1], kept, [values.size]])).max()) > _MASKED + 1:
-        place = where.row(int(np.argmax(marked)))
+        row = where.row(int(np.argmax(marked)))
         cause = f"more than {_MASKED} values of an input are missing in a row"
-        raise InputRefused(f"{where}: {label}, {place}: {cause}: cut the recording there (`slice` in recordings.yaml)")
+        raise InputRefused(f"{where}: {label}, {row}: {cause}: cut the recording there (`slice` in recordings.yaml)")
     return np.interp(np.arange(values.size), kept, unwrapped), marked
 
 
@@ -205,10 +202,8 @@ def _by_name(table: Table, quantity: str, spoken_for: Mapping[int, Column]) -> i
     known = known or [i for i in units if i not in spoken_for]
     if len(known) > 1:
         names = ", ".join(table.names[i] for i in known)
-        raise InputRefused(
-            f"{table.where}: {names} all claim to be the {quantity}: keep one, or say which in recordings.yaml, "
-            f"columns: {{{quantity}: {{column: NAME}}}}"
-        )
+        remedy = f"keep one, or say which in recordings.yaml, columns: {{{quantity}: {{column: NAME}}}}"
+        raise InputRefused(f"{table.where}: {names} all claim to be the {quantity}: {remedy}")
     return known[0] if known else None
 
 
@@ -294,17 +289,14 @@ def stamped(t: Array, resolution: float, channels: Mapping[str, Array], where: W
     unknown = gap[steps[gap] > _BRIDGED * usual]
     if unknown.size and not held:
         first = int(unknown[0])
-        raise InputRefused(
-            f"{where}: time, {where.row(int(rows[first + 1]))}: a gap of {steps[first]:.6g} s where samples are "
-            f"{usual:.6g} s apart: split the file there, or in recordings.yaml say `segments: true`, take one side of "
-            f"it with `slice`, or say `input: zero_order` where the input was held"
-        )
+        row = where.row(int(rows[first + 1]))
+        cause = f"time, {row}: a gap of {steps[first]:.6g} s where samples are {usual:.6g} s apart"
+        remedy = "split the file there, or in recordings.yaml say `segments: true`, take one side of it with `slice`"
+        raise InputRefused(f"{where}: {cause}: {remedy}, or say `input: zero_order` where the input was held")
     if gap.size:
-        how = "held" if held else "interpolated"
-        notes += (
-            f"{gap.size} intervals are longer than the usual {usual:.4g} s, up to {steps[gap].max():.4g} s, the first "
-            f"before {where.row(int(rows[gap[0] + 1]))}: the input is {how} there",
-        )
+        row, how = where.row(int(rows[gap[0] + 1])), "held" if held else "interpolated"
+        gaps = f"{gap.size} intervals are longer than the usual {usual:.4g} s, up to {steps[gap].max():.4g} s"
+        notes += (f"{gaps}, the first before {row}: the input is {how} there",)
     k = np.arange(t.size)
     dt, start = (float(c) for c in np.polyfit(k, t - t[0], 1))
     largest = float(np.abs(t - t[0] - (start + dt * k)).max())

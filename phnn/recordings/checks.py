@@ -40,9 +40,8 @@ def folder_exists(folder: Path) -> None:
     """Refuse a folder that is absent, out of reach or a file."""
     _, found = reached(folder, "folder ", "folder", "check the path")
     if not stat.S_ISDIR(found.st_mode):
-        raise InputRefused(
-            f"{printable(str(folder))}: this is a file: give the folder that holds it (one file is one recording)"
-        )
+        remedy = "give the folder that holds it (one file is one recording)"
+        raise InputRefused(f"{printable(str(folder))}: this is a file: {remedy}")
 
 
 def any_recordings(files: Sequence[Path], left: Sequence[str], folder: Path) -> None:
@@ -50,21 +49,17 @@ def any_recordings(files: Sequence[Path], left: Sequence[str], folder: Path) -> 
     if files:
         return
     found = f"; it holds {listed(left)}" if left else "; it is empty"
-    raise InputRefused(
-        f"folder {printable(str(folder))}: no recordings in it{found}: add .csv files with columns "
-        f"time_s, voltage_V, displacement_um, or describe the files in recordings.yaml (`phnn template` writes a first "
-        f"one)"
-    )
+    remedy = "add .csv files with columns time_s, voltage_V, displacement_um"
+    other = "describe the files in recordings.yaml (`phnn template` writes a first one)"
+    raise InputRefused(f"folder {printable(str(folder))}: no recordings in it{found}: {remedy}, or {other}")
 
 
 def no_results(folder: Path) -> None:
     """Refuse the folder of a result in the place of that of the recordings, unless it has a manifest."""
     found = next((name for name in _RESULTS if os.path.isfile(folder / name)), None)
     if found is not None and os.path.isdir(folder / NOTES) and not os.path.lexists(folder / "recordings.yaml"):
-        raise InputRefused(
-            f"folder {printable(str(folder))}: holds a result of phnn ({found}): give the folder of the recordings, or "
-            "describe those in this one in recordings.yaml"
-        )
+        remedy = "give the folder of the recordings, or describe those in this one in recordings.yaml"
+        raise InputRefused(f"folder {printable(str(folder))}: holds a result of phnn ({found}): {remedy}")
 
 
 def not_too_many(recordings: int, samples: int, folder: Path) -> None:
@@ -72,15 +67,13 @@ def not_too_many(recordings: int, samples: int, folder: Path) -> None:
     counts = (recordings, LIMITS.recordings, "recordings"), (samples, LIMITS.samples, "samples")
     for count, most, what in counts:
         if count > most:
-            raise InputRefused(
-                f"folder {printable(str(folder))}: more than {most} {what}: divide them among several folders"
-            )
+            cause = f"more than {most} {what}"
+            raise InputRefused(f"folder {printable(str(folder))}: {cause}: divide them among several folders")
     taken = samples * LIMITS.sample_bytes
     if taken > _MUCH and taken > available_memory():
-        raise InputRefused(
-            f"folder {printable(str(folder))}: {samples} samples take {filesize.decimal(taken)} of memory to check, "
-            f"and less is available: export fewer, or divide them among several folders"
-        )
+        cause = f"{samples} samples take {filesize.decimal(taken)} of memory to check, and less is available"
+        remedy = "export fewer, or divide them among several folders"
+        raise InputRefused(f"folder {printable(str(folder))}: {cause}: {remedy}")
 
 
 def unique_names(names: Iterable[tuple[str, str]]) -> None:
@@ -88,10 +81,8 @@ def unique_names(names: Iterable[tuple[str, str]]) -> None:
     seen: dict[str, str] = {}
     for name, file in names:
         if name in seen:
-            raise InputRefused(
-                f"two recordings are called {name!r} ({seen[name]} and {file}): rename a file, or give each a `name` "
-                f"in recordings.yaml"
-            )
+            remedy = "rename a file, or give each a `name` in recordings.yaml"
+            raise InputRefused(f"two recordings are called {name!r} ({seen[name]} and {file}): {remedy}")
         seen[name] = file
 
 
@@ -105,10 +96,8 @@ def absent(quantity: str, names: Sequence[str], where: Where) -> InputRefused:
 def enough_samples(size: int, where: Where) -> None:
     """Refuse a recording of fewer than 50 samples."""
     if size < FEWEST_SAMPLES:
-        raise InputRefused(
-            f"{where}: {size} sample{'s' if size != 1 else ''}, at least {FEWEST_SAMPLES} are needed: "
-            f"record longer or faster, or remove the file"
-        )
+        cause = f"{size} sample{'s' if size != 1 else ''}, at least {FEWEST_SAMPLES} are needed"
+        raise InputRefused(f"{where}: {cause}: record longer or faster, or remove the file")
 
 
 def finite(values: np.ndarray, label: str, where: Where, key: str) -> None:
@@ -117,11 +106,9 @@ def finite(values: np.ndarray, label: str, where: Where, key: str) -> None:
     if bad.any():
         row = int(np.argmax(bad))
         what = "is missing (NaN or empty)" if np.isnan(values[row]) else f"is {values[row]:g}"
-        raise InputRefused(
-            f"{where}: {label}, {where.row(row)}: the value {what}, {int(bad.sum())} such rows in all: "
-            f"repair them, or cut the recording there (`slice` in recordings.yaml), or mask "
-            f"them by {key}"
-        )
+        cause = f"{label}, {where.row(row)}: the value {what}, {int(bad.sum())} such rows in all"
+        remedy = f"repair them, or cut the recording there (`slice` in recordings.yaml), or mask them by {key}"
+        raise InputRefused(f"{where}: {cause}: {remedy}")
 
 
 def disorder(t: np.ndarray, where: Where, rows: np.ndarray) -> InputRefused:
@@ -141,18 +128,15 @@ def interval(dt: float, where: Where) -> None:
     """Refuse a sampling interval [s] that no instrument has."""
     least, most = INTERVALS
     if not least <= dt <= most:
-        raise InputRefused(
-            f"{where}: samples {dt:.3g} s apart, between {least:g} s and {most:g} s are accepted: correct the unit of "
-            f"time, or the sample rate"
-        )
+        cause = f"samples {dt:.3g} s apart, between {least:g} s and {most:g} s are accepted"
+        raise InputRefused(f"{where}: {cause}: correct the unit of time, or the sample rate")
 
 
 def output_moves(y: np.ndarray, label: str, where: Where) -> None:
     """Refuse a constant output."""
     if np.ptp(y) <= SMALLEST_RANGE:
-        raise InputRefused(
-            f"{where}: {label}: constant at {y[0]:.6g} in all {y.size} rows: check the sensor and the choice of column"
-        )
+        cause = f"{label}: constant at {y[0]:.6g} in all {y.size} rows"
+        raise InputRefused(f"{where}: {cause}: check the sensor and the choice of column")
 
 
 def input_moves(u: np.ndarray, before: float | None, label: str, where: Where) -> None:

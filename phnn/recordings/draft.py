@@ -20,11 +20,12 @@ from phnn.results import printable
 from phnn.signals.noise import FROM_PERIODS, WHITE, NoiseFloor, noise_floor
 from phnn.signals.sampling import longest_run, quantisation_step, runs
 
+Channels = Mapping[str, Channel]
 # A step of time longer than this many usual ones begins a new recording.
 _JUMP = 1.5
 
 
-def segmented(entry: Entry, channels: Mapping[str, Channel], table: Table) -> list[Entry]:
+def segmented(entry: Entry, channels: Channels, table: Table) -> list[Entry]:
     """Return an entry for every recording in its file, each with its slice and, where there are several, a number.
 
     The slice of an array with axes is taken of every realisation.
@@ -33,9 +34,8 @@ def segmented(entry: Entry, channels: Mapping[str, Channel], table: Table) -> li
     one = size // table.shape[0] if table.shape else size
     first, last = entry.slice or (0, one)
     if last > one:
-        raise InputRefused(
-            f"{where}: slice {[first, last]} reaches beyond the file's {one} samples: correct it in recordings.yaml"
-        )
+        cause = f"slice {[first, last]} reaches beyond the file's {one} samples"
+        raise InputRefused(f"{where}: {cause}: correct it in recordings.yaml")
     pieces = [(i + first, i + last) for i in range(0, max(size, 1), max(one, 1))]
     counted = entry.segments is not False and not table.shape
     if counted or table.segments:
@@ -47,19 +47,17 @@ def segmented(entry: Entry, channels: Mapping[str, Channel], table: Table) -> li
     return [replace(entry, slice=piece, name=f"{stem}_{i:0{digits}d}") for i, piece in enumerate(pieces, start=1)]
 
 
-def _edges(entry: Entry, channels: Mapping[str, Channel], first: int, last: int, where: Where) -> Sequence[int]:
+def _edges(entry: Entry, channels: Channels, first: int, last: int, where: Where) -> Sequence[int]:
     """Return where the second segment and every further one begins."""
     if entry.segments is not True:
         if (last - first) % entry.segments:
-            raise InputRefused(
-                f"{where}: {last - first} samples are no whole number of segments of {entry.segments}: correct "
-                f"`segments` in recordings.yaml, or cut the rest off with `slice`"
-            )
+            cause = f"{last - first} samples are no whole number of segments of {entry.segments}"
+            remedy = "correct `segments` in recordings.yaml, or cut the rest off with `slice`"
+            raise InputRefused(f"{where}: {cause}: {remedy}")
         return range(first + entry.segments, last, entry.segments)
     if "time" not in channels:
-        raise InputRefused(
-            f"{where}: no time column to tell segments by: write the number of samples of each, segments: 8192"
-        )
+        cause = "no time column to tell segments by"
+        raise InputRefused(f"{where}: {cause}: write the number of samples of each, segments: 8192")
     steps = np.diff(channels["time"].values[first:last])
     usual = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
     return (np.flatnonzero((steps < 0.0) | (steps > _JUMP * usual)) + first + 1).tolist()
@@ -160,20 +158,16 @@ def drafts_of(entry: Entry, table: Table, said: Manifest, need_output: bool, hom
     return [_draft(piece, table, channels, (u_name, y_name), said) for piece in pieces for y_name in y_names]
 
 
-def _draft(
-    entry: Entry, table: Table, channels: Mapping[str, Channel], roles: tuple[str, str | None], said: Manifest
-) -> Draft:
+def _draft(entry: Entry, table: Table, channels: Channels, roles: tuple[str, str | None], said: Manifest) -> Draft:
     u_name, y_name = roles
     name = entry.name or printable(Path(entry.files[0]).stem)
     t, values, own, where, notes = _sampled(entry, table, channels)
     if t.size > _LONG:
         stride = 1 if own else _stride(t, values, roles)
-        notes.append(
-            f"{t.size} samples, of which one in {stride} is used: what lies between follows from these"
-            if stride > 1
-            else f"{t.size} samples, all of which are needed: a fit takes {t.size // _ENOUGH} times as long as of "
-            f"{_ENOUGH}; see `slice`"
-        )
+        why = f"of which one in {stride} is used: what lies between follows from these"
+        if stride == 1:
+            why = f"all of which are needed: a fit takes {t.size // _ENOUGH} times as long as of {_ENOUGH}; see `slice`"
+        notes.append(f"{t.size} samples, {why}")
         t, values = t[::stride], {q: x[::stride] for q, x in values.items()}
     if y_name is not None:
         notes += _as_sampled(t, values, own, u_name, y_name, channels, entry.input == "zero_order")
@@ -212,8 +206,8 @@ def _draft(
     floor = _noise(recording, excitation) if np.isfinite(y).all() else unseen
     recording = replace(recording, period=excitation.period)
     what = ", ".join(f"{q} from {c.label} in {c.unit}" for q, c in channels.items())
-    used = {channel.label for channel in channels.values()}
-    spare = [n for i, n in enumerate(table.names) if n and table.label(i) not in used]
+    labels = {channel.label for channel in channels.values()}
+    spare = [n for i, n in enumerate(table.names) if n and table.label(i) not in labels]
     if spare and not table.by_name:
         notes.append(f"columns not used: {', '.join(spare)}")
     notes += [note for q in (*roles, *ports) if q is not None for note in channels[q].notes]
@@ -246,7 +240,7 @@ def _stride(t: np.ndarray, values: Mapping[str, np.ndarray], roles: tuple[str, s
 
 
 def _as_sampled(
-    t: np.ndarray, values: _Values, own: _Values, u_name: str, y_name: str, channels: Mapping[str, Channel], held: bool
+    t: np.ndarray, values: _Values, own: _Values, u_name: str, y_name: str, channels: Channels, held: bool
 ) -> list[str]:
     """Take input and output where they repeat values at their own instants alone, in place; return what was done.
 
@@ -254,11 +248,11 @@ def _as_sampled(
         own: by channel, (N,) at which rows it was sampled.
         held: the input stays where it is between its changes.
     """
-    notes: list[str] = []
     u, y = values[u_name], values[y_name]
     mine = own_rows(t, y, u) if y_name not in own else None
     if mine is None:
-        return notes
+        return []
+    notes = []
     theirs = own_rows(t, u) if u_name not in own else None
     if theirs is not None and (mine | theirs).mean() > _ALL and not held:
         # Two rasters on the union of their stamps.
@@ -266,10 +260,8 @@ def _as_sampled(
         notes.append(f"{u_name} ({channels[u_name].label}) repeats values: taken at its own {theirs.sum()} stamps")
     own[y_name], values[y_name] = mine, interpolated(t[mine], y[mine], t)
     every = np.median(np.diff(np.flatnonzero(mine)))
-    notes.append(
-        f"{y_name} ({channels[y_name].label}) changes only in every {every:.3g}th row: taken at these {mine.sum()} rows"
-    )
-    return notes
+    changes = f"changes only in every {every:.3g}th row: taken at these {mine.sum()} rows"
+    return [*notes, f"{y_name} ({channels[y_name].label}) {changes}"]
 
 
 def _noise(recording: Recording, excitation: Excitation) -> NoiseFloor:
@@ -299,7 +291,7 @@ def _longest_even(t: np.ndarray) -> np.ndarray:
 
 
 def _roles(
-    entry: Entry, channels: Mapping[str, Channel], said: Manifest, table: Table, need_output: bool
+    entry: Entry, channels: Channels, said: Manifest, table: Table, need_output: bool
 ) -> tuple[str, list[str | None]]:
     """Return which channels are the first input and the outputs. A force drives only what is no piezo actuator."""
     actuator = is_actuator(said.setup)
@@ -311,9 +303,7 @@ def _roles(
     return inputs[0], (outputs if entry.outputs else outputs[:1]) or [None]
 
 
-def _sampled(
-    entry: Entry, table: Table, channels: Mapping[str, Channel]
-) -> tuple[np.ndarray, _Values, _Values, Where, list[str]]:
+def _sampled(entry: Entry, table: Table, channels: Channels) -> tuple[np.ndarray, _Values, _Values, Where, list[str]]:
     """Return the instants and the channels, cut to the slice, at which rows each was sampled, and notes."""
     assert entry.slice is not None
     first, last = entry.slice
@@ -334,9 +324,8 @@ def _sampled(
     # Where channels have clocks of their own, their union has uneven intervals.
     notes = [] if table.own else list(found.notes)
     if rate is not None and abs(rate * interval - 1.0) > _RATE:
-        notes.append(
-            f"sample_rate_hz {rate:g} is not used: the times are {interval:.6g} s apart ({1 / interval:.6g} Hz)"
-        )
+        apart = f"{interval:.6g} s apart ({1 / interval:.6g} Hz)"
+        notes.append(f"sample_rate_hz {rate:g} is not used: the times are {apart}")
     return found.t, found.values, {q: x[found.rows] for q, x in own.items()}, where, notes
 
 
@@ -348,8 +337,6 @@ def _excitation(recording: Recording, entry: Entry, table: Table, where: Where) 
     if found.period is None and table.shape and drive.size >= table.shape[-1]:
         return replace(found, period=table.shape[-1] * dt, cycles=drive.size / table.shape[-1])
     if entry.periodic and found.period is None:
-        raise InputRefused(
-            f"{where}: recordings.yaml says periodic: true, but the input does not repeat (two whole periods are "
-            f"needed): correct it, or leave `periodic` out"
-        )
+        cause = "recordings.yaml says periodic: true, but the input does not repeat (two whole periods are needed)"
+        raise InputRefused(f"{where}: {cause}: correct it, or leave `periodic` out")
     return found

@@ -58,22 +58,27 @@ def excitation_of(u: np.ndarray, dt: float) -> Excitation:
     amplitude = 0.5 * float(np.ptp(u))
     if amplitude == 0.0:
         return Excitation("constant", 0.0, 0.0, 0.0, None, 0.0, (0, u.size))
-    first, last = span = active_span(u)
+    # The rests at the beginning and the end are left out.
+    moving = np.flatnonzero(np.abs(np.diff(u)) > 1e-9 * float(np.ptp(u)))
+    first, last = int(moving[0]), int(moving[-1]) + 2
+    first, last = span = (first if first > 2 else 0), (last if last < u.size - 2 else u.size)
     x = u[first:last]
     samples = find_period(x)
     if samples is not None:
-        period = samples * dt
-        cycles = x.size / samples
-        sine = _sine_misfit(x, 1.0 / samples) < 1e-3
+        period, sine = samples * dt, _sine_misfit(x, 1.0 / samples) < 1e-3
         high = 1.0 / period if sine else _band(x, dt)[1]
-        return Excitation("sine" if sine else "periodic", 1.0 / period, high, amplitude, period, cycles, span)
+        kind = "sine" if sine else "periodic"
+        return Excitation(kind, 1.0 / period, high, amplitude, period, x.size / samples, span)
     if _few_levels(u):
         return Excitation("steps", 0.0, 0.0, amplitude, None, 0.0, span)
     frequency = _single_sine(x)
     sweep = _sweep(x) if frequency is None else None
     if sweep is not None:
         return Excitation("chirp", sweep[0] / dt, sweep[1] / dt, amplitude, None, 0.0, span)
-    frequency = frequency or _disturbed_sine(x)
+    if frequency is None:
+        # Noise may keep a sine from repeating exactly.
+        peak = int(np.argmax(spectrum(x)[1:] ** 2)) + 1
+        frequency = _sine_between(x, max(peak - 1.0, 0.3) / x.size, (peak + 1.0) / x.size, _DISTURBED)
     if frequency is not None:
         return Excitation("sine", frequency / dt, frequency / dt, amplitude, None, x.size * frequency, span)
     return Excitation("broadband", *_band(x, dt), amplitude, None, 0.0, span)
@@ -82,13 +87,6 @@ def excitation_of(u: np.ndarray, dt: float) -> Excitation:
 def spectrum(x: np.ndarray) -> np.ndarray:
     """Return the amplitudes (not scaled) of the Fourier transform of ``x`` without its mean, through a Hann window."""
     return np.asarray(np.abs(np.fft.rfft((x - x.mean()) * np.hanning(x.size))))
-
-
-def active_span(u: np.ndarray) -> tuple[int, int]:
-    """Return the samples ``[first, last)`` between the rests at the beginning and the end of an input that moves."""
-    moving = np.flatnonzero(np.abs(np.diff(u)) > 1e-9 * float(np.ptp(u)))
-    first, last = int(moving[0]), int(moving[-1]) + 2
-    return (first if first > 2 else 0), (last if last < u.size - 2 else u.size)
 
 
 def find_period(x: np.ndarray) -> float | None:
@@ -101,7 +99,11 @@ def find_period(x: np.ndarray) -> float | None:
     most = int(x.size / 1.95) + 2
     if x.size < 16 or float(np.ptp(x)) == 0.0:
         return None
-    mismatch = _mismatches(x, most)
+    # Of x with itself at whole lags.
+    cross = correlate(x, x, method="fft")[x.size - 1 : x.size + most]
+    squares = np.concatenate(([0.0], np.cumsum(x * x)))
+    energy = squares[x.size - most :][::-1] + (squares[-1] - squares[: most + 1])
+    mismatch = (energy - 2.0 * cross) / (x.size - np.arange(most + 1)) / (2.0 * float(x.var()))
     unlike = np.flatnonzero(mismatch > _UNLIKE)
     if unlike.size == 0:
         return None
@@ -126,15 +128,6 @@ def _over_many(x: np.ndarray, period: float, left: float) -> float | None:
         return None
     # A whole number of samples where the difference cannot be seen over the recording.
     return float(round(period)) if abs(period - round(period)) * count < 0.02 else period
-
-
-def _mismatches(x: np.ndarray, most: int) -> np.ndarray:
-    """Return ``(most+1,)`` mismatch of ``x`` with itself at whole lags."""
-    n = x.size
-    cross = correlate(x, x, method="fft")[n - 1 : n + most]
-    squares = np.concatenate(([0.0], np.cumsum(x * x)))
-    energy = squares[n - most :][::-1] + (squares[n] - squares[: most + 1])
-    return np.asarray((energy - 2.0 * cross) / (n - np.arange(most + 1)) / (2.0 * float(x.var())))
 
 
 def _refined(x: np.ndarray, lag: float, reach: float) -> tuple[float, float]:
@@ -171,17 +164,9 @@ def _single_sine(x: np.ndarray) -> float | None:
     stride = max(1, x.size // 1000)
     thin = np.asarray(x[::stride], dtype=float)
     grid = np.geomspace(0.3, 3.0, 24) / thin.size
-    coarse = [_sine_misfit(thin, float(f)) for f in grid]
-    i = int(np.argmin(coarse))
+    i = int(np.argmin([_sine_misfit(thin, float(f)) for f in grid]))
     frequency = _sine_between(thin, float(grid[max(i - 1, 0)]), float(grid[min(i + 1, grid.size - 1)]), 1e-4)
     return None if frequency is None else frequency / stride
-
-
-def _disturbed_sine(x: NDArray[np.float64]) -> float | None:
-    """Frequency in cycles per sample of a sine that noise keeps from repeating exactly; ``None`` for other signals."""
-    power = spectrum(x) ** 2
-    peak = int(np.argmax(power[1:])) + 1
-    return _sine_between(x, max(peak - 1.0, 0.3) / x.size, (peak + 1.0) / x.size, _DISTURBED)
 
 
 def _sine_between(x: NDArray[np.float64], low: float, high: float, most: float) -> float | None:
@@ -265,19 +250,22 @@ class Driving(NamedTuple):
         return np.array([self.command.nominal[self.group == g][0] for g in range(count)])
 
 
-class _Same:
-    """An array as the key of a cache: equal to itself alone."""
+class _Input:
+    """All that the input between samples depends on, as the key of a cache: arrays are equal to themselves alone."""
 
-    __slots__ = ("array",)
-
-    def __init__(self, array: Array) -> None:
-        self.array = array
+    def __init__(self, recording: Recording, method: str | None) -> None:
+        self.samples, self.further, self.t = recording.u, list(recording.further.values()), recording.t
+        self.cycle, self.before = recording.cycle, recording.input_before
+        self.period = (recording.period or 0.0) / recording.dt  # sample intervals, 0 for none
+        self.uneven, self.method = recording.clock is not None, method or recording.interpolation
+        arrays = (self.samples, *self.further, *((self.t,) if self.uneven else ()))
+        self.key = (*map(id, arrays), self.cycle, self.before, self.period, self.uneven, self.method)
 
     def __hash__(self) -> int:
-        return id(self.array)
+        return hash(self.key)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Same) and other.array is self.array
+        return isinstance(other, _Input) and other.key == self.key
 
 
 def driving_of(recording: Recording, substeps: int, method: str | None = None) -> Driving:
@@ -287,36 +275,25 @@ def driving_of(recording: Recording, substeps: int, method: str | None = None) -
         substeps: steps a sample interval, more of them after jumps.
         method: another reconstruction than the recording's.
     """
-    further = tuple(_Same(x) for x in recording.further.values())
-    period, times = (recording.period or 0.0) / recording.dt, None if recording.clock is None else _Same(recording.t)
-    u, cycle, before = _Same(recording.u), recording.cycle, recording.input_before
-    return _driving(u, further, cycle, before, period, times, substeps, method or recording.interpolation)
+    return _driving(_Input(recording, method), substeps)
 
 
 @lru_cache(maxsize=64)
-def _driving(
-    u: _Same,
-    further: tuple[_Same, ...],
-    cycle: int,
-    before: float,
-    period: float,
-    times: _Same | None,
-    substeps: int,
-    method: str,
-) -> Driving:
-    """Return what `driving_of` does; the period is in sample intervals, 0 for none, the times are not uniform."""
-    lead, samples, others = cycle, u.array, [x.array for x in further]
+def _driving(given: _Input, substeps: int) -> Driving:
+    """Return what `driving_of` does."""
+    cycle, method = given.cycle, given.method
+    lead, samples, others = cycle, given.samples, given.further
     if cycle:
         samples, *others = (np.concatenate([x[:cycle], x]) for x in (samples, *others))
-    elif method in WITH_BREAKS and starts_with_jump(samples, before):
-        lead, samples = 1, np.concatenate([[before], samples])
+    elif method in WITH_BREAKS and starts_with_jump(samples, given.before):
+        lead, samples = 1, np.concatenate([[given.before], samples])
         others = [np.concatenate([x[:1], x]) for x in others]
-    counts = substep_counts(samples, before, substeps)
+    counts = substep_counts(samples, given.before, substeps)
     for x in others:
         counts = np.maximum(counts, substep_counts(x, float(x[0]), substeps))
     counts, clock, lengths = made_periodic(counts, cycle), None, np.ones(counts.size)
-    if times is not None:
-        t = times.array
+    if given.uneven:
+        t = given.t
         clock = np.concatenate([-np.arange(lead, 0.0, -1.0), t * (t.size - 1) / t[-1]])
         lengths = np.diff(clock)
         # As many steps in a unit of time, whatever the intervals.
@@ -326,7 +303,7 @@ def _driving(
     for k, x in enumerate(others):
         means[:, k] = mean_input(Reconstruction(x, counts, method, clock=clock).fine())
     means.flags.writeable = False
-    group = _shared(command.breaks.jumps, cycle, period, samples.size)
+    group = _shared(command.breaks.jumps, cycle, given.period, samples.size)
     if group.max(initial=-1) + 1 < group.size:
         # Jumps that share an instant have to mean the same by it.
         command = replace(command, sharp=True)

@@ -184,9 +184,10 @@ def _decoded(source: Source, file: Any, path: str, item: Any, depth: int) -> Any
     if isinstance(item, h5py.Group):
         fields = {n: item[n] for n in item}
         found = {n: _decoded(source, file, f"{path}/{n}", x, depth + 1) for n, x in fields.items()}
+        datasets = [x for x in fields.values() if isinstance(x, h5py.Dataset)]
         # The fields of an array of structures are references that are no cells.
-        arrays = [isinstance(x, h5py.Dataset) and _references(x) and _class(x) != "cell" for x in fields.values()]
-        if not found or not all(arrays) or len({len(v) for v in found.values()}) != 1:
+        arrays = [x for x in datasets if h5py.check_ref_dtype(x.dtype) and _class(x) != "cell"]
+        if not found or len(arrays) < len(found) or len({len(v) for v in found.values()}) != 1:
             return found
         return [dict(zip(found, values, strict=True)) for values in zip(*found.values(), strict=True)]
     if not isinstance(item, h5py.Dataset) or item.shape is None:
@@ -194,7 +195,7 @@ def _decoded(source: Source, file: Any, path: str, item: Any, depth: int) -> Any
     _check_dataset(source, item)
     if _EMPTY in item.attrs:
         return np.empty((0, 0))
-    if _references(item):
+    if h5py.check_ref_dtype(item.dtype):
         if item.size > LIMITS.variables:
             raise ValueError(f"{item.name} has more than {LIMITS.variables} cells")
         cells = (file[ref] for ref in item[()].T.ravel())
@@ -204,12 +205,6 @@ def _decoded(source: Source, file: Any, path: str, item: Any, depth: int) -> Any
         return "".join(map(chr, np.asarray(item[()]).T.ravel()))
     parts = {s.name.rpartition(".")[2]: s for s in _stored(source, path, item, matlab=True)}
     return next(iter(parts.values())) if item.dtype.names is None else parts
-
-
-def _references(item: Any) -> bool:
-    import h5py
-
-    return h5py.check_ref_dtype(item.dtype) is not None
 
 
 def _class(item: Any) -> str:
@@ -254,15 +249,20 @@ def read_tdms(source: Source) -> Table:
 
         closed = _closed(source)
         with source.open() as file, TdmsFile.open(file) as content:
-            numeric = _numeric(source, content)
-        several = len({group for group, _ in numeric}) > 1
-        for (group, name), (values, of) in numeric.items():
-            unit = str(of.get(_UNIT, "")).strip()
-            shown = f"{name} [{unit}]" if unit and not name.endswith(("]", ")")) else name
-            shown = printable(f"{group}.{shown}" if several else shown)
-            if shown in columns:
-                raise InputRefused(f"{where}: two channels are called {shown}: rename one of them, or remove it")
-            columns[shown], clocks[shown] = values, _clock(of)
+            channels = [c for group in content.groups() for c in group.channels()]
+            if len(channels) > LIMITS.variables:
+                raise ValueError(f"{len(channels)} channels, at most {LIMITS.variables} are accepted")
+            channels = [c for c in channels if c.dtype is not None and c.dtype.kind in "iuf" and len(c)]
+            # Nothing in such a file is packed: what it states beyond its size is not there.
+            source.check_memory(sum(len(c) * c.dtype.itemsize for c in channels), unpacked=True)
+            several = len({c.group_name for c in channels}) > 1
+            for c in channels:
+                unit = str(c.properties.get(_UNIT, "")).strip()
+                shown = f"{c.name} [{unit}]" if unit and not c.name.endswith(("]", ")")) else c.name
+                shown = printable(f"{c.group_name}.{shown}" if several else shown)
+                if shown in columns:
+                    raise InputRefused(f"{where}: two channels are called {shown}: rename one of them, or remove it")
+                columns[shown], clocks[shown] = np.asarray(c[:]), _clock(c.properties)
     if not columns:
         raise InputRefused(f"{where}: no numeric channels in it: record it again or remove it")
     notes: tuple[str, ...] = ()
@@ -272,26 +272,22 @@ def read_tdms(source: Source) -> Table:
         columns = {name: values[:whole] for name, values in columns.items()}
         notes = ("the file was not closed, its channels are as long as the shortest",)
     own: dict[str, np.ndarray] = {}
-    kinds = set(clocks.values())
-    if len(kinds) == 1 and (interval := kinds.pop().interval) > 0.0:
-        longest = max(values.size for values in columns.values())
-        columns.setdefault("time_s", interval * np.arange(longest))
-    elif kinds and all(clock.interval > 0.0 for clock in kinds):
-        if not all(clock.dated for clock in kinds):
+    one, *others = set(clocks.values())
+    if one.interval > 0.0 and not others:
+        columns.setdefault("time_s", one.interval * np.arange(max(values.size for values in columns.values())))
+    elif all(clock.interval > 0.0 for clock in (one, *others)):
+        first = min(clock.start for clock in clocks.values())
+        begun = {n: 1e-9 * (c.start - first) for n, c in clocks.items()}
+        if not all(clock.dated for clock in clocks.values()):
             said = "; ".join(f"{name}: every {clock.interval:g} s" for name, clock in clocks.items())
-            raise InputRefused(
-                f"{where}: channels with clocks of their own, and not all say when they began ({said}): write "
-                f"{_START} with each waveform, or export them with one time"
-            )
-        first = min(clock.start for clock in kinds)
-        stamps = {n: 1e-9 * (c.start - first) + c.interval * np.arange(columns[n].size) for n, c in clocks.items()}
-        t, columns, own = merged({n: (stamps[n], columns[n]) for n in columns}, where)
-        own = {n: rows for n, rows in own.items() if not rows.all()}
-        said = "; ".join(
-            f"{n} from {1e-9 * (c.start - first):.6g} s on, every {c.interval:g} s" for n, c in clocks.items()
-        )
+            cause = f"channels with clocks of their own, and not all say when they began ({said})"
+            raise InputRefused(f"{where}: {cause}: write {_START} with each waveform, or export them with one time")
+        stamps = {n: (begun[n] + c.interval * np.arange(columns[n].size), columns[n]) for n, c in clocks.items()}
+        t, columns, own = merged(stamps, where)
+        said = "; ".join(f"{n} from {begun[n]:.6g} s on, every {c.interval:g} s" for n, c in clocks.items())
         notes = (*notes, f"channels with clocks of their own ({said}): aligned by their absolute times")
         columns["time_s"] = t - t[0]
+        own = {n: rows for n, rows in own.items() if not rows.all()}
     return Table(where, tuple(columns), tuple(columns.values()), by_name=True, notes=notes, own=own)
 
 
@@ -301,18 +297,6 @@ class _Clock(NamedTuple):
     start: int
     interval: float
     dated: bool
-
-
-def _numeric(source: Source, content: Any) -> dict[tuple[str, str], tuple[np.ndarray, dict[str, Any]]]:
-    """Return the numbers and properties of the channels that hold some, by group and name."""
-    channels = [c for group in content.groups() for c in group.channels()]
-    if len(channels) > LIMITS.variables:
-        raise ValueError(f"{len(channels)} channels, at most {LIMITS.variables} are accepted")
-    channels = [c for c in channels if c.dtype is not None and c.dtype.kind in "iuf" and len(c)]
-    # Nothing in such a file is packed: what it states beyond its size is not there.
-    stated = sum(len(c) * c.dtype.itemsize for c in channels)
-    source.check_memory(stated, unpacked=True)
-    return {(c.group_name, c.name): (np.asarray(c[:]), dict(c.properties)) for c in channels}
 
 
 def _clock(properties: Mapping[str, Any]) -> _Clock:

@@ -29,20 +29,15 @@ def shown(value: Any) -> str:
     return printable(_BRIEF.repr(value))
 
 
-def mapping(value: Any, where: str) -> Mapping[str, Any]:
-    """Return ``value`` as a mapping. Raises InputRefused otherwise."""
+def mapping(value: Any, where: str, accepted: Iterable[str] | None = None) -> Mapping[str, Any]:
+    """Return ``value`` as a mapping, of accepted keys alone where they are given. Raises InputRefused otherwise."""
     if not isinstance(value, Mapping):
         raise InputRefused(f"{where}: expected keys and values, found {shown(value)}: write `key: value` entries")
+    names = list(accepted or ())
+    if accepted is not None and (unknown := [key for key in value if key not in names]):
+        cause = f"unknown key {shown(unknown[0])}{meant(str(unknown[0]), names)}"
+        raise InputRefused(f"{where}: {cause}: accepted are {', '.join(names)}")
     return value
-
-
-def keys_of(content: Mapping[str, Any], accepted: Iterable[str], where: str) -> None:
-    """Refuse the first key that is not accepted, naming the accepted ones."""
-    names = list(accepted)
-    for key in content:
-        if key not in names:
-            hint = meant(str(key), names)
-            raise InputRefused(f"{where}: unknown key {shown(key)}{hint}: accepted are {', '.join(names)}")
 
 
 def choice(value: Any, accepted: tuple[str, ...], where: str, otherwise: str = "") -> str:
@@ -81,10 +76,8 @@ def label(value: Any, where: str) -> str:
     """Return a name as `text`, printable and not too long. Raises InputRefused otherwise."""
     name = printable(text(value, where))
     if len(name) > LIMITS.name_characters:
-        raise InputRefused(
-            f"{where}: {shown(name)}, a name of {len(name)} characters, at most {LIMITS.name_characters} are accepted: "
-            f"write a shorter one"
-        )
+        cause = f"{shown(name)}, a name of {len(name)} characters, at most {LIMITS.name_characters} are accepted"
+        raise InputRefused(f"{where}: {cause}: write a shorter one")
     return name
 
 
@@ -117,24 +110,22 @@ def columns_of(value: Any, inherited: Mapping[str, Column], where: str, anew: bo
     """Return columns by quantity, laid over inherited ones.
 
     ``anew``: places given elsewhere no longer count (they describe other files), units still do."""
-    content = mapping(value, where)
-    keys_of(content, QUANTITIES, where)
     columns = {q: replace(column, place=None) if anew else column for q, column in inherited.items()}
-    for quantity, said in content.items():
+    for quantity, said in mapping(value, where, QUANTITIES).items():
         columns[quantity] = _column(said, columns.get(quantity, Column()), quantity, f"{where}: {quantity}")
     return columns
 
 
 def named_of(value: Any, quantity: str, where: str) -> dict[str, Column]:
     """Return the columns by the name of a port or a storage."""
-    content = {label(n, where): said for n, said in mapping(value, where).items()}
-    columns = {n: _column(said, Column(), quantity, f"{where}: {n}") for n, said in content.items()}
-    for name, column in columns.items():
+    columns = {}
+    for key, said in mapping(value, where).items():
+        name = label(key, where)
+        columns[name] = column = _column(said, Column(), quantity, f"{where}: {name}")
         if name in QUANTITIES or column.place is None:
             cause = "is the name of a quantity" if name in QUANTITIES else "has no column"
-            raise InputRefused(
-                f"{where}: {shown(name)} {cause}: write NAME: {{column: ..., unit: ...}}, NAME of the network's"
-            )
+            remedy = "write NAME: {column: ..., unit: ...}, NAME of the network's"
+            raise InputRefused(f"{where}: {shown(name)} {cause}: {remedy}")
     return columns
 
 
@@ -142,25 +133,22 @@ def axes_of(value: Any, where: str) -> tuple[str, ...]:
     """Return what the axes of an array are."""
     axes = tuple(choice(v, AXES, where) for v in value) if isinstance(value, list) else ()
     if "time" not in axes or len(set(axes)) < len(axes):
-        raise InputRefused(
-            f"{where}: {shown(value)}: list the axes of the array in order, each once: {', '.join(AXES)}"
-        )
+        remedy = f"list the axes of the array in order, each once: {', '.join(AXES)}"
+        raise InputRefused(f"{where}: {shown(value)}: {remedy}")
     return axes
 
 
 def _column(said: Any, inherited: Column, quantity: str, where: str) -> Column:
     if isinstance(said, (int, str)) and not isinstance(said, bool):
         said = {"column": said}
-    content = mapping(said, where)
     gain = ("gain",) if quantity in DRIVING else ()
-    keys_of(content, ("column", "unit", "scale", "unwrap", "missing", *gain), where)
+    content = mapping(said, where, ("column", "unit", "scale", "unwrap", "missing", *gain))
     found: dict[str, Any] = {}
     if "column" in content:
         place = content["column"]
         if isinstance(place, bool) or not isinstance(place, (int, str)) or (isinstance(place, int) and place < 0):
-            raise InputRefused(
-                f"{where}: column {shown(place)} is neither an index from 0 on nor a name: give one of them"
-            )
+            cause = f"column {shown(place)} is neither an index from 0 on nor a name"
+            raise InputRefused(f"{where}: {cause}: give one of them")
         found["place"] = place
     if "unit" in content:
         found["unit"] = check_unit(quantity, str(content["unit"]), where)
@@ -180,8 +168,8 @@ def _column(said: Any, inherited: Column, quantity: str, where: str) -> Column:
 
 def sensor_of(value: Any, where: str) -> Sensor:
     """Return what a manifest says under ``sensor``."""
-    content, flags = mapping(value, where), ("rectified", "derivative", "second_derivative")
-    keys_of(content, ("saturates", *flags, "lag"), where)
+    flags = ("rectified", "derivative", "second_derivative")
+    content = mapping(value, where, ("saturates", *flags, "lag"))
     said = {key: key in content and flag(content[key], f"{where}: {key}") for key in flags}
     saturates, unit = _limits(content, f"{where}: saturates")
     lag, time = _physical(content["lag"], f"{where}: lag", "2 ms") if "lag" in content else (0.0, "")
@@ -194,10 +182,9 @@ def sensor_of(value: Any, where: str) -> Sensor:
 def check_unit_of_limits(sensor: Sensor, si: str, label: str, where: object) -> None:
     """Refuse limits in a unit that is not one of the output. Raises InputRefused."""
     if sensor.is_limited and sensor.unit != si:
-        raise InputRefused(
-            f"{where}: {label} is in units of {si}, but recordings.yaml gives limits of the sensor in {sensor.unit}: "
-            f"give them in the unit of the output, sensor: {{saturates: [LEAST {si}, LARGEST {si}]}}"
-        )
+        cause = f"{label} is in units of {si}, but recordings.yaml gives limits of the sensor in {sensor.unit}"
+        remedy = f"give them in the unit of the output, sensor: {{saturates: [LEAST {si}, LARGEST {si}]}}"
+        raise InputRefused(f"{where}: {cause}: {remedy}")
 
 
 def _limits(content: Mapping[str, Any], where: str) -> tuple[tuple[float, float], str]:
@@ -205,9 +192,8 @@ def _limits(content: Mapping[str, Any], where: str) -> tuple[tuple[float, float]
         return PLAIN.saturates, ""
     said = content["saturates"]
     if not isinstance(said, list) or len(said) != 2 or said == [None, None]:
-        raise InputRefused(
-            f"{where}: {shown(said)} is no pair of limits: write [0 V, 10 V], null for a side without a limit"
-        )
+        cause = f"{shown(said)} is no pair of limits"
+        raise InputRefused(f"{where}: {cause}: write [0 V, 10 V], null for a side without a limit")
     found = [None if limit is None else _physical(limit, where, "10 V") for limit in said]
     units = {unit for pair in found if pair is not None for unit in pair[1:]}
     lower, upper = (free if pair is None else pair[0] for pair, free in zip(found, PLAIN.saturates, strict=True))
@@ -296,27 +282,25 @@ HYSTERESES = ("auto", "distributed", "bouc_wen", "duhem")
 DEFAULT_SETUP: Mapping[str, Any] = {"model": "piezo_actuator", "hysterons": 2}
 
 
-def load_manifest(folder: Path, path: Path | None, outside: bool = False) -> Manifest:
-    """Return the manifest at ``path``, else ``folder/recordings.yaml``, else the defaults.
+def load_manifest(folder: Path, given: str | Path | Mapping[str, Any] | None, outside: bool = False) -> Manifest:
+    """Return the manifest at a path or with a content, else that of ``folder/recordings.yaml``, else the defaults.
 
     Args:
-        outside: what lies in ``folder``, or is named in the manifest, may lead out of it.
+        given: path or content; outside: what lies in ``folder``, or is named in the manifest, may lead out of it.
 
     Raises:
         InputRefused: a manifest that is absent, unreadable or says something that is not understood.
     """
-    inside: tuple[Path, ...] = ()
-    if path is None:
-        path, inside = folder / "recordings.yaml", (folder,)
-        if not os.path.lexists(path):
-            return Manifest()
+    if given is not None and not isinstance(given, str | Path):
+        return _manifest(given, "the manifest given", (folder,), outside)
+    path, inside = (folder / "recordings.yaml", (folder,)) if given is None else (Path(given), ())
+    if given is None and not os.path.lexists(path):
+        return Manifest()
     source = named_file(path, inside, "manifest", "check the path given to --manifest", outside)
-    return manifest_of(load_yaml(source), source.name, (path.parent, folder), outside, path)
+    return _manifest(load_yaml(source), source.name, (path.parent, folder), outside, path)
 
 
-def manifest_of(
-    content: Any, name: str, homes: Sequence[Path], outside: bool = False, path: Path | None = None
-) -> Manifest:
+def _manifest(content: Any, name: str, homes: Sequence[Path], outside: bool, path: Path | None = None) -> Manifest:
     """Return the manifest with a content, as `load_manifest`; None says nothing.
 
     Args:
@@ -324,8 +308,7 @@ def manifest_of(
         name: of the manifest, for messages; path: of its file.
         homes: folders in which a network file may lie; outside: it may also lie elsewhere.
     """
-    top = mapping({} if content is None else content, name)
-    keys_of(top, TOP_KEYS, name)
+    top = mapping({} if content is None else content, name, TOP_KEYS)
     common = _entry({key: top[key] for key in _SHARED if key in top}, Entry(), name)
     listed = top.get("recordings")
     entries = None if listed is None else _entries(listed, common, name)
@@ -343,10 +326,9 @@ def _entries(listed: Any, common: Entry, name: str) -> tuple[Entry, ...]:
     if isinstance(listed, list) and len(listed) > LIMITS.recordings:
         raise InputRefused(f"{name}: {len(listed)} recordings, at most {LIMITS.recordings} are accepted: list fewer")
     if not isinstance(listed, list) or not listed:
-        raise InputRefused(
-            f"{name}: recordings must be a list such as `- {{file: loops.csv}}`, not {shown(listed)}: "
-            f"list the files, or leave `recordings` out to take every file of the folder"
-        )
+        cause = f"recordings must be a list such as `- {{file: loops.csv}}`, not {shown(listed)}"
+        remedy = "list the files, or leave `recordings` out to take every file of the folder"
+        raise InputRefused(f"{name}: {cause}: {remedy}")
     entries = []
     for i, item in enumerate(listed):
         where = f"{name}: recordings[{i}]"
@@ -359,7 +341,7 @@ def _entries(listed: Any, common: Entry, name: str) -> tuple[Entry, ...]:
 
 def _entry(item: Mapping[str, Any], common: Entry, where: str) -> Entry:
     """Return one entry laid over the common one: what it says itself wins, quantity by quantity for columns."""
-    keys_of(item, _EACH, where)
+    mapping(item, where, _EACH)
     said: dict[str, Any] = {}
     for key in (key for key in _EACH if key in item):
         value, here = item[key], f"{where}: {key}"
@@ -374,31 +356,27 @@ def _entry(item: Mapping[str, Any], common: Entry, where: str) -> Entry:
 
 
 def _start(value: Any, where: str) -> Start:
-    content = mapping({"state": value} if isinstance(value, str) else value, where)
-    keys_of(content, ("state", "input_before"), where)
+    content = mapping({"state": value} if isinstance(value, str) else value, where, ("state", "input_before"))
     state = choice(content.get("state", "rest"), STATES, f"{where}: state")
     if "input_before" in content and state != "rest":
-        raise InputRefused(
-            f"{where}: input_before has a meaning only for a start at rest, not for {state!r}: leave it out"
-        )
+        cause = f"input_before has a meaning only for a start at rest, not for {state!r}"
+        raise InputRefused(f"{where}: {cause}: leave it out")
     return Start(state, number(content.get("input_before", 0.0), f"{where}: input_before"))
 
 
 def _slice(value: Any, where: str) -> tuple[int, int]:
     whole = isinstance(value, list) and len(value) == 2 and all(type(v) is int for v in value)
     if not whole or not 0 <= value[0] < value[1]:
-        raise InputRefused(
-            f"{where}: {shown(value)} is no range of samples: write [first, last], first included, last not"
-        )
+        cause = f"{shown(value)} is no range of samples"
+        raise InputRefused(f"{where}: {cause}: write [first, last], first included, last not")
     return value[0], value[1]
 
 
 def _segments(value: Any, where: str) -> bool | int:
     if isinstance(value, bool) or (isinstance(value, int) and value > 0):
         return value
-    raise InputRefused(
-        f"{where}: {shown(value)} is neither true (jumps of time separate the segments) nor a number of samples of each"
-    )
+    cause = f"{shown(value)} is neither true (jumps of time separate the segments) nor a number of samples of each"
+    raise InputRefused(f"{where}: {cause}")
 
 
 # How the value of a key is read; the text says where it stands.
@@ -417,12 +395,10 @@ def _known(value: Any, name: str) -> dict[str, Anchor]:
     for key, said in mapping(value if value is not None else {}, f"{name}: known").items():
         anchor = label(key, f"{name}: known")
         where = f"{name}: known: {anchor}"
-        content = mapping({"value": said} if isinstance(said, int | float) else said, where)
-        keys_of(content, ("value", "std", "unit"), where)
+        content = mapping({"value": said} if isinstance(said, int | float) else said, where, ("value", "std", "unit"))
         if "value" not in content:
-            raise InputRefused(
-                f"{where}: no value: write {{value: ..., std: ...}} in SI units, or with a unit, such as unit: g"
-            )
+            remedy = "write {value: ..., std: ...} in SI units, or with a unit, such as unit: g"
+            raise InputRefused(f"{where}: no value: {remedy}")
         std = number(content.get("std", 0.0), f"{where}: std")
         if std < 0.0:
             raise InputRefused(f"{where}: std {std:g} is negative: give the standard deviation, 0 or more")
@@ -443,11 +419,14 @@ def _setup(value: Any, name: str, homes: Sequence[Path], outside: bool) -> Mappi
     where = f"{name}: setup"
     if isinstance(value, str):
         value = {"model": value} if value in MODELS else {"network": value}
-    content = dict(mapping(value, where))
-    keys_of(content, ("model", "network", "hysterons"), where)
+    content = dict(mapping(value, where, ("model", "network", "hysterons")))
     if "network" in content:
         file = text(content["network"], f"{where}: network")
-        return {**content, "network": _network_file(file, where, homes, outside)}
+        home = next((home for home in homes if os.path.lexists(home / file)), None)
+        if home is None:
+            cause = f"{shown(file)} is neither a model ({', '.join(MODELS)}) nor a network file beside the manifest"
+            raise InputRefused(f"{where}: {cause}: name one of these")
+        return {**content, "network": str(named_file(home / file, homes, where, outside=outside).path)}
     content.setdefault("model", DEFAULT_SETUP["model"])
     choice(content["model"], MODELS, f"{where}: model", "or `network: FILE.yaml` for a network of your own")
     if content["model"] in ("piezo_actuator", "hrc"):
@@ -459,13 +438,3 @@ def _setup(value: Any, name: str, homes: Sequence[Path], outside: bool) -> Mappi
             f"{', '.join(HYSTERESES)}: give one"
         )
     return content
-
-
-def _network_file(file: str, where: str, homes: Sequence[Path], outside: bool) -> str:
-    for home in homes:
-        if os.path.lexists(home / file):
-            return str(named_file(home / file, homes, where, outside=outside).path)
-    raise InputRefused(
-        f"{where}: {shown(file)} is neither a model ({', '.join(MODELS)}) nor a network file beside the manifest: "
-        f"name one of these"
-    )

@@ -50,30 +50,19 @@ def _library(data: object) -> str:
 
 def given_labelled(data: Any, name: str) -> Iterator[Given]:
     """Return the recordings of a Dataset, one for each index of a second dimension."""
-    where = where_of(data, name)
-    time, further = _dimensions(data, where)
+    where, dims = where_of(data, name), [str(d) for d in data.dims]
+    times = [d for d in dims if len(dims) == 1 or d.lower() in ("time", "t") or parse_name(d)[0] == "time"]
+    if len(times) != 1 or len(dims) > 2:
+        cause = "a recording has one, `time`, and at most one more along which recordings are counted"
+        raise InputRefused(f"{where}: dimensions {', '.join(dims) or 'none'}: {cause}: select the rest")
     runs = [(name, data)]
-    if further is not None:
+    for further in (d for d in dims if d not in times):
         labels = data.coords[further].values if further in data.coords else np.arange(data.sizes[further])
         stem = name or data.attrs.get("name", further)
         runs = [(f"{stem}_{label}", data.isel({further: i})) for i, label in enumerate(labels)]
     for called, run in runs:
-        said, table = given_frame(_along(run, time), printable(called), where)
+        said, table = given_frame(_along(run, times[0]), printable(called), where)
         yield said, replace(table, by_name=True)
-
-
-def _dimensions(data: Any, where: object) -> tuple[str, str | None]:
-    """Return the dimension of time, and a second one where there is one."""
-    dims = [str(d) for d in data.dims]
-    times = [d for d in dims if d.lower() in ("time", "t") or parse_name(d)[0] == "time"]
-    if len(dims) == 1:
-        return dims[0], None
-    if len(times) == 1 and len(dims) == 2:
-        return times[0], next(d for d in dims if d != times[0])
-    raise InputRefused(
-        f"{where}: dimensions {', '.join(dims) or 'none'}: a recording has one, `time`, and at most one more along "
-        f"which recordings are counted: select the rest"
-    )
 
 
 def _along(data: Any, time: str) -> Any:
@@ -97,10 +86,8 @@ def given_frame(frame: Any, name: str = "", where: Where | None = None) -> Given
     """
     where = where or where_of(frame, name)
     if frame.columns.nlevels > 1 or frame.shape[1] > LIMITS.text_columns:
-        raise InputRefused(
-            f"{where}: {frame.shape[1]} columns on {frame.columns.nlevels} levels: give one recording with plain "
-            f"names, at most {LIMITS.text_columns}"
-        )
+        cause = f"{frame.shape[1]} columns on {frame.columns.nlevels} levels"
+        raise InputRefused(f"{where}: {cause}: give one recording with plain names, at most {LIMITS.text_columns}")
     names = [printable(str(column)) for column in frame.columns]
     columns = [frame.iloc[:, i].to_numpy() for i in range(frame.shape[1])]
     time = _time(frame.index)
@@ -138,13 +125,11 @@ def given_benchmark(data: Any, names: tuple[str, str], name: str) -> Given:
     where = where_of(data, name)
     interval = plain(data.sampling_time)
     if not isinstance(interval, int | float) or not interval > 0.0:
-        raise InputRefused(
-            f"{where}: sampling_time is {interval!r:.40}: set it to the interval between samples in seconds"
-        )
+        cause = f"sampling_time is {interval!r:.40}"
+        raise InputRefused(f"{where}: {cause}: set it to the interval between samples in seconds")
     pairs = zip(names, ("u", "y"), (data.u, data.y), strict=True)
     columns = {one if np.squeeze(values).ndim < 2 else several: values for one, several, values in pairs}
-    table = table_of(where, stored_arrays(columns))
-    return Entry(name=name, sample_rate_hz=1.0 / interval), table
+    return Entry(name=name, sample_rate_hz=1.0 / interval), table_of(where, stored_arrays(columns))
 
 
 _ACCEPTED = (
@@ -224,9 +209,5 @@ def _described(entry: Entry, by_name: Mapping[str, Given]) -> Given:
     table = beside([by_name[file][1] for file in entry.files])
     if entry.axes:
         raise InputRefused(f"{table.where}: `axes` describe a .npy array: leave them out, and give columns")
-    return replace(
-        entry,
-        name=entry.name or first.name,
-        use=entry.use or first.use,
-        sample_rate_hz=entry.sample_rate_hz or first.sample_rate_hz,
-    ), table
+    stated: dict[str, Any] = {n: getattr(entry, n) or getattr(first, n) for n in ("name", "use", "sample_rate_hz")}
+    return replace(entry, **stated), table

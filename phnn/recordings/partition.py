@@ -72,10 +72,9 @@ def candidate_of(recording: Recording, excitation: Excitation, use: str | None =
 def divide(candidates: Sequence[Candidate]) -> tuple[Mapping[str, tuple[Part, ...]], bool, tuple[str, ...]]:
     """Return the parts of every recording by name, whether the held-out ones are new, and notes."""
     if all(c.use == "confirmation" for c in candidates):
-        raise InputRefused(
-            "recordings.yaml: every recording has use: confirmation, nothing is left to identify from: "
-            "give at least one use: identification, or leave `use` out"
-        )
+        cause = "every recording has use: confirmation, nothing is left to identify from"
+        remedy = "give at least one use: identification, or leave `use` out"
+        raise InputRefused(f"recordings.yaml: {cause}: {remedy}")
     if len(candidates) == 1 and candidates[0].use is None:
         one = candidates[0]
         parts, note = split_one(one)
@@ -209,23 +208,22 @@ _ONE_SIZE = 1.5
 DIFFERENT = 0.01
 
 
-def pooled(floors: Sequence[NoiseFloor], kinds: Sequence[tuple[Hashable, ...]] | None = None) -> list[NoiseFloor]:
+def pooled(floors: Sequence[NoiseFloor], kinds: Sequence[tuple[Hashable, ...]]) -> list[NoiseFloor]:
     """Return the floors of recordings, those seen in a part of the spectrum only brought to a common word.
 
     Args:
-        kinds: sensor and sampling interval, last, of each recording. All are of one kind if left out.
+        kinds: sensor and sampling interval, last, of each recording.
     """
-    names = kinds if kinds is not None else [()] * len(floors)
     common = _of_one_word(floors)
-    for sensor in {name[:-1] for name in names}:
-        mine = [i for i, name in enumerate(names) if name[:-1] == sensor]
+    for sensor in {kind[:-1] for kind in kinds}:
+        mine = [i for i, kind in enumerate(kinds) if kind[:-1] == sensor]
         for i, floor in zip(mine, _as_others([common[i] for i in mine]), strict=True):
             common[i] = floor
     groups: dict[Hashable, list[int]] = {}
-    for i, (floor, name) in enumerate(zip(common, names, strict=True)):
+    for i, (floor, kind) in enumerate(zip(common, kinds, strict=True)):
         # Others keep what they were given: by repetition, by rest, or by agreement.
         if floor.interval is not None and floor.found and floor.coefficient is None:
-            groups.setdefault(name, []).append(i)
+            groups.setdefault(kind, []).append(i)
     for group in groups.values():
         for i, floor in zip(group, _sharing([common[i] for i in group]), strict=True):
             common[i] = floor

@@ -18,7 +18,7 @@ from phnn.recordings.array_files import NoRecording, read_axes, read_json, read_
 from phnn.recordings.draft import Draft, drafts_of
 from phnn.recordings.excitation import Excitation
 from phnn.recordings.library_files import read_hdf5, read_parquet, read_sheet, read_tdms
-from phnn.recordings.manifest import Entry, Manifest, load_manifest, manifest_of
+from phnn.recordings.manifest import Entry, Manifest, load_manifest
 from phnn.recordings.memory import given
 from phnn.recordings.partition import candidate_of, divide, pooled, whole_parts
 from phnn.recordings.recording import IN_MEMORY, Campaign, Recording, is_actuator
@@ -73,10 +73,8 @@ class Files:
             for i, path in paths:
                 if not os.path.lexists(path):
                     name, home = (printable(p)[: LIMITS.name_characters] for p in (path.name, str(path.parent)))
-                    raise InputRefused(
-                        f"{where}: recordings[{i}]: file {name!r} is not in {home}: correct its name or remove the "
-                        f"entry"
-                    )
+                    cause = f"recordings[{i}]: file {name!r} is not in {home}"
+                    raise InputRefused(f"{where}: {cause}: correct its name or remove the entry")
                 reader_of(path)
             listed = {os.path.realpath(path) for _, path in paths}
             others = [p for p in present if os.path.realpath(p) not in listed]
@@ -104,9 +102,8 @@ class Files:
         try:
             names = sorted(self.home.iterdir())
         except OSError as error:
-            raise InputRefused(
-                f"folder {printable(str(self.home))}: cannot be read ({error.strerror}): make it readable"
-            ) from error
+            cause = f"cannot be read ({error.strerror})"
+            raise InputRefused(f"folder {printable(str(self.home))}: {cause}: make it readable") from error
         return [p for p in names if not p.name.startswith(".") and p.name != "recordings.yaml"]
 
     def _numbers(self, path: Path) -> bool:
@@ -186,10 +183,7 @@ def read(
         return _from_memory(folder, manifest, need_output)
     home = Path(folder)
     checks.folder_exists(home)
-    if isinstance(manifest, Mapping):
-        said = manifest_of(manifest, "the manifest given", (home,), allow_outside)
-    else:
-        said = load_manifest(home, Path(manifest) if manifest is not None else None, allow_outside)
+    said = load_manifest(home, manifest, allow_outside)
     checks.no_results(home)
     files = Files(home, said, allow_outside)
     entries, left = files.entries()
@@ -203,12 +197,8 @@ def campaign_of(recorded: Campaign | str | Path | Any, *, need_output: bool = Tr
 
 
 def _from_memory(data: Any, manifest: str | Path | Mapping[str, Any] | None, need_output: bool) -> Campaign:
-    here = (Path(),)
     try:
-        if isinstance(manifest, str | Path):
-            said = load_manifest(here[0], Path(manifest), outside=True)
-        else:
-            said = manifest_of(manifest, "the manifest given", here, outside=True)
+        said = load_manifest(Path(), {} if manifest is None else manifest, outside=True)
         tables, left = given(data, said)
         found = _campaign(tables, said, need_output, Path(IN_MEMORY), left)
     except InputRefused as error:
@@ -243,7 +233,10 @@ def _campaign(
         for d, f in zip(drafts, pooled([d.floor for d in drafts], kinds), strict=True)
     )  # fmt: skip
     notes = (_extent(recordings), *_columns(drafts), *(note for d in drafts for note in d.notes), *notes)
-    notes += _heavy(said)
+    mass = said.known.get("m")
+    if is_actuator(said.setup) and mass is not None and not mass.unit and mass.value >= _HEAVY:
+        doubt = f"known: m = {mass.value:g} kg is much for a moving mass of an actuator; if it is in g, add unit: g."
+        notes = (*notes, doubt)
     if left:
         notes = (*notes, f"Left alone: {', '.join(left)}.")
     held = frozenset(d.recording.name for d in drafts if d.use == "confirmation")
@@ -260,14 +253,6 @@ def _extent(recordings: tuple[Recording, ...]) -> str:
     samples = sum(r.t.size for r in recordings)
     many = "s" if len(recordings) > 1 else ""
     return f"Read {len(recordings)} recording{many}: {samples} samples, {seconds:.4g} s, {said}."
-
-
-def _heavy(said: Manifest) -> tuple[str, ...]:
-    """Return a doubt where the mass of an actuator, stated without a unit, would be unusually large."""
-    mass = said.known.get("m")
-    if not is_actuator(said.setup) or mass is None or mass.unit or mass.value < _HEAVY:
-        return ()
-    return (f"known: m = {mass.value:g} kg is much for a moving mass of an actuator; if it is in g, add unit: g.",)
 
 
 def _columns(drafts: list[Draft]) -> tuple[str, ...]:
@@ -290,18 +275,15 @@ def describe(campaign: Campaign | str | Path) -> str:
     volts = all(r.units.input == "V" for r in campaign.recordings)
     drive, place = ("voltage", "measured at the terminals") if volts else ("input", "measured where it enters")
     setup = ", ".join(f"{key} {value}" for key, value in campaign.setup.items())
-    lines = [
-        f"{campaign.folder}: {count} recording{'s' if count != 1 else ''}; {setup}; "
-        f"the {drive} is {'the command' if campaign.voltage == 'command' else place}",
-        "",
-    ]
+    place = "the command" if campaign.voltage == "command" else place
+    lines = [f"{campaign.folder}: {count} recording{'s' if count != 1 else ''}; {setup}; the {drive} is {place}", ""]
     every = [facts(r) for r in campaign.recordings]
     common = [fact for fact in every[0] if len(every) > 1 and all(fact in known for known in every)]
-    if common:
-        lines += ["all recordings", *_listed(common), ""]
+    sections = [("all recordings", common)] if common else []
     for recording, known in zip(campaign.recordings, every, strict=True):
-        own = [fact for fact in known if fact not in common]
-        lines += [f"{recording.name} ({recording.source})", *_listed(own), ""]
+        sections.append((f"{recording.name} ({recording.source})", [fact for fact in known if fact not in common]))
+    for head, known in sections:
+        lines += [head, *(f"  {label:14}{value}" for label, value in known), ""]
     if campaign.known:
         anchors = (f"{name} = {a.value:g} ± {a.std:g} {a.unit}".rstrip() for name, a in campaign.known.items())
         lines += [f"known, in SI units: {', '.join(anchors)}", ""]
@@ -310,51 +292,43 @@ def describe(campaign: Campaign | str | Path) -> str:
     return "\n".join(lines)
 
 
-def _listed(known: list[tuple[str, str]]) -> list[str]:
-    return [f"  {label:14}{value}" for label, value in known]
-
-
 def facts(r: Recording) -> list[tuple[str, str]]:
     """Return what was understood of a recording: label and words."""
-    span = " to ".join(quantity(v, r.units.input, 4) for v in (r.u.min(), r.u.max()))
-    found = [
+    u_unit, y_unit = r.units
+    span = " to ".join(quantity(v, u_unit, 4) for v in (r.u.min(), r.u.max()))
+    output = noise = sensor = ""
+    if np.isfinite(r.y).all():
+        output = " to ".join(quantity(v, y_unit, 4) for v in (r.y.min(), r.y.max()))
+        noise, sensor = r.noise_source, r.sensor.words(r.y)
+        if r.noise_found:
+            ends = " to ".join(quantity(x, y_unit) for x in r.noise_interval or ())
+            colour = "" if r.noise_correlation.size == 1 else f", correlated over {r.noise_correlation.size} samples"
+            noise = f"{quantity(r.noise, y_unit)}{f' ({ends})' if ends else ''} from {noise}{colour}"
+    rows = [
         ("sampled", f"{1 / r.dt:.6g} Hz, {r.t.size} samples, {r.t.size * r.dt:.4g} s"),
         ("input", f"{span}; {_words(r.excitation)}; {r.interpolation} between samples"),
+        ("driven too at", ", ".join(r.further)),
+        ("output", output),
+        ("noise floor", noise),
+        ("sensor", sensor),
+        ("gain", "of the input unknown, one factor is estimated" if r.gain == "unknown" else ""),
+        ("zero", "shared with other recordings" if r.offset == "shared" else ""),
+        ("start", f"rest, input {r.start.input_before:g} before" if r.start.state == "rest" else r.start.state),
+        ("also", ", ".join(r.channels)),
+        ("use", _uses(r)),
     ]
-    if r.further:
-        found.append(("driven too at", ", ".join(r.further)))
-    if np.isfinite(r.y).all():
-        unit = r.units.output
-        found.append(("output", " to ".join(quantity(v, unit, 4) for v in (r.y.min(), r.y.max()))))
-        noise = r.noise_source
-        if r.noise_found:
-            ends = " to ".join(quantity(x, unit) for x in r.noise_interval or ())
-            colour = "" if r.noise_correlation.size == 1 else f", correlated over {r.noise_correlation.size} samples"
-            noise = f"{quantity(r.noise, unit)}{f' ({ends})' if ends else ''} from {r.noise_source}{colour}"
-        found.append(("noise floor", noise))
-        if known := r.sensor.words(r.y):
-            found.append(("sensor", known))
-    if r.gain == "unknown":
-        found.append(("gain", "of the input unknown, one factor is estimated"))
-    if r.offset == "shared":
-        found.append(("zero", "shared with other recordings"))
-    at_rest = f"rest, input {r.start.input_before:g} before"
-    found.append(("start", at_rest if r.start.state == "rest" else r.start.state))
-    if r.channels:
-        found.append(("also", ", ".join(r.channels)))
-    return [*found, ("use", _uses(r))]
+    return [(label, words) for label, words in rows if words]
 
 
 def _words(e: Excitation) -> str:
-    if e.kind == "sine":
-        return f"sine of {e.low_Hz:.4g} Hz, amplitude {e.amplitude:.4g}, {e.cycles:.3g} periods"
-    if e.kind == "periodic":
-        return f"periodic, {e.low_Hz:.4g} Hz with content to {e.high_Hz:.4g} Hz, {e.cycles:.3g} periods"
-    if e.kind == "chirp":
-        return f"sweep between {e.low_Hz:.3g} and {e.high_Hz:.3g} Hz, amplitude {e.amplitude:.4g}"
-    if e.kind == "broadband":
-        return f"broadband, {e.low_Hz:.3g} to {e.high_Hz:.3g} Hz"
-    return {"steps": "steps and holds", "constant": "constant"}[e.kind]
+    return {
+        "sine": f"sine of {e.low_Hz:.4g} Hz, amplitude {e.amplitude:.4g}, {e.cycles:.3g} periods",
+        "periodic": f"periodic, {e.low_Hz:.4g} Hz with content to {e.high_Hz:.4g} Hz, {e.cycles:.3g} periods",
+        "chirp": f"sweep between {e.low_Hz:.3g} and {e.high_Hz:.3g} Hz, amplitude {e.amplitude:.4g}",
+        "broadband": f"broadband, {e.low_Hz:.3g} to {e.high_Hz:.3g} Hz",
+        "steps": "steps and holds",
+        "constant": "constant",
+    }[e.kind]
 
 
 def _uses(r: Recording) -> str:

@@ -17,8 +17,6 @@ from phnn.intake import LIMITS
 from phnn.results import listed, printable
 
 DECIMAL_COMMA = re.compile(r"^\s*[-+]?\d+,\d+([eE][-+]?\d+)?\s*$")
-# Kinds of numpy's types that may hold numbers: those themselves, texts, and complex ones, refused by name.
-_READ = "iufbcOUS"
 REMEDY_COMMA = "write numbers with a point as decimal sign"
 # The numbers or texts of a column, or what reads them.
 Column = np.ndarray | Callable[[], np.ndarray]
@@ -109,15 +107,12 @@ class Table:
             cause = "several columns are" if hits else "no column is"
             raise InputRefused(f"{self.where}: {cause} called {place!r}: {found}; correct recordings.yaml")
         if self.by_name:
-            raise InputRefused(
-                f"{self.where}: column {place} is an index, but its variables have names only ({listed(named)}): "
-                f"use `variables: {{voltage: NAME, displacement: NAME}}` in recordings.yaml"
-            )
-        if place >= len(self.columns):
-            raise InputRefused(
-                f"{self.where}: column {place} does not exist, the file has {len(self.columns)} columns "
-                f"(0 to {len(self.columns) - 1}): correct `columns` in recordings.yaml"
-            )
+            cause = f"column {place} is an index, but its variables have names only ({listed(named)})"
+            remedy = "use `variables: {voltage: NAME, displacement: NAME}` in recordings.yaml"
+            raise InputRefused(f"{self.where}: {cause}: {remedy}")
+        if place >= (size := len(self.columns)):
+            cause = f"column {place} does not exist, the file has {size} columns (0 to {size - 1})"
+            raise InputRefused(f"{self.where}: {cause}: correct `columns` in recordings.yaml")
         return place
 
     def label(self, index: int) -> str:
@@ -128,11 +123,10 @@ class Table:
         """Return ``(N,)`` the column as float64; empty cells become NaN."""
         held = self.columns[index]
         column = held() if callable(held) else held
-        if column.dtype.kind not in _READ or column.ndim != 1:
-            raise InputRefused(
-                f"{self.where}: {self.label(index)} holds {column.dtype} of shape {column.shape}, not one number for "
-                f"every sample: export seconds and numbers"
-            )
+        # Texts may hold numbers.
+        if column.dtype.kind not in f"{NUMBERS}OUS" or column.ndim != 1:
+            cause = f"holds {column.dtype} of shape {column.shape}, not one number for every sample"
+            raise InputRefused(f"{self.where}: {self.label(index)} {cause}: export seconds and numbers")
         if np.iscomplexobj(column):
             raise InputRefused(f"{self.where}: {self.label(index)} holds complex numbers: export real samples")
         if column.dtype.kind in "iufb":
@@ -151,9 +145,8 @@ class Table:
         elif cell.endswith("?"):
             cell, cause = cell[:-1], "a point among numbers with a decimal comma, and may be a thousand times as large"
             remedy = "write all numbers of the file with one decimal sign and without thousands separators"
-        raise InputRefused(
-            f"{self.where}: {self.label(index)}, {self.where.row(row)}: {cell[:40]!r} is {cause}: {remedy}"
-        )
+        place = f"{self.where}: {self.label(index)}, {self.where.row(row)}"
+        raise InputRefused(f"{place}: {cell[:40]!r} is {cause}: {remedy}")
 
 
 # Dates, with a time of day behind them or none; times of day; when numbers without a unit are seconds since 1970, or
@@ -171,16 +164,13 @@ def with_stamps(table: Table) -> Table:
     A date and a time of day beside it are one column. What cannot be read as a date becomes a missing value.
     """
     for i, held in enumerate(table.columns):
-        if callable(held):
-            continue
-        dates = _dates(held, i + 1 < len(table.columns) and table.columns[i + 1], table.names[i])
-        if dates is None:
-            continue
-        name = table.names[i] or "date"
-        columns = (*table.columns[:i], dates[0], *table.columns[i + 1 :])
-        names = (*table.names[:i], name, *table.names[i + 1 :])
-        notes = (*table.notes, f"{name}: dates, taken as seconds since {dates[1]}")
-        return replace(table, columns=columns, names=names, stamps=name, notes=notes)
+        later = i + 1 < len(table.columns) and table.columns[i + 1]
+        if not callable(held) and (dates := _dates(held, later, table.names[i])) is not None:
+            name = table.names[i] or "date"
+            columns = (*table.columns[:i], dates[0], *table.columns[i + 1 :])
+            names = (*table.names[:i], name, *table.names[i + 1 :])
+            notes = (*table.notes, f"{name}: dates, taken as seconds since {dates[1]}")
+            return replace(table, columns=columns, names=names, stamps=name, notes=notes)
     return table
 
 
@@ -232,10 +222,8 @@ def beside(tables: Sequence[Table]) -> Table:
     where = replace(first.where, file=", ".join(t.where.file for t in tables))
     shapes = [" × ".join(map(str, t.shape)) for t in tables]
     if len(set(shapes)) > 1:
-        raise InputRefused(
-            f"{where}: arrays of different shapes ({', '.join(shapes)} realisations, periods and samples): give input "
-            f"and output of one experiment"
-        )
+        cause = f"arrays of different shapes ({', '.join(shapes)} realisations, periods and samples)"
+        raise InputRefused(f"{where}: {cause}: give input and output of one experiment")
     both: dict[str, Any] = {
         name: tuple(one for t in tables for one in getattr(t, name)) for name in ("names", "columns", "notes")
     }

@@ -59,10 +59,6 @@ class Lines:
         """Return the i-th line, without its end."""
         return self.raw[self.starts[i] : self.starts[i + 1] - 1].decode("utf-8", "surrogatepass")
 
-    def of(self, first: int, last: int) -> Iterator[str]:
-        """Yield some lines."""
-        return (self[i] for i in range(first, min(last, len(self))))
-
 
 def read_content(source: Source, most: int, what: str) -> str:
     """Return the text of a file in any of the usual encodings.
@@ -80,10 +76,8 @@ def read_content(source: Source, most: int, what: str) -> str:
         raise InputRefused(f"{source.name}: the file is empty: record it again or remove it")
     control = _CONTROL.search(content)
     if control is not None:
-        raise InputRefused(
-            f"{source.name}: not a text file (byte 0x{ord(control[0]):02x} at position {control.start()}): "
-            f"export it again as plain text, or remove it from the folder"
-        )
+        cause = f"not a text file (byte 0x{ord(control[0]):02x} at position {control.start()})"
+        raise InputRefused(f"{source.name}: {cause}: export it again as plain text, or remove it from the folder")
     return content
 
 
@@ -181,39 +175,32 @@ def table_of_lines(name: str, text: Lines) -> Table:
     """Return the columns of a text; ``name`` is that of its file. Raises InputRefused as `read_text`."""
     dialect = _recognised(text)
     if not dialect.numeric:
-        head = next(line.strip() for line in text.of(0, len(text)) if line.strip())
-        raise InputRefused(
-            f"{name}: no rows of numbers in it, it begins with {head[:60]!r}: the recording is empty or no "
-            f"table: record it again or remove it"
-        )
+        head = next(filter(None, (text[i].strip() for i in range(len(text)))))
+        cause = f"no rows of numbers in it, it begins with {head[:60]!r}: the recording is empty or no table"
+        raise InputRefused(f"{name}: {cause}: record it again or remove it")
     if dialect.width > LIMITS.text_columns:
-        raise InputRefused(
-            f"{name}: {dialect.width} columns, at most {LIMITS.text_columns} are accepted: write one row per sample"
-        )
+        cause = f"{dialect.width} columns, at most {LIMITS.text_columns} are accepted"
+        raise InputRefused(f"{name}: {cause}: write one row per sample")
     rows = (next((i for i in range(len(text)) if dialect.is_row(text[i], share)), None) for share in (_FILLED, 0.0))
     first = next(i for i in rows if i is not None)
-    names, header = _names(name, list(text.of(0, first + 1)), first, dialect)
+    names, header = _names(name, [text[i] for i in range(first + 1)], dialect)
     tables = _blocks(name, text, first, header if any(names) else (), dialect)
     notes: list[str] = []
     if len(tables) > 1:
         notes.append(f"{len(tables)} tables stand in the file, each below a header: each is a recording of its own")
     begin, end = tables[-1].start, tables[-1].stop
     if end == len(text):
-        footer = _footer(list(text.of(max(begin + 1, end - _FOOTER), end)), dialect)
+        footer = _footer([text[i] for i in range(max(begin + 1, end - _FOOTER), end)], dialect)
         if footer:
             notes.append(f"below the last row stands {footer[0].strip()[:_SHOWN]!r}, which was left alone")
             end -= len(footer)
         elif not text.ended and end > begin + 1:
             last = text[end - 1]
             others = (text[i] for block in [*tables[:-1], range(begin, end - 1)] for i in block)
+            ending = "has no end: if the file was cut there, its last number is wrong"
             if _breaks_off(others, last, dialect):
-                notes.append(f"its last line, {last.strip()[:40]!r}, was left out: the file ends within it")
-                end -= 1
-            else:
-                notes.append(
-                    f"its last line, {last.strip()[:40]!r}, has no end: if the file was cut there, its last number is "
-                    f"wrong"
-                )
+                ending, end = "was left out: the file ends within it", end - 1
+            notes.append(f"its last line, {last.strip()[:_SHOWN]!r}, {ending}")
     table = _parsed(name, text, [*tables[:-1], range(begin, end)], names, dialect)
     return with_stamps(replace(table, notes=tuple(notes)))
 
@@ -284,9 +271,9 @@ def _format(number: str, decimal: str) -> tuple[int, int]:
     return len(mantissa.partition(decimal)[2]), len(exponent.lstrip("+-"))
 
 
-def _names(name: str, lines: Sequence[str], first: int, dialect: Dialect) -> tuple[tuple[str, ...], Sequence[str]]:
-    """Return the names of the columns from what stands above them, empty where nothing does, and these lines."""
-    width = dialect.width
+def _names(name: str, lines: Sequence[str], dialect: Dialect) -> tuple[tuple[str, ...], Sequence[str]]:
+    """Return the names of the columns from the lines above the last one, the first row, and the lines of the names."""
+    width, first = dialect.width, len(lines) - 1
     filled = [i for i in range(first) if lines[i].strip().strip(_MARKS)]
     rows = [_words(lines[i].strip().lstrip(_MARKS).strip(), dialect) for i in filled[-2:]]
     nothing = ("",) * width
@@ -299,21 +286,15 @@ def _names(name: str, lines: Sequence[str], first: int, dialect: Dialect) -> tup
             return nothing, header
         row, cells = lines[first], dialect.cells(lines[first])
         if dialect.separator == "," and len(cells) > len(nearest) and all(_WHOLE.fullmatch(cell) for cell in cells):
-            raise InputRefused(
-                f"{name}: line {first + 1}: {row[:60]!r} has a comma as decimal sign, which here also separates the "
-                f"columns: separate them by semicolons, or {REMEDY_COMMA}"
-            )
-        raise InputRefused(
-            f"{name}: line {first + 1} has {len(cells)} cells, the header {len(nearest)}: give every row the header's "
-            f"columns"
-        )
+            cause = f"line {first + 1}: {row[:60]!r} has a comma as decimal sign, which here also separates the columns"
+            raise InputRefused(f"{name}: {cause}: separate them by semicolons, or {REMEDY_COMMA}")
+        cause = f"line {first + 1} has {len(cells)} cells, the header {len(nearest)}"
+        raise InputRefused(f"{name}: {cause}: give every row the header's columns")
     above = [nearest[i] for i in dialect.numeric]
     if bad := [cell for cell in above if dialect.is_number(cell)]:
         wrong = next((cell for cell in above if cell and not dialect.is_number(cell)), bad[0])
-        raise InputRefused(
-            f"{name}: line {filled[-1] + 1}: {wrong[:40]!r} is not a number: correct or delete that row; if it is a "
-            f"header, give every column a name in words"
-        )
+        remedy = "correct or delete that row; if it is a header, give every column a name in words"
+        raise InputRefused(f"{name}: line {filled[-1] + 1}: {wrong[:40]!r} is not a number: {remedy}")
     asked = [cell for i, cell in enumerate(nearest) if i not in dialect.empty]
     # With or without brackets, or empty.
     units = [not c or (c[0] in "([" and c[-1] in ")]") or find_unit(c) is not None for c in asked]
@@ -341,10 +322,8 @@ def _with_unit(name: str, unit: str, place: str) -> str:
     """Return a column's name with the unit from the row below it, unless it has one. Raises InputRefused for two."""
     bare, own = unit.strip("()[] "), parse_name(name)[1]
     if bare and own is not None and find_unit(own) not in (None, find_unit(bare)):
-        raise InputRefused(
-            f"{place}: the row of units says {bare[:_SHOWN]} of {name[:_SHOWN]!r}: correct the name or the unit, in "
-            f"the file"
-        )
+        cause = f"the row of units says {bare[:_SHOWN]} of {name[:_SHOWN]!r}"
+        raise InputRefused(f"{place}: {cause}: correct the name or the unit, in the file")
     return name if not bare or own is not None else f"{name} [{bare}]"
 
 
@@ -371,11 +350,9 @@ def _blocks(name: str, text: Lines, first: int, header: Sequence[str], dialect: 
         under = [line for i, line in lines.items() if line and i > at]
         if under != wanted:
             differs = next((line for line in under if line not in wanted), "nothing")
-            raise InputRefused(
-                f"{name}: line {at + 2}: {differs[:_SHOWN]!r} stands under the names of this table, "
-                f"{' '.join(wanted)[:_SHOWN]!r} under those of the first: give all tables of a file the same units, or "
-                f"split the file"
-            )
+            first_has = f"{' '.join(wanted)[:_SHOWN]!r} under those of the first"
+            cause = f"line {at + 2}: {differs[:_SHOWN]!r} stands under the names of this table, {first_has}"
+            raise InputRefused(f"{name}: {cause}: give all tables of a file the same units, or split the file")
         found.append(range(begin, min(lines)))
         begin = max(lines) + 1
         if len(found) >= LIMITS.recordings:
@@ -423,10 +400,8 @@ def _frames(name: str, text: Lines, block: range, dialect: Dialect) -> Iterator[
         found = re.search(r"line (\d+), saw (\d+)", str(error))
         if found is None:
             raise InputRefused(f"{name}: cannot be parsed ({error}): export it again") from error
-        raise InputRefused(
-            f"{name}: line {int(found[1]) + block.start} has {found[2]} cells, the rows before it {dialect.width}: "
-            f"delete the surplus cells; {REMEDY_COMMA}"
-        ) from error
+        cause = f"line {int(found[1]) + block.start} has {found[2]} cells, the rows before it {dialect.width}"
+        raise InputRefused(f"{name}: {cause}: delete the surplus cells; {REMEDY_COMMA}") from error
 
 
 def _column(column: pd.Series, dialect: Dialect) -> np.ndarray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
@@ -75,11 +76,8 @@ def find_unit(text: str) -> Unit | None:
     The text is a product of names with exponents of one digit; pint never sees anything else.
     """
     name = spelled(text)
-    return _COMMON.get(name) or by_pint(name)
-
-
-def by_pint(name: str) -> Unit | None:
-    """`find_unit` of a text in its common spelling, asked of pint."""
+    if name in _COMMON:
+        return _COMMON[name]
     if len(name) > LIMITS.unit_characters or _UNIT.fullmatch(name) is None or _CONSTANT.search(name):
         return None
     registry = _registry()
@@ -96,10 +94,10 @@ def _as_si(unit: pint.Unit) -> Unit | None:
     registry = _registry()
     si = registry.Unit("dimensionless")
     for name, power in unit._units.items():
-        si *= _named(str(name)) ** power
+        # With a name of its own where it has one: N for lbf.
+        si *= _alike(_base(str(name).removeprefix("delta_")), _SI) ** power
     if len(unit._units) != 1:
-        wanted = (registry.Unit(name) for name in ("dimensionless", *filter(None, QUANTITIES.values())))
-        si = next((u for u in wanted if _base(u) == _base(si)), si)
+        si = _alike(si, ("dimensionless", *filter(None, QUANTITIES.values())))
     zero, one, two = (float(registry.Quantity(x, unit).to(si).magnitude) for x in (0.0, 1.0, 2.0))
     if abs((two - one) - (one - zero)) > 1e-9 * abs(two - zero):
         return None
@@ -107,10 +105,10 @@ def _as_si(unit: pint.Unit) -> Unit | None:
     return Unit(format(si, "~P") or "1", factor, zero)
 
 
-def _named(name: str) -> pint.Unit:
-    """Return the SI unit of a single unit, with a name of its own where it has one: N for lbf."""
-    base = _base(name.removeprefix("delta_"))
-    return next((u for u in map(_registry().Unit, _SI) if _base(u) == base), base)
+def _alike(unit: pint.Unit, names: Iterable[str]) -> pint.Unit:
+    """Return the first of some SI units that is of the same kind as another; that one itself where none is."""
+    base = _base(unit)
+    return next((u for u in map(_registry().Unit, names) if _base(u) == base), unit)
 
 
 def _base(unit: pint.Unit | str) -> pint.Unit:
@@ -215,32 +213,25 @@ def accepted(quantity: str) -> str:
     si = QUANTITIES[quantity]
     if si is None:
         return "V, N, m/s, rad, Pa, L/min, degC, 1 and any other physical unit"
-    if si == "K":
-        return "K, degC, degF"
-    return f"{si}, m{si}, u{si}, n{si}, k{si} and any other unit of {si}"
+    return "K, degC, degF" if si == "K" else f"{si}, m{si}, u{si}, n{si}, k{si} and any other unit of {si}"
 
 
 def check_unit(quantity: str, unit: str | None, where: str) -> str:
     """Return the unit in its common spelling."""
     if unit is None:
-        raise InputRefused(
-            f"{where}: no unit for the {quantity}, so its numbers are ambiguous: put the unit in the column's name "
-            f"({quantity}_{accepted(quantity).split(',')[0]}) or write it in recordings.yaml, "
-            f"columns: {{{quantity}: {{unit: ...}}}}; accepted: {accepted(quantity)}"
-        )
+        units = accepted(quantity)
+        cause = f"no unit for the {quantity}, so its numbers are ambiguous"
+        remedy = f"put the unit in the column's name ({quantity}_{units.split(',')[0]}) or write it in recordings.yaml"
+        raise InputRefused(f"{where}: {cause}: {remedy}, columns: {{{quantity}: {{unit: ...}}}}; accepted: {units}")
     name, si = spelled(unit), QUANTITIES[quantity]
     found = find_unit(name)
     if found is None:
-        raise InputRefused(
-            f"{where}: unknown unit {unit[: LIMITS.unit_characters]!r} for the {quantity}{_hint(quantity, name)}: "
-            f"accepted are {accepted(quantity)}"
-        )
+        cause = f"unknown unit {unit[: LIMITS.unit_characters]!r} for the {quantity}{_hint(quantity, name)}"
+        raise InputRefused(f"{where}: {cause}: accepted are {accepted(quantity)}")
     if si is not None and found.si != si:
-        raise InputRefused(
-            f"{where}: the {quantity} cannot be in {unit} (that is a unit of {found.si}): accepted are "
-            f"{accepted(quantity)}; a column that is proportional to it takes `scale` and the unit after scaling, "
-            f"in recordings.yaml"
-        )
+        cause = f"the {quantity} cannot be in {unit} (that is a unit of {found.si})"
+        remedy = "a column that is proportional to it takes `scale` and the unit after scaling, in recordings.yaml"
+        raise InputRefused(f"{where}: {cause}: accepted are {accepted(quantity)}; {remedy}")
     return name
 
 

@@ -20,9 +20,9 @@ from recordings_example import output, play, refused, sine, write, write_sine
 from phnn.errors import InputRefused
 from phnn.identification.prepare import prepare
 from phnn.models.network_file import load_network
-from phnn.recordings import describe, read
+from phnn.recordings import describe, read, units
 from phnn.recordings.recording import unrecorded
-from phnn.recordings.units import QUANTITIES, accepted, by_pint, find_unit, parse_name, suits
+from phnn.recordings.units import QUANTITIES, accepted, find_unit, parse_name, suits
 from phnn.setup import Setup
 from phnn.trajectory import simulate
 
@@ -225,10 +225,13 @@ def test_texts_that_are_no_units_are_refused_at_once(text: str) -> None:
 
 
 @pytest.mark.parametrize(("prefix", "size"), [("", 1.0), ("m", 1e-3), ("u", 1e-6), ("n", 1e-9), ("k", 1e3)])
-def test_a_prefix_is_exactly_a_power_of_ten_with_pint_and_without(prefix: str, size: float) -> None:
-    for name in (f"{prefix}{unit}" for unit in QUANTITIES.values() if unit):
-        assert find_unit(name) == by_pint(name), name
-        assert find_unit(name) is None or find_unit(name).factor == size, name
+def test_a_prefix_is_exactly_a_power_of_ten_with_pint_and_without(
+    prefix: str, size: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    known = {name: find_unit(name) for name in (f"{prefix}{unit}" for unit in QUANTITIES.values() if unit)}
+    monkeypatch.setattr(units, "_COMMON", {})
+    assert {name: find_unit.__wrapped__(name) for name in known} == known
+    assert {unit.factor for unit in known.values() if unit is not None} == {size}
 
 
 def test_common_units_need_no_definitions() -> None:
