@@ -16,7 +16,7 @@ from phnn.integrate.differentiable import Steps, first_order, march, sensitiviti
 from phnn.integrate.scheme import can_compile
 from phnn.learn.objective import Objective
 from phnn.learn.settings import Settings, instantiate
-from phnn.learn.solvers import NetworkPlant, discrete_gradient, near, remember, together
+from phnn.learn.solvers import NetworkPlant, Window, discrete_gradient, grouped, near, remember, together
 
 Array = NDArray[np.float64]
 
@@ -50,12 +50,12 @@ class GaussNewton:
             )
         self.objective, self.plant, self.damping = objective, plant, _DAMPING
         self.steps = Steps(plant.system, compiles=can_compile(plant.system.network))
-        # Of equal lengths: no step is wasted.
-        sizes = [len(w.h) for w in objective.windows]
-        self.groups = [[k for k, s in enumerate(sizes) if s == size] for size in dict.fromkeys(sizes)]
-        self.windows = [[objective.windows[k] for k in members] for members in self.groups]
-        driven = [together(plant, windows) for windows in self.windows]
-        self.driven = [(u, h.unsqueeze(-1)) for u, h in driven]
+        # Members, windows, inputs and steps of windows of equal lengths: no step is wasted.
+        self.groups: list[tuple[list[int], list[Window], Tensor, Tensor]] = []
+        for members in grouped([len(w.h) for w in objective.windows]):
+            windows = [objective.windows[k] for k in members]
+            u, h = together(plant, windows)
+            self.groups.append((members, windows, u, h.unsqueeze(-1)))
         self.states: list[Tensor] = []
 
     def state_dict(self) -> dict[str, Any]:
@@ -105,8 +105,8 @@ class GaussNewton:
             self.objective.move_to(after)
             start = self.objective.initial() - x0
             self.objective.move_to(before)
-            given = zip(self.groups, self.driven, self.states, strict=True)
-            guesses = [x + first_order(self.steps, x, u, h, moved, start[m]) for m, (u, h), x in given]
+            given = zip(self.groups, self.states, strict=True)
+            guesses = [x + first_order(self.steps, x, u, h, moved, start[m]) for (m, _, u, h), x in given]
             self.objective.move_to(after)
             states = self._solved(guesses, alone=True)
             return float(self.objective.residuals(self._outputs(states)).square().mean())
@@ -117,7 +117,7 @@ class GaussNewton:
     def _solved(self, guesses: Sequence[Tensor | None], alone: bool = False) -> list[Tensor]:
         """Return (N+1, B, n) states of the windows of every group; those that torch has found are remembered."""
         x0, found = self.objective.initial(), []
-        for members, windows, (u, h), guess in zip(self.groups, self.windows, self.driven, guesses, strict=True):
+        for (members, windows, u, h), guess in zip(self.groups, guesses, strict=True):
             if self.steps.compiles:
                 found.append(self.steps.states(x0[members], u, h, 0.0))
             else:
@@ -126,42 +126,35 @@ class GaussNewton:
         return found
 
     def _outputs(self, states: Sequence[Tensor]) -> list[Tensor]:
+        """Return (S,) output of every window."""
         found: list[Tensor] = [states[0]] * len(self.objective.windows)
-        for members, x in zip(self.groups, states, strict=True):
-            for b, k in enumerate(members):
-                found[k] = self.plant.measured(x[self.objective.windows[k].nodes, b])
+        for (members, windows, *_), x in zip(self.groups, states, strict=True):
+            for b, (k, w) in enumerate(zip(members, windows, strict=True)):
+                found[k] = self.plant.measured(x[w.nodes, b])
         return found
 
     def linearised(self) -> tuple[Array, Array]:
         """Return (N,) residual over noise and (N, K) its derivatives by all that is trained."""
         o, scale = self.objective, self.plant.scale.numpy()
         o.solved += 1
-        outputs, derivatives = self._derived()
-        rows, count = [], sum(p.numel() for p in self.plant.trained())
-        for k, (w, by) in enumerate(zip(o.windows, derivatives, strict=True)):
-            of_start = np.zeros((len(by), o.offsets.numel()))
-            if not w.known:
-                first = o.unknown.index(k) * scale.size
-                of_start[:, first : first + scale.size] = by[:, count:] * scale
-            inside = np.concatenate([by[:, :count], of_start], axis=1)[o.masks[w.recording].numpy()]
-            rows.append(-(inside - inside.mean(0)) / o.recordings[w.recording].noise)
-        return o.residuals(outputs).detach().numpy(), np.concatenate(rows)
-
-    def _derived(self) -> tuple[list[Tensor], list[Array]]:
-        """(S,) output of every window, and its derivatives by what the plant trains, then by the initial state."""
-        self.states = self._solved([None if self.steps.compiles else near(self.plant, w) for w in self.windows])
+        self.states = self._solved([None if self.steps.compiles else near(self.plant, w) for _, w, *_ in self.groups])
         trained, row = self.steps.trained.values(), self.plant.system.state_names.index(self.plant.network.output)
         places = dict(zip(map(id, trained), np.cumsum([0, *(p.numel() for p in trained)]), strict=False))
         order = np.concatenate([places[id(p)] + np.arange(p.numel()) for p in self.plant.trained()])
-        found = [np.zeros(0)] * len(self.objective.windows)
-        for members, windows, (u, h), x in zip(self.groups, self.windows, self.driven, self.states, strict=True):
+        rows = [np.zeros(0)] * len(o.windows)
+        for (members, windows, u, h), x in zip(self.groups, self.states, strict=True):
             try:
                 derivatives = sensitivities(self.steps, x, u, h, [w.nodes for w in windows], row)
             except RuntimeError as error:
                 raise InputRefused(f"gauss_newton cannot follow a law ({error}): take lbfgs") from error
-            for k, by in zip(members, derivatives, strict=True):
-                found[k] = by.numpy()[:, [*order, *range(-x.shape[-1], 0)]]
-        return self._outputs(self.states), found
+            for k, w, by in zip(members, windows, map(Tensor.numpy, derivatives), strict=True):
+                of_start = np.zeros((len(by), o.offsets.numel()))
+                if not w.known:
+                    first = o.unknown.index(k) * scale.size
+                    of_start[:, first : first + scale.size] = by[:, -scale.size :] * scale
+                inside = np.concatenate([by[:, order], of_start], axis=1)[o.masks[w.recording].numpy()]
+                rows[k] = -(inside - inside.mean(0)) / o.recordings[w.recording].noise
+        return o.residuals(self._outputs(self.states)).detach().numpy(), np.concatenate(rows)
 
 
 METHODS = ("adam", "lbfgs", "gauss_newton")

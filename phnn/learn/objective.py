@@ -23,7 +23,7 @@ from phnn.identification.evaluate import Evaluation, scored, with_zero
 from phnn.integrate.program import compile_network
 from phnn.integrate.rest import equilibrium
 from phnn.integrate.scheme import can_compile
-from phnn.learn.solvers import NetworkPlant, Plant, Solver, Window, near, starts_at_zero, windows_of
+from phnn.learn.solvers import NetworkPlant, Plant, Solver, Window, grouped, near, starts_at_zero, windows_of
 from phnn.nn.learned_system import LearnedSystem
 from phnn.recordings.recording import Part, Recording
 
@@ -244,8 +244,7 @@ def substeps_needed(plant: Plant, solver: Solver, recordings: Sequence[Recording
 def _pieces(windows: Sequence[Window]) -> list[int]:
     """Number of every recording's first window, and of the one whose input changes fastest between samples."""
     found = []
-    for r in dict.fromkeys(w.recording for w in windows):
-        own = [k for k, w in enumerate(windows) if w.recording == r]
+    for own in grouped([w.recording for w in windows]):
         rates = [float(((windows[k].fine[:, 2] - windows[k].fine[:, 0]) / windows[k].h).abs().amax()) for k in own]
         found += sorted({own[0], own[int(np.argmax(rates))]})
     return found

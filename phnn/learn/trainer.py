@@ -40,11 +40,6 @@ _MOST_FAILURES = 8
 _NOTICEABLE = 1e-3
 
 
-def save(place: Place, state: Mapping[str, Any]) -> None:
-    """Write a state of tensors, numbers, texts, lists and dictionaries, and that of torch's random generator."""
-    place.write(as_bytes({"schema": _SCHEMA, "random": torch.get_rng_state(), **state}))
-
-
 def as_bytes(content: Mapping[str, Any]) -> bytes:
     """Return what ``torch.load(..., weights_only=True)`` reads back."""
     buffer = io.BytesIO()
@@ -52,11 +47,13 @@ def as_bytes(content: Mapping[str, Any]) -> bytes:
     return buffer.getvalue()
 
 
-def load(path: Path, keys: Sequence[str] = ()) -> dict[str, Any] | None:
-    """Return the state that `save` wrote, with torch's random generator set back to it; None where there is none.
+def _refused(path: Path, cause: str) -> InputRefused:
+    """Return the refusal of a checkpoint."""
+    return InputRefused(f"{path}: {cause}: delete it to begin anew")
 
-    Args:
-        keys: what the state must hold.
+
+def load(path: Path) -> dict[str, Any] | None:
+    """Return the state that a trainer wrote, with torch's random generator set back to it; None where there is none.
 
     Raises:
         InputRefused: the file is damaged, too large or no checkpoint.
@@ -74,16 +71,17 @@ def load(path: Path, keys: Sequence[str] = ()) -> dict[str, Any] | None:
     except InputRefused:
         raise
     except Exception as error:
-        raise InputRefused(f"{path}: cannot be read ({type(error).__name__}): delete it to begin anew") from error
+        raise _refused(path, f"cannot be read ({type(error).__name__})") from error
     if not isinstance(state, dict) or state.get("schema") != _SCHEMA:
-        raise InputRefused(f"{path}: is no {_SCHEMA} file: delete it to begin anew")
-    missing = [key for key in ("random", *keys) if key not in state]
-    if missing:
-        raise InputRefused(f"{path}: holds no {missing[0]!r}: delete it to begin anew")
+        raise _refused(path, f"is no {_SCHEMA} file")
+    if missing := [key for key in ("random", "settings", "progress", "present", "method") if key not in state]:
+        raise _refused(path, f"holds no {missing[0]!r}")
+    if not isinstance(state["settings"], Mapping):
+        raise _refused(path, "holds no settings")
     try:
         torch.set_rng_state(state["random"])
     except (TypeError, RuntimeError) as error:
-        raise InputRefused(f"{path}: its state of the random generator is none: delete it to begin anew") from error
+        raise _refused(path, "its state of the random generator is none") from error
     return state
 
 
@@ -247,28 +245,26 @@ class Trainer:
     def _save(self) -> None:
         if self.place is None:
             return
+        # Tensors, numbers, texts, lists and dictionaries.
         content: dict[str, Any] = {
-            "settings": self.made_of, "progress": vars(self.progress), "present": self.objective.present(),
+            "schema": _SCHEMA, "random": torch.get_rng_state(), "settings": self.made_of,
+            "progress": vars(self.progress), "present": self.objective.present(),
             "method": None if self.method is None else self.method.state_dict(),
             "near": getattr(self.objective.plant, "near", {}), "solved": self.objective.solved,
         }  # fmt: skip
-        save(self.place / FILE, content)
+        (self.place / FILE).write(as_bytes(content))
 
     def _resume(self, place: Place) -> None:
         path = (place / FILE).path
-        state = load(path, ("settings", "progress", "present", "method"))
+        state = load(path)
         if state is None:
             return
-        if not isinstance(state["settings"], Mapping):
-            raise InputRefused(f"{path}: holds no settings: delete it to begin anew")
         check_same(state["settings"], self.made_of, path)
         try:
             self._restore(state)
         except (TypeError, ValueError, KeyError, IndexError, AttributeError, RuntimeError) as error:
             # What a checkpoint of these settings holds has one form; another was written by something else.
-            raise InputRefused(
-                f"{path}: does not fit the model ({type(error).__name__}): delete it to begin anew"
-            ) from error
+            raise _refused(path, f"does not fit the model ({type(error).__name__})") from error
 
     def _restore(self, state: Mapping[str, Any]) -> None:
         """Raises whatever a state of another form leads to."""

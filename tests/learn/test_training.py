@@ -159,11 +159,11 @@ def test_a_checkpoint_of_other_settings_is_refused(tmp_path: Path) -> None:
 def test_checkpoints_carry_the_random_generator(tmp_path: Path) -> None:
     assert trainer.load(tmp_path / "c.pt") is None
     torch.manual_seed(5)
-    trainer.save(Place(tmp_path) / "c.pt", {"a": [1, torch.ones(2)]})
+    trained(objective_of("neural"), settings_of(tmp_path, adam=1, lbfgs=0, gauss_newton=0))
     drawn = torch.rand(3)
-    found = trainer.load(tmp_path / "c.pt")
+    found = trainer.load(tmp_path / trainer.FILE)
     assert found is not None and torch.equal(torch.rand(3), drawn)
-    assert {p.name for p in tmp_path.iterdir()} == {".phnn", "c.pt"}
+    assert {p.name for p in tmp_path.iterdir()} == {".phnn", trainer.FILE, trainer.LOG}
 
 
 def test_logs_are_written_for_tensorboard_as_well(tmp_path: Path) -> None:
