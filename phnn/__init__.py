@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from phnn import control, effects, models, nn, plot
-    from phnn.comparison.run import compare
+    from phnn.comparison.models import compare
     from phnn.errors import InputRefused, PhnnError, SolverFailed
     from phnn.exporting.write import export
     from phnn.identification.identified import identify
@@ -46,7 +46,7 @@ _DEFINED_IN = {
     "predict": "phnn.predictor",
     "simulate": "phnn.integrate.differentiable",
     "train": "phnn.learn.run",
-    "compare": "phnn.comparison.run",
+    "compare": "phnn.comparison.models",
     "export": "phnn.exporting.write",
     "load": "phnn.predictor",
     "control": None,

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from phnn.diagnose.diagnosis import Diagnosis
     from phnn.identification.evaluate import Evaluation
     from phnn.inverse import Inverse
-    from phnn.plot.panels import Plot
+    from phnn.plot.signals import Plot
     from phnn.recordings.recording import Units
     from phnn.report.sections import Provenance
 
@@ -89,7 +89,7 @@ def check(
     checked = check_recordings(campaign)
     print(printable(checked.text(), lines=True))
     if out is not None:
-        from phnn.report.pages import write_check
+        from phnn.report.sections import write_check
 
         with claim(out, "check", [folder], ("check.json", "check.html"), overwrite=overwrite) as place:
             write_check(checked, place)
@@ -287,10 +287,9 @@ def demo(seed: int | None, out: Path, config: Config, overwrite: bool = False) -
 def compare(
     folder: Path, out: Path, manifest: Path | None, config: Config, outside: bool = False, overwrite: bool = False
 ) -> None:
-    """Fit several kinds of model to a folder; see `phnn.comparison.run.compare` for what it writes."""
-    from phnn.comparison.models import Settings
-    from phnn.comparison.run import compare as run_comparison
-    from phnn.comparison.run import show
+    """Fit several kinds of model to a folder; see `phnn.comparison.models.compare` for what it writes."""
+    from phnn.comparison.models import Settings, show
+    from phnn.comparison.models import compare as run_comparison
 
     settings = Settings.from_config(config)
     with status() as progress:
@@ -578,7 +577,7 @@ def plot(
     Raises:
         InputRefused: what a kind needs is not given, or cannot be used.
     """
-    from phnn.plot.panels import MOST, model_of
+    from phnn.plot.signals import MOST, model_of
     from phnn.report.figures.style import svg
     from phnn.report.page import literal_text
 
@@ -607,8 +606,7 @@ def plot(
 
 def _plotted(kind: str, simulator: Any, campaign: Campaign | None, options: Mapping[str, Any]) -> Plot:
     from phnn.plot.frequency import residual_tests, response, whiteness
-    from phnn.plot.panels import chosen, network_model
-    from phnn.plot.signals import balance, hysteresis, outputs
+    from phnn.plot.signals import balance, chosen, hysteresis, network_model, outputs
     from phnn.trajectory import simulate
 
     recording = options["recording"]

@@ -34,6 +34,7 @@ Array = NDArray[np.float64]
 Rng = np.random.Generator
 Values = Mapping[str, float]
 Law = Callable[[float], dict[str, float]]  # parameters of an effect of a given strength
+_Chosen = tuple[Values, Sequence[Array], float]  # these, the outputs [m] with it, and the residual [m] that it leaves
 
 # Table 1 of the paper; rho_i is the conductance ϱ_i⁻¹.
 TABLE = {
@@ -318,18 +319,9 @@ def _scaled(law: Law, guess: float, wanted: float, base: Values, plan: Sequence[
         outputs = _simulate_all({**base, **parameters}, plan)
         found = residual(outputs)
         if abs(found / wanted - 1.0) < _CLOSE:
-            return _Chosen(parameters, outputs, found)
+            return parameters, outputs, found
         strength *= min(max((wanted / max(found, 1e-12)) ** _POWER, 0.1), 10.0)
     raise SolverFailed(f"no strength of {law(guess)} leaves {1e9 * wanted:.3g} nm: choose another seed")
-
-
-@dataclass(frozen=True)
-class _Chosen:
-    """An effect of a strength: its parameters, the outputs [m] with it, and the residual [m] that it leaves."""
-
-    parameters: Mapping[str, float]
-    outputs: Sequence[Array]
-    residual: float
 
 
 # ---- The recordings and the seal
@@ -397,17 +389,17 @@ def make(seed: int, effect: str | None = None, plan: str = "demo") -> Made:
     wanted = _log_uniform(choices, *_TARGETS) * noise
     name, location = effect or drawn, ""
     if name == "none":
-        chosen = _Chosen({}, _simulate_all(base, drives), 0.0)
+        chosen: _Chosen = {}, _simulate_all(base, drives), 0.0
     else:
         location, law = _EFFECTS[name].location, _EFFECTS[name].law(choices)
         chosen = _scaled(law, _EFFECTS[name].guess, wanted, base, drives)
+    parameters, outputs, residual = chosen
     files = {
         f"{drive.name}.csv": _csv(drive, _read(q, noise, step, sensor))
-        for drive, q in zip(drives, chosen.outputs, strict=True)
+        for drive, q in zip(drives, outputs, strict=True)
     }
     files["recordings.yaml"] = _manifest(base["m"], drives)
-    over = chosen.residual / noise
-    return Made(files, Sealed(name, location, chosen.parameters, base, over, noise, step, seed, plan))
+    return Made(files, Sealed(name, location, parameters, base, residual / noise, noise, step, seed, plan))
 
 
 def generate(seed: int, folder: Path, effect: str | None = None, plan: str = "demo") -> Sealed:

@@ -19,11 +19,11 @@ from matplotlib.figure import Figure
 
 from phnn.errors import InputRefused, SolverFailed
 from phnn.identification.base import Progress
-from phnn.learn.methods import method_of
 from phnn.learn.objective import Objective, evaluate
 from phnn.learn.settings import Settings
 from phnn.learn.solvers import discrete_gradient, solver_for, thinned
 from phnn.learn.starts import plant_for
+from phnn.learn.trainer import method_of
 from phnn.recordings import Campaign, read
 from phnn.report.figures.style import CATEGORIES, RC, literal, new_figure, png, quiet_grid
 from phnn.report.formatting import markdown_table
@@ -48,7 +48,7 @@ class Way:
     """A trainer: how windows are solved, and what moves the parameters.
 
     Attributes:
-        solver: its name and options, see `phnn.learn.solvers.solver_for`; method: one of `phnn.learn.methods`.
+        solver: its name and options, see `phnn.learn.solvers.solver_for`; method: one of `phnn.learn.trainer`.
         window: samples of a window, 0 for whole recordings; the initial states of windows are trained as well.
         iterations: of L-BFGS in an epoch.
         seconds: after which it is stopped, where this is less than the limit of the case.

@@ -25,10 +25,10 @@ from phnn.configuration import compose, compose_groups, config_folder
 from phnn.errors import InputRefused
 from phnn.identification.options import Options
 from phnn.learn import Settings
-from phnn.learn.methods import METHODS
 from phnn.learn.objective import Objective
 from phnn.learn.solvers import solver_for
 from phnn.learn.starts import plant_for
+from phnn.learn.trainer import METHODS
 from phnn.modal.study import Settings as ModalSettings
 from phnn.models.actuator import hrc
 from phnn.models.network_file import load_network

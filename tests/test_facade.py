@@ -49,7 +49,7 @@ def test_a_part_of_the_package_loads_nothing_heavy_that_it_does_not_need(begun: 
 
 @pytest.mark.slow
 def test_a_verb_stays_a_verb_when_its_room_is_imported() -> None:
-    code = "import phnn.identification.base, phnn.diagnose.linearised, phnn.comparison.run, phnn; " + (
+    code = "import phnn.identification.base, phnn.diagnose.linearised, phnn.comparison.models, phnn; " + (
         "print([callable(f) for f in (phnn.read, phnn.identify, phnn.diagnose, phnn.predict, phnn.compare, phnn.load)])"
     )
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

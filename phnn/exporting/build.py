@@ -30,7 +30,6 @@ from phnn.integrate.rest import equilibrium, served
 from phnn.integrate.scheme import obstacle
 from phnn.laws.other import advanced
 from phnn.network.bondgraph.description import MASSLESS, effort_unit
-from phnn.network.elements import ModulatorState
 from phnn.setup import Block, Setup, Source
 
 # Blocks without a memory are translated from `phnn.chain` as they are. Of those with a state the package has the step
@@ -58,7 +57,7 @@ class Chain:
         self.step: list[str] = []
         self.output: list[str] = []
         dynamic: dict[str, Callable[[Block, str], None]] = {
-            "lowpass": self._lowpass, "fading": self._fading, "second_order_lowpass": self._second_order,
+            "lowpass": self._lowpass, "fading": self._lowpass, "second_order_lowpass": self._second_order,
             "slew_limit": self._slew,
             "bouc_wen": self._of_path, "slipping": self._of_path, "delay": self._delay,
         }  # fmt: skip
@@ -94,15 +93,14 @@ class Chain:
         about = f"weight of {key.rpartition('_')[0]} over half a step"
         return [self.e.derived(f"{key}_{n}", float(v[0]), about) for n, v in zip(names, values, strict=True)]
 
-    def _lowpass(self, block: Block, key: str, rest: str = "") -> None:
+    def _lowpass(self, block: Block, key: str) -> None:
+        # Of a fading input a share of the low-pass is taken away.
+        rest = f"- {self.e.parameter(block.parameters[0])} * " if block.kind == "fading" else ""
         state = self.e.program.state(key, "output of the amplifier's low-pass")
         found = first_order_weights(np.array([self.h]), *self.e.values(block.parameters[-1:]))
         weights = self._weights(key, ("keep", "old", "new"), found)
         step = partial(self.e.call, first_order_step, key, state)
         self._follow(state, lambda a, b: [f"{state} = {step(a, b, *weights)}"], rest)
-
-    def _fading(self, block: Block, key: str) -> None:
-        self._lowpass(block, key, rest=f"- {self.e.parameter(block.parameters[0])} * ")
 
     def _slew(self, block: Block, key: str) -> None:
         state = self.e.program.state(key, "output of the slew-rate limit")
@@ -189,32 +187,18 @@ HOLDS = ("linear", "zero_order")
 ROOTS = ("init", "step", "substep", "output")
 
 
-def build(
-    setup: Setup,
-    dt: float,
-    substeps: int,
-    hold: Hold = "linear",
-    name: str = "",
-    further: Sequence[str] = (),
-    initial_input: float = 0.0,
-) -> Program:
-    """The program of a model; arguments as of `phnn.export`, ``hold`` is its ``input`` and ``further`` its ``ports``.
+class Builder:
+    """Writes all functions of a program; arguments as of `phnn.export`, ``hold`` is its ``input``.
 
     Raises:
         InputRefused: a law or block has no exported form; names it, the cause and the remedy.
     """
-    network = setup.network
-    if reason := obstacle(network):
-        raise refused(setup.name, reason, "export a model with laws of the package")
-    return _Builder(setup, dt, substeps, hold, name, further).program(initial_input)
 
-
-class _Builder:
-    """Writes all functions of a program."""
-
-    def __init__(self, setup: Setup, dt: float, substeps: int, hold: Hold, name: str, further: Sequence[str]) -> None:
+    def __init__(self, setup: Setup, dt: float, substeps: int, hold: Hold, name: str, ports: Sequence[str]) -> None:
         network, self.h = setup.network, dt / substeps
-        inputs = (network.ports[0], *(p for p in network.ports[1:] if p.name in further))
+        if reason := obstacle(network):
+            raise refused(setup.name, reason, "export a model with laws of the package")
+        inputs = (network.ports[0], *(p for p in network.ports[1:] if p.name in ports))
         names = Names()
         self.key = {p.name: names.of(p.name) for p in inputs}
         measured = next((s.name, s.unit) for s in network.storages if s.name == network.output)
@@ -237,6 +221,8 @@ class _Builder:
                 cause = f"{name} has an inertia, and its imposed motion jumps at every sample"
                 raise refused(setup.name, cause, "take --input linear and a target other than fmu")
         self.further = [self.key[p.name] for p in inputs[1:]]
+        # Whether something follows the time since the start; sources are written with the step, after init.
+        self.counts = bool(setup.sources) or "count" in self.p.fields
 
     def program(self, initial_input: float) -> Program:
         """Return the finished program."""
@@ -298,7 +284,7 @@ class _Builder:
         return [f"{self.b.action(p.name)} = {self.e.law(p, 'action', value)}" for p, value in given]
 
     def _init(self, rest: str, solve: str, initial_input: float) -> None:
-        lines = ["s.count = 0.0", "s.u = u"] if self.chain_counts else ["s.u = u"]
+        lines = ["s.count = 0.0", "s.u = u"] if self.counts else ["s.u = u"]
         self.p.state("u", "last input")
         lines += [f"s.u_{n} = u_{n}" for n in self.further]
         for n in self.further:
@@ -322,12 +308,6 @@ class _Builder:
             self.p.state("effort_before", "and in the one before")
             self.p.state("begins", "whether no step was taken yet")
         self.p.add("init", ("u", *(f"u_{n}" for n in self.further)), lines, "Begin at rest under constant inputs")
-
-    @property
-    def chain_counts(self) -> bool:
-        """Return whether something follows the time since the start."""
-        # Sources are written with the step, after init.
-        return bool(self.setup.sources) or "count" in self.p.fields
 
     def _at_rest(self, solve: str) -> list[str]:
         return [
@@ -366,27 +346,23 @@ class _Builder:
         for j in range(m):
             lines += [f"s.before_{j} = s.found_{j}", f"s.found_{j} = s.y[{j}]"]
         for memory in self.network.memories:
-            lines += self._remembered(memory)
+            # By the exact flow under its mean drive.
+            x, drive = self.b.x(memory.name), f"drive_{self.e.states.of(memory.name)}"
+            rate, decay = self.e.law(memory, "rate", x, drive), self.e.law(memory, "decay")
+            lines.append(f"{drive} = {' + '.join(drives(self.b, memory)) or '0.0'}")
+            end = self.e.call(advanced, f"memory {memory.name}", x, "H", rate, decay)
+            lines.append(f"{self.b.end(memory.name)} = {end}")
         states = (*self.b.storages, *(m.name for m in self.network.memories))
         lines += [f"{self.b.x(name)} = {self.b.end(name)}" for name in states]
         if self.b.moved:
             # That of init holds at its instant, half a step later than a mean before the first one would.
             lines += ["s.effort_before = s.effort", "if s.begins > 0.0:"]
             lines += ["    s.effort_before = 2.0 * s.effort - s.supplied", "s.begins = 0.0", "s.effort = s.supplied"]
-        lines += ["s.count = s.count + 1.0"] if self.chain_counts else []
+        lines += ["s.count = s.count + 1.0"] if self.counts else []
         arguments = ("u_start", "u_middle", "u_end", *(f"mean_{n}" for n in self.further))
         self.p.add(
             "substep", arguments, [*lines, "return solved"], "One step; 1 where its equations were solved, else 0"
         )
-
-    def _remembered(self, memory: ModulatorState) -> list[str]:
-        """Return the step of a modulator state by its mean drive."""
-        key = self.e.states.of(memory.name)
-        x, what = self.b.x(memory.name), f"memory {memory.name}"
-        rate = self.e.law(memory, "rate", x, f"drive_{key}")
-        decay = self.e.law(memory, "decay")
-        lines = [f"drive_{key} = {' + '.join(drives(self.b, memory)) or '0.0'}"]
-        return [*lines, f"{self.b.end(memory.name)} = {self.e.call(advanced, what, x, 'H', rate, decay)}"]
 
     def _step(self) -> None:
         k = self.p.substeps

@@ -66,12 +66,9 @@ def refuse_beyond(tree: ast.FunctionDef, what: str, functions: Mapping[str, Func
     tuples = {id(t) for node in walk(tree.body) for t in _tuples(node)}
     for node in walk(tree.body):
         if not isinstance(node, _KNOWN) or _is_beyond(node, tuples, functions):
-            raise refused(what, f"its source has what is not translated, {_shown(node)!r}")
-
-
-def _shown(node: ast.AST) -> str:
-    text = ast.unparse(node) if isinstance(node, ast.expr | ast.stmt) else type(node).__name__
-    return (text or type(node).__name__)[:_SHOWN]
+            text = ast.unparse(node) if isinstance(node, ast.expr | ast.stmt) else ""
+            construct = (text or type(node).__name__)[:_SHOWN]
+            raise refused(what, f"its source has what is not translated, {construct!r}")
 
 
 def _tuples(node: ast.AST) -> list[ast.AST]:

@@ -29,7 +29,7 @@ from phnn.integrate.scheme import (
 )
 from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.leaf import rc_flow, relaxation
-from phnn.network.elements import ModulatorState, Network, Ratio, Resistor, Storage, is_linear
+from phnn.network.elements import ModulatorState, Network, Ratio, Storage, is_linear
 from phnn.network.roles import imposed
 
 
@@ -52,16 +52,13 @@ def drives(balance: Balance, memory: ModulatorState) -> list[str]:
         else:
             (storage,) = resistors[name].on
             if storage not in emptied:
-                terms.append(_dissipated(balance, storage))
+                # Its resistors together dissipate ``i ē − ΔH/h``.
+                x, end = balance.x(storage), balance.end(storage)
+                stored = balance.e.law(balance.storage(storage), "mean_effort", x, end)
+                supplied = f"{balance.current(storage)} * {balance.mean(storage)}"
+                terms.append(f"({supplied} - {stored} * ({end} - {x}) / H)")
             emptied.add(storage)
     return terms
-
-
-def _dissipated(balance: Balance, name: str) -> str:
-    """Return ``i ē − ΔH/h``: what the resistors of a reducible storage take."""
-    x, end = balance.x(name), balance.end(name)
-    stored = balance.e.law(balance.storage(name), "mean_effort", x, end)
-    return f"({balance.current(name)} * {balance.mean(name)} - {stored} * ({end} - {x}) / H)"
 
 
 # The displacement at which a slope is taken, as a share of that which a storage's unit effort needs.
@@ -126,18 +123,15 @@ class Rest:
                 plain = self.e.parameter(ratio) if isinstance(ratio, str) else repr(float(ratio))
                 terms.append(scaled(sign, plain, f"s.y[{self.b.junctions.index(other)}]"))
             lines.append(f"{self.b.x(name)} = {' + '.join(terms) or '0.0'}")
+        ports = [p.name for p in self.network.ports]
         for memory in self.network.memories:
-            drive = " + ".join(self._drives(self.network.drives_of(memory))) or "0.0"
+            names = self.network.drives_of(memory)
+            held = [(self.b.storage(n), self.b.x(n)) for n in names if n in self.lossless]
+            terms = [self.e.law(storage, "mean_effort", x, x) for storage, x in held]
+            drive = " + ".join([*terms, *(self.b.action(n) for n in names if n in ports)]) or "0.0"
             rate, decay = self.e.law(memory, "rate", "0.0", drive), self.e.law(memory, "decay")
             lines.append(f"{self.b.x(memory.name)} = {rate} / {decay}")
         return lines
-
-    def _drives(self, names: tuple[str, ...]) -> list[str]:
-        ports = [p.name for p in self.network.ports]
-        efforts = [
-            self.e.law(self.b.storage(n), "mean_effort", self.b.x(n), self.b.x(n)) for n in names if n in self.lossless
-        ]
-        return efforts + [self.b.action(n) for n in names if n in ports]
 
 
 def searched(balance: Balance, name: str) -> str:
@@ -351,7 +345,13 @@ class Balance:
             self.lines.append(f"size_{key} = (absolute({change}) + absolute({self.x(name)})) * {rate}")
         for r in self.network.resistors:
             if set(r.on) <= set(self.known):
-                self._between_junctions(r)
+                effort = " + ".join(scaled(1, self.ratio(b), self.flow(name)) for name, b in r.on.items())
+                lost = f"lost_{self.e.names.of(r.name)}"
+                self.lines.append(f"{lost} = {self.e.law(r, 'flow', effort, self.reading(r.modulated_by))}")
+                if any(r.name in self.network.drives_of(m) for m in self.network.memories):
+                    self.lines.append(f"{self.power(r.name)} = ({effort}) * {lost}")
+                for name, b in r.on.items():
+                    self._add(name, scaled(1, self.ratio(b), lost))
         for (to, of, ratio), times in self.couplings.items():
             if {to, of} <= set(self.known):
                 self._add(to, scaled(-times, self.ratio(ratio), self.flow(of)))
@@ -360,15 +360,6 @@ class Balance:
             for name, ratio in p.on.items():
                 if name in self.known:
                     self._add(name, scaled(-1, self.ratio(ratio), self.action(p.name)))
-
-    def _between_junctions(self, r: Resistor) -> None:
-        effort = " + ".join(scaled(1, self.ratio(b), self.flow(name)) for name, b in r.on.items())
-        lost = f"lost_{self.e.names.of(r.name)}"
-        self.lines.append(f"{lost} = {self.e.law(r, 'flow', f'{effort}', self.reading(r.modulated_by))}")
-        if any(r.name in self.network.drives_of(m) for m in self.network.memories):
-            self.lines.append(f"{self.power(r.name)} = ({effort}) * {lost}")
-        for name, b in r.on.items():
-            self._add(name, scaled(1, self.ratio(b), lost))
 
     def _advanced(self, name: str) -> str:
         """Return the end state and mean effort of a reducible storage, as an expression with two values."""

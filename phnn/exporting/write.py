@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, ClassVar
 from xml.sax.saxutils import quoteattr
 
 from phnn.errors import InputRefused, OutputFailed
-from phnn.exporting.build import HOLDS, Hold, build
+from phnn.exporting.build import HOLDS, Builder, Hold
 from phnn.exporting.c import Printer, c_header, c_source
 from phnn.exporting.program import (
     CONSTANTS_ABOUT,
@@ -167,10 +167,6 @@ def _uncompiled(compiler: str, cause: str) -> OutputFailed:
     )
 
 
-# Contents of files by name.
-Files = Mapping[str, str | bytes]
-
-
 # Sample time [s] where none is given: 10 kHz, a common rate of controllers of piezo stages.
 SAMPLE_TIME = 1e-4
 
@@ -236,7 +232,14 @@ def program_of(
     Raises:
         InputRefused: a setting is out of range, or a law or block cannot be exported; names it.
     """
-    setup, known = _setup_of(model)
+    setup, known = (model.setup, model.substeps) if isinstance(model, Model) else (model, 1)
+    if isinstance(setup, Network):
+        setup = Setup(setup)
+    if not isinstance(setup, Setup):
+        raise InputRefused(
+            f"{type(model).__name__} cannot be exported: a model of phnn modes is a network first: "
+            "export phnn.load(MODEL).to_network() from Python"
+        )
     if to not in TARGETS:
         raise InputRefused(f"to: {to!r} is no target: choose one of {', '.join(TARGETS)}")
     if hold not in HOLDS:
@@ -258,7 +261,8 @@ def program_of(
     # What drives a unit of co-simulation holds its input during a communication step.
     held: Hold = "zero_order" if to == "fmu" else hold
     # A number of numpy has another text than one of Python.
-    return build(setup, float(dt), known if substeps is None else substeps, held, name, ports, initial_input)
+    steps = known if substeps is None else substeps
+    return Builder(setup, float(dt), steps, held, name, ports).program(initial_input)
 
 
 def write(program: Program, to: str, out: Path, given: Sequence[Path] = (), overwrite: bool = False) -> list[Path]:
@@ -268,17 +272,6 @@ def write(program: Program, to: str, out: Path, given: Sequence[Path] = (), over
         for name, content in files.items():
             (place / name).write(content.encode() if isinstance(content, str) else content)
     return [out / name for name in files]
-
-
-def _setup_of(model: Model | Setup | Network | ModalFit) -> tuple[Setup, int]:
-    if isinstance(model, Model):
-        return model.setup, model.substeps
-    if isinstance(model, Setup | Network):
-        return model if isinstance(model, Setup) else Setup(model), 1
-    raise InputRefused(
-        f"{type(model).__name__} cannot be exported: a model of phnn modes is a network first: "
-        "export phnn.load(MODEL).to_network() from Python"
-    )
 
 
 _MATH = ("exp", "sqrt", "log", "log1p", "tanh", "sin", "cos", "isfinite")
@@ -335,14 +328,11 @@ def _function(function: Function) -> str:
     body = [_Printed().visit(copy.deepcopy(statement)) for statement in function.body]
     lines = [f"def {function.name}({', '.join(function.arguments)}):"]
     if function.about:
-        lines.append(f'    """{_ended(one_line(function.about))}"""')
+        about = one_line(function.about).replace("\\", "/").replace('"', "'")
+        lines.append(f'    """{about}{"" if about.endswith(".") else "."}"""')
     for statement in body:
         lines += indented(ast.unparse(ast.fix_missing_locations(statement)).splitlines())
     return "\n".join(lines)
-
-
-def _ended(text: str) -> str:
-    return (text.replace("\\", "/") + ("" if text.endswith(".") else ".")).replace('"', "'")
 
 
 def _zero(field: Field) -> str:
@@ -496,7 +486,8 @@ def _file(program: Program, first: list[list[str]], *roots: str) -> str:
     return "\n\n".join("\n".join(part) for part in parts) + "\n"
 
 
-TARGETS: dict[str, Callable[[Program], Files]] = {
+# Contents of files by name.
+TARGETS: dict[str, Callable[[Program], Mapping[str, str | bytes]]] = {
     "c": lambda program: {f"{program.name}.h": c_header(program), f"{program.name}.c": c_source(program)},
     "fmu": lambda program: {f"{program.name}.fmu": fmu(program)},
     "python": lambda program: {f"{program.name}.py": python(program)},

@@ -42,7 +42,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -63,7 +63,7 @@ from phnn.network.elements import Network, Port, Storage
 from phnn.network.roles import motions
 from phnn.network.system import PortHamiltonianSystem
 from phnn.parameters import as_table, constant
-from phnn.setup import Block, Setup
+from phnn.setup import Setup
 from phnn.signals.least_squares import spline
 from phnn.trajectory import place_of, source_input
 
@@ -197,7 +197,7 @@ def command(setup: Setup, voltage: Signal, h: float) -> Signal:
     for block in reversed(setup.amplifier):
         values = [setup.parameters[name].value for name in block.parameters]
         if block.kind in MEMORYLESS:
-            voltage = _static_amplifier(block, voltage, values)
+            voltage = _static(partial(_amplified, block.kind, values), voltage, "amplifier", block.kind)
         elif block.kind in _AMPLIFIER_INVERSES:
             voltage = _AMPLIFIER_INVERSES[block.kind](voltage, h, *values)
         else:
@@ -207,18 +207,16 @@ def command(setup: Setup, voltage: Signal, h: float) -> Signal:
     return voltage
 
 
-def _static_amplifier(block: Block, voltage: Signal, values: list[float]) -> Signal:
-    def characteristic(u: Array) -> Array:
-        return np.asarray(AMPLIFIERS[block.kind](u[:, None], np.ones(1), 0.0, *values))[:, 0]
-
-    return _static(characteristic, voltage, f"the amplifier's {block.kind.replace('_', ' ')}")
+def _amplified(kind: str, values: list[float], u: Array) -> Array:
+    """Return (N,) the voltage that an amplifier block without a memory makes of commands (N,)."""
+    return np.asarray(AMPLIFIERS[kind](u[:, None], np.ones(1), 0.0, *values))[:, 0]
 
 
-def _static(characteristic: Callable[[Array], Array], wanted: Signal, cause: str) -> Signal:
+def _static(characteristic: Callable[[Array], Array], wanted: Signal, stage: str, kind: str) -> Signal:
     """Return the argument of a characteristic that gives a signal."""
     found = solve_rising(characteristic, wanted.values)
     lost = np.abs(found.missed) > _REACHED * np.abs(wanted.values).max(initial=0.0)
-    return wanted.then(found.x, lost, cause)
+    return wanted.then(found.x, lost, f"the {stage}'s {kind.replace('_', ' ')}")
 
 
 def _lowpass(voltage: Signal, h: float, tau: float) -> Signal:
@@ -312,15 +310,14 @@ def displacement(setup: Setup, output: Signal, dt: float, strict: bool = True) -
                 )
             output = output.then(_SENSOR_INVERSES[block.kind](y, t, *values))
         elif block.kind not in REMEMBERING:
-            output = _static_sensor(block.kind, output, t, values)
+            output = _static(partial(_sensed, block.kind, t, values), output, "sensor", block.kind)
         else:
             raise InputRefused(f"the sensor block {block.kind} has no inverse: give a model without it")
     return output
 
 
-def _static_sensor(kind: str, output: Signal, t: Array, values: list[float]) -> Signal:
-    cause = f"the sensor's {kind.replace('_', ' ')}"
-    return _static(lambda q: np.asarray(SENSORS[kind](q, t, *values)), output, cause)
+def _sensed(kind: str, t: Array, values: list[float], q: Array) -> Array:
+    return np.asarray(SENSORS[kind](q, t, *values))
 
 
 def _lag(y: Array, t: Array, tau: float) -> Array:
@@ -448,7 +445,10 @@ class FlatNetwork:
             SolverFailed: a step with the imposed motion has no solution.
         """
         x = self._states(path, before)
-        system, u = PortHamiltonianSystem(self.setup.network), self._inputs(path.times)
+        system, u = PortHamiltonianSystem(self.setup.network), np.zeros((x.shape[0], len(self.setup.network.ports)))
+        for source in self.setup.sources:
+            given = [self.setup.parameters[name].value for name in source.parameters]
+            u[:, place_of(self.setup, source)] += SOURCES[source.kind](path.times, *given)
         port = self.setup.network.ports[0]
         values = [self.setup.network.parameters[n].value for n in port.parameters]
         with torch.no_grad():
@@ -485,11 +485,3 @@ class FlatNetwork:
             )
         states[:, self.momentum] = self._inertia * path.velocity
         return states
-
-    def _inputs(self, times: Array) -> Array:
-        """Return (n+1, P) inputs of the ports at the nodes, the first one zero."""
-        u = np.zeros((times.size, len(self.setup.network.ports)))
-        for source in self.setup.sources:
-            values = [self.setup.parameters[name].value for name in source.parameters]
-            u[:, place_of(self.setup, source)] += SOURCES[source.kind](times, *values)
-        return u

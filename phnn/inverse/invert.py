@@ -471,7 +471,9 @@ def _iterated(plant: Plant, wanted: Array, tolerance: float, begun: tuple[Attemp
     corrected, count = wanted, 1
     best, least, latest = attempt, _size(attempt.output - wanted), count
     while count < plant.options.iterations and np.abs(best.output - wanted).max() > tolerance:
-        corrected = corrected + _weight(attempt.command.lost) * (wanted - attempt.output)
+        # Not where something is out of reach, nor close to it.
+        near = maximum_filter1d(attempt.command.lost.astype(float), 2 * _FADE + 1)
+        corrected = corrected + (1.0 - uniform_filter1d(near, 2 * _FADE + 1)) * (wanted - attempt.output)
         asked, before, port = plant.backwards(corrected, port)
         attempt, count = plant.forwards(asked, before), count + 1
         error = _size(attempt.output - wanted)
@@ -485,12 +487,6 @@ def _iterated(plant: Plant, wanted: Array, tolerance: float, begun: tuple[Attemp
 def _size(error: Array) -> float:
     """Return the root mean square."""
     return float(np.sqrt(np.mean(error**2)))
-
-
-def _weight(lost: NDArray[np.bool_]) -> Array:
-    """(N,) by how much of the error a reference is corrected: not where something is out of reach, nor close to it."""
-    near = maximum_filter1d(lost.astype(float), 2 * _FADE + 1)
-    return np.asarray(1.0 - uniform_filter1d(near, 2 * _FADE + 1))
 
 
 def _told(missed: tuple[Stretch, ...], tolerance: float) -> tuple[str, ...]:

@@ -23,7 +23,7 @@ from phnn.identification.evaluate import Evaluation, scored, with_zero
 from phnn.integrate.program import compile_network
 from phnn.integrate.rest import equilibrium
 from phnn.integrate.scheme import can_compile
-from phnn.learn.solvers import NetworkPlant, Plant, Solver, Window, near, starts_at_zero, windows_of
+from phnn.learn.solvers import NetworkPlant, Plant, Solver, Window, grouped, near, starts_at_zero, windows_of
 from phnn.nn.learned_system import LearnedSystem
 from phnn.recordings.recording import Part, Recording
 
@@ -155,12 +155,11 @@ def begin(plant: Plant, recording: Recording) -> Tensor:
 
 
 def estimated_start(plant: Plant, solver: Solver, recording: Recording, substeps: int) -> Tensor:
-    """Return (n,) initial state of a recording, estimated from its first samples with the plant held.
+    """Return (n,) initial state of a recording that begins elsewhere than at zero, from its first samples with the
+    plant held.
 
     The samples are those of its nuisance part or, where it has none, the first 2 % and 50 at least.
     """
-    if starts_at_zero(recording):
-        return torch.zeros_like(plant.scale)
     used = np.flatnonzero(recording.mask("nuisance"))
     last = int(used[-1]) + 1 if used.size else max(_HEAD_LEAST, int(_HEAD_SHARE * recording.t.size))
     rows = slice(0, min(last, recording.t.size))
@@ -220,11 +219,14 @@ def substeps_needed(plant: Plant, solver: Solver, recordings: Sequence[Recording
     if not isinstance(plant, NetworkPlant) or isinstance(plant.system, LearnedSystem):
         return 1
     length = 0 if can_compile(plant.system.network) else _PIECE
-    chosen = _pieces(windows_of(recordings, length, 1))
+    windows, chosen = windows_of(recordings, length, 1), list[int]()
+    for own in grouped([w.recording for w in windows]):
+        rates = [float(((windows[k].fine[:, 2] - windows[k].fine[:, 0]) / windows[k].h).abs().amax()) for k in own]
+        chosen += sorted({own[0], own[int(np.argmax(rates))]})
 
     def outputs(substeps: int) -> list[tuple[float, Tensor]]:
-        windows = windows_of(recordings, length, substeps)
-        pieces = [windows[k] for k in chosen]
+        finer = windows_of(recordings, length, substeps)
+        pieces = [finer[k] for k in chosen]
         begun = [None if w.known else near(plant, [w]) for w in pieces]
         starts = [begin(plant, recordings[w.recording]) for w in pieces]
         x0 = torch.stack([x if b is None else b[0, 0] for x, b in zip(starts, begun, strict=True)])
@@ -239,13 +241,3 @@ def substeps_needed(plant: Plant, solver: Solver, recordings: Sequence[Recording
             break
         count, before = 2 * count, after
     return count
-
-
-def _pieces(windows: Sequence[Window]) -> list[int]:
-    """Number of every recording's first window, and of the one whose input changes fastest between samples."""
-    found = []
-    for r in dict.fromkeys(w.recording for w in windows):
-        own = [k for k, w in enumerate(windows) if w.recording == r]
-        rates = [float(((windows[k].fine[:, 2] - windows[k].fine[:, 0]) / windows[k].h).abs().amax()) for k in own]
-        found += sorted({own[0], own[int(np.argmax(rates))]})
-    return found

@@ -20,13 +20,12 @@ from phnn.identification.evaluate import Evaluation
 from phnn.identification.prepare import single
 from phnn.integrate.method import PortHamiltonianSystem
 from phnn.integrate.scheme import can_compile
-from phnn.learn.methods import METHODS, method_of, with_gradients
 from phnn.learn.objective import Objective, evaluate, substeps_needed, whole
 from phnn.learn.settings import Settings, check_same, settings_in
 from phnn.learn.solvers import NetworkPlant, Plant, solver_for, thinned
 from phnn.learn.starts import near_known_part, plant_for, typical_states
 from phnn.learn.trainer import FILE as CHECKPOINT
-from phnn.learn.trainer import LOG, Trainer, as_bytes
+from phnn.learn.trainer import LOG, METHODS, Trainer, as_bytes, method_of, with_gradients
 from phnn.models.store import is_storable, save, stored
 from phnn.network.elements import Network
 from phnn.recordings import Campaign, read
@@ -267,11 +266,16 @@ def train_folder(settings: Settings, say: Callable[[str], None] = lambda line: N
             (place / METRICS).remove()
         plant = plant_for(settings.model, campaign, settings.seed, settings.base)
         trained = fitted(plant, campaign, settings, place, repr(made_of), say)
-        (place / "weights.pt").write(as_bytes(plant.state_dict()))
-        if isinstance(plant, NetworkPlant) and is_storable(plant.network):
-            save(Setup(plant.network, name=settings.named), place / "model", trained.facts["substeps"])
+        write_plant(plant, settings.named, place, place / "model", trained.facts["substeps"])
         (place / METRICS).write_json(trained.facts)
         return dict(trained.facts)
+
+
+def write_plant(plant: Plant, name: str, place: Place, folder: Place, substeps: int) -> None:
+    """Write the weights of a plant and, where its laws have a form on disk, its network into a folder of its own."""
+    (place / "weights.pt").write(as_bytes(plant.state_dict()))
+    if isinstance(plant, NetworkPlant) and is_storable(plant.network):
+        save(Setup(plant.network, name=name), folder, substeps)
 
 
 def _several(settings: Settings, say: Callable[[str], None]) -> dict[str, Any]:

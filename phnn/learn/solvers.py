@@ -279,13 +279,17 @@ def remember(plant: NetworkPlant, windows: Sequence[Window], states: Tensor) -> 
             plant.near[name] = times, torch.cat([x[: None if k == last else -1] for k, (_, x) in enumerate(mine)])
 
 
+def grouped(keys: Sequence[Hashable]) -> list[list[int]]:
+    """Return the indices of equal keys together, in the order in which the keys first occur."""
+    return [[b for b, other in enumerate(keys) if other == key] for key in dict.fromkeys(keys)]
+
+
 def _by_groups(
     solve: Callable[[Sequence[Window], Tensor], Tensor], windows: Sequence[Window], x0: Tensor, keys: Sequence[Hashable]
 ) -> list[Tensor]:
     """States at the samples of each window, where ``solve`` finds those at all steps of windows with equal keys."""
     found: list[Tensor] = [x0] * len(windows)
-    for key in dict.fromkeys(keys):
-        members = [b for b, other in enumerate(keys) if other == key]
+    for members in grouped(keys):
         states = solve([windows[b] for b in members], x0[members])
         for k, b in enumerate(members):
             found[b] = states[windows[b].nodes, k]

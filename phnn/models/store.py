@@ -7,6 +7,7 @@ import math
 import os
 import typing
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import MISSING, asdict, fields, replace
 from functools import partial
 from pathlib import Path
@@ -90,10 +91,7 @@ def save(setup: Setup, folder: Path | Place, substeps: int = 1, inputs: tuple[fl
         "block_parameters": {n: _plain(p) for n, p in (setup.block_parameters or {}).items()},
     }
     data = (json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
-    if isinstance(folder, Place):
-        (folder / FILE).write(data)
-        return
-    with claim(folder, "save", (), (FILE,)) as place:
+    with nullcontext(folder) if isinstance(folder, Place) else claim(folder, "save", (), (FILE,)) as place:
         (place / FILE).write(data)
 
 

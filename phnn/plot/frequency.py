@@ -26,7 +26,7 @@ from phnn.diagnose.words import vocabulary_of
 from phnn.errors import InputRefused, SolverFailed
 from phnn.model import Model
 from phnn.parameters import quantity
-from phnn.plot.panels import Array, Plot, Point, column, network_model, point, predictions, scaled
+from phnn.plot.signals import Array, Plot, Point, column, network_model, point, predictions, scaled
 from phnn.prediction import Predicted
 from phnn.recordings import Campaign, campaign_of
 from phnn.recordings.recording import Recording, Start, unrecorded

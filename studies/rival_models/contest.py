@@ -19,8 +19,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from phnn.comparison.models import MODELS, Bench, Settings, register_rival, title
-from phnn.comparison.run import compare
+from phnn.comparison.models import MODELS, Bench, Settings, compare, register_rival, title
 from phnn.configuration import check, checked, config_folder, number, positive, whole
 from phnn.diagnose.diagnosis import diagnose, score_on_all
 from phnn.errors import InputRefused, SolverFailed

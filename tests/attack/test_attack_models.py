@@ -177,7 +177,10 @@ def _saved(content: Any) -> bytes:
     return file.getvalue()
 
 
-STATE = {"schema": "phnn.checkpoint/1", "random": torch.get_rng_state(), "settings": {}, "progress": {}}
+STATE = {
+    "schema": "phnn.checkpoint/1", "random": torch.get_rng_state(), "settings": {}, "progress": {}, "present": [],
+    "method": None,
+}  # fmt: skip
 VERSION, PICKLE = ("archive/version", b"3"), pickle.dumps(_Runs())
 # By the words of the refusal.
 CHECKPOINTS: dict[str, list[bytes]] = {
@@ -196,5 +199,5 @@ CHECKPOINTS: dict[str, list[bytes]] = {
 def test_a_checkpoint_that_is_none_is_refused_and_never_run(words: str, content: bytes, attack: Attack) -> None:
     put(attack.data / trainer.FILE, content)
     with pytest.raises(InputRefused, match=f"{words}.*delete it to begin anew"):
-        trainer.load(attack.data / trainer.FILE, ("settings", "progress"))
+        trainer.load(attack.data / trainer.FILE)
     assert not list(attack.root.rglob("ran"))

@@ -16,8 +16,7 @@ import torch
 
 from phnn.cli import main
 from phnn.comparison import models
-from phnn.comparison.models import MODELS, Bench, Result, Settings, _stride, _thinned, register_rival
-from phnn.comparison.run import compare
+from phnn.comparison.models import MODELS, Bench, Result, Settings, _stride, _thinned, compare, register_rival
 from phnn.configuration import compose
 from phnn.errors import InputRefused
 from phnn.learn.starts import plant_for, scales_of, unfitted

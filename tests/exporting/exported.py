@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from phnn.exporting.build import Hold, build
+from phnn.exporting.build import Builder, Hold
 from phnn.exporting.c import c_header, c_source
 from phnn.exporting.program import Program
 from phnn.exporting.write import python
@@ -82,4 +82,4 @@ def exported(
     setup: Setup, t: np.ndarray, substeps: int, hold: Hold = "linear", name: str = "model", initial: float = 0.0
 ) -> Program:
     """The program of a setup at the sample time of a drive."""
-    return build(setup, float(t[1] - t[0]), substeps, hold, name, initial_input=initial)
+    return Builder(setup, float(t[1] - t[0]), substeps, hold, name, ()).program(initial)

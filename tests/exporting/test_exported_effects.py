@@ -18,7 +18,7 @@ from phnn import cli
 from phnn.effects import Effect, effect, in_all_forms
 from phnn.effects.soundness import Home
 from phnn.errors import InputRefused
-from phnn.exporting.build import build
+from phnn.exporting.build import Builder
 from phnn.exporting.laws import Sources
 from phnn.exporting.program import Names, Program, identifier
 from phnn.exporting.write import python
@@ -44,7 +44,7 @@ def difference(network: Network) -> float:
     h, program = np.full(case.h.size, case.h[0]), compile_network(network)
     wanted, efforts = np.empty((h.size + 1, case.x0.size)), np.empty((h.size, case.x0.size))
     assert kernel.march(program, program.theta(network), case.x0, case.u, h, wanted, efforts) == h.size
-    found = build(Setup(network), float(h[0]), 1, further=[p.name for p in network.ports[1:]])
+    found = Builder(Setup(network), float(h[0]), 1, "linear", "", [p.name for p in network.ports[1:]]).program(0.0)
     scope: dict = {}
     exec(python(found), scope)
     state = scope["State"]()

@@ -23,7 +23,7 @@ import phnn
 from phnn.configuration import config_folder
 from phnn.effects import effect
 from phnn.errors import InputRefused
-from phnn.exporting.build import Hold, build
+from phnn.exporting.build import Builder, Hold
 from phnn.exporting.c import c_header, c_source
 from phnn.exporting.laws import Sources
 from phnn.exporting.program import Program
@@ -186,7 +186,7 @@ def test_ports_whose_names_are_one_identifier_are_told_apart(tmp_path: Path) -> 
     t, u = drive(101)
     load = 0.3 * np.sin(2.0 * np.pi * 20.0 * t)
     loads = {"load a": load, "load-a": -0.5 * load}
-    program = build(setup, DT, 2, further=("load a", "load-a"))
+    program = Builder(setup, DT, 2, "linear", "", ("load a", "load-a")).program(0.0)
     scope: dict = {}
     exec(python(program), scope)
     model = scope["Model"](0.0, 0.0, 0.0)

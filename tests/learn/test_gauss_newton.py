@@ -12,9 +12,9 @@ import pytest
 import torch
 
 from phnn.errors import InputRefused
-from phnn.learn.methods import GaussNewton, QuasiNewton
 from phnn.learn.objective import Objective, substeps_needed
 from phnn.learn.solvers import NetworkPlant, Torchdiffeq, discrete_gradient
+from phnn.learn.trainer import GaussNewton, QuasiNewton
 from phnn.network import MultiPort
 from phnn.nn import LearnedDissipation
 from phnn.recordings.recording import Start

@@ -13,7 +13,7 @@ import pytest
 import torch
 
 from phnn.errors import InputRefused, SolverFailed
-from phnn.learn import methods, trainer
+from phnn.learn import trainer
 from phnn.learn.objective import Objective
 from phnn.learn.settings import Settings
 from phnn.learn.solvers import Plant, Torchdiffeq, discrete_gradient
@@ -119,7 +119,7 @@ def test_each_method_stops_when_validation_no_longer_falls(tmp_path: Path) -> No
 
 def test_a_failing_step_is_taken_back_and_the_rate_halved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     objective = objective_of("neural_ode", 28)
-    real, calls = methods.with_gradients, [0]
+    real, calls = trainer.with_gradients, [0]
 
     def sometimes(given: Objective) -> torch.Tensor:
         calls[0] += 1
@@ -128,7 +128,7 @@ def test_a_failing_step_is_taken_back_and_the_rate_halved(tmp_path: Path, monkey
                 given.trained()[0].fill_(float("nan"))
         return real(given)
 
-    monkeypatch.setattr(methods, "with_gradients", sometimes)
+    monkeypatch.setattr(trainer, "with_gradients", sometimes)
     end = trained(objective, settings_of(tmp_path, "neural_ode", adam=6, lbfgs=0))
     assert end.factor == 0.5
     assert len(end.rows) == 6
@@ -140,7 +140,7 @@ def test_training_that_only_fails_says_what_to_do(tmp_path: Path, monkeypatch: p
     def never(given: Objective) -> torch.Tensor:
         raise SolverFailed("no solution of the step at t = 1 s")
 
-    monkeypatch.setattr(methods, "with_gradients", never)
+    monkeypatch.setattr(trainer, "with_gradients", never)
     with pytest.raises(SolverFailed, match=r"failed steps in a row.*t = 1 s.*lower rate"):
         trained(objective_of("neural_ode", 28), settings_of(tmp_path, "neural_ode"))
 
@@ -159,11 +159,11 @@ def test_a_checkpoint_of_other_settings_is_refused(tmp_path: Path) -> None:
 def test_checkpoints_carry_the_random_generator(tmp_path: Path) -> None:
     assert trainer.load(tmp_path / "c.pt") is None
     torch.manual_seed(5)
-    trainer.save(Place(tmp_path) / "c.pt", {"a": [1, torch.ones(2)]})
+    trained(objective_of("neural"), settings_of(tmp_path, adam=1, lbfgs=0, gauss_newton=0))
     drawn = torch.rand(3)
-    found = trainer.load(tmp_path / "c.pt")
+    found = trainer.load(tmp_path / trainer.FILE)
     assert found is not None and torch.equal(torch.rand(3), drawn)
-    assert {p.name for p in tmp_path.iterdir()} == {".phnn", "c.pt"}
+    assert {p.name for p in tmp_path.iterdir()} == {".phnn", trainer.FILE, trainer.LOG}
 
 
 def test_logs_are_written_for_tensorboard_as_well(tmp_path: Path) -> None:

@@ -43,7 +43,7 @@ RUNS: dict[str, tuple[list[str], list[str] | None]] = {
 # Loads everything once and forks for each run, so that stops fall into the work and not into imports.
 SERVER = """
 import json, os, signal, sys
-import phnn.cli, phnn.commands, phnn.comparison.run, phnn.learn, phnn.plot.signals, phnn.report.pages
+import phnn.cli, phnn.commands, phnn.comparison.models, phnn.learn, phnn.plot.signals, phnn.report.sections
 import phnn.report.sections
 for line in sys.stdin:
     arguments, told = json.loads(line)
