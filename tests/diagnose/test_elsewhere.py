@@ -86,18 +86,6 @@ def test_a_fit_survives_pickling() -> None:
     np.testing.assert_array_equal(onwards[0].z, onwards[1].z)
 
 
-@pytest.mark.parametrize("name", sorted(catalogue()))
-def test_every_effect_survives_pickling(name: str) -> None:
-    effect = catalogue()[name]
-    again = pickle.loads(pickle.dumps(effect))
-    assert again == effect
-    for values in effect.grid(SCALES)[:2] if effect.can_be_added_to(base().setup) else ():
-        changed = effect.add_to(base().setup, values)
-        assert again.add_to(base().setup, values) == changed
-        assert pickle.loads(pickle.dumps(changed)) == changed
-        assert again.scaled(values, 2.0) == effect.scaled(values, 2.0)
-
-
 @pytest.mark.parametrize("choice", ["threads:2", pytest.param("processes:2", marks=pytest.mark.slow)])
 def test_refits_are_the_same_wherever_they_are_done(choice: str) -> None:
     expected = visited("serial")

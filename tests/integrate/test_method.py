@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 import torchdiffeq
-from networks import Falling, ledger, solve_dense
+from networks import Falling, Quartic, ledger, solve_dense
 from torch import Tensor, nn
 
 from phnn.errors import InputRefused, SolverFailed
@@ -74,6 +74,7 @@ CASES: dict[str, Callable[[], DrivenSystem]] = {
     "rate times step 1e6": lambda: linear(1e7),
     "frictional": frictional,
     "damping law": lambda: neural(SectorMLP(1.0, 1.0, 3)),
+    "energy alone": lambda: mass(Storage("q", Quartic()), Resistor("learned", SectorMLP(1.0, 1.0, 3), {"p": 1.0})),
 }
 
 
@@ -90,7 +91,7 @@ def by_adjoint(driven: Any, x0: Any, t: Tensor, step: float | None = STEP) -> Te
     return torchdiffeq.odeint_adjoint(driven, x0, t, method=METHOD, options={"step_size": step})
 
 
-@pytest.mark.parametrize("name", ["rate times step 1e3", "frictional", "damping law"])
+@pytest.mark.parametrize("name", ["rate times step 1e3", "frictional", "damping law", "energy alone"])
 def test_adjoint_gradients_agree_with_finite_differences(name: str) -> None:
     driven, t = CASES[name](), SPARSE[:3]
     x0 = starts(driven)
