@@ -28,7 +28,7 @@ from phnn.identification.fit import Fit
 from phnn.identification.options import Options
 from phnn.identification.plan import Plan
 from phnn.identification.prepare import Gain, identification_plan
-from phnn.identification.staged import identify_actuator, representative_subset
+from phnn.identification.staged import identify_actuator
 from phnn.identification.starting_points import falls_throughout
 from phnn.models.actuator import bouc_wen, hrc
 from phnn.recordings.recording import Anchor, Campaign, Part, Recording, Start
@@ -78,31 +78,6 @@ def test_the_number_of_hysterons(
         anchors = dict.fromkeys(known, mock.Mock())
         found, fitted = prepare.hysteresis_needed(mock.Mock(), anchors, 1, 0, lambda m: None)
         assert (found, fitted) == (chosen, chosen if left else None)
-
-
-T = np.arange(400) * 1e-4
-
-
-def made(name: str, amplitude: float, frequency: float) -> Recording:
-    return campaigns.recorded(Setup(hrc(0)), name, T, amplitude * np.sin(2.0 * np.pi * frequency * T), 1e-7)
-
-
-def plan(*recordings: Recording) -> Plan:
-    return Plan(recordings, {r.name: 2 for r in recordings})
-
-
-def test_the_corners_are_looked_at() -> None:
-    corners = [
-        ("small slow", 1.0, 25.0),
-        ("small fast", 1.0, 500.0),
-        ("large slow", 99.0, 25.0),
-        ("large fast", 100.0, 500.0),
-    ]
-    middle = [(f"middle {i}", 8.0 + i, 100.0 + 25.0 * i) for i in range(5)]
-    subset = representative_subset(plan(*(made(*x) for x in [*middle, *corners])))
-    assert len(subset.recordings) == 5
-    assert {name for name, _, _ in corners} <= {r.name for r in subset.recordings}
-    assert subset.substeps["small slow"] == 2
 
 
 def groups(values: Mapping[str, float]) -> dict[str, float]:

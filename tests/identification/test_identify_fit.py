@@ -13,7 +13,6 @@ import yaml
 from campaigns import recorded
 
 from phnn.diagnose.diagnosis import score_on_all
-from phnn.effects import effect
 from phnn.identification.base import identify_base, released, resumed
 from phnn.identification.evaluate import evaluate
 from phnn.identification.fit import fit, unidentified, variables_from
@@ -35,17 +34,6 @@ def test_a_fit_that_rests_too_early_goes_on() -> None:
     early = fit(moved, best.plan, best.variables.names, best.held, max_evaluations=1)
     assert early.cost > 1.5 * best.cost
     assert resumed(early).cost < 1.001 * best.cost
-
-
-def test_a_simulation_of_several_unknowns_counts_as_four() -> None:
-    best, spent = campaigns.base(), []
-    further = {"m_2": 1e-4, "k_2": 1e3, "b_2": 0.1}
-    for setup in (best.setup, effect("second_mode").add_to(best.setup, further)):
-        variables = variables_of(setup, best.plan, ["k"])
-        with accounted() as account:
-            Problem(setup, best.plan, variables).trajectories(variables.start(setup))
-        spent.append(account.spent)
-    assert spent[1] == 4.0 * spent[0] > 0.0
 
 
 def test_a_fit_at_its_optimum_is_left_alone() -> None:
