@@ -9,14 +9,12 @@ import sys
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import campaigns
 import numpy as np
 import pytest
 
 from phnn.diagnose.diagnosis import score_on_all
-from phnn.errors import InputRefused
 from phnn.identification.fit import Fit, fit
 from phnn.identification.identified import identify
 from phnn.identification.options import Options
@@ -60,23 +58,6 @@ def test_the_campaign_is_the_papers() -> None:
         assert found.noise == pytest.approx(0.05e-6, rel=0.15)
         assert np.abs(found.u).max() <= 75.0
         assert np.abs(found.u).max() == pytest.approx(75.0, rel=1e-3)
-
-
-@pytest.mark.parametrize(
-    ("wrong", "needle"),
-    [
-        ({"effect": "gravity"}, "gravity"),
-        ({"noise_um": 0.0}, "noise_um"),
-        ({"noise_um": "much"}, "noise_um"),
-        ({"residual_um": float("nan")}, "residual_um"),
-        ({"step_nm": 0}, "step_nm"),
-        ({"step_nm": 1.5}, "step_nm"),
-        ({"seed": -1}, "seed"),
-    ],
-)
-def test_conditions_out_of_range_are_refused(wrong: dict[str, Any], needle: str) -> None:
-    with pytest.raises(InputRefused, match=needle):
-        Conditions(**wrong)
 
 
 # Values that voltage and displacement identify, whatever the common factor.

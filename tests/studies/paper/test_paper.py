@@ -35,8 +35,6 @@ from studies.generator.world import TABLE
 from studies.generator.world import simulate as independent
 from studies.paper import TABLE_3, line_of, loop, ramps
 
-torch.set_num_threads(1)
-
 
 def dead_zone(x: float, rho: float, d: float) -> float:
     """Eq. (2)."""
