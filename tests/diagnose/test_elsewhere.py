@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from unittest import mock
 
 import campaigns
 import numpy as np
@@ -15,13 +14,11 @@ import pytest
 from numpy.typing import NDArray
 
 from phnn.criteria import Criteria
-from phnn.diagnose import diagnosis as path
-from phnn.diagnose.diagnosis import Diagnosis, diagnose
+from phnn.diagnose.diagnosis import diagnose
 from phnn.diagnose.number import Visited
 from phnn.diagnose.search import _heat, begin, explore
 from phnn.diagnose.words import picture
 from phnn.effects import Scales, catalogue
-from phnn.identification.base import numerical_error
 from phnn.identification.fit import Fit
 from phnn.identification.options import Options
 from phnn.identification.plan import Plan
@@ -92,28 +89,6 @@ def test_refits_are_the_same_wherever_they_are_done(choice: str) -> None:
     assert expected[0].words == "creep"
     assert len(expected) >= 5
     assert_same(visited(choice), expected)
-
-
-@pytest.mark.slow
-def test_a_diagnosis_in_processes_is_that_of_one_thread() -> None:
-    effects = [catalogue()[n] for n in ("creep", "extra_hysteron", "amplifier_lowpass")]
-    fitted = campaigns.base("creep")
-    error = numerical_error(fitted)
-
-    def found(choice: str) -> Diagnosis:
-        with mock.patch.object(path, "identify_base", return_value=(fitted, error)):
-            return diagnose(campaigns.campaign("creep"), Options(workers=2, executor=choice), effects=effects)
-
-    serial, processes = found("serial"), found("processes:2")
-    assert len(serial.visited.models) > 2
-    assert_same(processes.visited.models, serial.visited.models)
-    assert processes.verdict == serial.verdict
-    assert processes.probability == serial.probability
-    assert processes.final.setup.values() == serial.final.setup.values()
-    assert processes.significance() == serial.significance()
-    assert processes.after.table() == serial.after.table()
-    assert processes.kernel_residual == serial.kernel_residual
-    assert processes.proposal == serial.proposal
 
 
 @pytest.mark.slow

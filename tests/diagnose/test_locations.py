@@ -11,7 +11,7 @@ import pytest
 from phnn.criteria import Criteria
 from phnn.diagnose.linearised import direction
 from phnn.diagnose.lines import drift_share, line_share
-from phnn.diagnose.locations import FORCE, GROUPS, OUTPUT, PARAMETER, VOLTAGE, Group, Location, locate, where_and_when
+from phnn.diagnose.locations import FORCE, GROUPS, OUTPUT, PARAMETER, VOLTAGE, Group, locate, where_and_when
 from phnn.diagnose.refit import short
 from phnn.diagnose.screen import Screen
 from phnn.diagnose.words import picture
@@ -206,17 +206,10 @@ def test_a_drift_of_its_own_in_every_recording_lies_in_the_sensor() -> None:
     assert 4.0 < power[1.0] < 9.0
 
 
-def at(index: int, count: int) -> Location:
-    group = GROUPS[index]
-    weights = np.linspace(0.5, 1.0, count) * 1e-3
-    return Location(group.kind.location, group.kind.name, (), {}, {}, {}, index, weights, 1e-8 * np.eye(count))
-
-
 @pytest.mark.parametrize("index", range(len(GROUPS)), ids=lambda i: GROUPS[i].kind.name)
 def test_every_group_has_a_picture(index: int) -> None:
     linearised, group = campaigns.linearised(), GROUPS[index]
-    count = int((campaigns.generic()[1] == index).sum())
-    drawn = picture(linearised, at(index, count))
+    drawn = picture(linearised, campaigns.location(index, linearised))
     assert (drawn is None) == (group.static is None)
     if drawn is None:
         return

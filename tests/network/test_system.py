@@ -16,7 +16,6 @@ from phnn.network import Network, Port, PortHamiltonianSystem, Storage
 from phnn.nn import ConvexEnergyMLP, MonotoneMLP, SectorMLP
 from phnn.parameters import Parameter, as_table, constant, positive
 
-torch.set_num_threads(1)
 seeds = st.integers(0, 2**31 - 1)
 many = settings(max_examples=150, deadline=None)
 BATCH = 8

@@ -8,7 +8,6 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
 import pytest
 from scripts_example import script
 
@@ -70,24 +69,6 @@ def test_a_logged_model_has_the_number_of_the_model_that_was_visited() -> None:
     own = numbered(again, rho)
     assert own.logs == pytest.approx(weigh(MODELS, CRITERIA).logs)
     assert own.probability == weigh(MODELS, CRITERIA).probability
-
-
-def test_ways_differ_by_what_their_names_say() -> None:
-    models = [visited(left=(1.5, 1.0, 1.2)), visited(DELAY)]
-    odds = {name: float(abs(np.diff(way(case(*models)).logs)[0])) for name, way in WAYS.items()}
-    k = len(DELAY.parameters)
-    floor = SAMPLES / (1.0 + SAMPLES * 0.005)
-    together = 2 * SAMPLES / (1.0 + 2 * SAMPLES * 0.005)
-    wanted = {
-        "BIC on all samples": 0.5 * SAMPLES * 0.5 - 0.5 * k * math.log(2 * SAMPLES),
-        "coarsened over all recordings together": 0.5 * together * 0.5 / 2 - 0.5 * k * math.log(together),
-        "coarsened by recording, with misfit": 0.5 * floor * 0.5 - 0.5 * k * math.log(2 * floor),
-        "**with misfit; noise where nothing promises**": 0.5 * floor * 0.5 - 0.5 * k * math.log(2 * floor),
-        "the same with held-out recordings": 0.5 * floor * 0.7 - 0.5 * k * math.log(3 * floor),
-        "the same with unknown variance": 0.5 * floor * math.log(1.5) - 0.5 * k * math.log(2 * floor),
-    }
-    for name, value in wanted.items():
-        assert odds[name] == pytest.approx(value - CRITERIA.price_effect, abs=1e-6), name
 
 
 def answer(*alternatives: tuple[tuple[str, ...], float], word: str = "unknown", **claims: str) -> Answer:

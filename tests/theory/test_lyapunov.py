@@ -22,7 +22,6 @@ from torch import Tensor
 from phnn.models.actuator import TABLE_1, from_paper
 from phnn.network import Network, PortHamiltonianSystem
 
-torch.set_num_threads(1)
 seeds = st.integers(0, 2**31 - 1)
 counts = st.integers(0, 6)
 BATCH = 16

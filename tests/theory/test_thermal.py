@@ -28,7 +28,6 @@ from phnn.parameters import Parameter
 from phnn.setup import Block, Setup
 from phnn.trajectory import Trajectory, simulate
 
-torch.set_num_threads(1)
 Array = NDArray[np.float64]
 # A small body that follows fast, so that a short simulation shows what takes minutes otherwise.
 FAST = {"C_T": 2e-4, "R_T": 50.0, "kappa_alpha": 0.02, "kappa_rho": 0.1, "kappa_d": -0.05}

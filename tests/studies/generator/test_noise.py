@@ -8,14 +8,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.signal import lsim, lti, welch
+from scipy.signal import welch
 from scipy.stats import t as student
 
 from phnn.errors import InputRefused
 from studies.generator import draw_case, make_case
 from studies.generator.noise import FAMILIES, HEAVY, JITTERED, PINK, PROCESS, Noise
-from studies.generator.plans import Excitation, Piece, sine
-from studies.generator.world import FORCE_STEP, TABLE, Disturbance, simulate, simulate_all
+from studies.generator.world import simulate_all
 
 COUNT = 200_000
 
@@ -29,13 +28,6 @@ def _errors(folder: Path, outputs: tuple[np.ndarray, ...], names: list[str]) -> 
     tables = [pd.read_csv(folder / f"{name}.csv") for name in names]
     errors = [table["displacement_um"].to_numpy() * 1e-6 - q for table, q in zip(tables, outputs, strict=True)]
     return [e - e.mean() for e in errors]
-
-
-@pytest.mark.parametrize("colour", [0.0, 0.3, 0.8])
-def test_noise_has_its_deviation_and_its_colour(colour: float) -> None:
-    n = Noise(50e-9, 10e-9, colour).drawn(COUNT, np.random.default_rng(0))
-    assert n.std() == pytest.approx(50e-9, rel=0.02)
-    assert np.mean(n[1:] * n[:-1]) / np.mean(n**2) == pytest.approx(colour, abs=0.01)
 
 
 @pytest.mark.parametrize("colour", [0.0, 0.3, 0.8])
@@ -73,17 +65,6 @@ def test_heavy_tails_are_those_of_student_s_t_with_the_stated_deviation() -> Non
     np.testing.assert_allclose(np.quantile(n, levels), student.ppf(levels, 3.0) / math.sqrt(3.0), rtol=0.08)
 
 
-def test_a_force_moves_the_actuator_as_a_linear_oscillator_would() -> None:
-    # Without hysterons: scipy's linear solver is exact for a force that is straight between its samples.
-    values = {**TABLE, "C_1": 1e3, "C_2": 1e3}
-    at_rest = Excitation("rest", (Piece(0.0, 0.05),), FORCE_STEP, 2000)
-    force = np.random.default_rng(0).standard_normal(2002)
-    q = simulate(values, at_rest, Disturbance(force=force))
-    oscillator = lti([1.0], [TABLE["m"], TABLE["b"], TABLE["k"]])
-    _, expected, _ = lsim(oscillator, force[:2000], at_rest.t)
-    assert np.max(np.abs(q - expected)) < 1e-6 * np.max(np.abs(expected))
-
-
 @pytest.mark.parametrize("share", [0.5, *(pytest.param(s, marks=pytest.mark.slow) for s in (0.03, 0.1))])
 def test_the_share_of_process_noise_is_the_stated_one(tmp_path: Path, share: float) -> None:
     case = draw_case(5, "none", "few", noise=f"process:{share}")
@@ -96,16 +77,6 @@ def test_the_share_of_process_noise_is_the_stated_one(tmp_path: Path, share: flo
     related = np.mean([np.mean(e[1:] * e[:-1]) / np.mean(e**2) for e in errors])
     # An oscillator of 900 Hz sampled at 10 kHz: neighbours of its part are related by some 0.85.
     assert related == pytest.approx(0.85 * share, abs=0.06)
-
-
-def test_late_samples_are_taken_later() -> None:
-    coarse, fine = sine(100.0, samples=300), sine(100.0, samples=1200)
-    late = simulate(TABLE, coarse, Disturbance(late=np.full(300, 0.25 * coarse.dt)))
-    np.testing.assert_allclose(late, simulate(TABLE, fine)[1::4], atol=1e-12)
-    # A play turns between samples, on its own fine grid; late samples lie between its times.
-    loose = TABLE | {"delta_b": 2e-6}
-    late = simulate(loose, coarse, Disturbance(late=np.full(300, 0.25 * coarse.dt)))
-    np.testing.assert_allclose(late, simulate(loose, fine)[1::4], atol=2e-9)
 
 
 def test_the_variance_of_jittered_noise_grows_with_the_square_of_the_speed(tmp_path: Path) -> None:
