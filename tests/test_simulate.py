@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from junctions import recording
+from junctions import differences, recording
 from scipy.integrate import solve_ivp
 
 from phnn.configuration import config_folder
@@ -124,13 +124,6 @@ def test_settled_blocks_start_without_a_transient() -> None:
     t = np.arange(50) * 1e-4
     y = simulate(chained(LOWPASS), recording(t, np.full(50, 30.0), Start("unknown"))).y
     np.testing.assert_allclose(y, y[0], rtol=1e-12)
-
-
-def differences(setup: Setup, run: Recording, name: str) -> np.ndarray:
-    value = setup.parameters[name].value
-    step = 1e-6 * abs(value)
-    ends = [simulate(setup.with_values({name: value + s}), run).y for s in (step, -step)]
-    return (ends[0] - ends[1]) / (2.0 * step)
 
 
 def chained(*parts: tuple[str, dict[str, float]], start: Setup = BASE) -> Setup:

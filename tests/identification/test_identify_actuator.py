@@ -13,6 +13,7 @@ from unittest import mock
 import campaigns
 import numpy as np
 import pytest
+from junctions import recording
 
 from phnn.errors import InputRefused, PhnnError
 from phnn.identification import prepare
@@ -31,7 +32,7 @@ from phnn.identification.prepare import Gain, identification_plan
 from phnn.identification.staged import identify_actuator
 from phnn.identification.starting_points import falls_throughout
 from phnn.models.actuator import bouc_wen, hrc
-from phnn.recordings.recording import Anchor, Campaign, Part, Recording, Start
+from phnn.recordings.recording import Anchor, Campaign, Part, Start
 from phnn.setup import Setup
 from studies.generator.plans import sine
 from studies.generator.world import simulate as true_output
@@ -142,10 +143,8 @@ def slow_loops(factor: float = 1.0, samples: int = 1500) -> Plan:
     excitation, noise = sine(1.0, samples=samples), 50e-9
     y = true_output(campaigns.concealed()[1].base, excitation)
     y += noise * np.random.default_rng(0).standard_normal(excitation.samples)
-    loops = Recording(
-        "loops", factor * excitation.t, excitation.voltage(excitation.t), y, Start("rest", 0.0), "cubic",
-        (Part("loops", 0, excitation.samples, "identification"),), noise, "stated", np.array([1.0]), None, {}, "",
-    )  # fmt: skip
+    t, u = factor * excitation.t, excitation.voltage(excitation.t)
+    loops = recording(t, u, Start("rest", 0.0), "identification", name="loops", y=y, noise=noise)
     return Plan((loops,), {"loops": 4}, 1)
 
 

@@ -27,8 +27,6 @@ from phnn.recordings.recording import Start, unrecorded
 from phnn.setup import Block, Setup
 from phnn.trajectory import simulate
 
-torch.set_num_threads(1)
-
 
 def closes(
     system: PortHamiltonianSystem, x: Tensor, u: Tensor, h: float, scheme: Scheme = Scheme.DISCRETE_GRADIENT

@@ -31,8 +31,6 @@ from phnn.parameters import Parameter, as_table
 from phnn.setup import Setup
 from phnn.trajectory import Trajectory, simulate
 
-torch.set_num_threads(1)
-
 DRAG = Resistor("drag", "quadratic_drag", {"p": 1.0}, ("b",))
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from junctions import recording
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
@@ -16,7 +17,7 @@ from phnn.configuration import compose
 from phnn.errors import InputRefused, OutputFailed
 from phnn.model import Model
 from phnn.models.actuator import hrc
-from phnn.recordings.recording import Part, Recording, Start
+from phnn.recordings.recording import Recording
 from phnn.setup import Setup
 from studies.recordings import comparison_plan, uses
 from studies.rival_models.contest import run
@@ -141,9 +142,7 @@ def test_a_compiled_model_steps_as_it_is_simulated() -> None:
 
 
 def used(name: str, use: str, u: Array, dt: float) -> Recording:
-    t = dt * np.arange(u.size)
-    parts = (Part(name, 0, u.size, use),)
-    return Recording(name, t, u, u, Start("rest"), "cubic", parts, 1e-8, "given", np.ones(1), None, {}, f"{name}.csv")
+    return recording(dt * np.arange(u.size), u, use=use, name=name, y=u)
 
 
 def test_the_plan_of_the_comparison_is_grouped() -> None:

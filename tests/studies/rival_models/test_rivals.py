@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from junctions import recording as plain
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.signal import cont2discrete, dlsim
@@ -32,11 +33,8 @@ DT, NOISE = 1e-3, 1e-3
 def recording(name: str, u: Array, y: Array, use: str = "identification", dt: float = DT) -> Recording:
     """A recording from rest at zero, whose output has a zero of its own and a little noise."""
     rng = np.random.default_rng(len(name) + u.size)
-    return Recording(
-        name=name, t=np.arange(u.size) * dt, u=u, y=y + 0.3 + NOISE * rng.standard_normal(u.size), start=Start("rest"),
-        interpolation="linear", parts=(Part(name, 0, u.size, use),), noise=NOISE, noise_source="stated",
-        noise_correlation=np.ones(1), period=None, channels={}, source=f"{name}.csv",
-    )  # fmt: skip
+    noisy = y + 0.3 + NOISE * rng.standard_normal(u.size)
+    return plain(np.arange(u.size) * dt, u, use=use, name=name, y=noisy, interpolation="linear", noise=NOISE)
 
 
 def sweep(amplitude: float, low: float, high: float, samples: int = 600) -> Array:
@@ -216,25 +214,6 @@ def test_networks_learn_a_linear_system(name: str) -> None:
     assert after < 0.5 * before
     other = rival(name).fit(recordings, math.inf, 7, most=1)
     assert not np.allclose(other.outputs(recordings)[0], untrained.outputs(recordings)[0])
-
-
-# Up to 1, down to −1, up to 1: branches of a triangle.
-TRIANGLE = np.concatenate(
-    [np.linspace(0.0, 1.0, 101), np.linspace(1.0, -1.0, 201)[1:], np.linspace(-1.0, 1.0, 201)[1:]]
-)
-
-
-def test_dahl_is_the_solution_of_its_equation() -> None:
-    columns = run(Duhem(1, 1), TRIANGLE, np.log([0.4]))
-    z, start = [], 0.0
-    for side, first, last in ((1.0, 0, 100), (-1.0, 100, 300), (1.0, 300, 500)):
-        span = np.abs(TRIANGLE[first : last + 1] - TRIANGLE[first])
-        found = solve_ivp(
-            lambda _, x, s=side: (s - x) / 0.4, (0.0, span[-1]), [start], t_eval=span, rtol=1e-10, atol=1e-12
-        )
-        z.append(found.y[0][0 if first == 0 else 1 :])
-        start = found.y[0][-1]
-    assert np.allclose(columns[:, 1], np.concatenate(z), atol=1e-8)
 
 
 @pytest.mark.parametrize("name", ["narx", *slow("hammerstein", "gru", "subnet")])
