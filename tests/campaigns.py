@@ -17,7 +17,7 @@ import pandas as pd
 from phnn.diagnose import diagnosis as path
 from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.linearised import LinearisedFit, prepare
-from phnn.diagnose.locations import responses
+from phnn.diagnose.locations import GROUPS, Location, responses
 from phnn.effects import catalogue
 from phnn.identification.base import numerical_error
 from phnn.identification.fit import Fit
@@ -92,6 +92,14 @@ def generic(effect: str = "none", seed: int = SEED) -> tuple[np.ndarray, np.ndar
     return responses(linearised(effect, seed))
 
 
+def location(index: int, linearised: LinearisedFit) -> Location:
+    """A location whose group of functions, given by its index, has some strengths."""
+    group = GROUPS[index]
+    count = group.functions(linearised.trajectories[0], linearised.scales).shape[1]
+    weights, covariance = 1e-3 * np.linspace(0.5, 1.0, count), 1e-8 * np.eye(count)
+    return Location(group.kind.location, group.kind.name, (), {}, {}, {}, index, weights, covariance)
+
+
 @cache
 def diagnosis(effect: str, *names: str, seed: int = SEED) -> Diagnosis:
     """The diagnosis from that fit, with a few members of the catalogue or, if none is named, all."""
@@ -107,11 +115,8 @@ def recorded(
     setup: Setup, name: str, t: np.ndarray, u: np.ndarray, noise: float, seed: int = 0, interpolation: str = "cubic"
 ) -> Recording:
     """A setup's own output on an input, from rest, with white noise and a displacement zero."""
-    part = Part(name, 0, t.size, "identification")
-    blank = Recording(
-        name, t, u, np.zeros_like(t), Start("rest", 0.0), interpolation, (part,), noise, "stated", np.array([1.0]),
-        None, {}, name,
-    )  # fmt: skip
+    parts, start = (Part(name, 0, t.size, "identification"),), Start("rest", 0.0)
+    blank = Recording(name, t, u, np.zeros_like(t), start, interpolation, parts, noise, "stated", source=name)
     y = simulate(setup, blank, 4).y + 3e-6 + noise * np.random.default_rng(seed).standard_normal(t.size)
     return replace(blank, y=y)
 

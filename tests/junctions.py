@@ -14,9 +14,9 @@ from phnn.models.network_file import load_network
 from phnn.network import Coupling, Network, Port, Ratio, Resistor, Storage
 from phnn.parameters import Parameter, as_table
 from phnn.recordings.excitation import driving_of
-from phnn.recordings.recording import Recording, Start
+from phnn.recordings.recording import Part, Recording, Start
 from phnn.setup import Setup
-from phnn.trajectory import Trajectory
+from phnn.trajectory import Trajectory, simulate
 
 
 def warming(values: dict[str, float] | None = None) -> Network:
@@ -24,19 +24,18 @@ def warming(values: dict[str, float] | None = None) -> Network:
     return load_network(config_folder() / "network" / "thermal_hrc.yaml").with_values(values or {})
 
 
-def recording(t: np.ndarray, u: np.ndarray, start: Start | None = None, **other: object) -> Recording:
-    """A recording without an output."""
-    fields: dict[str, object] = {
-        "interpolation": "cubic",
-        "parts": (),
-        "noise": 1e-8,
-        "noise_source": "assumed",
-        "noise_correlation": np.ones(1),
-        "period": None,
-        "channels": {},
-        "source": "made",
-    }
-    return Recording("made", t, u, np.full(t.size, np.nan), start or Start("rest"), **(fields | other))  # type: ignore[arg-type]
+def recording(t: np.ndarray, u: np.ndarray, start: Start | None = None, use: str = "", **other: object) -> Recording:
+    """A recording, without an output where none is given as ``y``; one part where its use is given."""
+    fields = {"name": "made", "y": np.full(t.size, np.nan), "interpolation": "cubic", "noise": 1e-8} | other
+    parts = (Part(str(fields["name"]), 0, t.size, use),) if use else ()
+    return Recording(t=t, u=u, start=start or Start("rest"), **({"parts": parts} | fields))  # type: ignore[arg-type]
+
+
+def differences(setup: Setup, run: Recording, name: str, substeps: int = 1) -> np.ndarray:
+    """(N,) derivative of the simulated output by a parameter, by central differences."""
+    value = setup.parameters[name].value
+    ends = [simulate(setup.with_values({name: value * (1.0 + s)}), run, substeps).y for s in (1e-6, -1e-6)]
+    return np.asarray((ends[0] - ends[1]) / (2e-6 * value))
 
 
 def march(network: Network, u: np.ndarray, h: np.ndarray, x0: np.ndarray) -> Trajectory:

@@ -221,6 +221,17 @@ class Falling(nn.Module):
         return 50.0 * effort * torch.exp(-((effort / 0.1) ** 2))
 
 
+class Quartic(nn.Module):
+    """``H = x²/2 + a x⁴/4`` as a user would write it, with nothing but an energy."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.a = nn.Parameter(torch.tensor(0.7, dtype=torch.float64))
+
+    def energy(self, x: Tensor) -> Tensor:
+        return 0.5 * x**2 + 0.25 * self.a * x**4
+
+
 def oscillator(storage: object = "spring", resistor: object = "linear") -> Network:
     """A driven mass on a spring with a damper, whose laws can be exchanged."""
     return Network(

@@ -15,8 +15,6 @@ from phnn.models.actuator import hrc
 from phnn.models.store import load, save
 from phnn.setup import Setup
 
-RECORDINGS = Path(__file__).resolve().parents[2] / "shared" / "recordings"
-
 
 @pytest.fixture(scope="module")
 def folder() -> str:
@@ -63,31 +61,6 @@ def test_predict_without_an_output_starts_at_rest_with_no_offset(tmp_path: Path)
     recording = campaigns.campaign().recordings[0]
     assert found[0] == 0.0
     assert np.std(found - recording.y) < 1.1 * recording.noise
-
-
-@pytest.mark.slow
-def test_diagnose_finds_nothing_where_nothing_is_missing(folder: str, tmp_path: Path) -> None:
-    assert main(["diagnose", folder, "--out", str(tmp_path / "out"), "starts=2", "seed=1"]) == 0
-    content = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
-    assert content["verdict"] == "none"
-    assert content["seed"] == 1
-    names = {".phnn", "diagnosis.json", "report.html", "model", "base", "figures"}
-    assert {p.name for p in (tmp_path / "out").iterdir()} == names
-
-
-@pytest.mark.slow
-def test_a_real_stack_is_modelled_better_after_the_diagnosis(tmp_path: Path) -> None:
-    folder = RECORDINGS / "piezo-stack"
-    if not folder.is_dir():
-        pytest.skip(f"the public recordings of a piezo stack are not at {folder}")
-    assert main(["diagnose", str(folder), "--out", str(tmp_path / "out")]) == 0
-    content = json.loads((tmp_path / "out" / "diagnosis.json").read_text())
-    assert content["verdict"] != "none"
-    before, after = content["fit"]["before"], content["fit"]["after"]
-    assert content["fit"]["held_out"]
-    for name in content["fit"]["held_out"]:
-        assert after[name]["residual_over_noise"] < before[name]["residual_over_noise"]
-        assert after[name]["fit_percent"] > 98.0
 
 
 T = np.arange(600) * 1e-4

@@ -139,20 +139,16 @@ def test_a_scheduler_lost_on_the_way_is_said_and_what_finished_is_kept() -> None
 
 
 @needs_dask
-@pytest.mark.parametrize("content", [None, "{", "[]", "{}"])
-def test_what_is_no_scheduler_file_is_refused(tmp_path: Path, content: str | None) -> None:
+@pytest.mark.parametrize(
+    "said", ["", "{", "[]", "{}", "tcp://", "tcp://node", "tcp://node:port", "tls://:8786", "tls://127.0.0.1:8786"]
+)
+def test_what_is_no_file_and_no_address_of_a_scheduler_is_refused(tmp_path: Path, said: str) -> None:
     file = tmp_path / "scheduler.json"
-    if content is not None:
-        file.write_text(content)
-    with pytest.raises(InputRefused, match=r"no dask scheduler answers .*dask scheduler --scheduler-file"):
-        executor(str(file))
-
-
-@needs_dask
-@pytest.mark.parametrize("address", ["tcp://", "tcp://node", "tcp://node:port", "tls://:8786", "tls://127.0.0.1:8786"])
-def test_what_is_no_address_is_refused(address: str) -> None:
-    with pytest.raises(InputRefused, match=f"executor={address}: no dask scheduler answers"):
-        executor(address)
+    if said:
+        file.write_text(said)
+    given = said if "://" in said else str(file)
+    with pytest.raises(InputRefused, match=f"executor={given}: no dask scheduler answers .*dask scheduler --sch"):
+        executor(given)
 
 
 @needs_dask

@@ -17,7 +17,6 @@ from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES
 from phnn.models.store import _KINDS
 from phnn.network.bounded import BoundedParameters
 
-torch.set_num_threads(1)
 both = pytest.mark.parametrize("dtype", [torch.float64, torch.float32], ids=["float64", "float32"])
 optimisers = pytest.mark.parametrize("optimiser", OPTIMISERS)
 FAST = [name for name, _ in (*CORE, *learned(), *learned_together())] + ["from_paper", "motor", "neural_hrc"]

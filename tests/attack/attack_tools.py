@@ -37,8 +37,6 @@ REFUSED = 2
 WITH_OUT = ("predict", "identify", "diagnose", "compare", "modes")
 # Stands in the environment, and in a file that is no input: neither is ever printed.
 SECRETS = ("swordfish", "root:")
-# What all attacks of this process took at most: inputs, seconds, bytes.
-TALLY = {"inputs": 0.0, "seconds": 0.0, "memory": 0.0}
 # Names of the files that are opened while a command runs; nothing while none does.
 OPENED: list[list[str]] = []
 ROOT = Path(__file__).resolve().parents[2]
@@ -50,13 +48,6 @@ HEADER = "time_s,voltage_V,displacement_m"
 GIVEN = (config_folder() / "network" / "mass_spring_damper.yaml").read_text(encoding="utf-8")
 # What is driven is the voltage; what it is about is left out.
 NETWORK = GIVEN.replace("unit: N}", "unit: V}").partition("\n")[2]
-
-
-def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
-    """Tell how many inputs were tried, and what the worst of them took."""
-    if TALLY["inputs"]:
-        worst = f"{TALLY['inputs']:.0f} inputs, at most {TALLY['seconds']:.1f} s, and {TALLY['memory'] / 1e6:.0f} MB"
-        terminalreporter.write_line(f"attacks: {worst} of memory beyond twice the size of the input")
 
 
 def often(count: int) -> settings:
@@ -194,8 +185,6 @@ class Attack:
         OPENED.clear()
         seconds, (shown, err), after = time.perf_counter() - began, self.captured.readouterr(), seen(self.root)
         beyond, text = peak() - memory - 2 * size, shown + err
-        for name, value in (("inputs", TALLY["inputs"] + 1), ("seconds", seconds), ("memory", beyond)):
-            TALLY[name] = max(TALLY[name], value)
         changed = [p for p in sorted({*before, *after} - {out}) if before.get(p) != after.get(p)]
         changed = [p for p in changed if unseen not in p.parts]
         strange = [p for p in changed if out not in p.parents]

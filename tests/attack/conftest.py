@@ -1,3 +1,3 @@
 """What every attack of this folder is given."""
 
-from attack_tools import attack, compiled, pytest_terminal_summary  # noqa: F401
+from attack_tools import attack, compiled  # noqa: F401

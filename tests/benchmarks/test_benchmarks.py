@@ -17,7 +17,7 @@ case = importlib.import_module("benchmarks.case")
 reference = importlib.import_module("benchmarks.reference")
 ladder = importlib.import_module("benchmarks.ladder")
 table = importlib.import_module("benchmarks.table")
-growth = importlib.import_module("benchmarks.growth")
+importlib.import_module("benchmarks.growth")
 document = importlib.import_module("benchmarks.document")
 leaves = importlib.import_module("benchmarks.leaves")
 peers_scipy = importlib.import_module("benchmarks.peers_scipy")
@@ -91,30 +91,3 @@ def test_diffrax_solves_the_same_case(truth: tuple[np.ndarray, np.ndarray]) -> N
     for planned in (None, peers.FEW_STEPS):
         found = peers.gradient(RISE, wanted, "Kvaerno3", True, planned, "")([1e-7])()
         assert ladder.relative_errors(found, gradient)[0] < 1e-2
-
-
-@pytest.mark.slow
-def test_identifications_share_start_and_cost() -> None:
-    pytest.importorskip("optimistix")
-    identify = importlib.import_module("benchmarks.identify")
-    assert identify.theta_of(identify.Z_START) == pytest.approx(identify.START)
-    assert identify.START[0] == case.TRUTH[0]
-    assert sorted(set(np.round(identify.START[1:] / case.TRUTH[1:], 9))) == [round(1 / 1.5, 9), 1.5]
-    recording = identify.replace(RISE[0], y=np.linspace(0.0, 1e-4, 251), noise=identify.NOISE)
-    choice = ladder.Choice(identify.peers.forward((recording,), "Kvaerno3", True)[0], 1e-5, (1e-7,), 0.0)
-    by_jax = np.asarray(identify.jax_residual([recording], choice)(identify.Z_START))
-    output = peers_scipy.radau(recording, identify.START, 1e-7)
-    ours = identify.residual([recording], [output])
-    assert abs(ours.sum()) < 1e-6 * np.abs(ours).sum()
-    assert by_jax == pytest.approx(ours, abs=1e-3 * np.abs(ours).max())
-
-
-@pytest.mark.slow
-def test_growth_has_the_gradient_of_all_parameters() -> None:
-    network = growth.with_cells(3)
-    assert len(network.parameters) == 10
-    derivatives = growth.gradient_solve(network, 50, recordings=2)()
-    assert derivatives.shape == (10,)
-    assert np.count_nonzero(derivatives) == 10
-    assert derivatives == pytest.approx(2.0 * growth.gradient_solve(network, 50)())
-    assert growth.forward_solve(network, 50, recordings=2)().shape == (2, 50)

@@ -18,14 +18,13 @@ from phnn.chain.amplifiers import (
     bouc_wen,
     delay,
     lowpass,
-    offset,
     saturation,
     second_order_lowpass,
     slew_limit,
     slipping,
     soft_saturation,
 )
-from phnn.chain.sensors import LINEAR, SENSORS, drift, lag, midpoints, play, polynomial, rate, rectification
+from phnn.chain.sensors import LINEAR, SENSORS, lag, midpoints, play, polynomial, rate, rectification
 from phnn.laws.namespace import TINY
 from phnn.models.actuator import TABLE_2
 from phnn.signals.reconstruct import mean_input
@@ -203,10 +202,6 @@ def test_a_slew_limit_makes_a_jump_a_ramp_and_a_large_sine_a_triangle() -> None:
     assert np.ptp(last) == pytest.approx(rate * 0.5 / frequency, rel=0.02)
 
 
-def test_an_offset_is_added() -> None:
-    np.testing.assert_allclose(offset(command(FINE_T), H, 3.0, -1.5), command(FINE_T) - 1.5)
-
-
 def test_a_slipping_state_is_that_of_its_equation() -> None:
     weight, travel, exponent, back, lean = 5.0, 8.0, 1.4, 0.3, 0.2
 
@@ -264,10 +259,6 @@ signals = arrays(np.float64, st.integers(5, 60), elements=st.floats(-10.0, 10.0)
 
 def sine(frequency: float, amplitude: float = 1.0) -> np.ndarray:
     return amplitude * np.sin(2.0 * np.pi * frequency * T)
-
-
-def test_drift_adds_a_ramp() -> None:
-    np.testing.assert_allclose(drift(np.ones(3), np.array([0.0, 2.0, 4.0]), 0.5), [1.0, 2.0, 3.0])
 
 
 def test_the_rate_of_a_parabola_is_exact_at_uneven_times() -> None:

@@ -19,7 +19,7 @@ from phnn.criteria import Criteria
 from phnn.diagnose import diagnosis as path
 from phnn.diagnose.diagnosis import diagnose
 from phnn.diagnose.linearised import LinearisedFit
-from phnn.diagnose.locations import GROUPS, Location, locate
+from phnn.diagnose.locations import GROUPS, locate
 from phnn.diagnose.refit import converged, short
 from phnn.diagnose.words import fitted_in_words, picture, vocabulary_of
 from phnn.effects.learned import learned_elements
@@ -131,32 +131,15 @@ def in_unit(unit: str, source: str) -> LinearisedFit:
     return replace(linearised, fit=replace(linearised.fit, setup=replace(linearised.fit.setup, network=other)))
 
 
-def at(group: int, linearised: LinearisedFit) -> Location:
-    """A location whose group of functions has some strengths."""
-    count = GROUPS[group].functions(linearised.trajectories[0], linearised.scales).shape[1]
-    weights = np.random.default_rng(group).normal(size=count)
-    return Location(
-        GROUPS[group].kind.location,
-        GROUPS[group].kind.name,
-        (),
-        {},
-        {},
-        {},
-        group,
-        weights,
-        np.diag(1e-4 * np.ones(count)),
-    )
-
-
 @pytest.mark.parametrize(
     "group", [i for i, g in enumerate(GROUPS) if g.kind.name in ("elastic", "dissipative", "shape")]
 )
 def test_tanks_in_volts_are_told_in_volts(group: int) -> None:
     linearised = in_unit("V", "V")
-    told = fitted_in_words(linearised, at(group, linearised))
+    told = fitted_in_words(linearised, campaigns.location(group, linearised))
     assert not any(word in told for word in MECHANICAL), told
     assert "effort" in told
-    drawn = picture(linearised, at(group, linearised))
+    drawn = picture(linearised, campaigns.location(group, linearised))
     assert (drawn is None) == (GROUPS[group].static is None)
     if drawn is None:
         return

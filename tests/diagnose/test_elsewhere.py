@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from unittest import mock
 
 import campaigns
 import numpy as np
@@ -15,13 +14,11 @@ import pytest
 from numpy.typing import NDArray
 
 from phnn.criteria import Criteria
-from phnn.diagnose import diagnosis as path
-from phnn.diagnose.diagnosis import Diagnosis, diagnose
+from phnn.diagnose.diagnosis import diagnose
 from phnn.diagnose.number import Visited
 from phnn.diagnose.search import _heat, begin, explore
 from phnn.diagnose.words import picture
 from phnn.effects import Scales, catalogue
-from phnn.identification.base import numerical_error
 from phnn.identification.fit import Fit
 from phnn.identification.options import Options
 from phnn.identification.plan import Plan
@@ -86,46 +83,12 @@ def test_a_fit_survives_pickling() -> None:
     np.testing.assert_array_equal(onwards[0].z, onwards[1].z)
 
 
-@pytest.mark.parametrize("name", sorted(catalogue()))
-def test_every_effect_survives_pickling(name: str) -> None:
-    effect = catalogue()[name]
-    again = pickle.loads(pickle.dumps(effect))
-    assert again == effect
-    for values in effect.grid(SCALES)[:2] if effect.can_be_added_to(base().setup) else ():
-        changed = effect.add_to(base().setup, values)
-        assert again.add_to(base().setup, values) == changed
-        assert pickle.loads(pickle.dumps(changed)) == changed
-        assert again.scaled(values, 2.0) == effect.scaled(values, 2.0)
-
-
 @pytest.mark.parametrize("choice", ["threads:2", pytest.param("processes:2", marks=pytest.mark.slow)])
 def test_refits_are_the_same_wherever_they_are_done(choice: str) -> None:
     expected = visited("serial")
     assert expected[0].words == "creep"
     assert len(expected) >= 5
     assert_same(visited(choice), expected)
-
-
-@pytest.mark.slow
-def test_a_diagnosis_in_processes_is_that_of_one_thread() -> None:
-    effects = [catalogue()[n] for n in ("creep", "extra_hysteron", "amplifier_lowpass")]
-    fitted = campaigns.base("creep")
-    error = numerical_error(fitted)
-
-    def found(choice: str) -> Diagnosis:
-        with mock.patch.object(path, "identify_base", return_value=(fitted, error)):
-            return diagnose(campaigns.campaign("creep"), Options(workers=2, executor=choice), effects=effects)
-
-    serial, processes = found("serial"), found("processes:2")
-    assert len(serial.visited.models) > 2
-    assert_same(processes.visited.models, serial.visited.models)
-    assert processes.verdict == serial.verdict
-    assert processes.probability == serial.probability
-    assert processes.final.setup.values() == serial.final.setup.values()
-    assert processes.significance() == serial.significance()
-    assert processes.after.table() == serial.after.table()
-    assert processes.kernel_residual == serial.kernel_residual
-    assert processes.proposal == serial.proposal
 
 
 @pytest.mark.slow

@@ -9,6 +9,7 @@ from pathlib import Path
 import campaigns
 import numpy as np
 import pytest
+from junctions import recording
 
 from phnn.diagnose.diagnosis import Diagnosis, diagnose
 from phnn.diagnose.linearised import LinearisedFit, prepare
@@ -20,7 +21,7 @@ from phnn.identification.plan import Plan
 from phnn.identification.staged import fit_identified
 from phnn.models.actuator import hrc
 from phnn.recordings import Campaign, read
-from phnn.recordings.recording import ACTUATOR, Part, Recording, Start
+from phnn.recordings.recording import ACTUATOR, Recording, Start
 from phnn.setup import Setup
 from studies.generator import Case, Sealed, draw_case, make_case
 from studies.generator.plans import Excitation, Piece, sine
@@ -72,11 +73,10 @@ def recorded(proposed: Experiment, law: dict[str, float], seed: int) -> Recordin
     answer = Sealed("", law, dict(TABLE), 0.0, NOISE, 0.0, seed, "", (), "same")
     y = made(answer, driven) + 2e-6
     y += NOISE * np.random.default_rng(seed).standard_normal(y.size)
-    part = Part(driven.name, 0, y.size, "identification")
-    start, white = Start("rest", 0.0), np.array([1.0])
-    between = "zero_order" if driven.held else "cubic"
-    return Recording(
-        driven.name, driven.t, driven.voltage(driven.t), y, start, between, (part,), NOISE, "known", white, None, {}, ""
+    start, between = Start("rest", 0.0), "zero_order" if driven.held else "cubic"
+    return recording(
+        driven.t, driven.voltage(driven.t), start, "identification", name=driven.name, y=y, interpolation=between,
+        noise=NOISE,
     )  # fmt: skip
 
 

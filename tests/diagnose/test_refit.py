@@ -26,12 +26,10 @@ HELD = {"m": "held at the stated value"}
 T = np.arange(401) * 1e-4
 
 
-@cache
-def fitted(missing: str, frequencies: tuple[int, ...] = (50, 100, 200), **values: float) -> Fit:
+def fitted(true: Setup, noise: float = 1e-7, frequencies: tuple[int, ...] = (50, 100, 200)) -> Fit:
     """A base fit to recordings of an actuator with one effect more."""
-    true = effect(missing).add_to(Setup(hrc(2)), values)
     drives = {f: 80.0 * np.sin(2.0 * np.pi * f * T) for f in frequencies}
-    made = tuple(campaigns.recorded(true, f"sine {f}", T, u, 1e-7, seed=f) for f, u in drives.items())
+    made = tuple(campaigns.recorded(true, f"sine {f}", T, u, noise, seed=f) for f, u in drives.items())
     return fit_identified(Setup(hrc(2)), Plan(made, {r.name: 4 for r in made}), HELD, max_evaluations=15)
 
 
@@ -51,8 +49,9 @@ def to_the_end(base: Fit, added: Effect, *starts: dict[str, float]) -> Fit:
     return ended
 
 
+@cache
 def strong() -> Fit:
-    return fitted("rate_dependent_threshold", kappa_v=6.0)
+    return fitted(effect("rate_dependent_threshold").add_to(Setup(hrc(2)), {"kappa_v": 6.0}))
 
 
 @pytest.mark.parametrize(
@@ -65,11 +64,7 @@ def strong() -> Fit:
 )
 def test_the_form_of_an_effect_that_acts_stands_first(name: str, values: dict[str, float]) -> None:
     acts = next(f for f in in_all_forms([effect(name)]) if set(f.parameters) == set(values))
-    true = acts.add_to(Setup(hrc(2)), values)
-    made = tuple(
-        campaigns.recorded(true, f"sine {f}", T, 80.0 * np.sin(2.0 * np.pi * f * T), 1e-8, seed=f) for f in (50, 200)
-    )
-    base = fit_identified(Setup(hrc(2)), Plan(made, {r.name: 4 for r in made}), HELD, max_evaluations=15)
+    base = fitted(acts.add_to(Setup(hrc(2)), values), 1e-8, (50, 200))
     search = searching(base, name)
     ended = [to_the_end(base, c.effect, c.values) for c in search.screen(prepare(base))[:6]]
     assert set(values) <= set(min(ended, key=lambda f: f.cost).setup.values())
@@ -99,10 +94,7 @@ FRICTION = {
 @pytest.mark.parametrize("values", FRICTION.values(), ids=FRICTION)
 def test_friction_has_forms(values: dict[str, float]) -> None:
     form = next(e for e in effect("coulomb_friction").forms if set(e.parameters) == set(values))
-    true = form.add_to(Setup(hrc(2)), values)
-    drives = {f: 80.0 * np.sin(2.0 * np.pi * f * T) for f in (50, 100, 200)}
-    made = tuple(campaigns.recorded(true, f"sine {f}", T, u, 2e-8, seed=f) for f, u in drives.items())
-    base = fit_identified(Setup(hrc(2)), Plan(made, {r.name: 4 for r in made}), HELD, max_evaluations=15)
+    base = fitted(form.add_to(Setup(hrc(2)), values), 2e-8)
     search = searching(base, "coulomb_friction", "cubic_stiffness")
     explore(search)
     best = search.best

@@ -10,7 +10,6 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-import torch
 from effect_homes import (
     ACTUATOR,
     BASE,
@@ -32,12 +31,10 @@ from phnn.effects import Effect, catalogue, effect, has_spring, in_all_forms
 from phnn.effects.effect import gathered
 from phnn.effects.formulas import formulas
 from phnn.effects.learned import learned_elements
-from phnn.effects.soundness import CHECKS, Check, rig
+from phnn.effects.soundness import CHECKS, Check
 from phnn.errors import InputRefused
 from phnn.laws import STORAGE_LAWS
 from phnn.recordings.recording import unrecorded
-
-torch.set_num_threads(1)
 
 FORMS = in_all_forms([*EFFECTS, *LEARNED, *FORMULAS])
 every = pytest.mark.parametrize("effect_", FORMS, ids=["-".join((e.name, *e.parameters)) for e in FORMS])
@@ -160,12 +157,3 @@ def test_two_forms_of_an_effect_exclude_each_other_and_themselves() -> None:
             assert not any(form.can_be_added_to(setup) for setup in setups)
         with pytest.raises(InputRefused, match="rename one" if member.parameters else "cannot be added to"):
             member.add_to(setups[0], point(member))
-
-
-def test_setup_is_not_changed_by_adding() -> None:
-    for where in (ACTUATOR, TANKS, rig()):
-        before = replace(where.setup)
-        for member in EFFECTS:
-            if home(member) is where:
-                member.add_to(where.setup, point(member))
-        assert before == where.setup

@@ -9,7 +9,7 @@ from pathlib import Path
 import cloudpickle
 import numpy as np
 import pytest
-from effect_homes import ACTUATOR, BASE, FOLDER, LEARNED, OF_ACTUATOR, OTHERS, added, home, point, run
+from effect_homes import ACTUATOR, BASE, EFFECTS, FOLDER, LEARNED, OF_ACTUATOR, OTHERS, added, home, point, run
 from guided_rig import FORCE, REACH, SPEED, write_rig
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -79,11 +79,16 @@ def test_other_names_change_nothing_but_names(effect_: Effect) -> None:
     assert place_of(mine, other.network) in ("the_q", "the_voltage", "s, the_Q_2")
 
 
-@pytest.mark.parametrize("effect_", OF_ACTUATOR, ids=[e.name for e in OF_ACTUATOR])
+@pytest.mark.parametrize("effect_", EFFECTS, ids=[e.name for e in EFFECTS])
 def test_an_attached_effect_is_a_value(effect_: Effect) -> None:
-    mine = attached(effect_, renamed(home(effect_).setup))[0]
-    assert pickle.loads(pickle.dumps(mine)) == mine
-    assert mine == attached(effect_, renamed(home(effect_).setup))[0]
+    where = home(effect_)
+    mine = attached(effect_, renamed(where.setup))[0]
+    assert mine == attached(effect_, renamed(where.setup))[0]
+    for one, setup in ((mine, renamed(where.setup)), (effect_, where.setup)):
+        again, values = pickle.loads(pickle.dumps(one)), one.grid(where.scales)[0]
+        assert again == one
+        changed = one.add_to(setup, values)
+        assert again.add_to(setup, values) == changed == pickle.loads(pickle.dumps(changed))
 
 
 @pytest.mark.parametrize("name", ["creep", "cubic_stiffness", "hysteresis_asymmetry", "self_heating", "base_motion"])

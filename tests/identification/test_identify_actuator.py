@@ -13,6 +13,7 @@ from unittest import mock
 import campaigns
 import numpy as np
 import pytest
+from junctions import recording
 
 from phnn.errors import InputRefused, PhnnError
 from phnn.identification import prepare
@@ -28,10 +29,10 @@ from phnn.identification.fit import Fit
 from phnn.identification.options import Options
 from phnn.identification.plan import Plan
 from phnn.identification.prepare import Gain, identification_plan
-from phnn.identification.staged import identify_actuator, representative_subset
+from phnn.identification.staged import identify_actuator
 from phnn.identification.starting_points import falls_throughout
 from phnn.models.actuator import bouc_wen, hrc
-from phnn.recordings.recording import Anchor, Campaign, Part, Recording, Start
+from phnn.recordings.recording import Anchor, Campaign, Part, Start
 from phnn.setup import Setup
 from studies.generator.plans import sine
 from studies.generator.world import simulate as true_output
@@ -78,31 +79,6 @@ def test_the_number_of_hysterons(
         anchors = dict.fromkeys(known, mock.Mock())
         found, fitted = prepare.hysteresis_needed(mock.Mock(), anchors, 1, 0, lambda m: None)
         assert (found, fitted) == (chosen, chosen if left else None)
-
-
-T = np.arange(400) * 1e-4
-
-
-def made(name: str, amplitude: float, frequency: float) -> Recording:
-    return campaigns.recorded(Setup(hrc(0)), name, T, amplitude * np.sin(2.0 * np.pi * frequency * T), 1e-7)
-
-
-def plan(*recordings: Recording) -> Plan:
-    return Plan(recordings, {r.name: 2 for r in recordings})
-
-
-def test_the_corners_are_looked_at() -> None:
-    corners = [
-        ("small slow", 1.0, 25.0),
-        ("small fast", 1.0, 500.0),
-        ("large slow", 99.0, 25.0),
-        ("large fast", 100.0, 500.0),
-    ]
-    middle = [(f"middle {i}", 8.0 + i, 100.0 + 25.0 * i) for i in range(5)]
-    subset = representative_subset(plan(*(made(*x) for x in [*middle, *corners])))
-    assert len(subset.recordings) == 5
-    assert {name for name, _, _ in corners} <= {r.name for r in subset.recordings}
-    assert subset.substeps["small slow"] == 2
 
 
 def groups(values: Mapping[str, float]) -> dict[str, float]:
@@ -167,10 +143,8 @@ def slow_loops(factor: float = 1.0, samples: int = 1500) -> Plan:
     excitation, noise = sine(1.0, samples=samples), 50e-9
     y = true_output(campaigns.concealed()[1].base, excitation)
     y += noise * np.random.default_rng(0).standard_normal(excitation.samples)
-    loops = Recording(
-        "loops", factor * excitation.t, excitation.voltage(excitation.t), y, Start("rest", 0.0), "cubic",
-        (Part("loops", 0, excitation.samples, "identification"),), noise, "stated", np.array([1.0]), None, {}, "",
-    )  # fmt: skip
+    t, u = factor * excitation.t, excitation.voltage(excitation.t)
+    loops = recording(t, u, Start("rest", 0.0), "identification", name="loops", y=y, noise=noise)
     return Plan((loops,), {"loops": 4}, 1)
 
 

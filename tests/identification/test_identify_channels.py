@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from junctions import recording as made
 from scipy.signal import lfilter
 
 from phnn.cli import main
@@ -15,7 +16,7 @@ from phnn.configuration import config_folder
 from phnn.identification.evaluate import Evaluation, score_part
 from phnn.identification.prepare import gain
 from phnn.recordings import read
-from phnn.recordings.recording import Part, Recording, Start
+from phnn.recordings.recording import Part, Recording
 from phnn.setup import Own
 
 TRUE = {"k_1": 700.0, "k_2": 1300.0, "k_12": 350.0, "m_1": 0.22, "m_2": 0.27, "b_1": 0.6, "b_2": 0.7}
@@ -223,10 +224,7 @@ def recording(
 ) -> Recording:
     t = np.arange(y.size) / GAIN_RATE
     u = np.sin(2.0 * np.pi * 40.0 * t)
-    part = Part(name, first, y.size, use)
-    return Recording(
-        name, t, u, scale * y, Start("rest"), "cubic", (part,), scale, "stated", np.array([1.0]), None, {}, name
-    )  # fmt: skip
+    return made(t, u, name=name, y=scale * y, parts=(Part(name, first, y.size, use),), noise=scale)
 
 
 def models(recordings: list[Recording], *outputs: list[np.ndarray]) -> list[Evaluation]:

@@ -75,21 +75,14 @@ def errors(noise: Noise, periodic: bool = True) -> tuple[np.ndarray, np.ndarray]
 @pytest.mark.parametrize(
     "noise", [first_order, *(pytest.param(n, marks=pytest.mark.slow) for n in (white, heavy, through_a_resonance))]
 )
-@pytest.mark.parametrize("share", [0.68, 0.95])
-def test_intervals_contain_the_truth_as_often_as_they_say(noise: Noise, share: float) -> None:
-    found, freedom = errors(noise)
+@pytest.mark.parametrize(
+    ("share", "periodic"), [(0.68, True), (0.95, True), pytest.param(0.95, False, marks=pytest.mark.slow)]
+)
+def test_intervals_contain_the_truth_as_often_as_they_say(noise: Noise, share: float, periodic: bool) -> None:
+    found, freedom = errors(noise, periodic)
     inside = np.abs(found) <= student.ppf(0.5 + 0.5 * share, freedom)
     # All parameters of one draw count as one: their errors go together.
     low, high = binom.interval(0.99, DRAWS, share)
-    assert low <= DRAWS * inside.mean() <= high
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("noise", [white, first_order])
-def test_intervals_do_not_need_repetitions(noise: Noise) -> None:
-    found, freedom = errors(noise, periodic=False)
-    inside = np.abs(found) <= student.ppf(0.975, freedom)
-    low, high = binom.interval(0.99, DRAWS, 0.95)
     assert low <= DRAWS * inside.mean() <= high
 
 

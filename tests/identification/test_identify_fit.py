@@ -13,10 +13,9 @@ import yaml
 from campaigns import recorded
 
 from phnn.diagnose.diagnosis import score_on_all
-from phnn.effects import effect
 from phnn.identification.base import identify_base, released, resumed
 from phnn.identification.evaluate import evaluate
-from phnn.identification.fit import fit, unidentified, variables_from
+from phnn.identification.fit import fit, unidentified
 from phnn.identification.options import Options
 from phnn.identification.plan import Plan
 from phnn.identification.problem import Problem, expected_start, variables_of, without_nuisances
@@ -35,17 +34,6 @@ def test_a_fit_that_rests_too_early_goes_on() -> None:
     early = fit(moved, best.plan, best.variables.names, best.held, max_evaluations=1)
     assert early.cost > 1.5 * best.cost
     assert resumed(early).cost < 1.001 * best.cost
-
-
-def test_a_simulation_of_several_unknowns_counts_as_four() -> None:
-    best, spent = campaigns.base(), []
-    further = {"m_2": 1e-4, "k_2": 1e3, "b_2": 0.1}
-    for setup in (best.setup, effect("second_mode").add_to(best.setup, further)):
-        variables = variables_of(setup, best.plan, ["k"])
-        with accounted() as account:
-            Problem(setup, best.plan, variables).trajectories(variables.start(setup))
-        spent.append(account.spent)
-    assert spent[1] == 4.0 * spent[0] > 0.0
 
 
 def test_a_fit_at_its_optimum_is_left_alone() -> None:
@@ -153,18 +141,6 @@ def test_initial_state_is_estimated_where_the_start_is_unknown() -> None:
     y = simulate(fitted.setup, later, 2, initial=initial).y
     assert np.std(y - path.y[700:]) < 0.3 * whole.noise
     assert initial[-1] == pytest.approx(there[-1], abs=0.1 * np.abs(path.states[:, -1]).max())
-
-
-def test_a_fit_of_other_recordings_begins_at_the_initial_states_of_those_it_shares() -> None:
-    fitted = campaigns.base()
-    first, second = (sliced(r, 300) for r in fitted.plan.recordings[:2])
-    found = fit(fitted.setup, Plan((first, second), fitted.plan.substeps, workers=1), ())
-    shared = variables_from(fitted.setup, Plan((second,), fitted.plan.substeps), (), found)
-    np.testing.assert_array_equal(shared.origin[second.name], found.initial_states[second.name])
-    alone = fit(fitted.setup, Plan((first,), fitted.plan.substeps, workers=1), ())
-    mixed = variables_from(fitted.setup, found.plan, (), alone)
-    np.testing.assert_array_equal(mixed.origin[first.name], alone.initial_states[first.name])
-    np.testing.assert_array_equal(mixed.origin[second.name], found.variables.origin[second.name])
 
 
 def test_impossible_parameters_cost_much_and_do_not_raise() -> None:

@@ -9,8 +9,7 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from networks import Falling, ledger, networks, oscillator, random_network, random_states, solve_dense
-from scipy.integrate import solve_ivp
+from networks import Falling, ledger, networks, oscillator, random_states, solve_dense
 from torch import Tensor, nn
 
 from phnn.derivatives import output_derivatives
@@ -22,13 +21,11 @@ from phnn.laws import RESISTOR_LAWS
 from phnn.model import Model
 from phnn.models import hrc
 from phnn.network import Coupling, Network, Port, PortHamiltonianSystem, Resistor, Storage
-from phnn.nn import ConvexEnergyMLP, LearnedSystem, MonotoneMLP, SectorMLP
+from phnn.nn import LearnedSystem
 from phnn.parameters import as_table, constant, positive
 from phnn.recordings.recording import Start, unrecorded
 from phnn.setup import Block, Setup
 from phnn.trajectory import simulate
-
-torch.set_num_threads(1)
 
 
 def closes(
@@ -52,75 +49,6 @@ def test_power_balance_is_exact_for_any_network_and_step(network: Network, seed:
         x = solve_dense(system, x0[0], u, h)
     assert x.shape == (4, x0.shape[-1])
     assert closes(system, x, u, h)
-
-
-@pytest.mark.parametrize("seed", [0, 3, pytest.param(2, marks=pytest.mark.slow)])
-def test_agrees_with_radau_at_second_order(seed: int) -> None:
-    network = random_network(seed, 4, 3, 1, monotone=True)
-    system = PortHamiltonianSystem(network)
-    start, _ = random_states(network, seed, 1)
-    x0 = torch.from_numpy(start[0])
-
-    def rate(t: float, x: np.ndarray) -> np.ndarray:
-        with torch.no_grad():
-            u = torch.full((1,), np.sin(t), dtype=torch.float64)
-            return system.vector_field(torch.from_numpy(x), u).numpy()
-
-    reference = solve_ivp(rate, (0.0, 0.5), start[0], method="Radau", rtol=1e-8, atol=1e-10).y[:, -1]
-    errors = []
-    for steps in (20, 40):
-        h = 0.5 / steps
-        u = torch.sin(h * (torch.arange(steps, dtype=torch.float64) + 0.5))
-        with torch.no_grad():
-            errors.append(np.abs(solve_dense(system, x0, u, h)[-1].numpy() - reference).max())
-    assert errors[1] < 3e-3 * np.abs(reference).max()
-    # Second order where the laws are smooth; kinks cost a little.
-    assert errors[1] < 0.45 * errors[0] + 1e-8
-
-
-@pytest.mark.parametrize("kind", ["neural", "energy only", pytest.param("analytic", marks=pytest.mark.slow)])
-def test_gradients_agree_with_finite_differences(kind: str) -> None:
-    if kind == "analytic":
-        system = PortHamiltonianSystem(random_network(5, 3, 2, 1, monotone=True))
-    elif kind == "neural":
-        system = PortHamiltonianSystem(oscillator(ConvexEnergyMLP(1.0, 4.0, 2), MonotoneMLP(1.0, 1.0, 1)))
-    else:
-        system = PortHamiltonianSystem(oscillator(Quartic(), SectorMLP(1.0, 1.0, 3)))
-    n, ports = len(system.state_names), len(system.network.ports)
-    random = torch.Generator().manual_seed(1)
-    x0 = torch.randn(n, generator=random, dtype=torch.float64, requires_grad=True)
-    u = torch.randn(2, ports, generator=random, dtype=torch.float64, requires_grad=True)
-    names = [name for name, _ in system.named_parameters()]
-    values = tuple(p.detach().clone().requires_grad_(True) for p in system.parameters())
-
-    def solve(x0: Tensor, u: Tensor, *parameters: Tensor) -> Tensor:
-        return _Call(system)(dict(zip(names, parameters, strict=True)), x0, u)
-
-    assert torch.autograd.gradcheck(solve, (x0, u, *values), eps=1e-6, atol=1e-6, rtol=1e-4)
-
-
-class Quartic(nn.Module):
-    """``H = x²/2 + a x⁴/4`` with nothing but an energy."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.a = nn.Parameter(torch.tensor(0.7, dtype=torch.float64))
-
-    def energy(self, x: Tensor) -> Tensor:
-        return 0.5 * x**2 + 0.25 * self.a * x**4
-
-
-class _Call:
-    """A solve with the module's parameters replaced."""
-
-    def __init__(self, system: PortHamiltonianSystem) -> None:
-        self.holder = nn.Module()
-        self.holder.add_module("system", system)
-        self.holder.forward = lambda x0, u: solve_dense(system, x0, u, 0.1)  # type: ignore[assignment]
-
-    def __call__(self, values: dict[str, Tensor], x0: Tensor, u: Tensor) -> Tensor:
-        renamed = {f"system.{name}": value for name, value in values.items()}
-        return torch.func.functional_call(self.holder, renamed, (x0, u))
 
 
 def test_a_step_without_connected_solution_names_time_and_remedy() -> None:

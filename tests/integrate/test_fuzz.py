@@ -16,8 +16,6 @@ from phnn.integrate.program import compile_network
 from phnn.network import Network, PortHamiltonianSystem, Resistor
 from phnn.nn import SectorMLP
 
-torch.set_num_threads(1)
-
 STEPS = 20
 # Of a step without solution: one that has one.
 SHORT = 1e-2

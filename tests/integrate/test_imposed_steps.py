@@ -21,8 +21,6 @@ from phnn.parameters import Parameter, as_table
 Array = NDArray[np.float64]
 Law = tuple[str, tuple[float, ...]]
 
-torch.set_num_threads(1)
-
 # Every kind of network, and who moves it: the moved part alone; a mass behind a suspension, or behind two, whose force
 # on the source is measured; the same where the mass is measured.
 KINDS = ("specimen", "specimen", "suspended", "chain", "base")

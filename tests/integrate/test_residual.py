@@ -22,8 +22,6 @@ from phnn.network import PortHamiltonianSystem, Resistor
 from phnn.setup import Setup
 from phnn.trajectory import Trajectory, simulate
 
-torch.set_num_threads(1)
-
 
 def sine(samples: int = 400) -> Trajectory:
     t = np.arange(samples) * 1e-5

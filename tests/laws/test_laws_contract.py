@@ -34,8 +34,6 @@ from phnn.laws.leaf import rc_flow, relaxation
 from phnn.laws.namespace import TINY
 from phnn.laws.resistor import piecewise_linear
 
-torch.set_num_threads(1)
-
 Law = StorageLaw | ResistorLaw | PortLaw | MemoryLaw
 # Away from every kink of the examples, of both signs, over some decades.
 POINTS = np.array([-2.3, -0.71, -0.113, -0.0021, 0.0017, 0.094, 0.83, 1.9])

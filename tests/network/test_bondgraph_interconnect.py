@@ -19,8 +19,6 @@ from phnn.network import Network, Port, PortHamiltonianSystem, Resistor, Storage
 from phnn.network.elements import interconnect, renamed
 from phnn.parameters import positive
 
-torch.set_num_threads(1)
-
 
 class _Negative(torch.nn.Module):
     """``φ = −s ε`` beyond a threshold."""
@@ -104,7 +102,6 @@ def test_registered_laws_are_tried_in_the_domains_of_their_parameters() -> None:
     assert not {"pump", "odd"} & set(RESISTOR_LAWS)
 
 
-torch.set_num_threads(1)
 seeds = st.integers(0, 2**31 - 1)
 STIFF, RHO = positive("stiff", 1.7, "1"), positive("rho", 0.6, "1")
 

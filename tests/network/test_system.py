@@ -6,7 +6,7 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from networks import networks, oscillator, random_network, random_states
+from networks import Quartic, networks, oscillator, random_network, random_states
 from torch import Tensor, nn
 
 import phnn.network
@@ -16,7 +16,6 @@ from phnn.network import Network, Port, PortHamiltonianSystem, Storage
 from phnn.nn import ConvexEnergyMLP, MonotoneMLP, SectorMLP
 from phnn.parameters import Parameter, as_table, constant, positive
 
-torch.set_num_threads(1)
 seeds = st.integers(0, 2**31 - 1)
 many = settings(max_examples=150, deadline=None)
 BATCH = 8
@@ -25,13 +24,6 @@ BATCH = 8
 def states(network: Network, seed: int, count: int = BATCH) -> tuple[Tensor, Tensor]:
     x, u = random_states(network, seed, count)
     return torch.from_numpy(x), torch.from_numpy(u)
-
-
-class QuarticSpring(nn.Module):
-    """``H = x⁴/4`` as a user would write it, with nothing but an energy."""
-
-    def energy(self, x: Tensor) -> Tensor:
-        return 0.25 * x**4
 
 
 @many
@@ -125,7 +117,7 @@ def test_dissipation_at_zero_effort_is_the_slope() -> None:
         assert d.item() == pytest.approx(wanted, rel=1e-4)
 
 
-@pytest.mark.parametrize("storage", [QuarticSpring(), ConvexEnergyMLP(1.0, 1.0)], ids=["autograd", "closed form"])
+@pytest.mark.parametrize("storage", [Quartic(), ConvexEnergyMLP(1.0, 1.0)], ids=["autograd", "closed form"])
 def test_neural_laws_keep_the_balance_and_the_graph(storage: nn.Module) -> None:
     system = PortHamiltonianSystem(oscillator(storage, SectorMLP(1.0, 1.0)))
     x = torch.randn(20, 2, dtype=torch.float64, generator=torch.Generator().manual_seed(0))

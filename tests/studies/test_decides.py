@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import json
 import math
-import runpy
-import sys
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import numpy as np
 import pytest
+from scripts_example import script
 
 from phnn.criteria import Criteria
 from phnn.diagnose.number import Misfit, Visited, log_weight, tolerated, weigh
@@ -73,24 +71,6 @@ def test_a_logged_model_has_the_number_of_the_model_that_was_visited() -> None:
     assert own.probability == weigh(MODELS, CRITERIA).probability
 
 
-def test_ways_differ_by_what_their_names_say() -> None:
-    models = [visited(left=(1.5, 1.0, 1.2)), visited(DELAY)]
-    odds = {name: float(abs(np.diff(way(case(*models)).logs)[0])) for name, way in WAYS.items()}
-    k = len(DELAY.parameters)
-    floor = SAMPLES / (1.0 + SAMPLES * 0.005)
-    together = 2 * SAMPLES / (1.0 + 2 * SAMPLES * 0.005)
-    wanted = {
-        "BIC on all samples": 0.5 * SAMPLES * 0.5 - 0.5 * k * math.log(2 * SAMPLES),
-        "coarsened over all recordings together": 0.5 * together * 0.5 / 2 - 0.5 * k * math.log(together),
-        "coarsened by recording, with misfit": 0.5 * floor * 0.5 - 0.5 * k * math.log(2 * floor),
-        "**with misfit; noise where nothing promises**": 0.5 * floor * 0.5 - 0.5 * k * math.log(2 * floor),
-        "the same with held-out recordings": 0.5 * floor * 0.7 - 0.5 * k * math.log(3 * floor),
-        "the same with unknown variance": 0.5 * floor * math.log(1.5) - 0.5 * k * math.log(2 * floor),
-    }
-    for name, value in wanted.items():
-        assert odds[name] == pytest.approx(value - CRITERIA.price_effect, abs=1e-6), name
-
-
 def answer(*alternatives: tuple[tuple[str, ...], float], word: str = "unknown", **claims: str) -> Answer:
     """An answer with alternatives; claims by their status."""
     probability: dict[str, float] = {}
@@ -126,35 +106,6 @@ def test_the_probability_of_being_right(changes: dict[str, Any], alternatives: A
     assert case(*MODELS, **changes).right(answer(*alternatives)) == pytest.approx(right)
 
 
-@pytest.mark.parametrize(
-    ("changes", "fitted"),
-    [
-        ({"effects": ("creep",)}, True),
-        ({"effects": ("creep", "delay"), "group": "pair"}, False),
-        ({"effects": ("creep",), "group": "listed, another form", "form": "log_creep"}, True),
-        ({"effects": ("regime_damper",), "form": "unlisted"}, False),
-    ],
-)
-def test_a_right_model_that_was_never_fitted_is_told(changes: dict[str, Any], fitted: bool) -> None:
-    own = case(BASE, visited(CREEP), visited(CREEP, SPRING), **changes)
-    assert own.visited is fitted
-    assert case(BASE, visited(SPRING), effects=("regime_damper",), form="unlisted").visited
-
-
-def test_a_class_is_right_with_the_truth_in_it() -> None:
-    stated = answer((("delay",), 0.6), (("creep",), 0.37), (("sensor_lag",), 0.03))
-    assert case(*MODELS, effects=("creep",)).in_class(stated)
-    assert not case(*MODELS, effects=("sensor_lag",)).in_class(stated)
-    many = answer(*(((f"e{i}",), 0.2) for i in range(5)))
-    assert not case(*MODELS, effects=("e0",)).in_class(many)
-
-
-def test_statements_leave_out_learned_elements_and_what_acts_beside() -> None:
-    stated = answer((("creep", "delay"), 0.6), (("learned_spring",), 0.395), ((), 0.005))
-    own = case(*MODELS, effects=("delay",), group="listed, with a background").statements(stated)
-    assert own == [(0.6, True)]
-
-
 def test_calibration_error_and_log_score_by_hand() -> None:
     assert calibration_error([(0.9, True), (0.9, False), (0.2, False), (0.2, False)]) == pytest.approx(0.3)
     assert calibration_error([(1.0, True), (0.0, False)]) == 0.0
@@ -178,16 +129,6 @@ def test_the_verdict_is_made_anew_by_the_rules_of_the_product() -> None:
     assert answered(early, weigh(early.models, CRITERIA)).word == "unknown"
 
 
-def test_proven_elements_of_an_unknown_whole_are_counted() -> None:
-    claims = [
-        {"effect": "creep", "status": "likely", "probability": 0.99, "alike": []},
-        {"effect": "delay", "status": "likely", "probability": 0.97, "alike": []},
-        {"effect": "learned_spring", "status": "learned", "probability": 1.0, "alike": []},
-    ]
-    _, rows = page.inside_unknown([case(*MODELS, effects=("creep",), claims=claims)])
-    assert rows == [["all", "2", "1", "0", "1"], ["listed", "2", "1", "0", "1"]]
-
-
 def test_each_half_of_the_cases_is_judged_by_values_of_the_other_one() -> None:
     # A small gain that is real: the lower price is right.
     weak = [visited(left=(1.05, 1.0, 1.0)), visited(CREEP)]
@@ -209,8 +150,7 @@ def test_the_command_prints_all_tables(
     log.write_text("".join(json.dumps(r) + "\n" for r in [*rows, failed]), encoding="utf-8")
     assert cases_in(log)[0][1].answer.word == "none"
     monkeypatch.setattr(page, "SETTINGS", (page.Setting(),))
-    monkeypatch.setattr(sys, "argv", ["decides.py", "compare", str(log)])
-    runpy.run_path(str(ROOT / "scripts" / "decides.py"), run_name="__main__")
+    script("decides", "compare", str(log))
     printed = capsys.readouterr().out
     assert printed.startswith("2 cases, 1 without an answer")
     assert all(f"| {name} | " in printed for name in WAYS)

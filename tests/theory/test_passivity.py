@@ -23,7 +23,6 @@ from phnn.models.actuator import TABLE_1, from_paper, hrc
 from phnn.network import Network, PortHamiltonianSystem
 from phnn.setup import Setup
 
-torch.set_num_threads(1)
 seeds = st.integers(0, 2**31 - 1)
 counts = st.integers(0, 6)
 BATCH = 16

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +14,6 @@ from studies.benchmark.tools import TOOLS, tool
 from studies.benchmark.tools.common import orthonormal
 from studies.benchmark.tools.lfr import group_lasso
 from studies.benchmark.tools.lisdd import f_test
-from studies.benchmark.tools.selection import _fewest, _grams, _supports
 from studies.generator import generate
 
 RNG = np.random.default_rng
@@ -26,31 +23,6 @@ def test_every_tool_can_be_had_and_others_are_refused() -> None:
     assert all(callable(tool(name)) for name in TOOLS)
     with pytest.raises(InputRefused, match=r"nothing is called 'lisd' .did you mean lisdd\?"):
         tool("lisd")
-
-
-def regression(seed: int, coefficients: dict[int, float]) -> tuple[list[np.ndarray], list[str]]:
-    """Products of four recordings in which some of twelve terms act; two neighbours belong to one effect."""
-    pytest.importorskip("pysindy")
-    rng, n = RNG(seed), 4000
-    columns = rng.normal(size=(n, 12))
-    r = rng.normal(size=n) + sum(a * columns[:, k] for k, a in coefficients.items())
-    slices = [slice(k * 1000, (k + 1) * 1000) for k in range(4)]
-    found: Any = SimpleNamespace(project=lambda x: x, residual=r, slices=slices)
-    return _grams(found, columns)[0], [f"effect_{k // 2}" for k in range(12)]
-
-
-def test_sindy_selects_the_terms_that_act() -> None:
-    grams, effects = regression(1, {3: 0.8, 8: -0.5})
-    assert len(grams) == 16
-    every = list(range(16))
-    assert (3, 8) in _supports(grams, every)
-    assert _fewest(grams, every, [(every[:8], every[8:])], effects) == (3, 8)
-
-
-def test_sindy_selects_nothing_in_noise() -> None:
-    grams, effects = regression(2, {})
-    every = list(range(16))
-    assert _fewest(grams, every, [(every[:8], every[8:])], effects) == ()
 
 
 def sine_case(folder: Path, effect: str) -> Path:

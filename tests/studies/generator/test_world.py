@@ -10,7 +10,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from studies.generator import effects
-from studies.generator.effects import FORMS, FURTHER_UNLISTED, LISTED, UNLISTED, Concealed, may_be_paired
+from studies.generator.effects import FORMS, FURTHER_UNLISTED, LISTED, UNLISTED, Concealed
 from studies.generator.make import concealing
 from studies.generator.plans import Excitation, plan_of, sine
 from studies.generator.world import NEUTRAL, TABLE, play, simulate, simulate_all
@@ -212,15 +212,3 @@ def test_it_changes_the_output_and_vanishes_with_its_strength(chosen: str) -> No
     seen = change(effect.guess)
     assert seen > 1e-8
     assert change(effect.guess * 1e-3) < 0.05 * seen
-
-
-def test_pairs_are_of_different_kinds() -> None:
-    assert may_be_paired("creep", "delay")
-    assert not may_be_paired("delay", "delay")
-    assert not may_be_paired("delay", "sensor_lag")
-    assert not may_be_paired("slew_limit", "amplifier_saturation")
-    assert set().union(*effects.ALIKE) <= set(LISTED)
-    assert len({*LISTED, *UNLISTED, *FURTHER_UNLISTED}) == len(LISTED) + len(UNLISTED) + len(FURTHER_UNLISTED)
-    assert set(effects.LOCATIONS.values()) == {
-        "amplifier", "electrical", "hysteron", "coupling", "mechanical", "thermal", "sensor", "environment"
-    }  # fmt: skip

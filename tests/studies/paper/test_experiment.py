@@ -9,14 +9,12 @@ import sys
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import campaigns
 import numpy as np
 import pytest
 
 from phnn.diagnose.diagnosis import score_on_all
-from phnn.errors import InputRefused
 from phnn.identification.fit import Fit, fit
 from phnn.identification.identified import identify
 from phnn.identification.options import Options
@@ -60,33 +58,6 @@ def test_the_campaign_is_the_papers() -> None:
         assert found.noise == pytest.approx(0.05e-6, rel=0.15)
         assert np.abs(found.u).max() <= 75.0
         assert np.abs(found.u).max() == pytest.approx(75.0, rel=1e-3)
-
-
-def test_same_seed_same_bytes(tmp_path: Path) -> None:
-    for name, seed in (("b", 0), ("c", 2)):
-        write_recordings(tmp_path / name, Conditions(seed=seed))
-    read_ = {f.name: {p.name: p.read_bytes() for p in f.iterdir()} for f in tmp_path.iterdir()}
-    read_["a"] = {p.name: p.read_bytes() for p in recorded()[0].iterdir()}
-    assert read_["a"] == read_["b"]
-    # The voltage and the manifest are the same for all; noise and zeros are not.
-    assert all(read_["a"][n] != read_["c"][n] for n in read_["a"] if n.endswith(".csv"))
-
-
-@pytest.mark.parametrize(
-    ("wrong", "needle"),
-    [
-        ({"effect": "gravity"}, "gravity"),
-        ({"noise_um": 0.0}, "noise_um"),
-        ({"noise_um": "much"}, "noise_um"),
-        ({"residual_um": float("nan")}, "residual_um"),
-        ({"step_nm": 0}, "step_nm"),
-        ({"step_nm": 1.5}, "step_nm"),
-        ({"seed": -1}, "seed"),
-    ],
-)
-def test_conditions_out_of_range_are_refused(wrong: dict[str, Any], needle: str) -> None:
-    with pytest.raises(InputRefused, match=needle):
-        Conditions(**wrong)
 
 
 # Values that voltage and displacement identify, whatever the common factor.

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import csv
-import os
 from pathlib import Path
 
 import numpy as np
 import pytest
+from junctions import recording
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
@@ -17,10 +17,10 @@ from phnn.configuration import compose
 from phnn.errors import InputRefused, OutputFailed
 from phnn.model import Model
 from phnn.models.actuator import hrc
-from phnn.recordings.recording import Part, Recording, Start
+from phnn.recordings.recording import Recording
 from phnn.setup import Setup
 from studies.recordings import comparison_plan, uses
-from studies.rival_models.contest import FOLDERS, one_to_one, run
+from studies.rival_models.contest import run
 from studies.rival_models.names import register_rivals
 from studies.rival_models.rival import State, Stepper
 from studies.rival_models.runs import CompiledStepper, Loop, closed, closed_path, drawn_loops
@@ -78,19 +78,6 @@ def test_the_table_is_written_and_read_back(tmp_path: Path) -> None:
 def test_studies_refuse_what_they_cannot_use(change: dict[str, object], needle: str, tmp_path: Path) -> None:
     with pytest.raises(InputRefused, match=needle):
         run(study(tmp_path / "out", **change))
-
-
-@pytest.mark.slow
-def test_public_recordings_are_read_with_one_input_and_one_output() -> None:
-    home = Path(os.environ.get("PHNN_RECORDINGS", Path(__file__).parents[4] / "shared" / "recordings"))
-    there = [n for n in FOLDERS if (home / n).is_dir()]
-    if not there:
-        pytest.skip(f"{home}: no public recordings")
-    for name in there:
-        campaign = one_to_one(home / name, name)
-        assert not any(r.further or r.measures for r in campaign.recordings)
-        uses = {p.use for r in campaign.recordings for p in r.parts}
-        assert {"identification", "confirmation"} <= uses
 
 
 DT, M, K, ALPHA = 1e-4, 1e-3, 5e4, 5.0
@@ -155,14 +142,7 @@ def test_a_compiled_model_steps_as_it_is_simulated() -> None:
 
 
 def used(name: str, use: str, u: Array, dt: float) -> Recording:
-    t = dt * np.arange(u.size)
-    parts = (Part(name, 0, u.size, use),)
-    return Recording(name, t, u, u, Start("rest"), "cubic", parts, 1e-8, "given", np.ones(1), None, {}, f"{name}.csv")
-
-
-def tone(use: str, frequency: float, amplitude: float) -> Recording:
-    u = amplitude * np.sin(2 * np.pi * 3.0 * np.arange(600) / 600)
-    return used(f"{frequency:g} Hz {amplitude:g} V", use, u, 3.0 / frequency / 600)
+    return recording(dt * np.arange(u.size), u, use=use, name=name, y=u)
 
 
 def test_the_plan_of_the_comparison_is_grouped() -> None:
@@ -173,20 +153,3 @@ def test_the_plan_of_the_comparison_is_grouped() -> None:
         "sine_300Hz_75V", "sine_010Hz_37.5V", "sine_075Hz_37.5V", "sine_150Hz_37.5V", "sine_025Hz_90V",
     }  # fmt: skip
     assert {n for n, use in found.items() if use == "confirmation"} == {f"sine_{f:03}Hz_75V" for f in (10, 25, 75)}
-
-
-@pytest.mark.parametrize(
-    ("frequency", "amplitude", "use"),
-    [
-        (20.0, 60.0, "confirmation"),
-        (10.2, 40.1, "confirmation"),
-        (9.0, 60.0, "outside"),
-        (60.0, 60.0, "outside"),
-        (20.0, 30.0, "outside"),
-        (20.0, 90.0, "outside"),
-    ],
-)
-def test_frequency_and_amplitude_both_count(frequency: float, amplitude: float, use: str) -> None:
-    known = [tone("identification", 10.0, 75.0), tone("identification", 50.0, 40.0)]
-    other = tone("confirmation", frequency, amplitude)
-    assert uses([*known, other])[other.name] == use
