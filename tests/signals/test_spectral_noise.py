@@ -135,6 +135,11 @@ def test_recordings_are_said_to_differ_as_often_as_the_level_says() -> None:
     assert 0.5 * DIFFERENT <= apart / draws <= 1.6 * DIFFERENT
 
 
+def of_one_sensor(floors: list[NoiseFloor]) -> list[NoiseFloor]:
+    """Return the pooled floors of recordings of one sensor."""
+    return pooled(floors, [("q", 1)] * len(floors))
+
+
 def floor_of(value: float) -> NoiseFloor:
     return NoiseFloor(value, "the spectrum above 10 Hz", WHITE, None, interval=(0.95 * value, 1.05 * value))
 
@@ -159,29 +164,29 @@ def test_a_spectrum_that_a_signal_fills_is_no_word_on_the_noise() -> None:
         NoiseFloor(48e-9, "spectrum", correlation_of(0.13), 0.13, interval=(45e-9, 51e-9)),
     ]
     ringing = NoiseFloor(3e-6, "spectrum", correlation_of(0.35), 0.35)
-    found = pooled([*trusted, ringing])
+    found = of_one_sensor([*trusted, ringing])
     assert [f.value for f in found[:2]] == [44e-9, 47e-9]
     assert all(f.value == pytest.approx(45.5e-9) for f in found[2:])
     # A floor that is trusted, or smaller, keeps its own word.
     louder = replace(ringing, value=200e-9, interval=(150e-9, 250e-9))
     finer = replace(ringing, value=5e-9)
-    assert [f.value for f in pooled([*trusted, louder, finer])[3:]] == [200e-9, 5e-9]
+    assert [f.value for f in of_one_sensor([*trusted, louder, finer])[3:]] == [200e-9, 5e-9]
     # Two of four are no majority that would know better.
-    assert [f.value for f in pooled([*trusted[:2], ringing, replace(ringing, value=9e-6)])][2:] == [3e-6, 9e-6]
+    assert [f.value for f in of_one_sensor([*trusted[:2], ringing, replace(ringing, value=9e-6)])][2:] == [3e-6, 9e-6]
 
 
 def test_a_floor_taken_as_white_at_the_highest_frequencies_agrees_with_first_order_noise_there() -> None:
     """With coefficient 0.7 the highest frequencies have 0.42 times the deviation of the noise."""
     known = [NoiseFloor(40e-9, "spectrum", correlation_of(0.7), 0.7)] * 3
     high = NoiseFloor(0.42 * 40e-9, "the highest frequencies, noise taken as white", WHITE, 0.0)
-    found = pooled([*known, high])[-1]
+    found = of_one_sensor([*known, high])[-1]
     assert found.value == pytest.approx(40e-9)
     assert found.correlation == pytest.approx(correlation_of(0.7))
     # Less or more than the first-order noise has there is another noise, and so is what is trusted or comes from
     # frequencies about which the drive is silent.
     others = replace(high, value=0.2 * 40e-9), replace(high, value=0.65 * 40e-9), replace(high, interval=(16e-9, 18e-9))
     for other in (*others, replace(high, source=SILENT)):
-        assert pooled([*known, other])[-1] is other
+        assert of_one_sensor([*known, other])[-1] is other
 
 
 def test_a_level_of_the_highest_frequencies_gives_way_to_what_others_of_the_sensor_show() -> None:
@@ -194,8 +199,8 @@ def test_a_level_of_the_highest_frequencies_gives_way_to_what_others_of_the_sens
     # Another sensor, too few that show their noise, and one that comes with an interval keep their own.
     trusted = replace(level, interval=(24e-9, 26e-9))
     assert pooled([*whole, level], [("q", 1e-4)] * 3 + [("i", 1e-4)])[3] is level
-    assert pooled([*whole[:2], level])[2] is level
-    assert pooled([*whole, trusted])[3].value == trusted.value
+    assert of_one_sensor([*whole[:2], level])[2] is level
+    assert of_one_sensor([*whole, trusted])[3].value == trusted.value
 
 
 @pytest.mark.parametrize("dependent", [False, True])
