@@ -92,6 +92,7 @@ def _beyond_rough(fitted: Fit) -> list[Array]:
     if not fitted.z.size:
         return []
     _, size, directions = np.linalg.svd(np.linalg.qr(fitted.jacobian, mode="r"))
+    size = np.maximum(size, np.finfo(float).eps * size[0])
     ahead = np.outer(_DEVIATIONS, 1.0 / size[-_WEAKEST:])[..., None] * directions[-_WEAKEST:]
     lower, upper = fitted.variables.bounds(fitted.setup)
     steps = np.clip(fitted.z + ahead.reshape(-1, fitted.z.size), lower, upper) - fitted.z

@@ -23,9 +23,13 @@ _VALUES = 10
 # A mark lies off all other numbers by this share of their range; a glitch off its neighbours by these multiples of what
 # 99 of 100 samples do and of the steps of a converter, and by this share of the range.
 _APART, _TIMES_OFF, _STEPS, _SHARE = 0.5, 50.0, 20.0, 0.02
+# Another number is a mark as well from so many ranges off, if an output has it so often.
+_ALONE, _REPEATED = 5.0, 3
 # Ranges after which angles and counters start again; the share of it that a signal covers, and that it may jump.
 _TURNS = (360.0, 2.0 * np.pi, 400.0, 1.0, 100.0, 1000.0, 3600.0, *(2.0**k for k in range(8, 33)))
 _COVERED, _JUMPS = 0.85, 0.5
+# Of these one is sure to start again, also where a signal stays near its ends, and moves by that share of the range.
+_CIRCLES, _MOVES = (360.0, 2.0 * np.pi, *_TURNS[7:]), 0.01
 # By how much a glitch exceeds the differences of the samples around it; share of the bends that undoing a wrap leaves.
 _AGREE, _BENDS = 2.0, 0.1
 # Differences of samples that are looked at on either side.
@@ -119,19 +123,20 @@ def _without_marks(
     """Return the numbers of a column, unwrapped and interpolated where they are masked, and (N,) bool which are."""
     marked = np.isin(values, [mark for mark in said.missing if not isinstance(mark, str)])
     if EMPTY in said.missing:
-        marked |= ~np.isfinite(values)
+        marked |= ~(np.abs(values) < checks.LARGEST_VALUE)
     good = values[~marked]
     if good.size < checks.FEWEST_SAMPLES or not np.isfinite(good).all():
         return values, np.zeros(values.size, dtype=bool)
-    for mark in MARKS:
-        others = good[good != mark]
-        if others.size in (0, good.size) or np.unique(others).size < _VALUES:
+    for mark in (*MARKS, *((good.min(), good.max()) if output else ())):
+        others, apart = good[good != mark], _APART if mark in MARKS else _ALONE
+        few = good.size - others.size < (1 if mark in MARKS else _REPEATED)
+        if few or not others.size or np.unique(others).size < _VALUES:
             continue
-        if max(others.min() - mark, mark - others.max()) > _APART * float(np.ptp(others)):
+        if max(others.min() - mark, mark - others.max()) > apart * float(np.ptp(others)):
             row = where.row(int(np.flatnonzero((values == mark) & ~marked)[0]))
             between = f"{others.min():g} and {others.max():g}"
-            cause = f"{good.size - others.size} values of {mark:g}, all others lie between {between}"
-            remedy = f"Say missing: [{mark:g}] for this column in recordings.yaml, or repair these rows"
+            cause = f"{good.size - others.size} values of {mark:.10g}, all others lie between {between}"
+            remedy = f"Say missing: [{mark:.10g}] for this column in recordings.yaml, or repair these rows"
             raise InputRefused(f"{where}: {label}, {row}: {cause}: a mark of missing values? {remedy}")
     unwrapped = good if said.unwrap is None else np.unwrap(good, period=said.unwrap)
     if output and said.unwrap is None and (turn := _wraps(good)) is not None:
@@ -169,9 +174,10 @@ def _wraps(x: np.ndarray) -> float | None:
         if not _COVERED * turn <= size <= 1.0001 * turn or not jumps.any() or np.unique(x).size <= 2 * jumps.sum():
             continue
         rest, after = np.abs(steps[~jumps]).max(initial=0.0), np.abs(np.abs(steps[jumps]) - turn).max()
-        bends = float(np.std(np.diff(np.unwrap(x, period=turn), 2)))
-        smooth = bends <= _BENDS * min(turn, float(np.std(np.diff(x, 2))))
-        if smooth and after <= 2.0 * rest + 1e-3 * turn and middle > 0.3:
+        unwrapped = np.unwrap(x, period=turn)
+        smooth = np.std(np.diff(unwrapped, 2)) <= _BENDS * min(turn, float(np.std(np.diff(x, 2))))
+        covered = middle > 0.3 or (turn in _CIRCLES and np.ptp(unwrapped) > _MOVES * turn)
+        if smooth and after <= 2.0 * rest + 1e-3 * turn and covered:
             return turn
     return None
 

@@ -115,7 +115,7 @@ def disorder(t: np.ndarray, where: Where, rows: np.ndarray) -> InputRefused:
     """Return the refusal of a time that goes back or stands still; ``rows`` of the file are those of the instants."""
     steps = np.diff(t)
     bad, cause = steps == 0.0, "two rows with one time"
-    remedy = "delete the repeated row, or write time with more digits"
+    remedy = "delete the repeated row, write time with more digits, or say its rate, sample_rate_hz, in recordings.yaml"
     if (steps < 0.0).any():
         bad, cause = steps < 0.0, "time goes back"
         remedy = "sort the rows, or say `segments: true` in recordings.yaml where new recordings begin"

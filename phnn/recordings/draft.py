@@ -215,6 +215,8 @@ def _draft(entry: Entry, table: Table, channels: Channels, roles: tuple[str, str
     return Draft(recording, floor, excitation, entry.use, what, sentences)
 
 
+# Different steps of a clock that is coarse beside the rows, and by what share of an interval it is off then.
+_TICKS, _COARSE = 3, 0.05
 # Samples from which on a recording is thinned, and to which; what thinning may change of an input, in shares of its
 # range, and of an output, over what it changes if every second sample stays, for that is noise.
 _LONG, _ENOUGH = 200_000, 50_000
@@ -317,16 +319,33 @@ def _sampled(entry: Entry, table: Table, channels: Channels) -> tuple[np.ndarray
         dt = 1.0 / entry.sample_rate_hz
         checks.interval(dt, table.where)
         return dt * np.arange(last - first), values, own, where, []
-    time = channels["time"]
+    time, rate = channels["time"], entry.sample_rate_hz
+    if rate is not None and _is_coarse(time.values[first:last], rate):
+        note = f"times are coarser than the rows: taken at the {rate:g} Hz of recordings.yaml"
+        return np.arange(last - first) / rate, values, own, where, [note]
     found = stamped(time.values[first:last], time.factor, values, where, entry.input == "zero_order")
     checks.enough_samples(found.t.size, where)
-    rate, interval = entry.sample_rate_hz, float(np.median(np.diff(found.t)))
+    interval = float(np.median(np.diff(found.t)))
     # Where channels have clocks of their own, their union has uneven intervals.
     notes = [] if table.own else list(found.notes)
     if rate is not None and abs(rate * interval - 1.0) > _RATE:
         apart = f"{interval:.6g} s apart ({1 / interval:.6g} Hz)"
         notes.append(f"sample_rate_hz {rate:g} is not used: the times are {apart}")
-    return found.t, found.values, {q: x[found.rows] for q, x in own.items()}, where, notes
+    own = {q: x[found.rows] for q, x in own.items()}
+    if entry.input != "zero_order":
+        # The rows of a file may lie unevenly in time.
+        again = {q: interpolated(found.t[x], found.values[q][x], found.t) for q, x in own.items() if not x.all()}
+        found = replace(found, values=found.values | again)
+    return found.t, found.values, own, where, notes
+
+
+def _is_coarse(t: np.ndarray, rate: float) -> bool:
+    """Return whether stamps on a raster that is coarse beside a rate [Hz] lie where it says, up to this raster."""
+    steps = np.diff(t)
+    if not np.isfinite(steps).all() or np.unique(np.round(steps * rate, 6)).size > _TICKS:
+        return False
+    off = float(np.abs(t - t[0] - np.arange(t.size) / rate).max())
+    return _COARSE / rate < off <= float(steps.max())
 
 
 def _excitation(recording: Recording, entry: Entry, table: Table, where: Where) -> Excitation:

@@ -14,6 +14,7 @@ import numpy as np
 
 from phnn.errors import InputRefused
 from phnn.intake import LIMITS
+from phnn.recordings.units import parse_name
 from phnn.results import listed, printable
 
 DECIMAL_COMMA = re.compile(r"^\s*[-+]?\d+,\d+([eE][-+]?\d+)?\s*$")
@@ -151,8 +152,8 @@ class Table:
 
 # Dates, with a time of day behind them or none; times of day; when numbers without a unit are seconds since 1970, or
 # their thousandths and so on: between 2001 and 2096.
-_DATE = re.compile(r"\d{1,4}([-./])\d{1,2}\1\d{1,4}([ T]+\d{1,2}:.*)?|\d{4}\d{4}T\d{4,6}.*")
-_OF_DAY = re.compile(r"\d{1,2}:\d{2}(:\d{2}([.,]\d+)?)?(\s?[AaPp][Mm])?")
+_DATE = re.compile(r"\d{1,4}([-./])(?:\d{1,2}|[A-Za-z]{3})\1\d{1,4}([ T]+\d{1,2}:.*)?|\d{4}\d{4}T\d{4,6}.*")
+_OF_DAY = re.compile(r"\d{1,3}:\d{2}(:\d{2}([.,]\d+)?)?(\s?[AaPp][Mm])?")
 _EPOCH, _LATEST = 1e9, 4e9
 _EPOCH_NAMES = frozenset({"timestamp", "epoch", "unix", "time", "unixtime", "time_stamp", "unix_time", "ts"})
 _LOOKED_AT, _DAY = 5, 86_400.0
@@ -201,8 +202,12 @@ def _dates(column: np.ndarray, beside: Any, name: str) -> tuple[np.ndarray, str]
             later = pd.Series(beside).astype(str).str.strip()
             if all(_OF_DAY.fullmatch(c) for c in later.iloc[:_LOOKED_AT]):
                 cells = cells + " " + later.str.replace(",", ".")
-    european = "." in str(cells.iloc[0]).split(":")[0].split(" ")[0]
-    found = pd.to_datetime(cells, errors="coerce", utc=True, dayfirst=european, format="mixed")
+    if of_day and not cells.str.contains("[AaPp]").any():
+        # Hours that are counted on beyond a day.
+        whole = cells.where(cells.str.count(":") > 1, cells + ":00")
+        found = pd.Timestamp(0, tz="UTC") + pd.to_timedelta(whole, errors="coerce")
+    else:
+        found = _in_either_order(cells, "." in str(cells.iloc[0]).split(":")[0].split(" ")[0])
     if found.isna().all():
         return None
     first = found.dropna().iloc[0]
@@ -212,6 +217,23 @@ def _dates(column: np.ndarray, beside: Any, name: str) -> tuple[np.ndarray, str]
         seconds = np.unwrap(seconds, period=_DAY)
     # A time of day has no date of its own.
     return seconds, str(cells.iloc[0] if of_day else first)
+
+
+def _in_either_order(cells: Any, day_first: bool) -> Any:
+    """Return dates, with the day before the month or behind it as their order says: where they go on with the smaller
+    steps; as ``day_first`` says where both do alike."""
+    import pandas as pd
+
+    def parsed(first: bool) -> Any:
+        return pd.to_datetime(cells, errors="coerce", utc=True, dayfirst=first, format="mixed")
+
+    def disorder(found: Any) -> tuple[int, Any]:
+        return int(found.isna().sum()), found.diff().abs().max()
+
+    found = parsed(day_first)
+    if found.dt.normalize().nunique() < 2 or not re.match(r"\d{1,2}[-./]", str(cells.iloc[0])):
+        return found
+    return min(found, parsed(not day_first), key=disorder)
 
 
 def beside(tables: Sequence[Table]) -> Table:
@@ -224,6 +246,11 @@ def beside(tables: Sequence[Table]) -> Table:
     if len(set(shapes)) > 1:
         cause = f"arrays of different shapes ({', '.join(shapes)} realisations, periods and samples)"
         raise InputRefused(f"{where}: {cause}: give input and output of one experiment")
+    clocks = [t.numbers(i) for t in tables for i, n in enumerate(t.names) if parse_name(n)[0] == "time"]
+    apart = [c for c in clocks[1:] if c.size == clocks[0].size and np.ptp(np.append(c - clocks[0], 0.0)) > 0.0]
+    if apart and np.ptp(np.append(apart[0] - clocks[0], 0.0)) > 0.5 * np.median(np.abs(np.diff(clocks[0]))):
+        ends = "; ".join(f"{c[0]:.6g} to {c[-1]:.6g}" for c in (clocks[0], apart[0]))
+        raise InputRefused(f"{where}: times that differ ({ends}): export all channels of a recording with one time")
     both: dict[str, Any] = {
         name: tuple(one for t in tables for one in getattr(t, name)) for name in ("names", "columns", "notes")
     }

@@ -141,6 +141,35 @@ def test_a_free_decay_tells_ratios_alone_and_a_reversed_sign_is_told(tmp_path: P
         phnn.identify(None, folder)
 
 
+@pytest.mark.parametrize(("units", "gain"), [(("mA", "bar"), 4.5e7), (("percent", "kPa"), 2.5e6), (("V", "nm"), 3e-8)])
+def test_a_gain_may_have_any_size_and_has_the_units_of_the_recordings(
+    tmp_path: Path, units: tuple[str, str], gain: float
+) -> None:
+    t, scale = 0.02 * np.arange(2000), {"mA": 1e-3, "bar": 1e5, "percent": 1e-2, "kPa": 1e3, "V": 1.0, "nm": 1e-9}
+    u = 0.008 * np.sin(2.0 * np.pi * np.outer(t, (0.05, 0.31, 1.3))).sum(axis=1) / scale[units[0]]
+    y = gain * scale[units[0]] / scale[units[1]] * lsim(([1.0], [0.3, 1.0]), u, t)[1]
+    save(tmp_path / "a.csv", np.column_stack([t, u, y + 1e-3 * y.std() * np.cos(1e6 * t)]), "time_s,u,y")
+    (tmp_path / "recordings.yaml").write_text(
+        f"setup: {{model: first_order}}\nstart: unknown\n"
+        f"columns: {{input: {{column: u, unit: {units[0]}}}, output: {{column: y, unit: {units[1]}}}}}"
+    )
+    found = phnn.identify(None, tmp_path)
+    assert found.fit.setup.values()["K"] == pytest.approx(gain, rel=2e-3)
+    assert found.fit.setup.values()["T"] == pytest.approx(0.3, rel=2e-3)
+    assert found.fit.setup.parameters["K"].unit == {"bar": "Pa/A", "kPa": "Pa", "nm": "m/V"}[units[1]]
+
+
+def test_a_decay_from_far_away_is_followed(tmp_path: Path) -> None:
+    t = 0.01 * np.arange(600)
+    y = 180.0 * np.exp(-t / 0.7) + 0.05 * np.random.default_rng(5).standard_normal(t.size)
+    save(tmp_path / "a.csv", np.column_stack([t, 0.0 * t, y]), "time_s,input_V,speed")
+    (tmp_path / "recordings.yaml").write_text(
+        "setup: {model: first_order}\nstart: unknown\ncolumns: {output: {column: speed, unit: rad/s}}"
+    )
+    found = phnn.identify(None, tmp_path).fit
+    assert found.setup.values()["T"] == pytest.approx(0.7, rel=5e-3) and found.chi2 < 1.2
+
+
 def test_an_unstable_plant_is_told_with_its_negative_stiffness(tmp_path: Path) -> None:
     t = 1e-3 * np.arange(4000)
     r = 1e-3 * np.sin(2.0 * np.pi * np.outer(t, (0.7, 2.3, 6.1))).sum(axis=1)

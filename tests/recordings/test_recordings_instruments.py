@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from recordings_example import output, refused, sine
 
+from phnn.errors import InputRefused
 from phnn.intake import named_file
 from phnn.recordings import read
 from phnn.recordings.text_files import read_text
@@ -245,3 +246,87 @@ def object_of_version_73(path: Path) -> None:
 def test_an_object_of_matlab_is_refused_with_the_lines_that_save_its_numbers(tmp_path: Path, write: Any) -> None:
     write(tmp_path / "a.mat")
     refused(tmp_path, "a.mat: z is an object of class iddata", "output_m = z.OutputData; save('z.mat', 'time_s'")
+
+
+def logged(folder: Path, stamps: list[str], manifest: str, **columns: np.ndarray) -> Path:
+    """A csv of stamps and columns of numbers, with its manifest."""
+    rows = zip(stamps, *columns.values(), strict=True)
+    lines = [",".join([s, *(f"{v:.12g}" for v in values)]) for s, *values in rows]
+    (folder / "recordings.yaml").write_text(f"setup: {{model: mass_spring_damper}}\n{manifest}")
+    return written(folder, [",".join(["time_s" if "." in stamps[1] else "when", *columns]), *lines])
+
+
+SWING = 12.0 * np.sin(0.11 * np.arange(400))
+DRIVE = np.sin(0.05 * np.arange(400))
+
+
+@pytest.mark.parametrize(("stamps", "step"), [
+    ([f"0{4 + (s > 299)}/03/2024 {'23:5' + str(5 + s // 60) if s < 300 else '00:0' + str(s // 60 - 5)}:{s % 60:02d}"
+      for s in range(400)], 1.0),
+    ([f"{12 + (s > 299)}-04-2024 {'23:5' + str(5 + s // 60) if s < 300 else '00:0' + str(s // 60 - 5)}:{s % 60:02d}"
+      for s in range(400)], 1.0),
+    ([f"{20 + s // 60}:{s % 60:02d}:00" for s in range(400)], 60.0),
+    ([f"07-Feb-2025 10:{s // 60:02d}:{s % 60:02d}" for s in range(400)], 1.0),
+])  # fmt: skip
+def test_stamps_that_can_be_read_in_two_ways_go_on_steadily(tmp_path: Path, stamps: list[str], step: float) -> None:
+    (r,) = read(logged(tmp_path, stamps, "input: zero_order", force_N=DRIVE, displacement_mm=SWING)).recordings
+    np.testing.assert_allclose(np.diff(r.t), step)
+
+
+def test_a_stated_rate_counts_where_a_clock_is_coarser_than_the_rows(tmp_path: Path) -> None:
+    stamps = [f"{0.015 * np.floor(k / 800 / 0.015):.3f}" for k in range(400)]
+    with pytest.raises(InputRefused, match=r"two rows with one time .*sample_rate_hz"):
+        read(logged(tmp_path, stamps, "", force_N=DRIVE, displacement_mm=SWING))
+    (r,) = read(logged(tmp_path, stamps, "sample_rate_hz: 800", force_N=DRIVE, displacement_mm=SWING)).recordings
+    np.testing.assert_allclose(r.t, np.arange(400) / 800)
+
+
+@pytest.mark.parametrize("turn", [360.0, 2.0 * np.pi, 4096.0])
+def test_a_swing_about_the_seam_of_an_angle_is_unwrapped_not_taken_for_glitches(tmp_path: Path, turn: float) -> None:
+    stamps, moved = [f"{0.01 * k:.2f}" for k in range(400)], 0.08 * turn * np.sin(0.11 * np.arange(400))
+    manifest = "columns: {output: {column: angle, unit: mm%s}, input: {column: force_N, unit: N}}"
+    with pytest.raises(InputRefused, match="say unwrap: "):
+        read(logged(tmp_path, stamps, manifest % "", force_N=DRIVE, angle=moved % turn))
+    (r,) = read(
+        logged(tmp_path, stamps, manifest % f", unwrap: {turn!r}", force_N=DRIVE, angle=moved % turn)
+    ).recordings
+    np.testing.assert_allclose(1e3 * (r.y - r.y[0]), moved - moved[0], atol=1e-8)
+
+
+def test_masked_rows_of_an_input_are_interpolated_over_time(tmp_path: Path) -> None:
+    # Two rasters, one of them seven thirds of the other, on the union of their stamps.
+    t = np.unique(np.concatenate([0.03 * np.arange(300), 0.07 * np.arange(128)]).round(9))
+    force, motion = np.sin(0.9 * t), np.sin(0.7 * t + 0.4)
+    lines = [f"{s:.4f},{u:.9f}," if k else f"{s:.4f},,{y:.9f}" for s, u, y, k in
+             zip(t, force, motion, np.isclose(t / 0.07, np.rint(t / 0.07)), strict=True)]  # fmt: skip
+    (tmp_path / "recordings.yaml").write_text(
+        "setup: {model: mass_spring_damper}\nstart: unknown\n"
+        "columns: {input: {column: force_N, unit: N, missing: empty}, "
+        "output: {column: motion_mm, unit: mm, missing: empty}}"
+    )
+    (r,) = read(written(tmp_path, ["time_s,force_N,motion_mm", *lines])).recordings
+    np.testing.assert_allclose(r.u[9:-9], np.sin(0.9 * (r.t + t[0]))[9:-9], atol=2e-5)
+
+
+def test_a_number_far_off_all_others_that_comes_again_is_a_mark(tmp_path: Path) -> None:
+    stamps, y = [f"{0.01 * k:.2f}" for k in range(400)], SWING + 0.01 * DRIVE
+    for mark, words in ((-765.4321, "missing: [-765.4321]"), (9.9e37, "missing: [9.9e+37]")):
+        y[[50, 51, 52, 170, 171]] = mark
+        with pytest.raises(InputRefused) as error:
+            read(logged(tmp_path, stamps, "", force_N=DRIVE, displacement_mm=y))
+        assert words in str(error.value)
+    manifest = "columns: {displacement: {column: displacement_mm, missing: empty}}"
+    (r,) = read(logged(tmp_path, stamps, manifest, force_N=DRIVE, displacement_mm=y)).recordings
+    assert r.seen is not None and int((~r.seen).sum()) == 5
+
+
+def test_two_files_with_two_clocks_are_not_put_side_by_side(tmp_path: Path) -> None:
+    for name, late, header, values in (("a", 0.0, "time_s,force_N", DRIVE), ("b", 0.37, "time_s,position_mm", SWING)):
+        rows = [f"{late + 0.01 * k:.3f},{v:.9g}" for k, v in enumerate(values)]
+        written(tmp_path, [header, *rows], f"{name}.csv")
+    (tmp_path / "recordings.yaml").write_text(
+        "setup: {model: mass_spring_damper}\nrecordings: [{file: [a.csv, b.csv]}]\n"
+        "columns: {time: {column: 0, unit: s}, input: {column: 1, unit: N}, output: {column: 3, unit: mm}}"
+    )
+    with pytest.raises(InputRefused, match=r"times that differ \(0 to 3.99; 0.37 to 4.36\)"):
+        read(tmp_path)
