@@ -22,7 +22,6 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.stats import norm
 
 from phnn.diagnose.diagnosis import Diagnosis
-from phnn.diagnose.words import vocabulary_of
 from phnn.errors import InputRefused, SolverFailed
 from phnn.model import Model
 from phnn.parameters import quantity
@@ -32,6 +31,7 @@ from phnn.recordings import Campaign, campaign_of
 from phnn.recordings.recording import Recording, Start, unrecorded
 from phnn.report.figures import amplitude_density
 from phnn.report.figures.style import AFTER, BEFORE, CATEGORIES, FAINT, INK, finish, literal, log_axis, new_figure
+from phnn.report.words import vocabulary_of
 from phnn.setup import Setup
 from phnn.signals.first_order import correlation, cross_deviation, density_of, own_deviation
 from phnn.signals.least_squares import HARMONICS, harmonic_weights

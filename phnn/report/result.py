@@ -24,7 +24,6 @@ from phnn.diagnose.number import family
 from phnn.diagnose.proposal import NextExperiment
 from phnn.diagnose.screen import chance
 from phnn.diagnose.verdict import LEARNED, NONE, UNKNOWN, Claim
-from phnn.diagnose.words import fitted_in_words, is_effort, vocabulary_of
 from phnn.effects import Effect
 from phnn.effects.mechanical import growth_per_decade
 from phnn.effects.places import place_of, values_by_role
@@ -47,6 +46,7 @@ from phnn.report.statements import (
     likenesses,
     remains,
 )
+from phnn.report.words import fitted_in_words, is_effort, vocabulary_of
 from phnn.rescue import Failure, accounted, documents, needed, warnings
 from phnn.results import PROGRESS, Place, claim, finite
 from phnn.setup import Setup

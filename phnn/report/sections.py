@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 from phnn.check import Checked, doubts
 from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.verdict import NAMED, UNKNOWN, Claim
-from phnn.diagnose.words import Picture, learned_picture, picture
 from phnn.html import table, titled
 from phnn.network.roles import auxiliary
 from phnn.recordings import Campaign
@@ -66,6 +65,7 @@ from phnn.report.statements import (
     remainder_in_words,
     shown_unit,
 )
+from phnn.report.words import Picture, learned_picture, picture
 from phnn.rescue import documents, needed, warnings
 from phnn.results import Place, file_name, printable, sha256_of
 

@@ -16,12 +16,12 @@ from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.number import family, is_learned
 from phnn.diagnose.search import material
 from phnn.diagnose.verdict import EQUIVALENT, NAMED, NONE, UNKNOWN, Claim
-from phnn.diagnose.words import vocabulary_of
 from phnn.effects import Plausible
 from phnn.identification.evaluate import Evaluation
 from phnn.parameters import Parameter, quantity
 from phnn.recordings.units import scales_with_forces
 from phnn.report.formatting import likelihood, listing, plain, ratio, with_error, words
+from phnn.report.words import vocabulary_of
 from phnn.rescue import documents, warnings
 
 # Letters of a verdict in one line: what fits a heading of two lines on a telephone.

@@ -17,7 +17,6 @@ from phnn.criteria import Criteria
 from phnn.diagnose.diagnosis import diagnose
 from phnn.diagnose.number import Visited
 from phnn.diagnose.search import _heat, begin, explore
-from phnn.diagnose.words import picture
 from phnn.effects import Scales, catalogue
 from phnn.identification.fit import Fit
 from phnn.identification.options import Options
@@ -28,6 +27,7 @@ from phnn.parallel import executor
 from phnn.recordings import Campaign, read
 from phnn.recordings.recording import Start
 from phnn.report.result import missing_entries
+from phnn.report.words import picture
 from phnn.setup import Setup
 
 SCALES = Scales(90.0, 1e-4, 0.1, 2.5e4, 0.046, 50.0, 150.0, 0.06, 1e-8)

@@ -14,11 +14,11 @@ from phnn.diagnose.lines import drift_share, line_share
 from phnn.diagnose.locations import FORCE, GROUPS, OUTPUT, PARAMETER, VOLTAGE, Group, locate, where_and_when
 from phnn.diagnose.refit import short
 from phnn.diagnose.screen import Screen
-from phnn.diagnose.words import picture
 from phnn.effects import Effect, Kind, catalogue, kinds
 from phnn.effects.kinds import LOCATIONS
 from phnn.effects.learned import learned_elements
 from phnn.effects.places import attached
+from phnn.report.words import picture
 from phnn.trajectory import simulate
 
 # Functions of time alone act without any motion.

@@ -9,7 +9,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from phnn.diagnose.words import Picture
 from phnn.effects import Effect, catalogue
 from phnn.report.figures import (
     Trace,
@@ -22,6 +21,7 @@ from phnn.report.figures import (
 )
 from phnn.report.figures.style import Drawing, png, svg
 from phnn.report.page import formula, image
+from phnn.report.words import Picture
 
 NOISE = 5e-8
 

@@ -18,7 +18,7 @@ from phnn.report.figures.style import AFTER, BEFORE, FAINT, INK, MEASURED, finis
 from phnn.report.formatting import display_unit
 
 if TYPE_CHECKING:
-    from phnn.diagnose.words import Picture
+    from phnn.report.words import Picture
 
 
 def envelope(
