@@ -22,7 +22,7 @@ import numpy as np
 from phnn.errors import InputRefused
 from phnn.intake import LIMITS, Source
 from phnn.recordings.table import REMEDY_COMMA, Table, Where, with_stamps
-from phnn.recordings.units import find_unit, parse_name
+from phnn.recordings.units import find_unit, parse_name, same_kind, split_unit
 from phnn.results import printable
 
 if TYPE_CHECKING:
@@ -107,6 +107,14 @@ _FILLED = 0.5
 # Lines below the last row that may be a footer.
 _FOOTER = 20
 _WHOLE = re.compile(r"\s*[-+]?\d+([eE][-+]?\d+)?\s*")
+# A number whose comma stands not between thousands.
+_CERTAIN = re.compile(r"[-+]?(0,\d+|\d+,(\d\d?|\d{4,}))([eE][-+]?\d+)?")
+# The mark of a comment before a word; in a row of units, % may be one.
+_COMMENT = re.compile(r"^ *[#%]+ *(?=[\w\"(\[])")
+# Share of the cells of a row of units, below names, that may be no known unit.
+_UNKNOWN = 0.5
+# Cells of a row of units where a column has none.
+_NO_UNIT = ("", "-", "--")
 # A word, with a unit in brackets behind it.
 _WORD = re.compile(r"\S+(?:\s*[\[(][^\])]*[\])])?")
 
@@ -223,13 +231,19 @@ def _recognised(text: Lines) -> Dialect:
     lines = [text[int(i)] for i in filled[chosen]]
     shown = [line for line in lines if line.strip() and line.strip()[0] not in _MARKS]
     best, most = _DIALECTS[0], (0, 0)
+    tabs = 2 * sum("\t" in line for line in shown) > len(shown)
     for plain in _DIALECTS:
+        # Where tabulators separate columns of numbers, blanks do not.
+        if plain.separator == " " and tabs and len(best.numeric) > 1:
+            continue
         dialect = plain.fitted([plain.cells(line) for line in shown])
         rows = sum(map(dialect.is_row, shown)) if dialect.numeric else 0
         # Lines of numbers alone speak for a dialect before those that hold words too.
         whole = len(dialect.numeric) + len(dialect.empty) == dialect.width
         score = (rows, 0) if whole else (0, rows * len(dialect.numeric))
-        if score > most:
+        # Of as many, a comma that is the decimal sign counts before points, which may stand between thousands.
+        tie = score == most and best.separator == plain.separator != ","
+        if score > most or (tie and any(_CERTAIN.fullmatch(cell) for line in shown for cell in plain.cells(line))):
             best, most = dialect, score
     return best
 
@@ -275,7 +289,7 @@ def _names(name: str, lines: Sequence[str], dialect: Dialect) -> tuple[tuple[str
     """Return the names of the columns from the lines above the last one, the first row, and the lines of the names."""
     width, first = dialect.width, len(lines) - 1
     filled = [i for i in range(first) if lines[i].strip().strip(_MARKS)]
-    rows = [_words(lines[i].strip().lstrip(_MARKS).strip(), dialect) for i in filled[-2:]]
+    rows = [_words(lines[i], dialect) for i in filled[-2:]]
     nothing = ("",) * width
     if not rows:
         return nothing, ()
@@ -295,20 +309,25 @@ def _names(name: str, lines: Sequence[str], dialect: Dialect) -> tuple[tuple[str
         wrong = next((cell for cell in above if cell and not dialect.is_number(cell)), bad[0])
         remedy = "correct or delete that row; if it is a header, give every column a name in words"
         raise InputRefused(f"{name}: line {filled[-1] + 1}: {wrong[:40]!r} is not a number: {remedy}")
-    asked = [cell for i, cell in enumerate(nearest) if i not in dialect.empty]
-    # With or without brackets, or empty.
-    units = [not c or (c[0] in "([" and c[-1] in ")]") or find_unit(c) is not None for c in asked]
-    if len(rows) == 2 and len(rows[0]) == width and all(units):
+    asked = [cell for i, cell in enumerate(nearest) if i not in dialect.empty and cell not in _NO_UNIT]
+    # With or without brackets; where names stand above, a few may be unknown.
+    units = [(c[0] in "([" and c[-1] in ")]") or find_unit(c) is not None for c in asked]
+    titles = [w for i, w in enumerate(rows[0]) if i not in dialect.empty]
+    if len(rows) == 2 and len(rows[0]) == width and units.count(False) < max(1, _UNKNOWN * len(units) * all(titles)):
         place = f"{name}: line {filled[-1] + 1}"
-        named = tuple(_with_unit(n, unit, place) for n, unit in zip(rows[0], nearest, strict=True))
+        said = ("" if i in dialect.empty else unit for i, unit in enumerate(nearest))
+        named = tuple(_with_unit(n, unit, place) for n, unit in zip(rows[0], said, strict=True))
         return named, lines[filled[-2] : first]
     return tuple(nearest), header
 
 
 def _words(line: str, dialect: Dialect) -> list[str]:
-    """Return the cells of a header: between blanks, units in brackets belong to the word before them; surplus
-    separators at the end of header or rows stand for nothing."""
+    """Return the cells of a header, without the mark of a comment before its first word: between blanks, units in
+    brackets belong to the word before them; surplus separators at the end of header or rows stand for nothing."""
+    line = _COMMENT.sub("", line)
     cells = dialect.cells(line)
+    if len(cells) != dialect.width:
+        cells = dialect.cells(line := line.lstrip(_MARKS + " \t"))
     if dialect.separator == " " and len(cells) != dialect.width:
         return _WORD.findall(line)
     while len(cells) > dialect.width and not cells[-1]:
@@ -320,11 +339,15 @@ def _words(line: str, dialect: Dialect) -> list[str]:
 
 def _with_unit(name: str, unit: str, place: str) -> str:
     """Return a column's name with the unit from the row below it, unless it has one. Raises InputRefused for two."""
-    bare, own = unit.strip("()[] "), parse_name(name)[1]
-    if bare and own is not None and find_unit(own) not in (None, find_unit(bare)):
+    bare, own = unit.strip("()[] "), split_unit(name)[1] or parse_name(name)[1]
+    known = find_unit(own) if own else None
+    if not bare or bare in _NO_UNIT or (known is not None and known == find_unit(bare)):
+        return name
+    # A name such as flow_in ends with a word that is no unit of its own.
+    if known is not None and own and (name[-1] in ")]" or parse_name(name)[0] or same_kind(own, bare)):
         cause = f"the row of units says {bare[:_SHOWN]} of {name[:_SHOWN]!r}"
         raise InputRefused(f"{place}: {cause}: correct the name or the unit, in the file")
-    return name if not bare or own is not None else f"{name} [{bare}]"
+    return f"{name} [{bare}]"
 
 
 def _blocks(name: str, text: Lines, first: int, header: Sequence[str], dialect: Dialect) -> list[range]:
@@ -369,14 +392,13 @@ def _parsed(name: str, text: Lines, tables: Sequence[range], names: tuple[str, .
     shown = tuple(printable(n) for n in names)
     begin = tables[0].start
     between = tuple((row, block.start - row - begin) for row, block in zip(rows[1:-1], tables[1:], strict=True))
-    kept = [i for i in range(dialect.width) if shown[i] or i not in dialect.empty or i == 0]
     columns = []
-    for i in kept:
+    for i in range(dialect.width):
         parts = [_column(frame[i], dialect) for frame in every]
         words = any(part.dtype.kind == "O" for part in parts)
         columns.append(np.concatenate([part.astype(object if words else float) for part in parts]))
     return Table(
-        Where(name, begin + 1, between=between), tuple(shown[i] for i in kept), tuple(columns),
+        Where(name, begin + 1, between=between), shown, tuple(columns),
         segments=tuple(row for row, _ in between),
     )  # fmt: skip
 
