@@ -207,6 +207,9 @@ def test_round_trip_with_random_units(
     ("V/(m s)", 2.0, 2.0, "V/m/s"), ("rad", 2.0, 2.0, "rad"), ("deg/s", 180.0, np.pi, "rad/s"),
     ("rpm", 60.0, 2 * np.pi, "rad/s"), ("kHz", 1.0, 1e3, "Hz"), ("bar", 1.0, 1e5, "Pa"), ("%", 50.0, 0.5, "1"),
     ("mV/V", 2.0, 2e-3, "1"), ("1", 2.0, 2.0, "1"), ("1/s", 2.0, 2.0, "1/s"),
+    ("RPM", 30.0, np.pi, "rad/s"), ("U/min", 30.0, np.pi, "rad/s"), ("Ncm", 3.0, 0.03, "N·m"), ("N-m", 3.0, 3.0, "N·m"),
+    ("kΩ", 2.0, 2e3, "Ω"), ("Amps", 2.0, 2.0, "A"), ("Deg", 180.0, np.pi, "rad"), ("deg C", 20.0, 293.15, "K"),
+    ("mil", 1000.0, 0.0254, "m"), ("MM", 2.0, 2e-3, "m"), ("VDC", 2.0, 2.0, "V"), ("Watt", 2.0, 2.0, "W"),
 ])  # fmt: skip
 def test_units(unit: str, value: float, expected: float, si: str) -> None:
     known = find_unit(unit)
