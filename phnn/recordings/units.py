@@ -162,9 +162,9 @@ def stated_by_name(header: str, quantity: str) -> str | None:
     if named == quantity:
         return unit
     _, unit = split_unit(header)
-    # Without brackets `pos_m` may be a measured position.
-    certain = unit is not None and (_BRACKETED.match(header) is not None or (len(unit) > 1 and unit in _COMMON))
-    return unit if certain and suits(quantity, unit) else None
+    # Without brackets `pos_m` may be a measured position, and words such as `flow_in` or `temp_min` name no unit.
+    symbol = unit and unit != "m" and (unit in _COMMON or not unit.islower() or unit in ("deg", "rad", "rpm", "bar"))
+    return unit if (symbol or _BRACKETED.match(header) is not None) and suits(quantity, unit) else None
 
 
 def suits(quantity: str, unit: str | None) -> bool:

@@ -22,7 +22,7 @@ from phnn.identification.prepare import prepare
 from phnn.models.network_file import load_network
 from phnn.recordings import describe, read, units
 from phnn.recordings.recording import unrecorded
-from phnn.recordings.units import QUANTITIES, accepted, find_unit, parse_name, suits
+from phnn.recordings.units import QUANTITIES, accepted, find_unit, parse_name, stated_by_name, suits
 from phnn.setup import Setup
 from phnn.trajectory import simulate
 
@@ -234,6 +234,7 @@ def test_a_prefix_is_exactly_a_power_of_ten_with_pint_and_without(
     known = {name: find_unit(name) for name in (f"{prefix}{unit}" for unit in QUANTITIES.values() if unit)}
     monkeypatch.setattr(units, "_COMMON", {})
     assert {name: find_unit.__wrapped__(name) for name in known} == known
+    assert [stated_by_name(n, "output") for n in ("power_W", "h_degC", "x_m", "flow_in")] == ["W", "degC", None, None]
     assert {unit.factor for unit in known.values() if unit is not None} == {size}
 
 
