@@ -61,6 +61,7 @@ def test_tables_below_headers_of_their_own_are_recordings(
     ("t;mW;K\n0;20.000;0,1\n1;7;0,25\n2;3;0,5", "mW, row 1.*thousands", ()),
     ("a\tb\tNote\n0\t1\ton it\n1\t2\t\n2\t3\t", "a|b|Note", (0, 1)), ("a\tb\n\tW\n0\t1\n1\t2", "a|b [W]", (0, 1)),
     ("a;b\n%;K\n0;1\n1;2", "a [%]|b [K]", (0, 1)), ("a;b;c\n-;mm;RPM\n0;1;2\n1;2;3", "a|b [mm]|c [RPM]", (0, 1, 2)),
+    ("a;b\n0.5D+01;1\n\n1;2\n# open\n2;-", "b, row 3 .line 6", ()), ("a;b\n.5D+01;1\n\n1;2\n# 2\n2;3", "a|b", (5, 1)),
     ("a;b;c\nV;mm;Frobs\n0;1;2\n1;2;3", "a [V]|b [mm]|c [Frobs]", (0, 1, 2)),
 ])  # fmt: skip
 def test_headers_columns_and_numbers_are_read_as_they_stand(tmp_path: Path, text: str, names: str, row: Any) -> None:
