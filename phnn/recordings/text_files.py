@@ -22,7 +22,7 @@ import numpy as np
 from phnn.errors import InputRefused
 from phnn.intake import LIMITS, Source
 from phnn.recordings.table import REMEDY_COMMA, Table, Where, with_stamps
-from phnn.recordings.units import find_unit, parse_name
+from phnn.recordings.units import find_unit, parse_name, same_kind, split_unit
 from phnn.results import printable
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ def read_lines(source: Source) -> Lines:
 
 
 NUMBER = {
-    sign: re.compile(rf"[-+]?(\d+{re.escape(sign)}?\d*|{re.escape(sign)}\d+)([eE][-+]?\d+)?|[-+]?(nan|inf)", re.I)
+    sign: re.compile(rf"[-+]?(\d+{re.escape(sign)}?\d*|{re.escape(sign)}\d+)(e[-+]?\d+|d[-+]\d+)?|[-+]?(nan|inf)", re.I)
     for sign in ".,"
 }
 # A number with points between thousands; one that may be that, or may have a point as its decimal sign.
@@ -107,6 +107,14 @@ _FILLED = 0.5
 # Lines below the last row that may be a footer.
 _FOOTER = 20
 _WHOLE = re.compile(r"\s*[-+]?\d+([eE][-+]?\d+)?\s*")
+# A number whose comma stands not between thousands.
+_CERTAIN = re.compile(r"[-+]?(0,\d+|\d+,(\d\d?|\d{4,}))([eE][-+]?\d+)?")
+# The letter before an exponent of Fortran.
+_FORTRAN = re.compile(r"(?<=[\d.,])[dD](?=[-+]\d+$)")
+# The mark of a comment before a word; in a row of units, % may be one.
+_COMMENT = re.compile(r"^ *[#%]+ *(?=[\w\"(\[])")
+# Cells of a row of units where a column has none.
+_NO_UNIT = ("", "-", "--")
 # A word, with a unit in brackets behind it.
 _WORD = re.compile(r"\S+(?:\s*[\[(][^\])]*[\])])?")
 
@@ -184,11 +192,12 @@ def table_of_lines(name: str, text: Lines) -> Table:
     rows = (next((i for i in range(len(text)) if dialect.is_row(text[i], share)), None) for share in (_FILLED, 0.0))
     first = next(i for i in rows if i is not None)
     names, header = _names(name, [text[i] for i in range(first + 1)], dialect)
-    tables = _blocks(name, text, first, header if any(names) else (), dialect)
+    blocks = _blocks(name, text, first, header if any(names) else (), dialect)
+    tables = [_rows(text, block, dialect) for block in blocks]
     notes: list[str] = []
     if len(tables) > 1:
         notes.append(f"{len(tables)} tables stand in the file, each below a header: each is a recording of its own")
-    begin, end = tables[-1].start, tables[-1].stop
+    begin, end = blocks[-1].start, blocks[-1].stop
     if end == len(text):
         footer = _footer([text[i] for i in range(max(begin + 1, end - _FOOTER), end)], dialect)
         if footer:
@@ -196,12 +205,15 @@ def table_of_lines(name: str, text: Lines) -> Table:
             end -= len(footer)
         elif not text.ended and end > begin + 1:
             last = text[end - 1]
-            others = (text[i] for block in [*tables[:-1], range(begin, end - 1)] for i in block)
+            others = (text[i] for rows in [*tables[:-1], tables[-1][:-1]] for i in rows)
             ending = "has no end: if the file was cut there, its last number is wrong"
             if _breaks_off(others, last, dialect):
                 ending, end = "was left out: the file ends within it", end - 1
             notes.append(f"its last line, {last.strip()[:_SHOWN]!r}, {ending}")
-    table = _parsed(name, text, [*tables[:-1], range(begin, end)], names, dialect)
+    tables[-1] = tables[-1][tables[-1] < end]
+    if skipped := sum(int(rows[-1]) + 1 - int(rows[0]) - rows.size for rows in tables):
+        notes.append(f"{skipped} lines between the rows, blank or behind the mark of a comment, were skipped")
+    table = _parsed(name, text, tables, names, dialect)
     return with_stamps(replace(table, notes=tuple(notes)))
 
 
@@ -223,13 +235,19 @@ def _recognised(text: Lines) -> Dialect:
     lines = [text[int(i)] for i in filled[chosen]]
     shown = [line for line in lines if line.strip() and line.strip()[0] not in _MARKS]
     best, most = _DIALECTS[0], (0, 0)
+    tabs = 2 * sum("\t" in line for line in shown) > len(shown)
     for plain in _DIALECTS:
+        # Where tabulators separate columns of numbers, blanks do not.
+        if plain.separator == " " and tabs and len(best.numeric) > 1:
+            continue
         dialect = plain.fitted([plain.cells(line) for line in shown])
         rows = sum(map(dialect.is_row, shown)) if dialect.numeric else 0
         # Lines of numbers alone speak for a dialect before those that hold words too.
         whole = len(dialect.numeric) + len(dialect.empty) == dialect.width
         score = (rows, 0) if whole else (0, rows * len(dialect.numeric))
-        if score > most:
+        # Of as many, a comma that is the decimal sign counts before points, which may stand between thousands.
+        tie = score == most and best.separator == plain.separator != ","
+        if score > most or (tie and any(_CERTAIN.fullmatch(cell) for line in shown for cell in plain.cells(line))):
             best, most = dialect, score
     return best
 
@@ -275,7 +293,7 @@ def _names(name: str, lines: Sequence[str], dialect: Dialect) -> tuple[tuple[str
     """Return the names of the columns from the lines above the last one, the first row, and the lines of the names."""
     width, first = dialect.width, len(lines) - 1
     filled = [i for i in range(first) if lines[i].strip().strip(_MARKS)]
-    rows = [_words(lines[i].strip().lstrip(_MARKS).strip(), dialect) for i in filled[-2:]]
+    rows = [_words(lines[i], dialect) for i in filled[-2:]]
     nothing = ("",) * width
     if not rows:
         return nothing, ()
@@ -295,20 +313,25 @@ def _names(name: str, lines: Sequence[str], dialect: Dialect) -> tuple[tuple[str
         wrong = next((cell for cell in above if cell and not dialect.is_number(cell)), bad[0])
         remedy = "correct or delete that row; if it is a header, give every column a name in words"
         raise InputRefused(f"{name}: line {filled[-1] + 1}: {wrong[:40]!r} is not a number: {remedy}")
-    asked = [cell for i, cell in enumerate(nearest) if i not in dialect.empty]
-    # With or without brackets, or empty.
-    units = [not c or (c[0] in "([" and c[-1] in ")]") or find_unit(c) is not None for c in asked]
-    if len(rows) == 2 and len(rows[0]) == width and all(units):
+    asked = [cell for i, cell in enumerate(nearest) if i not in dialect.empty and cell not in _NO_UNIT]
+    # With or without brackets; where names stand above, most of them, for some may be unknown.
+    units = [(c[0] in "([" and c[-1] in ")]") or find_unit(c) is not None for c in asked]
+    titles = [w for i, w in enumerate(rows[0]) if i not in dialect.empty]
+    if len(rows) == 2 and len(rows[0]) == width and (all(units) or (all(titles) and 2 * sum(units) > len(units))):
         place = f"{name}: line {filled[-1] + 1}"
-        named = tuple(_with_unit(n, unit, place) for n, unit in zip(rows[0], nearest, strict=True))
+        said = ("" if i in dialect.empty else unit for i, unit in enumerate(nearest))
+        named = tuple(_with_unit(n, unit, place) for n, unit in zip(rows[0], said, strict=True))
         return named, lines[filled[-2] : first]
     return tuple(nearest), header
 
 
 def _words(line: str, dialect: Dialect) -> list[str]:
-    """Return the cells of a header: between blanks, units in brackets belong to the word before them; surplus
-    separators at the end of header or rows stand for nothing."""
+    """Return the cells of a header, without the mark of a comment before its first word: between blanks, units in
+    brackets belong to the word before them; surplus separators at the end of header or rows stand for nothing."""
+    line = _COMMENT.sub("", line)
     cells = dialect.cells(line)
+    if len(cells) != dialect.width:
+        cells = dialect.cells(line := line.lstrip(_MARKS + " \t"))
     if dialect.separator == " " and len(cells) != dialect.width:
         return _WORD.findall(line)
     while len(cells) > dialect.width and not cells[-1]:
@@ -320,11 +343,15 @@ def _words(line: str, dialect: Dialect) -> list[str]:
 
 def _with_unit(name: str, unit: str, place: str) -> str:
     """Return a column's name with the unit from the row below it, unless it has one. Raises InputRefused for two."""
-    bare, own = unit.strip("()[] "), parse_name(name)[1]
-    if bare and own is not None and find_unit(own) not in (None, find_unit(bare)):
+    bare, own = unit.strip("()[] "), split_unit(name)[1] or parse_name(name)[1]
+    known = find_unit(own) if own else None
+    if not bare or bare in _NO_UNIT or (known is not None and known == find_unit(bare)):
+        return name
+    # A name such as flow_in ends with a word that is no unit of its own.
+    if known is not None and own and (name[-1] in ")]" or parse_name(name)[0] or same_kind(own, bare)):
         cause = f"the row of units says {bare[:_SHOWN]} of {name[:_SHOWN]!r}"
         raise InputRefused(f"{place}: {cause}: correct the name or the unit, in the file")
-    return name if not bare or own is not None else f"{name} [{bare}]"
+    return f"{name} [{bare}]"
 
 
 def _blocks(name: str, text: Lines, first: int, header: Sequence[str], dialect: Dialect) -> list[range]:
@@ -361,46 +388,52 @@ def _blocks(name: str, text: Lines, first: int, header: Sequence[str], dialect: 
     return [block for block in [*found, range(begin, len(text))] if block]
 
 
-def _parsed(name: str, text: Lines, tables: Sequence[range], names: tuple[str, ...], dialect: Dialect) -> Table:
+def _rows(text: Lines, block: range, dialect: Dialect) -> np.ndarray:
+    """Return the lines of a table but blank ones and comments; in one column, a blank line is a missing value."""
+    heads = np.frombuffer(text.raw, dtype=np.uint8)[text.starts[block.start : block.stop]]
+    marks = _MARKS if dialect.width == 1 else _MARKS + "\n"
+    doubtful = np.flatnonzero(np.isin(heads, [ord(c) for c in marks])) + block.start
+    return np.setdiff1d(np.asarray(block), [i for i in doubtful.tolist() if not dialect.is_row(text[i])])
+
+
+def _parsed(name: str, text: Lines, tables: Sequence[np.ndarray], names: tuple[str, ...], dialect: Dialect) -> Table:
     """Return the columns of some lines."""
     frames = [list(_frames(name, text, block, dialect)) for block in tables]
     rows = np.cumsum([0, *(sum(map(len, some)) for some in frames)]).tolist()
     every = [frame for some in frames for frame in some]
     shown = tuple(printable(n) for n in names)
-    begin = tables[0].start
-    between = tuple((row, block.start - row - begin) for row, block in zip(rows[1:-1], tables[1:], strict=True))
-    kept = [i for i in range(dialect.width) if shown[i] or i not in dialect.empty or i == 0]
+    lines = np.concatenate(tables)
+    before = lines - lines[0] - np.arange(lines.size)
+    between = tuple((int(i), int(before[i])) for i in np.flatnonzero(np.diff(before, prepend=0)))
     columns = []
-    for i in kept:
+    for i in range(dialect.width):
         parts = [_column(frame[i], dialect) for frame in every]
         words = any(part.dtype.kind == "O" for part in parts)
         columns.append(np.concatenate([part.astype(object if words else float) for part in parts]))
-    return Table(
-        Where(name, begin + 1, between=between), tuple(shown[i] for i in kept), tuple(columns),
-        segments=tuple(row for row, _ in between),
-    )  # fmt: skip
+    return Table(Where(name, int(lines[0]) + 1, between=between), shown, tuple(columns), segments=tuple(rows[1:-1]))
 
 
 # Rows that are parsed at once: cells take many times the memory of their numbers.
 _ROWS = 20_000
 
 
-def _frames(name: str, text: Lines, block: range, dialect: Dialect) -> Iterator[pd.DataFrame]:
+def _frames(name: str, text: Lines, lines: np.ndarray, dialect: Dialect) -> Iterator[pd.DataFrame]:
     """Yield the rows of a table."""
     import pandas as pd
 
-    file = io.BytesIO(text.raw)
-    file.seek(int(text.starts[block.start]))
+    starts = text.starts[lines[0] : lines[-1] + 2]
+    raw, inside = memoryview(text.raw)[starts[0] : starts[-1]], np.isin(np.arange(lines[0], lines[-1] + 1), lines)
+    file = io.BytesIO(raw if inside.all() else np.frombuffer(raw, np.uint8)[np.repeat(inside, np.diff(starts))].data)
     try:
         yield from pd.read_csv(
             file, header=None, sep=r"\s+" if dialect.separator == " " else dialect.separator, decimal=dialect.decimal,
-            skipinitialspace=True, skip_blank_lines=False, nrows=len(block), chunksize=_ROWS, encoding_errors="replace",
+            skipinitialspace=True, skip_blank_lines=False, nrows=lines.size, chunksize=_ROWS, encoding_errors="replace",
         )  # fmt: skip
     except (pd.errors.ParserError, pd.errors.EmptyDataError, csv.Error) as error:
         found = re.search(r"line (\d+), saw (\d+)", str(error))
         if found is None:
             raise InputRefused(f"{name}: cannot be parsed ({error}): export it again") from error
-        cause = f"line {int(found[1]) + block.start} has {found[2]} cells, the rows before it {dialect.width}"
+        cause = f"line {int(lines[int(found[1]) - 1]) + 1} has {found[2]} cells, the rows before it {dialect.width}"
         raise InputRefused(f"{name}: {cause}: delete the surplus cells; {REMEDY_COMMA}") from error
 
 
@@ -410,14 +443,14 @@ def _column(column: pd.Series, dialect: Dialect) -> np.ndarray:
     if values.dtype.kind in "iuf":
         return values
     texts = (values.astype(str) if values.dtype.kind == "b" else values).astype(object)
-    if dialect.decimal == ".":
-        return texts
-    return np.array([_pointed(v) if isinstance(v, str) else v for v in texts], dtype=object)
+    return np.array([_pointed(v, dialect.decimal) if isinstance(v, str) else v for v in texts], dtype=object)
 
 
-def _pointed(cell: str) -> str:
+def _pointed(cell: str, decimal: str) -> str:
     """Return a number with a decimal comma as one with a point; one with a point already is marked as no number."""
-    cell = cell.strip()
+    cell = _FORTRAN.sub("e", cell.strip())
+    if decimal == ".":
+        return cell
     if _THOUSANDS.fullmatch(cell):
         return cell.replace(".", "").replace(",", ".")
     return f"{cell}?" if _DOUBTFUL.fullmatch(cell) else cell.replace(",", ".")

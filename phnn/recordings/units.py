@@ -29,8 +29,11 @@ QUANTITIES: dict[str, str | None] = {
 }
 
 # Spellings that pint does not know, or knows as something else: newton metre is "number_meter", a textile unit, to it.
-_WORDS = {"sec": "s", "second": "s", "seconds": "s", "volt": "V", "volts": "V", "micron": "um", "microns": "um"}
-_NEWTON_METRE = re.compile(r"(?<![A-Za-z])([munkM]?)Nm(?![A-Za-z])")
+_WORDS = {"sec": "s", "second": "s", "seconds": "s", "volt": "V", "volts": "V", "micron": "um", "microns": "um",
+          "rpm": "rpm", "u/min": "rpm", "deg": "deg", "deg c": "degC", "deg f": "degF", "watt": "W", "watts": "W",
+          "amp": "A", "amps": "A", "vdc": "V", "psi": "psi", "n-m": "Nm", "n-cm": "Ncm", "n-mm": "Nmm", "MM": "mm",
+          "mil": "thou", "mils": "thou"}  # fmt: skip
+_NEWTON_METRE = re.compile(r"(?<![A-Za-z])([munkM]?)N([cm]?m)(?![A-Za-z])")
 # Symbols that are constants of nature to pint: a column output_c is hardly in multiples of the speed of light.
 _CONSTANT = re.compile(r"(?<![A-Za-z_])[cek](?![A-Za-z_])")
 # Names of SI units for people; other units are written in powers of them, such as m³/s.
@@ -66,7 +69,8 @@ _COMMON = {f"{p}{si}": Unit(si, factor, 0.0) for si in QUANTITIES.values() if si
 def spelled(unit: str) -> str:
     """Return one spelling of a unit: both Unicode micro signs become ``u``, ``°C`` becomes ``degC``, words symbols."""
     bare = unit.strip().replace("\u00b5", "u").replace("\u03bc", "u").replace("\u00b0C", "degC")
-    return _WORDS.get(bare.lower(), bare)
+    bare = bare.replace("\u03a9", "ohm").replace("\u2126", "ohm")
+    return _WORDS.get(bare, _WORDS.get(bare.lower(), bare))
 
 
 @lru_cache(maxsize=256)
@@ -83,7 +87,7 @@ def find_unit(text: str) -> Unit | None:
     registry = _registry()
     try:
         # As pint reads it: powers with stars, a newton metre as a product.
-        text = _POWER.sub(r"**\1", _NEWTON_METRE.sub(r"\1N*m", name)).replace("²", "**2").replace("³", "**3")
+        text = _POWER.sub(r"**\1", _NEWTON_METRE.sub(r"\1N*\2", name)).replace("²", "**2").replace("³", "**3")
         return _as_si(registry.Unit(text.replace("·", "*").replace(".", "*").replace("****", "**")))
     except Exception:  # pint has several of its own for a text that is no unit, and raises those of Python besides
         return None
@@ -158,9 +162,9 @@ def stated_by_name(header: str, quantity: str) -> str | None:
     if named == quantity:
         return unit
     _, unit = split_unit(header)
-    # Without brackets `pos_m` may be a measured position.
-    certain = unit is not None and (_BRACKETED.match(header) is not None or (len(unit) > 1 and unit in _COMMON))
-    return unit if certain and suits(quantity, unit) else None
+    # Without brackets `pos_m` may be a measured position, and words such as `flow_in` or `temp_min` name no unit.
+    symbol = unit and unit != "m" and (unit in _COMMON or not unit.islower() or unit in ("deg", "rad", "rpm", "bar"))
+    return unit if (symbol or _BRACKETED.match(header) is not None) and suits(quantity, unit) else None
 
 
 def suits(quantity: str, unit: str | None) -> bool:

@@ -22,7 +22,7 @@ from phnn.identification.prepare import prepare
 from phnn.models.network_file import load_network
 from phnn.recordings import describe, read, units
 from phnn.recordings.recording import unrecorded
-from phnn.recordings.units import QUANTITIES, accepted, find_unit, parse_name, suits
+from phnn.recordings.units import QUANTITIES, accepted, find_unit, parse_name, stated_by_name, suits
 from phnn.setup import Setup
 from phnn.trajectory import simulate
 
@@ -207,6 +207,9 @@ def test_round_trip_with_random_units(
     ("V/(m s)", 2.0, 2.0, "V/m/s"), ("rad", 2.0, 2.0, "rad"), ("deg/s", 180.0, np.pi, "rad/s"),
     ("rpm", 60.0, 2 * np.pi, "rad/s"), ("kHz", 1.0, 1e3, "Hz"), ("bar", 1.0, 1e5, "Pa"), ("%", 50.0, 0.5, "1"),
     ("mV/V", 2.0, 2e-3, "1"), ("1", 2.0, 2.0, "1"), ("1/s", 2.0, 2.0, "1/s"),
+    ("RPM", 30.0, np.pi, "rad/s"), ("U/min", 30.0, np.pi, "rad/s"), ("Ncm", 3.0, 0.03, "N·m"), ("N-m", 3.0, 3.0, "N·m"),
+    ("kΩ", 2.0, 2e3, "Ω"), ("Amps", 2.0, 2.0, "A"), ("Deg", 180.0, np.pi, "rad"), ("deg C", 20.0, 293.15, "K"),
+    ("mil", 1000.0, 0.0254, "m"), ("MM", 2.0, 2e-3, "m"), ("VDC", 2.0, 2.0, "V"), ("Watt", 2.0, 2.0, "W"),
 ])  # fmt: skip
 def test_units(unit: str, value: float, expected: float, si: str) -> None:
     known = find_unit(unit)
@@ -231,6 +234,7 @@ def test_a_prefix_is_exactly_a_power_of_ten_with_pint_and_without(
     known = {name: find_unit(name) for name in (f"{prefix}{unit}" for unit in QUANTITIES.values() if unit)}
     monkeypatch.setattr(units, "_COMMON", {})
     assert {name: find_unit.__wrapped__(name) for name in known} == known
+    assert [stated_by_name(n, "output") for n in ("power_W", "h_degC", "x_m", "flow_in")] == ["W", "degC", None, None]
     assert {unit.factor for unit in known.values() if unit is not None} == {size}
 
 

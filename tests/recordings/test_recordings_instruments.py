@@ -54,6 +54,28 @@ def test_tables_below_headers_of_their_own_are_recordings(
     assert any("3 tables" in note for note in campaign.notes)
 
 
+@pytest.mark.parametrize(("text", "names", "row"), [
+    ("Time (s),Load (kN)\n(s),(kN)\n0,1\n1,2", "Time (s)|Load (kN)", (0, 1)),
+    ("Time (s),Load (kN)\n(s),(N)\n0,1\n1,2", "says N of 'Load (kN)'", ()),
+    ("t;a;;b;\n0;1;;2;\n1;3;;4;", "t|a||b|", (0, 1, np.nan, 2, np.nan)), ("0;;2\n1;;4", "||", (0, np.nan, 2)),
+    ("t;mW;K\n0;20.000;0,1\n1;7;0,25\n2;3;0,5", "mW, row 1.*thousands", ()),
+    ("a\tb\tNote\n0\t1\ton it\n1\t2\t\n2\t3\t", "a|b|Note", (0, 1)), ("a\tb\n\tW\n0\t1\n1\t2", "a|b [W]", (0, 1)),
+    ("a;b\n%;K\n0;1\n1;2", "a [%]|b [K]", (0, 1)), ("a;b;c\n-;mm;RPM\n0;1;2\n1;2;3", "a|b [mm]|c [RPM]", (0, 1, 2)),
+    ("a;b\n0.5D+01;1\n\n1;2\n# open\n2;-", "b, row 3 .line 6", ()), ("a;b\n.5D+01;1\n\n1;2\n# 2\n2;3", "a|b", (5, 1)),
+    ("a;b;c\nV;mm;Frobs\n0;1;2\n1;2;3", "a [V]|b [mm]|c [Frobs]", (0, 1, 2)),
+])  # fmt: skip
+def test_headers_columns_and_numbers_are_read_as_they_stand(tmp_path: Path, text: str, names: str, row: Any) -> None:
+    (tmp_path / "a.txt").write_text(text + "\n")
+    if row:
+        found = read_text(named_file(tmp_path / "a.txt"))
+        assert "|".join(found.names) == names
+        np.testing.assert_array_equal([found.numbers(i)[0] for i in range(len(found.names)) if i < len(row)], row)
+        return
+    with pytest.raises(InputRefused, match=names.replace("(kN)", ".kN.")):
+        found = read_text(named_file(tmp_path / "a.txt"))
+        found.numbers(1)
+
+
 def test_a_slice_lies_in_one_of_several_tables(tmp_path: Path) -> None:
     written(tmp_path, table(1) + table(2))
     (tmp_path / "recordings.yaml").write_text(f"recordings: [{{file: a.csv, slice: [{T.size}, {2 * T.size}]}}]")
