@@ -332,7 +332,7 @@ def _sampled(entry: Entry, table: Table, channels: Channels) -> tuple[np.ndarray
         apart = f"{interval:.6g} s apart ({1 / interval:.6g} Hz)"
         notes.append(f"sample_rate_hz {rate:g} is not used: the times are {apart}")
     own = {q: x[found.rows] for q, x in own.items()}
-    if entry.input != "zero_order":
+    if entry.input != "zero_order" and not table.own:
         # The rows of a file may lie unevenly in time.
         again = {q: interpolated(found.t[x], found.values[q][x], found.t) for q, x in own.items() if not x.all()}
         found = replace(found, values=found.values | again)

@@ -14,11 +14,11 @@ import numpy as np
 
 from phnn.errors import InputRefused
 from phnn.intake import LIMITS
-from phnn.recordings.units import parse_name
+from phnn.recordings.units import parse_name, split_unit
 from phnn.results import listed, printable
 
 DECIMAL_COMMA = re.compile(r"^\s*[-+]?\d+,\d+([eE][-+]?\d+)?\s*$")
-REMEDY_COMMA = "write numbers with a point as decimal sign"
+REMEDY_COMMA = "write numbers with a point as decimal sign, and none between thousands"
 # The numbers or texts of a column, or what reads them.
 Column = np.ndarray | Callable[[], np.ndarray]
 # Kinds of numpy's types that are numbers; complex ones are refused where somebody asks for them.
@@ -102,6 +102,8 @@ class Table:
         named = [n for n in self.names if n]
         if isinstance(place, str):
             hits = [i for i, name in enumerate(self.names) if name == place]
+            # A unit below or behind the name is no part of it.
+            hits = hits or [i for i, name in enumerate(self.names) if split_unit(name)[0] == place]
             if len(hits) == 1:
                 return hits[0]
             found = f"it has {listed(named)}" if named else "it has no header, give an index from 0 on"
