@@ -281,11 +281,12 @@ def parameter_rows(diagnosis: Diagnosis) -> Iterator[list[str]]:
         note = note or (f"base model: {unknown}" if (unknown := diagnosis.base.note(name)) else "")
         old = before[name].value if name in before else None
         value, ends = with_error(p.value, finite(std.get(name))), interval(final.interval(name))
-        yield [name, "; ".join(filter(None, (p.description, note))), number(old), value, ends, shown_unit(p.unit)]
+        label = name if p.unit == "1" else f"{name} ({shown_unit(p.unit)})"
+        yield [label, "; ".join(filter(None, (p.description, note))), number(old), value, ends]
 
 
 def _parameters(diagnosis: Diagnosis) -> list[Block]:
-    head = ["parameter", "meaning", "before", "after ± standard error", "95 % interval", "unit"]
+    head = ["parameter", "meaning", "before", "after ± standard error", "95 % interval"]
     return [Table(head, list(parameter_rows(diagnosis)), 2)]
 
 
