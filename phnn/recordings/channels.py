@@ -26,10 +26,11 @@ _APART, _TIMES_OFF, _STEPS, _SHARE = 0.5, 50.0, 20.0, 0.02
 # Another number is a mark as well from so many ranges off, if an output has it so often.
 _ALONE, _REPEATED = 5.0, 3
 # Ranges after which angles and counters start again; the share of it that a signal covers, and that it may jump.
-_TURNS = (360.0, 2.0 * np.pi, 400.0, 1.0, 100.0, 1000.0, 3600.0, *(2.0**k for k in range(8, 33)))
+_COUNTERS = tuple(2.0**k for k in range(8, 33))
+_TURNS = (360.0, 2.0 * np.pi, 400.0, 1.0, 100.0, 1000.0, 3600.0, *_COUNTERS)
 _COVERED, _JUMPS = 0.85, 0.5
 # Of these one is sure to start again, also where a signal stays near its ends, and moves by that share of the range.
-_CIRCLES, _MOVES = (360.0, 2.0 * np.pi, *_TURNS[7:]), 0.01
+_CIRCLES, _MOVES = (360.0, 2.0 * np.pi, *_COUNTERS), 0.01
 # By how much a glitch exceeds the differences of the samples around it; share of the bends that undoing a wrap leaves.
 _AGREE, _BENDS = 2.0, 0.1
 # Differences of samples that are looked at on either side.

@@ -313,16 +313,14 @@ def _sampled(entry: Entry, table: Table, channels: Channels) -> tuple[np.ndarray
     values = {q: c.values[first:last] for q, c in channels.items() if q != "time"}
     own = {q: c.own[first:last] for q, c in channels.items() if c.own is not None}
     checks.enough_samples(last - first, where)
-    if "time" not in channels:
-        if entry.sample_rate_hz is None:
+    time, rate = channels.get("time"), entry.sample_rate_hz
+    if time is None or (rate is not None and _is_coarse(time.values[first:last], rate)):
+        if rate is None:
             raise checks.absent("time", table.names, table.where)
-        dt = 1.0 / entry.sample_rate_hz
+        dt = 1.0 / rate
         checks.interval(dt, table.where)
-        return dt * np.arange(last - first), values, own, where, []
-    time, rate = channels["time"], entry.sample_rate_hz
-    if rate is not None and _is_coarse(time.values[first:last], rate):
-        note = f"times are coarser than the rows: taken at the {rate:g} Hz of recordings.yaml"
-        return np.arange(last - first) / rate, values, own, where, [note]
+        notes = [f"times are coarser than the rows: taken at the {rate:g} Hz of recordings.yaml"] if time else []
+        return dt * np.arange(last - first), values, own, where, notes
     found = stamped(time.values[first:last], time.factor, values, where, entry.input == "zero_order")
     checks.enough_samples(found.t.size, where)
     interval = float(np.median(np.diff(found.t)))

@@ -249,10 +249,11 @@ def beside(tables: Sequence[Table]) -> Table:
         cause = f"arrays of different shapes ({', '.join(shapes)} realisations, periods and samples)"
         raise InputRefused(f"{where}: {cause}: give input and output of one experiment")
     clocks = [t.numbers(i) for t in tables for i, n in enumerate(t.names) if parse_name(n)[0] == "time"]
-    apart = [c for c in clocks[1:] if c.size == clocks[0].size and np.ptp(np.append(c - clocks[0], 0.0)) > 0.0]
-    if apart and np.ptp(np.append(apart[0] - clocks[0], 0.0)) > 0.5 * np.median(np.abs(np.diff(clocks[0]))):
-        ends = "; ".join(f"{c[0]:.6g} to {c[-1]:.6g}" for c in (clocks[0], apart[0]))
-        raise InputRefused(f"{where}: times that differ ({ends}): export all channels of a recording with one time")
+    for clock in clocks[1:]:
+        half = 0.5 * np.median(np.abs(np.diff(clocks[0])))
+        if clock.size == clocks[0].size and np.abs(clock - clocks[0]).max(initial=0.0) > half:
+            ends = "; ".join(f"{c[0]:.6g} to {c[-1]:.6g}" for c in (clocks[0], clock))
+            raise InputRefused(f"{where}: times that differ ({ends}): export all channels of a recording with one time")
     both: dict[str, Any] = {
         name: tuple(one for t in tables for one in getattr(t, name)) for name in ("names", "columns", "notes")
     }

@@ -129,12 +129,12 @@ def test_hysterons_begin_anew_beside_an_effect_where_no_derivative_leads_back() 
 
 def test_a_model_that_only_predicts_from_where_another_begins_is_not_written(monkeypatch: pytest.MonkeyPatch) -> None:
     search, whole = together(lacking("quadratic_drag"), "quadratic_drag")
-    well, astray = {"later": Misfit(100.0, 100)}, {"later": Misfit(1e12, 100)}
+    well, badly = {"later": Misfit(100.0, 100)}, {"later": Misfit(1e12, 100)}
     search.visited = {k: replace(m, held_out=well) for k, m in search.visited.items()}
     search.base, search.begun = search.visited[search.base.key], {"later": (whole.fit.setup, np.zeros(1))}
     monkeypatch.setattr(modules[finished.__module__], "held_out", lambda *given: well)
     assert finished(search).key == whole.key
-    monkeypatch.setattr(modules[finished.__module__], "held_out", lambda *given: astray)
+    monkeypatch.setattr(modules[finished.__module__], "held_out", lambda *given: badly)
     assert finished(search).key == search.base.key
 
 
