@@ -327,8 +327,10 @@ def results(executor: Executor, work: Callable[[Any], Any], items: Sequence[Any]
     found: list[Any] = [None] * len(items)
     if not items or (account.checked and account.stopped):
         return found
-    until, among = account.until if account.checked else float("inf"), executor.kind != "serial" and len(items) > 1
-    above = account if account.checked and executor.kind == "threads" else None
+    # Threads share those of the recordings, so that the last item has all of them.
+    threads, until = executor.kind == "threads", account.until if account.checked else float("inf")
+    among = not threads and executor.kind != "serial" and len(items) > 1
+    above = account if account.checked and threads else None
     side = max(_SIDE, executor.workers) if account.evaluations > _NEARLY * account.most else len(items)
 
     def answers() -> Iterator[tuple[int, _Result]]:

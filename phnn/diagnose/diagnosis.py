@@ -11,7 +11,7 @@ from phnn.criteria import Criteria
 from phnn.diagnose.formula import Distilled, distil
 from phnn.diagnose.linearised import TIE, LinearisedFit, prepare
 from phnn.diagnose.locations import Location, locate
-from phnn.diagnose.number import Visited, Weighed, weigh
+from phnn.diagnose.number import Visited, Weighed, is_learned, weigh
 from phnn.diagnose.proposal import NextExperiment, Question, propose, refitted_rival
 from phnn.diagnose.screen import Candidate, chance
 from phnn.diagnose.search import Search, begin, carry_beside, explore, finished, linearised_of, material, refits
@@ -229,7 +229,9 @@ def _concluded(search: Search, error: NumericalError, options: Options, account:
     screened = _screened(search, base)
     left = screened if model is base else _screened(search, model)
     remaining = [c for c in left if material(c, model.fit, criteria)]
-    if model is not base and model.left_most > criteria.explained:
+    nameable = model.left_most <= (criteria.far / criteria.proven) ** 2 and not any(map(is_learned, model.elements))
+    if nameable and model.left_most > criteria.explained:
+        # Where nothing promises a gain any more, names may be given.
         carry_beside(search, model, [c.effect for c in remaining])
     promises = [c for c in remaining if not denied(c.effect, model, search.visited, criteria)]
     promising = sum(material(c, base.fit, criteria) for c in screened), len(promises)

@@ -17,22 +17,24 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations, product
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
+from scipy.optimize import least_squares, lsq_linear
 from scipy.stats import t as student
 
 from phnn.derivatives import output_derivatives
-from phnn.diagnose.linearised import LinearisedFit, tie
+from phnn.diagnose.linearised import LinearisedFit, simulated, tie
 from phnn.effects import Effect
 from phnn.effects.formulas import formulas_for
 from phnn.identification.covariance import scatter
 from phnn.identification.fit import Fit
 from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
 from phnn.parameters import quantity
+from phnn.recordings.recording import Recording
 from phnn.setup import Setup
+from phnn.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 # Fits of some effects beside a fit without them, those that can be fitted.
@@ -46,7 +48,7 @@ _MOST = 0.8
 # that is not, by which nothing is decided: it may favour either.
 _LARGE, _SMALL, _DOUBTFUL = 3.0, 1.1, 0.2
 # Formulas of one and of two terms that are refined after the grid, and steps of a refinement.
-_SINGLES, _PAIRS, _STEPS = 3, 4, 15
+_SINGLES, _PAIRS, _STEPS, _GAIN = 3, 4, 15, 1e-5
 # Probability that an interval contains its number.
 _SHARE = 0.95
 # A term of which base parameters leave less than this share of its square is one of theirs; the smallest eigenvalue of
@@ -276,6 +278,9 @@ def _of_terms(linearised: LinearisedFit, element: Effect) -> Distilled | None:
         return None
     names = (*fit.variables.names, *[""] * (fit.jacobian.shape[1] - len(fit.variables.names)))
     kept = [n not in element.strengths for n in names]
+    # Directions need few samples.
+    plan = replace(linearised.plan, rough=True).derived(fit.setup)
+    linearised = replace(linearised, trajectories=simulated(fit, plan))
     # The same fit without the element: a formula has to explain what the element does, and the residual beside it.
     learned = _response(linearised, force_of(fit.setup, element.strengths))[:, 0]
     target = replace(linearised, fit=replace(fit, residual=fit.residual + learned, jacobian=fit.jacobian[:, kept]))
@@ -287,9 +292,8 @@ def _of_terms(linearised: LinearisedFit, element: Effect) -> Distilled | None:
     rate = _tie(target, min(tried, key=lambda f: f.cost))
     prices = {id(f): f.cost + rate * f.numbers for f in tried}
     best, *rest = sorted(tried, key=lambda f: prices[id(f)])
-    base, reach = _base_values(target, best, [n for n, k in zip(names, kept, strict=True) if k]), _tie(target, best)
-    stays_passive = all(v > 0.0 for n, v in base.items() if fit.setup.parameters[n].positive)
-    if best.cost > fit.cost + reach or not stays_passive:
+    reach = _tie(target, best)
+    if _with_positive_base(target, best, [n for n, k in zip(names, kept, strict=True) if k]) > fit.cost + reach:
         return None
     rivals = [f for f in rest if prices[id(f)] <= prices[id(best)] + reach and len(f.terms) <= len(best.terms)]
     speed = {"v_0": (scales.velocity, "m/s")} if element.kind.name == "dissipative" else {}
@@ -312,9 +316,9 @@ def _tie(target: LinearisedFit, formula: Formula) -> float:
 def _response(linearised: LinearisedFit, forces: Force) -> Array:
     """Return the weighted changes (N, F) of the output by forces that resist the motion."""
 
-    def one(_: Any, trajectory: Any) -> Array:
+    def one(recording: Recording, trajectory: Trajectory) -> Array:
         pushes = -forces(trajectory.mid_displacement, trajectory.velocity)
-        return output_derivatives(trajectory, (), (), np.ascontiguousarray(pushes))
+        return recording.from_sparse(output_derivatives(trajectory, (), (), np.ascontiguousarray(pushes)))
 
     return linearised.stack(linearised.plan.each(one, linearised.trajectories))
 
@@ -347,15 +351,16 @@ def _responses(target: LinearisedFit, terms: Sequence[tuple[Term, Array]]) -> Ar
     return _response(target, forces)
 
 
-def _base_values(target: LinearisedFit, formula: Formula, names: Sequence[str]) -> dict[str, float]:
-    """Return the value [SI] of every base parameter beside a formula."""
+def _with_positive_base(target: LinearisedFit, formula: Formula, names: Sequence[str]) -> float:
+    """Return the sum of squares of a formula whose base parameters move as well, and keep their signs."""
     wanted = target.fit.residual - _responses(target, [(t, x) for t, _, x in formula.by_term]) @ formula.sizes
     # The derivatives of the residual are those of the output, with the other sign.
-    shift = np.linalg.lstsq(-target.fit.jacobian, wanted, rcond=None)[0]
-    parameters = target.fit.setup.parameters
-    moved = ((parameters[n], float(z)) for n, z in zip(names, shift, strict=True) if n in parameters)
+    q, square = np.linalg.qr(-target.fit.jacobian)
+    along, known = q.T @ wanted, target.fit.setup.parameters
     # Forces are linear in the value, not in its logarithm.
-    return {p.name: p.value + p.slope(p.value) * z for p, z in moved}
+    able = [known[n] if n in known and known[n].positive else None for n in names]
+    least = [-np.inf if p is None else -p.value / p.slope(p.value) for p in able]
+    return float(wanted @ wanted - along @ along + 2.0 * lsq_linear(square, along, (least, np.inf)).cost)
 
 
 def _on_grid(target: LinearisedFit, terms: Sequence[Term]) -> list[Formula]:
@@ -416,7 +421,7 @@ def _refined(target: LinearisedFit, formula: Formula) -> Formula:
         return -np.hstack(columns(x))
 
     start = np.clip(np.append(formula.sizes, formula.shapes[free]), np.add(lower, 1e-9), np.subtract(upper, 1e-9))
-    result = least_squares(residual, start, jacobian, (lower, upper), x_scale="jac", max_nfev=_STEPS)
+    result = least_squares(residual, start, jacobian, (lower, upper), x_scale="jac", ftol=_GAIN, max_nfev=_STEPS)
     return replace(at(result.x), left=residual(result.x))
 
 

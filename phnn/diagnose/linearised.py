@@ -90,22 +90,15 @@ class LinearisedFit:
             found.append(hidden & mask)
         return found
 
-    def _outputs(self, plan: Plan) -> list[Array]:
-        def run(recording: Recording) -> Array:
-            initial = self.fit.initial(recording.name)
-            return simulate(self.fit.setup, recording, plan.steps_of(recording), initial=initial).y
-
-        return plan.each(run, simulations=1.0)
-
     @cached_property
     def coarse_outputs(self) -> list[Array]:
         """Return the outputs with the coarse sub-steps, the origin of finite changes."""
-        return self._outputs(self.plan.coarse())
+        return [t.y for t in simulated(self.fit, self.plan.coarse())]
 
     @cached_property
     def sparse_outputs(self) -> list[Array]:
         """Return the same at as few samples as show the inputs."""
-        return self._outputs(self.plan.coarse().derived(self.fit.setup))
+        return [t.y for t in simulated(self.fit, self.plan.coarse().derived(self.fit.setup))]
 
     @property
     def spectra(self) -> Spectra:
@@ -131,13 +124,18 @@ class LinearisedFit:
 
 def prepare(fit: Fit) -> LinearisedFit:
     """Simulate the fitted model on its plan and take the scales."""
-
-    def run(recording: Recording) -> Trajectory:
-        return simulate(fit.setup, recording, fit.plan.steps_of(recording), initial=fit.initial(recording.name))
-
-    trajectories = tuple(fit.plan.each(run, simulations=1.0))
+    trajectories = simulated(fit, fit.plan)
     linearised = LinearisedFit(fit, trajectories, scales_of(fit, trajectories))
     return replace(linearised, scales=replace(linearised.scales, peaks=linearised.spectra.peaks))
+
+
+def simulated(fit: Fit, plan: Plan) -> tuple[Trajectory, ...]:
+    """Return the trajectories of a fitted model in the recordings of a plan."""
+
+    def one(recording: Recording) -> Trajectory:
+        return simulate(fit.setup, recording, plan.steps_of(recording), initial=fit.initial(recording.name))
+
+    return tuple(plan.each(one, simulations=1.0))
 
 
 def scales_of(fit: Fit, trajectories: Sequence[Trajectory]) -> Scales:
