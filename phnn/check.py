@@ -314,7 +314,7 @@ def _between_periods(r: Recording) -> Sample | None:
         lambda rows: np.column_stack([*(shape[rows] for shape in slow), waves(rows, 1.0 / size, few)]),
     )
     above = (_SETTLING + 1.5) / r.period
-    return Sample(changed / np.sqrt(2.0), r.dt, speed[:count], quantisation_step(r.y), above=above)
+    return Sample(changed / np.sqrt(2.0), r.dt, speed[:count], r.step, above=above)
 
 
 # Steps of a share of the noise are not worth a word; steps of several times the noise hide it, whose own deviation
@@ -333,10 +333,10 @@ _LEVEL = 0.01
 
 def quantisation(recording: Recording) -> list[Finding]:
     """Return the step of which the output's values are multiples, beside the noise."""
-    step = quantisation_step(recording.y)
-    if step == 0.0 or not recording.noise > 0.0:
+    if recording.step == 0.0 or not recording.noise > 0.0:
         return []
-    text, share = f"output in steps of {quantity(step, recording.units.output)}", step / recording.noise
+    step, share = recording.step, recording.step / recording.noise
+    text = f"output in steps of {quantity(step, recording.units.output)}"
     if not recording.noise_found:
         # There is no noise to hold the steps against.
         return [Finding("quantisation", NOTE, text, {"step": step})]

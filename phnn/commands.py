@@ -145,9 +145,11 @@ def identify(
         known = [f"{n} = {r['value']:.5g} ± {r['std']:.2g}" for n, r in content["ratios"].items()]
         Console().print(f"[bold]{escape(content['open'])}[/bold]. {escape(', '.join(known))}")
     table = Table("recording", "use", "base", title="fit %, and residual over noise")
+    bare = {r.name for r in campaign.recordings if not r.noise_found}
     for part in scores.parts:
         use = "held out" if part.use == "confirmation" else "identified"
-        table.add_row(escape(part.name), use, f"{part.fit_percent:.2f}  {part.residual_over_noise:.3g}")
+        over_noise = "–" if part.name.partition("[")[0] in bare else f"{part.residual_over_noise:.3g}"
+        table.add_row(escape(part.name), use, f"{part.fit_percent:.2f}  {over_noise}")
     Console().print(table)
 
 

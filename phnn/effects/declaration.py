@@ -62,9 +62,10 @@ def has_transducer(setup: Setup) -> bool:
 
 
 def has_tanks(setup: Setup) -> bool:
-    """Return whether stores of constant capacity drain into each other through resistors alone."""
+    """Return whether stores of constant capacity, not of heat or charge, drain through resistors alone."""
     network = setup.network
-    return all(s.law == "capacitor" for s in network.storages) and not network.couplings
+    stores = all(s.law == "capacitor" and s.unit not in ("J", "K", "C") for s in network.storages)
+    return stores and not network.couplings
 
 
 # Metres and newtons in the unit of an effect.

@@ -28,14 +28,14 @@ OVERFLOW = Effect(
     name="overflow",
     kind=kinds.DISSIPATIVE,
     equation=r"\dot{V} = \dots - r_o \max(V - V_o, 0)",
-    statement="The tank overflows: above a volume of {V_o} the excess flows off at a rate of {r_o}.",
+    statement="The tank overflows: above {V_o} the excess flows off at a rate of {r_o}.",
     fingerprint="No error below one level; above it, the level rises only until the excess inflow runs off.",
     separation="Filling at several steady flows: the level stays near the rim of a tank that overflows, and grows with "
     "the square of the flow through an orifice.",
     references=("White 2011, Fluid Mechanics, sec. 10.7 (weirs, linearised)",),
     declares=(
         positive("r_o", "1/s", "rate at which the excess above the rim flows off", 1e8, strength=True),
-        positive("V_o", "m³", "volume up to the rim", 1e2),
+        positive("V_o", "{sensed}", "level or volume up to the rim", 1e2),
     ),
     adds=overflows,
     # A weak overflow at shares of the largest volume.
@@ -71,15 +71,14 @@ SPILL_OVER = Effect(
     name="spill_over",
     kind=kinds.DISSIPATIVE,
     equation=r"Q = \dots + r_s \max(C \Delta p - V_s, 0)",
-    statement="The tank above overflows into the measured one: beyond a volume of {V_s} the excess runs over at "
-    "a rate of {r_s}.",
+    statement="The tank above overflows into the measured one: beyond {V_s} the excess runs over at a rate of {r_s}.",
     fingerprint="After a large inflow the measured level rises faster than the pipe between the tanks allows.",
     separation="Filling at several steady flows: the measured level follows the inflow at once where the tank above "
     "runs over, and late where it does not.",
     references=("White 2011, Fluid Mechanics, sec. 10.7 (weirs, linearised)",),
     declares=(
         positive("r_s", "1/s", "rate at which the excess above the rim runs over", 1e8, strength=True),
-        positive("V_s", "m³", "volume of the tank above up to its rim", 1e4),
+        positive("V_s", "{sensed}", "level or volume of the tank above up to its rim", 1e4),
     ),
     adds=spills,
     # Shares and multiples of the largest measured volume, as the volume of the tank above is unknown.
@@ -140,7 +139,7 @@ TURBULENT_ORIFICE = (
         references=("White 2011, Fluid Mechanics, sec. 6.12 (Torricelli; head loss of an orifice)",),
         declares=(
             positive("kappa_t", "1", "turbulent share of the resistance at the reference flow", 1e8, strength=True),
-            constant("Q_t", "m³/s", "reference flow of the turbulent resistance"),
+            constant("Q_t", "{sensed}/s", "reference flow of the turbulent resistance"),
         ),
         adds=narrowed,
         # A weak orifice, and those strong enough that the flow is proportional to the root of the head.

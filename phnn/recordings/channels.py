@@ -41,7 +41,8 @@ _MASKED = 10
 
 @dataclass(frozen=True, eq=False)
 class Channel:
-    """One quantity of a file: ``(N,)`` SI values, where they stand, their unit there and in SI, and the factor to SI.
+    """One quantity of a file: ``(N,)`` SI values, where they stand, their unit there and in SI, and how numbers of the
+    file become SI: ``factor * number + offset``.
 
     ``own`` are the ``(N,)`` rows at which it was sampled, None for all; the values of others are interpolated.
     """
@@ -53,6 +54,7 @@ class Channel:
     factor: float
     own: np.ndarray | None = None
     notes: tuple[str, ...] = ()
+    offset: float = 0.0
 
 
 def select(table: Table, columns: Mapping[str, Column], named: Mapping[str, tuple[str, Column]]) -> dict[str, Channel]:
@@ -115,7 +117,7 @@ def _channel(table: Table, quantity: str, said: Column, name: str, spoken_for: M
     known = find_unit(unit)
     assert known is not None, unit
     si_values = said.scale * values * known.factor + known.offset
-    return Channel(si_values, label, unit, known.si, said.scale * known.factor, own, notes)
+    return Channel(si_values, label, unit, known.si, said.scale * known.factor, own, notes, known.offset)
 
 
 def _without_marks(

@@ -177,6 +177,9 @@ def _draft(entry: Entry, table: Table, channels: Channels, roles: tuple[str, str
     drive = drive_of(u, ports)
     near_zero = all(abs(float(x[0])) <= _NEAR_ZERO * float(np.ptp(x)) for x in (u, *ports.values()))
     start = entry.start or Start("rest" if near_zero else "unknown")
+    if entry.start is not None and start.state == "rest":
+        channel = channels[u_name]
+        start = replace(start, input_before=channel.factor * start.input_before + channel.offset)
     before = start.input_before if start.state == "rest" else None
     if y_name is not None:
         if entry.start is None or start.state != "unknown":
@@ -272,7 +275,8 @@ def _noise(recording: Recording, excitation: Excitation) -> NoiseFloor:
     dt, period, span = recording.dt, excitation.period, excitation.span
     if seen is not None or recording.clock is not None:
         # Of samples that were taken; interpolated ones have less noise.
-        rows = np.flatnonzero(seen) if seen is not None else _longest_even(t)
+        rows = np.arange(t.size) if seen is None else np.flatnonzero(seen)
+        rows = rows[_longest_even(t[rows])]
         (dt, y), (_, drive), period, span = evenly(t[rows], y[rows]), evenly(t[rows], drive[rows]), None, (0, rows.size)
     stuck = recording.sensor.at_limit(y) != 0
     floor = noise_floor(drive, y, dt, period, span, recording.start.state == "periodic")

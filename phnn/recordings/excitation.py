@@ -20,6 +20,8 @@ from phnn.signals.reconstruct import WITH_BREAKS, Reconstruction, mean_input, st
 if TYPE_CHECKING:
     from phnn.recordings.recording import Recording
 
+# Share of an input's swing around its middle in which no crossing is told from noise.
+_MIDDLE = 0.02
 _UNLIKE = 0.3  # mismatch that a signal must reach before a return counts as a period
 _ALIKE = 1e-3  # mismatch of a noisy repetition
 _EXACT = 1e-4  # mismatch accepted where only two periods bear witness
@@ -185,13 +187,16 @@ def _few_levels(u: np.ndarray) -> bool:
 def _sweep(x: np.ndarray) -> tuple[float, float] | None:
     """Return the first and last frequency (cycles per sample, ascending) of a sweep, from its zero crossings."""
     centred = x - 0.5 * (x.max() + x.min())
-    i = np.flatnonzero(np.signbit(centred[1:]) != np.signbit(centred[:-1]))
+    # At the middle itself noise crosses it as well.
+    outside = np.flatnonzero(np.abs(centred) > _MIDDLE * np.abs(centred).max())
+    c, steps = centred[outside], np.diff(outside)
+    i = np.flatnonzero(np.signbit(c[1:]) != np.signbit(c[:-1]))
     if i.size < 6:
         return None
-    crossings = i + centred[i] / (centred[i] - centred[i + 1])
+    crossings = outside[i] + steps[i] * c[i] / (c[i] - c[i + 1])
     if abs(float(centred[0])) <= 1e-6 * float(np.ptp(x)) and crossings[0] > 0.5:
         crossings = np.concatenate(([0.0], crossings))  # it begins with a crossing
-    rate = 0.5 / np.maximum(np.diff(crossings), 1e-9)
+    rate = 0.5 / np.diff(crossings)
     if float(np.ptp(rate)) <= 1e-6 * float(rate.max()):
         return None
     order = float(spearmanr(np.arange(rate.size), rate).statistic)

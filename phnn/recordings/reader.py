@@ -294,7 +294,7 @@ def describe(campaign: Campaign | str | Path) -> str:
 
 def facts(r: Recording) -> list[tuple[str, str]]:
     """Return what was understood of a recording: label and words."""
-    u_unit, y_unit = r.units
+    (u_unit, y_unit), before = r.units, r.start.input_before
     span = " to ".join(quantity(v, u_unit, 4) for v in (r.u.min(), r.u.max()))
     output = noise = sensor = ""
     if np.isfinite(r.y).all():
@@ -313,7 +313,7 @@ def facts(r: Recording) -> list[tuple[str, str]]:
         ("sensor", sensor),
         ("gain", "of the input unknown, one factor is estimated" if r.gain == "unknown" else ""),
         ("zero", "shared with other recordings" if r.offset == "shared" else ""),
-        ("start", f"rest, input {r.start.input_before:g} before" if r.start.state == "rest" else r.start.state),
+        ("start", r.start.state + (f", input {quantity(before, u_unit)} before" if r.start.state == "rest" else "")),
         ("also", ", ".join(r.channels)),
         ("use", _uses(r)),
     ]
@@ -335,7 +335,7 @@ def _uses(r: Recording) -> str:
     said = []
     for part in r.parts:
         whole = part.first == 0 and part.last == r.t.size
-        place = "" if whole else f" {part.first * r.dt:.4g} to {part.last * r.dt:.4g} s"
+        place = "" if whole else f" {r.t[part.first]:.4g} to {r.t[part.last - 1]:.4g} s"
         use = "start, not scored" if part.use == "nuisance" else part.use
         said.append(use + place)
     return "; ".join(said)

@@ -18,6 +18,7 @@ from phnn.parameters import quantity
 from phnn.recordings.excitation import Excitation, excitation_of, spectrum
 from phnn.results import listed
 from phnn.signals.noise import AS_WHITE
+from phnn.signals.sampling import quantisation_step
 
 
 class Units(NamedTuple):
@@ -250,6 +251,11 @@ class Recording:
     def dt(self) -> float:
         """Return the sampling interval in s, the mean where intervals differ."""
         return float(self.t[-1] - self.t[0]) / (self.t.size - 1)
+
+    @cached_property
+    def step(self) -> float:
+        """Return the step of which all recorded outputs are multiples; 0 where there is none to be seen."""
+        return quantisation_step(self.y if self.seen is None else self.y[self.seen])
 
     @property
     def colour_unseen(self) -> bool:

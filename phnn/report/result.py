@@ -51,7 +51,6 @@ from phnn.rescue import Failure, accounted, documents, needed, warnings
 from phnn.results import PROGRESS, Place, claim, finite
 from phnn.setup import Setup
 from phnn.signals.noise_statement import NoiseStatement, Sample, noise_statement
-from phnn.signals.sampling import quantisation_step
 
 Array = NDArray[np.float64]
 
@@ -409,7 +408,6 @@ def statements(
         shown = residual if complete else difference(residual, r)
         sample = None
         if shown is not None:
-            step = quantisation_step(r.y) / r.noise
-            sample = Sample(shown, r.dt, speed[-shown.size :], step, r.noise)
+            sample = Sample(shown, r.dt, speed[-shown.size :], r.step / r.noise, r.noise)
         found[r.name] = noise_statement(r.noise, r.noise_source, r.units.output, sample)
     return found

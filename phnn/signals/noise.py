@@ -460,7 +460,9 @@ def _of_one_step(u: Array, y: Array) -> Estimate | None:
     omega = 2.0 * np.pi * np.fft.rfftfreq(size)
     for i, r in enumerate(rows):
         others = sum(m for j, m in enumerate(normal) if j != i)
-        scale = np.sqrt(np.diag(others)) + 1e-300
+        scale = np.sqrt(np.diag(others))
+        # An input that stands still in all of these blocks has no columns.
+        scale[scale == 0.0] = 1.0
         scaled = others / np.outer(scale, scale) + _RIDGE * np.eye(scale.size)
         wanted = sum(m for j, m in enumerate(right) if j != i)
         c = np.linalg.solve(scaled, wanted / scale) / scale

@@ -363,7 +363,7 @@ def test_what_recordings_share_is_printed_once() -> None:
     coarse = [replace(r, y=1e-8 * np.round(r.y / 1e-8)) for r in some]
     text = check(campaign(*coarse)).text()
     assert text.count("10000 Hz") == 3
-    assert text.count("rest, input 0 before") == 1
+    assert text.count("rest, input 0 V before") == 1
     assert text.count("output in steps of") == 1
     assert "at_5: output in steps of 10 nm" in text
     assert "similar in at_8, at_12" in text

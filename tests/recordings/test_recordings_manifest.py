@@ -120,6 +120,17 @@ def test_start_defaults(tmp_path: Path) -> None:
     assert zero.interpolation == "cubic"
 
 
+def test_an_input_before_is_a_number_of_the_file(tmp_path: Path) -> None:
+    """A heater that ran at 25 % before the first row, in a column of percent that begins at 40 %."""
+    t, u = sine(0.1, 10.0)
+    write(tmp_path / "oven.csv", t, 40.0 + u, 30.0 + output(u) * 1e5, "time_s,drive_percent,oven_degC")
+    columns = "columns: {input: {column: drive_percent, unit: percent}, output: {column: oven_degC, unit: degC}}\n"
+    manifest(tmp_path, f"setup: {{model: heated_body}}\n{columns}start: {{state: rest, input_before: 25}}\n")
+    campaign = read(tmp_path)
+    assert campaign.recordings[0].start.input_before == pytest.approx(0.25)
+    assert "rest, input 0.25 before" in describe(campaign)
+
+
 def test_a_force_drives_other_systems(tmp_path: Path) -> None:
     path = write_sine(tmp_path, "a", 1.0, 10.0)
     path.write_text(path.read_text().replace("voltage_V", "force_mN"))

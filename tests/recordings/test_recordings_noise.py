@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
-from recordings_example import NOISE, output, sine
+from recordings_example import NOISE, output, sine, write
 from scipy.signal import chirp, cont2discrete, firwin, lfilter, lsim
 
+from phnn.recordings import read
 from phnn.recordings.excitation import excitation_of
-from phnn.signals.noise import NoiseFloor, from_high_band, from_periods, from_rest, longest_hold, noise_floor
+from phnn.signals.noise import (
+    NoiseFloor,
+    from_high_band,
+    from_one_spectrum,
+    from_periods,
+    from_rest,
+    longest_hold,
+    noise_floor,
+)
 from phnn.signals.sampling import quantisation_step
 
 
@@ -105,6 +116,26 @@ def test_rest_needs_a_hold() -> None:
     _, u = sine(5.0, 75.0)
     assert from_rest(u, output(u)) is None
     assert longest_hold(np.array([1.0, 2.0, 2.0, 2.0, 3.0, 3.0])) == (1, 4)
+
+
+def test_the_middle_of_a_slow_step_response_has_a_constant_input() -> None:
+    t = np.arange(50_000) * 1e-3
+    u = np.where(t > 1.0, 5.0, 0.0)
+    y = 1e-5 * u * (1.0 - np.exp((1.0 - t) / 30.0)) + NOISE * np.random.default_rng(1).normal(size=t.size)
+    floor = from_one_spectrum(u, y, 1e-3)
+    assert floor.value == pytest.approx(NOISE, rel=0.1)
+
+
+def test_masked_samples_of_uneven_stamps_leave_the_noise_of_the_others(tmp_path: Path) -> None:
+    u = np.append(sine(1.0, 20.0, cycles=2)[1], np.zeros(800))
+    t = np.cumsum(np.where(np.arange(u.size) < 800, 2.5e-3, 0.1))
+    y = output(u) * 1e6
+    y[[40, 90, 130]] = -9999.0
+    write(tmp_path / "a.csv", t, u, y, "time_s,voltage_V,displacement_um")
+    (tmp_path / "recordings.yaml").write_text("columns: {displacement: {missing: [-9999]}}\n")
+    recording = read(tmp_path).recordings[0]
+    assert "at rest" in recording.noise_source
+    assert recording.noise == pytest.approx(NOISE, rel=0.15)
 
 
 def test_settling_is_no_rest() -> None:

@@ -45,6 +45,13 @@ def test_kinds(kind: str, u: np.ndarray) -> None:
     assert excitation_of(u, 1e-3).kind == kind
 
 
+def test_a_sweep_that_is_recorded_in_coarse_steps_has_its_own_frequencies() -> None:
+    t = np.arange(5000) * 2e-3
+    u = np.round(200.0 * chirp(t, 2.0, 10.0, 20.0) + np.random.default_rng(3).normal(size=t.size))
+    found = excitation_of(u, 2e-3)
+    assert (found.kind, found.low_Hz < 3.0, found.high_Hz < 25.0) == ("chirp", True, True)
+
+
 @pytest.mark.parametrize(("interpolation", "period", "strides"), [
     ("cubic", 1000, {8}), ("cubic", 100, {2, 3}), ("cubic", 20, {1}), ("zero_order", 1000, {1}),
 ])  # fmt: skip
@@ -178,7 +185,7 @@ def test_describe_says_it_in_words(tmp_path: Path) -> None:
     text = describe(read(tmp_path))
     for words in (
         "4 recordings", "middle (middle.csv)", "sine of 10 Hz, amplitude 50, 6 periods", "steps and holds", "4000 Hz",
-        "period-to-period differences over 5 cycles", "rest, input 0 before", "m = 0.0011 ± 1e-05",
+        "period-to-period differences over 5 cycles", "rest, input 0 V before", "m = 0.0011 ± 1e-05",
         "Left alone: notes.md", "start, not scored",
     ):  # fmt: skip
         assert words in text
