@@ -224,7 +224,7 @@ def _grow_all(search: Search) -> None:
         search.progress(f"look for {part}")
         move(part, partial(_grow, search, model), None)
         best, used = search.best, f"{100.0 * spent():.0f} % of the budget"
-        search.progress(f"best so far: {best.words}, {best.left**0.5:.3g} × noise ({used})")
+        search.progress(f"likeliest so far: {best.words}, {best.left**0.5:.3g} × noise ({used})")
 
 
 def _next(search: Search) -> Visited | None:

@@ -59,8 +59,8 @@ _OPTIONAL = {"multi_ports": MultiPort, "shared_energies": SharedEnergy}
 SCHEMA = "phnn.model/1"
 _REMEDY = "give model/ or base/ of a result"
 FILE = "model.json"
-# The folder of the final model within that of a diagnosis.
-FINAL = "model"
+# The folders of the final and of the base model within that of a result.
+FINAL, BASE = "model", "base"
 
 
 def save(setup: Setup, folder: Path | Place, substeps: int = 1, inputs: tuple[float, float] | None = None) -> None:
@@ -137,16 +137,16 @@ def stored(folder: Path, outside: bool = False) -> tuple[Mapping[str, Any], str]
     """Read the plain content of a stored model of any kind, and the name of its file for messages.
 
     Args:
-        folder: of the model, or its file, or the folder of a diagnosis, which holds its final model; outside: the file
-            in the folder may be a link that leads out of it.
+        folder: of the model, or its file, or the folder of a diagnosis or identification, whose last model is taken;
+            outside: the file in the folder may be a link that leads out of it.
 
     Raises:
         InputRefused: the file is absent, too large, or no json object.
     """
     path = folder / FILE if os.path.isdir(folder) else folder
-    within = folder / FINAL / FILE
-    if path != folder and not path.exists() and within.exists():
-        path, folder = within, within.parent
+    within = [at for name in (FINAL, BASE) if (at := folder / name / FILE).exists()]
+    if path != folder and not path.exists() and within:
+        path, folder = within[0], within[0].parent
     source = named_file(path, (folder,) if path != folder else (), "", f"the model cannot be read, {_REMEDY}", outside)
     content, shown = load_json(source, LIMITS.model_bytes, "a model", _REMEDY), printable(str(path))
     if not isinstance(content, dict):

@@ -64,7 +64,10 @@ def test_the_command_is_a_recording_that_phnn_predicts(home: Path) -> None:
     (home / "check").mkdir()
     found = pd.read_csv(home / "out" / "command.csv")
     found[["time_s", "voltage_V"]].to_csv(home / "check" / "a.csv", index=False)
-    assert main(["predict", str(home / "model"), str(home / "check"), "--out", str(home / "predicted")]) == 0
+    # The folder of an identification stands for the model in it.
+    (home / "identified").mkdir()
+    (home / "model").rename(home / "identified" / "base")
+    assert main(["predict", str(home / "identified"), str(home / "check"), "--out", str(home / "predicted")]) == 0
     predicted = pd.read_csv(home / "predicted" / "a.csv")["displacement_m"]
     # The start of a table without a manifest is zero volts, the command begins with a jump of a few volts from there.
     assert np.abs(predicted - found["displacement_m"]).max() < 0.01 * np.ptp(predicted)
