@@ -4,6 +4,7 @@
 #   make demo  DATA=recordings/ [OUT=...]    diagnose your own recordings instead
 #   make test | test-slow | bench | clean
 #   make docs                                run the code of the documentation, build it into build/site, check its links
+#   make evidence [TABLES="loops bench"]     make the measured tables of the documentation anew, with the commit below each
 #   make slice                               conceal a few effects under a fresh seed, diagnose, count
 #
 # torch is installed on its own before the rest so that the build chosen there (pip's own settings, or PIP_FLAGS, for
@@ -25,7 +26,7 @@ SITE  := $(VENV)/.installed-docs
 BUILT := docs/effects docs/drawn docs/notebooks docs/api/generated docs/sg_execution_times.rst
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-slow docs slice bench clean
+.PHONY: help demo test test-slow docs slice bench evidence clean
 MAKEFLAGS += --no-print-directory
 # OUT and DATA come from the environment of the recipes, so that a blank in a path does no harm.
 export OUT DATA SEED
@@ -89,6 +90,10 @@ slice: $(DEV)
 
 bench: $(BENCH)
 	@$(BIN)/python -m benchmarks
+
+# Hours; a stage that was cut off goes on.
+evidence: $(BENCH)
+	@$(BIN)/python scripts/evidence.py run $(TABLES)
 
 clean:
 	@rm -rf $(VENV) .mypy_cache .pytest_cache .ruff_cache build phnn.egg-info $(BUILT)

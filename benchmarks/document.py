@@ -16,9 +16,9 @@ import pandas as pd
 from pandas.api.types import is_numeric_dtype
 
 from benchmarks.table import RESULTS, machine, text
+from studies.results import fill, stamped
 
 PAGE = Path(__file__).parent.parent / "docs" / "benchmarks.md"
-MARKS = ("<!-- measured -->", "<!-- end of measured -->")
 
 
 def markdown(table: pd.DataFrame) -> str:
@@ -73,23 +73,9 @@ def sections() -> Iterator[str]:
     yield markdown(pd.read_csv(RESULTS / "startup.csv"))
 
 
-def replaced(page: str, measured: str) -> str:
-    """The page with another measured part.
-
-    Raises:
-        ValueError: a mark is missing.
-    """
-    if any(mark not in page for mark in MARKS):
-        raise ValueError(f"{PAGE.name} lacks one of the marks {' and '.join(MARKS)}: put both back")
-    before, rest = page.split(MARKS[0], 1)
-    after = rest.split(MARKS[1], 1)[1]
-    return f"{before}{MARKS[0]}\n\n{measured}\n\n{MARKS[1]}{after}"
-
-
 def main() -> int:
     """Rewrite the page."""
-    page = PAGE.read_text(encoding="utf-8")
-    PAGE.write_text(replaced(page, "\n\n".join(sections())), encoding="utf-8")
+    fill(PAGE, "measured", stamped("\n\n".join(sections())))
     return 0
 
 

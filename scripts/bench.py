@@ -24,7 +24,7 @@ from phnn.results import Origin, claim
 from studies.benchmark.bench import ANSWERS, RESULTS, Settings, answer_all, card_of, write_benchmark
 from studies.benchmark.score import SCORES, scores_of, write_scores
 from studies.benchmark.tools import TOOLS, tool
-from studies.results import fill, filled
+from studies.results import fill, filled, stamped
 
 _LONGEST = 1e7  # seconds
 
@@ -78,7 +78,8 @@ def everything(asked: argparse.Namespace) -> None:
     scores = out / ("scores" if asked.table == "bench" else asked.table)
     score(argparse.Namespace(**given | {"out": scores}))
     if asked.page:
-        fill(asked.page, asked.table, (scores / SCORES[-1]).read_text(encoding="utf-8").replace("## ", "### "))
+        table = (scores / SCORES[-1]).read_text(encoding="utf-8").replace("## ", "### ")
+        fill(asked.page, asked.table, stamped(table))
 
 
 def _settings(words: Sequence[str]) -> Settings:

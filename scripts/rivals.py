@@ -26,7 +26,7 @@ os.environ.update(ONE_THREAD)
 def main(config: DictConfig) -> None:
     """Run, and refuse bad input in one line."""
     from phnn.commands import refusals
-    from studies.results import fill, filled
+    from studies.results import fill, filled, stamped
     from studies.rival_models.contest import run
 
     with refusals("rivals"):
@@ -35,7 +35,8 @@ def main(config: DictConfig) -> None:
             filled(Path(config.page), config.study, "")
         page = run(OmegaConf.to_container(config, resolve=True), lambda line: print(line, file=sys.stderr, flush=True))
         if config.page is not None:
-            fill(Path(config.page), config.study, page.read_text(encoding="utf-8").split("\n", 1)[1])
+            text = page.read_text(encoding="utf-8").split("\n", 1)[1]
+            fill(Path(config.page), config.study, stamped(text))
     print(page.read_text(encoding="utf-8"))
 
 

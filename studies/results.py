@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import subprocess
+from collections.abc import Collection, Mapping, Sequence
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -57,8 +59,18 @@ def filled(page: Path, name: str, text: str) -> str:
     return f"{head}{begin}\n{text.strip()}\n\n{end}{tail}"
 
 
+def stamped(text: str, commits: Collection[str] = ()) -> str:
+    """A table with the commits that made its numbers below it; the present one where none is given."""
+    return f"{text.strip()}\n\n*Made with commit {', '.join(sorted(commits)) or commit()} on {date.today()}.*"
+
+
+def commit() -> str:
+    """The short name of the commit whose code runs, with a plus where files differ from it."""
+    words = ("git", "-C", str(Path(__file__).parent), "describe", "--always", "--abbrev=8", "--exclude=*", "--dirty=+")
+    return subprocess.run(words, capture_output=True, text=True, check=False).stdout.strip() or "unknown"
+
+
 def figure_lines(drawings: Sequence[Drawing]) -> list[str]:
     """The figures as the last part of a page of markdown; empty without figures."""
-    if not drawings:
-        return []
-    return ["## Figures", "", *(line for d in drawings for line in (f"![{d.alt}]({_FIGURES}/{d.file})", ""))]
+    lines = (line for d in drawings for line in (f"![{d.alt}]({_FIGURES}/{d.file})", ""))
+    return ["## Figures", "", *lines] if drawings else []

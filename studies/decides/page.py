@@ -15,7 +15,7 @@ from phnn.criteria import Criteria
 from phnn.diagnose.verdict import RULES, UNKNOWN
 from phnn.report.formatting import markdown_table
 from studies.decides.compare import RULES_ALONE, WAYS, answered, by_rules, numbered, tolerance
-from studies.results import fill
+from studies.results import fill, stamped
 from studies.sealed.grade import (
     CRITERIA,
     MISSED,
@@ -218,7 +218,8 @@ def write(page: Path, log: Path | None = None) -> None:
         seeds = [c.row["seed"] for c in cases]
         text = f"{len(cases)} cases, seeds {min(seeds)} to {max(seeds)}; {failures} without an answer."
         tables = (f"### {title}\n\n{markdown(table)}" for title, table in study(cases).items())
-        fill(page, "study", "\n\n".join([text, *tables]))
+        commits = {c.row.get("commit", "unknown") for c in cases}
+        fill(page, "study", stamped("\n\n".join([text, *tables]), commits))
 
 
 def markdown(table: Table) -> str:

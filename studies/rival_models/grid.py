@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import savgol_filter
 
+from phnn.errors import InputRefused
 from phnn.recordings.recording import Recording
 from studies.rival_models.rival import Fitted, Mask, Scales, Stepper, highest, run_in, scales_of, split
 
@@ -149,7 +150,8 @@ class OnGrid(Fitted):
         raise NotImplementedError
 
     def stepper(self, dt: float) -> Stepper:
-        self._same_interval(dt)
+        if self.dt is not None and abs(dt - self.dt) > 1e-9 * self.dt:
+            raise InputRefused(f"dt = {dt:g} s: this model steps at {self.dt:g} s, close the loop at that interval")
         return self.steps(self)
 
 

@@ -136,11 +136,6 @@ class Fitted(ABC):
         """Return (N,) outputs [SI]; zero and unknown initial state come from identification or nuisance samples."""
         return [anchored(r, self.simulate(r), self.free(r)) for r in recordings]
 
-    def _same_interval(self, dt: float) -> None:
-        own = self.dt
-        if own is not None and abs(dt - own) > 1e-9 * own:
-            raise InputRefused(f"dt = {dt:g} s: this model steps at {own:g} s, close the loop at that interval")
-
 
 def anchored(recording: Recording, y: Array, free: Array) -> Array:
     """Return the (N,) response with the recording's own zero and initial state, by least squares.

@@ -36,6 +36,7 @@ from phnn.recordings import Campaign, read
 from phnn.setup import Setup
 from studies.generator import Case, Conditions, Sealed, draw_case, make_case
 from studies.generator.cases import CANONICAL, PLAIN
+from studies.results import commit
 
 Row = dict[str, Any]
 Say = Callable[[str], None]
@@ -112,7 +113,7 @@ def diagnosed(options: Options, task: Task) -> Row:
     try:
         with TemporaryDirectory() as folder:
             sealed = make_case(task.case(), Path(folder))
-            row |= truth_of(sealed)
+            row |= truth_of(sealed) | {"commit": commit()}
             campaign, began = read(Path(folder)), time.process_time()
             if task.fast:
                 return row | scored(campaign, options.seed) | {"seconds": time.process_time() - began}

@@ -150,7 +150,10 @@ def raw_responses(trajectory: Trajectory, scales: Scales) -> tuple[Array, tuple[
     volts, forces, outputs = (list(of(s, scales)) for of in (_amplifier, _forces, _sensor))
     network = trajectory.setup.network
     unit, names = scales.stiffness * scales.displacement, thresholds(network)
-    varied = [(("hysteron", kind), n, network.parameters[n].value * f) for kind, f in _on_thresholds(s) for n in names]
+    # What multiplies the thresholds of hysterons.
+    rates = [("by rate", np.abs(s.v)), ("by rate", np.sqrt(np.abs(s.v) + 1e-6))]
+    factors = [("by displacement", s.q), ("by displacement", s.q**2), *rates]
+    varied = [(("hysteron", kind), n, network.parameters[n].value * f) for kind, f in factors for n in names]
     pushed = [*(input_force(trajectory, scales.voltage * f) for _, f in volts), *(unit * f for _, f in forces)]
     through = output_derivatives(trajectory, (), (), np.column_stack(pushed), [(n, f) for _, n, f in varied])
     columns = np.hstack([through, *(scales.displacement * f[:, None] for _, f in outputs)])
@@ -209,12 +212,6 @@ def _forces(s: _Signals, scales: Scales) -> Iterator[tuple[Channel, Array]]:
         yield from ((("electrical", "leakage"), low_pass(held, s.h, tau, 0.0)) for tau in slow)
     for tau in (*slow, 10.0 * slow[-1]):
         yield ("thermal", "warmth"), s.voltage * low_pass(s.v**2, s.h, tau, 0.0)
-
-
-def _on_thresholds(s: _Signals) -> Iterator[tuple[str, Array]]:
-    """Yield what multiplies the thresholds of hysterons."""
-    yield from (("by displacement", x) for x in (s.q, s.q**2))
-    yield from (("by rate", x) for x in (np.abs(s.v), np.sqrt(np.abs(s.v) + 1e-6)))
 
 
 def _sensor(s: _Signals, scales: Scales) -> Iterator[tuple[Channel, Array]]:
