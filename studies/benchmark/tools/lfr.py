@@ -150,10 +150,9 @@ def raw_responses(trajectory: Trajectory, scales: Scales) -> tuple[Array, tuple[
     volts, forces, outputs = (list(of(s, scales)) for of in (_amplifier, _forces, _sensor))
     network = trajectory.setup.network
     unit, names = scales.stiffness * scales.displacement, thresholds(network)
-    # What multiplies the thresholds of hysterons.
     rates = [("by rate", np.abs(s.v)), ("by rate", np.sqrt(np.abs(s.v) + 1e-6))]
-    factors = [("by displacement", s.q), ("by displacement", s.q**2), *rates]
-    varied = [(("hysteron", kind), n, network.parameters[n].value * f) for kind, f in factors for n in names]
+    on_thresholds = [("by displacement", s.q), ("by displacement", s.q**2), *rates]
+    varied = [(("hysteron", kind), n, network.parameters[n].value * f) for kind, f in on_thresholds for n in names]
     pushed = [*(input_force(trajectory, scales.voltage * f) for _, f in volts), *(unit * f for _, f in forces)]
     through = output_derivatives(trajectory, (), (), np.column_stack(pushed), [(n, f) for _, n, f in varied])
     columns = np.hstack([through, *(scales.displacement * f[:, None] for _, f in outputs)])
