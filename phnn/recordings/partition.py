@@ -56,10 +56,8 @@ class Candidate:
         least = max(_NUISANCE_LEAST, int(np.ceil(_NUISANCE_SHARE * self.size)))
         if self.begun:
             slowest = self.excitation.low_Hz
-            swing = 1.0 / (slowest * self.dt) if slowest > 0.0 else np.inf
-            # The lowest frequency of a broad band may be no more than the inverse of the duration.
-            none = swing == np.inf or (self.excitation.kind == "broadband" and swing > 0.5 * self.size)
-            least = max(least, int(np.ceil(_UNKNOWN_SHARE * self.size if none else swing)))
+            swing = 1.0 / (slowest * self.dt) if slowest > 0.0 else _UNKNOWN_SHARE * self.size
+            least = max(least, int(np.ceil(swing)))
         return min(least, self.size // 2)
 
 
