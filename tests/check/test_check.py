@@ -107,6 +107,18 @@ def test_drift_from_period_to_period_and_between_rests() -> None:
     assert found(moved)["drift"].values["change"] == pytest.approx(1e-7, rel=0.05)
 
 
+def test_an_output_that_moves_by_itself_is_noticed_and_one_that_dies_away_is_not() -> None:
+    t = np.arange(4000) * 1e-3
+    u = np.where(t > 0.5, 10.0, 0.0)
+    noise = NOISE * np.random.default_rng(5).standard_normal(t.size)
+    wave, fades = 1e-6 * np.sin(2.0 * np.pi * 7.3 * t), np.exp(-(t - 0.5) / 0.6)
+    noticed = found(with_output(recording(u, GAIN * u + noise), wave))["ripple"]
+    assert noticed.severity == "warning"
+    assert noticed.values["rms"] == pytest.approx(1e-6 / np.sqrt(2.0), rel=0.05)
+    for y in (0.0 * t, wave * fades):
+        assert "ripple" not in found(with_output(recording(u, GAIN * u + noise), y))
+
+
 def test_what_the_start_leaves_is_no_drift() -> None:
     clean = sine(8.0, cycles=10)
     settling = 4e-7 * np.exp(-8.0 * clean.t)
