@@ -388,11 +388,11 @@ def _with_slopes(target: LinearisedFit, formula: Formula) -> tuple[Array, Array]
     """Return the responses (N, T) to terms of size one, without what the base can take over, and the derivatives (N, S)
     of the whole response by the shapes that are free."""
     parts = formula.by_term
-    moved = [(t, x + e) for t, _, x in parts for step in _STEP * np.eye(x.size) for e in (step, -step)]
+    moved = [(t, x + step) for t, _, x in parts for step in _STEP * np.eye(x.size)]
     columns = target.project(_responses(target, [*((t, x) for t, _, x in parts), *moved]))
     units, ends = columns[:, : len(parts)], columns[:, len(parts) :]
-    sizes = np.repeat(formula.sizes, [x.size for _, _, x in parts])
-    slopes = (ends[:, ::2] - ends[:, 1::2]) * (sizes / (2.0 * _STEP))
+    owner = np.repeat(np.arange(len(parts)), [x.size for _, _, x in parts])
+    slopes = (ends - units[:, owner]) * (formula.sizes[owner] / _STEP)
     return units, slopes[:, [not f for f in formula.fixed]]
 
 

@@ -85,7 +85,7 @@ _PROMISING, _MUCH = 0.3, 0.01
 # Sub-steps from which on directions are fine enough.
 _ENOUGH = 8
 # Norm of a numerical error over that of a mismatch that is just material, and over that of what a model leaves.
-_OF_MATERIAL, _OF_LEFT = 0.1, 0.05
+_OF_MATERIAL, _OF_LEFT = 0.3, 0.05
 # By how much less has to be left beyond the noise before the numerical error is asked again; the least that counts.
 _FALLEN, _LEAST = 10.0, 0.02
 # Mean square below which a model is carried to its end before it is grown.
@@ -510,7 +510,8 @@ def _refine(search: Search) -> None:
     compared on the same ones only."""
     weighed = search.weighed
     best = weighed.best
-    # Neither a hundredth of what is material nor a four-hundredth of what is left is taken for a missing effect.
+    # Neither a tenth of what is material nor a four-hundredth of what is left is taken for a missing effect: in the
+    # number of a model that is less than the price of an element.
     unseen = _OF_MATERIAL * search.criteria.material * best.fit.residual.size**0.5
     bound = max(1.0, unseen, _OF_LEFT * best.fit.beyond_noise**0.5)
     plan = substeps_for(best.fit, search.plan, bound, numerical_error(replace(best.fit, plan=search.plan)))
