@@ -25,7 +25,7 @@ from scipy.optimize import least_squares, lsq_linear
 from scipy.stats import t as student
 
 from phnn.derivatives import output_derivatives
-from phnn.diagnose.linearised import LinearisedFit, simulated, tie
+from phnn.diagnose.linearised import LinearisedFit, simulated, tie, with_few_steps
 from phnn.effects import Effect
 from phnn.effects.formulas import formulas_for
 from phnn.identification.covariance import scatter
@@ -278,9 +278,9 @@ def _of_terms(linearised: LinearisedFit, element: Effect) -> Distilled | None:
         return None
     names = (*fit.variables.names, *[""] * (fit.jacobian.shape[1] - len(fit.variables.names)))
     kept = [n not in element.strengths for n in names]
-    # Directions need few samples.
-    plan = replace(linearised.plan, rough=True).derived(fit.setup)
-    linearised = replace(linearised, trajectories=simulated(fit, plan))
+    # Directions need few samples and sub-steps.
+    plan = replace(with_few_steps(linearised, linearised.plan).plan, rough=True)
+    linearised = replace(linearised, trajectories=simulated(fit, plan.derived(fit.setup)))
     # The same fit without the element: a formula has to explain what the element does, and the residual beside it.
     learned = _response(linearised, force_of(fit.setup, element.strengths))[:, 0]
     target = replace(linearised, fit=replace(fit, residual=fit.residual + learned, jacobian=fit.jacobian[:, kept]))

@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 
 # Difference of χ² in residual variances below which two fits are equally good: 3.5 standard deviations of a parameter.
 TIE = 12.0
+# Sub-steps from which on directions are fine enough.
+_ENOUGH = 8
 
 
 @dataclass(frozen=True)
@@ -127,6 +129,12 @@ def prepare(fit: Fit) -> LinearisedFit:
     trajectories = simulated(fit, fit.plan)
     linearised = LinearisedFit(fit, trajectories, scales_of(fit, trajectories))
     return replace(linearised, scales=replace(linearised.scales, peaks=linearised.spectra.peaks))
+
+
+def with_few_steps(linearised: LinearisedFit, plan: Plan) -> LinearisedFit:
+    """Return the same with sub-steps that are fine enough for directions."""
+    steps = {r.name: min(_ENOUGH, plan.steps_of(r)) for r in plan.recordings}
+    return replace(linearised, fit=replace(linearised.fit, plan=replace(linearised.fit.plan, substeps=steps)))
 
 
 def simulated(fit: Fit, plan: Plan) -> tuple[Trajectory, ...]:

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from phnn.criteria import Criteria
-from phnn.diagnose.linearised import LinearisedFit, prepare
+from phnn.diagnose.linearised import LinearisedFit, prepare, with_few_steps
 from phnn.diagnose.number import (
     Key,
     Misfit,
@@ -82,8 +82,6 @@ _GLANCE = 3
 # Share of the largest predicted fall from which a candidate that has not helped begins again from large strengths, and
 # of an output's variance that is left, from which all do so: what is missing is far from linear then.
 _PROMISING, _MUCH = 0.3, 0.01
-# Sub-steps from which on directions are fine enough.
-_ENOUGH = 8
 # Norm of a numerical error over that of a mismatch that is just material, and over that of what a model leaves.
 _OF_MATERIAL, _OF_LEFT = 0.3, 0.05
 # By how much less has to be left beyond the noise before the numerical error is asked again; the least that counts.
@@ -189,7 +187,7 @@ def begin(
     linearised = needed("simulation of the base model", partial(prepare, fitted), unknown, ends=True)
     bare = Visited((), fitted, {}, {}, 0, True)
     plan = fitted.plan
-    screen = Screen(_with_few_steps(linearised, plan), [*effects, *learned], criteria)
+    screen = Screen(with_few_steps(linearised, plan), [*effects, *learned], criteria)
     scales = linearised.scales
     search = Search(campaign, bare, plan, effects, criteria, scales, screen, {}, most, executor, progress, seed)
     sought = [r for r in campaign.recordings if r.name not in fitted.initial_states and r.mask("nuisance").any()]
@@ -375,7 +373,7 @@ def _tried(model: LinearisedFit, plan: Plan, promising: float, evaluations: int,
     helps = best is not None and best.cost < 0.98 * model.fit.cost
     if helps or candidate.effect.strength is None or candidate.fall < promising:
         return best
-    starts = large_starts(_with_few_steps(model, plan), candidate.effect)
+    starts = large_starts(with_few_steps(model, plan), candidate.effect)
     again = short(model.fit, plan.coarse(), candidate.effect, starts, evaluations)
     return min((f for f in (best, again) if f is not None), key=lambda f: f.cost, default=None)
 
@@ -640,13 +638,7 @@ def _screened(search: Search, model: Visited, effects: Sequence[Effect]) -> list
 
 def linearised_of(search: Search, model: Visited) -> LinearisedFit:
     """Return a model with its residual and sensitivities, as a screen needs it."""
-    return _with_few_steps(LinearisedFit(model.fit, (), search.scales), search.plan)
-
-
-def _with_few_steps(linearised: LinearisedFit, plan: Plan) -> LinearisedFit:
-    """Return the same with sub-steps that are fine enough for directions."""
-    steps = {r.name: min(_ENOUGH, plan.steps_of(r)) for r in plan.recordings}
-    return replace(linearised, fit=replace(linearised.fit, plan=replace(linearised.fit.plan, substeps=steps)))
+    return with_few_steps(LinearisedFit(model.fit, (), search.scales), search.plan)
 
 
 def held_out(fitted: Fit, campaign: Campaign, steps: int, begun: Mapping[str, Begun]) -> dict[str, Misfit]:
