@@ -191,7 +191,7 @@ def _found(file: str, table: Table) -> Found:
     if time is not None:
         of_time = time.unit is not None and time.size[2] == "s"
         roles[TIME] = _role(time if of_time else time._replace(unit=None), "s", time.words & _WORDS[TIME])
-        if time.name == table.stamps:
+        if time.name in table.stamps:
             roles[TIME] = _Role(time, "s", ())
     return Found(file, table, roles, tuple(columns), actuator)
 
@@ -223,7 +223,7 @@ def _role(column: _Seen, otherwise: str, named: object) -> _Role:
 
 
 def _time(columns: Sequence[_Seen], table: Table) -> _Seen | None:
-    stamps = [c for c in columns if table.stamps and c.name == table.stamps]
+    stamps = [c for c in columns if c.name in table.stamps]
     named = [c for c in columns if c.words & _WORDS[TIME] and c.moves]
     evenly = [c for c in columns if c.advances and not c.words & (_COUNTERS | _WORDS[INPUT] | _WORDS[OUTPUT])]
     evenly.sort(key=lambda c: bool(np.all(np.diff(c.values) == 1.0)))

@@ -62,14 +62,11 @@ def select(table: Table, columns: Mapping[str, Column], named: Mapping[str, tupl
         columns: by quantity; named: quantity and column of what has a name of its own.
     """
     every = {**{quantity: (quantity, columns.get(quantity, Column())) for quantity in QUANTITIES}, **named}
-    if not table.by_name and not table.stamps and columns.get("time", Column()).place is None:
+    if not table.by_name and not table.stamps and every["time"][1].place is None:
         _one_clock(table)
     spoken_for = {table.find(c.place): c for _, c in every.values() if c.place is not None}
     found = {name: _channel(table, *said, name, spoken_for) for name, said in every.items()}
     channels = {name: channel for name, channel in found.items() if channel is not None}
-    if "time" not in channels and table.stamps:
-        index = table.names.index(table.stamps)
-        channels["time"] = Channel(table.numbers(index), table.label(index), "s", "s", 1.0)
     if len({c.values.size for c in channels.values()}) > 1:
         said = ", ".join(f"{q} ({c.label}) has {c.values.size}" for q, c in channels.items())
         raise InputRefused(f"{table.where}: unequal numbers of samples: {said}: give channels of one recording")
@@ -96,17 +93,21 @@ def _channel(table: Table, quantity: str, said: Column, name: str, spoken_for: M
     Args:
         spoken_for: columns that the manifest names, whatever it takes them for.
     """
-    index = table.find(said.place) if said.place is not None else _by_name(table, quantity, spoken_for)
+    if quantity == "time" and said.place is None and table.stamps and not _in_seconds(table):
+        index: int | None = table.names.index(table.stamps[0])
+    else:
+        index = table.find(said.place) if said.place is not None else _by_name(table, quantity, spoken_for)
     if index is None:
         return None
     label = table.label(index)
-    dates = quantity == "time" and table.names[index] == table.stamps
+    dates = quantity == "time" and table.names[index] in table.stamps
     unit, notes = ("s", ()) if dates else _unit(table, index, quantity, said)
     where, marked = f"{name} ({label})", np.zeros(0, dtype=bool)
     values = table.numbers(index)
     if quantity != "time":
         values, marked = _without_marks(values, said, where, table.where, quantity not in DRIVING)
-    checks.finite(values, where, table.where, f"columns: {{{quantity}: {{missing: {EMPTY}}}}}")
+    mask = "" if quantity == "time" else f", or mask them by columns: {{{quantity}: {{missing: {EMPTY}}}}}"
+    checks.finite(values, where, table.where, mask)
     own = table.own.get(table.names[index])
     if marked.any():
         own = ~marked if own is None else own & ~marked
@@ -197,6 +198,12 @@ def _glitches(x: np.ndarray) -> np.ndarray:
     found = np.flatnonzero((off > least) & (off / _AGREE > np.abs(x[2:] - x[:-2]))) + 1
     around = (np.r_[steps[max(i - 1 - _AROUND, 0) : i - 1], steps[i + 1 : i + 1 + _AROUND], 0.0].max() for i in found)
     return found[[off[i - 1] / _AGREE > most for i, most in zip(found, around, strict=True)]]
+
+
+def _in_seconds(table: Table) -> bool:
+    """Return whether a column is called the time and holds numbers in a unit of time."""
+    units = {i: unit for i, (quantity, unit) in enumerate(map(parse_name, table.names)) if quantity == "time"}
+    return any(suits("time", unit) and table.names[i] not in table.stamps for i, unit in units.items())
 
 
 def _by_name(table: Table, quantity: str, spoken_for: Mapping[int, Column]) -> int | None:

@@ -81,7 +81,7 @@ class Table:
         notes: what was left out of the file, and why.
         segments: rows with which a further recording begins, where the file tells.
         shape: realisations, periods and samples of an array of a periodic experiment, which stand one after another.
-        stamps: name of the column of dates, in seconds since the first; empty where there is none.
+        stamps: names of the columns of dates and times of day, in seconds since its first; the first is the time.
         units: by name of a column, what is stated beside it.
         own: by name of a column, (N,) at which rows it was sampled, where other columns have clocks of their own.
     """
@@ -93,7 +93,7 @@ class Table:
     notes: tuple[str, ...] = ()
     shape: tuple[int, ...] = ()
     segments: tuple[int, ...] = ()
-    stamps: str = ""
+    stamps: tuple[str, ...] = ()
     units: Mapping[str, str] = field(default_factory=dict)
     own: Mapping[str, np.ndarray] = field(default_factory=dict)
 
@@ -143,7 +143,9 @@ class Table:
             return values
         row = int(np.argmax(bad))
         cell, cause, remedy = str(column[row]), "not a number", "correct or delete that row"
-        if DECIMAL_COMMA.match(cell):
+        if self.names[index] in self.stamps:
+            cause, remedy = "no date or time of day as the others are", "correct it, or delete that row"
+        elif DECIMAL_COMMA.match(cell):
             cause, remedy = "a comma as decimal sign", REMEDY_COMMA
         elif cell.endswith("?"):
             cell, cause = cell[:-1], "a point among numbers with a decimal comma, and may be a thousand times as large"
@@ -152,29 +154,31 @@ class Table:
         raise InputRefused(f"{place}: {cell[:40]!r} is {cause}: {remedy}")
 
 
-# Dates, with a time of day behind them or none; times of day; when numbers without a unit are seconds since 1970, or
-# their thousandths and so on: between 2001 and 2096.
+# Dates, with a time of day behind them or none; times of day and durations; midnight as the end of a day; when numbers
+# without a unit are seconds since 1970, or their thousandths and so on: between 2001 and 2096.
 _DATE = re.compile(r"\d{1,4}([-./])(?:\d{1,2}|[A-Za-z]{3})\1\d{1,4}([ T]+\d{1,2}:.*)?|\d{4}\d{4}T\d{4,6}.*")
-_OF_DAY = re.compile(r"\d{1,3}:\d{2}(:\d{2}([.,]\d+)?)?(\s?[AaPp][Mm])?")
+_OF_DAY = re.compile(r"(\d+ ?d(ays?)? +)?\d{1,3}:\d{1,2}(:\d{1,2}([.,]\d+)?)?(\s?[AaPp][Mm])?")
+_MIDNIGHT = r"(?<=[ T])24:00(?=(?::00(?:\.0*)?)?$)"
 _EPOCH, _LATEST = 1e9, 4e9
 _EPOCH_NAMES = frozenset({"timestamp", "epoch", "unix", "time", "unixtime", "time_stamp", "unix_time", "ts"})
 _LOOKED_AT, _DAY = 5, 86_400.0
 
 
 def with_stamps(table: Table) -> Table:
-    """Return the table with its dates, or stamps counted from 1970, as seconds since the first of them.
+    """Return the table with dates, times of day and stamps counted from 1970 as seconds since the first of a column.
 
-    A date and a time of day beside it are one column. What cannot be read as a date becomes a missing value.
+    A date takes up the time of day beside it. A cell that cannot be read stays a text, which `Table.numbers` refuses.
     """
+    columns, names, notes, stamps = list(table.columns), list(table.names), table.notes, table.stamps
     for i, held in enumerate(table.columns):
         later = i + 1 < len(table.columns) and table.columns[i + 1]
-        if not callable(held) and (dates := _dates(held, later, table.names[i])) is not None:
-            name = table.names[i] or "date"
-            columns = (*table.columns[:i], dates[0], *table.columns[i + 1 :])
-            names = (*table.names[:i], name, *table.names[i + 1 :])
-            notes = (*table.notes, f"{name}: dates, taken as seconds since {dates[1]}")
-            return replace(table, columns=columns, names=names, stamps=name, notes=notes)
-    return table
+        # Of columns without a name, the first of dates is the time.
+        if callable(held) or (stamps and not names[i]) or (dates := _dates(held, later, names[i])) is None:
+            continue
+        columns[i], names[i] = dates[0], names[i] or "date"
+        notes = notes if stamps else (*notes, f"{names[i]}: dates, taken as seconds since {dates[1]}")
+        stamps = (*stamps, names[i])
+    return replace(table, columns=tuple(columns), names=tuple(names), stamps=stamps, notes=notes)
 
 
 def _dates(column: np.ndarray, beside: Any, name: str) -> tuple[np.ndarray, str] | None:
@@ -191,34 +195,48 @@ def _dates(column: np.ndarray, beside: Any, name: str) -> tuple[np.ndarray, str]
         return None
     import pandas as pd
 
-    cells, of_day = pd.Series(column), False
+    cells, of_day, late = pd.Series(column), False, pd.Timedelta(0)
     if column.dtype.kind == "m":
         return np.asarray(cells.dt.total_seconds() - cells.dt.total_seconds().iloc[0], dtype=float), str(cells.iloc[0])
     if column.dtype.kind in "OUS" and not isinstance(cells.dropna().iloc[:1].squeeze(), datetime):
-        head = [str(c).strip() for c in cells.dropna().iloc[:_LOOKED_AT]]
-        of_day = bool(head) and all(_OF_DAY.fullmatch(c) for c in head)
-        if not head or not (of_day or all(_DATE.fullmatch(c) for c in head)):
+        of_day = _all_alike(cells, _OF_DAY)
+        if not of_day and not _all_alike(cells, _DATE):
             return None
-        cells = cells.astype(str).str.strip().str.replace(",", ".")
-        if not of_day and isinstance(beside, np.ndarray) and beside.dtype.kind in "OUS" and ":" not in head[0]:
-            later = pd.Series(beside).astype(str).str.strip()
-            if all(_OF_DAY.fullmatch(c) for c in later.iloc[:_LOOKED_AT]):
-                cells = cells + " " + later.str.replace(",", ".")
+        cells = _written(cells)
+        dates = isinstance(beside, np.ndarray) and not of_day and not cells.str.contains(":").any()
+        if dates and beside.ndim == 1 and beside.dtype.kind in "OUS" and _all_alike(pd.Series(beside), _OF_DAY):
+            cells = cells + " " + _written(pd.Series(beside))
+        if not of_day:
+            late = pd.to_timedelta(cells.str.contains(_MIDNIGHT, na=False).astype(int), unit="D")
+            cells = cells.str.replace(_MIDNIGHT, "00:00", regex=True)
     if of_day and not cells.str.contains("[AaPp]").any():
         # Hours that are counted on beyond a day.
-        whole = cells.where(cells.str.count(":") > 1, cells + ":00")
+        whole = cells.where(cells.str.count(":") > 1, cells + ":00").str.replace(r" ?d\w*", "D", regex=True)
         found = pd.Timestamp(0, tz="UTC") + pd.to_timedelta(whole, errors="coerce")
     else:
-        found = _in_either_order(cells, "." in str(cells.iloc[0]).split(":")[0].split(" ")[0])
+        found = late + _in_either_order(cells, "." in str(cells.iloc[0]).split(":")[0].split(" ")[0])
     if found.isna().all():
         return None
     first = found.dropna().iloc[0]
-    seconds = np.asarray((found - first) / pd.Timedelta(1, "s"), dtype=float)
-    if found.dt.normalize().nunique() == 1 and np.nanmin(np.diff(seconds), initial=0.0) < -0.5 * _DAY:
+    seconds = np.array((found - first) / pd.Timedelta(1, "s"), dtype=float)
+    known = np.isfinite(seconds)
+    if found.dt.normalize().nunique() == 1 and np.diff(seconds[known]).min(initial=0.0) < -0.5 * _DAY:
         # Times of day that pass midnight.
-        seconds = np.unwrap(seconds, period=_DAY)
+        seconds[known] = np.unwrap(seconds[known], period=_DAY)
+    unread = np.asarray(cells.notna()) & ~known
     # A time of day has no date of its own.
-    return seconds, str(cells.iloc[0] if of_day else first)
+    return np.where(unread, column, seconds) if unread.any() else seconds, str(cells.iloc[0] if of_day else first)
+
+
+def _written(cells: Any) -> Any:
+    """Return the cells of a series as texts with points; missing ones stay as they are."""
+    return cells.map(lambda cell: str(cell).strip().replace(",", "."), na_action="ignore")
+
+
+def _all_alike(cells: Any, pattern: re.Pattern[str]) -> bool:
+    """Return whether the first cells of a series that are there have a pattern."""
+    head = _written(cells.dropna().iloc[:_LOOKED_AT])
+    return head.size > 0 and all(map(pattern.fullmatch, head))
 
 
 def _in_either_order(cells: Any, day_first: bool) -> Any:
@@ -230,7 +248,7 @@ def _in_either_order(cells: Any, day_first: bool) -> Any:
         return pd.to_datetime(cells, errors="coerce", utc=True, dayfirst=first, format="mixed")
 
     def disorder(found: Any) -> tuple[int, Any]:
-        return int(found.isna().sum()), found.diff().abs().max()
+        return int(found.isna().sum()), found.dropna().diff().abs().max()
 
     found = parsed(day_first)
     if found.dt.normalize().nunique() < 2 or not re.match(r"\d{1,2}[-./]", str(cells.iloc[0])):
@@ -255,11 +273,10 @@ def beside(tables: Sequence[Table]) -> Table:
             ends = "; ".join(f"{c[0]:.6g} to {c[-1]:.6g}" for c in (clocks[0], clock))
             raise InputRefused(f"{where}: times that differ ({ends}): export all channels of a recording with one time")
     both: dict[str, Any] = {
-        name: tuple(one for t in tables for one in getattr(t, name)) for name in ("names", "columns", "notes")
+        name: tuple(one for t in tables for one in getattr(t, name)) for name in ("names", "columns", "notes", "stamps")
     }
     both |= {name: {k: v for t in tables for k, v in getattr(t, name).items()} for name in ("units", "own")}
-    stamps = next((t.stamps for t in tables if t.stamps), "")
-    return replace(first, where=where, by_name=any(t.by_name for t in tables), stamps=stamps, **both)
+    return replace(first, where=where, by_name=any(t.by_name for t in tables), **both)
 
 
 def members_of(value: Any) -> list[Any]:

@@ -6,6 +6,7 @@ import json
 import struct
 import time
 import tracemalloc
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -270,12 +271,12 @@ def test_an_object_of_matlab_is_refused_with_the_lines_that_save_its_numbers(tmp
     refused(tmp_path, "a.mat: z is an object of class iddata", "output_m = z.OutputData; save('z.mat', 'time_s'")
 
 
-def logged(folder: Path, stamps: list[str], manifest: str, **columns: np.ndarray) -> Path:
+def logged(folder: Path, stamps: list[str], manifest: str, head: str = "", **columns: np.ndarray) -> Path:
     """A csv of stamps and columns of numbers, with its manifest."""
     rows = zip(stamps, *columns.values(), strict=True)
     lines = [",".join([s, *(f"{v:.12g}" for v in values)]) for s, *values in rows]
     (folder / "recordings.yaml").write_text(f"setup: {{model: mass_spring_damper}}\n{manifest}")
-    return written(folder, [",".join(["time_s" if "." in stamps[1] else "when", *columns]), *lines])
+    return written(folder, [",".join([head or ("time_s" if "." in stamps[1] else "when"), *columns]), *lines])
 
 
 SWING = 12.0 * np.sin(0.11 * np.arange(400))
@@ -293,6 +294,24 @@ DRIVE = np.sin(0.05 * np.arange(400))
 def test_stamps_that_can_be_read_in_two_ways_go_on_steadily(tmp_path: Path, stamps: list[str], step: float) -> None:
     (r,) = read(logged(tmp_path, stamps, "input: zero_order", force_N=DRIVE, displacement_mm=SWING)).recordings
     np.testing.assert_allclose(np.diff(r.t), step)
+
+
+@pytest.mark.parametrize(("head", "stamp", "column"), [
+    ("Date,Time", "{d:%-m/%-d/%Y},{d:%X}", ""), ("Date,Time (HH:mm:ss),Time (frac)", "{d:%d.%m.%Y},{d:%X},0", ""),
+    ("when", "{d:%d/%m/%Y} {d:%X}", ""), ("Step Time,Total Time", "00:00:{s:02d},0d 00:{m}:{s}", "Total Time"),
+])  # fmt: skip
+def test_dates_times_of_day_and_durations_are_clocks(tmp_path: Path, head: str, stamp: str, column: str) -> None:
+    dates = [datetime(2031, 5, 6, 23, 57) + timedelta(seconds=s) for s in range(400)]
+    stamps = [stamp.format(d=d, m=s // 60, s=s % 60) for s, d in enumerate(dates)]
+    stamps = [s.replace("07/05/2031 00:00:00", "06/05/2031 24:00:00") for s in stamps]
+    manifest = f"columns: {{time: {{column: {column}}}}}" if column else ""
+    (r,) = read(logged(tmp_path, stamps, manifest, head, force_N=DRIVE, displacement_mm=SWING)).recordings
+    np.testing.assert_allclose(np.diff(r.t), 1.0)
+    for cell, words in (("", "row 20 (line 21): "), ("9:99:99", "row 20 (line 21): '"))[: 0 if column else 2]:
+        stamps[19] = stamp.format(d=dates[19], m=0, s=0).replace(f"{dates[19]:%X}", cell)
+        with pytest.raises(InputRefused) as error:
+            read(logged(tmp_path, stamps, manifest, head, force_N=DRIVE, displacement_mm=SWING))
+        assert words in str(error.value) and "missing: " not in str(error.value)
 
 
 def test_a_stated_rate_counts_where_a_clock_is_coarser_than_the_rows(tmp_path: Path) -> None:
