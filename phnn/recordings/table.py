@@ -106,7 +106,7 @@ class Table:
             hits = hits or [i for i, name in enumerate(self.names) if split_unit(name)[0] == place]
             if len(hits) == 1:
                 return hits[0]
-            found = f"it has {listed(named)}" if named else "it has no header, give an index from 0 on"
+            found = f"it has {listed(named)}" if named else "its columns have no names, give an index from 0 on"
             cause = "several columns are" if hits else "no column is"
             raise InputRefused(f"{self.where}: {cause} called {place!r}: {found}; correct recordings.yaml")
         if self.by_name:
@@ -156,8 +156,8 @@ class Table:
 
 # Dates, with a time of day behind them or none; times of day and durations; midnight as the end of a day; when numbers
 # without a unit are seconds since 1970, or their thousandths and so on: between 2001 and 2096.
-_DATE = re.compile(r"\d{1,4}([-./])(?:\d{1,2}|[A-Za-z]{3})\1\d{1,4}([ T]+\d{1,2}:.*)?|\d{4}\d{4}T\d{4,6}.*")
-_OF_DAY = re.compile(r"(\d+ ?d(ays?)? +)?\d{1,3}:\d{1,2}(:\d{1,2}([.,]\d+)?)?(\s?[AaPp][Mm])?")
+DATE = re.compile(r"\d{1,4}([-./])(?:\d{1,2}|[A-Za-z]{3})\1\d{1,4}([ T]+\d{1,2}:.*)?|\d{4}\d{4}T\d{4,6}.*")
+OF_DAY = re.compile(r"(\d+ ?d(ays?)? +)?\d{1,3}:\d{1,2}(:\d{1,2}([.,]\d+)?)?(\s?[AaPp][Mm])?")
 _MIDNIGHT = r"(?<=[ T])24:00(?=(?::00(?:\.0*)?)?$)"
 _EPOCH, _LATEST = 1e9, 4e9
 _EPOCH_NAMES = frozenset({"timestamp", "epoch", "unix", "time", "unixtime", "time_stamp", "unix_time", "ts"})
@@ -199,12 +199,12 @@ def _dates(column: np.ndarray, beside: Any, name: str) -> tuple[np.ndarray, str]
     if column.dtype.kind == "m":
         return np.asarray(cells.dt.total_seconds() - cells.dt.total_seconds().iloc[0], dtype=float), str(cells.iloc[0])
     if column.dtype.kind in "OUS" and not isinstance(cells.dropna().iloc[:1].squeeze(), datetime):
-        of_day = _all_alike(cells, _OF_DAY)
-        if not of_day and not _all_alike(cells, _DATE):
+        of_day = _all_alike(cells, OF_DAY)
+        if not of_day and not _all_alike(cells, DATE):
             return None
         cells = _written(cells)
         dates = isinstance(beside, np.ndarray) and not of_day and not cells.str.contains(":").any()
-        if dates and beside.ndim == 1 and beside.dtype.kind in "OUS" and _all_alike(pd.Series(beside), _OF_DAY):
+        if dates and beside.ndim == 1 and beside.dtype.kind in "OUS" and _all_alike(pd.Series(beside), OF_DAY):
             cells = cells + " " + _written(pd.Series(beside))
         if not of_day:
             late = pd.to_timedelta(cells.str.contains(_MIDNIGHT, na=False).astype(int), unit="D")

@@ -63,6 +63,13 @@ def test_tables_below_headers_of_their_own_are_recordings(
     ("a\tb\tNote\n0\t1\ton it\n1\t2\t\n2\t3\t", "a|b|Note", (0, 1)), ("a\tb\n\tW\n0\t1\n1\t2", "a|b [W]", (0, 1)),
     ("a;b\n%;K\n0;1\n1;2", "a [%]|b [K]", (0, 1)), ("a;b;c\n-;mm;RPM\n0;1;2\n1;2;3", "a|b [mm]|c [RPM]", (0, 1, 2)),
     ("a;b\n0.5D+01;1\n\n1;2\n# open\n2;-", "b, row 3 .line 6", ()), ("a;b\n.5D+01;1\n\n1;2\n# 2\n2;3", "a|b", (5, 1)),
+    ("X,CH1,CH2,Start,Increment,\nSequence,Volt,V,-3e-3,2e-3\n0,5,6,\n1,7,8,", "X|CH1 [Volt]|CH2 [V]||time_s", (0, 5)),
+    ("CH1,Start,Increment\nVolt,-3e-3,2e-3\n5,\n6,", "CH1 [Volt]||time_s", (5, np.nan, -3e-3)),
+    ("X_Value\ta\tb\tComment\n0\t1\t2\n1\t3\t4", "X_Value|a|b", (0, 1, 2)), ("a;b\n0;1,234.5\n1;2", "a|b", (0, 1234.5)),
+    ("T,N,P\nTS,RN,W\n,,Avg\n2031-02-03 04:05,5,7\n2031-02-03 04:06,6,8", "T [TS]|N [RN]|P [W]", (0, 5, 7)),
+    ("when;a;b\n2031-02-03 04:05;null;N/A\n2031-02-03 04:06;1;2", "when|a|b", (0, np.nan, np.nan)),
+    (",,mean,4\nDate,Time,Site,a\n3/2/2031,4:05,x,1\n3/2/2031,4:06,x,2\n3/2/2031,4:07,x,3", "Date|Time|Site|a", (0, 0)),
+    (".5,1,0,\n1,2,3\n2,3,4", "line 1 has 4 cells, the rows below it 3", ()),
     ("a;b;c\nV;mm;Frobs\n0;1;2\n1;2;3", "a [V]|b [mm]|c [Frobs]", (0, 1, 2)),
 ])  # fmt: skip
 def test_headers_columns_and_numbers_are_read_as_they_stand(tmp_path: Path, text: str, names: str, row: Any) -> None:
