@@ -489,7 +489,7 @@ def _reference(path: Path, outside: bool) -> tuple[np.ndarray, np.ndarray, str, 
     from phnn.recordings.reader import reader_of
 
     table = reader_of(path)(named_file(path, (path.parent,), outside=outside))
-    channels = select(table, {}, {})
+    channels, _ = select(table, {}, {})
     name = "displacement" if "displacement" in channels else "output"
     columns = ", ".join(n for n in table.names if n) or "none with a name"
     for wanted, known, example in (("time", "time", "time_s"), ("displacement", name, "displacement_um")):

@@ -35,6 +35,8 @@ _CIRCLES, _MOVES = (360.0, 2.0 * np.pi, *_COUNTERS), 0.01
 _AGREE, _BENDS = 2.0, 0.1
 # Differences of samples that are looked at on either side.
 _AROUND = 6
+# Quantities that no model needs.
+_SPARE = ("current", "charge", "temperature")
 # Rows in a row over which a masked input is interpolated.
 _MASKED = 10
 
@@ -55,8 +57,11 @@ class Channel:
     notes: tuple[str, ...] = ()
 
 
-def select(table: Table, columns: Mapping[str, Column], named: Mapping[str, tuple[str, Column]]) -> dict[str, Channel]:
-    """Return every quantity that the manifest's columns or the table's own names give, and further channels by name.
+def select(
+    table: Table, columns: Mapping[str, Column], named: Mapping[str, tuple[str, Column]]
+) -> tuple[dict[str, Channel], tuple[str, ...]]:
+    """Return every quantity that the manifest's columns or the table's own names give, further channels by name, and
+    why a further channel was left out of which the manifest says nothing.
 
     Args:
         columns: by quantity; named: quantity and column of what has a name of its own.
@@ -65,12 +70,19 @@ def select(table: Table, columns: Mapping[str, Column], named: Mapping[str, tupl
     if not table.by_name and not table.stamps and every["time"][1].place is None:
         _one_clock(table)
     spoken_for = {table.find(c.place): c for _, c in every.values() if c.place is not None}
-    found = {name: _channel(table, *said, name, spoken_for) for name, said in every.items()}
-    channels = {name: channel for name, channel in found.items() if channel is not None}
+    channels, unusable = {}, []
+    for name, (quantity, column) in every.items():
+        try:
+            if (channel := _channel(table, quantity, column, name, spoken_for)) is not None:
+                channels[name] = channel
+        except InputRefused as error:
+            if quantity not in _SPARE or column != Column():
+                raise
+            unusable.append(f"the {quantity} was left out ({error})")
     if len({c.values.size for c in channels.values()}) > 1:
         said = ", ".join(f"{q} ({c.label}) has {c.values.size}" for q, c in channels.items())
         raise InputRefused(f"{table.where}: unequal numbers of samples: {said}: give channels of one recording")
-    return channels
+    return channels, tuple(unusable)
 
 
 def _one_clock(table: Table) -> None:
@@ -255,7 +267,7 @@ _DISORDER = 0.05
 _ROOM = 0.3
 # An interval of more usual ones than the first is a gap, over which an input that is not held is interpolated up to the
 # second; beyond it, what drove the system is not known.
-_GAP, _BRIDGED = 1.5, 12.0
+_GAP, BRIDGED = 1.5, 12.0
 # A channel is held between stamps of its own: their interval in rows, the share of the changes that fall on a raster,
 # the share of its stamps that change it, and by how much of the raster a stamp may miss it.
 _SLOWER, _ON_RASTER, _CHANGING, _OFF = 1.5, 0.95, 0.5, 0.05
@@ -300,7 +312,7 @@ def stamped(t: Array, resolution: float, channels: Mapping[str, Array], where: W
     usual = float(np.median(steps))
     checks.interval(usual, where)
     gap = np.flatnonzero(steps > _GAP * usual)
-    unknown = gap[steps[gap] > _BRIDGED * usual]
+    unknown = gap[steps[gap] > BRIDGED * usual]
     if unknown.size and not held:
         first = int(unknown[0])
         row = where.row(int(rows[first + 1]))
@@ -333,7 +345,7 @@ def _in_order(t: Array, channels: Mapping[str, Array], where: Where) -> tuple[Ar
     if (steps > 0.0).all():
         return t, np.arange(t.size), ()
     usual, back = float(np.median(np.abs(steps))), np.flatnonzero(steps < 0.0)
-    far = back.size > 0 and (back.size > _DISORDER * t.size or float(-steps.min()) > _BRIDGED * usual)
+    far = back.size > 0 and (back.size > _DISORDER * t.size or float(-steps.min()) > BRIDGED * usual)
     order = np.arange(t.size) if far else np.argsort(t, kind="stable")
     if back.size and not far:
         # A row that was written late leaves room for itself; a time that is wrong comes close to another.

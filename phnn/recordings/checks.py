@@ -111,6 +111,8 @@ def finite(values: np.ndarray, label: str, where: Where, mask: str) -> None:
         what = "is missing (NaN or empty)" if np.isnan(values[row]) else f"is {values[row]:g}"
         cause = f"{label}, {where.row(row)}: the value {what}, {int(bad.sum())} such rows in all"
         remedy = f"repair them, or cut the recording there (`slice` in recordings.yaml){mask}"
+        if bad.all():
+            remedy = "choose another column, or remove this one from the file"
         raise InputRefused(f"{where}: {cause}: {remedy}")
 
 

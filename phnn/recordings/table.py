@@ -118,6 +118,17 @@ class Table:
             raise InputRefused(f"{self.where}: {cause}: correct `columns` in recordings.yaml")
         return place
 
+    def only(self, first: int, last: int) -> Table:
+        """Return the table with the rows from ``first`` up to ``last`` alone."""
+
+        def cut(held: Column) -> Column:
+            return (lambda: held()[first:last]) if callable(held) else held[first:last]
+
+        where = replace(self.where, offset=self.where.offset + first)
+        segments = tuple(row - first for row in self.segments if first < row < last)
+        own = {name: rows[first:last] for name, rows in self.own.items()}
+        return replace(self, where=where, columns=tuple(map(cut, self.columns)), segments=segments, own=own)
+
     def label(self, index: int) -> str:
         """Return the column in words."""
         return f"column {self.names[index] or index}"

@@ -329,6 +329,28 @@ def test_a_stated_rate_counts_where_a_clock_is_coarser_than_the_rows(tmp_path: P
     np.testing.assert_allclose(r.t, np.arange(400) / 800)
 
 
+def test_segments_a_slice_and_a_spare_channel_do_as_messages_say(tmp_path: Path) -> None:
+    k, y = np.arange(400), SWING.copy()
+    stamps = [f"{t:.3f}" for t in 0.01 * k + 0.05 * (k >= 120) + 2.0 * (k >= 200) + 3.0 * (k >= 220)]
+    y[395], warm = np.nan, np.full(400, np.nan)
+    for said, words in (("", "slice"), ("slice: [0, 390]", "segments: true"), ("slice: [0, 390], segments: true", "")):
+        logged(
+            tmp_path,
+            stamps,
+            f"recordings: [{{file: a.csv, {said}}}]",
+            "",
+            force_N=DRIVE,
+            displacement_mm=y,
+            temperature_K=warm,
+        )
+        if words:
+            refused(tmp_path, words)
+    campaign = read(tmp_path)
+    assert [(r.name, r.t.size) for r in campaign.recordings] == [("a_1", 200), ("a_2", 170)]
+    for words in ("1 segments of fewer than 50 samples were left out: row 201", "the temperature was left out"):
+        assert any(words in note for note in campaign.notes)
+
+
 @pytest.mark.parametrize("turn", [360.0, 2.0 * np.pi, 4096.0])
 def test_a_swing_about_the_seam_of_an_angle_is_unwrapped_not_taken_for_glitches(tmp_path: Path, turn: float) -> None:
     stamps, moved = [f"{0.01 * k:.2f}" for k in range(400)], 0.08 * turn * np.sin(0.11 * np.arange(400))
