@@ -14,10 +14,12 @@ import numpy as np
 
 from phnn.errors import InputRefused
 from phnn.intake import LIMITS
-from phnn.recordings.units import parse_name, split_unit
+from phnn.recordings.units import find_unit, parse_name, split_unit
 from phnn.results import listed, printable
 
-DECIMAL_COMMA = re.compile(r"^\s*[-+]?\d+,\d+([eE][-+]?\d+)?\s*$")
+# A number with commas; one with a unit behind it.
+_COMMA = re.compile(r"[-+]?\d[\d.]*(,[\d.]+)+([eE][-+]?\d+)?")
+_WITH_UNIT = re.compile(r"[-+]?[\d.]+(?:[eE][-+]?\d+)?\s*([^\s\d.].*)")
 REMEDY_COMMA = "write numbers with a point as decimal sign, and none between thousands"
 # The numbers or texts of a column, or what reads them.
 Column = np.ndarray | Callable[[], np.ndarray]
@@ -133,8 +135,8 @@ class Table:
         """Return the column in words."""
         return f"column {self.names[index] or index}"
 
-    def numbers(self, index: int) -> np.ndarray:
-        """Return ``(N,)`` the column as float64; empty cells become NaN."""
+    def numbers(self, index: int, marks: Sequence[str] = ()) -> np.ndarray:
+        """Return ``(N,)`` the column as float64; empty cells, and those that hold a mark, become NaN."""
         held = self.columns[index]
         column = held() if callable(held) else held
         # Texts may hold numbers.
@@ -149,18 +151,25 @@ class Table:
 
         cells = pd.Series(column)
         values = np.asarray(pd.to_numeric(cells, errors="coerce"), dtype=float)
-        bad = np.isnan(values) & ~np.asarray(cells.isna())
+        bad = np.isnan(values) & ~np.asarray(cells.isna() | cells.isin(list(marks)))
         if not bad.any():
             return values
         row = int(np.argmax(bad))
-        cell, cause, remedy = str(column[row]), "not a number", "correct or delete that row"
+        cell, cause, remedy = str(column[row]).strip(), "not a number", "correct or delete that row"
         if self.names[index] in self.stamps:
             cause, remedy = "no date or time of day as the others are", "correct it, or delete that row"
-        elif DECIMAL_COMMA.match(cell):
-            cause, remedy = "a comma as decimal sign", REMEDY_COMMA
+        elif _COMMA.fullmatch(cell):
+            cause, remedy = "a number with a comma, as decimal sign or between thousands", REMEDY_COMMA
         elif cell.endswith("?"):
             cell, cause = cell[:-1], "a point among numbers with a decimal comma, and may be a thousand times as large"
             remedy = "write all numbers of the file with one decimal sign and without thousands separators"
+        elif (unit := _WITH_UNIT.fullmatch(cell)) and find_unit(unit[1]) is not None:
+            cause = "a number with its unit"
+            remedy = f"write numbers alone into the cells, and unit: {unit[1]} for this column in recordings.yaml"
+        elif re.fullmatch(r"[^\W\d]+|[-*.]+", cell):
+            remedy += (
+                f"; where it marks a missing value, say missing: [{cell[:40]!r}] for this column in recordings.yaml"
+            )
         place = f"{self.where}: {self.label(index)}, {self.where.row(row)}"
         raise InputRefused(f"{place}: {cell[:40]!r} is {cause}: {remedy}")
 

@@ -97,7 +97,10 @@ NUMBER = {
     for sign in ".,"
 }
 # By the decimal sign, a number with the other sign between thousands; one that may be that, or have a decimal point.
-_THOUSANDS = {",": re.compile(r"[-+]?\d{1,3}(\.\d{3})+,\d*"), ".": re.compile(r"[-+]?\d{1,3}(,\d{3})+\.\d*")}
+_THOUSANDS = {
+    sign: re.compile(rf"[-+]?\d{{1,3}}((\{other}\d{{3}})+\{sign}\d*|(\{other}\d{{3}}){{2,}})")
+    for sign, other in (",.", ".,")
+}
 _DOUBTFUL = re.compile(r"[-+]?\d*\.\d+")
 _MARKS = "#%"
 _SHOWN = 40
@@ -119,7 +122,7 @@ _COMMENT = re.compile(r"^ *[#%]+ *(?=[\w\"(\[])")
 _NO_UNIT = ("", "-", "--")
 _MISSING = ("", "null", "NULL", "NA", "N/A", "n/a", "#N/A", "None")
 _TAKEN = frozenset({"", "smp", "avg", "min", "max", "tot", "std", "med"})
-_COMMENTS = ("comment", "comments", "note", "notes", "remark", "remarks")
+_COMMENTS = ("comment", "comments")
 # A word, with a unit in brackets behind it.
 _WORD = re.compile(r"\S+(?:\s*[\[(][^\])]*[\])])?")
 
