@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 # numbers, four times as large where every cell is a digit.
 _TIMES = 6
 _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f]")
-_UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+_HEAD, _UTF16 = 4096, (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 # What `str.splitlines` takes for the end of a line.
 _END = re.compile("\r\n|[\r\x0b\x0c\x85\u2028\u2029]")
 
@@ -241,8 +241,12 @@ def table_of_lines(name: str, text: Lines) -> Table:
 
 
 def looks_like_numbers(source: Source) -> bool:
-    """Return whether a text file holds columns of numbers rather than prose."""
+    """Return whether a file is a text that holds columns of numbers rather than prose."""
     try:
+        with source.open() as file:
+            head = file.read(_HEAD)
+        if b"\0" in head and not head.startswith(_UTF16):
+            return False
         dialect = _recognised(read_lines(source))
         return dialect.width - len(dialect.empty) >= 2 and len(dialect.numeric) > 0.5 * dialect.width
     except InputRefused:

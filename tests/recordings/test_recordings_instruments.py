@@ -11,13 +11,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from recordings_example import output, refused, sine
 
 from phnn.errors import InputRefused
 from phnn.intake import named_file
 from phnn.recordings import read
+from phnn.recordings.array_files import read_mat
 from phnn.recordings.text_files import read_text
+from phnn.template import look
 
 T, U = sine(10.0, 75.0, samples=120)
 Y = output(U)
@@ -276,6 +279,40 @@ def object_of_version_73(path: Path) -> None:
 def test_an_object_of_matlab_is_refused_with_the_lines_that_save_its_numbers(tmp_path: Path, write: Any) -> None:
     write(tmp_path / "a.mat")
     refused(tmp_path, "a.mat: z is an object of class iddata", "output_m = z.OutputData; save('z.mat', 'time_s'")
+
+
+def test_an_object_within_a_structure_of_matlab_is_left_alone_with_a_note(tmp_path: Path) -> None:
+    import h5py
+
+    with h5py.File(tmp_path / "a.mat", "w") as file:
+        group = file.create_group("run")
+        group.attrs["MATLAB_class"] = np.bytes_("struct")
+        for name, kind in (("when", "datetime"), ("force", "double")):
+            group.create_dataset(name, data=np.ones((1, 6))).attrs["MATLAB_class"] = np.bytes_(kind)
+        group["when"].attrs["MATLAB_object_decode"] = 3
+    found = read_mat(named_file(tmp_path / "a.mat"))
+    assert found.names == ("run.force",) and found.notes[0].startswith("run.when (datetime): left alone")
+
+
+@pytest.mark.parametrize("ending", ["mpt", "xlsx"])
+def test_tables_of_any_ending_and_the_sheet_that_is_asked_for_are_read(tmp_path: Path, ending: str) -> None:
+    columns = {"clock": np.arange(60) / 100.0, "drive": DRIVE[:60], "moved": SWING[:60]}
+    said = "drive, unit: N}, output: {column: moved, unit: mm}, time: {column: clock, unit: s}}"
+    (tmp_path / "recordings.yaml").write_text(
+        f"setup: {{model: linear}}\ncolumns: {{input: {{column: {said}\nrecordings: [a.{ending}]"
+    )
+    frame = pd.DataFrame(columns)
+    if ending == "xlsx":
+        pytest.importorskip("openpyxl")
+        with pd.ExcelWriter(tmp_path / "a.xlsx") as book:
+            pd.DataFrame({"a": np.arange(90), "b": 1.0}).to_excel(book, sheet_name="Plan", index=False)
+            frame.to_excel(book, sheet_name="Log", index=False)
+        assert any("of its sheets Log is read, not Plan" in note for note in read(tmp_path).notes)
+    else:
+        frame.to_csv(tmp_path / "a.mpt", sep="\t", index=False)
+        assert [f.file for f in look(tmp_path).found] == ["a.mpt"]
+    (r,) = read(tmp_path).recordings
+    np.testing.assert_allclose(r.u, DRIVE[:60])
 
 
 def logged(folder: Path, stamps: list[str], manifest: str, head: str = "", **columns: np.ndarray) -> Path:
