@@ -488,10 +488,10 @@ def _reference(path: Path, outside: bool) -> tuple[np.ndarray, np.ndarray, str, 
     from phnn.intake import named_file
     from phnn.recordings import checks
     from phnn.recordings.channels import evenly, select, stamped
-    from phnn.recordings.reader import reader_of
+    from phnn.recordings.reader import read_table
 
-    table = reader_of(path)(named_file(path, (path.parent,), outside=outside))
-    channels = select(table, {}, {})
+    table = read_table(named_file(path, (path.parent,), outside=outside))
+    channels, _ = select(table, {}, {})
     name = "displacement" if "displacement" in channels else "output"
     columns = ", ".join(n for n in table.names if n) or "none with a name"
     for wanted, known, example in (("time", "time", "time_s"), ("displacement", name, "displacement_um")):

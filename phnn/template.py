@@ -22,7 +22,7 @@ from phnn.recordings import checks, read
 from phnn.recordings.manifest import DEFAULT_SETUP, Manifest
 from phnn.recordings.reader import Files
 from phnn.recordings.table import Table
-from phnn.recordings.units import QUANTITIES, find_unit, parse_name, split_unit
+from phnn.recordings.units import QUANTITIES, find_unit, parse_name, split_unit, suits
 from phnn.results import message, printable, refusal
 
 TIME, INPUT, OUTPUT = "time", "input", "output"
@@ -45,6 +45,8 @@ _WORDS: Mapping[str, frozenset[str]] = {
 _OTHER_SYSTEMS = _of("force kraft torque pwm level height angle speed velocity acceleration pressure flow excursion")
 _COUNTERS = _of("index idx sample samples row nr no number n")
 _FURTHER = _of("current charge temperature")
+# Words that say of a column in C that this is no coulomb.
+_WARM = _of("temp temperature temperatur")
 # Ready models by the SI units of input and output, with what these units say.
 _BY_UNITS: Mapping[tuple[str, str], tuple[str, str]] = {
     ("N", "m"): ("mass_spring_damper", "a force moves a mass; mass_damper if no spring holds it, two_masses for two"),
@@ -102,6 +104,12 @@ class _Seen(NamedTuple):
         steps = np.diff(self.values)
         middle = float(np.median(steps))
         return middle > 0.0 and bool(np.all(np.abs(steps - middle) < _UNEVEN * middle))
+
+    @property
+    def counts(self) -> bool:
+        """Return whether it numbers the rows: by its name, or in steps of one that say nothing of a time."""
+        steps = self.unit is None and bool(np.all(np.diff(self.values) == 1.0))
+        return bool(self.words & _COUNTERS) or (steps and not self.words & _WORDS[TIME])
 
     @property
     def size(self) -> tuple[float, float, str]:
@@ -172,7 +180,8 @@ def _found(file: str, table: Table) -> Found:
     # An instrument may write the same numbers twice: those that state a unit are meant.
     stated = sorted(columns, key=lambda c: (c is not time, c.unit is None))
     first = {c.values.tobytes(): c for c in reversed(stated)}
-    rest = [c for c in columns if first[c.values.tobytes()] is c is not time and not c.words & _COUNTERS]
+    rest = [c for c in columns if first[c.values.tobytes()] is c is not time]
+    rest = [c for c in rest if not c.counts and c.name not in table.stamps]
     free = [c for c in rest if c.moves and not c.words & _FURTHER]
     free = free if len(free) >= 2 else [c for c in rest if c.moves]
     if len(free) < 2:
@@ -185,13 +194,13 @@ def _found(file: str, table: Table) -> Found:
         u, y, source, answer = y, u, answer, source  # what is imposed on a cell or a coil is a current
     actuator = _is_of_actuator(u, y)
     roles = {
-        INPUT: _role(u, "V" if actuator else "1", source),
-        OUTPUT: _role(y, _length(y) if actuator else "1", answer),
+        INPUT: _role(u, "V" if actuator else "1", source, y),
+        OUTPUT: _role(y, _length(y) if actuator else "1", answer, u),
     }
     if time is not None:
-        of_time = time.unit is not None and time.size[2] == "s"
-        roles[TIME] = _role(time if of_time else time._replace(unit=None), "s", time.words & _WORDS[TIME])
-        if time.name == table.stamps:
+        known = suits("time", time.unit)
+        roles[TIME] = _role(time if known else time._replace(unit=None), "s", known or time.words & _WORDS[TIME])
+        if time.name in table.stamps:
             roles[TIME] = _Role(time, "s", ())
     return Found(file, table, roles, tuple(columns), actuator)
 
@@ -217,17 +226,20 @@ def with_roles(found: Found, picked: Mapping[str, tuple[str, str]]) -> Found:
     return replace(found, roles=roles, actuator=_is_of_actuator(roles[INPUT].column, roles[OUTPUT].column))
 
 
-def _role(column: _Seen, otherwise: str, named: object) -> _Role:
+def _role(column: _Seen, otherwise: str, named: object, other: _Seen | None = None) -> _Role:
+    if column.unit == "C" and (column.words & _WARM or (other is not None and other.unit == "C")):
+        column, otherwise = column._replace(unit=None), "degC"
     guessed = (*(() if named else ("the column",)), *(() if column.unit else ("the unit",)))
     return _Role(column, column.unit or otherwise, guessed)
 
 
 def _time(columns: Sequence[_Seen], table: Table) -> _Seen | None:
-    stamps = [c for c in columns if table.stamps and c.name == table.stamps]
+    """Return the column that is the time: by its unit, as dates, by its name, or as it advances."""
+    stamps = [c for c in columns if c.name in table.stamps]
     named = [c for c in columns if c.words & _WORDS[TIME] and c.moves]
-    evenly = [c for c in columns if c.advances and not c.words & (_COUNTERS | _WORDS[INPUT] | _WORDS[OUTPUT])]
-    evenly.sort(key=lambda c: bool(np.all(np.diff(c.values) == 1.0)))
-    return next(iter([*stamps, *named, *evenly]), None)
+    stated = [c for c in (*named, *columns) if c.advances and suits("time", c.unit) and c.name not in table.stamps]
+    evenly = [c for c in columns if c.advances and not c.counts and not c.words & (_WORDS[INPUT] | _WORDS[OUTPUT])]
+    return next(iter([*stated, *stamps, *named, *evenly]), None)
 
 
 def _by_words(columns: Sequence[_Seen], role: str, first: str) -> _Seen | None:

@@ -361,10 +361,10 @@ def _refuse_for_an_actuator(recordings: Sequence[Recording]) -> None:
             f"leave `gain` out; electrical values then hold for the recorded numbers as volts"
         )
     single(recordings, "this model has one input and one output")
-    rates = [r.source for r in recordings if r.sensor.derivative]
-    if rates:
+    if rates := [r for r in recordings if r.sensor.derivative]:
+        kinds = ("a velocity (`sensor: {derivative: true}`)", "an acceleration (`sensor: {second_derivative: true}`)")
         raise InputRefused(
-            f"{rates[0]}: its sensor measures a velocity (`sensor: {{derivative: true}}`), but this model is "
+            f"{rates[0].source}: its sensor measures {kinds[rates[0].sensor.derivative - 1]}, but this model is "
             f"identified from displacements: describe the actuator as a network, setup: {{network: FILE.yaml}}"
         )
 

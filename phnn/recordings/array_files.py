@@ -199,7 +199,8 @@ def read_mat(source: Source) -> Table:
     else:
         table = table_of(where, found)
     if objects:
-        note = f"{', '.join(name for name, _ in objects)}: left alone, objects that only MATLAB can read"
+        names = listed(f"{name} ({kind})" for name, kind in objects)
+        note = f"{names}: left alone, objects that only MATLAB can read"
         table = replace(table, notes=(*table.notes, note))
     return table
 

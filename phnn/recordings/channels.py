@@ -14,6 +14,7 @@ from phnn.recordings.manifest import DRIVING, EMPTY, GLITCHES, Column
 from phnn.recordings.table import Table, Where
 from phnn.recordings.units import QUANTITIES, check_unit, find_unit, parse_name, split_unit, stated_by_name, suits
 from phnn.signals.reconstruct import find_jumps
+from phnn.signals.sampling import longest_run
 
 # What loggers write for a value that is missing, or beyond a counter.
 MARKS = (-99.0, -999.0, -9999.0, -99999.0, 999.0, 9999.0, 99999.0, 65535.0, 32767.0, -32768.0, 2147483647.0,
@@ -35,6 +36,10 @@ _CIRCLES, _MOVES = (360.0, 2.0 * np.pi, *_COUNTERS), 0.01
 _AGREE, _BENDS = 2.0, 0.1
 # Differences of samples that are looked at on either side.
 _AROUND = 6
+# Share of the samples of an output that may be dropouts to 0.
+_DROPS = 0.05
+# Quantities that no model needs.
+_SPARE = ("current", "charge", "temperature")
 # Rows in a row over which a masked input is interpolated.
 _MASKED = 10
 
@@ -57,25 +62,32 @@ class Channel:
     offset: float = 0.0
 
 
-def select(table: Table, columns: Mapping[str, Column], named: Mapping[str, tuple[str, Column]]) -> dict[str, Channel]:
-    """Return every quantity that the manifest's columns or the table's own names give, and further channels by name.
+def select(
+    table: Table, columns: Mapping[str, Column], named: Mapping[str, tuple[str, Column]]
+) -> tuple[dict[str, Channel], tuple[str, ...]]:
+    """Return every quantity that the manifest's columns or the table's own names give, further channels by name, and
+    why a further channel was left out of which the manifest says nothing.
 
     Args:
         columns: by quantity; named: quantity and column of what has a name of its own.
     """
     every = {**{quantity: (quantity, columns.get(quantity, Column())) for quantity in QUANTITIES}, **named}
-    if not table.by_name and not table.stamps and columns.get("time", Column()).place is None:
+    if not table.by_name and not table.stamps and every["time"][1].place is None:
         _one_clock(table)
     spoken_for = {table.find(c.place): c for _, c in every.values() if c.place is not None}
-    found = {name: _channel(table, *said, name, spoken_for) for name, said in every.items()}
-    channels = {name: channel for name, channel in found.items() if channel is not None}
-    if "time" not in channels and table.stamps:
-        index = table.names.index(table.stamps)
-        channels["time"] = Channel(table.numbers(index), table.label(index), "s", "s", 1.0)
+    channels, unusable = {}, []
+    for name, (quantity, column) in every.items():
+        try:
+            if (channel := _channel(table, quantity, column, name, spoken_for)) is not None:
+                channels[name] = channel
+        except InputRefused as error:
+            if quantity not in _SPARE or column != Column():
+                raise
+            unusable.append(f"the {quantity} was left out ({error})")
     if len({c.values.size for c in channels.values()}) > 1:
         said = ", ".join(f"{q} ({c.label}) has {c.values.size}" for q, c in channels.items())
         raise InputRefused(f"{table.where}: unequal numbers of samples: {said}: give channels of one recording")
-    return channels
+    return channels, tuple(unusable)
 
 
 def _one_clock(table: Table) -> None:
@@ -98,17 +110,21 @@ def _channel(table: Table, quantity: str, said: Column, name: str, spoken_for: M
     Args:
         spoken_for: columns that the manifest names, whatever it takes them for.
     """
-    index = table.find(said.place) if said.place is not None else _by_name(table, quantity, spoken_for)
+    if quantity == "time" and said.place is None and table.stamps and not _in_seconds(table):
+        index: int | None = table.names.index(table.stamps[0])
+    else:
+        index = table.find(said.place) if said.place is not None else _by_name(table, quantity, spoken_for)
     if index is None:
         return None
     label = table.label(index)
-    dates = quantity == "time" and table.names[index] == table.stamps
+    dates = quantity == "time" and table.names[index] in table.stamps
     unit, notes = ("s", ()) if dates else _unit(table, index, quantity, said)
     where, marked = f"{name} ({label})", np.zeros(0, dtype=bool)
-    values = table.numbers(index)
+    values = table.numbers(index, [mark for mark in said.missing if isinstance(mark, str)])
     if quantity != "time":
         values, marked = _without_marks(values, said, where, table.where, quantity not in DRIVING)
-    checks.finite(values, where, table.where, f"columns: {{{quantity}: {{missing: {EMPTY}}}}}")
+    mask = "" if quantity == "time" else f", or mask them by columns: {{{quantity}: {{missing: {EMPTY}}}}}"
+    checks.finite(values, where, table.where, mask)
     own = table.own.get(table.names[index])
     if marked.any():
         own = ~marked if own is None else own & ~marked
@@ -125,14 +141,15 @@ def _without_marks(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the numbers of a column, unwrapped and interpolated where they are masked, and (N,) bool which are."""
     marked = np.isin(values, [mark for mark in said.missing if not isinstance(mark, str)])
-    if EMPTY in said.missing:
+    if any(isinstance(mark, str) and mark != GLITCHES for mark in said.missing):
         marked |= ~(np.abs(values) < checks.LARGEST_VALUE)
     good = values[~marked]
     if good.size < checks.FEWEST_SAMPLES or not np.isfinite(good).all():
         return values, np.zeros(values.size, dtype=bool)
-    for mark in (*MARKS, *((good.min(), good.max()) if output else ())):
-        others, apart = good[good != mark], _APART if mark in MARKS else _ALONE
-        few = good.size - others.size < (1 if mark in MARKS else _REPEATED)
+    marks = (*MARKS, 0.0) if output and _drops_out(good) else MARKS
+    for mark in (*marks, *((good.min(), good.max()) if output else ())):
+        others, apart = good[good != mark], _APART if mark in marks else _ALONE
+        few = good.size - others.size < (1 if mark in marks else _REPEATED)
         if few or not others.size or np.unique(others).size < _VALUES:
             continue
         if max(others.min() - mark, mark - others.max()) > apart * float(np.ptp(others)):
@@ -151,9 +168,11 @@ def _without_marks(
     if off.size:
         rows = np.flatnonzero(~marked)[off]
         if GLITCHES not in said.missing:
+            first, behind = rows[0], rows[0] + 1 + (rows[0] + 1 in rows)
+            kind = "single values" if (np.diff(off) > 1).all() else "values, one or two in a row,"
             raise InputRefused(
-                f"{where}: {label}, {where.row(int(rows[0]))}: {values[rows[0]]:g} between {values[rows[0] - 1]:g} and "
-                f"{values[rows[0] + 1]:g}, and {off.size - 1} more single values as far off their neighbours: "
+                f"{where}: {label}, {where.row(int(first))}: {values[first]:g} between {values[first - 1]:g} and "
+                f"{values[behind]:g}, and {off.size - 1} more {kind} as far off their neighbours: "
                 f"glitches? Say missing: [{GLITCHES}] for this column in recordings.yaml, or repair these rows"
             )
         marked[rows] = True
@@ -185,20 +204,37 @@ def _wraps(x: np.ndarray) -> float | None:
     return None
 
 
+def _drops_out(x: np.ndarray) -> bool:
+    """Return whether a column is exactly 0 now and then, for a few samples, and neither at first nor at last."""
+    zero = x == 0.0
+    longest = longest_run(zero)
+    return not zero[0] and not zero[-1] and zero.mean() < _DROPS and longest.stop - longest.start <= _MASKED
+
+
 def _glitches(x: np.ndarray) -> np.ndarray:
-    """Return single samples that lie far off both neighbours, to one side."""
-    before, after = x[1:-1] - x[:-2], x[1:-1] - x[2:]
-    off = np.where(np.sign(before) == np.sign(after), np.minimum(np.abs(before), np.abs(after)), 0.0)
-    usual = float(np.quantile(off, 0.99))
-    middle = float(np.median(off[off > 0.0])) if (off > 0.0).any() else 0.0
+    """Return samples that lie far off those before and behind them, to one side, alone or in pairs."""
     spread = float(np.ptp(np.quantile(x, [0.005, 0.995])))
     steps = np.abs(np.diff(x))
     step = float(steps[steps > 0.0].min(initial=np.inf)) if (steps > 0.0).any() else 0.0
-    least = max(_TIMES_OFF * max(usual, middle), _STEPS * step, _SHARE * spread)
-    # What follows a jump rings to one side as well: the samples around a glitch, and its neighbours, have to agree.
-    found = np.flatnonzero((off > least) & (off / _AGREE > np.abs(x[2:] - x[:-2]))) + 1
-    around = (np.r_[steps[max(i - 1 - _AROUND, 0) : i - 1], steps[i + 1 : i + 1 + _AROUND], 0.0].max() for i in found)
-    return found[[off[i - 1] / _AGREE > most for i, most in zip(found, around, strict=True)]]
+    rows: set[int] = set()
+    for n in (1, 2):
+        inside = np.lib.stride_tricks.sliding_window_view(x[1:-1], n)
+        lower, upper = np.minimum(x[: -n - 1], x[n + 1 :]), np.maximum(x[: -n - 1], x[n + 1 :])
+        off = np.maximum(np.maximum(inside.min(axis=1) - upper, lower - inside.max(axis=1)), 0.0)
+        usual = float(np.quantile(off, 0.99))
+        middle = float(np.median(off[off > 0.0])) if (off > 0.0).any() else 0.0
+        least = max(_TIMES_OFF * max(usual, middle), _STEPS * step, _SHARE * spread)
+        # What follows a jump rings to one side as well: the samples around, and the neighbours, have to agree.
+        for i in (np.flatnonzero((off > least) & (off / _AGREE > upper - lower)) + 1).tolist():
+            around = np.r_[steps[max(i - 1 - _AROUND, 0) : i - 1], steps[i + n : i + n + _AROUND], 0.0].max()
+            rows.update(range(i, i + n) if off[i - 1] / _AGREE > around else ())
+    return np.array(sorted(rows), dtype=np.int64)
+
+
+def _in_seconds(table: Table) -> bool:
+    """Return whether a column is called the time and holds numbers in a unit of time."""
+    units = {i: unit for i, (quantity, unit) in enumerate(map(parse_name, table.names)) if quantity == "time"}
+    return any(suits("time", unit) and table.names[i] not in table.stamps for i, unit in units.items())
 
 
 def _by_name(table: Table, quantity: str, spoken_for: Mapping[int, Column]) -> int | None:
@@ -250,7 +286,7 @@ _DISORDER = 0.05
 _ROOM = 0.3
 # An interval of more usual ones than the first is a gap, over which an input that is not held is interpolated up to the
 # second; beyond it, what drove the system is not known.
-_GAP, _BRIDGED = 1.5, 12.0
+_GAP, BRIDGED = 1.5, 12.0
 # A channel is held between stamps of its own: their interval in rows, the share of the changes that fall on a raster,
 # the share of its stamps that change it, and by how much of the raster a stamp may miss it.
 _SLOWER, _ON_RASTER, _CHANGING, _OFF = 1.5, 0.95, 0.5, 0.05
@@ -295,7 +331,7 @@ def stamped(t: Array, resolution: float, channels: Mapping[str, Array], where: W
     usual = float(np.median(steps))
     checks.interval(usual, where)
     gap = np.flatnonzero(steps > _GAP * usual)
-    unknown = gap[steps[gap] > _BRIDGED * usual]
+    unknown = gap[steps[gap] > BRIDGED * usual]
     if unknown.size and not held:
         first = int(unknown[0])
         row = where.row(int(rows[first + 1]))
@@ -328,7 +364,7 @@ def _in_order(t: Array, channels: Mapping[str, Array], where: Where) -> tuple[Ar
     if (steps > 0.0).all():
         return t, np.arange(t.size), ()
     usual, back = float(np.median(np.abs(steps))), np.flatnonzero(steps < 0.0)
-    far = back.size > 0 and (back.size > _DISORDER * t.size or float(-steps.min()) > _BRIDGED * usual)
+    far = back.size > 0 and (back.size > _DISORDER * t.size or float(-steps.min()) > BRIDGED * usual)
     order = np.arange(t.size) if far else np.argsort(t, kind="stable")
     if back.size and not far:
         # A row that was written late leaves room for itself; a time that is wrong comes close to another.

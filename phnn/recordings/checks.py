@@ -100,14 +100,19 @@ def enough_samples(size: int, where: Where) -> None:
         raise InputRefused(f"{where}: {cause}: record longer or faster, or remove the file")
 
 
-def finite(values: np.ndarray, label: str, where: Where, key: str) -> None:
-    """Refuse missing (NaN) and infinite values, and numbers that no instrument writes but as a marker."""
+def finite(values: np.ndarray, label: str, where: Where, mask: str) -> None:
+    """Refuse missing (NaN) and infinite values, and numbers that no instrument writes but as a marker.
+
+    ``mask`` says how they are masked, where they may be.
+    """
     bad = ~(np.abs(values) < LARGEST_VALUE)
     if bad.any():
         row = int(np.argmax(bad))
         what = "is missing (NaN or empty)" if np.isnan(values[row]) else f"is {values[row]:g}"
         cause = f"{label}, {where.row(row)}: the value {what}, {int(bad.sum())} such rows in all"
-        remedy = f"repair them, or cut the recording there (`slice` in recordings.yaml), or mask them by {key}"
+        remedy = f"repair them, or cut the recording there (`slice` in recordings.yaml){mask}"
+        if bad.all():
+            remedy = "choose another column, or remove this one from the file"
         raise InputRefused(f"{where}: {cause}: {remedy}")
 
 

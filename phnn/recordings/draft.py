@@ -11,22 +11,23 @@ import numpy as np
 
 from phnn.errors import InputRefused
 from phnn.recordings import checks
-from phnn.recordings.channels import Channel, evenly, interpolated, own_rows, select, stamped
+from phnn.recordings.channels import BRIDGED, Channel, evenly, interpolated, own_rows, select, stamped
 from phnn.recordings.excitation import Excitation, excitation_of
 from phnn.recordings.manifest import Column, Entry, Manifest, check_unit_of_limits
 from phnn.recordings.recording import ACTUATOR, Recording, Sensor, Start, Units, drive_of, is_actuator
 from phnn.recordings.table import Table, Where
-from phnn.results import printable
+from phnn.results import listed, printable
 from phnn.signals.noise import FROM_PERIODS, WHITE, NoiseFloor, noise_floor
 from phnn.signals.sampling import longest_run, quantisation_step, runs
 
 Channels = Mapping[str, Channel]
-# A step of time longer than this many usual ones begins a new recording.
+# Where two steps of time differ by more than this factor, the rate changes.
 _JUMP = 1.5
 
 
-def segmented(entry: Entry, channels: Channels, table: Table) -> list[Entry]:
-    """Return an entry for every recording in its file, each with its slice and, where there are several, a number.
+def segmented(entry: Entry, channels: Channels, table: Table) -> tuple[list[Entry], tuple[str, ...]]:
+    """Return an entry for every recording in its file, each with its slice and, where there are several, a number; and
+    a note on those between jumps of time that are too short.
 
     The slice of an array with axes is taken of every realisation.
     """
@@ -34,7 +35,7 @@ def segmented(entry: Entry, channels: Channels, table: Table) -> list[Entry]:
     one = size // table.shape[0] if table.shape else size
     first, last = entry.slice or (0, one)
     if last > one:
-        cause = f"slice {[first, last]} reaches beyond the file's {one} samples"
+        cause = f"slice {[where.offset + first, where.offset + last]} reaches beyond the file: {one} samples lie in it"
         raise InputRefused(f"{where}: {cause}: correct it in recordings.yaml")
     pieces = [(i + first, i + last) for i in range(0, max(size, 1), max(one, 1))]
     counted = entry.segments is not False and not table.shape
@@ -42,9 +43,16 @@ def segmented(entry: Entry, channels: Channels, table: Table) -> list[Entry]:
         inner = _edges(entry, channels, first, last, where) if counted else table.segments
         pieces = list(itertools.pairwise([first, *(row for row in inner if first < row < last), last]))
     if len(pieces) == 1 and not counted:
-        return [replace(entry, slice=pieces[0])]
+        return [replace(entry, slice=pieces[0])], ()
+    notes: tuple[str, ...] = ()
+    short = [piece for piece in pieces if piece[1] - piece[0] < checks.FEWEST_SAMPLES]
+    if entry.segments is True and 0 < len(short) < len(pieces):
+        pieces = [piece for piece in pieces if piece not in short]
+        ends = listed(f"{where.row(a)} to {where.row(b - 1)}" for a, b in short)
+        notes = (f"{len(short)} segments of fewer than {checks.FEWEST_SAMPLES} samples were left out: {ends}",)
     stem, digits = entry.name or printable(Path(entry.files[0]).stem), len(str(len(pieces)))
-    return [replace(entry, slice=piece, name=f"{stem}_{i:0{digits}d}") for i, piece in enumerate(pieces, start=1)]
+    named = [replace(entry, slice=piece, name=f"{stem}_{i:0{digits}d}") for i, piece in enumerate(pieces, start=1)]
+    return named, notes
 
 
 def _edges(entry: Entry, channels: Channels, first: int, last: int, where: Where) -> Sequence[int]:
@@ -60,7 +68,7 @@ def _edges(entry: Entry, channels: Channels, first: int, last: int, where: Where
         raise InputRefused(f"{where}: {cause}: write the number of samples of each, segments: 8192")
     steps = np.diff(channels["time"].values[first:last])
     usual = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
-    return (np.flatnonzero((steps < 0.0) | (steps > _JUMP * usual)) + first + 1).tolist()
+    return (np.flatnonzero((steps < 0.0) | (steps > BRIDGED * usual)) + first + 1).tolist()
 
 
 LARGEST_CLIPPED_SHARE = 0.02
@@ -148,12 +156,15 @@ def drafts_of(entry: Entry, table: Table, said: Manifest, need_output: bool, hom
     ``entry`` is what is said about the table, ``said`` about all; ``home``, where it comes from, stands in messages.
     """
     named = {n: ("input", c) for n, c in entry.ports.items()} | {n: ("output", c) for n, c in entry.outputs.items()}
-    channels = select(table, entry.columns, named)
+    if entry.slice is not None and not table.shape:
+        # Rows outside are not looked at.
+        table, entry = table.only(*entry.slice), replace(entry, slice=(0, entry.slice[1] - entry.slice[0]))
+    channels, unusable = select(table, entry.columns, named)
     u_name, y_names = _roles(entry, channels, said, table, need_output)
-    pieces = segmented(entry, channels, table)
+    pieces, short = segmented(entry, channels, table)
     size = next(iter(channels.values())).values.size
     # The channels have copies of what is needed.
-    table = replace(table, columns=())
+    table = replace(table, columns=(), notes=(*table.notes, *unusable, *short))
     checks.not_too_many(len(pieces) * len(y_names), size * len(y_names), home)
     return [_draft(piece, table, channels, (u_name, y_name), said) for piece in pieces for y_name in y_names]
 

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import math
 import zipfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from importlib import import_module
 from typing import Any, NamedTuple
 
@@ -21,8 +22,11 @@ from phnn.recordings.channels import merged
 from phnn.recordings.memory import given_frame
 from phnn.recordings.table import Stored, Table, Where, table_of
 from phnn.recordings.text_files import Lines, table_of_lines
-from phnn.results import printable
+from phnn.recordings.units import split_unit
+from phnn.results import listed, printable
 
+# Rows of a sheet in which names are looked for.
+_HEAD = 60
 # Bytes of an HDF5 superblock up to the length of the file, whatever its version; bytes that are looked at together.
 _SUPERBLOCK, _BLOCK = 52, 2**20
 # Attributes of the CF conventions: of a unit, of numbers that are packed, of values that are missing.
@@ -63,14 +67,15 @@ def read_hdf5(source: Source) -> Table:
 
 
 def matlab_content(source: Source) -> tuple[dict[str, Any], list[tuple[str, str]]]:
-    """Return the variables of a MATLAB file of version 7.3, and names and classes of its objects.
+    """Return the variables of a MATLAB file of version 7.3, and paths and classes of the objects in it.
 
     Structures are mappings, arrays of structures and cells are lists, texts are texts, numbers are `Stored`.
     """
     with _opened(source, matlab=True) as file:
         top = dict.fromkeys(name.partition("/")[0] for name, _ in _walk(file, source))
-        objects = {n: _class(file[n]) for n in top if _OBJECT in file[n].attrs}
-        return {n: _decoded(source, file, n, file[n], 0) for n in top if n not in objects}, list(objects.items())
+        objects: dict[str, str] = {}
+        content = {n: _decoded(source, file, n, file[n], objects) for n in top}
+        return {n: v for n, v in content.items() if n not in objects}, list(objects.items())
 
 
 @contextmanager
@@ -175,15 +180,19 @@ def _unpacked(array: np.ndarray, said: dict[str, Any]) -> np.ndarray:
     return np.where(hidden, np.nan, values) if hidden.any() else values
 
 
-def _decoded(source: Source, file: Any, path: str, item: Any, depth: int) -> Any:
-    """Return a variable of MATLAB as `matlab_content` says; None where it is of no known kind."""
+def _decoded(source: Source, file: Any, path: str, item: Any, objects: dict[str, str], depth: int = 0) -> Any:
+    """Return a variable of MATLAB as `matlab_content` says; None where it is an object or of no known kind."""
     import h5py
 
     if depth > LIMITS.depth:
         return None
+    if _OBJECT in item.attrs:
+        # It holds a number by which MATLAB finds the content.
+        objects[path.strip("/").replace("/", ".")] = _class(item)
+        return None
     if isinstance(item, h5py.Group):
         fields = {n: item[n] for n in item}
-        found = {n: _decoded(source, file, f"{path}/{n}", x, depth + 1) for n, x in fields.items()}
+        found = {n: _decoded(source, file, f"{path}/{n}", x, objects, depth + 1) for n, x in fields.items()}
         datasets = [x for x in fields.values() if isinstance(x, h5py.Dataset)]
         # The fields of an array of structures are references that are no cells.
         arrays = [x for x in datasets if h5py.check_ref_dtype(x.dtype) and _class(x) != "cell"]
@@ -199,7 +208,7 @@ def _decoded(source: Source, file: Any, path: str, item: Any, depth: int) -> Any
         if item.size > LIMITS.variables:
             raise ValueError(f"{item.name} has more than {LIMITS.variables} cells")
         cells = (file[ref] for ref in item[()].T.ravel())
-        return [_decoded(source, file, cell.name, cell, depth + 1) for cell in cells]
+        return [_decoded(source, file, cell.name, cell, objects, depth + 1) for cell in cells]
     if _class(item) == "char":
         source.check_memory(item.nbytes, True)
         return "".join(map(chr, np.asarray(item[()]).T.ravel()))
@@ -333,16 +342,31 @@ def _closed(source: Source) -> bool:
     return True
 
 
-def read_sheet(source: Source) -> Table:
-    """Return the columns of the first sheet of a workbook, whose rows are read as those of a text are."""
+def read_sheet(source: Source, named: Collection[str] = ()) -> Table:
+    """Return the columns of the sheet of a workbook that has most of some names, of the longest one otherwise.
+
+    Its rows are read as those of a text are.
+    """
     with readable(source, "not a readable .xlsx file", "export it again, or as .csv", "openpyxl"):
         import pandas as pd
 
         with source.open() as file, zipfile.ZipFile(file) as archive:
             source.check_memory(sum(member.file_size for member in archive.infolist()), unpacked=True)
-            frame = pd.read_excel(file, header=None, dtype=object)
-        text = str(frame.to_csv(sep="\t", header=False, index=False))
-    return table_of_lines(source.name, Lines(text))
+            with pd.ExcelFile(file, engine="openpyxl") as book:
+                titles = [sheet.title for sheet in book.book.worksheets]
+                sheets = pd.read_excel(book, sheet_name=titles, header=None, dtype=object)
+
+        def worth(title: str) -> tuple[int, int]:
+            cells = {str(cell).strip() for cell in sheets[title].iloc[:_HEAD].to_numpy().ravel()}
+            return len({form for cell in cells for form in (cell, split_unit(cell)[0])} & {*named}), len(sheets[title])
+
+        chosen = max(titles, key=worth)
+        text = str(sheets[chosen].to_csv(sep="\t", header=False, index=False))
+    table = table_of_lines(source.name, Lines(text))
+    if others := [title for title in titles if title != chosen and sheets[title].size]:
+        note = f"of its sheets {printable(chosen)} is read, not {listed(map(printable, others))}"
+        table = replace(table, notes=(*table.notes, note))
+    return table
 
 
 def read_parquet(source: Source) -> Table:

@@ -82,7 +82,7 @@ def label(value: Any, where: str) -> str:
 
 
 DRIVING = ("input", "voltage", "force")
-# What may be missing beside numbers: cells without a number, and single samples far off their neighbours.
+# What may be missing beside numbers: cells without a number, and one or two samples far off their neighbours.
 EMPTY, GLITCHES = "empty", "glitches"
 # Axes of an array of a periodic experiment, in the order in which it is read.
 AXES = ("realisation", "period", "time", "channel")
@@ -95,7 +95,8 @@ class Column:
     Attributes:
         gain: ``"unknown"`` where the number is proportional to what drives the system by an unknown factor.
         unwrap: the number by which a counter or an angle starts again, None where it does not.
-        missing: numbers that mark a missing value; `EMPTY` for empty cells, `GLITCHES` for single samples far off.
+        missing: numbers and texts that mark a missing value; `EMPTY` for empty cells, which texts are taken for;
+            `GLITCHES` for samples far off, alone or in pairs.
     """
 
     place: int | str | None = None
@@ -158,7 +159,7 @@ def _column(said: Any, inherited: Column, quantity: str, where: str) -> Column:
         found["unwrap"] = number(content["unwrap"], f"{where}: unwrap", above=0.0)
     if "missing" in content:
         marks = content["missing"] if isinstance(content["missing"], list) else [content["missing"]]
-        found["missing"] = tuple(v if v in (EMPTY, GLITCHES) else number(v, f"{where}: missing") for v in marks)
+        found["missing"] = tuple(v if isinstance(v, str) else number(v, f"{where}: missing") for v in marks)
     if "scale" in content:
         found["scale"] = number(content["scale"], f"{where}: scale")
         if found["scale"] == 0.0:

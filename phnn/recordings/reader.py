@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -60,7 +60,13 @@ class Files:
     def table(self, file: str, axes: Sequence[str] = ()) -> Table:
         """Return the columns of a file, of an array with axes where they are given."""
         source = self.source(file)
-        return read_axes(source, axes) if axes else READERS[source.suffix](source)
+        return read_axes(source, axes) if axes else read_table(source, self._named())
+
+    def _named(self) -> set[str]:
+        """Return the names of columns that the manifest asks for."""
+        entries = (self.said.common, *(self.said.entries or ()))
+        columns = (c for e in entries for some in (e.columns, e.ports, e.outputs) for c in some.values())
+        return {c.place for c in columns if isinstance(c.place, str)}
 
     def entries(self) -> tuple[list[Entry], list[str]]:
         """Return the entries to read, and the files left alone, each with its reason where that is not plain."""
@@ -75,7 +81,8 @@ class Files:
                     name, home = (printable(p)[: LIMITS.name_characters] for p in (path.name, str(path.parent)))
                     cause = f"recordings[{i}]: file {name!r} is not in {home}"
                     raise InputRefused(f"{where}: {cause}: correct its name or remove the entry")
-                reader_of(path)
+                if path.suffix.lower() not in READERS and not self._numbers(path):
+                    raise _unknown(printable(path.name), path.suffix.lower())
             listed = {os.path.realpath(path) for _, path in paths}
             others = [p for p in present if os.path.realpath(p) not in listed]
             return list(said.entries), [_shown(p) + " (not listed)" * self._numbers(p) for p in others]
@@ -94,6 +101,7 @@ class Files:
         """Return the files that may be recordings, whatever describes them, and what else lies there, in words."""
         present = self._present()
         chosen = [p for p in present if self._numbers(p)]
+        chosen = [p for p in chosen if p.suffix.lower() in READERS] or chosen
         checks.not_too_many(len(chosen), 0, self.home)
         return chosen, [_shown(p) for p in present if p not in chosen]
 
@@ -107,22 +115,22 @@ class Files:
         return [p for p in names if not p.name.startswith(".") and p.name != "recordings.yaml"]
 
     def _numbers(self, path: Path) -> bool:
-        """Whether a file has a known format and, where that is text, columns of numbers; a csv is meant to have."""
+        """Return whether a file has a known format or, as text, columns of numbers; a csv is meant to have."""
         kind = path.suffix.lower()
-        if kind not in READERS or not os.path.isfile(path):
-            return False
-        if kind == ".csv" or READERS[kind] is not read_text:
-            return True
+        if not os.path.isfile(path) or kind == ".csv" or READERS.get(kind, read_text) is not read_text:
+            return os.path.isfile(path)
         try:
             return looks_like_numbers(self.source(path.name))
         except InputRefused:
-            return True
+            return kind in READERS
 
     def _no_recording(self, path: Path) -> str | None:
         """Return why a file found in the folder is no recording, in words to follow its name; ``None`` if it is one."""
         if not self._numbers(path):
             special = path.suffix.lower() in READERS and not os.path.isfile(path) and not os.path.isdir(path)
             return " (no regular file)" if special else ""
+        if path.suffix.lower() not in READERS:
+            return " (a table of text: list it in recordings.yaml to use it)"
         stated = {c.place for c in self.said.common.columns.values() if c.place is not None}
         kind = path.suffix.lower()
         if kind == ".csv" or (stated and kind != ".json"):
@@ -143,12 +151,22 @@ def _shown(path: Path) -> str:
     return printable(path.name) + ("/" if os.path.isdir(path) else "")
 
 
-def reader_of(path: Path) -> Reader:
-    """Return what reads a file of this suffix. Raises InputRefused where nothing does."""
-    kind = path.suffix.lower()
-    if kind not in READERS:
-        raise InputRefused(f"{printable(path.name)}: unknown format {kind!r}: accepted are {', '.join(READERS)}")
-    return READERS[kind]
+def read_table(source: Source, named: Collection[str] = ()) -> Table:
+    """Return the columns of a file, of a workbook those of the sheet with the named ones.
+
+    Raises:
+        InputRefused: nothing reads files of this ending, and it is no table of text; as what reads it.
+    """
+    if source.suffix == ".xlsx":
+        return read_sheet(source, named)
+    if source.suffix not in READERS and not looks_like_numbers(source):
+        raise _unknown(source.name, source.suffix)
+    return READERS.get(source.suffix, read_text)(source)
+
+
+def _unknown(name: str, suffix: str) -> InputRefused:
+    cause = f"unknown format {suffix!r}, and no table of numbers in text"
+    return InputRefused(f"{name}: {cause}: accepted are {', '.join(READERS)}, and such tables with any ending")
 
 
 # A moving mass of an actuator beyond this is doubted where no unit was stated [kg].

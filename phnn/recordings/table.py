@@ -14,10 +14,12 @@ import numpy as np
 
 from phnn.errors import InputRefused
 from phnn.intake import LIMITS
-from phnn.recordings.units import parse_name, split_unit
+from phnn.recordings.units import find_unit, parse_name, split_unit
 from phnn.results import listed, printable
 
-DECIMAL_COMMA = re.compile(r"^\s*[-+]?\d+,\d+([eE][-+]?\d+)?\s*$")
+# A number with commas; one with a unit behind it.
+_COMMA = re.compile(r"[-+]?\d[\d.]*(,[\d.]+)+([eE][-+]?\d+)?")
+_WITH_UNIT = re.compile(r"[-+]?[\d.]+(?:[eE][-+]?\d+)?\s*([^\s\d.].*)")
 REMEDY_COMMA = "write numbers with a point as decimal sign, and none between thousands"
 # The numbers or texts of a column, or what reads them.
 Column = np.ndarray | Callable[[], np.ndarray]
@@ -81,7 +83,7 @@ class Table:
         notes: what was left out of the file, and why.
         segments: rows with which a further recording begins, where the file tells.
         shape: realisations, periods and samples of an array of a periodic experiment, which stand one after another.
-        stamps: name of the column of dates, in seconds since the first; empty where there is none.
+        stamps: names of the columns of dates and times of day, in seconds since its first; the first is the time.
         units: by name of a column, what is stated beside it.
         own: by name of a column, (N,) at which rows it was sampled, where other columns have clocks of their own.
     """
@@ -93,7 +95,7 @@ class Table:
     notes: tuple[str, ...] = ()
     shape: tuple[int, ...] = ()
     segments: tuple[int, ...] = ()
-    stamps: str = ""
+    stamps: tuple[str, ...] = ()
     units: Mapping[str, str] = field(default_factory=dict)
     own: Mapping[str, np.ndarray] = field(default_factory=dict)
 
@@ -106,7 +108,7 @@ class Table:
             hits = hits or [i for i, name in enumerate(self.names) if split_unit(name)[0] == place]
             if len(hits) == 1:
                 return hits[0]
-            found = f"it has {listed(named)}" if named else "it has no header, give an index from 0 on"
+            found = f"it has {listed(named)}" if named else "its columns have no names, give an index from 0 on"
             cause = "several columns are" if hits else "no column is"
             raise InputRefused(f"{self.where}: {cause} called {place!r}: {found}; correct recordings.yaml")
         if self.by_name:
@@ -118,12 +120,23 @@ class Table:
             raise InputRefused(f"{self.where}: {cause}: correct `columns` in recordings.yaml")
         return place
 
+    def only(self, first: int, last: int) -> Table:
+        """Return the table with the rows from ``first`` up to ``last`` alone."""
+
+        def cut(held: Column) -> Column:
+            return (lambda: held()[first:last]) if callable(held) else held[first:last]
+
+        where = replace(self.where, offset=self.where.offset + first)
+        segments = tuple(row - first for row in self.segments if first < row < last)
+        own = {name: rows[first:last] for name, rows in self.own.items()}
+        return replace(self, where=where, columns=tuple(map(cut, self.columns)), segments=segments, own=own)
+
     def label(self, index: int) -> str:
         """Return the column in words."""
         return f"column {self.names[index] or index}"
 
-    def numbers(self, index: int) -> np.ndarray:
-        """Return ``(N,)`` the column as float64; empty cells become NaN."""
+    def numbers(self, index: int, marks: Sequence[str] = ()) -> np.ndarray:
+        """Return ``(N,)`` the column as float64; empty cells, and those that hold a mark, become NaN."""
         held = self.columns[index]
         column = held() if callable(held) else held
         # Texts may hold numbers.
@@ -138,43 +151,54 @@ class Table:
 
         cells = pd.Series(column)
         values = np.asarray(pd.to_numeric(cells, errors="coerce"), dtype=float)
-        bad = np.isnan(values) & ~np.asarray(cells.isna())
+        bad = np.isnan(values) & ~np.asarray(cells.isna() | cells.isin(list(marks)))
         if not bad.any():
             return values
         row = int(np.argmax(bad))
-        cell, cause, remedy = str(column[row]), "not a number", "correct or delete that row"
-        if DECIMAL_COMMA.match(cell):
-            cause, remedy = "a comma as decimal sign", REMEDY_COMMA
+        cell, cause, remedy = str(column[row]).strip(), "not a number", "correct or delete that row"
+        if self.names[index] in self.stamps:
+            cause, remedy = "no date or time of day as the others are", "correct it, or delete that row"
+        elif _COMMA.fullmatch(cell):
+            cause, remedy = "a number with a comma, as decimal sign or between thousands", REMEDY_COMMA
         elif cell.endswith("?"):
             cell, cause = cell[:-1], "a point among numbers with a decimal comma, and may be a thousand times as large"
             remedy = "write all numbers of the file with one decimal sign and without thousands separators"
+        elif (unit := _WITH_UNIT.fullmatch(cell)) and find_unit(unit[1]) is not None:
+            cause = "a number with its unit"
+            remedy = f"write numbers alone into the cells, and unit: {unit[1]} for this column in recordings.yaml"
+        elif re.fullmatch(r"[^\W\d]+|[-*.]+", cell):
+            remedy += (
+                f"; where it marks a missing value, say missing: [{cell[:40]!r}] for this column in recordings.yaml"
+            )
         place = f"{self.where}: {self.label(index)}, {self.where.row(row)}"
         raise InputRefused(f"{place}: {cell[:40]!r} is {cause}: {remedy}")
 
 
-# Dates, with a time of day behind them or none; times of day; when numbers without a unit are seconds since 1970, or
-# their thousandths and so on: between 2001 and 2096.
-_DATE = re.compile(r"\d{1,4}([-./])(?:\d{1,2}|[A-Za-z]{3})\1\d{1,4}([ T]+\d{1,2}:.*)?|\d{4}\d{4}T\d{4,6}.*")
-_OF_DAY = re.compile(r"\d{1,3}:\d{2}(:\d{2}([.,]\d+)?)?(\s?[AaPp][Mm])?")
+# Dates, with a time of day behind them or none; times of day and durations; midnight as the end of a day; when numbers
+# without a unit are seconds since 1970, or their thousandths and so on: between 2001 and 2096.
+DATE = re.compile(r"\d{1,4}([-./])(?:\d{1,2}|[A-Za-z]{3})\1\d{1,4}([ T]+\d{1,2}:.*)?|\d{4}\d{4}T\d{4,6}.*")
+OF_DAY = re.compile(r"(\d+ ?d(ays?)? +)?\d{1,3}:\d{1,2}(:\d{1,2}([.,]\d+)?)?(\s?[AaPp][Mm])?")
+_MIDNIGHT = r"(?<=[ T])24:00(?=(?::00(?:\.0*)?)?$)"
 _EPOCH, _LATEST = 1e9, 4e9
 _EPOCH_NAMES = frozenset({"timestamp", "epoch", "unix", "time", "unixtime", "time_stamp", "unix_time", "ts"})
 _LOOKED_AT, _DAY = 5, 86_400.0
 
 
 def with_stamps(table: Table) -> Table:
-    """Return the table with its dates, or stamps counted from 1970, as seconds since the first of them.
+    """Return the table with dates, times of day and stamps counted from 1970 as seconds since the first of a column.
 
-    A date and a time of day beside it are one column. What cannot be read as a date becomes a missing value.
+    A date takes up the time of day beside it. A cell that cannot be read stays a text, which `Table.numbers` refuses.
     """
+    columns, names, notes, stamps = list(table.columns), list(table.names), table.notes, table.stamps
     for i, held in enumerate(table.columns):
         later = i + 1 < len(table.columns) and table.columns[i + 1]
-        if not callable(held) and (dates := _dates(held, later, table.names[i])) is not None:
-            name = table.names[i] or "date"
-            columns = (*table.columns[:i], dates[0], *table.columns[i + 1 :])
-            names = (*table.names[:i], name, *table.names[i + 1 :])
-            notes = (*table.notes, f"{name}: dates, taken as seconds since {dates[1]}")
-            return replace(table, columns=columns, names=names, stamps=name, notes=notes)
-    return table
+        # Of columns without a name, the first of dates is the time.
+        if callable(held) or (stamps and not names[i]) or (dates := _dates(held, later, names[i])) is None:
+            continue
+        columns[i], names[i] = dates[0], names[i] or "date"
+        notes = notes if stamps else (*notes, f"{names[i]}: dates, taken as seconds since {dates[1]}")
+        stamps = (*stamps, names[i])
+    return replace(table, columns=tuple(columns), names=tuple(names), stamps=stamps, notes=notes)
 
 
 def _dates(column: np.ndarray, beside: Any, name: str) -> tuple[np.ndarray, str] | None:
@@ -191,34 +215,48 @@ def _dates(column: np.ndarray, beside: Any, name: str) -> tuple[np.ndarray, str]
         return None
     import pandas as pd
 
-    cells, of_day = pd.Series(column), False
+    cells, of_day, late = pd.Series(column), False, pd.Timedelta(0)
     if column.dtype.kind == "m":
         return np.asarray(cells.dt.total_seconds() - cells.dt.total_seconds().iloc[0], dtype=float), str(cells.iloc[0])
     if column.dtype.kind in "OUS" and not isinstance(cells.dropna().iloc[:1].squeeze(), datetime):
-        head = [str(c).strip() for c in cells.dropna().iloc[:_LOOKED_AT]]
-        of_day = bool(head) and all(_OF_DAY.fullmatch(c) for c in head)
-        if not head or not (of_day or all(_DATE.fullmatch(c) for c in head)):
+        of_day = _all_alike(cells, OF_DAY)
+        if not of_day and not _all_alike(cells, DATE):
             return None
-        cells = cells.astype(str).str.strip().str.replace(",", ".")
-        if not of_day and isinstance(beside, np.ndarray) and beside.dtype.kind in "OUS" and ":" not in head[0]:
-            later = pd.Series(beside).astype(str).str.strip()
-            if all(_OF_DAY.fullmatch(c) for c in later.iloc[:_LOOKED_AT]):
-                cells = cells + " " + later.str.replace(",", ".")
+        cells = _written(cells)
+        dates = isinstance(beside, np.ndarray) and not of_day and not cells.str.contains(":").any()
+        if dates and beside.ndim == 1 and beside.dtype.kind in "OUS" and _all_alike(pd.Series(beside), OF_DAY):
+            cells = cells + " " + _written(pd.Series(beside))
+        if not of_day:
+            late = pd.to_timedelta(cells.str.contains(_MIDNIGHT, na=False).astype(int), unit="D")
+            cells = cells.str.replace(_MIDNIGHT, "00:00", regex=True)
     if of_day and not cells.str.contains("[AaPp]").any():
         # Hours that are counted on beyond a day.
-        whole = cells.where(cells.str.count(":") > 1, cells + ":00")
+        whole = cells.where(cells.str.count(":") > 1, cells + ":00").str.replace(r" ?d\w*", "D", regex=True)
         found = pd.Timestamp(0, tz="UTC") + pd.to_timedelta(whole, errors="coerce")
     else:
-        found = _in_either_order(cells, "." in str(cells.iloc[0]).split(":")[0].split(" ")[0])
+        found = late + _in_either_order(cells, "." in str(cells.iloc[0]).split(":")[0].split(" ")[0])
     if found.isna().all():
         return None
     first = found.dropna().iloc[0]
-    seconds = np.asarray((found - first) / pd.Timedelta(1, "s"), dtype=float)
-    if found.dt.normalize().nunique() == 1 and np.nanmin(np.diff(seconds), initial=0.0) < -0.5 * _DAY:
+    seconds = np.array((found - first) / pd.Timedelta(1, "s"), dtype=float)
+    known = np.isfinite(seconds)
+    if found.dt.normalize().nunique() == 1 and np.diff(seconds[known]).min(initial=0.0) < -0.5 * _DAY:
         # Times of day that pass midnight.
-        seconds = np.unwrap(seconds, period=_DAY)
+        seconds[known] = np.unwrap(seconds[known], period=_DAY)
+    unread = np.asarray(cells.notna()) & ~known
     # A time of day has no date of its own.
-    return seconds, str(cells.iloc[0] if of_day else first)
+    return np.where(unread, column, seconds) if unread.any() else seconds, str(cells.iloc[0] if of_day else first)
+
+
+def _written(cells: Any) -> Any:
+    """Return the cells of a series as texts with points; missing ones stay as they are."""
+    return cells.map(lambda cell: str(cell).strip().replace(",", "."), na_action="ignore")
+
+
+def _all_alike(cells: Any, pattern: re.Pattern[str]) -> bool:
+    """Return whether the first cells of a series that are there have a pattern."""
+    head = _written(cells.dropna().iloc[:_LOOKED_AT])
+    return head.size > 0 and all(map(pattern.fullmatch, head))
 
 
 def _in_either_order(cells: Any, day_first: bool) -> Any:
@@ -230,7 +268,7 @@ def _in_either_order(cells: Any, day_first: bool) -> Any:
         return pd.to_datetime(cells, errors="coerce", utc=True, dayfirst=first, format="mixed")
 
     def disorder(found: Any) -> tuple[int, Any]:
-        return int(found.isna().sum()), found.diff().abs().max()
+        return int(found.isna().sum()), found.dropna().diff().abs().max()
 
     found = parsed(day_first)
     if found.dt.normalize().nunique() < 2 or not re.match(r"\d{1,2}[-./]", str(cells.iloc[0])):
@@ -255,11 +293,10 @@ def beside(tables: Sequence[Table]) -> Table:
             ends = "; ".join(f"{c[0]:.6g} to {c[-1]:.6g}" for c in (clocks[0], clock))
             raise InputRefused(f"{where}: times that differ ({ends}): export all channels of a recording with one time")
     both: dict[str, Any] = {
-        name: tuple(one for t in tables for one in getattr(t, name)) for name in ("names", "columns", "notes")
+        name: tuple(one for t in tables for one in getattr(t, name)) for name in ("names", "columns", "notes", "stamps")
     }
     both |= {name: {k: v for t in tables for k, v in getattr(t, name).items()} for name in ("units", "own")}
-    stamps = next((t.stamps for t in tables if t.stamps), "")
-    return replace(first, where=where, by_name=any(t.by_name for t in tables), stamps=stamps, **both)
+    return replace(first, where=where, by_name=any(t.by_name for t in tables), **both)
 
 
 def members_of(value: Any) -> list[Any]:

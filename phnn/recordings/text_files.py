@@ -21,7 +21,7 @@ import numpy as np
 
 from phnn.errors import InputRefused
 from phnn.intake import LIMITS, Source
-from phnn.recordings.table import REMEDY_COMMA, Table, Where, with_stamps
+from phnn.recordings.table import DATE, OF_DAY, REMEDY_COMMA, Table, Where, with_stamps
 from phnn.recordings.units import find_unit, parse_name, same_kind, split_unit
 from phnn.results import printable
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 # numbers, four times as large where every cell is a digit.
 _TIMES = 6
 _CONTROL = re.compile(r"[\x00-\x08\x0e-\x1f]")
-_UTF16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+_HEAD, _UTF16 = 4096, (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 # What `str.splitlines` takes for the end of a line.
 _END = re.compile("\r\n|[\r\x0b\x0c\x85\u2028\u2029]")
 
@@ -96,8 +96,12 @@ NUMBER = {
     sign: re.compile(rf"[-+]?(\d+{re.escape(sign)}?\d*|{re.escape(sign)}\d+)(e[-+]?\d+|d[-+]\d+)?|[-+]?(nan|inf)", re.I)
     for sign in ".,"
 }
-# A number with points between thousands; one that may be that, or may have a point as its decimal sign.
-_THOUSANDS, _DOUBTFUL = re.compile(r"[-+]?\d{1,3}(\.\d{3})+,\d*"), re.compile(r"[-+]?\d*\.\d+")
+# By the decimal sign, a number with the other sign between thousands; one that may be that, or have a decimal point.
+_THOUSANDS = {
+    sign: re.compile(rf"[-+]?\d{{1,3}}((\{other}\d{{3}})+\{sign}\d*|(\{other}\d{{3}}){{2,}})")
+    for sign, other in (",.", ".,")
+}
+_DOUBTFUL = re.compile(r"[-+]?\d*\.\d+")
 _MARKS = "#%"
 _SHOWN = 40
 # Lines that are looked at to recognise the columns; the share of them in which a column of numbers holds numbers.
@@ -113,8 +117,12 @@ _CERTAIN = re.compile(r"[-+]?(0,\d+|\d+,(\d\d?|\d{4,}))([eE][-+]?\d+)?")
 _FORTRAN = re.compile(r"(?<=[\d.,])[dD](?=[-+]\d+$)")
 # The mark of a comment before a word; in a row of units, % may be one.
 _COMMENT = re.compile(r"^ *[#%]+ *(?=[\w\"(\[])")
-# Cells of a row of units where a column has none.
+# Cells of a row of units where a column has none; of any row where a value is missing, as pandas reads them; of a row
+# below the units that says how values were taken; the name of a last column without cells.
 _NO_UNIT = ("", "-", "--")
+_MISSING = ("", "null", "NULL", "NA", "N/A", "n/a", "#N/A", "None")
+_TAKEN = frozenset({"", "smp", "avg", "min", "max", "tot", "std", "med"})
+_COMMENTS = ("comment", "comments")
 # A word, with a unit in brackets behind it.
 _WORD = re.compile(r"\S+(?:\s*[\[(][^\])]*[\])])?")
 
@@ -126,7 +134,7 @@ class Dialect:
     Attributes:
         separator: of columns; a blank stands for any white space. decimal: sign.
         width: columns of a row; 0 where no line is one.
-        numeric: the columns that hold numbers; empty: those that hold nothing.
+        numeric: the columns that hold numbers; empty: those that hold nothing; dates: those that hold dates.
     """
 
     separator: str
@@ -134,6 +142,7 @@ class Dialect:
     width: int = 0
     numeric: tuple[int, ...] = ()
     empty: tuple[int, ...] = ()
+    dates: tuple[int, ...] = ()
 
     def cells(self, line: str) -> list[str]:
         """Return the cells of a line, quotes removed."""
@@ -147,13 +156,21 @@ class Dialect:
 
     def is_number(self, cell: str) -> bool:
         """Return whether a cell is a number."""
-        return bool(NUMBER[self.decimal].fullmatch(cell) or (self.decimal == "," and _THOUSANDS.fullmatch(cell)))
+        return bool(NUMBER[self.decimal].fullmatch(cell) or _THOUSANDS[self.decimal].fullmatch(cell))
 
     def is_row(self, line: str, share: float = 0.0) -> bool:
-        """Return whether a line is a row: numbers, of which more than a share are there, in the columns of numbers."""
+        """Return whether a line is a row: numbers, of which more than a share are there, in the columns of numbers.
+
+        Where a share is asked for, the dates have to be there too.
+        """
         cells = self.cells(line)
         filled = [cells[i] for i in self.numeric if cells[i]] if len(cells) == self.width else []
-        return len(filled) > share * len(self.numeric) and all(map(self.is_number, filled))
+        dated = not share or all(cells[i] for i in self.dates if filled)
+        return len(filled) > share * len(self.numeric) and dated and all(map(self._is_known, filled))
+
+    def _is_known(self, cell: str) -> bool:
+        """Return whether a cell is a number, or says that there is none."""
+        return cell in _MISSING or self.is_number(cell)
 
     def fitted(self, lines: Sequence[Sequence[str]]) -> Dialect:
         """Return the dialect with the columns that most of some lines, given as cells, have."""
@@ -161,10 +178,13 @@ class Dialect:
         widths = Counter(len(cells) for cells, known in zip(lines, some, strict=True) if any(known))
         width = max(widths.items(), key=lambda item: item[1], default=(0, 0))[0]
         rows = [(c, k) for c, k in zip(lines, some, strict=True) if len(c) == width and any(k)]
-        filled = [sum(bool(c[i]) for c, _ in rows) for i in range(width)]
+        filled = [sum(c[i] not in _MISSING for c, _ in rows) for i in range(width)]
         numbers = [sum(k[i] for _, k in rows) for i in range(width)]
         numeric = tuple(i for i in range(width) if numbers[i] and numbers[i] >= _MOSTLY * filled[i])
-        return replace(self, width=width, numeric=numeric, empty=tuple(i for i in range(width) if not filled[i]))
+        stamps = [sum(bool(DATE.fullmatch(c[i]) or OF_DAY.fullmatch(c[i])) for c, _ in rows) for i in range(width)]
+        dates = tuple(i for i in range(width) if stamps[i] and stamps[i] >= _MOSTLY * filled[i])
+        empty = tuple(i for i in range(width) if not filled[i])
+        return replace(self, width=width, numeric=numeric, empty=empty, dates=dates)
 
 
 # Of several that fit as well, the first is meant. Commas may be both where the cells are quoted.
@@ -191,7 +211,7 @@ def table_of_lines(name: str, text: Lines) -> Table:
         raise InputRefused(f"{name}: {cause}: write one row per sample")
     rows = (next((i for i in range(len(text)) if dialect.is_row(text[i], share)), None) for share in (_FILLED, 0.0))
     first = next(i for i in rows if i is not None)
-    names, header = _names(name, [text[i] for i in range(first + 1)], dialect)
+    names, header, clock = _names(name, [text[i] for i in range(first + 1)], dialect)
     blocks = _blocks(name, text, first, header if any(names) else (), dialect)
     tables = [_rows(text, block, dialect) for block in blocks]
     notes: list[str] = []
@@ -213,13 +233,20 @@ def table_of_lines(name: str, text: Lines) -> Table:
     tables[-1] = tables[-1][tables[-1] < end]
     if skipped := sum(int(rows[-1]) + 1 - int(rows[0]) - rows.size for rows in tables):
         notes.append(f"{skipped} lines between the rows, blank or behind the mark of a comment, were skipped")
-    table = _parsed(name, text, tables, names, dialect)
-    return with_stamps(replace(table, notes=tuple(notes)))
+    table = replace(_parsed(name, text, tables, names, dialect), notes=tuple(notes))
+    if clock:
+        times = clock[0] + clock[1] * np.arange(sum(map(len, tables)))
+        table = replace(table, names=(*table.names, "time_s"), columns=(*table.columns, times))
+    return with_stamps(table)
 
 
 def looks_like_numbers(source: Source) -> bool:
-    """Return whether a text file holds columns of numbers rather than prose."""
+    """Return whether a file is a text that holds columns of numbers rather than prose."""
     try:
+        with source.open() as file:
+            head = file.read(_HEAD)
+        if b"\0" in head and not head.startswith(_UTF16):
+            return False
         dialect = _recognised(read_lines(source))
         return dialect.width - len(dialect.empty) >= 2 and len(dialect.numeric) > 0.5 * dialect.width
     except InputRefused:
@@ -289,19 +316,30 @@ def _format(number: str, decimal: str) -> tuple[int, int]:
     return len(mantissa.partition(decimal)[2]), len(exponent.lstrip("+-"))
 
 
-def _names(name: str, lines: Sequence[str], dialect: Dialect) -> tuple[tuple[str, ...], Sequence[str]]:
-    """Return the names of the columns from the lines above the last one, the first row, and the lines of the names."""
+def _names(
+    name: str, lines: Sequence[str], dialect: Dialect
+) -> tuple[tuple[str, ...], Sequence[str], tuple[float, ...]]:
+    """Return the names of the columns from the lines above the last one, the first row, and the lines of the names.
+
+    Behind them stand start and interval [s] of the samples, where an oscilloscope states them with the names.
+    """
     width, first = dialect.width, len(lines) - 1
-    filled = [i for i in range(first) if lines[i].strip().strip(_MARKS)]
+    words = [{c.lower() for c in dialect.cells(line.strip(_MARKS))} for line in lines[:-1]]
+    filled = [i for i in range(first) if words[i] and ("" not in words[i] or not words[i] <= _TAKEN)]
     rows = [_words(lines[i], dialect) for i in filled[-2:]]
-    nothing = ("",) * width
+    clock: tuple[float, ...] = ()
+    if len(rows) == 2 and [c.lower() for c in rows[0][-2:]] == ["start", "increment"] and len(rows[0]) == len(rows[1]):
+        clock = tuple(float(cell) for cell in rows[1][-2:] if dialect.is_number(cell))
+        # The first column may count the samples.
+        rows = [[*("" if c == "Sequence" else c for c in row[:-2]), *[""] * width][:width] for row in rows]
     if not rows:
-        return nothing, ()
+        return ("",) * width, (), ()
     nearest = rows[-1]
     header = lines[filled[-1] : first]
+    place, cells = f"{name}: line {filled[-1] + 1}", dialect.cells(lines[filled[-1]])
     if len(nearest) != width:
         if not any(parse_name(word)[0] for word in nearest):
-            return nothing, header
+            return ("",) * width, header, ()
         row, cells = lines[first], dialect.cells(lines[first])
         if dialect.separator == "," and len(cells) > len(nearest) and all(_WHOLE.fullmatch(cell) for cell in cells):
             cause = f"line {first + 1}: {row[:60]!r} has a comma as decimal sign, which here also separates the columns"
@@ -309,20 +347,22 @@ def _names(name: str, lines: Sequence[str], dialect: Dialect) -> tuple[tuple[str
         cause = f"line {first + 1} has {len(cells)} cells, the header {len(nearest)}"
         raise InputRefused(f"{name}: {cause}: give every row the header's columns")
     above = [nearest[i] for i in dialect.numeric]
-    if bad := [cell for cell in above if dialect.is_number(cell)]:
-        wrong = next((cell for cell in above if cell and not dialect.is_number(cell)), bad[0])
+    if any(map(dialect.is_number, above)):
+        wrong = next((cell for cell in above if cell and not dialect.is_number(cell)), None)
+        if wrong is None and len(cells) != width:
+            raise InputRefused(f"{place} has {len(cells)} cells, the rows below it {width}: give every row as many")
+        cause = f"{wrong[:40]!r} is not a number" if wrong else "a row of numbers that is unlike the rows below it"
         remedy = "correct or delete that row; if it is a header, give every column a name in words"
-        raise InputRefused(f"{name}: line {filled[-1] + 1}: {wrong[:40]!r} is not a number: {remedy}")
+        raise InputRefused(f"{place}: {cause}: {remedy}")
     asked = [cell for i, cell in enumerate(nearest) if i not in dialect.empty and cell not in _NO_UNIT]
     # With or without brackets; where names stand above, most of them, for some may be unknown.
     units = [(c[0] in "([" and c[-1] in ")]") or find_unit(c) is not None for c in asked]
     titles = [w for i, w in enumerate(rows[0]) if i not in dialect.empty]
     if len(rows) == 2 and len(rows[0]) == width and (all(units) or (all(titles) and 2 * sum(units) > len(units))):
-        place = f"{name}: line {filled[-1] + 1}"
         said = ("" if i in dialect.empty else unit for i, unit in enumerate(nearest))
-        named = tuple(_with_unit(n, unit, place) for n, unit in zip(rows[0], said, strict=True))
-        return named, lines[filled[-2] : first]
-    return tuple(nearest), header
+        nearest = [_with_unit(n, unit, place) for n, unit in zip(rows[0], said, strict=True)]
+        header = lines[filled[-2] : first]
+    return tuple(nearest), header, clock if len(clock) == 2 else ()
 
 
 def _words(line: str, dialect: Dialect) -> list[str]:
@@ -335,6 +375,8 @@ def _words(line: str, dialect: Dialect) -> list[str]:
     if dialect.separator == " " and len(cells) != dialect.width:
         return _WORD.findall(line)
     while len(cells) > dialect.width and not cells[-1]:
+        cells = cells[:-1]
+    if len(cells) == dialect.width + 1 and cells[-1].lower() in _COMMENTS:
         cells = cells[:-1]
     while len(cells) < dialect.width and len(cells) in dialect.empty:
         cells = [*cells, ""]
@@ -449,8 +491,8 @@ def _column(column: pd.Series, dialect: Dialect) -> np.ndarray:
 def _pointed(cell: str, decimal: str) -> str:
     """Return a number with a decimal comma as one with a point; one with a point already is marked as no number."""
     cell = _FORTRAN.sub("e", cell.strip())
+    if _THOUSANDS[decimal].fullmatch(cell):
+        return cell.replace(",", "") if decimal == "." else cell.replace(".", "").replace(",", ".")
     if decimal == ".":
         return cell
-    if _THOUSANDS.fullmatch(cell):
-        return cell.replace(".", "").replace(",", ".")
     return f"{cell}?" if _DOUBTFUL.fullmatch(cell) else cell.replace(",", ".")

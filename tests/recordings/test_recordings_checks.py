@@ -450,26 +450,35 @@ def test_channels_of_two_clocks_are_aligned_or_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("fault", "words", "key"), [
     ("mark", ("row 124", "-999", "missing: [-999]"), "missing: -999"),
-    ("glitch", ("row 124", "glitches"), "missing: glitches"),
+    ("glitch", ("row 124", "more single", "glitches"), "missing: glitches"),
+    ("pair", ("row 124", "77 between", "glitches"), "missing: glitches"), ("zero", ("row 124", "[0]"), "missing: 0"),
+    ("OL", ("row 124", "'OL' is not a number", "missing: ['OL']"), "missing: [OL]"),
+    ("7 N", ("row 124", "a number with its unit", "unit: N"), ""), ("45%", ("a number with its unit",), ""),
+    ("1 234", ("row 124", "not a number"), ""),
     ("wrap", ("row", "unwrap: 360"), "unwrap: 360"),
     ("hole", ("row 124", "missing: empty"), "missing: empty"),
 ])  # fmt: skip
 def test_marks_glitches_and_wraps_are_named_and_masked_by_a_key(
     tmp_path: Path, fault: str, words: tuple[str, ...], key: str
 ) -> None:
-    y = NOISY.copy()
+    y = NOISY + 200.0 * (fault == "zero")
+    truth = y.copy()
     if fault == "wrap":
         y = np.mod(np.cumsum(40.0 + PLACE), 360.0)
     else:
-        y[123] = {"mark": -999.0, "glitch": 77.0, "hole": np.nan}[fault]
-    text = rows(N * STEP, FORCE, y).replace("nan", "")
+        y[123 : 124 + (fault in ("pair", "zero"))] = {"mark": -999.0, "glitch": 77.0, "pair": 77.0, "zero": 0.0}.get(
+            fault, np.nan
+        )
+    text = rows(N * STEP, FORCE, y).replace("nan", "" if key in words else fault)
     rig(tmp_path, text)
     refused(tmp_path, "a.csv", *words)
+    if not key:
+        return
     rig(tmp_path, text, f"{{input: {{column: force_N, unit: N}}, output: {{column: place_mm, unit: mm, {key}}}}}")
     (r,) = read(tmp_path).recordings
-    truth = np.cumsum(40.0 + PLACE) if fault == "wrap" else NOISY
+    truth = np.cumsum(40.0 + PLACE) if fault == "wrap" else truth
     seen = np.ones(N.size, dtype=bool) if r.seen is None else r.seen
-    assert seen.sum() == N.size - (fault != "wrap")
+    assert seen.sum() == N.size - {"wrap": 0, "pair": 2, "zero": 2}.get(fault, 1)
     np.testing.assert_allclose((r.y - r.y[0])[seen], 1e-3 * (truth - truth[0])[seen], atol=2e-8)
 
 

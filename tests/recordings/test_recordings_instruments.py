@@ -6,17 +6,21 @@ import json
 import struct
 import time
 import tracemalloc
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from recordings_example import output, refused, sine
 
 from phnn.errors import InputRefused
 from phnn.intake import named_file
 from phnn.recordings import read
+from phnn.recordings.array_files import read_mat
 from phnn.recordings.text_files import read_text
+from phnn.template import look
 
 T, U = sine(10.0, 75.0, samples=120)
 Y = output(U)
@@ -62,6 +66,13 @@ def test_tables_below_headers_of_their_own_are_recordings(
     ("a\tb\tNote\n0\t1\ton it\n1\t2\t\n2\t3\t", "a|b|Note", (0, 1)), ("a\tb\n\tW\n0\t1\n1\t2", "a|b [W]", (0, 1)),
     ("a;b\n%;K\n0;1\n1;2", "a [%]|b [K]", (0, 1)), ("a;b;c\n-;mm;RPM\n0;1;2\n1;2;3", "a|b [mm]|c [RPM]", (0, 1, 2)),
     ("a;b\n0.5D+01;1\n\n1;2\n# open\n2;-", "b, row 3 .line 6", ()), ("a;b\n.5D+01;1\n\n1;2\n# 2\n2;3", "a|b", (5, 1)),
+    ("X,CH1,CH2,Start,Increment,\nSequence,Volt,V,-3e-3,2e-3\n0,5,6,\n1,7,8,", "X|CH1 [Volt]|CH2 [V]||time_s", (0, 5)),
+    ("CH1,Start,Increment\nVolt,-3e-3,2e-3\n5,\n6,", "CH1 [Volt]||time_s", (5, np.nan, -3e-3)),
+    ("X_Value\ta\tb\tComment\n0\t1\t2\n1\t3\t4", "X_Value|a|b", (0, 1, 2)), ("a;b\n0;1,234.5\n1;2", "a|b", (0, 1234.5)),
+    ("T,N,P\nTS,RN,W\n,,Avg\n2031-02-03 04:05,5,7\n2031-02-03 04:06,6,8", "T [TS]|N [RN]|P [W]", (0, 5, 7)),
+    ("when;a;b\n2031-02-03 04:05;null;N/A\n2031-02-03 04:06;1;2", "when|a|b", (0, np.nan, np.nan)),
+    (",,mean,4\nDate,Time,Site,a\n3/2/2031,4:05,x,1\n3/2/2031,4:06,x,2\n3/2/2031,4:07,x,3", "Date|Time|Site|a", (0, 0)),
+    (".5,1,0,\n1,2,3\n2,3,4", "line 1 has 4 cells, the rows below it 3", ()),
     ("a;b;c\nV;mm;Frobs\n0;1;2\n1;2;3", "a [V]|b [mm]|c [Frobs]", (0, 1, 2)),
 ])  # fmt: skip
 def test_headers_columns_and_numbers_are_read_as_they_stand(tmp_path: Path, text: str, names: str, row: Any) -> None:
@@ -270,12 +281,46 @@ def test_an_object_of_matlab_is_refused_with_the_lines_that_save_its_numbers(tmp
     refused(tmp_path, "a.mat: z is an object of class iddata", "output_m = z.OutputData; save('z.mat', 'time_s'")
 
 
-def logged(folder: Path, stamps: list[str], manifest: str, **columns: np.ndarray) -> Path:
+def test_an_object_within_a_structure_of_matlab_is_left_alone_with_a_note(tmp_path: Path) -> None:
+    import h5py
+
+    with h5py.File(tmp_path / "a.mat", "w") as file:
+        group = file.create_group("run")
+        group.attrs["MATLAB_class"] = np.bytes_("struct")
+        for name, kind in (("when", "datetime"), ("force", "double")):
+            group.create_dataset(name, data=np.ones((1, 6))).attrs["MATLAB_class"] = np.bytes_(kind)
+        group["when"].attrs["MATLAB_object_decode"] = 3
+    found = read_mat(named_file(tmp_path / "a.mat"))
+    assert found.names == ("run.force",) and found.notes[0].startswith("run.when (datetime): left alone")
+
+
+@pytest.mark.parametrize("ending", ["mpt", "xlsx"])
+def test_tables_of_any_ending_and_the_sheet_that_is_asked_for_are_read(tmp_path: Path, ending: str) -> None:
+    columns = {"clock": np.arange(60) / 100.0, "drive": DRIVE[:60], "moved": SWING[:60]}
+    said = "drive, unit: N}, output: {column: moved, unit: mm}, time: {column: clock, unit: s}}"
+    (tmp_path / "recordings.yaml").write_text(
+        f"setup: {{model: linear}}\ncolumns: {{input: {{column: {said}\nrecordings: [a.{ending}]"
+    )
+    frame = pd.DataFrame(columns)
+    if ending == "xlsx":
+        pytest.importorskip("openpyxl")
+        with pd.ExcelWriter(tmp_path / "a.xlsx") as book:
+            pd.DataFrame({"a": np.arange(90), "b": 1.0}).to_excel(book, sheet_name="Plan", index=False)
+            frame.to_excel(book, sheet_name="Log", index=False)
+        assert any("of its sheets Log is read, not Plan" in note for note in read(tmp_path).notes)
+    else:
+        frame.to_csv(tmp_path / "a.mpt", sep="\t", index=False)
+        assert [f.file for f in look(tmp_path).found] == ["a.mpt"]
+    (r,) = read(tmp_path).recordings
+    np.testing.assert_allclose(r.u, DRIVE[:60])
+
+
+def logged(folder: Path, stamps: list[str], manifest: str, head: str = "", **columns: np.ndarray) -> Path:
     """A csv of stamps and columns of numbers, with its manifest."""
     rows = zip(stamps, *columns.values(), strict=True)
     lines = [",".join([s, *(f"{v:.12g}" for v in values)]) for s, *values in rows]
     (folder / "recordings.yaml").write_text(f"setup: {{model: mass_spring_damper}}\n{manifest}")
-    return written(folder, [",".join(["time_s" if "." in stamps[1] else "when", *columns]), *lines])
+    return written(folder, [",".join([head or ("time_s" if "." in stamps[1] else "when"), *columns]), *lines])
 
 
 SWING = 12.0 * np.sin(0.11 * np.arange(400))
@@ -295,12 +340,52 @@ def test_stamps_that_can_be_read_in_two_ways_go_on_steadily(tmp_path: Path, stam
     np.testing.assert_allclose(np.diff(r.t), step)
 
 
+@pytest.mark.parametrize(("head", "stamp", "column"), [
+    ("Date,Time", "{d:%-m/%-d/%Y},{d:%X}", ""), ("Date,Time (HH:mm:ss),Time (frac)", "{d:%d.%m.%Y},{d:%X},0", ""),
+    ("when", "{d:%d/%m/%Y} {d:%X}", ""), ("Step Time,Total Time", "00:00:{s:02d},0d 00:{m}:{s}", "Total Time"),
+])  # fmt: skip
+def test_dates_times_of_day_and_durations_are_clocks(tmp_path: Path, head: str, stamp: str, column: str) -> None:
+    dates = [datetime(2031, 5, 6, 23, 57) + timedelta(seconds=s) for s in range(400)]
+    stamps = [stamp.format(d=d, m=s // 60, s=s % 60) for s, d in enumerate(dates)]
+    stamps = [s.replace("07/05/2031 00:00:00", "06/05/2031 24:00:00") for s in stamps]
+    manifest = f"columns: {{time: {{column: {column}}}}}" if column else ""
+    (r,) = read(logged(tmp_path, stamps, manifest, head, force_N=DRIVE, displacement_mm=SWING)).recordings
+    np.testing.assert_allclose(np.diff(r.t), 1.0)
+    for cell, words in (("", "row 20 (line 21): "), ("9:99:99", "row 20 (line 21): '"))[: 0 if column else 2]:
+        stamps[19] = stamp.format(d=dates[19], m=0, s=0).replace(f"{dates[19]:%X}", cell)
+        with pytest.raises(InputRefused) as error:
+            read(logged(tmp_path, stamps, manifest, head, force_N=DRIVE, displacement_mm=SWING))
+        assert words in str(error.value) and "missing: " not in str(error.value)
+
+
 def test_a_stated_rate_counts_where_a_clock_is_coarser_than_the_rows(tmp_path: Path) -> None:
     stamps = [f"{0.015 * np.floor(k / 800 / 0.015):.3f}" for k in range(400)]
     with pytest.raises(InputRefused, match=r"two rows with one time .*sample_rate_hz"):
         read(logged(tmp_path, stamps, "", force_N=DRIVE, displacement_mm=SWING))
     (r,) = read(logged(tmp_path, stamps, "sample_rate_hz: 800", force_N=DRIVE, displacement_mm=SWING)).recordings
     np.testing.assert_allclose(r.t, np.arange(400) / 800)
+
+
+def test_segments_a_slice_and_a_spare_channel_do_as_messages_say(tmp_path: Path) -> None:
+    k, y = np.arange(400), SWING.copy()
+    stamps = [f"{t:.3f}" for t in 0.01 * k + 0.05 * (k >= 120) + 2.0 * (k >= 200) + 3.0 * (k >= 220)]
+    y[395], warm = np.nan, np.full(400, np.nan)
+    for said, words in (("", "slice"), ("slice: [0, 390]", "segments: true"), ("slice: [0, 390], segments: true", "")):
+        logged(
+            tmp_path,
+            stamps,
+            f"recordings: [{{file: a.csv, {said}}}]",
+            "",
+            force_N=DRIVE,
+            displacement_mm=y,
+            temperature_K=warm,
+        )
+        if words:
+            refused(tmp_path, words)
+    campaign = read(tmp_path)
+    assert [(r.name, r.t.size) for r in campaign.recordings] == [("a_1", 200), ("a_2", 170)]
+    for words in ("1 segments of fewer than 50 samples were left out: row 201", "the temperature was left out"):
+        assert any(words in note for note in campaign.notes)
 
 
 @pytest.mark.parametrize("turn", [360.0, 2.0 * np.pi, 4096.0])

@@ -97,7 +97,7 @@ def test_refused(tmp_path: Path, text: str, words: tuple[str, ...]) -> None:
     [
         ("{file: loops.dat, slice: [0, 99999]}", ("slice", "99999", "3200 samples")),
         ("{file: loops.dat, columns: {displacement: {column: 9}}}", ("column 9", "2 columns", "0 to 1")),
-        ("{file: loops.dat, columns: {displacement: {column: sensor}}}", ("'sensor'", "no header")),
+        ("{file: loops.dat, columns: {displacement: {column: sensor}}}", ("'sensor'", "no names")),
         ("{file: loops.dat, variables: {voltage: V1}}", ("'V1'",)),
         ("{file: loops.dat, periodic: true, slice: [0, 500]}", ("periodic: true", "does not repeat")),
         ("{file: notes.md}", ("notes.md", "unknown format", ".csv")),

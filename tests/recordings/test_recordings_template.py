@@ -73,6 +73,20 @@ def test_columns_are_found_by_name_unit_or_place(
         np.testing.assert_allclose(r.y, 1e-6 * rows(frequency)[:, 2])
 
 
+@pytest.mark.parametrize(("header", "scale", "line"), [
+    ("x-axis,1,2\nsecond,Volt,Volt", 1.0, 'time: {column: "x-axis [second]", unit: s}'), ("", 2e3, "the true rate"),
+    ("t_s,Left (C),Right Last (C)", 1.0, 'output: {column: "Right Last (C)", unit: degC}   # Right Last (C); guessed'),
+    ("time_s,Voltage_0,Voltage_1,Temperature_0", 1.0, "not used: Temperature_0"),
+])  # fmt: skip
+def test_units_and_counters_say_which_column_is_what(
+    header: str, scale: float, line: str, folder: Path, tmp_path: Path
+) -> None:
+    table = rows(5.0)[:, [0, 1, 2, 0][: max(header.split("\n")[0].count(",") + 1, 3)]]
+    table[:, 0] = np.rint(2e3 * table[:, 0]) * (scale / 2e3)
+    save(folder / "a.csv", table, header)
+    assert line in written(folder, tmp_path)[0]
+
+
 def test_without_a_time_a_rate_is_written_to_be_corrected(folder: Path, tmp_path: Path) -> None:
     save(folder / "a.dat", rows(5.0)[:, 1:])
     text, campaign = written(folder, tmp_path)
