@@ -13,53 +13,23 @@ finds it.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.integrate.program import (
-    FACTORS,
-    FIRST_LINK,
-    FIRST_SOURCE,
-    FROM_PORT,
-    GYRATORS,
-    INTO_JUNCTION,
-    JUNCTION_INLETS,
-    LAST_LINK,
-    LAST_SOURCE,
-    LAW,
-    LEAF_INLETS,
-    LEAVES,
-    MODULATOR_STATES,
-    OWN_STORAGE,
-    PLACE_1,
-    PLACE_2,
-    RATIO,
-    RATIO_PLACE,
-    READ,
-    READ_MODULATOR,
-    RULE,
-    SIGN,
-    SOURCE_PORT,
-    STORAGES,
-    TO_JUNCTION,
-    Program,
-    actions,
-    rows_of,
-)
-from phnn.integrate.scheme import LOSSLESS
-from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, STORAGE_LAWS
+from phnn.integrate.program import GYRATORS, LEAF_INLETS, Program, rows_of
+from phnn.integrate.scheme import LOSSLESS, merged_couplings
+from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, STORAGE_LAWS
 from phnn.laws.namespace import TINY
-from phnn.laws.wide import WIDE_STORAGES, evaluated
-from phnn.network.elements import Network
+from phnn.laws.wide import WIDE_STORAGES, evaluated, form_of
+from phnn.network.elements import Network, Ratio, Storage
 
 Array = NDArray[np.float64]
 
 _ITERATIONS = 60
-# Storage laws with a nonzero effort at zero state.
-_WEIGHTS = [code for code, law in enumerate(STORAGE_LAWS.values()) if not law.bounded]
 
 
 def equilibrium(program: Program, network: Network, u: Array) -> Array:
@@ -68,30 +38,25 @@ def equilibrium(program: Program, network: Network, u: Array) -> Array:
     Raises:
         SolverFailed: a state grows without bound, so that there is no rest state; names the state.
     """
-    theta = program.theta(network)
-    xi = _displacements(program, theta, u)
-    return _steady().steady_state(network, u) if xi is None else np.real(_states(program, theta, u, xi))
+    balance = _Balance(program, network, u)
+    xi = balance.displacements()
+    return _steady().steady_state(network, u) if xi is None else np.real(balance.states(xi))
 
 
 def equilibrium_derivative(program: Program, network: Network, u: Array, places: NDArray[np.int64]) -> Array:
     """Return (N, K) derivatives of the rest state by the parameters at some entries of theta, by the implicit function
     theorem."""
     out = np.zeros((len(program.states), places.size))
-    theta = program.theta(network)
-    pulled = _pulled(program, theta, u)
-    if not pulled and not len(rows_of(program.table, MODULATOR_STATES)):
+    balance, names = _Balance(program, network, u), [program.names[place] for place in places]
+    if not balance.pulled and not network.memories:
         return out
-    xi, shift = _displacements(program, theta, u), np.zeros(len(program.junctions))
+    xi = balance.displacements()
     if xi is None:
-        return _steady().steady_derivative(network, u, [program.names[place] for place in places])
-    slopes = _slopes(program, theta, u, xi) if pulled else np.eye(xi.size)
-    for k, place in enumerate(places):
-        moved = theta.astype(complex)
-        moved[place] += 1j * TINY
-        # If no force acts for any parameter values, no spring is needed.
-        if pulled:
-            shift = -np.linalg.solve(slopes, np.imag(_forces(program, moved, u, xi)) / TINY)
-        out[:, k] = np.imag(_states(program, moved, u, xi + 1j * TINY * shift)) / TINY
+        return _steady().steady_derivative(network, u, names)
+    # If no force acts for any parameter values, no spring is needed.
+    slopes = balance.slopes(xi) if balance.pulled else np.eye(xi.size)
+    for k, name in enumerate(names):
+        out[:, k] = _Balance(program, network, u, {name: balance.values[name] + 1j * TINY}).moved(xi, slopes)
     return out
 
 
@@ -101,14 +66,12 @@ def equilibrium_slope(program: Program, network: Network, u: Array, port: int) -
     Raises:
         SolverFailed: there is no rest state close by; names the states that grow without bound.
     """
-    theta = program.theta(network).astype(complex)
-    along = np.arange(u.size) == port
-    xi = _displacements(program, theta.real, u) if served(program) else None
-    slopes = np.zeros((0, 0)) if xi is None else _slopes(program, theta.real, u, xi)
-    if xi is not None and np.linalg.matrix_rank(slopes) == xi.size:
-        shift = -np.linalg.solve(slopes, np.imag(_forces(program, theta, u + 1j * TINY * along, xi)) / TINY)
-        return np.asarray(np.imag(_states(program, theta, u + 1j * TINY * along, xi + 1j * TINY * shift)) / TINY)
-    return _steady().steady_slope(network, u, port)
+    balance = _Balance(program, network, u)
+    xi = balance.displacements() if served(program) else None
+    slopes = np.zeros((0, 0)) if xi is None else balance.slopes(xi)
+    if xi is None or np.linalg.matrix_rank(slopes) < xi.size:
+        return _steady().steady_slope(network, u, port)
+    return _Balance(program, network, u + 1j * TINY * (np.arange(u.size) == port)).moved(xi, slopes)
 
 
 def _steady() -> ModuleType:
@@ -118,32 +81,6 @@ def _steady() -> ModuleType:
     return steady
 
 
-def _pulled(program: Program, theta: Array, u: Array) -> bool:
-    """Whether inputs, or storages with an effort at zero state such as weights, exert forces on an empty network."""
-    rows = rows_of(program.table, STORAGES)
-    weights = np.isin(rows[:, LAW], _WEIGHTS).any()
-    return bool(np.any(u) or weights)
-
-
-def _displacements(program: Program, theta: Array, u: Array) -> Array | None:
-    """Return (m,) ``ξ`` by Newton's method; None where they do not determine the rest state."""
-    if not _pulled(program, theta, u):
-        return np.zeros(len(program.junctions))
-    if not served(program):
-        return None
-    xi = np.zeros(len(program.junctions))
-    start = np.abs(_forces(program, theta, u, xi)).max()
-    for _ in range(_ITERATIONS):
-        force = np.real(_forces(program, theta, u, xi))
-        if not np.isfinite(force).all() or np.abs(force).max() <= 1e-14 * start:
-            break
-        slopes = _slopes(program, theta, u, xi)
-        if np.linalg.matrix_rank(slopes) < xi.size:
-            return None
-        xi = xi - np.linalg.solve(slopes, force)
-    return xi
-
-
 def served(program: Program) -> bool:
     """Return whether displacements of the junctions determine the rest state: there are some, and no input acts beside
     them."""
@@ -151,76 +88,99 @@ def served(program: Program) -> bool:
     return bool(program.junctions) and not beside
 
 
-def _slopes(program: Program, theta: Array, u: Array, xi: Array) -> Array:
-    """Return (m, m) derivative of the forces by the displacements."""
-    columns = [np.imag(_forces(program, theta, u, xi + 1j * TINY * e)) / TINY for e in np.eye(xi.size)]
-    return np.column_stack(columns)
+class _Balance:
+    """The forces on the junctions of a network at rest, in real or in complex numbers.
 
+    Args:
+        u: (P,) constant inputs.
+        changed: values of some parameters that replace those of the network.
+    """
 
-def _lossless(program: Program) -> NDArray[np.int64]:
-    leaves = rows_of(program.table, LEAVES)
-    return leaves[leaves[:, RULE] == LOSSLESS]
+    def __init__(
+        self, program: Program, network: Network, u: Any, changed: Mapping[str, complex] | None = None
+    ) -> None:
+        self.program, self.network, self.u = program, network, u
+        self.values: dict[str, Any] = {n: p.value for n, p in network.parameters.items()} | dict(changed or {})
+        self.lossless = {s.name: s for s in network.storages if program.rules.get(s.name) == LOSSLESS}
+        self.actions = {p.name: PORT_LAWS[p.law].action(v, *self.of(p)) for p, v in zip(network.ports, u, strict=True)}
+        # Inputs, or storages with an effort at zero state such as weights, exert forces on an empty network.
+        weights = (isinstance(s.law, str) and not STORAGE_LAWS[s.law].bounded for s in network.storages)
+        self.pulled = bool(np.any(u)) or any(weights)
+        junctions = program.junctions
+        self.links: list[tuple[str, int, Ratio, int]] = []
+        for (to, of, ratio), times in merged_couplings(network).items():
+            for leaf, other, sign in ((to, of, times), (of, to, -times)):
+                if leaf in self.lossless:
+                    self.links.append((leaf, junctions.index(other), ratio, sign))
 
+    def of(self, element: Any) -> list[Any]:
+        """Return the values of an element's parameters."""
+        return [self.values[n] for n in element.parameters]
 
-def _states(program: Program, theta: Any, u: Array, xi: Any) -> Any:
-    """Return (N,) states at junction displacements."""
-    x = np.zeros(len(program.states), dtype=np.result_type(theta, xi))
-    for leaf in _lossless(program):
-        for row in program.table[leaf[FIRST_LINK] : leaf[LAST_LINK]]:
-            x[leaf[OWN_STORAGE]] += row[SIGN] * theta[row[RATIO]] * xi[row[TO_JUNCTION]]
-    for k, row in enumerate(rows_of(program.table, MODULATOR_STATES)):
-        law = list(MEMORY_LAWS.values())[row[LAW]]
-        values = [theta[p] for p in row[PLACE_1 : PLACE_1 + len(law.example)]]
-        drive = _resting_drive(program, row, theta, u, x)
-        x[len(rows_of(program.table, STORAGES)) + k] = law.rate(0.0, drive, *values) / law.decay(*values)
-    return x
+    def ratio(self, ratio: Ratio) -> Any:
+        """Return the value of a ratio that no state modulates."""
+        return self.values[ratio] if isinstance(ratio, str) else ratio
 
+    def effort(self, storage: Storage, x: Any) -> Any:
+        """Return the effort of a storage at a state."""
+        if isinstance(storage.law, str):
+            return STORAGE_LAWS[storage.law].mean_effort(x, x, *self.of(storage))
+        weights = storage.law.weights().detach().numpy()
+        return evaluated(WIDE_STORAGES[form_of(storage.law)], weights, np.asarray(x), np.asarray(x))
 
-def _resting_drive(program: Program, memory: NDArray[np.int64], theta: Any, u: Array, x: Any) -> Any:
-    """Return the drive of a modulator state at rest: efforts of lossless storages and actions of ports."""
-    total = 0.0 * theta[0]
-    lossless = _lossless(program)[:, OWN_STORAGE]
-    for _, _, storage, _, port in program.table[memory[FIRST_SOURCE] : memory[LAST_SOURCE], : SOURCE_PORT + 1]:
-        if storage in lossless:
-            total = total + _effort(program, storage, theta, x[storage])
-        if port >= 0:
-            total = total + actions(program, theta, u)[port]
-    return total
+    def states(self, xi: Any) -> Any:
+        """Return (N,) states at displacements (m,) of the junctions."""
+        x = dict.fromkeys(self.network.state_names, 0.0 * xi.sum())
+        for leaf, j, ratio, sign in self.links:
+            x[leaf] = x[leaf] + sign * self.ratio(ratio) * xi[j]
+        drives = {n: self.effort(s, x[n]) for n, s in self.lossless.items()} | self.actions
+        for memory in self.network.memories:
+            law, values = MEMORY_LAWS[memory.law], self.of(memory)
+            drive = sum(drives.get(name, 0.0) for name in dict.fromkeys(self.network.drives_of(memory)))
+            x[memory.name] = law.rate(0.0, drive, *values) / law.decay(*values)
+        return np.array(list(x.values()))
 
+    def forces(self, xi: Any) -> Any:
+        """Return (m,) force on every junction."""
+        x = dict(zip(self.network.state_names, self.states(xi), strict=True))
+        factor: dict[Ratio, Any] = {}
+        for m in self.network.modulations:
+            # A junction is zero at rest.
+            factor[m.ratio] = factor.get(m.ratio, 1.0) * FACTOR_LAWS[m.law].factor(x[m.by], *self.of(m))
+        force = [0.0 * xi.sum()] * xi.size
+        for leaf, j, ratio, sign in self.links:
+            effort = self.effort(self.lossless[leaf], x[leaf])
+            force[j] = force[j] + sign * self.ratio(ratio) * factor.get(ratio, 1.0) * effort
+        for port in self.network.ports:
+            for name, ratio in port.on.items():
+                if name in self.program.junctions:
+                    j = self.program.junctions.index(name)
+                    force[j] = force[j] - self.ratio(ratio) * factor.get(ratio, 1.0) * self.actions[port.name]
+        return np.array(force)
 
-def _forces(program: Program, theta: Any, u: Array, xi: Any) -> Any:
-    """Return (m,) force on every junction at rest."""
-    x = _states(program, theta, u, xi)
-    ratio: dict[int, Any] = {}
-    for row in rows_of(program.table, FACTORS):
-        place = int(row[RATIO_PLACE])
-        ratio[place] = ratio.get(place, theta[place]) * _factor(program, row, theta, x)
-    force = np.zeros(len(program.junctions), dtype=x.dtype)
-    for leaf in _lossless(program):
-        effort = _effort(program, leaf[OWN_STORAGE], theta, x[leaf[OWN_STORAGE]])
-        for row in program.table[leaf[FIRST_LINK] : leaf[LAST_LINK]]:
-            force[row[TO_JUNCTION]] += row[SIGN] * ratio.get(int(row[RATIO]), theta[row[RATIO]]) * effort
-    pushed = actions(program, theta, u)
-    for row in rows_of(program.table, JUNCTION_INLETS):
-        force[row[INTO_JUNCTION]] -= ratio.get(int(row[RATIO]), theta[row[RATIO]]) * pushed[row[FROM_PORT]]
-    return force
+    def slopes(self, xi: Array) -> Array:
+        """Return (m, m) derivative of the forces by the displacements."""
+        return np.column_stack([np.imag(self.forces(xi + 1j * TINY * e)) / TINY for e in np.eye(xi.size)])
 
+    def displacements(self) -> Array | None:
+        """Return (m,) ``ξ`` by Newton's method; None where they do not determine the rest state."""
+        xi = np.zeros(len(self.program.junctions))
+        if not self.pulled:
+            return xi
+        if not served(self.program):
+            return None
+        start = np.abs(self.forces(xi)).max()
+        for _ in range(_ITERATIONS):
+            force = np.real(self.forces(xi))
+            if not np.isfinite(force).all() or np.abs(force).max() <= 1e-14 * start:
+                break
+            slopes = self.slopes(xi)
+            if np.linalg.matrix_rank(slopes) < xi.size:
+                return None
+            xi = xi - np.linalg.solve(slopes, force)
+        return xi
 
-def _factor(program: Program, row: NDArray[np.int64], theta: Any, x: Any) -> Any:
-    """Return ``f(x)`` of a modulation. It reads a reducible storage, a modulator state, or a junction, which is zero at
-    rest."""
-    law = list(FACTOR_LAWS.values())[row[LAW]]
-    leaf, _, memory = program.table[row[READ], : READ_MODULATOR + 1]
-    q = x[memory] if memory >= 0 else x[rows_of(program.table, LEAVES)[leaf, OWN_STORAGE]] if leaf >= 0 else 0.0
-    return law.factor(q, *(theta[p] for p in row[PLACE_1 : PLACE_1 + len(law.example)]))
-
-
-def _effort(program: Program, storage: int, theta: Any, x: Any) -> Any:
-    row = rows_of(program.table, STORAGES)[storage]
-    known = list(STORAGE_LAWS.values())
-    if row[LAW] < len(known):
-        law = known[row[LAW]]
-        return law.mean_effort(x, x, *(theta[p] for p in row[PLACE_1 : PLACE_1 + len(law.example)]))
-    wide = list(WIDE_STORAGES.values())[row[LAW] - len(known)]
-    weights = theta[row[PLACE_1] : row[PLACE_1] + wide.head + wide.per_unit * row[PLACE_2]]
-    return evaluated(wide, weights, np.asarray(x), np.asarray(x))
+    def moved(self, xi: Array, slopes: Array) -> Array:
+        """Return (N,) derivative of the states along the perturbation of the values or inputs."""
+        shift = -np.linalg.solve(slopes, np.imag(self.forces(xi)) / TINY)
+        return np.asarray(np.imag(self.states(xi + 1j * TINY * shift)) / TINY)
