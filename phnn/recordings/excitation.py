@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from phnn.recordings.recording import Recording
 
 # Share of an input's swing around its middle in which no crossing is told from noise.
-_MIDDLE = 0.02
+_MIDDLE = 0.15
 _UNLIKE = 0.3  # mismatch that a signal must reach before a return counts as a period
 _ALIKE = 1e-3  # mismatch of a noisy repetition
 _EXACT = 1e-4  # mismatch accepted where only two periods bear witness
