@@ -375,8 +375,8 @@ def claim(
     apart(out, inputs)
     is_new, place = not root.exists(), Place(root, overwrite=overwrite, by=command)
     mark, was_marked = place / INCOMPLETE, (root / INCOMPLETE).exists()
+    _check_room(root)
     with _locked(root):
-        _check_room(root)
         before = _Manifest.read(root)
         if origin.resume:
             _check_origin(out, before, command, origin)
@@ -469,7 +469,7 @@ def _locked(root: Path) -> Iterator[None]:
 
 def _check_room(root: Path) -> None:
     """Refuse a disk that is full before the work begins."""
-    free = shutil.disk_usage(root).free
+    free = shutil.disk_usage(next(path for path in (root, *root.parents) if path.exists())).free
     if free < _LEAST_FREE:
         cause = f"only {free / 2**20:.1f} MiB of disk are free, at least {_LEAST_FREE >> 20} are needed"
         raise OutputRefused(f"{root}: {cause}: make room, or choose another folder for --out")

@@ -94,6 +94,9 @@ def test_every_settings_file_composes(command: str) -> None:
         ("starts", "key=value"),
         ("starts=[1", "key=value"),
         ("starts=1,2", "starts=1,2"),
+        *((setting, "setting starts") for setting in ("starts=1001", "starts=1e9", "starts=" + "9" * 400)),
+        ("workers=0", "setting workers"),
+        ("seed=-1", "setting seed"),
     ],
 )
 def test_bad_settings_are_refused(capsys: pytest.CaptureFixture[str], override: str, needle: str) -> None:

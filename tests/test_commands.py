@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import time
 from pathlib import Path
 
 import campaigns
@@ -96,3 +98,37 @@ def test_every_command_refuses_in_the_same_words(
     assert "Traceback" not in printed.err and "internal error" not in printed.err
     assert [w for w in words if w not in printed.err] == [], printed.err
     assert not out.exists()
+
+
+def test_a_folder_of_results_loses_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    data, model, result = tmp_path / "data", tmp_path / "model", tmp_path / "out" / "a.csv"
+    data.mkdir()
+    (data / "a.csv").write_text(GOOD)
+    (tmp_path / "link").symlink_to(data)
+    save(Setup(hrc(1)), model)
+
+    def predicted(out: Path, *more: str) -> str:
+        status = main(["predict", str(model), str(data), "--out", str(out), *more])
+        return capsys.readouterr().err if status else ""
+
+    # A folder that is read stays as it is.
+    for out in (data, tmp_path / "link" / "new"):
+        assert "--out" in predicted(out, "--overwrite")
+        assert [p.name for p in data.iterdir()] == ["a.csv"] and (data / "a.csv").read_text() == GOOD
+    # A changed result is replaced on request only.
+    assert not predicted(result.parent)
+    first = result.read_bytes()
+    result.write_text("annotated")
+    os.utime(result, (time.time() + 10.0,) * 2)
+    assert "--overwrite" in predicted(result.parent) and result.read_text() == "annotated"
+    assert not predicted(result.parent, "--overwrite") and result.read_bytes() == first
+    # Predictions of other recordings stay.
+    (data / "a.csv").rename(data / "c.csv")
+    assert not predicted(result.parent)
+    assert {p.name for p in result.parent.glob("[!.]*")} == {"a.csv", "c.csv", "predict.json"}
+
+
+def test_a_proposal_of_somebody_else_stops_a_diagnosis_before_the_fit(folder: str, tmp_path: Path) -> None:
+    (tmp_path / "next_experiment.csv").write_text("mine")
+    assert main(["diagnose", folder, "--out", str(tmp_path)]) == 2
+    assert (tmp_path / "next_experiment.csv").read_text() == "mine"

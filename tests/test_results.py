@@ -26,6 +26,7 @@ from phnn.results import (
     claim,
     file_name,
     finished,
+    printable,
     unique_names,
     watched,
 )
@@ -199,6 +200,15 @@ def test_any_label_is_one_name_inside_the_folder(label: str) -> None:
     name = file_name(label)
     assert name == Path(name).name and name not in (".", "..") and not name.startswith(".")
     assert len(name.encode()) <= 180 and name.isprintable() and file_name(name) == name
+
+
+@given(st.text(max_size=12) | st.binary(max_size=12).map(os.fsdecode))
+def test_a_printed_name_is_one_line_of_utf8(name: str) -> None:
+    shown = printable(name)
+    assert printable(shown) == shown == shown.encode("utf-8").decode()
+    assert len(shown.splitlines()) <= 1
+    assert not any(ord(c) < 32 or 127 <= ord(c) < 160 for c in shown)
+    assert name.isprintable() <= (shown == name)
 
 
 @given(st.lists(st.sampled_from(["a", "A", "../a", "/a", "a\0", "a_2", "con", "CON", "", " ", "x" * 300]), unique=True))

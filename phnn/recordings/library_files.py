@@ -38,8 +38,6 @@ _CLASS, _EMPTY, _OBJECT = "MATLAB_class", "MATLAB_empty", "MATLAB_object_decode"
 def readable(source: Source, kind: str, remedy: str, package: str = "", typed: bool = False) -> Iterator[None]:
     """Refuse a damaged file, on which libraries raise errors of any kind, and one whose package is not there.
 
-    A refusal stays as it is.
-
     Args:
         kind: what the file is not; remedy: what to do then; package: that reads it.
         typed: say the type of the error too, where its text alone says little.
@@ -355,6 +353,9 @@ def read_sheet(source: Source, named: Collection[str] = ()) -> Table:
             with pd.ExcelFile(file, engine="openpyxl") as book:
                 titles = [sheet.title for sheet in book.book.worksheets]
                 sheets = pd.read_excel(book, sheet_name=titles, header=None, dtype=object)
+            # A text stands once in the file, however many cells show it.
+            lengths = (sheet.map(lambda cell: len(str(cell))).to_numpy().sum() for sheet in sheets.values())
+            source.check_memory(int(sum(lengths)), unpacked=True)
 
         def worth(title: str) -> tuple[int, int]:
             cells = {str(cell).strip() for cell in sheets[title].iloc[:_HEAD].to_numpy().ravel()}
@@ -362,7 +363,7 @@ def read_sheet(source: Source, named: Collection[str] = ()) -> Table:
 
         chosen = max(titles, key=worth)
         text = str(sheets[chosen].to_csv(sep="\t", header=False, index=False))
-    table = table_of_lines(source.name, Lines(text))
+    table = table_of_lines(source.name, Lines(text, source.name))
     if others := [title for title in titles if title != chosen and sheets[title].size]:
         note = f"of its sheets {printable(chosen)} is read, not {listed(map(printable, others))}"
         table = replace(table, notes=(*table.notes, note))
@@ -372,10 +373,14 @@ def read_sheet(source: Source, named: Collection[str] = ()) -> Table:
 def read_parquet(source: Source) -> Table:
     """Return the columns of a parquet file, with its index where that is a time."""
     with readable(source, "not a readable .parquet file", "export it again, or as .csv", "pyarrow"):
-        import pandas as pd
-
-        parquet = import_module("pyarrow.parquet")
+        parquet, compute = import_module("pyarrow.parquet"), import_module("pyarrow.compute")
         with source.open() as file:
-            said = parquet.ParquetFile(file).metadata
-            source.check_memory(8 * said.num_rows * said.num_columns, unpacked=True)
-            return given_frame(pd.read_parquet(file), where=Where(source.name))[1]
+            said = parquet.ParquetFile(file)
+            source.check_memory(8 * said.metadata.num_rows * said.metadata.num_columns, unpacked=True)
+            # Lists are no samples; a text stands once here too.
+            names = [field.name for field in said.schema_arrow if not field.type.num_fields]
+            table = parquet.read_table(file, columns=names, read_dictionary=names, page_checksum_verification=True)
+            texts = [part for column in table.columns for part in column.chunks if "string" in str(part.type)]
+            sizes = (compute.binary_length(text.dictionary).take(text.indices) for text in texts)
+            source.check_memory(sum(compute.sum(size).as_py() or 0 for size in sizes), unpacked=True)
+        return given_frame(table.to_pandas(), where=Where(source.name))[1]

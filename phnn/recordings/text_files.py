@@ -38,19 +38,23 @@ _END = re.compile("\r\n|[\r\x0b\x0c\x85\u2028\u2029]")
 
 
 class Lines:
-    """The lines of a text.
+    """The lines of a text; those of a file of this name are refused where one is longer than that of any table.
 
     Attributes:
         raw: the text in UTF-8, without white space at its end; starts: (n+1,) where its lines begin.
         ended: whether the last line ends as the others do.
     """
 
-    def __init__(self, content: str) -> None:
+    def __init__(self, content: str, name: str) -> None:
         content = _END.sub("\n", content) if _END.search(content) else content
         self.ended = content.endswith("\n")
         self.raw = content.rstrip().encode("utf-8", "surrogatepass") + b"\n"
         ends = np.flatnonzero(np.frombuffer(self.raw, dtype=np.uint8) == ord("\n")) + 1
         self.starts = np.concatenate([[0], ends])
+        sizes = np.diff(self.starts) - 1
+        if sizes.max() > LIMITS.line_characters:
+            i = int(np.argmax(sizes > LIMITS.line_characters))
+            raise InputRefused(f"{name}: line {i + 1} has {sizes[i]} characters: write one row per sample")
 
     def __len__(self) -> int:
         return self.starts.size - 1
@@ -84,12 +88,7 @@ def read_content(source: Source, most: int, what: str) -> str:
 def read_lines(source: Source) -> Lines:
     """Return the lines of a file."""
     source.check_memory(_TIMES * source.size)
-    lines = Lines(read_content(source, LIMITS.text_bytes, "a text file"))
-    sizes = np.diff(lines.starts) - 1
-    if sizes.max() > LIMITS.line_characters:
-        i = int(np.argmax(sizes > LIMITS.line_characters))
-        raise InputRefused(f"{source.name}: line {i + 1} has {sizes[i]} characters: write one row per sample")
-    return lines
+    return Lines(read_content(source, LIMITS.text_bytes, "a text file"), source.name)
 
 
 NUMBER = {

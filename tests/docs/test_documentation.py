@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import asdict
 from pathlib import Path
 
 import blocks
@@ -14,6 +15,7 @@ from effect_text import index, page, title
 from links import broken, main
 
 from phnn.effects import catalogue, effect
+from phnn.intake import LIMITS, available_memory
 
 PAGE = """\
 # A page
@@ -142,3 +144,10 @@ def test_the_index_lists_every_effect_once() -> None:
     effects = list(catalogue().values())
     text = index(effects)
     assert all(text.count(f"| [{title(e)}]({e.name}.md) | {e.fingerprint} |") == 1 for e in effects)
+
+
+def test_limits_are_documented_and_a_file_may_take_less_than_the_memory_that_is_available() -> None:
+    text = (blocks.DOCS / "limits.md").read_text(encoding="utf-8")
+    for name, value in asdict(LIMITS).items():
+        assert f"| `{name}` | {value:,} |" in text
+    assert 0.0 < LIMITS.memory_share < 1.0 and available_memory() > 0

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
+import pickle
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import learn_example as example
+import numpy as np
 import pytest
 import torch
+from damaged_files import zipped
 
 from phnn.errors import InputRefused, SolverFailed
 from phnn.learn import trainer
@@ -164,6 +169,44 @@ def test_checkpoints_carry_the_random_generator(tmp_path: Path) -> None:
     found = trainer.load(tmp_path / trainer.FILE)
     assert found is not None and torch.equal(torch.rand(3), drawn)
     assert {p.name for p in tmp_path.iterdir()} == {".phnn", trainer.FILE, trainer.LOG}
+
+
+class Runs:
+    """What runs code when it is unpickled."""
+
+    def __reduce__(self) -> Any:
+        return (eval, ("__import__('pathlib').Path('ran').write_text('')",))
+
+
+def saved(content: Any = None, **more: Any) -> bytes:
+    """Return a checkpoint of this, or one that is whole but for what is given."""
+    whole = {"schema": "phnn.checkpoint/1", "settings": {}, "progress": {}, "present": [], "method": None}
+    torch.save(whole | {"random": torch.get_rng_state()} | more if content is None else content, file := io.BytesIO())
+    return file.getvalue()
+
+
+VERSION, PICKLE = ("archive/version", b"3"), pickle.dumps(Runs())
+# What is no checkpoint, by the words of the refusal.
+NONE: dict[str, list[bytes]] = {
+    "cannot be read": [
+        b"", bytes(4096), PICKLE, zipped(), saved(x=np.zeros(3)), saved()[:-800],
+        zipped(("archive/data.pkl", PICKLE), VERSION), zipped(("archive/data.pkl", b"\x80\x02}"), VERSION)],
+    "is no phnn.checkpoint/1": [saved([1, 2]), saved(schema="x")],
+    "holds no 'random'": [saved({"schema": "phnn.checkpoint/1"})],
+    "its state of the random generator": [saved(random=wrong) for wrong in (3, torch.zeros(0), torch.zeros(5056))],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("words", NONE)
+def test_a_checkpoint_that_is_none_is_refused_and_never_run(
+    words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for content in NONE[words]:
+        (tmp_path / trainer.FILE).write_bytes(content)
+        with pytest.raises(InputRefused, match=f"{words}.*delete it to begin anew"):
+            trainer.load(tmp_path / trainer.FILE)
+    assert [path.name for path in tmp_path.iterdir()] == [trainer.FILE]
 
 
 def test_logs_are_written_for_tensorboard_as_well(tmp_path: Path) -> None:

@@ -142,6 +142,20 @@ def test_a_disk_that_fills_up_under_a_command_loses_nothing(
     assert full, verb
 
 
+@pytest.mark.parametrize("options", ["size=1m", "size=4m", "size=64m ro", "rights"])
+def test_a_place_that_does_not_take_the_results_is_met_before_the_work(
+    options: str, runner: Runner, tmp_path: Path, disk: Callable[[str], Path]
+) -> None:
+    if options == "rights":
+        tmp_path.chmod(0o500)
+        if os.access(tmp_path, os.W_OK):
+            pytest.skip("rights do not bind this user")
+    folder = tmp_path if options == "rights" else [disk(option) for option in options.split()][-1]
+    words = "MiB of disk are free" if options in ("size=1m", "size=4m") else "choose another folder"
+    assert runner.run(given(RUNS["predict"][0], folder / "new")) == 2
+    assert words in runner.told.read_text() and not (folder / "new").exists()
+
+
 def command(verb: str, out: Path, changed: dict[str, str | None], runner: Runner, stdout: str = "") -> tuple[int, str]:
     """Exit status and messages of a command in a process of its own, with these variables changed or removed."""
     # Compiled code is kept where it is now, whatever HOME is: what a missing one changes is tested beside the cache.

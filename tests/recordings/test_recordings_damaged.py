@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import importlib.util
-import io
-import json
 import resource
 import subprocess
 import sys
 import tracemalloc
-from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pandas as pd
 import pytest
-import scipy.io
-from recordings_example import output, sine, write
+from damaged_files import COLUMNS, FILES, Damaged, Seen, T, agrees, seen
+from recordings_example import write
 
 from phnn.check import check
 from phnn.errors import InputRefused
@@ -27,102 +22,10 @@ from phnn.recordings import read, text_files
 from phnn.recordings.reader import READERS
 from phnn.recordings.text_files import read_text
 
-T, U = sine(10.0, 75.0, samples=120)
-# As numbers of a file: s, V and um.
-COLUMNS = {"time_s": T, "voltage_V": U, "displacement_um": output(U) * 1e6}
-NAMES = list(COLUMNS)
-# A short number among long ones.
-COLUMNS["displacement_um"][7] = 16.5
-# Bytes that a value takes at least, whatever the format.
-SHORTEST = 4
-# What one damaged place may change beside the rows that it covers: those it begins and ends in.
-BESIDE = 2
+TEXT = [name for name in FILES if name.endswith((".csv", ".txt"))]
 DISPLACEMENT = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "micron": 1e-6, "\u00b5m": 1e-6}
 NO_DISPLACEMENT = ("V", "kg", "xm", "Um", "umm", "s", "mN", "in", "u", "?", "µ", "10um")
 LARGEST_DISPLACEMENT = 1e-2
-
-
-def table(separator: str, decimal: str, head: str, form: str = "%.17g", end: str = "\n") -> bytes:
-    """Return rows of text under a head."""
-    samples = np.column_stack([*COLUMNS.values()]).tolist()
-    rows = (separator.join(form % v for v in row).replace(".", decimal) for row in samples)
-    return end.join([head, *rows, ""]).encode()
-
-
-def binary(save: Callable[[io.BytesIO], object]) -> bytes:
-    """What a library writes."""
-    file = io.BytesIO()
-    save(file)
-    return file.getvalue()
-
-
-def _hdf5(file: io.BytesIO) -> None:
-    with h5py.File(file, "w") as f:
-        for name, values in COLUMNS.items():
-            f[name] = values
-
-
-def _tdms(file: io.BytesIO) -> None:
-    from nptdms import ChannelObject, TdmsWriter
-
-    with TdmsWriter(file) as writer:
-        writer.write_segment([ChannelObject("g", name, values) for name, values in COLUMNS.items()])
-
-
-STRUCTURED = np.array([tuple(row) for row in np.column_stack([*COLUMNS.values()])], dtype=[(n, "f8") for n in NAMES])
-INSTRUMENT = "Oscilloscope 7\nDate: 1 May\n\n" + "\t".join(n.split("_")[0] for n in NAMES) + "\ns\tV\tum"
-FILES: dict[str, bytes] = {
-    ".csv": table(",", ".", ",".join(NAMES), "%r"), "fixed.csv": table(",", ".", ",".join(NAMES), "%.9e"),
-    "comma.csv": table(";", ",", ";".join(NAMES)), ".tsv": table("\t", ".", "\t".join(NAMES)),
-    ".dat": table(" ", ".", "# " + " ".join(NAMES)), ".asc": table(";", ".", ";".join(NAMES), end="\r\n"),
-    ".lvm": table("\t", ",", "\t".join(NAMES)), ".txt": table("\t", ".", INSTRUMENT),
-    ".npy": binary(lambda f: np.save(f, STRUCTURED)), ".npz": binary(lambda f: np.savez(f, **COLUMNS)),
-    ".mat": binary(lambda f: scipy.io.savemat(f, COLUMNS)),
-    "small.mat": binary(lambda f: scipy.io.savemat(f, COLUMNS, do_compression=True)), ".h5": binary(_hdf5),
-    ".hdf5": binary(_hdf5), ".json": json.dumps({name: values.tolist() for name, values in COLUMNS.items()}).encode(),
-    "records.json": json.dumps([dict(zip(NAMES, row, strict=True)) for row in STRUCTURED.tolist()]).encode(),
-}  # fmt: skip
-if importlib.util.find_spec("nptdms") is not None:
-    FILES[".tdms"] = binary(_tdms)
-TEXT = [name for name in FILES if name.endswith((".csv", ".txt"))]
-
-
-@dataclass(frozen=True)
-class Damaged:
-    """A file that something happened to.
-
-    Attributes:
-        raw: its bytes; what: that, for messages; rows: how many rows may read otherwise at most.
-        shorter: rows may be absent at its end.
-    """
-
-    raw: bytes
-    what: str
-    rows: int = 0
-    shorter: bool = False
-
-
-def damaged(raw: bytes, rng: np.random.Generator) -> Damaged:
-    """Return a file that ends early, or one with a place that was overwritten, inserted, removed or repeated."""
-    first, size = int(rng.integers(len(raw))), 8 * int(rng.integers(1, 9))
-    before, piece, behind, noise = raw[:first], raw[first : first + size], raw[first + size :], rng.bytes(size)
-    changed = {
-        "cut": before, "noise over": before + noise[: len(piece)] + behind, "removed": before + behind,
-        "zeros over": before + bytes(len(piece)) + behind, "noise before": before + noise + piece + behind,
-        "twice": before + piece + piece + behind, "a byte over": before + noise[:1] + raw[first + 1 :],
-    }  # fmt: skip
-    kind = str(rng.choice(list(changed)))
-    return Damaged(changed[kind], f"{size} bytes at {first}: {kind}", size // SHORTEST + BESIDE, kind == "cut")
-
-
-@dataclass(frozen=True)
-class Seen:
-    """Input, output and notes of a recording."""
-
-    t: np.ndarray
-    u: np.ndarray
-    y: np.ndarray
-    notes: str
 
 
 def outcome(folder: Path, name: str, raw: bytes) -> Seen | str:
@@ -131,50 +34,12 @@ def outcome(folder: Path, name: str, raw: bytes) -> Seen | str:
         old.unlink()
     (folder / f"a{name}").write_bytes(raw)
     try:
-        campaign = read(folder)
+        return seen(read(folder))
     except InputRefused as error:
         message = str(error)
         assert len(message) > 20
         assert "Traceback" not in message
         return message
-    (r,) = campaign.recordings
-    return Seen(r.t, r.u, r.y, " ".join(campaign.notes))
-
-
-def agrees(found: Seen, damaged: Damaged) -> bool:
-    """Whether all rows but those that were touched read as they were written.
-
-    Where a file was cut, its last number may be a part of one if that is said. A repeated place may make a row more,
-    between two others in time: uneven instants are read as they stand, and said.
-    """
-    size, uneven = found.u.size, "jitters" in found.notes
-    if not (size == T.size + uneven or 0 <= T.size - size <= (T.size if damaged.shorter else damaged.rows)):
-        return False
-
-    def wrong(before: int) -> int:
-        """Count rows that read otherwise, where so many are absent at the beginning; others may be absent within."""
-        rows = np.minimum(np.rint(found.t / T[1]).astype(int) + before, T.size - 1)
-        rows = rows if "row" in found.notes or uneven else np.arange(size)
-        away = np.abs(found.y - 1e-6 * COLUMNS["displacement_um"][rows]) > 1e-14
-        others = (np.abs(found.u - U[rows]) > 1e-9 * 75.0) | away
-        return int((others[:-1] if damaged.shorter and "has no end" in found.notes else others).sum())
-
-    return min(map(wrong, range(damaged.rows + 1))) <= damaged.rows
-
-
-@pytest.mark.parametrize("seeds", [range(300), pytest.param(range(300, 3300), marks=pytest.mark.slow)])
-def test_a_damaged_file_is_refused_or_read_as_it_stands(tmp_path: Path, seeds: range) -> None:
-    wrong, right, names = [], 0, list(FILES)
-    for seed in seeds:
-        name = names[seed % len(names)]
-        touched = damaged(FILES[name], np.random.default_rng(seed))
-        found = outcome(tmp_path, name, touched.raw)
-        right += isinstance(found, Seen)
-        if isinstance(found, Seen) and not agrees(found, touched):
-            wrong.append(f"seed {seed}: {name}, {touched.what}")
-    assert not wrong, wrong
-    # Some were read, so that the comparison has compared something.
-    assert right > len(seeds) // 100
 
 
 @pytest.mark.parametrize(
@@ -190,7 +55,8 @@ def test_every_format_makes_the_campaign_that_its_csv_twin_makes(tmp_path: Path)
     unseen = set(READERS) - {".tdms", ".xlsx", ".parquet"} - {Path(f"a{name}").suffix for name in FILES}
     assert not unseen, f"add a file of each to FILES: {unseen}"
     twins = {}
-    for name in (n for n in FILES if n != "fixed.csv"):
+    # Two formats round.
+    for name in (n for n in FILES if n not in ("fixed.csv", ".xlsx")):
         found = outcome(tmp_path, name, FILES[name])
         assert isinstance(found, Seen) and agrees(found, Damaged(b"", "nothing")), (name, found)
         twins[name] = read(tmp_path)
