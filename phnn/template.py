@@ -109,7 +109,7 @@ class _Seen(NamedTuple):
     def counts(self) -> bool:
         """Return whether it numbers the rows: by its name, or in steps of one that say nothing of a time."""
         steps = self.unit is None and bool(np.all(np.diff(self.values) == 1.0))
-        return bool(self.words & _COUNTERS) or (steps and not self.words & _WORDS[TIME])
+        return bool(self.words & _COUNTERS) or (steps and not self.words & (_WORDS[TIME] | _WORDS[INPUT]))
 
     @property
     def size(self) -> tuple[float, float, str]:

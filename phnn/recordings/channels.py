@@ -14,7 +14,6 @@ from phnn.recordings.manifest import DRIVING, EMPTY, GLITCHES, Column
 from phnn.recordings.table import Table, Where
 from phnn.recordings.units import QUANTITIES, check_unit, find_unit, parse_name, split_unit, stated_by_name, suits
 from phnn.signals.reconstruct import find_jumps
-from phnn.signals.sampling import longest_run
 
 # What loggers write for a value that is missing, or beyond a counter.
 MARKS = (-99.0, -999.0, -9999.0, -99999.0, 999.0, 9999.0, 99999.0, 65535.0, 32767.0, -32768.0, 2147483647.0,
@@ -36,7 +35,7 @@ _CIRCLES, _MOVES = (360.0, 2.0 * np.pi, *_COUNTERS), 0.01
 _AGREE, _BENDS = 2.0, 0.1
 # Differences of samples that are looked at on either side.
 _AROUND = 6
-# Share of the samples of an output that may be dropouts to 0.
+# Share of the samples of an output, within it, that may be dropouts to 0.
 _DROPS = 0.05
 # Quantities that no model needs.
 _SPARE = ("current", "charge", "temperature")
@@ -110,10 +109,7 @@ def _channel(table: Table, quantity: str, said: Column, name: str, spoken_for: M
     Args:
         spoken_for: columns that the manifest names, whatever it takes them for.
     """
-    if quantity == "time" and said.place is None and table.stamps and not _in_seconds(table):
-        index: int | None = table.names.index(table.stamps[0])
-    else:
-        index = table.find(said.place) if said.place is not None else _by_name(table, quantity, spoken_for)
+    index = table.find(said.place) if said.place is not None else _by_name(table, quantity, spoken_for)
     if index is None:
         return None
     label = table.label(index)
@@ -146,7 +142,8 @@ def _without_marks(
     good = values[~marked]
     if good.size < checks.FEWEST_SAMPLES or not np.isfinite(good).all():
         return values, np.zeros(values.size, dtype=bool)
-    marks = (*MARKS, 0.0) if output and _drops_out(good) else MARKS
+    zero = good == 0.0
+    marks = (*MARKS, 0.0) if output and zero.mean() < _DROPS and not zero[0] and not zero[-1] else MARKS
     for mark in (*marks, *((good.min(), good.max()) if output else ())):
         others, apart = good[good != mark], _APART if mark in marks else _ALONE
         few = good.size - others.size < (1 if mark in marks else _REPEATED)
@@ -204,13 +201,6 @@ def _wraps(x: np.ndarray) -> float | None:
     return None
 
 
-def _drops_out(x: np.ndarray) -> bool:
-    """Return whether a column is exactly 0 now and then, for a few samples, and neither at first nor at last."""
-    zero = x == 0.0
-    longest = longest_run(zero)
-    return not zero[0] and not zero[-1] and zero.mean() < _DROPS and longest.stop - longest.start <= _MASKED
-
-
 def _glitches(x: np.ndarray) -> np.ndarray:
     """Return samples that lie far off those before and behind them, to one side, alone or in pairs."""
     spread = float(np.ptp(np.quantile(x, [0.005, 0.995])))
@@ -231,15 +221,12 @@ def _glitches(x: np.ndarray) -> np.ndarray:
     return np.array(sorted(rows), dtype=np.int64)
 
 
-def _in_seconds(table: Table) -> bool:
-    """Return whether a column is called the time and holds numbers in a unit of time."""
-    units = {i: unit for i, (quantity, unit) in enumerate(map(parse_name, table.names)) if quantity == "time"}
-    return any(suits("time", unit) and table.names[i] not in table.stamps for i, unit in units.items())
-
-
 def _by_name(table: Table, quantity: str, spoken_for: Mapping[int, Column]) -> int | None:
-    """Return the index of the one column whose name says ``quantity``."""
+    """Return the index of the one column whose name says ``quantity``, or that tells the time by its dates."""
     units = {i: unit for i, (named, unit) in enumerate(map(parse_name, table.names)) if named == quantity}
+    clocks = [i for i, unit in units.items() if suits("time", unit) and table.names[i] not in table.stamps]
+    if quantity == "time" and table.stamps and not clocks:
+        return table.names.index(table.stamps[0])
     # What the manifest takes for something else is not asked again for a unit, or for marks.
     asked = [i for i in units if i in spoken_for and (spoken_for[i].missing or spoken_for[i].unwrap)]
     # A name such as voltage_monitor belongs to another column where voltage_V stands beside it.

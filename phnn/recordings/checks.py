@@ -101,10 +101,7 @@ def enough_samples(size: int, where: Where) -> None:
 
 
 def finite(values: np.ndarray, label: str, where: Where, mask: str) -> None:
-    """Refuse missing (NaN) and infinite values, and numbers that no instrument writes but as a marker.
-
-    ``mask`` says how they are masked, where they may be.
-    """
+    """Refuse missing and infinite values, and numbers that no instrument writes; ``mask`` says how they are masked."""
     bad = ~(np.abs(values) < LARGEST_VALUE)
     if bad.any():
         row = int(np.argmax(bad))

@@ -81,8 +81,6 @@ class Files:
                     name, home = (printable(p)[: LIMITS.name_characters] for p in (path.name, str(path.parent)))
                     cause = f"recordings[{i}]: file {name!r} is not in {home}"
                     raise InputRefused(f"{where}: {cause}: correct its name or remove the entry")
-                if path.suffix.lower() not in READERS and not self._numbers(path):
-                    raise _unknown(printable(path.name), path.suffix.lower())
             listed = {os.path.realpath(path) for _, path in paths}
             others = [p for p in present if os.path.realpath(p) not in listed]
             return list(said.entries), [_shown(p) + " (not listed)" * self._numbers(p) for p in others]
@@ -160,13 +158,11 @@ def read_table(source: Source, named: Collection[str] = ()) -> Table:
     if source.suffix == ".xlsx":
         return read_sheet(source, named)
     if source.suffix not in READERS and not looks_like_numbers(source):
-        raise _unknown(source.name, source.suffix)
+        cause = f"unknown format {source.suffix!r}, and no table of numbers in text"
+        raise InputRefused(
+            f"{source.name}: {cause}: accepted are {', '.join(READERS)}, and such tables with any ending"
+        )
     return READERS.get(source.suffix, read_text)(source)
-
-
-def _unknown(name: str, suffix: str) -> InputRefused:
-    cause = f"unknown format {suffix!r}, and no table of numbers in text"
-    return InputRefused(f"{name}: {cause}: accepted are {', '.join(READERS)}, and such tables with any ending")
 
 
 # A moving mass of an actuator beyond this is doubted where no unit was stated [kg].

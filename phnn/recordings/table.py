@@ -234,7 +234,8 @@ def _dates(column: np.ndarray, beside: Any, name: str) -> tuple[np.ndarray, str]
         whole = cells.where(cells.str.count(":") > 1, cells + ":00").str.replace(r" ?d\w*", "D", regex=True)
         found = pd.Timestamp(0, tz="UTC") + pd.to_timedelta(whole, errors="coerce")
     else:
-        found = late + _in_either_order(cells, "." in str(cells.iloc[0]).split(":")[0].split(" ")[0])
+        head = str(cells.dropna().iloc[0])
+        found = late + _in_either_order(cells, head, "." in head.split(":")[0].split(" ")[0])
     if found.isna().all():
         return None
     first = found.dropna().iloc[0]
@@ -245,7 +246,8 @@ def _dates(column: np.ndarray, beside: Any, name: str) -> tuple[np.ndarray, str]
         seconds[known] = np.unwrap(seconds[known], period=_DAY)
     unread = np.asarray(cells.notna()) & ~known
     # A time of day has no date of its own.
-    return np.where(unread, column, seconds) if unread.any() else seconds, str(cells.iloc[0] if of_day else first)
+    seconds = np.where(unread, column.astype(object), seconds) if unread.any() else seconds
+    return seconds, str(cells.dropna().iloc[0] if of_day else first)
 
 
 def _written(cells: Any) -> Any:
@@ -259,9 +261,9 @@ def _all_alike(cells: Any, pattern: re.Pattern[str]) -> bool:
     return head.size > 0 and all(map(pattern.fullmatch, head))
 
 
-def _in_either_order(cells: Any, day_first: bool) -> Any:
-    """Return dates, with the day before the month or behind it as their order says: where they go on with the smaller
-    steps; as ``day_first`` says where both do alike."""
+def _in_either_order(cells: Any, head: str, day_first: bool) -> Any:
+    """Return dates, ``head`` first, with the day before the month or behind it: where they go on with the
+    smaller steps; as ``day_first`` says where both do alike."""
     import pandas as pd
 
     def parsed(first: bool) -> Any:
@@ -271,7 +273,7 @@ def _in_either_order(cells: Any, day_first: bool) -> Any:
         return int(found.isna().sum()), found.dropna().diff().abs().max()
 
     found = parsed(day_first)
-    if found.dt.normalize().nunique() < 2 or not re.match(r"\d{1,2}[-./]", str(cells.iloc[0])):
+    if found.dt.normalize().nunique() < 2 or not re.match(r"\d{1,2}[-./]", head):
         return found
     return min(found, parsed(not day_first), key=disorder)
 

@@ -158,18 +158,12 @@ class Dialect:
         return bool(NUMBER[self.decimal].fullmatch(cell) or _THOUSANDS[self.decimal].fullmatch(cell))
 
     def is_row(self, line: str, share: float = 0.0) -> bool:
-        """Return whether a line is a row: numbers, of which more than a share are there, in the columns of numbers.
-
-        Where a share is asked for, the dates have to be there too.
-        """
+        """Return whether a line is a row: more than a share of its numbers, and with any share all dates, are there."""
         cells = self.cells(line)
         filled = [cells[i] for i in self.numeric if cells[i]] if len(cells) == self.width else []
         dated = not share or all(cells[i] for i in self.dates if filled)
-        return len(filled) > share * len(self.numeric) and dated and all(map(self._is_known, filled))
-
-    def _is_known(self, cell: str) -> bool:
-        """Return whether a cell is a number, or says that there is none."""
-        return cell in _MISSING or self.is_number(cell)
+        known = all(cell in _MISSING or self.is_number(cell) for cell in filled)
+        return len(filled) > share * len(self.numeric) and dated and known
 
     def fitted(self, lines: Sequence[Sequence[str]]) -> Dialect:
         """Return the dialect with the columns that most of some lines, given as cells, have."""
@@ -327,8 +321,9 @@ def _names(
     filled = [i for i in range(first) if words[i] and ("" not in words[i] or not words[i] <= _TAKEN)]
     rows = [_words(lines[i], dialect) for i in filled[-2:]]
     clock: tuple[float, ...] = ()
-    if len(rows) == 2 and [c.lower() for c in rows[0][-2:]] == ["start", "increment"] and len(rows[0]) == len(rows[1]):
-        clock = tuple(float(cell) for cell in rows[1][-2:] if dialect.is_number(cell))
+    stated = len(rows) == 2 and [c.lower() for c in rows[0][-2:]] == ["start", "increment"]
+    if stated and len(rows[0]) == len(rows[1]) and all(map(dialect.is_number, rows[1][-2:])):
+        clock = float(rows[1][-2]), float(rows[1][-1])
         # The first column may count the samples.
         rows = [[*("" if c == "Sequence" else c for c in row[:-2]), *[""] * width][:width] for row in rows]
     if not rows:
@@ -361,7 +356,7 @@ def _names(
         said = ("" if i in dialect.empty else unit for i, unit in enumerate(nearest))
         nearest = [_with_unit(n, unit, place) for n, unit in zip(rows[0], said, strict=True)]
         header = lines[filled[-2] : first]
-    return tuple(nearest), header, clock if len(clock) == 2 else ()
+    return tuple(nearest), header, clock
 
 
 def _words(line: str, dialect: Dialect) -> list[str]:

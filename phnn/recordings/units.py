@@ -133,8 +133,7 @@ def _registry() -> pint.UnitRegistry[Any]:
 def parse_name(header: str) -> tuple[str, str | None]:
     """Return quantity and unit of a column name such as ``displacement_um`` or ``voltage [V]``.
 
-    The quantity is empty where the name is no known one, or a numbered one, such as ``voltage_1``; the unit is ``None``
-    where the name has none.
+    The quantity is empty where the name is no known one, or is numbered; the unit is ``None`` where the name has none.
     """
     match = _NAME.match(header)
     if match is None or match[1].lower() not in QUANTITIES or (match[2] or "").isdecimal():
