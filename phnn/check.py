@@ -329,8 +329,8 @@ _SURE, _MUCH = 5.0, 2.0
 _TELLING, _LATE = 4, 0.2
 # Inputs that differ by less than this share of their range are equal.
 _LEVEL = 0.01
-# A ripple: samples of a rest, size over the noise, changes of its sign, the smallest over the largest of its quarters.
-_AT_REST, _RIPPLE, _TURNS, _EVEN = 100, 5.0, 10, 0.5
+# Restless: samples of a rest, size over the noise, changes of its sign, the smallest over the largest of its quarters.
+_AT_REST, _RESTLESS, _TURNS, _EVEN = 100, 5.0, 10, 0.5
 
 
 def quantisation(recording: Recording) -> list[Finding]:
@@ -402,7 +402,7 @@ def drift(recording: Recording) -> list[Finding]:
     return [Finding("drift", severity, text, values)]
 
 
-def ripple(recording: Recording) -> list[Finding]:
+def restless(recording: Recording) -> list[Finding]:
     """Return how the output goes on moving while the input stands still, where that is far more than the noise."""
     first, last = longest_hold(recording.drive)
     rest = recording.y[(first + last) // 2 : last]
@@ -413,12 +413,12 @@ def ripple(recording: Recording) -> list[Finding]:
     parts = [float(np.std(part)) for part in np.array_split(rest, 4)]
     size, turns = float(np.std(rest)), np.count_nonzero(np.diff(np.signbit(rest)))
     # What dies away is a response to the input.
-    if size < _RIPPLE * recording.noise or turns < _TURNS or min(parts) < _EVEN * max(parts):
+    if size < _RESTLESS * recording.noise or turns < _TURNS or min(parts) < _EVEN * max(parts):
         return []
     values = {"rms": size, "over_noise": size / recording.noise}
     moves = f"while the input stands still, the output moves by {quantity(size, recording.units.output)} rms"
-    text = f"{moves}, {values['over_noise']:.2g} times the noise: a ripple, or an input that is not recorded"
-    return [Finding("ripple", WARNING, f"{text}; no model of the input comes nearer than that", values)]
+    text = f"{moves}, {values['over_noise']:.2g} times the noise: an oscillation, or an input that is not recorded"
+    return [Finding("restless", WARNING, f"{text}; no model of the input comes nearer than that", values)]
 
 
 def comes_back(u: np.ndarray) -> bool:
@@ -612,7 +612,7 @@ _NUMBER = re.compile(r"[-−]?\d+(?:\.\d+)?(?:e[-+]?\d+)?(?: [nµmkM]?(?:m|V|s|N
 _WRONG = ("units", "lead")
 # Names in a line before only their number is said; check.json has all.
 _LISTED = 3
-_CHECKS = (buried, quantisation, limits, drift, ripple, mains, lead, distortion)
+_CHECKS = (buried, quantisation, limits, drift, restless, mains, lead, distortion)
 
 
 @dataclass(frozen=True)

@@ -144,8 +144,8 @@ def stored(folder: Path, outside: bool = False) -> tuple[Mapping[str, Any], str]
         InputRefused: the file is absent, too large, or no json object.
     """
     path = folder / FILE if os.path.isdir(folder) else folder
-    within = [at for name in (FINAL, BASE) if (at := folder / name / FILE).exists()]
-    if path != folder and not path.exists() and within:
+    within = [at for name in (FINAL, BASE) if os.path.exists(at := folder / name / FILE)]
+    if path != folder and not os.path.exists(path) and within:
         path, folder = within[0], within[0].parent
     source = named_file(path, (folder,) if path != folder else (), "", f"the model cannot be read, {_REMEDY}", outside)
     content, shown = load_json(source, LIMITS.model_bytes, "a model", _REMEDY), printable(str(path))

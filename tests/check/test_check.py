@@ -112,11 +112,11 @@ def test_an_output_that_moves_by_itself_is_noticed_and_one_that_dies_away_is_not
     u = np.where(t > 0.5, 10.0, 0.0)
     noise = NOISE * np.random.default_rng(5).standard_normal(t.size)
     wave, fades = 1e-6 * np.sin(2.0 * np.pi * 7.3 * t), np.exp(-(t - 0.5) / 0.6)
-    noticed = found(with_output(recording(u, GAIN * u + noise), wave))["ripple"]
+    noticed = found(with_output(recording(u, GAIN * u + noise), wave))["restless"]
     assert noticed.severity == "warning"
     assert noticed.values["rms"] == pytest.approx(1e-6 / np.sqrt(2.0), rel=0.05)
     for y in (0.0 * t, wave * fades):
-        assert "ripple" not in found(with_output(recording(u, GAIN * u + noise), y))
+        assert "restless" not in found(with_output(recording(u, GAIN * u + noise), y))
 
 
 def test_what_the_start_leaves_is_no_drift() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -357,8 +358,9 @@ def in_full(program: Program) -> Program:
     sparsity, count = program.sparsity, len(program.states) + len(program.junctions)
     everything = frozenset(range(count + len(program.names) + len(program.constants)))
     others = {**dict.fromkeys(sparsity.plain, everything), **sparsity.others}
-    sparsity = sparsity._replace(affine=(False,) * len(program.leaves), plain=(), others=others)
-    return replace(program, sparsity=sparsity)
+    full = copy(sparsity)
+    full.affine, full.plain, full.others = [False] * len(program.leaves), [], others
+    return replace(program, sparsity=full)
 
 
 @pytest.mark.parametrize("name", [*QUICK, *OTHER])
