@@ -47,61 +47,52 @@ from phnn.integrate.step import (
     is_linear,
     junction_storage,
     mean_effort,
+    rows,
 )
 from phnn.laws.namespace import TINY
 
 
 @inline
 def _value_at(y: Any, context: Any) -> Any:
-    t, h, values, _ = context
-    theta, c, g, a, x, ys, wj, wx = values
-    ys[0] = y
-    inlined_balance(t, Step(theta, c, g, a, x, ys, h, wj), wx)
-    return wj[FORCE, 0], wj[SIZE, 0]
+    t, step, _ = context
+    step.y[0] = y
+    inlined_balance(t, step)
+    return step.wj[FORCE, 0], step.wj[SIZE, 0]
 
 
 @plain
 def _slope_at(y: Any, context: Any) -> Any:
     stay_outside()
-    t, h, _, perturbed = context
-    theta, c, g, a, x, ys, wj, wx = perturbed
-    ys[0] = complex(y, TINY)
-    balance(t, Step(theta, c, g, a, x, ys, h, wj), wx)
-    return wj[FORCE, 0].imag / TINY
+    t, _, perturbed = context
+    perturbed.y[0] = complex(y, TINY)
+    balance(t, perturbed)
+    return perturbed.wj[FORCE, 0].imag / TINY
 
 
 _root = inline(make_root(_value_at, _slope_at))
 
 
 @plain
-def prepare(t: Any, theta: Any, h: Any, c: Any, c_perturbed: Any) -> None:
-    """The constants for steps of size ``h``, as floats and as complex numbers."""
+def _prepare(t: Any, step: Step, perturbed: Step) -> None:
+    """Fill the constants for a size of steps, as floats and as complex numbers."""
     stay_outside()
-    fill_constants(t, theta, h, c)
+    c = step.c
+    fill_constants(t, step.theta, step.h, c)
     for i in range(c.shape[0]):
         for k in range(c.shape[1]):
-            c_perturbed[i, k] = c[i, k]
+            perturbed.c[i, k] = c[i, k]
+
+
+@inline
+def _sized(step: Step, h: Any) -> Step:
+    """Return a step of another size; its constants are those of the former one."""
+    return Step(step.theta, step.c, step.g, step.a, step.x, step.y, h, step.wj, step.wx)
 
 
 @inline
 def inertia(t: Any, j: Any, c: Any) -> Any:
     """Return ``d(z_j − p_j)/dy_j``: twice the mass of a linear junction, else one."""
     return 2.0 * c[count(t, LEAVES) + j, CAPACITY] if is_linear(t, j) else 1.0
-
-
-@inline
-def solve_one(t: Any, h: Any, slope: Any, values: Any, perturbed: Any) -> Any:
-    """Solve for the one junction from the guess in ``y``; returns success and the slope at the root.
-
-    Args:
-        slope: slope of an earlier step as a first guess, or 0.
-        values: (theta, c, g, a, x, y, wj, wx) as for `balance`; left at the root.
-        perturbed: the same in complex numbers, without perturbations.
-    """
-    _, c, _, _, _, ys, _, _ = values
-    y, slope = _root(ys[0], inertia(t, 0, c) / h, slope, (t, h, values, perturbed))
-    ys[0] = y
-    return np.isfinite(y), slope
 
 
 @plain
@@ -153,22 +144,22 @@ class Room(NamedTuple):
     """Work arrays of the Newton iteration, zero before the first step.
 
     Attributes:
-        jacobian: (m, m); step: (m, 1).
+        jacobian: (m, m); right: (m, 1) right-hand side, then the Newton step.
         own: (7+m, m), rows as above.
         held: (4,) junctions of the contact and of the imposed motion, and the rows of the table that couple the motion
             to the contact and the contact to the motion; all -1 where no motion is imposed.
     """
 
     jacobian: Any
-    step: Any
+    right: Any
     own: Any
     held: Any
 
 
 @inline
-def _forces(t: Any, step: Step, wx: Any, held: Any) -> None:
+def _forces(t: Any, step: Step, held: Any) -> None:
     """`balance` without the equations of an imposed motion."""
-    balance(t, step, wx)
+    balance(t, step)
     if held[0] >= 0:
         step.wj[FORCE, held[0]] = 0.0
         step.wj[FORCE, held[1]] = 0.0
@@ -190,40 +181,39 @@ _end_of_speed = plain(make_root(_speed_at, _speed_slope))
 
 
 @inline
-def _impose(t: Any, h: Any, values: Any, perturbed: Any, held: Any) -> bool:
+def _impose(t: Any, step: Step, perturbed: Step, held: Any) -> bool:
     """Set the unknown of an imposed motion to what the velocity of its source makes of it; returns success."""
     if held[0] < 0:
         return True
-    theta, c, g, a, x, y, _, _ = values
+    g, x, y = step.g, step.x, step.y
     given = 0.0
-    for r in range(t[0, JUNCTION_INLETS], t[0, JUNCTION_INLETS + 1]):
+    for r in rows(t, JUNCTION_INLETS):
         if t[r, INTO_JUNCTION] == held[0]:
-            given -= g[r] * a[t[r, FROM_PORT]]
+            given -= g[r] * step.a[t[r, FROM_PORT]]
     velocity, moved = given / g[held[2]], held[1]
     y[held[0]], y[moved] = 0.0, velocity
     if not is_linear(t, moved):
         k = junction_storage(t, moved)
-        y[moved], _ = _end_of_speed(x[k], inertia(t, moved, c) / h, 0.0, (t, k, x[k], velocity, theta, perturbed[0]))
+        context = (t, k, x[k], velocity, step.theta, perturbed.theta)
+        y[moved], _ = _end_of_speed(x[k], inertia(t, moved, step.c) / step.h, 0.0, context)
     return np.isfinite(y[moved])
 
 
 @plain
-def _bear(t: Any, h: Any, values: Any, held: Any) -> None:
+def _bear(t: Any, step: Step, held: Any) -> None:
     """Set the force in the contact to what the balance of the imposed motion needs."""
     stay_outside()
-    theta, c, g, a, x, y, wj, wx = values
-    y[held[0]] = 0.0
-    balance(t, Step(theta, c, g, a, x, y, h, wj), wx)
-    y[held[0]] = wj[FORCE, held[1]] / g[held[3]]
-    balance(t, Step(theta, c, g, a, x, y, h, wj), wx)
+    step.y[held[0]] = 0.0
+    balance(t, step)
+    step.y[held[0]] = step.wj[FORCE, held[1]] / step.g[held[3]]
+    balance(t, step)
 
 
 @plain
-def _fill_jacobian(t: Any, h: Any, y: Any, perturbed: Any, jacobian: Any, held: Any) -> None:
+def _fill_jacobian(t: Any, y: Any, perturbed: Step, jacobian: Any, held: Any) -> None:
     """(m, m) ``∂F/∂y``, a column for every perturbed unknown; unit columns for what is no unknown."""
     stay_outside()
-    theta, c, g, a, x, ys, wj, wx = perturbed
-    m = y.shape[0]
+    ys, m = perturbed.y, y.shape[0]
     for j in range(m):
         ys[j] = complex(y[j], 0.0)
     for i in range(m):
@@ -232,10 +222,10 @@ def _fill_jacobian(t: Any, h: Any, y: Any, perturbed: Any, jacobian: Any, held: 
                 jacobian[j, i] = 1.0 if j == i else 0.0
             continue
         ys[i] = complex(y[i], TINY)
-        _forces(t, Step(theta, c, g, a, x, ys, h, wj), wx, held)
+        _forces(t, perturbed, held)
         ys[i] = complex(y[i], 0.0)
         for j in range(m):
-            jacobian[j, i] = wj[FORCE, j].imag / TINY
+            jacobian[j, i] = perturbed.wj[FORCE, j].imag / TINY
 
 
 @plain
@@ -261,14 +251,14 @@ def _merit(wj: Any, own: Any) -> Any:
 
 
 @plain
-def _advance(t: Any, h: Any, values: Any, own: Any, held: Any) -> bool:
+def _advance(t: Any, step: Step, own: Any, held: Any) -> bool:
     """Take the first halving of a Newton step that reduces the merit.
 
     In the variables ``c_j v̄_j`` the equations of monotone laws are strongly monotone. If no halving helps, the iterate
     is projected on a plane that separates it from the solution, and so comes nearer to it (Solodov & Svaiter 1998).
     """
     stay_outside()
-    theta, c, g, a, x, y, wj, wx = values
+    y, wj = step.y, step.wj
     m = y.shape[0]
     before = _merit(wj, own)
     length = 0.0
@@ -280,7 +270,7 @@ def _advance(t: Any, h: Any, values: Any, own: Any, held: Any) -> bool:
     for _ in range(_HALVINGS):
         for j in range(m):
             y[j] = own[_BEGIN, j] + part * own[_STEP, j]
-        _forces(t, Step(theta, c, g, a, x, y, h, wj), wx, held)
+        _forces(t, step, held)
         if _merit(wj, own) <= (1.0 - _SUFFICIENT * part) * before:
             return True
         gain = 0.0
@@ -299,7 +289,7 @@ def _advance(t: Any, h: Any, values: Any, own: Any, held: Any) -> bool:
     for j in range(m):
         shift = along / norm * own[_NORMAL, j] / own[_SCALE, j] ** 2 if separated else 0.0
         y[j] = own[_BEGIN, j] - shift
-    _forces(t, Step(theta, c, g, a, x, y, h, wj), wx, held)
+    _forces(t, step, held)
     return separated
 
 
@@ -310,144 +300,140 @@ def _magnitude(t: Any, j: Any, x: Any, y: Any) -> Any:
 
 
 @inline
-def _ask(t: Any, x: Any, y: Any, wj: Any, jacobian: Any, step: Any, own: Any) -> None:
-    """The residual that a Newton step is to remove, and its rounding level."""
-    for j in range(y.shape[0]):
-        step[j, 0] = -wj[FORCE, j]
+def _ask(t: Any, step: Step, room: Room) -> None:
+    """Fill the residual that a Newton step is to remove, and its rounding level."""
+    own, m = room.own, step.y.shape[0]
+    for j in range(m):
+        room.right[j, 0] = -step.wj[FORCE, j]
         own[_ROUNDING, j] = 0.0
-        for i in range(y.shape[0]):
-            own[_ROUNDING, j] += abs(jacobian[j, i]) * _magnitude(t, i, x, y)
+        for i in range(m):
+            own[_ROUNDING, j] += abs(room.jacobian[j, i]) * _magnitude(t, i, step.x, step.y)
 
 
 @plain
-def _once(t: Any, h: Any, values: Any, room: Room) -> bool:
-    """Return whether one step with the latest Jacobian, which mostly suffices where the equations are piecewise linear.
+def _once(t: Any, step: Step, room: Room) -> bool:
+    """Take one step with the latest Jacobian, which mostly suffices where the equations are piecewise linear.
 
     If it does not suffice, the unknowns are restored.
     """
     stay_outside()
-    theta, c, g, a, x, y, wj, wx = values
-    jacobian, step, own, held = room
-    m = y.shape[0]
-    _forces(t, Step(theta, c, g, a, x, y, h, wj), wx, held)
+    jacobian, right, own, held = room
+    y, m = step.y, step.y.shape[0]
+    _forces(t, step, held)
     for j in range(m):
         for i in range(m):
             jacobian[j, i] = own[_LATEST + j, i]
-    _ask(t, x, y, wj, jacobian, step, own)
-    eliminate(jacobian, step)
+    _ask(t, step, room)
+    eliminate(jacobian, right)
     for j in range(m):
         own[_BEGIN, j] = y[j]
-        y[j] += step[j, 0]
-    _forces(t, Step(theta, c, g, a, x, y, h, wj), wx, held)
-    found = _converged(wj, own, False)
+        y[j] += right[j, 0]
+    _forces(t, step, held)
+    found = _converged(step.wj, own, False)
     for j in range(0 if found else m):
         y[j] = own[_BEGIN, j]
     return found
 
 
 @plain
-def _newton(t: Any, h: Any, values: Any, perturbed: Any, room: Room, damped: bool) -> bool:
+def _newton(t: Any, step: Step, perturbed: Step, room: Room, damped: bool) -> bool:
     """Newton's method from ``y``, damped by `_advance` or with whole steps."""
     stay_outside()
-    theta, c, g, a, x, y, wj, wx = values
-    jacobian, step, own, held = room
-    m = y.shape[0]
+    jacobian, right, own, held = room
+    y, m = step.y, step.y.shape[0]
     for j in range(m):
-        own[_SCALE, j] = np.sqrt(inertia(t, j, c) / h)
-    _forces(t, Step(theta, c, g, a, x, y, h, wj), wx, held)
+        own[_SCALE, j] = np.sqrt(inertia(t, j, step.c) / step.h)
+    _forces(t, step, held)
     for iteration in range(_ITERATIONS if damped else _WHOLE):
-        _fill_jacobian(t, h, y, perturbed, jacobian, held)
+        _fill_jacobian(t, y, perturbed, jacobian, held)
         for j in range(m):
             for i in range(m):
                 own[_LATEST + j, i] = jacobian[j, i]
-        _ask(t, x, y, wj, jacobian, step, own)
-        if _converged(wj, own, iteration >= _STRICT):
+        _ask(t, step, room)
+        if _converged(step.wj, own, iteration >= _STRICT):
             return True
-        eliminate(jacobian, step)
+        eliminate(jacobian, right)
         for j in range(m):
-            own[_STEP, j] = step[j, 0]
+            own[_STEP, j] = right[j, 0]
         if damped:
-            if not _advance(t, h, values, own, held):
+            if not _advance(t, step, own, held):
                 break
         else:
             for j in range(m):
-                y[j] += step[j, 0]
-            _forces(t, Step(theta, c, g, a, x, y, h, wj), wx, held)
-    return _converged(wj, own, True)
+                y[j] += right[j, 0]
+            _forces(t, step, held)
+    return _converged(step.wj, own, True)
 
 
 @plain
-def rest_guess(t: Any, theta: Any, x: Any, y: Any) -> None:
-    """The unknowns of a step in which nothing changes."""
+def _rest_guess(t: Any, theta: Any, x: Any, y: Any) -> None:
+    """Set the unknowns to those of a step in which nothing changes."""
     for j in range(y.shape[0]):
         k = junction_storage(t, j)
         y[j] = mean_effort(t, k, x[k], x[k], theta) if is_linear(t, j) else x[k]
 
 
 @plain
-def _followed(t: Any, h: Any, values: Any, perturbed: Any, room: Room) -> bool:
+def _followed(t: Any, step: Step, perturbed: Step, room: Room) -> bool:
     """Solve for ever longer parts of the step, each from the solution of the part before.
 
     The equations of monotone laws have one solution for every length, which depends on it continuously. Close to the
     solution, full Newton steps pass kinks at which a line search may stop.
     """
     stay_outside()
-    theta, c, _, _, x, y, _, _ = values
-    own = room.own
-    m = y.shape[0]
-    rest_guess(t, theta, x, y)
-    _impose(t, h, values, perturbed, room.held)
+    y, own = step.y, room.own
+    _rest_guess(t, step.theta, step.x, y)
+    _impose(t, step, perturbed, room.held)
     done, part = 0.0, _FIRST_PART
     while done < 1.0:
         part = min(part, 1.0 - done)
-        for j in range(m):
+        for j in range(y.shape[0]):
             own[_KEPT, j] = y[j]
-        length = (done + part) * h
-        prepare(t, theta, length, c, perturbed[1])
-        found = _newton(t, length, values, perturbed, room, False)
-        if not found:
-            for j in range(m):
-                y[j] = own[_KEPT, j]
-            found = _newton(t, length, values, perturbed, room, True)
+        shorter, moved = _sized(step, (done + part) * step.h), _sized(perturbed, (done + part) * step.h)
+        _prepare(t, shorter, moved)
+        found = False
+        for damped in (False, True):
+            if not found:
+                for j in range(y.shape[0]):
+                    y[j] = own[_KEPT, j]
+                found = _newton(t, shorter, moved, room, damped)
         if found:
             done, part = done + part, 2.0 * part
         else:
-            for j in range(m):
+            for j in range(y.shape[0]):
                 y[j] = own[_KEPT, j]
             part *= 0.5
             if part < _LEAST_PART:
-                prepare(t, theta, h, c, perturbed[1])
+                _prepare(t, step, perturbed)
                 return False
     return True
 
 
 @plain
-def _solve(t: Any, h: Any, values: Any, perturbed: Any, room: Room) -> bool:
+def _solve(t: Any, step: Step, perturbed: Step, room: Room) -> bool:
     """Solve from the guess in ``y``."""
     stay_outside()
-    if room.own[_LATEST, 0] != 0.0 and _once(t, h, values, room):
+    if room.own[_LATEST, 0] != 0.0 and _once(t, step, room):
         return True
-    if _newton(t, h, values, perturbed, room, True):
+    if _newton(t, step, perturbed, room, True):
         return True
-    return _followed(t, h, values, perturbed, room)
+    return _followed(t, step, perturbed, room)
 
 
 @plain
-def solve_many(t: Any, h: Any, values: Any, perturbed: Any, room: Room) -> bool:
+def solve_many(t: Any, step: Step, perturbed: Step, room: Room) -> bool:
     """Solve for several junctions from the guess in ``y``; the values are left at the solution.
 
     Args:
-        values, perturbed: as for `solve_one`.
+        perturbed: the step in complex numbers, without perturbations.
     """
     stay_outside()
     held = room.held
     if held[0] < 0:
-        return _solve(t, h, values, perturbed, room)
+        return _solve(t, step, perturbed, room)
     # Where nothing else moves, no equation is left.
-    solved = _impose(t, h, values, perturbed, held) and (
-        values[5].shape[0] == 2 or _solve(t, h, values, perturbed, room)
-    )
-    _bear(t, h, values, held)
+    solved = _impose(t, step, perturbed, held) and (step.y.shape[0] == 2 or _solve(t, step, perturbed, room))
+    _bear(t, step, held)
     return solved
 
 
@@ -458,7 +444,7 @@ Array = NDArray[np.float64]
 def _guess(t: Any, theta: Any, n: Any, states: Any, efforts: Any, y: Any) -> None:
     """Extrapolate the unknowns of step ``n`` from the two steps before it; the first step keeps its initial values."""
     if n == 0:
-        rest_guess(t, theta, states[0], y)
+        _rest_guess(t, theta, states[0], y)
         return
     for j in range(y.shape[0]):
         k = junction_storage(t, j)
@@ -467,39 +453,40 @@ def _guess(t: Any, theta: Any, n: Any, states: Any, efforts: Any, y: Any) -> Non
 
 @loop_entry
 def _steps(t: Any, actions: Any, h: Any, states: Any, efforts: Any, both: Any, room: Room) -> Any:
-    """Integrate; ``both`` are the values of a step in floats and in complex numbers."""
-    values, perturbed = both
-    theta, c, g, a, x, y, wj, wx = values
+    """Integrate; ``both`` are a step in floats and in complex numbers, whose arrays are filled."""
+    step, perturbed = both
+    theta, g, x, y = step.theta, step.g, step.x, step.y
     fill_gains(t, theta, g)
     for r in range(g.shape[0]):
-        perturbed[2][r] = g[r]
-    c_c, a_c, x_c = perturbed[1], perturbed[3], perturbed[4]
-    m = y.shape[0]
+        perturbed.g[r] = g[r]
     slope = 0.0
     for n in range(actions.shape[0]):
+        step, perturbed = _sized(step, h[n]), _sized(perturbed, h[n])
         for k in range(x.shape[0]):
             x[k] = states[n, k]
-            x_c[k] = states[n, k]
+            perturbed.x[k] = states[n, k]
+        for p in range(actions.shape[1]):
+            step.a[p] = actions[n, p]
+            perturbed.a[p] = actions[n, p]
         _guess(t, theta, n, states, efforts, y)
         if n == 0 or h[n] != h[n - 1]:
             slope = 0.0
-            prepare(t, theta, h[n], c, c_c)
-        for p in range(a.shape[0]):
-            a[p] = actions[n, p]
-            a_c[p] = actions[n, p]
+            _prepare(t, step, perturbed)
         solved = True
-        if m == 1:
-            solved, slope = solve_one(t, h[n], slope, values, perturbed)
-        elif m == 0:
-            balance(t, Step(theta, c, g, a, x, y, h[n], wj), wx)
+        if y.shape[0] == 1:
+            # The slope of the step before is the first guess.
+            y[0], slope = _root(y[0], inertia(t, 0, step.c) / h[n], slope, (t, step, perturbed))
+            solved = np.isfinite(y[0])
+        elif y.shape[0] == 0:
+            balance(t, step)
         else:
-            solved = solve_many(t, h[n], values, perturbed, room)
+            solved = solve_many(t, step, perturbed, room)
         if count(t, MODULATOR_STATES) > 0:
-            advance(t, Step(theta, c, g, a, x, y, h[n], wj), wx)
+            advance(t, step)
         for k in range(x.shape[0]):
-            states[n + 1, k] = wx[NEXT, k]
-            efforts[n, k] = wx[EFFORT, k]
-            solved = solved and np.isfinite(wx[NEXT, k]) and np.isfinite(wx[EFFORT, k])
+            states[n + 1, k] = step.wx[NEXT, k]
+            efforts[n, k] = step.wx[EFFORT, k]
+            solved = solved and np.isfinite(step.wx[NEXT, k]) and np.isfinite(step.wx[EFFORT, k])
         if not solved:
             return n
     return actions.shape[0]
@@ -510,10 +497,13 @@ def march_any(program: Program, theta: Array, actions: Array, h: Array, states: 
     t = program.table
     n, m, leaves = states.shape[1], len(rows_of(t, JUNCTIONS)), len(rows_of(t, LEAVES))
     shapes = ((leaves + m, CONSTANTS), len(t), actions.shape[1], n, m, (4, m), (2, n))
-    values = (theta, *(np.zeros(shape) for shape in shapes))
-    perturbed = (theta.astype(np.complex128), *(np.zeros(shape, np.complex128) for shape in shapes))
+
+    def empty(kind: type) -> Step:
+        arrays: list[Any] = [np.zeros(shape, kind) for shape in shapes]
+        return Step._make([theta.astype(kind), *arrays[:5], 0.0, *arrays[5:]])
+
     room = Room(np.zeros((m, m)), np.zeros((m, 1)), np.zeros((7 + m, m)), program.held)
-    return int(_steps(t, actions, h, states, efforts, (values, perturbed), room))
+    return int(_steps(t, actions, h, states, efforts, (empty(np.float64), empty(np.complex128)), room))
 
 
 def work_of(program: Program) -> float:

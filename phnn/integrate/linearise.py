@@ -1,8 +1,14 @@
 """Derivatives of one step: affine parts from coefficients that hold for many steps, the rest by complex steps.
 
-The linear terms of the junctions, and reducible storages away from their thresholds (`phnn.integrate.perturbed`), take
-their derivatives from coefficients, which are prepared whenever the step size changes; all other blocks are
-differentiated one by one, and the modulator states at the end.
+While a reducible storage rests in its dead zone, or slides beyond one threshold ``τ``, its end state and mean effort
+are affine,
+
+    x⁺ = A₀ x + A₁ i + A₂ τ,     ē = B₀ x + B₁ i + B₂ τ.
+
+The coefficients and their derivatives by every parameter hold for all steps of one size, as do those of the linear
+terms of the junctions. If ``τ`` is modulated, they also depend on the slope of the resistor. A block is differentiated
+in full (`phnn.integrate.perturbed`) if the storage meets a threshold, has a nonlinear law, or has a resistor whose
+slope changes. The modulator states follow at the end.
 """
 
 from __future__ import annotations
@@ -13,51 +19,22 @@ import numpy as np
 
 from phnn.integrate.cache import inline, plain, stay_outside
 from phnn.integrate.perturbed import (
-    ABOVE,
-    CROSSING,
-    CURVED,
-    FOLLOWING,
-    KIND,
-    LEAKS,
-    LOWER,
-    ONE_PIECE,
-    ONLY_LINK,
-    PIECEWISE,
-    RESTING,
-    SHIFTS,
-    STIFF,
-    STORAGE,
-    TIMES,
-    UPPER,
-    WHOLE,
-    current_of,
-    curved_leaf,
-    exert,
-    fill,
-    in_full,
+    PIECES,
+    leaf_in_full,
     load,
-    load_actions,
     parameter,
     perturb,
     perturbed_step,
-    piece_of,
     places_of,
-    plain_leaf,
-    scale,
-    step_of,
+    terms_in_full,
 )
 from phnn.integrate.program import (
-    FIRST_INLET,
-    FIRST_LINK,
+    FACTORS,
     FIRST_RESISTOR,
-    FIRST_SOURCE,
     FROM_PORT,
     INTO_JUNCTION,
     IS_LINEAR,
     JUNCTION_INLETS,
-    LAST_INLET,
-    LAST_LINK,
-    LAST_SOURCE,
     LEAVES,
     MODULATOR_STATES,
     OWN_STORAGE,
@@ -90,130 +67,90 @@ from phnn.integrate.step import (
     count,
     fill_constants,
     fill_gains,
+    inlets,
     is_linear,
     junction_change,
     junction_flows,
     junction_storage,
     junction_term,
-    leaf_current,
+    leaf_storage,
+    links,
     mean_effort,
     memory_decay,
     memory_rate,
+    modulate,
     read,
     resistor_flow,
     resistor_thresholds,
+    sources,
 )
-from phnn.laws.leaf import relaxation, relaxed
+from phnn.laws.leaf import relaxation, relaxed, slides_on
 from phnn.laws.namespace import TINY
 from phnn.laws.other import advanced
 
+# The affine piece on which a reducible storage spends a step; CROSSING if it meets a threshold.
+RESTING, ABOVE, BELOW, CROSSING = range(4)
 
-#     z⁺ = advanced(z, s̄; θ),     δz⁺ = ∂z⁺/∂z δz + ∂z⁺/∂θ δθ + ∂z⁺/∂s̄ Σ δ(sources)
-#
-# Each factor comes from complex steps through the functions of the integration itself. The derivative of a reducible
-# storage's power follows from those of its end state and mean effort, which are computed before.
+
 @inline
-def _known_power(p: Any, d: Any, leaf: Any, current: Any, n: Any, run: Any) -> None:
-    """`_leaf_power` of a linear reducible storage whose step lies within an affine piece."""
-    k, stiffness = d.kinds[leaf, STORAGE], d.values[leaf, STIFF]
-    start, end, mean, rate = run.states[n, k], run.states[n + 1, k], run.efforts[n, k], 1.0 / run.h[n]
-    between, moved, only = 0.5 * stiffness * (start + end), end - start, d.kinds[leaf, ONLY_LINK]
-    flow = d.flows[only] if only >= 0 else 0.0
+def _current(t: Any, p: Any, d: Any, leaf: Any) -> Any:
+    """Return the current into a reducible storage, and the flow through its only link or, with others, the current."""
+    only, total = p.only[leaf], 0.0
+    if only >= 0:
+        flow = d.flows[t[only, TO_JUNCTION]]
+        return d.g[0, only].real * flow, flow
+    for r in links(t, leaf):
+        total += d.g[0, r].real * d.flows[t[r, TO_JUNCTION]]
+    for r in inlets(t, leaf):
+        total += d.g[0, r].real * d.a[0, t[r, FROM_PORT]].real
+    return total, total
+
+
+@inline
+def _fill_shifts(t: Any, p: Any, d: Any, leaf: Any) -> None:
+    """Fill the derivatives of the current by inputs that change a ratio or an action; all others are constant."""
     for pair in range(p.first[leaf], p.first[leaf + 1]):
-        i, by_end = p.input[pair], d.by_leaf[pair]
-        by_start = 1.0 if i == k else 0.0
-        by_between = 0.5 * stiffness * (by_start + by_end)
-        if parameter(d, i) >= 0:
-            by_between += 0.5 * d.c[parameter(d, i), leaf, STIFFNESS].imag / TINY * (start + end)
-        stored = by_between * moved + between * (by_end - by_start)
-        by_current = d.by_current[pair] + d.by_ratio[pair] * flow
-        d.by_drive[i] += by_current * mean + current * d.by_mean[pair] - stored * rate
+        if p.shifts[pair]:
+            i, total = p.input[pair], 0.0
+            _, slot, act = places_of(p, d, i)
+            for r in links(t, leaf):
+                total += d.g[slot, r].imag / TINY * d.flows[t[r, TO_JUNCTION]]
+                if i == d.x.shape[0] + t[r, TO_JUNCTION]:
+                    total += d.g[slot, r].real
+            for r in inlets(t, leaf):
+                total += (d.g[slot, r] * d.a[act, t[r, FROM_PORT]]).imag / TINY
+            d.shift[pair] = total
 
 
 @inline
-def _leaf_power(t: Any, p: Any, d: Any, leaf: Any, n: Any, run: Any) -> None:
-    """Add the derivatives of ``i ē − ΔH/h``, the power that the resistors of a reducible storage dissipate."""
-    row, h = t[0, LEAVES] + leaf, run.h[n]
-    k = t[row, OWN_STORAGE]
+def _exert(t: Any, p: Any, d: Any, leaf: Any, mean: Any) -> None:
+    """Add the force of a reducible storage on its junctions; ``mean`` is its mean effort."""
+    first, last = p.first[leaf], p.first[leaf + 1]
+    for r in links(t, leaf):
+        force, ratio = d.by_force[t[r, TO_JUNCTION]], d.g[0, r].real
+        for pair in range(first, last):
+            force[p.input[pair]] += ratio * d.by_mean[pair] + d.by_ratio[pair] * mean
+        for pair in range(first, last if p.shifted[leaf] else first):
+            if p.shifts[pair]:
+                force[p.input[pair]] += d.g[p.slot[p.input[pair]], r].imag / TINY * mean
+
+
+@inline
+def _curved_leaf(t: Any, p: Any, d: Any, leaf: Any, x: Any, h: Any) -> None:
+    """Fill the derivatives of a lossless storage with a nonlinear law from its state ``x``."""
+    k, (current, flow) = leaf_storage(t, leaf), _current(t, p, d, leaf)
     for pair in range(p.first[leaf], p.first[leaf + 1]):
         i = p.input[pair]
-        step = perturbed_step(t, p, d, i, h)
-        current, start = leaf_current(t, leaf, step.g, step.a, step.wj), step.x[k]
-        end = complex(run.states[n + 1, k], TINY * d.by_leaf[pair])
-        mean = complex(run.efforts[n, k], TINY * d.by_mean[pair])
-        if t[row, IS_LINEAR] > 0:
-            between = 0.5 * step.c[leaf, STIFFNESS] * (start + end)
-        else:
-            between = mean_effort(t, k, start, end, d.theta)
-        d.by_drive[i] += (current * mean - between * (end - start) / h).imag / TINY
-        perturb(p, d, i, 0.0)
-
-
-@inline
-def _junction_power(t: Any, p: Any, d: Any, s: Any, h: Any) -> None:
-    """Add the derivatives of the power that the junction resistor of the source in row ``s`` dissipates."""
-    r, source = t[s, SOURCE_RESISTOR], s - t[0, SOURCES]
-    for place in range(p.source_first[source], p.source_first[source + 1]):
-        i = p.source_input[place]
-        step = perturbed_step(t, p, d, i, h)
-        effort, q = branch_effort(t, r, step.g, step.wj), read(t, t[r, READ], step)
-        d.by_drive[i] += (effort * resistor_flow(t, r, effort, q, d.theta)).imag / TINY
-        perturb(p, d, i, 0.0)
-
-
-@inline
-def _signal(t: Any, p: Any, d: Any, s: Any) -> None:
-    """Add the derivatives of the effort of a reducible storage, the flow of a junction or the action of a port."""
-    for leaf in range(count(t, LEAVES) if t[s, SOURCE_EFFORT] >= 0 else 0):
-        if t[t[0, LEAVES] + leaf, OWN_STORAGE] == t[s, SOURCE_EFFORT]:
-            for pair in range(p.first[leaf], p.first[leaf + 1]):
-                d.by_drive[p.input[pair]] += d.by_mean[pair]
-    source = s - t[0, SOURCES]
-    for place in range(p.source_first[source], p.source_first[source + 1]):
-        i = p.source_input[place]
-        _, _, act = places_of(p, d, i)
-        if t[s, SOURCE_FLOW] >= 0:
+        start = complex(x, TINY if i == k else 0.0)
+        end = start + h * complex(current, TINY * (d.shift[pair] + d.by_ratio[pair] * flow))
+        perturbed = parameter(d, i) >= 0
+        if perturbed:
             perturb(p, d, i, TINY)
-            junction_flows(t, d.theta, d.x, d.y, d.wj)
-            d.by_drive[i] += d.wj[FLOW, t[s, SOURCE_FLOW]].imag / TINY
+        between = mean_effort(t, k, start, end, d.theta)
+        if perturbed:
             perturb(p, d, i, 0.0)
-        else:
-            d.by_drive[i] += d.a[act, t[s, SOURCE_PORT]].imag / TINY
-
-
-@plain
-def _end(t: Any, row: Any, z: Any, drive: Any, h: Any, theta: Any) -> Any:
-    """Return the end state of the modulator state in a row."""
-    stay_outside()
-    return advanced(z, h, memory_rate(t, row, z, drive, theta), memory_decay(t, row, theta))
-
-
-@inline
-def memories_by(t: Any, p: Any, d: Any, k: Any, n: Any, run: Any) -> None:
-    """Fill the derivatives of modulator state ``k`` from those of the reducible storages."""
-    row, state, out, h = t[0, MODULATOR_STATES] + k, count(t, STORAGES) + k, d.by_modulator[k], run.h[n]
-    for i in range(out.shape[0]):
-        d.by_drive[i] = 0.0
-    for s in range(t[row, FIRST_SOURCE], t[row, LAST_SOURCE]):
-        leaf = t[s, SOURCE_LEAF]
-        if leaf >= 0 and not d.todo[leaf] and d.kinds[leaf, KIND] != CURVED:
-            _known_power(p, d, leaf, current_of(t, d, leaf), n, run)
-        elif leaf >= 0:
-            _leaf_power(t, p, d, leaf, n, run)
-        elif t[s, SOURCE_RESISTOR] >= 0:
-            _junction_power(t, p, d, s, h)
-        else:
-            _signal(t, p, d, s)
-    drive = complex(run.efforts[n, state], TINY)
-    by = _end(t, row, d.x[state], drive, h, d.theta).imag / TINY
-    drive = complex(run.efforts[n, state], 0.0)
-    for i in range(out.shape[0]):
-        out[i] = by * d.by_drive[i]
-    for place in range(p.memory_first[k], p.memory_first[k + 1]):
-        i = p.memory_input[place]
-        perturb(p, d, i, TINY)
-        out[i] += _end(t, row, d.x[state], drive, h, d.theta).imag / TINY
-        perturb(p, d, i, 0.0)
+        d.by_leaf[pair] = end.imag / TINY
+        d.by_mean[pair] = between.imag / TINY
 
 
 @inline
@@ -230,139 +167,198 @@ def _term(piece: Any, h: Any, c: Any, term: Any) -> Any:
     return relaxed(x, gain, c[STIFFNESS], c[ONE], c[TWO])
 
 
-@inline
-def part(z: Any, perturbed: Any) -> Any:
-    """Return the derivative along a perturbation; the value if nothing is perturbed."""
-    return z.imag / TINY if perturbed else z.real
-
-
 @plain
-def prepare_leaf(d: Any, k: Any, perturbed: Any, leaf: Any, h: Any) -> None:
-    """Fill the coefficients of a reducible storage's pieces with parameter ``k`` perturbed."""
+def _prepare_pieces(t: Any, p: Any, d: Any, leaf: Any, h: Any) -> None:
+    """Fill the coefficients of a reducible storage's pieces and, of its pairs, what stays the same while they do."""
     stay_outside()
-    for piece in range(3):
+    none, own = p.active.shape[0], leaf_storage(t, leaf)
+    whole, ratio = d.whole[leaf], d.g[0, p.only[leaf]].real if p.only[leaf] >= 0 else 1.0
+    for piece in range(PIECES):
         for term in range(3):
-            end, mean = _term(piece, h, d.c[k, leaf], term)
-            d.whole[k, leaf, piece, term] = part(end, perturbed)
-            d.whole[k, leaf, piece, 3 + term] = part(mean, perturbed)
-
-
-@plain
-def prepare_pairs(t: Any, p: Any, d: Any, leaf: Any) -> None:
-    """Fill the constant parts of the derivatives of a storage's pairs; `prepare_values` must come first."""
-    stay_outside()
-    row, none, n = t[0, LEAVES] + leaf, p.active.shape[0], d.x.shape[0]
-    only = d.kinds[leaf, ONLY_LINK] >= 0
-    times = d.values[leaf, TIMES] if only else 1.0
-    for pair in range(p.first[leaf], p.first[leaf + 1]):
-        i = p.input[pair]
-        k = parameter(d, i)
-        # Derivative of the current by the unknown.
-        d.by_current[pair], d.by_ratio[pair] = 0.0, 0.0
-        for r in range(t[row, FIRST_LINK], t[row, LAST_LINK]):
-            d.by_current[pair] += d.g[0, r].real if i == n + t[r, TO_JUNCTION] and not p.varies[leaf] else 0.0
-        if only and p.shifts[pair]:
-            d.by_ratio[pair] = d.g[p.slot[i], t[row, FIRST_LINK]].imag / TINY
-        for piece in range(3):
-            by, of = d.affine[pair, piece], d.whole[none, leaf, piece]
-            threshold = 0.0
-            if k >= 0 and piece != RESTING:
-                threshold = d.c[k, leaf, HIGH if piece == ABOVE else LOW].imag / TINY
-            for out in range(2):
+            end, mean = _term(piece, h, d.c[none, leaf], term)
+            whole[piece, term], whole[piece, 3 + term] = end.real, mean.real
+        for pair in range(p.first[leaf], p.first[leaf + 1]):
+            by, i, threshold = d.affine[pair, piece], p.input[pair], 0.0
+            by[1], by[5] = 0.0, 0.0
+            k = parameter(d, i)
+            if k >= 0:
                 for term in range(3):
-                    by[4 * out + term] = d.whole[k, leaf, piece, 3 * out + term] if k >= 0 else 0.0
-                by[4 * out + 1] = by[4 * out + 1] * times + of[3 * out + 1] * d.by_ratio[pair]
-                own = of[3 * out] if i == t[row, OWN_STORAGE] else 0.0
-                by[4 * out + 3] = own + of[3 * out + 1] * d.by_current[pair] + of[3 * out + 2] * threshold
+                    end, mean = _term(piece, h, d.c[k, leaf], term)
+                    by[term], by[4 + term] = end.imag / TINY, mean.imag / TINY
+                threshold = d.c[k, leaf, HIGH if piece == ABOVE else LOW].imag / TINY
+            start, shift = 1.0 if i == own else 0.0, 0.0 if p.shifts[pair] else d.shift[pair]
+            for out in range(2):
+                of = whole[piece, 3 * out : 3 * out + 3]
+                by[4 * out + 1] = by[4 * out + 1] * ratio + of[1] * d.by_ratio[pair]
+                by[4 * out + 3] = of[0] * start + of[1] * shift + of[2] * threshold
 
 
-@plain
-def prepare_values(t: Any, p: Any, d: Any, leaf: Any) -> None:
-    """Fill the kinds and values of a reducible storage."""
-    stay_outside()
-    row, c, kind, own = t[0, LEAVES] + leaf, d.c[p.active.shape[0], leaf], d.kinds[leaf], d.values[leaf]
-    kind[STORAGE], kind[ONLY_LINK], kind[SHIFTS] = t[row, OWN_STORAGE], -1, 0
-    for pair in range(p.first[leaf], p.first[leaf + 1]):
-        if p.shifts[pair]:
-            kind[SHIFTS] = 1
-    if t[row, LAST_LINK] - t[row, FIRST_LINK] == 1 and t[row, LAST_INLET] == t[row, FIRST_INLET] and not p.varies[leaf]:
-        # The coefficients already contain the derivatives of the ratio by parameters.
-        kind[ONLY_LINK], kind[SHIFTS] = t[t[row, FIRST_LINK], TO_JUNCTION], 0
-        own[TIMES] = d.g[0, t[row, FIRST_LINK]].real
-    kind[KIND] = WHOLE
-    if p.affine[leaf] and t[row, RULE] == LOSSLESS:
-        kind[KIND] = ONE_PIECE if t[row, IS_LINEAR] > 0 else CURVED
-    elif p.affine[leaf]:
-        kind[KIND] = FOLLOWING if p.reads[leaf] else PIECEWISE
-    own[STIFF], own[LEAKS], own[LOWER], own[UPPER] = c[STIFFNESS].real, c[LEAK].real, c[LOW].real, c[HIGH].real
-
-
-# The coefficients hold for one slope of the resistor. Where the slope or its derivative changes, the step is
+# The coefficients hold for one slope of the resistor. Where a modulated slope or its derivative changes, the step is
 # differentiated in full.
-@inline
-def _thresholds(t: Any, p: Any, d: Any, i: Any, r: Any, h: Any) -> Any:
-    """``(ρ, lo, hi)`` of the resistor in row ``r`` with input ``i`` perturbed; without a perturbation for ``i < 0``."""
-    which, slot, act = p.active.shape[0], 0, 0
-    if i >= 0:
-        which, slot, act = places_of(p, d, i)
-        perturb(p, d, i, TINY)
-    junction_flows(t, d.theta, d.x, d.y, d.wj)
-    q = read(t, t[r, READ], step_of(d, which, slot, act, h))
-    found = resistor_thresholds(t, r, q, d.theta)
-    if i >= 0:
-        perturb(p, d, i, 0.0)
-    return found
-
-
 @plain
 def _prepare_slope(t: Any, p: Any, d: Any, leaf: Any, h: Any) -> None:
     """Prepare the affine pieces of a reducible storage for the slope of its resistor in this step."""
     stay_outside()
-    none, r = p.active.shape[0], t[t[0, LEAVES] + leaf, FIRST_RESISTOR]
+    none = p.active.shape[0]
     for k in range(none + 1):
-        rho, _, _ = _thresholds(t, p, d, d.x.shape[0] + d.y.shape[0] + k if k < none else -1, r, h)
-        c = d.c[k, leaf]
-        c[RHO] = rho
-        c[ONE], c[TWO] = relaxation(h * (rho + c[LEAK]) * c[STIFFNESS])
-        prepare_leaf(d, k, k < none, leaf, h)
-    d.slope[leaf] = d.c[none, leaf, RHO].real
-    for pair in range(p.first[leaf], p.first[leaf + 1]):
-        k = parameter(d, p.input[pair])
-        d.slopes[pair] = d.c[k, leaf, RHO].imag / TINY if k >= 0 else 0.0
-    prepare_pairs(t, p, d, leaf)
+        c, i = d.c[k, leaf], d.x.shape[0] + d.y.shape[0] + k if k < none else -1
+        c[RHO], _, _ = _thresholds(t, p, d, leaf, i, h)
+        c[ONE], c[TWO] = relaxation(h * (c[RHO] + c[LEAK]) * c[STIFFNESS])
+    _prepare_pieces(t, p, d, leaf, h)
+
+
+@plain
+def _thresholds(t: Any, p: Any, d: Any, leaf: Any, i: Any, h: Any) -> Any:
+    """Return ``(ρ, lo, hi)`` of the first resistor of a storage with input ``i`` perturbed, none for ``i < 0``."""
+    stay_outside()
+    r = t[t[0, LEAVES] + leaf, FIRST_RESISTOR]
+    q = read(t, t[r, READ], perturbed_step(t, p, d, i, h))
+    found = resistor_thresholds(t, r, q, d.theta)
+    perturb(p, d, i, 0.0)
+    return found
 
 
 @inline
-def following_leaf(t: Any, p: Any, d: Any, leaf: Any, mean: Any, h: Any) -> Any:
-    """`plain_leaf` of a reducible storage with modulated thresholds; the state must have been loaded."""
-    r, own = t[t[0, LEAVES] + leaf, FIRST_RESISTOR], d.values[leaf]
-    of = d.whole[p.active.shape[0], leaf]
-    rho, lower, upper = _thresholds(t, p, d, -1, r, h)
-    low, high = lower.real, upper.real
-    x, current = d.x[d.kinds[leaf, STORAGE]].real, current_of(t, d, leaf)
-    effort = own[STIFF] * x
-    if not low <= effort <= high or low == high:
-        if np.isnan(d.slope[leaf]):
-            _prepare_slope(t, p, d, leaf, h)
-        if rho.real != d.slope[leaf]:
-            return False
-    piece = piece_of(of, own, low, high, x, current)
+def _piece_of(of: Any, c: Any, low: Any, high: Any, x: Any, current: Any) -> Any:
+    """Return the affine piece on which a reducible storage spends a step, by the rules of `phnn.laws.leaf.rc_flow`.
+
+    Args:
+        of: (3, 6) coefficients of its pieces; c: its constants.
+    """
+    stiffness = c[STIFFNESS].real
+    effort = stiffness * x
+    # Without a dead zone, no state rests in it.
+    above = effort > high or (effort == high and low == high)
+    if above or effort < low:
+        piece, threshold = (ABOVE, high) if above else (BELOW, low)
+        end = stiffness * (of[piece, 0] * x + of[piece, 1] * current + of[piece, 2] * threshold)
+        return piece if slides_on(effort, end, above, threshold, current, c[LEAK].real) else CROSSING
+    end = stiffness * (of[RESTING, 0] * x + of[RESTING, 1] * current)
+    return RESTING if low <= end <= high else CROSSING
+
+
+@inline
+def _leaf_by_pieces(t: Any, p: Any, d: Any, leaf: Any, x: Any, h: Any) -> Any:
+    """Fill the derivatives of a reducible storage from its state ``x``; returns False if it meets a threshold."""
+    c, of = d.c[p.active.shape[0], leaf], d.whole[leaf]
+    first, last, piece = p.first[leaf], p.first[leaf + 1], RESTING
+    (current, flow), low, high = _current(t, p, d, leaf), c[LOW].real, c[HIGH].real
+    if p.reads[leaf]:
+        rho, lower, upper = _thresholds(t, p, d, leaf, -1, h)
+        low, high = lower.real, upper.real
+        if not low <= c[STIFFNESS].real * x <= high or low == high:
+            if np.isnan(c[RHO].real):
+                _prepare_slope(t, p, d, leaf, h)
+            if rho.real != c[RHO].real:
+                return False
+    if t[t[0, LEAVES] + leaf, RULE] != LOSSLESS:
+        piece = _piece_of(of, c, low, high, x, current)
     if piece == CROSSING:
         return False
-    slides = piece != RESTING
-    for pair in range(p.first[leaf], p.first[leaf + 1] if slides else p.first[leaf]):
-        d.thresholds[pair] = 0.0
+    follows = p.reads[leaf] and piece != RESTING
+    for pair in range(first, last if follows else first):
         if p.follows[pair]:
-            slope, lower, upper = _thresholds(t, p, d, p.input[pair], r, h)
-            if slope.imag / TINY != d.slopes[pair]:
+            slope, lower, upper = _thresholds(t, p, d, leaf, p.input[pair], h)
+            k = parameter(d, p.input[pair])
+            if slope.imag != (d.c[k, leaf, RHO].imag if k >= 0 else 0.0):
                 return False
-            d.thresholds[pair] = (upper if piece == ABOVE else lower).imag / TINY
-    fill(t, p, d, leaf, piece, (x, current, high if piece == ABOVE else low))
-    for pair in range(p.first[leaf], p.first[leaf + 1] if slides else p.first[leaf]):
-        d.by_leaf[pair] += of[piece, 2] * d.thresholds[pair]
-        d.by_mean[pair] += of[piece, 5] * d.thresholds[pair]
-    exert(t, p, d, leaf, mean)
+            d.by_threshold[pair] = (upper if piece == ABOVE else lower).imag / TINY
+    threshold = high if piece == ABOVE else low
+    for pair in range(first, last):
+        q = d.affine[pair, piece]
+        d.by_leaf[pair] = q[0] * x + q[1] * flow + q[2] * threshold + q[3]
+        d.by_mean[pair] = q[4] * x + q[5] * flow + q[6] * threshold + q[7]
+    for pair in range(first, last if follows or p.shifted[leaf] else first):
+        shift = d.shift[pair] if p.shifts[pair] else 0.0
+        moved = d.by_threshold[pair] if follows and p.follows[pair] else 0.0
+        d.by_leaf[pair] += of[piece, 1] * shift + of[piece, 2] * moved
+        d.by_mean[pair] += of[piece, 4] * shift + of[piece, 5] * moved
     return True
+
+
+#     z⁺ = advanced(z, s̄; θ),     δz⁺ = ∂z⁺/∂z δz + ∂z⁺/∂θ δθ + ∂z⁺/∂s̄ Σ δ(sources)
+#
+# Each factor comes from complex steps through the functions of the integration itself. The derivative of a reducible
+# storage's power follows from those of its end state and mean effort, which are computed before.
+@inline
+def _leaf_power(t: Any, p: Any, d: Any, leaf: Any, n: Any, run: Any) -> None:
+    """Add the derivatives of ``i ē − ΔH/h``, the power that the resistors of a reducible storage dissipate."""
+    k, (total, flow) = leaf_storage(t, leaf), _current(t, p, d, leaf)
+    for pair in range(p.first[leaf], p.first[leaf + 1]):
+        i = p.input[pair]
+        which, _, _ = places_of(p, d, i)
+        start = complex(run.states[n, k], TINY if i == k else 0.0)
+        end = complex(run.states[n + 1, k], TINY * d.by_leaf[pair])
+        mean = complex(run.efforts[n, k], TINY * d.by_mean[pair])
+        if t[t[0, LEAVES] + leaf, IS_LINEAR] > 0:
+            between = 0.5 * d.c[which, leaf, STIFFNESS] * (start + end)
+        else:
+            perturb(p, d, i, TINY)
+            between = mean_effort(t, k, start, end, d.theta)
+            perturb(p, d, i, 0.0)
+        current = complex(total, TINY * (d.shift[pair] + d.by_ratio[pair] * flow))
+        power = current * mean - between * (end - start) / run.h[n]
+        d.by_drive[i] += power.imag / TINY
+
+
+@inline
+def _junction_power(t: Any, p: Any, d: Any, s: Any, h: Any) -> None:
+    """Add the derivatives of the power that the junction resistor of the source in row ``s`` dissipates."""
+    r, source = t[s, SOURCE_RESISTOR], s - t[0, SOURCES]
+    for place in range(p.source_first[source], p.source_first[source + 1]):
+        i = p.source_input[place]
+        step = perturbed_step(t, p, d, i, h)
+        effort, q = branch_effort(t, r, step.g, step.wj), read(t, t[r, READ], step)
+        d.by_drive[i] += (effort * resistor_flow(t, r, effort, q, d.theta)).imag / TINY
+        perturb(p, d, i, 0.0)
+
+
+@inline
+def _signal(t: Any, p: Any, d: Any, s: Any, h: Any) -> None:
+    """Add the derivatives of the effort of a reducible storage, the flow of a junction or the action of a port."""
+    for leaf in range(count(t, LEAVES) if t[s, SOURCE_EFFORT] >= 0 else 0):
+        if leaf_storage(t, leaf) == t[s, SOURCE_EFFORT]:
+            for pair in range(p.first[leaf], p.first[leaf + 1]):
+                d.by_drive[p.input[pair]] += d.by_mean[pair]
+    source = s - t[0, SOURCES]
+    for place in range(p.source_first[source], p.source_first[source + 1]):
+        i = p.source_input[place]
+        step = perturbed_step(t, p, d, i, h)
+        value = d.wj[FLOW, t[s, SOURCE_FLOW]] if t[s, SOURCE_FLOW] >= 0 else step.a[t[s, SOURCE_PORT]]
+        d.by_drive[i] += value.imag / TINY
+        perturb(p, d, i, 0.0)
+
+
+@plain
+def _end(t: Any, row: Any, z: Any, drive: Any, h: Any, theta: Any) -> Any:
+    """Return the end state of the modulator state in a row."""
+    stay_outside()
+    return advanced(z, h, memory_rate(t, row, z, drive, theta), memory_decay(t, row, theta))
+
+
+@inline
+def _modulator_by(t: Any, p: Any, d: Any, k: Any, n: Any, run: Any) -> None:
+    """Fill the derivatives of modulator state ``k`` from those of the reducible storages."""
+    row, state, out, h = t[0, MODULATOR_STATES] + k, count(t, STORAGES) + k, d.by_modulator[k], run.h[n]
+    for i in range(out.shape[0]):
+        d.by_drive[i] = 0.0
+    for s in sources(t, row):
+        if t[s, SOURCE_LEAF] >= 0:
+            _leaf_power(t, p, d, t[s, SOURCE_LEAF], n, run)
+        elif t[s, SOURCE_RESISTOR] >= 0:
+            _junction_power(t, p, d, s, h)
+        else:
+            _signal(t, p, d, s, h)
+    drive = complex(run.efforts[n, state], TINY)
+    by = _end(t, row, d.x[state], drive, h, d.theta).imag / TINY
+    drive = complex(run.efforts[n, state], 0.0)
+    for i in range(out.shape[0]):
+        out[i] = by * d.by_drive[i]
+    for place in range(p.memory_first[k], p.memory_first[k + 1]):
+        i = p.memory_input[place]
+        perturb(p, d, i, TINY)
+        out[i] += _end(t, row, d.x[state], drive, h, d.theta).imag / TINY
+        perturb(p, d, i, 0.0)
 
 
 @inline
@@ -382,7 +378,7 @@ def _prepare_junctions(t: Any, p: Any, d: Any, k: Any, h: Any) -> None:
         d.wj[FORCE, b] = change / h
         for place in range(p.plain.shape[0]):
             if p.plain[place] < t[0, JUNCTION_INLETS]:
-                junction_term(t, p.plain[place], Step(d.theta, d.c[k], g, d.a[0], d.x, d.y, h, d.wj))
+                junction_term(t, p.plain[place], Step(d.theta, d.c[k], g, d.a[0], d.x, d.y, h, d.wj, d.wx))
         # By a parameter the terms are multiples of the flow; by the flow itself they are constants.
         i, row = (n + m + k, b) if perturbed else (n + b, m)
         if perturbed:
@@ -390,7 +386,7 @@ def _prepare_junctions(t: Any, p: Any, d: Any, k: Any, h: Any) -> None:
         else:
             d.by_change[b, i] = change.real
         for j in range(m):
-            d.junction[j, row, i] = part(d.wj[FORCE, j], perturbed)
+            d.junction[j, row, i] = d.wj[FORCE, j].imag / TINY if perturbed else d.wj[FORCE, j].real
         if not perturbed:
             start = junction_storage(t, b)
             d.by_change[b, start] = -2.0 if is_linear(t, b) else -1.0
@@ -403,26 +399,28 @@ def _prepare(t: Any, p: Any, d: Any, h: Any) -> None:
     stay_outside()
     known, none = d.x.shape[0] + d.y.shape[0], p.active.shape[0]
     for s in range(p.slots.shape[0]):
-        if p.slots[s] >= known:
-            perturb(p, d, p.slots[s], TINY)
+        perturb(p, d, p.slots[s], TINY)
         fill_gains(t, d.theta, d.g[s])
-        if p.slots[s] >= known:
-            perturb(p, d, p.slots[s], 0.0)
+        perturb(p, d, p.slots[s], 0.0)
     for k in range(none + 1):
-        if k < none:
-            perturb(p, d, known + k, TINY)
+        i = known + k if k < none else -1
+        perturb(p, d, i, TINY)
         fill_constants(t, d.theta, h, d.c[k])
         _prepare_junctions(t, p, d, k, h)
-        if k < none:
-            perturb(p, d, known + k, 0.0)
-        for leaf in range(count(t, LEAVES)):
-            if p.affine[leaf]:
-                prepare_leaf(d, k, k < none, leaf, h)
+        perturb(p, d, i, 0.0)
     for leaf in range(count(t, LEAVES)):
-        d.slope[leaf] = np.nan
-        prepare_values(t, p, d, leaf)
+        if p.reads[leaf]:
+            # No slope is known yet.
+            d.c[none, leaf, RHO] = np.nan
+        for pair in range(p.first[leaf], p.first[leaf + 1]):
+            d.shift[pair], d.by_ratio[pair] = 0.0, 0.0
+            if p.only[leaf] >= 0:
+                d.by_ratio[pair] = d.g[p.slot[p.input[pair]], p.only[leaf]].imag / TINY
+            for r in links(t, leaf):
+                if p.input[pair] == d.x.shape[0] + t[r, TO_JUNCTION]:
+                    d.shift[pair] += d.g[0, r].real
         if p.affine[leaf]:
-            prepare_pairs(t, p, d, leaf)
+            _prepare_pieces(t, p, d, leaf, h)
 
 
 @inline
@@ -457,33 +455,26 @@ def derivatives_at(t: Any, p: Any, d: Any, n: Any, run: Any, fresh: Any) -> None
     h = run.h[n]
     if fresh:
         _prepare(t, p, d, h)
-    for j in range(d.y.shape[0]):
-        d.flows[j] = run.efforts[n, junction_storage(t, j)]
-    load_actions(d, n, run)
+    load(t, d, n, run)
     _linear_terms(t, p, d)
-    leaves, remembers = count(t, LEAVES), count(t, MODULATOR_STATES) > 0
-    loaded = p.terms.shape[0] > 0 or p.scaled.shape[0] > 0 or remembers
-    for leaf in range(leaves):
-        loaded = loaded or d.kinds[leaf, KIND] in (WHOLE, FOLLOWING)
-    if loaded:
-        load(t, d, n, run)
-    if p.scaled.shape[0] > 0:
-        scale(t, p, d, h)
-    left = p.terms.shape[0] > 0
-    for leaf in range(leaves):
-        k, kind = d.kinds[leaf, STORAGE], d.kinds[leaf, KIND]
-        x, mean, done = run.states[n, k], run.efforts[n, k], kind == CURVED
-        if kind == CURVED:
-            curved_leaf(t, p, d, leaf, x, mean, h)
-        elif kind == FOLLOWING:
-            done = following_leaf(t, p, d, leaf, mean, h)
-        elif kind != WHOLE:
-            done = plain_leaf(t, p, d, leaf, x, mean)
-        d.todo[leaf] = not done
-        left = left or not done
-    if left and not loaded:
-        load(t, d, n, run)
-    if left:
-        in_full(t, p, d, n, run)
+    for s in range(p.slots.shape[0] if count(t, FACTORS) > 0 else 0):
+        modulate(t, perturbed_step(t, p, d, p.slots[s], h))
+        perturb(p, d, p.slots[s], 0.0)
+    terms_in_full(t, p, d, h)
+    for leaf in range(count(t, LEAVES)):
+        row, done = t[0, LEAVES] + leaf, False
+        k = t[row, OWN_STORAGE]
+        if p.affine[leaf]:
+            if p.shifted[leaf]:
+                _fill_shifts(t, p, d, leaf)
+            if t[row, RULE] == LOSSLESS and t[row, IS_LINEAR] <= 0:
+                _curved_leaf(t, p, d, leaf, run.states[n, k], h)
+                done = True
+            else:
+                done = _leaf_by_pieces(t, p, d, leaf, run.states[n, k], h)
+        if done:
+            _exert(t, p, d, leaf, run.efforts[n, k])
+        else:
+            leaf_in_full(t, p, d, leaf, h)
     for k in range(count(t, MODULATOR_STATES)):
-        memories_by(t, p, d, k, n, run)
+        _modulator_by(t, p, d, k, n, run)

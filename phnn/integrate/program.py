@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,10 +59,11 @@ MODULATOR_STATES = 13  # law (6), first and last row of its sources; modulator s
 # One of these, the others being -1: number of a reducible storage (power of its resistors), row of a junction resistor
 # (its power), number of a reducible storage (its effort), of a junction (its flow), of a port (its action).
 SOURCES = 14
-KINDS = 15
+SCALED = 15  # row whose ratio is modulated
+KINDS = 16
 # Columns of a row: the code of its law; the places of its parameters, or of a block of weights and its units; the row
 # of the variable that it reads; the ratio that it multiplies; the rows that belong to it.
-LAW, PLACE_1, PLACE_2, PLACE_3, PLACE_4, PLACE_5 = range(6)
+LAW, PLACE_1, PLACE_2, _, _, PLACE_5 = range(6)
 READ = 6
 RATIO_PLACE = 7
 FIRST_BRANCH, LAST_BRANCH = 7, 8
@@ -76,14 +77,14 @@ FROM_PORT, INTO_JUNCTION = range(2)
 READ_LEAF, READ_JUNCTION, READ_MODULATOR = range(3)
 SOURCE_LEAF, SOURCE_RESISTOR, SOURCE_EFFORT, SOURCE_FLOW, SOURCE_PORT = range(5)
 # A row with a ratio has its place and its sign in the last two columns; a row without one has the place -1.
-RATIO, SIGN = 16, 17
-_COLUMNS = 18
+RATIO, SIGN = 17, 18
+_COLUMNS = 19
 
 NONE = -1
 
 
 def stack(rows: Mapping[int, Sequence[Sequence[int]]], ratios: Mapping[int, Sequence[tuple[int, int]]]) -> Integers:
-    """The table of the rows of every kind, with the place and sign of the ratios of those kinds that have them."""
+    """Return the table of the rows of every kind, with place and sign of the ratios of those kinds that have them."""
     table = np.full((1 + sum(map(len, rows.values())), _COLUMNS), NONE, dtype=np.int64)
     first = 1
     for kind in range(KINDS):
@@ -98,7 +99,7 @@ def stack(rows: Mapping[int, Sequence[Sequence[int]]], ratios: Mapping[int, Sequ
 
 
 def rows_of(table: Integers, kind: int) -> Integers:
-    """Return (…, 18) the rows of one kind."""
+    """Return (…, 19) the rows of one kind."""
     return table[table[0, kind] : table[0, kind + 1]]
 
 
@@ -135,7 +136,7 @@ class Program:
         modules: (kind, element) of the neural laws in the order of their weights.
         states: names of the storages, then of the modulator states; junctions, leaves: names of the junctions and of
             the reducible storages.
-        table: for the kernel, see `phnn.integrate.program`.
+        table: for the kernel, see `phnn.integrate.table`.
         output: index of the measured storage.
         scheme: how the steps are discretised.
         moving, travel, contact: indices of the momentum and the displacement of an imposed motion, and of the contact
@@ -309,7 +310,7 @@ class _Builder:
         )
         return Program(
             self.names, self.constants, tuple(self.modules), self.states, junctions, leaves, table,
-            self.states.index(network.output), sparsity_of(table), self.scheme, *places,
+            self.states.index(network.output), Sparsity(table), self.scheme, *places,
         )  # fmt: skip
 
     def _read(self, name: str) -> list[int]:
@@ -337,6 +338,9 @@ class _Builder:
         rows_of(table, MODULATOR_STATES)[:, FIRST_SOURCE : LAST_SOURCE + 1] += first[SOURCES]
         branches = rows_of(table, SOURCES)[:, SOURCE_RESISTOR]
         branches[branches >= 0] += first[JUNCTION_RESISTORS]
+        scaled = np.flatnonzero(np.isin(table[:, RATIO], rows_of(table, FACTORS)[:, RATIO_PLACE]))
+        table = np.vstack([table, stack({**dict.fromkeys(range(KINDS), ()), SCALED: scaled[:, None].tolist()}, {})[1:]])
+        table[0, KINDS] = len(table)
         return table
 
     def _storage(self, name: str) -> Storage:
@@ -365,11 +369,8 @@ class _Builder:
                 self._with_ratio(rows, kind, [k, *rest], port.on[name])
 
 
-Inputs = frozenset[int]
-
-
-class Sparsity(NamedTuple):
-    """The inputs of every equation, and properties of the reducible storages' equations.
+class Sparsity:
+    """The inputs of every equation of a table, and properties of the reducible storages' equations.
 
     Attributes:
         leaves: inputs of the end state, the mean effort and the forces of each reducible storage.
@@ -379,104 +380,78 @@ class Sparsity(NamedTuple):
             thresholds are known; varies: whether its ratios are modulated.
         plain, others: rows of junction resistors, gyrators and junction inlets: plain ones are linear in the flows with
             constant factors; for the others, their inputs.
-        gains, scaled: inputs of all modulated ratios, and the rows that have them.
+        gains: inputs of all modulated ratios.
         modulators: inputs of each modulator state's law, its state included, without its drive;
             sources: of every source except reducible storages.
     """
 
-    leaves: tuple[Inputs, ...]
-    currents: tuple[Inputs, ...]
-    thresholds: tuple[Inputs, ...]
-    affine: tuple[bool, ...]
-    varies: tuple[bool, ...]
-    plain: tuple[int, ...]
-    others: Mapping[int, Inputs]
-    gains: Inputs
-    scaled: tuple[int, ...]
-    modulators: tuple[Inputs, ...]
-    sources: tuple[Inputs, ...]
-
-
-def sparsity_of(table: Integers) -> Sparsity:
-    """Find the inputs of the equations of a table."""
-    found = _Finder(table)
-    leaves = range(len(rows_of(table, LEAVES)))
-    ranges = [range(table[0, k], table[0, k + 1]) for k in (JUNCTION_RESISTORS, GYRATORS, JUNCTION_INLETS)]
-    terms = [row for rows in ranges for row in rows]
-    plain = [row for row in terms if found.is_plain(row)]
-    ratios = (found.ratio(place) for place in found.modulated)
-    return Sparsity(
-        tuple(frozenset(found.leaf(leaf)) for leaf in leaves),
-        tuple(frozenset(found.current(leaf)) for leaf in leaves),
-        tuple(frozenset(found.thresholds(leaf)) for leaf in leaves),
-        tuple(found.is_affine(leaf) for leaf in leaves),
-        tuple(found.varies(leaf) for leaf in leaves),
-        tuple(plain),
-        {row: frozenset(found.term(row)) for row in terms if row not in plain},
-        frozenset().union(*ratios),
-        tuple(np.flatnonzero(np.isin(table[:, RATIO], list(found.modulated))).tolist()),
-        tuple(frozenset(found.modulator(k)) for k in range(len(rows_of(table, MODULATOR_STATES)))),
-        tuple(frozenset(found.source(row)) for row in rows_of(table, SOURCES)),
-    )
-
-
-class _Finder:
-    """Collects the inputs of an equation along all its references."""
-
     def __init__(self, table: Integers) -> None:
         self.table = table
-        self.storages, self.ports = rows_of(table, STORAGES), rows_of(table, PORTS)
-        self.junction_rows, self.leaf_rows = rows_of(table, JUNCTIONS), rows_of(table, LEAVES)
-        self.unknown = len(self.storages) + len(rows_of(table, MODULATOR_STATES))
-        self.theta = self.unknown + len(self.junction_rows)
-        self.factors = rows_of(table, FACTORS)
-        self.modulated = {int(place) for place in self.factors[:, RATIO_PLACE]}
+        self._storages, self._ports = rows_of(table, STORAGES), rows_of(table, PORTS)
+        self._junctions, self._leaves = rows_of(table, JUNCTIONS), rows_of(table, LEAVES)
+        self._unknown = len(self._storages) + len(rows_of(table, MODULATOR_STATES))
+        self.known = self._unknown + len(self._junctions)
+        self._factors = rows_of(table, FACTORS)
+        self._modulated = {int(place) for place in self._factors[:, RATIO_PLACE]}
+        numbers = range(len(self._leaves))
+        kinds = (JUNCTION_RESISTORS, GYRATORS, JUNCTION_INLETS)
+        terms = [row for kind in kinds for row in range(table[0, kind], table[0, kind + 1])]
+        self.currents = [self._current(leaf) for leaf in numbers]
+        self.thresholds = [self._thresholds(leaf) for leaf in numbers]
+        self.leaves = [self._leaf(leaf) for leaf in numbers]
+        self.varies = [self._varies(leaf) for leaf in numbers]
+        self.affine = [self._is_affine(leaf) for leaf in numbers]
+        self.plain = [row for row in terms if self._is_plain(row)]
+        self.others = {row: self._term(row) for row in terms if row not in self.plain}
+        self.gains = set[int]().union(*map(self._ratio, self._modulated))
+        self.modulators = [self._modulator(k) for k in range(self._unknown - len(self._storages))]
+        self.sources = [self._source(row) for row in rows_of(table, SOURCES)]
 
     def _law(self, row: Integers, laws: Mapping[str, Any]) -> set[int]:
         """Return the indices of a law's parameters; weights of neural laws are left to the torch module."""
         known = list(laws.values())
         return (
-            {self.theta + int(p) for p in row[PLACE_1 : PLACE_1 + len(known[row[LAW]].example)]}
+            {self.known + int(p) for p in row[PLACE_1 : PLACE_1 + len(known[row[LAW]].example)]}
             if row[LAW] < len(known)
             else set()
         )
 
     def _port(self, k: int) -> set[int]:
         """Return the indices of a port's law and of its padding, which may carry a given derivative of the action."""
-        return {self.theta + int(p) for p in self.ports[k][1 : 1 + SCALARS]}
+        return {self.known + int(p) for p in self._ports[k][1 : 1 + SCALARS]}
 
     def _storage(self, k: int) -> set[int]:
-        return self._law(self.storages[k], STORAGE_LAWS)
+        return self._law(self._storages[k], STORAGE_LAWS)
 
-    def ratio(self, place: int) -> set[int]:
+    def _ratio(self, place: int) -> set[int]:
         """Return the inputs of a ratio."""
-        found = {self.theta + int(place)}
-        for row in self.factors[self.factors[:, RATIO_PLACE] == place]:
+        found = {self.known + int(place)}
+        for row in self._factors[self._factors[:, RATIO_PLACE] == place]:
             found |= self._law(row, FACTOR_LAWS) | self._read(row[READ])
         return found
 
     def _flow(self, j: int) -> set[int]:
-        storage, linear = self.junction_rows[j, [OWN_STORAGE, IS_LINEAR]]
+        storage, linear = self._junctions[j, [OWN_STORAGE, IS_LINEAR]]
         # The mean effort of a linear junction is the unknown itself; elsewhere it follows from both end states.
-        return {self.unknown + int(j)} | (set() if linear else {int(storage)} | self._storage(storage))
+        return {self._unknown + int(j)} | (set() if linear else {int(storage)} | self._storage(storage))
 
-    def current(self, leaf: int) -> set[int]:
+    def _current(self, leaf: int) -> set[int]:
         """Return the inputs of a reducible storage's current."""
         found: set[int] = set()
         links, inlets = self._connections(leaf)
         for row in links:
-            found |= self.ratio(row[RATIO]) | self._flow(row[TO_JUNCTION])
+            found |= self._ratio(row[RATIO]) | self._flow(row[TO_JUNCTION])
         for row in inlets:
             found |= self._inlet(row)
         return found
 
     def _connections(self, leaf: int) -> tuple[Integers, Integers]:
         """Return the rows of a reducible storage's links and of its inlets."""
-        first, last, first_inlet, last_inlet = self.leaf_rows[leaf, FIRST_LINK : LAST_INLET + 1]
+        first, last, first_inlet, last_inlet = self._leaves[leaf, FIRST_LINK : LAST_INLET + 1]
         return self.table[first:last], self.table[first_inlet:last_inlet]
 
     def _inlet(self, row: Integers) -> set[int]:
-        return self.ratio(row[RATIO]) | self._port(row[FROM_PORT])
+        return self._ratio(row[RATIO]) | self._port(row[FROM_PORT])
 
     def _read(self, row: int) -> set[int]:
         if row < 0:
@@ -485,43 +460,43 @@ class _Finder:
         if memory >= 0:
             return {int(memory)}
         if leaf >= 0:
-            return {int(self.leaf_rows[leaf, OWN_STORAGE])} | self.current(int(leaf))
-        storage = int(self.junction_rows[junction, OWN_STORAGE])
-        return {storage, self.unknown + int(junction)} | self._storage(storage)
+            return {int(self._leaves[leaf, OWN_STORAGE])} | self._current(int(leaf))
+        storage = int(self._junctions[junction, OWN_STORAGE])
+        return {storage, self._unknown + int(junction)} | self._storage(storage)
 
     def _resistor(self, row: Integers) -> set[int]:
         return self._law(row, RESISTOR_LAWS) | self._read(row[READ])
 
-    def leaf(self, leaf: int) -> set[int]:
+    def _leaf(self, leaf: int) -> set[int]:
         """Return the inputs of the end state, the mean effort and the forces of a reducible storage."""
-        row = self.leaf_rows[leaf]
-        found = {int(row[OWN_STORAGE])} | self._storage(row[OWN_STORAGE]) | self.current(leaf)
+        row = self._leaves[leaf]
+        found = {int(row[OWN_STORAGE])} | self._storage(row[OWN_STORAGE]) | self._current(leaf)
         for resistor in self.table[row[FIRST_RESISTOR] : row[LAST_RESISTOR]]:
-            found |= self._resistor(resistor) | self.ratio(resistor[RATIO])
+            found |= self._resistor(resistor) | self._ratio(resistor[RATIO])
         return found
 
-    def thresholds(self, leaf: int) -> set[int]:
+    def _thresholds(self, leaf: int) -> set[int]:
         """Return the inputs of the modulated thresholds of a reducible storage's first resistor."""
-        row = self.leaf_rows[leaf]
+        row = self._leaves[leaf]
         follows = row[RULE] == EXACT and self.table[row[FIRST_RESISTOR], READ] >= 0
         return self._resistor(self.table[row[FIRST_RESISTOR]]) if follows else set()
 
-    def is_affine(self, leaf: int) -> bool:
+    def _is_affine(self, leaf: int) -> bool:
         """Return whether known ratios make the current linear in the unknowns, and the flow is exact or lossless."""
-        row, (links, _) = self.leaf_rows[leaf], self._connections(leaf)
+        row, (links, _) = self._leaves[leaf], self._connections(leaf)
         # A nonlinear law with a modulated ratio is differentiated in full.
-        plain = row[RULE] == EXACT or (row[RULE] == LOSSLESS and (row[IS_LINEAR] > 0 or not self.varies(leaf)))
-        return bool(plain and all(self.junction_rows[r[TO_JUNCTION], IS_LINEAR] for r in links))
+        plain = row[RULE] == EXACT or (row[RULE] == LOSSLESS and (row[IS_LINEAR] > 0 or not self._varies(leaf)))
+        return bool(plain and all(self._junctions[r[TO_JUNCTION], IS_LINEAR] for r in links))
 
-    def varies(self, leaf: int) -> bool:
+    def _varies(self, leaf: int) -> bool:
         """Return whether a ratio between a reducible storage and a junction or a port is modulated."""
         links, inlets = self._connections(leaf)
-        return bool(self.modulated & {int(r[RATIO]) for r in (*links, *inlets)})
+        return bool(self._modulated & {int(r[RATIO]) for r in (*links, *inlets)})
 
     def _branches(self, row: Integers) -> Integers:
         return self.table[row[FIRST_BRANCH] : row[LAST_BRANCH]]
 
-    def is_plain(self, place: int) -> bool:
+    def _is_plain(self, place: int) -> bool:
         """Return whether a term of the junctions is linear in the flows, or in an action, with a constant factor."""
         row, kind = self.table[place], self._kind(place)
         if kind == JUNCTION_RESISTORS:
@@ -531,32 +506,32 @@ class _Finder:
         else:
             rows, linear = row[None], True
             ends = row[:2] if kind == GYRATORS else row[:0]
-        constant = not self.modulated & {int(r[RATIO]) for r in rows}
-        return bool(linear and constant and all(self.junction_rows[j, IS_LINEAR] for j in ends))
+        constant = not self._modulated & {int(r[RATIO]) for r in rows}
+        return bool(linear and constant and all(self._junctions[j, IS_LINEAR] for j in ends))
 
     def _kind(self, place: int) -> int:
         return int(np.searchsorted(self.table[0, :KINDS], place, side="right")) - 1
 
-    def term(self, place: int) -> set[int]:
+    def _term(self, place: int) -> set[int]:
         """Return the inputs of a junction resistor's, a gyrator's or a junction inlet's term."""
         row, kind = self.table[place], self._kind(place)
         if kind == JUNCTION_INLETS:
             return self._inlet(row)
         if kind == GYRATORS:
-            return self.ratio(row[RATIO]) | self._flow(row[OF_JUNCTION])
+            return self._ratio(row[RATIO]) | self._flow(row[OF_JUNCTION])
         found = self._resistor(row)
         for branch in self._branches(row):
-            found |= self.ratio(branch[RATIO]) | self._flow(branch[0])
+            found |= self._ratio(branch[RATIO]) | self._flow(branch[0])
         return found
 
-    def modulator(self, k: int) -> set[int]:
+    def _modulator(self, k: int) -> set[int]:
         """Return the inputs of a modulator state's law without its drive."""
-        return {len(self.storages) + k} | self._law(rows_of(self.table, MODULATOR_STATES)[k], MEMORY_LAWS)
+        return {len(self._storages) + k} | self._law(rows_of(self.table, MODULATOR_STATES)[k], MEMORY_LAWS)
 
-    def source(self, row: Integers) -> set[int]:
+    def _source(self, row: Integers) -> set[int]:
         """Inputs of a source of a modulator state; those of a reducible storage are listed with the storage."""
         if row[SOURCE_RESISTOR] >= 0:
-            return self.term(int(row[SOURCE_RESISTOR]))
+            return self._term(int(row[SOURCE_RESISTOR]))
         if row[SOURCE_FLOW] >= 0:
             return self._flow(int(row[SOURCE_FLOW]))
         return self._port(row[SOURCE_PORT]) if row[SOURCE_PORT] >= 0 else set()

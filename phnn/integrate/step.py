@@ -60,6 +60,7 @@ from phnn.integrate.program import (
     READ_LEAF,
     READ_MODULATOR,
     RULE,
+    SCALED,
     SIGN,
     SOURCE_EFFORT,
     SOURCE_FLOW,
@@ -80,6 +81,72 @@ from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES, compiled
 
 # The functions below compile the laws that exist now.
 close_tables()
+
+
+# How compiled functions walk along the table ``t``; a junction and a reducible storage are given by their numbers.
+
+
+@inline
+def count(t: Any, kind: Any) -> Any:
+    """Return the number of rows of a kind."""
+    return t[0, kind + 1] - t[0, kind]
+
+
+@inline
+def rows(t: Any, kind: Any) -> Any:
+    """Return the row numbers of a kind."""
+    return range(t[0, kind], t[0, kind + 1])
+
+
+@inline
+def junction_storage(t: Any, j: Any) -> Any:
+    """Return the number of the storage of junction ``j``."""
+    return t[t[0, JUNCTIONS] + j, OWN_STORAGE]
+
+
+@inline
+def is_linear(t: Any, j: Any) -> Any:
+    """Return whether the unknown of junction ``j`` is its mean effort; otherwise it is its end state."""
+    return t[t[0, JUNCTIONS] + j, IS_LINEAR] > 0
+
+
+@inline
+def leaf_storage(t: Any, leaf: Any) -> Any:
+    """Return the number of a reducible storage among all storages."""
+    return t[t[0, LEAVES] + leaf, OWN_STORAGE]
+
+
+@inline
+def resistors(t: Any, leaf: Any) -> Any:
+    """Return the rows of the resistors of a reducible storage."""
+    row = t[0, LEAVES] + leaf
+    return range(t[row, FIRST_RESISTOR], t[row, LAST_RESISTOR])
+
+
+@inline
+def links(t: Any, leaf: Any) -> Any:
+    """Return the rows that couple a reducible storage to junctions."""
+    row = t[0, LEAVES] + leaf
+    return range(t[row, FIRST_LINK], t[row, LAST_LINK])
+
+
+@inline
+def inlets(t: Any, leaf: Any) -> Any:
+    """Return the rows that couple a reducible storage to ports."""
+    row = t[0, LEAVES] + leaf
+    return range(t[row, FIRST_INLET], t[row, LAST_INLET])
+
+
+@inline
+def branches(t: Any, r: Any) -> Any:
+    """Return the rows that couple the junction resistor in row ``r`` to junctions."""
+    return range(t[r, FIRST_BRANCH], t[r, LAST_BRANCH])
+
+
+@inline
+def sources(t: Any, row: Any) -> Any:
+    """Return the rows of the sources of the modulator state in a row."""
+    return range(t[row, FIRST_SOURCE], t[row, LAST_SOURCE])
 
 
 def _of_law(name: str, leading: int, laws: Mapping[str, Any], wide: Iterable[Callable[..., Any]] = ()) -> Any:
@@ -132,12 +199,6 @@ memory_decay = _of_law("decay", 0, MEMORY_LAWS)
 
 
 @inline
-def count(t: Any, kind: Any) -> Any:
-    """Return the number of rows of a kind."""
-    return t[0, kind + 1] - t[0, kind]
-
-
-@inline
 def mean_effort(t: Any, k: Any, a: Any, b: Any, theta: Any) -> Any:
     """Return ``ē`` of storage ``k`` between two states."""
     return storage_effort(t, t[0, STORAGES] + k, a, b, theta)
@@ -148,18 +209,6 @@ def stiffness(t: Any, k: Any, theta: Any) -> Any:
     """Return ``s`` of a linear storage, ``E = s x``, or of another one at rest."""
     small = NEAR_REST + 0.0 * theta[0]
     return mean_effort(t, k, small, small, theta) / NEAR_REST
-
-
-@inline
-def junction_storage(t: Any, j: Any) -> Any:
-    """Return the number of the storage of junction ``j``."""
-    return t[t[0, JUNCTIONS] + j, OWN_STORAGE]
-
-
-@inline
-def is_linear(t: Any, j: Any) -> Any:
-    """Return whether the unknown of junction ``j`` is its mean effort; otherwise it is its end state."""
-    return t[t[0, JUNCTIONS] + j, IS_LINEAR] > 0
 
 
 # Quantities that are the same in all steps of one size: constants of storages and junctions, and gains.
@@ -210,15 +259,6 @@ def fill_gains(t: Any, theta: Any, g: Any) -> None:
             g[r] = t[r, SIGN] * theta[t[r, RATIO]]
 
 
-@plain
-def scale_gains(t: Any, place: Any, by: Any, g: Any) -> None:
-    """Multiply the gains of one ratio."""
-    stay_outside()
-    for r in range(t.shape[0]):
-        if t[r, RATIO] == place:
-            g[r] *= by
-
-
 # Rows of the two work arrays: per junction (4, m) and per storage (2, N).
 FLOW, CHANGE, FORCE, SIZE = range(4)
 NEXT, EFFORT = range(2)
@@ -232,6 +272,7 @@ class Step(NamedTuple):
         c, g, a: constants, ratios and actions, see above.
         x: (N,) state at its start; y: (m,) unknowns; h: its size [s].
         wj: (4, m) filled with ``v̄``, ``z − p``, ``F`` and the size of its terms.
+        wx: (2, N) filled with end states and mean efforts.
     """
 
     theta: Any
@@ -242,6 +283,7 @@ class Step(NamedTuple):
     y: Any
     h: Any
     wj: Any
+    wx: Any
 
 
 @inline
@@ -254,11 +296,10 @@ def junction_change(t: Any, j: Any, c: Any, x: Any, y: Any) -> Any:
 @inline
 def leaf_current(t: Any, leaf: Any, g: Any, a: Any, wj: Any) -> Any:
     """Return ``i_l``."""
-    row = t[0, LEAVES] + leaf
     total = 0.0 * g[0]
-    for r in range(t[row, FIRST_LINK], t[row, LAST_LINK]):
+    for r in links(t, leaf):
         total += g[r] * wj[FLOW, t[r, TO_JUNCTION]]
-    for r in range(t[row, FIRST_INLET], t[row, LAST_INLET]):
+    for r in inlets(t, leaf):
         total += g[r] * a[t[r, FROM_PORT]]
     return total
 
@@ -276,7 +317,7 @@ def read(t: Any, r: Any, step: Step) -> Any:
     if t[r, READ_MODULATOR] >= 0:
         return step.x[t[r, READ_MODULATOR]]
     if leaf >= 0:
-        start = step.x[t[t[0, LEAVES] + leaf, OWN_STORAGE]]
+        start = step.x[leaf_storage(t, leaf)]
         return start + 0.5 * step.h * leaf_current(t, leaf, step.g, step.a, step.wj)
     return step.x[junction_storage(t, j)] + 0.5 * junction_change(t, j, step.c, step.x, step.y)
 
@@ -285,7 +326,7 @@ def read(t: Any, r: Any, step: Step) -> Any:
 def branch_effort(t: Any, r: Any, g: Any, wj: Any) -> Any:
     """Return ``b_rᵀ v̄`` of the junction resistor in row ``r``."""
     effort = 0.0 * g[0]
-    for b in range(t[r, FIRST_BRANCH], t[r, LAST_BRANCH]):
+    for b in branches(t, r):
         effort += g[b] * wj[FLOW, t[b, TO_JUNCTION]]
     return effort
 
@@ -310,7 +351,7 @@ def _resistor_term(t: Any, r: Any, step: Step) -> None:
     g, wj = step.g, step.wj
     effort = branch_effort(t, r, g, wj)
     flow = resistor_flow(t, r, effort, read(t, t[r, READ], step), step.theta)
-    for b in range(t[r, FIRST_BRANCH], t[r, LAST_BRANCH]):
+    for b in branches(t, r):
         add(g[b] * flow, t[b, TO_JUNCTION], wj)
 
 
@@ -345,22 +386,28 @@ def junction_terms(t: Any, step: Step) -> None:
         wj[CHANGE, j] = change
         wj[FORCE, j] = change * rate
         wj[SIZE, j] = (abs(change.real) + abs(x[junction_storage(t, j)].real)) * rate
-    for r in range(t[0, JUNCTION_RESISTORS], t[0, JUNCTION_RESISTORS + 1]):
+    for r in rows(t, JUNCTION_RESISTORS):
         _resistor_term(t, r, step)
-    for r in range(t[0, GYRATORS], t[0, GYRATORS + 1]):
+    for r in rows(t, GYRATORS):
         _gyrator_term(t, r, g, wj)
-    for r in range(t[0, JUNCTION_INLETS], t[0, JUNCTION_INLETS + 1]):
+    for r in rows(t, JUNCTION_INLETS):
         _inlet_term(t, r, g, step.a, wj)
 
 
 @plain
 def modulate(t: Any, step: Step) -> None:
-    """Set the gains to their values at mid-step."""
+    """Set the modulated ratios to their values in this step."""
     stay_outside()
     theta, g = step.theta, step.g
-    fill_gains(t, theta, g)
-    for r in range(t[0, FACTORS], t[0, FACTORS + 1]):
-        scale_gains(t, t[r, RATIO_PLACE], factor(t, r, read(t, t[r, READ], step), theta), g)
+    for s in rows(t, SCALED):
+        r = t[s, 0]
+        g[r] = t[r, SIGN] * theta[t[r, RATIO]]
+    for f in rows(t, FACTORS):
+        by = factor(t, f, read(t, t[f, READ], step), theta)
+        for s in rows(t, SCALED):
+            r = t[s, 0]
+            if t[r, RATIO] == t[f, RATIO_PLACE]:
+                g[r] *= by
 
 
 def _make_flow(part: Any) -> Any:
@@ -370,10 +417,9 @@ def _make_flow(part: Any) -> Any:
     def flow(start: Any, end: Any, context: Any) -> Any:
         stay_outside()
         t, leaf, step = context
-        row = t[0, LEAVES] + leaf
-        effort = mean_effort(t, t[row, OWN_STORAGE], start, end, step.theta)
+        effort = mean_effort(t, leaf_storage(t, leaf), start, end, step.theta)
         total = 0.0 * effort
-        for r in range(t[row, FIRST_RESISTOR], t[row, LAST_RESISTOR]):
+        for r in resistors(t, leaf):
             q, ratio = read(t, t[r, READ], step), part(step.g[r])
             total += ratio * resistor_flow(t, r, ratio * effort, part(q) + 0.0 * q, step.theta)
         return total
@@ -402,10 +448,9 @@ def is_closed(t: Any, leaf: Any) -> Any:
 def leaf_search(t: Any, leaf: Any, step: Step) -> Any:
     """Solve the equations of a storage without a closed solution, in real numbers: see `phnn.integrate.roots`."""
     stay_outside()
-    row = t[0, LEAVES] + leaf
-    start, current = real(step.x[t[row, OWN_STORAGE]]), real(leaf_current(t, leaf, step.g, step.a, step.wj))
+    start, current = real(step.x[leaf_storage(t, leaf)]), real(leaf_current(t, leaf, step.g, step.a, step.wj))
     context = (t, leaf, step)
-    if t[row, RULE] == RADAU:
+    if t[t[0, LEAVES] + leaf, RULE] == RADAU:
         return _radau_search(start, current, step.h, context)
     end, slope = _gradient_search(start, current, step.h, context)
     return end, slope, 0.0, 0.0
@@ -415,14 +460,21 @@ def leaf_search(t: Any, leaf: Any, step: Step) -> Any:
 def leaf_moved(t: Any, leaf: Any, step: Step, found: Any) -> Any:
     """Return the end state and mean effort of a reducible storage from the result of `leaf_search`."""
     stay_outside()
-    row = t[0, LEAVES] + leaf
-    k = t[row, OWN_STORAGE]
+    k = leaf_storage(t, leaf)
     context, start = (t, leaf, step), step.x[k]
     current = leaf_current(t, leaf, step.g, step.a, step.wj)
-    if t[row, RULE] == RADAU:
+    if t[t[0, LEAVES] + leaf, RULE] == RADAU:
         return _radau_moved(start, current, step.h, step.c[leaf, STIFFNESS], found, context)
     end = _gradient_moved(start, current, step.h, (found[0], found[1]), context)
     return end, mean_effort(t, k, start, end, step.theta)
+
+
+@inline
+def exact_flow(x: Any, current: Any, h: Any, c: Any, slope: Any) -> Any:
+    """Return end state and mean effort under the exact flow, from a storage's constants and ``(ρ, lo, hi, φ₁, φ₂)``."""
+    rho, low, high, one, two = slope
+    stiffness, leak = c[STIFFNESS], c[LEAK]
+    return rc_flow(x, current, h, stiffness, rho, low, high, leak, one, two, c[LEAK_ONE], c[LEAK_TWO])
 
 
 @inline
@@ -439,16 +491,13 @@ def leaf_closed(t: Any, leaf: Any, step: Step) -> Any:
         return x[k] + gain, mean_effort(t, k, x[k], x[k] + gain, theta)
     if rule == PATH:
         return resistor_path(t, t[row, FIRST_RESISTOR], x[k], current, h, c[leaf, STIFFNESS], theta)
-    rho, low, high = c[leaf, RHO], c[leaf, LOW], c[leaf, HIGH]
-    one, two, leak = c[leaf, ONE], c[leaf, TWO], c[leaf, LEAK]
-    r = t[row, FIRST_RESISTOR]
+    own, r = c[leaf], t[row, FIRST_RESISTOR]
+    slope = own[RHO], own[LOW], own[HIGH], own[ONE], own[TWO]
     if t[r, READ] >= 0:
         rho, low, high = resistor_thresholds(t, r, read(t, t[r, READ], step), theta)
-        one, two = relaxation(h * (rho + leak) * c[leaf, STIFFNESS])
-    return rc_flow(
-        x[k], current, h, c[leaf, STIFFNESS], rho, low, high, leak, one, two,
-        c[leaf, LEAK_ONE], c[leaf, LEAK_TWO],
-    )  # fmt: skip
+        one, two = relaxation(h * (rho + own[LEAK]) * own[STIFFNESS])
+        slope = rho, low, high, one, two
+    return exact_flow(x[k], current, h, own, slope)
 
 
 @inline
@@ -461,32 +510,20 @@ def leaf_step(t: Any, leaf: Any, step: Step) -> Any:
 
 
 @inline
-def leaf_forces(t: Any, leaf: Any, g: Any, effort: Any, wj: Any) -> None:
-    """Add the forces of a reducible storage on its junctions."""
-    row = t[0, LEAVES] + leaf
-    for r in range(t[row, FIRST_LINK], t[row, LAST_LINK]):
-        add(g[r] * effort, t[r, TO_JUNCTION], wj)
-
-
-@inline
-def inlined_balance(t: Any, step: Step, wx: Any) -> None:
-    """Evaluate ``F`` at the unknowns of a step, with the end states and mean efforts.
-
-    Args:
-        t: table; step: its modulated gains are filled in here.
-        wx: (2, N) filled with end states and mean efforts.
-    """
-    x, wj = step.x, step.wj
+def inlined_balance(t: Any, step: Step) -> None:
+    """Evaluate ``F`` at the unknowns of a step, with the modulated ratios, the end states and mean efforts."""
+    x, wj, wx = step.x, step.wj, step.wx
     junction_flows(t, step.theta, x, step.y, wj)
     if count(t, FACTORS) > 0:
         modulate(t, step)
     junction_terms(t, step)
     for leaf in range(count(t, LEAVES)):
         end, mean = leaf_step(t, leaf, step)
-        k = t[t[0, LEAVES] + leaf, OWN_STORAGE]
+        k = leaf_storage(t, leaf)
         wx[NEXT, k] = end
         wx[EFFORT, k] = mean
-        leaf_forces(t, leaf, step.g, mean, wj)
+        for r in links(t, leaf):
+            add(step.g[r] * mean, t[r, TO_JUNCTION], wj)
     for j in range(count(t, JUNCTIONS)):
         k = junction_storage(t, j)
         wx[NEXT, k] = x[k] + wj[CHANGE, j]
@@ -494,19 +531,19 @@ def inlined_balance(t: Any, step: Step, wx: Any) -> None:
 
 
 @plain
-def balance(t: Any, step: Step, wx: Any) -> None:
+def balance(t: Any, step: Step) -> None:
     """`inlined_balance` as a call."""
     stay_outside()
-    inlined_balance(t, step, wx)
+    inlined_balance(t, step)
 
 
 @inline
-def _source(t: Any, s: Any, step: Step, wx: Any) -> Any:
+def _source(t: Any, s: Any, step: Step) -> Any:
     """Return the contribution of the source in row ``s`` to ``s̄``."""
-    theta, g, x, wj = step.theta, step.g, step.x, step.wj
+    theta, g, x, wj, wx = step.theta, step.g, step.x, step.wj, step.wx
     leaf, r = t[s, SOURCE_LEAF], t[s, SOURCE_RESISTOR]
     if leaf >= 0:
-        k = t[t[0, LEAVES] + leaf, OWN_STORAGE]
+        k = leaf_storage(t, leaf)
         end = wx[NEXT, k]
         stored = mean_effort(t, k, x[k], end, theta) * (end - x[k]) / step.h
         return leaf_current(t, leaf, g, step.a, wj) * wx[EFFORT, k] - stored
@@ -521,18 +558,15 @@ def _source(t: Any, s: Any, step: Step, wx: Any) -> Any:
 
 
 @plain
-def advance(t: Any, step: Step, wx: Any) -> None:
-    """Fill the end states and the mean drives ``s̄`` of all modulator states from those of a solved step.
-
-    Args: as of `inlined_balance`; states and ``wx`` have the modulator states after the storages.
-    """
+def advance(t: Any, step: Step) -> None:
+    """Fill the end states and the mean drives ``s̄`` of all modulator states, which follow the storages."""
     stay_outside()
-    first = count(t, STORAGES)
+    first, wx = count(t, STORAGES), step.wx
     for k in range(count(t, MODULATOR_STATES)):
         row, z = t[0, MODULATOR_STATES] + k, step.x[first + k]
         total = 0.0 * step.g[0]
-        for s in range(t[row, FIRST_SOURCE], t[row, LAST_SOURCE]):
-            total += _source(t, s, step, wx)
+        for s in sources(t, row):
+            total += _source(t, s, step)
         wx[EFFORT, first + k] = total
         rate, decay = memory_rate(t, row, z, total, step.theta), memory_decay(t, row, step.theta)
         wx[NEXT, first + k] = advanced(z, step.h, rate, decay)

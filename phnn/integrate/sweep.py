@@ -31,8 +31,8 @@ from phnn.integrate.cache import inline, loop_entry
 from phnn.integrate.kernel import eliminate
 from phnn.integrate.linearise import derivatives_at
 from phnn.integrate.perturbed import Run, new_derivatives, pattern_of
-from phnn.integrate.program import LEAVES, OWN_STORAGE, PLACE_5, PORTS, Program, action_derivatives, actions, rows_of
-from phnn.integrate.step import junction_storage
+from phnn.integrate.program import PLACE_5, PORTS, Program, action_derivatives, actions, rows_of
+from phnn.integrate.step import junction_storage, leaf_storage
 
 Array = NDArray[np.float64]
 
@@ -41,30 +41,20 @@ class Asked(NamedTuple):
     """Perturbations of a forward sweep, and the nodes at which the output is wanted.
 
     Attributes:
-        forces: (n, F); columns: the number of the junction that they act on, the first column of these perturbations
-            and that of the parameters perturbed by a signal, the numbers of these parameters; weights: (n, W) signals.
+        forces: (n, F) perturbations of the force on a junction; junction: its number; first_force: their first column.
+        varied: (W,) numbers of the parameters that a signal perturbs; weights: (n, W) the signals; first_varied: their
+            first column.
         nodes: (M,) step indices; output: number of the state that is wanted.
     """
 
     forces: Any
-    columns: Any
+    junction: Any
+    first_force: Any
+    varied: Any
     weights: Any
+    first_varied: Any
     nodes: Any
     output: Any
-
-
-class Sensitivities(NamedTuple):
-    """Derivatives in a forward sweep.
-
-    Attributes:
-        known: (N+m, C) of the states, and of the unknowns, which are filled in; following: (N+m, C) its states are
-            filled, then both change places.
-        matrix: (m, m) work array.
-    """
-
-    known: Any
-    following: Any
-    matrix: Any
 
 
 @inline
@@ -82,109 +72,95 @@ def _set(out: Any, a: Any, x: Any, b: Any, y: Any) -> None:
 
 
 @inline
-def _solve_unknowns(p: Any, d: Any, force: Any, columns: Any, known: Any, matrix: Any) -> None:
+def _combine(out: Any, own: Any, sign: Any, by: Any, known: Any, rows: Any, pair: Any, n: Any, asked: Asked) -> None:
+    """Set a row to the chain rule of a block of step ``n``, with a sign, and a multiple of a row.
+
+    Args:
+        by: (I,) derivatives by states, unknowns and parameters; known: (N+m, C) rows of states and unknowns.
+        rows: number of the rows that count; pair: two of them, which are taken in one pass; own: multiple of the first.
+    """
+    one, two = pair
+    inputs = known.shape[0]
+    _set(out, own + sign * by[one], known[one], sign * by[two] if two != one else 0.0, known[two])
+    for i in range(rows):
+        if i not in (one, two):
+            _add(out, sign * by[i], known[i])
+    for k in range(by.shape[0] - inputs):
+        out[k] += sign * by[inputs + k]
+    for w in range(asked.varied.shape[0]):
+        out[asked.first_varied + w] += sign * by[inputs + asked.varied[w]] * asked.weights[n, w]
+
+
+@inline
+def _solve_unknowns(d: Any, n: Any, asked: Asked, known: Any, matrix: Any) -> None:
     """Fill the rows of the unknowns from those of the states."""
-    junction, first_force, first_varied, varied, weight_of = columns
-    m, k_active = matrix.shape[0], p.active.shape[0]
-    n = known.shape[0] - m
+    m = matrix.shape[0]
+    states = known.shape[0] - m
     for j in range(m):
-        row, by = known[n + j], d.by_force[j]
-        _set(row, -by[0], known[0], -by[n - 1] if n > 1 else 0.0, known[n - 1])
-        for s in range(1, n - 1):
-            _add(row, -by[s], known[s])
-        for k in range(k_active):
-            row[k] -= by[n + m + k]
-        for w in range(varied.shape[0]):
-            row[first_varied + w] -= by[n + m + varied[w]] * weight_of[w]
+        _combine(known[states + j], 0.0, -1.0, d.by_force[j], known, states, (0, states - 1), n, asked)
         for i in range(m):
-            matrix[j, i] = by[n + i]
-    for f in range(force.shape[0]):
-        known[n + junction, first_force + f] += force[f]
+            matrix[j, i] = d.by_force[j, states + i]
+    for f in range(asked.forces.shape[1]):
+        known[states + asked.junction, asked.first_force + f] += asked.forces[n, f]
     if m == 1:
-        inverse, row = 1.0 / matrix[0, 0], known[n]
+        inverse, row = 1.0 / matrix[0, 0], known[states]
         for c in range(row.shape[0]):
             row[c] *= inverse
     else:
-        eliminate(matrix, known[n:])
+        eliminate(matrix, known[states:])
 
 
 @inline
-def _propagate(t: Any, p: Any, d: Any, force: Any, columns: Any, found: Sensitivities) -> None:
-    """One step of the recursion for all columns.
-
-    Args:
-        force: (F,) perturbations of one junction's force.
-        columns: as of `Asked`, and the signals at this step.
-    """
-    _, _, first_varied, varied, weight_of = columns
-    known, following, matrix = found
-    m = matrix.shape[0]
-    n = known.shape[0] - m
-    _solve_unknowns(p, d, force, columns, known, matrix)
+def _propagate(t: Any, p: Any, d: Any, n: Any, asked: Asked, known: Any, following: Any) -> None:
+    """Fill the rows of the states at the end of step ``n`` from those of states and unknowns."""
+    inputs, m, slow = known.shape[0], d.by_force.shape[0], d.by_modulator.shape[0]
     for j in range(m):
         end = junction_storage(t, j)
-        out, by = following[end], d.by_change[j]
-        _set(out, 1.0 + by[end], known[end], by[n + j], known[n + j])
-        for i in range(n + m):
-            if i not in (end, n + j):
-                _add(out, by[i], known[i])
-        for k in range(p.active.shape[0]):
-            out[k] += by[n + m + k]
-        for w in range(varied.shape[0]):
-            out[first_varied + w] += by[n + m + varied[w]] * weight_of[w]
+        _combine(following[end], 1.0, 1.0, d.by_change[j], known, inputs, (end, inputs - m + j), n, asked)
     for leaf in range(p.first.shape[0] - 1):
-        out = following[t[t[0, LEAVES] + leaf, OWN_STORAGE]]
+        out = following[leaf_storage(t, leaf)]
         first, last = p.first[leaf], p.first[leaf + 1]
         # Inputs increase: the storage's own state is among them, and mostly one flow.
         one, two = p.input[first], p.input[first + 1] if first + 1 < last else 0
-        paired = first + 1 < last and two < n + m
+        paired = first + 1 < last and two < inputs
         _set(out, d.by_leaf[first], known[one], d.by_leaf[first + 1] if paired else 0.0, known[two if paired else one])
         for pair in range(first + (2 if paired else 1), last):
             i = p.input[pair]
-            if i < n + m:
+            if i < inputs:
                 _add(out, d.by_leaf[pair], known[i])
             else:
-                out[i - n - m] += d.by_leaf[pair]
-                for w in range(varied.shape[0]):
-                    if varied[w] == i - n - m:
-                        out[first_varied + w] += d.by_leaf[pair] * weight_of[w]
-    _modulator_rows(d, columns, known, following, n + m)
-
-
-@inline
-def _modulator_rows(d: Any, columns: Any, known: Any, following: Any, inputs: Any) -> None:
-    """Fill the rows of the modulator states; ``inputs`` counts states and unknowns."""
-    _, _, first_varied, varied, weight_of = columns
-    memories = d.by_modulator.shape[0]
-    for k in range(memories):
+                out[i - inputs] += d.by_leaf[pair]
+                for w in range(asked.varied.shape[0]):
+                    if asked.varied[w] == i - inputs:
+                        out[asked.first_varied + w] += d.by_leaf[pair] * asked.weights[n, w]
+    for k in range(slow):
         # Modulator states are the last states.
-        out, by = following[inputs - d.by_force.shape[0] - memories + k], d.by_modulator[k]
-        _set(out, by[0], known[0], 0.0, known[0])
-        for i in range(1, inputs):
-            _add(out, by[i], known[i])
-        for i in range(inputs, by.shape[0]):
-            out[i - inputs] += by[i]
-        for w in range(varied.shape[0]):
-            out[first_varied + w] += by[inputs + varied[w]] * weight_of[w]
+        out = following[inputs - m - slow + k]
+        _combine(out, 0.0, 1.0, d.by_modulator[k], known, inputs, (0, inputs - 1), n, asked)
 
 
 @loop_entry
-def sensitivity_steps(t: Any, p: Any, d: Any, run: Any, asked: Asked, start: Sensitivities, out: Any) -> None:
-    """The forward sweep of `phnn.integrate.sweep.sensitivities`, from the derivatives at its start."""
-    junction, first_force, first_varied, varied = asked.columns
-    nodes, output = asked.nodes, asked.output
-    known, following, matrix = start
+def sensitivity_steps(
+    t: Any, p: Any, d: Any, run: Any, asked: Asked, known: Any, following: Any, matrix: Any, out: Any
+) -> None:
+    """The forward sweep of `sensitivities`.
+
+    Args:
+        known: (N+m, C) derivatives of the states at its start, and of the unknowns, which are filled in.
+        following: (N+m, C) its states are filled, then both change places; matrix: (m, m) work array.
+        out: (M, C) filled.
+    """
     for c in range(out.shape[1]):
-        out[0, c] = known[output, c]
+        out[0, c] = known[asked.output, c]
     node = 1
     for n in range(run.h.shape[0]):
         derivatives_at(t, p, d, n, run, n == 0 or run.h[n] != run.h[n - 1])
-        here = (junction, first_force, first_varied, varied, asked.weights[n])
-        _propagate(t, p, d, asked.forces[n], here, Sensitivities(known, following, matrix))
+        _solve_unknowns(d, n, asked, known, matrix)
+        _propagate(t, p, d, n, asked, known, following)
         known, following = following, known
-        if node < nodes.shape[0] and nodes[node] == n + 1:
+        if node < asked.nodes.shape[0] and asked.nodes[node] == n + 1:
             for c in range(out.shape[1]):
-                out[node, c] = known[output, c]
+                out[node, c] = known[asked.output, c]
             node += 1
 
 
@@ -271,7 +247,7 @@ def sensitivities(
         (M, K + S + F + W) the output's derivatives.
     """
     (program, theta, states, efforts, u, h), active, varied = march, perturbed.active, perturbed.varied
-    pattern = pattern_of(program, tuple(active.tolist()))
+    pattern = pattern_of(program.sparsity, tuple(active.tolist()))
     by_port = action_derivatives(program, theta, u, active[pattern.in_ports >= 0])
     for k, action in perturbed.pushed.items():
         by_port[pattern.in_ports[k]] = action
@@ -286,10 +262,10 @@ def sensitivities(
     known[: states.shape[1], : start.shape[1]] = start
     known[initial, active.size + np.arange(initial.size)] = 1.0
     junction, following = program.junctions.index(program.states[program.flow]) if m else 0, np.zeros_like(known)
-    columns = (junction, first_force, first_varied, varied)
-    asked = Asked(perturbed.forces, columns, perturbed.weights, nodes, program.output)
-    found = Sensitivities(known, following, np.zeros((m, m)))
-    sensitivity_steps(program.table, pattern, memory, run, asked, found, out)
+    asked = Asked(
+        perturbed.forces, junction, first_force, varied, perturbed.weights, first_varied, nodes, program.output
+    )
+    sensitivity_steps(program.table, pattern, memory, run, asked, known, following, np.zeros((m, m)), out)
     if end is not None:
         # The sweep swaps the two arrays after every step.
         end[:] = (following if h.size % 2 else known)[: states.shape[1]]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -355,9 +356,10 @@ def test_the_quick_march_leaves_other_networks_alone() -> None:
 def in_full(program: Program) -> Program:
     """The program with nothing known to be affine: its steps are differentiated block by block."""
     sparsity, count = program.sparsity, len(program.states) + len(program.junctions)
-    everything = frozenset(range(count + len(program.names) + len(program.constants)))
+    everything = set(range(count + len(program.names) + len(program.constants)))
     others = {**dict.fromkeys(sparsity.plain, everything), **sparsity.others}
-    sparsity = sparsity._replace(affine=(False,) * len(program.leaves), plain=(), others=others)
+    sparsity = copy(sparsity)
+    sparsity.affine, sparsity.plain, sparsity.others = [False] * len(program.leaves), [], others
     return replace(program, sparsity=sparsity)
 
 
