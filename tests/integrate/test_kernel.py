@@ -356,11 +356,11 @@ def test_the_quick_march_leaves_other_networks_alone() -> None:
 def in_full(program: Program) -> Program:
     """The program with nothing known to be affine: its steps are differentiated block by block."""
     sparsity, count = program.sparsity, len(program.states) + len(program.junctions)
-    everything = frozenset(range(count + len(program.names) + len(program.constants)))
+    everything = set(range(count + len(program.names) + len(program.constants)))
     others = {**dict.fromkeys(sparsity.plain, everything), **sparsity.others}
-    full = copy(sparsity)
-    full.affine, full.plain, full.others = [False] * len(program.leaves), [], others
-    return replace(program, sparsity=full)
+    sparsity = copy(sparsity)
+    sparsity.affine, sparsity.plain, sparsity.others = [False] * len(program.leaves), [], others
+    return replace(program, sparsity=sparsity)
 
 
 @pytest.mark.parametrize("name", [*QUICK, *OTHER])
