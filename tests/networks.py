@@ -235,10 +235,7 @@ class Quartic(nn.Module):
 def oscillator(storage: object = "spring", resistor: object = "linear") -> Network:
     """A driven mass on a spring with a damper, whose laws can be exchanged."""
     return Network(
-        (
-            Storage("q", storage, ("k",) if isinstance(storage, str) else ()),
-            Storage("p", "capacitor", ("m",)),
-        ),
+        (Storage("q", storage, ("k",) if isinstance(storage, str) else ()), Storage("p", "capacitor", ("m",))),
         (Resistor("damper", resistor, {"p": 1.0}, ("b",) if isinstance(resistor, str) else ()),),
         (Coupling("q", "p"),),
         (Port("force", {"p": 1.0}),),

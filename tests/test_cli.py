@@ -122,11 +122,7 @@ def test_a_whole_number_is_a_number() -> None:
     ],
 )
 def test_exit_status_and_one_line(
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    error: BaseException,
-    status: int,
-    needle: str,
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], error: BaseException, status: int, needle: str
 ) -> None:
     monkeypatch.delenv("PHNN_DEBUG", raising=False)
     _failing(monkeypatch, error)

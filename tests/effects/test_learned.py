@@ -4,16 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from effect_homes import (
-    BASE,
-    LEARNED,
-    OF_ACTUATOR,
-    SCALES,
-    elementary,
-    is_sound,
-    march_against_radau,
-    point,
-)
+from effect_homes import BASE, LEARNED, OF_ACTUATOR, SCALES, elementary, is_sound, march_against_radau, point
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

@@ -17,13 +17,7 @@ from junctions import recording
 
 from phnn.errors import InputRefused, PhnnError
 from phnn.identification import prepare
-from phnn.identification.base import (
-    MAX_SUBSTEPS,
-    identify_base,
-    identify_bouc_wen,
-    numerical_error,
-    substeps_for,
-)
+from phnn.identification.base import MAX_SUBSTEPS, identify_base, identify_bouc_wen, numerical_error, substeps_for
 from phnn.identification.evaluate import evaluate
 from phnn.identification.fit import Fit
 from phnn.identification.options import Options

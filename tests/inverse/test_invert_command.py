@@ -41,12 +41,7 @@ def test_the_command_can_be_given_to_the_model(home: Path, capsys: pytest.Captur
     printed = capsys.readouterr().out
     assert "error of the model: at most" in printed
     assert str(home / "out" / "command.csv") in printed
-    assert {p.name for p in (home / "out").iterdir()} == {
-        ".phnn",
-        "command.csv",
-        "invert.json",
-        "invert.png",
-    }
+    assert {p.name for p in (home / "out").iterdir()} == {".phnn", "command.csv", "invert.json", "invert.png"}
     found = pd.read_csv(home / "out" / "command.csv")
     assert list(found.columns) == ["time_s", "voltage_V", "displacement_m", "reference_m", "error_m"]
     content = json.loads((home / "out" / "invert.json").read_text())

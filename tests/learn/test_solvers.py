@@ -96,11 +96,7 @@ def test_the_step_under_torchdiffeq_is_that_of_the_compiled_march(name: str, mon
         ("neural", {"name": "torchdiffeq"}),
         ("neural", {"name": "torchdiffeq", "adjoint": False}),
         pytest.param("neural", {"name": "torchdiffeq", "method": "phnn"}, marks=pytest.mark.slow),
-        pytest.param(
-            "neural",
-            {"name": "torchdiffeq", "method": "phnn", "adjoint": False},
-            marks=pytest.mark.slow,
-        ),
+        pytest.param("neural", {"name": "torchdiffeq", "method": "phnn", "adjoint": False}, marks=pytest.mark.slow),
         ("fully_neural", {"name": "discrete_gradient"}),
         ("fully_neural", {"name": "torchdiffeq", "method": "rk4", "adjoint": False}),
         ("neural_ode", {"name": "torchdiffeq", "method": "rk4", "adjoint": False}),

@@ -189,11 +189,7 @@ def test_responses_are_drawn_as_in_the_table() -> None:
 def test_energies_are_drawn_as_in_the_table() -> None:
     table, found = computed("energy").tables[""], panels("energy")
     t = table["time_s"]
-    rows = (
-        (0, 0, "stored_J"),
-        (1, 0, "supplied_J"),
-        (1, 1, "dissipated_J"),
-    )
+    rows = ((0, 0, "stored_J"), (1, 0, "supplied_J"), (1, 1, "dissipated_J"))
     for panel, line, name in rows:
         x, y = drawn(found[panel], line)
         kept = np.isin(np.arange(t.size), np.searchsorted(t, x - 1e-9))

@@ -154,8 +154,7 @@ def test_a_heavy_mass_without_a_unit_is_doubted(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("header", "stated"),
-    [("pos [um]", "nm"), ("pos_um", "nm"), ("weg (nm)", "um"), ("displacement_um", "nm")],
+    ("header", "stated"), [("pos [um]", "nm"), ("pos_um", "nm"), ("weg (nm)", "um"), ("displacement_um", "nm")]
 )
 def test_the_unit_of_the_manifest_wins_over_the_name_and_that_is_said(header: str, stated: str, tmp_path: Path) -> None:
     t, u, y = three()[0]

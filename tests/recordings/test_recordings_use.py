@@ -20,10 +20,7 @@ from phnn.recordings.recording import Part, Recording, Start, unrecorded
 
 @settings(max_examples=60, deadline=None)
 @given(
-    samples=st.floats(12.0, 900.0),
-    cycles=st.floats(2.05, 9.0),
-    phase=st.floats(0.0, 6.28),
-    third=st.floats(0.0, 0.3),
+    samples=st.floats(12.0, 900.0), cycles=st.floats(2.05, 9.0), phase=st.floats(0.0, 6.28), third=st.floats(0.0, 0.3)
 )
 def test_period_of_periodic_inputs(samples: float, cycles: float, phase: float, third: float) -> None:
     k = np.arange(int(samples * cycles) + 1)

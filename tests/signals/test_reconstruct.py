@@ -8,14 +8,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from phnn.errors import InputRefused
-from phnn.signals.reconstruct import (
-    METHODS,
-    Reconstruction,
-    find_breaks,
-    find_jumps,
-    mean_input,
-    substep_counts,
-)
+from phnn.signals.reconstruct import METHODS, Reconstruction, find_breaks, find_jumps, mean_input, substep_counts
 
 
 def positions(counts: np.ndarray) -> np.ndarray:

@@ -19,18 +19,7 @@ import pytest
 from phnn.errors import SolverFailed
 from phnn.recordings import read
 from studies.benchmark import bench
-from studies.benchmark.bench import (
-    GROUPS,
-    NOISES,
-    PLANS,
-    STRENGTHS,
-    Answer,
-    Entry,
-    Settings,
-    card_of,
-    entries,
-    opened,
-)
+from studies.benchmark.bench import GROUPS, NOISES, PLANS, STRENGTHS, Answer, Entry, Settings, card_of, entries, opened
 from studies.benchmark.score import scores_of
 
 SMALL = {"none": 9, "same": 9, "other": 4, "outside": 4, "pair": 4, "background": 4}

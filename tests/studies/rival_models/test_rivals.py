@@ -135,10 +135,7 @@ def test_refusals(name: str) -> None:
         rival(name).fit([first], 0.0, 0)
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["narx", *slow("prandtl_ishlinskii", "preisach", "gru", "subnet")],
-)
+@pytest.mark.parametrize("name", ["narx", *slow("prandtl_ishlinskii", "preisach", "gru", "subnet")])
 def test_the_budget_is_kept(name: str) -> None:
     recordings, chosen = linear_recordings(), rival(name)
     chosen.warm()
