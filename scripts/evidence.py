@@ -105,7 +105,8 @@ def main() -> int:
         if unknown := [n for n in given.stages if n not in STAGES]:
             raise InputRefused(f"{unknown[0]} is no table: give {', '.join(STAGES)}")
         if given.do != "run":
-            return min(listed(), 1) if given.do == "check" else listed() * 0
+            old = listed()
+            return int(given.do == "check" and old > 0)
     except InputRefused as error:
         parser.error(str(error))
     for name in given.stages or STAGES:
