@@ -6,6 +6,7 @@ these say nothing, the values and the order of the columns. What was guessed is 
 
 from __future__ import annotations
 
+import itertools
 import json
 import re
 from collections import Counter
@@ -34,7 +35,7 @@ def _of(words: str) -> frozenset[str]:
 
 # Words of column names by the role that they suggest.
 _WORDS: Mapping[str, frozenset[str]] = {
-    TIME: _of("time t zeit timestamp temps sec seconds"),
+    TIME: _of("time t zeit zeitstempel sekunden timestamp temps tiempo tempo sec seconds"),
     INPUT: _of("u in input v voltage volt volts vin drive driving command cmd ref reference setpoint excitation force")
     | _of("torque pwm power heater pump inflow spannung kraft eingang"),
     OUTPUT: _of("y out output vout displacement disp deflection stroke position pos q x z d sensor response level")
@@ -85,13 +86,15 @@ _WANTED: tuple[tuple[str, str, str], ...] = (
 
 
 class _Seen(NamedTuple):
-    """A column of numbers: where it stands, its name, its unit where phnn knows it, the words of its name, values."""
+    """A column of numbers: where it stands, its name, its unit where phnn knows it, the words of its name, values, and
+    how many of these were missing and lie between their neighbours now."""
 
     place: int
     name: str
     unit: str | None
     words: frozenset[str]
     values: np.ndarray
+    missing: int
 
     @property
     def moves(self) -> bool:
@@ -107,9 +110,12 @@ class _Seen(NamedTuple):
 
     @property
     def counts(self) -> bool:
-        """Return whether it numbers the rows: by its name, or in steps of one that say nothing of a time."""
-        steps = self.unit is None and bool(np.all(np.diff(self.values) == 1.0))
-        return bool(self.words & _COUNTERS) or (steps and not self.words & (_WORDS[TIME] | _WORDS[INPUT]))
+        """Return whether it numbers the rows: whole numbers that grow, by its name or in steps of one."""
+        steps = np.diff(self.values)
+        if self.unit is not None or bool(np.any((steps < 0.0) | (steps != np.rint(steps)))):
+            return False
+        named = self.words & (_WORDS[TIME] | _WORDS[INPUT])
+        return bool(self.words & _COUNTERS) or (bool(np.all(steps == 1.0)) and not named)
 
     @property
     def size(self) -> tuple[float, float, str]:
@@ -154,18 +160,21 @@ class Found:
 
 
 def _columns_seen(table: Table) -> list[_Seen]:
-    """Return the columns of a table that hold finite numbers of the most frequent length."""
+    """Return the columns of a table that hold numbers, of the most frequent length; between them where some miss."""
     found = []
     for i, name in enumerate(table.names):
         try:
             values = table.numbers(i)
         except InputRefused:
             continue
-        if values.size > 1 and bool(np.isfinite(values).all()):
+        known = np.isfinite(values)
+        if values.size > 1 and known.mean() > 0.5:
+            values = np.interp(np.arange(values.size), np.flatnonzero(known), values[known])
             bare, unit = split_unit(name)
             unit = unit or table.units.get(name)
             words = _of(" ".join([*re.findall(r"[^\W\d_]+", bare.lower()), parse_name(name)[0]]))
-            found.append(_Seen(i, name, unit if unit and find_unit(unit) is not None else None, words, values))
+            unit = unit if unit and find_unit(unit) is not None else None
+            found.append(_Seen(i, name, unit, words, values, int(np.sum(~known))))
     if table.by_name:
         # Variables stand in a file in any order.
         found.sort(key=lambda c: c.name)
@@ -295,7 +304,9 @@ def _columns(f: Found, actuator: bool) -> list[str]:
     for key, role in ((keys[r], f.roles[r]) for r in keys if r in f.roles):
         guessed = f"; guessed: {' and '.join(role.guessed)}" if role.guessed else ""
         place, called = _place(table, role.column.place), _called(table, role.column.place)
-        lines.append(f"{key}: {{column: {place}, unit: {role.unit}}}   # {called}{guessed}")
+        empty, told = ", missing: empty", f"; {role.column.missing} cells are empty and left out"
+        mask, told = (empty, told) if role.column.missing and role is f.roles[OUTPUT] else ("", "")
+        lines.append(f"{key}: {{column: {place}, unit: {role.unit}{mask}}}   # {called}{guessed}{told}")
     calls: dict[str, list[tuple[int, str | None]]] = {}
     for i, name in enumerate(table.names):
         quantity, unit = parse_name(name)
@@ -344,12 +355,14 @@ MANIFEST = "recordings.yaml"
 
 
 class Look(NamedTuple):
-    """What a folder looks like: its files, those that are left alone, and whether a piezo actuator was recorded."""
+    """What a folder looks like: its files, those that are left alone, whether a piezo actuator was recorded, and
+    whether times jump within a file."""
 
     folder: Path
     found: Sequence[Found]
     left: Sequence[str]
     actuator: bool
+    jumps: bool = False
 
     def text(self) -> str:
         """Return a first manifest; files with a reason are commented out."""
@@ -360,7 +373,8 @@ class Look(NamedTuple):
             f"#   phnn check {shown} --manifest recordings.yaml",
             "",
             *_setup(usable, self.actuator),
-            *(f"# {key}: {value}   # {why}" for key, value, why in _WANTED),
+            *(["segments: true   # guessed: times jump within a file, which holds several recordings"] * self.jumps),
+            *(f"# {key}: {value}   # {why}" for key, value, why in _WANTED if not (self.jumps and key == "segments")),
         ]
         columns = [_columns(f, self.actuator) for f in usable]
         shared = bool(columns) and all(c == columns[0] for c in columns)
@@ -419,8 +433,11 @@ def look(folder: Path, outside: bool = False) -> Look:
     shared = Counter(printable(Path(f.file).stem) for f in found if not f.reason)
     found = [replace(f, name=f.file) if shared[printable(Path(f.file).stem)] > 1 else f for f in found]
     actuator = all(f.actuator for f in found if not f.reason)
-    # Numbers that no piezo actuator gives show only when the recordings are read.
-    tried = [_tried(Look(folder, found, left, kind), outside) for kind in ([True, False] if actuator else [False])]
+    # Numbers that no piezo actuator gives show only when the recordings are read, and so do jumps of the time.
+    kinds = itertools.product([True, False] if actuator else [False], [False, True])
+    tried: list[Look] = []
+    while (pair := next(kinds, None)) and not (tried and all(not f.reason for f in tried[-1].found)):
+        tried.append(_tried(Look(folder, found, left, *pair), outside))
     return max(tried, key=lambda one: sum(not f.reason for f in one.found))
 
 

@@ -34,6 +34,7 @@ from phnn.recordings.table import (
     signal_of,
     stored_arrays,
     table_of,
+    upright,
 )
 from phnn.recordings.text_files import read_content
 from phnn.results import listed, printable
@@ -224,7 +225,7 @@ def _by_column(name: str, value: Any) -> dict[str, np.ndarray]:
     matrix = _loaded(value)
     if not isinstance(matrix, np.ndarray) or matrix.ndim != 2:
         return {}
-    return {f"{name}[{i}]": matrix[:, i] for i in range(min(matrix.shape[1], LIMITS.columns))}
+    return {f"{name}[{i}]": column for i, column in enumerate(upright(matrix).T[: LIMITS.columns])}
 
 
 def _loaded(value: Any) -> Any:
@@ -272,7 +273,7 @@ def _header(stream: BinaryIO | Any) -> tuple[tuple[int, ...], np.dtype]:
 
 def read_npy(source: Source) -> Table:
     """Return a two-dimensional array (samples, columns), or a structured one with named fields."""
-    array, most = _load_npy(source), LIMITS.columns
+    array = _load_npy(source)
     if array.dtype.names:
         names = array.dtype.names
         return Table(Where(source.name), tuple(map(printable, names)), tuple(array.reshape(-1)[n] for n in names))
@@ -280,9 +281,8 @@ def read_npy(source: Source) -> Table:
         remedy = "save it as (samples, columns) with voltage and displacement among the columns"
         other = "say in recordings.yaml what its axes are, such as axes: [time, channel, realisation, period]"
         raise InputRefused(f"{source.name}: an array of shape {array.shape}: {remedy}, or {other}")
-    if array.shape[0] < array.shape[1] and array.shape[0] <= most:
-        array = array.T  # channels along the first axis: never more channels than samples
-    if array.shape[1] > most:
+    array = upright(array)
+    if array.shape[1] > LIMITS.columns:
         raise InputRefused(f"{source.name}: shape {array.shape} is no table of samples: save it as (samples, columns)")
     return Table(Where(source.name), ("",) * array.shape[1], tuple(array.T))
 

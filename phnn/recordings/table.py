@@ -374,8 +374,8 @@ def table_of(where: Where, found: Iterable[Stored]) -> Table:
         load = cache(stored.load)
         if len(shape) <= 1:
             several = {name: _column(load)}
-        elif len(shape) == 2 and shape[1] <= LIMITS.columns:
-            several = {f"{name}[{i}]": _column(load, i) for i in range(shape[1])}
+        elif len(shape) == 2 and min(shape) <= LIMITS.columns:
+            several = {f"{name}[{i}]": _column(load, i) for i in range(min(shape))}
         else:
             left.append(f"{name} of {' × '.join(map(str, stored.shape))}")
             continue
@@ -389,4 +389,9 @@ def table_of(where: Where, found: Iterable[Stored]) -> Table:
 
 def _column(load: Callable[[], np.ndarray], i: int | None = None) -> Column:
     """Return what reads the i-th column of an array; without an index, the array as a vector."""
-    return lambda: np.atleast_1d(np.squeeze(load())) if i is None else np.squeeze(load())[:, i]
+    return lambda: np.atleast_1d(np.squeeze(load())) if i is None else upright(np.squeeze(load()))[:, i]
+
+
+def upright(matrix: np.ndarray) -> np.ndarray:
+    """Return a matrix with the samples along its first axis: there are never more channels than samples."""
+    return matrix.T if matrix.shape[0] < matrix.shape[1] else matrix

@@ -45,6 +45,8 @@ _MULTIPLES = {"": 1.0, "m": 1e-3, "u": 1e-6, "n": 1e-9, "k": 1e3}
 
 _NAME = re.compile(r"^\s*([A-Za-z]+)\s*(?:_(\S+)|[\[(]\s*([^\])]*?)\s*[\])])?\s*$")
 _BRACKETED = re.compile(r"^(.*?)[\s_]*[\[(]\s*([^\])]*?)\s*[\])]\s*$", re.DOTALL)
+# A unit behind a name as people write it beside an axis: `Kraft / N`, `Weg in mm`, `Time, s`.
+_BESIDE = re.compile(r"^(.*\S)(?: ?/ | in |, )\s*(\S+(?: \S+)?)\s*$")
 # Units of one letter that the end of a column's name may be.
 _SYMBOLS = "smVANCKW"
 # A product such as `kg m2`, with exponents of one digit, so that no power is large; then what it is divided by.
@@ -135,7 +137,7 @@ def parse_name(header: str) -> tuple[str, str | None]:
 
     The quantity is empty where the name is no known one, or is numbered; the unit is ``None`` where the name has none.
     """
-    match = _NAME.match(header)
+    match = _NAME.match(_with_brackets(header))
     if match is None or match[1].lower() not in QUANTITIES or (match[2] or "").isdecimal():
         return "", None
     unit = match[2] or match[3]
@@ -147,6 +149,7 @@ def split_unit(header: str) -> tuple[str, str | None]:
 
     What stands in brackets is a unit whatever it says; a last word is one if it is known.
     """
+    header = _with_brackets(header)
     bracketed = _BRACKETED.match(header)
     if bracketed is not None:
         return bracketed[1], spelled(bracketed[2])
@@ -154,6 +157,12 @@ def split_unit(header: str) -> tuple[str, str | None]:
     # A single letter is more often a place or a number than a year or an are.
     alike = len(tail) > 1 or tail in _SYMBOLS
     return (head, spelled(tail)) if head and alike and find_unit(tail) is not None else (header, None)
+
+
+def _with_brackets(header: str) -> str:
+    """Return a column's name with a known unit in brackets, where it stands behind a stroke, a comma or the word in."""
+    match = _BESIDE.match(header)
+    return f"{match[1]} [{match[2]}]" if match is not None and find_unit(match[2]) is not None else header
 
 
 def stated_by_name(header: str, quantity: str) -> str | None:
@@ -164,7 +173,7 @@ def stated_by_name(header: str, quantity: str) -> str | None:
     _, unit = split_unit(header)
     # Without brackets `pos_m` may be a measured position, and words such as `flow_in` or `temp_min` name no unit.
     symbol = unit and unit != "m" and (unit in _COMMON or not unit.islower() or unit in ("deg", "rad", "rpm", "bar"))
-    return unit if (symbol or _BRACKETED.match(header) is not None) and suits(quantity, unit) else None
+    return unit if (symbol or _BRACKETED.match(_with_brackets(header))) and suits(quantity, unit) else None
 
 
 def suits(quantity: str, unit: str | None) -> bool:

@@ -137,14 +137,27 @@ def test_files_that_cannot_be_used_are_told_in_comments(folder: Path, tmp_path: 
     write_sine(folder, "good", 5.0, 60.0)
     save(folder / "narrow.csv", rows(5.0)[:, :1], "time_s")
     (folder / "broken.csv").write_text("no numbers at all\n")
-    gap = rows(5.0)
-    gap[50:, 0] += 1.0
-    save(folder / "gap.csv", gap, "time_s,voltage_V,displacement_um")
     (folder / "notes.pdf").write_bytes(b"%PDF")
     text, campaign = written(folder, tmp_path)
     assert [r.name for r in campaign.recordings] == ["good"]
-    for word in ("# ", "narrow.csv", "broken.csv", "a gap of", "notes.pdf"):
+    for word in ("# ", "narrow.csv", "broken.csv", "notes.pdf"):
         assert word in text
+
+
+def test_jumps_of_time_and_empty_cells_get_their_keys(folder: Path, tmp_path: Path) -> None:
+    values = rows(5.0)
+    values[values.shape[0] // 2 :, 0] += 1.0
+    values[7, 2] = np.nan
+    save(folder / "a.csv", values, "t / s,Kraft in N,Weg in mm")
+    text, campaign = written(folder, tmp_path)
+    assert "segments: true   # guessed" in text and "missing: empty}   # Weg in mm; 1 cells are empty" in text
+    assert campaign.setup["model"] == "mass_spring_damper" and len(campaign.recordings) == 2
+
+
+def test_channels_along_the_first_axis_are_found(folder: Path, tmp_path: Path) -> None:
+    np.savez(folder / "a.npz", data=rows(5.0).T)
+    text, campaign = written(folder, tmp_path)
+    assert 'output: {column: "data[2]"' in text and campaign.recordings[0].t.size == rows(5.0).shape[0]
 
 
 def test_files_of_one_name_and_several_endings_are_told_apart(folder: Path, tmp_path: Path) -> None:
