@@ -15,7 +15,7 @@ from functools import partial
 import pandas as pd
 
 from benchmarks import peers, peers_scipy, peers_torch
-from benchmarks.case import CAMPAIGN, PART, Array, march_alone, whole_call
+from benchmarks.case import CAMPAIGN, PART, Array, whole_call
 from benchmarks.ladder import Choice, Solver, choose
 from benchmarks.reference import reference
 from benchmarks.table import RESULTS, Contender, goal, machine, picture, rows, show, timed, write_csv
@@ -24,24 +24,17 @@ from phnn.recordings.recording import Recording
 TARGETS = (1e-4, 1e-5, 1e-6)
 SUBSTEPS = (1.0, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 48.0, 64.0)
 WHOLE, PERIOD = "seven sines", "one period of 150 Hz"
-ALONE, CALL = "phnn, integration alone", "phnn, whole call"
+CALL = "phnn, whole call"
 GOAL, GOAL_AT = 10.0, 1e-5
-
-
-def own(recordings: Sequence[Recording]) -> list[list[Solver]]:
-    """phnn, the march alone and the whole call."""
-    return [
-        [Solver(ALONE, SUBSTEPS, partial(march_alone, recordings))],
-        [Solver(CALL, SUBSTEPS, partial(whole_call, recordings))],
-    ]
 
 
 def solvers(case: str, recordings: Sequence[Recording]) -> list[list[Solver]]:
     """All solvers that a case is for, each with its variants."""
+    own = [Solver(CALL, SUBSTEPS, partial(whole_call, recordings))]
     if case == PERIOD:
-        return [*own(recordings), peers_torch.forward(recordings)]
+        return [own, peers_torch.forward(recordings)]
     return [
-        *own(recordings),
+        own,
         *(peers.forward(recordings, kind, together) for kind in peers.KINDS for together in (True, False)),
         *(peers_scipy.forward(recordings, name) for name in peers_scipy.PATHS),
     ]
@@ -89,9 +82,8 @@ def main() -> int:
     picture(table, RESULTS / "forward.png", "Displacements of seven recorded sines, one thread")
     peer = fastest_peer(table, WHOLE, GOAL_AT)
     print(f"fastest peer at {GOAL_AT:.0e}: {peer['solver']}")
-    for name in (ALONE, CALL):
-        line = table[(table["case"] == WHOLE) & (table["target"] == GOAL_AT) & (table["solver"] == name)].iloc[0]
-        goal(f"{name}, forward at {GOAL_AT:.0e}", peer["seconds"] / line["seconds"], GOAL)
+    line = table[(table["case"] == WHOLE) & (table["target"] == GOAL_AT) & (table["solver"] == CALL)].iloc[0]
+    goal(f"{CALL}, forward at {GOAL_AT:.0e}", peer["seconds"] / line["seconds"], GOAL)
     return 0
 
 
