@@ -15,7 +15,7 @@ import numpy as np
 from phnn.criteria import Criteria
 from phnn.diagnose.number import Misfit, Visited, Weighed, best_to_write, log_weight, weigh
 from phnn.diagnose.verdict import NAMED, NONE, UNKNOWN, conclude
-from studies.generator.cases import BOUC_WEN, PRANDTL_ISHLINSKII, Conditions
+from studies.generator.cases import BOUC_WEN, DUHEM, PRANDTL_ISHLINSKII, Conditions
 from studies.sealed.grade import CRITERIA, Answer, Case, is_learned_name
 from studies.sealed.run import Task
 
@@ -34,6 +34,10 @@ GROUPS: tuple[Task, ...] = (
     Task("listed, base of plays", 0, "same", conditions=Conditions(base=PRANDTL_ISHLINSKII)),
     Task("listed, base of Bouc-Wen", 0, "same", conditions=Conditions(base=BOUC_WEN)),
     Task("unlisted", 0, "unlisted"),
+    Task("listed, base of Duhem", 0, "same", conditions=Conditions(base=DUHEM)),
+    Task("none, base of plays", 0, "none", conditions=Conditions(base=PRANDTL_ISHLINSKII)),
+    Task("none, base of Bouc-Wen", 0, "none", conditions=Conditions(base=BOUC_WEN)),
+    Task("none, base of Duhem", 0, "none", conditions=Conditions(base=DUHEM)),
 )
 
 
