@@ -317,10 +317,10 @@ def _scaled(law: Law, guess: float, wanted: float, base: Values, plan: Sequence[
     for _ in range(_ROUNDS):
         parameters = law(strength)
         outputs = _simulate_all({**base, **parameters}, plan)
-        found = residual(outputs)
-        if abs(found / wanted - 1.0) < _CLOSE:
-            return parameters, outputs, found
-        strength *= min(max((wanted / max(found, 1e-12)) ** _POWER, 0.1), 10.0)
+        misfit = residual(outputs)
+        if abs(misfit / wanted - 1.0) < _CLOSE:
+            return parameters, outputs, misfit
+        strength *= min(max((wanted / max(misfit, 1e-12)) ** _POWER, 0.1), 10.0)
     raise SolverFailed(f"no strength of {law(guess)} leaves {1e9 * wanted:.3g} nm: choose another seed")
 
 

@@ -173,14 +173,14 @@ class _Acting(NamedTuple):
 def _acting(trajectory: Trajectory, names: Sequence[str]) -> list[_Acting]:
     """By every named parameter of an amplifier block or a source."""
     setup, unmoved = trajectory.setup, np.zeros(trajectory.states.shape[1])
-    found = _by_amplifier(trajectory, names)
+    acting = _by_amplifier(trajectory, names)
     lead = trajectory.lead * trajectory.recording.dt
     for source in setup.sources:
         place = place_of(setup, source)
         for name in (n for n in source.parameters if n in names):
             change = np.imag(source_input(setup, source, trajectory.h, lead, name)) / TINY
-            found.append(_Acting(name, place, _action(trajectory, place, change), unmoved))
-    return found
+            acting.append(_Acting(name, place, _action(trajectory, place, change), unmoved))
+    return acting
 
 
 def _by_amplifier(trajectory: Trajectory, names: Sequence[str]) -> list[_Acting]:
@@ -200,12 +200,12 @@ def _by_instants(trajectory: Trajectory) -> list[_Acting]:
     setup, recording = trajectory.setup, trajectory.recording
     command, before = trajectory.driving.fine(recording), recording.input_before
     unmoved = np.zeros(trajectory.states.shape[1])
-    found = []
+    acting = []
     for number, slope in enumerate(trajectory.driving.slopes(recording).T):
         fine, _ = driven(setup, command + 1j * TINY * slope[:, None], trajectory.h, before, trajectory.run_in)
         change = _action(trajectory, 0, mean_input(np.imag(fine)) / TINY)
-        found.append(_Acting(f"instant {number}", 0, change, unmoved))
-    return found
+        acting.append(_Acting(f"instant {number}", 0, change, unmoved))
+    return acting
 
 
 def _action(trajectory: Trajectory, place: int, change: Array) -> Array:

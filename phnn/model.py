@@ -113,8 +113,8 @@ class Model:
                 differ, a port that the network does not have, or an unknown hold.
             SolverFailed: a step has no solution.
         """
-        found = self.trajectory(t, u, input_before=input_before, further=further, substeps=substeps, hold=hold)
-        return np.asarray(found.y)
+        trajectory = self.trajectory(t, u, input_before=input_before, further=further, substeps=substeps, hold=hold)
+        return np.asarray(trajectory.y)
 
     def trajectory(
         self,
@@ -155,8 +155,8 @@ class Model:
     ) -> Inverse:
         """Find the input with which the output follows a reference, from rest at its first value.
 
-            found = model.inverse(t, reference, limits=(-30.0, 150.0))
-            found.voltage, found.reached, found.messages
+            answer = model.inverse(t, reference, limits=(-30.0, 150.0))
+            answer.voltage, answer.reached, answer.messages
 
         Args:
             t: (N,) time [s], increasing in equal steps.
@@ -181,8 +181,8 @@ class Model:
         from phnn.inverse import InverseOptions, invert
 
         options = InverseOptions(smooth, limits, slew, hold, lead_in, tolerance, iterations)
-        found = invert(self.setup, self.substeps, series("t", t), series("reference", reference), options)
-        return replace(found, messages=(*found.messages, *self._beyond(found.voltage)))
+        answer = invert(self.setup, self.substeps, series("t", t), series("reference", reference), options)
+        return replace(answer, messages=(*answer.messages, *self._beyond(answer.voltage)))
 
     def _beyond(self, voltage: NDArray[np.float64]) -> tuple[str, ...]:
         """Says where a command leaves the range of the recordings."""

@@ -120,8 +120,8 @@ class Account:
     def ended(self, budget: float | None = None) -> Ended:
         """Return all of it."""
         why = self.stopped or (FAILURE if self._lost else NOTHING_LEFT)
-        left, bad, warnings = tuple(dict.fromkeys(self.not_tried)), tuple(self.failed), tuple(self.warnings)
-        return Ended(why, left, bad, warnings, budget, self.evaluations, self.interruption)
+        untried, bad, warnings = tuple(dict.fromkeys(self.not_tried)), tuple(self.failed), tuple(self.warnings)
+        return Ended(why, untried, bad, warnings, budget, self.evaluations, self.interruption)
 
     @property
     def evaluations(self) -> float:
@@ -324,9 +324,9 @@ def results(executor: Executor, work: Callable[[Any], Any], items: Sequence[Any]
     account = _ACCOUNT.get()
     if account is None:
         return executor.run(work, items)
-    found: list[Any] = [None] * len(items)
+    finished: list[Any] = [None] * len(items)
     if not items or (account.checked and account.stopped):
-        return found
+        return finished
     # Threads share those of the recordings, so that the last item has all of them.
     threads, until = executor.kind == "threads", account.until if account.checked else float("inf")
     among = not threads and executor.kind != "serial" and len(items) > 1
@@ -337,8 +337,8 @@ def results(executor: Executor, work: Callable[[Any], Any], items: Sequence[Any]
         for first in range(0, len(items), side):
             if first and account.checked and late(", ".join(names[first:])):
                 return
-            left = account.most * account.unit - account.spent if account.checked else float("inf")
-            one = partial(_one, work, until, left / min(len(items), _SIDE), among, above)
+            budget = account.most * account.unit - account.spent if account.checked else float("inf")
+            one = partial(_one, work, until, budget / min(len(items), _SIDE), among, above)
             for place, answer in executor.each(one, items[first : first + side]):
                 yield first + place, answer
 
@@ -348,7 +348,7 @@ def results(executor: Executor, work: Callable[[Any], Any], items: Sequence[Any]
             account.failed += [Failure(**(vars(f) | named)) for f in answer.failed]
             account.warnings += [Failure(**(vars(f) | named)) for f in answer.warnings]
             account.spent += answer.spent
-            found[index] = answer.result
+            finished[index] = answer.result
             if answer.ended:
                 account.not_tried.append(names[index])
             if answer.ended == SECONDS:
@@ -358,7 +358,7 @@ def results(executor: Executor, work: Callable[[Any], Any], items: Sequence[Any]
     except PhnnError as error:
         # Workers that were killed; all other items are done.
         account.failed.append(_failure("refit", error))
-    return found
+    return finished
 
 
 def _one(

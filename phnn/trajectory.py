@@ -46,16 +46,16 @@ def sensing(setup: Setup, recording: Recording) -> Setup:
     The sensor belongs to the recording: one model serves recordings by several sensors. So does an input that is the
     displacement of a motion of which the network takes the velocity: its rate then drives the network.
     """
-    setup, said = _moved(setup, recording), recording.sensor
+    setup, sensor = _moved(setup, recording), recording.sensor
     blocks = (
         *((_RATE,) if setup.network.senses and not recording.measures else ()),
-        *((_RATE,) * said.derivative),
-        *((Block("lag", (_LAG,)),) if said.lag else ()),
-        *((Block("rectification"),) if said.rectified else ()),
+        *((_RATE,) * sensor.derivative),
+        *((Block("lag", (_LAG,)),) if sensor.lag else ()),
+        *((Block("rectification"),) if sensor.rectified else ()),
     )
     if not blocks or setup.sensor[: len(blocks)] == blocks:
         return setup
-    known = (constant(_LAG, said.lag, "s", "time constant of the sensor, as stated"),) if said.lag else ()
+    known = (constant(_LAG, sensor.lag, "s", "time constant of the sensor, as stated"),) if sensor.lag else ()
     return replace(
         setup,
         sensor=(*blocks, *setup.sensor),
@@ -120,8 +120,8 @@ def amplifier_changes(
             moved = {n: (fine + 1j * TINY * c, before + 1j * TINY * b) for n, (c, b) in changes.items()}
             changes = {n: _change(_through(block, f, h, b, values)) for n, (f, b) in moved.items()}
         for n in (n for n in block.parameters if n in names):
-            own, known = _change(_through(block, fine, h, before, _values(setup, block, n))), changes.get(n)
-            changes[n] = own if known is None else (own[0] + known[0], own[1] + known[1])
+            direct, known = _change(_through(block, fine, h, before, _values(setup, block, n))), changes.get(n)
+            changes[n] = direct if known is None else (direct[0] + known[0], direct[1] + known[1])
         fine, before = _through(block, fine, h, before, values)
     return changes
 
@@ -149,8 +149,8 @@ def source_input(setup: Setup, source: Source, h: Array, lead: float, perturbed:
     """
     starts = np.concatenate([[0.0], np.cumsum(h)[:-1]]) - lead
     times = starts[:, None] + h[:, None] * np.array([0.0, 0.5, 1.0])
-    found = mean_input(SOURCES[source.kind](times, *_values(setup, source, perturbed)))
-    return np.where(times[:, 1] > 0.0, found, 0.0)
+    means = mean_input(SOURCES[source.kind](times, *_values(setup, source, perturbed)))
+    return np.where(times[:, 1] > 0.0, means, 0.0)
 
 
 def sensed(
@@ -211,14 +211,14 @@ def measured_changes(setup: Setup, q: Array, times: Array, changes: Array, names
     y, times = q[:, None], times[:, None]
     for block in setup.sensor:
         law, values = SENSORS[block.kind], _values(setup, block)
-        own = {n: np.imag(law(y, times, *_values(setup, block, n))) / TINY for n in block.parameters if n in names}
+        direct = {n: np.imag(law(y, times, *_values(setup, block, n))) / TINY for n in block.parameters if n in names}
         if block.kind in LINEAR:
             changes = law(changes, times, *values)
         elif block.kind not in REMEMBERING:
             changes = changes * (np.imag(law(y + 1j * TINY, times, *values)) / TINY)
         else:
             changes = np.imag(law(y + 1j * TINY * changes, times, *values)) / TINY
-        for name, change in own.items():
+        for name, change in direct.items():
             changes[:, names.index(name)] += change[:, 0]
         y = law(y, times, *values)
     return changes
@@ -458,16 +458,16 @@ _REMEDIES = {-1: "sensor: {derivative: true}", -2: "sensor: {second_derivative: 
 
 def _check_dimension(network: Network, recording: Recording) -> None:
     """Refuse an output whose unit is not that of what the network gives. Numbers without a unit may be anything."""
-    measured, said = measured_network(network, recording), recording.sensor.derivative
+    measured, derivative = measured_network(network, recording), recording.sensor.derivative
     units = {s.name: s.unit for s in measured.storages}
-    orders = said + bool(measured.senses)
+    orders = derivative + bool(measured.senses)
     recorded, unit = recording.units.output, units[measured.output]
-    found = times_of_seconds(recorded, unit)
-    if found == -orders or recorded == "1" or unit in ("", "1"):
+    order = times_of_seconds(recorded, unit)
+    if order == -orders or recorded == "1" or unit in ("", "1"):
         return
     what = f"the effort at {measured.senses}" if measured.senses else f"its output {measured.output}"
-    if found is not None and not measured.senses and found in _REMEDIES:
-        remedy = f"if the column is right, say {_REMEDIES[found]}"
+    if order is not None and not measured.senses and order in _REMEDIES:
+        remedy = f"if the column is right, say {_REMEDIES[order]}"
     else:
         others = [n for n, u in units.items() if times_of_seconds(recorded, u) == 0 and n != measured.output]
         kind = f"name another output, such as `output: {others[0]}` in the network" if others else "correct the column"
@@ -481,8 +481,8 @@ def _check_dimension(network: Network, recording: Recording) -> None:
 def driven(setup: Setup, fine: Any, h: Array, before: Any, cycle: int) -> tuple[Any, Any]:
     """Return the voltage at the port (n, 3), periodic if there is a cycle, and the one before; see `amplified`."""
     longer, steps, first = _with_run_in(setup, fine, h, cycle)
-    found, before = amplified(setup, longer, steps, before)
-    return made_periodic(found[first:], cycle), before
+    voltage, before = amplified(setup, longer, steps, before)
+    return made_periodic(voltage[first:], cycle), before
 
 
 def driven_changes(

@@ -35,14 +35,14 @@ def rate(y: Array, t: Array) -> Array:
     if not apart.any():
         first, last = 2.0 * slopes[:1] - inner[:1], 2.0 * slopes[-1:] - inner[-1:]
         return np.concatenate([first, inner, last])
-    found, ends = np.concatenate([slopes[:1], inner, slopes[-1:]]), np.concatenate([[True], apart.ravel(), [True]])
+    derivative, ends = np.concatenate([slopes[:1], inner, slopes[-1:]]), np.concatenate([[True], apart.ravel(), [True]])
     whole = ~(ends[1:] | ends[:-1])
     for side, (at, step) in enumerate(((1, 0), (-1, -1))):
         edges = np.flatnonzero(ends[side : ends.size - 1 + side] & ~ends[1 - side : ends.size - side])
         # The straight line through two samples where there is no third on this side.
-        beside = np.where(whole[edges + at].reshape(-1, *shape[1:]), found[edges + at], slopes[edges + step])
-        found[edges] = 2.0 * slopes[edges + step] - beside
-    return found
+        neighbour = np.where(whole[edges + at].reshape(-1, *shape[1:]), derivative[edges + at], slopes[edges + step])
+        derivative[edges] = 2.0 * slopes[edges + step] - neighbour
+    return derivative
 
 
 def imposed_rate(fine: Array, h: Array, before: Any) -> Array:

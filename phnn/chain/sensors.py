@@ -106,8 +106,8 @@ def play(y: Array, t: Array, width: Any) -> Array:
     """
     columns = y.reshape(y.shape[0], -1)
     zero = 0.0 * (width + columns[0, 0])
-    found = _played(columns + zero, midpoints(columns, t.ravel()) + zero, width + zero)
-    return np.asarray(found.reshape(y.shape))
+    output = _played(columns + zero, midpoints(columns, t.ravel()) + zero, width + zero)
+    return np.asarray(output.reshape(y.shape))
 
 
 @entry
@@ -141,13 +141,13 @@ def clock(y: Array, t: Array, change: Any, scale: Any) -> Array:
     last = 2.0 * times[-1] - times[-2]
     wanted, spline = times - np.real(late), CubicSpline(times, np.real(y))
     at, follows = np.minimum(wanted, last), wanted <= last
-    found = spline(at)
+    shifted = spline(at)
     if np.iscomplexobj(y):
         # A spline of its own, so that the real part is the same with a complex step and without.
-        found = found + 1j * CubicSpline(times, np.imag(y))(at)
+        shifted = shifted + 1j * CubicSpline(times, np.imag(y))(at)
     if np.iscomplexobj(late):
-        found = found - 1j * (follows * np.imag(late)).reshape(-1, *[1] * (y.ndim - 1)) * spline(at, 1)
-    return np.asarray(found)
+        shifted = shifted - 1j * (follows * np.imag(late)).reshape(-1, *[1] * (y.ndim - 1)) * spline(at, 1)
+    return np.asarray(shifted)
 
 
 # A drift that follows the logarithm of time has half of its size after a seventeenth of the time.

@@ -97,8 +97,8 @@ class Chain:
         # Of a fading input a share of the low-pass is taken away.
         rest = f"- {self.e.parameter(block.parameters[0])} * " if block.kind == "fading" else ""
         state = self.e.program.state(key, "output of the amplifier's low-pass")
-        found = first_order_weights(np.array([self.h]), *self.e.values(block.parameters[-1:]))
-        weights = self._weights(key, ("keep", "old", "new"), found)
+        values = first_order_weights(np.array([self.h]), *self.e.values(block.parameters[-1:]))
+        weights = self._weights(key, ("keep", "old", "new"), values)
         step = partial(self.e.call, first_order_step, key, state)
         self._follow(state, lambda a, b: [f"{state} = {step(a, b, *weights)}"], rest)
 
@@ -128,8 +128,8 @@ class Chain:
         state = self.e.program.state(key, "output of the amplifier's low-pass")
         rate = self.e.program.state(f"{key}_rate", "and its derivative by the time in units of tau")
         tau, zeta = self.e.values(block.parameters)
-        found = second_order_weights(np.array([self.h]), tau, zeta)
-        s, *weights = self._weights(key, ("s", "even", "odd"), found)
+        values = second_order_weights(np.array([self.h]), tau, zeta)
+        s, *weights = self._weights(key, ("s", "even", "odd"), values)
         damping = self.e.parameter(block.parameters[1])
 
         def stepped(a: str, b: str) -> list[str]:
@@ -333,8 +333,8 @@ class Builder:
         except SolverFailed:
             values = [0.0] * len(program.states)
         known = (*self.b.storages, *(m.name for m in self.network.memories))
-        found = zip(program.states, values, strict=True)
-        return [f"{self.b.x(name)} = {value!r}" for name, value in found if name in known]
+        states = zip(program.states, values, strict=True)
+        return [f"{self.b.x(name)} = {value!r}" for name, value in states if name in known]
 
     def _substep(self, solve: str) -> None:
         heard = {s.port: self.chain.source(s) for s in self.setup.sources}

@@ -200,16 +200,16 @@ class _Simplified(ast.NodeTransformer):
         return node
 
     def _all(self, body: list[ast.stmt]) -> list[ast.stmt]:
-        found: list[ast.stmt] = []
+        statements: list[ast.stmt] = []
         for statement in body:
             outer, self.before = self.before, []
             for name in ("body", "orelse"):
                 if hasattr(statement, name) and isinstance(statement, ast.If | ast.For):
                     setattr(statement, name, self._all(getattr(statement, name)))
             changed = self._headed(statement)
-            found += [*self.before, *self._one_by_one(changed)]
+            statements += [*self.before, *self._one_by_one(changed)]
             self.before = outer
-        return found
+        return statements
 
     def _one_by_one(self, statement: ast.stmt) -> list[ast.stmt]:
         """An assignment to several targets, whose values are kept first where one target is read for a later one."""
@@ -284,8 +284,8 @@ class _Simplified(ast.NodeTransformer):
         if function in _FUNCTIONS_OF_NUMBERS:
             name = _FUNCTIONS_OF_NUMBERS[function]
         elif inspect.isfunction(function):
-            own = function.__module__ == self.module
-            renamed, suffix = (self.renamed, self.suffix) if own else ({}, "")
+            same_module = function.__module__ == self.module
+            renamed, suffix = (self.renamed, self.suffix) if same_module else ({}, "")
             name = self.sources.name_of(function, self.what, renamed, suffix)
         else:
             raise refused(self.what, f"its source calls {ast.unparse(node.func)}, which has no translation")
@@ -334,21 +334,21 @@ class _Simplified(ast.NodeTransformer):
         return ast.Name(names[at], ast.Load())
 
     def visit_BinOp(self, node: ast.BinOp) -> ast.AST:
-        left, right = self.visit(node.left), self.visit(node.right)
+        first, second = self.visit(node.left), self.visit(node.right)
         if isinstance(node.op, ast.BitAnd | ast.BitOr):
-            return ast.BoolOp(ast.And() if isinstance(node.op, ast.BitAnd) else ast.Or(), [left, right])
-        if isinstance(node.op, ast.Mult) and (_is_zero(left) or _is_zero(right)):
+            return ast.BoolOp(ast.And() if isinstance(node.op, ast.BitAnd) else ast.Or(), [first, second])
+        if isinstance(node.op, ast.Mult) and (_is_zero(first) or _is_zero(second)):
             return ast.Constant(0.0)
-        if isinstance(node.op, ast.Add | ast.Sub) and _is_zero(right):
-            return left
-        if isinstance(node.op, ast.Add) and _is_zero(left):
-            return right
+        if isinstance(node.op, ast.Add | ast.Sub) and _is_zero(second):
+            return first
+        if isinstance(node.op, ast.Add) and _is_zero(first):
+            return second
         if isinstance(node.op, ast.Pow):
             raise refused(self.what, f"its source has the power {ast.unparse(node)}")
         if isinstance(node.op, ast.Div):
             # Whole numbers are divided without a rest elsewhere.
-            left, right = _real(left), _real(right)
-        return ast.BinOp(left, node.op, right)
+            first, second = _real(first), _real(second)
+        return ast.BinOp(first, node.op, second)
 
 
 def _is_zero(node: ast.AST) -> bool:

@@ -324,8 +324,8 @@ class Balance:
     def links(self, name: str) -> Iterable[tuple[str, Ratio, int]]:
         """Return the junctions to which a reducible storage is coupled, with ratio and sign of its flow."""
         for (to, of, ratio), times in self.couplings.items():
-            for own, other, sign in ((to, of, times), (of, to, -times)):
-                if own == name:
+            for one, other, sign in ((to, of, times), (of, to, -times)):
+                if one == name:
                     yield other, ratio, sign
 
     def _current(self, name: str) -> None:

@@ -44,8 +44,8 @@ def hash_of_own_laws() -> bytes:
     laws, seen, parts = registered_outside(), list[Any](), []
     for law in laws:
         functions = {f.name: v for f in fields(law) if callable(v := getattr(law, f.name)) or v is None}
-        said = [(name, content(function, f"the law {law.name}", seen)) for name, function in functions.items()]
-        parts.append((type(law).__name__, law.name, len(law.example), said))
+        contents = [(name, content(function, f"the law {law.name}", seen)) for name, function in functions.items()]
+        parts.append((type(law).__name__, law.name, len(law.example), contents))
     return hashlib.sha256(repr(parts).encode()).digest() if laws else b""
 
 

@@ -130,9 +130,9 @@ def round_stop_mean_effort(a: Any, b: Any, stiffness: Any, gap: Any, depth: Any)
     return 0.4 * stiffness * depth * side * share * powers / where(touched, total, 1.0 + 0.0 * total)
 
 
-def stops_mean_effort(a: Any, b: Any, right: Any, left: Any, gap: Any) -> Any:
+def stops_mean_effort(a: Any, b: Any, upper: Any, lower: Any, gap: Any) -> Any:
     """Elastic stops on both sides, ``H = k₊ max(x − gap, 0)²/2 + k₋ max(−x − gap, 0)²/2``, ``gap ≥ 0``."""
-    return right * _mean_depth(a - gap, b - gap) - left * _mean_depth(-a - gap, -b - gap)
+    return upper * _mean_depth(a - gap, b - gap) - lower * _mean_depth(-a - gap, -b - gap)
 
 
 def saturating_spring_mean_effort(a: Any, b: Any, stiffness: Any, reach: Any) -> Any:

@@ -100,8 +100,8 @@ class NetworkPlant(Plant):
 
     def trained(self) -> list[nn.Parameter]:
         """Return the coordinates of the parameters, then weights of the learned laws."""
-        own = (*self.system.free.parameters(), *self.system.laws.parameters())
-        return [p for p in own if p.requires_grad]
+        parameters = (*self.system.free.parameters(), *self.system.laws.parameters())
+        return [p for p in parameters if p.requires_grad]
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,7 +255,7 @@ def together(plant: Plant, windows: Sequence[Window]) -> tuple[Tensor, Tensor]:
 
 def near(plant: NetworkPlant, windows: Sequence[Window]) -> Tensor | None:
     """(N+1, B, n) states that were last found at the times of some windows, interpolated; None where any is missing."""
-    found = []
+    known = []
     for w in windows:
         times, states = plant.near.get(w.name, (w.times[:0], w.times[:0]))
         # The last sample of a thinned recording lies up to an interval before that of the recording.
@@ -263,9 +263,9 @@ def near(plant: NetworkPlant, windows: Sequence[Window]) -> Tensor | None:
             return None
         k = (torch.searchsorted(times, w.times, right=True) - 1).clamp(0, len(times) - 2)
         share = ((w.times - times[k]) / (times[k + 1] - times[k])).unsqueeze(-1)
-        found.append(states[k] + share * (states[k + 1] - states[k]))
-    longest = max(map(len, found))
-    return torch.stack([torch.cat([x, x[-1:].expand(longest - len(x), -1)]) for x in found], dim=1)
+        known.append(states[k] + share * (states[k + 1] - states[k]))
+    longest = max(map(len, known))
+    return torch.stack([torch.cat([x, x[-1:].expand(longest - len(x), -1)]) for x in known], dim=1)
 
 
 def remember(plant: NetworkPlant, windows: Sequence[Window], states: Tensor) -> None:
@@ -288,12 +288,12 @@ def _by_groups(
     solve: Callable[[Sequence[Window], Tensor], Tensor], windows: Sequence[Window], x0: Tensor, keys: Sequence[Hashable]
 ) -> list[Tensor]:
     """States at the samples of each window, where ``solve`` finds those at all steps of windows with equal keys."""
-    found: list[Tensor] = [x0] * len(windows)
+    sampled: list[Tensor] = [x0] * len(windows)
     for members in grouped(keys):
         states = solve([windows[b] for b in members], x0[members])
         for k, b in enumerate(members):
-            found[b] = states[windows[b].nodes, k]
-    return found
+            sampled[b] = states[windows[b].nodes, k]
+    return sampled
 
 
 class Torchdiffeq:

@@ -204,10 +204,10 @@ def _lags(core: NeuralODE, recordings: Sequence[Recording], random: torch.Genera
 
 def _dead_zones(values: Mapping[str, float], hysterons: int, motion: Motion) -> dict[str, float]:
     """Return the thresholds and slopes that the drive alone gives."""
-    found = {}
+    zones = {}
     for i in range(1, hysterons + 1):
-        found[f"d_{i}"], found[f"rho_{i}"], _ = staggered(i, *effort_and_flow(i, values, motion))
-    return found
+        zones[f"d_{i}"], zones[f"rho_{i}"], _ = staggered(i, *effort_and_flow(i, values, motion))
+    return zones
 
 
 def _check(kind: str, arguments: Mapping[str, Any], known: Sequence[str]) -> None:

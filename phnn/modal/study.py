@@ -160,7 +160,7 @@ def study_modes(study: Study, settings: Settings, progress: Callable[[str], None
     progress("one linear model for all amplitudes")
     models = {LINEAR: fit_modes(start, fitted, study, settings.iterations, settings.workers)}
     choosing = {LINEAR: tuple(_left(models[LINEAR], study, i, settings) for i in levels)}
-    if any(left > _AS_GOOD * least for left, least in zip(choosing[LINEAR], alone_by, strict=True)):
+    if any(error > _AS_GOOD * least for error, least in zip(choosing[LINEAR], alone_by, strict=True)):
         progress("one model with slow ports for all amplitudes")
         slow = _with_slow_ports(start, study)
         models[SLOW] = fit_modes(slow, fitted, study, settings.iterations, settings.workers)
@@ -257,8 +257,8 @@ def _errors(result: Result) -> Table:
         return plain(float(np.mean(score["rmse"])) / unit.scale) if score else DASH
 
     table = []
-    for name, (left, held, further) in rows.items():
-        pairs = [(plain(100.0 * share), error(score)) for share, score in zip(left, held, strict=True)]
+    for name, (residual, held, further) in rows.items():
+        pairs = [(plain(100.0 * share), error(score)) for share, score in zip(residual, held, strict=True)]
         table.append([_SHOWN[name], *(cell for pair in pairs for cell in pair), *map(error, further)])
     return Table(["model", *head], table)
 
@@ -283,14 +283,14 @@ def _modes(result: Result) -> Table:
 
 def _told(result: Result) -> str:
     count = result.models[result.final].model.omega.size
-    found = f"{count} mode{'s' if count > 1 else ''}"
+    modes = f"{count} mode{'s' if count > 1 else ''}"
     if len(result.study.levels) == 1:
-        return f"{found} at one amplitude. Record at a second amplitude to see what changes with it."
+        return f"{modes} at one amplitude. Record at a second amplitude to see what changes with it."
     if result.linear_serves:
-        return f"{found}, and one linear model serves at every amplitude: these recordings show no change with it."
+        return f"{modes}, and one linear model serves at every amplitude: these recordings show no change with it."
     if result.final == LINEAR:
-        return f"{found} that move with amplitude; slow springs at the ports do not describe how."
+        return f"{modes} that move with amplitude; slow springs at the ports do not describe how."
     return (
-        f"{found} that move with amplitude; springs at the ports that soften with the mean square of their "
+        f"{modes} that move with amplitude; springs at the ports that soften with the mean square of their "
         f"motion describe it. This proves no cause."
     )

@@ -202,7 +202,7 @@ def inverse(
     Raises:
         PhnnError: a flow that the law does not reach.
     """
-    effort, found = np.linspace(0.0, reach, _GRID), np.empty_like(flows)
+    effort, efforts = np.linspace(0.0, reach, _GRID), np.empty_like(flows)
     for side, mine in ((-1.0, flows < 0.0), (1.0, flows >= 0.0)):
         with torch.no_grad():
             carried = np.maximum.accumulate(side * law(torch.from_numpy(side * effort)).numpy())
@@ -211,8 +211,8 @@ def inverse(
             raise PhnnError(
                 f"the law carries no {strange[0]:g} A within {reach:g} V: give a larger reach, or a flow above 0"
             )
-        found[mine] = side * np.interp(wanted, carried, effort)
-    return found
+        efforts[mine] = side * np.interp(wanted, carried, effort)
+    return efforts
 
 
 def thresholds(law: Callable[[Tensor], Tensor], largest: float, reach: float, points: int = 50) -> tuple[float, float]:

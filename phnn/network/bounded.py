@@ -114,11 +114,11 @@ class BoundedParameters(nn.Module):
             # Lent for the time of a call (`torch.func.functional_call`), a coordinate may be a batch.
             return {name: self.value(name) for name in self.declared}
         z = torch.stack(coordinates)
-        found = self._near(z)
-        if found is None:
+        values = self._near(z)
+        if values is None:
             check_weights(self.z)
-            found = _physical(z, self.table)
-        return dict(zip(self.declared, found.unbind(), strict=True))
+            values = _physical(z, self.table)
+        return dict(zip(self.declared, values.unbind(), strict=True))
 
     def _near(self, z: Tensor) -> Tensor | None:
         """(F,) values where all ``|z| ≤ Δ/2``, which is nearly always, in a fifth of the operations; else None."""

@@ -27,10 +27,10 @@ def residual(y: Array, columns: Callable[[slice], Array]) -> Array:
     every digit that the whole matrix would have given (Golub & Van Loan 2013, Matrix Computations, ch. 5.3).
     """
     weights = _weights(y, columns)
-    left = np.empty(y.size)
+    remainder = np.empty(y.size)
     for rows in _blocks(y.size):
-        left[rows] = y[rows] - columns(rows) @ weights
-    return left
+        remainder[rows] = y[rows] - columns(rows) @ weights
+    return remainder
 
 
 def _weights(y: Array, columns: Callable[[slice], Array]) -> Array:

@@ -67,12 +67,12 @@ def holds_throughout(y: np.ndarray, deviation: float, correlation: np.ndarray) -
     Args:
         y: ``(N,)`` output; deviation: σ of the noise, unit of the output; correlation: ``(K,)`` ρ at lags 0 to K − 1.
     """
-    found, order = by_differences(y)
+    level, order = by_differences(y)
     coefficients = np.array([(-1.0) ** i * comb(order, i) for i in range(order + 1)])
     overlaps = np.correlate(coefficients, coefficients, "full")[order:]
     lags = min(overlaps.size, correlation.size)
     variance = correlation[0] * overlaps[0] + 2.0 * float(correlation[1:lags] @ overlaps[1:lags])
-    visible = max(found, quantisation_step(y)) * sqrt(comb(2 * order, order))
+    visible = max(level, quantisation_step(y)) * sqrt(comb(2 * order, order))
     return deviation * sqrt(max(variance, 0.0)) <= _UNEVEN * visible
 
 
@@ -178,24 +178,24 @@ def noise_floor(
         periodic_start: the recording begins in the periodic steady state, so no period is lost to a transient.
     """
     first, last = span if span is not None else (0, y.size)
-    found = None
+    floor = None
     if period is not None:
-        found = from_periods(y[first:last], period / dt, 0 if periodic_start else 1)
-    found = found or from_rest(u, y) or from_one_spectrum(u, y, dt)
+        floor = from_periods(y[first:last], period / dt, 0 if periodic_start else 1)
+    floor = floor or from_rest(u, y) or from_one_spectrum(u, y, dt)
     step = quantisation_step(y)
-    if found.value < step / sqrt(12.0):
-        found = NoiseFloor(step / sqrt(12.0), f"quantisation in steps of {step:.3g}", WHITE)
+    if floor.value < step / sqrt(12.0):
+        floor = NoiseFloor(step / sqrt(12.0), f"quantisation in steps of {step:.3g}", WHITE)
     least = _LEAST_SHARE_OF_RANGE * float(np.ptp(y))
-    if found.value < least:
+    if floor.value < least:
         source = "no noise floor was found"
-        if found.interval is not None:
-            low, high = found.interval
+        if floor.interval is not None:
+            low, high = floor.interval
             source = (
-                f"a noise of {found.value:.2g} ({low:.2g} to {high:.2g}) from {found.source} is too small to fit to"
+                f"a noise of {floor.value:.2g} ({low:.2g} to {high:.2g}) from {floor.source} is too small to fit to"
             )
         source += "; fits are weighted by a millionth of the output's range"
-        found = NoiseFloor(least, source, WHITE, found=False, interval=found.interval)
-    return found
+        floor = NoiseFloor(least, source, WHITE, found=False, interval=floor.interval)
+    return floor
 
 
 def from_periods(y: np.ndarray, period: float, skip: int = 1) -> NoiseFloor | None:
@@ -439,11 +439,11 @@ def estimated(u: Array, y: Array) -> Estimate | None:
     u, y = u[first : first + _MOST], y[first : first + _MOST]
     # From the spectrum above what is excited, and from what a predictor leaves.
     spectrum = _above_an_edge(periodogram(without_line(y))[None, :], False)
-    found = [e for e in (spectrum, _of_one_step(u, y)) if e is not None]
-    best = min(found, key=lambda e: e.value, default=None)
+    estimates = [e for e in (spectrum, _of_one_step(u, y)) if e is not None]
+    best = min(estimates, key=lambda e: e.value, default=None)
     if best is None:
         return None
-    agreeing = [e for e in found if e.low <= best.high and e.high >= best.low]
+    agreeing = [e for e in estimates if e.low <= best.high and e.high >= best.low]
     return replace(best, low=min(e.low for e in agreeing), high=max(e.high for e in agreeing))
 
 
@@ -495,8 +495,8 @@ def _above_an_edge(power: Array, one_step: bool) -> Estimate | None:
         p, w = power[:, band].T.ravel(), np.repeat(omega[band], len(power))
         if p.size < _FEWEST:
             return None
-        if (found := _likely(p, w)) is not None:
-            return Estimate(*found, edge, one_step)
+        if (likely := _likely(p, w)) is not None:
+            return Estimate(*likely, edge, one_step)
     return None
 
 
