@@ -116,7 +116,7 @@ def _integrated(trajectory: Trajectory) -> Integrated:
 
 
 def _start_derivative(trajectory: Trajectory, moved: Perturbed, places: NDArray[np.int64]) -> Array:
-    """(N, C) derivatives of the state in which a simulation begins; at rest those by the network's parameters alone."""
+    """Return (N, C) derivatives of the initial state; at rest those by the network's parameters alone."""
     n, cycle = trajectory.states.shape[1], trajectory.cycle
     start = np.zeros((n, moved.columns))
     if cycle:

@@ -70,7 +70,7 @@ class Model:
 
     @cached_property
     def module(self) -> PortHamiltonianSystem:
-        """The network as a torch module with ``J``, ``D(x)``, ``H``, efforts and ports; `torchdiffeq` can integrate it.
+        """Return the network as a torch module with ``J``, ``D(x)``, ``H``, efforts and ports, for `torchdiffeq`.
 
         Amplifier and sensor are no part of it. It is always the same module, with laws and parameters of its own:
         ``model.with_network(model.module.as_network())`` is the model with the trained laws and parameters.

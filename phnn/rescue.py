@@ -245,7 +245,7 @@ def untried() -> int:
 
 
 def late(part: str) -> bool:
-    """Whether the search is stopped or its budget used up, so that neither a part nor a move after it is begun."""
+    """Return whether the search is stopped or its budget used up, so that no part or move after it is begun."""
     account = _ACCOUNT.get()
     if account is None:
         return False
@@ -377,7 +377,7 @@ def _one(
 
 
 def among_others() -> bool:
-    """Whether this work is one of several items side by side: threads of its own would only get into their way."""
+    """Return whether this work is one of several items side by side, whose own threads would get in their way."""
     account = _ACCOUNT.get()
     return account is not None and account.among
 

@@ -202,7 +202,7 @@ def measured(setup: Setup, q: Array, times: Array) -> Array:
 
 
 def measured_changes(setup: Setup, q: Array, times: Array, changes: Array, names: Sequence[str]) -> Array:
-    """(N, M) changes of the sensor's output by changes (N, M) of the network's, and by the sensor's own parameters.
+    """Return (N, M) changes of the sensor's output by those of the network's, and by the sensor's own parameters.
 
     Args:
         q: (N,) the network's output at the samples, of the times ``times`` (N,).
@@ -304,7 +304,7 @@ class Trajectory:
 
     @property
     def signal(self) -> Array:
-        """(n+1,) what the sensor is given at the nodes: the output state, or the force that an imposed motion takes."""
+        """Return (n+1,) what the sensor is given at the nodes: the output state, or the force of an imposed motion."""
         x = self.states[:, self.output]
         return rate(x, np.append(0.0, np.cumsum(self.h))) if self.travel >= 0 else x
 
@@ -384,7 +384,7 @@ def simulate(
 def _port_inputs(
     setup: Setup, network: Network, recording: Recording, driving: Driving, h: Array, cycle: int
 ) -> tuple[Array, Array, Array]:
-    """The first port's input within the steps (n, 3), the means of all ports (n, P), and what they were before (P,)."""
+    """Return the first port's input (n, 3), the means of all ports (n, P), and their inputs before (P,)."""
     fine, before = driven(setup, driving.fine(recording), h, recording.input_before, cycle)
     u, held = np.zeros((fine.shape[0], len(network.ports))), np.zeros(len(network.ports))
     places = [0, *further_ports(network, recording)]
@@ -495,7 +495,7 @@ def driven_changes(
 
 
 def _with_run_in(setup: Setup, fine: Any, h: Array, cycle: int) -> tuple[Any, Array, int]:
-    """The command and its steps after some cycles in which the blocks come to theirs, and how many steps those are."""
+    """Return the command behind cycles in which the blocks come to theirs, its steps, and how many are of these."""
     copies = _AMPLIFIED if cycle and setup.amplifier else 0
     longer = np.concatenate([*[made_periodic(fine, cycle)[:cycle]] * copies, fine])
     return longer, np.concatenate([*[h[:cycle]] * copies, h]), copies * cycle

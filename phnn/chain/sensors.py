@@ -65,7 +65,7 @@ _POWERS = np.array([(-1.0) ** j * 2.0 / factorial(j + 3) for j in reversed(range
 
 
 def lag(y: Array, t: Array, tau: Any) -> Array:
-    """``τ ẏ' + y' = y``, exact for parabolas through samples and midpoints; in equilibrium at the first sample."""
+    """Solve ``τ ẏ' + y' = y``, exact for parabolas through samples and midpoints; from equilibrium at the first one."""
     times, columns = t.ravel(), y.reshape(y.shape[0], -1)
     if np.iscomplexobj(tau):
         columns = columns.astype(complex)
@@ -99,7 +99,7 @@ def _lagged(y: Any, middle: Any, t: Any, tau: Any, powers: Any) -> Any:
 
 
 def play(y: Array, t: Array, width: Any) -> Array:
-    """The play operator of half-width ``δ``: ``w`` rests while ``|y − w| < δ`` and is carried along at the edges.
+    """Apply the play of half-width ``δ``: ``w`` rests while ``|y − w| < δ`` and is carried along at the edges.
 
     It starts centred at the first sample. A reversal between two samples is that of the parabola through them and
     their midpoint, or plateaus would come out too low.
@@ -129,7 +129,7 @@ def _played(y: Any, middle: Any, width: Any) -> Any:
 
 
 def clock(y: Array, t: Array, change: Any, scale: Any) -> Array:
-    """``y((1 − c s) t)``, ``y`` the cubic spline through the samples: a sensor whose clock runs fast for ``c s > 0``.
+    """Return ``y((1 − c s) t)``, ``y`` the cubic spline through the samples: the clock runs fast for ``c s > 0``.
 
     A slow clock asks for what comes after the last sample. The spline goes on for one interval, and is held from there.
     Both numbers may take a complex step, and so may the samples.
@@ -184,7 +184,7 @@ def rectification(y: Array, t: Array) -> Array:
 
 
 def knee(y: Array, t: Array, share: Any, level: Any) -> Array:
-    """`phnn.chain.amplifiers.kneed`: less gain beyond a level on one side."""
+    """Apply `phnn.chain.amplifiers.kneed`: less gain beyond a level on one side."""
     return kneed(y, share, level)
 
 

@@ -278,7 +278,7 @@ class Builder:
         return [value / self.h for value in linear]
 
     def _actions(self, u: str, heard: dict[str, str]) -> list[str]:
-        """What every port makes of its input: `u`, `u_NAME` of further ports, of others a source that is heard or 0."""
+        """Return the actions of all ports: on `u`, on `u_NAME` of further ports, else on a heard source, or 0."""
         values = {name: f"{u}_{key}" for name, key in self.key.items()} | {self.inputs[0].name: u} | heard
         given = ((p, values.get(p.name, "0.0")) for p in self.network.ports)
         return [f"{self.b.action(p.name)} = {self.e.law(p, 'action', value)}" for p, value in given]

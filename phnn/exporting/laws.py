@@ -45,7 +45,7 @@ def refused(
     cause: str,
     remedy: str = "write its law as a plain function of phnn.laws.namespace, or export a model without it",
 ) -> InputRefused:
-    """What is raised for what cannot be exported: why, and what to do; by default for a law without translation."""
+    """Return the refusal of what cannot be exported, with cause and remedy; by default of an untranslated law."""
     return InputRefused(f"{what}: cannot be exported: {cause}: {remedy}")
 
 
@@ -139,7 +139,7 @@ class Sources:
         suffix: str = "",
         called: str = "",
     ) -> str:
-        """The name under which a function of the package is called in the program; it is translated the first time.
+        """Return the name of a function of the package in the program; translate it the first time.
 
         Args:
             what: the element whose law it is, for messages.
@@ -212,7 +212,7 @@ class _Simplified(ast.NodeTransformer):
         return statements
 
     def _one_by_one(self, statement: ast.stmt) -> list[ast.stmt]:
-        """An assignment to several targets, whose values are kept first where one target is read for a later one."""
+        """Split an assignment to several targets; keep values first where one target is read for a later one."""
         if not isinstance(statement, ast.Assign):
             return [statement]
         target, value = statement.targets[0], statement.value
@@ -360,7 +360,7 @@ def _real(node: ast.expr) -> ast.expr:
 
 
 def _literal(value: float) -> ast.expr:
-    """A number; the sign of a negative one is an operator, which printers put into brackets where it needs them."""
+    """Return a number; the sign of a negative one is an operator, for which printers set the brackets."""
     return ast.UnaryOp(ast.USub(), ast.Constant(-value)) if math.copysign(1.0, value) < 0.0 else ast.Constant(value)
 
 

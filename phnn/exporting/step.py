@@ -159,7 +159,7 @@ def searched(balance: Balance, name: str) -> str:
 
 
 def _lost(balance: Balance, name: str) -> str:
-    """The function of the flow into a storage's resistors, at its state or at its mean effort; returns its name."""
+    """Add the function of the flow into a storage's resistors, at its state or mean effort; return its name."""
     key, e = balance.e.states.of(name), balance.e
     at_state = balance.rules[name] == RADAU
     effort = f"{balance.stiffness(name)} * state" if at_state else "state"
@@ -242,7 +242,7 @@ class Balance:
         return f"change_{self.e.states.of(name)}"
 
     def ratio(self, ratio: Ratio) -> str:
-        """The expression of a ratio: a number, the constant of a parameter, or a local variable if it is modulated."""
+        """Return a ratio: a number, the constant of a parameter, or a local variable if it is modulated."""
         if not isinstance(ratio, str):
             return repr(float(ratio))
         return f"ratio_{self.e.names.of(ratio)}" if ratio in self.modulated else self.e.parameter(ratio)

@@ -208,7 +208,7 @@ def checked(t: Array, reference: Array, of_actuator: bool = False) -> float:
 
 
 def smoothed(reference: Array, dt: float, corner: float | None) -> Array:
-    """(N,) the reference behind a low-pass of fourth order that runs forwards and backwards, so that nothing is late.
+    """Return (N,) the reference behind a zero-phase low-pass of fourth order, which runs forwards and backwards.
 
     It stands still before its first sample and after its last one.
 
@@ -232,7 +232,7 @@ def smoothed(reference: Array, dt: float, corner: float | None) -> Array:
 
 
 def led_in(reference: Array, dt: float, duration: float) -> Array:
-    """(M + N,) the reference with a way into it: from rest at its first value to its first speed and acceleration.
+    """Return (M + N,) the reference behind a way from rest at its first value to its first speed and acceleration.
 
     The way is the polynomial of fifth degree that has these at its ends.
 

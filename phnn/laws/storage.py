@@ -219,7 +219,7 @@ def _grown(size: Any, bend: Any) -> Any:
 
 @shared
 def exponential_spring_mean_effort(a: Any, b: Any, stiffness: Any, force: Any, bend: Any) -> Any:
-    """A spring whose stiffness follows its force, ``E' = k (1 + b |E|/F)``: ``E = ± (e^{bk|x|/F} − 1) F/b``, convex.
+    """Give a spring the stiffness ``E' = k (1 + b |E|/F)``: ``E = ± (e^{bk|x|/F} − 1) F/b``, convex.
 
     The stiffness stays within a factor 100 of ``k``, so that no number overflows. The mean effort is
     ``(a + b)/(|a| + |b|)`` times the mean force between the sizes ``|a|`` and ``|b|``.

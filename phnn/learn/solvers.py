@@ -254,7 +254,7 @@ def together(plant: Plant, windows: Sequence[Window]) -> tuple[Tensor, Tensor]:
 
 
 def near(plant: NetworkPlant, windows: Sequence[Window]) -> Tensor | None:
-    """(N+1, B, n) states that were last found at the times of some windows, interpolated; None where any is missing."""
+    """Return (N+1, B, n) the last known states, interpolated at the times of windows; None where any is missing."""
     known = []
     for w in windows:
         times, states = plant.near.get(w.name, (w.times[:0], w.times[:0]))

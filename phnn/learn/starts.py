@@ -117,7 +117,7 @@ def plant_for(model: Mapping[str, Any], campaign: Campaign, seed: int, base: str
 
 
 def _with_multi_port(network: Network, motion: Motion, width: int, seed: int) -> Network:
-    """The actuator with a learned dissipation on all of its hysterons and its mass together, nearly silent at first."""
+    """Return the actuator with one learned dissipation on its hysterons and its mass, nearly silent at first."""
     charges = [s.name for s in network.storages if s.name.startswith("Q_")]
     values = {n: p.value for n, p in network.parameters.items()}
     typical = [effort_and_flow(i + 1, values, motion) for i in range(len(charges))]
@@ -130,7 +130,7 @@ def _with_multi_port(network: Network, motion: Motion, width: int, seed: int) ->
 def _own(
     arguments: Mapping[str, Any], campaign: Campaign, recordings: Sequence[Recording], seed: int, base: str | None
 ) -> Plant:
-    """The network or system of a user's class or function; a law of one effort stands on every hysteron instead."""
+    """Build the network or system of a user's class or function; put a law of one effort on every hysteron instead."""
     known = {n: arguments[n] for n in ("hysterons", "start") if n in arguments}
     taken = accepted(arguments[TARGET])
     # What the configuration of learned hysterons holds beside them is for those classes that know it.
@@ -286,7 +286,7 @@ def near_known_part(plant: NetworkPlant, recordings: Sequence[Recording]) -> Non
 
 
 def typical_states(given: Network | PortHamiltonianSystem, recordings: Sequence[Recording]) -> Tensor:
-    """(n,) largest state of the untrained network on the recordings, one where it stays at zero or cannot run."""
+    """Return (n,) the largest untrained states on the recordings; one where it stays at zero or cannot run."""
     plant = NetworkPlant(given, torch.ones(len(given.state_names), dtype=torch.float64))
     windows = windows_of(recordings, 0, 1)
     try:

@@ -313,7 +313,7 @@ def first_modes(study: Study, experiments: Sequence[Experiment]) -> tuple[Array,
 
 
 def _impulses(g: Complex, lines: NDArray[np.int64], size: int) -> Array:
-    """(O, P, N) impulse response in the excited band, whose upper edge is rounded off so that it does not ring."""
+    """Return (O, P, N) impulse responses in the excited band, whose upper edge is rounded off against ringing."""
     edge, top = max(3, lines.size // 40), lines[-1]
     weight = np.zeros(len(g))
     weight[: top + 1] = 1.0

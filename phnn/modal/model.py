@@ -233,7 +233,7 @@ class Problem:
         self._last: tuple[Array, Point | None] = (np.full(0, np.nan), None)
 
     def unpack(self, moved: Array) -> ModalModel:
-        """The model that a move from the first one leads to; every one has positive energies, losses and springs."""
+        """Return the model after a move from the first one; every one has positive energies, losses and springs."""
         m, shape = self.template.omega.size, self.template.b.shape
         sizes = np.cumsum([m, m, shape[0] * shape[1], self.template.delay.size])
         omega, zeta, b, delay, logs = np.split(self.origin + self.free @ moved, sizes)

@@ -386,7 +386,7 @@ class Network:
         return replace(self, **copies)
 
     def replace(self, name: str, law: Any, parameters: tuple[str, ...] = ()) -> Network:
-        """The network with another law on a resistor or storage, without the parameters that nothing uses any more.
+        """Return the network with another law on a resistor or storage, without the parameters that become unused.
 
             phnn.models.hrc(hysterons=2).replace("hysteron_1", phnn.nn.SectorMLP(effort_scale=20.0, flow_scale=1e-3))
 
@@ -605,7 +605,7 @@ def _between(
 
 
 def renamed(network: Network, prefix: str) -> Network:
-    """The network with a prefix to the names of its storages, resistors, ports, modulator states and parameters."""
+    """Prefix the names of the storages, resistors, ports, modulator states and parameters of a network."""
 
     def labelled(name: str) -> str:
         return prefix + name

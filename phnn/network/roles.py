@@ -48,7 +48,7 @@ class Imposed:
 
 
 def imposed(network: Network) -> Imposed | None:
-    """The motion, or the current, that is imposed while its effort is measured; None where the output is a storage."""
+    """Return the motion or current that is imposed while its effort is measured; None if the output is a storage."""
     if not network.senses:
         return None
     contact = next(n for p in network.ports if p.name == network.senses for n in p.on)

@@ -42,7 +42,7 @@ def _spread(width: int, reach: float) -> Tensor:
 
 
 def _flat(law: nn.Module, head: Tensor, *of_units: Tensor) -> Tensor:
-    """The vector ``[head, w_1, w_2, …]`` from a head of one weight and (U,) tensors of every kind of unit weight."""
+    """Join ``[head, w_1, w_2, …]`` from a head of one weight and (U,) tensors of every kind of unit weight."""
     check_weights(law, largest=LARGEST_WEIGHT)
     return torch.cat([head.reshape(1), torch.stack(of_units, dim=-1).reshape(-1)])
 

@@ -56,7 +56,7 @@ def number(value: float | None, digits: int = 3, lowest: int = -3, highest: int 
 
 
 def plain(value: float | None, digits: int = 3) -> str:
-    """``digits`` significant digits without an exponent, for columns that share a unit; extreme values keep one."""
+    """Write ``digits`` significant digits without an exponent, for columns of one unit; extreme values keep one."""
     return number(value, digits, lowest=-6, highest=8)
 
 
@@ -85,7 +85,7 @@ def with_error(value: float | None, std: float | None) -> str:
 
 
 def interval(ends: tuple[float, float] | None) -> str:
-    """``0.27 … 0.35``: both ends with as many digits as tell them apart to two; a dash where there is no interval."""
+    """Write ``0.27 … 0.35``, with as many digits as tell the ends apart to two; a dash where there is no interval."""
     low, high = (finite(end) for end in ends) if ends is not None else (None, None)
     if low is None or high is None:
         return DASH
@@ -158,7 +158,7 @@ class Unit:
     name: str
 
     def show(self, value: float | None) -> str:
-        """The value in this unit, without the unit's name; one decimal where it has a prefix, so that columns align."""
+        """Write the value in this unit, without its name; one decimal where it has a prefix, so that columns align."""
         value = finite(value)
         if value is None:
             return DASH

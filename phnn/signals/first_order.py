@@ -49,7 +49,7 @@ def correlation_of(coefficient: float) -> np.ndarray:
 
 
 def density_of(correlation: np.ndarray, cycles: np.ndarray) -> np.ndarray:
-    """``(F,)`` spectrum over that of white noise, from an autocorrelation ``(K,)``; frequencies in cycles a sample."""
+    """Return ``(F,)`` the spectrum over that of white noise, from an autocorrelation ``(K,)``; cycles a sample."""
     waves = np.cos(2.0 * np.pi * np.multiply.outer(cycles, np.arange(1, correlation.size)))
     # A correlation that was cut off may give a spectrum that is hardly positive somewhere.
     return np.asarray(np.maximum(1.0 + 2.0 * waves @ correlation[1:], _HARDLY))

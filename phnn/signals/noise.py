@@ -474,7 +474,7 @@ def _of_one_step(u: Array, y: Array) -> Estimate | None:
 
 
 def _lagged(u: Array, y: Array) -> tuple[Array, Array]:
-    """(N − p, 2p + 2) past outputs, past and present inputs and a constant beside the outputs (N − p,) they predict."""
+    """Return (N − p, 2p + 2) past outputs, inputs up to now and a constant, and the (N − p,) outputs they predict."""
     y, u = (x - x.mean() for x in (y, u))
     n = y.size - ORDER
     past = [y[ORDER - i : ORDER - i + n] for i in range(1, ORDER + 1)]

@@ -227,7 +227,7 @@ _SHARP = 1e-15
 
 
 def substep_counts(u: Array, before: float, substeps: int) -> NDArray[np.int64]:
-    """(N−1,) sub-steps of every sample interval: more of them for a while after each jump, where motion is fastest.
+    """Return (N−1,) sub-steps of every sample interval: more of them after each jump, where motion is fastest.
 
     Args:
         before: input before the first sample.
@@ -372,7 +372,7 @@ _OUT_OF: _Law = (0.0, 0.5), (0.0, 1.0)
 
 
 def _law_of(earlier: Stretch, later: Stretch, samples: int) -> _Law:
-    """How the transition between two stretches goes; samples: of the input, 0 where a single one says nothing."""
+    """Return the transition between two stretches; samples: of the input, 0 where a single one says nothing."""
     if samples and later.u.size == 1 and later.first + 1 < samples and earlier.u.size > 1:
         return _INTO
     if samples and earlier.u.size == 1 and earlier.first > 0 and later.u.size > 1:
@@ -425,7 +425,7 @@ class _Jump:
 
 
 def _kinked(at: Array, instant: float, earlier: Stretch, later: Stretch) -> Array:
-    """(r, 3) the input on the sub-steps of the interval of a kink: left of the instant one stretch, then the other.
+    """Return (r, 3) the input on the sub-steps around a kink: the earlier stretch up to its instant, then the later.
 
     In the sub-step of the kink the middle is such that Simpson's rule gives the exact mean.
     """

@@ -72,7 +72,7 @@ def is_invertible(resistor: R) -> bool:
 
 
 def causal(graph: BondGraph, field: Field, equations: Sequence[Form], stores: Iterable[str]) -> Solution:
-    """The equations solved for rates, source answers and arguments of laws, as far as they let themselves be solved."""
+    """Solve the equations for rates, source answers and arguments of laws, as far as they can be solved."""
     either = [r.name for r in resistors_of(graph) if is_invertible(r)]
     strict = [r.name for r in resistors_of(graph) if not is_invertible(r)]
     inner = dict.fromkeys(v for form in equations for v in form if v.role == "inner")
@@ -251,7 +251,7 @@ def check_dependent(store: C | I, form: Form, stores: Mapping[str, C | I]) -> C 
 
 
 def absorbed(field: Field, equations: list[Form], gone: str, kept: str, ratio: Any) -> list[Form]:
-    """The equations with ``e_gone = ρ e_kept`` inserted and ``ẋ = ẋ_kept + ρ ẋ_gone`` for the rate of the kept one."""
+    """Insert ``e_gone = ρ e_kept``, and ``ẋ = ẋ_kept + ρ ẋ_gone`` for the rate of the kept storage."""
     inner = {rate(n): Variable("inner", f"rate {n} within {kept}, {len(equations)}") for n in (gone, kept)}
 
     def insert(form: Form) -> Form:
@@ -472,7 +472,7 @@ class _Derivation:
             equations = absorbed(self.field, equations, gone, kept, ratio)
 
     def _kept(self, ratios: Mapping[str, Mapping[str, Any]]) -> str:
-        """Which of several storages stays: the output, else the first by which the others' ratios are no quotients.
+        """Choose which storage stays: the output, else the first by which the others' ratios are no quotients.
 
         Args:
             ratios: for each storage, those of the others if it stays.
