@@ -240,8 +240,7 @@ def _run(arguments: argparse.Namespace, settings: Sequence[str]) -> None:
         os.environ.setdefault(variable, count)
     command = getattr(import_module("phnn.commands"), name)
     offered = {**vars(arguments), "config": config, "options": vars(arguments)}
-    taken = inspect.signature(command).parameters
-    command(**{key: value for key, value in offered.items() if key in taken})
+    command(**{key: offered[key] for key in inspect.signature(command).parameters if key in offered})
 
 
 def _say(text: str) -> None:

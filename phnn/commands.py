@@ -370,8 +370,7 @@ def predict(
 
 
 def _score_table(content: Mapping[str, Any]) -> Table:
-    """Return a table of the content of ``predict.json``, recording by recording and in total; a dash where a figure is
-    undefined."""
+    """Return a table of ``predict.json``, by recording and in total; a dash where a figure is undefined."""
     from phnn.report.formatting import DASH, percent, ratio
 
     def cells(row: Mapping[str, Any]) -> tuple[str, str, str]:

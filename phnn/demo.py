@@ -195,9 +195,8 @@ def simulate(values: Values, drive: Drive) -> Array:
                 raise SolverFailed(f"{drive.name}: LSODA stopped ({warning}): choose another seed") from warning
         paths.append(path[:-1])
         x = path[-1]
-    states = np.concatenate([*paths, x[None]])
-    y: Array = states[:, 6 if values.get("tau_y", 0.0) > 0.0 else 0]
-    return y
+    states: Array = np.concatenate([*paths, x[None]])
+    return states[:, 6 if values.get("tau_y", 0.0) > 0.0 else 0]
 
 
 def _simulate_all(values: Values, plan: Sequence[Drive]) -> list[Array]:
@@ -210,8 +209,7 @@ def _simulate_all(values: Values, plan: Sequence[Drive]) -> list[Array]:
 
 
 def _draw_base(rng: Rng) -> dict[str, float]:
-    """Draw parameters around Table 1 such that both hysterons slip: a slope and a width that act in no recording
-    could not be identified."""
+    """Draw parameters around Table 1 such that both hysterons slip, so that slopes and widths can be identified."""
     while True:
         base = {name: value * float(rng.uniform(1.0 - _SPREAD, 1.0 + _SPREAD)) for name, value in TABLE.items()}
         stiffness = base["k"] + base["alpha"] ** 2 * (1.0 / base["C_1"] + 1.0 / base["C_2"])
@@ -419,8 +417,7 @@ def generate(seed: int, folder: Path, effect: str | None = None, plan: str = "de
 def _read(q: Array, noise: float, step: float, rng: Rng) -> Array:
     """Return what the sensor reads: its zero, white noise, its least step."""
     y = q + rng.uniform(-_ZERO, _ZERO) + noise * rng.standard_normal(q.size)
-    rounded: Array = np.round(y / step) * step
-    return rounded
+    return np.asarray(np.round(y / step) * step)
 
 
 def _csv(drive: Drive, y: Array) -> bytes:

@@ -126,8 +126,7 @@ class Model:
         substeps: int | None = None,
         hold: str = "cubic",
     ) -> Trajectory:
-        """Simulate from rest and return states and efforts of every step beside the output; arguments as of
-        `simulate`."""
+        """Simulate from rest; return states and efforts of every step and the output. Arguments as of `simulate`."""
         time, voltage = series("t", t), series("u", u)
         others = {name: series(name, values) for name, values in (further or {}).items()}
         check_samples(time, {"u": voltage, **others})

@@ -395,8 +395,7 @@ def documents(failures: Sequence[Failure]) -> list[Mapping[str, Any]]:
 
 def _failure(part: str, error: Exception) -> Failure:
     """Return what is told of an exception; its frames, which hold all recordings, are let go."""
-    frames = traceback.extract_tb(error.__traceback__)
-    passed = [f for f in frames if Path(f.filename) != Path(__file__)]
+    passed = [f for f in traceback.extract_tb(error.__traceback__) if Path(f.filename) != Path(__file__)]
     last = [*passed, *(f for f in passed if Path(f.filename).resolve().is_relative_to(_PACKAGE))][-1]
     place = Path(last.filename)
     place = place.resolve().relative_to(_PACKAGE.parent) if place.resolve().is_relative_to(_PACKAGE) else place

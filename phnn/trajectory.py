@@ -156,8 +156,7 @@ def source_input(setup: Setup, source: Source, h: Array, lead: float, perturbed:
 def sensed(
     setup: Setup, recording: Recording, driving: Driving, nodes: NDArray[np.int64], h: Array
 ) -> tuple[NDArray[np.int64], Array, NDArray[np.int64] | slice]:
-    """Return the nodes of the steps at which the sensor is evaluated, their times [s] from the first node, and the
-    samples among them.
+    """Return the nodes where the sensor is evaluated, their times [s] from the first node, and the samples among them.
 
     If a block has a state, these are the nodes of all steps, as fast motion between two samples changes that state.
     Otherwise they are the nodes of the samples. A node at which an imposed flow jumps is there twice, and its sample
@@ -295,8 +294,7 @@ class Trajectory:
 
     @property
     def velocity(self) -> Array:
-        """Return (n,) mean rate of the output during the steps [m/s]: the flow through it, or the change of a storage
-        that no other one drives."""
+        """Return (n,) mean rate of the output in the steps [m/s]: its flow, or the change of an undriven storage."""
         try:
             return self.efforts[:, self.program.flow]
         except StructureViolated:

@@ -200,8 +200,7 @@ def cubic(y: Array, t: Array, square: Any, cube: Any, level: Any) -> Array:
 
 
 def wave(y: Array, t: Array, sine: Any, cosine: Any, length: Any) -> Array:
-    """Return ``y + λ/2π (s sin κy + c (1 − cos κy))``, ``κ = 2π/λ``: an error that repeats along the scale, monotone
-    for ``s² + c² ≤ 1``."""
+    """Return ``y + λ/2π (s sin κy + c (1 − cos κy))``, ``κ = 2π/λ``, a periodic error; monotone for ``s² + c² ≤ 1``."""
     turn = 2.0 * np.pi / length
     return np.asarray(y + (1.0 / turn) * (sine * sin(turn * y) + cosine * (1.0 - cos(turn * y))))
 

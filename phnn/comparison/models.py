@@ -262,10 +262,8 @@ class Bench:
                 self.result("phs")
             passed, used = time.monotonic(), time.process_time()
             result = _FITTERS.get(model, _rival)(self, model)
-            seconds = {
-                "seconds": round(time.monotonic() - passed, 1),
-                "processor_seconds": round(time.process_time() - used, 2),
-            }
+            wall, processor = time.monotonic() - passed, time.process_time() - used
+            seconds = {"seconds": round(wall, 1), "processor_seconds": round(processor, 2)}
             result = replace(result, facts={**seconds, **result.facts})
             _keep(result, self.place / model, made_with)
         self.done[model] = result

@@ -460,9 +460,7 @@ class FlatNetwork:
             return np.asarray(PORT_LAWS[port.law].action(voltage, *values)) + 0.0 * voltage
 
         wanted = (self._inertia * path.acceleration - force) / gain + action(np.zeros(1))[0]
-        if port.law == "linear":
-            return Solved(wanted, np.zeros_like(wanted))
-        return solve_rising(action, wanted)
+        return Solved(wanted, np.zeros_like(wanted)) if port.law == "linear" else solve_rising(action, wanted)
 
     def _states(self, path: Path, before: Array | None) -> Array:
         """Return (n+1, N) states at the nodes while the displacement is imposed."""

@@ -97,5 +97,4 @@ def _is_known(value: Any) -> bool:
 
 def _names(code: CodeType) -> list[str]:
     """Global names that a function and the functions inside it use."""
-    inner = [name for c in code.co_consts if isinstance(c, CodeType) for name in _names(c)]
-    return [*code.co_names, *inner]
+    return [*code.co_names, *(name for c in code.co_consts if isinstance(c, CodeType) for name in _names(c))]

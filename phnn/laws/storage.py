@@ -115,8 +115,7 @@ def _root(x: Any) -> Any:
 
 
 def round_stop_mean_effort(a: Any, b: Any, stiffness: Any, gap: Any, depth: Any) -> Any:
-    """Contact of round surfaces (Hertz), effort ``± k p √(p/p₀)``, ``p = max(±(x − gap), 0)``; its side is that of the
-    gap.
+    """Return the contact of round surfaces (Hertz), ``± k p √(p/p₀)``, ``p = max(±(x − gap), 0)``, on the gap's side.
 
     The fifth powers of the roots are factored: ``(w⁵ − u⁵)/(w² − u²)``.
     """

@@ -155,8 +155,7 @@ def begin(plant: Plant, recording: Recording) -> Tensor:
 
 
 def estimated_start(plant: Plant, solver: Solver, recording: Recording, substeps: int) -> Tensor:
-    """Return (n,) initial state of a recording that begins elsewhere than at zero, from its first samples with the
-    plant held.
+    """Return (n,) initial state of a recording that begins away from zero, from its first samples, plant held.
 
     The samples are those of its nuisance part or, where it has none, the first 2 % and 50 at least.
     """

@@ -177,8 +177,7 @@ def accepted(target: str) -> set[str]:
 
 
 def instantiate(given: Any) -> Any:
-    """Return what a mapping with ``_target_`` makes: an instance, or what its function returns; modules of the present
-    folder are found.
+    """Return what a mapping with ``_target_`` makes or returns; modules of the present folder are found.
 
     Raises:
         InputRefused: there is no such class, or it does not take these arguments.

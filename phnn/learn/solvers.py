@@ -91,8 +91,7 @@ class NetworkPlant(Plant):
 
     def inputs(self, u: Tensor) -> Tensor:
         """Return (..., P) the voltage at the first port, the others at zero."""
-        others = u.new_zeros(*u.shape, len(self.system.network.ports) - 1)
-        return torch.cat([u.unsqueeze(-1), others], dim=-1)
+        return torch.cat([u.unsqueeze(-1), u.new_zeros(*u.shape, len(self.system.network.ports) - 1)], dim=-1)
 
     def measured(self, x: Tensor) -> Tensor:
         """Return (...) state of the measured storage."""
@@ -100,8 +99,7 @@ class NetworkPlant(Plant):
 
     def trained(self) -> list[nn.Parameter]:
         """Return the coordinates of the parameters, then weights of the learned laws."""
-        parameters = (*self.system.free.parameters(), *self.system.laws.parameters())
-        return [p for p in parameters if p.requires_grad]
+        return [p for part in (self.system.free, self.system.laws) for p in part.parameters() if p.requires_grad]
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,8 +243,7 @@ def discrete_gradient(plant: Plant, windows: Sequence[Window], x0: Tensor) -> li
 
 
 def together(plant: Plant, windows: Sequence[Window]) -> tuple[Tensor, Tensor]:
-    """Return the mean inputs (N, B, P) and steps (N, B) of windows; shorter ones go on under their last input, which
-    counts for nothing."""
+    """Return mean inputs (N, B, P) and steps (N, B) of windows; shorter ones keep their last input, uncounted."""
     count = torch.arange(max(len(w.h) for w in windows))
     rows = [count.clamp_max(len(w.h) - 1) for w in windows]
     u = plant.inputs(torch.stack([w.mean[k] for w, k in zip(windows, rows, strict=True)], dim=1))

@@ -277,8 +277,7 @@ def near_to(plant: NetworkPlant, known: NetworkPlant, recordings: Sequence[Recor
 
 
 def near_known_part(plant: NetworkPlant, recordings: Sequence[Recording]) -> None:
-    """Let the first iterations begin at the states of the network without its laws on several variables, where these
-    are what has no kernel."""
+    """Begin the first iterations at the states of the network without its laws on several variables."""
     network = plant.network
     known = replace(network, multi_ports=(), shared_energies=())
     if known.resistors and not can_compile(network) and can_compile(known):

@@ -356,8 +356,7 @@ def load(path: Path) -> dict[str, Any] | None:
 
 
 def board_of(place: Place, epochs: int) -> Any:
-    """Return what writes ``tensorboard/``, of which points after these epochs are void; None where it is not
-    installed."""
+    """Return the writer of ``tensorboard/``, whose points after these epochs are void; None if it is not installed."""
     try:
         from torch.utils.tensorboard import SummaryWriter
     except ImportError:

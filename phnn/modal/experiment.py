@@ -258,8 +258,7 @@ _DELAYS = np.arange(0.0, 3.01, 0.1)
 
 
 def response(u: Complex, y: Complex) -> Complex:
-    """Return the (N//2 + 1, O, P) best linear approximation of spectra (N//2 + 1, P, R) and (N//2 + 1, O, R) of R
-    experiments; zero at the mean."""
+    """Return (N//2 + 1, O, P) the best linear approximation from spectra (…, P, R), (…, O, R); zero at the mean."""
     conjugate = u.conj().transpose(0, 2, 1)
     square = u @ conjugate
     size = np.trace(square, axis1=1, axis2=2).real[:, None, None] + 1e-300

@@ -148,8 +148,7 @@ class ModalModel:
         return Steady(rates[middle], q, np.sum(x, axis=0), forces[middle], kappa)
 
     def slopes(self, steady: Steady, shapes: Array, dt: float) -> Complex:
-        """Return (F, O, K) derivatives of the outputs behind their delays by ln ω, ln ζ, b, delays in samples and ln k,
-        all at the same ``φ``.
+        """Return (F, O, K) derivatives of delayed outputs by ln ω, ln ζ, b, delays in samples and ln k, ``φ`` fixed.
 
         Args:
             shapes: (O, 2 M + P), held fast.

@@ -136,8 +136,7 @@ def held(network: Network, hold: Collection[str]) -> Network:
 def _learned(
     number: int, laws: LearnedLaws, start: str, values: Mapping[str, float], motion: Motion, seed: int
 ) -> SectorMLP | MonotoneMLP:
-    """Return the resistor of one hysteron, fitted to the dead zone of eq. (2) from which its training starts, most
-    closely around its edges."""
+    """Return the resistor of one hysteron, fitted to the dead zone of eq. (2), most closely around its edges."""
     effort, flow = effort_and_flow(number, values, motion)
     if start == "parametric":
         zone, rho = values[f"d_{number}"], resolved_slope(number, values, motion)

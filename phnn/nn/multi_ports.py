@@ -87,8 +87,7 @@ class Perceptron(nn.Module):
 
     @torch.no_grad()
     def spread(self, reach: Tensor, inputs: Tensor) -> None:
-        """Let the units of the first layer step across one of some inputs (K,) each, evenly over ``reach`` (sizes[0],)
-        both ways."""
+        """Let each first-layer unit step across one of the inputs (K,), evenly over ``± reach`` (sizes[0],)."""
         unit = torch.arange(len(self.biases[0]))
         each, number = inputs[unit % len(inputs)], unit // len(inputs)
         self.weights[0].zero_()[unit, each] = _SHARP / reach[each]

@@ -145,8 +145,7 @@ class MonotoneMLP(_Units, nn.Module):
         InputRefused: a scale that is not positive, or no unit.
     """
 
-    law = "monotone"
-    monotone = WIDE_RESISTORS[law].monotone
+    law, monotone = "monotone", WIDE_RESISTORS["monotone"].monotone
     scale: Tensor
     flow: Tensor
 
@@ -188,8 +187,7 @@ class ConvexEnergyMLP(_Units, nn.Module):
         InputRefused: a scale that is not positive, or no unit.
     """
 
-    law = "convex"
-    convex = WIDE_STORAGES[law].monotone
+    law, convex = "convex", WIDE_STORAGES["convex"].monotone
     scale: Tensor
     typical: Tensor
 

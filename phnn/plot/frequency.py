@@ -389,8 +389,7 @@ def whiteness(tests: Sequence[Tested]) -> Plot:
 
 def _tested(one: Predicted, lags: int | None) -> Tested:
     r, e, u = one.recording, one.error, one.recording.u[one.scored]
-    most = int(_SHARE * e.size)
-    reach = min(_LAGS, most) if lags is None else lags
+    reach = min(_LAGS, int(_SHARE * e.size)) if lags is None else lags
     if e.size < _FEWEST or not 0 < reach < e.size:
         raise InputRefused(f"{r.name}: {e.size} scored samples for {reach} lags: give fewer lags, at least one")
     rho, far = r.noise_correlation, float(norm.ppf(0.5 + 0.5 * LEVEL))

@@ -107,8 +107,7 @@ class Plot:
 
 
 def scaled(name: str, unit: str, *values: Any) -> tuple[float, str]:
-    """Return the size of the unit in which values up to the largest one given read well, and the label of their axis;
-    no unit is shown for ``1``."""
+    """Return the size of the unit in which values up to ``largest`` read well, and their axis label; none for ``1``."""
     sizes = [np.abs(np.asarray(v)[np.isfinite(v)]).max(initial=0.0) for v in values]
     size, shown = prefixed(float(max(sizes, default=0.0)), unit)
     return size, name if shown == "1" else f"{name} ({shown})"

@@ -95,8 +95,7 @@ def interval(ends: tuple[float, float] | None) -> str:
 
 
 def p_value(value: float | None) -> str:
-    """Return ``p = 0.04``, ``p = 3 × 10⁻⁵``, and ``p < 2 × 10⁻⁵`` below that: nobody knows the noise so well that
-    smaller tails are to be believed."""
+    """Return ``p = 0.04``, ``p = 3 × 10⁻⁵``; below it ``p < 2 × 10⁻⁵``, for smaller tails are not to be believed."""
     value = finite(value)
     if value is None:
         return "p not computed"
@@ -120,9 +119,7 @@ def percent(value: float | None, decimals: int = 1) -> str:
 def ratio(value: float | None) -> str:
     """Return a residual over noise: ``1.01``, ``12.4``, ``350``."""
     value = finite(value)
-    if value is None:
-        return DASH
-    return _fixed(value, 2 if abs(value) < 9.995 else 1 if abs(value) < 99.95 else 0)
+    return DASH if value is None else _fixed(value, 2 if abs(value) < 9.995 else 1 if abs(value) < 99.95 else 0)
 
 
 def short(value: float | None) -> str:
@@ -139,9 +136,7 @@ def words(name: str | None) -> str:
 def listing(names: Iterable[str], last: str = "and") -> str:
     """Return ``a, b and c``."""
     items = list(names)
-    if len(items) < 2:
-        return "".join(items)
-    return f"{', '.join(items[:-1])} {last} {items[-1]}"
+    return "".join(items) if len(items) < 2 else f"{', '.join(items[:-1])} {last} {items[-1]}"
 
 
 def markdown_table(head: Sequence[str], body: Sequence[Sequence[str]]) -> list[str]:

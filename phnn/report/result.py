@@ -117,8 +117,7 @@ def _report(diagnosis: Diagnosis, content: dict[str, Any], made_of: Provenance |
 
 def _plain_page(content: dict[str, Any]) -> bytes:
     """Return the answer as text, where the page of the report cannot be made."""
-    lost = [failure(f) for f in documents(warnings())]
-    paragraphs = "".join(f"<p>{escape(line)}</p>" for line in lost)
+    paragraphs = "".join(f"<p>{escape(failure(f))}</p>" for f in documents(warnings()))
     whole = escape(json.dumps(content, indent=1, ensure_ascii=False))
     head = f"<!doctype html><html lang=en><meta charset=utf-8><title>Diagnosis: {content['verdict']}</title>"
     return f"{head}<h1>Verdict: {content['verdict']}</h1>{paragraphs}<pre>{whole}</pre></html>\n".encode()

@@ -121,10 +121,8 @@ def consequence(diagnosis: Diagnosis) -> str:
     """Return what follows from the verdict, in one sentence with the error on held-out recordings."""
     q = quality(diagnosis)
     if diagnosis.final is diagnosis.base:
-        start = (
-            "The base model predicts" if diagnosis.verdict == NONE else "The model is still the base model: it predicts"
-        )
-        return f"{start} {q.on} to {q.say(q.after)}."
+        start = "The base model" if diagnosis.verdict == NONE else "The model is still the base model: it"
+        return f"{start} predicts {q.on} to {q.say(q.after)}."
     if diagnosis.verdict == UNKNOWN:
         return f"Use the model all the same: it predicts {q.on} to {q.say(q.after)} instead of {q.show(q.before)}."
     with_it = "it" if len(diagnosis.claims) == 1 and not diagnosis.claims[0].alike else "the final model"
@@ -141,16 +139,13 @@ def summary(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == UNKNOWN:
         lines.append(acts_like(diagnosis))
     lines.append("probability: " + ", ".join(f"{n} {likelihood(p)}" for n, p in causes(diagnosis)))
-    following = next_recording(diagnosis)
-    return "\n".join([*lines, *([following] if following else [])])
+    return "\n".join([*lines, *filter(None, [next_recording(diagnosis)])])
 
 
 def notes(diagnosis: Diagnosis) -> list[str]:
     """Return what restricts the answer: a search that ended early, parts that failed, and what is left."""
-    ended = diagnosis.ended
-    early = early_ending(diagnosis)
-    sentences = [early] if early else []
-    sentences += [failure(f) for f in documents((*ended.warnings, *warnings()))]
+    sentences = [early] if (early := early_ending(diagnosis)) else []
+    sentences += [failure(f) for f in documents((*diagnosis.ended.warnings, *warnings()))]
     if diagnosis.verdict not in (NONE, UNKNOWN) and remains(diagnosis):
         sentences.append("A significant remainder is left without a name.")
     return sentences

@@ -149,8 +149,7 @@ def learned_picture(linearised: LinearisedFit, location: Location, learned: Setu
 
 
 def is_effort(location: Location) -> bool:
-    """Return whether what was fitted at a location acts as a force: without an anchor its size is known up to one
-    factor."""
+    """Return whether a location's fit acts as a force: without an anchor its size is known up to a factor."""
     return GROUPS[location.group].enters == FORCE
 
 

@@ -41,8 +41,7 @@ def by_differences(y: np.ndarray) -> tuple[float, int]:
         y: ``(N,)`` output.
     """
     sigmas = [spread(np.diff(y, p)) / sqrt(comb(2 * p, p)) for p in _ORDERS]
-    best = min(sigmas)
-    order = next(i for i, s in enumerate(sigmas) if s <= 1.05 * best)
+    order = next(i for i, s in enumerate(sigmas) if s <= 1.05 * min(sigmas))
     return sigmas[order], order + 1
 
 
@@ -309,8 +308,7 @@ def longest_hold(u: np.ndarray) -> tuple[int, int]:
 
 
 def from_high_band(u: np.ndarray, y: np.ndarray, dt: float) -> NoiseFloor:
-    """From the highest frequencies: first-order noise where their spectrum above what is excited shows it in most
-    samples, else white noise.
+    """Return the noise of the highest frequencies: first-order where most samples show it above the drive, else white.
 
     White noise is that of differences (`by_differences`). An excitation that reaches that high leaves but the
     frequencies between or above its own.

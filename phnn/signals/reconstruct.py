@@ -138,8 +138,7 @@ def find_jumps(u: Array) -> NDArray[np.int64]:
         return np.flatnonzero(steps) + 1
     # Mirrored at the ends: padding with zeros would make every difference of a short record a jump.
     padded = np.pad(steps, 3, mode="reflect")
-    around = np.lib.stride_tricks.sliding_window_view(padded, 7)
-    neighbours = np.delete(around, 3, axis=1)
+    neighbours = np.delete(np.lib.stride_tricks.sliding_window_view(padded, 7), 3, axis=1)
     typical = np.median(neighbours, axis=1)
     return np.flatnonzero((steps > _JUMP_SHARE * span) & (steps > _JUMP_RATIO * typical)) + 1
 

@@ -49,8 +49,7 @@ from phnn.parameters import Parameter, constant
 
 @dataclass(frozen=True)
 class Branch:
-    """A resistor in the network: what its law takes, by co-energies and sources, and whether its declared direction was
-    turned."""
+    """A resistor in the network: its law's argument by co-energies and sources; whether its direction is turned."""
 
     takes: Form
     inverted: bool
