@@ -456,7 +456,7 @@ def invert(setup: Setup, substeps: int, t: Array, reference: Array, options: Inv
     )  # fmt: skip
     return Inverse(
         times, given, wanted, attempt.command.values, attempt.before, attempt.output, tolerance, count, missed,
-        (*messages, *_told(missed, tolerance)), options,
+        (*messages, *_missed_in_words(missed, tolerance)), options,
     )  # fmt: skip
 
 
@@ -489,7 +489,7 @@ def _size(error: Array) -> float:
     return float(np.sqrt(np.mean(error**2)))
 
 
-def _told(missed: tuple[Stretch, ...], tolerance: float) -> tuple[str, ...]:
+def _missed_in_words(missed: tuple[Stretch, ...], tolerance: float) -> tuple[str, ...]:
     """Return the sentences on what is missed: the largest errors first."""
     ordered = sorted(missed, key=lambda s: -abs(s.error))
     sentences = [

@@ -83,7 +83,7 @@ def plant_for(model: Mapping[str, Any], campaign: Campaign, seed: int, base: str
     arguments = dict(model)
     recordings = [r for r in campaign.recordings if r.mask("identification").any()]
     if arguments.get(TARGET):
-        return _own(arguments, campaign, recordings, seed, base)
+        return _custom(arguments, campaign, recordings, seed, base)
     arguments.pop(TARGET, None)
     kind = arguments.pop("kind")
     if kind in LATENT:
@@ -127,7 +127,7 @@ def _with_multi_port(network: Network, motion: Motion, width: int, seed: int) ->
     return network.extend(multi_ports=(MultiPort("learned", law, (*charges, "p")),))
 
 
-def _own(
+def _custom(
     arguments: Mapping[str, Any], campaign: Campaign, recordings: Sequence[Recording], seed: int, base: str | None
 ) -> Plant:
     """Build the network or system of a user's class or function; put a law of one effort on every hysteron instead."""

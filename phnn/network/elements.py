@@ -582,7 +582,7 @@ def interconnect(
         as_table((*one.parameters.values(), *other.parameters.values(), *parameters)),
         one.output,
         (*one.modulations, *other.modulations),
-        (*_own(one), *_own(other)),
+        (*_driven_states(one), *_driven_states(other)),
         one.senses if one.senses != port else "",
         (*one.multi_ports, *other.multi_ports),
         (*one.shared_energies, *other.shared_energies),
@@ -613,7 +613,7 @@ def renamed(network: Network, prefix: str) -> Network:
     return relabelled(network, labelled, labelled)
 
 
-def _own(network: Network) -> tuple[ModulatorState, ...]:
+def _driven_states(network: Network) -> tuple[ModulatorState, ...]:
     """Return the modulator states, with the drives of their own network and no resistor of another."""
     for memory in network.memories:
         if not network.drives_of(memory):
