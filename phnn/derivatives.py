@@ -171,7 +171,7 @@ class _Acting(NamedTuple):
 
 
 def _acting(trajectory: Trajectory, names: Sequence[str]) -> list[_Acting]:
-    """By every named parameter of an amplifier block or a source."""
+    """Return the inputs' derivatives by every named parameter of an amplifier block or a source."""
     setup, unmoved = trajectory.setup, np.zeros(trajectory.states.shape[1])
     acting = _by_amplifier(trajectory, names)
     lead = trajectory.lead * trajectory.recording.dt
@@ -196,7 +196,7 @@ def _by_amplifier(trajectory: Trajectory, names: Sequence[str]) -> list[_Acting]
 
 
 def _by_instants(trajectory: Trajectory) -> list[_Acting]:
-    """By every instant of the input's jumps: a jump that comes later takes an impulse away."""
+    """Return derivatives by every instant of the input's jumps: a jump that comes later takes an impulse away."""
     setup, recording = trajectory.setup, trajectory.recording
     command, before = trajectory.driving.fine(recording), recording.input_before
     unmoved = np.zeros(trajectory.states.shape[1])

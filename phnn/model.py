@@ -184,7 +184,7 @@ class Model:
         return replace(answer, messages=(*answer.messages, *self._beyond(answer.voltage)))
 
     def _beyond(self, voltage: NDArray[np.float64]) -> tuple[str, ...]:
-        """Says where a command leaves the range of the recordings."""
+        """Say where a command leaves the range of the recordings."""
         if self.inputs is None:
             return ()
         (low, high), unit = self.inputs, self.setup.network.ports[0].unit

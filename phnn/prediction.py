@@ -129,7 +129,7 @@ class Predicted:
         return np.asarray(y - (y.mean() if np.ptp(y) > 0.0 else y))
 
     def indices(self, skipped: int | None = None) -> ErrorIndices:
-        """RMSE, NRMSE, R², MAE and fit index as the package nonlinear_benchmarks defines them; SI, NaN where undefined.
+        """Return RMSE, NRMSE, R², MAE and fit index as nonlinear_benchmarks defines them; SI, NaN where undefined.
 
         Args:
             skipped: samples at the head that are not scored, the ``state_initialization_window_length`` of a benchmark;

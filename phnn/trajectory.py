@@ -95,7 +95,7 @@ def _moved(setup: Setup, recording: Recording) -> Setup:
 
 
 def amplified(setup: Setup, fine: Any, h: Array, before: Any) -> tuple[Any, Any]:
-    """Through all amplifier blocks: the voltage at the port (n, 3), and what it was before the first step.
+    """Return the voltage at the port (n, 3) behind all amplifier blocks, and what it was before the first step.
 
     Args:
         fine: (n, 3) command at the start, middle and end of the steps ``h`` (n,).
@@ -109,7 +109,7 @@ def amplified(setup: Setup, fine: Any, h: Array, before: Any) -> tuple[Any, Any]
 def amplifier_changes(
     setup: Setup, fine: Array, h: Array, before: float, names: Sequence[str]
 ) -> dict[str, tuple[Array, float]]:
-    """Changes (n, 3) of the voltage at the port, and of what it was before, by the named parameters of the blocks."""
+    """Return changes (n, 3) of the port's voltage, and of that before, by the named parameters of the blocks."""
     changes: dict[str, tuple[Array, float]] = {}
     for block in setup.amplifier:
         values = _values(setup, block)

@@ -160,7 +160,7 @@ def second_order_lowpass(fine: Array, h: Array, before: float, tau: Any, zeta: A
 
 
 def second_order_weights(h: Array, tau: Any, zeta: Any) -> tuple[Any, Any, Any]:
-    """Half a step in units of τ and the first row of ``exp(A s)`` for `second_order_step`, in steps ``h`` [s]."""
+    """Return half a step in units of τ and the first row of ``exp(A s)`` for steps ``h`` [s]."""
     s = 0.5 * h / tau
     even, odd = _decay(s, zeta)
     return s, even + zeta * odd, odd
@@ -191,7 +191,7 @@ def first_order_step(state: Any, start: Any, end: Any, a: Any, b0: Any, b1: Any)
 
 @shared
 def second_order_step(off: Any, rate: Any, slope: Any, even: Any, odd: Any, zeta: Any) -> Any:
-    """Output minus input, and the rate of the output, after half a step with an input of a slope.
+    """Return output minus input, and the rate of the output, after half a step with an input of a slope.
 
     Args:
         even, odd: first row of ``exp(A s)``; the second is ``(−odd, even − 2ζ odd)``.

@@ -319,7 +319,7 @@ class Builder:
         ]
 
     def _unknown(self, floors: Sequence[float]) -> list[str]:
-        """No derivatives are known yet: one equation begins with its least slope, several with an empty matrix."""
+        """Begin without known derivatives: one equation with its least slope, several with an empty matrix."""
         m = len(floors)
         cleared = [f"for i in range({m}):", f"    for j in range({m}):", "        s.jacobian[i][j] = 0.0"]
         return ["s.known = 0.0", *(cleared if m > 1 else [f"s.slope = {floor!r}" for floor in floors])]

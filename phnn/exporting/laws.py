@@ -72,7 +72,7 @@ def refuse_beyond(tree: ast.FunctionDef, what: str, functions: Mapping[str, Func
 
 
 def _tuples(node: ast.AST) -> list[ast.AST]:
-    """Tuples where a statement may have them: several targets, and the values of these or of a function."""
+    """Return tuples where a statement may have them: several targets, and the values of these or of a function."""
     if isinstance(node, ast.Return) and isinstance(node.value, ast.Tuple):
         return [node.value]
     if not isinstance(node, ast.Assign) or not isinstance(node.targets[0], ast.Tuple):

@@ -67,7 +67,7 @@ class Trained:
 
     @property
     def loss(self) -> float:
-        """Mean square of the residual over noise on the recordings trained on, jumps between windows added."""
+        """Return the mean square of the residual over noise on training recordings, jumps between windows added."""
         return float(self.facts["loss"])
 
     @property

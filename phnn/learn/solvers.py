@@ -284,7 +284,7 @@ def grouped(keys: Sequence[Hashable]) -> list[list[int]]:
 def _by_groups(
     solve: Callable[[Sequence[Window], Tensor], Tensor], windows: Sequence[Window], x0: Tensor, keys: Sequence[Hashable]
 ) -> list[Tensor]:
-    """States at the samples of each window, where ``solve`` finds those at all steps of windows with equal keys."""
+    """Return the states at each window's samples; ``solve`` finds those at all steps of windows with equal keys."""
     sampled: list[Tensor] = [x0] * len(windows)
     for members in grouped(keys):
         states = solve([windows[b] for b in members], x0[members])

@@ -232,7 +232,7 @@ def _values(campaign: Campaign, hysterons: int, start: str, base: str | None, se
 
 
 def unfitted(campaign: Campaign, hysterons: int) -> dict[str, float]:
-    """Parameters with the static gain of the recordings, a usual resonance, and relaxations instead of dead zones.
+    """Return parameters with the recordings' static gain, a usual resonance, and relaxations for dead zones.
 
     They are not fitted first: a linear model takes hysteresis for a lag and loses its mass on the way.
     """
@@ -251,7 +251,7 @@ def unfitted(campaign: Campaign, hysterons: int) -> dict[str, float]:
 
 
 def scales_of(recordings: Sequence[Recording]) -> Scales:
-    """Time by the highest main frequency, ``1/(2π f)``; input by its largest value; output by half its range."""
+    """Scale time by the highest main frequency, ``1/(2π f)``, input by its largest value, output by half its range."""
     fastest = max(dominant_frequency(r) for r in recordings)
     largest = max(float(np.abs(r.u).max()) for r in recordings)
     return Scales(1.0 / (2.0 * np.pi * fastest), largest, motion_of(recordings).reach)

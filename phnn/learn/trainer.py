@@ -83,7 +83,7 @@ class GaussNewton:
         self.damping = float(state["damping"])
 
     def __call__(self, epoch: int) -> float:
-        """Take one step; returns the loss before it.
+        """Take one step; return the loss before it.
 
         Raises:
             SolverFailed: the present model cannot be simulated.

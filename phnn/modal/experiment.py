@@ -332,7 +332,7 @@ def _oscillations(poles: Complex, dt: float, s: Complex) -> Complex:
 
 
 def _residues(poles: Complex, delay: float, s: Complex, u: Complex, y: Complex) -> tuple[float, Array]:
-    """Real residues (M, O, P) of given poles behind a delay, with a rest that is at once; what they leave comes first.
+    """Return the cost and the real residues (M, O, P) of poles behind a delay, beside a direct term.
 
     Args:
         u: (F, R, P) and y: (F, R, O) spectra of R experiments: lines on which inputs are hard to tell apart count less.

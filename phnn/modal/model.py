@@ -72,7 +72,7 @@ class Steady(NamedTuple):
         return np.concatenate([self.q, self.q * (self.s / RATE)[:, None], self.force], axis=1)
 
     def at(self, lines: NDArray[np.int64], scale: float) -> Steady:
-        """On some lines only, the motion in other units."""
+        """Return the steady state on some lines only, with the motion in other units."""
         q, x, force = (scale * a[lines] for a in (self.q, self.x, self.force))
         return Steady(self.s[lines], q, x, force, self.kappa)
 

@@ -54,7 +54,7 @@ class Settings:
 
     @classmethod
     def from_config(cls, config: Mapping[str, Any]) -> Settings:
-        """From the composed configuration."""
+        """Read the settings from the composed configuration."""
         return cls(**{n: config[n] for n in cls.__dataclass_fields__})
 
 

@@ -402,7 +402,7 @@ class PortHamiltonianSystem(nn.Module):
         return conserved - lost + combined(self.actions(u), inputs.mT)
 
     def _through_multi_ports(self, efforts: Tensor, x: Tensor) -> list[tuple[Tensor, Tensor, Tensor]]:
-        """Columns (n, k), efforts (..., k) and flows (..., k) of every multi-port that is not part of ``J``."""
+        """Return columns (n, k), efforts and flows (..., k) of every multi-port that is not part of ``J``."""
         ports = []
         for port in self.multi_ports:
             if not port.conserves:

@@ -223,7 +223,7 @@ def _asked(frequencies: ArrayLike | None, amplitude: float | None, measured: Seq
 
 
 def _converged(setup: Setup, amplitude: float, offset: float, frequency: float) -> tuple[complex, Array, float]:
-    """Response ``Y_1/U_1``, harmonics (4,) over the fundamental, and the change by the last halving of the steps."""
+    """Return ``Y_1/U_1``, harmonics (4,) over the fundamental, and the change by the last halving of the steps."""
     steps = 1
     coarse = _amplitudes(setup, amplitude, offset, frequency, steps)
     best, change = coarse, np.inf

@@ -462,7 +462,7 @@ def _spectra(axes: Axes, recording: Recording) -> None:
 
 
 def _drawn(f: Array, density: Array) -> tuple[Array, Array]:
-    """Evenly many points a decade, the highest of each stretch, so that no line is lost."""
+    """Return evenly many points a decade, the highest of each stretch, so that no line is lost."""
     edges = np.unique(np.searchsorted(f, np.geomspace(f[0], f[-1], 1200)))
     return f[edges], np.maximum.reduceat(density, edges)
 

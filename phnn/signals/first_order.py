@@ -117,7 +117,7 @@ def fit_first_order(y: np.ndarray) -> tuple[float, float, float] | None:
 
 
 def _coefficient(z: float) -> float:
-    """Between zero and the largest one: an amplifier or a filter makes neighbours alike, never opposite."""
+    """Return a coefficient from zero to the largest one: amplifiers and filters make neighbours alike."""
     return float(_LARGEST * np.tanh(z) ** 2)
 
 

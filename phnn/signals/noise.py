@@ -35,7 +35,7 @@ _UNEVEN = 2.0
 
 
 def by_differences(y: np.ndarray) -> tuple[float, int]:
-    """Deviation of white noise by differences of the lowest order that agrees with the best one, and that order.
+    """Return the deviation of white noise by differences of the lowest order that agrees with the best, and it.
 
     Args:
         y: ``(N,)`` output.
@@ -46,7 +46,7 @@ def by_differences(y: np.ndarray) -> tuple[float, int]:
 
 
 def spread(values: np.ndarray) -> float:
-    """Standard deviation of the Gaussian core: median absolute deviation, then clipped at 3σ without bias."""
+    """Return the deviation of the Gaussian core: median absolute deviation, then clipped at 3σ without bias."""
     core = np.abs(values)
     sigma = float(np.median(core)) / 0.67449
     for _ in range(10):
@@ -198,7 +198,7 @@ def noise_floor(
 
 
 def from_periods(y: np.ndarray, period: float, skip: int = 1) -> NoiseFloor | None:
-    """From differences of consecutive periods, divided by √2; ``None`` where there are too few periodic periods.
+    """Estimate from differences of consecutive periods, over √2; ``None`` for too few periodic periods.
 
     What changes slowly from period to period (offset, trend, amplitude) and the fraction of a sample by which the
     period misses a whole number of samples are projected out of each difference.
@@ -279,7 +279,7 @@ def _loss(basis: np.ndarray, correlation: np.ndarray) -> float:
 
 
 def from_rest(u: np.ndarray, y: np.ndarray) -> NoiseFloor | None:
-    """From the longest stretch of constant input, its part after the transient, trend removed.
+    """Estimate from the longest stretch of constant input, its part after the transient, trend removed.
 
     ``None`` without one, and where the output still moves there: smoothly, or by more than its differences show and as
     much as anywhere else.
@@ -333,7 +333,7 @@ def from_high_band(u: np.ndarray, y: np.ndarray, dt: float) -> NoiseFloor:
 
 
 def from_one_spectrum(u: np.ndarray, y: np.ndarray, dt: float) -> NoiseFloor:
-    """From the highest frequencies, corrected where `estimated` can be trusted and disagrees.
+    """Estimate from the highest frequencies, corrected where `estimated` can be trusted and disagrees.
 
     What lies in its interval stays, and so does a floor from frequencies about which the input is silent.
     """
@@ -446,7 +446,7 @@ def estimated(u: Array, y: Array) -> Estimate | None:
 
 
 def _of_one_step(u: Array, y: Array) -> Estimate | None:
-    """From what an ARX predictor leaves of blocks that it was not fitted to."""
+    """Estimate from what an ARX predictor leaves of blocks that it was not fitted to."""
     size = (y.size - ORDER) // BLOCKS
     if size < _PER_COEFFICIENT * 2 * ORDER:
         return None

@@ -116,7 +116,7 @@ def _colour(x: Array, sample: Sample) -> str:
 
 
 def _gain(power: Array, shape: Array, shares: Array) -> tuple[float, float]:
-    """Twice the gain of the log likelihood over white noise, its level free, and the share at which it is largest."""
+    """Return twice the log likelihood's gain over white noise of free level, and the share where it is largest."""
     gains = []
     # One by one: all of them together would take some hundred times the memory of the spectrum.
     for share in shares:

@@ -174,7 +174,7 @@ def _meeting(n: int, earlier: Stretch, later: Stretch, near: float) -> float:
 
 
 def _without_ramps(u: Array, jumps: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Jumps without those inside a fast ramp: of four or more in a row, one way and alike, the two ends remain."""
+    """Drop jumps inside a fast ramp: of four or more in a row, one way and alike, the two ends remain."""
     kept: list[int] = []
     for run in np.split(jumps, np.flatnonzero(np.diff(jumps) != 1) + 1):
         steps = u[run] - u[run - 1]

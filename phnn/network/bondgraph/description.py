@@ -273,7 +273,7 @@ def effort_unit(flow_unit: str) -> str:
 
 
 def integral_unit(flow_unit: str) -> str:
-    """SI unit of the integral of a flow over time: of a displacement for a velocity; ``1`` where it is not known."""
+    """Return the SI unit of a flow's integral over time, of a velocity the displacement's; ``1`` if unknown."""
     return _units(flow_unit)[1]
 
 
