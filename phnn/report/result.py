@@ -397,7 +397,7 @@ def statements(
         outputs: of a model, by recording.
         complete: the model leaves nothing that matters.
     """
-    statement_by_name = {}
+    noise = {}
     for r in (r for r in recordings if r.name in outputs):
         chosen = [r.mask(use) for use in ("identification", "confirmation")]
         mask = max(chosen, key=np.count_nonzero)
@@ -408,5 +408,5 @@ def statements(
         sample = None
         if shown is not None:
             sample = Sample(shown, r.dt, speed[-shown.size :], r.step / r.noise, r.noise)
-        statement_by_name[r.name] = noise_statement(r.noise, r.noise_source, r.units.output, sample)
-    return statement_by_name
+        noise[r.name] = noise_statement(r.noise, r.noise_source, r.units.output, sample)
+    return noise

@@ -233,11 +233,11 @@ def _where(diagnosis: Diagnosis, document: dict[str, Any]) -> list[Block]:
     ]
     strongest = sorted(location["recordings"].items(), key=lambda item: -(item[1]["residual_over_noise"] or 0.0))[:3]
     seen = [f"{name} ({ratio(v['residual_over_noise'])} × noise)" for name, v in strongest]
-    strongest_in = f"The mismatch is strongest in {listing(seen)}"
+    place = f"The mismatch is strongest in {listing(seen)}"
     frequencies = [short(f) for f in location["frequencies_Hz"][:6]]
     return [
         Bars("Share of the explainable residual, predicted on recordings left out", rows),
-        f"{strongest_in}, at {', '.join(frequencies)} Hz." if frequencies else f"{strongest_in}.",
+        f"{place}, at {', '.join(frequencies)} Hz." if frequencies else f"{place}.",
     ]
 
 

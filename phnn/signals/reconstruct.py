@@ -381,7 +381,7 @@ def _law_of(earlier: Stretch, later: Stretch, samples: int) -> _Law:
 
 @dataclass(frozen=True, eq=False)
 class _Jump:
-    """A transition from the left to the right stretch, linear in time, within one sample interval.
+    """A transition from the earlier to the later stretch, linear in time, within one sample interval.
 
     Attributes:
         rows: its sub-steps.
