@@ -71,7 +71,7 @@ class _Parser(argparse.ArgumentParser):
     _given: Sequence[str] = ()
 
     def parse_known_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> Any:  # type: ignore[override]
-        """As argparse; remembers the words for `error`."""
+        """Parse as argparse; remember the words for `error`."""
         self._given = sys.argv[1:] if args is None else list(args)
         return super().parse_known_args(args, namespace)
 
@@ -240,8 +240,7 @@ def _run(arguments: argparse.Namespace, settings: Sequence[str]) -> None:
         os.environ.setdefault(variable, count)
     command = getattr(import_module("phnn.commands"), name)
     offered = {**vars(arguments), "config": config, "options": vars(arguments)}
-    taken = inspect.signature(command).parameters
-    command(**{key: value for key, value in offered.items() if key in taken})
+    command(**{key: offered[key] for key in inspect.signature(command).parameters if key in offered})
 
 
 def _say(text: str) -> None:

@@ -370,16 +370,15 @@ def predict(
 
 
 def _score_table(content: Mapping[str, Any]) -> Table:
-    """Return a table of the content of ``predict.json``, recording by recording and in total; a dash where a figure is
-    undefined."""
+    """Return a table of ``predict.json``, by recording and in total; a dash where a figure is undefined."""
     from phnn.report.formatting import DASH, percent, ratio
 
     def cells(row: Mapping[str, Any]) -> tuple[str, str, str]:
         rmse = DASH if row["rmse"] is None else quantity(row["rmse"], row["unit"])
         return percent(row["fit_percent"], 2), rmse, ratio(row["residual_over_noise"])
 
-    told = "Zero and initial state come from the first samples; a fit, as in a report, takes them from all that it has."
-    table = Table("recording", "use", "fit %", "RMSE", "residual over noise", caption=told)
+    note = "Zero and initial state come from the first samples; a fit, as in a report, takes them from all that it has."
+    table = Table("recording", "use", "fit %", "RMSE", "residual over noise", caption=note)
     for name, row in content["recordings"].items():
         if row["samples"]:
             table.add_row(escape(name), "held out" if row["held_out"] else DASH, *cells(row))
@@ -630,5 +629,5 @@ def _plotted(kind: str, simulator: Any, campaign: Campaign | None, options: Mapp
         return whiteness(residual_tests(simulator, campaign, recording))
     if kind == "loops":
         return hysteresis(simulator, campaign, recording)
-    found = network_model(simulator)
-    return balance(simulate(found.setup, chosen(campaign, recording).recordings[0], found.substeps)).plot()
+    model = network_model(simulator)
+    return balance(simulate(model.setup, chosen(campaign, recording).recordings[0], model.substeps)).plot()

@@ -119,8 +119,8 @@ def compose(command: str, overrides: Sequence[str] = ()) -> dict[str, Any]:
 def _refused(overrides: Sequence[str], error: Exception, remedy: str) -> InputRefused:
     """Return the refusal of overrides that no settings come from, for the reason that a library gives."""
     reason = str(error).strip().splitlines()[0]
-    said = message(" ".join(overrides), LIMITS.name_characters)
-    return InputRefused(f"settings {said} cannot be used ({reason}): {remedy}")
+    shown = message(" ".join(overrides), LIMITS.name_characters)
+    return InputRefused(f"settings {shown} cannot be used ({reason}): {remedy}")
 
 
 def checked(command: str, given: Mapping[str, Any]) -> dict[str, Any]:
@@ -149,11 +149,11 @@ def compose_groups(command: str, overrides: Sequence[str] = ()) -> dict[str, Any
     from omegaconf import OmegaConf
     from omegaconf.errors import OmegaConfBaseException
 
-    own = [o.partition("=")[2] for o in overrides if o.startswith("configs=")]
-    for folder in own:
+    folders = [o.partition("=")[2] for o in overrides if o.startswith("configs=")]
+    for folder in folders:
         if not Path(folder).is_dir():
             raise InputRefused(f"configs={folder}: there is no such folder: give one with model/NAME.yaml")
-    search = [f"hydra.searchpath=[{', '.join(f'file://{Path(folder).resolve()}' for folder in own)}]"] if own else []
+    search = [f"hydra.searchpath=[{', '.join(f'file://{Path(f).resolve()}' for f in folders)}]"] if folders else []
     others = [*search, *(o for o in overrides if not o.startswith("configs="))]
     try:
         with hydra.initialize_config_dir(str(config_folder()), version_base=None, job_name=f"phnn_{command}"):

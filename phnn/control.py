@@ -151,8 +151,8 @@ class Controller:
         low = stays(high).to(x.dtype)
         for _ in range(60):
             middle = 0.5 * (low + high)
-            found = stays(middle)
-            low, high = torch.where(found, middle, low), torch.where(found, high, middle)
+            resting = stays(middle)
+            low, high = torch.where(resting, middle, low), torch.where(resting, high, middle)
         x = low * moved
         x[part.q] = q_star
         voltage = -system.vector_field(x, u)[part.p].item() / part.alpha
@@ -176,10 +176,10 @@ class Controller:
         Raises:
             InputRefused: as of `equilibrium`.
         """
-        own = x.new_zeros(*x.shape[:-1], len(self.circuit.storages))
+        states = x.new_zeros(*x.shape[:-1], len(self.circuit.storages))
         shift = self.circuit.parameters["control_C_s"].value * self.equilibrium(q_star)[1]
-        own[..., 0] = self.mechanics.alpha * (x[..., self.mechanics.q] - q_star) - shift
-        return torch.cat([own, x], dim=-1)
+        states[..., 0] = self.mechanics.alpha * (x[..., self.mechanics.q] - q_star) - shift
+        return torch.cat([states, x], dim=-1)
 
     def sampled(self, dt: float, *, leak: bool = False, bandwidth: float | None = None) -> Sampled:
         """Return the law for a converter that samples and holds; see `Sampled`.
@@ -412,7 +412,7 @@ def _structure(network: Network) -> Array:
 def _mechanics(network: Network) -> Mechanics:
     """Return the small motions of an actuator; refuse another network."""
     flat, value = FlatNetwork(Setup(network)), {name: p.value for name, p in network.parameters.items()}
-    port, q, p, own = network.ports[0], flat.output, flat.momentum, flat.mass.name
+    port, q, p, mass = network.ports[0], flat.output, flat.momentum, flat.mass.name
     others = network.modulations or network.memories or network.multi_ports or network.shared_energies
     linear = port.law == "linear" and not others
     if not linear or any(len(r.on) != 1 for r in network.resistors):
@@ -428,11 +428,11 @@ def _mechanics(network: Network) -> Mechanics:
         return value[given] if isinstance(given, str) else given
 
     springs = -linearised_at_rest(network)[0][p] * j[:, p]
-    dampers = [r for r in network.resistors if own in r.on and r.law == "linear"]
+    dampers = [r for r in network.resistors if mass in r.on and r.law == "linear"]
     return Mechanics(
         m=value[flat.mass.parameters[0]],
-        b=sum(value[r.parameters[0]] * number(r.on[own]) ** 2 for r in dampers),
-        alpha=number(port.on[own]),
+        b=sum(value[r.parameters[0]] * number(r.on[mass]) ** 2 for r in dampers),
+        alpha=number(port.on[mass]),
         k=float(springs[q]),
         elastic=float(np.delete(springs, p).sum()),
         q=q,

@@ -195,9 +195,8 @@ def simulate(values: Values, drive: Drive) -> Array:
                 raise SolverFailed(f"{drive.name}: LSODA stopped ({warning}): choose another seed") from warning
         paths.append(path[:-1])
         x = path[-1]
-    states = np.concatenate([*paths, x[None]])
-    y: Array = states[:, 6 if values.get("tau_y", 0.0) > 0.0 else 0]
-    return y
+    states: Array = np.concatenate([*paths, x[None]])
+    return states[:, 6 if values.get("tau_y", 0.0) > 0.0 else 0]
 
 
 def _simulate_all(values: Values, plan: Sequence[Drive]) -> list[Array]:
@@ -210,8 +209,7 @@ def _simulate_all(values: Values, plan: Sequence[Drive]) -> list[Array]:
 
 
 def _draw_base(rng: Rng) -> dict[str, float]:
-    """Draw parameters around Table 1 such that both hysterons slip: a slope and a width that act in no recording
-    could not be identified."""
+    """Draw parameters around Table 1 such that both hysterons slip, so that slopes and widths can be identified."""
     while True:
         base = {name: value * float(rng.uniform(1.0 - _SPREAD, 1.0 + _SPREAD)) for name, value in TABLE.items()}
         stiffness = base["k"] + base["alpha"] ** 2 * (1.0 / base["C_1"] + 1.0 / base["C_2"])
@@ -317,10 +315,10 @@ def _scaled(law: Law, guess: float, wanted: float, base: Values, plan: Sequence[
     for _ in range(_ROUNDS):
         parameters = law(strength)
         outputs = _simulate_all({**base, **parameters}, plan)
-        found = residual(outputs)
-        if abs(found / wanted - 1.0) < _CLOSE:
-            return parameters, outputs, found
-        strength *= min(max((wanted / max(found, 1e-12)) ** _POWER, 0.1), 10.0)
+        misfit = residual(outputs)
+        if abs(misfit / wanted - 1.0) < _CLOSE:
+            return parameters, outputs, misfit
+        strength *= min(max((wanted / max(misfit, 1e-12)) ** _POWER, 0.1), 10.0)
     raise SolverFailed(f"no strength of {law(guess)} leaves {1e9 * wanted:.3g} nm: choose another seed")
 
 
@@ -419,8 +417,7 @@ def generate(seed: int, folder: Path, effect: str | None = None, plan: str = "de
 def _read(q: Array, noise: float, step: float, rng: Rng) -> Array:
     """Return what the sensor reads: its zero, white noise, its least step."""
     y = q + rng.uniform(-_ZERO, _ZERO) + noise * rng.standard_normal(q.size)
-    rounded: Array = np.round(y / step) * step
-    return rounded
+    return np.asarray(np.round(y / step) * step)
 
 
 def _csv(drive: Drive, y: Array) -> bytes:

@@ -116,7 +116,7 @@ def _integrated(trajectory: Trajectory) -> Integrated:
 
 
 def _start_derivative(trajectory: Trajectory, moved: Perturbed, places: NDArray[np.int64]) -> Array:
-    """(N, C) derivatives of the state in which a simulation begins; at rest those by the network's parameters alone."""
+    """Return (N, C) derivatives of the initial state; at rest those by the network's parameters alone."""
     n, cycle = trajectory.states.shape[1], trajectory.cycle
     start = np.zeros((n, moved.columns))
     if cycle:
@@ -171,16 +171,16 @@ class _Acting(NamedTuple):
 
 
 def _acting(trajectory: Trajectory, names: Sequence[str]) -> list[_Acting]:
-    """By every named parameter of an amplifier block or a source."""
+    """Return the inputs' derivatives by every named parameter of an amplifier block or a source."""
     setup, unmoved = trajectory.setup, np.zeros(trajectory.states.shape[1])
-    found = _by_amplifier(trajectory, names)
+    acting = _by_amplifier(trajectory, names)
     lead = trajectory.lead * trajectory.recording.dt
     for source in setup.sources:
         place = place_of(setup, source)
         for name in (n for n in source.parameters if n in names):
             change = np.imag(source_input(setup, source, trajectory.h, lead, name)) / TINY
-            found.append(_Acting(name, place, _action(trajectory, place, change), unmoved))
-    return found
+            acting.append(_Acting(name, place, _action(trajectory, place, change), unmoved))
+    return acting
 
 
 def _by_amplifier(trajectory: Trajectory, names: Sequence[str]) -> list[_Acting]:
@@ -196,16 +196,16 @@ def _by_amplifier(trajectory: Trajectory, names: Sequence[str]) -> list[_Acting]
 
 
 def _by_instants(trajectory: Trajectory) -> list[_Acting]:
-    """By every instant of the input's jumps: a jump that comes later takes an impulse away."""
+    """Return derivatives by every instant of the input's jumps: a jump that comes later takes an impulse away."""
     setup, recording = trajectory.setup, trajectory.recording
     command, before = trajectory.driving.fine(recording), recording.input_before
     unmoved = np.zeros(trajectory.states.shape[1])
-    found = []
+    acting = []
     for number, slope in enumerate(trajectory.driving.slopes(recording).T):
         fine, _ = driven(setup, command + 1j * TINY * slope[:, None], trajectory.h, before, trajectory.run_in)
         change = _action(trajectory, 0, mean_input(np.imag(fine)) / TINY)
-        found.append(_Acting(f"instant {number}", 0, change, unmoved))
-    return found
+        acting.append(_Acting(f"instant {number}", 0, change, unmoved))
+    return acting
 
 
 def _action(trajectory: Trajectory, place: int, change: Array) -> Array:

@@ -38,6 +38,6 @@ class OutputFailed(PhnnError):
 
 
 def meant(word: str, known: Iterable[str]) -> str:
-    """``" (did you mean X?)"`` for the known word that an unknown one resembles; empty where it resembles none."""
+    """Return ``" (did you mean X?)"`` for the known word that an unknown one resembles; empty where there is none."""
     near = difflib.get_close_matches(word[:_COMPARED], list(known), n=1)
     return f" (did you mean {near[0]}?)" if near else ""

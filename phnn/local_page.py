@@ -71,10 +71,10 @@ class Work:
 
     def curves(self, file: str) -> dict[str, Any]:
         """Return the columns of a file for a plot: the ends of every column in each of some stretches."""
-        found = next((f for f in self.look.found if f.file == file and not f.reason), None)
-        if found is None:
+        recording = next((f for f in self.look.found if f.file == file and not f.reason), None)
+        if recording is None:
             raise InputRefused(f"there is no recording {file!r} in {self.look.folder}: choose one of the list")
-        return {name: _ends(column.values) for name, column in found.named.items()}
+        return {name: _ends(column.values) for name, column in recording.named.items()}
 
     def drafted(self, roles: Mapping[str, Any]) -> dict[str, Any]:
         """Return the manifest with the roles and units that a person has picked."""
@@ -139,11 +139,11 @@ class Work:
         return path.read_bytes()
 
 
-def _columns(found: Found) -> list[dict[str, Any]]:
+def _columns(file: Found) -> list[dict[str, Any]]:
     """Return name, unit and role of every column of a file."""
-    taken = {role.column.place: {"unit": role.unit, "role": name} for name, role in found.roles.items()}
-    free = ((name, c.place, {"unit": c.unit or "", "role": ""}) for name, c in found.named.items())
-    return [{"name": name, **taken.get(place, own)} for name, place, own in free]
+    taken = {role.column.place: {"unit": role.unit, "role": name} for name, role in file.roles.items()}
+    free = ((name, c.place, {"unit": c.unit or "", "role": ""}) for name, c in file.named.items())
+    return [{"name": name, **taken.get(place, unassigned)} for name, place, unassigned in free]
 
 
 def _ends(values: Array) -> list[float]:
@@ -261,8 +261,8 @@ class _Handler(BaseHTTPRequestHandler):
     def _send(self, status: int, body: bytes, kind: str, more: list[tuple[str, str]] | None = None) -> None:
         self.send_response(status)
         safe = [("X-Content-Type-Options", "nosniff"), ("X-Frame-Options", "DENY"), ("Referrer-Policy", "no-referrer")]
-        own = [("Content-Type", kind), ("Content-Length", str(len(body))), ("Cache-Control", "no-store")]
-        for name, value in [*own, *safe, *(more or [])]:
+        headers = [("Content-Type", kind), ("Content-Length", str(len(body))), ("Cache-Control", "no-store")]
+        for name, value in [*headers, *safe, *(more or [])]:
             self.send_header(name, value)
         self.end_headers()
         self.wfile.write(body)

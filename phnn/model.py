@@ -70,7 +70,7 @@ class Model:
 
     @cached_property
     def module(self) -> PortHamiltonianSystem:
-        """The network as a torch module with ``J``, ``D(x)``, ``H``, efforts and ports; `torchdiffeq` can integrate it.
+        """Return the network as a torch module with ``J``, ``D(x)``, ``H``, efforts and ports, for `torchdiffeq`.
 
         Amplifier and sensor are no part of it. It is always the same module, with laws and parameters of its own:
         ``model.with_network(model.module.as_network())`` is the model with the trained laws and parameters.
@@ -113,8 +113,8 @@ class Model:
                 differ, a port that the network does not have, or an unknown hold.
             SolverFailed: a step has no solution.
         """
-        found = self.trajectory(t, u, input_before=input_before, further=further, substeps=substeps, hold=hold)
-        return np.asarray(found.y)
+        trajectory = self.trajectory(t, u, input_before=input_before, further=further, substeps=substeps, hold=hold)
+        return np.asarray(trajectory.y)
 
     def trajectory(
         self,
@@ -126,8 +126,7 @@ class Model:
         substeps: int | None = None,
         hold: str = "cubic",
     ) -> Trajectory:
-        """Simulate from rest and return states and efforts of every step beside the output; arguments as of
-        `simulate`."""
+        """Simulate from rest; return states and efforts of every step and the output. Arguments as of `simulate`."""
         time, voltage = series("t", t), series("u", u)
         others = {name: series(name, values) for name, values in (further or {}).items()}
         check_samples(time, {"u": voltage, **others})
@@ -155,8 +154,8 @@ class Model:
     ) -> Inverse:
         """Find the input with which the output follows a reference, from rest at its first value.
 
-            found = model.inverse(t, reference, limits=(-30.0, 150.0))
-            found.voltage, found.reached, found.messages
+            answer = model.inverse(t, reference, limits=(-30.0, 150.0))
+            answer.voltage, answer.reached, answer.messages
 
         Args:
             t: (N,) time [s], increasing in equal steps.
@@ -181,11 +180,11 @@ class Model:
         from phnn.inverse import InverseOptions, invert
 
         options = InverseOptions(smooth, limits, slew, hold, lead_in, tolerance, iterations)
-        found = invert(self.setup, self.substeps, series("t", t), series("reference", reference), options)
-        return replace(found, messages=(*found.messages, *self._beyond(found.voltage)))
+        answer = invert(self.setup, self.substeps, series("t", t), series("reference", reference), options)
+        return replace(answer, messages=(*answer.messages, *self._beyond(answer.voltage)))
 
     def _beyond(self, voltage: NDArray[np.float64]) -> tuple[str, ...]:
-        """Says where a command leaves the range of the recordings."""
+        """Say where a command leaves the range of the recordings."""
         if self.inputs is None:
             return ()
         (low, high), unit = self.inputs, self.setup.network.ports[0].unit

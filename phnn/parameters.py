@@ -184,7 +184,7 @@ _LONG = ("rad", "ohm", "Ohm")
 
 
 def quantity(value: float, unit: str, digits: int = 3) -> str:
-    """``3.2e-7`` and ``s`` become ``320 ns``; of a quotient the first symbol takes the prefix, products take none."""
+    """Write ``3.2e-7`` and ``s`` as ``320 ns``; in a quotient the first symbol takes the prefix, products take none."""
     if "/" in unit:
         # What rounds up to the next power of a thousand has the next prefix.
         size, name = prefixed(float(f"{value:.{digits}g}"), unit)

@@ -129,7 +129,7 @@ class Predicted:
         return np.asarray(y - (y.mean() if np.ptp(y) > 0.0 else y))
 
     def indices(self, skipped: int | None = None) -> ErrorIndices:
-        """RMSE, NRMSE, R², MAE and fit index as the package nonlinear_benchmarks defines them; SI, NaN where undefined.
+        """Return RMSE, NRMSE, R², MAE and fit index as nonlinear_benchmarks defines them; SI, NaN where undefined.
 
         Args:
             skipped: samples at the head that are not scored, the ``state_initialization_window_length`` of a benchmark;
@@ -196,10 +196,10 @@ def _column(network: Network, recording: Recording) -> str:
     return "displacement_m" if unit == "m" else f"output_{unit.replace(' ', '')}"
 
 
-def totals(found: Sequence[Predicted]) -> dict[str, dict[str, Any]]:
+def totals(predicted: Sequence[Predicted]) -> dict[str, dict[str, Any]]:
     """Return the scores over all recordings that have an output and, where the manifest marks some as held out, over
     these and over the others; empty where there is nothing to score."""
-    scored = [p for p in found if p.error.size]
+    scored = [p for p in predicted if p.error.size]
     groups = {"all": scored}
     if any(p.held_out for p in scored):
         groups["held_out"] = [p for p in scored if p.held_out]
@@ -227,11 +227,11 @@ def _total(some: Sequence[Predicted]) -> dict[str, Any]:
     }
 
 
-def document(found: Sequence[Predicted], files: dict[str, str], model: str) -> dict[str, Any]:
+def document(predicted: Sequence[Predicted], files: dict[str, str], model: str) -> dict[str, Any]:
     """Return the content of ``predict.json``.
 
     Args:
         files: names of the tables' files by recording; model: where the model lies.
     """
-    entries = {p.recording.name: p.document(files[p.recording.name]) for p in found}
-    return {"schema": SCHEMA, "model": model, "recordings": entries, "totals": totals(found)}
+    entries = {p.recording.name: p.document(files[p.recording.name]) for p in predicted}
+    return {"schema": SCHEMA, "model": model, "recordings": entries, "totals": totals(predicted)}

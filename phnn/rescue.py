@@ -120,8 +120,8 @@ class Account:
     def ended(self, budget: float | None = None) -> Ended:
         """Return all of it."""
         why = self.stopped or (FAILURE if self._lost else NOTHING_LEFT)
-        left, bad, warnings = tuple(dict.fromkeys(self.not_tried)), tuple(self.failed), tuple(self.warnings)
-        return Ended(why, left, bad, warnings, budget, self.evaluations, self.interruption)
+        untried, bad, warnings = tuple(dict.fromkeys(self.not_tried)), tuple(self.failed), tuple(self.warnings)
+        return Ended(why, untried, bad, warnings, budget, self.evaluations, self.interruption)
 
     @property
     def evaluations(self) -> float:
@@ -245,7 +245,7 @@ def untried() -> int:
 
 
 def late(part: str) -> bool:
-    """Whether the search is stopped or its budget used up, so that neither a part nor a move after it is begun."""
+    """Return whether the search is stopped or its budget used up, so that no part or move after it is begun."""
     account = _ACCOUNT.get()
     if account is None:
         return False
@@ -324,9 +324,9 @@ def results(executor: Executor, work: Callable[[Any], Any], items: Sequence[Any]
     account = _ACCOUNT.get()
     if account is None:
         return executor.run(work, items)
-    found: list[Any] = [None] * len(items)
+    finished: list[Any] = [None] * len(items)
     if not items or (account.checked and account.stopped):
-        return found
+        return finished
     # Threads share those of the recordings, so that the last item has all of them.
     threads, until = executor.kind == "threads", account.until if account.checked else float("inf")
     among = not threads and executor.kind != "serial" and len(items) > 1
@@ -337,8 +337,8 @@ def results(executor: Executor, work: Callable[[Any], Any], items: Sequence[Any]
         for first in range(0, len(items), side):
             if first and account.checked and late(", ".join(names[first:])):
                 return
-            left = account.most * account.unit - account.spent if account.checked else float("inf")
-            one = partial(_one, work, until, left / min(len(items), _SIDE), among, above)
+            budget = account.most * account.unit - account.spent if account.checked else float("inf")
+            one = partial(_one, work, until, budget / min(len(items), _SIDE), among, above)
             for place, answer in executor.each(one, items[first : first + side]):
                 yield first + place, answer
 
@@ -348,7 +348,7 @@ def results(executor: Executor, work: Callable[[Any], Any], items: Sequence[Any]
             account.failed += [Failure(**(vars(f) | named)) for f in answer.failed]
             account.warnings += [Failure(**(vars(f) | named)) for f in answer.warnings]
             account.spent += answer.spent
-            found[index] = answer.result
+            finished[index] = answer.result
             if answer.ended:
                 account.not_tried.append(names[index])
             if answer.ended == SECONDS:
@@ -358,7 +358,7 @@ def results(executor: Executor, work: Callable[[Any], Any], items: Sequence[Any]
     except PhnnError as error:
         # Workers that were killed; all other items are done.
         account.failed.append(_failure("refit", error))
-    return found
+    return finished
 
 
 def _one(
@@ -377,7 +377,7 @@ def _one(
 
 
 def among_others() -> bool:
-    """Whether this work is one of several items side by side: threads of its own would only get into their way."""
+    """Return whether this work is one of several items side by side, whose own threads would get in their way."""
     account = _ACCOUNT.get()
     return account is not None and account.among
 
@@ -395,8 +395,7 @@ def documents(failures: Sequence[Failure]) -> list[Mapping[str, Any]]:
 
 def _failure(part: str, error: Exception) -> Failure:
     """Return what is told of an exception; its frames, which hold all recordings, are let go."""
-    frames = traceback.extract_tb(error.__traceback__)
-    passed = [f for f in frames if Path(f.filename) != Path(__file__)]
+    passed = [f for f in traceback.extract_tb(error.__traceback__) if Path(f.filename) != Path(__file__)]
     last = [*passed, *(f for f in passed if Path(f.filename).resolve().is_relative_to(_PACKAGE))][-1]
     place = Path(last.filename)
     place = place.resolve().relative_to(_PACKAGE.parent) if place.resolve().is_relative_to(_PACKAGE) else place

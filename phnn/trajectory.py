@@ -46,16 +46,16 @@ def sensing(setup: Setup, recording: Recording) -> Setup:
     The sensor belongs to the recording: one model serves recordings by several sensors. So does an input that is the
     displacement of a motion of which the network takes the velocity: its rate then drives the network.
     """
-    setup, said = _moved(setup, recording), recording.sensor
+    setup, sensor = _moved(setup, recording), recording.sensor
     blocks = (
         *((_RATE,) if setup.network.senses and not recording.measures else ()),
-        *((_RATE,) * said.derivative),
-        *((Block("lag", (_LAG,)),) if said.lag else ()),
-        *((Block("rectification"),) if said.rectified else ()),
+        *((_RATE,) * sensor.derivative),
+        *((Block("lag", (_LAG,)),) if sensor.lag else ()),
+        *((Block("rectification"),) if sensor.rectified else ()),
     )
     if not blocks or setup.sensor[: len(blocks)] == blocks:
         return setup
-    known = (constant(_LAG, said.lag, "s", "time constant of the sensor, as stated"),) if said.lag else ()
+    known = (constant(_LAG, sensor.lag, "s", "time constant of the sensor, as stated"),) if sensor.lag else ()
     return replace(
         setup,
         sensor=(*blocks, *setup.sensor),
@@ -95,7 +95,7 @@ def _moved(setup: Setup, recording: Recording) -> Setup:
 
 
 def amplified(setup: Setup, fine: Any, h: Array, before: Any) -> tuple[Any, Any]:
-    """Through all amplifier blocks: the voltage at the port (n, 3), and what it was before the first step.
+    """Return the voltage at the port (n, 3) behind all amplifier blocks, and what it was before the first step.
 
     Args:
         fine: (n, 3) command at the start, middle and end of the steps ``h`` (n,).
@@ -109,7 +109,7 @@ def amplified(setup: Setup, fine: Any, h: Array, before: Any) -> tuple[Any, Any]
 def amplifier_changes(
     setup: Setup, fine: Array, h: Array, before: float, names: Sequence[str]
 ) -> dict[str, tuple[Array, float]]:
-    """Changes (n, 3) of the voltage at the port, and of what it was before, by the named parameters of the blocks."""
+    """Return changes (n, 3) of the port's voltage, and of that before, by the named parameters of the blocks."""
     changes: dict[str, tuple[Array, float]] = {}
     for block in setup.amplifier:
         values = _values(setup, block)
@@ -120,8 +120,8 @@ def amplifier_changes(
             moved = {n: (fine + 1j * TINY * c, before + 1j * TINY * b) for n, (c, b) in changes.items()}
             changes = {n: _change(_through(block, f, h, b, values)) for n, (f, b) in moved.items()}
         for n in (n for n in block.parameters if n in names):
-            own, known = _change(_through(block, fine, h, before, _values(setup, block, n))), changes.get(n)
-            changes[n] = own if known is None else (own[0] + known[0], own[1] + known[1])
+            direct, known = _change(_through(block, fine, h, before, _values(setup, block, n))), changes.get(n)
+            changes[n] = direct if known is None else (direct[0] + known[0], direct[1] + known[1])
         fine, before = _through(block, fine, h, before, values)
     return changes
 
@@ -149,15 +149,14 @@ def source_input(setup: Setup, source: Source, h: Array, lead: float, perturbed:
     """
     starts = np.concatenate([[0.0], np.cumsum(h)[:-1]]) - lead
     times = starts[:, None] + h[:, None] * np.array([0.0, 0.5, 1.0])
-    found = mean_input(SOURCES[source.kind](times, *_values(setup, source, perturbed)))
-    return np.where(times[:, 1] > 0.0, found, 0.0)
+    means = mean_input(SOURCES[source.kind](times, *_values(setup, source, perturbed)))
+    return np.where(times[:, 1] > 0.0, means, 0.0)
 
 
 def sensed(
     setup: Setup, recording: Recording, driving: Driving, nodes: NDArray[np.int64], h: Array
 ) -> tuple[NDArray[np.int64], Array, NDArray[np.int64] | slice]:
-    """Return the nodes of the steps at which the sensor is evaluated, their times [s] from the first node, and the
-    samples among them.
+    """Return the nodes where the sensor is evaluated, their times [s] from the first node, and the samples among them.
 
     If a block has a state, these are the nodes of all steps, as fast motion between two samples changes that state.
     Otherwise they are the nodes of the samples. A node at which an imposed flow jumps is there twice, and its sample
@@ -202,7 +201,7 @@ def measured(setup: Setup, q: Array, times: Array) -> Array:
 
 
 def measured_changes(setup: Setup, q: Array, times: Array, changes: Array, names: Sequence[str]) -> Array:
-    """(N, M) changes of the sensor's output by changes (N, M) of the network's, and by the sensor's own parameters.
+    """Return (N, M) changes of the sensor's output by those of the network's, and by the sensor's own parameters.
 
     Args:
         q: (N,) the network's output at the samples, of the times ``times`` (N,).
@@ -211,14 +210,14 @@ def measured_changes(setup: Setup, q: Array, times: Array, changes: Array, names
     y, times = q[:, None], times[:, None]
     for block in setup.sensor:
         law, values = SENSORS[block.kind], _values(setup, block)
-        own = {n: np.imag(law(y, times, *_values(setup, block, n))) / TINY for n in block.parameters if n in names}
+        direct = {n: np.imag(law(y, times, *_values(setup, block, n))) / TINY for n in block.parameters if n in names}
         if block.kind in LINEAR:
             changes = law(changes, times, *values)
         elif block.kind not in REMEMBERING:
             changes = changes * (np.imag(law(y + 1j * TINY, times, *values)) / TINY)
         else:
             changes = np.imag(law(y + 1j * TINY * changes, times, *values)) / TINY
-        for name, change in own.items():
+        for name, change in direct.items():
             changes[:, names.index(name)] += change[:, 0]
         y = law(y, times, *values)
     return changes
@@ -295,8 +294,7 @@ class Trajectory:
 
     @property
     def velocity(self) -> Array:
-        """Return (n,) mean rate of the output during the steps [m/s]: the flow through it, or the change of a storage
-        that no other one drives."""
+        """Return (n,) mean rate of the output in the steps [m/s]: its flow, or the change of an undriven storage."""
         try:
             return self.efforts[:, self.program.flow]
         except StructureViolated:
@@ -304,7 +302,7 @@ class Trajectory:
 
     @property
     def signal(self) -> Array:
-        """(n+1,) what the sensor is given at the nodes: the output state, or the force that an imposed motion takes."""
+        """Return (n+1,) what the sensor is given at the nodes: the output state, or the force of an imposed motion."""
         x = self.states[:, self.output]
         return rate(x, np.append(0.0, np.cumsum(self.h))) if self.travel >= 0 else x
 
@@ -384,7 +382,7 @@ def simulate(
 def _port_inputs(
     setup: Setup, network: Network, recording: Recording, driving: Driving, h: Array, cycle: int
 ) -> tuple[Array, Array, Array]:
-    """The first port's input within the steps (n, 3), the means of all ports (n, P), and what they were before (P,)."""
+    """Return the first port's input (n, 3), the means of all ports (n, P), and their inputs before (P,)."""
     fine, before = driven(setup, driving.fine(recording), h, recording.input_before, cycle)
     u, held = np.zeros((fine.shape[0], len(network.ports))), np.zeros(len(network.ports))
     places = [0, *further_ports(network, recording)]
@@ -458,16 +456,16 @@ _REMEDIES = {-1: "sensor: {derivative: true}", -2: "sensor: {second_derivative: 
 
 def _check_dimension(network: Network, recording: Recording) -> None:
     """Refuse an output whose unit is not that of what the network gives. Numbers without a unit may be anything."""
-    measured, said = measured_network(network, recording), recording.sensor.derivative
+    measured, derivative = measured_network(network, recording), recording.sensor.derivative
     units = {s.name: s.unit for s in measured.storages}
-    orders = said + bool(measured.senses)
+    orders = derivative + bool(measured.senses)
     recorded, unit = recording.units.output, units[measured.output]
-    found = times_of_seconds(recorded, unit)
-    if found == -orders or recorded == "1" or unit in ("", "1"):
+    order = times_of_seconds(recorded, unit)
+    if order == -orders or recorded == "1" or unit in ("", "1"):
         return
     what = f"the effort at {measured.senses}" if measured.senses else f"its output {measured.output}"
-    if found is not None and not measured.senses and found in _REMEDIES:
-        remedy = f"if the column is right, say {_REMEDIES[found]}"
+    if order is not None and not measured.senses and order in _REMEDIES:
+        remedy = f"if the column is right, say {_REMEDIES[order]}"
     else:
         others = [n for n, u in units.items() if times_of_seconds(recorded, u) == 0 and n != measured.output]
         kind = f"name another output, such as `output: {others[0]}` in the network" if others else "correct the column"
@@ -481,8 +479,8 @@ def _check_dimension(network: Network, recording: Recording) -> None:
 def driven(setup: Setup, fine: Any, h: Array, before: Any, cycle: int) -> tuple[Any, Any]:
     """Return the voltage at the port (n, 3), periodic if there is a cycle, and the one before; see `amplified`."""
     longer, steps, first = _with_run_in(setup, fine, h, cycle)
-    found, before = amplified(setup, longer, steps, before)
-    return made_periodic(found[first:], cycle), before
+    voltage, before = amplified(setup, longer, steps, before)
+    return made_periodic(voltage[first:], cycle), before
 
 
 def driven_changes(
@@ -495,7 +493,7 @@ def driven_changes(
 
 
 def _with_run_in(setup: Setup, fine: Any, h: Array, cycle: int) -> tuple[Any, Array, int]:
-    """The command and its steps after some cycles in which the blocks come to theirs, and how many steps those are."""
+    """Return the command behind cycles in which the blocks come to theirs, its steps, and how many are of these."""
     copies = _AMPLIFIED if cycle and setup.amplifier else 0
     longer = np.concatenate([*[made_periodic(fine, cycle)[:cycle]] * copies, fine])
     return longer, np.concatenate([*[h[:cycle]] * copies, h]), copies * cycle

@@ -52,7 +52,7 @@ class Diagnosis(Finished):
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """The effects that the base model leaves out, ``"unknown"`` for one without a proven name; empty for none."""
+        """Return the effects that the base model leaves out, ``"unknown"`` for one without a proven name."""
         if self.verdict == "none":
             return ()
         return tuple(c.name if c.claimed else "unknown" for c in self.claims) or ("unknown",)

@@ -22,7 +22,7 @@ Array = NDArray[Any]
 
 
 def rate(y: Array, t: Array) -> Array:
-    """``dy/dt`` at the samples, the slope of the parabola through each and its neighbours: an error of second order.
+    """Return ``dy/dt`` at the samples, the slope of the parabola through each and its neighbours; second order.
 
     A time that is there twice parts what comes before it from what comes after it: the parabola takes one side.
     """
@@ -35,14 +35,14 @@ def rate(y: Array, t: Array) -> Array:
     if not apart.any():
         first, last = 2.0 * slopes[:1] - inner[:1], 2.0 * slopes[-1:] - inner[-1:]
         return np.concatenate([first, inner, last])
-    found, ends = np.concatenate([slopes[:1], inner, slopes[-1:]]), np.concatenate([[True], apart.ravel(), [True]])
+    derivative, ends = np.concatenate([slopes[:1], inner, slopes[-1:]]), np.concatenate([[True], apart.ravel(), [True]])
     whole = ~(ends[1:] | ends[:-1])
     for side, (at, step) in enumerate(((1, 0), (-1, -1))):
         edges = np.flatnonzero(ends[side : ends.size - 1 + side] & ~ends[1 - side : ends.size - side])
         # The straight line through two samples where there is no third on this side.
-        beside = np.where(whole[edges + at].reshape(-1, *shape[1:]), found[edges + at], slopes[edges + step])
-        found[edges] = 2.0 * slopes[edges + step] - beside
-    return found
+        neighbour = np.where(whole[edges + at].reshape(-1, *shape[1:]), derivative[edges + at], slopes[edges + step])
+        derivative[edges] = 2.0 * slopes[edges + step] - neighbour
+    return derivative
 
 
 def imposed_rate(fine: Array, h: Array, before: Any) -> Array:
@@ -160,7 +160,7 @@ def second_order_lowpass(fine: Array, h: Array, before: float, tau: Any, zeta: A
 
 
 def second_order_weights(h: Array, tau: Any, zeta: Any) -> tuple[Any, Any, Any]:
-    """Half a step in units of τ and the first row of ``exp(A s)`` for `second_order_step`, in steps ``h`` [s]."""
+    """Return half a step in units of τ and the first row of ``exp(A s)`` for steps ``h`` [s]."""
     s = 0.5 * h / tau
     even, odd = _decay(s, zeta)
     return s, even + zeta * odd, odd
@@ -191,7 +191,7 @@ def first_order_step(state: Any, start: Any, end: Any, a: Any, b0: Any, b1: Any)
 
 @shared
 def second_order_step(off: Any, rate: Any, slope: Any, even: Any, odd: Any, zeta: Any) -> Any:
-    """Output minus input, and the rate of the output, after half a step with an input of a slope.
+    """Return output minus input, and the rate of the output, after half a step with an input of a slope.
 
     Args:
         even, odd: first row of ``exp(A s)``; the second is ``(−odd, even − 2ζ odd)``.
@@ -287,7 +287,7 @@ def _approach(s: Any, a: Any, rate: Any, length: Any) -> Any:
 def slipping(
     fine: Array, h: Array, before: float, weight: Any, travel: Any, exponent: Any, back: Any, lean: Any
 ) -> Array:
-    """``V − w s`` with Bouc and Wen's ``ṡ = (V̇ − β|V̇| e sgn s − γ V̇ e)/U``, ``e = |s|ⁿ`` and ``β, γ = (1 ± c)/2``.
+    """Return ``V − w s`` by Bouc and Wen: ``ṡ = (V̇ − β|V̇| e sgn s − γ V̇ e)/U``, ``e = |s|ⁿ``, ``β, γ = (1 ± c)/2``.
 
     Eq. (19) in its normal form, with an exponent and a lean ``a``: on the way up s slips towards ``1 + a``, and on the
     way down towards ``a − 1``. The steps along the path are those of the law `bouc_wen`.
@@ -327,7 +327,7 @@ def saturation(fine: Array, h: Array, before: float, limit: Any) -> Array:
 
 
 def soft_saturation(fine: Array, h: Array, before: float, limit: Any, sharpness: Any) -> Array:
-    """``V = u/(1 + |u/V_max|ⁿ)^{1/n}`` (Rapp 1991); the larger of ``1`` and ``|u/V_max|`` is drawn out of the root."""
+    """Return ``V = u/(1 + |u/V_max|ⁿ)^{1/n}`` (Rapp 1991), the larger of ``1`` and ``|u/V_max|`` out of the root."""
     size = absolute(fine + 0.0 * limit) / limit
     large = maximum(size, 1.0 + 0.0 * size)
     ratio = maximum(minimum(size, 1.0 + 0.0 * size) / large, _LEAST + 0.0 * size)
@@ -388,12 +388,12 @@ def gain(fine: Array, h: Array, before: Any, factor: Any) -> Array:
 
 
 def knee(fine: Array, h: Array, before: Any, share: Any, level: Any) -> Array:
-    """`phnn.chain.amplifiers.kneed`: less gain beyond a level on one side."""
+    """Apply `phnn.chain.amplifiers.kneed`: less gain beyond a level on one side."""
     return kneed(fine, share, level)
 
 
 def dead_band(fine: Array, h: Array, before: Any, share: Any, level: Any) -> Array:
-    """``u − a clip(u, ±U)``: the slope is ``1 − a`` below the level, a dead band for ``a = 1``, monotone up to it."""
+    """Return ``u − a clip(u, ±U)``: the slope is ``1 − a`` below the level, a dead band for ``a = 1``, monotone."""
     inside = 0.0 * fine + level
     return np.asarray(fine - share * maximum(minimum(fine + 0.0 * inside, inside), -inside))
 

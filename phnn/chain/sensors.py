@@ -65,7 +65,7 @@ _POWERS = np.array([(-1.0) ** j * 2.0 / factorial(j + 3) for j in reversed(range
 
 
 def lag(y: Array, t: Array, tau: Any) -> Array:
-    """``τ ẏ' + y' = y``, exact for parabolas through samples and midpoints; in equilibrium at the first sample."""
+    """Solve ``τ ẏ' + y' = y``, exact for parabolas through samples and midpoints; from equilibrium at the first one."""
     times, columns = t.ravel(), y.reshape(y.shape[0], -1)
     if np.iscomplexobj(tau):
         columns = columns.astype(complex)
@@ -99,15 +99,15 @@ def _lagged(y: Any, middle: Any, t: Any, tau: Any, powers: Any) -> Any:
 
 
 def play(y: Array, t: Array, width: Any) -> Array:
-    """The play operator of half-width ``δ``: ``w`` rests while ``|y − w| < δ`` and is carried along at the edges.
+    """Apply the play of half-width ``δ``: ``w`` rests while ``|y − w| < δ`` and is carried along at the edges.
 
     It starts centred at the first sample. A reversal between two samples is that of the parabola through them and
     their midpoint, or plateaus would come out too low.
     """
     columns = y.reshape(y.shape[0], -1)
     zero = 0.0 * (width + columns[0, 0])
-    found = _played(columns + zero, midpoints(columns, t.ravel()) + zero, width + zero)
-    return np.asarray(found.reshape(y.shape))
+    output = _played(columns + zero, midpoints(columns, t.ravel()) + zero, width + zero)
+    return np.asarray(output.reshape(y.shape))
 
 
 @entry
@@ -129,7 +129,7 @@ def _played(y: Any, middle: Any, width: Any) -> Any:
 
 
 def clock(y: Array, t: Array, change: Any, scale: Any) -> Array:
-    """``y((1 − c s) t)``, ``y`` the cubic spline through the samples: a sensor whose clock runs fast for ``c s > 0``.
+    """Return ``y((1 − c s) t)``, ``y`` the cubic spline through the samples: the clock runs fast for ``c s > 0``.
 
     A slow clock asks for what comes after the last sample. The spline goes on for one interval, and is held from there.
     Both numbers may take a complex step, and so may the samples.
@@ -141,13 +141,13 @@ def clock(y: Array, t: Array, change: Any, scale: Any) -> Array:
     last = 2.0 * times[-1] - times[-2]
     wanted, spline = times - np.real(late), CubicSpline(times, np.real(y))
     at, follows = np.minimum(wanted, last), wanted <= last
-    found = spline(at)
+    shifted = spline(at)
     if np.iscomplexobj(y):
         # A spline of its own, so that the real part is the same with a complex step and without.
-        found = found + 1j * CubicSpline(times, np.imag(y))(at)
+        shifted = shifted + 1j * CubicSpline(times, np.imag(y))(at)
     if np.iscomplexobj(late):
-        found = found - 1j * (follows * np.imag(late)).reshape(-1, *[1] * (y.ndim - 1)) * spline(at, 1)
-    return np.asarray(found)
+        shifted = shifted - 1j * (follows * np.imag(late)).reshape(-1, *[1] * (y.ndim - 1)) * spline(at, 1)
+    return np.asarray(shifted)
 
 
 # A drift that follows the logarithm of time has half of its size after a seventeenth of the time.
@@ -184,7 +184,7 @@ def rectification(y: Array, t: Array) -> Array:
 
 
 def knee(y: Array, t: Array, share: Any, level: Any) -> Array:
-    """`phnn.chain.amplifiers.kneed`: less gain beyond a level on one side."""
+    """Apply `phnn.chain.amplifiers.kneed`: less gain beyond a level on one side."""
     return kneed(y, share, level)
 
 
@@ -200,8 +200,7 @@ def cubic(y: Array, t: Array, square: Any, cube: Any, level: Any) -> Array:
 
 
 def wave(y: Array, t: Array, sine: Any, cosine: Any, length: Any) -> Array:
-    """Return ``y + λ/2π (s sin κy + c (1 − cos κy))``, ``κ = 2π/λ``: an error that repeats along the scale, monotone
-    for ``s² + c² ≤ 1``."""
+    """Return ``y + λ/2π (s sin κy + c (1 − cos κy))``, ``κ = 2π/λ``, a periodic error; monotone for ``s² + c² ≤ 1``."""
     turn = 2.0 * np.pi / length
     return np.asarray(y + (1.0 / turn) * (sine * sin(turn * y) + cosine * (1.0 - cos(turn * y))))
 

@@ -204,14 +204,14 @@ class Settings:
     def of(self, model: str) -> dict[str, Any]:
         """Return all that the result of one model depends on besides the recordings, as plain numbers and texts."""
         # Threads share the work and leave the result as it is.
-        own: dict[str, Any] = {"seed": self.options.seed}
+        inputs: dict[str, Any] = {"seed": self.options.seed}
         if model in TRAINED:
-            own |= {"recipe": vars(self.recipes[model])}
+            inputs |= {"recipe": vars(self.recipes[model])}
         if model not in MODELS:
-            own |= {"budget": self.budget}
+            inputs |= {"budget": self.budget}
         elif model not in BLACK_BOXES:
-            own |= {n: getattr(self.options, n) for n in ("starts", "error_bound_sigma")}
-        return own
+            inputs |= {n: getattr(self.options, n) for n in ("starts", "error_bound_sigma")}
+        return inputs
 
 
 @dataclass(frozen=True)
@@ -255,30 +255,28 @@ class Bench:
         if model in self.done:
             return self.done[model]
         made_with = {**self.settings.of(model), "recordings": digest(self.campaign), "schema": _SCHEMA}
-        found = _kept((self.place / model).path, made_with) if self.settings.resume else None
-        if found is None:
+        result = _kept((self.place / model).path, made_with) if self.settings.resume else None
+        if result is None:
             if model in (*NETWORKS, "bouc_wen", "linear"):
                 # They take its time step; its seconds are not theirs.
                 self.result("phs")
             passed, used = time.monotonic(), time.process_time()
-            found = _FITTERS.get(model, _rival)(self, model)
-            seconds = {
-                "seconds": round(time.monotonic() - passed, 1),
-                "processor_seconds": round(time.process_time() - used, 2),
-            }
-            found = replace(found, facts={**seconds, **found.facts})
-            _keep(found, self.place / model, made_with)
-        self.done[model] = found
-        return found
+            result = _FITTERS.get(model, _rival)(self, model)
+            wall, processor = time.monotonic() - passed, time.process_time() - used
+            seconds = {"seconds": round(wall, 1), "processor_seconds": round(processor, 2)}
+            result = replace(result, facts={**seconds, **result.facts})
+            _keep(result, self.place / model, made_with)
+        self.done[model] = result
+        return result
 
     def plan(self) -> Plan:
         """Return the identification recordings with the sub-steps that the base model was found to need."""
         substeps = self.result("phs").substeps
         return replace(identification_plan(self.campaign, self.settings.options.workers), substeps=dict(substeps))
 
-    def facts(self, model: str, own: Mapping[str, Any]) -> dict[str, Any]:
+    def facts(self, model: str, facts: Mapping[str, Any]) -> dict[str, Any]:
         """Return what there is to say of a model of phnn."""
-        return {"kind": MODELS[model].words, "gradient": MODELS[model].how, "seed": self.settings.options.seed, **own}
+        return {"kind": MODELS[model].words, "gradient": MODELS[model].how, "seed": self.settings.options.seed, **facts}
 
 
 def _keep(result: Result, place: Place, made_with: Mapping[str, Any]) -> None:
@@ -304,7 +302,7 @@ def _kept(folder: Path, made_with: Mapping[str, Any]) -> Result | None:
             outputs = {name: stored[f"arr_{k}"] for k, name in enumerate(content["outputs"])}
         # An infinite score is null in json.
         rows: list[dict[str, Any]] = [{n: np.inf if v is None else v for n, v in p.items()} for p in content["parts"]]
-        found = Result(
+        result = Result(
             content["model"],
             Evaluation(outputs, tuple(PartScore(**row) for row in rows)),
             content["facts"],
@@ -315,7 +313,7 @@ def _kept(folder: Path, made_with: Mapping[str, Any]) -> Result | None:
         raise InputRefused(f"{path}: cannot be read ({type(error).__name__}): delete {folder}") from error
     now = json.loads(json.dumps(finite(made_with)))
     same(path, before, now, "take another --out, or resume=false to fit it anew")
-    return found
+    return result
 
 
 def _identified(bench: Bench, model: str) -> Result:
@@ -373,14 +371,14 @@ def _trained(bench: Bench, model: str) -> Result:
 def _stage(bench: Bench, model: str, recipe: Recipe, stage: str) -> Stage:
     """Return the settings of one stage of a training."""
     none = {"adam": 0, "lbfgs": 0, "gauss_newton": 0, "tensorboard": False}
-    own = {
+    common = {
         "folder": bench.campaign.folder, "out": str((bench.place / model / stage).path), "model": dict(recipe.model),
         "solver": dict(recipe.solver), "seed": bench.settings.options.seed, "resume": bench.settings.resume,
     }  # fmt: skip
     for key in recipe.stages[stage]:
-        if key in own:
+        if key in common:
             raise InputRefused(f"{model}.stages.{stage}.{key}: is set for the whole model; leave it out here")
-    return Stage.from_config(none | dict(recipe.stages[stage]) | own)
+    return Stage.from_config(none | dict(recipe.stages[stage]) | common)
 
 
 def _thinned(recordings: Sequence[Recording], recipe: Recipe, unit: float) -> list[Recording]:
@@ -391,11 +389,11 @@ def _thinned(recordings: Sequence[Recording], recipe: Recipe, unit: float) -> li
     if recipe.longest_step is None or not recordings:
         return list(recordings)
     longest = recipe.longest_step * unit
-    found = [thinned(r, _stride(r, longest, recipe.least_per_period)) for r in recordings]
-    shares = np.array([f.t.size / r.t.size for f, r in zip(found, recordings, strict=True)])
-    mean = sum(f.t.size for f in found) / sum(r.t.size for r in recordings)
+    thin = [thinned(r, _stride(r, longest, recipe.least_per_period)) for r in recordings]
+    shares = np.array([f.t.size / r.t.size for f, r in zip(thin, recordings, strict=True)])
+    mean = sum(f.t.size for f in thin) / sum(r.t.size for r in recordings)
     # The loss is a mean over samples of the residual over noise: a larger noise takes the weight of surplus samples.
-    return [replace(f, noise=f.noise * float(np.sqrt(s / mean))) for f, s in zip(found, shares, strict=True)]
+    return [replace(f, noise=f.noise * float(np.sqrt(s / mean))) for f, s in zip(thin, shares, strict=True)]
 
 
 def _stride(recording: Recording, longest: float, least: int) -> int:
@@ -410,10 +408,10 @@ def _rival(bench: Bench, model: str) -> Result:
     """Fit and score a registered rival."""
     (fit, _), settings = _RIVALS[model], bench.settings
     bench.progress(f"fit {model}, {settings.budget:g} s of the processor")
-    given, own = fit(bench.campaign, settings.options.seed, settings.budget)
+    given, details = fit(bench.campaign, settings.options.seed, settings.budget)
     facts = {
         "kind": "rival", "parameters": "", "gradient": "", "seed": settings.options.seed, "budget": settings.budget,
-        **own,
+        **details,
     }  # fmt: skip
     outputs = {r.name: _checked(model, r, given) for r in bench.campaign.recordings}
     return Result(model, scored(bench.campaign.recordings, outputs), facts)

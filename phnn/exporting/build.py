@@ -97,8 +97,8 @@ class Chain:
         # Of a fading input a share of the low-pass is taken away.
         rest = f"- {self.e.parameter(block.parameters[0])} * " if block.kind == "fading" else ""
         state = self.e.program.state(key, "output of the amplifier's low-pass")
-        found = first_order_weights(np.array([self.h]), *self.e.values(block.parameters[-1:]))
-        weights = self._weights(key, ("keep", "old", "new"), found)
+        values = first_order_weights(np.array([self.h]), *self.e.values(block.parameters[-1:]))
+        weights = self._weights(key, ("keep", "old", "new"), values)
         step = partial(self.e.call, first_order_step, key, state)
         self._follow(state, lambda a, b: [f"{state} = {step(a, b, *weights)}"], rest)
 
@@ -128,8 +128,8 @@ class Chain:
         state = self.e.program.state(key, "output of the amplifier's low-pass")
         rate = self.e.program.state(f"{key}_rate", "and its derivative by the time in units of tau")
         tau, zeta = self.e.values(block.parameters)
-        found = second_order_weights(np.array([self.h]), tau, zeta)
-        s, *weights = self._weights(key, ("s", "even", "odd"), found)
+        values = second_order_weights(np.array([self.h]), tau, zeta)
+        s, *weights = self._weights(key, ("s", "even", "odd"), values)
         damping = self.e.parameter(block.parameters[1])
 
         def stepped(a: str, b: str) -> list[str]:
@@ -278,7 +278,7 @@ class Builder:
         return [value / self.h for value in linear]
 
     def _actions(self, u: str, heard: dict[str, str]) -> list[str]:
-        """What every port makes of its input: `u`, `u_NAME` of further ports, of others a source that is heard or 0."""
+        """Return the actions of all ports: on `u`, on `u_NAME` of further ports, else on a heard source, or 0."""
         values = {name: f"{u}_{key}" for name, key in self.key.items()} | {self.inputs[0].name: u} | heard
         given = ((p, values.get(p.name, "0.0")) for p in self.network.ports)
         return [f"{self.b.action(p.name)} = {self.e.law(p, 'action', value)}" for p, value in given]
@@ -319,7 +319,7 @@ class Builder:
         ]
 
     def _unknown(self, floors: Sequence[float]) -> list[str]:
-        """No derivatives are known yet: one equation begins with its least slope, several with an empty matrix."""
+        """Begin without known derivatives: one equation with its least slope, several with an empty matrix."""
         m = len(floors)
         cleared = [f"for i in range({m}):", f"    for j in range({m}):", "        s.jacobian[i][j] = 0.0"]
         return ["s.known = 0.0", *(cleared if m > 1 else [f"s.slope = {floor!r}" for floor in floors])]
@@ -333,8 +333,8 @@ class Builder:
         except SolverFailed:
             values = [0.0] * len(program.states)
         known = (*self.b.storages, *(m.name for m in self.network.memories))
-        found = zip(program.states, values, strict=True)
-        return [f"{self.b.x(name)} = {value!r}" for name, value in found if name in known]
+        states = zip(program.states, values, strict=True)
+        return [f"{self.b.x(name)} = {value!r}" for name, value in states if name in known]
 
     def _substep(self, solve: str) -> None:
         heard = {s.port: self.chain.source(s) for s in self.setup.sources}

@@ -60,8 +60,8 @@ class Printer:
 
     def expression(self, node: ast.expr, level: int = 0) -> str:
         """Return an expression in brackets if it binds less than ``level``."""
-        text, own = self._expression(node)
-        return f"({text})" if own < level else text
+        text, precedence = self._expression(node)
+        return f"({text})" if precedence < level else text
 
     def _expression(self, node: ast.expr) -> tuple[str, int]:
         if isinstance(node, ast.Constant):
@@ -96,7 +96,7 @@ class Printer:
             target, value = node.targets[0], node.value
             if isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple):
                 pairs = zip(target.elts, value.elts, strict=True)
-                return [line for one, own in pairs for line in self._assign(one, own)]
+                return [line for one, part in pairs for line in self._assign(one, part)]
             return self._assign(target, value)
         if isinstance(node, ast.AugAssign):
             loaded = ast.parse(ast.unparse(node.target), mode="eval").body

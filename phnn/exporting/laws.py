@@ -45,7 +45,7 @@ def refused(
     cause: str,
     remedy: str = "write its law as a plain function of phnn.laws.namespace, or export a model without it",
 ) -> InputRefused:
-    """What is raised for what cannot be exported: why, and what to do; by default for a law without translation."""
+    """Return the refusal of what cannot be exported, with cause and remedy; by default of an untranslated law."""
     return InputRefused(f"{what}: cannot be exported: {cause}: {remedy}")
 
 
@@ -72,7 +72,7 @@ def refuse_beyond(tree: ast.FunctionDef, what: str, functions: Mapping[str, Func
 
 
 def _tuples(node: ast.AST) -> list[ast.AST]:
-    """Tuples where a statement may have them: several targets, and the values of these or of a function."""
+    """Return tuples where a statement may have them: several targets, and the values of these or of a function."""
     if isinstance(node, ast.Return) and isinstance(node.value, ast.Tuple):
         return [node.value]
     if not isinstance(node, ast.Assign) or not isinstance(node.targets[0], ast.Tuple):
@@ -139,7 +139,7 @@ class Sources:
         suffix: str = "",
         called: str = "",
     ) -> str:
-        """The name under which a function of the package is called in the program; it is translated the first time.
+        """Return the name of a function of the package in the program; translate it the first time.
 
         Args:
             what: the element whose law it is, for messages.
@@ -200,19 +200,19 @@ class _Simplified(ast.NodeTransformer):
         return node
 
     def _all(self, body: list[ast.stmt]) -> list[ast.stmt]:
-        found: list[ast.stmt] = []
+        statements: list[ast.stmt] = []
         for statement in body:
             outer, self.before = self.before, []
             for name in ("body", "orelse"):
                 if hasattr(statement, name) and isinstance(statement, ast.If | ast.For):
                     setattr(statement, name, self._all(getattr(statement, name)))
             changed = self._headed(statement)
-            found += [*self.before, *self._one_by_one(changed)]
+            statements += [*self.before, *self._one_by_one(changed)]
             self.before = outer
-        return found
+        return statements
 
     def _one_by_one(self, statement: ast.stmt) -> list[ast.stmt]:
-        """An assignment to several targets, whose values are kept first where one target is read for a later one."""
+        """Split an assignment to several targets; keep values first where one target is read for a later one."""
         if not isinstance(statement, ast.Assign):
             return [statement]
         target, value = statement.targets[0], statement.value
@@ -284,8 +284,8 @@ class _Simplified(ast.NodeTransformer):
         if function in _FUNCTIONS_OF_NUMBERS:
             name = _FUNCTIONS_OF_NUMBERS[function]
         elif inspect.isfunction(function):
-            own = function.__module__ == self.module
-            renamed, suffix = (self.renamed, self.suffix) if own else ({}, "")
+            same_module = function.__module__ == self.module
+            renamed, suffix = (self.renamed, self.suffix) if same_module else ({}, "")
             name = self.sources.name_of(function, self.what, renamed, suffix)
         else:
             raise refused(self.what, f"its source calls {ast.unparse(node.func)}, which has no translation")
@@ -334,21 +334,21 @@ class _Simplified(ast.NodeTransformer):
         return ast.Name(names[at], ast.Load())
 
     def visit_BinOp(self, node: ast.BinOp) -> ast.AST:
-        left, right = self.visit(node.left), self.visit(node.right)
+        first, second = self.visit(node.left), self.visit(node.right)
         if isinstance(node.op, ast.BitAnd | ast.BitOr):
-            return ast.BoolOp(ast.And() if isinstance(node.op, ast.BitAnd) else ast.Or(), [left, right])
-        if isinstance(node.op, ast.Mult) and (_is_zero(left) or _is_zero(right)):
+            return ast.BoolOp(ast.And() if isinstance(node.op, ast.BitAnd) else ast.Or(), [first, second])
+        if isinstance(node.op, ast.Mult) and (_is_zero(first) or _is_zero(second)):
             return ast.Constant(0.0)
-        if isinstance(node.op, ast.Add | ast.Sub) and _is_zero(right):
-            return left
-        if isinstance(node.op, ast.Add) and _is_zero(left):
-            return right
+        if isinstance(node.op, ast.Add | ast.Sub) and _is_zero(second):
+            return first
+        if isinstance(node.op, ast.Add) and _is_zero(first):
+            return second
         if isinstance(node.op, ast.Pow):
             raise refused(self.what, f"its source has the power {ast.unparse(node)}")
         if isinstance(node.op, ast.Div):
             # Whole numbers are divided without a rest elsewhere.
-            left, right = _real(left), _real(right)
-        return ast.BinOp(left, node.op, right)
+            first, second = _real(first), _real(second)
+        return ast.BinOp(first, node.op, second)
 
 
 def _is_zero(node: ast.AST) -> bool:
@@ -360,7 +360,7 @@ def _real(node: ast.expr) -> ast.expr:
 
 
 def _literal(value: float) -> ast.expr:
-    """A number; the sign of a negative one is an operator, which printers put into brackets where it needs them."""
+    """Return a number; the sign of a negative one is an operator, for which printers set the brackets."""
     return ast.UnaryOp(ast.USub(), ast.Constant(-value)) if math.copysign(1.0, value) < 0.0 else ast.Constant(value)
 
 

@@ -208,7 +208,7 @@ class Program:
         return name
 
     def table(self, name: str, rows: tuple[tuple[float, ...], ...], about: str = "") -> str:
-        """Set a table of numbers; returns its name.
+        """Set a table of numbers; return its name.
 
         Raises:
             InputRefused: a number is not finite.

@@ -52,27 +52,27 @@ def root(s: Any, x: Any, other: Any, current: Any, guess: Any, floor: Any, slope
     low, high, last, reach = -_FAR, _FAR, _FAR, 1.0
     before, before_value, y, exhausted = 0.0, 0.0, guess, 0.0
     for iteration in range(_ITERATIONS):
-        left, size = value(s, y, x, other, current)
-        if absolute(left) <= where(iteration < _STRICT, TOLERANCE, RELAXED) * size + NOTHING or exhausted > 0.0:
+        defect, size = value(s, y, x, other, current)
+        if absolute(defect) <= where(iteration < _STRICT, TOLERANCE, RELAXED) * size + NOTHING or exhausted > 0.0:
             return y, slope
-        if not absolute(left) < _FAR:
+        if not absolute(defect) < _FAR:
             return _FAR, floor
-        if iteration > 0 and absolute(left - before_value) > _SEEN * size and y != before:
-            secant = (left - before_value) / (y - before)
+        if iteration > 0 and absolute(defect - before_value) > _SEEN * size and y != before:
+            secant = (defect - before_value) / (y - before)
             slope = where(secant > 0.0, secant, slope)
-        before, before_value = y, left
-        low = where(left > 0.0, low, y)
-        high = where(left > 0.0, y, high)
-        step = y - left / slope
-        if step >= low and step <= high and absolute(left) <= 0.5 * last:
+        before, before_value = y, defect
+        low = where(defect > 0.0, low, y)
+        high = where(defect > 0.0, y, high)
+        step = y - defect / slope
+        if step >= low and step <= high and absolute(defect) <= 0.5 * last:
             y = step
         elif low > -_FAR and high < _FAR:
             y = 0.5 * (low + high)
             exhausted = where(y <= low or y >= high, 1.0, 0.0)
         else:
-            y = y - reach * left / floor
+            y = y - reach * defect / floor
             reach = 2.0 * reach
-        last = where(iteration > 0, absolute(left), _FAR)
+        last = where(iteration > 0, absolute(defect), _FAR)
     return _FAR, floor
 
 
@@ -93,15 +93,15 @@ def solve_one(s: Any) -> Any:
 def first_stage_value(s: Any, y: Any, x: Any, other: Any, current: Any) -> Any:
     """Return the first equation of Radau IIA at its first stage, for a given second one."""
     taken = lost(s, y)
-    left, _unused = radau_defects(y - x, other - x, current, H, taken, 0.0)
-    return left, absolute(y) + absolute(other) + absolute(x) + H * (absolute(current) + absolute(taken))
+    defect, _unused = radau_defects(y - x, other - x, current, H, taken, 0.0)
+    return defect, absolute(y) + absolute(other) + absolute(x) + H * (absolute(current) + absolute(taken))
 
 
 def second_stage_value(s: Any, y: Any, x: Any, other: Any, current: Any) -> Any:
     """Return the second equation at the second stage, with the first stage that solves the first one."""
     taken, one = lost(s, y), first_stage(s, y, x, current)
-    _unused, left = radau_defects(one - x, y - x, current, H, 0.0, taken)
-    return left, absolute(one) + absolute(y) + absolute(x) + H * (absolute(current) + absolute(taken))
+    _unused, defect = radau_defects(one - x, y - x, current, H, 0.0, taken)
+    return defect, absolute(one) + absolute(y) + absolute(x) + H * (absolute(current) + absolute(taken))
 
 
 def first_root(s: Any, two: Any, x: Any, current: Any) -> Any:
@@ -119,8 +119,8 @@ def radau(s: Any, x: Any, current: Any) -> Any:
 def gradient_value(s: Any, y: Any, x: Any, other: Any, current: Any) -> Any:
     """Return the equation of the discrete gradient at the end state."""
     taken = lost(s, mean_effort(x, y))
-    left = gradient_defect(y - x, current, H, taken)
-    return left, absolute(y) + absolute(x) + H * (absolute(current) + absolute(taken))
+    defect = gradient_defect(y - x, current, H, taken)
+    return defect, absolute(y) + absolute(x) + H * (absolute(current) + absolute(taken))
 
 
 def gradient(s: Any, x: Any, current: Any) -> Any:
@@ -214,15 +214,15 @@ def solve_many(s: Any) -> Any:
         start = merit(s)
         for j in range(UNKNOWNS):
             s.begun[j] = s.y[j]
-        part, found = 1.0, 0.0
+        part, accepted = 1.0, 0.0
         for _halving in range(_HALVINGS):
-            if found < 1.0:
+            if accepted < 1.0:
                 for j in range(UNKNOWNS):
                     s.y[j] = s.begun[j] + part * s.step[j]
                 balance(s)
                 if merit(s) <= (1.0 - _SUFFICIENT * part) * start:
-                    found = 1.0
+                    accepted = 1.0
                 part = 0.5 * part
-        if found < 1.0 and iteration > 0:
+        if accepted < 1.0 and iteration > 0:
             return is_solved(s, RELAXED, 1e-13)
     return 0.0

@@ -159,7 +159,7 @@ def searched(balance: Balance, name: str) -> str:
 
 
 def _lost(balance: Balance, name: str) -> str:
-    """The function of the flow into a storage's resistors, at its state or at its mean effort; returns its name."""
+    """Add the function of the flow into a storage's resistors, at its state or mean effort; return its name."""
     key, e = balance.e.states.of(name), balance.e
     at_state = balance.rules[name] == RADAU
     effort = f"{balance.stiffness(name)} * state" if at_state else "state"
@@ -242,7 +242,7 @@ class Balance:
         return f"change_{self.e.states.of(name)}"
 
     def ratio(self, ratio: Ratio) -> str:
-        """The expression of a ratio: a number, the constant of a parameter, or a local variable if it is modulated."""
+        """Return a ratio: a number, the constant of a parameter, or a local variable if it is modulated."""
         if not isinstance(ratio, str):
             return repr(float(ratio))
         return f"ratio_{self.e.names.of(ratio)}" if ratio in self.modulated else self.e.parameter(ratio)
@@ -317,15 +317,13 @@ class Balance:
             return "0.0"
         if name in self.known:
             return f"{self.x(name)} + 0.5 * {self.change(name)}"
-        if name in self.reducible:
-            return f"{self.x(name)} + 0.5 * H * {self.current(name)}"
-        return self.x(name)
+        return f"{self.x(name)} + 0.5 * H * {self.current(name)}" if name in self.reducible else self.x(name)
 
     def links(self, name: str) -> Iterable[tuple[str, Ratio, int]]:
         """Return the junctions to which a reducible storage is coupled, with ratio and sign of its flow."""
         for (to, of, ratio), times in self.couplings.items():
-            for own, other, sign in ((to, of, times), (of, to, -times)):
-                if own == name:
+            for one, other, sign in ((to, of, times), (of, to, -times)):
+                if one == name:
                     yield other, ratio, sign
 
     def _current(self, name: str) -> None:
@@ -370,8 +368,7 @@ class Balance:
             return self._exact(name)
         if rule == PATH:
             (r,) = resistors_of(self.network, name)
-            resistor = self.network.resistors[r]
-            return self.e.law(resistor, "path", x, current, "H", self.stiffness(name))
+            return self.e.law(self.network.resistors[r], "path", x, current, "H", self.stiffness(name))
         return searched(self, name)
 
     def stiffness(self, name: str) -> str:
@@ -384,8 +381,7 @@ class Balance:
         key, s = self.e.states.of(name), self.stiffness_of(name)
         first, *others = (self.network.resistors[k] for k in resistors_of(self.network, name))
         assert all(map(is_leak, others))
-        flows = (RESISTOR_LAWS[r.law].flow(1.0, 0.0, *self.e.values(r.parameters)) for r in others)
-        leak = float(sum(flows))
+        leak = float(sum(RESISTOR_LAWS[r.law].flow(1.0, 0.0, *self.e.values(r.parameters)) for r in others))
         leak_one, leak_two = (
             self.e.derived(f"leak_{i}_{key}", float(v), f"relaxation of {name} by its leaks alone in a step")
             for i, v in enumerate(relaxation(self.h * leak * s))

@@ -211,8 +211,8 @@ def export(
         InputRefused: a law or block has no exported form, a setting is out of range, or the folder cannot be used.
     """
     given = [Path(model)] if isinstance(model, str | Path) else []
-    found = load(given[0]) if given else model
-    program = program_of(found, to, dt, substeps, input, name, ports, sensor, initial_input)  # type: ignore[arg-type]
+    loaded = load(given[0]) if given else model
+    program = program_of(loaded, to, dt, substeps, input, name, ports, sensor, initial_input)  # type: ignore[arg-type]
     return write(program, to, Path(out), given, overwrite)
 
 
@@ -413,8 +413,8 @@ class _Body(Printer):
         """Return the function, from its head to its end."""
         f = self.function
         results = [*["s"] * f.changes, *self.results]
-        left = f"[{', '.join(results)}] = " if len(results) > 1 else f"{results[0]} = " if results else ""
-        lines = [f"function {left}{f.name}({', '.join(map(self.name, f.arguments))})"]
+        outputs = f"[{', '.join(results)}] = " if len(results) > 1 else f"{results[0]} = " if results else ""
+        lines = [f"function {outputs}{f.name}({', '.join(map(self.name, f.arguments))})"]
         lines += [f"% {one_line(f.about)}"] if f.about else []
         named = {n.id for n in self.nodes if isinstance(n, ast.Name)}
         lines += ["c = constants();"] if (named - self.local) & set(self.program.constants) else []
@@ -424,12 +424,12 @@ class _Body(Printer):
         targets = target.elts if isinstance(target, ast.Tuple) else [target]
         return self._called([self.expression(t) for t in targets], value)
 
-    def _called(self, left: list[str], value: ast.expr) -> list[str]:
+    def _called(self, targets: list[str], value: ast.expr) -> list[str]:
         """Return an assignment; a function that changes the state gives it back."""
         name = value.func.id if isinstance(value, ast.Call) else ""  # type: ignore[attr-defined]
         known = self.program.functions.get(name)
-        left = ["s", *left] if known is not None and known.changes else left
-        shown = f"[{', '.join(left)}]" if len(left) > 1 else left[0]
+        targets = ["s", *targets] if known is not None and known.changes else targets
+        shown = f"[{', '.join(targets)}]" if len(targets) > 1 else targets[0]
         return [f"{shown} = {self.expression(value)};"]
 
     def _return(self, value: ast.expr) -> list[str]:

@@ -214,9 +214,9 @@ def _amplified(kind: str, values: list[float], u: Array) -> Array:
 
 def _static(characteristic: Callable[[Array], Array], wanted: Signal, stage: str, kind: str) -> Signal:
     """Return the argument of a characteristic that gives a signal."""
-    found = solve_rising(characteristic, wanted.values)
-    lost = np.abs(found.missed) > _REACHED * np.abs(wanted.values).max(initial=0.0)
-    return wanted.then(found.x, lost, f"the {stage}'s {kind.replace('_', ' ')}")
+    solution = solve_rising(characteristic, wanted.values)
+    lost = np.abs(solution.missed) > _REACHED * np.abs(wanted.values).max(initial=0.0)
+    return wanted.then(solution.x, lost, f"the {stage}'s {kind.replace('_', ' ')}")
 
 
 def _lowpass(voltage: Signal, h: float, tau: float) -> Signal:
@@ -369,8 +369,8 @@ class FlatNetwork:
             )
         if not network.ports:
             raise InputRefused("the model has no input port: give the model of an actuator")
-        port, found = network.ports[0], motions(network)
-        if not found or found[0].displacement != network.output or set(port.on) != {found[0].momentum}:
+        port, moving = network.ports[0], motions(network)
+        if not moving or moving[0].displacement != network.output or set(port.on) != {moving[0].momentum}:
             raise InputRefused(
                 f"the port {port.name} does not push the mass whose displacement {network.output} is measured, so that "
                 f"the motion does not tell the input: give a model whose first port acts on that mass alone"
@@ -423,16 +423,16 @@ class FlatNetwork:
         x[self.output] = q
         try:
             for _ in range(_ITERATIONS):
-                found = equilibrium(program, network, u)
-                miss, slope = found[self.output] - q, equilibrium_slope(program, network, u, 0)[self.output]
+                state = equilibrium(program, network, u)
+                miss, slope = state[self.output] - q, equilibrium_slope(program, network, u, 0)[self.output]
                 if not np.isfinite(miss) or slope == 0.0:
                     return 0.0, x
                 if abs(miss) <= _ZERO * abs(q):
-                    return float(u[0]), found
+                    return float(u[0]), state
                 u[0] -= miss / slope
         except SolverFailed:
             return 0.0, x
-        return float(u[0]), found
+        return float(u[0]), state
 
     def voltage(self, path: Path, before: Array | None = None) -> Solved:
         """Return (n+1,) port voltage at the nodes of a motion, and by how much a bent port misses the action it needs.
@@ -460,9 +460,7 @@ class FlatNetwork:
             return np.asarray(PORT_LAWS[port.law].action(voltage, *values)) + 0.0 * voltage
 
         wanted = (self._inertia * path.acceleration - force) / gain + action(np.zeros(1))[0]
-        if port.law == "linear":
-            return Solved(wanted, np.zeros_like(wanted))
-        return solve_rising(action, wanted)
+        return Solved(wanted, np.zeros_like(wanted)) if port.law == "linear" else solve_rising(action, wanted)
 
     def _states(self, path: Path, before: Array | None) -> Array:
         """Return (n+1, N) states at the nodes while the displacement is imposed."""

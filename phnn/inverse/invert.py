@@ -208,7 +208,7 @@ def checked(t: Array, reference: Array, of_actuator: bool = False) -> float:
 
 
 def smoothed(reference: Array, dt: float, corner: float | None) -> Array:
-    """(N,) the reference behind a low-pass of fourth order that runs forwards and backwards, so that nothing is late.
+    """Return (N,) the reference behind a zero-phase low-pass of fourth order, which runs forwards and backwards.
 
     It stands still before its first sample and after its last one.
 
@@ -232,7 +232,7 @@ def smoothed(reference: Array, dt: float, corner: float | None) -> Array:
 
 
 def led_in(reference: Array, dt: float, duration: float) -> Array:
-    """(M + N,) the reference with a way into it: from rest at its first value to its first speed and acceleration.
+    """Return (M + N,) the reference behind a way from rest at its first value to its first speed and acceleration.
 
     The way is the polynomial of fifth degree that has these at its ends.
 
@@ -280,9 +280,9 @@ def judged(command: Array, dt: float) -> tuple[str, ...]:
     return (f"{about}; {remedy}.",)
 
 
-def _count(samples: float, said: str, remedy: str) -> int:
+def _count(samples: float, what: str, remedy: str) -> int:
     if samples > LIMITS.samples:
-        raise InputRefused(f"{said} takes {samples:.3g} samples, at most {LIMITS.samples} are accepted: give {remedy}")
+        raise InputRefused(f"{what} takes {samples:.3g} samples, at most {LIMITS.samples} are accepted: give {remedy}")
     return math.ceil(samples - 0.5)
 
 
@@ -401,14 +401,14 @@ def stretches(t: Array, error: Array, tolerance: float, lost: NDArray[np.bool_],
     if not at.size:
         return ()
     groups = np.split(at, np.flatnonzero(np.diff(t[at]) > least) + 1)
-    found = []
+    missed = []
     for group in groups:
         worst = int(group[np.argmax(np.abs(error[group]))])
         # An error begins no later than this after the sample that was out of reach.
         before = int(np.searchsorted(t, t[group[0]] - least))
         why = causes if lost[before : group[-1] + 1].any() else ()
-        found.append(Stretch(float(t[group[0]]), float(t[group[-1]]), float(error[worst]), float(t[worst]), why))
-    return tuple(found)
+        missed.append(Stretch(float(t[group[0]]), float(t[group[-1]]), float(error[worst]), float(t[worst]), why))
+    return tuple(missed)
 
 
 # Share of the reference's range that counts as no error where the user says nothing.
@@ -456,7 +456,7 @@ def invert(setup: Setup, substeps: int, t: Array, reference: Array, options: Inv
     )  # fmt: skip
     return Inverse(
         times, given, wanted, attempt.command.values, attempt.before, attempt.output, tolerance, count, missed,
-        (*messages, *_told(missed, tolerance)), options,
+        (*messages, *_missed_in_words(missed, tolerance)), options,
     )  # fmt: skip
 
 
@@ -489,14 +489,14 @@ def _size(error: Array) -> float:
     return float(np.sqrt(np.mean(error**2)))
 
 
-def _told(missed: tuple[Stretch, ...], tolerance: float) -> tuple[str, ...]:
+def _missed_in_words(missed: tuple[Stretch, ...], tolerance: float) -> tuple[str, ...]:
     """Return the sentences on what is missed: the largest errors first."""
     ordered = sorted(missed, key=lambda s: -abs(s.error))
-    told = [
+    sentences = [
         f"From {s.start:.6g} s to {s.end:.6g} s the reference is missed by up to {abs(s.error):.3g} m, at {s.at:.6g} s"
         + (f": it is limited by {' and '.join(s.causes)}." if s.causes else f" (tolerance {tolerance:.3g} m).")
         for s in ordered[:_TOLD]
     ]
     if len(ordered) > _TOLD:
-        told.append(f"So it is, by less, in {len(ordered) - _TOLD} more stretches.")
-    return tuple(told)
+        sentences.append(f"So it is, by less, in {len(ordered) - _TOLD} more stretches.")
+    return tuple(sentences)

@@ -44,8 +44,8 @@ def hash_of_own_laws() -> bytes:
     laws, seen, parts = registered_outside(), list[Any](), []
     for law in laws:
         functions = {f.name: v for f in fields(law) if callable(v := getattr(law, f.name)) or v is None}
-        said = [(name, content(function, f"the law {law.name}", seen)) for name, function in functions.items()]
-        parts.append((type(law).__name__, law.name, len(law.example), said))
+        contents = [(name, content(function, f"the law {law.name}", seen)) for name, function in functions.items()]
+        parts.append((type(law).__name__, law.name, len(law.example), contents))
     return hashlib.sha256(repr(parts).encode()).digest() if laws else b""
 
 
@@ -97,5 +97,4 @@ def _is_known(value: Any) -> bool:
 
 def _names(code: CodeType) -> list[str]:
     """Global names that a function and the functions inside it use."""
-    inner = [name for c in code.co_consts if isinstance(c, CodeType) for name in _names(c)]
-    return [*code.co_names, *inner]
+    return [*code.co_names, *(name for c in code.co_consts if isinstance(c, CodeType) for name in _names(c))]

@@ -199,7 +199,7 @@ def remember_package() -> None:
 
 def is_of_package(law: Any) -> bool:
     """Return whether a law is one of the package's, and not one that a user registered."""
-    return any(law is own for own in _package)
+    return any(law is known for known in _package)
 
 
 def close_tables() -> None:

@@ -27,7 +27,7 @@ _ROUNDING = 1e-12
 
 @shared
 def relaxation(z: Any) -> Any:
-    """``φ₁(−z) = (1 − e^{−z})/z`` and ``φ₂(−z) = (1 − φ₁(−z))/z``, ``z ≥ 0``, by series where they would cancel."""
+    """Return ``φ₁(−z) = (1 − e^{−z})/z`` and ``φ₂(−z) = (1 − φ₁(−z))/z``, ``z ≥ 0``; by series near zero."""
     small = real(z) < _SERIES
     tail = where(small, z, 0.0 * z)
     last = 1.0 / 40320 - tail * (1.0 / 362880 - tail * (1.0 / 3628800 - tail * (1.0 / 39916800)))

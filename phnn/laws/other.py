@@ -97,7 +97,7 @@ def electrostrictive_slope(u: Any, epsilon: Any) -> Any:
 
 
 def polynomial_action(u: Any, a_1: Any, a_2: Any, u0: Any) -> Any:
-    """``ψ(u) = u (1 + a₁ s/2 + a₂ s²/3)``, ``s = u/u₀``: the ratio follows the input, ``ψ' = 1 + a₁ s + a₂ s²``."""
+    """Return ``ψ(u) = u (1 + a₁ s/2 + a₂ s²/3)``, ``s = u/u₀``: the ratio is ``ψ' = 1 + a₁ s + a₂ s²``."""
     s = u / u0
     return u * (1.0 + s * (0.5 * a_1 + s * a_2 / 3.0))
 

@@ -238,7 +238,7 @@ _AT_ONCE = 1e9
 
 @shared
 def _power(speed: Any, exponent: Any, reference: Any) -> Any:
-    """``z (z² + ε²)^{(n − 1)/2}`` with ``z = v/v₀`` and ``0 ≤ n ≤ 3``: odd, rising, ``±|z|ⁿ`` for ``|z| ≫ ε``."""
+    """Return ``z (z² + ε²)^{(n − 1)/2}``, ``z = v/v₀``, ``0 ≤ n ≤ 3``: odd, rising, ``±|z|ⁿ`` for ``|z| ≫ ε``."""
     z = speed / reference
     finer = z / SMOOTHED
     n = minimum(exponent, _STEEPEST + 0.0 * exponent)
@@ -262,7 +262,7 @@ def square_damper(effort: Any, q: Any, force: Any, exponent: Any, reference: Any
 
 
 def ramp_damper(effort: Any, q: Any, force: Any, exponent: Any, reference: Any, slope: Any) -> Any:
-    """``±F max(c q, 0) |v/v₀|ⁿ``: a damper that acts on the side of the sign of ``c`` and grows with the distance."""
+    """Return ``±F max(c q, 0) |v/v₀|ⁿ``: a damper on the side of the sign of ``c`` that grows with the distance."""
     s = slope * q
     return force * maximum(s, 0.0 * s) * _power(effort, exponent, reference)
 

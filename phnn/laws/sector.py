@@ -90,12 +90,12 @@ def _check_mean_effort(law: StorageLaw, values: tuple[float, ...], at: str) -> N
             f"H changes by {after[k] - before[k]:.6g} J: mean_effort(a, b) must be (H(b) − H(a))/(b − a)"
         )
     near = law.mean_effort(points * (1.0 - _NEAR), points * (1.0 + _NEAR), *values)
-    here = law.mean_effort(points, points, *values)
-    wrong = ~(np.abs(here - near) <= _JUMP * (np.abs(here) + np.abs(near)) + _ROUNDING * np.abs(mean).max())
+    equal = law.mean_effort(points, points, *values)
+    wrong = ~(np.abs(equal - near) <= _JUMP * (np.abs(equal) + np.abs(near)) + _ROUNDING * np.abs(mean).max())
     if wrong.any():
         k = int(np.flatnonzero(wrong)[0])
         raise StructureViolated(
-            f"{at}: its mean effort at a = b = {points[k]:.6g} is {here[k]:.6g}, and {near[k]:.6g} between points "
+            f"{at}: its mean effort at a = b = {points[k]:.6g} is {equal[k]:.6g}, and {near[k]:.6g} between points "
             "beside it: mean_effort(x, x) must be the effort H'(x)"
         )
 
@@ -175,9 +175,9 @@ def _tried_sector(flow: Callable[[Array], Array], points: Array, what: str, read
     outside = np.sign(points) * values < -rounding
     if outside.any():
         k = int(order[np.flatnonzero(outside[order])[0]])
-        beside = "" if read is None else f" (reading q = {read:g})"
+        reading = "" if read is None else f" (reading q = {read:g})"
         raise StructureViolated(
-            f"{what}: φ({points[k]:.6g}) = {values[k]:.6g}{beside}, so that ε φ(ε) = {points[k] * values[k]:.3g} < 0 "
+            f"{what}: φ({points[k]:.6g}) = {values[k]:.6g}{reading}, so that ε φ(ε) = {points[k] * values[k]:.3g} < 0 "
             "and it delivers power: use a law with ε φ(ε) ≥ 0 (SectorMLP, MonotoneMLP, or a named resistor law)"
         )
     return values

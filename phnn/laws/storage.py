@@ -115,8 +115,7 @@ def _root(x: Any) -> Any:
 
 
 def round_stop_mean_effort(a: Any, b: Any, stiffness: Any, gap: Any, depth: Any) -> Any:
-    """Contact of round surfaces (Hertz), effort ``± k p √(p/p₀)``, ``p = max(±(x − gap), 0)``; its side is that of the
-    gap.
+    """Return the contact of round surfaces (Hertz), ``± k p √(p/p₀)``, ``p = max(±(x − gap), 0)``, on the gap's side.
 
     The fifth powers of the roots are factored: ``(w⁵ − u⁵)/(w² − u²)``.
     """
@@ -130,9 +129,9 @@ def round_stop_mean_effort(a: Any, b: Any, stiffness: Any, gap: Any, depth: Any)
     return 0.4 * stiffness * depth * side * share * powers / where(touched, total, 1.0 + 0.0 * total)
 
 
-def stops_mean_effort(a: Any, b: Any, right: Any, left: Any, gap: Any) -> Any:
+def stops_mean_effort(a: Any, b: Any, upper: Any, lower: Any, gap: Any) -> Any:
     """Elastic stops on both sides, ``H = k₊ max(x − gap, 0)²/2 + k₋ max(−x − gap, 0)²/2``, ``gap ≥ 0``."""
-    return right * _mean_depth(a - gap, b - gap) - left * _mean_depth(-a - gap, -b - gap)
+    return upper * _mean_depth(a - gap, b - gap) - lower * _mean_depth(-a - gap, -b - gap)
 
 
 def saturating_spring_mean_effort(a: Any, b: Any, stiffness: Any, reach: Any) -> Any:
@@ -219,7 +218,7 @@ def _grown(size: Any, bend: Any) -> Any:
 
 @shared
 def exponential_spring_mean_effort(a: Any, b: Any, stiffness: Any, force: Any, bend: Any) -> Any:
-    """A spring whose stiffness follows its force, ``E' = k (1 + b |E|/F)``: ``E = ± (e^{bk|x|/F} − 1) F/b``, convex.
+    """Give a spring the stiffness ``E' = k (1 + b |E|/F)``: ``E = ± (e^{bk|x|/F} − 1) F/b``, convex.
 
     The stiffness stays within a factor 100 of ``k``, so that no number overflows. The mean effort is
     ``(a + b)/(|a| + |b|)`` times the mean force between the sizes ``|a|`` and ``|b|``.

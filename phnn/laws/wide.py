@@ -197,7 +197,7 @@ def monotone_unit(
     effort: Any, w_step: Any, k_step: Any, c_step: Any, w_up: Any, k_up: Any, c_up: Any, w_down: Any, k_down: Any,
     c_down: Any,
 ) -> Any:  # fmt: skip
-    """A step and two hinges: ``w₀ [σ(k₀ε + c₀) − σ(c₀)] + w₁ [S(k₁ε − c₁) − S(−c₁)] − w₂ [S(−k₂ε − c₂) − S(−c₂)]``."""
+    """Sum a step and hinges: ``w₀ [σ(k₀ε + c₀) − σ(c₀)] + w₁ [S(k₁ε − c₁) − S(−c₁)] − w₂ [S(−k₂ε − c₂) − S(−c₂)]``."""
     step = w_step * _step_rise(c_step, k_step * effort)
     return step + w_up * _hinge_rise(-c_up, k_up * effort) - w_down * _hinge_rise(-c_down, -k_down * effort)
 
@@ -208,7 +208,7 @@ def monotone_combine(effort: Any, total: Any, slope: Any) -> Any:
 
 
 def convex_unit(a: Any, b: Any, weight: Any, gain: Any, position: Any) -> Any:
-    """``w [(S(kb + c) − S(ka + c))/(kb − ka) − σ(c)]``, symmetric in ``a`` and ``b``: of a hinge less its tangent at 0.
+    """Return ``w [(S(kb + c) − S(ka + c))/(kb − ka) − σ(c)]``, symmetric: of a hinge less its tangent at 0.
 
     With ``A, B, C = S(ka + c), S(kb + c), S(c)`` the bracket is ``AB/(1 + AB) − C²/(1 + C²)``, and in
     ``AB − C² = ½ (A + C)(B − C) + ½ (B + C)(A − C)`` the differences are proportional to ``b`` and to ``a``.

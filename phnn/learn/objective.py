@@ -102,11 +102,11 @@ class Objective(nn.Module):
 
     def residuals(self, outputs: Sequence[Tensor]) -> Tensor:
         """Return (N,) scored residuals over noise, each recording's mean taken out."""
-        found = []
+        residuals = []
         for r, mask, y, model in zip(self.recordings, self.masks, self.measured, outputs, strict=True):
             error = (y - model)[mask]
-            found.append((error - error.mean()) / r.noise)
-        return torch.cat(found)
+            residuals.append((error - error.mean()) / r.noise)
+        return torch.cat(residuals)
 
     def forward(self) -> Tensor:
         """Return () the loss.
@@ -155,8 +155,7 @@ def begin(plant: Plant, recording: Recording) -> Tensor:
 
 
 def estimated_start(plant: Plant, solver: Solver, recording: Recording, substeps: int) -> Tensor:
-    """Return (n,) initial state of a recording that begins elsewhere than at zero, from its first samples with the
-    plant held.
+    """Return (n,) initial state of a recording that begins away from zero, from its first samples, plant held.
 
     The samples are those of its nuisance part or, where it has none, the first 2 % and 50 at least.
     """
@@ -220,9 +219,9 @@ def substeps_needed(plant: Plant, solver: Solver, recordings: Sequence[Recording
         return 1
     length = 0 if can_compile(plant.system.network) else _PIECE
     windows, chosen = windows_of(recordings, length, 1), list[int]()
-    for own in grouped([w.recording for w in windows]):
-        rates = [float(((windows[k].fine[:, 2] - windows[k].fine[:, 0]) / windows[k].h).abs().amax()) for k in own]
-        chosen += sorted({own[0], own[int(np.argmax(rates))]})
+    for group in grouped([w.recording for w in windows]):
+        rates = [float(((windows[k].fine[:, 2] - windows[k].fine[:, 0]) / windows[k].h).abs().amax()) for k in group]
+        chosen += sorted({group[0], group[int(np.argmax(rates))]})
 
     def outputs(substeps: int) -> list[tuple[float, Tensor]]:
         finer = windows_of(recordings, length, substeps)
@@ -230,8 +229,8 @@ def substeps_needed(plant: Plant, solver: Solver, recordings: Sequence[Recording
         begun = [None if w.known else near(plant, [w]) for w in pieces]
         starts = [begin(plant, recordings[w.recording]) for w in pieces]
         x0 = torch.stack([x if b is None else b[0, 0] for x, b in zip(starts, begun, strict=True)])
-        found = solver(plant, pieces, x0)
-        return [(recordings[w.recording].noise, plant.measured(x)) for w, x in zip(pieces, found, strict=True)]
+        states = solver(plant, pieces, x0)
+        return [(recordings[w.recording].noise, plant.measured(x)) for w, x in zip(pieces, states, strict=True)]
 
     count, before = 1, outputs(1)
     while count < _MOST:

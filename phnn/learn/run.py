@@ -67,7 +67,7 @@ class Trained:
 
     @property
     def loss(self) -> float:
-        """Mean square of the residual over noise on the recordings trained on, jumps between windows added."""
+        """Return the mean square of the residual over noise on training recordings, jumps between windows added."""
         return float(self.facts["loss"])
 
     @property
@@ -318,7 +318,7 @@ def _ended(settings: Settings) -> dict[str, Any] | None:
 
 
 def validation_names(campaign: Campaign, given: Sequence[str] | None) -> tuple[str, ...]:
-    """Names of the recordings that stop the training: as given, or where None some within the span of the others.
+    """Return the names of the recordings that stop the training: as given; if None, some within the others' span.
 
     Raises:
         InputRefused: a name that no recording for identification has.

@@ -100,7 +100,7 @@ class Settings:
 
     @classmethod
     def from_config(cls, config: Mapping[str, Any]) -> Settings:
-        """From a composed configuration.
+        """Read the settings from a composed configuration.
 
         Raises:
             InputRefused: a key that is unknown or missing, or a value out of range.
@@ -121,7 +121,7 @@ class Settings:
         return cls(**given)
 
     def plain(self) -> dict[str, Any]:
-        """As nested dictionaries and lists."""
+        """Return the settings as nested dictionaries and lists."""
         content = asdict(self)
         lists = {n: None if (v := getattr(self, n)) is None else list(v) for n in ("validation", "seeds")}
         made = {n: dict(v) if isinstance(v, Mapping) else _called(v) for n in _MADE for v in (getattr(self, n),)}
@@ -177,8 +177,7 @@ def accepted(target: str) -> set[str]:
 
 
 def instantiate(given: Any) -> Any:
-    """Return what a mapping with ``_target_`` makes: an instance, or what its function returns; modules of the present
-    folder are found.
+    """Return what a mapping with ``_target_`` makes or returns; modules of the present folder are found.
 
     Raises:
         InputRefused: there is no such class, or it does not take these arguments.

@@ -91,8 +91,7 @@ class NetworkPlant(Plant):
 
     def inputs(self, u: Tensor) -> Tensor:
         """Return (..., P) the voltage at the first port, the others at zero."""
-        others = u.new_zeros(*u.shape, len(self.system.network.ports) - 1)
-        return torch.cat([u.unsqueeze(-1), others], dim=-1)
+        return torch.cat([u.unsqueeze(-1), u.new_zeros(*u.shape, len(self.system.network.ports) - 1)], dim=-1)
 
     def measured(self, x: Tensor) -> Tensor:
         """Return (...) state of the measured storage."""
@@ -100,8 +99,7 @@ class NetworkPlant(Plant):
 
     def trained(self) -> list[nn.Parameter]:
         """Return the coordinates of the parameters, then weights of the learned laws."""
-        own = (*self.system.free.parameters(), *self.system.laws.parameters())
-        return [p for p in own if p.requires_grad]
+        return [p for part in (self.system.free, self.system.laws) for p in part.parameters() if p.requires_grad]
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,8 +243,7 @@ def discrete_gradient(plant: Plant, windows: Sequence[Window], x0: Tensor) -> li
 
 
 def together(plant: Plant, windows: Sequence[Window]) -> tuple[Tensor, Tensor]:
-    """Return the mean inputs (N, B, P) and steps (N, B) of windows; shorter ones go on under their last input, which
-    counts for nothing."""
+    """Return mean inputs (N, B, P) and steps (N, B) of windows; shorter ones keep their last input, uncounted."""
     count = torch.arange(max(len(w.h) for w in windows))
     rows = [count.clamp_max(len(w.h) - 1) for w in windows]
     u = plant.inputs(torch.stack([w.mean[k] for w, k in zip(windows, rows, strict=True)], dim=1))
@@ -254,8 +251,8 @@ def together(plant: Plant, windows: Sequence[Window]) -> tuple[Tensor, Tensor]:
 
 
 def near(plant: NetworkPlant, windows: Sequence[Window]) -> Tensor | None:
-    """(N+1, B, n) states that were last found at the times of some windows, interpolated; None where any is missing."""
-    found = []
+    """Return (N+1, B, n) the last known states, interpolated at the times of windows; None where any is missing."""
+    known = []
     for w in windows:
         times, states = plant.near.get(w.name, (w.times[:0], w.times[:0]))
         # The last sample of a thinned recording lies up to an interval before that of the recording.
@@ -263,9 +260,9 @@ def near(plant: NetworkPlant, windows: Sequence[Window]) -> Tensor | None:
             return None
         k = (torch.searchsorted(times, w.times, right=True) - 1).clamp(0, len(times) - 2)
         share = ((w.times - times[k]) / (times[k + 1] - times[k])).unsqueeze(-1)
-        found.append(states[k] + share * (states[k + 1] - states[k]))
-    longest = max(map(len, found))
-    return torch.stack([torch.cat([x, x[-1:].expand(longest - len(x), -1)]) for x in found], dim=1)
+        known.append(states[k] + share * (states[k + 1] - states[k]))
+    longest = max(map(len, known))
+    return torch.stack([torch.cat([x, x[-1:].expand(longest - len(x), -1)]) for x in known], dim=1)
 
 
 def remember(plant: NetworkPlant, windows: Sequence[Window], states: Tensor) -> None:
@@ -287,13 +284,13 @@ def grouped(keys: Sequence[Hashable]) -> list[list[int]]:
 def _by_groups(
     solve: Callable[[Sequence[Window], Tensor], Tensor], windows: Sequence[Window], x0: Tensor, keys: Sequence[Hashable]
 ) -> list[Tensor]:
-    """States at the samples of each window, where ``solve`` finds those at all steps of windows with equal keys."""
-    found: list[Tensor] = [x0] * len(windows)
+    """Return the states at each window's samples; ``solve`` finds those at all steps of windows with equal keys."""
+    sampled: list[Tensor] = [x0] * len(windows)
     for members in grouped(keys):
         states = solve([windows[b] for b in members], x0[members])
         for k, b in enumerate(members):
-            found[b] = states[windows[b].nodes, k]
-    return found
+            sampled[b] = states[windows[b].nodes, k]
+    return sampled
 
 
 class Torchdiffeq:

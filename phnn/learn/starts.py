@@ -83,7 +83,7 @@ def plant_for(model: Mapping[str, Any], campaign: Campaign, seed: int, base: str
     arguments = dict(model)
     recordings = [r for r in campaign.recordings if r.mask("identification").any()]
     if arguments.get(TARGET):
-        return _own(arguments, campaign, recordings, seed, base)
+        return _custom(arguments, campaign, recordings, seed, base)
     arguments.pop(TARGET, None)
     kind = arguments.pop("kind")
     if kind in LATENT:
@@ -117,7 +117,7 @@ def plant_for(model: Mapping[str, Any], campaign: Campaign, seed: int, base: str
 
 
 def _with_multi_port(network: Network, motion: Motion, width: int, seed: int) -> Network:
-    """The actuator with a learned dissipation on all of its hysterons and its mass together, nearly silent at first."""
+    """Return the actuator with one learned dissipation on its hysterons and its mass, nearly silent at first."""
     charges = [s.name for s in network.storages if s.name.startswith("Q_")]
     values = {n: p.value for n, p in network.parameters.items()}
     typical = [effort_and_flow(i + 1, values, motion) for i in range(len(charges))]
@@ -127,10 +127,10 @@ def _with_multi_port(network: Network, motion: Motion, width: int, seed: int) ->
     return network.extend(multi_ports=(MultiPort("learned", law, (*charges, "p")),))
 
 
-def _own(
+def _custom(
     arguments: Mapping[str, Any], campaign: Campaign, recordings: Sequence[Recording], seed: int, base: str | None
 ) -> Plant:
-    """The network or system of a user's class or function; a law of one effort stands on every hysteron instead."""
+    """Build the network or system of a user's class or function; put a law of one effort on every hysteron instead."""
     known = {n: arguments[n] for n in ("hysterons", "start") if n in arguments}
     taken = accepted(arguments[TARGET])
     # What the configuration of learned hysterons holds beside them is for those classes that know it.
@@ -204,10 +204,10 @@ def _lags(core: NeuralODE, recordings: Sequence[Recording], random: torch.Genera
 
 def _dead_zones(values: Mapping[str, float], hysterons: int, motion: Motion) -> dict[str, float]:
     """Return the thresholds and slopes that the drive alone gives."""
-    found = {}
+    zones = {}
     for i in range(1, hysterons + 1):
-        found[f"d_{i}"], found[f"rho_{i}"], _ = staggered(i, *effort_and_flow(i, values, motion))
-    return found
+        zones[f"d_{i}"], zones[f"rho_{i}"], _ = staggered(i, *effort_and_flow(i, values, motion))
+    return zones
 
 
 def _check(kind: str, arguments: Mapping[str, Any], known: Sequence[str]) -> None:
@@ -232,7 +232,7 @@ def _values(campaign: Campaign, hysterons: int, start: str, base: str | None, se
 
 
 def unfitted(campaign: Campaign, hysterons: int) -> dict[str, float]:
-    """Parameters with the static gain of the recordings, a usual resonance, and relaxations instead of dead zones.
+    """Return parameters with the recordings' static gain, a usual resonance, and relaxations for dead zones.
 
     They are not fitted first: a linear model takes hysteresis for a lag and loses its mass on the way.
     """
@@ -251,7 +251,7 @@ def unfitted(campaign: Campaign, hysterons: int) -> dict[str, float]:
 
 
 def scales_of(recordings: Sequence[Recording]) -> Scales:
-    """Time by the highest main frequency, ``1/(2π f)``; input by its largest value; output by half its range."""
+    """Scale time by the highest main frequency, ``1/(2π f)``, input by its largest value, output by half its range."""
     fastest = max(dominant_frequency(r) for r in recordings)
     largest = max(float(np.abs(r.u).max()) for r in recordings)
     return Scales(1.0 / (2.0 * np.pi * fastest), largest, motion_of(recordings).reach)
@@ -277,8 +277,7 @@ def near_to(plant: NetworkPlant, known: NetworkPlant, recordings: Sequence[Recor
 
 
 def near_known_part(plant: NetworkPlant, recordings: Sequence[Recording]) -> None:
-    """Let the first iterations begin at the states of the network without its laws on several variables, where these
-    are what has no kernel."""
+    """Begin the first iterations at the states of the network without its laws on several variables."""
     network = plant.network
     known = replace(network, multi_ports=(), shared_energies=())
     if known.resistors and not can_compile(network) and can_compile(known):
@@ -286,7 +285,7 @@ def near_known_part(plant: NetworkPlant, recordings: Sequence[Recording]) -> Non
 
 
 def typical_states(given: Network | PortHamiltonianSystem, recordings: Sequence[Recording]) -> Tensor:
-    """(n,) largest state of the untrained network on the recordings, one where it stays at zero or cannot run."""
+    """Return (n,) the largest untrained states on the recordings; one where it stays at zero or cannot run."""
     plant = NetworkPlant(given, torch.ones(len(given.state_names), dtype=torch.float64))
     windows = windows_of(recordings, 0, 1)
     try:

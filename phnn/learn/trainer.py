@@ -83,7 +83,7 @@ class GaussNewton:
         self.damping = float(state["damping"])
 
     def __call__(self, epoch: int) -> float:
-        """Take one step; returns the loss before it.
+        """Take one step; return the loss before it.
 
         Raises:
             SolverFailed: the present model cannot be simulated.
@@ -132,22 +132,22 @@ class GaussNewton:
     @torch.no_grad()
     def _solved(self, guesses: Sequence[Tensor | None], alone: bool = False) -> list[Tensor]:
         """Return (N+1, B, n) states of the windows of every group; those that torch has found are remembered."""
-        x0, found = self.objective.initial(), []
+        x0, states = self.objective.initial(), []
         for (members, windows, u, h), guess in zip(self.groups, guesses, strict=True):
             if self.steps.compiles:
-                found.append(self.steps.states(x0[members], u, h, 0.0))
+                states.append(self.steps.states(x0[members], u, h, 0.0))
             else:
-                found.append(march(self.plant.system, x0[members], u, h, near=guess, alone=alone))
-                remember(self.plant, windows, found[-1])
-        return found
+                states.append(march(self.plant.system, x0[members], u, h, near=guess, alone=alone))
+                remember(self.plant, windows, states[-1])
+        return states
 
     def _outputs(self, states: Sequence[Tensor]) -> list[Tensor]:
         """Return (S,) output of every window."""
-        found: list[Tensor] = [states[0]] * len(self.objective.windows)
+        outputs: list[Tensor] = [states[0]] * len(self.objective.windows)
         for (members, windows, *_), x in zip(self.groups, states, strict=True):
             for b, (k, w) in enumerate(zip(members, windows, strict=True)):
-                found[k] = self.plant.measured(x[w.nodes, b])
-        return found
+                outputs[k] = self.plant.measured(x[w.nodes, b])
+        return outputs
 
     def linearised(self) -> tuple[Array, Array]:
         """Return (N,) residual over noise and (N, K) its derivatives by all that is trained."""
@@ -215,13 +215,13 @@ class Stepwise:
 
     def __init__(self, objective: Objective, settings: Settings, factor: float) -> None:
         self.objective, self.settings, self.rate = objective, settings, settings.rate * factor
-        own, trained = settings.optimiser, objective.trained()
+        optimiser, trained = settings.optimiser, objective.trained()
         self.optimiser: torch.optim.Optimizer = (
-            torch.optim.Adam(trained, lr=self.rate) if own is None else _made(own, "params", trained)
+            torch.optim.Adam(trained, lr=self.rate) if optimiser is None else _made(optimiser, "params", trained)
         )
-        for group in self.optimiser.param_groups if own is not None else ():
+        for group in self.optimiser.param_groups if optimiser is not None else ():
             group["lr"] = factor * group["lr"]
-        given = None if own is None else settings.scheduler
+        given = None if optimiser is None else settings.scheduler
         self.scheduler: Any = None if given is None else _made(given, "optimizer", self.optimiser)
 
     def __call__(self, epoch: int) -> float:
@@ -356,8 +356,7 @@ def load(path: Path) -> dict[str, Any] | None:
 
 
 def board_of(place: Place, epochs: int) -> Any:
-    """Return what writes ``tensorboard/``, of which points after these epochs are void; None where it is not
-    installed."""
+    """Return the writer of ``tensorboard/``, whose points after these epochs are void; None if it is not installed."""
     try:
         from torch.utils.tensorboard import SummaryWriter
     except ImportError:

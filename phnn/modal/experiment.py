@@ -111,12 +111,12 @@ def study_of(campaign: Campaign) -> Study:
     noticed = contaminated(campaign.recordings)
     experiments, left_out = [], {}
     for name, views in grouped.items():
-        found = experiment_of(name, views)
+        experiment = experiment_of(name, views)
         reasons = [f.text for r in views for f in noticed[r.name]]
-        if reasons and not found.held_out:
+        if reasons and not experiment.held_out:
             left_out[name] = reasons[0]
         else:
-            experiments.append(found)
+            experiments.append(experiment)
     levels = _levels(experiments)
     study = Study(
         dt=first[0].dt,
@@ -157,14 +157,14 @@ def _check_periodic(r: Recording) -> None:
 
 def _check_level(study: Study, level: int, folder: str) -> None:
     """That a level has enough experiments that differ enough to tell all inputs apart."""
-    found, inputs = study.identification(level), len(study.inputs)
+    runs, inputs = study.identification(level), len(study.inputs)
     where = f"{folder}: at {study.levels[level][0].amplitude:.3g} {study.units[0]} (all inputs together)"
-    if len(found) < inputs:
+    if len(runs) < inputs:
         raise InputRefused(
-            f"{where} there are {len(found)} experiments for identification, {len(study.held_out(level))} held out, to "
+            f"{where} there are {len(runs)} experiments for identification, {len(study.held_out(level))} held out, to "
             f"tell {inputs} inputs apart: use or record at least {inputs} realisations at each amplitude"
         )
-    u = np.stack([np.fft.rfft(e.u, axis=0)[study.lines] for e in found], axis=2)
+    u = np.stack([np.fft.rfft(e.u, axis=0)[study.lines] for e in runs], axis=2)
     size = np.sqrt((np.abs(u) ** 2).mean(axis=(0, 2)))
     for name, driven in zip(study.inputs, size, strict=True):
         if driven < _DRIVEN * size.max():
@@ -258,8 +258,7 @@ _DELAYS = np.arange(0.0, 3.01, 0.1)
 
 
 def response(u: Complex, y: Complex) -> Complex:
-    """Return the (N//2 + 1, O, P) best linear approximation of spectra (N//2 + 1, P, R) and (N//2 + 1, O, R) of R
-    experiments; zero at the mean."""
+    """Return (N//2 + 1, O, P) the best linear approximation from spectra (…, P, R), (…, O, R); zero at the mean."""
     conjugate = u.conj().transpose(0, 2, 1)
     square = u @ conjugate
     size = np.trace(square, axis1=1, axis2=2).real[:, None, None] + 1e-300
@@ -313,7 +312,7 @@ def first_modes(study: Study, experiments: Sequence[Experiment]) -> tuple[Array,
 
 
 def _impulses(g: Complex, lines: NDArray[np.int64], size: int) -> Array:
-    """(O, P, N) impulse response in the excited band, whose upper edge is rounded off so that it does not ring."""
+    """Return (O, P, N) impulse responses in the excited band, whose upper edge is rounded off against ringing."""
     edge, top = max(3, lines.size // 40), lines[-1]
     weight = np.zeros(len(g))
     weight[: top + 1] = 1.0
@@ -328,12 +327,12 @@ def _oscillations(poles: Complex, dt: float, s: Complex) -> Complex:
     continuous = np.log(poles[np.abs(poles) > 0.0]) / dt
     damping = -continuous.real / np.maximum(np.abs(continuous), 1e-300)
     inside = (continuous.imag > s[0].imag) & (continuous.imag < s[-1].imag)
-    found = continuous[inside & (damping > 0.0) & (damping < _DAMPED)]
-    return found[np.argsort(found.imag)]
+    modes = continuous[inside & (damping > 0.0) & (damping < _DAMPED)]
+    return modes[np.argsort(modes.imag)]
 
 
 def _residues(poles: Complex, delay: float, s: Complex, u: Complex, y: Complex) -> tuple[float, Array]:
-    """Real residues (M, O, P) of given poles behind a delay, with a rest that is at once; what they leave comes first.
+    """Return the cost and the real residues (M, O, P) of poles behind a delay, beside a direct term.
 
     Args:
         u: (F, R, P) and y: (F, R, O) spectra of R experiments: lines on which inputs are hard to tell apart count less.
@@ -343,6 +342,6 @@ def _residues(poles: Complex, delay: float, s: Complex, u: Complex, y: Complex) 
     columns = (basis[:, None, :, None] * u[:, :, None, :]).reshape(s.size * u.shape[1], -1)
     target = y.reshape(columns.shape[0], -1)
     normal, right = (columns.conj().T @ columns).real, (columns.conj().T @ target).real
-    found = np.linalg.lstsq(normal, right, rcond=1e-13)[0]
-    cost = float((np.abs(columns @ found - target) ** 2).sum())
-    return cost, np.asarray(found.reshape(poles.size + 1, u.shape[2], -1)[:-1].transpose(0, 2, 1), dtype=np.float64)
+    solution = np.linalg.lstsq(normal, right, rcond=1e-13)[0]
+    cost = float((np.abs(columns @ solution - target) ** 2).sum())
+    return cost, np.asarray(solution.reshape(poles.size + 1, u.shape[2], -1)[:-1].transpose(0, 2, 1), dtype=np.float64)

@@ -72,7 +72,7 @@ class Steady(NamedTuple):
         return np.concatenate([self.q, self.q * (self.s / RATE)[:, None], self.force], axis=1)
 
     def at(self, lines: NDArray[np.int64], scale: float) -> Steady:
-        """On some lines only, the motion in other units."""
+        """Return the steady state on some lines only, with the motion in other units."""
         q, x, force = (scale * a[lines] for a in (self.q, self.x, self.force))
         return Steady(self.s[lines], q, x, force, self.kappa)
 
@@ -144,12 +144,11 @@ class ModalModel:
         x = extended(kappa)
         forces = [d - kappa * a for d, a in zip(drives, x, strict=True)]
         q = np.sum([self.transfer(s) * (g @ self.b.T) for s, g in zip(rates, forces, strict=True)], axis=0)
-        here = len(images) // 2
-        return Steady(rates[here], q, np.sum(x, axis=0), forces[here], kappa)
+        middle = len(images) // 2
+        return Steady(rates[middle], q, np.sum(x, axis=0), forces[middle], kappa)
 
     def slopes(self, steady: Steady, shapes: Array, dt: float) -> Complex:
-        """Return (F, O, K) derivatives of the outputs behind their delays by ln ω, ln ζ, b, delays in samples and ln k,
-        all at the same ``φ``.
+        """Return (F, O, K) derivatives of delayed outputs by ln ω, ln ζ, b, delays in samples and ln k, ``φ`` fixed.
 
         Args:
             shapes: (O, 2 M + P), held fast.
@@ -233,7 +232,7 @@ class Problem:
         self._last: tuple[Array, Point | None] = (np.full(0, np.nan), None)
 
     def unpack(self, moved: Array) -> ModalModel:
-        """The model that a move from the first one leads to; every one has positive energies, losses and springs."""
+        """Return the model after a move from the first one; every one has positive energies, losses and springs."""
         m, shape = self.template.omega.size, self.template.b.shape
         sizes = np.cumsum([m, m, shape[0] * shape[1], self.template.delay.size])
         omega, zeta, b, delay, logs = np.split(self.origin + self.free @ moved, sizes)
@@ -255,7 +254,7 @@ class Problem:
     def _point(self, model: ModalModel) -> Point | None:
         try:
             every = self.pool.map(lambda one: (model.steady(one, self.study.dt), len(one.u)), self.experiments)
-            steady = tuple(found.at(self.study.lines, _HALF / size) for found, size in every)
+            steady = tuple(response.at(self.study.lines, _HALF / size) for response, size in every)
         except SolverFailed:
             return None
         size = model.b.shape[1] + 2 * model.omega.size
@@ -274,11 +273,11 @@ class Problem:
         point = self.point(moved)
         if point is None:
             return np.full(2 * sum(y.size for y in self.wanted), _FAILED / np.sqrt(self.wanted[0].size))
-        left = [
+        errors = [
             w * ((a @ point.shapes.T) * point.later - y)
             for a, y, w in zip(point.columns, self.wanted, self.scales, strict=True)
         ]
-        return np.concatenate([np.stack([x.real, x.imag], axis=2).ravel() for x in left])
+        return np.concatenate([np.stack([x.real, x.imag], axis=2).ravel() for x in errors])
 
     def slopes(self, moved: Array) -> Array:
         """Return (R, K) derivatives of the residual."""

@@ -54,7 +54,7 @@ class Settings:
 
     @classmethod
     def from_config(cls, config: Mapping[str, Any]) -> Settings:
-        """From the composed configuration."""
+        """Read the settings from the composed configuration."""
         return cls(**{n: config[n] for n in cls.__dataclass_fields__})
 
 
@@ -152,19 +152,19 @@ def study_modes(study: Study, settings: Settings, progress: Callable[[str], None
     for i, level in enumerate(study.levels):
         progress(f"modes at {level[0].amplitude:.3g} {study.units[0]}")
         alone.append(_alone(study, i, settings))
-    alone_by = tuple(_left(fit, study, i, settings) for i, fit in enumerate(alone))
+    alone_by = tuple(_effective_error(fit, study, i, settings) for i, fit in enumerate(alone))
     # Ratios of size one for every mode: a linear fit does not see how strongly ports are joined to it.
     b = alone[0].model.b
     start = replace(alone[0].model, b=b / np.linalg.norm(b, axis=1)[:, None])
     fitted = [e for i in levels for e in study.identification(i)[: settings.experiments]]
     progress("one linear model for all amplitudes")
     models = {LINEAR: fit_modes(start, fitted, study, settings.iterations, settings.workers)}
-    choosing = {LINEAR: tuple(_left(models[LINEAR], study, i, settings) for i in levels)}
-    if any(left > _AS_GOOD * least for left, least in zip(choosing[LINEAR], alone_by, strict=True)):
+    choosing = {LINEAR: tuple(_effective_error(models[LINEAR], study, i, settings) for i in levels)}
+    if any(error > _AS_GOOD * least for error, least in zip(choosing[LINEAR], alone_by, strict=True)):
         progress("one model with slow ports for all amplitudes")
         slow = _with_slow_ports(start, study)
         models[SLOW] = fit_modes(slow, fitted, study, settings.iterations, settings.workers)
-        choosing[SLOW] = tuple(_left(models[SLOW], study, i, settings) for i in levels)
+        choosing[SLOW] = tuple(_effective_error(models[SLOW], study, i, settings) for i in levels)
     final = min(models, key=lambda name: float(np.linalg.norm(choosing[name])))
     return Result(study, tuple(alone), alone_by, models, choosing, final)
 
@@ -186,7 +186,7 @@ def _with_slow_ports(model: ModalModel, study: Study) -> ModalModel:
     return replace(model, springs=_STIFFNESS / (model.b**2).sum(axis=0), reach=_REACH * effective)
 
 
-def _left(fit: ModalFit, study: Study, level: int, settings: Settings) -> float:
+def _effective_error(fit: ModalFit, study: Study, level: int, settings: Settings) -> float:
     """Return the effective error over measurement of the experiments of identification that no model was fitted to, all
     where there are no others, each counting alike; inf without a steady state."""
     known = study.identification(level)
@@ -212,7 +212,7 @@ def write_modes(result: Result, folder: str, place: Place) -> None:
         (place / "models" / f"{name}.json").write_json(model_document(fit))
     left_out = _left_out(result)
     sections = [
-        Section(None, [_told(result), folder, _errors(result)]),
+        Section(None, [_conclusion(result), folder, _errors(result)]),
         Section(f"Modes of {_SHOWN[result.final]}", [_modes(result)], open=True),
         *([Section("Left out", left_out)] if left_out else []),
     ]
@@ -226,7 +226,7 @@ def show(result: Result, out: Console) -> None:
     for row in errors.rows:
         listing.add_row(*row)
     out.print(listing)
-    for sentence in [*(f"left out: {text}" for text in _left_out(result)), _told(result)]:
+    for sentence in [*(f"left out: {text}" for text in _left_out(result)), _conclusion(result)]:
         out.print(escape(sentence))
 
 
@@ -257,8 +257,8 @@ def _errors(result: Result) -> Table:
         return plain(float(np.mean(score["rmse"])) / unit.scale) if score else DASH
 
     table = []
-    for name, (left, held, further) in rows.items():
-        pairs = [(plain(100.0 * share), error(score)) for share, score in zip(left, held, strict=True)]
+    for name, (residual, held, further) in rows.items():
+        pairs = [(plain(100.0 * share), error(score)) for share, score in zip(residual, held, strict=True)]
         table.append([_SHOWN[name], *(cell for pair in pairs for cell in pair), *map(error, further)])
     return Table(["model", *head], table)
 
@@ -281,16 +281,16 @@ def _modes(result: Result) -> Table:
     return Table(head, rows, 0)
 
 
-def _told(result: Result) -> str:
+def _conclusion(result: Result) -> str:
     count = result.models[result.final].model.omega.size
-    found = f"{count} mode{'s' if count > 1 else ''}"
+    modes = f"{count} mode{'s' if count > 1 else ''}"
     if len(result.study.levels) == 1:
-        return f"{found} at one amplitude. Record at a second amplitude to see what changes with it."
+        return f"{modes} at one amplitude. Record at a second amplitude to see what changes with it."
     if result.linear_serves:
-        return f"{found}, and one linear model serves at every amplitude: these recordings show no change with it."
+        return f"{modes}, and one linear model serves at every amplitude: these recordings show no change with it."
     if result.final == LINEAR:
-        return f"{found} that move with amplitude; slow springs at the ports do not describe how."
+        return f"{modes} that move with amplitude; slow springs at the ports do not describe how."
     return (
-        f"{found} that move with amplitude; springs at the ports that soften with the mean square of their "
+        f"{modes} that move with amplitude; springs at the ports that soften with the mean square of their "
         f"motion describe it. This proves no cause."
     )

@@ -99,7 +99,7 @@ TABLE_2 = {
 
 
 def bouc_wen(values: dict[str, float] | None = None) -> Setup:
-    """Eq. (19) as an amplifier block ``V − w h(V)`` before a linear mass–spring–damper with ``α = K_v``.
+    """Return eq. (19): an amplifier block ``V − w h(V)`` before a linear mass–spring–damper with ``α = K_v``.
 
         ḣ = A V̇ − β|V̇|h − γ|h|V̇,   ṗ = −k δ − b p/M + K_v (V − w h),   w = K_h/K_v
 

@@ -93,12 +93,12 @@ def ready(name: str, values: Mapping[str, float] | None = None, units: tuple[str
     table = mapping(load_yaml(named_file(Path(__file__).with_name("ready.yaml"))), "ready.yaml")
     if name not in table:
         raise InputRefused(f"model {name!r}: the ready models are {', '.join(READY)}")
-    content = {key: said for key, said in table[name].items() if key != "equation"}
+    content = {key: entry for key, entry in table[name].items() if key != "equation"}
     first, last = units
     per = "" if first == "1" else f"/({first})" if set(first) & {" ", "/"} else f"/{first}"
     known = {"input": first, "output": last, "output/input": f"{last}{per}"}
-    for said in (*content["elements"].values(), *content["parameters"].values()):
-        said |= {"unit": known[said["unit"]]} if said.get("unit") in known else {}
+    for entry in (*content["elements"].values(), *content["parameters"].values()):
+        entry |= {"unit": known[entry["unit"]]} if entry.get("unit") in known else {}
     return _graph(content, name).network().with_values(values or {})
 
 
@@ -115,15 +115,15 @@ def _graph(content: Any, name: str) -> BondGraph:
             f"{name}: bonds: expected a list, found {shown(listed)}: write `- {{from: a, to: b}}` entries"
         )
     for key in ("junctions", "elements", "bonds", "parameters", "modulations", "memories"):
-        if isinstance(said := top.get(key), list | Mapping) and len(said) > LIMITS.elements:
+        if isinstance(entry := top.get(key), list | Mapping) and len(entry) > LIMITS.elements:
             raise InputRefused(
-                f"{name}: {key}: there are {len(said)}, at most {LIMITS.elements} are accepted: split the network"
+                f"{name}: {key}: there are {len(entry)}, at most {LIMITS.elements} are accepted: split the network"
             )
     try:
         return BondGraph(
             {label(j, f"{name}: junctions"): kind for j, kind in junctions.items()},
             tuple(_each(top, "elements", _element, name)),
-            tuple(_bond(said, f"{name}: bonds[{i}]") for i, said in enumerate(listed)),
+            tuple(_bond(entry, f"{name}: bonds[{i}]") for i, entry in enumerate(listed)),
             {p.name: p for p in _each(top, "parameters", _parameter, name)},
             label(top["output"], f"{name}: output"),
             flag(top.get("merge", True), f"{name}: merge"),
@@ -134,8 +134,8 @@ def _graph(content: Any, name: str) -> BondGraph:
         raise InputRefused(f"{name}: {error}") from error
 
 
-def _element(name: str, said: Any, where: str) -> Element:
-    content = mapping(said, where)
+def _element(name: str, entry: Any, where: str) -> Element:
+    content = mapping(entry, where)
     make, default, laws = _ELEMENTS[choice(content.get("type"), tuple(_ELEMENTS), f"{where}: type")]
     keys = ["type", *(f.name for f in fields(make) if f.name != "name")]
     if "junction" not in content:
@@ -164,12 +164,12 @@ def _law(content: Mapping[str, Any], default: str, laws: Mapping[str, Any], wher
 
 
 def _each(top: Mapping[str, Any], key: str, make: Callable[[str, Any, str], Any], file: str) -> list[Any]:
-    said = {label(n, f"{file}: {key}"): content for n, content in mapping(top.get(key, {}), f"{file}: {key}").items()}
-    return [make(n, content, f"{file}: {key}: {n}") for n, content in said.items()]
+    given = {label(n, f"{file}: {key}"): content for n, content in mapping(top.get(key, {}), f"{file}: {key}").items()}
+    return [make(n, content, f"{file}: {key}: {n}") for n, content in given.items()]
 
 
-def _modulation(ratio: str, said: Any, where: str) -> Modulation:
-    content = mapping(said, where, ("by", "law", "parameters"))
+def _modulation(ratio: str, entry: Any, where: str) -> Modulation:
+    content = mapping(entry, where, ("by", "law", "parameters"))
     if "by" not in content:
         raise InputRefused(f"{where}: no `by`: name the storage or memory that the ratio follows")
     return Modulation(
@@ -177,16 +177,16 @@ def _modulation(ratio: str, said: Any, where: str) -> Modulation:
     )
 
 
-def _memory(name: str, said: Any, where: str) -> ModulatorState:
-    content = mapping(said, where, ("law", "parameters", "of", "unit"))
+def _memory(name: str, entry: Any, where: str) -> ModulatorState:
+    content = mapping(entry, where, ("law", "parameters", "of", "unit"))
     law, parameters = _law(content, next(iter(MEMORY_LAWS)), MEMORY_LAWS, where)
     of = content.get("of", [])
     drives = tuple(label(n, f"{where}: of") for n in (of if isinstance(of, list) else [of]))
     return ModulatorState(name, law, parameters, drives, label(content.get("unit", "1"), f"{where}: unit"))
 
 
-def _bond(said: Any, where: str) -> Link:
-    content = mapping(said, where)
+def _bond(entry: Any, where: str) -> Link:
+    content = mapping(entry, where)
     kind = choice(content.get("type", "bond"), ("bond", "TF", "GY"), f"{where}: type")
     mapping(content, where, ("type", "from", "to") if kind == "bond" else ("type", "from", "to", "ratio"))
     for key in ("from", "to"):
@@ -200,19 +200,19 @@ def _bond(said: Any, where: str) -> Link:
     return TF(start, end, given) if kind == "TF" else GY(start, end, given)
 
 
-def _parameter(name: str, said: Any, where: str) -> Parameter:
-    content = mapping({"value": said} if isinstance(said, int | float) else said, where, _PARAMETER)
+def _parameter(name: str, entry: Any, where: str) -> Parameter:
+    content = mapping({"value": entry} if isinstance(entry, int | float) else entry, where, _PARAMETER)
     if "value" not in content:
         raise InputRefused(f"{where}: no value: write {{value: ..., unit: ...}} in SI units")
     value = number(content["value"], f"{where}: value")
     unit = label(content.get("unit", "1"), f"{where}: unit")
     about = printable(str(content.get("description", "")))
-    said_numbers: dict[str, Any] = {key: number(content[key], f"{where}: {key}") for key in _NUMBERS if key in content}
+    numbers: dict[str, Any] = {key: number(content[key], f"{where}: {key}") for key in _NUMBERS if key in content}
     above_zero = flag(content.get("positive", False), f"{where}: positive")
     if above_zero:
         number(value, f"{where}: value", above=0.0)
     base = positive(name, value, unit, about) if above_zero else Parameter(name, value, unit, description=about)
     try:
-        return replace(base, fixed=flag(content.get("fixed", False), f"{where}: fixed"), **said_numbers)
+        return replace(base, fixed=flag(content.get("fixed", False), f"{where}: fixed"), **numbers)
     except InputRefused as error:
         raise InputRefused(f"{where}: {error}") from error

@@ -136,8 +136,7 @@ def held(network: Network, hold: Collection[str]) -> Network:
 def _learned(
     number: int, laws: LearnedLaws, start: str, values: Mapping[str, float], motion: Motion, seed: int
 ) -> SectorMLP | MonotoneMLP:
-    """Return the resistor of one hysteron, fitted to the dead zone of eq. (2) from which its training starts, most
-    closely around its edges."""
+    """Return the resistor of one hysteron, fitted to the dead zone of eq. (2), most closely around its edges."""
     effort, flow = effort_and_flow(number, values, motion)
     if start == "parametric":
         zone, rho = values[f"d_{number}"], resolved_slope(number, values, motion)
@@ -202,7 +201,7 @@ def inverse(
     Raises:
         PhnnError: a flow that the law does not reach.
     """
-    effort, found = np.linspace(0.0, reach, _GRID), np.empty_like(flows)
+    effort, efforts = np.linspace(0.0, reach, _GRID), np.empty_like(flows)
     for side, mine in ((-1.0, flows < 0.0), (1.0, flows >= 0.0)):
         with torch.no_grad():
             carried = np.maximum.accumulate(side * law(torch.from_numpy(side * effort)).numpy())
@@ -211,8 +210,8 @@ def inverse(
             raise PhnnError(
                 f"the law carries no {strange[0]:g} A within {reach:g} V: give a larger reach, or a flow above 0"
             )
-        found[mine] = side * np.interp(wanted, carried, effort)
-    return found
+        efforts[mine] = side * np.interp(wanted, carried, effort)
+    return efforts
 
 
 def thresholds(law: Callable[[Tensor], Tensor], largest: float, reach: float, points: int = 50) -> tuple[float, float]:

@@ -155,8 +155,7 @@ def stored(folder: Path, outside: bool = False) -> tuple[Mapping[str, Any], str]
 
 
 def _check_chain(setup: Setup) -> None:
-    """Refuse blocks and sources of unknown kinds, with other parameters than they take, or values out of their
-    domains."""
+    """Refuse blocks and sources of unknown kinds, with other parameters, or with values out of their domains."""
     ports = [p.name for p in setup.network.ports]
     if not ports:
         raise ValueError("the network has no port for the recorded input")

@@ -114,14 +114,14 @@ class BoundedParameters(nn.Module):
             # Lent for the time of a call (`torch.func.functional_call`), a coordinate may be a batch.
             return {name: self.value(name) for name in self.declared}
         z = torch.stack(coordinates)
-        found = self._near(z)
-        if found is None:
+        values = self._near(z)
+        if values is None:
             check_weights(self.z)
-            found = _physical(z, self.table)
-        return dict(zip(self.declared, found.unbind(), strict=True))
+            values = _physical(z, self.table)
+        return dict(zip(self.declared, values.unbind(), strict=True))
 
     def _near(self, z: Tensor) -> Tensor | None:
-        """(F,) values where all ``|z| ≤ Δ/2``, which is nearly always, in a fifth of the operations; else None."""
+        """Return (F,) values if all ``|z| ≤ Δ/2``, the usual case, in a fifth of the operations; else None."""
         try:
             # Also false for NaN.
             near = bool((z.detach().abs() <= _in_short_range(self.table[_NEAR], self.table)).all())
@@ -222,7 +222,7 @@ def _row(p: Parameter) -> list[float]:
 
 
 def _in_short_range(half: Tensor, table: Tensor) -> Tensor:  # half: (...), table: (10, ...)
-    """(...) half ranges ``Δ/2``, shortened where the numbers are shorter than 64 bits; see the module's docstring."""
+    """Return (...) half ranges ``Δ/2``, shortened for numbers of less than 64 bits; see the module's docstring."""
     if table.dtype == torch.float64:
         return half
     # In units of the gain, which is zero where a value cannot move at all.

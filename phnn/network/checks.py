@@ -140,8 +140,8 @@ def mean_efforts_of(
         others = [one.reshape(*one.shape, *[1] * (y.ndim - one.ndim)) for one in (*ends[:k], *starts[k + 1 :])]
         return energy(torch.stack(torch.broadcast_tensors(*others[:k], y, *others[k:]), dim=-1))
 
-    found = [gradient.mean_effort(partial(moved, k), starts[k], ends[k]) for k in range(len(starts))]
-    return torch.stack(found, dim=-1)
+    efforts = [gradient.mean_effort(partial(moved, k), starts[k], ends[k]) for k in range(len(starts))]
+    return torch.stack(efforts, dim=-1)
 
 
 def check_factor(law: nn.Module, name: str) -> None:
@@ -315,11 +315,11 @@ def drives_of(
     epsilon = system.branch_efforts(efforts, x)
     powers, actions = epsilon * system.branch_flows(epsilon, x), system.actions(u)
     network, known = system.network, dissipated or {}
-    found = {r.name: known.get(k, powers[..., k]) for k, r in enumerate(network.resistors)}
-    found |= {s.name: efforts[..., k] for k, s in enumerate(network.storages)}
-    found |= {p.name: actions[..., k] for k, p in enumerate(network.ports)}
+    drives = {r.name: known.get(k, powers[..., k]) for k, r in enumerate(network.resistors)}
+    drives |= {s.name: efforts[..., k] for k, s in enumerate(network.storages)}
+    drives |= {p.name: actions[..., k] for k, p in enumerate(network.ports)}
     none = torch.zeros_like(efforts[..., 0])
-    return torch.stack([sum((found[n] for n in network.drives_of(m)), none) for m in network.memories], dim=-1)
+    return torch.stack([sum((drives[n] for n in network.drives_of(m)), none) for m in network.memories], dim=-1)
 
 
 def rates_of(
@@ -329,8 +329,8 @@ def rates_of(
 ) -> Tensor:
     """Return (..., M) ``ż``."""
     laws = [(MEMORY_LAWS[m.law], [*map(system.value, m.parameters)]) for m in system.network.memories]
-    found = [law.rate(z[..., k], driven[..., k], *values) for k, (law, values) in enumerate(laws)]
-    return torch.stack(found, dim=-1)
+    rates = [law.rate(z[..., k], driven[..., k], *values) for k, (law, values) in enumerate(laws)]
+    return torch.stack(rates, dim=-1)
 
 
 def ends_of(

@@ -386,7 +386,7 @@ class Network:
         return replace(self, **copies)
 
     def replace(self, name: str, law: Any, parameters: tuple[str, ...] = ()) -> Network:
-        """The network with another law on a resistor or storage, without the parameters that nothing uses any more.
+        """Return the network with another law on a resistor or storage, without the parameters that become unused.
 
             phnn.models.hrc(hysterons=2).replace("hysteron_1", phnn.nn.SectorMLP(effort_scale=20.0, flow_scale=1e-3))
 
@@ -405,11 +405,11 @@ class Network:
         def with_law(element: Any) -> Any:
             return replace(element, law=law, parameters=parameters) if element.name == name else element
 
-        storages, resistors = (tuple(map(with_law, own)) for own in (self.storages, self.resistors))
-        found = replace(self, storages=storages, resistors=resistors)
-        check_laws(found)
-        used, before = set(found.parameter_references()), set(self.parameter_references())
-        return replace(found, parameters={n: p for n, p in found.parameters.items() if n in used or n not in before})
+        storages, resistors = (tuple(map(with_law, elements)) for elements in (self.storages, self.resistors))
+        made = replace(self, storages=storages, resistors=resistors)
+        check_laws(made)
+        used, before = set(made.parameter_references()), set(self.parameter_references())
+        return replace(made, parameters={n: p for n, p in made.parameters.items() if n in used or n not in before})
 
     def with_values(self, values: Mapping[str, float]) -> Network:
         """Return the same network with other parameter values."""
@@ -532,9 +532,9 @@ def _misfit(one: WithLaw) -> str:
     together = ("multi_port", "shared_energy", "modulation")
     if role != one.kind and (role or (one.kind in together and is_passive_by_form(element.law))):
         return f"{one.called}: a {kind} is the law of a {role or 'storage or resistor'}, not of a {one.kind}"
-    own = {"ports": len(element.on), "reads": len(element.reads)} if isinstance(element, MultiPort) else {}
-    own |= {"states": len(element.of)} if isinstance(element, SharedEnergy) else {}
-    wrong = [f"{made[n]} {n}, the element has {k}" for n, k in own.items() if made.get(n, k) != k]
+    counts = {"ports": len(element.on), "reads": len(element.reads)} if isinstance(element, MultiPort) else {}
+    counts |= {"states": len(element.of)} if isinstance(element, SharedEnergy) else {}
+    wrong = [f"{made[n]} {n}, the element has {k}" for n, k in counts.items() if made.get(n, k) != k]
     return f"{one.called}: its law is made for {wrong[0]}" if wrong else ""
 
 
@@ -582,7 +582,7 @@ def interconnect(
         as_table((*one.parameters.values(), *other.parameters.values(), *parameters)),
         one.output,
         (*one.modulations, *other.modulations),
-        (*_own(one), *_own(other)),
+        (*_driven_states(one), *_driven_states(other)),
         one.senses if one.senses != port else "",
         (*one.multi_ports, *other.multi_ports),
         (*one.shared_energies, *other.shared_energies),
@@ -605,7 +605,7 @@ def _between(
 
 
 def renamed(network: Network, prefix: str) -> Network:
-    """The network with a prefix to the names of its storages, resistors, ports, modulator states and parameters."""
+    """Prefix the names of the storages, resistors, ports, modulator states and parameters of a network."""
 
     def labelled(name: str) -> str:
         return prefix + name
@@ -613,7 +613,7 @@ def renamed(network: Network, prefix: str) -> Network:
     return relabelled(network, labelled, labelled)
 
 
-def _own(network: Network) -> tuple[ModulatorState, ...]:
+def _driven_states(network: Network) -> tuple[ModulatorState, ...]:
     """Return the modulator states, with the drives of their own network and no resistor of another."""
     for memory in network.memories:
         if not network.drives_of(memory):

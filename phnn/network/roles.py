@@ -48,7 +48,7 @@ class Imposed:
 
 
 def imposed(network: Network) -> Imposed | None:
-    """The motion, or the current, that is imposed while its effort is measured; None where the output is a storage."""
+    """Return the motion or current that is imposed while its effort is measured; None if the output is a storage."""
     if not network.senses:
         return None
     contact = next(n for p in network.ports if p.name == network.senses for n in p.on)
@@ -63,14 +63,14 @@ def auxiliary(network: Network) -> set[str]:
     """Return the constants of the storages through which a motion is imposed, which nobody has stated."""
     given = imposed(network)
     names = () if given is None else (given.contact, given.impulse, given.motion.momentum, given.motion.displacement)
-    found = {n for s in network.storages if s.name in names for n in s.parameters}
-    return {n for n in found if network.parameters[n].fixed}
+    constants = {n for s in network.storages if s.name in names for n in s.parameters}
+    return {n for n in constants if network.parameters[n].fixed}
 
 
 def measured_displacement(network: Network) -> str:
     """Return the storage whose motion is measured: the output, or the displacement that is imposed."""
-    found = imposed(network)
-    return network.output if found is None else found.motion.displacement
+    given = imposed(network)
+    return network.output if given is None else given.motion.displacement
 
 
 def motions(network: Network) -> tuple[Motion, ...]:
@@ -81,14 +81,14 @@ def motions(network: Network) -> tuple[Motion, ...]:
     held, measured, given = _held(network), measured_displacement(network), imposed(network)
     if given is not None:
         held |= {given.contact, given.impulse}
-    found: dict[str, str] = {}
+    displacements: dict[str, str] = {}
     for storage in network.storages:
         momentum = follows.get(storage.name)
         if momentum is None or storage.name in held or electrical & {storage.name, momentum}:
             continue
-        if momentum not in found or storage.name == measured:
-            found[momentum] = storage.name
-    ordered = [Motion(q, p) for p, q in found.items()]
+        if momentum not in displacements or storage.name == measured:
+            displacements[momentum] = storage.name
+    ordered = [Motion(q, p) for p, q in displacements.items()]
     return tuple(sorted(ordered, key=lambda m: m.displacement != measured))
 
 
@@ -164,8 +164,8 @@ def linearised_at_rest(network: Network) -> tuple[Array, Array]:
     system = PortHamiltonianSystem(network)
     at_rest = torch.zeros(len(network.state_names), dtype=torch.float64)
     silent = torch.zeros(len(network.ports), dtype=torch.float64)
-    found = torch.autograd.functional.jacobian(system.vector_field, (at_rest, silent))
-    return np.asarray(found[0].numpy()), np.asarray(found[1].numpy())
+    jacobians = torch.autograd.functional.jacobian(system.vector_field, (at_rest, silent))
+    return np.asarray(jacobians[0].numpy()), np.asarray(jacobians[1].numpy())
 
 
 def output_gain(network: Network, f: Array) -> Array:
@@ -183,5 +183,5 @@ def output_gain(network: Network, f: Array) -> Array:
     output = network.state_names.index(network.output)
     s, one = 2j * np.pi * f, np.eye(a.shape[0])
     parts = (s[i : i + _TOGETHER, None, None] * one - a for i in range(0, f.size, _TOGETHER))
-    found = [np.linalg.solve(p, np.broadcast_to(entry[:, None], (len(p), entry.size, 1)))[:, output, 0] for p in parts]
-    return np.abs(np.concatenate(found)) if found else np.zeros(0)
+    gains = [np.linalg.solve(p, np.broadcast_to(entry[:, None], (len(p), entry.size, 1)))[:, output, 0] for p in parts]
+    return np.abs(np.concatenate(gains)) if gains else np.zeros(0)

@@ -223,8 +223,8 @@ class PortHamiltonianSystem(nn.Module):
 
     def energy(self, x: Tensor) -> Tensor:  # x: (..., n)
         """Return (...) stored energy ``H(x)`` [J]."""
-        own = self.energies(x).sum(-1)
-        return own + sum(energy_of(law)(x[..., places]) for places, law in self.shared) if self.shared else own
+        alone = self.energies(x).sum(-1)
+        return alone + sum(energy_of(law)(x[..., places]) for places, law in self.shared) if self.shared else alone
 
     @evaluation
     def mean_efforts(
@@ -236,16 +236,16 @@ class PortHamiltonianSystem(nn.Module):
         check_state(a, self.state_names)
         first = len(self.network.storages)
         ends = zip(a.unbind(-1)[:first], (a if a is b else b).unbind(-1)[:first], strict=True)
-        own = [self.mean_effort(k, start, end) for k, (start, end) in enumerate(ends)]
-        return self.with_shared(torch.stack(own, dim=-1), a, b)
+        efforts = [self.mean_effort(k, start, end) for k, (start, end) in enumerate(ends)]
+        return self.with_shared(torch.stack(efforts, dim=-1), a, b)
 
-    def with_shared(self, own: Tensor, a: Tensor, b: Tensor) -> Tensor:
+    def with_shared(self, efforts: Tensor, a: Tensor, b: Tensor) -> Tensor:
         """Return (..., n) mean efforts of the storages' own energies, and those of shared energies added to them."""
         for places, law in self.shared:
-            at = torch.tensor(places, device=own.device)
+            at = torch.tensor(places, device=efforts.device)
             start = a[..., places]
-            own = own.index_add(-1, at, mean_efforts_of(law, start, start if a is b else b[..., places]))
-        return own
+            efforts = efforts.index_add(-1, at, mean_efforts_of(law, start, start if a is b else b[..., places]))
+        return efforts
 
     @evaluation
     def mean_effort(
@@ -293,16 +293,16 @@ class PortHamiltonianSystem(nn.Module):
         """
         branches, efforts = self.incidences(x)[0], self.efforts(x)
         n = branches.shape[-2]
-        found = branches.new_zeros(*x.shape[:-1], n, n)
+        total = branches.new_zeros(*x.shape[:-1], n, n)
         if self.network.resistors:
             epsilon = combined(efforts, branches)
             each = [self._conductance(r, epsilon[..., r], x) for r in range(epsilon.shape[-1])]
-            found = found + (branches * torch.stack(each, dim=-1).unsqueeze(-2)) @ branches.mT
+            total = total + (branches * torch.stack(each, dim=-1).unsqueeze(-2)) @ branches.mT
         for port in self.multi_ports:
             if not port.conserves:
                 b = port.columns(self.ratios(x))
-                found = found + b @ port.dissipation(combined(efforts, b), x) @ b.mT
-        return found
+                total = total + b @ port.dissipation(combined(efforts, b), x) @ b.mT
+        return total
 
     def _conductance(self, r: int, epsilon: Tensor, x: Tensor) -> Tensor:
         """Return ``φ_r(ε)/ε`` with its limit at ``ε = 0``."""
@@ -402,14 +402,14 @@ class PortHamiltonianSystem(nn.Module):
         return conserved - lost + combined(self.actions(u), inputs.mT)
 
     def _through_multi_ports(self, efforts: Tensor, x: Tensor) -> list[tuple[Tensor, Tensor, Tensor]]:
-        """Columns (n, k), efforts (..., k) and flows (..., k) of every multi-port that is not part of ``J``."""
-        found = []
+        """Return columns (n, k), efforts and flows (..., k) of every multi-port that is not part of ``J``."""
+        ports = []
         for port in self.multi_ports:
             if not port.conserves:
                 b = port.columns(self.ratios(x))
                 epsilon = combined(efforts, b)
-                found.append((b, epsilon, port.flows(epsilon, x)))
-        return found
+                ports.append((b, epsilon, port.flows(epsilon, x)))
+        return ports
 
     @evaluation
     def vector_field(

@@ -145,15 +145,15 @@ class LearnedSystem(PortHamiltonianSystem):
             curvature = torch.autograd.grad(efforts.sum(), at)[0]
         if network.memories or not bool((curvature > 0.0).all()):
             raise InputRefused("a linear start needs energies with a curvature at rest and no modulator states")
-        found = cls([network.storage_names[k] for k in order], [p.name for p in network.ports], width, scales, seed)
+        learned = cls([network.storage_names[k] for k in order], [p.name for p in network.ports], width, scales, seed)
         # In joules the unit of energy is that of the output at its scale.
         unit = curvature[output] * scales.output**2
         root = (curvature / unit).sqrt()[order]
         half = scales.time * unit * root[:, None] * system.structure(rest)[order][:, order] * root
-        coupling, dissipation = (m.law for m in found.network.multi_ports)
+        coupling, dissipation = (m.law for m in learned.network.multi_ports)
         n = len(order)
         coupling.entries.begin(half[*torch.tril_indices(n, n, -1)], _KEPT[0])
-        found.network.shared_energies[0].law.typical.mul_(_KEPT[1])
+        learned.network.shared_energies[0].law.typical.mul_(_KEPT[1])
         reach, rows = (0.0 * rest if typical is None else typical), torch.tril_indices(n, n)
         points = (2.0 * torch.rand(_POINTS, n, generator=torch.Generator().manual_seed(seed)).double() - 1.0) * reach
         lost = scales.time * unit * root[:, None] * system.dissipation(points)[:, order][:, :, order] * root
@@ -168,16 +168,16 @@ class LearnedSystem(PortHamiltonianSystem):
         else:
             dissipation.entries.begin(factors[0])
         size = torch.tensor([scales.output, *[1.0] * (n - 1)], dtype=torch.float64)
-        found.from_given = (size * root)[:, None] * torch.eye(n, dtype=torch.float64)[order]
-        columns = found.from_given @ system.incidences(rest)[1]
-        found.set_values(
+        learned.from_given = (size * root)[:, None] * torch.eye(n, dtype=torch.float64)[order]
+        columns = learned.from_given @ system.incidences(rest)[1]
+        learned.set_values(
             {
                 f"g_{name}_{p.name}": columns[i, j].item()
-                for i, name in enumerate(found.state_names)
+                for i, name in enumerate(learned.state_names)
                 for j, p in enumerate(network.ports)
             }
         )
-        return found
+        return learned
 
 
 class NeuralODE(nn.Module):

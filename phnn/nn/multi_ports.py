@@ -74,9 +74,9 @@ class Perceptron(nn.Module):
         hidden = self.hidden(points)
         columns = torch.cat([hidden, torch.ones_like(hidden[:, :1])], dim=1)
         normal = columns.mT @ columns + _RIDGE * len(columns) * torch.eye(columns.shape[1], dtype=torch.float64)
-        found = torch.linalg.solve(normal, columns.mT @ values)
-        self.weights[-1].copy_(found[:-1].mT)
-        self.biases[-1].copy_(found[-1])
+        weights = torch.linalg.solve(normal, columns.mT @ values)
+        self.weights[-1].copy_(weights[:-1].mT)
+        self.biases[-1].copy_(weights[-1])
 
     def slopes(self, x: Tensor) -> tuple[Tensor, Tensor]:  # x: (..., sizes[0])
         """Return the values (..., sizes[-1]) and their derivatives (..., sizes[-1], sizes[0]), of one hidden layer."""
@@ -87,20 +87,19 @@ class Perceptron(nn.Module):
 
     @torch.no_grad()
     def spread(self, reach: Tensor, inputs: Tensor) -> None:
-        """Let the units of the first layer step across one of some inputs (K,) each, evenly over ``reach`` (sizes[0],)
-        both ways."""
+        """Let each first-layer unit step across one of the inputs (K,), evenly over ``± reach`` (sizes[0],)."""
         unit = torch.arange(len(self.biases[0]))
         each, number = inputs[unit % len(inputs)], unit // len(inputs)
         self.weights[0].zero_()[unit, each] = _SHARP / reach[each]
         self.biases[0].copy_(_SHARP * (2.0 * number / number.max().clamp_min(1) - 1.0))
 
     @torch.no_grad()
-    def begin(self, values: Tensor, left: float = 0.05) -> None:
+    def begin(self, values: Tensor, share: float = 0.05) -> None:
         """Make it give nearly the same values (sizes[-1],) everywhere.
 
-        A share ``left`` of the last weights stays, for without any the layers before them would get no gradient.
+        A share of the last weights stays, for without any the layers before them would get no gradient.
         """
-        self.weights[-1].mul_(left)
+        self.weights[-1].mul_(share)
         self.biases[-1].copy_(values)
 
 

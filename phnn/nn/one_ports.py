@@ -42,7 +42,7 @@ def _spread(width: int, reach: float) -> Tensor:
 
 
 def _flat(law: nn.Module, head: Tensor, *of_units: Tensor) -> Tensor:
-    """The vector ``[head, w_1, w_2, …]`` from a head of one weight and (U,) tensors of every kind of unit weight."""
+    """Join ``[head, w_1, w_2, …]`` from a head of one weight and (U,) tensors of every kind of unit weight."""
     check_weights(law, largest=LARGEST_WEIGHT)
     return torch.cat([head.reshape(1), torch.stack(of_units, dim=-1).reshape(-1)])
 
@@ -145,8 +145,7 @@ class MonotoneMLP(_Units, nn.Module):
         InputRefused: a scale that is not positive, or no unit.
     """
 
-    law = "monotone"
-    monotone = WIDE_RESISTORS[law].monotone
+    law, monotone = "monotone", WIDE_RESISTORS["monotone"].monotone
     scale: Tensor
     flow: Tensor
 
@@ -188,8 +187,7 @@ class ConvexEnergyMLP(_Units, nn.Module):
         InputRefused: a scale that is not positive, or no unit.
     """
 
-    law = "convex"
-    convex = WIDE_STORAGES[law].monotone
+    law, convex = "convex", WIDE_STORAGES["convex"].monotone
     scale: Tensor
     typical: Tensor
 

@@ -126,9 +126,9 @@ class Bode:
             small = {"color": INK, "linewidth": 1.2, "dashes": (4, 2), "label": "at small amplitude"}
             axes.plot(self.frequencies, value(self.linear), **small)
         # Measured points; those of another amplitude are hollow.
-        for own, name in ((True, "measured"), (False, "measured at another amplitude")):
-            if some := self.at_its_amplitude(own):
-                f, fill = [p.frequency for p in some], BEFORE if own else "none"
+        for same, name in ((True, "measured"), (False, "measured at another amplitude")):
+            if some := self.at_its_amplitude(same):
+                f, fill = [p.frequency for p in some], BEFORE if same else "none"
                 gains, phases = [abs(p.gain) / size for p in some], [self.beside(p) for p in some]
                 for axes, values in zip(panels, (gains, phases), strict=False):
                     axes.plot(f, values, "o", color=BEFORE, markersize=5.0, markerfacecolor=fill, label=name)
@@ -140,9 +140,9 @@ class Bode:
         finish(panels[1], "", "phase (degrees)", None)
         return figure
 
-    def at_its_amplitude(self, own: bool) -> list[Point]:
+    def at_its_amplitude(self, same: bool) -> list[Point]:
         """Return the measured responses at the amplitude of the model's, or those at another one."""
-        return [p for p in self.measured if (abs(p.amplitude / self.amplitude - 1.0) <= _ALIKE) == own]
+        return [p for p in self.measured if (abs(p.amplitude / self.amplitude - 1.0) <= _ALIKE) == same]
 
     def beside(self, point: Point) -> float:
         """Return the phase of a measured response [degrees], in the turn that is nearest to the model's."""
@@ -193,15 +193,15 @@ def response(
     recorded = () if campaign is None else campaign_of(campaign).recordings
     measured = tuple(p for r in recorded if (p := point(r)) is not None)
     f, size = _asked(frequencies, amplitude, measured)
-    found = [_converged(setup, size, offset, x) for x in f]
+    responses = [_converged(setup, size, offset, x) for x in f]
     linear = [_converged(setup, _SMALL * size, offset, x)[0] for x in f]
     words = vocabulary_of(setup.network)
     senses = bool(setup.network.senses)
     # Behind an imposed motion the sensor sees the force.
     out = (words.effort, words.effort_unit or "1") if senses else (words.output, words.output_unit)
     return Bode(
-        f, size, np.array([g for g, _, _ in found]), np.array([e for _, _, e in found]),
-        np.array([h for _, h, _ in found]), np.array(linear), (words.source_unit, out[1]), (words.source, out[0]),
+        f, size, np.array([g for g, _, _ in responses]), np.array([e for _, _, e in responses]),
+        np.array([h for _, h, _ in responses]), np.array(linear), (words.source_unit, out[1]), (words.source, out[0]),
         measured,
     )  # fmt: skip
 
@@ -223,7 +223,7 @@ def _asked(frequencies: ArrayLike | None, amplitude: float | None, measured: Seq
 
 
 def _converged(setup: Setup, amplitude: float, offset: float, frequency: float) -> tuple[complex, Array, float]:
-    """Response ``Y_1/U_1``, harmonics (4,) over the fundamental, and the change by the last halving of the steps."""
+    """Return ``Y_1/U_1``, harmonics (4,) over the fundamental, and the change by the last halving of the steps."""
     steps = 1
     coarse = _amplitudes(setup, amplitude, offset, frequency, steps)
     best, change = coarse, np.inf
@@ -259,18 +259,18 @@ def _degrees(gain: Complex) -> Array:
     return np.degrees(np.unwrap(np.angle(gain)))
 
 
-def _draw_harmonics(axes: Axes, found: Bode) -> None:
+def _draw_harmonics(axes: Axes, bode: Bode) -> None:
     """Harmonics in percent of the fundamental."""
     for k in range(HARMONICS - 1):
         colour, mark = CATEGORIES[k], _MARKS[k]
-        axes.plot(found.frequencies, 100.0 * found.harmonics[:, k], color=colour, linewidth=1.3, label=f"{k + 2}")
-        for own in (True, False):
-            some = found.at_its_amplitude(own)
+        axes.plot(bode.frequencies, 100.0 * bode.harmonics[:, k], color=colour, linewidth=1.3, label=f"{k + 2}")
+        for same in (True, False):
+            some = bode.at_its_amplitude(same)
             values = [100.0 * p.harmonics[k] for p in some]
-            fill = colour if own else "none"
+            fill = colour if same else "none"
             axes.plot([p.frequency for p in some], values, mark, color=colour, markersize=4.5, markerfacecolor=fill)
     log_axis(axes, "y")
-    largest = 100.0 * float(max([found.harmonics.max(), *(p.harmonics.max() for p in found.measured)]))
+    largest = 100.0 * float(max([bode.harmonics.max(), *(p.harmonics.max() for p in bode.measured)]))
     if largest > 0.0:
         # Harmonics that symmetry forbids are rounding, and would press all others against the top.
         axes.set_ylim(_VISIBLE * largest, 3.0 * largest)
@@ -371,26 +371,25 @@ def residual_tests(
     return [_tested(one, lags) for one in predictions(model, campaign, recordings)]
 
 
-def whiteness(found: Sequence[Tested]) -> Plot:
+def whiteness(tests: Sequence[Tested]) -> Plot:
     """Return what `residuals` draws: a row of panels for each recording."""
 
     def draw() -> Figure:
-        figure = new_figure(11.4, 2.9 * len(found) + 0.3)
-        for row, one in zip(figure.subplots(len(found), 3, squeeze=False), found, strict=True):
+        figure = new_figure(11.4, 2.9 * len(tests) + 0.3)
+        for row, one in zip(figure.subplots(len(tests), 3, squeeze=False), tests, strict=True):
             _draw_correlated(row[0], one.own, "autocorrelation of the residual")
             _draw_correlated(row[1], one.by_input, "correlation with the input")
             _draw_spectrum(row[2], one)
             row[0].set_title(literal(one.recording.name, 40))
         return figure
 
-    tables = {"": [t for one in found for t in _correlations(one)], "_spectrum": [_spectrum(one) for one in found]}
+    tables = {"": [t for one in tests for t in _correlations(one)], "_spectrum": [_spectrum(one) for one in tests]}
     return Plot(draw, {end: pd.concat(some, ignore_index=True) for end, some in tables.items()})
 
 
 def _tested(one: Predicted, lags: int | None) -> Tested:
     r, e, u = one.recording, one.error, one.recording.u[one.scored]
-    most = int(_SHARE * e.size)
-    reach = min(_LAGS, most) if lags is None else lags
+    reach = min(_LAGS, int(_SHARE * e.size)) if lags is None else lags
     if e.size < _FEWEST or not 0 < reach < e.size:
         raise InputRefused(f"{r.name}: {e.size} scored samples for {reach} lags: give fewer lags, at least one")
     rho, far = r.noise_correlation, float(norm.ppf(0.5 + 0.5 * LEVEL))
@@ -399,7 +398,7 @@ def _tested(one: Predicted, lags: int | None) -> Tested:
     known = min(rho.size, reach + 1)
     # The estimator divides by all samples, also where fewer pairs are that far apart.
     centre[:known] = rho[:known] * (1.0 - np.arange(known) / e.size)
-    own = Correlated(
+    itself = Correlated(
         own_lags, correlation(e, e, reach)[reach:], centre, far * own_deviation(rho, e.size, reach), own_lags > 0
     )
     moved = np.full(both.size, bool(np.ptp(u) > 0.0))
@@ -409,20 +408,20 @@ def _tested(one: Predicted, lags: int | None) -> Tested:
     f, density = amplitude_density(e, r.dt)
     # One-sided: white noise of unit variance has the density 2 Δt.
     level = r.noise * np.sqrt(2.0 * r.dt * density_of(rho, f * r.dt)) if r.noise_found else np.full(f.size, np.nan)
-    return Tested(r, own, by_input, f, density, level)
+    return Tested(r, itself, by_input, f, density, level)
 
 
-def _draw_correlated(axes: Axes, found: Correlated, label: str) -> None:
-    low, high = found.centre - found.reach, found.centre + found.reach
-    axes.fill_between(found.lags, low, high, color=FAINT, linewidth=0, label=f"{100 * LEVEL:.0f} % of noise alone")
-    inside = ~found.outside
-    axes.vlines(found.lags, 0.0, found.values, color=AFTER, linewidth=0.7, alpha=0.6)
-    axes.plot(found.lags[inside], found.values[inside], "o", color=AFTER, markersize=2.4)
-    axes.plot(found.lags[~inside], found.values[~inside], "D", color=BEFORE, markersize=3.4, label=found.count)
+def _draw_correlated(axes: Axes, pair: Correlated, label: str) -> None:
+    low, high = pair.centre - pair.reach, pair.centre + pair.reach
+    axes.fill_between(pair.lags, low, high, color=FAINT, linewidth=0, label=f"{100 * LEVEL:.0f} % of noise alone")
+    inside = ~pair.outside
+    axes.vlines(pair.lags, 0.0, pair.values, color=AFTER, linewidth=0.7, alpha=0.6)
+    axes.plot(pair.lags[inside], pair.values[inside], "o", color=AFTER, markersize=2.4)
+    axes.plot(pair.lags[~inside], pair.values[~inside], "D", color=BEFORE, markersize=3.4, label=pair.count)
     axes.axhline(0.0, color=INK, linewidth=0.7)
     # Lag zero of the autocorrelation is one whatever the residual: it need not fill the panel.
-    shown = found.tested if found.tested.any() else np.ones(found.lags.size, dtype=bool)
-    largest = float(np.abs(np.concatenate([found.values[shown], low[shown], high[shown]])).max())
+    shown = pair.tested if pair.tested.any() else np.ones(pair.lags.size, dtype=bool)
+    largest = float(np.abs(np.concatenate([pair.values[shown], low[shown], high[shown]])).max())
     axes.set_ylim(-1.15 * largest, 1.75 * largest)
     finish(axes, "lag (samples)", f"{label} (1)", "upper right")
 
@@ -447,15 +446,15 @@ def _correlations(one: Tested) -> list[pd.DataFrame]:
             {
                 "recording": one.recording.name,
                 "with": name,
-                "lag_samples": found.lags,
-                "lag_s": found.lags * one.recording.dt,
-                "correlation_1": found.values,
-                "band_low_1": found.centre - found.reach,
-                "band_high_1": found.centre + found.reach,
-                "outside_1": found.outside.astype(int),
+                "lag_samples": pair.lags,
+                "lag_s": pair.lags * one.recording.dt,
+                "correlation_1": pair.values,
+                "band_low_1": pair.centre - pair.reach,
+                "band_high_1": pair.centre + pair.reach,
+                "outside_1": pair.outside.astype(int),
             }
         )
-        for name, found in (("residual", one.own), ("input", one.by_input))
+        for name, pair in (("residual", one.own), ("input", one.by_input))
     ]
 
 

@@ -107,8 +107,7 @@ class Plot:
 
 
 def scaled(name: str, unit: str, *values: Any) -> tuple[float, str]:
-    """Return the size of the unit in which values up to the largest one given read well, and the label of their axis;
-    no unit is shown for ``1``."""
+    """Return the size of the unit in which values up to ``largest`` read well, and their axis label; none for ``1``."""
     sizes = [np.abs(np.asarray(v)[np.isfinite(v)]).max(initial=0.0) for v in values]
     size, shown = prefixed(float(max(sizes, default=0.0)), unit)
     return size, name if shown == "1" else f"{name} ({shown})"
@@ -139,12 +138,12 @@ def network_model(given: Any) -> Model:
     Raises:
         InputRefused: it is a model of modes.
     """
-    found = model_of(given)
-    if not isinstance(found, Model):
+    model = model_of(given)
+    if not isinstance(model, Model):
         raise InputRefused(
             "a model of phnn modes has no inputs of its own here: give phnn.Model(phnn.Setup(model.to_network()))"
         )
-    return found
+    return model
 
 
 def predictions(given: Any, campaign: Campaign | str | Path, recordings: Sequence[str] | None) -> tuple[Predicted, ...]:
@@ -202,18 +201,18 @@ def compare(
 
 def outputs(model: Any, campaign: Campaign | str | Path, recordings: Sequence[str] | None = None) -> Plot:
     """Return what `compare` draws; ``shown_1`` of its table is 1 for the samples that are drawn."""
-    found = predictions(model, campaign, recordings)
+    predicted = predictions(model, campaign, recordings)
 
     def draw() -> Figure:
-        columns = min(2, len(found))
-        rows = -(-len(found) // columns)
+        columns = min(2, len(predicted))
+        rows = -(-len(predicted) // columns)
         figure = new_figure(10.1 if columns > 1 else 7.2, 3.7 * rows)
-        for place, one in zip(figure.subfigures(rows, columns, squeeze=False).flat, found, strict=False):
+        for place, one in zip(figure.subfigures(rows, columns, squeeze=False).flat, predicted, strict=False):
             above, below = place.subplots(2, 1, height_ratios=[2.0, 1.2])
             _draw(above, below, one)
         return figure
 
-    return Plot(draw, {"": pd.concat(map(_table, found), ignore_index=True)})
+    return Plot(draw, {"": pd.concat(map(_table, predicted), ignore_index=True)})
 
 
 def _shown(one: Predicted) -> slice:
@@ -306,12 +305,12 @@ def hysteresis(model: Any, campaign: Campaign | str | Path, recordings: Sequence
         recordings = [r.name for r in campaign.recordings if r.period is not None and np.isfinite(r.y).any()][:MOST]
         if not recordings:
             raise InputRefused("no recording repeats, so that there is no loop: name some to draw them as a whole")
-    found = list(predictions(model, campaign, recordings))
+    predicted = list(predictions(model, campaign, recordings))
     # Lowest frequency first, what does not repeat last; large loops before small ones, which they would hide.
-    found.sort(key=lambda one: (-(one.recording.period or 0.0), -float(np.ptp(one.recording.u))))
+    predicted.sort(key=lambda one: (-(one.recording.period or 0.0), -float(np.ptp(one.recording.u))))
     panels: list[tuple[str, list[Predicted]]] = []
     last = None
-    for one in found:
+    for one in predicted:
         period = one.recording.period
         if last is None or period is None or abs(period / last - 1.0) > _ALIKE:
             last, title = period, literal(one.recording.name, 34) if period is None else quantity(1.0 / period, "Hz")
@@ -326,7 +325,7 @@ def hysteresis(model: Any, campaign: Campaign | str | Path, recordings: Sequence
             _draw_loops(figure.add_subplot(rows, columns, place), title, some)
         return figure
 
-    return Plot(draw, {"": pd.concat(map(_loop_table, found), ignore_index=True)})
+    return Plot(draw, {"": pd.concat(map(_loop_table, predicted), ignore_index=True)})
 
 
 def _draw_loops(axes: Axes, title: str, some: Sequence[Predicted]) -> None:
@@ -443,27 +442,27 @@ def balance(trajectory: Trajectory) -> Balance:
     """Return what `energy` draws, from the first recorded sample on."""
     network = trajectory.setup.network
     first = int(trajectory.nodes[trajectory.lead])
-    found = power_balance(trajectory)
+    power = power_balance(trajectory)
     with torch.no_grad():
         energies = PortHamiltonianSystem(network).energies(torch.from_numpy(trajectory.states)).numpy()[first:]
     t = np.append(0.0, np.cumsum(trajectory.h))[first:]
-    flows = [np.pad(np.cumsum(x.numpy()[first:], axis=0), ((1, 0), (0, 0))) for x in (found.supplied, found.dissipated)]
+    works = [np.pad(np.cumsum(x.numpy()[first:], axis=0), ((1, 0), (0, 0))) for x in (power.supplied, power.dissipated)]
     return Balance(
         t - t[0],
         {s.name: energies[:, k] for k, s in enumerate(network.storages)},
-        {p.name: flows[0][:, k] for k, p in enumerate(network.ports)},
-        {r.name: flows[1][:, k] for k, r in enumerate(network.resistors)},
+        {p.name: works[0][:, k] for k, p in enumerate(network.ports)},
+        {r.name: works[1][:, k] for k, r in enumerate(network.resistors)},
     )
 
 
-def _draw_stored(axes: Axes, t: Array, found: Balance) -> None:
+def _draw_stored(axes: Axes, t: Array, energies: Balance) -> None:
     """Energies on top of each other, the largest below."""
-    order = sorted(found.stored, key=lambda name: -float(np.abs(found.stored[name]).max()))
+    order = sorted(energies.stored, key=lambda name: -float(np.abs(energies.stored[name]).max()))
     apart, rest = (order, []) if len(order) <= _MOST else (order[: _MOST - 1], order[_MOST - 1 :])
-    layers = {literal(name, 24): found.stored[name] for name in apart}
+    layers = {literal(name, 24): energies.stored[name] for name in apart}
     if rest:
-        layers[f"{len(rest)} others"] = np.sum([found.stored[name] for name in rest], axis=0)
-    total = found.total("stored")
+        layers[f"{len(rest)} others"] = np.sum([energies.stored[name] for name in rest], axis=0)
+    total = energies.total("stored")
     (size, label), index = scaled("stored energy", "J", total), envelope(total)
     bottom = np.zeros(index.size)
     for (name, values), colour in zip(layers.items(), CATEGORIES, strict=False):
@@ -476,11 +475,11 @@ def _draw_stored(axes: Axes, t: Array, found: Balance) -> None:
     finish(axes, "", label, "upper left", 0.1 + 0.15 * -(-(len(layers) + 1) // columns), ncols=columns)
 
 
-def _draw_cumulated(axes: Axes, t: Array, found: Balance) -> None:
-    stored = found.total("stored")
+def _draw_cumulated(axes: Axes, t: Array, energies: Balance) -> None:
+    stored = energies.total("stored")
     rows = (
-        (found.total("supplied"), AFTER, "supplied", "-", 1.6),
-        (found.total("dissipated"), BEFORE, "dissipated", (0, (4, 1.5)), 1.4),
+        (energies.total("supplied"), AFTER, "supplied", "-", 1.6),
+        (energies.total("dissipated"), BEFORE, "dissipated", (0, (4, 1.5)), 1.4),
         (stored - stored[0], CATEGORIES[2], "stored since the beginning", "-", 1.1),
     )
     size, label = scaled("energy", "J", *(values for values, *_ in rows))
@@ -489,9 +488,9 @@ def _draw_cumulated(axes: Axes, t: Array, found: Balance) -> None:
     finish(axes, "", label, "upper left", 0.25, ncols=3)
 
 
-def _draw_error(axes: Axes, t: Array, time: str, found: Balance) -> None:
+def _draw_error(axes: Axes, t: Array, time: str, energies: Balance) -> None:
     """The error over the largest energy supplied, in a power of ten that suits."""
-    relative = found.error / found.turned_over if found.turned_over > 0.0 else found.error
+    relative = energies.error / energies.turned_over if energies.turned_over > 0.0 else energies.error
     largest = float(np.abs(relative).max())
     exponent = int(np.floor(np.log10(largest))) if largest > 0.0 else 0
     draw_trace(axes, t, relative, 10.0**exponent, color=INK, linewidth=0.9)

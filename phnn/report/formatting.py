@@ -56,7 +56,7 @@ def number(value: float | None, digits: int = 3, lowest: int = -3, highest: int 
 
 
 def plain(value: float | None, digits: int = 3) -> str:
-    """``digits`` significant digits without an exponent, for columns that share a unit; extreme values keep one."""
+    """Write ``digits`` significant digits without an exponent, for columns of one unit; extreme values keep one."""
     return number(value, digits, lowest=-6, highest=8)
 
 
@@ -85,7 +85,7 @@ def with_error(value: float | None, std: float | None) -> str:
 
 
 def interval(ends: tuple[float, float] | None) -> str:
-    """``0.27 … 0.35``: both ends with as many digits as tell them apart to two; a dash where there is no interval."""
+    """Write ``0.27 … 0.35``, with as many digits as tell the ends apart to two; a dash where there is no interval."""
     low, high = (finite(end) for end in ends) if ends is not None else (None, None)
     if low is None or high is None:
         return DASH
@@ -95,8 +95,7 @@ def interval(ends: tuple[float, float] | None) -> str:
 
 
 def p_value(value: float | None) -> str:
-    """Return ``p = 0.04``, ``p = 3 × 10⁻⁵``, and ``p < 2 × 10⁻⁵`` below that: nobody knows the noise so well that
-    smaller tails are to be believed."""
+    """Return ``p = 0.04``, ``p = 3 × 10⁻⁵``; below it ``p < 2 × 10⁻⁵``, for smaller tails are not to be believed."""
     value = finite(value)
     if value is None:
         return "p not computed"
@@ -120,9 +119,7 @@ def percent(value: float | None, decimals: int = 1) -> str:
 def ratio(value: float | None) -> str:
     """Return a residual over noise: ``1.01``, ``12.4``, ``350``."""
     value = finite(value)
-    if value is None:
-        return DASH
-    return _fixed(value, 2 if abs(value) < 9.995 else 1 if abs(value) < 99.95 else 0)
+    return DASH if value is None else _fixed(value, 2 if abs(value) < 9.995 else 1 if abs(value) < 99.95 else 0)
 
 
 def short(value: float | None) -> str:
@@ -139,9 +136,7 @@ def words(name: str | None) -> str:
 def listing(names: Iterable[str], last: str = "and") -> str:
     """Return ``a, b and c``."""
     items = list(names)
-    if len(items) < 2:
-        return "".join(items)
-    return f"{', '.join(items[:-1])} {last} {items[-1]}"
+    return "".join(items) if len(items) < 2 else f"{', '.join(items[:-1])} {last} {items[-1]}"
 
 
 def markdown_table(head: Sequence[str], body: Sequence[Sequence[str]]) -> list[str]:
@@ -158,7 +153,7 @@ class Unit:
     name: str
 
     def show(self, value: float | None) -> str:
-        """The value in this unit, without the unit's name; one decimal where it has a prefix, so that columns align."""
+        """Write the value in this unit, without its name; one decimal where it has a prefix, so that columns align."""
         value = finite(value)
         if value is None:
             return DASH

@@ -166,9 +166,9 @@ def formula(latex: str) -> Markup:
     except (ValueError, RuntimeError):
         return Markup('<div class="equation"><code>{}</code></div>').format(latex)
     box, margin = path.get_extents(), 0.05 * _SIZE
-    left, top = box.x0 - margin, -box.y1 - margin
+    x, y = box.x0 - margin, -box.y1 - margin
     width, height = box.width + 2.0 * margin, box.height + 2.0 * margin
     return Markup(
         '<div class="equation"><svg class="formula" role="img" aria-label="{}" viewBox="{:.2f} {:.2f} {:.2f} {:.2f}" '
         'style="width:{:.3f}em;height:{:.3f}em"><path fill="currentColor" d="{}"/></svg></div>'
-    ).format(latex, left, top, width, height, width / _SIZE, height / _SIZE, _outline(path))
+    ).format(latex, x, y, width, height, width / _SIZE, height / _SIZE, _outline(path))

@@ -117,8 +117,7 @@ def _report(diagnosis: Diagnosis, content: dict[str, Any], made_of: Provenance |
 
 def _plain_page(content: dict[str, Any]) -> bytes:
     """Return the answer as text, where the page of the report cannot be made."""
-    lost = [failure(f) for f in documents(warnings())]
-    paragraphs = "".join(f"<p>{escape(line)}</p>" for line in lost)
+    paragraphs = "".join(f"<p>{escape(failure(f))}</p>" for f in documents(warnings()))
     whole = escape(json.dumps(content, indent=1, ensure_ascii=False))
     head = f"<!doctype html><html lang=en><meta charset=utf-8><title>Diagnosis: {content['verdict']}</title>"
     return f"{head}<h1>Verdict: {content['verdict']}</h1>{paragraphs}<pre>{whole}</pre></html>\n".encode()
@@ -142,7 +141,7 @@ def _ending(diagnosis: Diagnosis, further: Sequence[Failure] = ()) -> dict[str, 
 def document(diagnosis: Diagnosis) -> dict[str, Any]:
     """Return ``diagnosis.json`` as a mapping; numbers that are not finite become null, and so do parts that fail."""
     campaign = diagnosis.campaign
-    found = {r.name: r.noise_found for r in campaign.recordings}
+    measured = {r.name: r.noise_found for r in campaign.recordings}
     parts: dict[str, Callable[[], Any]] = {
         "summary": lambda: first_screen(diagnosis),
         "test": lambda: _test(diagnosis),
@@ -151,7 +150,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "remainder": lambda: _remainder(diagnosis),
         "location": lambda: location_document(diagnosis),
         "noise": lambda: {
-            n: s.document() | {"found": found[n]}
+            n: s.document() | {"found": measured[n]}
             for n, s in statements(campaign.recordings, diagnosis.after.outputs, not remains(diagnosis)).items()
         },
         "noise_floor": lambda: {r.name: r.noise for r in campaign.recordings},
@@ -189,12 +188,12 @@ def _test(diagnosis: Diagnosis) -> dict[str, Any]:
 
 
 def _remainder(diagnosis: Diagnosis) -> dict[str, Any]:
-    left, small, where = remains(diagnosis), immaterial(diagnosis, after=True), diagnosis.remaining
+    remaining, small, where = remains(diagnosis), immaterial(diagnosis, after=True), diagnosis.remaining
     remainder = {
-        "verdict": UNKNOWN if left else NONE,
+        "verdict": UNKNOWN if remaining else NONE,
         "residual_over_noise": math.sqrt(diagnosis.final.chi2),
         "p_value": diagnosis.significance(after=True)[1],
-        "location": where.name if left and where is not None else None,
+        "location": where.name if remaining and where is not None else None,
     }
     return remainder if small is None else remainder | {"immaterial": asdict(small)}
 
@@ -225,18 +224,18 @@ def reasons(diagnosis: Diagnosis, where: Location) -> dict[str, str]:
     first, tied = diagnosis.places[0], diagnosis.places[1:]
     best = where.scores.get(first, 0.0)
     refitted = [c.effect for c in diagnosis.claims if c.effect.location == first]
-    said = {}
+    why = {}
     for name, score in where.scores.items():
         if name == first:
             continue
         if name in tied:
-            said[name] = "cannot be told apart from the first on these recordings"
+            why[name] = "cannot be told apart from the first on these recordings"
         elif score > best and refitted:
-            said[name] = f"longer bar, but of the fitted models the one with {words(refitted[0].name)} fits best"
+            why[name] = f"longer bar, but of the fitted models the one with {words(refitted[0].name)} fits best"
         elif score > best:
             tested = f"{where.ranks[name]:.2f}"
-            said[name] = f"longer bar, but only {tested} of it is confirmed by another recording"
-    return said
+            why[name] = f"longer bar, but only {tested} of it is confirmed by another recording"
+    return why
 
 
 _UP_TO_FACTOR = " Absolute values are known up to one common factor, because nothing anchors them."
@@ -398,7 +397,7 @@ def statements(
         outputs: of a model, by recording.
         complete: the model leaves nothing that matters.
     """
-    found = {}
+    noise = {}
     for r in (r for r in recordings if r.name in outputs):
         chosen = [r.mask(use) for use in ("identification", "confirmation")]
         mask = max(chosen, key=np.count_nonzero)
@@ -409,5 +408,5 @@ def statements(
         sample = None
         if shown is not None:
             sample = Sample(shown, r.dt, speed[-shown.size :], r.step / r.noise, r.noise)
-        found[r.name] = noise_statement(r.noise, r.noise_source, r.units.output, sample)
-    return found
+        noise[r.name] = noise_statement(r.noise, r.noise_source, r.units.output, sample)
+    return noise

@@ -116,17 +116,17 @@ def drawing(stem: str, title: str, alt: str, draw: Callable[[], Figure], lines: 
 def traces_of(diagnosis: Diagnosis) -> list[Trace]:
     """Return all parts that were scored: held-out ones first, then those that the base model predicts worst."""
     scores = {p.name: p.residual_over_noise for p in diagnosis.before.parts}
-    found = []
+    traces = []
     for r in diagnosis.campaign.recordings:
         for part in (p for p in r.parts if p.use != "nuisance" and r.name in diagnosis.before.outputs):
             rows = slice(part.first, part.last)
             before, after = (e.outputs[r.name][rows] for e in (diagnosis.before, diagnosis.after))
             noise = r.noise if r.noise_found else None
-            found.append(
+            traces.append(
                 Trace(part.name, r.t[rows], r.u[rows], r.y[rows], before, after, noise, r.units.output,
                       part.use == "confirmation", scores.get(part.name, math.nan))
             )  # fmt: skip
-    return sorted(found, key=lambda t: (not t.held_out, -(finite(t.over_noise) or 0.0)))
+    return sorted(traces, key=lambda t: (not t.held_out, -(finite(t.over_noise) or 0.0)))
 
 
 def error_figure(diagnosis: Diagnosis) -> Figure:
@@ -161,12 +161,12 @@ def _first(diagnosis: Diagnosis, traces: Sequence[Trace]) -> list[Block]:
     alike = needed("effects that explain most", lambda: likenesses(diagnosis), nothing) if open_name else []
     rows = [Bar(words(n), share, f"{100.0 * share:.0f} %") for n, share in alike]
     others = [Bars("Share of the excess over the noise that one effect alone explains", rows)] if rows else []
-    told = needed("next recording", lambda: next_recording(diagnosis), "")
-    link: list[Block] = [told] if diagnosis.proposal is None else [Link(told, WAVEFORM)]
-    following = link if told else []
-    said = notes(diagnosis)
-    more = [f"{len(said) - _NOTES} more parts failed: see “What was tried”."] if len(said) > _NOTES else []
-    return [*answer, *said[:_NOTES], *more, *like, *shown, Bars("Probabilities", bars), *others, *following]
+    proposed = needed("next recording", lambda: next_recording(diagnosis), "")
+    link: list[Block] = [proposed] if diagnosis.proposal is None else [Link(proposed, WAVEFORM)]
+    following = link if proposed else []
+    limits = notes(diagnosis)
+    more = [f"{len(limits) - _NOTES} more parts failed: see “What was tried”."] if len(limits) > _NOTES else []
+    return [*answer, *limits[:_NOTES], *more, *like, *shown, Bars("Probabilities", bars), *others, *following]
 
 
 def _missing(diagnosis: Diagnosis, document: dict[str, Any]) -> list[Block]:
@@ -204,8 +204,8 @@ def _plausible(diagnosis: Diagnosis, claim: Claim) -> list[str]:
     if diagnosis.campaign.recordings[0].units != ACTUATOR:
         return []
     free = [n for n in claim.effect.parameters if not known[n].fixed]
-    told = (plausibility(known[n], claim.effect.plausible[n], dict(known), anchored) for n in free)
-    return [t for t in told if t]
+    sentences = (plausibility(known[n], claim.effect.plausible[n], dict(known), anchored) for n in free)
+    return [t for t in sentences if t]
 
 
 def curve_of(diagnosis: Diagnosis, claim: Claim) -> Picture | None:
@@ -233,11 +233,11 @@ def _where(diagnosis: Diagnosis, document: dict[str, Any]) -> list[Block]:
     ]
     strongest = sorted(location["recordings"].items(), key=lambda item: -(item[1]["residual_over_noise"] or 0.0))[:3]
     seen = [f"{name} ({ratio(v['residual_over_noise'])} × noise)" for name, v in strongest]
-    told = f"The mismatch is strongest in {listing(seen)}"
+    place = f"The mismatch is strongest in {listing(seen)}"
     frequencies = [short(f) for f in location["frequencies_Hz"][:6]]
     return [
         Bars("Share of the explainable residual, predicted on recordings left out", rows),
-        f"{told}, at {', '.join(frequencies)} Hz." if frequencies else f"{told}.",
+        f"{place}, at {', '.join(frequencies)} Hz." if frequencies else f"{place}.",
     ]
 
 
@@ -252,11 +252,11 @@ def _recordings(diagnosis: Diagnosis, document: dict[str, Any], traces: Sequence
     def cells(name: str) -> list[str]:
         floorless = name.partition("[")[0] in bare
         scores = [fit[which][name] for which in ("before", "after") if name in fit[which]]
-        told = (
+        scored = (
             (percent(s["fit_percent"], 2), unit.show(s["rmse"]), "–" if floorless else ratio(s["residual_over_noise"]))
             for s in scores
         )
-        return [" → ".join(both) for both in zip(*told, strict=True)]
+        return [" → ".join(both) for both in zip(*scored, strict=True)]
 
     names = sorted(fit["before"], key=lambda n: n not in fit["held_out"])
     rows = [[n, "held out" if n in fit["held_out"] else "", *cells(n)] for n in names]
@@ -462,7 +462,7 @@ def _spectra(axes: Axes, recording: Recording) -> None:
 
 
 def _drawn(f: Array, density: Array) -> tuple[Array, Array]:
-    """Evenly many points a decade, the highest of each stretch, so that no line is lost."""
+    """Return evenly many points a decade, the highest of each stretch, so that no line is lost."""
     edges = np.unique(np.searchsorted(f, np.geomspace(f[0], f[-1], 1200)))
     return f[edges], np.maximum.reduceat(density, edges)
 

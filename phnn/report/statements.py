@@ -121,10 +121,8 @@ def consequence(diagnosis: Diagnosis) -> str:
     """Return what follows from the verdict, in one sentence with the error on held-out recordings."""
     q = quality(diagnosis)
     if diagnosis.final is diagnosis.base:
-        start = (
-            "The base model predicts" if diagnosis.verdict == NONE else "The model is still the base model: it predicts"
-        )
-        return f"{start} {q.on} to {q.say(q.after)}."
+        start = "The base model" if diagnosis.verdict == NONE else "The model is still the base model: it"
+        return f"{start} predicts {q.on} to {q.say(q.after)}."
     if diagnosis.verdict == UNKNOWN:
         return f"Use the model all the same: it predicts {q.on} to {q.say(q.after)} instead of {q.show(q.before)}."
     with_it = "it" if len(diagnosis.claims) == 1 and not diagnosis.claims[0].alike else "the final model"
@@ -136,24 +134,21 @@ def summary(diagnosis: Diagnosis) -> str:
     """Return the whole answer as a few lines of text."""
     lines = [headline(diagnosis), consequence(diagnosis), *notes(diagnosis)]
     lines.append(f"verdict: {diagnosis.verdict}")
-    told = ((element(diagnosis, c), parameters_in_words(diagnosis, c)) for c in diagnosis.claims)
-    lines += [f"  {name}: {values}" if values else f"  {name}" for name, values in told]
+    elements = ((element(diagnosis, c), parameters_in_words(diagnosis, c)) for c in diagnosis.claims)
+    lines += [f"  {name}: {values}" if values else f"  {name}" for name, values in elements]
     if diagnosis.verdict == UNKNOWN:
         lines.append(acts_like(diagnosis))
     lines.append("probability: " + ", ".join(f"{n} {likelihood(p)}" for n, p in causes(diagnosis)))
-    following = next_recording(diagnosis)
-    return "\n".join([*lines, *([following] if following else [])])
+    return "\n".join([*lines, *filter(None, [next_recording(diagnosis)])])
 
 
 def notes(diagnosis: Diagnosis) -> list[str]:
     """Return what restricts the answer: a search that ended early, parts that failed, and what is left."""
-    ended = diagnosis.ended
-    early = early_ending(diagnosis)
-    said = [early] if early else []
-    said += [failure(f) for f in documents((*ended.warnings, *warnings()))]
+    sentences = [early] if (early := early_ending(diagnosis)) else []
+    sentences += [failure(f) for f in documents((*diagnosis.ended.warnings, *warnings()))]
     if diagnosis.verdict not in (NONE, UNKNOWN) and remains(diagnosis):
-        said.append("A significant remainder is left without a name.")
-    return said
+        sentences.append("A significant remainder is left without a name.")
+    return sentences
 
 
 def early_ending(diagnosis: Diagnosis) -> str:
@@ -167,9 +162,9 @@ def early_ending(diagnosis: Diagnosis) -> str:
         "evaluations": "ended early, because its number of evaluations was used up",
         "interrupted": "was interrupted",
     }
-    left = f" Not tried, or not to the end: {listing(ended.not_tried)}." if ended.not_tried else ""
+    untried = f" Not tried, or not to the end: {listing(ended.not_tried)}." if ended.not_tried else ""
     way = ways.get(ended.why, "ended early, because a part of it failed")
-    return f"The search {way}. The answer is the best that was finished until then.{left}"
+    return f"The search {way}. The answer is the best that was finished until then.{untried}"
 
 
 def failure(failed: Mapping[str, Any]) -> str:
@@ -217,8 +212,8 @@ def parameters_in_words(diagnosis: Diagnosis, claim: Claim) -> str:
     if formula is not None or claim.learned:
         return formula.words if formula is not None else ""
     known, std = diagnosis.final.setup.parameters, diagnosis.final.std()
-    told = (f"{n} = {with_error(known[n].value, std.get(n))} {shown_unit(known[n].unit)}" for n in claim.parameters)
-    return ", ".join(map(str.rstrip, told))
+    shown = (f"{n} = {with_error(known[n].value, std.get(n))} {shown_unit(known[n].unit)}" for n in claim.parameters)
+    return ", ".join(map(str.rstrip, shown))
 
 
 def shown_unit(unit: str) -> str:
@@ -258,20 +253,20 @@ def likenesses(diagnosis: Diagnosis) -> list[tuple[str, float]]:
 
 def acts_like(diagnosis: Diagnosis) -> str:
     """Say what a mismatch without a proven name acts like and by how much, and why no name is proven."""
-    told = ""
+    like = ""
     for name, share in likenesses(diagnosis)[:1]:
         part = f"{100.0 * share:.0f} % of the excess over the noise"
-        told = f"It acts most like {words(name)}, which alone explains {part}. "
+        like = f"It acts most like {words(name)}, which alone explains {part}. "
     if not diagnosis.claims and (nothing := diagnosis.base.nothing_statement()):
         return f"{nothing}."
     if not diagnosis.claims and diagnosis.ended.early:
-        return f"{told}The search ended before it accepted an element."
+        return f"{like}The search ended before it accepted an element."
     if not diagnosis.claims:
-        return f"{told}No effect and no learned element is in the model, because none describes the recordings better."
+        return f"{like}No effect and no learned element is in the model, because none describes the recordings better."
     rule = diagnosis.outcome.rules[-1].rule if diagnosis.outcome.rules else ""
     why = _WHY.get(rule, "because several explanations are about as probable")
     parts = listing(_described(diagnosis, c) for c in diagnosis.claims)
-    return f"{told}The model describes it by {parts}. No name is proven, {why}."
+    return f"{like}The model describes it by {parts}. No name is proven, {why}."
 
 
 def _described(diagnosis: Diagnosis, claim: Claim) -> str:
@@ -291,13 +286,13 @@ def next_recording(diagnosis: Diagnosis) -> str:
     if tied is None and diagnosis.verdict != UNKNOWN:
         return ""
     members = () if tied is None else (tied.effect, *tied.alike)
-    told = [f"For {words(e.name)}: {e.separation}" for e in members[:2]]
+    separations = [f"For {words(e.name)}: {e.separation}" for e in members[:2]]
     # Recordings whose absence `phnn check` reports.
     lacks = [a.record for a in check(diagnosis.campaign).abilities if not a.able][:_LACKS]
     also = [f"These recordings lack: {'; '.join(lacks)}."] if lacks else []
-    if not told and not also:
+    if not separations and not also:
         return ""
-    return " ".join(["No further recording within the range of these would decide.", *told, *also])
+    return " ".join(["No further recording within the range of these would decide.", *separations, *also])
 
 
 @dataclass(frozen=True)
@@ -366,22 +361,22 @@ def plausibility(parameter: Parameter, known: Plausible, base: dict[str, Paramet
         anchored: something fixes the common factor of all forces.
     """
     value, unit = parameter.value, parameter.unit
-    said = f"{parameter.name} = {quantity(value, unit)}"
+    subject = f"{parameter.name} = {quantity(value, unit)}"
     if not known.source or (known.over and known.over not in base):
         return ""
     if known.over:
         other = base[known.over]
         value, unit = value / other.value, f"× {known.over}" if other.unit == unit else f"{unit}/{other.unit}"
         unit = "1/s" if unit == "S/F" else unit
-        said = f"{said}, that is {value:.3g} {unit},"
+        subject = f"{subject}, that is {value:.3g} {unit},"
     elif not anchored and scales_with_forces(unit):
         return ""
     limits = f"{'0' if known.lower == 0.0 else quantity(known.lower, unit)} to {quantity(known.upper, unit)}"
     if known.lower <= value <= known.upper:
-        return f"{said} is plausible: {limits} ({known.source})."
+        return f"{subject} is plausible: {limits} ({known.source})."
     beyond = f" If it is real, {known.outside}." if known.outside and value > known.upper else ""
     side = "above" if value > known.upper else "below"
-    return f"{said} is not plausible: it is {side} the range {limits} ({known.source}).{beyond}"
+    return f"{subject} is not plausible: it is {side} the range {limits} ({known.source}).{beyond}"
 
 
 def first_screen(diagnosis: Diagnosis) -> dict[str, Any]:

@@ -149,8 +149,7 @@ def learned_picture(linearised: LinearisedFit, location: Location, learned: Setu
 
 
 def is_effort(location: Location) -> bool:
-    """Return whether what was fitted at a location acts as a force: without an anchor its size is known up to one
-    factor."""
+    """Return whether a location's fit acts as a force: without an anchor its size is known up to a factor."""
     return GROUPS[location.group].enters == FORCE
 
 
@@ -159,8 +158,8 @@ def _shown(x: Array, axis: str, words: Vocabulary) -> tuple[Array, str]:
     name = axis.partition(" [")[0]
     if name == "displacement" and words.mechanical:
         return 1e6 * x, f"{words.output} [µm]"
-    own = {"displacement": "output", "velocity": "rate", "voltage": "source"}
-    return x, words.label(own[name]) if name in own else axis
+    role = {"displacement": "output", "velocity": "rate", "voltage": "source"}
+    return x, words.label(role[name]) if name in role else axis
 
 
 def _axis(axis: str, scales: Scales) -> Array:
@@ -178,12 +177,12 @@ def fitted_in_words(linearised: LinearisedFit, location: Location) -> str:
     if not np.any(location.weights):
         return ""
     words = vocabulary_of(network)
-    own = asdict(words)
-    acts = f"What the functions fitted there make is {_ACTS[group.enters].format(**own)}"
+    vocabulary = asdict(words)
+    acts = f"What the functions fitted there make is {_ACTS[group.enters].format(**vocabulary)}"
     if varied := group.varied(network):
         acts += f" {', '.join(varied)}"
     if group.static is None:
-        past = (group.kind.history or "on the past").format(**own)
+        past = (group.kind.history or "on the past").format(**vocabulary)
         return f"{acts} that depends {past}.{_work(linearised, location)}"
     if group.axis.startswith("time after"):
         return f"{acts} that depends on the past."

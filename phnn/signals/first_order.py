@@ -49,7 +49,7 @@ def correlation_of(coefficient: float) -> np.ndarray:
 
 
 def density_of(correlation: np.ndarray, cycles: np.ndarray) -> np.ndarray:
-    """``(F,)`` spectrum over that of white noise, from an autocorrelation ``(K,)``; frequencies in cycles a sample."""
+    """Return ``(F,)`` the spectrum over that of white noise, from an autocorrelation ``(K,)``; cycles a sample."""
     waves = np.cos(2.0 * np.pi * np.multiply.outer(cycles, np.arange(1, correlation.size)))
     # A correlation that was cut off may give a spectrum that is hardly positive somewhere.
     return np.asarray(np.maximum(1.0 + 2.0 * waves @ correlation[1:], _HARDLY))
@@ -117,7 +117,7 @@ def fit_first_order(y: np.ndarray) -> tuple[float, float, float] | None:
 
 
 def _coefficient(z: float) -> float:
-    """Between zero and the largest one: an amplifier or a filter makes neighbours alike, never opposite."""
+    """Return a coefficient from zero to the largest one: amplifiers and filters make neighbours alike."""
     return float(_LARGEST * np.tanh(z) ** 2)
 
 

@@ -27,10 +27,10 @@ def residual(y: Array, columns: Callable[[slice], Array]) -> Array:
     every digit that the whole matrix would have given (Golub & Van Loan 2013, Matrix Computations, ch. 5.3).
     """
     weights = _weights(y, columns)
-    left = np.empty(y.size)
+    remainder = np.empty(y.size)
     for rows in _blocks(y.size):
-        left[rows] = y[rows] - columns(rows) @ weights
-    return left
+        remainder[rows] = y[rows] - columns(rows) @ weights
+    return remainder
 
 
 def _weights(y: Array, columns: Callable[[slice], Array]) -> Array:
@@ -43,8 +43,7 @@ def _weights(y: Array, columns: Callable[[slice], Array]) -> Array:
         reduced = np.asarray(np.linalg.qr(block if reduced is None else np.vstack([reduced, block]), mode="r"))
     assert reduced is not None
     # What lapack's rounding leaves of a dependent column grows with the rows of the whole.
-    cut = np.finfo(float).eps * y.size
-    return np.asarray(np.linalg.lstsq(reduced[:, :-1], reduced[:, -1], rcond=cut)[0])
+    return np.asarray(np.linalg.lstsq(reduced[:, :-1], reduced[:, -1], rcond=np.finfo(float).eps * y.size)[0])
 
 
 def _blocks(size: int) -> Iterator[slice]:
@@ -81,8 +80,7 @@ def deviation(weights: NDArray[np.complex128] | Array, correlation: Array) -> fl
 
 
 def spline(x: np.ndarray) -> BSpline:
-    """Return the cubic spline (not-a-knot) through samples ``x`` (N,) at 0, 1, …, N − 1; a straight line through fewer
-    than four."""
+    """Return the not-a-knot cubic spline through (N,) samples at 0, 1, …; a line through fewer than four."""
     from scipy.interpolate import make_interp_spline
 
     return make_interp_spline(np.arange(x.size), x, k=3 if x.size > 3 else 1)

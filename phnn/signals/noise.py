@@ -35,19 +35,18 @@ _UNEVEN = 2.0
 
 
 def by_differences(y: np.ndarray) -> tuple[float, int]:
-    """Deviation of white noise by differences of the lowest order that agrees with the best one, and that order.
+    """Return the deviation of white noise by differences of the lowest order that agrees with the best, and it.
 
     Args:
         y: ``(N,)`` output.
     """
     sigmas = [spread(np.diff(y, p)) / sqrt(comb(2 * p, p)) for p in _ORDERS]
-    best = min(sigmas)
-    order = next(i for i, s in enumerate(sigmas) if s <= 1.05 * best)
+    order = next(i for i, s in enumerate(sigmas) if s <= 1.05 * min(sigmas))
     return sigmas[order], order + 1
 
 
 def spread(values: np.ndarray) -> float:
-    """Standard deviation of the Gaussian core: median absolute deviation, then clipped at 3σ without bias."""
+    """Return the deviation of the Gaussian core: median absolute deviation, then clipped at 3σ without bias."""
     core = np.abs(values)
     sigma = float(np.median(core)) / 0.67449
     for _ in range(10):
@@ -67,12 +66,12 @@ def holds_throughout(y: np.ndarray, deviation: float, correlation: np.ndarray) -
     Args:
         y: ``(N,)`` output; deviation: σ of the noise, unit of the output; correlation: ``(K,)`` ρ at lags 0 to K − 1.
     """
-    found, order = by_differences(y)
+    level, order = by_differences(y)
     coefficients = np.array([(-1.0) ** i * comb(order, i) for i in range(order + 1)])
     overlaps = np.correlate(coefficients, coefficients, "full")[order:]
     lags = min(overlaps.size, correlation.size)
     variance = correlation[0] * overlaps[0] + 2.0 * float(correlation[1:lags] @ overlaps[1:lags])
-    visible = max(found, quantisation_step(y)) * sqrt(comb(2 * order, order))
+    visible = max(level, quantisation_step(y)) * sqrt(comb(2 * order, order))
     return deviation * sqrt(max(variance, 0.0)) <= _UNEVEN * visible
 
 
@@ -178,28 +177,28 @@ def noise_floor(
         periodic_start: the recording begins in the periodic steady state, so no period is lost to a transient.
     """
     first, last = span if span is not None else (0, y.size)
-    found = None
+    floor = None
     if period is not None:
-        found = from_periods(y[first:last], period / dt, 0 if periodic_start else 1)
-    found = found or from_rest(u, y) or from_one_spectrum(u, y, dt)
+        floor = from_periods(y[first:last], period / dt, 0 if periodic_start else 1)
+    floor = floor or from_rest(u, y) or from_one_spectrum(u, y, dt)
     step = quantisation_step(y)
-    if found.value < step / sqrt(12.0):
-        found = NoiseFloor(step / sqrt(12.0), f"quantisation in steps of {step:.3g}", WHITE)
+    if floor.value < step / sqrt(12.0):
+        floor = NoiseFloor(step / sqrt(12.0), f"quantisation in steps of {step:.3g}", WHITE)
     least = _LEAST_SHARE_OF_RANGE * float(np.ptp(y))
-    if found.value < least:
+    if floor.value < least:
         source = "no noise floor was found"
-        if found.interval is not None:
-            low, high = found.interval
+        if floor.interval is not None:
+            low, high = floor.interval
             source = (
-                f"a noise of {found.value:.2g} ({low:.2g} to {high:.2g}) from {found.source} is too small to fit to"
+                f"a noise of {floor.value:.2g} ({low:.2g} to {high:.2g}) from {floor.source} is too small to fit to"
             )
         source += "; fits are weighted by a millionth of the output's range"
-        found = NoiseFloor(least, source, WHITE, found=False, interval=found.interval)
-    return found
+        floor = NoiseFloor(least, source, WHITE, found=False, interval=floor.interval)
+    return floor
 
 
 def from_periods(y: np.ndarray, period: float, skip: int = 1) -> NoiseFloor | None:
-    """From differences of consecutive periods, divided by √2; ``None`` where there are too few periodic periods.
+    """Estimate from differences of consecutive periods, over √2; ``None`` for too few periodic periods.
 
     What changes slowly from period to period (offset, trend, amplitude) and the fraction of a sample by which the
     period misses a whole number of samples are projected out of each difference.
@@ -280,7 +279,7 @@ def _loss(basis: np.ndarray, correlation: np.ndarray) -> float:
 
 
 def from_rest(u: np.ndarray, y: np.ndarray) -> NoiseFloor | None:
-    """From the longest stretch of constant input, its part after the transient, trend removed.
+    """Estimate from the longest stretch of constant input, its part after the transient, trend removed.
 
     ``None`` without one, and where the output still moves there: smoothly, or by more than its differences show and as
     much as anywhere else.
@@ -309,8 +308,7 @@ def longest_hold(u: np.ndarray) -> tuple[int, int]:
 
 
 def from_high_band(u: np.ndarray, y: np.ndarray, dt: float) -> NoiseFloor:
-    """From the highest frequencies: first-order noise where their spectrum above what is excited shows it in most
-    samples, else white noise.
+    """Return the noise of the highest frequencies: first-order where most samples show it above the drive, else white.
 
     White noise is that of differences (`by_differences`). An excitation that reaches that high leaves but the
     frequencies between or above its own.
@@ -335,7 +333,7 @@ def from_high_band(u: np.ndarray, y: np.ndarray, dt: float) -> NoiseFloor:
 
 
 def from_one_spectrum(u: np.ndarray, y: np.ndarray, dt: float) -> NoiseFloor:
-    """From the highest frequencies, corrected where `estimated` can be trusted and disagrees.
+    """Estimate from the highest frequencies, corrected where `estimated` can be trusted and disagrees.
 
     What lies in its interval stays, and so does a floor from frequencies about which the input is silent.
     """
@@ -439,16 +437,16 @@ def estimated(u: Array, y: Array) -> Estimate | None:
     u, y = u[first : first + _MOST], y[first : first + _MOST]
     # From the spectrum above what is excited, and from what a predictor leaves.
     spectrum = _above_an_edge(periodogram(without_line(y))[None, :], False)
-    found = [e for e in (spectrum, _of_one_step(u, y)) if e is not None]
-    best = min(found, key=lambda e: e.value, default=None)
+    estimates = [e for e in (spectrum, _of_one_step(u, y)) if e is not None]
+    best = min(estimates, key=lambda e: e.value, default=None)
     if best is None:
         return None
-    agreeing = [e for e in found if e.low <= best.high and e.high >= best.low]
+    agreeing = [e for e in estimates if e.low <= best.high and e.high >= best.low]
     return replace(best, low=min(e.low for e in agreeing), high=max(e.high for e in agreeing))
 
 
 def _of_one_step(u: Array, y: Array) -> Estimate | None:
-    """From what an ARX predictor leaves of blocks that it was not fitted to."""
+    """Estimate from what an ARX predictor leaves of blocks that it was not fitted to."""
     size = (y.size - ORDER) // BLOCKS
     if size < _PER_COEFFICIENT * 2 * ORDER:
         return None
@@ -474,7 +472,7 @@ def _of_one_step(u: Array, y: Array) -> Estimate | None:
 
 
 def _lagged(u: Array, y: Array) -> tuple[Array, Array]:
-    """(N − p, 2p + 2) past outputs, past and present inputs and a constant beside the outputs (N − p,) they predict."""
+    """Return (N − p, 2p + 2) past outputs, inputs up to now and a constant, and the (N − p,) outputs they predict."""
     y, u = (x - x.mean() for x in (y, u))
     n = y.size - ORDER
     past = [y[ORDER - i : ORDER - i + n] for i in range(1, ORDER + 1)]
@@ -495,8 +493,8 @@ def _above_an_edge(power: Array, one_step: bool) -> Estimate | None:
         p, w = power[:, band].T.ravel(), np.repeat(omega[band], len(power))
         if p.size < _FEWEST:
             return None
-        if (found := _likely(p, w)) is not None:
-            return Estimate(*found, edge, one_step)
+        if (likely := _likely(p, w)) is not None:
+            return Estimate(*likely, edge, one_step)
     return None
 
 

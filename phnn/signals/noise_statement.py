@@ -116,15 +116,15 @@ def _colour(x: Array, sample: Sample) -> str:
 
 
 def _gain(power: Array, shape: Array, shares: Array) -> tuple[float, float]:
-    """Twice the gain of the log likelihood over white noise, its level free, and the share at which it is largest."""
-    found = []
+    """Return twice the log likelihood's gain over white noise of free level, and the share where it is largest."""
+    gains = []
     # One by one: all of them together would take some hundred times the memory of the spectrum.
     for share in shares:
         spectrum = 1.0 + share * (shape - 1.0)
         gain = power.size * (np.log(power.mean()) - np.log(np.mean(power / spectrum))) - np.log(spectrum).sum()
-        found.append(2.0 * float(gain))
-    best = int(np.argmax(found))
-    return found[best], float(shares[best])
+        gains.append(2.0 * float(gain))
+    best = int(np.argmax(gains))
+    return gains[best], float(shares[best])
 
 
 def _jitter(x: Array, speed: Array | None) -> float | None:

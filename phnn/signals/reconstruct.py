@@ -138,8 +138,7 @@ def find_jumps(u: Array) -> NDArray[np.int64]:
         return np.flatnonzero(steps) + 1
     # Mirrored at the ends: padding with zeros would make every difference of a short record a jump.
     padded = np.pad(steps, 3, mode="reflect")
-    around = np.lib.stride_tricks.sliding_window_view(padded, 7)
-    neighbours = np.delete(around, 3, axis=1)
+    neighbours = np.delete(np.lib.stride_tricks.sliding_window_view(padded, 7), 3, axis=1)
     typical = np.median(neighbours, axis=1)
     return np.flatnonzero((steps > _JUMP_SHARE * span) & (steps > _JUMP_RATIO * typical)) + 1
 
@@ -158,13 +157,13 @@ def find_breaks(u: Array, clock: Array | None = None) -> Breaks:
     return Breaks(at, np.array([_meeting(n, a, b, near) for n, (a, b) in zip(at, pairwise(sides), strict=True)]))
 
 
-def _meeting(n: int, left: Stretch, right: Stretch, near: float) -> float:
+def _meeting(n: int, earlier: Stretch, later: Stretch, near: float) -> float:
     """Return where two stretches meet, in sample intervals behind sample ``n − 1``; NaN where they do not."""
-    if min(left.u.size, right.u.size) < 2:
+    if min(earlier.u.size, later.u.size) < 2:
         # A single sample has no slope: how it was reached and left is not known.
         return np.nan
     at = np.linspace(-_BEYOND, 1.0 + _BEYOND, _GRID)
-    apart = right(n - 1 + at) - left(n - 1 + at)
+    apart = later(n - 1 + at) - earlier(n - 1 + at)
     crossing = np.flatnonzero(apart[:-1] * apart[1:] <= 0.0)
     if crossing.size:
         i = int(crossing[0])
@@ -175,7 +174,7 @@ def _meeting(n: int, left: Stretch, right: Stretch, near: float) -> float:
 
 
 def _without_ramps(u: Array, jumps: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Jumps without those inside a fast ramp: of four or more in a row, one way and alike, the two ends remain."""
+    """Drop jumps inside a fast ramp: of four or more in a row, one way and alike, the two ends remain."""
     kept: list[int] = []
     for run in np.split(jumps, np.flatnonzero(np.diff(jumps) != 1) + 1):
         steps = u[run] - u[run - 1]
@@ -201,13 +200,13 @@ def _kinks(u: Array, jumps: NDArray[np.int64], clock: Array | None = None) -> ND
     windows = np.lib.stride_tricks.sliding_window_view(size, _BESIDE)
     # The lower median: the two second differences of another kink near by do not hide this one.
     typical = np.partition(windows, _BESIDE // 2 - 1, axis=1)[:, _BESIDE // 2 - 1]
-    beside = np.maximum(typical[: change.size], typical[_BESIDE + 2 : _BESIDE + 2 + change.size])
+    surroundings = np.maximum(typical[: change.size], typical[_BESIDE + 2 : _BESIDE + 2 + change.size])
     # Levels that lie far apart are a staircase, not a quantised signal.
     rounding = min(_KINK_STEPS * quantisation_step(u), _COARSE * span)
-    found = (change > max(_KINK_SHARE * span, rounding)) & (change > 2.0 * _KINK_RATIO * beside)
+    bent = (change > max(_KINK_SHARE * span, rounding)) & (change > 2.0 * _KINK_RATIO * surroundings)
     # Of neighbouring intervals that share the bend of one sample, the one with the largest change of slope.
     next_to = np.maximum(np.pad(change, (0, 1))[1:], np.pad(change, (1, 0))[:-1])
-    places = np.flatnonzero(found & (change >= next_to)) + 2
+    places = np.flatnonzero(bent & (change >= next_to)) + 2
     places = places[np.concatenate([[True], np.diff(places) > 1])] if places.size else places
     return places[~np.isin(places, jumps)]
 
@@ -227,7 +226,7 @@ _SHARP = 1e-15
 
 
 def substep_counts(u: Array, before: float, substeps: int) -> NDArray[np.int64]:
-    """(N−1,) sub-steps of every sample interval: more of them for a while after each jump, where motion is fastest.
+    """Return (N−1,) sub-steps of every sample interval: more of them after each jump, where motion is fastest.
 
     Args:
         before: input before the first sample.
@@ -339,10 +338,10 @@ class Reconstruction:
         for stretch in self._stretches:
             rows = slice(self._nodes[stretch.first], self._nodes[stretch.first + stretch.u.size - 1])
             fine[rows] = stretch(self._positions[rows])
-        for n, instant, (left, right) in self._broken:
+        for n, instant, (earlier, later) in self._broken:
             if not np.isnan(instant):
                 rows = slice(self._nodes[n - 1], self._nodes[n])
-                fine[rows] = _kinked(self._positions[rows], n - 1 + instant, left, right)
+                fine[rows] = _kinked(self._positions[rows], n - 1 + instant, earlier, later)
         fine.flags.writeable = False
         return fine
 
@@ -353,14 +352,14 @@ class Reconstruction:
 
     @cached_property
     def _jumps(self) -> list[_Jump]:
-        found = []
-        for n, instant, (left, right) in self._broken:
+        jumps = []
+        for n, instant, (earlier, later) in self._broken:
             if np.isnan(instant):
                 rows = slice(int(self._nodes[n - 1]), int(self._nodes[n]))
                 at = self._positions[rows]
-                law = _law_of(left, right, 0 if self.sharp else self.u.size)
-                found.append(_Jump(rows, at - (n - 1), left(at), right(at) - left(at), law))
-        return found
+                law = _law_of(earlier, later, 0 if self.sharp else self.u.size)
+                jumps.append(_Jump(rows, at - (n - 1), earlier(at), later(at) - earlier(at), law))
+        return jumps
 
 
 # Centre and duration of a transition, in sample intervals: linear functions of the one unknown.
@@ -371,29 +370,29 @@ _INTO: _Law = (0.5, 0.5), (1.0, -1.0)
 _OUT_OF: _Law = (0.0, 0.5), (0.0, 1.0)
 
 
-def _law_of(left: Stretch, right: Stretch, samples: int) -> _Law:
-    """How the transition between two stretches goes; samples: of the input, 0 where a single one says nothing."""
-    if samples and right.u.size == 1 and right.first + 1 < samples and left.u.size > 1:
+def _law_of(earlier: Stretch, later: Stretch, samples: int) -> _Law:
+    """Return the transition between two stretches; samples: of the input, 0 where a single one says nothing."""
+    if samples and later.u.size == 1 and later.first + 1 < samples and earlier.u.size > 1:
         return _INTO
-    if samples and left.u.size == 1 and left.first > 0 and right.u.size > 1:
+    if samples and earlier.u.size == 1 and earlier.first > 0 and later.u.size > 1:
         return _OUT_OF
     return _FAST
 
 
 @dataclass(frozen=True, eq=False)
 class _Jump:
-    """A transition from the left to the right stretch, linear in time, within one sample interval.
+    """A transition from the earlier to the later stretch, linear in time, within one sample interval.
 
     Attributes:
         rows: its sub-steps.
         at: (r, 3) their positions in the interval, 0 to 1.
-        left: (r, 3) the left stretch; gap: (r, 3) the right one minus the left one.
+        earlier: (r, 3) the earlier stretch; gap: (r, 3) the later one minus it.
         law: of centre and duration.
     """
 
     rows: slice
     at: Array
-    left: Array
+    earlier: Array
     gap: Array
     law: _Law
 
@@ -414,7 +413,7 @@ class _Jump:
     def values(self, instant: float) -> Array:
         """Return (r, 3) the input; means over the sub-steps are exact where the gap is constant."""
         edges, _, integral, _ = self._shares(instant)
-        return self.left + self.gap * (np.diff(integral) / np.diff(edges))[:, None]
+        return self.earlier + self.gap * (np.diff(integral) / np.diff(edges))[:, None]
 
     def slope(self, instant: float) -> Array:
         """Return (r,) derivative of the mean input by the instant."""
@@ -424,12 +423,12 @@ class _Jump:
         return np.asarray(mean_input(self.gap) * change / np.diff(edges))
 
 
-def _kinked(at: Array, instant: float, left: Stretch, right: Stretch) -> Array:
-    """(r, 3) the input on the sub-steps of the interval of a kink: left of the instant one stretch, then the other.
+def _kinked(at: Array, instant: float, earlier: Stretch, later: Stretch) -> Array:
+    """Return (r, 3) the input on the sub-steps around a kink: the earlier stretch up to its instant, then the later.
 
     In the sub-step of the kink the middle is such that Simpson's rule gives the exact mean.
     """
-    before, gap = left(at), right(at) - left(at)
+    before, gap = earlier(at), later(at) - earlier(at)
     values = np.where(at >= instant, before + gap, before)
     for i in np.flatnonzero((at[:, 0] < instant) & (instant < at[:, 2])):
         share = (at[i, 2] - instant) / (at[i, 2] - at[i, 0])

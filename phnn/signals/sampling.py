@@ -21,12 +21,12 @@ def series(name: str, values: Any) -> NDArray[np.float64]:
         InputRefused: they are no numbers, or do not stand in one row.
     """
     try:
-        found = np.asarray(values, dtype=np.float64)
+        row = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise InputRefused(f"{name}: {error}: give an array of numbers") from error
-    if found.ndim != 1:
-        raise InputRefused(f"{name} has shape {found.shape}: give one value per sample, shape (N,)")
-    return found
+    if row.ndim != 1:
+        raise InputRefused(f"{name} has shape {row.shape}: give one value per sample, shape (N,)")
+    return row
 
 
 def check_samples(t: NDArray[np.float64], signals: Mapping[str, NDArray[np.float64]]) -> None:

@@ -49,8 +49,7 @@ from phnn.parameters import Parameter, constant
 
 @dataclass(frozen=True)
 class Branch:
-    """A resistor in the network: what its law takes, by co-energies and sources, and whether its declared direction was
-    turned."""
+    """A resistor in the network: its law's argument by co-energies and sources; whether its direction is turned."""
 
     takes: Form
     inverted: bool
@@ -72,7 +71,7 @@ def is_invertible(resistor: R) -> bool:
 
 
 def causal(graph: BondGraph, field: Field, equations: Sequence[Form], stores: Iterable[str]) -> Solution:
-    """The equations solved for rates, source answers and arguments of laws, as far as they let themselves be solved."""
+    """Solve the equations for rates, source answers and arguments of laws, as far as they can be solved."""
     either = [r.name for r in resistors_of(graph) if is_invertible(r)]
     strict = [r.name for r in resistors_of(graph) if not is_invertible(r)]
     inner = dict.fromkeys(v for form in equations for v in form if v.role == "inner")
@@ -197,27 +196,27 @@ def merged(
         name: what that parameter is called.
         compliant: add ``ρ²/κ_a`` to ``1/κ_b`` (proportional co-energies) rather than ``ρ² κ_a`` to ``κ_b``.
     """
-    own, other = kept.parameters[0], gone.parameters[0]
+    stays, goes = kept.parameters[0], gone.parameters[0]
     # What adds up is κ or 1/κ, which a law's parameter is or is the inverse of.
     inverse = [(s.law == "spring") == compliant for s in (kept, gone)]
     parts = [
-        1.0 / parameters[n].value if i else parameters[n].value for n, i in zip((own, other), inverse, strict=True)
+        1.0 / parameters[n].value if i else parameters[n].value for n, i in zip((stays, goes), inverse, strict=True)
     ]
     factor = float(ratio.subs({symbol: parameters[str(symbol)].value for symbol in ratio.free_symbols}))
     total = parts[0] + factor**2 * parts[1]
     value = 1.0 / total if inverse[0] else total
     square = str(ratio**2).replace("**", "^")
-    added = f"{square}/{other}" if inverse[1] else other if square == "1" else f"{square}*{other}"
-    formula = f"1/{name} stands for 1/{own} + {added}" if inverse[0] else f"{name} stands for {own} + {added}"
-    was = parameters[own]
+    added = f"{square}/{goes}" if inverse[1] else goes if square == "1" else f"{square}*{goes}"
+    formula = f"1/{name} stands for 1/{stays} + {added}" if inverse[0] else f"{name} stands for {stays} + {added}"
+    was = parameters[stays]
     present = replace(
         was, name=name, value=value, lower=min(was.lower, value), upper=max(was.upper, value),
-        fixed=was.fixed and parameters[other].fixed, description=f"{was.description or own}; {formula}",
+        fixed=was.fixed and parameters[goes].fixed, description=f"{was.description or stays}; {formula}",
     )  # fmt: skip
     relation = f"e({gone.name}) = {ratio}*e({kept.name})" if compliant else f"{gone.name} = {ratio}*{kept.name}"
     statement = (
         f"{gone.name} is merged into {kept.name}, because {relation}: {formula}; only this total acts, so it is what "
-        f"can be estimated, and {other} is no parameter of the network"
+        f"can be estimated, and {goes} is no parameter of the network"
     )
     return replace(kept, parameters=(name,)), present, Merge(kept.name, gone.name, str(ratio), name, statement)
 
@@ -251,7 +250,7 @@ def check_dependent(store: C | I, form: Form, stores: Mapping[str, C | I]) -> C 
 
 
 def absorbed(field: Field, equations: list[Form], gone: str, kept: str, ratio: Any) -> list[Form]:
-    """The equations with ``e_gone = ρ e_kept`` inserted and ``ẋ = ẋ_kept + ρ ẋ_gone`` for the rate of the kept one."""
+    """Insert ``e_gone = ρ e_kept``, and ``ẋ = ẋ_kept + ρ ẋ_gone`` for the rate of the kept storage."""
     inner = {rate(n): Variable("inner", f"rate {n} within {kept}, {len(equations)}") for n in (gone, kept)}
 
     def insert(form: Form) -> Form:
@@ -428,8 +427,8 @@ def derive(graph: BondGraph) -> Derivation:
     source = sensed_source(graph)
     if source is None:
         return _Derivation(graph).result()
-    found = _Derivation(with_contact(graph, source)).result()
-    return replace(found, network=replace(found.network, senses=source.name))
+    derivation = _Derivation(with_contact(graph, source)).result()
+    return replace(derivation, network=replace(derivation.network, senses=source.name))
 
 
 class _Derivation:
@@ -472,7 +471,7 @@ class _Derivation:
             equations = absorbed(self.field, equations, gone, kept, ratio)
 
     def _kept(self, ratios: Mapping[str, Mapping[str, Any]]) -> str:
-        """Which of several storages stays: the output, else the first by which the others' ratios are no quotients.
+        """Choose which storage stays: the output, else the first by which the others' ratios are no quotients.
 
         Args:
             ratios: for each storage, those of the others if it stays.
@@ -489,10 +488,10 @@ class _Derivation:
             kept = self._kept(ratios)
             for gone, ratio in ratios[kept].items():
                 self._merge(kept, gone, ratio)
-        left = {coenergy(n) for n in self.stores}
+        present = {coenergy(n) for n in self.stores}
 
         def without(form: Form) -> dict[Variable, Any]:
-            return {v: c for v, c in form.items() if v.role != "coenergy" or v in left}
+            return {v: c for v, c in form.items() if v.role != "coenergy" or v in present}
 
         # The effort of the kept storage is now that of both: in the other rows its own entry already says so.
         return (
@@ -518,10 +517,10 @@ class _Derivation:
                     f"let it read {kept}, or set merge to false"
                 )
         store = self.stores[kept]
-        own = store.parameters[0]
+        parameter = store.parameters[0]
         # A parameter that others use as well keeps its meaning for them.
-        shared = [n for e in self.graph.elements for n in e.parameters].count(own) > 1
-        name = f"{own}_{kept}" if shared else own
+        shared = [n for e in self.graph.elements for n in e.parameters].count(parameter) > 1
+        name = f"{parameter}_{kept}" if shared else parameter
         self.stores[kept], self.parameters[name], merge = merged(
             store, self.stores.pop(gone), expression, self.parameters, name, compliant
         )

@@ -273,7 +273,7 @@ def effort_unit(flow_unit: str) -> str:
 
 
 def integral_unit(flow_unit: str) -> str:
-    """SI unit of the integral of a flow over time: of a displacement for a velocity; ``1`` where it is not known."""
+    """Return the SI unit of a flow's integral over time, of a velocity the displacement's; ``1`` if unknown."""
     return _units(flow_unit)[1]
 
 
@@ -298,7 +298,7 @@ def with_contact(graph: BondGraph, source: Sf) -> BondGraph:
             f"1-junction, or name a storage at {source.junction} as the output"
         )
     contact, (_, travel, impulse) = f"{source.name}_contact", _units(source.unit)
-    here = [e for e in graph.elements if e.junction == source.junction]
+    neighbours = [e for e in graph.elements if e.junction == source.junction]
     names = (contact, f"{source.name}_travel", f"{source.name}_massless", f"{source.name}_impulse")
     added: list[Element] = []
     parameters: list[Parameter] = []
@@ -308,11 +308,11 @@ def with_contact(graph: BondGraph, source: Sf) -> BondGraph:
         added.append(kind(name, junction, law, (parameter.name,), unit))
         parameters.append(parameter)
 
-    if not any(isinstance(e, C) for e in here):
+    if not any(isinstance(e, C) for e in neighbours):
         storage(C, source.junction, names[1], "spring", 0.0, travel, "no stiffness: keeps the displacement alone")
     storage(C, contact, names[0], "capacitor", _RIGID, travel, "compliance of the rigid contact")
     storage(I, contact, names[3], "spring", 0.0, impulse, "no compliance: sums up the force alone")
-    if not any(isinstance(e, I) for e in here):
+    if not any(isinstance(e, I) for e in neighbours):
         storage(I, source.junction, names[2], "capacitor", MASSLESS, impulse, "mass of a massless junction")
     moved = tuple(replace(e, junction=contact) if e is source else e for e in graph.elements)
     return replace(

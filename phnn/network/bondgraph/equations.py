@@ -115,7 +115,7 @@ class _End:
 
 
 def junction_equations(graph: BondGraph, field: Field) -> list[Form]:
-    """Linear forms that are zero: what the 0- and 1-junctions say about everything that is attached to them."""
+    """Return linear forms that are zero: what the 0- and 1-junctions say about all that is attached."""
     ends: dict[str, list[_End]] = {name: [] for name in graph.junctions}
     for element in graph.elements:
         ends[element.junction].append(_element_end(element, field))

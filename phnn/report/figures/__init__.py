@@ -66,7 +66,7 @@ def telling_stretch(
     scored: np.ndarray,  # (N,) bool
     shown: float = 4.0,
 ) -> slice:
-    """About ``shown`` cycles where the error is largest, or the whole trace where it has no more than twice that."""
+    """Return about ``shown`` cycles of the largest error; the whole trace if it has at most twice as many."""
     count = len(u)
     number = cycles(u)
     if number <= 2.0 * shown or count < 100:
