@@ -34,18 +34,12 @@ NOTE, WARNING = "note", "warning"
 
 @dataclass(frozen=True)
 class Finding:
-    """Attributes:
-    kind: ``quantisation``, ``limits``, ``drift``, ``mains``, ``lead``, ``distortion``, ``units``, ``noise`` or
-        ``contaminated``.
-    severity: ``note``, or ``warning`` where it may mislead a diagnosis.
-    text: one sentence for a person, with what to do about a warning.
-    values: its numbers, SI.
-    """
+    """What a check noticed in a recording."""
 
-    kind: str
-    severity: str
-    text: str
-    values: Mapping[str, float]
+    kind: str  # quantisation, limits, drift, restless, mains, lead, distortion, units, noise or contaminated
+    severity: str  # note, or warning where it may mislead a diagnosis
+    text: str  # one sentence for a person, with what to do about a warning
+    values: Mapping[str, float]  # its numbers, SI
 
 
 # Units differ by powers of a thousand; a gain is suspicious within this factor of one.
@@ -67,12 +61,12 @@ _LEAST, _MOST, _AMPLIFIED = 1e-11, 1e-4, 1e-2
 
 
 def odd_units(campaign: Campaign) -> dict[str, list[Finding]]:
-    """By recording: doubts about the units and signs of its input or output.
+    """Return, by recording, doubts about the units and signs of its input or output.
 
     Gains about 10³ or 10⁻³ times that of most others, outputs that move against an input that most others follow, and
     voltages and strokes per volt far beyond those of actuators that are sold; any other system may have any gain.
     """
-    found: dict[str, list[Finding]] = {r.name: [] for r in campaign.recordings}
+    findings: dict[str, list[Finding]] = {r.name: [] for r in campaign.recordings}
     actuator, most = is_actuator(campaign.setup), _AMPLIFIED if campaign.voltage == "command" else _MOST
     kinds: dict[tuple[str, ...], list[Recording]] = {}
     for r in campaign.recordings:
@@ -92,19 +86,19 @@ def odd_units(campaign: Campaign) -> dict[str, list[Finding]]:
                 fact = f"output over input is {ratio:.3g} times that of the {len(alike)} others"
                 cause = "a column has probably another unit than is stated (nm, µm, mm; V, kV)"
                 text = f"{fact}: {cause}; correct it in recordings.yaml, columns"
-                found[r.name].append(Finding("units", WARNING, text, {"gain_over_others": ratio}))
+                findings[r.name].append(Finding("units", WARNING, text, {"gain_over_others": ratio}))
             if actuator and (r.units.input, r.units.output) == ("V", "m") and not _LEAST <= gain <= most:
                 fact = f"output over input is {gain:.2g} m/V, piezo actuators have {_LEAST:g} to {most:g} m/V"
                 text = f"{fact}: compare the units and names of its columns with what was recorded"
-                found[r.name].append(Finding("units", WARNING, text, {"gain": gain}))
+                findings[r.name].append(Finding("units", WARNING, text, {"gain": gain}))
             if actuator and r.units.input == "V" and (size := float(np.max(np.abs(r.u)))) > _HIGHEST:
                 fact = f"a voltage of {quantity(size, 'V')}, piezo actuators take up to {quantity(_HIGHEST, 'V')}"
                 text = f"{fact}: the column is probably in mV; correct it in recordings.yaml, columns"
-                found[r.name].append(Finding("units", WARNING, text, {"voltage": size}))
+                findings[r.name].append(Finding("units", WARNING, text, {"voltage": size}))
             if r in against:
                 text = f"the output moves the other way than in most others: {turned(r.source)}"
-                found[r.name].append(Finding("units", WARNING, text, {"correlation": against[r]}))
-    return found
+                findings[r.name].append(Finding("units", WARNING, text, {"correlation": against[r]}))
+    return findings
 
 
 def _against(recordings: Sequence[Recording]) -> dict[Recording, float]:
@@ -133,10 +127,10 @@ def buried(recording: Recording) -> list[Finding]:
 
 
 def doubts(campaign: Campaign) -> tuple[str, ...]:
-    """What makes an identification of a campaign doubtful, a sentence each: odd units, and outputs that are noise."""
+    """Return what makes an identification doubtful, a sentence each: odd units, and outputs that are noise."""
     odd = odd_units(campaign)
-    found = {r.name: [*odd[r.name], *(buried(r) if np.isfinite(r.y).all() else ())] for r in campaign.recordings}
-    return tuple(f"{name}: {f.text}." for name, findings in found.items() for f in findings)
+    doubtful = {r.name: [*odd[r.name], *(buried(r) if np.isfinite(r.y).all() else ())] for r in campaign.recordings}
+    return tuple(f"{name}: {f.text}." for name, findings in doubtful.items() for f in findings)
 
 
 def _has_gain(r: Recording, usual: float) -> bool:
@@ -174,12 +168,12 @@ def mains(recording: Recording) -> list[Finding]:
     if not asked:
         return []
     output, drive = spectrum(recording.y) ** 2, spectrum(recording.drive) ** 2
-    found = {f: a for f in asked if (a := _amplitude(output, drive, f * duration, recording.t.size)) > 0.0}
-    if not found:
+    tones = {f: a for f in asked if (a := _amplitude(output, drive, f * duration, recording.t.size)) > 0.0}
+    if not tones:
         return []
-    said = ", ".join(f"{f:g} Hz ({quantity(a, recording.units.output)})" for f, a in found.items())
-    text = f"tones of the mains in the output at {said}: look for a ground loop, or shield the sensor"
-    return [Finding("mains", WARNING, text, {f"amplitude_{f:g}Hz": a for f, a in found.items()})]
+    named = ", ".join(f"{f:g} Hz ({quantity(a, recording.units.output)})" for f, a in tones.items())
+    text = f"tones of the mains in the output at {named}: look for a ground loop, or shield the sensor"
+    return [Finding("mains", WARNING, text, {f"amplitude_{f:g}Hz": a for f, a in tones.items()})]
 
 
 def _driven(excitation: Excitation, frequency: float, duration: float) -> bool:
@@ -190,7 +184,7 @@ def _driven(excitation: Excitation, frequency: float, duration: float) -> bool:
 
 
 def _amplitude(output: Array, drive: Array, place: float, samples: int) -> float:
-    """Amplitude of a tone in the output's spectrum; 0 where there is none, or where the input could have caused it."""
+    """Return the amplitude of a tone in the output's spectrum; 0 without one, or where the input may cause it."""
     stands_out, power = _over_neighbours(output, round(place))
     if stands_out < _STANDS_OUT or _over_neighbours(drive, round(place))[0] > 0.1 * stands_out:
         return 0.0
@@ -200,11 +194,11 @@ def _amplitude(output: Array, drive: Array, place: float, samples: int) -> float
 
 def _over_neighbours(power: Array, middle: int) -> tuple[float, float]:
     """Return the power at a bin over the median around it, and the power in its three bins together."""
-    own = power[max(middle - 1, 0) : middle + 2]
+    bins = power[max(middle - 1, 0) : middle + 2]
     below = power[max(middle - _AROUND, 1) : max(middle - _ITSELF, 1)]
     around = np.concatenate([below, power[middle + _ITSELF + 1 : middle + _AROUND + 1]])
     usual = float(np.median(around)) if around.size else 0.0
-    return float(own.max(initial=0.0)) / max(usual, 1e-300), float(own.sum())
+    return float(bins.max(initial=0.0)) / max(usual, 1e-300), float(bins.sum())
 
 
 # Samples by which an output must lead before a channel is called shifted, and times the uncertainty of the phase.
@@ -351,7 +345,7 @@ def quantisation(recording: Recording) -> list[Finding]:
 
 
 def limits(recording: Recording) -> list[Finding]:
-    """Samples that stand at the output's extremes, as where a converter ends; many more of them reading refuses.
+    """Return samples that stand at the output's extremes, as where a converter ends; many more of them reading refuses.
 
     Where the manifest says that the sensor saturates there, they are data.
     """
@@ -367,7 +361,7 @@ def limits(recording: Recording) -> list[Finding]:
 
 
 def drift(recording: Recording) -> list[Finding]:
-    """Change of the output's mean from period to period, or between rests at one input, with its standard error.
+    """Return how the output's mean changes from period to period, or between rests at one input, with standard error.
 
     The first period is left out, for what the start left dies away in it. Without a noise floor nothing is
     significant.
@@ -461,14 +455,14 @@ _TALL, _NAMED = 30.0, 3
 
 
 def contaminated(recordings: Sequence[Recording]) -> dict[str, list[Finding]]:
-    """By recording: whether its last two periods differ far more than those of the others with such an excitation.
+    """Return, by recording, last two periods that differ far more than those of others with such an excitation.
 
     The spectra of random-phase multisines differ from realisation to realisation, but not the noise between their
     periods (Pintelon & Schoukens 2012, System Identification, ch. 4).
     """
     between = {r.name: d for r in recordings if (d := _last_difference(r)) is not None}
     sizes = {name: float(np.std(d)) for name, d in between.items()}
-    found: dict[str, list[Finding]] = {r.name: [] for r in recordings}
+    findings: dict[str, list[Finding]] = {r.name: [] for r in recordings}
     for r in recordings:
         kin = [o.name for o in recordings if o.name in between and _of_one_kind(r, o)]
         if r.name not in between or len(kin) < _KIN:
@@ -481,12 +475,12 @@ def contaminated(recordings: Sequence[Recording]) -> dict[str, list[Finding]]:
             fact = f"noise between periods {times:.2g} times that of {len(kin) - 1} others with such an excitation"
             text = f"{fact}{where}: leave it out, or record it again"
             values = {"noise_over_others": times, **{f"tone_{i}_Hz": f for i, f in enumerate(tones, start=1)}}
-            found[r.name].append(Finding("contaminated", WARNING, text, values))
-    return found
+            findings[r.name].append(Finding("contaminated", WARNING, text, values))
+    return findings
 
 
 def _last_difference(recording: Recording) -> np.ndarray | None:
-    """Difference of the last two periods over √2; None where there are no two of a whole number of samples."""
+    """Return the difference of the last two periods over √2; None without two of a whole number of samples."""
     if recording.period is None:
         return None
     size, y = recording.period / recording.dt, recording.y
@@ -547,13 +541,11 @@ QUESTIONS = (
 
 @dataclass(frozen=True)
 class Ability:
-    """Attributes:
-    shows: what could be told; able: whether these recordings tell; record: what to record where they do not.
-    """
+    """A question that recordings may answer."""
 
-    shows: str
-    able: bool
-    record: str
+    shows: str  # what could be told
+    able: bool  # whether these recordings tell
+    record: str  # what to record where they do not
 
 
 def abilities(campaign: Campaign) -> list[Ability]:
@@ -570,25 +562,18 @@ def abilities(campaign: Campaign) -> list[Ability]:
     amplitudes = any(e.kind in ("broadband", "periodic") for e in moving) or any(
         a.amplitude > _AMPLITUDES * b.amplitude and _near(a, b) for a, b in itertools.permutations(moving, 2)
     )
-    # Frequencies over almost a decade.
-    frequencies = bool(lows) and max(e.high_Hz for e in drives) > _FREQUENCIES * min(lows)
-    # A hold or rest that is long against the shortest period.
-    holds = longest > (_HOLD / max(lows) if lows else 0.0)
-    # A rest at the end, at the input of the beginning.
-    returns = any(e.span[1] < 0.9 * r.t.size and comes_back(r.drive) for r, e in zip(chosen, drives, strict=True))
-    # Content above the sines.
-    wide = any(e.kind == "periodic" and e.high_Hz > _LINES * e.low_Hz for e in drives)
-    broad = wide or any(e.kind in ("steps", "chirp", "broadband") for e in drives) or any(map(_steps, chosen))
+    over_a_decade = bool(lows) and max(e.high_Hz for e in drives) > _FREQUENCIES * min(lows)
+    long_hold = longest > (_HOLD / max(lows) if lows else 0.0)
+    final_rest = any(e.span[1] < 0.9 * r.t.size and comes_back(r.drive) for r, e in zip(chosen, drives, strict=True))
+    multisine = any(e.kind == "periodic" and e.high_Hz > _LINES * e.low_Hz for e in drives)
+    broad = multisine or any(e.kind in ("steps", "chirp", "broadband") for e in drives) or any(map(_steps, chosen))
     measured = campaign.voltage == "terminals" or any({"current", "charge"} & set(r.channels) for r in chosen)
     repeats = longest > 0.0 or any(e.period is not None and e.cycles >= 2.0 for e in drives)
     drive = "voltage" if all(r.units.input == "V" for r in chosen) else "input"
     rest = f"{LONG_REST} samples ({duration(LONG_REST * max((r.dt for r in chosen), default=0.0))})"
-    answers = (amplitudes, frequencies, holds, returns, broad, measured, repeats)
-    asked = (
-        (own if actuator else other, able, record)
-        for (own, other, record), able in zip(QUESTIONS, answers, strict=True)
-    )
-    return [Ability(shows, able, record.format(input=drive, rest=rest)) for shows, able, record in asked if shows]
+    answers = (amplitudes, over_a_decade, long_hold, final_rest, broad, measured, repeats)
+    asked = zip(((piezo if actuator else usual, record) for piezo, usual, record in QUESTIONS), answers, strict=True)
+    return [Ability(shows, able, record.format(input=drive, rest=rest)) for (shows, record), able in asked if shows]
 
 
 def _near(a: Excitation, b: Excitation) -> bool:
@@ -617,31 +602,27 @@ _CHECKS = (buried, quantisation, limits, drift, restless, mains, lead, distortio
 
 @dataclass(frozen=True)
 class Checked:
-    """Attributes:
-    campaign: what was read.
-    findings: by recording, in the order of the campaign; abilities: of all together.
-    noise: what the noise of each recording is that has an output.
-    """
+    """A campaign with all that was noticed in it."""
 
     campaign: Campaign
-    findings: dict[str, list[Finding]]
-    abilities: list[Ability]
-    noise: dict[str, NoiseStatement]
+    findings: dict[str, list[Finding]]  # by recording, in the order of the campaign
+    abilities: list[Ability]  # of all recordings together
+    noise: dict[str, NoiseStatement]  # of each recording that has an output
 
     def text(self) -> str:
         """Return what `phnn check` prints."""
         first, rest = describe(self.campaign).split("\n\n", 1)
         lines = [first, ""]
-        found = [(name, f) for name, some in self.findings.items() for f in some]
-        if found := sorted(found, key=lambda n: (n[1].severity != WARNING, n[1].kind not in _WRONG)):
+        findings = [(name, f) for name, some in self.findings.items() for f in some]
+        if findings := sorted(findings, key=lambda n: (n[1].severity != WARNING, n[1].kind not in _WRONG)):
             # What differs in numbers alone shares the line of the first; other warnings each have their own.
-            alone = (f.severity == WARNING and f.kind not in _WRONG for _, f in found)
-            keys = ((n, f.text) if a else _NUMBER.sub("#", f.text) for a, (n, f) in zip(alone, found, strict=True))
-            told = zip(keys, ((name, f"{f.severity:8}{name}: {f.text}") for name, f in found), strict=True)
-            lines += ["Noticed:", *_grouped("similar", told), ""]
+            alone = (f.severity == WARNING and f.kind not in _WRONG for _, f in findings)
+            keys = ((n, f.text) if a else _NUMBER.sub("#", f.text) for a, (n, f) in zip(alone, findings, strict=True))
+            lines_by_key = zip(keys, ((name, f"{f.severity:8}{name}: {f.text}") for name, f in findings), strict=True)
+            lines += ["Noticed:", *_grouped("similar", lines_by_key), ""]
         lines += [rest, ""]
-        said = ((name, "; ".join((s.colour, *s.notes))) for name, s in self.noise.items())
-        lines += ["Noise:", *_grouped("the same", ((text, (name, f"{name}: {text}")) for name, text in said)), ""]
+        statements = ((name, "; ".join((s.colour, *s.notes))) for name, s in self.noise.items())
+        lines += ["Noise:", *_grouped("the same", ((text, (name, f"{name}: {text}")) for name, text in statements)), ""]
         for head, able in (("These recordings can show:", True), ("They cannot show, for which to record:", False)):
             some = [a for a in self.abilities if a.able is able]
             if some:
@@ -668,10 +649,10 @@ class Checked:
         }  # fmt: skip
 
 
-def _grouped(how: str, told: Iterable[tuple[Hashable, tuple[str, str]]]) -> Iterator[str]:
-    """Yield one line for each key, the first; ``told``: key, name of the recording and line."""
+def _grouped(how: str, lines: Iterable[tuple[Hashable, tuple[str, str]]]) -> Iterator[str]:
+    """Yield one line for each key, the first; ``lines``: key, name of the recording and line."""
     groups: dict[Hashable, tuple[str, list[str]]] = {}
-    for key, (name, line) in told:
+    for key, (name, line) in lines:
         groups.setdefault(key, (line, []))[1].append(name)
     for line, (_, *others) in groups.values():
         named = ", ".join(others) if len(others) <= _LISTED else f"{len(others)} others"

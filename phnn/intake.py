@@ -67,9 +67,9 @@ class Limits:
     name_characters: int = 200
 
     def most(self, count: str) -> int:
-        """The largest value of a count among settings: its own limit, or a number with the digits that are accepted."""
-        own = count in ("hysterons", "starts", "workers", "substeps", "units")
-        return int(getattr(self, count)) if own else 10**self.digits - 1
+        """Return the largest value of a count among settings: its own limit, or a number of the digits accepted."""
+        limited = count in ("hysterons", "starts", "workers", "substeps", "units")
+        return int(getattr(self, count)) if limited else 10**self.digits - 1
 
 
 LIMITS = Limits()
@@ -114,21 +114,13 @@ OUTSIDE = "--allow-outside"
 
 @dataclass(frozen=True)
 class Source:
-    """A file that may be read: `named_file` has looked at it.
+    """A file that may be read: `named_file` has looked at it."""
 
-    Attributes:
-        path: of the file, links resolved.
-        name: as the user calls it, printable, for messages.
-        suffix: of the name that the user gave, in small letters.
-        size: bytes.
-        outside: whether parts of its content may lie in other files (links of HDF5).
-    """
-
-    path: Path
-    name: str
-    suffix: str
-    size: int
-    outside: bool = False
+    path: Path  # links resolved
+    name: str  # as the user calls it, printable, for messages
+    suffix: str  # of the name that the user gave, in small letters
+    size: int  # bytes
+    outside: bool = False  # parts of its content may lie in other files (links of HDF5)
 
     def open(self) -> BinaryIO:
         """Return the file, open for reading. Raises InputRefused where it cannot be, or is no regular file any more."""
@@ -144,11 +136,8 @@ class Source:
         return file
 
     def read(self, most: int, what: str = "a file") -> bytes:
-        """Return the whole content. Raises InputRefused where it is larger than ``most``, or cannot be read.
-
-        Args:
-            most: bytes; what: of a kind of file, for the message.
-        """
+        """Return the whole content. Raises InputRefused, which says ``what`` it is, where it is larger than ``most``
+        bytes or cannot be read."""
         self.check_size(most, what)
         with self.open() as file:
             try:
@@ -168,12 +157,8 @@ class Source:
             raise InputRefused(f"{self.name}: {cause}: split it, or export less")
 
     def check_memory(self, size: int, unpacked: bool = False) -> None:
-        """Refuse numbers that would take more memory than there is for one file.
-
-        Args:
-            size: bytes of the numbers once they are read.
-            unpacked: the file holds them packed, and may claim any number of them.
-        """
+        """Refuse numbers that would take more memory, ``size`` bytes once they are read, than there is for one file;
+        ``unpacked`` ones lie packed in the file, which may claim any number of them."""
         most = int(LIMITS.memory_share * available_memory())
         if unpacked:
             most = min(most, LIMITS.unpacked_bytes + self.size)
@@ -186,11 +171,8 @@ class Source:
 def reached(path: Path, before: str, kind: str, remedy: str) -> tuple[Path, os.stat_result]:
     """Return a path that a user names, links resolved, and its entry in the file system.
 
-    Args:
-        before: what stands before it in a message; kind: what it should be; remedy: where it is not there.
-
-    Raises:
-        InputRefused: there is nothing, or it cannot be reached.
+    Raises InputRefused where there is nothing, or it cannot be reached: with what stands ``before`` the path, which
+    ``kind`` it should be, and the remedy.
     """
     shown = printable(str(path))
     try:
@@ -220,28 +202,24 @@ def named_file(
         InputRefused: it is absent, cannot be reached, is no regular file, lies outside, or is larger than any.
     """
     name = printable(path.name or str(path))
-    said = f"{where}: " if where else ""
-    real, found = reached(path, said, "file", absent)
-    if not stat.S_ISREG(found.st_mode):
-        kind = "a folder" if stat.S_ISDIR(found.st_mode) else "a pipe, a socket or a device"
-        raise InputRefused(f"{said}{name}: is {kind}, not a file: copy what is to be read into a file")
+    prefix = f"{where}: " if where else ""
+    real, status = reached(path, prefix, "file", absent)
+    if not stat.S_ISREG(status.st_mode):
+        kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a pipe, a socket or a device"
+        raise InputRefused(f"{prefix}{name}: is {kind}, not a file: copy what is to be read into a file")
     if within and not outside and not any(real.is_relative_to(os.path.realpath(folder)) for folder in within):
         cause = f"leads out of the folder {printable(str(within[0]))}"
         remedy = f"copy the file into the folder, or give the option {OUTSIDE} if you trust who made the folder"
-        raise InputRefused(f"{said}{printable(str(path))}: {cause}: {remedy}")
-    source = Source(real, name, path.suffix.lower(), found.st_size, outside or not within)
+        raise InputRefused(f"{prefix}{printable(str(path))}: {cause}: {remedy}")
+    source = Source(real, name, path.suffix.lower(), status.st_size, outside or not within)
     source.check_size(LIMITS.file_bytes)
     return source
 
 
 def load_json(source: Source, most: int, what: str, remedy: str) -> Any:
-    """Return the content of a json file.
+    """Return the content of a json file of at most so many bytes; ``what`` it is and the remedy stand in messages.
 
-    Args:
-        most: bytes; what: of a kind of file, and remedy: for the messages.
-
-    Raises:
-        InputRefused: too large, no json, or something that is no plain value within the limits.
+    Raises InputRefused where it is too large, no json, or holds something that is no plain value within the limits.
     """
     raw = source.read(most, what)
     try:
@@ -289,17 +267,14 @@ _REAL = re.compile(
 class _Refused(ValueError):
     """What is wrong at a node, and the remedy; the line comes before it."""
 
-    def __init__(self, node: Any, said: str) -> None:
-        super().__init__(said)
+    def __init__(self, node: Any, text: str) -> None:
+        super().__init__(text)
         self.line = node.start_mark.line + 1
 
 
 def load_yaml(source: Source) -> Any:
-    """Return the one document of a yaml file; ``None`` where it holds none.
-
-    Raises:
-        InputRefused: too large, no yaml, or something that is no plain value within the limits; names file and line.
-    """
+    """Return the one document of a yaml file; None where it holds none. Raises InputRefused, with file and line, where
+    it is too large, no yaml, or holds something that is no plain value within the limits."""
     raw = source.read(LIMITS.yaml_bytes, "a yaml file")
     try:
         text = raw.decode("utf-8-sig")
@@ -351,23 +326,23 @@ def _plain(node: Any, depth: int, counted: Iterator[int]) -> Any:
         return _scalar(node)
     if node.id == "sequence":
         return [_plain(inner, depth + 1, counted) for inner in node.value]
-    own: dict[Any, Any] = {}
+    content: dict[Any, Any] = {}
     merged: dict[Any, Any] = {}
     for key_node, value_node in node.value:
         key, value = (_plain(inner, depth + 1, counted) for inner in (key_node, value_node))
         if isinstance(key, list | dict):
             raise _Refused(key_node, "a list or mapping as a key: write a name")
-        if key in own:
+        if key in content:
             raise _Refused(key_node, f"the key {key!r} is given twice: remove one")
         if key != "<<":
-            own[key] = value
+            content[key] = value
             continue
         for mapping in value if isinstance(value, list) else [value]:
             if not isinstance(mapping, dict):
                 raise _Refused(key_node, "<< stands before something that is no mapping: name a mapping")
             # The first mapping that has a key wins.
             merged = mapping | merged
-    return merged | own
+    return merged | content
 
 
 def _scalar(node: Any) -> Any:
@@ -382,9 +357,8 @@ def _scalar(node: Any) -> Any:
     if _WHOLE.fullmatch(text):
         digits = sum(c.isdigit() for c in text)
         if digits > LIMITS.digits:
-            raise _Refused(
-                node, f"a whole number of {digits} digits, at most {LIMITS.digits} are accepted: write 1e{digits}"
-            )
+            cause = f"a whole number of {digits} digits, at most {LIMITS.digits} are accepted"
+            raise _Refused(node, f"{cause}: write 1e{digits}")
         return int(text.replace("_", ""))
     if _REAL.fullmatch(text):
         return float(text.replace("_", "").lower().replace(".inf", "inf").replace(".nan", "nan"))

@@ -41,18 +41,14 @@ _UNSAFE = re.compile(r"[^\w.+=@,()\[\] -]")
 _DEVICES = re.compile(r"(?i)(con|prn|aux|nul|com\d|lpt\d)(\..*)?")
 # Control characters (C0 without the line feed, DEL, C1), marks that reverse the direction of writing, line and
 # paragraph separators, and lone surrogates, which stand for bytes of a name that is no UTF-8.
-_UNPRINTABLE = re.compile(
-    "[\x00-\x09\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ufeff\ud800-\udfff]"
-)
+_HIDDEN = re.compile("[\x00-\x09\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ufeff\ud800-\udfff]")
 
 
 def printable(text: str, lines: bool = False) -> str:
     """Return a text with every character spelled out that a terminal or a page would not show as it is.
 
-    Escape codes lose their effect, bytes that are no UTF-8 become ``\\xff``, other characters ``\\u202e``.
-
-    Args:
-        lines: keep line feeds, for a text of several lines; a name has one line.
+    Escape codes lose their effect, bytes that are no UTF-8 become ``\\xff``, other characters ``\\u202e``. A name has
+    one line, a text may have several ``lines``.
     """
 
     def spelled(match: re.Match[str]) -> str:
@@ -61,7 +57,7 @@ def printable(text: str, lines: bool = False) -> str:
         code -= 0xDC00 if 0xDC80 <= code <= 0xDCFF else 0
         return f"\\x{code:02x}" if code <= 0xFF else f"\\u{code:04x}"
 
-    shown = _UNPRINTABLE.sub(spelled, text)
+    shown = _HIDDEN.sub(spelled, text)
     return shown if lines else shown.replace("\n", "\\x0a")
 
 
@@ -78,12 +74,10 @@ def message(text: str, most: int) -> str:
 
 
 def file_name(label: str, ending: str = "") -> str:
-    """Return a label as the name of a file: one component, printable, at most 180 bytes, never empty or hidden.
+    """Return a label, and an ending such as ``.csv``, as the name of a file: one printable component of at most 180
+    bytes, never empty or hidden.
 
     Labels that need no change stay as they are. Two different labels may give the same name, see `unique_names`.
-
-    Args:
-        ending: follows the label, such as ``.csv``.
     """
     # Surrogates are what Python makes of bytes that are no UTF-8.
     text = unicodedata.normalize("NFC", label.encode("utf-8", "replace").decode("utf-8"))
@@ -127,12 +121,8 @@ def sha256_of(path: Path) -> str:
 
 
 def write_atomic(path: Path, content: bytes) -> None:
-    """Write a file so that neither a reader nor a run that is killed meets half of it. The folder must exist.
-
-    Raises:
-        OutputRefused: the folder cannot be written to.
-        OutputFailed: the disk is full.
-    """
+    """Write a file so that neither a reader nor a run that is killed meets half of it. The folder must exist. Raises
+    OutputRefused where it cannot be written to, OutputFailed where the disk is full."""
     # Unique and exclusive: two processes do not mix their parts, and a stranger's link is not written through.
     temporary = path.with_name(f".{secrets.token_hex(8)}{_PART}")
     try:
@@ -156,48 +146,34 @@ def refusal(path: Path, error: OSError) -> OutputRefused | OutputFailed:
     return OutputRefused(f"{path}: cannot be written ({error.strerror}): choose another folder for --out")
 
 
-def same(
-    where: Path, before: Mapping[str, Any], now: Mapping[str, Any], remedy: str, free: Collection[str] = ()
-) -> None:
-    """Refuse to continue from results that were made of something else.
+# What hashes stand for, which say nothing to people.
+_HASHES = {"recordings": "other recordings", "base": "another model to start from", "schema": "another version of phnn"}
 
-    Args:
-        where: the folder or file of the results.
-        before, now: what they were made of, and what they would be made of.
-        remedy: what the user can do.
-        free: keys that do not change the results.
 
-    Raises:
-        OutputRefused: a value differs; the message names it.
+def same(out: Path, before: Mapping[str, Any], now: Mapping[str, Any], remedy: str, free: Collection[str] = ()) -> None:
+    """Refuse to continue from results in a folder or file that were made of something else ``before`` than ``now``.
+
+    Raises OutputRefused, with the value that differs and the remedy. Keys that are ``free`` do not change the results.
     """
-    # Values of these keys are hashes, which say nothing to people.
-    words = {
-        "recordings": "other recordings",
-        "base": "another model to start from",
-        "schema": "another version of phnn",
-    }
     for key in sorted((set(before) | set(now)) - set(free)):
         old, new = before.get(key), now.get(key)
         if old != new:
-            shown = "" if key in words else f" ({key}: {old} before, {new} now)"
-            raise OutputRefused(f"{where}: was made with {words.get(key, 'other settings')}{shown}: {remedy}")
+            shown = "" if key in _HASHES else f" ({key}: {old} before, {new} now)"
+            raise OutputRefused(f"{out}: was made with {_HASHES.get(key, 'other settings')}{shown}: {remedy}")
 
 
 @dataclass(frozen=True)
 class _Manifest:
-    """The list of what phnn wrote below a folder.
+    """The list of what phnn wrote below a folder, with what the last run was and the command that wrote each file.
 
-    Attributes:
-        command, made_of, complete: of the last run.
-        files: the command that wrote each file, by name; names of folders whose whole content is phnn's end with ``/``.
-        earlier: the same of files that the last run has not written again.
+    Names of folders whose whole content is phnn's end with ``/``.
     """
 
     command: str = ""
     made_of: Mapping[str, Any] = field(default_factory=dict)
     complete: bool = False
     files: Mapping[str, str] = field(default_factory=dict)
-    earlier: Mapping[str, str] = field(default_factory=dict)
+    earlier: Mapping[str, str] = field(default_factory=dict)  # files that the last run has not written again
 
     @staticmethod
     def read(root: Path) -> _Manifest:
@@ -239,19 +215,12 @@ class _Manifest:
 
 @dataclass(frozen=True)
 class Place:
-    """A file or folder below a folder of results; it crosses processes.
+    """A file or folder below a folder of results; it crosses processes."""
 
-    Attributes:
-        root: the folder of results, without links.
-        name: below it, empty for the folder itself.
-        overwrite: whether results that were changed since may be replaced; None where the user has no such option.
-        by: the command that writes.
-    """
-
-    root: Path
-    name: PurePosixPath = field(default_factory=PurePosixPath)
-    overwrite: bool | None = None
-    by: str = ""
+    root: Path  # the folder of results, without links
+    name: PurePosixPath = field(default_factory=PurePosixPath)  # below it, empty for the folder itself
+    overwrite: bool | None = None  # replace results that were changed since; None where the user has no such option
+    by: str = ""  # the command that writes
 
     def __truediv__(self, part: str) -> Place:
         """Return a file or folder in this one. The part is a name, never a path; see `file_name`."""
@@ -266,12 +235,8 @@ class Place:
         return str(self.path)
 
     def write(self, content: bytes) -> None:
-        """Write a file, whole or not at all, and list it as phnn's.
-
-        Raises:
-            OutputRefused: a stranger's file has that name, the folder cannot be written to, or it leads elsewhere.
-            OutputFailed: the disk is full.
-        """
+        """Write a file, whole or not at all, and list it as phnn's. Raises OutputRefused where a stranger's file has
+        that name or the folder cannot be written to or leads elsewhere, OutputFailed where the disk is full."""
         path = self.path
         if path.is_symlink() or path.is_dir():
             kind = "a link" if path.is_symlink() else "a folder"
@@ -327,17 +292,11 @@ def _make(folder: Path) -> None:
 
 @dataclass(frozen=True)
 class Origin:
-    """What the results of a run are made of.
+    """What the results of a run are made of."""
 
-    Attributes:
-        made_of: hashes of data and settings that decide the results; the version of phnn is added.
-        resume: continue from what an earlier run with the same ``made_of`` has finished.
-        anew: how the user begins anew, for messages.
-    """
-
-    made_of: Mapping[str, Any] = field(default_factory=dict)
-    resume: bool = False
-    anew: str = ""
+    made_of: Mapping[str, Any] = field(default_factory=dict)  # hashes of data and settings that decide the results
+    resume: bool = False  # continue from what an earlier run with the same ``made_of`` has finished
+    anew: str = ""  # how the user begins anew, for messages
 
     @property
     def complete(self) -> dict[str, Any]:
@@ -413,11 +372,8 @@ Give the same command again.
 
 
 def finished(out: Path, command: str, origin: Origin) -> bool:
-    """Return whether a run of the same command has come to its end in a folder, made of the same.
-
-    Raises:
-        InputRefused: the results there were made of something else.
-    """
+    """Return whether a run of the same command has come to its end in a folder, made of the same. Raises OutputRefused
+    where the results there were made of something else."""
     before = _Manifest.read(_resolved(out))
     _check_origin(out, before, command, origin)
     return before.complete
@@ -489,10 +445,7 @@ def watched(place: Place, command: str, tell: Callable[[str], None]) -> Iterator
     """Pass on every line of progress, and write it to ``progress.json`` with its time.
 
     The file goes when the run ends, and where its input was refused. After a failure or a kill it says where the run
-    stopped. A full disk stops no run here: its results will say so.
-
-    Args:
-        place: folder of the results; tell: where the lines go besides.
+    stopped. A full disk stops no run here: its results will say so. The lines go to ``tell`` besides.
     """
     file, began = place / PROGRESS, _now()
     steps: list[dict[str, str]] = []

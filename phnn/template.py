@@ -86,15 +86,14 @@ _WANTED: tuple[tuple[str, str, str], ...] = (
 
 
 class _Seen(NamedTuple):
-    """A column of numbers: where it stands, its name, its unit where phnn knows it, the words of its name, values, and
-    how many of these were missing and lie between their neighbours now."""
+    """A column of numbers."""
 
     place: int
     name: str
-    unit: str | None
-    words: frozenset[str]
+    unit: str | None  # where phnn knows it
+    words: frozenset[str]  # of the name
     values: np.ndarray
-    missing: int
+    missing: int  # how many values were missing and lie between their neighbours now
 
     @property
     def moves(self) -> bool:
@@ -135,23 +134,15 @@ class _Role(NamedTuple):
 
 @dataclass(frozen=True)
 class Found:
-    """One file that may be a recording.
-
-    Attributes:
-        file: its name; table, roles: None and empty where it cannot be read, or has no input and output.
-        columns: of numbers, in order.
-        actuator: it may be the recording of a piezo actuator.
-        reason: why it is no recording; empty where it is one.
-        name: of the recording where the file's name alone is not unique.
-    """
+    """One file that may be a recording; it has no table where it cannot be read, no roles without input and output."""
 
     file: str
     table: Table | None = None
     roles: Mapping[str, _Role] = field(default_factory=dict)
-    columns: tuple[_Seen, ...] = ()
-    actuator: bool = True
-    reason: str = ""
-    name: str = ""
+    columns: tuple[_Seen, ...] = ()  # of numbers, in order
+    actuator: bool = True  # it may be the recording of a piezo actuator
+    reason: str = ""  # why it is no recording; empty where it is one
+    name: str = ""  # of the recording where the file's name alone is not unique
 
     @property
     def named(self) -> dict[str, _Seen]:
@@ -161,7 +152,7 @@ class Found:
 
 def _columns_seen(table: Table) -> list[_Seen]:
     """Return the columns of a table that hold numbers, of the most frequent length; between them where some miss."""
-    found = []
+    columns = []
     for i, name in enumerate(table.names):
         try:
             values = table.numbers(i)
@@ -174,12 +165,12 @@ def _columns_seen(table: Table) -> list[_Seen]:
             unit = unit or table.units.get(name)
             words = _of(" ".join([*re.findall(r"[^\W\d_]+", bare.lower()), parse_name(name)[0]]))
             unit = unit if unit and find_unit(unit) is not None else None
-            found.append(_Seen(i, name, unit, words, values, int(np.sum(~known))))
+            columns.append(_Seen(i, name, unit, words, values, int(np.sum(~known))))
     if table.by_name:
         # Variables stand in a file in any order.
-        found.sort(key=lambda c: c.name)
-    sizes = [c.values.size for c in found]
-    return [c for c in found if c.values.size == max(set(sizes), key=lambda s: (sizes.count(s), s))]
+        columns.sort(key=lambda c: c.name)
+    sizes = [c.values.size for c in columns]
+    return [c for c in columns if c.values.size == max(set(sizes), key=lambda s: (sizes.count(s), s))]
 
 
 def _found(file: str, table: Table) -> Found:
@@ -214,25 +205,19 @@ def _found(file: str, table: Table) -> Found:
     return Found(file, table, roles, tuple(columns), actuator)
 
 
-def with_roles(found: Found, picked: Mapping[str, tuple[str, str]]) -> Found:
-    """Return a file whose columns have the roles that a person gave them.
-
-    Args:
-        picked: name and unit of a column by its role; a role that is not named is nobody's.
-
-    Raises:
-        InputRefused: there is no such column or unit, or the input or the output is missing.
-    """
-    named, roles = found.named, {}
+def with_roles(file: Found, picked: Mapping[str, tuple[str, str]]) -> Found:
+    """Return a file whose columns have the roles that a person gave them, as name and unit by role; a role that is not
+    named is nobody's. Raises InputRefused without such a column or unit, or without input or output."""
+    named, roles = file.named, {}
     for role, (name, unit) in picked.items():
         if name not in named:
-            raise InputRefused(f"{found.file}: there is no column of numbers {name!r}: choose {', '.join(named)}")
+            raise InputRefused(f"{file.file}: there is no column of numbers {name!r}: choose {', '.join(named)}")
         if find_unit(unit) is None:
-            raise InputRefused(f"{found.file}: the unit {unit!r} of {name} is unknown: write one such as V, um or N")
+            raise InputRefused(f"{file.file}: the unit {unit!r} of {name} is unknown: write one such as V, um or N")
         roles[role] = _Role(named[name]._replace(unit=unit), unit, ())
     if missing := [role for role in (INPUT, OUTPUT) if role not in roles]:
-        raise InputRefused(f"{found.file}: no column is the {missing[0]}: choose one")
-    return replace(found, roles=roles, actuator=_is_of_actuator(roles[INPUT].column, roles[OUTPUT].column))
+        raise InputRefused(f"{file.file}: no column is the {missing[0]}: choose one")
+    return replace(file, roles=roles, actuator=_is_of_actuator(roles[INPUT].column, roles[OUTPUT].column))
 
 
 def _role(column: _Seen, otherwise: str, named: object, other: _Seen | None = None) -> _Role:
@@ -279,14 +264,14 @@ def _length(column: _Seen) -> str:
 def _setup(usable: Sequence[Found], actuator: bool) -> list[str]:
     """Return the lines of the proposed model: by the units of input and output, if they are the same in all files."""
     if actuator:
-        said = f"{{model: {DEFAULT_SETUP['model']}, hysterons: {DEFAULT_SETUP['hysterons']}}}"
-        return [f"setup: {said}   # guessed: mass, spring and damper, driven through so many hysterons"]
+        model = f"{{model: {DEFAULT_SETUP['model']}, hysterons: {DEFAULT_SETUP['hysterons']}}}"
+        return [f"setup: {model}   # guessed: mass, spring and damper, driven through so many hysterons"]
     units = ([find_unit(f.roles[role].unit) for role in (INPUT, OUTPUT)] for f in usable)
     pairs = {(u.si, y.si) for u, y in units if u is not None and y is not None}
     pair = next(iter(pairs), ("", ""))
     if len(pairs) != 1 or pair not in _BY_UNITS:
-        said = "{model: linear}   # guessed: mass, spring and damper; input and output are no voltage and stroke"
-        return [f"setup: {said}"]
+        model = "{model: linear}   # guessed: mass, spring and damper; input and output are no voltage and stroke"
+        return [f"setup: {model}"]
     model, why = _BY_UNITS[pair]
     lines = [f"setup: {{model: {model}}}   # guessed from {pair[0]} and {pair[1]}: {why}"]
     if pair[1].endswith("/s"):
@@ -304,9 +289,9 @@ def _columns(f: Found, actuator: bool) -> list[str]:
     for key, role in ((keys[r], f.roles[r]) for r in keys if r in f.roles):
         guessed = f"; guessed: {' and '.join(role.guessed)}" if role.guessed else ""
         place, called = _place(table, role.column.place), _called(table, role.column.place)
-        empty, told = ", missing: empty", f"; {role.column.missing} cells are empty and left out"
-        mask, told = (empty, told) if role.column.missing and role is f.roles[OUTPUT] else ("", "")
-        lines.append(f"{key}: {{column: {place}, unit: {role.unit}{mask}}}   # {called}{guessed}{told}")
+        empty, note = ", missing: empty", f"; {role.column.missing} cells are empty and left out"
+        mask, note = (empty, note) if role.column.missing and role is f.roles[OUTPUT] else ("", "")
+        lines.append(f"{key}: {{column: {place}, unit: {role.unit}{mask}}}   # {called}{guessed}{note}")
     calls: dict[str, list[tuple[int, str | None]]] = {}
     for i, name in enumerate(table.names):
         quantity, unit = parse_name(name)
@@ -355,14 +340,13 @@ MANIFEST = "recordings.yaml"
 
 
 class Look(NamedTuple):
-    """What a folder looks like: its files, those that are left alone, whether a piezo actuator was recorded, and
-    whether times jump within a file."""
+    """What a folder looks like."""
 
     folder: Path
     found: Sequence[Found]
-    left: Sequence[str]
-    actuator: bool
-    jumps: bool = False
+    others: Sequence[str]  # files that are left alone
+    actuator: bool  # a piezo actuator was recorded
+    jumps: bool = False  # times jump within a file
 
     def text(self) -> str:
         """Return a first manifest; files with a reason are commented out."""
@@ -398,13 +382,13 @@ class Look(NamedTuple):
         lines += ["", "# These files cannot be used as they are:"] if refused else []
         for f in refused:
             lines += [f"#   - file: {_quoted(f.file)}", f"#     # {_comment(f.reason)}"]
-        lines += ["", f"# Left alone, no recordings: {_comment(', '.join(self.left))}"] if self.left else []
+        lines += ["", f"# Left alone, no recordings: {_comment(', '.join(self.others))}"] if self.others else []
         return "\n".join(lines) + "\n"
 
     def picked(self, roles: Mapping[str, tuple[str, str]]) -> Look:
         """Return the same where a person gave the columns of all files their roles, see `with_roles`."""
-        found = [f if f.reason else with_roles(f, roles) for f in self.found]
-        return self._replace(found=found, actuator=all(f.actuator for f in found if not f.reason))
+        files = [f if f.reason else with_roles(f, roles) for f in self.found]
+        return self._replace(found=files, actuator=all(f.actuator for f in files if not f.reason))
 
 
 def look(folder: Path, outside: bool = False) -> Look:
@@ -420,34 +404,30 @@ def look(folder: Path, outside: bool = False) -> Look:
         InputRefused: there is no such folder, or no file in it that may be a recording.
     """
     checks.folder_exists(folder)
-    files = Files(folder, Manifest(), outside)
-    candidates, left = files.possible()
-    checks.any_recordings(candidates, left, folder)
-    found = []
+    reader = Files(folder, Manifest(), outside)
+    candidates, others = reader.possible()
+    checks.any_recordings(candidates, others, folder)
+    files = []
     for path in candidates:
         try:
-            found.append(_found(path.name, files.table(path.name)))
+            files.append(_found(path.name, reader.table(path.name)))
         except InputRefused as error:
-            found.append(Found(path.name, reason=str(error)))
+            files.append(Found(path.name, reason=str(error)))
     # Files that share a name up to their endings get their whole names as those of their recordings.
-    shared = Counter(printable(Path(f.file).stem) for f in found if not f.reason)
-    found = [replace(f, name=f.file) if shared[printable(Path(f.file).stem)] > 1 else f for f in found]
-    actuator = all(f.actuator for f in found if not f.reason)
+    shared = Counter(printable(Path(f.file).stem) for f in files if not f.reason)
+    files = [replace(f, name=f.file) if shared[printable(Path(f.file).stem)] > 1 else f for f in files]
+    actuator = all(f.actuator for f in files if not f.reason)
     # Numbers that no piezo actuator gives show only when the recordings are read, and so do jumps of the time.
     kinds = itertools.product([True, False] if actuator else [False], [False, True])
     tried: list[Look] = []
     while (pair := next(kinds, None)) and not (tried and all(not f.reason for f in tried[-1].found)):
-        tried.append(_tried(Look(folder, found, left, *pair), outside))
+        tried.append(_tried(Look(folder, files, others, *pair), outside))
     return max(tried, key=lambda one: sum(not f.reason for f in one.found))
 
 
 def write_new(out: Path, content: bytes) -> None:
-    """Write a new file, which may lie in the folder of the recordings.
-
-    Raises:
-        InputRefused: there is a file, folder or link of that name, or the new one cannot be written.
-        OutputFailed: the disk is full.
-    """
+    """Write a new file, which may lie in the folder of the recordings. Raises OutputRefused where something has that
+    name or the file cannot be written, OutputFailed where the disk is full."""
     try:
         # Exclusive: nothing is replaced, and no link is followed.
         file = out.open("xb")
@@ -476,7 +456,7 @@ def _tried(one: Look, outside: bool) -> Look:
 def _refusal(one: Look, outside: bool) -> str:
     """Return why files cannot be read with the guessed manifest; empty where they can."""
     try:
-        read(one.folder, plain_values(one._replace(left=()).text(), MANIFEST), allow_outside=outside)
+        read(one.folder, plain_values(one._replace(others=()).text(), MANIFEST), allow_outside=outside)
     except InputRefused as error:
         return str(error)
     return ""

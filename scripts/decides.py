@@ -34,8 +34,9 @@ def main() -> None:
     visiting.add_argument("--out", type=Path, required=True)
     visiting.add_argument("--plan", default="full")
     visiting.add_argument("--levels", type=float, nargs=2, default=(1.5, 10.0))
-    shares = [1, 1, 1, 1, 6, 3, 4, 3, 1, 2, 1, 1, 0, 0, 0, 0, 0]
-    visiting.add_argument("--shares", type=int, nargs=len(GROUPS), default=shares)
+    visiting.add_argument(
+        "--shares", type=int, nargs=len(GROUPS), default=[1, 1, 1, 1, 6, 3, 4, 3, 1, 2, 1, 1, *[0] * 5]
+    )
     visiting.add_argument("--workers", type=int, default=1, help="threads of a fit")
     visiting.add_argument("--executor", default="serial", metavar="WHERE", help="where cases are worked on")
     visiting.set_defaults(run=visit_cases)

@@ -24,18 +24,7 @@ from phnn.errors import InputRefused
 from phnn.intake import LIMITS, Source, each_key_once
 from phnn.recordings.library_files import matlab_content, readable
 from phnn.recordings.manifest import AXES
-from phnn.recordings.table import (
-    NUMBERS,
-    Stored,
-    Table,
-    Where,
-    is_vector,
-    members_of,
-    signal_of,
-    stored_arrays,
-    table_of,
-    upright,
-)
+from phnn.recordings.table import NUMBERS, Stored, Table, Where, experiments_of, stored_arrays, table_of, upright
 from phnn.recordings.text_files import read_content
 from phnn.results import listed, printable
 
@@ -56,24 +45,24 @@ class BadLayout(ValueError):
 
 
 class _Element(NamedTuple):
+    """The type of an element, the range of its data, and where the following element begins."""
+
     type: int
-    first: int  # of its data
+    first: int
     last: int
-    next: int  # where the following element begins
+    next: int
+
+    @property
+    def size(self) -> int:
+        """Return the bytes of its data."""
+        return self.last - self.first
 
 
 def check_layout(raw: Raw, most: int) -> int:
     """Walk all elements of a version 5 file, compressed ones unpacked: damaged ones would end Python within scipy.
 
-    Args:
-        most: bytes that are unpacked at most.
-
-    Returns:
-        How many bytes were unpacked; more than ``most`` where the walk ended before all were looked at.
-
-    Raises:
-        BadLayout: an element of unknown type, one that reaches beyond its container, or data of another size
-            than the dimensions say.
+    Return how many bytes were unpacked; more than ``most`` where the walk ended before all were looked at. Raises
+    BadLayout for an element of unknown type, beyond its container, or of another size than its dimensions say.
     """
     order = "<" if raw[126:128] == b"IM" else ">"
     position, unpacked = HEADER, 0
@@ -104,17 +93,17 @@ def _element(raw: Raw, position: int, end: int, order: str, accepted: Collection
         raise BadLayout(f"the file ends within an element at byte {position}")
     kind, count = struct.unpack_from(order + "II", raw, position)
     if kind >> 16:  # a small element: type and size share four bytes, the data takes the other four
-        found = _Element(kind & 0xFFFF, position + 4, position + 4 + (kind >> 16), position + 8)
-        if found.last > found.next:
+        element = _Element(kind & 0xFFFF, position + 4, position + 4 + (kind >> 16), position + 8)
+        if element.last > element.next:
             raise BadLayout(f"a small element of {kind >> 16} bytes at byte {position}")
     else:
         last = position + 8 + count
         if last > end:
             raise BadLayout(f"an element of {count} bytes at byte {position} reaches beyond its container")
-        found = _Element(kind, position + 8, last, min(last + (-count) % 8, end))
-    if accepted and found.type not in accepted:
-        raise BadLayout(f"unexpected element type {found.type} at byte {position}")
-    return found
+        element = _Element(kind, position + 8, last, min(last + (-count) % 8, end))
+    if accepted and element.type not in accepted:
+        raise BadLayout(f"unexpected element type {element.type} at byte {position}")
+    return element
 
 
 def _matrix(raw: Raw, matrix: _Element, order: str, depth: int) -> None:
@@ -124,14 +113,14 @@ def _matrix(raw: Raw, matrix: _Element, order: str, depth: int) -> None:
         raise BadLayout(f"nested too deeply at byte {matrix.first}")
     end = matrix.last
     flags = _element(raw, matrix.first, end, order, (6,))
-    if flags.last - flags.first != 8:
-        raise BadLayout(f"array flags of {flags.last - flags.first} bytes at byte {matrix.first}")
+    if flags.size != 8:
+        raise BadLayout(f"array flags of {flags.size} bytes at byte {matrix.first}")
     (word,) = struct.unpack_from(order + "I", raw, flags.first)
     kind, is_complex = word & 0xFF, bool((word >> 8) & _COMPLEX)
     if kind > _LAST_NUMERIC:
         return  # functions and opaque objects hold no samples
     shape = _element(raw, flags.next, end, order, (5, 6))
-    dimensions = struct.unpack_from(f"{order}{(shape.last - shape.first) // 4}i", raw, shape.first)
+    dimensions = struct.unpack_from(f"{order}{shape.size // 4}i", raw, shape.first)
     if len(dimensions) < 2 or min(dimensions) < 0:
         raise BadLayout(f"dimensions {dimensions} at byte {flags.next}")
     position, count = _element(raw, shape.next, end, order, (1, 16)).next, math.prod(dimensions)
@@ -144,9 +133,10 @@ def _matrix(raw: Raw, matrix: _Element, order: str, depth: int) -> None:
         stated = None if kind == _SPARSE else count
         for _ in range((3 if stated is None else 1) + is_complex):
             element = _element(raw, position, end, order, _BYTES)
-            size = element.last - element.first
-            if size % _BYTES[element.type] or (stated is not None and size != stated * _BYTES[element.type]):
-                raise BadLayout(f"{size} bytes of numbers at byte {position} where the dimensions say {stated} numbers")
+            numbers, rest = divmod(element.size, _BYTES[element.type])
+            if rest or stated not in (None, numbers):
+                cause = f"{element.size} bytes of numbers at byte {position}"
+                raise BadLayout(f"{cause} where the dimensions say {stated} numbers")
             position = element.next
     else:
         raise BadLayout(f"unknown array class {kind} at byte {matrix.first}")
@@ -159,9 +149,9 @@ def _nested(raw: Raw, position: int, end: int, order: str, kind: int, count: int
         length = _element(raw, position, end, order, (5,))
         names = _element(raw, length.next, end, order, (1,))
         (width,) = struct.unpack_from(order + "i", raw, length.first)
-        if length.last - length.first != 4 or width <= 0 or (names.last - names.first) % width:
+        if length.size != 4 or width <= 0 or names.size % width:
             raise BadLayout(f"field names of {width} characters at byte {position}")
-        count *= (names.last - names.first) // width
+        count *= names.size // width
         position = names.next
     for _ in range(count):
         element = _element(raw, position, end, order, (_MATRIX,))
@@ -181,9 +171,9 @@ def read_mat(source: Source) -> Table:
     where = Where(source.name)
     content, classes = matlab_content(source) if h5py.is_hdf5(source.path) else _load_v5(source)
     objects = [(printable(name), printable(kind)) for name, kind in classes]
-    experiments = {n: e for n, v in content.items() if (e := _experiments(n, v))}
-    found = list(stored_arrays({n: v for n, v in content.items() if n not in experiments}))
-    if not any(stored.dtype.kind in NUMBERS for stored in found) and not experiments and objects:
+    experiments = {n: e for n, v in content.items() if (e := experiments_of(n, v))}
+    arrays = list(stored_arrays({n: v for n, v in content.items() if n not in experiments}))
+    if not any(stored.dtype.kind in NUMBERS for stored in arrays) and not experiments and objects:
         name, kind = objects[0]
         # The object of MATLAB's System Identification Toolbox has a time, an input and an output.
         fields = ("SamplingInstants", "InputData", "OutputData") if kind == "iddata" else ()
@@ -198,39 +188,12 @@ def read_mat(source: Source) -> Table:
         segments = tuple(np.cumsum([v.size for v in values[0]])[:-1].tolist())
         table = Table(where, names, tuple(map(np.concatenate, values)), True, (note,), segments=segments)
     else:
-        table = table_of(where, found)
+        table = table_of(where, arrays)
     if objects:
         names = listed(f"{name} ({kind})" for name, kind in objects)
         note = f"{names}: left alone, objects that only MATLAB can read"
         table = replace(table, notes=(*table.notes, note))
     return table
-
-
-def _experiments(name: str, value: Any) -> list[tuple[str, list[np.ndarray]]]:
-    """Return the columns that the experiments of an array of structures or of a cell array share; empty for others.
-
-    A column is its name, and its (n,) values in each experiment.
-    """
-    members = [m if isinstance(m, Mapping) else _by_column(name, m) for m in members_of(value)]
-    if len(members) < 2 or any(m.keys() != members[0].keys() or signal_of(m) for m in members):
-        return []
-    shared = [k for k in members[0] if all(is_vector(m[k]) for m in members)]
-    parts = [(printable(k), [np.ravel(_loaded(m[k])) for m in members]) for k in shared]
-    sizes = {tuple(v.size for v in values) for _, values in parts}
-    return parts if len(parts) > 1 and len(sizes) == 1 else []
-
-
-def _by_column(name: str, value: Any) -> dict[str, np.ndarray]:
-    """Return the columns of a matrix; none of anything else."""
-    matrix = _loaded(value)
-    if not isinstance(matrix, np.ndarray) or matrix.ndim != 2:
-        return {}
-    return {f"{name}[{i}]": column for i, column in enumerate(upright(matrix).T[: LIMITS.columns])}
-
-
-def _loaded(value: Any) -> Any:
-    """Return the numbers of a value of a structure."""
-    return value.load() if isinstance(value, Stored) else value
 
 
 _NPZ = "not a readable .npz file", "save it again with numpy.savez"
@@ -242,8 +205,8 @@ def read_npz(source: Source) -> Table:
         members = [m for m in archive.infolist() if m.filename.endswith(".npy")]
         if len(members) > LIMITS.variables:
             raise ValueError(f"{len(members)} arrays, at most {LIMITS.variables} are accepted")
-        found = [_member(source, archive, member) for member in members]
-    return table_of(Where(source.name), found)
+        arrays = [_member(source, archive, member) for member in members]
+    return table_of(Where(source.name), arrays)
 
 
 def _member(source: Source, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> Stored:
@@ -354,18 +317,14 @@ class NoRecording(InputRefused):
 
 
 def read_json(source: Source) -> Table:
-    """Return the arrays of numbers by name; ``null`` and ``NaN`` are missing samples.
-
-    Raises:
-        NoRecording: it is json of another kind.
-        InputRefused: it is damaged, too large, not json, or a sample is no number.
-    """
+    """Return the arrays of numbers by name; ``null`` and ``NaN`` are missing samples. Raises NoRecording for json of
+    another kind, InputRefused where it is damaged, too large, not json, or a sample is no number."""
     source.check_memory(_TIMES * source.size)
     text = read_content(source, LIMITS.json_bytes, "a json recording")
-    left: list[str] = []
+    skipped: list[str] = []
     try:
         content = json.loads(text, parse_int=float, object_pairs_hook=each_key_once)
-        columns = dict(_columns(content, "", 0, left))
+        columns = dict(_columns(content, "", 0, skipped))
     except RecursionError as error:
         raise InputRefused(f"{source.name}: objects or lists too deep in one another: {_REMEDY}") from error
     except json.JSONDecodeError as error:
@@ -375,12 +334,12 @@ def read_json(source: Source) -> Table:
         raise InputRefused(f"{source.name}: {error}") from error
     if not columns:
         raise NoRecording(f"{source.name}: no arrays of numbers in it: {_REMEDY}")
-    notes = (f"{listed(left)} are no arrays of numbers and were left alone",) if left else ()
+    notes = (f"{listed(skipped)} are no arrays of numbers and were left alone",) if skipped else ()
     return Table(Where(source.name), tuple(columns), tuple(columns.values()), by_name=True, notes=notes)
 
 
-def _columns(content: Any, prefix: str, depth: int, left: list[str]) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield names and numbers of all arrays; ``left`` takes the names of what is none."""
+def _columns(content: Any, prefix: str, depth: int, skipped: list[str]) -> Iterator[tuple[str, np.ndarray]]:
+    """Yield names and numbers of all arrays; ``skipped`` takes the names of other values."""
     if depth > LIMITS.depth:
         raise ValueError(f"objects more than {LIMITS.depth} levels deep: {_REMEDY}")
     if isinstance(content, dict):
@@ -391,9 +350,9 @@ def _columns(content: Any, prefix: str, depth: int, left: list[str]) -> Iterator
             if isinstance(value, list) and value and isinstance(value[0], float | None):
                 yield name, _numbers(value, name)
             elif isinstance(value, dict) or (isinstance(value, list) and value and isinstance(value[0], dict)):
-                yield from _columns(value, f"{name}.", depth + 1, left)
+                yield from _columns(value, f"{name}.", depth + 1, skipped)
             else:
-                left.append(name)
+                skipped.append(name)
     elif isinstance(content, list) and content and isinstance(content[0], dict):
         first = content[0]
         for i, record in enumerate(content, start=1):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator, make_interp_spline
@@ -15,6 +16,7 @@ from phnn.recordings.table import Table, Where
 from phnn.recordings.units import QUANTITIES, check_unit, find_unit, parse_name, split_unit, stated_by_name, suits
 from phnn.signals.reconstruct import find_jumps
 
+Array = np.ndarray
 # What loggers write for a value that is missing, or beyond a counter.
 MARKS = (-99.0, -999.0, -9999.0, -99999.0, 999.0, 9999.0, 99999.0, 65535.0, 32767.0, -32768.0, 2147483647.0,
          -2147483648.0, 4294967295.0)  # fmt: skip
@@ -48,15 +50,15 @@ class Channel:
     """One quantity of a file: ``(N,)`` SI values, where they stand, their unit there and in SI, and how numbers of the
     file become SI: ``factor * number + offset``.
 
-    ``own`` are the ``(N,)`` rows at which it was sampled, None for all; the values of others are interpolated.
+    ``sampled`` are the ``(N,)`` rows at which it was sampled, None for all; the values of others are interpolated.
     """
 
-    values: np.ndarray
+    values: Array
     label: str
     unit: str
     si: str
     factor: float
-    own: np.ndarray | None = None
+    sampled: Array | None = None
     notes: tuple[str, ...] = ()
     offset: float = 0.0
 
@@ -65,27 +67,24 @@ def select(
     table: Table, columns: Mapping[str, Column], named: Mapping[str, tuple[str, Column]]
 ) -> tuple[dict[str, Channel], tuple[str, ...]]:
     """Return every quantity that the manifest's columns or the table's own names give, further channels by name, and
-    why a further channel was left out of which the manifest says nothing.
-
-    Args:
-        columns: by quantity; named: quantity and column of what has a name of its own.
-    """
+    why a further channel was left out of which the manifest says nothing. ``columns`` are given by quantity; ``named``
+    holds quantity and column of what has a name of its own."""
     every = {**{quantity: (quantity, columns.get(quantity, Column())) for quantity in QUANTITIES}, **named}
     if not table.by_name and not table.stamps and every["time"][1].place is None:
         _one_clock(table)
-    spoken_for = {table.find(c.place): c for _, c in every.values() if c.place is not None}
+    claimed = {table.find(c.place): c for _, c in every.values() if c.place is not None}
     channels, unusable = {}, []
     for name, (quantity, column) in every.items():
         try:
-            if (channel := _channel(table, quantity, column, name, spoken_for)) is not None:
+            if (channel := _channel(table, quantity, column, name, claimed)) is not None:
                 channels[name] = channel
         except InputRefused as error:
             if quantity not in _SPARE or column != Column():
                 raise
             unusable.append(f"the {quantity} was left out ({error})")
     if len({c.values.size for c in channels.values()}) > 1:
-        said = ", ".join(f"{q} ({c.label}) has {c.values.size}" for q, c in channels.items())
-        raise InputRefused(f"{table.where}: unequal numbers of samples: {said}: give channels of one recording")
+        sizes = ", ".join(f"{q} ({c.label}) has {c.values.size}" for q, c in channels.items())
+        raise InputRefused(f"{table.where}: unequal numbers of samples: {sizes}: give channels of one recording")
     return channels, tuple(unusable)
 
 
@@ -96,48 +95,41 @@ def _one_clock(table: Table) -> None:
         return
     times = [(t := table.numbers(i))[np.isfinite(t)] for i in clocks]
     if all(t.size and (np.diff(t) > 0.0).all() for t in times):
-        said = "; ".join(f"{table.label(i)} ends at {t[-1]:g} s" for i, t in zip(clocks, times, strict=True))
-        raise InputRefused(
-            f"{table.where}: two clocks ({said}): export all channels with one time, or name one of these in "
-            f"recordings.yaml, columns: {{time: {{column: ...}}}}"
-        )
+        ends = "; ".join(f"{table.label(i)} ends at {t[-1]:g} s" for i, t in zip(clocks, times, strict=True))
+        cause = f"two clocks ({ends}): export all channels with one time, or name one of these in recordings.yaml"
+        raise InputRefused(f"{table.where}: {cause}, columns: {{time: {{column: ...}}}}")
 
 
-def _channel(table: Table, quantity: str, said: Column, name: str, spoken_for: Mapping[int, Column]) -> Channel | None:
-    """Return the channel of a quantity; None where the table has none.
-
-    Args:
-        spoken_for: columns that the manifest names, whatever it takes them for.
-    """
-    index = table.find(said.place) if said.place is not None else _by_name(table, quantity, spoken_for)
+def _channel(table: Table, quantity: str, column: Column, name: str, claimed: Mapping[int, Column]) -> Channel | None:
+    """Return the channel of a quantity; None where the table has none. ``claimed`` are the columns that the manifest
+    names, whatever it takes them for."""
+    index = table.find(column.place) if column.place is not None else _by_name(table, quantity, claimed)
     if index is None:
         return None
     label = table.label(index)
     dates = quantity == "time" and table.names[index] in table.stamps
-    unit, notes = ("s", ()) if dates else _unit(table, index, quantity, said)
+    unit, notes = ("s", ()) if dates else _unit(table, index, quantity, column)
     where, marked = f"{name} ({label})", np.zeros(0, dtype=bool)
-    values = table.numbers(index, [mark for mark in said.missing if isinstance(mark, str)])
+    values = table.numbers(index, [mark for mark in column.missing if isinstance(mark, str)])
     if quantity != "time":
-        values, marked = _without_marks(values, said, where, table.where, quantity not in DRIVING)
+        values, marked = _without_marks(values, column, where, table.where, quantity not in DRIVING)
     mask = "" if quantity == "time" else f", or mask them by columns: {{{quantity}: {{missing: {EMPTY}}}}}"
     checks.finite(values, where, table.where, mask)
-    own = table.own.get(table.names[index])
+    sampled = table.sampled.get(table.names[index])
     if marked.any():
-        own = ~marked if own is None else own & ~marked
+        sampled = ~marked if sampled is None else sampled & ~marked
         row = table.where.row(int(np.argmax(marked)))
         notes = (*notes, f"{where}: {int(marked.sum())} values masked, the first in {row}")
     known = find_unit(unit)
     assert known is not None, unit
-    si_values = said.scale * values * known.factor + known.offset
-    return Channel(si_values, label, unit, known.si, said.scale * known.factor, own, notes, known.offset)
+    si_values = column.scale * values * known.factor + known.offset
+    return Channel(si_values, label, unit, known.si, column.scale * known.factor, sampled, notes, known.offset)
 
 
-def _without_marks(
-    values: np.ndarray, said: Column, label: str, where: Where, output: bool
-) -> tuple[np.ndarray, np.ndarray]:
+def _without_marks(values: Array, column: Column, label: str, where: Where, output: bool) -> tuple[Array, Array]:
     """Return the numbers of a column, unwrapped and interpolated where they are masked, and (N,) bool which are."""
-    marked = np.isin(values, [mark for mark in said.missing if not isinstance(mark, str)])
-    if any(isinstance(mark, str) and mark != GLITCHES for mark in said.missing):
+    marked = np.isin(values, [mark for mark in column.missing if not isinstance(mark, str)])
+    if any(isinstance(mark, str) and mark != GLITCHES for mark in column.missing):
         marked |= ~(np.abs(values) < checks.LARGEST_VALUE)
     good = values[~marked]
     if good.size < checks.FEWEST_SAMPLES or not np.isfinite(good).all():
@@ -155,8 +147,8 @@ def _without_marks(
             cause = f"{good.size - others.size} values of {mark:.10g}, all others lie between {between}"
             remedy = f"Say missing: [{mark:.10g}] for this column in recordings.yaml, or repair these rows"
             raise InputRefused(f"{where}: {label}, {row}: {cause}: a mark of missing values? {remedy}")
-    unwrapped = good if said.unwrap is None else np.unwrap(good, period=said.unwrap)
-    if output and said.unwrap is None and (turn := _wraps(good)) is not None:
+    unwrapped = good if column.unwrap is None else np.unwrap(good, period=column.unwrap)
+    if output and column.unwrap is None and (turn := _wraps(good)) is not None:
         row = where.row(int(np.flatnonzero(~marked)[int(np.argmax(np.abs(np.diff(good)) > _JUMPS * turn)) + 1]))
         cause = f"jumps by its whole range of {turn:.6g}, as an angle or a counter that starts again"
         remedy = f"say unwrap: {turn:.6g} for this column in recordings.yaml, in the numbers of the file"
@@ -164,14 +156,13 @@ def _without_marks(
     off = _glitches(unwrapped) if output else np.zeros(0, dtype=np.int64)
     if off.size:
         rows = np.flatnonzero(~marked)[off]
-        if GLITCHES not in said.missing:
+        if GLITCHES not in column.missing:
             first, behind = rows[0], rows[0] + 1 + (rows[0] + 1 in rows)
             kind = "single values" if (np.diff(off) > 1).all() else "values, one or two in a row,"
-            raise InputRefused(
-                f"{where}: {label}, {where.row(int(first))}: {values[first]:g} between {values[first - 1]:g} and "
-                f"{values[behind]:g}, and {off.size - 1} more {kind} as far off their neighbours: "
-                f"glitches? Say missing: [{GLITCHES}] for this column in recordings.yaml, or repair these rows"
-            )
+            example = f"{values[first]:g} between {values[first - 1]:g} and {values[behind]:g}"
+            cause = f"{example}, and {off.size - 1} more {kind} as far off their neighbours: glitches?"
+            remedy = f"Say missing: [{GLITCHES}] for this column in recordings.yaml, or repair these rows"
+            raise InputRefused(f"{where}: {label}, {where.row(int(first))}: {cause} {remedy}")
         marked[rows] = True
         unwrapped = np.delete(unwrapped, off)
     if not marked.any():
@@ -184,7 +175,7 @@ def _without_marks(
     return np.interp(np.arange(values.size), kept, unwrapped), marked
 
 
-def _wraps(x: np.ndarray) -> float | None:
+def _wraps(x: Array) -> float | None:
     """Return the number after which a column starts again, where it jumps by nearly its whole range to do so."""
     size, steps = float(np.ptp(x)), np.diff(x)
     middle = np.mean(np.abs(x - 0.5 * (x.min() + x.max())) < 0.4 * size)
@@ -201,7 +192,7 @@ def _wraps(x: np.ndarray) -> float | None:
     return None
 
 
-def _glitches(x: np.ndarray) -> np.ndarray:
+def _glitches(x: Array) -> Array:
     """Return samples that lie far off those before and behind them, to one side, alone or in pairs."""
     spread = float(np.ptp(np.quantile(x, [0.005, 0.995])))
     steps = np.abs(np.diff(x))
@@ -221,17 +212,17 @@ def _glitches(x: np.ndarray) -> np.ndarray:
     return np.array(sorted(rows), dtype=np.int64)
 
 
-def _by_name(table: Table, quantity: str, spoken_for: Mapping[int, Column]) -> int | None:
+def _by_name(table: Table, quantity: str, claimed: Mapping[int, Column]) -> int | None:
     """Return the index of the one column whose name says ``quantity``, or that tells the time by its dates."""
     units = {i: unit for i, (named, unit) in enumerate(map(parse_name, table.names)) if named == quantity}
     clocks = [i for i, unit in units.items() if suits("time", unit) and table.names[i] not in table.stamps]
     if quantity == "time" and table.stamps and not clocks:
         return table.names.index(table.stamps[0])
     # What the manifest takes for something else is not asked again for a unit, or for marks.
-    asked = [i for i in units if i in spoken_for and (spoken_for[i].missing or spoken_for[i].unwrap)]
+    asked = [i for i in units if i in claimed and (claimed[i].missing or claimed[i].unwrap)]
     # A name such as voltage_monitor belongs to another column where voltage_V stands beside it.
     known = [i for i, unit in units.items() if suits(quantity, unit) and i not in asked]
-    known = known or [i for i in units if i not in spoken_for]
+    known = known or [i for i in units if i not in claimed]
     if len(known) > 1:
         names = ", ".join(table.names[i] for i in known)
         remedy = f"keep one, or say which in recordings.yaml, columns: {{{quantity}: {{column: NAME}}}}"
@@ -239,22 +230,21 @@ def _by_name(table: Table, quantity: str, spoken_for: Mapping[int, Column]) -> i
     return known[0] if known else None
 
 
-def _unit(table: Table, index: int, quantity: str, said: Column) -> tuple[str, tuple[str, ...]]:
+def _unit(table: Table, index: int, quantity: str, column: Column) -> tuple[str, tuple[str, ...]]:
     """Return the unit of a column, and what is said of others: that of the manifest wins over what the file states."""
     name = table.names[index]
-    named, beside, stated = stated_by_name(name, quantity), table.units.get(name), said.unit
+    named, in_file, stated = stated_by_name(name, quantity), table.units.get(name), column.unit
     where = f"{table.where}: {table.label(index)}"
     if stated is not None:
         # Whoever states a scale has looked at the numbers.
-        others = [u for u in (named, beside) if said.scale == 1.0 and _contradicts(stated, u, quantity)]
+        others = [u for u in (named, in_file) if column.scale == 1.0 and _contradicts(stated, u, quantity)]
         notes = tuple(f"{name}: the file says {u}, recordings.yaml says {stated}, which counts" for u in others)
         return check_unit(quantity, stated, where), notes
-    if named is not None and _contradicts(named, beside, quantity):
-        raise InputRefused(
-            f"{where}: the name says {named}, what stands beside it {beside}: correct one, or say which counts in "
-            f"recordings.yaml, columns: {{{quantity}: {{column: {name}, unit: {named}}}}}"
-        )
-    return check_unit(quantity, beside if named is None else named, where), ()
+    if named is not None and _contradicts(named, in_file, quantity):
+        cause = f"the name says {named}, what stands beside it {in_file}: correct one, or say which counts"
+        example = f"columns: {{{quantity}: {{column: {name}, unit: {named}}}}}"
+        raise InputRefused(f"{where}: {cause} in recordings.yaml, {example}")
+    return check_unit(quantity, in_file if named is None else named, where), ()
 
 
 def _contradicts(one: str, other: str | None, quantity: str) -> bool:
@@ -264,7 +254,6 @@ def _contradicts(one: str, other: str | None, quantity: str) -> bool:
     return suits(quantity, other) and first != second and (alike or QUANTITIES[quantity] is not None)
 
 
-Array = np.ndarray
 _NEGLIGIBLE = 1e-4  # of the interval: moving a sample by less changes nothing that a sensor could show
 _LARGEST_ROUNDING = 0.05  # of the interval
 # Share of the rows that may be out of order or repeated, where sorting repairs them.
@@ -281,15 +270,9 @@ _SLOWER, _ON_RASTER, _CHANGING, _OFF = 1.5, 0.95, 0.5, 0.05
 _LEVELS, _ONE_STEP = 8, 0.5
 
 
-@dataclass(frozen=True, eq=False)
-class Stamped:
-    """Channels at their sampling instants, in order.
-
-    Attributes:
-        t: (N,) sampling instants from 0 on, s; uniform where the stamps are, but for rounding.
-        values: (N,) SI values by channel; rows: (N,) of the file, from its first one in use.
-        notes: what was repaired or assumed.
-    """
+class Stamped(NamedTuple):
+    """Channels at their sampling instants ``t`` (N,) from 0 on [s], in order, uniform where the stamps are but for
+    rounding: (N,) SI values by channel, (N,) rows of the file from its first one in use, and what was repaired."""
 
     t: Array
     values: dict[str, Array]
@@ -298,14 +281,8 @@ class Stamped:
 
 
 def stamped(t: Array, resolution: float, channels: Mapping[str, Array], where: Where, held: bool = False) -> Stamped:
-    """Return the channels at their sampling instants, in order.
-
-    Args:
-        t: (N,) stamps, s; resolution: seconds per unit of the file's time column.
-        channels: (N,) SI values.
-        where: for messages.
-        held: the inputs are held between rows, so that an interval may have any length.
-    """
+    """Return channels (N,) with stamps ``t`` [s] at their sampling instants, in order. ``resolution`` are seconds in a
+    unit of the file's time column; between rows with ``held`` inputs an interval may have any length."""
     if t.size % 2 == 0 and t.size > 2 and np.array_equal(t[::2], t[1::2]) and (np.diff(t[::2]) > 0.0).all():
         # An oscilloscope keeps the extremes of every interval.
         means = {name: 0.5 * (values[::2] + values[1::2]) for name, values in channels.items()}
@@ -338,10 +315,10 @@ def stamped(t: Array, resolution: float, channels: Mapping[str, Array], where: W
     if largest <= min(0.6 * printed, _LARGEST_ROUNDING * dt):
         notes += (f"times are rounded to {printed:.3g} s; taken as a uniform grid of {dt:.9g} s",)
         return Stamped(dt * k, values, rows, notes)
-    said = f"sampling jitters by up to {largest / dt:.2%} of the interval"
+    spacing = f"sampling jitters by up to {largest / dt:.2%} of the interval"
     if largest > dt:
-        said = f"intervals of {steps.min():.4g} to {steps.max():.4g} s"
-    notes += (f"{said}; each sample keeps its own instant",)
+        spacing = f"intervals of {steps.min():.4g} to {steps.max():.4g} s"
+    notes += (f"{spacing}; each sample keeps its own instant",)
     return Stamped(t - t[0], values, rows, notes)
 
 
@@ -352,13 +329,13 @@ def _in_order(t: Array, channels: Mapping[str, Array], where: Where) -> tuple[Ar
         return t, np.arange(t.size), ()
     usual, back = float(np.median(np.abs(steps))), np.flatnonzero(steps < 0.0)
     far = back.size > 0 and (back.size > _DISORDER * t.size or float(-steps.min()) > BRIDGED * usual)
-    order = np.arange(t.size) if far else np.argsort(t, kind="stable")
+    order = np.argsort(t, kind="stable")
     if back.size and not far:
         # A row that was written late leaves room for itself; a time that is wrong comes close to another.
         moved = np.flatnonzero(order != np.arange(t.size))
         close = np.diff(t[order])[np.clip([moved - 1, moved], 0, t.size - 2)]
         far = bool((close[close > 0.0] < _ROOM * usual).any())
-        order = np.arange(t.size) if far else order
+    order = np.arange(t.size) if far else order
     again = np.flatnonzero(np.diff(t[order]) == 0.0) + 1
     same = all(np.array_equal(x[order[again]], x[order[again - 1]]) for x in channels.values())
     if far or not same or again.size > _DISORDER * t.size:
@@ -377,11 +354,8 @@ def own_rows(t: Array, x: Array, drive: Array | None = None) -> Array | None:
     """Return (N,) bool, the rows at which a channel was sampled; None where that may be all.
 
     A channel that another rate was recorded beside, or that a data base delivers more slowly than it stores, repeats
-    its last value in between: its changes lie on a raster of several rows.
-
-    Args:
-        t: (N,) instants; x: (N,) values.
-        drive: (N,) an input on few levels whose changes explain those of the channel.
+    its last value in between: its changes lie on a raster of several rows. Those of an input ``drive`` (N,) on few
+    levels may explain them.
     """
     changed = np.flatnonzero(np.diff(x)) + 1
     if changed.size < checks.FEWEST_SAMPLES or changed.size > x.size / _SLOWER + 1:
@@ -403,12 +377,12 @@ def own_rows(t: Array, x: Array, drive: Array | None = None) -> Array | None:
     since = (t - t[changed[0]]) / raster
     slot = np.rint(since)
     off = np.abs(since - slot)
-    own = np.zeros(x.size, dtype=bool)
+    sampled = np.zeros(x.size, dtype=bool)
     # Of several rows near an instant of the raster, the first that has the new value.
-    own[changed[np.append(True, on)]] = True
-    missing = np.flatnonzero((off <= _OFF) & ~np.isin(slot, slot[own]))
-    own[missing[np.unique(slot[missing], return_index=True)[1]]] = True
-    return own
+    sampled[changed[np.append(True, on)]] = True
+    missing = np.flatnonzero((off <= _OFF) & ~np.isin(slot, slot[sampled]))
+    sampled[missing[np.unique(slot[missing], return_index=True)[1]]] = True
+    return sampled
 
 
 def interpolated(t: Array, values: Array, at: Array) -> Array:
@@ -427,28 +401,23 @@ def evenly(t: Array, values: Array) -> tuple[float, Array]:
     return dt, interpolated(t, values, t[0] + dt * np.arange(t.size))
 
 
-def merged(
-    channels: Mapping[str, tuple[Array, Array]], where: Where
-) -> tuple[Array, dict[str, Array], dict[str, Array]]:
-    """Return the instants of channels with clocks of their own, their values there, and which instants are theirs.
-
-    Args:
-        channels: (n,) absolute times [s] and values by name.
-    """
-    first, last = max(t[0] for t, _ in channels.values()), min(t[-1] for t, _ in channels.values())
-    least = min(float(np.median(np.diff(t))) for t, _ in channels.values() if t.size > 1)
+def merged(clocks: Mapping[str, tuple[Array, Array]], where: Where) -> tuple[Array, dict[str, Array], dict[str, Array]]:
+    """Return the instants of channels with clocks of their own, given as (n,) absolute times [s] and values by name,
+    their values there, and which instants are theirs."""
+    first, last = max(t[0] for t, _ in clocks.values()), min(t[-1] for t, _ in clocks.values())
+    least = min(float(np.median(np.diff(t))) for t, _ in clocks.values() if t.size > 1)
     if not first < last:
-        said = "; ".join(f"{name} from {t[0]:.6f} s to {t[-1]:.6f} s" for name, (t, _) in channels.items())
-        raise InputRefused(f"{where}: the clocks of the channels do not overlap ({said}): export one recording")
+        spans = "; ".join(f"{name} from {t[0]:.6f} s to {t[-1]:.6f} s" for name, (t, _) in clocks.items())
+        raise InputRefused(f"{where}: the clocks of the channels do not overlap ({spans}): export one recording")
     slack = 1e-3 * least
-    every = np.sort(np.concatenate([t[(t >= first - slack) & (t <= last + slack)] for t, _ in channels.values()]))
+    every = np.sort(np.concatenate([t[(t >= first - slack) & (t <= last + slack)] for t, _ in clocks.values()]))
     every = every[np.append(True, np.diff(every) > slack)]
-    values, own = {}, {}
-    for name, (t, x) in channels.items():
+    values, sampled = {}, {}
+    for name, (t, x) in clocks.items():
         near = np.clip(np.searchsorted(t, every - slack), 0, t.size - 1)
-        own[name] = np.abs(t[near] - every) <= 2.0 * slack
-        values[name] = x[near] if own[name].all() else np.where(own[name], x[near], interpolated(t, x, every))
-    return every, values, own
+        sampled[name] = np.abs(t[near] - every) <= 2.0 * slack
+        values[name] = x[near] if sampled[name].all() else np.where(sampled[name], x[near], interpolated(t, x, every))
+    return every, values, sampled
 
 
 def _printed_resolution(numbers: Array) -> float:

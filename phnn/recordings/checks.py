@@ -38,28 +38,28 @@ ACTUATORS = {"voltage": (1e-5, 1e5, "V"), "displacement": (1e-10, 1e-2, "m")}
 
 def folder_exists(folder: Path) -> None:
     """Refuse a folder that is absent, out of reach or a file."""
-    _, found = reached(folder, "folder ", "folder", "check the path")
-    if not stat.S_ISDIR(found.st_mode):
+    _, status = reached(folder, "folder ", "folder", "check the path")
+    if not stat.S_ISDIR(status.st_mode):
         remedy = "give the folder that holds it (one file is one recording)"
         raise InputRefused(f"{printable(str(folder))}: this is a file: {remedy}")
 
 
-def any_recordings(files: Sequence[Path], left: Sequence[str], folder: Path) -> None:
+def any_recordings(files: Sequence[Path], others: Sequence[str], folder: Path) -> None:
     """Refuse a folder without recordings, naming what lies in it."""
     if files:
         return
-    found = f"; it holds {listed(left)}" if left else "; it is empty"
+    content = f"; it holds {listed(others)}" if others else "; it is empty"
     remedy = "add .csv files with columns time_s, voltage_V, displacement_um"
     other = "describe the files in recordings.yaml (`phnn template` writes a first one)"
-    raise InputRefused(f"folder {printable(str(folder))}: no recordings in it{found}: {remedy}, or {other}")
+    raise InputRefused(f"folder {printable(str(folder))}: no recordings in it{content}: {remedy}, or {other}")
 
 
 def no_results(folder: Path) -> None:
     """Refuse the folder of a result in the place of that of the recordings, unless it has a manifest."""
-    found = next((name for name in _RESULTS if os.path.isfile(folder / name)), None)
-    if found is not None and os.path.isdir(folder / NOTES) and not os.path.lexists(folder / "recordings.yaml"):
+    result = next((name for name in _RESULTS if os.path.isfile(folder / name)), None)
+    if result is not None and os.path.isdir(folder / NOTES) and not os.path.lexists(folder / "recordings.yaml"):
         remedy = "give the folder of the recordings, or describe those in this one in recordings.yaml"
-        raise InputRefused(f"folder {printable(str(folder))}: holds a result of phnn ({found}): {remedy}")
+        raise InputRefused(f"folder {printable(str(folder))}: holds a result of phnn ({result}): {remedy}")
 
 
 def not_too_many(recordings: int, samples: int, folder: Path) -> None:
@@ -89,8 +89,8 @@ def unique_names(names: Iterable[tuple[str, str]]) -> None:
 def absent(quantity: str, names: Sequence[str], where: Where) -> InputRefused:
     """Return the refusal of a file without a column that is needed."""
     named = [name for name in names if name]
-    found = f"columns found: {listed(named)}" if named else "the columns have no names"
-    return InputRefused(f"{where}: no {quantity} column ({found}): {_REMEDIES[quantity]}")
+    columns = f"columns found: {listed(named)}" if named else "the columns have no names"
+    return InputRefused(f"{where}: no {quantity} column ({columns}): {_REMEDIES[quantity]}")
 
 
 def enough_samples(size: int, where: Where) -> None:
@@ -144,10 +144,9 @@ def output_moves(y: np.ndarray, label: str, where: Where) -> None:
 def input_moves(u: np.ndarray, before: float | None, label: str, where: Where) -> None:
     """Refuse a constant input, unless the recording begins with a step from rest at ``before``."""
     if np.ptp(u) <= SMALLEST_RANGE and (before is None or abs(before - u[0]) <= SMALLEST_RANGE):
-        raise InputRefused(
-            f"{where}: {label}: constant at {u[0]:.6g} in all {u.size} rows, nothing drives the system: check "
-            f"the column, or state the step at the start in recordings.yaml, start: {{state: rest, input_before: ...}}"
-        )
+        cause = f"constant at {u[0]:.6g} in all {u.size} rows, nothing drives the system"
+        remedy = "state the step at the start in recordings.yaml, start: {state: rest, input_before: ...}"
+        raise InputRefused(f"{where}: {label}: {cause}: check the column, or {remedy}")
 
 
 def turned(source: str) -> str:
@@ -162,8 +161,6 @@ def like_an_actuator(size: float, quantity: str, label: str, where: Where) -> No
     """Refuse what no piezo actuator does: its numbers are in another unit than is said."""
     least, most, unit = ACTUATORS[quantity]
     if not least <= size <= most:
-        raise InputRefused(
-            f"{where}: {quantity} ({label}): a {quantity} of {size:.3g} {unit}, a piezo actuator's lies between "
-            f"{least:g} and {most:g} {unit}: correct the unit, or describe another system as a network, "
-            f"setup: {{network: FILE.yaml}} in recordings.yaml"
-        )
+        cause = f"a {quantity} of {size:.3g} {unit}, a piezo actuator's lies between {least:g} and {most:g} {unit}"
+        remedy = "describe another system as a network, setup: {network: FILE.yaml} in recordings.yaml"
+        raise InputRefused(f"{where}: {quantity} ({label}): {cause}: correct the unit, or {remedy}")

@@ -134,54 +134,48 @@ _Values = dict[str, np.ndarray]
 
 @dataclass(frozen=True, eq=False)
 class Draft:
-    """A recording that has not been given its parts yet.
-
-    Attributes:
-        floor: the noise of its output, which the recording takes when all are compared; excitation: of its input.
-        use: what the manifest demands, None if nothing.
-        columns: what was understood as what, in words; notes: further sentences.
-    """
+    """A recording that has not been given its parts yet."""
 
     recording: Recording
-    floor: NoiseFloor
+    floor: NoiseFloor  # of its output, which the recording takes when all are compared
     excitation: Excitation
-    use: str | None
-    columns: str
+    use: str | None  # that the manifest demands
+    columns: str  # what was understood as what, in words
     notes: tuple[str, ...]
 
 
-def drafts_of(entry: Entry, table: Table, said: Manifest, need_output: bool, home: Path) -> list[Draft]:
+def drafts_of(entry: Entry, table: Table, manifest: Manifest, need_output: bool, home: Path) -> list[Draft]:
     """Return the recordings of a table, one for each segment and for each of several outputs.
 
-    ``entry`` is what is said about the table, ``said`` about all; ``home``, where it comes from, stands in messages.
+    ``entry`` is what is said about the table, ``manifest`` about all; ``home``, where it comes from, is for messages.
     """
     named = {n: ("input", c) for n, c in entry.ports.items()} | {n: ("output", c) for n, c in entry.outputs.items()}
     if entry.slice is not None and not table.shape:
         # Rows outside are not looked at.
         table, entry = table.only(*entry.slice), replace(entry, slice=(0, entry.slice[1] - entry.slice[0]))
     channels, unusable = select(table, entry.columns, named)
-    u_name, y_names = _roles(entry, channels, said, table, need_output)
+    u_name, y_names = _roles(entry, channels, is_actuator(manifest.setup), table, need_output)
     pieces, short = segmented(entry, channels, table)
     size = next(iter(channels.values())).values.size
     # The channels have copies of what is needed.
     table = replace(table, columns=(), notes=(*table.notes, *unusable, *short))
     checks.not_too_many(len(pieces) * len(y_names), size * len(y_names), home)
-    return [_draft(piece, table, channels, (u_name, y_name), said) for piece in pieces for y_name in y_names]
+    return [_draft(piece, table, channels, (u_name, y_name), manifest) for piece in pieces for y_name in y_names]
 
 
-def _draft(entry: Entry, table: Table, channels: Channels, roles: tuple[str, str | None], said: Manifest) -> Draft:
+def _draft(entry: Entry, table: Table, channels: Channels, roles: tuple[str, str | None], manifest: Manifest) -> Draft:
     u_name, y_name = roles
     name = entry.name or printable(Path(entry.files[0]).stem)
-    t, values, own, where, notes = _sampled(entry, table, channels)
+    t, values, sampled, where, notes = _sampled(entry, table, channels)
     if t.size > _LONG:
-        stride = 1 if own else _stride(t, values, roles)
+        stride = 1 if sampled else _stride(t, values, roles)
         why = f"of which one in {stride} is used: what lies between follows from these"
         if stride == 1:
             why = f"all of which are needed: a fit takes {t.size // _ENOUGH} times as long as of {_ENOUGH}; see `slice`"
         notes.append(f"{t.size} samples, {why}")
         t, values = t[::stride], {q: x[::stride] for q, x in values.items()}
     if y_name is not None:
-        notes += _as_sampled(t, values, own, u_name, y_name, channels, entry.input == "zero_order")
+        notes += _as_sampled(t, values, sampled, u_name, y_name, channels, entry.input == "zero_order")
     u = values[u_name]
     y = values[y_name] if y_name is not None else np.full(u.size, np.nan)
     ports = {port: values[port] for port in entry.ports}
@@ -200,10 +194,10 @@ def _draft(entry: Entry, table: Table, channels: Channels, roles: tuple[str, str
         checks.output_moves(y, label, where)
         check_unit_of_limits(entry.sensor, channels[y_name].si, label, where)
         not_clipped(drive, y, label, channels[y_name].factor, where, entry.sensor)
-        if is_actuator(said.setup):
+        if is_actuator(manifest.setup):
             checks.like_an_actuator(float(np.ptp(y)), "displacement", channels[y_name].label, where)
     largest = max(float(np.abs(u).max()), abs(before or 0.0))
-    if is_actuator(said.setup) and (largest > 0.0 or start.state != "unknown"):
+    if is_actuator(manifest.setup) and (largest > 0.0 or start.state != "unknown"):
         # Under no voltage what began before the first sample may go on, as it may under a constant one.
         checks.like_an_actuator(largest, "voltage", channels[u_name].label, where)
     measures = y_name if y_name in entry.outputs else None
@@ -213,7 +207,7 @@ def _draft(entry: Entry, table: Table, channels: Channels, roles: tuple[str, str
         channels={q: values[q] for q in FURTHER if q in values and q != u_name},
         units=Units(channels[u_name].si, channels[y_name].si if y_name is not None else ACTUATOR.output),
         further=ports, measures=measures or "", sensor=entry.sensor, offset=entry.offset,
-        gain=entry.columns.get(u_name, Column()).gain, seen=own.get(y_name or ""),
+        gain=entry.columns.get(u_name, Column()).gain, seen=sampled.get(y_name or ""),
     )  # fmt: skip
     excitation = _excitation(recording, entry, table, where)
     unseen = NoiseFloor(float("nan"), "no output recorded", WHITE)
@@ -256,25 +250,23 @@ def _stride(t: np.ndarray, values: Mapping[str, np.ndarray], roles: tuple[str, s
 
 
 def _as_sampled(
-    t: np.ndarray, values: _Values, own: _Values, u_name: str, y_name: str, channels: Channels, held: bool
+    t: np.ndarray, values: _Values, sampled: _Values, u_name: str, y_name: str, channels: Channels, held: bool
 ) -> list[str]:
     """Take input and output where they repeat values at their own instants alone, in place; return what was done.
 
-    Args:
-        own: by channel, (N,) at which rows it was sampled.
-        held: the input stays where it is between its changes.
+    ``sampled`` tells of a channel at which rows (N,) it was; a ``held`` input stays where it is between its changes.
     """
     u, y = values[u_name], values[y_name]
-    mine = own_rows(t, y, u) if y_name not in own else None
+    mine = own_rows(t, y, u) if y_name not in sampled else None
     if mine is None:
         return []
     notes = []
-    theirs = own_rows(t, u) if u_name not in own else None
+    theirs = own_rows(t, u) if u_name not in sampled else None
     if theirs is not None and (mine | theirs).mean() > _ALL and not held:
         # Two rasters on the union of their stamps.
         values[u_name] = interpolated(t[theirs], u[theirs], t)
         notes.append(f"{u_name} ({channels[u_name].label}) repeats values: taken at its own {theirs.sum()} stamps")
-    own[y_name], values[y_name] = mine, interpolated(t[mine], y[mine], t)
+    sampled[y_name], values[y_name] = mine, interpolated(t[mine], y[mine], t)
     every = np.median(np.diff(np.flatnonzero(mine)))
     changes = f"changes only in every {every:.3g}th row: taken at these {mine.sum()} rows"
     return [*notes, f"{y_name} ({channels[y_name].label}) {changes}"]
@@ -307,15 +299,12 @@ def _longest_even(t: np.ndarray) -> np.ndarray:
     return rows if rows.size >= max(checks.FEWEST_SAMPLES, 0.1 * t.size) else every
 
 
-def _roles(
-    entry: Entry, channels: Channels, said: Manifest, table: Table, need_output: bool
-) -> tuple[str, list[str | None]]:
+def _roles(entry: Entry, channels: Channels, actuator: bool, table: Table, need: bool) -> tuple[str, list[str | None]]:
     """Return which channels are the first input and the outputs. A force drives only what is no piezo actuator."""
-    actuator = is_actuator(said.setup)
     inputs = [q for q in (["voltage"] if actuator else ["input", "voltage", "force"]) if q in channels]
     asked = list(entry.outputs) or (["displacement"] if actuator else ["output", "displacement"])
     outputs: list[str | None] = [q for q in asked if q in channels]
-    if not inputs or (need_output and not outputs):
+    if not inputs or (need and not outputs):
         raise checks.absent("displacement" if inputs else "voltage", table.names, table.where)
     return inputs[0], (outputs if entry.outputs else outputs[:1]) or [None]
 
@@ -326,7 +315,7 @@ def _sampled(entry: Entry, table: Table, channels: Channels) -> tuple[np.ndarray
     first, last = entry.slice
     where = replace(table.where, offset=table.where.offset + first)
     values = {q: c.values[first:last] for q, c in channels.items() if q != "time"}
-    own = {q: c.own[first:last] for q, c in channels.items() if c.own is not None}
+    sampled = {q: c.sampled[first:last] for q, c in channels.items() if c.sampled is not None}
     checks.enough_samples(last - first, where)
     time, rate = channels.get("time"), entry.sample_rate_hz
     if time is None or (rate is not None and _is_coarse(time.values[first:last], rate)):
@@ -335,21 +324,21 @@ def _sampled(entry: Entry, table: Table, channels: Channels) -> tuple[np.ndarray
         dt = 1.0 / rate
         checks.interval(dt, table.where)
         notes = [f"times are coarser than the rows: taken at the {rate:g} Hz of recordings.yaml"] if time else []
-        return dt * np.arange(last - first), values, own, where, notes
-    found = stamped(time.values[first:last], time.factor, values, where, entry.input == "zero_order")
-    checks.enough_samples(found.t.size, where)
-    interval = float(np.median(np.diff(found.t)))
+        return dt * np.arange(last - first), values, sampled, where, notes
+    series = stamped(time.values[first:last], time.factor, values, where, entry.input == "zero_order")
+    checks.enough_samples(series.t.size, where)
+    interval = float(np.median(np.diff(series.t)))
     # Where channels have clocks of their own, their union has uneven intervals.
-    notes = [] if table.own else list(found.notes)
+    notes = [] if table.sampled else list(series.notes)
     if rate is not None and abs(rate * interval - 1.0) > _RATE:
         apart = f"{interval:.6g} s apart ({1 / interval:.6g} Hz)"
         notes.append(f"sample_rate_hz {rate:g} is not used: the times are {apart}")
-    own = {q: x[found.rows] for q, x in own.items()}
-    if entry.input != "zero_order" and not table.own:
+    sampled = {q: x[series.rows] for q, x in sampled.items()}
+    if entry.input != "zero_order" and not table.sampled:
         # The rows of a file may lie unevenly in time.
-        again = {q: interpolated(found.t[x], found.values[q][x], found.t) for q, x in own.items() if not x.all()}
-        found = replace(found, values=found.values | again)
-    return found.t, found.values, own, where, notes
+        again = {q: interpolated(series.t[x], series.values[q][x], series.t) for q, x in sampled.items() if not x.all()}
+        series = series._replace(values=series.values | again)
+    return series.t, series.values, sampled, where, notes
 
 
 def _is_coarse(t: np.ndarray, rate: float) -> bool:
@@ -363,12 +352,12 @@ def _is_coarse(t: np.ndarray, rate: float) -> bool:
 
 def _excitation(recording: Recording, entry: Entry, table: Table, where: Where) -> Excitation:
     dt, drive = evenly(recording.t, recording.drive)
-    found = excitation_of(drive, dt)
-    if entry.periodic is False and found.period is not None:
-        return replace(found, period=None)
-    if found.period is None and table.shape and drive.size >= table.shape[-1]:
-        return replace(found, period=table.shape[-1] * dt, cycles=drive.size / table.shape[-1])
-    if entry.periodic and found.period is None:
+    excitation = excitation_of(drive, dt)
+    if entry.periodic is False and excitation.period is not None:
+        return replace(excitation, period=None)
+    if excitation.period is None and table.shape and drive.size >= table.shape[-1]:
+        return replace(excitation, period=table.shape[-1] * dt, cycles=drive.size / table.shape[-1])
+    if entry.periodic and excitation.period is None:
         cause = "recordings.yaml says periodic: true, but the input does not repeat (two whole periods are needed)"
         raise InputRefused(f"{where}: {cause}: correct it, or leave `periodic` out")
-    return found
+    return excitation

@@ -3,7 +3,7 @@ and the unknown instants of its jumps."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -30,24 +30,15 @@ _DISTURBED = 0.01  # share of its variance that a recorded sine may have beside 
 
 @dataclass(frozen=True)
 class Excitation:
-    """The input of one recording in a few numbers.
+    """The input of one recording in a few numbers."""
 
-    Attributes:
-        kind: ``"constant"``, ``"steps"``, ``"sine"``, ``"periodic"``, ``"chirp"`` or ``"broadband"``.
-        low_Hz, high_Hz: band of the input; equal for a sine, 0 for steps.
-        amplitude: half the input's range, SI.
-        period: s, where at least two periods were recorded.
-        cycles: number of periods recorded.
-        span: samples ``[first, last)`` in which the input is at work, rests before and after left out.
-    """
-
-    kind: str
-    low_Hz: float
+    kind: str  # constant, steps, sine, periodic, chirp or broadband
+    low_Hz: float  # equal to the highest for a sine, 0 for steps
     high_Hz: float
-    amplitude: float
-    period: float | None
-    cycles: float
-    span: tuple[int, int]
+    amplitude: float  # half the input's range, SI
+    period: float | None  # s, where at least two periods were recorded
+    cycles: float  # periods recorded
+    span: tuple[int, int]  # samples [first, last) in which the input is at work, without rests before and after
 
     @property
     def frequency(self) -> float:
@@ -113,19 +104,19 @@ def find_period(x: np.ndarray) -> float | None:
     dips = inner[(mismatch[inner] <= mismatch[inner - 1]) & (mismatch[inner] <= mismatch[inner + 1])]
     dips = dips[mismatch[dips] < 0.2][:20]
     for lag in dips.tolist():
-        period, left = _refined(x, float(lag), 1.0)
-        if left < _ALIKE:
-            return _over_many(x, period, left)
+        period, rest = _refined(x, float(lag), 1.0)
+        if rest < _ALIKE:
+            return _over_many(x, period, rest)
     return None
 
 
-def _over_many(x: np.ndarray, period: float, left: float) -> float | None:
+def _over_many(x: np.ndarray, period: float, rest: float) -> float | None:
     """Return the period refined over as many cycles as there are; ``None`` where the repetition is not steady."""
     count = max(int((x.size - 0.95 * period) / period), 1)
-    steady = left < _EXACT
+    steady = rest < _EXACT
     if count > 1:
         multiple, left_many = _refined(x, count * period, min(1.0 + 0.02 * count, 0.2 * period))
-        period, steady = multiple / count, left_many <= 3.0 * left + 1e-5
+        period, steady = multiple / count, left_many <= 3.0 * rest + 1e-5
     if not steady:
         return None
     # A whole number of samples where the difference cannot be seen over the recording.
@@ -139,8 +130,8 @@ def _refined(x: np.ndarray, lag: float, reach: float) -> tuple[float, float]:
     variance = 2.0 * float(x.var())
 
     def mismatch(at: float) -> float:
-        here = k[: max(int(x.size - np.ceil(at)), 1) : stride]
-        return float(np.mean((curve(here + at) - x[here]) ** 2)) / variance
+        rows = k[: max(int(x.size - np.ceil(at)), 1) : stride]
+        return float(np.mean((curve(rows + at) - x[rows]) ** 2)) / variance
 
     highest = min(lag + reach, x.size - 2.0)
     best = minimize_scalar(mismatch, bounds=(lag - reach, highest), method="bounded", options={"xatol": 1e-4})
@@ -162,7 +153,7 @@ def _sine_misfit(x: NDArray[np.float64], frequency: float) -> float:
 
 
 def _single_sine(x: np.ndarray) -> float | None:
-    """Frequency in cycles per sample of a sine of about half a period to two periods; ``None`` for other signals."""
+    """Return the frequency, in cycles per sample, of a sine of half a period to two periods; None for other signals."""
     stride = max(1, x.size // 1000)
     thin = np.asarray(x[::stride], dtype=float)
     grid = np.geomspace(0.3, 3.0, 24) / thin.size
@@ -172,7 +163,7 @@ def _single_sine(x: np.ndarray) -> float | None:
 
 
 def _sine_between(x: NDArray[np.float64], low: float, high: float, most: float) -> float | None:
-    """Frequency between two others of the sine that fits best; ``None`` where it leaves more than a share of ``x``."""
+    """Return the frequency, between two, of the sine that fits best; None where it leaves more than a share."""
     best = minimize_scalar(lambda f: _sine_misfit(x, float(f)), bounds=(low, high), method="bounded")
     return float(best.x) if best.fun < most else None
 
@@ -223,21 +214,16 @@ _WHOLE = 0.02
 
 
 class Driving(NamedTuple):
-    """Attributes:
-    counts: (N−1,) sub-steps of every sample interval, those of the lead before them.
-    lead: samples before the first recorded one: a cycle where the recording starts in a steady one; the input before
-        where the recording starts with a jump from it, whose instant is not known.
-    command: the first input; further: (n, F) means of the other ones.
-    group: (J,) which of the recording's instants each jump of the first input has.
-    lengths: (N−1,) of the sample intervals, in mean ones.
-    """
+    """The inputs of a recording between its samples."""
 
-    counts: NDArray[np.int64]
+    counts: NDArray[np.int64]  # (N−1,) sub-steps of every sample interval, those of the lead before them
+    # Samples before the first recorded one: a cycle where the recording starts in a steady one; the input before where
+    # the recording starts with a jump from it, whose instant is not known.
     lead: int
-    command: Reconstruction
-    further: Array
-    group: NDArray[np.int64]
-    lengths: Array
+    command: Reconstruction  # the first input
+    further: Array  # (n, F) means of the other ones
+    group: NDArray[np.int64]  # (J,) which of the recording's instants each jump of the first input has
+    lengths: Array  # (N−1,) of the sample intervals, in mean ones
 
     def fine(self, recording: Recording) -> Array:
         """Return (n, 3) the first input with jumps at the recording's instants."""
@@ -248,58 +234,47 @@ class Driving(NamedTuple):
         return self.command.slopes(self.instants(recording)[self.group], self.group)
 
     def instants(self, recording: Recording) -> Array:
-        """(G,) the recording's instants; those that are assumed where it has none for the jumps of this input."""
+        """Return (G,) the recording's instants; assumed ones where it has none for the jumps of this input."""
         count = int(self.group.max(initial=-1)) + 1
         if recording.instants is not None and recording.instants.size == count:
             return recording.instants
         return np.array([self.command.nominal[self.group == g][0] for g in range(count)])
 
 
+@dataclass(frozen=True)
 class _Input:
     """All that the input between samples depends on, as the key of a cache: arrays are equal to themselves alone."""
 
-    def __init__(self, recording: Recording, method: str | None) -> None:
-        self.samples, self.further, self.t = recording.u, list(recording.further.values()), recording.t
-        self.cycle, self.before = recording.cycle, recording.input_before
-        self.period = (recording.period or 0.0) / recording.dt  # sample intervals, 0 for none
-        self.uneven, self.method = recording.clock is not None, method or recording.interpolation
-        arrays = (self.samples, *self.further, *((self.t,) if self.uneven else ()))
-        self.key = (*map(id, arrays), self.cycle, self.before, self.period, self.uneven, self.method)
-
-    def __hash__(self) -> int:
-        return hash(self.key)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Input) and other.key == self.key
+    recording: Recording = field(compare=False)  # keeps the arrays whose identities the key holds
+    key: tuple[object, ...]
 
 
 def driving_of(recording: Recording, substeps: int, method: str | None = None) -> Driving:
-    """Return the input of a recording between its samples; kept, because every candidate model sees the same one.
-
-    Args:
-        substeps: steps a sample interval, more of them after jumps.
-        method: another reconstruction than the recording's.
-    """
-    return _driving(_Input(recording, method), substeps)
+    """Return the input of a recording between its samples, by its own reconstruction or another ``method``; kept, for
+    every candidate model sees the same one. There are ``substeps`` a sample interval, and more after jumps."""
+    method, r = method or recording.interpolation, recording
+    arrays = (r.u, *r.further.values(), *(() if r.clock is None else (r.t,)))
+    key = (*map(id, arrays), r.cycle, r.input_before, r.period, r.dt, r.clock is None, method)
+    return _driving(_Input(r, key), substeps, method)
 
 
 @lru_cache(maxsize=64)
-def _driving(given: _Input, substeps: int) -> Driving:
+def _driving(given: _Input, substeps: int, method: str) -> Driving:
     """Return what `driving_of` does."""
-    cycle, method = given.cycle, given.method
-    lead, samples, others = cycle, given.samples, given.further
+    recording = given.recording
+    lead = cycle = recording.cycle
+    before, samples, others = recording.input_before, recording.u, list(recording.further.values())
     if cycle:
         samples, *others = (np.concatenate([x[:cycle], x]) for x in (samples, *others))
-    elif method in WITH_BREAKS and starts_with_jump(samples, given.before):
-        lead, samples = 1, np.concatenate([[given.before], samples])
+    elif method in WITH_BREAKS and starts_with_jump(samples, before):
+        lead, samples = 1, np.concatenate([[before], samples])
         others = [np.concatenate([x[:1], x]) for x in others]
-    counts = substep_counts(samples, given.before, substeps)
+    counts = substep_counts(samples, before, substeps)
     for x in others:
         counts = np.maximum(counts, substep_counts(x, float(x[0]), substeps))
     counts, clock, lengths = made_periodic(counts, cycle), None, np.ones(counts.size)
-    if given.uneven:
-        t = given.t
-        clock = np.concatenate([-np.arange(lead, 0.0, -1.0), t * (t.size - 1) / t[-1]])
+    if recording.clock is not None:
+        clock = np.concatenate([-np.arange(lead, 0.0, -1.0), recording.t * (recording.t.size - 1) / recording.t[-1]])
         lengths = np.diff(clock)
         # As many steps in a unit of time, whatever the intervals.
         counts = counts * np.maximum(np.rint(lengths / np.median(lengths)), 1.0).astype(np.int64)
@@ -308,7 +283,8 @@ def _driving(given: _Input, substeps: int) -> Driving:
     for k, x in enumerate(others):
         means[:, k] = mean_input(Reconstruction(x, counts, method, clock=clock).fine())
     means.flags.writeable = False
-    group = _shared(command.breaks.jumps, cycle, given.period, samples.size)
+    period = (recording.period or 0.0) / recording.dt  # sample intervals, 0 for none
+    group = _shared(command.breaks.jumps, cycle, period, samples.size)
     if group.max(initial=-1) + 1 < group.size:
         # Jumps that share an instant have to mean the same by it.
         command = replace(command, sharp=True)
@@ -316,7 +292,7 @@ def _driving(given: _Input, substeps: int) -> Driving:
 
 
 def _shared(jumps: NDArray[np.int64], cycle: int, period: float, samples: int) -> NDArray[np.int64]:
-    """(J,) numbers of the instants: those of one phase of the cycle share one, and all do where there are many."""
+    """Return (J,) numbers of the instants: jumps at one phase of the cycle share one, and if many, all do."""
     whole = round(period)
     if cycle:
         jumps = jumps % cycle

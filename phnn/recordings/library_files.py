@@ -30,7 +30,8 @@ _HEAD = 60
 # Bytes of an HDF5 superblock up to the length of the file, whatever its version; bytes that are looked at together.
 _SUPERBLOCK, _BLOCK = 52, 2**20
 # Attributes of the CF conventions: of a unit, of numbers that are packed, of values that are missing.
-_UNITS, _PACKED, _MISSING = ("units", "unit"), ("scale_factor", "add_offset"), ("_FillValue", "missing_value")
+_UNITS, _MISSING = ("units", "unit"), ("_FillValue", "missing_value")
+_PACKED = (("scale_factor", 1.0), ("add_offset", 0.0))
 _CLASS, _EMPTY, _OBJECT = "MATLAB_class", "MATLAB_empty", "MATLAB_object_decode"
 
 
@@ -60,8 +61,8 @@ def readable(source: Source, kind: str, remedy: str, package: str = "", typed: b
 def read_hdf5(source: Source) -> Table:
     """Return the columns of all datasets of numbers, those of a group as ``group.dataset``, as `read_mat` does."""
     with _opened(source) as file:
-        found = (stored for path, item in _walk(file, source) for stored in _stored(source, path, item))
-        return table_of(Where(source.name), found)
+        arrays = (stored for path, item in _walk(file, source) for stored in _stored(source, path, item))
+        return table_of(Where(source.name), arrays)
 
 
 def matlab_content(source: Source) -> tuple[dict[str, Any], list[tuple[str, str]]]:
@@ -100,7 +101,7 @@ def _walk(file: Any, source: Source) -> Iterator[tuple[str, Any]]:
     """
     import h5py
 
-    found: dict[str, Any] = {}
+    links: dict[str, Any] = {}
 
     def visit(name: str, link: Any) -> Exception | None:
         # What is returned ends the walk; what is raised would be lost within the library.
@@ -108,13 +109,13 @@ def _walk(file: Any, source: Source) -> Iterator[tuple[str, Any]]:
             return ValueError(f"groups more than {LIMITS.depth} levels deep")
         if isinstance(link, h5py.ExternalLink) and not source.outside:
             return _outside(source, f"/{name} is a link to the file {printable(str(link.filename))!r}")
-        found[name] = link
+        links[name] = link
         return None
 
     if (stopped := file.visititems_links(visit)) is not None:
         raise stopped
     count = 0
-    for name, link in found.items():
+    for name, link in links.items():
         if any(part.startswith("#") for part in name.split("/")):
             continue
         # A link without a target, or round in a circle, has no item.
@@ -147,8 +148,8 @@ def _check_dataset(source: Source, dataset: Any) -> None:
 def _stored(source: Source, path: str, item: Any, matlab: bool = False) -> Iterator[Stored]:
     """Yield a dataset, or the fields of a table; MATLAB stores every array transposed."""
     name = path.strip("/").replace("/", ".")
-    said = {} if matlab else dict(item.attrs)
-    unit = next((printable(_text(said[key])) for key in _UNITS if key in said), "")
+    attributes = {} if matlab else dict(item.attrs)
+    unit = next((printable(_text(attributes[key])) for key in _UNITS if key in attributes), "")
     # Numbers that are packed, or were never written, take less room in the file.
     packed = item.id.get_storage_size() < item.nbytes
     for field in item.dtype.names or (None,):
@@ -160,17 +161,17 @@ def _stored(source: Source, path: str, item: Any, matlab: bool = False) -> Itera
             source.check_memory(size, packed)
             with _opened(source, matlab) as file:
                 array = np.asarray(file[path][field] if field is not None else file[path][()])
-            return array.T if matlab else _unpacked(array, said)
+            return array.T if matlab else _unpacked(array, attributes)
 
         yield Stored(name if field is None else f"{name}.{field}", shape, dtype, load, unit)
 
 
-def _unpacked(array: np.ndarray, said: dict[str, Any]) -> np.ndarray:
+def _unpacked(array: np.ndarray, attributes: dict[str, Any]) -> np.ndarray:
     """Return the numbers that an array stands for by its attributes, missing ones as NaN."""
     if array.dtype.kind not in "iuf":
         return array
-    missing = [float(v) for key in _MISSING if key in said for v in np.atleast_1d(said[key])]
-    scale, offset = (float(np.ravel(said.get(key, usual))[0]) for key, usual in zip(_PACKED, (1.0, 0.0), strict=True))
+    missing = [float(v) for key in _MISSING if key in attributes for v in np.atleast_1d(attributes[key])]
+    scale, offset = (float(np.ravel(attributes.get(key, usual))[0]) for key, usual in _PACKED)
     hidden = np.isin(array, missing) if missing else np.zeros(0, dtype=bool)
     if scale == 1.0 and offset == 0.0 and not hidden.any():
         return array
@@ -190,13 +191,13 @@ def _decoded(source: Source, file: Any, path: str, item: Any, objects: dict[str,
         return None
     if isinstance(item, h5py.Group):
         fields = {n: item[n] for n in item}
-        found = {n: _decoded(source, file, f"{path}/{n}", x, objects, depth + 1) for n, x in fields.items()}
+        content = {n: _decoded(source, file, f"{path}/{n}", x, objects, depth + 1) for n, x in fields.items()}
         datasets = [x for x in fields.values() if isinstance(x, h5py.Dataset)]
         # The fields of an array of structures are references that are no cells.
         arrays = [x for x in datasets if h5py.check_ref_dtype(x.dtype) and _class(x) != "cell"]
-        if not found or len(arrays) < len(found) or len({len(v) for v in found.values()}) != 1:
-            return found
-        return [dict(zip(found, values, strict=True)) for values in zip(*found.values(), strict=True)]
+        if not content or len(arrays) < len(content) or len({len(v) for v in content.values()}) != 1:
+            return content
+        return [dict(zip(content, values, strict=True)) for values in zip(*content.values(), strict=True)]
     if not isinstance(item, h5py.Dataset) or item.shape is None:
         return None
     _check_dataset(source, item)
@@ -218,10 +219,10 @@ def _class(item: Any) -> str:
     return _text(item.attrs.get(_CLASS, b""))
 
 
-def _text(said: Any) -> str:
-    if isinstance(said, bytes):
-        return said.decode("utf-8", "replace")
-    return str(np.ravel(said)[0] if np.ndim(said) else said)
+def _text(value: Any) -> str:
+    if isinstance(value, bytes):
+        return value.decode("utf-8", "replace")
+    return str(np.ravel(value)[0] if np.ndim(value) else value)
 
 
 def _check_length(source: Source, superblock: int) -> None:
@@ -247,7 +248,7 @@ _INTERVAL, _START, _OFFSET, _UNIT = "wf_increment", "wf_start_time", "wf_start_o
 
 
 def read_tdms(source: Source) -> Table:
-    """The numeric channels as ``group.channel``, with their units; waveforms of one interval bring their time."""
+    """Return the numeric channels as ``group.channel``, with units; waveforms of one interval bring their time."""
     where = Where(source.name)
     columns: dict[str, np.ndarray] = {}
     clocks: dict[str, _Clock] = {}
@@ -278,7 +279,7 @@ def read_tdms(source: Source) -> Table:
         whole = min(values.size for values in columns.values())
         columns = {name: values[:whole] for name, values in columns.items()}
         notes = ("the file was not closed, its channels are as long as the shortest",)
-    own: dict[str, np.ndarray] = {}
+    sampled: dict[str, np.ndarray] = {}
     one, *others = set(clocks.values())
     if one.interval > 0.0 and not others:
         columns.setdefault("time_s", one.interval * np.arange(max(values.size for values in columns.values())))
@@ -286,16 +287,16 @@ def read_tdms(source: Source) -> Table:
         first = min(clock.start for clock in clocks.values())
         begun = {n: 1e-9 * (c.start - first) for n, c in clocks.items()}
         if not all(clock.dated for clock in clocks.values()):
-            said = "; ".join(f"{name}: every {clock.interval:g} s" for name, clock in clocks.items())
-            cause = f"channels with clocks of their own, and not all say when they began ({said})"
+            timing = "; ".join(f"{name}: every {clock.interval:g} s" for name, clock in clocks.items())
+            cause = f"channels with clocks of their own, and not all say when they began ({timing})"
             raise InputRefused(f"{where}: {cause}: write {_START} with each waveform, or export them with one time")
         stamps = {n: (begun[n] + c.interval * np.arange(columns[n].size), columns[n]) for n, c in clocks.items()}
-        t, columns, own = merged(stamps, where)
-        said = "; ".join(f"{n} from {begun[n]:.6g} s on, every {c.interval:g} s" for n, c in clocks.items())
-        notes = (*notes, f"channels with clocks of their own ({said}): aligned by their absolute times")
+        t, columns, sampled = merged(stamps, where)
+        timing = "; ".join(f"{n} from {begun[n]:.6g} s on, every {c.interval:g} s" for n, c in clocks.items())
+        notes = (*notes, f"channels with clocks of their own ({timing}): aligned by their absolute times")
         columns["time_s"] = t - t[0]
-        own = {n: rows for n, rows in own.items() if not rows.all()}
-    return Table(where, tuple(columns), tuple(columns.values()), by_name=True, notes=notes, own=own)
+        sampled = {n: rows for n, rows in sampled.items() if not rows.all()}
+    return Table(where, tuple(columns), tuple(columns.values()), by_name=True, notes=notes, sampled=sampled)
 
 
 class _Clock(NamedTuple):
@@ -308,15 +309,15 @@ class _Clock(NamedTuple):
 
 def _clock(properties: Mapping[str, Any]) -> _Clock:
     """Return the clock of a waveform. Raises ValueError where what is said is no interval."""
-    said = properties.get(_INTERVAL, 0.0)
-    if isinstance(said, bool) or not isinstance(said, int | float | np.number) or not 0.0 <= said < math.inf:
-        raise ValueError(f"its property {_INTERVAL} is {said!r:.60}, not seconds")
+    step = properties.get(_INTERVAL, 0.0)
+    if isinstance(step, bool) or not isinstance(step, int | float | np.number) or not 0.0 <= step < math.inf:
+        raise ValueError(f"its property {_INTERVAL} is {step!r:.60}, not seconds")
     start, offset = properties.get(_START), properties.get(_OFFSET, 0.0)
     dated = isinstance(start, np.datetime64) and not bool(np.isnat(start))
     # Whole nanoseconds: a second since 1970 has not many digits left.
     begun = int(start.astype("datetime64[ns]").astype(np.int64)) if dated and start is not None else 0
     more = float(offset) if isinstance(offset, int | float | np.number) and math.isfinite(offset) else 0.0
-    return _Clock(begun + round(1e9 * more), float(said), dated)
+    return _Clock(begun + round(1e9 * more), float(step), dated)
 
 
 def _closed(source: Source) -> bool:
@@ -375,10 +376,10 @@ def read_parquet(source: Source) -> Table:
     with readable(source, "not a readable .parquet file", "export it again, or as .csv", "pyarrow"):
         parquet, compute = import_module("pyarrow.parquet"), import_module("pyarrow.compute")
         with source.open() as file:
-            said = parquet.ParquetFile(file)
-            source.check_memory(8 * said.metadata.num_rows * said.metadata.num_columns, unpacked=True)
+            content = parquet.ParquetFile(file)
+            source.check_memory(8 * content.metadata.num_rows * content.metadata.num_columns, unpacked=True)
             # Lists are no samples; a text stands once here too.
-            names = [field.name for field in said.schema_arrow if not field.type.num_fields]
+            names = [field.name for field in content.schema_arrow if not field.type.num_fields]
             table = parquet.read_table(file, columns=names, read_dictionary=names, page_checksum_verification=True)
             texts = [part for column in table.columns for part in column.chunks if "string" in str(part.type)]
             sizes = (compute.binary_length(text.dictionary).take(text.indices) for text in texts)

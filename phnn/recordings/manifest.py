@@ -90,20 +90,15 @@ AXES = ("realisation", "period", "time", "channel")
 
 @dataclass(frozen=True)
 class Column:
-    """Where a quantity is found and how it is read: SI value = unit(scale × number).
-
-    Attributes:
-        gain: ``"unknown"`` where the number is proportional to what drives the system by an unknown factor.
-        unwrap: the number by which a counter or an angle starts again, None where it does not.
-        missing: numbers and texts that mark a missing value; `EMPTY` for empty cells, which texts are taken for;
-            `GLITCHES` for samples far off, alone or in pairs.
-    """
+    """Where a quantity is found and how it is read: SI value = unit(scale × number)."""
 
     place: int | str | None = None
     unit: str | None = None
     scale: float = 1.0
-    gain: str = "known"
-    unwrap: float | None = None
+    gain: str = "known"  # or unknown: what drives the system is proportional to the number by an unknown factor
+    unwrap: float | None = None  # the number by which a counter or an angle starts again
+    # Numbers and texts that mark a missing value; EMPTY for empty cells, which texts are taken for; GLITCHES for
+    # samples far off, alone or in pairs.
     missing: tuple[float | str, ...] = ()
 
 
@@ -112,17 +107,17 @@ def columns_of(value: Any, inherited: Mapping[str, Column], where: str, anew: bo
 
     ``anew``: places given elsewhere no longer count (they describe other files), units still do."""
     columns = {q: replace(column, place=None) if anew else column for q, column in inherited.items()}
-    for quantity, said in mapping(value, where, QUANTITIES).items():
-        columns[quantity] = _column(said, columns.get(quantity, Column()), quantity, f"{where}: {quantity}")
+    for quantity, stated in mapping(value, where, QUANTITIES).items():
+        columns[quantity] = _column(stated, columns.get(quantity, Column()), quantity, f"{where}: {quantity}")
     return columns
 
 
 def named_of(value: Any, quantity: str, where: str) -> dict[str, Column]:
     """Return the columns by the name of a port or a storage."""
     columns = {}
-    for key, said in mapping(value, where).items():
+    for key, stated in mapping(value, where).items():
         name = label(key, where)
-        columns[name] = column = _column(said, Column(), quantity, f"{where}: {name}")
+        columns[name] = column = _column(stated, Column(), quantity, f"{where}: {name}")
         if name in QUANTITIES or column.place is None:
             cause = "is the name of a quantity" if name in QUANTITIES else "has no column"
             remedy = "write NAME: {column: ..., unit: ...}, NAME of the network's"
@@ -139,45 +134,45 @@ def axes_of(value: Any, where: str) -> tuple[str, ...]:
     return axes
 
 
-def _column(said: Any, inherited: Column, quantity: str, where: str) -> Column:
-    if isinstance(said, (int, str)) and not isinstance(said, bool):
-        said = {"column": said}
+def _column(stated: Any, inherited: Column, quantity: str, where: str) -> Column:
+    if isinstance(stated, (int, str)) and not isinstance(stated, bool):
+        stated = {"column": stated}
     gain = ("gain",) if quantity in DRIVING else ()
-    content = mapping(said, where, ("column", "unit", "scale", "unwrap", "missing", *gain))
-    found: dict[str, Any] = {}
+    content = mapping(stated, where, ("column", "unit", "scale", "unwrap", "missing", *gain))
+    fields: dict[str, Any] = {}
     if "column" in content:
         place = content["column"]
         if isinstance(place, bool) or not isinstance(place, (int, str)) or (isinstance(place, int) and place < 0):
             cause = f"column {shown(place)} is neither an index from 0 on nor a name"
             raise InputRefused(f"{where}: {cause}: give one of them")
-        found["place"] = place
+        fields["place"] = place
     if "unit" in content:
-        found["unit"] = check_unit(quantity, str(content["unit"]), where)
+        fields["unit"] = check_unit(quantity, str(content["unit"]), where)
     if "gain" in content:
-        found["gain"] = choice(content["gain"], ("known", "unknown"), f"{where}: gain")
+        fields["gain"] = choice(content["gain"], ("known", "unknown"), f"{where}: gain")
     if "unwrap" in content:
-        found["unwrap"] = number(content["unwrap"], f"{where}: unwrap", above=0.0)
+        fields["unwrap"] = number(content["unwrap"], f"{where}: unwrap", above=0.0)
     if "missing" in content:
         marks = content["missing"] if isinstance(content["missing"], list) else [content["missing"]]
-        found["missing"] = tuple(v if isinstance(v, str) else number(v, f"{where}: missing") for v in marks)
+        fields["missing"] = tuple(v if isinstance(v, str) else number(v, f"{where}: missing") for v in marks)
     if "scale" in content:
-        found["scale"] = number(content["scale"], f"{where}: scale")
-        if found["scale"] == 0.0:
+        fields["scale"] = number(content["scale"], f"{where}: scale")
+        if fields["scale"] == 0.0:
             raise InputRefused(f"{where}: scale 0 would erase the column: give the factor from number to {quantity}")
-    return replace(inherited, **found)
+    return replace(inherited, **fields)
 
 
 def sensor_of(value: Any, where: str) -> Sensor:
     """Return what a manifest says under ``sensor``."""
     flags = ("rectified", "derivative", "second_derivative")
     content = mapping(value, where, ("saturates", *flags, "lag"))
-    said = {key: key in content and flag(content[key], f"{where}: {key}") for key in flags}
+    switches = {key: key in content and flag(content[key], f"{where}: {key}") for key in flags}
     saturates, unit = _limits(content, f"{where}: saturates")
     lag, time = _physical(content["lag"], f"{where}: lag", "2 ms") if "lag" in content else (0.0, "")
     if "lag" in content and (time != "s" or not lag > 0.0):
         raise InputRefused(f"{where}: lag: {shown(content['lag'])} is no time constant: write it as 2 ms")
-    derivative = 2 if said["second_derivative"] else said["derivative"]
-    return Sensor(saturates, said["rectified"], lag, derivative, unit)
+    derivative = 2 if switches["second_derivative"] else switches["derivative"]
+    return Sensor(saturates, switches["rectified"], lag, derivative, unit)
 
 
 def check_unit_of_limits(sensor: Sensor, si: str, label: str, where: object) -> None:
@@ -191,15 +186,15 @@ def check_unit_of_limits(sensor: Sensor, si: str, label: str, where: object) -> 
 def _limits(content: Mapping[str, Any], where: str) -> tuple[tuple[float, float], str]:
     if "saturates" not in content:
         return PLAIN.saturates, ""
-    said = content["saturates"]
-    if not isinstance(said, list) or len(said) != 2 or said == [None, None]:
-        cause = f"{shown(said)} is no pair of limits"
+    limits = content["saturates"]
+    if not isinstance(limits, list) or len(limits) != 2 or limits == [None, None]:
+        cause = f"{shown(limits)} is no pair of limits"
         raise InputRefused(f"{where}: {cause}: write [0 V, 10 V], null for a side without a limit")
-    found = [None if limit is None else _physical(limit, where, "10 V") for limit in said]
-    units = {unit for pair in found if pair is not None for unit in pair[1:]}
-    lower, upper = (free if pair is None else pair[0] for pair, free in zip(found, PLAIN.saturates, strict=True))
+    ends = [None if limit is None else _physical(limit, where, "10 V") for limit in limits]
+    units = {unit for pair in ends if pair is not None for unit in pair[1:]}
+    lower, upper = (free if pair is None else pair[0] for pair, free in zip(ends, PLAIN.saturates, strict=True))
     if len(units) > 1 or not lower < upper:
-        raise InputRefused(f"{where}: {shown(said)}: write the lower limit first, both in one unit, as [0 V, 10 V]")
+        raise InputRefused(f"{where}: {shown(limits)}: write the lower limit first, both in one unit, as [0 V, 10 V]")
     return (lower, upper), units.pop()
 
 
@@ -238,18 +233,9 @@ _EACH = (*_SHARED, "slice", "use", "file", "name")
 
 @dataclass(frozen=True)
 class Entry:
-    """What the manifest says about one recording; ``None`` means it says nothing.
+    """What the manifest says about one recording; ``None`` means it says nothing."""
 
-    Attributes:
-        segments: the file holds several recordings one after another, separated by jumps of time or, where a number
-            is given, so many samples each.
-        files: its files, whose columns stand side by side.
-        ports: inputs at further ports of the network; outputs: several outputs, by the storage that is measured.
-        axes: what the axes of an array are, of `AXES`.
-        sensor: what is known of the sensor; offset: whether the zero of the output is its own or shared.
-    """
-
-    files: tuple[str, ...] = ()
+    files: tuple[str, ...] = ()  # whose columns stand side by side
     name: str | None = None
     columns: Mapping[str, Column] = field(default_factory=dict)
     sample_rate_hz: float | None = None
@@ -258,12 +244,12 @@ class Entry:
     start: Start | None = None
     periodic: bool | None = None
     input: str | None = None
-    segments: bool | int = False
-    ports: Mapping[str, Column] = field(default_factory=dict)
-    outputs: Mapping[str, Column] = field(default_factory=dict)
-    axes: tuple[str, ...] = ()
+    segments: bool | int = False  # several recordings follow one another, at jumps of time or of so many samples each
+    ports: Mapping[str, Column] = field(default_factory=dict)  # inputs at further ports of the network
+    outputs: Mapping[str, Column] = field(default_factory=dict)  # several, by the storage that is measured
+    axes: tuple[str, ...] = ()  # of an array, of AXES
     sensor: Sensor = PLAIN
-    offset: str = "own"
+    offset: str = "own"  # or shared: the zero of the output
 
 
 @dataclass(frozen=True)
@@ -302,25 +288,15 @@ def load_manifest(folder: Path, given: str | Path | Mapping[str, Any] | None, ou
 
 
 def _manifest(content: Any, name: str, homes: Sequence[Path], outside: bool, path: Path | None = None) -> Manifest:
-    """Return the manifest with a content, as `load_manifest`; None says nothing.
-
-    Args:
-        content: plain values.
-        name: of the manifest, for messages; path: of its file.
-        homes: folders in which a network file may lie; outside: it may also lie elsewhere.
-    """
+    """Return the manifest with a content of plain values, as `load_manifest`; None says nothing. A network file may lie
+    in one of the folders ``homes``, or ``outside``; ``name`` stands in messages."""
     top = mapping({} if content is None else content, name, TOP_KEYS)
     common = _entry({key: top[key] for key in _SHARED if key in top}, Entry(), name)
     listed = top.get("recordings")
     entries = None if listed is None else _entries(listed, common, name)
-    return Manifest(
-        _setup(top.get("setup"), name, homes, outside),
-        _known(top.get("known"), name),
-        choice(top.get("voltage", "command"), ("command", "terminals"), f"{name}: voltage"),
-        common,
-        entries,
-        path,
-    )
+    setup, known = _setup(top.get("setup"), name, homes, outside), _known(top.get("known"), name)
+    voltage = choice(top.get("voltage", "command"), ("command", "terminals"), f"{name}: voltage")
+    return Manifest(setup, known, voltage, common, entries, path)
 
 
 def _entries(listed: Any, common: Entry, name: str) -> tuple[Entry, ...]:
@@ -343,17 +319,17 @@ def _entries(listed: Any, common: Entry, name: str) -> tuple[Entry, ...]:
 def _entry(item: Mapping[str, Any], common: Entry, where: str) -> Entry:
     """Return one entry laid over the common one: what it says itself wins, quantity by quantity for columns."""
     mapping(item, where, _EACH)
-    said: dict[str, Any] = {}
+    fields: dict[str, Any] = {}
     for key in (key for key in _EACH if key in item):
-        value, here = item[key], f"{where}: {key}"
+        value, place = item[key], f"{where}: {key}"
         if key in ("columns", "variables"):
-            said["columns"] = columns_of(value, said.get("columns", common.columns), here, key == "variables")
+            fields["columns"] = columns_of(value, fields.get("columns", common.columns), place, key == "variables")
         elif key == "file":
             files = value if isinstance(value, list) and value else [value]
-            said["files"] = tuple(text(file, here) for file in files)
+            fields["files"] = tuple(text(file, place) for file in files)
         else:
-            said[key] = _READ[key](value, here)
-    return replace(common, **said)
+            fields[key] = _READ[key](value, place)
+    return replace(common, **fields)
 
 
 def _start(value: Any, where: str) -> Start:
@@ -393,10 +369,10 @@ _READ: Mapping[str, Callable[[Any, str], Any]] = {
 
 def _known(value: Any, name: str) -> dict[str, Anchor]:
     anchors = {}
-    for key, said in mapping(value if value is not None else {}, f"{name}: known").items():
+    for key, item in mapping(value if value is not None else {}, f"{name}: known").items():
         anchor = label(key, f"{name}: known")
         where = f"{name}: known: {anchor}"
-        content = mapping({"value": said} if isinstance(said, int | float) else said, where, ("value", "std", "unit"))
+        content = mapping({"value": item} if isinstance(item, int | float) else item, where, ("value", "std", "unit"))
         if "value" not in content:
             remedy = "write {value: ..., std: ...} in SI units, or with a unit, such as unit: g"
             raise InputRefused(f"{where}: no value: {remedy}")
@@ -434,8 +410,6 @@ def _setup(value: Any, name: str, homes: Sequence[Path], outside: bool) -> Mappi
         content.setdefault("hysterons", DEFAULT_SETUP["hysterons"])
     count = content.get("hysterons", 0)
     if count not in HYSTERESES and (type(count) is not int or not 0 <= count <= LIMITS.hysterons):
-        raise InputRefused(
-            f"{where}: hysterons {shown(count)} is neither a whole number from 0 to {LIMITS.hysterons} nor one of "
-            f"{', '.join(HYSTERESES)}: give one"
-        )
+        cause = f"hysterons {shown(count)} is neither a whole number from 0 to {LIMITS.hysterons}"
+        raise InputRefused(f"{where}: {cause} nor one of {', '.join(HYSTERESES)}: give one")
     return content

@@ -61,8 +61,8 @@ def given_labelled(data: Any, name: str) -> Iterator[Given]:
         stem = name or data.attrs.get("name", further)
         runs = [(f"{stem}_{label}", data.isel({further: i})) for i, label in enumerate(labels)]
     for called, run in runs:
-        said, table = given_frame(_along(run, times[0]), printable(called), where)
-        yield said, replace(table, by_name=True)
+        entry, table = given_frame(_along(run, times[0]), printable(called), where)
+        yield entry, replace(table, by_name=True)
 
 
 def _along(data: Any, time: str) -> Any:
@@ -94,11 +94,11 @@ def given_frame(frame: Any, name: str = "", where: Where | None = None) -> Given
     if time is not None and not any(parse_name(n)[0] == "time" for n in names):
         names.append(time[0])
         columns.append(time[1])
-    said, place = frame.attrs, f"{where}: attrs"
-    units = {printable(str(n)): str(u) for n, u in mapping(said.get("units", {}), f"{place}['units']").items()}
-    use, rate = said.get("use"), said.get("sample_rate_hz")
+    attributes, place = frame.attrs, f"{where}: attrs"
+    units = {printable(str(n)): str(u) for n, u in mapping(attributes.get("units", {}), f"{place}['units']").items()}
+    use, rate = attributes.get("use"), attributes.get("sample_rate_hz")
     entry = Entry(
-        name=name or printable(str(said.get("name", ""))),
+        name=name or printable(str(attributes.get("name", ""))),
         use=None if use is None else choice(use, USES, f"{place}['use']"),
         sample_rate_hz=None if rate is None else number(plain(rate), f"{place}['sample_rate_hz']", above=0.0),
     )
@@ -117,11 +117,7 @@ def _time(index: Any) -> tuple[str, np.ndarray] | None:
 
 
 def given_benchmark(data: Any, names: tuple[str, str], name: str) -> Given:
-    """Return input and output of a benchmark; several of them are called ``u[0]``, ``y[0]``, ….
-
-    Args:
-        names: of a single input and a single output, as the setup calls them.
-    """
+    """Return input and output of a benchmark, a single one by its name of two ``names``, several as ``u[0]``, …"""
     where = where_of(data, name)
     interval = plain(data.sampling_time)
     if not isinstance(interval, int | float) or not interval > 0.0:
@@ -139,33 +135,33 @@ _ACCEPTED = (
 )
 
 
-def given(data: Any, said: Manifest) -> tuple[list[Given], list[str]]:
+def given(data: Any, manifest: Manifest) -> tuple[list[Given], list[str]]:
     """Return every recording of an object that the manifest asks for, and the names of the others.
 
     ``file`` in the manifest is the name of a recording; a manifest that lists none asks for all. What the manifest says
     wins over what an object says.
     """
-    names = ("voltage", "displacement") if is_actuator(said.setup) else ("input", "output")
-    found = list(itertools.islice(_collected(data, "", names), LIMITS.recordings + 1))
-    if len(found) > LIMITS.recordings:
+    names = ("voltage", "displacement") if is_actuator(manifest.setup) else ("input", "output")
+    recordings = list(itertools.islice(_collected(data, "", names), LIMITS.recordings + 1))
+    if len(recordings) > LIMITS.recordings:
         raise InputRefused(f"{type(data).__name__}: more than {LIMITS.recordings} recordings: give fewer")
-    if not found:
+    if not recordings:
         raise InputRefused(f"{type(data).__name__}: it is empty, there is no recording in it: give {_ACCEPTED}")
     by_name: dict[str, Given] = {}
-    for i, (one, table) in enumerate(found, start=1):
+    for i, (one, table) in enumerate(recordings, start=1):
         # Those without a name are called "recording", several by their number.
-        name = one.name or (f"recording_{i:0{len(str(len(found)))}d}" if len(found) > 1 else "recording")
+        name = one.name or (f"recording_{i:0{len(str(len(recordings)))}d}" if len(recordings) > 1 else "recording")
         if name in by_name:
             raise InputRefused(f"two recordings are called {name!r}: give a mapping from names to recordings")
         by_name[name] = replace(one, name=name), table
-    if said.entries is None:
-        return [_described(replace(said.common, files=(name,)), by_name) for name in by_name], []
-    for i, entry in enumerate(said.entries):
+    if manifest.entries is None:
+        return [_described(replace(manifest.common, files=(name,)), by_name) for name in by_name], []
+    for i, entry in enumerate(manifest.entries):
         if unknown := [file for file in entry.files if file not in by_name]:
             cause = f"no recording is called {shown(unknown[0])}, there are {', '.join(by_name)}"
             raise InputRefused(f"recordings[{i}]: {cause}: correct `file`")
-    asked = {file for entry in said.entries for file in entry.files}
-    return [_described(e, by_name) for e in said.entries], [name for name in by_name if name not in asked]
+    asked = {file for entry in manifest.entries for file in entry.files}
+    return [_described(e, by_name) for e in manifest.entries], [name for name in by_name if name not in asked]
 
 
 def _collected(data: Any, name: str, names: tuple[str, str]) -> Iterator[Given]:

@@ -30,26 +30,21 @@ _SAME = 0.05  # amplitudes and frequencies nearer than this are no new ones
 
 @dataclass(frozen=True)
 class Candidate:
-    """What the choice needs to know of a recording.
-
-    Attributes:
-        use: what the manifest demands, ``None`` if nothing.
-        begun: nobody knows in which state it starts.
-        untold: its input covers too little of its range in its head to tell the initial state and the zero: thresholds
-            that only the rest of the range crosses have not been met.
-    """
+    """What the choice needs to know of a recording."""
 
     name: str
     size: int
     dt: float
     excitation: Excitation
-    use: str | None
-    begun: bool = False
+    use: str | None  # that the manifest demands
+    begun: bool = False  # nobody knows in which state it starts
+    # Its input covers too little of its range in its head to tell the initial state and the zero: thresholds that only
+    # the rest of the range crosses have not been met.
     untold: bool = False
 
     @property
     def head(self) -> int:
-        """Samples that are spent on zero and initial state where the recording is held out: at most half of them.
+        """Return the samples spent on zero and initial state where the recording is held out: at most half of them.
 
         From an unknown start it is a whole swing of the input, for by then a hysteresis has forgotten what was before.
         """
@@ -88,11 +83,9 @@ def divide(candidates: Sequence[Candidate]) -> tuple[Mapping[str, tuple[Part, ..
         note = f"Held out for confirmation, chosen here: {', '.join(sorted(held))}."
         untold = [c.name for c in candidates if c.untold and c.name not in held]
         if untold:
-            note += (
-                f" Not held out, because nobody knows how they start: {listed(untold)}; in the first "
-                f"samples, which would tell state and zero, the input covers less than {_COVERED:.0%} of its range. "
-                f"Say `start: rest`, or begin the slice earlier."
-            )
+            note += f" Not held out, because nobody knows how they start: {listed(untold)}; in the first samples, which"
+            note += f" would tell state and zero, the input covers less than {_COVERED:.0%} of its range."
+            note += " Say `start: rest`, or begin the slice earlier."
     parts_by_name = {c.name: whole_parts(c, c.name in held) for c in candidates}
     kept = [c for c in candidates if c.name not in held]
     # Whether some held-out recording differs from every other one in amplitude, frequency or kind.
@@ -112,7 +105,7 @@ def whole_parts(one: Candidate, held_out: bool) -> tuple[Part, ...]:
 
 
 def split_one(one: Candidate) -> tuple[tuple[Part, ...], str]:
-    """A single recording in two parts with a gap: whole periods where it has at least four, else stretches of time."""
+    """Return two parts of a single recording with a gap, whole periods where it has four or more, and a note."""
     first, last = one.excitation.span
     period = (one.excitation.period or 0.0) / one.dt  # samples
     cycles = int((last - first) * 1.0001 / period) if period else 0
@@ -195,7 +188,7 @@ def _worth_keeping(one: Candidate, everyone: Sequence[Candidate]) -> int:
 
 
 def _alike(a: Candidate, b: Candidate) -> bool:
-    """Same kind of input at the same frequency and amplitude."""
+    """Return whether two inputs are of one kind, at the same frequency and amplitude."""
     pairs = ((getattr(a.excitation, n), getattr(b.excitation, n)) for n in ("amplitude", "low_Hz", "high_Hz"))
     return a.excitation.kind == b.excitation.kind and all(math.isclose(*pair, rel_tol=_SAME) for pair in pairs)
 
@@ -209,11 +202,8 @@ DIFFERENT = 0.01
 
 
 def pooled(floors: Sequence[NoiseFloor], kinds: Sequence[tuple[Hashable, ...]]) -> list[NoiseFloor]:
-    """Return the floors of recordings, those seen in a part of the spectrum only brought to a common word.
-
-    Args:
-        kinds: sensor and sampling interval, last, of each recording.
-    """
+    """Return the floors of recordings, those seen in a part of the spectrum only brought to a common word. ``kinds``
+    are sensor and sampling interval, last, of each recording."""
     common = _of_one_word(floors)
     for sensor in {kind[:-1] for kind in kinds}:
         mine = [i for i, kind in enumerate(kinds) if kind[:-1] == sensor]
@@ -257,15 +247,15 @@ def _sharing(floors: Sequence[NoiseFloor]) -> list[NoiseFloor]:
     """
     if len(floors) == 1:
         return list(floors)
-    found = [f.smaller or f for f in floors]
+    shared_floors = [f.smaller or f for f in floors]
     shared = alike([f.value for f in floors], [f.interval or (0.0, 0.0) for f in floors])
     if shared is None:
-        return found
+        return shared_floors
     value, interval, members = shared
     for k in members:
         source = f"{floors[k].source}, shared by {len(members)} recordings that do not differ in it"
-        found[k] = replace(floors[k], value=value, source=source, interval=interval, smaller=None)
-    return found
+        shared_floors[k] = replace(floors[k], value=value, source=source, interval=interval, smaller=None)
+    return shared_floors
 
 
 def alike(
@@ -326,7 +316,7 @@ def _of_one_word(floors: Sequence[NoiseFloor]) -> list[NoiseFloor]:
     as_white = [f for f in every if f.is_level]
     there = highest * value
     agreed = (*partial, *(f for f in as_white if there / _ONE_SIZE <= f.value <= there * _ONE_SIZE))
-    told = [f for f in every if f not in agreed and (f.value < size or f.interval is not None)]
-    alone = {id(f) for f in (*told, *(agreeing if correlation is WHITE else ()))}
+    distinct = [f for f in every if f not in agreed and (f.value < size or f.interval is not None)]
+    alone = {id(f) for f in (*distinct, *(agreeing if correlation is WHITE else ()))}
     common = NoiseFloor(value, source, correlation, 0.0)
     return [f if f.coefficient is None or id(f) in alone else common for f in floors]

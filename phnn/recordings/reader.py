@@ -19,7 +19,7 @@ from phnn.recordings.draft import Draft, drafts_of
 from phnn.recordings.excitation import Excitation
 from phnn.recordings.library_files import read_hdf5, read_parquet, read_sheet, read_tdms
 from phnn.recordings.manifest import Entry, Manifest, load_manifest
-from phnn.recordings.memory import given
+from phnn.recordings.memory import Given, given
 from phnn.recordings.partition import candidate_of, divide, pooled, whole_parts
 from phnn.recordings.recording import IN_MEMORY, Campaign, Recording, is_actuator
 from phnn.recordings.table import Table, beside
@@ -27,31 +27,20 @@ from phnn.recordings.text_files import looks_like_numbers, read_text
 from phnn.recordings.units import parse_name
 from phnn.results import printable
 
-Reader = Callable[[Source], Table]
-READERS: Mapping[str, Reader] = {
-    **dict.fromkeys((".csv", ".tsv", ".dat", ".txt", ".asc", ".lvm"), read_text),
-    ".mat": read_mat,
-    **dict.fromkeys((".h5", ".hdf5"), read_hdf5),
-    ".npy": read_npy,
-    ".npz": read_npz,
-    ".tdms": read_tdms,
-    ".json": read_json,
-    ".xlsx": read_sheet,
-    ".parquet": read_parquet,
-}
+READERS: Mapping[str, Callable[[Source], Table]] = {
+    **dict.fromkeys((".csv", ".tsv", ".dat", ".txt", ".asc", ".lvm"), read_text), ".mat": read_mat,
+    **dict.fromkeys((".h5", ".hdf5"), read_hdf5), ".npy": read_npy, ".npz": read_npz, ".tdms": read_tdms,
+    ".json": read_json, ".xlsx": read_sheet, ".parquet": read_parquet,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Files:
-    """The files of a folder.
-
-    Attributes:
-        home: the folder; said: its manifest; outside: files may lie outside.
-    """
+    """The files of a folder, as a manifest describes them."""
 
     home: Path
-    said: Manifest
-    outside: bool
+    manifest: Manifest
+    outside: bool  # files may lie outside
 
     def source(self, file: str) -> Source:
         """Return a file of a recording. Raises InputRefused as `phnn.intake.named_file`."""
@@ -64,36 +53,36 @@ class Files:
 
     def _named(self) -> set[str]:
         """Return the names of columns that the manifest asks for."""
-        entries = (self.said.common, *(self.said.entries or ()))
+        entries = (self.manifest.common, *(self.manifest.entries or ()))
         columns = (c for e in entries for some in (e.columns, e.ports, e.outputs) for c in some.values())
         return {c.place for c in columns if isinstance(c.place, str)}
 
     def entries(self) -> tuple[list[Entry], list[str]]:
         """Return the entries to read, and the files left alone, each with its reason where that is not plain."""
-        said, present = self.said, self._present()
-        if said.path is not None:
-            present = [p for p in present if os.path.realpath(p) != os.path.realpath(said.path)]
-        if said.entries is not None:
-            where = said.path.name if said.path is not None else "recordings.yaml"
-            paths = [(i, self.home / file) for i, entry in enumerate(said.entries) for file in entry.files]
+        manifest, present = self.manifest, self._present()
+        if manifest.path is not None:
+            present = [p for p in present if os.path.realpath(p) != os.path.realpath(manifest.path)]
+        if manifest.entries is not None:
+            where = manifest.path.name if manifest.path is not None else "recordings.yaml"
+            paths = [(i, self.home / file) for i, entry in enumerate(manifest.entries) for file in entry.files]
             for i, path in paths:
                 if not os.path.lexists(path):
                     name, home = (printable(p)[: LIMITS.name_characters] for p in (path.name, str(path.parent)))
                     cause = f"recordings[{i}]: file {name!r} is not in {home}"
                     raise InputRefused(f"{where}: {cause}: correct its name or remove the entry")
             listed = {os.path.realpath(path) for _, path in paths}
-            others = [p for p in present if os.path.realpath(p) not in listed]
-            return list(said.entries), [_shown(p) + " (not listed)" * self._numbers(p) for p in others]
-        chosen, left = [], []
+            unlisted = [p for p in present if os.path.realpath(p) not in listed]
+            return list(manifest.entries), [_shown(p) + " (not listed)" * self._numbers(p) for p in unlisted]
+        chosen, others = [], []
         for path in present:
             reason = self._no_recording(path)
             if reason is None:
                 chosen.append(path)
                 checks.not_too_many(len(chosen), 0, self.home)
             else:
-                left.append(_shown(path) + reason)
-        checks.any_recordings(chosen, left, self.home)
-        return [replace(said.common, files=(path.name,)) for path in chosen], left
+                others.append(_shown(path) + reason)
+        checks.any_recordings(chosen, others, self.home)
+        return [replace(manifest.common, files=(path.name,)) for path in chosen], others
 
     def possible(self) -> tuple[list[Path], list[str]]:
         """Return the files that may be recordings, whatever describes them, and what else lies there, in words."""
@@ -129,7 +118,7 @@ class Files:
             return " (no regular file)" if special else ""
         if path.suffix.lower() not in READERS:
             return " (a table of text: list it in recordings.yaml to use it)"
-        stated = {c.place for c in self.said.common.columns.values() if c.place is not None}
+        stated = {c.place for c in self.manifest.common.columns.values() if c.place is not None}
         kind = path.suffix.lower()
         if kind == ".csv" or (stated and kind != ".json"):
             return None
@@ -158,10 +147,8 @@ def read_table(source: Source, named: Collection[str] = ()) -> Table:
     if source.suffix == ".xlsx":
         return read_sheet(source, named)
     if source.suffix not in READERS and not looks_like_numbers(source):
-        cause = f"unknown format {source.suffix!r}, and no table of numbers in text"
-        raise InputRefused(
-            f"{source.name}: {cause}: accepted are {', '.join(READERS)}, and such tables with any ending"
-        )
+        cause = f"unknown format {source.suffix!r}, and no table of numbers in text: accepted are {', '.join(READERS)}"
+        raise InputRefused(f"{source.name}: {cause}, and such tables with any ending")
     return READERS.get(source.suffix, read_text)(source)
 
 
@@ -197,12 +184,12 @@ def read(
         return _from_memory(folder, manifest, need_output)
     home = Path(folder)
     checks.folder_exists(home)
-    said = load_manifest(home, manifest, allow_outside)
+    stated = load_manifest(home, manifest, allow_outside)
     checks.no_results(home)
-    files = Files(home, said, allow_outside)
-    entries, left = files.entries()
+    files = Files(home, stated, allow_outside)
+    entries, others = files.entries()
     tables = ((entry, beside([files.table(file, entry.axes) for file in entry.files])) for entry in entries)
-    return _campaign(tables, said, need_output, home, left)
+    return _campaign(tables, stated, need_output, home, others)
 
 
 def campaign_of(recorded: Campaign | str | Path | Any, *, need_output: bool = True) -> Campaign:
@@ -212,9 +199,9 @@ def campaign_of(recorded: Campaign | str | Path | Any, *, need_output: bool = Tr
 
 def _from_memory(data: Any, manifest: str | Path | Mapping[str, Any] | None, need_output: bool) -> Campaign:
     try:
-        said = load_manifest(Path(), {} if manifest is None else manifest, outside=True)
-        tables, left = given(data, said)
-        found = _campaign(tables, said, need_output, Path(IN_MEMORY), left)
+        stated = load_manifest(Path(), {} if manifest is None else manifest, outside=True)
+        tables, others = given(data, stated)
+        campaign = _campaign(tables, stated, need_output, Path(IN_MEMORY), others)
     except InputRefused as error:
         if "recordings.yaml" not in str(error):
             raise
@@ -222,16 +209,14 @@ def _from_memory(data: Any, manifest: str | Path | Mapping[str, Any] | None, nee
             f"{error} (of recordings in memory the second argument of phnn.read says what recordings.yaml says: a "
             f"path, or a mapping)"
         ) from error
-    return replace(found, in_memory=True)
+    return replace(campaign, in_memory=True)
 
 
-def _campaign(
-    tables: Iterable[tuple[Entry, Table]], said: Manifest, need_output: bool, home: Path, left: list[str]
-) -> Campaign:
-    """Return the campaign of tables, which are asked for one after another; ``left`` is what else lies in ``home``."""
+def _campaign(tables: Iterable[Given], stated: Manifest, need_output: bool, home: Path, others: list[str]) -> Campaign:
+    """Return the campaign of tables, asked for one after another; ``others`` is what else lies in ``home``."""
     drafts: list[Draft] = []
     for entry, table in tables:
-        drafts += drafts_of(entry, table, said, need_output, home)
+        drafts += drafts_of(entry, table, stated, need_output, home)
         checks.not_too_many(len(drafts), sum(d.recording.t.size for d in drafts), home)
     checks.unique_names((d.recording.name, d.recording.source) for d in drafts)
     candidates = [candidate_of(d.recording, d.excitation, d.use) for d in drafts]
@@ -247,26 +232,26 @@ def _campaign(
         for d, f in zip(drafts, pooled([d.floor for d in drafts], kinds), strict=True)
     )  # fmt: skip
     notes = (_extent(recordings), *_columns(drafts), *(note for d in drafts for note in d.notes), *notes)
-    mass = said.known.get("m")
-    if is_actuator(said.setup) and mass is not None and not mass.unit and mass.value >= _HEAVY:
+    mass = stated.known.get("m")
+    if is_actuator(stated.setup) and mass is not None and not mass.unit and mass.value >= _HEAVY:
         doubt = f"known: m = {mass.value:g} kg is much for a moving mass of an actuator; if it is in g, add unit: g."
         notes = (*notes, doubt)
-    if left:
-        notes = (*notes, f"Left alone: {', '.join(left)}.")
+    if others:
+        notes = (*notes, f"Left alone: {', '.join(others)}.")
     held = frozenset(d.recording.name for d in drafts if d.use == "confirmation")
-    return Campaign(recordings, said.setup, said.known, said.voltage, notes, new, printable(str(home)), held)
+    return Campaign(recordings, stated.setup, stated.known, stated.voltage, notes, new, printable(str(home)), held)
 
 
 def _extent(recordings: tuple[Recording, ...]) -> str:
     """Return how much was recorded, and at which rates."""
     seconds = sum(r.t.size * r.dt for r in recordings)
     rates = sorted({float(f"{1 / r.dt:.6g}") for r in recordings})
-    said = f"at {rates[0]:g} Hz"
+    at_rates = f"at {rates[0]:g} Hz"
     if len(rates) > 1:
-        said = f"at {len(rates)} different rates, each kept, {rates[0]:g} to {rates[-1]:g} Hz"
+        at_rates = f"at {len(rates)} different rates, each kept, {rates[0]:g} to {rates[-1]:g} Hz"
     samples = sum(r.t.size for r in recordings)
     many = "s" if len(recordings) > 1 else ""
-    return f"Read {len(recordings)} recording{many}: {samples} samples, {seconds:.4g} s, {said}."
+    return f"Read {len(recordings)} recording{many}: {samples} samples, {seconds:.4g} s, {at_rates}."
 
 
 def _columns(drafts: list[Draft]) -> tuple[str, ...]:
@@ -346,10 +331,10 @@ def _words(e: Excitation) -> str:
 
 
 def _uses(r: Recording) -> str:
-    said = []
+    uses = []
     for part in r.parts:
         whole = part.first == 0 and part.last == r.t.size
         place = "" if whole else f" {r.t[part.first]:.4g} to {r.t[part.last - 1]:.4g} s"
         use = "start, not scored" if part.use == "nuisance" else part.use
-        said.append(use + place)
-    return "; ".join(said)
+        uses.append(use + place)
+    return "; ".join(uses)

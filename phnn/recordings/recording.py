@@ -28,6 +28,8 @@ class Units(NamedTuple):
     output: str
 
 
+Array = np.ndarray
+Signals = Mapping[str, Array]  # (N,) by name
 ACTUATOR = Units("V", "m")
 # What stands for the folder of recordings that do not come from files.
 IN_MEMORY = "recordings in memory"
@@ -48,47 +50,41 @@ _AT_LIMIT = 1e-4
 class Sensor:
     """What the manifest says about the sensor, SI.
 
-    Attributes:
-        saturates: least and largest output that the sensor can show; infinite where there is no limit. Samples there
-            say only that the true output lies at or beyond the limit.
-        rectified: it shows the size of the output without its sign.
-        lag: its time constant [s].
-        derivative: how many times what it measures is derived from the network's output by time: 0, 1 or 2.
-        unit: SI unit of the limits.
+    Samples at a limit say only that the true output lies at or beyond it; a limit is infinite where there is none.
     """
 
-    saturates: tuple[float, float] = (-math.inf, math.inf)
-    rectified: bool = False
-    lag: float = 0.0
-    derivative: int = False
-    unit: str = ""
+    saturates: tuple[float, float] = (-math.inf, math.inf)  # least and largest output that it can show
+    rectified: bool = False  # it shows the size of the output without its sign
+    lag: float = 0.0  # time constant [s]
+    derivative: int = False  # how many times what it measures is derived from the network's output by time: 0, 1 or 2
+    unit: str = ""  # SI unit of the limits
 
     @property
     def is_limited(self) -> bool:
         """Return whether it saturates at all."""
         return math.isfinite(self.saturates[0]) or math.isfinite(self.saturates[1])
 
-    def at_limit(self, y: NDArray[np.float64]) -> NDArray[np.int8]:
+    def at_limit(self, y: Array) -> NDArray[np.int8]:
         """Return (N,) 1 where a recorded output sits at the upper limit, -1 where at the lower one, 0 between them."""
         room = _AT_LIMIT * float(np.ptp(y))
         return (y >= self.saturates[1] - room).astype(np.int8) - (y <= self.saturates[0] + room).astype(np.int8)
 
-    def limited(self, y: NDArray[np.float64]) -> NDArray[np.float64]:
+    def limited(self, y: Array) -> Array:
         """Return (N,) an output as the sensor shows it."""
         return np.clip(y, *self.saturates)
 
-    def words(self, y: NDArray[np.float64]) -> str:
+    def words(self, y: Array) -> str:
         """Return what is known, and how many samples (N,) sit at a limit; empty where nothing is."""
-        found = []
+        facts = []
         if self.is_limited:
             ends = [quantity(limit, self.unit) for limit in self.saturates if math.isfinite(limit)]
             count = int(np.sum(self.at_limit(y) != 0))
-            found.append(f"saturates at {' and '.join(ends)}, where {count} samples sit: they say no more than that")
-        found += ["shows the size without its sign"] if self.rectified else []
-        found += [f"lags by {quantity(self.lag, 's')}"] if self.lag else []
+            facts.append(f"saturates at {' and '.join(ends)}, where {count} samples sit: they say no more than that")
+        facts += ["shows the size without its sign"] if self.rectified else []
+        facts += [f"lags by {quantity(self.lag, 's')}"] if self.lag else []
         if self.derivative:
-            found.append(f"measures the {'rate' if self.derivative == 1 else 'second derivative'} of the output")
-        return "; ".join(found)
+            facts.append(f"measures the {'rate' if self.derivative == 1 else 'second derivative'} of the output")
+        return "; ".join(facts)
 
 
 PLAIN = Sensor()
@@ -96,31 +92,20 @@ PLAIN = Sensor()
 
 @dataclass(frozen=True)
 class Start:
-    """How a recording begins.
+    """How a recording begins."""
 
-    Attributes:
-        state: ``"rest"`` (in equilibrium before the first sample), ``"unknown"`` or ``"periodic"`` (steady cycle).
-        input_before: the input before the first sample, SI; it has a meaning for ``"rest"`` only.
-    """
-
-    state: str
-    input_before: float = 0.0
+    state: str  # rest (in equilibrium before the first sample), unknown or periodic (steady cycle)
+    input_before: float = 0.0  # the input before the first sample, SI; it has a meaning for rest only
 
 
 @dataclass(frozen=True)
 class Part:
-    """The samples ``[first, last)`` of a recording and what they are for.
+    """The samples ``[first, last)`` of a recording and what they are for."""
 
-    Attributes:
-        name: shown to people; equal to the recording's name where that has one scored part.
-        first, last: half-open range of samples.
-        use: ``"identification"``, ``"confirmation"`` or ``"nuisance"`` (fits zero and initial state, never scored).
-    """
-
-    name: str
+    name: str  # shown to people; equal to the recording's name where that has one scored part
     first: int
     last: int
-    use: str
+    use: str  # identification, confirmation or nuisance (fits zero and initial state, never scored)
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,38 +141,38 @@ class Recording:
     """
 
     name: str
-    t: np.ndarray
-    u: np.ndarray
-    y: np.ndarray
+    t: Array
+    u: Array
+    y: Array
     start: Start
     interpolation: str
     parts: tuple[Part, ...] = ()
     noise: float = math.nan
     noise_source: str = ""
-    noise_correlation: np.ndarray = field(default_factory=lambda: np.ones(1))
+    noise_correlation: Array = field(default_factory=lambda: np.ones(1))
     period: float | None = None
-    channels: Mapping[str, np.ndarray] = field(default_factory=dict)
+    channels: Signals = field(default_factory=dict)
     source: str = ""
     units: Units = ACTUATOR
-    further: Mapping[str, np.ndarray] = field(default_factory=dict)
+    further: Signals = field(default_factory=dict)
     measures: str = ""
-    instants: np.ndarray | None = None
+    instants: Array | None = None
     sensor: Sensor = PLAIN
     offset: str = "own"
     noise_found: bool = True
     noise_interval: tuple[float, float] | None = None
     gain: str = "known"
-    seen: np.ndarray | None = None
+    seen: Array | None = None
 
     @cached_property
-    def clock(self) -> np.ndarray | None:
+    def clock(self) -> Array | None:
         """Return ``(N,)`` sampling instants in mean intervals; None where all intervals are equal."""
         steps = np.diff(self.t)
         even = steps.size == 0 or float(np.abs(steps - self.dt).max()) <= _ROUNDING * self.dt
         return None if even else self.t / self.dt
 
     @property
-    def drive(self) -> np.ndarray:
+    def drive(self) -> Array:
         """Return ``(N,)`` what moves when any input does, see `drive_of`."""
         return drive_of(self.u, self.further)
 
@@ -198,7 +183,7 @@ class Recording:
 
     @property
     def cycle(self) -> int:
-        """Samples of the fewest whole periods that are a whole number of samples; 0 where the recording has none."""
+        """Return the samples of the fewest whole periods that are a whole number of samples; 0 where there are none."""
         if self.start.state != "periodic" or self.period is None or self.clock is not None:
             return 0
         size = self.period / self.dt
@@ -215,17 +200,11 @@ class Recording:
         return slice(max(0, self.t.size - 1 - round(count * self.period / self.dt)), self.t.size)
 
     def only(self, rows: slice) -> Recording:
-        """Some of the samples of every channel; the parts stay as they are, instants of jumps are unknown again."""
-        return replace(
-            self,
-            instants=None,
-            t=self.t[rows],
-            u=self.u[rows],
-            y=self.y[rows],
-            seen=None if self.seen is None else self.seen[rows],
-            channels={n: x[rows] for n, x in self.channels.items()},
-            further={n: x[rows] for n, x in self.further.items()},
-        )
+        """Return some samples of every channel; the parts stay as they are, instants of jumps are unknown again."""
+        channels, further = ({n: x[rows] for n, x in some.items()} for some in (self.channels, self.further))
+        t, u, y = (x[rows] for x in (self.t, self.u, self.y))
+        seen = None if self.seen is None else self.seen[rows]
+        return replace(self, t=t, u=u, y=y, seen=seen, channels=channels, further=further, instants=None)
 
     @cached_property
     def stride(self) -> int:
@@ -242,7 +221,7 @@ class Recording:
         """Return the recording at every `stride`-th sample."""
         return self if self.stride == 1 else self.only(slice(None, None, self.stride))
 
-    def from_sparse(self, rows: np.ndarray) -> np.ndarray:
+    def from_sparse(self, rows: Array) -> Array:
         """Return ``(N, …)`` values on straight lines between those at the samples of `sparse`; the last of them stands
         for what follows. Values at all samples are returned as they are."""
         return rows if rows.shape[0] == self.t.size else _on_lines(rows, self.stride)[: self.t.size]
@@ -267,7 +246,7 @@ class Recording:
         """Return the input before the first sample; the first sample itself where the start does not say."""
         return self.start.input_before if self.start.state == "rest" else float(self.u[0])
 
-    def mask(self, use: str) -> np.ndarray:
+    def mask(self, use: str) -> Array:
         """Return ``(N,)`` bool: the samples that serve as ``use``."""
         chosen = np.zeros(self.t.size, dtype=bool)
         for part in self.parts:
@@ -276,14 +255,14 @@ class Recording:
         return chosen if self.seen is None else chosen & self.seen
 
 
-def _on_lines(rows: np.ndarray, stride: int) -> np.ndarray:
-    """``(N s, …)`` values on straight lines between rows (N, …), and the last row as often as others stand for."""
+def _on_lines(rows: Array, stride: int) -> Array:
+    """Return ``(N s, …)`` values on straight lines between rows (N, …); the last row stands for what follows."""
     share = (np.arange(stride) / stride).reshape(-1, *(1,) * (rows.ndim - 1))
     lines = rows[:-1, None] * (1.0 - share) + rows[1:, None] * share
     return np.concatenate([lines.reshape(-1, *rows.shape[1:]), np.repeat(rows[-1:], stride, axis=0)])
 
 
-def _follows(x: np.ndarray, stride: int) -> bool:
+def _follows(x: Array, stride: int) -> bool:
     """Return whether straight lines between every ``stride``-th value follow a signal."""
     between = (x.size - 1) // stride * stride
     return bool(np.abs(_on_lines(x[::stride], stride)[: between + 1] - x[: between + 1]).max() <= _STRAIGHT * np.ptp(x))
@@ -291,27 +270,19 @@ def _follows(x: np.ndarray, stride: int) -> bool:
 
 def unrecorded(
     name: str,
-    t: np.ndarray,
-    u: np.ndarray,
+    t: Array,
+    u: Array,
     interpolation: str = "cubic",
     input_before: float = 0.0,
-    further: Mapping[str, np.ndarray] | None = None,
+    further: Signals | None = None,
 ) -> Recording:
-    """Return an input from rest whose output nobody recorded: ``y`` is NaN.
-
-    Args:
-        name: of the recording; it stands in messages.
-        t: (N,) time [s], uniform.
-        u: (N,) input, SI.
-        interpolation: between samples, see `Recording`.
-        input_before: constant input before the first sample, SI.
-        further: (N,) inputs at further ports, by the port's name.
-    """
+    """Return an input (N,) from rest, with ``input_before`` until its first sample, whose output nobody recorded: ``y``
+    is NaN. All other arguments are those of `Recording`."""
     start, y = Start("rest", input_before), np.full(t.size, np.nan)
     return Recording(name, t, u, y, start, interpolation, noise_source="simulated", further=further or {})
 
 
-def drive_of(u: np.ndarray, further: Mapping[str, np.ndarray]) -> np.ndarray:
+def drive_of(u: Array, further: Signals) -> Array:
     """Return ``(N,)`` what moves when any input does and repeats when all do: the inputs' sum, weighted unevenly.
 
     With a single input it is that input. Further ones come in over their range, times that of the first.
@@ -325,16 +296,11 @@ def drive_of(u: np.ndarray, further: Mapping[str, np.ndarray]) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Anchor:
-    """A parameter known from elsewhere.
-
-    Attributes:
-        value, std: value and standard deviation, SI.
-        unit: SI unit, where one was stated.
-    """
+    """A parameter known from elsewhere, SI, with its standard deviation."""
 
     value: float
     std: float = 0.0
-    unit: str = ""
+    unit: str = ""  # SI unit, where one was stated
 
 
 @dataclass(frozen=True, eq=False)
@@ -382,7 +348,7 @@ class Campaign:
         return [] if self.in_memory else [Path(self.folder)]
 
 
-def _span(x: np.ndarray, unit: str) -> str:
+def _span(x: Array, unit: str) -> str:
     """Return the range of a signal with its unit; empty where nothing was recorded."""
     known = x[np.isfinite(x)]
     return f"{quantity(float(known.min()), unit)} to {quantity(float(known.max()), unit)}" if known.size else ""
@@ -402,15 +368,15 @@ def dominant_frequency(recording: Recording) -> float:
 
 
 def digest(campaign: Campaign) -> str:
-    """SHA-256, in hexadecimal, of all that fits and scores see of the recordings: samples, uses, starts, anchors."""
-    found = hashlib.sha256()
+    """Return the SHA-256 of all that fits and scores see of the recordings: samples, uses, starts, anchors."""
+    checksum = hashlib.sha256()
     for r in campaign.recordings:
         facts = (r.name, r.start, r.interpolation, r.parts, r.noise, r.period, r.units, r.measures)
         known = (r.sensor, r.offset, r.gain)
-        found.update(repr((*facts, *known, sorted(r.channels), sorted(r.further))).encode())
+        checksum.update(repr((*facts, *known, sorted(r.channels), sorted(r.further))).encode())
         others = [values for _, values in (*sorted(r.channels.items()), *sorted(r.further.items()))]
         others += [values for values in (r.instants, r.seen) if values is not None]
         for values in (r.t, r.u, r.y, r.noise_correlation, *others):
-            found.update(np.ascontiguousarray(values).tobytes())
-    found.update(repr((sorted(campaign.setup.items()), sorted(campaign.known.items()))).encode())
-    return found.hexdigest()
+            checksum.update(np.ascontiguousarray(values).tobytes())
+    checksum.update(repr((sorted(campaign.setup.items()), sorted(campaign.known.items()))).encode())
+    return checksum.hexdigest()

@@ -29,34 +29,23 @@ NUMBERS = "iufbc"
 
 @dataclass(frozen=True)
 class Stored:
-    """Attributes:
-    name: of the array, groups before it.
-    shape, dtype: as the file states them.
-    load: reads the numbers; raises InputRefused where they are damaged or too large.
-    unit: that the file states beside the name; empty where it states none.
-    """
+    """An array in a file, whose numbers are read when somebody asks for them."""
 
-    name: str
+    name: str  # groups before it
     shape: tuple[int, ...]
     dtype: np.dtype
-    load: Callable[[], np.ndarray]
-    unit: str = ""
+    load: Callable[[], np.ndarray]  # raises InputRefused where the numbers are damaged or too large
+    unit: str = ""  # that the file states beside the name; empty where it states none
 
 
 @dataclass(frozen=True)
 class Where:
-    """A place in a file, for messages: the file's name and how its rows are counted.
-
-    Attributes:
-        file: name of the file.
-        first_line: line of the first data row in a text file (1-based), ``None`` for binary files.
-        offset: rows left out before the first one in use (a slice).
-        between: further tables of the file: the row each begins with, and the lines between all tables up to there.
-    """
+    """A place in a file, for messages: the file's name and how its rows are counted."""
 
     file: str
-    first_line: int | None = None
-    offset: int = 0
+    first_line: int | None = None  # line of the first data row in a text file, from 1 on; None for binary files
+    offset: int = 0  # rows left out before the first one in use (a slice)
+    # Further tables of the file: the row that each begins with, and the lines between all tables up to there.
     between: tuple[tuple[int, int], ...] = ()
 
     def row(self, i: int) -> str:
@@ -73,31 +62,19 @@ class Where:
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """A file's columns.
-
-    Attributes:
-        where: the file.
-        names: header names; empty texts where there is no header.
-        columns: one array per column, numeric or of texts, or what reads it; lengths may differ where ``by_name``.
-        by_name: the columns have no order (``.mat``, ``.npz``, …), so an index does not find one.
-        notes: what was left out of the file, and why.
-        segments: rows with which a further recording begins, where the file tells.
-        shape: realisations, periods and samples of an array of a periodic experiment, which stand one after another.
-        stamps: names of the columns of dates and times of day, in seconds since its first; the first is the time.
-        units: by name of a column, what is stated beside it.
-        own: by name of a column, (N,) at which rows it was sampled, where other columns have clocks of their own.
-    """
+    """A file's columns; each is an array, numeric or of texts, or what reads it."""
 
     where: Where
-    names: tuple[str, ...]
-    columns: tuple[Column, ...]
-    by_name: bool = False
-    notes: tuple[str, ...] = ()
-    shape: tuple[int, ...] = ()
-    segments: tuple[int, ...] = ()
-    stamps: tuple[str, ...] = ()
-    units: Mapping[str, str] = field(default_factory=dict)
-    own: Mapping[str, np.ndarray] = field(default_factory=dict)
+    names: tuple[str, ...]  # of the header; empty texts where there is none
+    columns: tuple[Column, ...]  # of one length, unless by_name
+    by_name: bool = False  # the columns have no order (.mat, .npz, …), so an index does not find one
+    notes: tuple[str, ...] = ()  # what was left out of the file, and why
+    shape: tuple[int, ...] = ()  # realisations, periods, samples of a periodic experiment, one after another
+    segments: tuple[int, ...] = ()  # rows with which a further recording begins, where the file tells
+    stamps: tuple[str, ...] = ()  # columns of dates and times of day, in seconds since the first; one is the time
+    units: Mapping[str, str] = field(default_factory=dict)  # by column, what is stated beside it
+    # By column, (N,) at which rows it was sampled, where other columns have clocks of their own.
+    sampled: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def find(self, place: int | str) -> int:
         """Return the index of the column at an index or of a name."""
@@ -108,9 +85,9 @@ class Table:
             hits = hits or [i for i, name in enumerate(self.names) if split_unit(name)[0] == place]
             if len(hits) == 1:
                 return hits[0]
-            found = f"it has {listed(named)}" if named else "its columns have no names, give an index from 0 on"
+            known = f"it has {listed(named)}" if named else "its columns have no names, give an index from 0 on"
             cause = "several columns are" if hits else "no column is"
-            raise InputRefused(f"{self.where}: {cause} called {place!r}: {found}; correct recordings.yaml")
+            raise InputRefused(f"{self.where}: {cause} called {place!r}: {known}; correct recordings.yaml")
         if self.by_name:
             cause = f"column {place} is an index, but its variables have names only ({listed(named)})"
             remedy = "use `variables: {voltage: NAME, displacement: NAME}` in recordings.yaml"
@@ -128,8 +105,8 @@ class Table:
 
         where = replace(self.where, offset=self.where.offset + first)
         segments = tuple(row - first for row in self.segments if first < row < last)
-        own = {name: rows[first:last] for name, rows in self.own.items()}
-        return replace(self, where=where, columns=tuple(map(cut, self.columns)), segments=segments, own=own)
+        sampled = {name: rows[first:last] for name, rows in self.sampled.items()}
+        return replace(self, where=where, columns=tuple(map(cut, self.columns)), segments=segments, sampled=sampled)
 
     def label(self, index: int) -> str:
         """Return the column in words."""
@@ -167,9 +144,8 @@ class Table:
             cause = "a number with its unit"
             remedy = f"write numbers alone into the cells, and unit: {unit[1]} for this column in recordings.yaml"
         elif re.fullmatch(r"[^\W\d]+|[-*.]+", cell):
-            remedy += (
-                f"; where it marks a missing value, say missing: [{cell[:40]!r}] for this column in recordings.yaml"
-            )
+            mark = f"say missing: [{cell[:40]!r}] for this column in recordings.yaml"
+            remedy = f"{remedy}; where it marks a missing value, {mark}"
         place = f"{self.where}: {self.label(index)}, {self.where.row(row)}"
         raise InputRefused(f"{place}: {cell[:40]!r} is {cause}: {remedy}")
 
@@ -201,7 +177,7 @@ def with_stamps(table: Table) -> Table:
     return replace(table, columns=tuple(columns), names=tuple(names), stamps=stamps, notes=notes)
 
 
-def _dates(column: np.ndarray, beside: Any, name: str) -> tuple[np.ndarray, str] | None:
+def _dates(column: np.ndarray, following: Any, name: str) -> tuple[np.ndarray, str] | None:
     """Return seconds since the first date of a column, and that date; None where it holds none."""
     if column.dtype.kind in "iuf":
         if name.strip().lower() not in _EPOCH_NAMES or not column.size or not np.isfinite(column).all():
@@ -223,25 +199,25 @@ def _dates(column: np.ndarray, beside: Any, name: str) -> tuple[np.ndarray, str]
         if not of_day and not _all_alike(cells, DATE):
             return None
         cells = _written(cells)
-        dates = isinstance(beside, np.ndarray) and not of_day and not cells.str.contains(":").any()
-        if dates and beside.ndim == 1 and beside.dtype.kind in "OUS" and _all_alike(pd.Series(beside), OF_DAY):
-            cells = cells + " " + _written(pd.Series(beside))
+        dates = isinstance(following, np.ndarray) and not of_day and not cells.str.contains(":").any()
+        if dates and following.ndim == 1 and following.dtype.kind in "OUS" and _all_alike(pd.Series(following), OF_DAY):
+            cells = cells + " " + _written(pd.Series(following))
         if not of_day:
             late = pd.to_timedelta(cells.str.contains(_MIDNIGHT, na=False).astype(int), unit="D")
             cells = cells.str.replace(_MIDNIGHT, "00:00", regex=True)
     if of_day and not cells.str.contains("[AaPp]").any():
         # Hours that are counted on beyond a day.
         whole = cells.where(cells.str.count(":") > 1, cells + ":00").str.replace(r" ?d\w*", "D", regex=True)
-        found = pd.Timestamp(0, tz="UTC") + pd.to_timedelta(whole, errors="coerce")
+        instants = pd.Timestamp(0, tz="UTC") + pd.to_timedelta(whole, errors="coerce")
     else:
         head = str(cells.dropna().iloc[0])
-        found = late + _in_either_order(cells, head, "." in head.split(":")[0].split(" ")[0])
-    if found.isna().all():
+        instants = late + _in_either_order(cells, head, "." in head.split(":")[0].split(" ")[0])
+    if instants.isna().all():
         return None
-    first = found.dropna().iloc[0]
-    seconds = np.array((found - first) / pd.Timedelta(1, "s"), dtype=float)
+    first = instants.dropna().iloc[0]
+    seconds = np.array((instants - first) / pd.Timedelta(1, "s"), dtype=float)
     known = np.isfinite(seconds)
-    if found.dt.normalize().nunique() == 1 and np.diff(seconds[known]).min(initial=0.0) < -0.5 * _DAY:
+    if instants.dt.normalize().nunique() == 1 and np.diff(seconds[known]).min(initial=0.0) < -0.5 * _DAY:
         # Times of day that pass midnight.
         seconds[known] = np.unwrap(seconds[known], period=_DAY)
     unread = np.asarray(cells.notna()) & ~known
@@ -269,13 +245,13 @@ def _in_either_order(cells: Any, head: str, day_first: bool) -> Any:
     def parsed(first: bool) -> Any:
         return pd.to_datetime(cells, errors="coerce", utc=True, dayfirst=first, format="mixed")
 
-    def disorder(found: Any) -> tuple[int, Any]:
-        return int(found.isna().sum()), found.dropna().diff().abs().max()
+    def disorder(parsed_dates: Any) -> tuple[int, Any]:
+        return int(parsed_dates.isna().sum()), parsed_dates.dropna().diff().abs().max()
 
-    found = parsed(day_first)
-    if found.dt.normalize().nunique() < 2 or not re.match(r"\d{1,2}[-./]", head):
-        return found
-    return min(found, parsed(not day_first), key=disorder)
+    parsed_dates = parsed(day_first)
+    if parsed_dates.dt.normalize().nunique() < 2 or not re.match(r"\d{1,2}[-./]", head):
+        return parsed_dates
+    return min(parsed_dates, parsed(not day_first), key=disorder)
 
 
 def beside(tables: Sequence[Table]) -> Table:
@@ -297,18 +273,18 @@ def beside(tables: Sequence[Table]) -> Table:
     both: dict[str, Any] = {
         name: tuple(one for t in tables for one in getattr(t, name)) for name in ("names", "columns", "notes", "stamps")
     }
-    both |= {name: {k: v for t in tables for k, v in getattr(t, name).items()} for name in ("units", "own")}
+    both |= {name: {k: v for t in tables for k, v in getattr(t, name).items()} for name in ("units", "sampled")}
     return replace(first, where=where, by_name=any(t.by_name for t in tables), **both)
 
 
-def members_of(value: Any) -> list[Any]:
+def _members(value: Any) -> list[Any]:
     """Return the members of a cell array or an array of structures; empty for anything else."""
     if isinstance(value, np.ndarray) and value.dtype == object:
         return list(value.ravel())
     return list(value) if isinstance(value, list) else []
 
 
-def is_vector(value: Any) -> bool:
+def _is_vector(value: Any) -> bool:
     if not isinstance(value, Stored | np.ndarray) or value.dtype.kind not in NUMBERS:
         return False
     return max(value.shape, default=1) == math.prod(value.shape) > 1
@@ -319,7 +295,7 @@ _NAMES, _DATA = ("Name", "name", "label", "title"), ("Data", "data", "values", "
 _UNITS = ("Unit", "unit", "Units", "units")
 
 
-def signal_of(value: Any) -> Stored | None:
+def _signal(value: Any) -> Stored | None:
     """Return the numbers of a structure that is a signal, with its name and unit; None for any other."""
     if not isinstance(value, Mapping):
         return None
@@ -333,19 +309,44 @@ def signal_of(value: Any) -> Stored | None:
     return Stored(name.strip("<>"), held.shape, held.dtype, held.load if isinstance(held, Stored) else held.view, unit)
 
 
+def experiments_of(name: str, value: Any) -> list[tuple[str, list[np.ndarray]]]:
+    """Return the columns, each a name and its (n,) values in every experiment, that the experiments of an array of
+    structures or of a cell array share; empty for others."""
+    members = [m if isinstance(m, Mapping) else _by_column(name, m) for m in _members(value)]
+    if len(members) < 2 or any(m.keys() != members[0].keys() or _signal(m) for m in members):
+        return []
+    shared = [k for k in members[0] if all(_is_vector(m[k]) for m in members)]
+    parts = [(printable(k), [np.ravel(_loaded(m[k])) for m in members]) for k in shared]
+    sizes = {tuple(v.size for v in values) for _, values in parts}
+    return parts if len(parts) > 1 and len(sizes) == 1 else []
+
+
+def _by_column(name: str, value: Any) -> dict[str, np.ndarray]:
+    """Return the columns of a matrix; none of anything else."""
+    matrix = _loaded(value)
+    if not isinstance(matrix, np.ndarray) or matrix.ndim != 2:
+        return {}
+    return {f"{name}[{i}]": column for i, column in enumerate(upright(matrix).T[: LIMITS.columns])}
+
+
+def _loaded(value: Any) -> Any:
+    """Return the numbers of a value of a structure."""
+    return value.load() if isinstance(value, Stored) else value
+
+
 def stored_arrays(content: Mapping[str, Any], prefix: str = "") -> Iterator[Stored]:
     """Yield the values of a mapping as arrays, those of one in it as ``group.name``, signals by their names too."""
     for name, value in content.items():
         full = prefix + name
-        members = members_of(value)
+        members = _members(value)
         if any(isinstance(m, Mapping | Stored) for m in members):
             yield from stored_arrays({f"[{i}]": m for i, m in enumerate(members)}, full)
         elif isinstance(value, Mapping):
-            signal = signal_of(value)
+            signal = _signal(value)
             if signal is not None:
                 time = not signal.name and signal.unit in ("s", "ms", "us")
                 yield replace(signal, name=signal.name or ("time" if time else full))
-            elif "signals" in value and is_vector(value.get("time")):
+            elif "signals" in value and _is_vector(value.get("time")):
                 # A scope of Simulink, "structure with time".
                 yield from stored_arrays({"time": {"name": "time", "data": value["time"], "unit": "s"}})
             yield from stored_arrays(value, full + ".")
@@ -361,12 +362,12 @@ def stored_arrays(content: Mapping[str, Any], prefix: str = "") -> Iterator[Stor
             yield Stored(full, array.shape, array.dtype, array.view)
 
 
-def table_of(where: Where, found: Iterable[Stored]) -> Table:
+def table_of(where: Where, arrays: Iterable[Stored]) -> Table:
     """Return the columns of all arrays of numbers, by name; of several of one name, the first."""
     columns: dict[str, Column] = {}
     units: dict[str, str] = {}
-    left: list[str] = []
-    for stored in found:
+    skipped: list[str] = []
+    for stored in arrays:
         name = printable(stored.name)
         shape = tuple(n for n in stored.shape if n != 1)
         if stored.dtype.kind not in NUMBERS:
@@ -377,12 +378,12 @@ def table_of(where: Where, found: Iterable[Stored]) -> Table:
         elif len(shape) == 2 and min(shape) <= LIMITS.columns:
             several = {f"{name}[{i}]": _column(load, i) for i in range(min(shape))}
         else:
-            left.append(f"{name} of {' × '.join(map(str, stored.shape))}")
+            skipped.append(f"{name} of {' × '.join(map(str, stored.shape))}")
             continue
         columns |= {n: c for n, c in several.items() if n not in columns}
         units |= {n: stored.unit for n in several if stored.unit and n not in units}
     if not columns:
-        more = f" (left out, with more than {LIMITS.columns} columns: {listed(left)})" if left else ""
+        more = f" (left out, with more than {LIMITS.columns} columns: {listed(skipped)})" if skipped else ""
         raise InputRefused(f"{where}: no numeric variables in it{more}: save the samples as vectors")
     return Table(where, tuple(columns), tuple(columns.values()), by_name=True, units=units)
 

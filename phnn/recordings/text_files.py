@@ -65,11 +65,7 @@ class Lines:
 
 
 def read_content(source: Source, most: int, what: str) -> str:
-    """Return the text of a file in any of the usual encodings.
-
-    Args:
-        most: bytes; what: of a kind of file, for the message.
-    """
+    """Return the text of a file of at most so many bytes in any usual encoding; messages say ``what`` it is."""
     raw = source.read(most, what)
     try:
         content = raw.decode("utf-16" if raw.startswith(_UTF16) else "utf-8-sig")
@@ -128,19 +124,13 @@ _WORD = re.compile(r"\S+(?:\s*[\[(][^\])]*[\])])?")
 
 @dataclass(frozen=True)
 class Dialect:
-    """How a text has its rows.
+    """How a text has its rows."""
 
-    Attributes:
-        separator: of columns; a blank stands for any white space. decimal: sign.
-        width: columns of a row; 0 where no line is one.
-        numeric: the columns that hold numbers; empty: those that hold nothing; dates: those that hold dates.
-    """
-
-    separator: str
-    decimal: str
-    width: int = 0
-    numeric: tuple[int, ...] = ()
-    empty: tuple[int, ...] = ()
+    separator: str  # of columns; a blank stands for any white space
+    decimal: str  # sign
+    width: int = 0  # columns of a row; 0 where no line is one
+    numeric: tuple[int, ...] = ()  # columns that hold numbers
+    empty: tuple[int, ...] = ()  # columns that hold nothing
     dates: tuple[int, ...] = ()
 
     def cells(self, line: str) -> list[str]:
@@ -148,10 +138,10 @@ class Dialect:
         if self.separator == " ":
             return line.split()
         try:
-            found = next(csv.reader([line], delimiter=self.separator, skipinitialspace=True), [])
+            row = next(csv.reader([line], delimiter=self.separator, skipinitialspace=True), [])
         except csv.Error:
             return []
-        return [cell.strip() for cell in found]
+        return [cell.strip() for cell in row]
 
     def is_number(self, cell: str) -> bool:
         """Return whether a cell is a number."""
@@ -167,24 +157,25 @@ class Dialect:
 
     def fitted(self, lines: Sequence[Sequence[str]]) -> Dialect:
         """Return the dialect with the columns that most of some lines, given as cells, have."""
-        some = [[bool(cell) and self.is_number(cell) for cell in cells] for cells in lines]
-        widths = Counter(len(cells) for cells, known in zip(lines, some, strict=True) if any(known))
-        width = max(widths.items(), key=lambda item: item[1], default=(0, 0))[0]
-        rows = [(c, k) for c, k in zip(lines, some, strict=True) if len(c) == width and any(k)]
-        filled = [sum(c[i] not in _MISSING for c, _ in rows) for i in range(width)]
-        numbers = [sum(k[i] for _, k in rows) for i in range(width)]
-        numeric = tuple(i for i in range(width) if numbers[i] and numbers[i] >= _MOSTLY * filled[i])
-        stamps = [sum(bool(DATE.fullmatch(c[i]) or OF_DAY.fullmatch(c[i])) for c, _ in rows) for i in range(width)]
-        dates = tuple(i for i in range(width) if stamps[i] and stamps[i] >= _MOSTLY * filled[i])
-        empty = tuple(i for i in range(width) if not filled[i])
+        rows = [cells for cells in lines if any(map(self.is_number, cells))]
+        widths = Counter(map(len, rows))
+        width = max(widths, key=lambda count: widths[count], default=0)
+        columns = list(zip(*(cells for cells in rows if len(cells) == width), strict=True))
+        filled = [[cell for cell in column if cell not in _MISSING] for column in columns]
+        numeric, dates = (
+            tuple(i for i, cells in enumerate(filled) if cells and sum(map(test, cells)) >= _MOSTLY * len(cells))
+            for test in (self.is_number, _is_date)
+        )
+        empty = tuple(i for i, cells in enumerate(filled) if not cells)
         return replace(self, width=width, numeric=numeric, empty=empty, dates=dates)
 
 
+def _is_date(cell: str) -> bool:
+    return bool(DATE.fullmatch(cell) or OF_DAY.fullmatch(cell))
+
+
 # Of several that fit as well, the first is meant. Commas may be both where the cells are quoted.
-_DIALECTS = tuple(
-    Dialect(*pair)
-    for pair in ((",", "."), (";", "."), (";", ","), ("\t", "."), ("\t", ","), (",", ","), (" ", "."), (" ", ","))
-)
+_DIALECTS = tuple(Dialect(pair[0], pair[1]) for pair in (",.", ";.", ";,", "\t.", "\t,", ",,", " .", " ,"))
 
 
 def read_text(source: Source) -> Table:
@@ -205,7 +196,7 @@ def table_of_lines(name: str, text: Lines) -> Table:
     rows = (next((i for i in range(len(text)) if dialect.is_row(text[i], share)), None) for share in (_FILLED, 0.0))
     first = next(i for i in rows if i is not None)
     names, header, clock = _names(name, [text[i] for i in range(first + 1)], dialect)
-    blocks = _blocks(name, text, first, header if any(names) else (), dialect)
+    blocks = _blocks(name, text, first, header if any(names) else [], dialect)
     tables = [_rows(text, block, dialect) for block in blocks]
     notes: list[str] = []
     if len(tables) > 1:
@@ -309,9 +300,7 @@ def _format(number: str, decimal: str) -> tuple[int, int]:
     return len(mantissa.partition(decimal)[2]), len(exponent.lstrip("+-"))
 
 
-def _names(
-    name: str, lines: Sequence[str], dialect: Dialect
-) -> tuple[tuple[str, ...], Sequence[str], tuple[float, ...]]:
+def _names(name: str, lines: list[str], dialect: Dialect) -> tuple[tuple[str, ...], list[str], tuple[float, ...]]:
     """Return the names of the columns from the lines above the last one, the first row, and the lines of the names.
 
     Behind them stand start and interval [s] of the samples, where an oscilloscope states them with the names.
@@ -327,7 +316,7 @@ def _names(
         # The first column may count the samples.
         rows = [[*("" if c == "Sequence" else c for c in row[:-2]), *[""] * width][:width] for row in rows]
     if not rows:
-        return ("",) * width, (), ()
+        return ("",) * width, [], ()
     nearest = rows[-1]
     header = lines[filled[-1] : first]
     place, cells = f"{name}: line {filled[-1] + 1}", dialect.cells(lines[filled[-1]])
@@ -353,8 +342,8 @@ def _names(
     units = [(c[0] in "([" and c[-1] in ")]") or find_unit(c) is not None for c in asked]
     titles = [w for i, w in enumerate(rows[0]) if i not in dialect.empty]
     if len(rows) == 2 and len(rows[0]) == width and (all(units) or (all(titles) and 2 * sum(units) > len(units))):
-        said = ("" if i in dialect.empty else unit for i, unit in enumerate(nearest))
-        nearest = [_with_unit(n, unit, place) for n, unit in zip(rows[0], said, strict=True)]
+        units_below = ("" if i in dialect.empty else unit for i, unit in enumerate(nearest))
+        nearest = [_with_unit(n, unit, place) for n, unit in zip(rows[0], units_below, strict=True)]
         header = lines[filled[-2] : first]
     return tuple(nearest), header, clock
 
@@ -379,12 +368,12 @@ def _words(line: str, dialect: Dialect) -> list[str]:
 
 def _with_unit(name: str, unit: str, place: str) -> str:
     """Return a column's name with the unit from the row below it, unless it has one. Raises InputRefused for two."""
-    bare, own = unit.strip("()[] "), split_unit(name)[1] or parse_name(name)[1]
-    known = find_unit(own) if own else None
+    bare, stated = unit.strip("()[] "), split_unit(name)[1] or parse_name(name)[1]
+    known = find_unit(stated) if stated else None
     if not bare or bare in _NO_UNIT or (known is not None and known == find_unit(bare)):
         return name
     # A name such as flow_in ends with a word that is no unit of its own.
-    if known is not None and own and (name[-1] in ")]" or parse_name(name)[0] or same_kind(own, bare)):
+    if known is not None and stated and (name[-1] in ")]" or parse_name(name)[0] or same_kind(stated, bare)):
         cause = f"the row of units says {bare[:_SHOWN]} of {name[:_SHOWN]!r}"
         raise InputRefused(f"{place}: {cause}: correct the name or the unit, in the file")
     return f"{name} [{bare}]"
@@ -394,16 +383,13 @@ def _blocks(name: str, text: Lines, first: int, header: Sequence[str], dialect: 
     """Return the lines of the tables of a text, the first of which begins at a line; one where no header is repeated.
 
     An instrument that writes a segment at a time repeats its header. The line of names tells such a header: it is the
-    same in all. Each table is a segment, a recording.
-
-    Args:
-        name: of the file, for messages.
-        header: the line of names and what stands between it and the first row; empty where there are no names.
+    same in all. Each table is a segment, a recording. ``header`` is the line of names and what stands between it and
+    the first row; empty where there are no names.
     """
     names = header[0].strip() if header else ""
     if not names or text.raw.count(names.encode("utf-8", "surrogatepass")) < 2:
         return [range(first, len(text))]
-    found, begin = [], first
+    blocks, begin = [], first
     wanted = [line.strip() for line in header[1:] if line.strip()]
     for is_row, run in itertools.groupby(range(first, len(text)), lambda i: dialect.is_row(text[i])):
         lines = {} if is_row else {i: text[i].strip() for i in run}
@@ -416,12 +402,12 @@ def _blocks(name: str, text: Lines, first: int, header: Sequence[str], dialect: 
             first_has = f"{' '.join(wanted)[:_SHOWN]!r} under those of the first"
             cause = f"line {at + 2}: {differs[:_SHOWN]!r} stands under the names of this table, {first_has}"
             raise InputRefused(f"{name}: {cause}: give all tables of a file the same units, or split the file")
-        found.append(range(begin, min(lines)))
+        blocks.append(range(begin, min(lines)))
         begin = max(lines) + 1
-        if len(found) >= LIMITS.recordings:
+        if len(blocks) >= LIMITS.recordings:
             raise InputRefused(f"{name}: more than {LIMITS.recordings} tables in one file: divide them among files")
     # Nothing is measured under a header at the end.
-    return [block for block in [*found, range(begin, len(text))] if block]
+    return [block for block in [*blocks, range(begin, len(text))] if block]
 
 
 def _rows(text: Lines, block: range, dialect: Dialect) -> np.ndarray:
@@ -466,10 +452,10 @@ def _frames(name: str, text: Lines, lines: np.ndarray, dialect: Dialect) -> Iter
             skipinitialspace=True, skip_blank_lines=False, nrows=lines.size, chunksize=_ROWS, encoding_errors="replace",
         )  # fmt: skip
     except (pd.errors.ParserError, pd.errors.EmptyDataError, csv.Error) as error:
-        found = re.search(r"line (\d+), saw (\d+)", str(error))
-        if found is None:
+        counts = re.search(r"line (\d+), saw (\d+)", str(error))
+        if counts is None:
             raise InputRefused(f"{name}: cannot be parsed ({error}): export it again") from error
-        cause = f"line {int(lines[int(found[1]) - 1]) + 1} has {found[2]} cells, the rows before it {dialect.width}"
+        cause = f"line {int(lines[int(counts[1]) - 1]) + 1} has {counts[2]} cells, the rows before it {dialect.width}"
         raise InputRefused(f"{name}: {cause}: delete the surplus cells; {REMEDY_COMMA}") from error
 
 

@@ -17,16 +17,9 @@ if TYPE_CHECKING:
 
 # quantity -> its SI unit; None: any unit (systems other than the actuator)
 QUANTITIES: dict[str, str | None] = {
-    "time": "s",
-    "voltage": "V",
-    "displacement": "m",
-    "current": "A",
-    "charge": "C",
-    "force": "N",
-    "temperature": "K",
-    "input": None,
-    "output": None,
-}
+    "time": "s", "voltage": "V", "displacement": "m", "current": "A", "charge": "C", "force": "N", "temperature": "K",
+    "input": None, "output": None,
+}  # fmt: skip
 
 # Spellings that pint does not know, or knows as something else: newton metre is "number_meter", a textile unit, to it.
 _WORDS = {"sec": "s", "second": "s", "seconds": "s", "volt": "V", "volts": "V", "micron": "um", "microns": "um",
@@ -145,7 +138,7 @@ def parse_name(header: str) -> tuple[str, str | None]:
 
 
 def split_unit(header: str) -> tuple[str, str | None]:
-    """A column's name without the unit at its end, and that unit in its common spelling: ``pos [nm]``, ``pos_nm``.
+    """Return a column's name without the unit at its end, and that unit as it is spelled: ``pos [nm]``, ``pos_nm``.
 
     What stands in brackets is a unit whatever it says; a last word is one if it is known.
     """
@@ -166,7 +159,7 @@ def _with_brackets(header: str) -> str:
 
 
 def stated_by_name(header: str, quantity: str) -> str | None:
-    """The unit of a quantity that a column's name states, whatever the column is called; None if it states none."""
+    """Return the unit of a quantity that a column's name states, whatever the column is called; None without one."""
     named, unit = parse_name(header)
     if named == quantity:
         return unit
@@ -178,12 +171,12 @@ def stated_by_name(header: str, quantity: str) -> str | None:
 
 def suits(quantity: str, unit: str | None) -> bool:
     """Return whether a text is a unit of the quantity."""
-    found = find_unit(unit) if unit else None
-    return found is not None and QUANTITIES[quantity] in (None, found.si)
+    known = find_unit(unit) if unit else None
+    return known is not None and QUANTITIES[quantity] in (None, known.si)
 
 
 def same_kind(one: str, other: str) -> bool:
-    """Whether two texts are units of the same kind, such as S and 1/ohm; a text that is no unit is like itself only."""
+    """Return whether two texts are units of one kind, such as S and 1/ohm; a text that is no unit is like itself."""
     first, second = find_unit(one), find_unit(other)
     if first is None or second is None:
         return one == other
@@ -192,10 +185,10 @@ def same_kind(one: str, other: str) -> bool:
 
 def powers(text: str) -> dict[str, float]:
     """Return the powers of the SI base units in a unit, without angles; none of a text that is no unit."""
-    found = find_unit(text)
-    if found is None or found.si == "1":
+    unit = find_unit(text)
+    if unit is None or unit.si == "1":
         return {}
-    base: dict[str, Any] = dict(_base(found.si)._units)
+    base: dict[str, Any] = dict(_base(unit.si)._units)
     return {name: float(power) for name, power in base.items() if name != "radian"}
 
 
@@ -237,12 +230,12 @@ def check_unit(quantity: str, unit: str | None, where: str) -> str:
         remedy = f"put the unit in the column's name ({quantity}_{units.split(',')[0]}) or write it in recordings.yaml"
         raise InputRefused(f"{where}: {cause}: {remedy}, columns: {{{quantity}: {{unit: ...}}}}; accepted: {units}")
     name, si = spelled(unit), QUANTITIES[quantity]
-    found = find_unit(name)
-    if found is None:
+    known = find_unit(name)
+    if known is None:
         cause = f"unknown unit {unit[: LIMITS.unit_characters]!r} for the {quantity}{_hint(quantity, name)}"
         raise InputRefused(f"{where}: {cause}: accepted are {accepted(quantity)}")
-    if si is not None and found.si != si:
-        cause = f"the {quantity} cannot be in {unit} (that is a unit of {found.si})"
+    if si is not None and known.si != si:
+        cause = f"the {quantity} cannot be in {unit} (that is a unit of {known.si})"
         remedy = "a column that is proportional to it takes `scale` and the unit after scaling, in recordings.yaml"
         raise InputRefused(f"{where}: {cause}: accepted are {accepted(quantity)}; {remedy}")
     return name

@@ -20,6 +20,7 @@ from studies.sealed.grade import CRITERIA, Answer, Case, is_learned_name
 from studies.sealed.run import Task
 
 Models = Sequence[Visited]
+_BASES = {"plays": PRANDTL_ISHLINSKII, "Bouc-Wen": BOUC_WEN, "Duhem": DUHEM}
 GROUPS: tuple[Task, ...] = (
     Task("none", 0, "none"),
     Task("none, process noise", 0, "none", noise="process:0.1"),
@@ -31,13 +32,9 @@ GROUPS: tuple[Task, ...] = (
     Task("pair", 0, "pair"),
     Task("triple", 0, "triple"),
     Task("listed, with a background", 0, "same", conditions=Conditions(background=True)),
-    Task("listed, base of plays", 0, "same", conditions=Conditions(base=PRANDTL_ISHLINSKII)),
-    Task("listed, base of Bouc-Wen", 0, "same", conditions=Conditions(base=BOUC_WEN)),
+    *(Task(f"listed, base of {n}", 0, "same", conditions=Conditions(base=b)) for n, b in _BASES.items()),
+    *(Task(f"none, base of {n}", 0, "none", conditions=Conditions(base=b)) for n, b in _BASES.items()),
     Task("unlisted", 0, "unlisted"),
-    Task("listed, base of Duhem", 0, "same", conditions=Conditions(base=DUHEM)),
-    Task("none, base of plays", 0, "none", conditions=Conditions(base=PRANDTL_ISHLINSKII)),
-    Task("none, base of Bouc-Wen", 0, "none", conditions=Conditions(base=BOUC_WEN)),
-    Task("none, base of Duhem", 0, "none", conditions=Conditions(base=DUHEM)),
 )
 
 
@@ -59,8 +56,8 @@ def numbered(
 
 def tolerance(models: Models, criteria: Criteria = CRITERIA, factor: float = 0.5) -> dict[str, float]:
     """Return ρ by recording with another share of the misfit than a half."""
-    best, floor = numbered(models, {}, criteria).best, 0.5 * criteria.material**2
-    return {r: max(floor, factor * (m.chi2 / m.samples - criteria.slack)) for r, m in best.fitted.items()}
+    each, floor = numbered(models, {}, criteria).best.fitted.items(), 0.5 * criteria.material**2
+    return {r: max(floor, factor * (m.chi2 / m.samples - criteria.slack)) for r, m in each}
 
 
 def _pooled(model: Visited) -> Visited:

@@ -32,7 +32,6 @@ from studies.sealed.grade import (
 )  # fmt: skip
 
 Array = NDArray[np.float64]
-
 Table = tuple[list[str], list[list[str]]]
 
 HEAD = [
