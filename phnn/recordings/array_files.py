@@ -308,6 +308,8 @@ def _load_v5(source: Source) -> tuple[Mapping[str, Any], Sequence[Sequence[str]]
 
 # A text takes at most so many times its size while it is read: an object of 32 bytes for each "0,", and itself.
 _TIMES = 20
+# Endings of files with a record in each line.
+LINES = (".jsonl", ".ndjson")
 _SHOWN = 40
 _REMEDY = "save it as an object of arrays of equal length, or as a list of records with the same keys"
 
@@ -323,6 +325,9 @@ def read_json(source: Source) -> Table:
     text = read_content(source, LIMITS.json_bytes, "a json recording")
     skipped: list[str] = []
     try:
+        if source.suffix in LINES:
+            # A record in each line; so many lines as before, for what is told of a line.
+            text = "[" + text.strip().replace("\n", ",\n") + "]"
         content = json.loads(text, parse_int=float, object_pairs_hook=each_key_once)
         columns = dict(_columns(content, "", 0, skipped))
     except RecursionError as error:
@@ -345,8 +350,16 @@ def _columns(content: Any, prefix: str, depth: int, skipped: list[str]) -> Itera
     if isinstance(content, dict):
         if len(content) > LIMITS.variables:
             raise ValueError(f"an object of more than {LIMITS.variables} keys: save one recording in a file")
+        rows, names = content.get("data"), content.get("columns")
+        if isinstance(rows, list) and isinstance(names, list) and all(isinstance(n, str) for n in names):
+            # Of a pandas frame: the names of its columns, and its rows.
+            if any(not isinstance(row, list) or len(row) != len(names) for row in rows):
+                raise ValueError(f"data: rows of other lengths than the {len(names)} columns: {_REMEDY}")
+            content = dict(zip(names, map(list, zip(*rows, strict=True)), strict=True))
         for key, value in content.items():
             name = prefix + printable(key[: LIMITS.name_characters])
+            if isinstance(value, dict) and value and all(k.isdecimal() for k in value):
+                value = list(value.values())  # of a pandas frame, too, by the numbers of its rows
             if isinstance(value, list) and value and isinstance(value[0], float | None):
                 yield name, _numbers(value, name)
             elif isinstance(value, dict) or (isinstance(value, list) and value and isinstance(value[0], dict)):

@@ -14,7 +14,7 @@ from phnn.errors import InputRefused
 from phnn.intake import LIMITS, Source, named_file
 from phnn.parameters import quantity
 from phnn.recordings import checks
-from phnn.recordings.array_files import NoRecording, read_axes, read_json, read_mat, read_npy, read_npz
+from phnn.recordings.array_files import LINES, NoRecording, read_axes, read_json, read_mat, read_npy, read_npz
 from phnn.recordings.draft import Draft, drafts_of
 from phnn.recordings.excitation import Excitation
 from phnn.recordings.library_files import read_hdf5, read_parquet, read_sheet, read_tdms
@@ -30,7 +30,7 @@ from phnn.results import printable
 READERS: Mapping[str, Callable[[Source], Table]] = {
     **dict.fromkeys((".csv", ".tsv", ".dat", ".txt", ".asc", ".lvm"), read_text), ".mat": read_mat,
     **dict.fromkeys((".h5", ".hdf5"), read_hdf5), ".npy": read_npy, ".npz": read_npz, ".tdms": read_tdms,
-    ".json": read_json, ".xlsx": read_sheet, ".parquet": read_parquet,
+    **dict.fromkeys((".json", *LINES), read_json), ".xlsx": read_sheet, ".parquet": read_parquet,
 }  # fmt: skip
 
 

@@ -39,7 +39,7 @@ _MULTIPLES = {"": 1.0, "m": 1e-3, "u": 1e-6, "n": 1e-9, "k": 1e3}
 _NAME = re.compile(r"^\s*([A-Za-z]+)\s*(?:_(\S+)|[\[(]\s*([^\])]*?)\s*[\])])?\s*$")
 _BRACKETED = re.compile(r"^(.*?)[\s_]*[\[(]\s*([^\])]*?)\s*[\])]\s*$", re.DOTALL)
 # A unit behind a name as people write it beside an axis: `Kraft / N`, `Weg in mm`, `Time, s`.
-_BESIDE = re.compile(r"^(.*\S)(?: ?/ | in |, )\s*(\S+(?: \S+)?)\s*$")
+_BESIDE = re.compile(r"(?:(.*\S)(?: / ?| in |, )|([^\s/]+)/)\s*(\S+(?: \S+)?)\s*")
 # Units of one letter that the end of a column's name may be.
 _SYMBOLS = "smVANCKW"
 # A product such as `kg m2`, with exponents of one digit, so that no power is large; then what it is divided by.
@@ -154,8 +154,12 @@ def split_unit(header: str) -> tuple[str, str | None]:
 
 def _with_brackets(header: str) -> str:
     """Return a column's name with a known unit in brackets, where it stands behind a stroke, a comma or the word in."""
-    match = _BESIDE.match(header)
-    return f"{match[1]} [{match[2]}]" if match is not None and find_unit(match[2]) is not None else header
+    match = _BESIDE.fullmatch(header)
+    if match is None or find_unit(match[3]) is None:
+        return header
+    name = match[1] or match[2]
+    # A time over seconds, not tonnes a second; but metres a second.
+    return f"{name} [{match[3]}]" if find_unit(header) is None or name in "tuUF" else header
 
 
 def stated_by_name(header: str, quantity: str) -> str | None:
