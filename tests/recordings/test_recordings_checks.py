@@ -22,7 +22,7 @@ from phnn.identification.prepare import prepare
 from phnn.models.network_file import load_network
 from phnn.recordings import describe, read, units
 from phnn.recordings.recording import unrecorded
-from phnn.recordings.units import QUANTITIES, accepted, find_unit, parse_name, stated_by_name, suits
+from phnn.recordings.units import QUANTITIES, find_unit, parse_name, stated_by_name
 from phnn.setup import Setup
 from phnn.trajectory import simulate
 
@@ -251,12 +251,6 @@ def test_common_units_need_no_definitions() -> None:
 ])  # fmt: skip
 def test_names(name: str, parsed: tuple[str, str | None]) -> None:
     assert parse_name(name) == parsed
-
-
-def test_every_quantity_has_a_unit() -> None:
-    for quantity in QUANTITIES:
-        for unit in accepted(quantity).split(" and ")[0].split(", "):
-            assert suits(quantity, unit)
 
 
 def test_tdms_without_its_package_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
