@@ -92,24 +92,6 @@ def test_a_law_that_is_not_finite_is_named_with_its_time() -> None:
         solve_dense(system, torch.zeros(2, dtype=torch.float64), u, 0.02)
 
 
-@pytest.mark.slow
-def test_steep_friction_is_solved_at_any_step() -> None:
-    network = Network(
-        (Storage("p", "capacitor", ("m",)),),
-        (Resistor("friction", "coulomb", {"p": 1.0}, ("f", "v")),),
-        (),
-        (Port("force", {"p": 1.0}),),
-        as_table([positive("m", 1.0, "kg"), positive("f", 1.0, "N"), positive("v", 1e-4, "m/s")]),
-        "p",
-    )
-    system = PortHamiltonianSystem(network)
-    u = 1.5 * torch.sin(0.3 * torch.arange(25, dtype=torch.float64))
-    for h in (1e-2, 1.0):
-        with torch.no_grad():
-            x = solve_dense(system, torch.zeros(1, dtype=torch.float64), u, h)
-        assert closes(system, x, u, h)
-
-
 class DeadZone(nn.Module):
     """A registered law, in a module that has no kernel."""
 
