@@ -10,7 +10,6 @@ import pytest
 import torch
 from torch import Tensor, nn
 from torch.nn.utils import parameters_to_vector, vector_to_parameters
-from torchdiffeq import odeint, odeint_adjoint
 
 import phnn
 from phnn.errors import InputRefused, SolverFailed, StructureViolated
@@ -264,16 +263,3 @@ def test_simulate_takes_batches_and_shorter_numbers(law: nn.Module) -> None:
     found = torch.autograd.grad((weights.float() * x32).sum(), list(short.parameters()))
     for a, b in zip(found, exact[1:], strict=True):
         assert (a - b).abs().max() <= 1e-3 * largest
-
-
-def test_torchdiffeq_takes_the_method_and_its_adjoint_as_typed() -> None:
-    system, x0 = phnn.PortHamiltonianSystem(hrc(hysterons=2)), torch.zeros(4, dtype=torch.float64)
-    t = torch.linspace(0.0, 2e-2, 201, dtype=torch.float64)
-    driven = system.with_input(lambda time: torch.stack([40.0 * torch.sin(300.0 * time), 0.0 * time]))
-    found = []
-    for solve in (odeint_adjoint, odeint):
-        x = solve(driven, x0, t, method="phnn")
-        found.append([x.detach(), *torch.autograd.grad((1e5 * x[:, 2]).square().sum(), list(system.parameters()))])
-    largest = max(float(g.abs()) for g in found[1][1:])
-    for k, (a, b) in enumerate(zip(*found, strict=True)):
-        assert (a - b).abs().max() <= 1e-9 * (largest if k else float(b.abs().max()))

@@ -16,7 +16,6 @@ from networks import shaken
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from phnn.errors import StructureViolated
 from phnn.integrate.cache import compiled as kept
 from phnn.laws import wide
 from phnn.laws.namespace import TINY, sqrt
@@ -107,22 +106,6 @@ def size_of_terms(name: str, given_: list[NDArray[np.float64]], weights: Tensor)
         return np.abs(given_[0]) * heights.item()
     ends = [torch.from_numpy(x) for x in given_]
     return sum(np.abs(evaluate(name, [x] * len(ends), weights).numpy()) for x in ends)
-
-
-def test_every_wide_law_is_tested_here_with_the_module_that_uses_it() -> None:
-    assert set(MODULES) == set(LAWS)
-    for name, make in MODULES.items():
-        module, law = make(UNITS), LAWS[name]
-        assert module.law == name
-        assert module.units == UNITS
-        assert weights_of(module).shape == (law.head + UNITS * law.per_unit,)
-        assert getattr(module, "monotone" if name in WIDE_RESISTORS else "convex") == law.monotone
-
-
-@every
-def test_a_name_is_registered_once(name: str) -> None:
-    with pytest.raises(StructureViolated, match="choose another name"):
-        wide.register_wide(LAWS[name])
 
 
 @every
@@ -250,13 +233,6 @@ def test_gradients_of_extreme_arguments_are_finite(name: str) -> None:
     tensors = [torch.from_numpy(x).clone().requires_grad_(True) for x in arguments(name, -300, 60)]
     gradients = torch.autograd.grad(evaluate(name, tensors, weights).sum(), [weights, *tensors])
     assert all(bool(torch.isfinite(g).all()) for g in gradients)
-
-
-@fuzzy
-@given(shakes)
-def test_mean_effort_is_symmetric_to_the_last_bit(shake: tuple[int, float]) -> None:
-    weights, (a, b) = weights_of(shaken(MODULES["convex"](UNITS), *shake)).numpy(), arguments("convex")
-    assert (compiled("convex", [a, b], weights) == compiled("convex", [b, a], weights)).all()
 
 
 def test_square_root_and_its_slope_are_the_same_everywhere() -> None:
