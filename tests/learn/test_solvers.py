@@ -9,14 +9,11 @@ import learn_example as example
 import numpy as np
 import pytest
 import torch
-import torchdiffeq
-from networks import ledger
 from scipy.integrate import solve_ivp
 from scipy.interpolate import make_interp_spline
 from torch import Tensor
 
 from phnn.errors import InputRefused
-from phnn.integrate.differentiable import march
 from phnn.learn.objective import Objective
 from phnn.learn.solvers import Plant, Solver, Torchdiffeq, discrete_gradient, solver_for, thinned, windows_of
 
@@ -75,20 +72,6 @@ def test_power_preserving_marches_converge_with_the_square_of_the_step(kind: str
     assert 3.0 < coarse / fine < 5.5
 
 
-@pytest.mark.parametrize("name", ["odeint", "odeint_adjoint"])
-def test_the_step_under_torchdiffeq_is_that_of_the_compiled_march(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    called, own = [], getattr(torchdiffeq, name)
-    monkeypatch.setattr(torchdiffeq, name, lambda *a, **k: called.append(k["method"]) or own(*a, **k))
-    plant = example.neural()
-    with torch.no_grad():
-        found, exact = (
-            Objective(plant, s, [thinned(example.recording(), 2)]).outputs()
-            for s in (Torchdiffeq(plant, "phnn", adjoint=name == "odeint_adjoint"), discrete_gradient)
-        )
-    assert called == ["phnn"]
-    assert error(found, [y.numpy() for y in exact]) < 1e-10
-
-
 @pytest.mark.parametrize(
     ("kind", "options"),
     [
@@ -136,20 +119,6 @@ def test_windows_in_a_batch_do_not_see_each_other(kind: str) -> None:
         for k, w in enumerate(windows):
             (alone,) = solver(plant, [w], x0[k : k + 1])
             torch.testing.assert_close(together[k], alone, rtol=1e-8, atol=1e-9)
-
-
-def test_a_step_of_a_learned_system_keeps_the_power_balance_however_long_it_is() -> None:
-    plant = example.fully_neural()
-    system, random = plant.system, torch.Generator().manual_seed(0)
-    x0 = plant.scale * torch.randn(4, 3, generator=random, dtype=torch.float64)
-    u = 75.0 * torch.randn(30, 4, 1, generator=random, dtype=torch.float64)
-    for h in (1e-4, 5e-4):
-        with torch.no_grad():
-            x = march(system, x0, u, torch.full((30, 4, 1), h, dtype=torch.float64))
-            balance = ledger(system, x, u, h)
-        size = balance.supplied.abs().sum(-1) + balance.dissipated.abs().sum(-1)
-        assert float((balance.defect.abs() / size).max()) < 1e-8
-        assert bool((balance.dissipated >= 0.0).all())
 
 
 @pytest.mark.parametrize(
