@@ -31,8 +31,7 @@ from phnn.effects import Chain, Effect, effect
 from phnn.effects.hysteresis import CELLS
 from phnn.errors import SolverFailed
 from phnn.integrate.program import compile_network
-from phnn.integrate.quick import serves
-from phnn.integrate.scheme import EXACT, LOSSLESS, PATH
+from phnn.integrate.scheme import PATH
 from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
 from phnn.models.actuator import hrc
 from phnn.models.network_file import load_network
@@ -82,15 +81,6 @@ def test_a_stop_acts_on_the_side_of_its_gap_alone_and_keeps_it(gap: float) -> No
     # Up to the first contact nothing has happened.
     first = int(np.argmax(side * free > abs(gap)))
     np.testing.assert_array_equal(reach[:first], free[:first])
-
-
-def test_leaks_keep_the_exact_flow_of_every_hysteron() -> None:
-    setup = effect("charge_leakage").add_to(BASE, {"G": 1e-6})
-    program = compile_network(setup.network)
-    assert set(program.rules.values()) == {EXACT, LOSSLESS}
-    assert serves(program)
-    none = effect("charge_leakage").add_to(BASE, {"G": 1e-300})
-    np.testing.assert_array_equal(run(none).y, base(ACTUATOR).y)
 
 
 def test_factors_of_one_ratio_multiply() -> None:
@@ -190,13 +180,6 @@ def along(name: str, x: Any, current: Any, h: float) -> Any:
     return path(x, current, h, *ON_A_PATH[name], 1.0)
 
 
-@pytest.mark.parametrize("name", ["bouc_wen", "duhem"])
-def test_the_end_of_a_path_does_not_depend_on_the_time(name: str) -> None:
-    for way in (0.3, -0.7, 2.0):
-        ends = [along(name, 0.2, way / h, h) for h in (1e-3, 1.0, 1e3)]
-        np.testing.assert_allclose(ends, np.broadcast_to(ends[0], (3, 2)), rtol=1e-12)
-
-
 @pytest.mark.parametrize("name", ON_A_PATH)
 @pytest.mark.parametrize("at", [-0.9, -0.2, 0.0, 0.2, 0.9])
 def test_who_rests_on_a_path_stays_in_number_and_tensor(name: str, at: float) -> None:
@@ -204,13 +187,6 @@ def test_who_rests_on_a_path_stays_in_number_and_tensor(name: str, at: float) ->
     effort = STORAGE_LAWS[spring or "spring"].mean_effort(at, at, *((*values[:2], values[3]) if spring else values[:1]))
     for x in (at, torch.tensor(at, dtype=torch.float64)):
         assert [float(v) for v in along(name, x, 0.0 * x, 1.0)] == pytest.approx([at, effort], abs=1e-15)
-
-
-def test_a_path_of_two_halves_ends_nearly_where_the_whole_does() -> None:
-    for name in ("bouc_wen", "duhem"):
-        halves = [(along(name, 0.3, 0.5 * way, 1.0)[0], way) for way in (0.04, 0.02)]
-        errors = [abs(along(name, x, 0.5 * w, 1.0)[0] - along(name, 0.3, w, 1.0)[0]) for x, w in halves]
-        assert errors[1] < errors[0] / 6.0  # of third order in one step, hence of second along a path
 
 
 def sine(amplitude: float = 75.0, offset: float = 0.0, start: Start | None = None) -> Recording:

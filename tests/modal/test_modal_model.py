@@ -14,8 +14,6 @@ from scipy.linalg import expm
 
 import phnn
 from phnn.errors import InputRefused
-from phnn.integrate.program import compile_network
-from phnn.integrate.scheme import junctions_of
 from phnn.modal.experiment import Experiment
 from phnn.modal.model import ModalModel
 from phnn.network.roles import linearised_at_rest
@@ -121,13 +119,6 @@ def test_the_vector_field_of_the_network_is_that_of_the_modes() -> None:
     tip = network.state_names.index("tip")
     assert np.allclose(a[tip, places], np.concatenate([np.zeros(3), c * model.omega**2]))
     assert not a[:, tip].any() and not b[tip].any() and network.output == "tip"
-
-
-def test_the_unknowns_of_a_step_are_the_modes() -> None:
-    model = model_of()
-    network = phnn.models.modal(model.omega, model.zeta, model.b, outputs={"tip": np.ones(3)})
-    assert len(junctions_of(network)) == model.omega.size
-    compile_network(network)
 
 
 def test_names_of_ports() -> None:

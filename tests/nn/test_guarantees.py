@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import pytest
 import torch
+from networks import oscillator
 from torch import Tensor, nn
 from torch.nn.utils import parameters_to_vector, vector_to_parameters
 
@@ -15,9 +16,8 @@ import phnn
 from phnn.errors import InputRefused, SolverFailed, StructureViolated
 from phnn.integrate.scheme import can_compile
 from phnn.models.actuator import hrc
-from phnn.network import Coupling, Network, Port, PortHamiltonianSystem, Resistor, Storage
+from phnn.network import Network, PortHamiltonianSystem
 from phnn.nn import ConvexEnergyMLP, MonotoneMLP, SectorMLP, check
-from phnn.parameters import as_table, positive
 from phnn.setup import Setup
 
 torch.set_num_threads(1)
@@ -118,14 +118,7 @@ class Bump(nn.Module):
 
 
 def test_a_storage_of_a_user_never_falls_below_its_energy_at_rest() -> None:
-    network = Network(
-        (Storage("q", Bump()), Storage("p", "capacitor", ("m",))),
-        (Resistor("damper", "linear", {"p": 1.0}, ("b",)),),
-        (Coupling("q", "p"),),
-        (Port("force", {"p": 1.0}),),
-        as_table([positive("m", 2.0, "kg"), positive("b", 0.1, "N s/m")]),
-    )
-    system = PortHamiltonianSystem(network)
+    system = PortHamiltonianSystem(oscillator(Bump()))
     with torch.no_grad():
         system.laws["storage_q"].a.fill_(-30.0)
     x, _ = phnn.simulate(system, torch.sin(torch.arange(60, dtype=torch.float64)).unsqueeze(-1), dt=0.1)
