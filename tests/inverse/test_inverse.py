@@ -12,8 +12,7 @@ from phnn.configuration import config_folder
 from phnn.effects import Effect, in_all_forms
 from phnn.errors import InputRefused
 from phnn.inverse import Inverse, blocks
-from phnn.inverse.blocks import solve_rising
-from phnn.inverse.invert import InverseOptions, invert, led_in, smoothed, stretches
+from phnn.inverse.invert import InverseOptions, invert, smoothed, stretches
 from phnn.model import Model
 from phnn.models.actuator import from_paper, hrc
 from phnn.models.network_file import load_network
@@ -135,17 +134,6 @@ def test_a_reference_in_motion_is_led_in() -> None:
     assert steps[0] < 1e-3 * steps.max()
 
 
-def test_the_way_into_a_reference_meets_its_speed_and_acceleration() -> None:
-    t = np.arange(401) / RATE
-    y = 1e-5 * np.sin(2.0 * np.pi * 60.0 * t + 0.7)
-    joined = led_in(y, 1.0 / RATE, 0.005)
-    assert joined.size == 501
-    # A jump of the speed or the acceleration at the join would stand out in the third differences around it.
-    jerk = np.abs(np.diff(joined, 3))
-    assert jerk[96:102].max() < 1.2 * max(jerk[90:96].max(), jerk[102:].max())
-    assert jerk[90:96].max() > 0.0
-
-
 def test_a_low_pass_has_no_phase_and_half_the_amplitude_at_its_corner() -> None:
     t = np.arange(4001) / RATE
     y = np.sin(2.0 * np.pi * 400.0 * t)
@@ -233,22 +221,6 @@ def test_a_stored_model_has_the_same_inverse(tmp_path: object) -> None:
     t, y = swells()
     MODEL.save(f"{tmp_path}/model")
     assert np.array_equal(phnn.load(f"{tmp_path}/model").inverse(t, y).voltage, MODEL.inverse(t, y).voltage)
-
-
-class TestElementwise:
-    def test_a_rising_characteristic_is_solved(self) -> None:
-        x = np.linspace(-3.0, 3.0, 101)
-        found = solve_rising(lambda v: 2.0 + v + 0.2 * v**3, 2.0 + x + 0.2 * x**3)
-        assert np.abs(found.x - x).max() < 1e-12
-        assert not found.missed.any()
-
-    def test_what_a_limit_cuts_off_is_told(self) -> None:
-        found = solve_rising(lambda v: np.clip(v, -1.0, 1.0), np.array([-2.0, 0.0, 0.5, 1.5]))
-        assert np.allclose(found.x, [-1.0, 0.0, 0.5, 1.0], atol=1e-9)
-        assert np.allclose(found.missed, [-1.0, 0.0, 0.0, 0.5])
-
-    def test_a_constant_target_of_zero_has_the_zero(self) -> None:
-        assert solve_rising(lambda v: v + 3.0, np.zeros(2)).x == pytest.approx([-3.0, -3.0])
 
 
 def test_only_an_error_at_or_after_what_was_out_of_reach_has_its_cause() -> None:

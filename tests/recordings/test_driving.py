@@ -169,21 +169,6 @@ def test_a_jump_outside_the_fitted_samples_does_not_stop_the_fit() -> None:
     assert evaluate(found.setup, found.plan, {}).over_noise("confirmation") == pytest.approx(1.0, abs=0.15)
 
 
-def test_a_stretch_of_a_recording_knows_no_instants_of_the_whole() -> None:
-    u = steps_at(DT * np.arange(600), 0.01, 0.04)
-    stated = replace(recording(u), instants=np.array([0.2, 0.4]))
-    part = stated.only(slice(300))
-    assert part.instants is None
-    assert unknown_instants(part).size == 1
-
-
-def test_instants_of_another_reconstruction_are_not_taken_for_those_of_this_one() -> None:
-    u = steps_at(DT * np.arange(600), 0.01, 0.04)
-    stale = replace(recording(u), instants=np.array([0.2, 0.4]), interpolation="linear")
-    assert unknown_instants(stale).size == 0
-    assert np.isfinite(simulate(Setup(from_paper()), stale, 1).y).all()
-
-
 def test_jumps_are_placed_where_nothing_rests() -> None:
     # A mass without a spring has no rest under a force; a square wave drives it from an unknown start.
     setup = Setup(load_network(config_folder() / "network" / "mass_damper.yaml"))

@@ -37,6 +37,8 @@ def test_period_of_periodic_inputs(samples: float, cycles: float, phase: float, 
     ("chirp", chirp(np.arange(5000) / 1000.0, 1.0, 5.0, 40.0)),
     ("broadband", np.random.default_rng(0).normal(size=4000)),
     ("broadband", np.exp(-np.arange(4000) / 900.0) * np.sin(np.arange(4000) / 25.0)), ("constant", np.ones(100)),
+    ("broadband", np.sin(np.arange(4000) / 100.0) + np.sin(57.0 * np.arange(4000) / 4000.0)),
+    ("broadband", np.sin(np.arange(4000) / 20.0) * (1.0 + np.arange(4000) / 8000.0)),
 ])  # fmt: skip
 def test_kinds(kind: str, u: np.ndarray) -> None:
     assert excitation_of(u, 1e-3).kind == kind
