@@ -11,12 +11,12 @@ from graph_text import as_yaml
 from junctions import march, recording, warming
 
 from phnn.configuration import config_folder
-from phnn.errors import InputRefused, StructureViolated
+from phnn.errors import StructureViolated
 from phnn.integrate.equations import check
 from phnn.integrate.program import compile_network
 from phnn.integrate.rest import equilibrium, equilibrium_derivative
 from phnn.models.actuator import hrc
-from phnn.models.network_file import load_graph, load_network
+from phnn.models.network_file import load_graph
 from phnn.network import ModulatorState, Network, Port, Resistor, Storage
 from phnn.network.bondgraph import BondGraph, C
 from phnn.network.elements import interconnect, renamed
@@ -59,35 +59,6 @@ def test_what_is_written_is_read(tmp_path: Path) -> None:
     graph = replace(graph, memories=(*graph.memories, memory), parameters={**graph.parameters, **more})
     (tmp_path / "written.yaml").write_text(as_yaml(graph), encoding="utf-8")
     assert load_graph(tmp_path / "written.yaml") == graph
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("law: thermal,", "law: thermic,", r"memories: theta: law: 'thermic' is not known: accepted are thermal"),
-        ("[C_T, R_T, T_a, T_ref]", "[C_T, R_T]", "memories: theta: parameters: the law thermal takes 4, 2 are given"),
-        ("by: theta", "by: heat", "the ratio alpha reads the storage 'heat', which is not defined"),
-        ("by: theta, ", "", "modulations: alpha: no `by`: name the storage or memory"),
-        ("reads: theta", "reads: heat", "hysteron_1 reads the storage 'heat'"),
-        (
-            "unit: K}\nparameters",
-            "of: nobody}\nparameters",
-            "memory theta is driven by 'nobody', nothing has this name",
-        ),
-        (
-            "unit: K}\nparameters",
-            "ov: 1}\nparameters",
-            r"memories: theta: unknown key .ov.: accepted are law, parameters, of",
-        ),
-        ("  alpha: {by", "  beta: {by", "a modulation is of the ratio 'beta', which is not defined"),
-    ],
-)
-def test_what_a_file_gets_wrong_is_named(tmp_path: Path, old: str, new: str, message: str) -> None:
-    text = FILE.read_text(encoding="utf-8")
-    assert old in text
-    (tmp_path / "wrong.yaml").write_text(text.replace(old, new, 1), encoding="utf-8")
-    with pytest.raises(InputRefused, match=f"wrong.yaml: .*{message}"):
-        load_network(tmp_path / "wrong.yaml")
 
 
 def test_a_ratio_that_moves_is_not_merged_into_a_stiffness() -> None:
