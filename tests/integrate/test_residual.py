@@ -28,12 +28,6 @@ def sine(samples: int = 400) -> Trajectory:
     return simulate(Setup(from_paper()), recording(t, 75.0 * np.sin(2 * np.pi * 150.0 * t)))
 
 
-def test_a_march_satisfies_the_equations_of_the_module() -> None:
-    trajectory = sine()
-    assert 0.0 < check(trajectory) < 1e-13
-    assert check(trajectory, system=PortHamiltonianSystem(from_paper())) == check(trajectory)
-
-
 @pytest.mark.parametrize(("place", "name"), [(0, "Q_1"), (1, "Q_2"), (2, "q"), (3, "p")])
 def test_a_wrong_state_is_named_with_its_time(place: int, name: str) -> None:
     trajectory = sine()

@@ -12,9 +12,8 @@ from junctions import march
 from phnn.configuration import config_folder
 from phnn.errors import SolverFailed
 from phnn.integrate.program import compile_network
-from phnn.integrate.rest import equilibrium, equilibrium_derivative, equilibrium_slope
+from phnn.integrate.rest import equilibrium
 from phnn.integrate.steady import steady_derivative, steady_slope, steady_state
-from phnn.models.actuator import from_paper
 from phnn.models.network_file import load_network
 from phnn.network import Network, PortHamiltonianSystem, Resistor
 from phnn.parameters import Parameter
@@ -107,21 +106,6 @@ def test_derivatives_of_currents_that_flow_are_exact() -> None:
     slope = steady_slope(network, inputs(network, v), 0)
     assert slope[place["phi"]] == pytest.approx(p["L"] * p["rho_1"], rel=1e-10)
     assert slope[place["Q_1"]] == pytest.approx(p["C_1"], rel=1e-10)
-
-
-def test_both_ways_agree_on_the_actuator() -> None:
-    network, u = from_paper(), np.array([50.0, 1.0])
-    program = compile_network(network)
-    np.testing.assert_allclose(steady_state(network, u), equilibrium(program, network, u), rtol=1e-12, atol=1e-20)
-    names = [n for n, p in network.parameters.items() if not p.fixed]
-    places = np.array([program.names.index(n) for n in names])
-    exact = equilibrium_derivative(program, network, u, places)
-    assert exact.any()
-    values = np.array([network.parameters[n].value for n in names])
-    noise = 1e-12 * np.abs(steady_state(network, u)).max()
-    np.testing.assert_allclose(steady_derivative(network, u, names) * values, exact * values, rtol=1e-10, atol=noise)
-    exact_slope = equilibrium_slope(program, network, u, 0)
-    np.testing.assert_allclose(steady_slope(network, u, 0), exact_slope, rtol=1e-10, atol=noise)
 
 
 def test_the_beam_bends_as_its_stiffness_says() -> None:
