@@ -93,17 +93,6 @@ def test_what_follows_the_input_is_no_noise() -> None:
     assert found.interval is not None and "one-step-ahead" in found.source and "order 24" in found.source
 
 
-def test_a_floor_that_repetition_or_rest_gives_stays() -> None:
-    rng = np.random.default_rng(3)
-    t = np.arange(SIZE)
-    u = 50.0 * np.sin(2.0 * np.pi * t / 400.0)
-    floor = noise_floor(u, 1e-6 * u + NOISE * rng.normal(size=SIZE), DT, 0.4)
-    assert floor.interval is None and "period" in floor.source
-    u = np.where(t < 500, 50.0, 0.0)
-    floor = noise_floor(u, 1e-6 * u + NOISE * rng.normal(size=SIZE), DT)
-    assert floor.interval is None and "at rest" in floor.source
-
-
 def test_a_shaft_that_coasts_while_its_input_rests_is_no_noise() -> None:
     t = 0.01 * np.arange(3000)
     u = np.where(t < 2.0, 3.0, 0.0)
