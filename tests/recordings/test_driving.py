@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from junctions import recording as made
 
 from phnn.configuration import config_folder
 from phnn.derivatives import output_derivatives
@@ -27,11 +28,8 @@ DT = 1e-4
 
 
 def recording(u: np.ndarray, dt: float = DT, name: str = "steps", interpolation: str = "cubic") -> Recording:
-    return Recording(
-        name=name, t=dt * np.arange(u.size), u=u, y=np.zeros(u.size), start=Start("rest", 0.0),
-        interpolation=interpolation, parts=(Part(name, 0, u.size, "identification"),), noise=5e-8,
-        noise_source="stated", noise_correlation=np.ones(1), period=None, channels={}, source=name,
-    )  # fmt: skip
+    t, rest = dt * np.arange(u.size), Start("rest", 0.0)
+    return made(t, u, rest, "identification", name=name, y=0.0 * u, interpolation=interpolation, noise=5e-8)
 
 
 def steps_at(t: np.ndarray, *instants: float) -> np.ndarray:
