@@ -48,17 +48,10 @@ def solved_and_balanced(seed: int, memories: bool) -> None:
     assert (balance.dissipated >= -1e-14 * size[:, None]).all()
 
 
-@settings(max_examples=75, deadline=None)
-@given(st.integers(0, 2**31 - 1), st.booleans())
-def test_any_stiff_network_is_solved_and_keeps_its_power_balance(seed: int, memories: bool) -> None:
-    solved_and_balanced(seed, memories)
-
-
-@pytest.mark.slow
-@settings(max_examples=1000, deadline=None)
-@given(st.integers(0, 2**31 - 1), st.booleans())
-def test_many_stiff_networks_are_solved_and_keep_their_power_balance(seed: int, memories: bool) -> None:
-    solved_and_balanced(seed, memories)
+@pytest.mark.parametrize("examples", [75, pytest.param(1000, marks=pytest.mark.slow)])
+def test_any_stiff_network_is_solved_and_keeps_its_power_balance(examples: int) -> None:
+    drawn = given(st.integers(0, 2**31 - 1), st.booleans())
+    settings(max_examples=examples, deadline=None)(drawn(solved_and_balanced))()
 
 
 def test_falling_thresholds_do_not_mislead_the_bracket() -> None:
