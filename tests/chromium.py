@@ -81,22 +81,11 @@ class Page:
         assert "exceptionDetails" not in reply, reply["exceptionDetails"]
         return reply["result"].get("value")
 
-    def mouse(self, kind: str, x: float, y: float, **more: Any) -> None:
-        """Move, press or release the mouse, in CSS pixels of the window."""
-        self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, **more)
-
     def size(self, width: int, height: int = 900, dark: bool = False) -> None:
         """Give the window a size, and the user a taste."""
         self.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
         features = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
         self.call("Emulation.setEmulatedMedia", features=features)
-
-    def picture(self, path: Path | None = None, whole: bool = False) -> bytes:
-        """A screenshot as PNG."""
-        found = base64.b64decode(self.call("Page.captureScreenshot", captureBeyondViewport=whole)["data"])
-        if path is not None:
-            path.write_bytes(found)
-        return found
 
     def printed(self) -> bytes:
         """The page as PDF."""

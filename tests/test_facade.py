@@ -18,8 +18,6 @@ from phnn.recordings.recording import unrecorded
 from phnn.setup import Setup
 from phnn.trajectory import simulate
 
-ROOT = Path(__file__).resolve().parent.parent
-MODULES = ("effects", "models")
 T = np.linspace(0.0, 0.05, 501)
 SINE = 60.0 * np.sin(2.0 * np.pi * 40.0 * T)
 
@@ -67,14 +65,6 @@ def test_model_simulates_as_the_engine_does(tmp_path: Path) -> None:
     assert again.parameters == model.parameters
     np.testing.assert_array_equal(again.simulate(T, SINE), expected)
     assert model.module.state_names == ("Q_1", "Q_2", "q", "p")
-
-
-def test_model_begins_in_the_equilibrium_of_its_first_input() -> None:
-    model = phnn.Model(Setup(hrc(2)))
-    constant = np.full(T.size, 40.0)
-    y = model.simulate(T, constant)
-    assert np.ptp(y) < 1e-9 * abs(y[0])
-    assert np.ptp(model.simulate(T, constant, input_before=0.0)) > 0.1 * abs(y[0])
 
 
 def test_further_ports_act() -> None:

@@ -77,30 +77,14 @@ def test_a_parameter_without_its_name_is_refused() -> None:
         Parameter(100.0, "N/m")  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(
-    ("value", "unit", "text"),
-    [
-        (3.2e-7, "s", "320 ns"),
-        (5e-6, "s", "5 µs"),
-        (24579.0, "N", "24.6 kN"),
-        (0.0, "s", "0 s"),
-        (-2.5e-3, "m", "-2.5 mm"),
-        (1.0, "V", "1 V"),
-        (999.0, "V", "999 V"),
-        (1e12, "Hz", "1e+03 GHz"),
-        (1e-18, "F", "0.001 fF"),
-        (1.11e-3, "kg", "0.00111 kg"),
-        (24579.0, "N/m", "24.6 kN/m"),
-        (9.25e-5, "m/s", "92.5 µm/s"),
-        (999.9e3, "N/m", "1 MN/m"),
-        (math.nan, "N/m", "nan N/m"),
-        (2.0e4, "°C/s", "2e+04 °C/s"),
-        (24579.0, "N s/m", "2.46e+04 N s/m"),
-        (0.02, "1", "0.02"),
-        (math.inf, "s", "inf s"),
-        (math.nan, "V", "nan V"),
-    ],
-)
+@pytest.mark.parametrize(("value", "unit", "text"), [
+    (3.2e-7, "s", "320 ns"), (5e-6, "s", "5 µs"), (24579.0, "N", "24.6 kN"), (0.0, "s", "0 s"),
+    (-2.5e-3, "m", "-2.5 mm"), (1.0, "V", "1 V"), (999.0, "V", "999 V"), (1e12, "Hz", "1e+03 GHz"),
+    (1e-18, "F", "0.001 fF"), (1.11e-3, "kg", "0.00111 kg"), (24579.0, "N/m", "24.6 kN/m"),
+    (9.25e-5, "m/s", "92.5 µm/s"), (999.9e3, "N/m", "1 MN/m"), (math.nan, "N/m", "nan N/m"),
+    (2.0e4, "°C/s", "2e+04 °C/s"), (24579.0, "N s/m", "2.46e+04 N s/m"), (0.02, "1", "0.02"),
+    (math.inf, "s", "inf s"), (math.nan, "V", "nan V"),
+])  # fmt: skip
 def test_quantity(value: float, unit: str, text: str) -> None:
     assert quantity(value, unit) == text
 

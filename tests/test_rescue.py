@@ -309,19 +309,6 @@ def _fails() -> float:
     raise FloatingPointError(TOLD)
 
 
-def test_failures_are_told_with_their_place() -> None:
-    with accounted() as account:
-        assert needed("scores", _fails, 1.0) == 1.0
-        assert extra("formula", _fails, 2.0) == 2.0
-        assert account.ended().why == "nothing left"
-        assert move("element 1", _fails, 3.0) == 3.0
-    ended = account.ended()
-    assert ended.why == "failure"
-    assert [w.part for w in ended.warnings] == ["scores", "formula", "element 1"]
-    assert {(w.error, w.message) for w in ended.warnings} == {("FloatingPointError", TOLD)}
-    assert all(w.where.endswith("_fails") for w in ended.warnings)
-
-
 @pytest.mark.parametrize("call", [attempt, move, extra, needed])
 def test_failures_show_themselves_on_request_and_where_nobody_accounts_for_them(
     call: Callable[..., Any], monkeypatch: pytest.MonkeyPatch

@@ -30,28 +30,6 @@ def sine(cycles: float = 2.0, offset: float = 0.0, **other: object) -> Recording
     return recording(t, offset + 90.0 * np.sin(2 * np.pi * 100.0 * t), **other)  # type: ignore[arg-type]
 
 
-def test_a_trajectory_holds_what_it_says() -> None:
-    run = simulate(BASE, sine(), substeps=3)
-    n = 3 * 200
-    assert run.y.shape == run.t.shape == (201,)
-    assert run.states.shape == (n + 1, 4)
-    assert run.efforts.shape == (n, 4)
-    assert run.fine.shape == (n, 3)
-    assert run.u.shape == (n, 2)
-    assert (run.u[:, 1] == 0.0).all()
-    assert run.mid_displacement.shape == (n,)
-    np.testing.assert_array_equal(run.y, run.states[run.nodes, 2])
-    assert run.nodes[-1] == n
-    assert run.h.sum() == pytest.approx(run.t[-1])
-
-
-def test_error_falls_at_second_order_in_the_substeps() -> None:
-    best = simulate(BASE, sine(), substeps=64).y
-    errors = [np.abs(simulate(BASE, sine(), substeps=n).y - best).max() for n in (2, 4, 8)]
-    assert errors[2] < 0.1 * errors[0]
-    assert errors[2] < 1e-3 * np.abs(best).max()
-
-
 def test_rest_under_a_voltage_stays_at_rest() -> None:
     t = np.arange(100) * 1e-4
     held = recording(t, np.full(100, 20.0), Start("rest", 20.0))
@@ -227,23 +205,10 @@ def test_derivatives_by_initial_states_and_forces() -> None:
     np.testing.assert_allclose(whole, wanted, atol=1e-4 * np.abs(wanted).max())
 
 
-def test_a_parameter_varied_in_time_by_one_is_the_parameter() -> None:
-    run = simulate(BASE, sine())
-    ones = np.ones(run.h.size)
-    got = output_derivatives(run, ["k", "m"], varied=[("k", ones), ("C_1", ones), ("m", ones)])
-    assert got.shape == (201, 5)
-    np.testing.assert_allclose(got[:, [2, 4]], got[:, [0, 1]], rtol=1e-12)
-    np.testing.assert_allclose(got[:, 3], output_derivatives(run, ["C_1"])[:, 0], rtol=1e-12)
-
-
 def test_a_step_without_a_solution_names_recording_and_time(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(kernel, "march", lambda *_: 30)
     with pytest.raises(SolverFailed, match=r"made: no solution of the step at t = 0\.0015 s; .* more sub-steps"):
         simulate(BASE, sine(), substeps=2)
-
-
-def test_another_number_of_hysterons_runs_on_the_same_recording() -> None:
-    assert np.abs(simulate(Setup(hrc(1)), sine()).y - simulate(Setup(hrc(3)), sine()).y).max() > 1e-7
 
 
 def chain() -> Setup:

@@ -13,15 +13,10 @@ import pytest
 # Benchmarks are not installed with the package.
 sys.path.insert(0, str(Path(__file__).resolve().parents[2]))
 _BEFORE = dict(os.environ)
-case = importlib.import_module("benchmarks.case")
-reference = importlib.import_module("benchmarks.reference")
-ladder = importlib.import_module("benchmarks.ladder")
-table = importlib.import_module("benchmarks.table")
-importlib.import_module("benchmarks.growth")
-document = importlib.import_module("benchmarks.document")
-leaves = importlib.import_module("benchmarks.leaves")
-peers_scipy = importlib.import_module("benchmarks.peers_scipy")
-peers_torch = importlib.import_module("benchmarks.peers_torch")
+case, reference, ladder, peers_scipy, *_ = (
+    importlib.import_module(f"benchmarks.{name}")
+    for name in ("case", "reference", "ladder", "peers_scipy", "peers_torch", "table", "growth", "document", "leaves")
+)
 # The benchmarks limit the threads of their own process; other tests keep theirs.
 os.environ.clear()
 os.environ.update(_BEFORE)

@@ -6,10 +6,11 @@ import csv
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
-import compare_example as example
+import campaigns
 import numpy as np
 import pytest
 import torch
@@ -24,6 +25,49 @@ from phnn.models.actuator import hrc
 from phnn.models.store import load
 from phnn.network.system import PortHamiltonianSystem
 from phnn.recordings import Campaign, read
+from phnn.recordings.recording import Recording
+from phnn.setup import Setup
+
+NOISE = 60e-9
+MANIFEST = f"""{campaigns.KNOWN}recordings:
+  - {{file: sine_050Hz_75V.csv, use: identification}}
+  - {{file: sine_100Hz_75V.csv, use: identification}}
+  - {{file: sine_070Hz_75V.csv, use: confirmation}}
+  - {{file: sine_070Hz_30V.csv, use: confirmation}}
+"""
+DRIVES = ((50.0, 75.0), (100.0, 75.0), (70.0, 75.0), (70.0, 30.0))
+# A handful of steps of training each.
+CHEAP = (
+    "starts=1", "workers=1", "budget=1.0", "models=all", "phs_neural.model.width=3",
+    "phs_neural.stages.whole.gauss_newton=2", "phs_neural_adjoint.model.width=3",
+    "phs_neural_adjoint.stages.whole.lbfgs=2",
+    *(f"{m}.model.width=3" for m in ("neural_phs", "neural_ode")),
+    *(f"{m}.model.states=3" for m in ("neural_phs", "neural_ode")),
+    *(f"{m}.stages.{s}.lbfgs=1" for m in ("neural_phs", "neural_ode") for s in ("short", "long")),
+    *(f"{m}.stages.{s}.lbfgs_iterations=1" for m in ("neural_phs", "neural_ode") for s in ("short", "long")),
+    *(f"{m}.stages.long.window=51" for m in ("neural_phs", "neural_ode")),
+    *(f"{m}.{key}" for m in ("neural_phs", "neural_ode") for key in ("longest_step=0.7", "least_per_period=20")),
+)  # fmt: skip
+
+
+@cache
+def recording(frequency: float = 50.0, amplitude: float = 75.0) -> Recording:
+    """Two and a half periods of a sine."""
+    t = np.arange(251) / (100 * frequency)
+    u = amplitude * np.sin(2 * np.pi * frequency * t)
+    name = f"sine_{frequency:03.0f}Hz_{amplitude:g}V"
+    return campaigns.recorded(Setup(hrc(1, campaigns.GENTLE)), name, t, u, NOISE, int(frequency))
+
+
+def written(folder: Path) -> Path:
+    """The recordings as a folder."""
+    return campaigns.written(folder, (recording(*drive) for drive in DRIVES), MANIFEST)
+
+
+def settings(*overrides: str) -> Settings:
+    """Settings of the configuration with some moved."""
+    return Settings.from_config(compose("compare", [*CHEAP, *overrides]))
+
 
 QUICK = ("phs", "bouc_wen", "linear", "neural_ode")
 HELD = {"sine_070Hz_75V", "sine_070Hz_30V"}
@@ -31,14 +75,14 @@ HELD = {"sine_070Hz_75V", "sine_070Hz_30V"}
 
 @pytest.fixture(scope="module")
 def campaign(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
-    return read(example.written(tmp_path_factory.mktemp("compare") / "recordings"))
+    return read(written(tmp_path_factory.mktemp("compare") / "recordings"))
 
 
 @pytest.fixture(scope="module")
 def out(campaign: Campaign, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Results of models that are fitted quickly."""
     folder = tmp_path_factory.mktemp("compared")
-    compare(campaign, folder, example.settings(f"models=[{','.join(QUICK)}]"))
+    compare(campaign, folder, settings(f"models=[{','.join(QUICK)}]"))
     return folder
 
 
@@ -57,7 +101,7 @@ def content(path: Path) -> dict[str, Any]:
 def check_scores(found: dict[str, Any]) -> None:
     """Every recording of every model, with the keys of the contract, and the exact model better than a crude one."""
     for rows in found.values():
-        assert set(rows) == {example.recording(*d).name for d in example.DRIVES}
+        assert set(rows) == {recording(*d).name for d in DRIVES}
         for name, row in rows.items():
             assert row["held_out"] == (name in HELD)
             assert np.isfinite([row["fit_percent"], row["rmse"], row["residual_over_noise"]]).all()
@@ -75,7 +119,7 @@ def test_scores_and_facts_of_the_models(out: Path) -> None:
 
 @pytest.mark.slow
 def test_all_models_are_compared(campaign: Campaign, tmp_path: Path, no_rivals: None) -> None:
-    compare(campaign, tmp_path, example.settings())
+    compare(campaign, tmp_path, settings())
     scores = content(tmp_path / "compare.json")
     assert tuple(scores) == tuple(MODELS)
     check_scores(scores)
@@ -114,23 +158,23 @@ def test_finished_models_are_read_back(out: Path, campaign: Campaign, monkeypatc
         raise AssertionError("a model is fitted again")
 
     monkeypatch.setattr(models, "_FITTERS", dict.fromkeys(MODELS, refit))
-    compare(campaign, out, example.settings(f"models=[{','.join(QUICK)}]"))
+    compare(campaign, out, settings(f"models=[{','.join(QUICK)}]"))
     assert (out / "compare.json").read_bytes() == before
     # What does not enter a result may change, and fewer models may be asked for.
-    compare(campaign, out, example.settings("workers=2", "models=[linear,neural_ode]"))
+    compare(campaign, out, settings("workers=2", "models=[linear,neural_ode]"))
     assert set(content(out / "compare.json")) == {"linear", "neural_ode"}
     for change in ("seed=1", "error_bound_sigma=0.5"):
         with pytest.raises(InputRefused, match="resume=false"):
-            compare(campaign, out, example.settings(change, "models=linear"))
+            compare(campaign, out, settings(change, "models=linear"))
     with pytest.raises(InputRefused, match="recipe"):
-        compare(campaign, out, example.settings("neural_ode.stages.long.lbfgs=2", "models=neural_ode"))
+        compare(campaign, out, settings("neural_ode.stages.long.lbfgs=2", "models=neural_ode"))
 
 
 def test_other_recordings_are_noticed(out: Path, campaign: Campaign) -> None:
     first, *others = campaign.recordings
     other = replace(campaign, recordings=(replace(first, noise=2.0 * first.noise), *others))
     with pytest.raises(InputRefused, match="other recordings"):
-        compare(other, out, example.settings("models=linear"))
+        compare(other, out, settings("models=linear"))
 
 
 def test_a_stopped_comparison_keeps_what_was_finished(
@@ -144,15 +188,15 @@ def test_a_stopped_comparison_keeps_what_was_finished(
     with monkeypatch.context() as stopped:
         stopped.setattr(models, "_FITTERS", {**fitters, "linear": stop})
         with pytest.raises(KeyboardInterrupt):
-            compare(campaign, tmp_path, example.settings("models=[phs,linear]"))
+            compare(campaign, tmp_path, settings("models=[phs,linear]"))
     assert set(content(tmp_path / "compare.json")) == {"phs"}
-    written = (tmp_path / "phs" / "result.json").read_bytes()
-    compare(campaign, tmp_path, example.settings("models=[phs,linear]"))
+    kept = (tmp_path / "phs" / "result.json").read_bytes()
+    compare(campaign, tmp_path, settings("models=[phs,linear]"))
     assert set(content(tmp_path / "compare.json")) == {"phs", "linear"}
-    assert (tmp_path / "phs" / "result.json").read_bytes() == written
+    assert (tmp_path / "phs" / "result.json").read_bytes() == kept
     (tmp_path / "linear" / "outputs.npz").write_bytes(b"half")
     with pytest.raises(InputRefused, match="was changed after phnn wrote it"):
-        compare(campaign, tmp_path, example.settings("models=[phs,linear]"))
+        compare(campaign, tmp_path, settings("models=[phs,linear]"))
 
 
 @pytest.mark.parametrize(
@@ -187,7 +231,7 @@ def test_a_registered_rival_is_scored_and_kept_like_the_others(
 ) -> None:
     register_rival("proportional", proportional, "one gain")
     assert Settings.from_config(compose("compare", ["models=all"])).models == (*MODELS, "proportional")
-    results = compare(campaign, tmp_path, example.settings("models=[proportional,linear]", "budget=7"))
+    results = compare(campaign, tmp_path, settings("models=[proportional,linear]", "budget=7"))
     assert tuple(results) == ("linear", "proportional")
     found: Result = results["proportional"]
     assert found.facts["budget_was"] == 7.0 and found.facts["seed_was"] == 0
@@ -200,10 +244,10 @@ def test_a_registered_rival_is_scored_and_kept_like_the_others(
     assert scores["proportional"][check.name]["rmse"] == pytest.approx(np.sqrt(np.mean(residual[scored] ** 2)))
     assert "| one gain |" in (tmp_path / "compare.md").read_text()
     register_rival("proportional", lambda *_: pytest.fail("is fitted again"))
-    again = compare(campaign, tmp_path, example.settings("models=proportional", "budget=7"))
+    again = compare(campaign, tmp_path, settings("models=proportional", "budget=7"))
     assert again["proportional"].evaluation.parts == found.evaluation.parts
     with pytest.raises(InputRefused, match="budget"):
-        compare(campaign, tmp_path, example.settings("models=proportional", "budget=8"))
+        compare(campaign, tmp_path, settings("models=proportional", "budget=8"))
 
 
 def test_rivals_that_cannot_be_used_are_refused(campaign: Campaign, tmp_path: Path, no_rivals: None) -> None:
@@ -212,10 +256,10 @@ def test_rivals_that_cannot_be_used_are_refused(campaign: Campaign, tmp_path: Pa
             register_rival(name, proportional)
     register_rival("short", lambda campaign, seed, budget: ({r.name: r.u[1:] for r in campaign.recordings}, {}))
     with pytest.raises(InputRefused, match=r"rival short: sine_\d+Hz_\d+V has shape \(250,\): give 251 samples"):
-        compare(campaign, tmp_path, example.settings("models=short"))
+        compare(campaign, tmp_path, settings("models=short"))
     register_rival("silent", lambda campaign, seed, budget: ({}, {}))
     with pytest.raises(InputRefused, match="rival silent: has no output for recording"):
-        compare(campaign, tmp_path, example.settings("models=silent"))
+        compare(campaign, tmp_path, settings("models=silent"))
 
 
 def test_a_rival_that_runs_away_is_scored_as_such(campaign: Campaign, tmp_path: Path, no_rivals: None) -> None:
@@ -223,7 +267,7 @@ def test_a_rival_that_runs_away_is_scored_as_such(campaign: Campaign, tmp_path: 
         "wild", lambda campaign, seed, budget: ({r.name: np.inf * (1.0 + r.u**2) for r in campaign.recordings}, {})
     )
     for _ in range(2):  # fitted, and read back
-        results = compare(campaign, tmp_path, example.settings("models=wild"))
+        results = compare(campaign, tmp_path, settings("models=wild"))
         assert all(p.residual_over_noise == np.inf for p in results["wild"].evaluation.parts)
 
 
@@ -241,7 +285,7 @@ def test_a_learned_system_begins_with_the_modes_of_linear_hysterons(campaign: Ca
 
 
 def test_a_thinned_recording_keeps_its_weight(campaign: Campaign) -> None:
-    recipe = replace(example.settings().recipes["neural_ode"], longest_step=0.2)
+    recipe = replace(settings().recipes["neural_ode"], longest_step=0.2)
     chosen = [r for r in campaign.recordings if r.mask("identification").any()]
     found = _thinned(chosen, recipe, scales_of(chosen).time)
     assert len({f.t.size for f in found}) == 2

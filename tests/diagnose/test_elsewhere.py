@@ -17,7 +17,7 @@ from phnn.criteria import Criteria
 from phnn.diagnose.diagnosis import diagnose
 from phnn.diagnose.number import Visited
 from phnn.diagnose.search import _heat, begin, explore
-from phnn.effects import Scales, catalogue
+from phnn.effects import catalogue
 from phnn.identification.fit import Fit
 from phnn.identification.options import Options
 from phnn.identification.plan import Plan
@@ -30,7 +30,6 @@ from phnn.report.result import missing_entries
 from phnn.report.words import picture
 from phnn.setup import Setup
 
-SCALES = Scales(90.0, 1e-4, 0.1, 2.5e4, 0.046, 50.0, 150.0, 0.06, 1e-8)
 HELD = {"m": "held at the stated value"}
 
 

@@ -21,9 +21,7 @@ from phnn.identification.plan import Plan
 from phnn.recordings.recording import ACTUATOR, Recording
 from phnn.setup import Setup
 
-NOISE, LOUD = 2e-8, 2e-7  # metres
-NAMES = [n for n in BASE.free if n != "m"]
-HELD = {"m": "held at the stated mass"}
+LOUD = 2e-7  # metres
 KNOWN = {n: "held at its stated value" for n in BASE.free if n != "b"}
 DAMPER = learned_elements()["learned_damper"]
 RATE, SMALL = 1e4, 30.0  # samples per second; volts

@@ -91,20 +91,6 @@ def test_an_attached_effect_is_a_value(effect_: Effect) -> None:
         assert again.add_to(setup, values) == changed == pickle.loads(pickle.dumps(changed))
 
 
-@pytest.mark.parametrize("name", ["creep", "cubic_stiffness", "hysteresis_asymmetry", "self_heating", "base_motion"])
-@pytest.mark.parametrize("other", ["extra_hysteron", "quadratic_stiffness", "electrostriction", "sensor_lag"])
-def test_two_effects_under_other_names(name: str, other: str) -> None:
-    first, second = catalogue()[name], catalogue()[other]
-    expected = second.add_to(first.add_to(ACTUATOR.setup, point(first)), point(second))
-    base = renamed(ACTUATOR.setup)
-    one, two = attached(first, base)[0], attached(second, base)[0]
-    found = base
-    for mine, plain in ((one, first), (two, second)):
-        names = dict(zip(plain.parameters, mine.parameters, strict=True))
-        found = mine.add_to(found, {names[n]: v for n, v in point(plain).items()})
-    assert np.array_equal(run(found).y, run(expected).y)
-
-
 def test_values_that_are_exchanged_have_the_names_of_the_network() -> None:
     plain = catalogue()["extra_hysteron"]
     base = renamed(ACTUATOR.setup)

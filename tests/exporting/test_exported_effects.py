@@ -19,7 +19,6 @@ from phnn.effects import Effect, effect, in_all_forms
 from phnn.effects.soundness import Home
 from phnn.errors import InputRefused
 from phnn.exporting.build import Builder
-from phnn.exporting.laws import Sources
 from phnn.exporting.program import Names, Program, identifier
 from phnn.exporting.write import python
 from phnn.integrate import kernel
@@ -206,24 +205,6 @@ def test_a_refusal_is_one_line_with_exit_status_2(tmp_path: Path, capsys: pytest
     assert error.count("\n") == 1
     assert run(tmp_path / "model", tmp_path / "out", "--no-sensor") == 0
     assert run(tmp_path / "nothing", tmp_path / "out") == 2
-
-
-def test_a_law_beyond_the_subset_is_refused() -> None:
-    def raised(effort: Any) -> Any:
-        return effort**1.5
-
-    def looped(effort: Any) -> Any:
-        while effort > 1.0:
-            effort = effort - 1.0
-        return effort
-
-    def printed(effort: Any) -> Any:
-        return print(effort)
-
-    for law, needle in ((raised, "the power effort ** 1.5"), (looped, "while effort > 1.0"), (printed, "calls print")):
-        with pytest.raises(InputRefused, match=r"resistor r: cannot be exported: its source") as caught:
-            Sources({}).name_of(law, "resistor r")
-        assert needle in str(caught.value).replace("\n", " ")
 
 
 def test_names_of_people_become_identifiers() -> None:

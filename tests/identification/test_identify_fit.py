@@ -214,18 +214,6 @@ def test_derivatives_of_the_prior_are_those_of_finite_differences(whole: Recordi
         np.testing.assert_allclose(rows[:, i], slope, atol=1e-8)
 
 
-def test_an_optimiser_sees_the_prior(whole: Recording) -> None:
-    plan = Plan((sliced(whole, 1300),), {"whole": 2}, 1)
-    problem = Problem(SETUP, plan, variables_of(SETUP, plan, ("k",)))
-    z = problem.variables.start(SETUP) + 0.05
-    prior, slopes, residual = problem.variables.prior(z), problem.jacobian(z), problem.residual(z)
-    gradient = slopes.T @ residual + prior[:, :-1].T @ prior[:, -1]
-    np.testing.assert_allclose(
-        problem.slopes(z).T @ problem.size(z), gradient, rtol=1e-8, atol=1e-6 * np.abs(gradient).max()
-    )
-    assert problem.size(z)[-1] ** 2 == pytest.approx(residual @ residual + prior[:, -1] @ prior[:, -1])
-
-
 @pytest.mark.parametrize("first", [200, 1000])
 def test_a_slice_is_predicted_as_well_as_the_whole(whole: Recording, first: int) -> None:
     later = sliced(whole, first, head=1000)

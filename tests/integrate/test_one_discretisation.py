@@ -8,18 +8,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 from solve_paths import STEPS, apart, case_of, in_a_hurry, networks, paths
 from subjects import body
 
 import phnn
 from phnn.integrate import method
-from phnn.integrate.differentiable import Steps
 from phnn.integrate.equations import reducible_rules
 from phnn.integrate.scheme import Scheme
 from phnn.models.actuator import hrc
 from phnn.network import PortHamiltonianSystem
-from phnn.nn import LearnedSystem, Scales
 
 _PRIVATE = re.compile(r"torchdiffeq\._impl|numba\.(core|_)|_nrt\b|getclosurevars")
 
@@ -68,24 +65,6 @@ def test_torch_and_kernels_take_the_same_steps(name: str) -> None:
 )
 def test_every_path_takes_the_same_steps_under_every_scheme(name: str) -> None:
     assert not disagreements(name, Scheme, every=True, steps=STEPS)
-
-
-def test_a_batch_of_a_learned_system_is_its_members() -> None:
-    torch.manual_seed(0)
-    model = LearnedSystem(3, 1, 6, Scales(1e-3, 75.0, 1e-4))
-    x0 = torch.tensor([1e-4, 1.0, 1.0]) * torch.randn(4, 3, dtype=torch.float64)
-    u = 75.0 * torch.randn(20, 4, 1, dtype=torch.float64)
-    h = torch.full((20, 4, 1), 1e-4, dtype=torch.float64)
-
-    together = Steps(model).solve(x0, u, h)
-    alone = torch.cat([Steps(model).solve(*(v[..., k : k + 1, :] for v in (x0, u, h))) for k in range(4)], dim=1)
-    parameters = [p for p in model.parameters() if p.requires_grad]
-    one, other = (
-        [path, *torch.autograd.grad(path[-1].sum(), parameters, allow_unused=True, materialize_grads=True)]
-        for path in (together, alone)
-    )
-    for a, b in zip(one, other, strict=True):
-        torch.testing.assert_close(a, b, rtol=0.0, atol=TOLERANCE * max(float(a.detach().abs().max()), 1e-3))
 
 
 def test_schemes_differ_in_reducible_storages_alone() -> None:

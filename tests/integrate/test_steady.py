@@ -1,4 +1,4 @@
-"""Steady states: nothing moves in them, they are reached, and a network without one is refused by name."""
+"""Steady states and cycles: nothing changes in them, they are reached, and what has none is refused by name."""
 
 from __future__ import annotations
 
@@ -7,17 +7,24 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from junctions import march
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from junctions import differences, march, recording
 
 from phnn.configuration import config_folder
+from phnn.derivatives import input_force, output_derivatives
+from phnn.effects import effect
 from phnn.errors import SolverFailed
 from phnn.integrate.program import compile_network
-from phnn.integrate.rest import equilibrium, equilibrium_derivative, equilibrium_slope
+from phnn.integrate.rest import equilibrium
 from phnn.integrate.steady import steady_derivative, steady_slope, steady_state
-from phnn.models.actuator import from_paper
+from phnn.models.actuator import from_paper, hrc
 from phnn.models.network_file import load_network
 from phnn.network import Network, PortHamiltonianSystem, Resistor
 from phnn.parameters import Parameter
+from phnn.recordings.recording import Recording, Start
+from phnn.setup import Setup
+from phnn.trajectory import simulate
 
 VOLTAGES = (3.0, 40.0)
 
@@ -109,21 +116,6 @@ def test_derivatives_of_currents_that_flow_are_exact() -> None:
     assert slope[place["Q_1"]] == pytest.approx(p["C_1"], rel=1e-10)
 
 
-def test_both_ways_agree_on_the_actuator() -> None:
-    network, u = from_paper(), np.array([50.0, 1.0])
-    program = compile_network(network)
-    np.testing.assert_allclose(steady_state(network, u), equilibrium(program, network, u), rtol=1e-12, atol=1e-20)
-    names = [n for n, p in network.parameters.items() if not p.fixed]
-    places = np.array([program.names.index(n) for n in names])
-    exact = equilibrium_derivative(program, network, u, places)
-    assert exact.any()
-    values = np.array([network.parameters[n].value for n in names])
-    noise = 1e-12 * np.abs(steady_state(network, u)).max()
-    np.testing.assert_allclose(steady_derivative(network, u, names) * values, exact * values, rtol=1e-10, atol=noise)
-    exact_slope = equilibrium_slope(program, network, u, 0)
-    np.testing.assert_allclose(steady_slope(network, u, 0), exact_slope, rtol=1e-10, atol=noise)
-
-
 def test_the_beam_bends_as_its_stiffness_says() -> None:
     network, v = named("driven_beam"), 40.0
     x = torch.from_numpy(equilibrium(compile_network(network), network, inputs(network, v)))
@@ -157,3 +149,149 @@ def test_friction_that_grows_with_the_distance_holds_nothing(exponent: float, fo
     with pytest.raises(SolverFailed, match=r"moves q.* for ever, nothing holds"):
         equilibrium(compile_network(network), network, np.array([force]))
     assert not equilibrium(compile_network(network), network, np.zeros(1)).any()
+
+
+BASE = Setup(from_paper())
+PERIOD = 100
+
+
+def wave(cycles: int = 3, amplitude: float = 90.0, start: str = "periodic") -> Recording:
+    """Two tones and a bias that repeat every 10 ms."""
+    t = np.arange(PERIOD * cycles + 1) * 1e-4
+    phase = 2.0 * np.pi * 100.0 * t
+    u = amplitude * (np.sin(phase) + 0.4 * np.cos(3.0 * phase) + 0.2)
+    return recording(t, u, Start(start), period=0.01)
+
+
+def slow() -> Setup:
+    """A memory of the voltage that takes 200 periods, and a creep of 30."""
+    start = effect("depolarisation").add_to(BASE, {"delta_z": 0.2, "tau_z": 2.0, "V_c": 30.0})
+    return effect("creep").add_to(start, {"k_s": 2500.0, "tau_s": 0.3})
+
+
+def assert_repeats(y: np.ndarray) -> None:
+    """The first period is the second, but that a spline ends a little differently in the last one."""
+    np.testing.assert_allclose(y[:PERIOD], y[PERIOD : 2 * PERIOD], atol=1e-10 * np.ptp(y))
+
+
+@pytest.mark.parametrize(("setup", "cycles"), [(BASE, 60), (slow(), 3000)], ids=["actuator", "slow memories"])
+def test_a_long_march_ends_there(setup: Setup, cycles: int) -> None:
+    found = simulate(setup, wave()).y
+    marched = simulate(setup, wave(cycles, start="unknown")).y[-2 * PERIOD - 1 : -PERIOD - 1]
+    np.testing.assert_allclose(found[:PERIOD], marched, atol=2e-6 * np.ptp(marched))
+    assert_repeats(found)
+
+
+def test_a_sharp_resonance_is_at_its_steady_amplitude() -> None:
+    # Its motion takes some 10,000 periods to build up.
+    linear = hrc(0)
+    m = linear.parameters["m"].value
+    setup = Setup(linear.with_values({"k": m * (2.0 * np.pi * 101.0) ** 2, "b": 2e-4 * m * 2.0 * np.pi * 101.0}))
+    values = setup.values()
+    t = np.arange(2 * PERIOD + 1) * 1e-4
+    run = simulate(setup, recording(t, np.cos(2.0 * np.pi * 100.0 * t), Start("periodic"), period=0.01), substeps=16)
+    s = 2.0j * np.pi * 100.0
+    answer = values["alpha"] / (values["m"] * s**2 + values["b"] * s + values["k"])
+    # The step errs in the frequency by less than a thousandth of its distance from the resonance.
+    np.testing.assert_allclose(run.y, np.real(answer * np.exp(s * t)), atol=3e-3 * abs(answer))
+
+
+def test_a_charge_that_nothing_moves_has_no_say() -> None:
+    # Within both dead zones a charge follows the motion from wherever it began.
+    run = simulate(BASE, wave(amplitude=0.5))
+    assert_repeats(run.y)
+    changes = output_derivatives(run, list(BASE.free))
+    assert np.isfinite(changes).all()
+
+
+def test_what_drifts_has_no_steady_cycle() -> None:
+    drive = Setup(load_network(config_folder() / "network" / "mass_damper.yaml"))
+    simulate(drive, recording(*_biased(0.0), Start("periodic"), period=1.0))
+    with pytest.raises(SolverFailed, match=r"made: no steady cycle: q still changes by .* of its range in a period"):
+        simulate(drive, recording(*_biased(30.0), Start("periodic"), period=1.0))
+
+
+def _biased(force: float) -> tuple[np.ndarray, np.ndarray]:
+    t = np.arange(201) * 1e-2
+    return t, force + 100.0 * np.sin(2.0 * np.pi * t)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 10**6))
+def test_every_actuator_has_one(seed: int) -> None:
+    # Also where a hysteron only just slides.
+    rng = np.random.default_rng(seed)
+    values = {n: p.value * np.exp(rng.normal(0.0, 0.7)) for n, p in BASE.parameters.items() if not p.fixed}
+    y = simulate(BASE.with_values(values), wave()).y
+    np.testing.assert_allclose(y[:PERIOD], y[PERIOD : 2 * PERIOD], atol=3e-5 * np.ptp(y))
+
+
+@pytest.mark.parametrize("size", [100.3, 37.4])
+def test_a_period_need_not_be_a_whole_number_of_samples(size: float) -> None:
+    linear = hrc(0)
+    m, w = linear.parameters["m"].value, 2.0 * np.pi * 100.0
+    setup = Setup(linear.with_values({"k": m * (1.05 * w) ** 2, "b": 0.002 * m * w}))
+    values, dt = setup.values(), 0.01 / size
+    t = np.arange(int(12 * size)) * dt
+    made = recording(t, np.cos(w * t), Start("periodic"), period=0.01)
+    assert made.cycle == (1003 if size > 50.0 else 187)
+    s = 1.0j * w
+    answer = values["alpha"] / (values["m"] * s**2 + values["b"] * s + values["k"])
+    run = simulate(setup, made, substeps=8)
+    np.testing.assert_allclose(run.y, np.real(answer * np.exp(s * t)), atol=0.01 * abs(answer))
+    # Where no number of periods comes near a whole one of samples, the recording says nothing of its start.
+    short = recording(t[: int(2.5 * size)], np.cos(w * t)[: int(2.5 * size)], Start("periodic"), period=0.01)
+    assert short.cycle == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("sensor_lag", {"tau_y": 0.01}),
+        ("amplifier_lowpass", {"tau_a": 0.01}),
+        ("slew_limit", {"S": 3e4}),
+        ("output_backlash", {"delta_b": 4e-6}),
+    ],
+)
+def test_slow_blocks_of_the_chain_have_settled(name: str, values: dict[str, float]) -> None:
+    setup = effect(name).add_to(BASE, values)
+    y = simulate(setup, wave()).y
+    np.testing.assert_allclose(y[:PERIOD], y[PERIOD : 2 * PERIOD], atol=1e-2 * np.ptp(y))
+
+
+def test_one_period_is_enough() -> None:
+    whole, one = wave(), wave(cycles=1)
+    single = recording(one.t[:-1], one.u[:-1], Start("periodic"), period=0.01)
+    assert single.cycle == single.t.size == PERIOD
+    y, wanted = simulate(BASE, single).y, simulate(BASE, whole).y
+    # A spline knows less of its ends.
+    np.testing.assert_allclose(y, wanted[PERIOD : 2 * PERIOD], atol=2e-3 * np.ptp(wanted))
+    got = output_derivatives(simulate(BASE, single), ["k", "alpha", "d_1"])
+    both = output_derivatives(simulate(BASE, whole), ["k", "alpha", "d_1"])[PERIOD : 2 * PERIOD]
+    np.testing.assert_allclose(got, both, atol=2e-2 * np.abs(both).max())
+
+
+@pytest.mark.parametrize("setup", [BASE, slow()], ids=["actuator", "slow memories"])
+def test_derivatives_by_parameters_follow_the_cycle(setup: Setup) -> None:
+    names = list(setup.free)
+    got = output_derivatives(simulate(setup, wave()), names)
+    for k, name in enumerate(names):
+        wanted = differences(setup, wave(), name)
+        wrong = np.abs(got[:, k] - wanted) > 1e-4 * np.abs(wanted).max()
+        assert wrong.mean() < 0.05, name
+
+
+def test_perturbations_along_signals_follow_it_too() -> None:
+    run = simulate(BASE, wave())
+    ones = np.ones(run.h.size)
+    got = output_derivatives(run, ["k", "C_1"], varied=[("k", ones), ("C_1", ones)])
+    np.testing.assert_allclose(got[:, 2:], got[:, :2], rtol=1e-9, atol=1e-12 * np.abs(got).max())
+    whole = output_derivatives(run, [], forces=input_force(run, run.u[:, 0])[:, None])[:, 0]
+    step = 1e-6
+    ends = [simulate(BASE, wave(amplitude=90.0 * (1.0 + s))).y for s in (step, -step)]
+    wanted = (ends[0] - ends[1]) / (2.0 * step)
+    np.testing.assert_allclose(whole, wanted, atol=1e-4 * np.abs(wanted).max())
+    # Initial states stand between the parameters and what is perturbed along signals.
+    force = input_force(run, run.u[:, 0])[:, None]
+    with_state = output_derivatives(run, ["k"], initial=[0], forces=force)
+    np.testing.assert_allclose(with_state[:, [0, 2]], np.column_stack([got[:, 0], whole]), rtol=1e-9, atol=1e-16)

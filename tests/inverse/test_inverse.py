@@ -1,22 +1,27 @@
-"""The voltage that makes a model follow a reference: how closely, within which limits, for every effect."""
+"""The voltage that makes a model follow a reference: how closely, within which limits, for every effect and command."""
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import numpy as np
+import pandas as pd
 import pytest
 from effect_homes import EFFECTS, FORMULAS, LEARNED, home, point
 
 import phnn
 from phnn.chain import AMPLIFIERS, MEMORYLESS, REMEMBERING
+from phnn.cli import main
 from phnn.configuration import config_folder
 from phnn.effects import Effect, in_all_forms
 from phnn.errors import InputRefused
 from phnn.inverse import Inverse, blocks
-from phnn.inverse.blocks import solve_rising
-from phnn.inverse.invert import InverseOptions, invert, led_in, smoothed, stretches
+from phnn.inverse.invert import InverseOptions, invert, smoothed, stretches
 from phnn.model import Model
 from phnn.models.actuator import from_paper, hrc
 from phnn.models.network_file import load_network
+from phnn.models.store import save
 from phnn.setup import Setup
 
 MODEL = Model(Setup(from_paper()))
@@ -135,17 +140,6 @@ def test_a_reference_in_motion_is_led_in() -> None:
     assert steps[0] < 1e-3 * steps.max()
 
 
-def test_the_way_into_a_reference_meets_its_speed_and_acceleration() -> None:
-    t = np.arange(401) / RATE
-    y = 1e-5 * np.sin(2.0 * np.pi * 60.0 * t + 0.7)
-    joined = led_in(y, 1.0 / RATE, 0.005)
-    assert joined.size == 501
-    # A jump of the speed or the acceleration at the join would stand out in the third differences around it.
-    jerk = np.abs(np.diff(joined, 3))
-    assert jerk[96:102].max() < 1.2 * max(jerk[90:96].max(), jerk[102:].max())
-    assert jerk[90:96].max() > 0.0
-
-
 def test_a_low_pass_has_no_phase_and_half_the_amplitude_at_its_corner() -> None:
     t = np.arange(4001) / RATE
     y = np.sin(2.0 * np.pi * 400.0 * t)
@@ -235,22 +229,6 @@ def test_a_stored_model_has_the_same_inverse(tmp_path: object) -> None:
     assert np.array_equal(phnn.load(f"{tmp_path}/model").inverse(t, y).voltage, MODEL.inverse(t, y).voltage)
 
 
-class TestElementwise:
-    def test_a_rising_characteristic_is_solved(self) -> None:
-        x = np.linspace(-3.0, 3.0, 101)
-        found = solve_rising(lambda v: 2.0 + v + 0.2 * v**3, 2.0 + x + 0.2 * x**3)
-        assert np.abs(found.x - x).max() < 1e-12
-        assert not found.missed.any()
-
-    def test_what_a_limit_cuts_off_is_told(self) -> None:
-        found = solve_rising(lambda v: np.clip(v, -1.0, 1.0), np.array([-2.0, 0.0, 0.5, 1.5]))
-        assert np.allclose(found.x, [-1.0, 0.0, 0.5, 1.0], atol=1e-9)
-        assert np.allclose(found.missed, [-1.0, 0.0, 0.0, 0.5])
-
-    def test_a_constant_target_of_zero_has_the_zero(self) -> None:
-        assert solve_rising(lambda v: v + 3.0, np.zeros(2)).x == pytest.approx([-3.0, -3.0])
-
-
 def test_only_an_error_at_or_after_what_was_out_of_reach_has_its_cause() -> None:
     t, error, lost = np.arange(100) * 1e-3, np.zeros(100), np.zeros(100, dtype=np.bool_)
     error[[10, 50, 90]] = 1.0
@@ -307,3 +285,151 @@ def test_a_strong_effect_changes_the_voltage() -> None:
 def test_every_block_of_the_chain_has_an_inverse_or_is_refused() -> None:
     assert set(AMPLIFIERS) - set(MEMORYLESS) - set(blocks._AMPLIFIER_INVERSES) == {"play", "rate"}
     assert set(REMEMBERING) - set(blocks._SENSOR_INVERSES) == {"rate"}
+
+
+COMMAND_RATE = 10_000.0
+
+
+def table(size_um: float = 80.0, frequency: float = 25.0) -> pd.DataFrame:
+    t = np.arange(801) / COMMAND_RATE
+    y = 0.5 * size_um * (1.0 - np.cos(2.0 * np.pi * frequency * t))
+    return pd.DataFrame({"time_s": t, "displacement_um": y})
+
+
+@pytest.fixture
+def place(tmp_path: Path) -> Path:
+    save(Setup(from_paper()), tmp_path / "model", 1)
+    (tmp_path / "given").mkdir()
+    table().to_csv(tmp_path / "given" / "r.csv", index=False)
+    return tmp_path
+
+
+def run(place: Path, *more: str, reference: str = "given/r.csv") -> int:
+    return main(["invert", str(place / "model"), str(place / reference), "--out", str(place / "out"), *more])
+
+
+def test_the_command_can_be_given_to_the_model(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(place) == 0
+    printed = capsys.readouterr().out
+    assert "error of the model: at most" in printed
+    assert str(place / "out" / "command.csv") in printed
+    assert {p.name for p in (place / "out").iterdir()} == {".phnn", "command.csv", "invert.json", "invert.png"}
+    found = pd.read_csv(place / "out" / "command.csv")
+    assert list(found.columns) == ["time_s", "voltage_V", "displacement_m", "reference_m", "error_m"]
+    content = json.loads((place / "out" / "invert.json").read_text())
+    assert content["schema"] == "phnn.inverse/1"
+    assert content["follows"] is True
+    assert content["missed"] == []
+    model = phnn.load(place / "model")
+    y = model.simulate(found["time_s"], found["voltage_V"], input_before=content["voltage_before_V"])
+    assert np.abs(y - 1e-6 * table()["displacement_um"]).max() <= content["tolerance_m"]
+    assert (place / "out" / "invert.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_command_is_a_recording_that_phnn_predicts(place: Path) -> None:
+    assert run(place) == 0
+    (place / "check").mkdir()
+    found = pd.read_csv(place / "out" / "command.csv")
+    found[["time_s", "voltage_V"]].to_csv(place / "check" / "a.csv", index=False)
+    # The folder of an identification stands for the model in it.
+    (place / "identified").mkdir()
+    (place / "model").rename(place / "identified" / "base")
+    assert main(["predict", str(place / "identified"), str(place / "check"), "--out", str(place / "predicted")]) == 0
+    predicted = pd.read_csv(place / "predicted" / "a.csv")["displacement_m"]
+    # The start of a table without a manifest is zero volts, the command begins with a jump of a few volts from there.
+    assert np.abs(predicted - found["displacement_m"]).max() < 0.01 * np.ptp(predicted)
+
+
+def test_options_reach_the_inverse(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    options = ["--limits", "-3", "40", "--slew", "1e5", "--smooth", "300", "--lead-in", "0.01", "--hold", "zero_order"]
+    assert run(place, *options, "--tolerance", "1e-8") == 0
+    content = json.loads((place / "out" / "invert.json").read_text())
+    assert content["options"] == {
+        "smooth_Hz": 300.0, "limits_V": [-3.0, 40.0], "slew_V_per_s": 1e5, "hold": "zero_order", "lead_in_s": 0.01,
+    }  # fmt: skip
+    assert content["tolerance_m"] == 1e-8
+    found = pd.read_csv(place / "out" / "command.csv")
+    assert found["time_s"][0] == pytest.approx(-0.01)
+    assert found["voltage_V"].between(-3.0, 40.0).all()
+    assert not content["follows"]
+    assert "the voltage limits -3 V and 40 V" in content["missed"][0]["causes"][0]
+    assert "it is limited by the voltage limits" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("change", "needle"),
+    [
+        (lambda f: f.rename(columns={"displacement_um": "displacement"}), "no unit for the displacement"),
+        (lambda f: f.rename(columns={"displacement_um": "displacement_V"}), "cannot be in V"),
+        (lambda f: f.rename(columns={"displacement_um": "voltage_V"}), "no displacement column"),
+        (lambda f: f.rename(columns={"displacement_um": "output_V"}), "the output of the model in m"),
+        (lambda f: f.drop(columns="time_s"), "no time column"),
+        (lambda f: f.assign(displacement_um=f["displacement_um"].where(f.index != 7)), "row 8"),
+        (lambda f: f.assign(displacement_um=3.0), "constant at"),
+        (lambda f: f.drop(index=range(100, 200)), "gap"),
+        (lambda f: f.assign(time_s=f["time_s"][::-1].to_numpy()), "time"),
+        (lambda f: f.assign(displacement_um=1e6 * f["displacement_um"]), "correct the unit"),
+        (lambda f: f.assign(displacement_um=50.0 * (f.index > 300)), "jumps, has corners, or is noisy"),
+    ],
+)
+def test_what_is_no_reference_is_refused(
+    place: Path, capsys: pytest.CaptureFixture[str], change: object, needle: str
+) -> None:
+    change(table()).to_csv(place / "given" / "r.csv", index=False)  # type: ignore[operator]
+    assert run(place) == 2
+    streams = capsys.readouterr()
+    assert needle in streams.err
+    assert streams.err.count("\n") == 1
+    assert not (place / "out").exists()
+
+
+def test_an_absent_reference_and_another_kind_of_model_are_refused(
+    place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(place, reference="given/none.csv") == 2
+    assert "no such file" in capsys.readouterr().err
+    model = json.loads((place / "model" / "model.json").read_text())
+    (place / "model" / "model.json").write_text(json.dumps({**model, "schema": "phnn.modal-model/3"}))
+    assert run(place) == 2
+
+
+def test_results_never_go_where_the_reference_lies(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    given = place / "given"
+    assert main(["invert", str(place / "model"), str(given / "r.csv"), "--out", str(given)]) == 2
+    assert "from which this command reads" in capsys.readouterr().err
+    assert {p.name for p in given.iterdir()} == {"r.csv"}
+
+
+def test_a_smoothed_reference_is_no_excuse(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    t = np.arange(2001) / COMMAND_RATE
+    corners = 20.0 * np.abs(2.0 * (25.0 * t % 1.0) - 1.0)
+    pd.DataFrame({"time_s": t, "displacement_um": corners}).to_csv(place / "given" / "r.csv", index=False)
+    assert run(place, "--smooth", "500", "--lead-in", "0.02") == 0
+    printed = capsys.readouterr().out
+    assert "against the smoothed reference: at most" in printed
+    assert "against the reference itself: at most" in printed
+    content = json.loads((place / "out" / "invert.json").read_text())
+    found = pd.read_csv(place / "out" / "command.csv")
+    apart = np.abs(found["displacement_m"] - found["given_m"])
+    assert content["error_of_given_max_m"] == pytest.approx(apart.max())
+    assert content["error_of_given_max_m"] > 10.0 * content["error_max_m"]
+    np.testing.assert_allclose(found["given_m"].iloc[-t.size :], 1e-6 * corners, atol=1e-15)
+
+
+def test_a_command_beyond_the_recordings_is_told(tmp_path: Path) -> None:
+    t, y = np.arange(801) / COMMAND_RATE, 1e-6 * table()["displacement_um"].to_numpy()
+    for inputs, told in (((-75.0, 75.0), False), ((0.0, 20.0), True), (None, False)):
+        model = phnn.Model(Setup(from_paper()), inputs=inputs)
+        model.save(tmp_path / str(inputs))
+        loaded = phnn.load(tmp_path / str(inputs))
+        assert loaded.inputs == inputs
+        assert any("beyond that it extrapolates" in m for m in loaded.inverse(t, y).messages) is told
+
+
+@pytest.mark.parametrize("hold", ["cubic", "zero_order"])
+def test_what_is_reached_is_simulated_with_the_same_hold(hold: str) -> None:
+    t, y = np.arange(801) / COMMAND_RATE, 1e-6 * table()["displacement_um"].to_numpy()
+    model = phnn.Model(Setup(from_paper()))
+    found = model.inverse(t, y, hold=hold)
+    again = model.simulate(found.t, found.voltage, input_before=found.voltage_before, hold=hold)
+    np.testing.assert_allclose(again, found.reached, atol=1e-15)

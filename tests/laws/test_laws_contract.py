@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from decimal import Decimal
 from typing import Any
 
 import numpy as np
@@ -297,14 +296,6 @@ def reference(leaf: Leaf) -> tuple[float, float, float]:
 
     sol = solve_ivp(rate, (0.0, leaf["h"]), [leaf["x"], 0.0, 0.0], "Radau", rtol=1e-11, atol=1e-13, jac=jacobian)
     return sol.y[0, -1], sol.y[1, -1] / leaf["h"], sol.y[2, -1]
-
-
-@pytest.mark.parametrize("z", np.geomspace(1e-6, 39.0, 60))
-def test_relaxation_agrees_with_28_digits(z: float) -> None:
-    exact = Decimal(float(z))
-    one = (1 - (-exact).exp()) / exact
-    two = (1 - one) / exact
-    assert relaxation(z) == pytest.approx((float(one), float(two)), rel=1e-14)
 
 
 class TestExactLeaf:

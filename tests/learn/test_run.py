@@ -3,11 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import campaigns
@@ -191,31 +186,6 @@ def test_what_cannot_be_trained_is_refused(tmp_path: Path, capsys: pytest.Captur
         assert words in capsys.readouterr().err
     with pytest.raises(InputRefused, match="Missing mandatory value: out"):
         compose_groups("train", ["folder=a"])
-
-
-def run_script(folder: Path, out: Path, *overrides: str) -> subprocess.Popen[bytes]:
-    command = [sys.executable, str(ROOT / "scripts" / "train.py"), f"folder={folder}", f"out={out}", *QUICK, *overrides]
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
-    return subprocess.Popen(command, env=environment, cwd=folder)
-
-
-@pytest.mark.slow
-def test_a_killed_process_resumes_to_the_same_result(tmp_path: Path) -> None:
-    folder = written(tmp_path / "recordings")
-    epochs = ("adam=30", "gauss_newton=5", "patience=100")
-    assert run_script(folder, tmp_path / "straight", *epochs).wait(timeout=900) == 0
-    killed = run_script(folder, tmp_path / "killed", *epochs)
-    log = tmp_path / "killed" / "log.csv"
-    while not log.exists() or len(log.read_text().splitlines()) < 8:
-        assert killed.poll() is None
-        time.sleep(0.05)
-    killed.send_signal(signal.SIGKILL)
-    assert killed.wait() == -signal.SIGKILL
-    assert not (tmp_path / "killed" / "metrics.json").exists()
-    assert run_script(folder, tmp_path / "killed", *epochs).wait(timeout=900) == 0
-    for name in ("model/model.json", "metrics.json", "log.csv"):
-        first, second = ((tmp_path / run / name).read_text() for run in ("straight", "killed"))
-        assert without_times(first) == without_times(second), name
 
 
 def without_times(text: str) -> object:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from junctions import recording
 from numpy.typing import NDArray
 from scipy.signal import lsim
 
@@ -20,7 +21,7 @@ from phnn.errors import InputRefused
 from phnn.models.network_file import ready
 from phnn.recordings import describe
 from phnn.recordings.manifest import READY
-from phnn.recordings.recording import Part, Recording, Start, Units
+from phnn.recordings.recording import Start, Units
 from phnn.recordings.units import scales_with_forces
 from phnn.report.statements import acts_like
 from phnn.setup import Setup
@@ -62,10 +63,8 @@ def folder_of(name: str, folder: Path) -> Path:
     for seed, file in ((1, "a"), (2, "b")):
         u = drives(name, lab, seed)
         further = {p: 5.0 * np.cos(2 * np.pi * t / t[-1]) - 5.0 for p in lab.further}
-        run = Recording(
-            file, t, u, np.zeros(SAMPLES), Start("rest", 0.0), lab.input, (Part(file, 0, SAMPLES, "identification"),),
-            1.0, "", np.ones(1), None, {}, file, Units(*lab.units), further=further,
-        )  # fmt: skip
+        known = {"name": file, "interpolation": lab.input, "units": Units(*lab.units), "further": further}
+        run = recording(t, u, Start("rest", 0.0), **known)
         y = simulate(Setup(network), run, 8).y + lab.noise * np.random.default_rng(seed + 10).standard_normal(SAMPLES)
         header = "time_s,u,w,y" if further else "time_s,u,y"
         save(folder / f"{file}.csv", np.column_stack([t, u, *further.values(), y]), header)
@@ -191,10 +190,7 @@ def test_starting_values_on_another_time_scale_end_where_the_truth_does(tmp_path
     values = {"m": 0.016, "b": 0.7, "k": 7e3}
     t = 1e-3 * np.arange(3000)
     u = 50.0 * np.sin(2 * np.pi * 5.0 * t) * (1.0 - np.exp(-t / 0.35))
-    run = Recording(
-        "a", t, u, np.zeros(t.size), Start("rest", 0.0), "cubic", (Part("a", 0, t.size, "identification"),),
-        1.0, "", np.ones(1), None, {}, "a", Units("N", "m"),
-    )  # fmt: skip
+    run = recording(t, u, Start("rest", 0.0), units=Units("N", "m"))
     y = simulate(Setup(ready("mass_spring_damper", values)), run, 8).y
     y = y + 1.5e-6 * np.random.default_rng(5).standard_normal(t.size)
     save(tmp_path / "a.csv", np.column_stack([t, u, y]), "time_s,force_N,y_m")

@@ -1,10 +1,13 @@
-"""Random linear bond graphs, and their frequency response from the constitutive equations alone."""
+"""Random linear bond graphs, their frequency response from the constitutive equations alone, and their text."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+import yaml
 
 from phnn.errors import StructureViolated
 from phnn.laws import PORT_LAWS
@@ -135,3 +138,29 @@ def network_response(network: Network, s: complex) -> tuple[complex, complex]:
     b = b * PORT_LAWS[port.law].slope(0.0, *(network.parameters[n].value for n in port.parameters))
     x = np.linalg.solve(s * np.eye(n) - a, b)
     return x[network.state_names.index(network.output)], b @ hessian @ x
+
+
+def as_yaml(graph: BondGraph, about: str = "") -> str:
+    """Return the text from which `phnn.models.network_file.load_graph` reads a bond graph."""
+
+    def plain(value: Any, *left_out: str) -> dict[str, Any]:
+        said = {key: v for key, v in vars(value).items() if key not in left_out and v is not None}
+        said = {key: v for key, v in said.items() if not (isinstance(v, float) and math.isinf(v))}
+        return {key: list(v) if isinstance(v, tuple) else v for key, v in said.items()}
+
+    def bond(link: Any) -> dict[str, Any]:
+        said = plain(link, "start", "end") | {"from": link.start, "to": link.end}
+        return said | {"type": type(link).__name__} if "ratio" in said else said
+
+    content = {
+        "about": about,
+        "junctions": dict(graph.junctions),
+        "elements": {e.name: plain(e, "name") | {"type": type(e).__name__} for e in graph.elements},
+        "bonds": [bond(link) for link in graph.bonds],
+        "modulations": {m.ratio: plain(m, "ratio") for m in graph.modulations},
+        "memories": {m.name: plain(m, "name") for m in graph.memories},
+        "parameters": {name: plain(p, "name") for name, p in graph.parameters.items()},
+        "output": graph.output,
+        "merge": graph.merge,
+    }
+    return yaml.safe_dump(content, allow_unicode=True, sort_keys=False)

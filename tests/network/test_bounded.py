@@ -120,25 +120,6 @@ def test_conversion_to_32_bits_keeps_values(z: float) -> None:
         assert read(found.to(torch.float32)) == pytest.approx(before, rel=1e-5, abs=1e-30)
 
 
-def test_values_of_the_paper_are_those_of_the_table_to_the_last_bit() -> None:
-    network = from_paper()
-    system = PortHamiltonianSystem(network)
-    for name, p in network.parameters.items():
-        assert system.value(name).item() == p.value, name
-        assert system.present_values()[name].item() == p.value, name
-        assert system.as_network().parameters[name] == p
-
-
-def test_every_value_is_read_under_its_own_name() -> None:
-    # Neither the order of the alphabet nor that of magnitudes.
-    names = ("zeta", "alpha", "k", "C_1", "b")
-    found = BoundedParameters({n: positive(n, 10.0**i, "1") for i, n in enumerate(names)})
-    moved(found, **{n: 0.01 * i for i, n in enumerate(names)})
-    assert [n for n, _ in found.z.items()] == list(names)
-    for i, n in enumerate(names):
-        assert found.values()[n].item() == found.value(n).item() == pytest.approx(10.0**i * math.exp(0.01 * i))
-
-
 @pytest.mark.parametrize("value", [-1.0, 0.0, math.nan, math.inf, 1e30])
 def test_values_outside_are_refused_by_name_and_nothing_is_set(value: float) -> None:
     system = PortHamiltonianSystem(from_paper())

@@ -13,7 +13,6 @@ from junctions import recording as made
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from phnn.chain.amplifiers import imposed_rate
 from phnn.derivatives import output_derivatives
 from phnn.errors import InputRefused, StructureViolated
 from phnn.integrate.equations import check, power_balance
@@ -81,18 +80,6 @@ def motion(size: int = 600) -> Array:
 def relative(error: NDArray[Any], to: NDArray[Any]) -> float:
     """Root mean square away from the ends, of which a spline knows least, over that of a signal."""
     return float(np.linalg.norm(error[5:-5]) / np.linalg.norm(to[5:-5]))
-
-
-def test_the_mean_velocity_of_a_step_is_the_difference_of_the_displacement() -> None:
-    rng = np.random.default_rng(0)
-    nodes, h = rng.standard_normal(9), rng.uniform(0.5, 2.0, 8)
-    fine = np.column_stack([nodes[:-1], rng.standard_normal(8), nodes[1:]])
-    v = imposed_rate(fine, h, 0.0)
-    mean = (v[:, 0] + 4.0 * v[:, 1] + v[:, 2]) / 6.0
-    assert np.allclose(mean, np.diff(nodes) / h, rtol=0, atol=1e-14)
-    # A displacement that is quadratic within the steps has its own velocity.
-    t = np.array([0.0, 0.5, 1.0])
-    assert np.allclose(imposed_rate((3.0 * t**2 - t)[None, :], np.ones(1), 0.0), 6.0 * t - 1.0)
 
 
 def test_the_force_is_the_sum_of_the_efforts() -> None:

@@ -1,20 +1,27 @@
-"""Learned one-ports: passive for every weight, accurate at every magnitude, able to learn what they are for."""
+"""Learned one-ports: passive for every weight, accurate at every magnitude, one function for module and kernel."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
+import mpmath
+import numba
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from networks import shaken
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from phnn.errors import InputRefused
-from phnn.laws import gradient
+from phnn.integrate.cache import compiled as kept
+from phnn.laws import gradient, wide
 from phnn.laws.diverged import LARGEST_WEIGHT
+from phnn.laws.namespace import TINY, sqrt
+from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES, WideLaw
 from phnn.nn import ConvexEnergyMLP, MonotoneMLP, SectorMLP
 
 torch.set_num_threads(1)
@@ -172,3 +179,232 @@ def test_energies_of_the_largest_weights_fit_into_32_bits(seed: int) -> None:
         assert exact.abs().max() > 0.0
         found = law.to(torch.float32).mean_effort(a.float(), b.float()).double()
     assert ((found - exact).abs() <= 1e-4 * exact.abs() + 1e-25).all()
+
+
+TYPICAL = 3e4
+UNITS = 5
+# Where a block of weights begins in the kernel's parameters: before and behind it stands what no law may read.
+FIRST = 3
+
+MODULES: dict[str, Callable[[int], nn.Module]] = {
+    "damping": lambda width: SectorMLP(SCALE, TYPICAL, width),
+    "symmetric_damping": lambda width: SectorMLP(SCALE, TYPICAL, width, symmetric=True),
+    "monotone": lambda width: MonotoneMLP(SCALE, TYPICAL, width),
+    "convex": lambda width: ConvexEnergyMLP(SCALE, TYPICAL, width),
+}
+LAWS: dict[str, WideLaw] = {**WIDE_RESISTORS, **WIDE_STORAGES}
+every = pytest.mark.parametrize("name", LAWS)
+few = settings(max_examples=12, deadline=None)
+shakes = st.tuples(st.integers(0, 10**6), st.floats(0.0, 4.0))
+
+
+def weights_of(module: nn.Module) -> Tensor:
+    return module.weights().detach()  # type: ignore[operator]
+
+
+def arguments(name: str, lowest: int = -12, highest: int = 6) -> list[NDArray[np.float64]]:
+    """Arguments of both signs over many decades; for a storage all kinds of pairs of them."""
+    decades = SCALE * 10.0 ** np.arange(lowest, highest + 1)
+    x = np.concatenate([[0.0], *(m * decades for m in (1.0, -2.3, 4.7, -7.9))])
+    return [x] if name in WIDE_RESISTORS else [np.concatenate([x, x, x]), np.concatenate([x, x[::-1], np.roll(x, 7)])]
+
+
+def evaluate(name: str, given_: list[Any], weights: Any) -> Any:
+    """The law on tensors or arrays."""
+    return wide.evaluated(LAWS[name], weights, *given_)
+
+
+# Compiled laws are global: numba keeps no machine code of closures.
+_damping, _symmetric, _monotone, _convex = (
+    wide.compiled(LAWS[name]) for name in ("damping", "symmetric_damping", "monotone", "convex")
+)
+
+
+def _damping_of(effort, theta, first, count, out):  # type: ignore[no-untyped-def]
+    for n in range(len(out)):
+        out[n] = _damping(effort[n], theta, first, count)
+
+
+def _symmetric_of(effort, theta, first, count, out):  # type: ignore[no-untyped-def]
+    for n in range(len(out)):
+        out[n] = _symmetric(effort[n], theta, first, count)
+
+
+def _monotone_of(effort, theta, first, count, out):  # type: ignore[no-untyped-def]
+    for n in range(len(out)):
+        out[n] = _monotone(effort[n], theta, first, count)
+
+
+def _convex_of(a, b, theta, first, count, out):  # type: ignore[no-untyped-def]
+    for n in range(len(out)):
+        out[n] = _convex(a[n], b[n], theta, first, count)
+
+
+# The compiled laws from code that can neither allocate nor count references, as the kernel is.
+KERNELS: dict[str, Callable[..., Any]] = {
+    name: kept(function, error_model="numpy", _nrt=False)
+    for name, function in {
+        "damping": _damping_of, "symmetric_damping": _symmetric_of, "monotone": _monotone_of, "convex": _convex_of,
+    }.items()
+}  # fmt: skip
+
+
+def compiled(name: str, given_: list[Any], weights: NDArray[Any]) -> NDArray[Any]:
+    """The compiled law at (N,) arguments."""
+    theta = np.concatenate([np.full(FIRST, np.nan), weights, [np.nan]])
+    out = np.empty(len(given_[0]), np.result_type(theta, *given_))
+    KERNELS[name](*given_, theta, FIRST, UNITS, out)
+    return out
+
+
+def size_of_terms(name: str, given_: list[NDArray[np.float64]], weights: Tensor) -> NDArray[np.float64]:
+    """(N,) size of what is summed in the law: its value where all of it has one sign."""
+    if "damping" in name:
+        heights = weights[0].abs() + weights[1:].reshape(-1, 3)[:, 0].abs().sum()
+        return np.abs(given_[0]) * heights.item()
+    ends = [torch.from_numpy(x) for x in given_]
+    return sum(np.abs(evaluate(name, [x] * len(ends), weights).numpy()) for x in ends)
+
+
+@every
+@few
+@given(shakes)
+def test_compiled_values_are_those_of_the_torch_module(name: str, shake: tuple[int, float]) -> None:
+    module, given_ = shaken(MODULES[name](UNITS), *shake), arguments(name)
+    tensors = [torch.from_numpy(x) for x in given_]
+    with torch.no_grad():
+        value = module(*tensors) if name in WIDE_RESISTORS else module.mean_effort(*tensors)  # type: ignore[operator]
+    weights = weights_of(module)
+    bound = 1e-14 * size_of_terms(name, given_, weights)
+    found = compiled(name, given_, weights.numpy())
+    assert (np.abs(found - value.numpy()) <= bound).all()
+    assert (np.abs(evaluate(name, given_, weights.numpy()) - value.numpy()) <= bound).all()
+
+
+@every
+@few
+@given(shakes)
+@example((236926, 4.0))
+def test_complex_step_is_the_slope_of_autograd(name: str, shake: tuple[int, float]) -> None:
+    weights, given_ = weights_of(shaken(MODULES[name](UNITS), *shake)), arguments(name)
+    tensors = [torch.from_numpy(x).clone().requires_grad_(True) for x in given_]
+    slopes = torch.autograd.grad(evaluate(name, tensors, weights).sum(), tensors)
+    for k, slope in enumerate(slopes):
+        moved = [x + TINY * 1j if i == k else x + 0j for i, x in enumerate(given_)]
+        found = compiled(name, moved, weights.numpy() + 0j).imag / TINY
+        # Where a sum changes sign its terms set the scale; their slopes are as large as those elsewhere. A hundredth of
+        # these leaves a sum of many terms 45 units in the last place.
+        scale = np.abs(slope.numpy()) + 1e-2 * np.abs(slope.numpy()).max()
+        assert (np.abs(found - slope.numpy()) <= 1e-12 * scale).all()
+
+
+@every
+@pytest.mark.parametrize(("seed", "size"), [(0, 0.0), (2, 3.0)])
+def test_complex_step_by_every_weight_is_the_slope_of_autograd(name: str, seed: int, size: float) -> None:
+    weights, given_ = weights_of(shaken(MODULES[name](UNITS), seed, size)).requires_grad_(True), arguments(name)
+    values = evaluate(name, [torch.from_numpy(x) for x in given_], weights)
+    expected = torch.stack([torch.autograd.grad(v, weights, retain_graph=True)[0] for v in values]).numpy()
+    theta = weights.detach().numpy()
+    # In units of weight and result: positions enter by differences that may cancel.
+    bound = 1e-12 * size_of_terms(name, given_, weights.detach())
+    for k, weight in enumerate(theta):
+        moved = theta + 0j
+        moved[k] += TINY * 1j
+        found = compiled(name, [x + 0j for x in given_], moved).imag / TINY
+        assert (np.abs((found - expected[:, k]) * weight) <= bound).all()
+    assert (np.abs(expected).max(0) > 0.0).all()
+
+
+def squareplus(y: Any) -> Any:
+    return (y + mpmath.sqrt(4 + y * y)) / 2
+
+
+def logistic(y: Any) -> Any:
+    return (1 + y / mpmath.sqrt(4 + y * y)) / 2
+
+
+def exact_flow(effort: float, weights: NDArray[np.float64]) -> Any:
+    """The flow of a monotone law by its definition."""
+    total = mpmath.mpf(weights[0]) * effort
+    for row in weights[1:].reshape(-1, 9):
+        w0, k0, c0, w1, k1, c1, w2, k2, c2 = map(mpmath.mpf, row)
+        total += w0 * (logistic(k0 * effort + c0) - logistic(c0))
+        total += w1 * (squareplus(k1 * effort - c1) - squareplus(-c1))
+        total -= w2 * (squareplus(-k2 * effort - c2) - squareplus(-c2))
+    return total
+
+
+def exact_energy(x: Any, weights: NDArray[np.float64]) -> Any:
+    """The energy of a convex law by its definition."""
+    total = mpmath.mpf(weights[0]) * x * x / 2
+    for row in weights[1:].reshape(-1, 3):
+        w, k, c = map(mpmath.mpf, row)
+        total += w / k * (squareplus(k * x + c) - squareplus(c) - logistic(c) * k * x)
+    return total
+
+
+@pytest.mark.parametrize(("seed", "size"), [(0, 0.0), (2, 3.0)])
+def test_monotone_law_has_the_digits_of_its_definition(seed: int, size: float) -> None:
+    weights, given_ = weights_of(shaken(MODULES["monotone"](UNITS), seed, size)).numpy(), arguments("monotone")
+    with mpmath.workdps(80):
+        wanted = [float(exact_flow(x, weights)) for x in map(mpmath.mpf, given_[0])]
+    np.testing.assert_allclose(compiled("monotone", given_, weights), wanted, rtol=1e-13)
+
+
+@pytest.mark.parametrize(("seed", "size"), [(0, 0.0), (2, 3.0)])
+def test_energy_and_mean_effort_have_the_digits_of_their_definition(seed: int, size: float) -> None:
+    weights = weights_of(shaken(MODULES["convex"](UNITS), seed, size))
+    start = arguments("convex")[0][:77:3]
+    gaps = [g * s for g in (1e-300, 1e-30, 1e-15, 1e-9, 1e-4, 1e-1, 3.0) for s in (SCALE, -SCALE)]
+    a, b = (m.ravel() for m in np.meshgrid(start, [*gaps, 0.0]))
+    b = a + b
+    with mpmath.workdps(700):
+        energies = {x: exact_energy(mpmath.mpf(x), weights.numpy()) for x in {*a, *b}}
+        slope = {x: mpmath.diff(lambda y: exact_energy(y, weights.numpy()), mpmath.mpf(x)) for x in {*a}}
+        wanted = [
+            float((energies[y] - energies[x]) / (mpmath.mpf(y) - mpmath.mpf(x)) if x != y else slope[x])
+            for x, y in zip(a, b, strict=True)
+        ]
+    found = compiled("convex", [a, b], weights.numpy())
+    assert (np.abs(found - wanted) <= 1e-13 * size_of_terms("convex", [a, b], weights)).all()
+    values = [float(energies[x]) for x in a]
+    np.testing.assert_allclose(a * evaluate("convex", [0.0 * a, a], weights.numpy()), values, rtol=1e-13)
+
+
+@every
+@few
+@given(shakes)
+def test_extreme_arguments_give_finite_values(name: str, shake: tuple[int, float]) -> None:
+    weights, given_ = weights_of(shaken(MODULES[name](UNITS), *shake)).numpy(), arguments(name, -300, 60)
+    assert np.isfinite(compiled(name, given_, weights)).all()
+    for k in range(len(given_)):
+        moved = [x + TINY * 1j if i == k else x + 0j for i, x in enumerate(given_)]
+        slope = compiled(name, moved, weights + 0j).imag / TINY
+        assert np.isfinite(slope).all()
+        if LAWS[name].monotone:
+            assert (slope >= -1e-12 * np.abs(slope).max()).all()
+
+
+@every
+def test_gradients_of_extreme_arguments_are_finite(name: str) -> None:
+    weights = weights_of(shaken(MODULES[name](UNITS), 4, 2.0)).requires_grad_(True)
+    tensors = [torch.from_numpy(x).clone().requires_grad_(True) for x in arguments(name, -300, 60)]
+    gradients = torch.autograd.grad(evaluate(name, tensors, weights).sum(), [weights, *tensors])
+    assert all(bool(torch.isfinite(g).all()) for g in gradients)
+
+
+def test_square_root_and_its_slope_are_the_same_everywhere() -> None:
+    x = 10.0 ** np.arange(-60.0, 61.0, 7.0)
+    call = numba.njit(lambda x: sqrt(x))
+    tensor = torch.from_numpy(x).clone().requires_grad_(True)
+    sqrt(tensor).sum().backward()
+    np.testing.assert_allclose(sqrt(tensor).detach().numpy(), np.sqrt(x), rtol=1e-15)
+    np.testing.assert_allclose(sqrt(x), np.sqrt(x), rtol=1e-15)
+    for n, value in enumerate(x):
+        assert call(value) == sqrt(value) == np.sqrt(value)
+        for function in (sqrt, call):
+            np.testing.assert_allclose(
+                function(complex(value, TINY)).imag / TINY,
+                tensor.grad[n].item(),  # type: ignore[index]
+                rtol=1e-14,
+            )

@@ -3,18 +3,83 @@
 from __future__ import annotations
 
 import json
+import math
 import os
+import re
 import subprocess
 import sys
+from collections.abc import Iterator, Mapping
+from decimal import Decimal
 from pathlib import Path
+from typing import Any
 
 import pytest
-from pages import DOCS, differences, stated
-from real_recordings import folder
 
 from phnn.check import check
 from phnn.configuration import config_folder
 from phnn.recordings import read
+
+_BESIDE = Path(__file__).resolve().parents[3] / "shared" / "recordings"
+
+
+def folder(name: str, file: str) -> Path:
+    """The folder of a public data set; skips the test where its file is absent."""
+    found = Path(os.environ.get("PHNN_RECORDINGS", _BESIDE)) / name
+    if not (found / file).is_file():
+        pytest.skip(f"{found / file} is not there: get it from the source named in configs/recordings/{name}")
+    return found
+
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+QUOTED = "published"
+# A figure on a page may differ by this share from that of a run, for an optimiser stops within its tolerance; or by
+# half a unit of its last digit, because it is rounded.
+TOLERANCE, ROUNDED = 0.02, 0.501
+
+_NUMBER = re.compile(r"[−-]?\d+(?:\.\d+)?")
+_RULE = re.compile(r"^[|\s:-]+$")
+
+
+def stated(page: Path) -> Iterator[tuple[str, str, str]]:
+    """Row, column and text of every cell that states a figure."""
+    heads: list[str] = []
+    for line in page.read_text(encoding="utf-8").splitlines():
+        if not line.startswith("|"):
+            heads = []
+            continue
+        cells = [c.strip().strip("*") for c in line.strip().strip("|").split("|")]
+        if not heads:
+            heads = cells
+        elif not _RULE.match(line) and not cells[0].startswith(QUOTED):
+            yield from ((cells[0], head, c) for head, c in zip(heads[1:], cells[1:], strict=True) if c not in ("", "–"))
+
+
+def differences(page: Path, figures: Mapping[str, Mapping[str, Any]]) -> list[str]:
+    """What a page states otherwise than a run, in words; every cell has to be a figure of the run."""
+    found = []
+    for row, column, text in stated(page):
+        run = figures.get(row, {}).get(column)
+        if run is None:
+            found.append(f"{row}, {column}: the page states {text!r}, the study has no such figure")
+        elif not agrees(text, run):
+            found.append(f"{row}, {column}: the page states {text!r}, the study gives {run!r}")
+    return found
+
+
+def agrees(text: str, run: Any) -> bool:
+    """Whether a cell states a number, a number with its standard error, or a word of a run."""
+    if isinstance(run, str):
+        return text == run
+    values = list(run) if isinstance(run, list | tuple) else [run]
+    numbers = [Decimal(n.replace("−", "-")) for n in _NUMBER.findall(text)]
+    return len(numbers) == len(values) and all(_near(n, float(v)) for n, v in zip(numbers, values, strict=True))
+
+
+def _near(number: Decimal, value: float) -> bool:
+    exponent = number.as_tuple().exponent
+    unit = 10.0 ** int(exponent) if isinstance(exponent, int) else math.nan
+    return abs(float(number) - value) <= max(ROUNDED * unit, TOLERANCE * abs(value))
+
 
 SCRIPT = DOCS.parent / "scripts" / "public.py"
 FILES = {

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from junctions import recording as made
 
 from phnn.configuration import config_folder
 from phnn.derivatives import output_derivatives
@@ -27,11 +28,8 @@ DT = 1e-4
 
 
 def recording(u: np.ndarray, dt: float = DT, name: str = "steps", interpolation: str = "cubic") -> Recording:
-    return Recording(
-        name=name, t=dt * np.arange(u.size), u=u, y=np.zeros(u.size), start=Start("rest", 0.0),
-        interpolation=interpolation, parts=(Part(name, 0, u.size, "identification"),), noise=5e-8,
-        noise_source="stated", noise_correlation=np.ones(1), period=None, channels={}, source=name,
-    )  # fmt: skip
+    t, rest = dt * np.arange(u.size), Start("rest", 0.0)
+    return made(t, u, rest, "identification", name=name, y=0.0 * u, interpolation=interpolation, noise=5e-8)
 
 
 def steps_at(t: np.ndarray, *instants: float) -> np.ndarray:
@@ -167,21 +165,6 @@ def test_a_jump_outside_the_fitted_samples_does_not_stop_the_fit() -> None:
     # The held-out part places its own jump.
     assert not instants_known(found.plan.recordings[0])
     assert evaluate(found.setup, found.plan, {}).over_noise("confirmation") == pytest.approx(1.0, abs=0.15)
-
-
-def test_a_stretch_of_a_recording_knows_no_instants_of_the_whole() -> None:
-    u = steps_at(DT * np.arange(600), 0.01, 0.04)
-    stated = replace(recording(u), instants=np.array([0.2, 0.4]))
-    part = stated.only(slice(300))
-    assert part.instants is None
-    assert unknown_instants(part).size == 1
-
-
-def test_instants_of_another_reconstruction_are_not_taken_for_those_of_this_one() -> None:
-    u = steps_at(DT * np.arange(600), 0.01, 0.04)
-    stale = replace(recording(u), instants=np.array([0.2, 0.4]), interpolation="linear")
-    assert unknown_instants(stale).size == 0
-    assert np.isfinite(simulate(Setup(from_paper()), stale, 1).y).all()
 
 
 def test_jumps_are_placed_where_nothing_rests() -> None:

@@ -19,10 +19,10 @@ from recordings_example import output, play, refused, sine, write, write_sine
 
 from phnn.errors import InputRefused
 from phnn.identification.prepare import prepare
-from phnn.models.network_file import load_network
+from phnn.models.network_file import ready
 from phnn.recordings import describe, read, units
 from phnn.recordings.recording import unrecorded
-from phnn.recordings.units import QUANTITIES, accepted, find_unit, parse_name, stated_by_name, suits
+from phnn.recordings.units import QUANTITIES, find_unit, parse_name, stated_by_name
 from phnn.setup import Setup
 from phnn.trajectory import simulate
 
@@ -253,12 +253,6 @@ def test_names(name: str, parsed: tuple[str, str | None]) -> None:
     assert parse_name(name) == parsed
 
 
-def test_every_quantity_has_a_unit() -> None:
-    for quantity in QUANTITIES:
-        for unit in accepted(quantity).split(" and ")[0].split(", "):
-            assert suits(quantity, unit)
-
-
 def test_tdms_without_its_package_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "a.tdms").write_bytes(b"TDSm")
     monkeypatch.setitem(sys.modules, "nptdms", None)
@@ -320,18 +314,6 @@ def test_prediction_needs_no_output(tmp_path: Path) -> None:
     assert "noise floor" not in describe(campaign)
 
 
-NETWORK = """junctions: {mass: 1}
-elements:
-  q: {type: C, junction: mass, law: spring, parameters: [k], unit: m}
-  p: {type: I, junction: mass, law: capacitor, parameters: [m], unit: kg m/s}
-  damper: {type: R, junction: mass, law: linear, parameters: [b], direction: resistance}
-  force: {type: Se, junction: mass, unit: N}
-parameters:
-  k: {value: 400.0, unit: N/m, positive: true}
-  m: {value: 0.9, unit: kg, positive: true}
-  b: {value: 4.0, unit: N s/m, positive: true}
-output: q
-"""
 STEP = 0.01
 N = np.arange(600)
 FORCE, PLACE = 7.0 * np.sin(1.9 * N * STEP), 31.0 * np.sin(1.9 * N * STEP - 0.3)
@@ -339,12 +321,11 @@ NOISY = PLACE + 0.02 * np.random.default_rng(3).standard_normal(N.size)
 
 
 def rig(folder: Path, text: str, columns: str = "", more: str = "") -> None:
-    """Write a recording of a mass on a spring, its network and its manifest."""
-    (folder / "rig.yaml").write_text(NETWORK)
+    """Write a recording of a mass on a spring and its manifest."""
     if text:
         (folder / "a.csv").write_text(text)
     said = columns or "{input: {column: force_N, unit: N}, output: {column: place_mm, unit: mm}}"
-    (folder / "recordings.yaml").write_text(f"setup: {{network: rig.yaml}}\ncolumns: {said}\n{more}")
+    (folder / "recordings.yaml").write_text(f"setup: {{model: mass_spring_damper}}\ncolumns: {said}\n{more}")
 
 
 def rows(t: np.ndarray, u: np.ndarray, y: np.ndarray, head: str = "time_s,force_N,place_mm", form: str = "%.4f") -> str:
@@ -388,7 +369,7 @@ def test_the_model_is_evaluated_at_the_stamps(tmp_path: Path) -> None:
     rig(tmp_path, rows(t, 7.0 * np.sin(1.9 * t), NOISY, form="%.9f"))
     (r,) = read(tmp_path).recordings
     np.testing.assert_allclose(r.t, t, atol=1e-9)
-    setup = Setup(load_network(tmp_path / "rig.yaml"), name="rig")
+    setup = Setup(ready("mass_spring_damper", {"k": 400.0, "m": 0.9, "b": 4.0}))
     fine = np.linspace(0.0, t[-1], 20 * N.size)
     exact = simulate(setup, unrecorded("fine", fine, 7.0 * np.sin(1.9 * fine)), 2).y
     found = simulate(setup, r, 8).y
@@ -500,7 +481,7 @@ def test_signals_and_experiments_of_matlab_are_found_by_their_names(tmp_path: Pa
     signals = [{"Name": n, "Data": x, "Unit": u} for n, x, u in (("F/1", FORCE, "N"), ("P 2", NOISY, "mm"))]
     scope = {"X": {"Name": "", "Data": N * STEP, "Unit": "s"}, "Y": np.array(signals, dtype=object)}
     scipy.io.savemat(tmp_path / "a.mat", {"rec": scope})
-    said = "setup: {network: rig.yaml}\ncolumns: {input: {column: F/1}, output: {column: P 2}}\n"
+    said = "setup: {model: mass_spring_damper}\ncolumns: {input: {column: F/1}, output: {column: P 2}}\n"
     (tmp_path / "recordings.yaml").write_text(said)
     np.testing.assert_allclose(read(tmp_path).recordings[0].y, 1e-3 * NOISY, rtol=1e-12)
     cells = np.empty(2, dtype=object)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import struct
 import time
-import tracemalloc
 from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -124,17 +123,6 @@ def test_more_tables_than_recordings_are_refused_in_time(tmp_path: Path) -> None
     begin = time.perf_counter()
     refused(tmp_path, "a.csv", "10000 tables")
     assert time.perf_counter() - begin < 5.0
-
-
-@pytest.mark.slow
-def test_a_long_text_of_tables_takes_little_memory(tmp_path: Path) -> None:
-    written(tmp_path, [line for k in range(1, 400) for line in table(k)])
-    source = named_file(tmp_path / "a.csv")
-    tracemalloc.start()
-    found = read_text(source)
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    assert len(found.segments) == 398 and peak < 12 * source.size
 
 
 ARRAYS: dict[str, Any] = {"time_s": T.tolist(), "voltage_V": U.tolist(), "displacement_m": Y.tolist()}

@@ -17,10 +17,8 @@ from phnn.signals.noise import (
     from_one_spectrum,
     from_periods,
     from_rest,
-    longest_hold,
     noise_floor,
 )
-from phnn.signals.sampling import quantisation_step
 
 
 def floor_of(t: np.ndarray, u: np.ndarray, y: np.ndarray) -> NoiseFloor:
@@ -105,19 +103,6 @@ def test_a_transient_is_not_taken_for_noise() -> None:
     assert found.value == pytest.approx(NOISE, rel=0.10)
 
 
-def test_too_few_periods_give_nothing() -> None:
-    _, u = sine(5.0, 75.0, cycles=4)
-    settled = output(u)[400:]
-    assert from_periods(settled, 400.0) is None
-    assert from_periods(settled, 400.0, skip=0) is not None
-
-
-def test_rest_needs_a_hold() -> None:
-    _, u = sine(5.0, 75.0)
-    assert from_rest(u, output(u)) is None
-    assert longest_hold(np.array([1.0, 2.0, 2.0, 2.0, 3.0, 3.0])) == (1, 4)
-
-
 def test_the_middle_of_a_slow_step_response_has_a_constant_input() -> None:
     t = np.arange(50_000) * 1e-3
     u = np.where(t > 1.0, 5.0, 0.0)
@@ -196,13 +181,3 @@ def test_quantisation_is_a_lower_bound() -> None:
     found = floor_of(t, u, y)
     assert found.value == pytest.approx(1e-7 / np.sqrt(12.0), rel=1e-6)
     assert "quantisation" in found.source
-
-
-@pytest.mark.parametrize("step", [1e-9, 2.4414e-8, 1e-6])
-def test_quantisation_step(step: float) -> None:
-    y = np.round(np.random.default_rng(0).normal(0.0, 1e-5, 3000) / step) * step + 3.21e-5
-    assert quantisation_step(y) == pytest.approx(step, rel=1e-4)
-
-
-def test_no_quantisation() -> None:
-    assert quantisation_step(np.random.default_rng(0).normal(0.0, 1e-5, 3000)) == 0.0

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from junctions import recording
 from recordings_example import output, sine, write, write_sine
 from scipy.signal import chirp
 
 from phnn.recordings import describe, read
 from phnn.recordings.excitation import Excitation, excitation_of, find_period
 from phnn.recordings.partition import Candidate, candidate_of, choose, divide
-from phnn.recordings.recording import Part, Recording, Start, unrecorded
+from phnn.recordings.recording import Recording, Start, unrecorded
 
 
 @settings(max_examples=60, deadline=None)
@@ -37,6 +38,8 @@ def test_period_of_periodic_inputs(samples: float, cycles: float, phase: float, 
     ("chirp", chirp(np.arange(5000) / 1000.0, 1.0, 5.0, 40.0)),
     ("broadband", np.random.default_rng(0).normal(size=4000)),
     ("broadband", np.exp(-np.arange(4000) / 900.0) * np.sin(np.arange(4000) / 25.0)), ("constant", np.ones(100)),
+    ("broadband", np.sin(np.arange(4000) / 100.0) + np.sin(57.0 * np.arange(4000) / 4000.0)),
+    ("broadband", np.sin(np.arange(4000) / 20.0) * (1.0 + np.arange(4000) / 8000.0)),
 ])  # fmt: skip
 def test_kinds(kind: str, u: np.ndarray) -> None:
     assert excitation_of(u, 1e-3).kind == kind
@@ -242,6 +245,4 @@ def test_a_recording_of_known_start_always_identifies() -> None:
 
 
 def recorded_input(u: np.ndarray, name: str) -> Recording:
-    t = 1e-3 * np.arange(u.size)
-    parts = (Part(name, 0, u.size, "identification"),)
-    return Recording(name, t, u, 1e-6 * u, Start("unknown"), "cubic", parts, 1e-8, "stated", np.ones(1), None, {}, name)
+    return recording(1e-3 * np.arange(u.size), u, Start("unknown"), "identification", name=name, y=1e-6 * u)

@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import fields, replace
 from functools import cache
+from html.parser import HTMLParser
 from pathlib import Path
 
 import campaigns
@@ -13,7 +14,6 @@ import numpy as np
 import pytest
 from chromium import PROGRAM, chromium
 from chromium import Page as Window
-from report_html import Page
 
 import phnn
 from phnn.diagnose.diagnosis import Diagnosis
@@ -24,6 +24,39 @@ from phnn.report.result import document, write
 from phnn.report.sections import curve_of, notebook, sections
 from phnn.report.statements import LONGEST, causes, consequence, headline, quality, summary
 from phnn.results import file_name
+
+_VOID = {"meta", "img", "br", "path", "use", "link", "hr", "input"}
+
+
+class Page(HTMLParser):
+    """Collects what a browser would fetch, the visible text, the policy, and tags left open."""
+
+    def __init__(self, content: str) -> None:
+        super().__init__()
+        self.fetched: list[str] = []
+        self.tags: list[str] = []
+        self.open: list[str] = []
+        self.policy = ""
+        self.text = ""
+        self.feed(content)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.fetched += [value or "" for name, value in attrs if name in ("src", "href", "srcset", "data")]
+        if dict(attrs).get("http-equiv") == "Content-Security-Policy":
+            self.policy = dict(attrs)["content"] or ""
+        assert not any(name.startswith("on") for name, _ in attrs)
+        if tag not in _VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag not in _VOID:
+            assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if "style" not in self.open:
+            self.text += data
+
 
 _LARGEST = 3_000_000  # bytes of a page
 # Effects that are concealed, and what there is to explain them with; a class is made from a named effect.

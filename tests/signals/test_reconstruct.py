@@ -8,7 +8,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from phnn.errors import InputRefused
-from phnn.signals.reconstruct import METHODS, Reconstruction, find_breaks, find_jumps, mean_input, substep_counts
+from phnn.signals.reconstruct import METHODS, Reconstruction, find_breaks, find_jumps, mean_input
 
 
 def positions(counts: np.ndarray) -> np.ndarray:
@@ -141,19 +141,6 @@ def test_several_jumps_a_staircase_and_none() -> None:
     assert find_jumps(np.sin(0.9 * SAMPLES)).size == 0
     assert find_jumps(np.ones(50)).size == 0
     assert find_jumps(np.array([0.0, 5.0, 0.0])).size == 0
-
-
-def test_more_substeps_follow_a_jump_and_a_start_that_is_one() -> None:
-    u = np.sin(0.02 * np.arange(200.0))
-    assert (substep_counts(u, 0.0, 2) == 2).all()
-    u[100:] += 3.0
-    counts = substep_counts(u, 0.0, 2)
-    assert counts.size == 199
-    # The jump lies in the interval before sample 100.
-    assert (counts[:99] == 2).all()
-    assert (counts[99:110] > 2).all()
-    assert (counts[150:] == 2).all()
-    assert (substep_counts(u + 5.0, 0.0, 2)[:10] > 2).all()
 
 
 def test_short_records_and_an_unknown_method() -> None:

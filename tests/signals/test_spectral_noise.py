@@ -93,17 +93,6 @@ def test_what_follows_the_input_is_no_noise() -> None:
     assert found.interval is not None and "one-step-ahead" in found.source and "order 24" in found.source
 
 
-def test_a_floor_that_repetition_or_rest_gives_stays() -> None:
-    rng = np.random.default_rng(3)
-    t = np.arange(SIZE)
-    u = 50.0 * np.sin(2.0 * np.pi * t / 400.0)
-    floor = noise_floor(u, 1e-6 * u + NOISE * rng.normal(size=SIZE), DT, 0.4)
-    assert floor.interval is None and "period" in floor.source
-    u = np.where(t < 500, 50.0, 0.0)
-    floor = noise_floor(u, 1e-6 * u + NOISE * rng.normal(size=SIZE), DT)
-    assert floor.interval is None and "at rest" in floor.source
-
-
 def test_a_shaft_that_coasts_while_its_input_rests_is_no_noise() -> None:
     t = 0.01 * np.arange(3000)
     u = np.where(t < 2.0, 3.0, 0.0)
@@ -256,30 +245,12 @@ def test_what_lies_below_the_band_is_no_colour() -> None:
     assert stated(settling, above=6.0 / T[-1]).colour == "white"
 
 
-@pytest.mark.parametrize("jitter", [1e-6, 3e-6])
-def test_variance_that_grows_with_the_speed_is_told_as_jitter(jitter: float) -> None:
-    late = jitter * np.random.default_rng(4).standard_normal(COUNT)
-    (note,) = stated(white(5) + SPEED * late).notes
-    assert "grows with the speed" in note
-    assert float(note.split()[5]) == pytest.approx(1e6 * jitter, rel=0.15)
-    # What is as loud at all speeds is no jitter.
-    assert not stated(white(5) + 0.05 * np.median(np.abs(SPEED)) * late).notes
-
-
 def test_steps_beside_the_noise() -> None:
     for step, told in ((2.0 * SIGMA, True), (0.1 * SIGMA, False)):
         y = np.round((1e-5 * np.sin(300.0 * T) + white(6)) / step) * step
         found = stated(y - 1e-5 * np.sin(300.0 * T), step)
         assert any("quantised: steps of 100 nm" in n for n in found.notes) is told
         assert not any("outliers" in n for n in found.notes)
-
-
-def test_heavy_tails_are_outliers() -> None:
-    heavy = SIGMA * np.random.default_rng(7).standard_t(3, COUNT)
-    assert any("outliers" in n for n in stated(heavy).notes)
-    spiked = white(8)
-    spiked[::500] += 12.0 * SIGMA
-    assert any("outliers" in n for n in stated(spiked).notes)
 
 
 def test_what_cannot_be_seen_is_not_told() -> None:

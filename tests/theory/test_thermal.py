@@ -24,8 +24,7 @@ from phnn.laws.leaf import relaxation
 from phnn.models.actuator import hrc
 from phnn.network import ModulatorState, Network, PortHamiltonianSystem
 from phnn.network.checks import decays_of, rates_of
-from phnn.parameters import Parameter
-from phnn.setup import Block, Setup
+from phnn.setup import Setup
 from phnn.trajectory import Trajectory, simulate
 
 Array = NDArray[np.float64]
@@ -188,13 +187,6 @@ def test_the_march_tends_to_the_irreversible_system() -> None:
     # Second order in the displacement, as far as the temperature, which is read half a step late, does not matter.
     assert q_fine < 0.3 * q_coarse
     assert rise_fine == pytest.approx(0.5 * rise_coarse, rel=0.1)
-
-
-def setup() -> Setup:
-    network = warming(FAST | {"T_a": 296.0})
-    network = replace(network, parameters={n: replace(p, fixed=False) for n, p in network.parameters.items()})
-    block = Block("lowpass", ("tau",))
-    return Setup(network).with_block("amplifier", block, (Parameter("tau", 2e-5, positive=True, lower=1e-9),))
 
 
 def test_heat_is_kept_once_and_by_what_dissipates() -> None:

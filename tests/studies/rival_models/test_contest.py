@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from phnn.comparison import models
-from phnn.comparison.models import Settings
 from phnn.configuration import compose
 from phnn.errors import InputRefused, OutputFailed
 from phnn.model import Model
@@ -33,10 +32,6 @@ QUICK = ("starts=1", "workers=1", "budget=1.5")
 def _registered(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(models, "_RIVALS", {})
     register_rivals()
-
-
-def settings(*overrides: str) -> Settings:
-    return Settings.from_config(compose("compare", [*QUICK, *overrides]))
 
 
 def study(out: Path, **changes: object) -> dict[str, object]:
