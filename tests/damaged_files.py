@@ -87,7 +87,8 @@ FILES: dict[str, bytes] = {
     ".mat": made(scipy.io.savemat, COLUMNS),
     "small.mat": made(scipy.io.savemat, COLUMNS, do_compression=True), ".h5": hdf5(COLUMNS),
     ".hdf5": hdf5(COLUMNS), ".json": json.dumps({name: values.tolist() for name, values in COLUMNS.items()}).encode(),
-    "records.json": json.dumps([dict(zip(NAMES, row, strict=True)) for row in STRUCTURED.tolist()]).encode(),
+    "records.json": json.dumps(RECORDS := [dict(zip(NAMES, row, strict=True)) for row in STRUCTURED.tolist()]).encode(),
+    ".jsonl": "\n".join(map(json.dumps, RECORDS)).encode(),
 }  # fmt: skip
 if importlib.util.find_spec("nptdms") is not None:
     FILES[".tdms"] = tdms(COLUMNS)

@@ -308,8 +308,7 @@ def _load_v5(source: Source) -> tuple[Mapping[str, Any], Sequence[Sequence[str]]
 
 # A text takes at most so many times its size while it is read: an object of 32 bytes for each "0,", and itself.
 _TIMES = 20
-# Endings of files with a record in each line.
-LINES = (".jsonl", ".ndjson")
+LINES = ".jsonl"  # a record in each line
 _SHOWN = 40
 _REMEDY = "save it as an object of arrays of equal length, or as a list of records with the same keys"
 
@@ -325,7 +324,7 @@ def read_json(source: Source) -> Table:
     text = read_content(source, LIMITS.json_bytes, "a json recording")
     skipped: list[str] = []
     try:
-        if source.suffix in LINES:
+        if source.suffix == LINES:
             # A record in each line; so many lines as before, for what is told of a line.
             text = "[" + text.strip().replace("\n", ",\n") + "]"
         content = json.loads(text, parse_int=float, object_pairs_hook=each_key_once)

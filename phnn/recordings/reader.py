@@ -30,7 +30,7 @@ from phnn.results import printable
 READERS: Mapping[str, Callable[[Source], Table]] = {
     **dict.fromkeys((".csv", ".tsv", ".dat", ".txt", ".asc", ".lvm"), read_text), ".mat": read_mat,
     **dict.fromkeys((".h5", ".hdf5"), read_hdf5), ".npy": read_npy, ".npz": read_npz, ".tdms": read_tdms,
-    **dict.fromkeys((".json", *LINES), read_json), ".xlsx": read_sheet, ".parquet": read_parquet,
+    **dict.fromkeys((".json", LINES), read_json), ".xlsx": read_sheet, ".parquet": read_parquet,
 }  # fmt: skip
 
 

@@ -14,12 +14,12 @@ import numpy as np
 
 from phnn.errors import InputRefused
 from phnn.intake import LIMITS
-from phnn.recordings.units import find_unit, parse_name, split_unit
+from phnn.recordings.units import find_unit, parse_name, spelled, split_unit
 from phnn.results import listed, printable
 
 # A number with commas; one with a unit behind it.
 _COMMA = re.compile(r"[-+]?\d[\d.]*(,[\d.]+)+([eE][-+]?\d+)?")
-_WITH_UNIT = re.compile(r"[-+]?[\d.]+(?:[eE][-+]?\d+)?\s*([^\s\d.].*)")
+_WITH_UNIT = re.compile(r"\s*([-+]?[\d.]+(?:[eE][-+]?\d+)?)\s*([^\s\d.].*?)\s*")
 REMEDY_COMMA = "write numbers with a point as decimal sign, and none between thousands"
 # The numbers or texts of a column, or what reads them.
 Column = np.ndarray | Callable[[], np.ndarray]
@@ -140,9 +140,9 @@ class Table:
         elif cell.endswith("?"):
             cell, cause = cell[:-1], "a point among numbers with a decimal comma, and may be a thousand times as large"
             remedy = "write all numbers of the file with one decimal sign and without thousands separators"
-        elif (unit := _WITH_UNIT.fullmatch(cell)) and find_unit(unit[1]) is not None:
+        elif (unit := _WITH_UNIT.fullmatch(cell)) and find_unit(unit[2]) is not None:
             cause = "a number with its unit"
-            remedy = f"write numbers alone into the cells, and unit: {unit[1]} for this column in recordings.yaml"
+            remedy = f"write numbers alone into the cells, and unit: {unit[2]} for this column in recordings.yaml"
         elif re.fullmatch(r"[^\W\d]+|[-*.]+", cell):
             mark = f"say missing: [{cell[:40]!r}] for this column in recordings.yaml"
             remedy = f"{remedy}; where it marks a missing value, {mark}"
@@ -161,12 +161,17 @@ _LOOKED_AT, _DAY = 5, 86_400.0
 
 
 def with_stamps(table: Table) -> Table:
-    """Return the table with dates, times of day and stamps counted from 1970 as seconds since the first of a column.
+    """Return the table with dates, times of day and stamps counted from 1970 as seconds since the first of a column,
+    and numbers that each have one unit behind them as numbers with that unit.
 
     A date takes up the time of day beside it. A cell that cannot be read stays a text, which `Table.numbers` refuses.
     """
     columns, names, notes, stamps = list(table.columns), list(table.names), table.notes, table.stamps
+    units = dict(table.units)
     for i, held in enumerate(table.columns):
+        if not callable(held) and names[i] and (measured := _measured(held)) is not None:
+            columns[i], units[names[i]] = measured
+            continue
         later = i + 1 < len(table.columns) and table.columns[i + 1]
         # Of columns without a name, the first of dates is the time.
         if callable(held) or (stamps and not names[i]) or (dates := _dates(held, later, names[i])) is None:
@@ -174,7 +179,23 @@ def with_stamps(table: Table) -> Table:
         columns[i], names[i] = dates[0], names[i] or "date"
         notes = notes if stamps else (*notes, f"{names[i]}: dates, taken as seconds since {dates[1]}")
         stamps = (*stamps, names[i])
-    return replace(table, columns=tuple(columns), names=tuple(names), stamps=stamps, notes=notes)
+    return replace(table, columns=tuple(columns), names=tuple(names), stamps=stamps, notes=notes, units=units)
+
+
+def _measured(column: np.ndarray) -> tuple[np.ndarray, str] | None:
+    """Return the numbers of texts such as `0.2 sec`, and their unit; None where it is not one unit that is known."""
+    if column.dtype.kind not in "OUS" or column.ndim != 1 or not column.size:
+        return None
+    import pandas as pd
+
+    cells = pd.Series(column)
+    if not _all_alike(cells, _WITH_UNIT):
+        return None
+    numbers, units = (part for _, part in cells.astype(str).str.extract(f"^{_WITH_UNIT.pattern}$").items())
+    values, one = pd.to_numeric(numbers, errors="coerce"), units[cells.notna()].unique()
+    if len(one) != 1 or values[cells.notna()].isna().any() or find_unit(one[0]) is None:
+        return None
+    return np.asarray(values.where(cells.notna()), float), spelled(one[0])
 
 
 def _dates(column: np.ndarray, following: Any, name: str) -> tuple[np.ndarray, str] | None:

@@ -39,7 +39,7 @@ _MULTIPLES = {"": 1.0, "m": 1e-3, "u": 1e-6, "n": 1e-9, "k": 1e3}
 _NAME = re.compile(r"^\s*([A-Za-z]+)\s*(?:_(\S+)|[\[(]\s*([^\])]*?)\s*[\])])?\s*$")
 _BRACKETED = re.compile(r"^(.*?)[\s_]*[\[(]\s*([^\])]*?)\s*[\])]\s*$", re.DOTALL)
 # A unit behind a name as people write it beside an axis: `Kraft / N`, `Weg in mm`, `Time, s`.
-_BESIDE = re.compile(r"(?:(.*\S)(?: / ?| in |, )|([^\s/]+)/)\s*(\S+(?: \S+)?)\s*")
+_BESIDE = re.compile(r"(?:(.*\S)(?: / ?| in |, )|([^\s/_]+)/)\s*(\S+(?: \S+)?)\s*")
 # Units of one letter that the end of a column's name may be.
 _SYMBOLS = "smVANCKW"
 # A product such as `kg m2`, with exponents of one digit, so that no power is large; then what it is divided by.

@@ -228,9 +228,10 @@ HOSTILE: dict[str, dict[str, bytes | Callable[[], bytes]]] = {
         "escape.npz": zipped(("\x1b[2J" + VOLTAGE, npy(U))), "64 columns.mat": mat({"data": np.zeros((120, 64))}),
         "structs.mat": mat({"s": COLUMNS}), "many.h5": lambda: hdf5({f"d{i}": 1.0 for i in range(1000)}),
         "escape.h5": hdf5({"\x1b[31mvoltage_V": U})},
+    "numbers that nothing describes": {"rows.mat": mat({"data": TABLE.T})},
     "no numeric variables": {
         "no arrays.npz": zipped(("a.txt", b"1")), "texts.mat": mat({"voltage_V": "none"}),
-        "rows.mat": mat({"data": TABLE.T}), "cells.mat": mat({"data": np.array([[U], [Y]], dtype=object)}),
+        "cells.mat": mat({"data": np.array([[U], [Y]], dtype=object)}),
         "no datasets.h5": hdf5({"g": lambda f: f.create_group("h")})},
     "its numbers take": {
         "terabyte.npz": zipped((VOLTAGE, head("(125000000000,)"))),

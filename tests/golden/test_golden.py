@@ -26,6 +26,7 @@ from golden_subjects import (
 )
 
 import phnn
+from phnn.criteria import Criteria
 
 ROOT = Path(__file__).resolve().parents[2]
 SHARED = ROOT.parent / "shared"
@@ -137,8 +138,9 @@ def test_simulate_every_law_block_and_effect(golden: Answers) -> None:
 
 # --- Scoring ----------------------------------------------------------------------------------------------------------
 
-# A candidate is held from this score on: one that changes nothing has an arbitrary strength, rank and fall.
-_SCORE_HELD = 3.0
+# Candidates are held that a search would fit: what scores less, or falls less of the best one's fall, has a strength,
+# rank and fall that rounding decides, and with it the processor.
+_SCORE_HELD, _FALL_HELD = Criteria().score, 1e-3
 
 
 @pytest.mark.parametrize("name", concealed())
@@ -147,7 +149,9 @@ def test_scores_of_a_stored_fit(golden: Answers, name: str) -> None:
         golden.hold("fits", name, fitted(name).setup.values(), SCORED)
     base = fitted(name, golden.layer("fits")[name])
     scores, where = scores_of(base)
-    candidates = [(f"{i:02d} {c.effect.name}", c) for i, c in enumerate(c for c in scores if c.score > _SCORE_HELD)]
+    least = _FALL_HELD * max((c.fall for c in scores), default=0.0)
+    held = (c for c in scores if c.score > _SCORE_HELD and c.fall > least)
+    candidates = [(f"{i:02d} {c.effect.name}", c) for i, c in enumerate(held)]
     answer = {
         "chi2": base.chi2,
         "falls": {key: c.fall for key, c in candidates},

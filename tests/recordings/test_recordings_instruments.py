@@ -131,10 +131,10 @@ JSON: dict[str, str] = {
     "arrays": json.dumps(ARRAYS),
     "indented": json.dumps(ARRAYS, indent=1),
     "records": json.dumps(RECORDS),
-    "records on lines": "[\n" + ",\n".join(json.dumps(r) for r in RECORDS) + "\n]\n",
-    "records, keys in any order": json.dumps(
-        [dict(reversed(r.items())) if i % 2 else r for i, r in enumerate(RECORDS)]
-    ),
+    "a record in each line": "".join(json.dumps(r) + "\n" for r in RECORDS),
+    "names and rows of a frame": json.dumps({"columns": [*ARRAYS], "data": [list(r.values()) for r in RECORDS]}),
+    "numbered rows of a frame": json.dumps({n: dict(enumerate(column)) for n, column in ARRAYS.items()}),
+    "keys in any order": json.dumps([dict(reversed(r.items())) if i % 2 else r for i, r in enumerate(RECORDS)]),
     "with settings": json.dumps({"rate": 5e3, "by": "me", "range": [[0, 1], [2]], "of": {"x": None}, **ARRAYS}),
     "records with texts": json.dumps([{"at": "12:30", **r} for r in RECORDS]),
 }
@@ -143,7 +143,7 @@ JSON: dict[str, str] = {
 @pytest.mark.parametrize("form", JSON)
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
 def test_json_gives_the_recording(tmp_path: Path, form: str, encoding: str) -> None:
-    (tmp_path / "a.json").write_bytes(JSON[form].encode(encoding))
+    (tmp_path / ("a.jsonl" if "line" in form else "a.json")).write_bytes(JSON[form].encode(encoding))
     (recording,) = read(tmp_path).recordings
     np.testing.assert_allclose(recording.t, T, atol=1e-15)
     np.testing.assert_array_equal(recording.u, U)

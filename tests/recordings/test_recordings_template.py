@@ -154,6 +154,14 @@ def test_jumps_of_time_and_empty_cells_get_their_keys(folder: Path, tmp_path: Pa
     assert campaign.setup["model"] == "mass_spring_damper" and len(campaign.recordings) == 2
 
 
+def test_numbers_with_a_unit_behind_them_are_read(folder: Path, tmp_path: Path) -> None:
+    t, u, y = rows(5.0).T
+    lines = (f"{a:.9g} sec,{b:.9g},{c:.9g}" for a, b, c in zip(t, u, y, strict=True))
+    (folder / "a.csv").write_text("\n".join(["Time,voltage_V,displacement_um", *lines]))
+    np.testing.assert_allclose(read(folder).recordings[0].t, t, rtol=1e-8, atol=1e-12)
+    assert 'time: {column: "Time", unit: s}' in written(folder, tmp_path)[0]
+
+
 def test_channels_along_the_first_axis_are_found(folder: Path, tmp_path: Path) -> None:
     np.savez(folder / "a.npz", data=rows(5.0).T)
     text, campaign = written(folder, tmp_path)
