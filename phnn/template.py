@@ -289,8 +289,8 @@ def _columns(f: Found, actuator: bool) -> list[str]:
     for key, role in ((keys[r], f.roles[r]) for r in keys if r in f.roles):
         guessed = f"; guessed: {' and '.join(role.guessed)}" if role.guessed else ""
         place, called = _place(table, role.column.place), _called(table, role.column.place)
-        empty, note = ", missing: empty", f"; {role.column.missing} cells are empty and left out"
-        mask, note = (empty, note) if role.column.missing and role is f.roles[OUTPUT] else ("", "")
+        masked = role.column.missing if role is f.roles[OUTPUT] else 0
+        mask, note = (", missing: empty", f"; {masked} cells are empty and left out") if masked else ("", "")
         lines.append(f"{key}: {{column: {place}, unit: {role.unit}{mask}}}   # {called}{guessed}{note}")
     calls: dict[str, list[tuple[int, str | None]]] = {}
     for i, name in enumerate(table.names):
@@ -394,14 +394,9 @@ class Look(NamedTuple):
 def look(folder: Path, outside: bool = False) -> Look:
     """Return what the files of a folder look like, whose layout nobody has described.
 
-    Files that phnn cannot read, or not with these guesses, have the reason.
-
-    Args:
-        folder: is only read; a manifest in it is left alone.
-        outside: files in it may lead out of it.
-
-    Raises:
-        InputRefused: there is no such folder, or no file in it that may be a recording.
+    Files that phnn cannot read, or not with these guesses, have the reason. The folder is only read, and a manifest in
+    it is left alone; with ``outside`` its files may lead out of it. Raises InputRefused where there is no such folder,
+    or no file in it that may be a recording.
     """
     checks.folder_exists(folder)
     reader = Files(folder, Manifest(), outside)
@@ -418,10 +413,11 @@ def look(folder: Path, outside: bool = False) -> Look:
     files = [replace(f, name=f.file) if shared[printable(Path(f.file).stem)] > 1 else f for f in files]
     actuator = all(f.actuator for f in files if not f.reason)
     # Numbers that no piezo actuator gives show only when the recordings are read, and so do jumps of the time.
-    kinds = itertools.product([True, False] if actuator else [False], [False, True])
-    tried: list[Look] = []
-    while (pair := next(kinds, None)) and not (tried and all(not f.reason for f in tried[-1].found)):
-        tried.append(_tried(Look(folder, files, others, *pair), outside))
+    refused, tried = sum(bool(f.reason) for f in files), []
+    for kind, jumps in itertools.product([True, False] if actuator else [False], [False, True]):
+        tried.append(_tried(Look(folder, files, others, kind, jumps), outside))
+        if sum(bool(f.reason) for f in tried[-1].found) == refused:
+            break
     return max(tried, key=lambda one: sum(not f.reason for f in one.found))
 
 

@@ -357,8 +357,9 @@ def _columns(content: Any, prefix: str, depth: int, skipped: list[str]) -> Itera
             content = dict(zip(names, map(list, zip(*rows, strict=True)), strict=True))
         for key, value in content.items():
             name = prefix + printable(key[: LIMITS.name_characters])
-            if isinstance(value, dict) and value and all(k.isdecimal() for k in value):
-                value = list(value.values())  # of a pandas frame, too, by the numbers of its rows
+            cells = list(value.values()) if isinstance(value, dict) and all(map(str.isdecimal, value)) else []
+            if cells and all(isinstance(cell, float | None) for cell in cells):
+                value = cells  # of a pandas frame, too, by the numbers of its rows
             if isinstance(value, list) and value and isinstance(value[0], float | None):
                 yield name, _numbers(value, name)
             elif isinstance(value, dict) or (isinstance(value, list) and value and isinstance(value[0], dict)):

@@ -188,14 +188,15 @@ def _measured(column: np.ndarray) -> tuple[np.ndarray, str] | None:
         return None
     import pandas as pd
 
-    cells = pd.Series(column)
-    if not _all_alike(cells, _WITH_UNIT):
+    cells = pd.Series(column).dropna()
+    first = _WITH_UNIT.fullmatch(str(cells.iloc[0])) if cells.size else None
+    if first is None or find_unit(first[2]) is None:
         return None
-    numbers, units = (part for _, part in cells.astype(str).str.extract(f"^{_WITH_UNIT.pattern}$").items())
-    values, one = pd.to_numeric(numbers, errors="coerce"), units[cells.notna()].unique()
-    if len(one) != 1 or values[cells.notna()].isna().any() or find_unit(one[0]) is None:
+    parts = cells.astype(str).str.extract(f"^{_WITH_UNIT.pattern}$")
+    values = pd.to_numeric(parts[0], errors="coerce")
+    if values.isna().any() or (parts[1] != first[2]).any():
         return None
-    return np.asarray(values.where(cells.notna()), float), spelled(one[0])
+    return np.asarray(values.reindex(range(column.size)), float), spelled(first[2])
 
 
 def _dates(column: np.ndarray, following: Any, name: str) -> tuple[np.ndarray, str] | None:

@@ -56,8 +56,8 @@ def numbered(
 
 def tolerance(models: Models, criteria: Criteria = CRITERIA, factor: float = 0.5) -> dict[str, float]:
     """Return ρ by recording with another share of the misfit than a half."""
-    each, floor = numbered(models, {}, criteria).best.fitted.items(), 0.5 * criteria.material**2
-    return {r: max(floor, factor * (m.chi2 / m.samples - criteria.slack)) for r, m in each}
+    best, floor = numbered(models, {}, criteria).best, 0.5 * criteria.material**2
+    return {r: max(floor, factor * (m.chi2 / m.samples - criteria.slack)) for r, m in best.fitted.items()}
 
 
 def _pooled(model: Visited) -> Visited:

@@ -134,6 +134,7 @@ JSON: dict[str, str] = {
     "a record in each line": "".join(json.dumps(r) + "\n" for r in RECORDS),
     "names and rows of a frame": json.dumps({"columns": [*ARRAYS], "data": [list(r.values()) for r in RECORDS]}),
     "numbered rows of a frame": json.dumps({n: dict(enumerate(column)) for n, column in ARRAYS.items()}),
+    "beside numbered channels": json.dumps({**ARRAYS, "channels": {"1": [1.0] * T.size, "2": {"x": [2.0] * T.size}}}),
     "keys in any order": json.dumps([dict(reversed(r.items())) if i % 2 else r for i, r in enumerate(RECORDS)]),
     "with settings": json.dumps({"rate": 5e3, "by": "me", "range": [[0, 1], [2]], "of": {"x": None}, **ARRAYS}),
     "records with texts": json.dumps([{"at": "12:30", **r} for r in RECORDS]),
