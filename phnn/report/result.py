@@ -333,7 +333,7 @@ def _nameless(diagnosis: Diagnosis) -> dict[str, Any]:
     return {
         "effect": "unknown",
         "status": "provisional",
-        "nearest": alike[0][0] if alike else None,
+        "nearest": family(alike[0][0]) if alike else None,
         "probability": None,
         "held_out": None,
         "share_explained": None,

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from phnn.check import Checked, doubts
 from phnn.diagnose.diagnosis import Diagnosis
+from phnn.diagnose.number import family
 from phnn.diagnose.verdict import NAMED, UNKNOWN, Claim
 from phnn.html import table, titled
 from phnn.network.roles import auxiliary
@@ -159,7 +160,7 @@ def _first(diagnosis: Diagnosis, traces: Sequence[Trace]) -> list[Block]:
         shown = drawing(f"error-{trace.name}", title, alt, partial(draw_error, trace))
     bars = needed("probabilities", lambda: [Bar(name, p, likelihood(p)) for name, p in causes(diagnosis)], nothing)
     alike = needed("effects that explain most", lambda: likenesses(diagnosis), nothing) if open_name else []
-    rows = [Bar(words(n), share, f"{100.0 * share:.0f} %") for n, share in alike]
+    rows = [Bar(words(family(e)), share, f"{100.0 * share:.0f} %") for e, share in alike]
     others = [Bars("Share of the excess over the noise that one effect alone explains", rows)] if rows else []
     proposed = needed("next recording", lambda: next_recording(diagnosis), "")
     link: list[Block] = [proposed] if diagnosis.proposal is None else [Link(proposed, WAVEFORM)]

@@ -16,7 +16,7 @@ from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.number import family, is_learned
 from phnn.diagnose.search import material
 from phnn.diagnose.verdict import EQUIVALENT, NAMED, NONE, UNKNOWN, Claim
-from phnn.effects import Plausible
+from phnn.effects import Effect, Plausible
 from phnn.identification.evaluate import Evaluation
 from phnn.parameters import Parameter, quantity
 from phnn.recordings.units import scales_with_forces
@@ -175,9 +175,12 @@ def failure(failed: Mapping[str, Any]) -> str:
 
 
 def _nameless(diagnosis: Diagnosis) -> str:
-    """Return what is missing, by its location; without one where locations are tied."""
-    places = diagnosis.places
+    """Return what is missing, by its location; without one where locations are tied, or where the effect that alone
+    explains most is at another one."""
+    places, alike = diagnosis.places, likenesses(diagnosis)
     if not places or (not diagnosis.claims and len(places) > 1):
+        return "Something is missing"
+    if alike and alike[0][0].location not in places:
         return "Something is missing"
     if places[0] == "mechanical" and location_name(diagnosis, places[0]) == _INSIDE:
         return f"Something is missing {_INSIDE}"
@@ -239,24 +242,25 @@ def causes(diagnosis: Diagnosis) -> list[tuple[str, float]]:
     return [*likely, *beyond, ("nothing is missing", nothing)]
 
 
-def likenesses(diagnosis: Diagnosis) -> list[tuple[str, float]]:
-    """Return the effects that alone explain most, with the share of the excess over the noise that each explains."""
+def likenesses(diagnosis: Diagnosis) -> list[tuple[Effect, float]]:
+    """Return the effects that alone explain most, with the share of the excess over the noise that each explains; of
+    effects of one family, the one that explains most."""
     excess = diagnosis.base.beyond_noise
-    shares: dict[str, float] = {}
-    for model in diagnosis.visited.models:
-        if len(model.elements) == 1 and not is_learned(model.elements[0]) and excess > 0.0:
-            name, share = family(model.elements[0]), (diagnosis.base.cost - model.fit.cost) / excess
-            shares[name] = max(shares.get(name, 0.0), min(share, 1.0))
-    ranked = sorted(shares.items(), key=lambda item: -item[1])
-    return [(name, share) for name, share in ranked if share > 0.0][:_CAUSES]
+    single = [m for m in diagnosis.visited.models if len(m.elements) == 1 and not is_learned(m.elements[0])]
+    best: dict[str, tuple[Effect, float]] = {}
+    for model in sorted(single, key=lambda m: m.fit.cost):
+        share = (diagnosis.base.cost - model.fit.cost) / excess if excess > 0.0 else 0.0
+        if share > 0.0:
+            best.setdefault(family(model.elements[0]), (model.elements[0], min(share, 1.0)))
+    return list(best.values())[:_CAUSES]
 
 
 def acts_like(diagnosis: Diagnosis) -> str:
     """Say what a mismatch without a proven name acts like and by how much, and why no name is proven."""
     like = ""
-    for name, share in likenesses(diagnosis)[:1]:
+    for effect, share in likenesses(diagnosis)[:1]:
         part = f"{100.0 * share:.0f} % of the excess over the noise"
-        like = f"It acts most like {words(name)}, which alone explains {part}. "
+        like = f"It acts most like {words(family(effect))}, which alone explains {part}. "
     if not diagnosis.claims and (nothing := diagnosis.base.nothing_statement()):
         return f"{nothing}."
     if not diagnosis.claims and diagnosis.ended.early:

@@ -236,6 +236,10 @@ def test_where_no_element_helps_one_entry_tells_the_place_and_the_nearest_effect
     assert "It acts most like quadratic drag, which alone explains" in acts_like(bare)
     # Places that are tied are not claimed.
     assert headline(nameless(made("found"), ("sensor",))) == "Something is missing; no name is proven"
+    # Nor is a place where the effect that explains most does not act.
+    assert bare.location is not None
+    elsewhere = replace(bare, location=replace(bare.location, name="sensor"))
+    assert headline(elsewhere) == "Something is missing; no name is proven"
 
 
 def test_a_longer_bar_that_lost_has_its_reason() -> None:
