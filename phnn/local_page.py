@@ -63,7 +63,7 @@ class Work:
 
     def files(self) -> dict[str, Any]:
         """Return every file with its columns, and the manifest that is there or was guessed."""
-        files = [{"file": f.file, "reason": f.reason, "columns": _columns(f)} for f in self.look.found]
+        files = [{"file": f.file, "reason": f.reason, "columns": _columns(f)} for f in self.look.files]
         there = self.manifest.is_file()
         text = self.manifest.read_text("utf-8", "replace") if there else self.look.text()
         roles = [TIME, INPUT, OUTPUT]
@@ -71,7 +71,7 @@ class Work:
 
     def curves(self, file: str) -> dict[str, Any]:
         """Return the columns of a file for a plot: the ends of every column in each of some stretches."""
-        recording = next((f for f in self.look.found if f.file == file and not f.reason), None)
+        recording = next((f for f in self.look.files if f.file == file and not f.reason), None)
         if recording is None:
             raise InputRefused(f"there is no recording {file!r} in {self.look.folder}: choose one of the list")
         return {name: _ends(column.values) for name, column in recording.named.items()}

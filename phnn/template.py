@@ -343,14 +343,14 @@ class Look(NamedTuple):
     """What a folder looks like."""
 
     folder: Path
-    found: Sequence[Found]
+    files: Sequence[Found]
     others: Sequence[str]  # files that are left alone
     actuator: bool  # a piezo actuator was recorded
     jumps: bool = False  # times jump within a file
 
     def text(self) -> str:
         """Return a first manifest; files with a reason are commented out."""
-        usable, shown = [f for f in self.found if not f.reason], _comment(str(self.folder))
+        usable, shown = [f for f in self.files if not f.reason], _comment(str(self.folder))
         lines = [
             f"# A first manifest for {shown}, from what the files look like.",
             "# Correct what is marked as guessed. Save it as recordings.yaml in that folder, or give it by --manifest:",
@@ -378,7 +378,7 @@ class Look(NamedTuple):
                 lines += ["    columns:", *(f"      {line}" for line in columns[i])]
         if usable and len(usable) < _HELD_OUT:
             lines += ["    # add `use: confirmation` to what is to be held out; left out, phnn chooses"]
-        refused = [f for f in self.found if f.reason]
+        refused = [f for f in self.files if f.reason]
         lines += ["", "# These files cannot be used as they are:"] if refused else []
         for f in refused:
             lines += [f"#   - file: {_quoted(f.file)}", f"#     # {_comment(f.reason)}"]
@@ -387,8 +387,8 @@ class Look(NamedTuple):
 
     def picked(self, roles: Mapping[str, tuple[str, str]]) -> Look:
         """Return the same where a person gave the columns of all files their roles, see `with_roles`."""
-        files = [f if f.reason else with_roles(f, roles) for f in self.found]
-        return self._replace(found=files, actuator=all(f.actuator for f in files if not f.reason))
+        files = [f if f.reason else with_roles(f, roles) for f in self.files]
+        return self._replace(files=files, actuator=all(f.actuator for f in files if not f.reason))
 
 
 def look(folder: Path, outside: bool = False) -> Look:
@@ -416,9 +416,9 @@ def look(folder: Path, outside: bool = False) -> Look:
     refused, tried = sum(bool(f.reason) for f in files), []
     for kind, jumps in itertools.product([True, False] if actuator else [False], [False, True]):
         tried.append(_tried(Look(folder, files, others, kind, jumps), outside))
-        if sum(bool(f.reason) for f in tried[-1].found) == refused:
+        if sum(bool(f.reason) for f in tried[-1].files) == refused:
             break
-    return max(tried, key=lambda one: sum(not f.reason for f in one.found))
+    return max(tried, key=lambda one: sum(not f.reason for f in one.files))
 
 
 def write_new(out: Path, content: bytes) -> None:
@@ -442,11 +442,11 @@ def write_new(out: Path, content: bytes) -> None:
 
 def _tried(one: Look, outside: bool) -> Look:
     """Return the same, files with a reason that the reader refuses with the guessed manifest."""
-    usable = [f for f in one.found if not f.reason]
-    if usable and not _refusal(one._replace(found=usable), outside):
+    usable = [f for f in one.files if not f.reason]
+    if usable and not _refusal(one._replace(files=usable), outside):
         return one
-    reasons = [f.reason or _refusal(one._replace(found=[f]), outside) for f in one.found]
-    return one._replace(found=[replace(f, reason=reason) for f, reason in zip(one.found, reasons, strict=True)])
+    reasons = [f.reason or _refusal(one._replace(files=[f]), outside) for f in one.files]
+    return one._replace(files=[replace(f, reason=reason) for f, reason in zip(one.files, reasons, strict=True)])
 
 
 def _refusal(one: Look, outside: bool) -> str:

@@ -227,8 +227,8 @@ def _concluded(search: Search, error: NumericalError, options: Options, account:
     campaign, criteria = search.campaign, search.criteria
     model, base = finished(search), search.visited[frozenset()]
     screened = _screened(search, base)
-    left = screened if model is base else _screened(search, model)
-    remaining = [c for c in left if material(c, model.fit, criteria)]
+    screened_final = screened if model is base else _screened(search, model)
+    remaining = [c for c in screened_final if material(c, model.fit, criteria)]
     nameable = model.left_most <= (criteria.far / criteria.proven) ** 2 and not any(map(is_learned, model.elements))
     if nameable and model.left_most > criteria.explained:
         # Where nothing promises a gain any more, names may be given.
@@ -241,7 +241,7 @@ def _concluded(search: Search, error: NumericalError, options: Options, account:
     weighed = weigh(list(search.visited.values()), criteria, exact)
     outcome = conclude(weighed, model, campaign.held_out_is_new, promising, criteria, early)
     if outcome.word == NONE:
-        model, left = base, screened
+        model, screened_final = base, screened
     search.progress(f"verdict {outcome.word}")
 
     def prepared(part: str, fitted: Fit) -> LinearisedFit:
@@ -277,8 +277,8 @@ def _concluded(search: Search, error: NumericalError, options: Options, account:
     if base.fit is not search.base.fit:
         error = numerical_error(base.fit)
     return Diagnosis(
-        campaign, base.fit, error, weighed, model, outcome, (screened, left), location, location_left, (first, final),
-        before, after, gains, formulas, proposal, residual, options, 0.0, criteria,
+        campaign, base.fit, error, weighed, model, outcome, (screened, screened_final), location, location_left,
+        (first, final), before, after, gains, formulas, proposal, residual, options, 0.0, criteria,
     )  # fmt: skip
 
 
@@ -318,8 +318,8 @@ def _gain(claim: Claim, after: Evaluation, search: Search) -> Gain | None:
 
     def compared() -> Gain | None:
         before = score_on_all(without.fit, search.campaign)
-        own = without.fit.setup.own, search.visited[without.key].fit.setup.own
-        return gain(before, after, search.campaign.recordings, "confirmation", _BLOCKS, own)
+        nuisances = without.fit.setup.own, search.visited[without.key].fit.setup.own
+        return gain(before, after, search.campaign.recordings, "confirmation", _BLOCKS, nuisances)
 
     return needed(f"gain of {claim.effect.name}", compared, None)
 
@@ -334,12 +334,12 @@ def _questions(outcome: Verdict, model: Visited, weighed: Weighed) -> list[Quest
             if m.converged and len(m.elements) == len(model.elements) and m.families != model.families
             and all(e in m.elements for e in others) and m.fit.cost < model.fit.cost + TIE * max(1.0, model.left)
         ]  # fmt: skip
-        own = refitted_rival(claim.effect.name, model.fit, claim.parameters)
-        models = [own]
+        present_model = refitted_rival(claim.effect.name, model.fit, claim.parameters)
+        models = [present_model]
         for rival in rivals[: _RIVALS - 1]:
             other = next(e for e in rival.elements if e not in others)
             models.append(refitted_rival(other.name, rival.fit, other.parameters))
         if len(models) > 1 or not claim.claimed:
             asked.append(Question(tuple(models), "" if claim.claimed else claim.effect.name))
     several = [q for q in asked if len(q.models) > 1]
-    return several or [q for q in asked if q.models[0].own][:1]
+    return several or [q for q in asked if q.models[0].coordinates][:1]

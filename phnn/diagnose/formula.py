@@ -237,7 +237,7 @@ class Formula:
         terms: one or two.
         sizes: (T,) of the terms [N].
         shapes: (S,) numbers of all terms, in order; fixed: which of them were rounded.
-        left: (N,) residual that it leaves, to first order, base parameters moved along.
+        residual: (N,) that it leaves, to first order, base parameters moved along.
         intervals: (S,) ends of the 95 % intervals, before rounding.
     """
 
@@ -245,13 +245,13 @@ class Formula:
     sizes: Array
     shapes: Array
     fixed: tuple[bool, ...]
-    left: Array = field(default_factory=lambda: np.zeros(0))
+    residual: Array = field(default_factory=lambda: np.zeros(0))
     intervals: tuple[tuple[float, float], ...] = ()
 
     @property
     def cost(self) -> float:
         """Return the weighted sum of squares that it leaves."""
-        return float(self.left @ self.left)
+        return float(self.residual @ self.residual)
 
     @property
     def numbers(self) -> int:
@@ -310,7 +310,7 @@ def _of_terms(linearised: LinearisedFit, element: Effect) -> Distilled | None:
 
 def _tie(target: LinearisedFit, formula: Formula) -> float:
     """Return the difference of sums of squares below which two formulas are not told apart."""
-    return tie(replace(target.fit, residual=formula.left))
+    return tie(replace(target.fit, residual=formula.residual))
 
 
 def _response(linearised: LinearisedFit, forces: Force) -> Array:
@@ -422,14 +422,14 @@ def _refined(target: LinearisedFit, formula: Formula) -> Formula:
 
     start = np.clip(np.append(formula.sizes, formula.shapes[free]), np.add(lower, 1e-9), np.subtract(upper, 1e-9))
     result = least_squares(residual, start, jacobian, (lower, upper), x_scale="jac", ftol=_GAIN, max_nfev=_STEPS)
-    return replace(at(result.x), left=residual(result.x))
+    return replace(at(result.x), residual=residual(result.x))
 
 
 def _rounded(target: LinearisedFit, formula: Formula) -> Formula:
     """Return a formula with 95 % intervals of its shapes, everything else free beside them; exponents whose interval
     holds a value with a name have that value, unless more is left then."""
     jacobian = np.hstack([target.fit.jacobian, *_with_slopes(target, formula)])
-    spread = scatter(formula.left, jacobian, target.plan.recordings, target.slices)
+    spread = scatter(formula.residual, jacobian, target.plan.recordings, target.slices)
     mine = slice(jacobian.shape[1] - formula.shapes.size, None)
     deviation = np.sqrt(np.maximum(np.diag(spread.covariance)[mine], 0.0))
     reach = student.ppf(0.5 + 0.5 * _SHARE, spread.freedom[mine]) * deviation

@@ -71,9 +71,9 @@ class LinearisedFit:
 
     def stack(self, outputs: Sequence[Array]) -> Array:
         """Return changes of the outputs, one array a recording, as weighted columns without nuisances."""
-        own = self.fit.setup.own
+        nuisances = self.fit.setup.own
         rows = [
-            without_nuisances(o, r.mask("identification"), r, own, hidden) / r.noise
+            without_nuisances(o, r.mask("identification"), r, nuisances, hidden) / r.noise
             for o, r, hidden in zip(outputs, self.plan.recordings, self.hidden, strict=True)
         ]
         return np.concatenate(rows)
@@ -82,15 +82,15 @@ class LinearisedFit:
     def hidden(self) -> list[NDArray[np.bool_] | None]:
         """By recording the samples that sit at a limit of the sensor while the model lies beyond it: their residual is
         zero. None where the sensor has no limit."""
-        found: list[NDArray[np.bool_] | None] = []
+        by_recording: list[NDArray[np.bool_] | None] = []
         for r, rows in zip(self.plan.recordings, self.slices, strict=True):
             if not r.sensor.is_limited:
-                found.append(None)
+                by_recording.append(None)
                 continue
             hidden, mask = r.sensor.at_limit(r.y) != 0, r.mask("identification")
             hidden[mask] &= self.fit.residual[rows] == 0.0
-            found.append(hidden & mask)
-        return found
+            by_recording.append(hidden & mask)
+        return by_recording
 
     @cached_property
     def coarse_outputs(self) -> list[Array]:

@@ -105,13 +105,13 @@ class Spectrum(NamedTuple):
         rows: (B,) which of them.
         power: (B,) in units of half its mean under noise as stated.
         level: (B,) the same around each frequency, as the residual shows it.
-        beside: (B,) whether the recording tells a line from harmonics of what drives it.
+        off_harmonics: (B,) whether the recording tells a line from harmonics of what drives it.
     """
 
     rows: slice
     power: Array
     level: Array
-    beside: NDArray[np.bool_]
+    off_harmonics: NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -142,8 +142,8 @@ class Spectra:
             without: number of a recording that is left out, unless it is the only one.
         """
         some = [s for i, s in enumerate(self.each) if i != without] or self.each
-        return self.added(lambda s: s.power * s.beside, some), self.added(
-            lambda s: np.where(s.beside, _FREEDOM, 0.0), some
+        return self.added(lambda s: s.power * s.off_harmonics, some), self.added(
+            lambda s: np.where(s.off_harmonics, _FREEDOM, 0.0), some
         )
 
     def around(self, lines: Sequence[float]) -> tuple[Array, Array]:
@@ -151,7 +151,7 @@ class Spectra:
         beside harmonics of what drives it."""
         at = np.searchsorted(self.f, [f for f in lines if self.f.size and self.f[0] <= f <= self.f[-1]])
         shown = [(s, i - s.rows.start) for s in self.each for i in at if s.rows.start <= i < s.rows.stop]
-        values = [(s.power[i], s.level[i]) for s, i in shown if s.beside[i]]
+        values = [(s.power[i], s.level[i]) for s, i in shown if s.off_harmonics[i]]
         power, level = np.array(values).reshape(-1, 2).T
         return power, level
 
@@ -175,20 +175,20 @@ def spectra_of(residuals: Sequence[Array], recordings: Sequence[Recording], resp
 
 def _spectrum(residual: Array, recording: Recording, f: Array, response: Response) -> Spectrum:
     n, dt = residual.size, recording.dt
-    own = np.asarray(np.fft.rfftfreq(_PADDING * n, dt), dtype=np.float64)
+    frequencies = np.asarray(np.fft.rfftfreq(_PADDING * n, dt), dtype=np.float64)
     power = 2.0 / n * np.abs(np.fft.rfft(residual, _PADDING * n)) ** 2
     rows = slice(*(int(i) for i in np.searchsorted(f, [_PERIODS / (n * dt) * (1.0 - 1e-12), _HIGHEST / dt])))
     stated = density_of(recording.noise_correlation, dt * f[rows])
-    shape = force_noise(residual, dt, response).at(dt * own)
+    shape = force_noise(residual, dt, response).at(dt * frequencies)
     # The mean of the cells around each frequency, those in the middle left out.
     sizes = ((_AROUND, _AROUND * _PADDING + 1), (-_FILLED, _FILLED * _PADDING + 1))
     level = sum(cells / _CELLS * uniform_filter1d(power / shape, size, mode="reflect") for cells, size in sizes)
-    shown, around = (np.interp(f[rows], own, x) / stated for x in (power, shape * level))
+    shown, around = (np.interp(f[rows], frequencies, x) / stated for x in (power, shape * level))
     driven = dominant_frequency(recording)
-    beside = np.ones(shown.shape, dtype=bool)
+    off_harmonics = np.ones(shown.shape, dtype=bool)
     if driven * n * dt > _PERIODS:
-        beside = np.abs(f[rows] - driven * np.round(f[rows] / driven)) * n * dt > 1.0
-    return Spectrum(rows, shown, around, beside)
+        off_harmonics = np.abs(f[rows] - driven * np.round(f[rows] / driven)) * n * dt > 1.0
+    return Spectrum(rows, shown, around, off_harmonics)
 
 
 def _strongest(power: Array, freedom: Array) -> int:
@@ -253,7 +253,7 @@ def wavelengths(linearised: LinearisedFit) -> list[float]:
     return [_PADDED * (most - least) / float(at[i]) for i in clearest]
 
 
-def own_score(linearised: LinearisedFit, own: Own, spectra: Spectra) -> tuple[float, float]:
+def own_score(linearised: LinearisedFit, nuisances: Own, spectra: Spectra) -> tuple[float, float]:
     """Return normal deviates of the residual's power along the recordings' nuisances, out of the noise as stated and as
     the residual has it; zero where no recording can show them.
 
@@ -263,7 +263,7 @@ def own_score(linearised: LinearisedFit, own: Own, spectra: Spectra) -> tuple[fl
     """
     setup, recordings, slices = linearised.fit.setup, linearised.plan.recordings, linearised.slices
     columns = [
-        without_nuisances(own_columns(r, own), r.mask("identification"), r, setup.own, hidden)
+        without_nuisances(own_columns(r, nuisances), r.mask("identification"), r, setup.own, hidden)
         for r, hidden in zip(recordings, linearised.hidden, strict=True)
     ]
     parts = [np.linalg.svd(c, full_matrices=False)[:2] for c in columns]
@@ -278,14 +278,14 @@ def own_score(linearised: LinearisedFit, own: Own, spectra: Spectra) -> tuple[fl
     q = linearised.project(alone) @ (vectors[:, free] / np.sqrt(left_over[free]))
     count, residuals = q.shape[1], [linearised.residual[rows] for rows in slices]
     noise, stated = noise_spectra(residuals, recordings), float(np.mean(stated_variances(recordings, slices, q)))
-    left = np.sum([s.covariance(q[rows]) for s, rows in zip(noise, slices, strict=True)], axis=0)
-    saved, excess = float(np.sum((q.T @ linearised.residual) ** 2) / stated), max(np.trace(left) / count / stated, 1.0)
+    cov = np.sum([s.covariance(q[rows]) for s, rows in zip(noise, slices, strict=True)], axis=0)
+    saved, excess = float(np.sum((q.T @ linearised.residual) ** 2) / stated), max(np.trace(cov) / count / stated, 1.0)
     deviate = _deviate(saved, count)
-    if own.drift_terms > setup.own.drift_terms:
+    if nuisances.drift_terms > setup.own.drift_terms:
         judged, known = _deviate(saved / excess, count), degrees_of_freedom(noise, slices, q)
         if chi2.sf(known * excess, known) <= _CONTRADICTED:
             # It is compared with the few lowest ordinates, and the variances along it differ (Satterthwaite 1946).
-            along = float(np.trace(left) ** 2 / np.sum(left**2))
+            along = float(np.trace(cov) ** 2 / np.sum(cov**2))
             judged = min(judged, _normal(float(f_distribution.logsf(saved / excess / count, along, known))))
         return deviate, judged
     # A line raises the spectrum that it is compared with; a slow drift does not, it is slower than that spectrum.
@@ -295,7 +295,7 @@ def own_score(linearised: LinearisedFit, own: Own, spectra: Spectra) -> tuple[fl
         # Such a spectrum is one band.
         total += forced.by_band(q[rows])[0]
     judged = _deviate(saved / max(excess, float(np.mean(total)) / stated), count)
-    power, level = spectra.around([f for f in own.lines if f not in setup.own.lines])
+    power, level = spectra.around([f for f in nuisances.lines if f not in setup.own.lines])
     if power.size:
         judged = min(judged, _normal(float(_over_level(np.mean(_ratio(power, level)), _FREEDOM * power.size))))
     return deviate, judged
@@ -312,8 +312,8 @@ def line_share(linearised: LinearisedFit) -> float:
         lines = [k * spectra.f[_strongest(power, freedom)] for k in _HARMONICS]
         columns = line_columns(recording, lines)[recording.mask("identification")]
         if columns.shape[1] and freedom.max() > 0.5:
-            left = np.linalg.qr(columns)[0].T @ linearised.residual[rows]
-            saved += float(left @ left) - left.size
+            components = np.linalg.qr(columns)[0].T @ linearised.residual[rows]
+            saved += float(components @ components) - components.size
     return max(saved, 0.0)
 
 
@@ -325,11 +325,11 @@ def drift_share(linearised: LinearisedFit) -> float:
     saved = 0.0
     for recording, rows in zip(linearised.plan.recordings, linearised.slices, strict=True):
         columns = drift_columns(recording, DRIFT_TERMS)[recording.mask("identification")]
-        columns, left = np.column_stack([np.ones(columns.shape[0]), columns]), linearised.residual[rows]
-        odd = (np.arange(left.size) * 4 * columns.shape[1] // left.size) % 2 == 1
+        columns, error = np.column_stack([np.ones(columns.shape[0]), columns]), linearised.residual[rows]
+        odd = (np.arange(error.size) * 4 * columns.shape[1] // error.size) % 2 == 1
         for fitted in (odd, ~odd):
-            weights = np.linalg.lstsq(columns[fitted], left[fitted], rcond=_RANK)[0]
-            saved += float(left[~fitted] @ left[~fitted] - np.sum((left[~fitted] - columns[~fitted] @ weights) ** 2))
+            weights = np.linalg.lstsq(columns[fitted], error[fitted], rcond=_RANK)[0]
+            saved += float(error[~fitted] @ error[~fitted] - np.sum((error[~fitted] - columns[~fitted] @ weights) ** 2))
     return max(saved, 0.0)
 
 
@@ -360,8 +360,8 @@ def degrees_of_freedom(spectra: Sequence[NoiseSpectrum], slices: Sequence[slice]
     total = doubt = 0.0
     # Recordings may share a spectrum: the errors of its bands are common to them.
     for spectrum in {id(s): s for s in spectra}.values():
-        own = [rows for s, rows in zip(spectra, slices, strict=True) if s is spectrum]
-        variances = np.sum([spectrum.by_band(columns[rows]).sum(axis=1) for rows in own], axis=0)
+        its_slices = [rows for s, rows in zip(spectra, slices, strict=True) if s is spectrum]
+        variances = np.sum([spectrum.by_band(columns[rows]).sum(axis=1) for rows in its_slices], axis=0)
         total, doubt = total + float(variances.sum()), doubt + float(np.sum(variances**2 / spectrum.freedom))
     return total**2 / max(doubt, 1e-300)
 

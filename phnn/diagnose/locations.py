@@ -338,11 +338,11 @@ def _responses_of(trajectory: Trajectory, linearised: LinearisedFit, measured: b
     owners: dict[str, list[int]] = {FORCE: [], PARAMETER: [], OUTPUT: []}
     forces, varied, outputs = [], [], []
     # Places that not every system has: hysterons, a transducer, an amplifier whose command was recorded.
-    here = {"amplifier": not measured, "hysteron": hysterons(network), "coupling": ratios(network)}
-    here |= {"electrical": here["hysteron"], "thermal": here["coupling"]}
+    present = {"amplifier": not measured, "hysteron": hysterons(network), "coupling": ratios(network)}
+    present |= {"electrical": present["hysteron"], "thermal": present["coupling"]}
     for index, group in enumerate(GROUPS):
         functions = group.functions(trajectory, scales)
-        if not here.get(group.kind.location, True):
+        if not present.get(group.kind.location, True):
             functions = np.zeros_like(functions)
         names = group.varied(network) if group.enters == PARAMETER else [""]
         owners[FORCE if group.enters == VOLTAGE else group.enters] += [index] * functions.shape[1] * len(names)
@@ -416,8 +416,8 @@ def _generalisation(linearised: LinearisedFit, columns: Array) -> Callable[[NDAr
     columns = linearised.project(columns)
     folds = []
     for rows in _folds(linearised.slices):
-        design, left = np.hstack([base[rows], columns[rows]]), r[rows]
-        folds.append((design.T @ design, design.T @ left, float(left @ left)))
+        design, residual = np.hstack([base[rows], columns[rows]]), r[rows]
+        folds.append((design.T @ design, design.T @ residual, float(residual @ residual)))
 
     def error(use: NDArray[np.int64], ridge: float) -> float:
         """Return the sum of squares on the left-out folds, each predicted from all others."""

@@ -84,7 +84,7 @@ class Experiment:
 
     Attributes:
         kind: its name on the menu.
-        told: what to tell the generator beside duration and rate.
+        settings: of the generator beside duration and rate.
         stretches: of the input, one after the other from 0 s on.
         rate: samples per second.
         units: of input and output.
@@ -92,7 +92,7 @@ class Experiment:
     """
 
     kind: str
-    told: str
+    settings: str
     stretches: tuple[Stretch, ...]
     rate: float
     units: Units
@@ -106,7 +106,7 @@ class Experiment:
     @property
     def words(self) -> str:
         """Return all that is needed to make it."""
-        return f"{self.kind}: {self.told}; {quantity(self.duration, 's')} in all, {self.rate:.6g} samples/s"
+        return f"{self.kind}: {self.settings}; {quantity(self.duration, 's')} in all, {self.rate:.6g} samples/s"
 
     @property
     def t(self) -> Array:
@@ -141,12 +141,12 @@ def menu(linearised: LinearisedFit) -> tuple[Experiment, ...]:
     v, slow, middle = map(_three, (scales.voltage, 0.2 * scales.slowest, math.sqrt(scales.slowest * scales.fastest)))
     each = _PERIODS_A_STEP / middle
     rising = [_three(scales.voltage * (i + 1) / _STEPS) for i in range(_STEPS)]
-    told = f"{_PERIODS_A_STEP} periods of {middle:g} Hz at each of the amplitudes {', '.join(map(volts, rising))}"
+    settings = f"{_PERIODS_A_STEP} periods of {middle:g} Hz at each of the amplitudes {', '.join(map(volts, rising))}"
     sweep = tuple(Stretch(i * each, (i + 1) * each, lines=((a, middle, 0.0),)) for i, a in enumerate(rising))
     smooth = (
         _sine(linearised, "slow sine", v, slow, 3, rate(3.0 / slow)),
         _near_resonance(linearised),
-        Experiment("amplitude sweep", told, sweep, rate(_STEPS * each), recording.units),
+        Experiment("amplitude sweep", settings, sweep, rate(_STEPS * each), recording.units),
         _multisine(linearised),
     )
     if is_displacement(linearised.fit.setup, recording):
@@ -156,12 +156,12 @@ def menu(linearised: LinearisedFit) -> tuple[Experiment, ...]:
     held = min(rate(1.6 * long), 2_000.0)
     up, off, end = (round(x * held) / held for x in (0.1 * long, 1.1 * long, 1.6 * long))
     before, on, after = (quantity(x, "s") for x in (up, off - up, end - off))
-    told = f"0 for {before}, a step to {volts(v)} held for {on}, back to 0 for {after}"
+    settings = f"0 for {before}, a step to {volts(v)} held for {on}, back to 0 for {after}"
     hold = (Stretch(0.0, up), Stretch(up, off, v), Stretch(off, end))
     # About half the largest input, even and odd effects no longer look alike.
     level, amplitude = _three(0.6 * scales.voltage), _three(0.4 * scales.voltage)
     offset = _sine(linearised, "offset sine", amplitude, middle, 10, rate(10.0 / middle), level)
-    return (Experiment("hold", told, hold, held, recording.units, "zero_order"), *smooth, offset)
+    return (Experiment("hold", settings, hold, held, recording.units, "zero_order"), *smooth, offset)
 
 
 def resonance(setup: Setup) -> float | None:
@@ -194,9 +194,9 @@ def _sine(
     """Return whole periods of a sine about a level."""
     units = linearised.plan.recordings[0].units
     about = f" about {quantity(level, units.input)}, with a step to it" if level else ""
-    told = f"{periods} periods of {frequency:.6g} Hz at {quantity(amplitude, units.input)} amplitude{about}"
+    settings = f"{periods} periods of {frequency:.6g} Hz at {quantity(amplitude, units.input)} amplitude{about}"
     stretch = Stretch(0.0, periods / frequency, level, ((amplitude, frequency, 0.0),))
-    return Experiment(kind, told, (stretch,), rate, units)
+    return Experiment(kind, settings, (stretch,), rate, units)
 
 
 def _near_resonance(linearised: LinearisedFit) -> Experiment:
@@ -234,11 +234,11 @@ def _multisine(linearised: LinearisedFit) -> Experiment:
     turned = np.angle(np.exp(1j * (phases + 2.0 * np.pi * first * orders * begin)))
     lines = tuple((amplitude, f, p) for f, p in zip((first * orders).tolist(), turned.tolist(), strict=True))
     units, stretch = linearised.plan.recordings[0].units, Stretch(0.0, _REPEATS / first, lines=lines)
-    told = (
+    settings = (
         f"{_REPEATS} periods of {quantity(unit.end, 's')} with lines of {quantity(amplitude, units.input)} each at "
         f"{', '.join(f'{f:g}' for _, f, _ in lines)} Hz, phases {', '.join(f'{p:.2f}' for _, _, p in lines)} rad"
     )
-    return Experiment("multisine", told, (stretch,), rate, units)
+    return Experiment("multisine", settings, (stretch,), rate, units)
 
 
 @dataclass(frozen=True, eq=False)
@@ -250,14 +250,14 @@ class Rival:
         fit: around which it is linear.
         variables: everything that the recordings leave open, also what they do not identify: its K coordinates.
         known: (M, K) rows ``J`` with ``‖J δ‖²`` the rise of their sum of squares when its coordinates move by ``δ``.
-        own: which of the K coordinates belong to the element in question.
+        coordinates: which of the K belong to the element in question.
     """
 
     name: str
     fit: Fit
     variables: Variables
     known: Array
-    own: tuple[int, ...]
+    coordinates: tuple[int, ...]
 
 
 @dataclass(frozen=True)
@@ -345,14 +345,14 @@ def propose(questions: Sequence[Question], linearised: LinearisedFit) -> NextExp
 
     def merit(figures: Sequence[Array]) -> tuple[int, float]:
         each = np.concatenate(figures)
-        told = each[each >= needed]
-        return told.size, float(told.min() if told.size else each.min())
+        sufficient = each[each >= needed]
+        return sufficient.size, float(sufficient.min() if sufficient.size else each.min())
 
     experiment, figures = max(able, key=lambda item: merit(item[1]))
-    told, separation = merit(figures)
+    pair_count, separation = merit(figures)
     if np.concatenate(figures).max() < _NOTHING + (0.0 if several else 1.0):
         return None
-    groups = [_told_apart(q, apart, needed if told else 0.0) for q, apart in zip(several, figures, strict=False)]
+    groups = [_told_apart(q, apart, needed if pair_count else 0.0) for q, apart in zip(several, figures, strict=False)]
     return NextExperiment(
         experiment=experiment,
         aim="separate" if several else "measure",
@@ -379,14 +379,14 @@ def foreseen(questions: Sequence[Question], recording: Recording) -> list[Array]
         made[id(model.fit)] = trajectory.y, model.variables.columns(model.fit.setup, recording, raw)
     mask, figures = recording.mask("identification"), []
     for models in (q.models for q in questions):
-        owns = [m.fit.setup.own for m in models]
-        own = Own(tuple(dict.fromkeys(f for o in owns for f in o.lines)), max(o.drift_terms for o in owns))
+        each = [m.fit.setup.own for m in models]
+        nuisances = Own(tuple(dict.fromkeys(f for o in each for f in o.lines)), max(o.drift_terms for o in each))
         outputs, moved = zip(
-            *([without_nuisances(x, mask, recording, own) / recording.noise for x in made[id(m.fit)]] for m in models),
-            strict=True,
-        )
+            *([without_nuisances(x, mask, recording, nuisances) / recording.noise for x in made[id(m.fit)]]
+              for m in models), strict=True,
+        )  # fmt: skip
         if len(models) == 1:
-            figures.append(np.array([shrinkage(moved[0], models[0].known, models[0].own)]))
+            figures.append(np.array([shrinkage(moved[0], models[0].known, models[0].coordinates)]))
             continue
         pairs = combinations(range(len(models)), 2)
         apart = [min(left(outputs[a] - outputs[b], moved[i], models[i].known) for i in (a, b)) for a, b in pairs]
@@ -406,24 +406,24 @@ def left(difference: Array, moved: Array, known: Array) -> float:
     return float(np.linalg.norm(wanted - basis @ (basis.T @ wanted)))
 
 
-def shrinkage(moved: Array, known: Array, own: Sequence[int]) -> float:
+def shrinkage(moved: Array, known: Array, coordinates: Sequence[int]) -> float:
     """Return ``(det P_ee / det P'_ee)^{1/2m}``, as the module says.
 
     Args:
-        moved: (N, K) ``S``; known: (M, K) ``J``; own: which ``m`` of the K coordinates are ``e``.
+        moved: (N, K) ``S``; known: (M, K) ``J``; coordinates: which ``m`` of the K are ``e``.
     """
     sizes = []
     for rows in (known, np.concatenate([known, moved])):
-        root = np.linalg.inv(np.linalg.qr(rows, mode="r"))[list(own)]
+        root = np.linalg.inv(np.linalg.qr(rows, mode="r"))[list(coordinates)]
         sizes.append(np.linalg.slogdet(root @ root.T)[1])
-    return math.exp((sizes[0] - sizes[1]) / (2.0 * len(own)))
+    return math.exp((sizes[0] - sizes[1]) / (2.0 * len(coordinates)))
 
 
 def _told_apart(question: Question, apart: Array, least: float) -> tuple[str, ...]:
     """Return the names of the models that are told from another one by a separation of at least ``least``."""
     pairs = zip(combinations(question.models, 2), apart, strict=True)
-    told = {m.name for pair, s in pairs if s >= least for m in pair}
-    return tuple(dict.fromkeys(m.name for m in question.models if m.name in told))
+    names = {m.name for pair, s in pairs if s >= least for m in pair}
+    return tuple(dict.fromkeys(m.name for m in question.models if m.name in names))
 
 
 def _why_it_separates(questions: Sequence[Question], apart: Sequence[Array], needed: float) -> str:
@@ -438,12 +438,12 @@ def _why_it_separates(questions: Sequence[Question], apart: Sequence[Array], nee
                 f"The element {_words(question.element)} has no proven name: in its place {others} explains these "
                 "recordings nearly as well. "
             )
-    told = [pair for pair in pairs if pair[1] >= needed]
-    pair, s = min(told or pairs, key=lambda item: item[1])
-    least = " least: by" if len(told) > 1 else " by"
-    again = math.ceil((needed / s) ** 2) if s > 0.0 and not told else 0
+    separated = [pair for pair in pairs if pair[1] >= needed]
+    pair, s = min(separated or pairs, key=lambda item: item[1])
+    least = " least: by" if len(separated) > 1 else " by"
+    again = math.ceil((needed / s) ** 2) if s > 0.0 and not separated else 0
     often = f": make it {again} times" if 0 < again < _OFTEN else ""
-    rest = [name for name, value in pairs if told and value < needed]
+    rest = [name for name, value in pairs if separated and value < needed]
     but = f" It does not tell apart {'; '.join(rest)}." if rest else ""
     return (
         f"{competing}With their parameters refitted as far as the recordings at hand allow, the models of {pair} "

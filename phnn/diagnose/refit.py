@@ -64,25 +64,25 @@ def further(fitted: Fit, evaluations: int, plan: Plan) -> Fit:
     def onwards() -> Fit:
         return resumed(fit(fitted.setup, used, fitted.variables.names, fitted.held, evaluations, _NEAR, fitted))
 
-    found = attempt("further steps", onwards, fitted)
-    return found if finer or found.cost < fitted.cost else fitted
+    later_fit = attempt("further steps", onwards, fitted)
+    return later_fit if finer or later_fit.cost < fitted.cost else fitted
 
 
-def converged(fitted: Fit, plan: Plan, held: Mapping[str, str], own: Sequence[str], brief: bool = False) -> Fit | None:
+def converged(fitted: Fit, plan: Plan, held: Mapping[str, str], keep: Sequence[str], brief: bool = False) -> Fit | None:
     """Return the fit carried to its end on a plan; None where it cannot be simulated there.
 
     Args:
         plan: recordings and sub-steps of the search.
         held: what the base model holds, and why.
-        own: parameters of the elements, which are estimated in any case.
+        keep: parameters of the elements, which are estimated in any case.
         brief: a few steps instead, where there is no time left.
     """
 
     def steps(begun: Fit, used: Plan, far: float) -> Fit:
         tolerance, most = _NEAR if begun.chi2 < _CLOSE else far, _BRIEF if brief else _LAST
-        found = fit_identified(begun.setup, used, stated_only(held), most, begun, own, tolerance)
+        later_fit = fit_identified(begun.setup, used, stated_only(held), most, begun, keep, tolerance)
         # What comes near the noise on the way goes on with the tolerance that holds there.
-        return steps(found, used, far) if found.chi2 < _CLOSE <= begun.chi2 and not brief else found
+        return steps(later_fit, used, far) if later_fit.chi2 < _CLOSE <= begun.chi2 and not brief else later_fit
 
     def to_the_end() -> Fit:
         # Where the sum of squares is rough, larger steps are found with a quarter of the sub-steps.
@@ -90,8 +90,8 @@ def converged(fitted: Fit, plan: Plan, held: Mapping[str, str], own: Sequence[st
         if brief:
             return steps(fitted, plan, _FAR)
         if coarse.size == plan.size:
-            return released(resumed(steps(fitted, plan, _FAR)), own)
-        return steps(released(resumed(steps(fitted, coarse, _FAR)), own), plan, _WHOLE)
+            return released(resumed(steps(fitted, plan, _FAR)), keep)
+        return steps(released(resumed(steps(fitted, coarse, _FAR)), keep), plan, _WHOLE)
 
     return attempt("refit to the end", to_the_end, None)
 
@@ -116,19 +116,19 @@ def rebuilt(base: Fit, plan: Plan, evaluations: int, wanted: Wanted) -> Fit | No
     def build() -> Fit:
         setups = [begun(values) for values in wanted.starts]
         setup = min(setups, key=lambda s: coarse_cost(s, plan)) if len(setups) > 1 else setups[0]
-        own = [n for e in wanted.elements for n in e.parameters]
-        return fit_identified(setup, plan, stated_only(base.held), evaluations, base, own, _FAR)
+        keep = [n for e in wanted.elements for n in e.parameters]
+        return fit_identified(setup, plan, stated_only(base.held), evaluations, base, keep, _FAR)
 
     return attempt("refit without an element", build, None)
 
 
 def _steps_from(base: Fit, plan: Plan, effect: Effect, values: Mapping[str, float], evaluations: int) -> Fit:
     begun, origin = _begun(base, plan, effect, values)
-    own = [n for n in effect.parameters if not begun.parameters[n].fixed]
+    added = [n for n in effect.parameters if not begun.parameters[n].fixed]
     if effect.strengths:
-        begun, touched = started(begun, plan, [*base.variables.names, *own], effect.strengths, origin)
-        own = [n for n in own if n in touched]
-    names = [*base.variables.names, *own]
+        begun, touched = started(begun, plan, [*base.variables.names, *added], effect.strengths, origin)
+        added = [n for n in added if n in touched]
+    names = [*base.variables.names, *added]
     return fit(begun, plan, names, base.held, evaluations, origin=origin)
 
 
@@ -168,11 +168,11 @@ def _adjusted(base: Fit, begun: Setup, plan: Plan) -> tuple[float, Setup, Fit]:
     for share in _SHARES if z.size else ():
         there = z + share * np.clip(step, -_LONGEST, _LONGEST)
         try:
-            left = residual(there)
+            after = residual(there)
         except SolverFailed:
             continue
-        if left @ left < best @ best:
-            best, z = left, there
+        if after @ after < best @ best:
+            best, z = after, there
             break
     return float(best @ best), base.variables.setup(begun, z), moved(z)
 
@@ -194,8 +194,8 @@ def started(
     jacobian, residual = problem.jacobian(start), problem.residual(start)
     touched = np.any(jacobian != 0.0, axis=0)
     least, most = problem.variables.bounds(setup)
-    own = touched & np.array([n in strengths for n in names] + [False] * (start.size - len(names)))
-    reach = np.where(own, np.inf, _LONGEST)
+    is_strength = touched & np.array([n in strengths for n in names] + [False] * (start.size - len(names)))
+    reach = np.where(is_strength, np.inf, _LONGEST)
     lower, upper = np.maximum(least - start, -reach), np.minimum(most - start, reach)
     used = touched & (lower < upper)
     # The same problem in a small square.
@@ -205,8 +205,8 @@ def started(
     cost = float(residual @ residual)
     for share in _SHARES:
         z = start + share * step
-        room = np.minimum(_FAINT * float(np.abs(z[own]).max(initial=0.0)), 0.5 * (most - least))
-        z[own] = np.clip(z, least + room, most - room)[own]
+        room = np.minimum(_FAINT * float(np.abs(z[is_strength]).max(initial=0.0)), 0.5 * (most - least))
+        z[is_strength] = np.clip(z, least + room, most - room)[is_strength]
         # Initial states stay with the origin of the fit.
         z[len(names) :] = start[len(names) :]
         try:
@@ -237,7 +237,7 @@ def clamped(effect: Effect, setup: Setup, values: Mapping[str, float]) -> Setup:
 class _Strong:
     """What an effect of some strength leaves: its square, and how far its change is from the wanted size."""
 
-    left: float
+    cost: float
     off: float
     values: dict[str, float]
 
@@ -250,7 +250,7 @@ def large_starts(model: LinearisedFit, effect: Effect) -> list[dict[str, float]]
     """
     signs = (1.0,) if effect.one_sided else (1.0, -1.0)
     tried = [_strong(model, effect, p, sign) for p in effect.grid(model.scales) for sign in signs]
-    ranked = sorted((s for s in tried if s is not None), key=lambda s: s.left)
+    ranked = sorted((s for s in tried if s is not None), key=lambda s: s.cost)
     return [s.values for s in ranked[:_LARGE]]
 
 
@@ -286,10 +286,10 @@ def _strong(model: LinearisedFit, effect: Effect, point: Mapping[str, float], si
 
 def _stronger(effect: Effect, point: Mapping[str, float], sign: float) -> list[dict[str, float]]:
     """Return the values of the effect at a point of its grid, ever stronger, as far as they can be."""
-    found = [dict(point)]
+    points = [dict(point)]
     for strength in _STRENGTHS:
         values = effect.scaled(point, sign * strength)
-        if values == found[-1]:
+        if values == points[-1]:
             break
-        found.append(values)
-    return found[1:]
+        points.append(values)
+    return points[1:]

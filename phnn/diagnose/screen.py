@@ -109,11 +109,11 @@ class Screen:
         # Lines and drifts have no direction that is common to all recordings.
         alone = [e for e in able if e.searched is not None or _is_of_recordings(e, model)]
         waves = [e for e in able if e.wavelength]
-        found: list[Candidate] = attempt("scores of lines", lambda: self._of_recordings(model, alone), [])
-        found += attempt("scores of waves", lambda: self._of_waves(model, waves), [])
+        candidates: list[Candidate] = attempt("scores of lines", lambda: self._of_recordings(model, alone), [])
+        candidates += attempt("scores of waves", lambda: self._of_waves(model, waves), [])
         ordinary = [e for e in able if e not in alone and e not in waves]
-        found += self._along(model, [d for d in map(self._directions, ordinary) if d is not None])
-        return sorted(found, key=lambda c: -c.fall)
+        candidates += self._along(model, [d for d in map(self._directions, ordinary) if d is not None])
+        return sorted(candidates, key=lambda c: -c.fall)
 
     def _of_recordings(self, model: LinearisedFit, effects: Sequence[Effect]) -> list[Candidate]:
         """Return the lines and drifts that take something material from the residual.
@@ -121,7 +121,7 @@ class Screen:
         A line, whose amplitude and phase each recording has of its own, is scored out of what lies beside it in the
         spectrum, and so is the line of one source whose frequency is searched there.
         """
-        spectra, found = model.spectra, []
+        spectra, candidates = model.spectra, []
         for effect in effects:
             points = effect.grid(model.scales)
             if effect.searched is not None:
@@ -134,13 +134,13 @@ class Screen:
                 both = {n: float(sum(w * v[n] for w, v in zip(weights, placed, strict=True))) for n in points[0]}
                 scored = [(stated, judged, both | {effect.searched: frequency})]
             else:
-                owns = [(v, effect.add_to(model.fit.setup, v).own) for v in points]
-                owns = [(v, own) for v, own in owns if _taken(own, model) > self.criteria.material**2]
-                scored = [(*own_score(model, own, spectra), v) for v, own in owns]
+                each = [(v, effect.add_to(model.fit.setup, v).own) for v in points]
+                each = [(v, nuisances) for v, nuisances in each if _taken(nuisances, model) > self.criteria.material**2]
+                scored = [(*own_score(model, nuisances, spectra), v) for v, nuisances in each]
             if scored:
                 stated, judged, values = max(scored, key=lambda s: s[:2])
-                found.append(Candidate(effect, values, stated**2, judged, stated**2 / model.residual.size))
-        return found
+                candidates.append(Candidate(effect, values, stated**2, judged, stated**2 / model.residual.size))
+        return candidates
 
     def _of_waves(self, model: LinearisedFit, effects: Sequence[Effect]) -> list[Candidate]:
         """Return each learned wave with its most promising period of the few that stand out of the residual."""
@@ -173,14 +173,14 @@ class Screen:
         )
         free = squares.sum(axis=0) > _FREE * np.maximum(raw, 1e-300)
         owner = _owners(blocks, model.slices)
-        found = []
+        candidates = []
         for directions, first, last in zip(known, edges[:-1], edges[1:], strict=True):
             mine = slice(int(first), int(last))
             if directions.bounds is not None:
-                found.append(self._together(model, directions, share[:, mine], blocks, owner))
+                candidates.append(self._together(model, directions, share[:, mine], blocks, owner))
             elif free[mine].any():
-                found.append(_best_point(directions, along[:, mine], squares[:, mine], free[mine], owner))
-        return found
+                candidates.append(_best_point(directions, along[:, mine], squares[:, mine], free[mine], owner))
+        return candidates
 
     def _directions(self, effect: Effect, length: float = 0.0) -> _Directions | None:
         """Return the directions of a candidate, computed where they are not known.
@@ -228,10 +228,10 @@ class Screen:
         square = np.asarray(np.linalg.qr(np.column_stack([columns, model.residual]), mode="r"))
         strengths = lsq_linear(square[:, :-1], square[:, -1], (bounds[0], bounds[1]), method="bvls").x
         along, squares = _by_blocks(columns @ strengths, model.residual, blocks)
-        found = _candidate(directions.effect, directions.points[0], along, squares, 1.0, owner)
+        candidate = _candidate(directions.effect, directions.points[0], along, squares, 1.0, owner)
         # Several strengths take more of pure noise than one.
-        tail = chi2.logsf(max(found.fall, 0.0), columns.shape[1])
-        return replace(found, score=min(found.score, max(0.0, float(-ndtri_exp(min(tail, -1e-12))))))
+        tail = chi2.logsf(max(candidate.fall, 0.0), columns.shape[1])
+        return replace(candidate, score=min(candidate.score, max(0.0, float(-ndtri_exp(min(tail, -1e-12))))))
 
 
 def _is_of_recordings(effect: Effect, model: LinearisedFit) -> bool:
@@ -240,29 +240,29 @@ def _is_of_recordings(effect: Effect, model: LinearisedFit) -> bool:
     return bool(effect.add_to(setup, effect.grid(model.scales)[0]).own != setup.own)
 
 
-def _taken(own: Own, model: LinearisedFit) -> float:
+def _taken(nuisances: Own, model: LinearisedFit) -> float:
     """Return the mean square that terms of every recording take from the residual."""
     rows = zip(model.plan.recordings, model.slices, strict=True)
-    left = sum(float(np.sum(_beside(model.fit.residual[s], r, own) ** 2)) for r, s in rows)
-    return (model.fit.cost - left) / model.fit.residual.size
+    cost = sum(float(np.sum(_beside(model.fit.residual[s], r, nuisances) ** 2)) for r, s in rows)
+    return (model.fit.cost - cost) / model.fit.residual.size
 
 
-def _beside(residual: Array, recording: Recording, own: Own) -> Array:
+def _beside(residual: Array, recording: Recording, nuisances: Own) -> Array:
     """Return the residual (N,) of a recording's fitted samples without the terms that are its own."""
     mask = recording.mask("identification")
     values = np.zeros(mask.size)
     values[mask] = residual
-    return without_nuisances(values, mask, recording, own)
+    return without_nuisances(values, mask, recording, nuisances)
 
 
 def _blocks(slices: Sequence[slice]) -> list[slice]:
     """Return some twenty blocks of neighbouring samples of each recording, none of them very short."""
-    found = []
+    blocks = []
     for rows in slices:
         count = min(_BLOCKS, max(1, (rows.stop - rows.start) // _SAMPLES))
         edges = np.linspace(rows.start, rows.stop, count + 1).round().astype(int)
-        found += [slice(int(a), int(b)) for a, b in itertools.pairwise(edges)]
-    return found
+        blocks += [slice(int(a), int(b)) for a, b in itertools.pairwise(edges)]
+    return blocks
 
 
 def _owners(blocks: Sequence[slice], slices: Sequence[slice]) -> Array:
@@ -292,8 +292,8 @@ def _best_point(
     best = int(np.argmax(falls))
     values = effect.scaled(directions.points[best], float(strengths[best]))
     strength = float(strengths[best]) if falls[best] > 0.0 else 0.0
-    found = _candidate(effect, values, along[:, best], squares[:, best], strength, owner)
-    return replace(found, tries=len(directions.points))
+    candidate = _candidate(effect, values, along[:, best], squares[:, best], strength, owner)
+    return replace(candidate, tries=len(directions.points))
 
 
 def _candidate(

@@ -156,10 +156,10 @@ class Search:
         """Return a model of a fit, with its χ² in each recording."""
         base, recordings = self.base.fit.setup.own, fitted.plan.recordings
         each = [(r.name, fitted.residual[rows]) for r, rows in zip(recordings, fitted.slices, strict=True)]
-        left = {name: Misfit(float(r @ r), r.size) for name, r in each}
+        misfits = {name: Misfit(float(r @ r), r.size) for name, r in each}
         terms = sum(own_size(r, fitted.setup.own) - own_size(r, base) for r in recordings)
         predicted = held_out(fitted, self.campaign, self.plan.finest, self.begun)
-        return Visited(tuple(elements), fitted, left, predicted, terms, done)
+        return Visited(tuple(elements), fitted, misfits, predicted, terms, done)
 
     def visit(self, model: Visited) -> Visited:
         """Keep a model, unless a better fit of the same elements is known; returns the one that is kept."""
@@ -362,8 +362,8 @@ def _with_new_hysterons(search: Search, trial: Visited) -> Visited:
     stated = {n: values[n] for n in search.base.fit.held if n in values}
     starts = random_starts(linear, search.plan, count, stated, _ANEW, search.seed)
     wanted = [Wanted(trial.elements, [values | s.values() | linear.values()]) for s in starts]
-    found = _rebuilt(search, wanted, f"{trial.words} with new hysterons", search.criteria.short)
-    best = min(found, key=lambda t: t.fit.cost, default=None)
+    trials = _rebuilt(search, wanted, f"{trial.words} with new hysterons", search.criteria.short)
+    best = min(trials, key=lambda t: t.fit.cost, default=None)
     return trial if best is None else _while_the_best_falls(search, _onwards(search, [best]))[0]
 
 
@@ -431,25 +431,25 @@ def _fits(search: Search, work: Callable[[Any], Fit | None], items: Sequence[Any
 
 def _further_forms(search: Search, trial: Visited) -> list[Visited]:
     """Return the trial with one more copy of its last element, and with two, as long as each of them pays."""
-    found: list[Visited] = []
+    extensions: list[Visited] = []
     while True:
-        last = found[-1] if found else trial
-        own = family(last.elements[-1])
-        copies = [e for e in search.effects if e.after and family(e) == own and e.can_be_added_to(last.fit.setup)]
-        if not copies or late(f"one more {own} in {trial.words}"):
-            return found
+        last = extensions[-1] if extensions else trial
+        name = family(last.elements[-1])
+        copies = [e for e in search.effects if e.after and family(e) == name and e.can_be_added_to(last.fit.setup)]
+        if not copies or late(f"one more {name} in {trial.words}"):
+            return extensions
         search.visit(last)
         candidates = _screened(search, last, copies)
         if not candidates or candidates[0].fall < search.criteria.material**2 * last.fit.residual.size:
-            return found
+            return extensions
         first, plan = candidates[0], search.plan.coarse()
         best = short(last.fit, plan, first.effect, [first.values], search.criteria.further)
         if best is None:
-            return found
-        found.append(search.model((*last.elements, first.effect), best))
-        weighed = weigh([*search.visited.values(), found[-1]], search.criteria)
-        if weighed.behind(found[-1]) > weighed.behind(search.visited[last.key]):
-            return found
+            return extensions
+        extensions.append(search.model((*last.elements, first.effect), best))
+        weighed = weigh([*search.visited.values(), extensions[-1]], search.criteria)
+        if weighed.behind(extensions[-1]) > weighed.behind(search.visited[last.key]):
+            return extensions
 
 
 def _drop_each(search: Search, model: Visited, elements: Sequence[Effect]) -> None:
@@ -568,8 +568,8 @@ def finished(search: Search) -> Visited:
 
 def carry_beside(search: Search, model: Visited, effects: Sequence[Effect]) -> None:
     """Carry to its end what was tried beside a model: before that, held-out recordings cannot deny it."""
-    beside = [search.visited.get(key_of((*model.elements, e))) for e in effects]
-    todo = [m for m in beside if m is not None and not m.converged]
+    extensions = [search.visited.get(key_of((*model.elements, e))) for e in effects]
+    todo = [m for m in extensions if m is not None and not m.converged]
     if todo and not late(part := f"fits beside {model.words} to their end"):
         move(part, partial(_converge, search, todo), None)
 

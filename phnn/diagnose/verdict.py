@@ -265,8 +265,8 @@ def conclude(
         if applies:
             word = rule.word
             break
-    told = () if word == NONE else tuple(_with_status(c, word, new, model, criteria) for c in claims)
-    return Verdict(word, probability, told, tuple(asked))
+    final_claims = () if word == NONE else tuple(_with_status(c, word, new, model, criteria) for c in claims)
+    return Verdict(word, probability, final_claims, tuple(asked))
 
 
 def _complete(weighed: Weighed, model: Visited, remaining: int, criteria: Criteria) -> float:
@@ -307,17 +307,17 @@ def _claim(
     proven: Sequence[tuple[str, ...]], base: Visited,
 ) -> Claim:  # fmt: skip
     effect, *copies = elements
-    own = family(effect)
+    name = family(effect)
     rest = tuple(e for e in model.elements if e not in elements)
     without = next((m for m in weighed.models if m.key == key_of(rest)), None)
-    rest_families = set(model.families) - {own}
-    others = {f for families in proven for f in families if set(families) - {f} == rest_families} - {own}
+    rest_families = set(model.families) - {name}
+    others = {f for families in proven for f in families if set(families) - {f} == rest_families} - {name}
     holders = [e for m in weighed.models for e in m.elements if family(e) in others and not is_learned(e)]
     alike = {family(e): e for e in reversed(holders)}
     ranked = sorted(alike, key=lambda n: -probability[n])
-    status = LIKELY if weighed.probability.get(own, 0.0) >= _HALF else PROVISIONAL
+    status = LIKELY if weighed.probability.get(name, 0.0) >= _HALF else PROVISIONAL
     return Claim(
-        effect, status, probability.get(own, 0.0), tuple(alike[n] for n in ranked), without,
+        effect, status, probability.get(name, 0.0), tuple(alike[n] for n in ranked), without,
         _share(model, without or base), tuple(copies),
     )  # fmt: skip
 

@@ -86,8 +86,8 @@ class Chain:
     def __call__(self, setup: Setup, parameters: Placed) -> Setup:
         for block in self.blocks:
             names = block.parameters or tuple(parameters)
-            own = tuple(parameters[n] for n in names)
-            setup = setup.with_block(self.stage, Block(block.kind, names), own)
+            block_parameters = tuple(parameters[n] for n in names)
+            setup = setup.with_block(self.stage, Block(block.kind, names), block_parameters)
         return setup
 
 

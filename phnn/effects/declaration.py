@@ -84,10 +84,10 @@ def in_own_units(unit: str, setup: Setup) -> str:
     units = {s.name: s.unit for s in network.storages}
     sensed = next((effort_unit(p.unit) for p in network.ports if p.name == network.senses), units[network.output])
     source = network.ports[0].unit if network.ports else "V"
-    for text, own in (("{sensed}", sensed), ("V", source)):
+    for text, replacement in (("{sensed}", sensed), ("V", source)):
         if text in unit:
-            plain = unit.replace(f"/{text}^2", "").replace(f"/{text}", "") if own == "1" else unit
-            return plain.replace(text, own).replace("/s/s", "/s²")
+            plain = unit.replace(f"/{text}^2", "").replace(f"/{text}", "") if replacement == "1" else unit
+            return plain.replace(text, replacement).replace("/s/s", "/s²")
     moved = units.get("q", "m")
     effort = effort_unit(f"{moved}/s")
     if moved == "m" or effort == "1":

@@ -139,14 +139,14 @@ _LOSS = 0.1
 def heating_grid(scales: Scales) -> list[dict[str, float]]:
     """Heating times as shares of the longest recording; a change of the ratio by about one per mille."""
     power = _LOSS * scales.stiffness * scales.displacement * scales.velocity
-    found = []
+    points = []
     for share in (0.05, 0.3, 2.0):
         tau = share * scales.duration
         # Temperature rise at the end of the recording.
         warmth = power * min(tau, scales.duration) / _CAPACITY
         others = {"R_T": tau / _CAPACITY, "C_T": _CAPACITY, "T_a": _AMBIENT, "T_s": 1.0}
-        found.append({"kappa_T": _CHANGE / warmth} | others)
-    return found
+        points.append({"kappa_T": _CHANGE / warmth} | others)
+    return points
 
 
 def heats_nothing_yet(setup: Setup) -> bool:

@@ -209,11 +209,11 @@ def rescale_hysteron(values: Mapping[str, float], factor: float) -> dict[str, fl
 def weakened(values: Mapping[str, float]) -> dict[str, float]:
     """Return the hysterons of a model at a hundredth of their strength, so that another form of hysteresis can take
     their place."""
-    found = {}
+    parameters = {}
     for name in _names(values):
         weak = rescale_hysteron({f"{kind}_x": values[f"{kind}_{name}"] for kind in ("C", "rho", "d")}, 0.0)
-        found.update({f"{key[:-2]}_{name}": value for key, value in weak.items()})
-    return found
+        parameters.update({f"{key[:-2]}_{name}": value for key, value in weak.items()})
+    return parameters
 
 
 def equivalents(values: Mapping[str, float]) -> list[dict[str, float]]:

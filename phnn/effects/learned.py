@@ -56,8 +56,8 @@ def named(declared: Iterable[Declared]) -> tuple[str, ...]:
 
 def stiffness_of(setup: Setup) -> float:
     """Stiffness of the base model [N/m], 1 if it has none: the scale of learned forces."""
-    found = setup.parameters.get("k")
-    return found.value if found is not None and found.value > 0.0 else 1.0
+    stiffness = setup.parameters.get("k")
+    return stiffness.value if stiffness is not None and stiffness.value > 0.0 else 1.0
 
 
 def sized(parameters: Placed, typical: float) -> dict[str, Parameter]:
@@ -349,11 +349,11 @@ def relax(setup: Setup, parameters: Placed) -> Setup:
     """
     typical = _RELAXATION_NOTICEABLE * stiffness_of(setup)
     least = NEARLY_ZERO * typical
-    own = {
+    bounded_parameters = {
         n: p if p.fixed else replace(p, value=max(p.value, least), lower=least)
         for n, p in sized(parameters, typical).items()
     }
-    return _RELAXATION_PARTS(setup, own)
+    return _RELAXATION_PARTS(setup, bounded_parameters)
 
 
 def relaxation_grid(scales: Scales) -> list[dict[str, float]]:

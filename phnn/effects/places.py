@@ -83,8 +83,8 @@ class Roles:
         return _relabelled(setup, lambda n: self._name(self.elements, n), lambda n: self._name(self.parameters, n))
 
     def _role(self, pairs: Pairs, name: str) -> str:
-        for role, own in pairs:
-            if own == name:
+        for role, known_name in pairs:
+            if known_name == name:
                 return role
         if name not in self.taken and name.endswith(self._ending):
             return name.removesuffix(self._ending)
@@ -94,7 +94,7 @@ class Roles:
     def _name(self, pairs: Pairs, role: str) -> str:
         if role.startswith(_ELSEWHERE):
             return role.removeprefix(_ELSEWHERE)
-        return next((own for known, own in pairs if known == role), None) or self.added(role)
+        return next((known_name for known, known_name in pairs if known == role), None) or self.added(role)
 
 
 def roles_of(network: Network, motion: Motion | None) -> Roles:
@@ -131,11 +131,11 @@ def values_by_role(network: Network) -> dict[str, float]:
 
 def _once(pairs: list[tuple[str, str]]) -> Pairs:
     """Return the pairs without repeated names or roles."""
-    found: dict[str, str] = {}
+    by_role: dict[str, str] = {}
     for role, name in pairs:
-        if name not in found.values():
-            found.setdefault(role, name)
-    return tuple(found.items())
+        if name not in by_role.values():
+            by_role.setdefault(role, name)
+    return tuple(by_role.items())
 
 
 def _relabelled(setup: Setup, element: Label, parameter: Label) -> Setup:
@@ -167,20 +167,20 @@ def attached(effect: Effect, setup: Setup) -> list[Effect]:
     Args:
         setup: without any effect; elements that effects have added have no role of their own.
     """
-    found = motions(setup.network)
-    places = found[1:] if effect.location in _AT_EVERY_MOTION else ()
-    measured = found[0] if found else None
+    all_motions = motions(setup.network)
+    places = all_motions[1:] if effect.location in _AT_EVERY_MOTION else ()
+    measured = all_motions[0] if all_motions else None
     at = [roles_of(setup.network, motion) for motion in (measured, *places)]
     return [e for roles in at for e in _as_often_as_it_may(effect, roles)]
 
 
 def _as_often_as_it_may(effect: Effect, roles: Roles) -> list[Effect]:
     """Return all copies of an effect that may act at one place; each requires the previous one."""
-    found = [_at(effect, roles)]
+    copies = [_at(effect, roles)]
     for which in _FURTHER[: effect.at_most - 1]:
-        one = _at(effect, replace(roles, which=which))
-        found.append(replace(one, name=f"{which} {found[0].name}", which=which, after=found[-1].parameters, forms=()))
-    return found
+        e = _at(effect, replace(roles, which=which))
+        copies.append(replace(e, name=f"{which} {copies[0].name}", which=which, after=copies[-1].parameters, forms=()))
+    return copies
 
 
 def place_of(effect: Effect, network: Network) -> str:
@@ -269,5 +269,5 @@ class _Translated:
     roles: Roles
 
     def __call__(self, given: Scales | Values, *further: float) -> Any:
-        found = self.law(self.roles.by_role(given) if isinstance(given, Mapping) else given, *further)
-        return self.roles.by_name(found) if isinstance(found, Mapping) else [self.roles.by_name(v) for v in found]
+        values = self.law(self.roles.by_role(given) if isinstance(given, Mapping) else given, *further)
+        return self.roles.by_name(values) if isinstance(values, Mapping) else [self.roles.by_name(v) for v in values]

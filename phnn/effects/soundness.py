@@ -197,8 +197,8 @@ def grid(effect: Effect, home: Home) -> None:
 def structure(effect: Effect, home: Home) -> None:
     """The network stays port-Hamiltonian; active parts lie outside it or are declared as energy sources."""
     setup = effect.add_to(home.setup, point(effect, home))
-    found = faults(setup, home)
-    _require(effect, not found, f"with it {', and '.join(found)}: use laws that keep the structure")
+    defects = faults(setup, home)
+    _require(effect, not defects, f"with it {', and '.join(defects)}: use laws that keep the structure")
     inside = setup.network != home.setup.network
     outside = bool(setup.amplifier or setup.sensor or setup.own != home.setup.own)
     _require(effect, inside != outside, "it adds nothing, or acts inside and outside the network: make two effects")
@@ -213,9 +213,9 @@ def structure(effect: Effect, home: Home) -> None:
 def strength(effect: Effect, home: Home) -> None:
     """It changes the output, and changes it less at smaller strength."""
     values = point(effect, home)
-    own = effect.add_to(home.setup, values).own != home.setup.own
+    is_nuisance = effect.add_to(home.setup, values).own != home.setup.own
     moved = [_change(effect, values, home)]
-    if own:
+    if is_nuisance:
         # The amplitudes and phases of lines and the drift of a sensor are nuisances: they do not change the simulation.
         _require(effect, moved[0] == 0.0, "it is a nuisance of each recording, but changes the simulation")
         return

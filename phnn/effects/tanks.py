@@ -47,9 +47,9 @@ OVERFLOW = Effect(
 
 def spills(setup: Setup, parameters: Placed) -> Setup:
     """``Q += r max(C Δp − V_s, 0)`` beside the pipe into the measured tank: a resistor that opens above a head."""
-    found = _pipe(setup.network)
-    assert found is not None
-    pipe, above = found
+    connection = _pipe(setup.network)
+    assert connection is not None
+    pipe, above = connection
     return with_rim(setup, "spill_over", above, pipe.on, parameters)
 
 

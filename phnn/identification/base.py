@@ -360,12 +360,12 @@ def _can_rest(fitted: Fit) -> None:
     both = np.concatenate(rows)
     sizes = np.linalg.norm(both, axis=0) + 1e-300
     terms, driven = both[:, :4] / sizes[:4], both[:, 4] / sizes[4]
-    found = np.linalg.lstsq(terms, driven, rcond=1e-10)[0]
-    left = float(np.sum((driven - terms @ found) ** 2))
-    spread = (left / len(both) * np.linalg.pinv(terms.T @ terms)[2, 2]) ** 0.5
-    if left > _FOLLOWED or found[0] <= 0.0 or found[2] > -_SURE * spread:
+    coefficients = np.linalg.lstsq(terms, driven, rcond=1e-10)[0]
+    unexplained = float(np.sum((driven - terms @ coefficients) ** 2))
+    spread = (unexplained / len(both) * np.linalg.pinv(terms.T @ terms)[2, 2]) ** 0.5
+    if unexplained > _FOLLOWED or coefficients[0] <= 0.0 or coefficients[2] > -_SURE * spread:
         return
-    (inertia, _, stiffness, _), units = found * sizes[4] / sizes[:4], recordings[0].units
+    (inertia, _, stiffness, _), units = coefficients * sizes[4] / sizes[:4], recordings[0].units
     of_input = "" if drive_ratio(network, moved.momentum) is None else " over the ratio of the input"
     raise InputRefused(
         f"{recordings[0].source}: the plant is unstable: its motion follows a negative stiffness of about "
@@ -377,15 +377,15 @@ def _can_rest(fitted: Fit) -> None:
 
 def _starts(setup: Setup, held: Mapping[str, str], count: int, seed: int) -> list[Setup]:
     rng = np.random.default_rng(seed)
-    found = [setup]
+    starts = [setup]
     for _ in range(count - 1):
         values = {}
         for name in (n for n in setup.free if n not in held):
             p, z = setup.parameters[name], float(rng.standard_normal())
             moved = p.value * np.exp(z) if p.positive else p.value + z * p.typical
             values[name] = float(np.clip(moved, p.lower, p.upper))
-        found.append(setup.with_values(values))
-    return found
+        starts.append(setup.with_values(values))
+    return starts
 
 
 Progress = Callable[[str], None]
@@ -407,15 +407,15 @@ def identify_base(
     prepared = prepare(campaign, options.workers)
     if is_shared(campaign.recordings):
         # Starting values are sought with a zero for each recording.
-        own = replace(prepared.plan, recordings=own_zeros(prepared.plan.recordings))
-        begun = _begun(replace(prepared, plan=own), campaign, options, progress)
+        plan = replace(prepared.plan, recordings=own_zeros(prepared.plan.recordings))
+        begun = _begun(replace(prepared, plan=plan), campaign, options, progress)
         first = with_shared_zero(begun, prepared.plan)
     else:
         first = _begun(prepared, campaign, options, progress)
-    found = with_bounded_error(first, _bound(first, options, share))
+    fit_and_error = with_bounded_error(first, _bound(first, options, share))
     # It may have come much nearer to the recordings than where it began.
-    bound = _bound(found[0], options, share)
-    return found if found[1].sigma <= bound else with_bounded_error(found[0], bound)
+    bound = _bound(fit_and_error[0], options, share)
+    return fit_and_error if fit_and_error[1].sigma <= bound else with_bounded_error(fit_and_error[0], bound)
 
 
 def _bound(fitted: Fit, options: Options, share: float) -> float:

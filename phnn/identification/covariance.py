@@ -131,7 +131,7 @@ def noise_spectra(
         most, unseen: as in `most_excess`.
     """
     differences = [difference(r, recording) for r, recording in zip(residuals, recordings, strict=True)]
-    found: list[NoiseSpectrum] = []
+    spectra: list[NoiseSpectrum] = []
     averaged: dict[tuple[int, ...], NoiseSpectrum] = {}
     for residual, recording in zip(residuals, recordings, strict=True):
         alike = tuple(
@@ -140,8 +140,8 @@ def noise_spectra(
         )  # fmt: skip
         if alike and alike not in averaged:
             averaged[alike] = _averaged([d for j in alike if (d := differences[j]) is not None])
-        found.append(averaged[alike] if alike else _running_median(residual, most_excess([recording], most, unseen)))
-    return found
+        spectra.append(averaged[alike] if alike else _running_median(residual, most_excess([recording], most, unseen)))
+    return spectra
 
 
 def difference(residual: Array, recording: Recording) -> Array | None:
@@ -198,8 +198,8 @@ def _slope(at: Array, density: Array, sizes: NDArray[np.int64]) -> float:
     low = at <= 10.0 * at[0]
     if low.sum() < 3:
         return 0.0
-    found = np.polyfit(np.log(at[low]), np.log(density[low]), 1, w=np.sqrt(sizes[low]))[0]
-    return float(np.clip(found, -2.0, 0.0))
+    exponent = np.polyfit(np.log(at[low]), np.log(density[low]), 1, w=np.sqrt(sizes[low]))[0]
+    return float(np.clip(exponent, -2.0, 0.0))
 
 
 def _running_median(residual: Array, most: float) -> NoiseSpectrum:
@@ -232,11 +232,11 @@ def held_anchors(problem: Problem) -> dict[str, float]:
 
 def residual_by_anchors(problem: Problem, z: Array, names: tuple[str, ...]) -> Array:
     """Return (N, A) derivatives of the weighted residual by A held parameters [1/SI unit], initial states unchanged."""
-    own = problem.template.own
+    nuisances = problem.template.own
 
     def one(recording: Recording, trajectory: Trajectory, mask: Array) -> Array:
-        hidden = beyond_limit(recording, trajectory.y, mask, own)
-        changes = without_nuisances(output_derivatives(trajectory, names), mask, recording, own, hidden)
+        hidden = beyond_limit(recording, trajectory.y, mask, nuisances)
+        changes = without_nuisances(output_derivatives(trajectory, names), mask, recording, nuisances, hidden)
         return np.asarray(changes / -recording.noise)
 
     return np.concatenate(problem.plan.each(one, problem.trajectories(z), problem.masks))
@@ -314,11 +314,11 @@ def scatter(residual: Array, jacobian: Array, recordings: Sequence[Recording], s
     # Where the sum is below one, the noise would be smaller than what is stated: no combination is known that well.
     values, vectors = np.linalg.eigh(middle)
     spread = root @ vectors
-    found = (spread * np.maximum(values, 1.0)) @ spread.T
+    covariance = (spread * np.maximum(values, 1.0)) @ spread.T
     # Without a doubt there are endlessly many.
     with np.errstate(over="ignore"):
-        freedom = 2.0 * np.diag(found) ** 2 / np.maximum(doubt, np.finfo(float).tiny)
-    return Scatter(found, np.minimum(freedom, _MOST_FREEDOM))
+        freedom = 2.0 * np.diag(covariance) ** 2 / np.maximum(doubt, np.finfo(float).tiny)
+    return Scatter(covariance, np.minimum(freedom, _MOST_FREEDOM))
 
 
 def _uneven(residual: Array, basis: Array, root: Array) -> _Share:

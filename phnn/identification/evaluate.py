@@ -90,8 +90,8 @@ def with_starts(setup: Setup, plan: Plan) -> Fit:
     """A setup on a plan, its parameters held, with every unknown initial state estimated recording by recording."""
     variables = variables_of(setup, plan, ())
     unknown = [r for r in plan.recordings if r.name in variables.unknown]
-    found = {r.name: estimated_start(setup, r, plan.steps_of(r), "identification") for r in unknown}
-    origin = dict(variables.origin) | {n: state for n, state in found.items() if state is not None}
+    starts = {r.name: estimated_start(setup, r, plan.steps_of(r), "identification") for r in unknown}
+    origin = dict(variables.origin) | {n: state for n, state in starts.items() if state is not None}
     return fit_problem(Problem(setup, plan, replace(variables, origin=origin)), max_evaluations=1)
 
 
@@ -130,8 +130,8 @@ class Evaluation:
 
     def over_noise(self, use: str) -> float:
         """Return the root mean square of the residual over noise over the parts of one use; NaN without any."""
-        found = [p.residual_over_noise for p in self.parts if p.use == use]
-        return float(np.sqrt(np.mean(np.square(found)))) if found else float("nan")
+        ratios = [p.residual_over_noise for p in self.parts if p.use == use]
+        return float(np.sqrt(np.mean(np.square(ratios)))) if ratios else float("nan")
 
 
 def evaluate(
@@ -151,15 +151,15 @@ def evaluate(
     """
 
     def one(recording: Recording) -> Array:
-        own = initial.get(recording.name)
+        initial_state = initial.get(recording.name)
         if not setup.has_zero and recording.offset != "own":
             recording = replace(recording, offset="own")
         nuisance, steps = recording.mask("nuisance"), plan.steps_of(recording)
-        if own is None and nuisance.any():
-            own = estimated_start(setup, recording, steps, near=(near or {}).get(recording.name))
+        if initial_state is None and nuisance.any():
+            initial_state = estimated_start(setup, recording, steps, near=(near or {}).get(recording.name))
         if not instants_known(recording):
-            recording, _ = with_instants(setup, recording, steps, own)
-        y = simulate(setup, recording, steps, initial=own).y
+            recording, _ = with_instants(setup, recording, steps, initial_state)
+        y = simulate(setup, recording, steps, initial=initial_state).y
         mask = zero_mask(recording)
         if setup.own != NOTHING:
             # From all samples: a stretch shorter than a period could not tell them from the zero.
@@ -217,8 +217,8 @@ def with_instants(setup: Setup, recording: Recording, substeps: int, initial: Ar
     plan = Plan((whole,), {recording.name: substeps}, workers=1)
     held = {} if initial is None else {recording.name: initial}
     problem = Problem(setup, plan, Variables((), (), np.zeros(0), held, {recording.name: unknown}))
-    found = fit_problem(problem, max_evaluations=_INSTANTS)
-    return replace(recording, instants=found.plan.recordings[0].instants), found.scatter.covariance
+    fitted = fit_problem(problem, max_evaluations=_INSTANTS)
+    return replace(recording, instants=fitted.plan.recordings[0].instants), fitted.scatter.covariance
 
 
 def score_part(recording: Recording, y: Array, first: int, last: int, name: str, use: str) -> PartScore:

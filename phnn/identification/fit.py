@@ -151,28 +151,28 @@ class Fit:
         p = self.setup.parameters
         columns = residual_by_anchors(problem, self.z, tuple(weak)) * [p[n].slope(p[n].value) for n in weak]
         moves = self._change(columns)
-        alone, left = (np.linalg.norm(c, axis=0) for c in (columns, columns + self.jacobian @ moves))
-        found = []
-        for name, move, size, rest in zip(weak, moves.T, alone, left, strict=True):
+        alone, unexplained = (np.linalg.norm(c, axis=0) for c in (columns, columns + self.jacobian @ moves))
+        directions = []
+        for name, move, size, rest in zip(weak, moves.T, alone, unexplained, strict=True):
             with_it = {n: float(m) for n, m in zip(self.variables.names, move, strict=False) if abs(m) > _FOLLOWS}
             # The output depends on it well enough, and the others make up for all of that.
             if with_it and size > 1.0 / _UNIDENTIFIED and rest < _MADE_UP * size:
-                found.append({name: 1.0, **with_it})
-        return tuple(found)
+                directions.append({name: 1.0, **with_it})
+        return tuple(directions)
 
     def open_statement(self) -> str:
         """Return one sentence on what the recordings leave open; empty where they leave nothing."""
-        said = []
+        clauses = []
         for direction in self.open_directions:
             names = f"{', '.join([*direction][:-1])} and {[*direction][-1]}"
             if all(abs(e - 1.0) < _FOLLOWS for e in direction.values()):
-                said.append(f"a common factor of {names} is open: only their ratios are known")
+                clauses.append(f"a common factor of {names} is open: only their ratios are known")
             else:
                 moved = ", ".join(f"{n}^{e:.2g}" for n, e in direction.items())
-                said.append(f"{names} can change together ({moved}) without any change of the output")
-        remedy = "; state one of them under `known` in recordings.yaml" if said else ""
-        driven = not said or any(np.ptp(r.drive) > 0.0 for r in self.plan.recordings)
-        return ("" if driven else "The input is constant, so this is a free decay: ") + "; ".join(said) + remedy
+                clauses.append(f"{names} can change together ({moved}) without any change of the output")
+        remedy = "; state one of them under `known` in recordings.yaml" if clauses else ""
+        driven = not clauses or any(np.ptp(r.drive) > 0.0 for r in self.plan.recordings)
+        return ("" if driven else "The input is constant, so this is a free decay: ") + "; ".join(clauses) + remedy
 
     def nothing_statement(self) -> str:
         """Return one sentence where the model explains nothing of the output; empty where it does."""
@@ -186,7 +186,7 @@ class Fit:
 
     def ratios(self) -> dict[str, tuple[float, float]]:
         """Return the ratios that are known where a common factor is open, each with its standard error."""
-        found = {}
+        ratios = {}
         p, order = self.setup.parameters, {n: i for i, n in enumerate(self.variables.names)}
         for direction in self.open_directions:
             if all(abs(e - 1.0) < _FOLLOWS and p[n].positive for n, e in direction.items()):
@@ -198,8 +198,8 @@ class Fit:
                         if n in order:
                             weights[order[n]] += sign
                     value = p[name].value / p[by].value
-                    found[f"{name}/{by}"] = value, value * float(weights @ self.covariance @ weights) ** 0.5
-        return found
+                    ratios[f"{name}/{by}"] = value, value * float(weights @ self.covariance @ weights) ** 0.5
+        return ratios
 
     def note(self, name: str) -> str:
         """Return why a parameter has no standard error; empty where it has one."""
@@ -215,8 +215,8 @@ class Fit:
         names, covariance = self.joint_covariance()
         spread = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
         loose = {n for direction in self.open_directions for n in direction}
-        own = zip(self.variables.names, spread, strict=False)
-        known = [s <= _UNIDENTIFIED and n not in loose for n, s in own] + [True] * len(self.anchors)
+        estimated = zip(self.variables.names, spread, strict=False)
+        known = [s <= _UNIDENTIFIED and n not in loose for n, s in estimated] + [True] * len(self.anchors)
         sizes = np.sqrt(np.maximum(np.diag(covariance), 0.0))
         return {n: float(s) if k else float("inf") for n, s, k in zip(names, sizes, known, strict=True)}
 
@@ -256,8 +256,8 @@ class Fit:
         slopes = np.array([parameters[n].slope(parameters[n].value) for n in self.variables.names])
         variances = np.square(np.array(list(self.anchors.values()), dtype=float))
         across = slopes[:, None] * self.by_anchors[:count] * variances
-        own = slopes[:, None] * self.covariance[:count, :count] * slopes
-        both = np.block([[own, across], [across.T, np.diag(variances)]])
+        estimated = slopes[:, None] * self.covariance[:count, :count] * slopes
+        both = np.block([[estimated, across], [across.T, np.diag(variances)]])
         return (*self.variables.names, *self.anchors), both
 
     @property
@@ -303,7 +303,7 @@ def fit_problem(
     start = np.clip(variables.start(setup), lower + 1e-12, upper - 1e-12)
     z, evaluations = start, 1
     if start.size:
-        found = least_squares(
+        optimum = least_squares(
             problem.size,
             start,
             jac=problem.slopes,
@@ -315,7 +315,7 @@ def fit_problem(
             max_nfev=max_evaluations,
             callback=_ends,
         )
-        z, evaluations = found.x, int(found.nfev)
+        z, evaluations = optimum.x, int(optimum.nfev)
     residual = problem.residual(z)
     return Fit(
         setup=variables.setup(setup, z),
@@ -337,10 +337,10 @@ def _ends(intermediate_result: OptimizeResult) -> None:
         raise StopIteration
 
 
-def carried(initial: Array, known: Setup, wanted: Setup, own: Array) -> Array:
-    """The initial state (N,) of a setup where another one begins at ``initial``: ``own`` in the states it has not."""
+def carried(initial: Array, known: Setup, wanted: Setup, default: Array) -> Array:
+    """The initial state (N,) of a setup where another one begins at ``initial``: ``default`` in states it has not."""
     earlier = dict(zip(known.network.state_names, initial, strict=True))
-    return np.array([earlier.get(state, v) for state, v in zip(wanted.network.state_names, own, strict=True)])
+    return np.array([earlier.get(state, v) for state, v in zip(wanted.network.state_names, default, strict=True)])
 
 
 def variables_from(setup: Setup, plan: Plan, names: Sequence[str], origin: Fit | None) -> Variables:
@@ -354,9 +354,7 @@ def continued(variables: Variables, setup: Setup, plan: Plan, origin: Fit) -> Va
     timed = [origin.variables.timed(r, origin.z) for r in plan.recordings]
     variables = replace(variables, instants={r.name: x for r in timed if (x := unknown_instants(r)).size})
     known = origin.initial_states
-    moved = {
-        n: carried(known[n], origin.setup, setup, own) if n in known else own for n, own in variables.origin.items()
-    }
+    moved = {n: carried(known[n], origin.setup, setup, x0) if n in known else x0 for n, x0 in variables.origin.items()}
     return replace(variables, origin=moved)
 
 
@@ -377,15 +375,15 @@ def unidentified(jacobian: Array, names: Sequence[str]) -> list[str]:
             worst = int(np.argmax(np.abs(rows[-1])))
             fewer = np.delete(np.hstack([jacobian, further]), worst, axis=1)
             return [names[worst], *unidentified(fewer, [n for n in names if n != names[worst]])]
-    left = list(range(len(names)))
+    remaining = list(range(len(names)))
     dropped: list[str] = []
     square = np.asarray(np.linalg.qr(jacobian, mode="r"))
-    while left:
-        _, singular, rows = np.linalg.svd(square[:, left], full_matrices=False)
+    while remaining:
+        _, singular, rows = np.linalg.svd(square[:, remaining], full_matrices=False)
         spread = np.sqrt(np.sum((rows / np.maximum(singular, 1e-100)[:, None]) ** 2, axis=0))
         if spread.max() <= _UNIDENTIFIED and singular[-1] > 1e-10 * singular[0]:
             break
-        worst = left[int(np.argmax(np.abs(rows[-1])))]
+        worst = remaining[int(np.argmax(np.abs(rows[-1])))]
         dropped.append(names[worst])
-        left.remove(worst)
+        remaining.remove(worst)
     return dropped

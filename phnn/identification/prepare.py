@@ -84,7 +84,7 @@ def gain(
     recordings: Sequence[Recording],
     use: str,
     fewest_blocks: int,
-    own: tuple[Own, Own] = (NOTHING, NOTHING),
+    nuisances: tuple[Own, Own] = (NOTHING, NOTHING),
 ) -> Gain | None:
     """Compare two models on the parts of one use; every part counts as much as any other.
 
@@ -92,7 +92,7 @@ def gain(
         before, after: outputs without and with the element.
         use: of the parts, such as ``"confirmation"``.
         fewest_blocks: with fewer blocks there is no p-value.
-        own: what recordings add of their own to the outputs before and after.
+        nuisances: what recordings add of their own to the outputs before and after.
 
     Returns:
         None where no part has that use.
@@ -104,7 +104,7 @@ def gain(
             rows = slice(part.first, part.last)
             e0, e1 = (
                 (recording.y - m.outputs[recording.name])[rows] / recording.noise * _fair(recording, added)
-                for m, added in zip((before, after), own, strict=True)
+                for m, added in zip((before, after), nuisances, strict=True)
             )
             squares.append((float(np.mean(e0**2)), float(np.mean(e1**2)), recording.noise))
             sums.append(_block_sums(e0 - e0.mean(), e1 - e1.mean()) / e0.size)
@@ -119,10 +119,10 @@ def gain(
     return Gain(math.sqrt(had.mean()), math.sqrt(has.mean()), rms, _p_value(changes, fewest_blocks))
 
 
-def _fair(recording: Recording, own: Own) -> float:
+def _fair(recording: Recording, nuisances: Own) -> float:
     """Return the factor on a residual beside what was fitted to its own samples, for noise to keep its size."""
     size = recording.t.size
-    return math.sqrt(size / max(size - own_size(recording, own), 1))
+    return math.sqrt(size / max(size - own_size(recording, nuisances), 1))
 
 
 def _block_sums(before: Array, after: Array) -> Array:
@@ -180,10 +180,10 @@ class LeftOut:
 
     def gain(self, before: tuple[Fit, Evaluation], after: tuple[Fit, Evaluation]) -> Gain:
         """Return what one model gains over another on the left-out samples."""
-        own = (before[0].setup.own, after[0].setup.own)
-        found = gain(before[1], after[1], self.chosen.recordings, _CHOOSES, self.fewest_blocks, own)
-        assert found is not None
-        return found
+        nuisances = (before[0].setup.own, after[0].setup.own)
+        gained = gain(before[1], after[1], self.chosen.recordings, _CHOOSES, self.fewest_blocks, nuisances)
+        assert gained is not None
+        return gained
 
     def over_noise(self, scores: Evaluation) -> float:
         """Return the residual over noise on the left-out samples."""
@@ -234,9 +234,9 @@ def hysteresis_needed(
     best: tuple[Fit, Evaluation] | None = None
     chosen: int | str = max(stated, DEFAULT_HYSTERONS)
     counts = list(range(max(stated, 1), max(stated, MOST_HYSTERONS) + 1))
-    left: list[int | None] = [*counts[:DEFAULT_HYSTERONS], *([] if stated else [None]), *counts[DEFAULT_HYSTERONS:]]
-    while left:
-        count = left.pop(0)
+    untried: list[int | None] = [*counts[:DEFAULT_HYSTERONS], *([] if stated else [None]), *counts[DEFAULT_HYSTERONS:]]
+    while untried:
+        count = untried.pop(0)
         progress("which hysteresis: try " + ("other forms" if count is None else f"{count} hysterons"))
         tried: int | str
         try:
@@ -255,7 +255,7 @@ def hysteresis_needed(
                 break
         elif count is not None:
             # One more is no better: no further ones are tried.
-            left = [n for n in left if n is None]
+            untried = [n for n in untried if n is None]
     return chosen, None if best is None else best[0]
 
 
@@ -264,11 +264,11 @@ def _better(held: LeftOut, before: tuple[Fit, Evaluation], after: tuple[Fit, Eva
 
     Recordings too short for a test decide nothing: there the default stays, if it predicts no worse.
     """
-    found = held.gain(before, after)
-    taken, excess = found.takes, max(found.before**2 - 1.0, 0.0)
-    if found.falls is None:
+    gained = held.gain(before, after)
+    taken, excess = gained.takes, max(gained.before**2 - 1.0, 0.0)
+    if gained.falls is None:
         return isinstance(tried, int) and tried <= DEFAULT_HYSTERONS and taken >= 0.0
-    return taken > _LARGER * found.before**2 or (taken > _SHARE * excess and found.falls < _LEVEL)
+    return taken > _LARGER * gained.before**2 or (taken > _SHARE * excess and gained.falls < _LEVEL)
 
 
 def identification_plan(campaign: Campaign, workers: int) -> Plan:

@@ -73,19 +73,20 @@ def _slow(recording: Recording, count: int) -> int:
     return min(count, max(math.ceil(2.0 * dominant_frequency(recording) * duration - 1e-6) - 1, 1))
 
 
-def own_columns(recording: Recording, own: Own) -> Array:
+def own_columns(recording: Recording, nuisances: Own) -> Array:
     """Return (N, K) basis of all nuisances of a recording but its zero."""
-    return np.hstack([line_columns(recording, own.lines), drift_columns(recording, own.drift_terms)])
+    return np.hstack([line_columns(recording, nuisances.lines), drift_columns(recording, nuisances.drift_terms)])
 
 
-def own_size(recording: Recording, own: Own) -> int:
+def own_size(recording: Recording, nuisances: Own) -> int:
     """Return the number of these columns."""
-    return 2 * len(_held(recording, own.lines)) + _slow(recording, own.drift_terms)
+    return 2 * len(_held(recording, nuisances.lines)) + _slow(recording, nuisances.drift_terms)
 
 
 def without_nuisances(
-    values: Array, mask: NDArray[Any], recording: Recording, own: Own = NOTHING, hidden: NDArray[np.bool_] | None = None
-) -> Array:
+    values: Array, mask: NDArray[Any], recording: Recording, nuisances: Own = NOTHING,
+    hidden: NDArray[np.bool_] | None = None,
+) -> Array:  # fmt: skip
     """Return the masked rows of (N, …) without their mean and nuisances.
 
     The mean stays where the zero of the output is a parameter that recordings share.
@@ -96,43 +97,43 @@ def without_nuisances(
     if hidden is not None and hidden.any():
         counted = mask & ~hidden
         out = np.zeros((int(mask.sum()), *values.shape[1:]))
-        out[counted[mask]] = without_nuisances(values, counted, recording, own)
+        out[counted[mask]] = without_nuisances(values, counted, recording, nuisances)
         return out
     inside = values[mask]
     if inside.size and recording.offset == "own":
         inside -= inside.mean(axis=0)
-    if own == NOTHING or not inside.size:
+    if nuisances == NOTHING or not inside.size:
         return inside
-    basis = _own_basis(recording, own, mask.tobytes())
+    basis = _own_basis(recording, nuisances, mask.tobytes())
     return np.asarray(inside - basis @ (basis.T @ inside))
 
 
 @lru_cache(maxsize=32)
-def _own_basis(recording: Recording, own: Own, mask: bytes) -> Array:
+def _own_basis(recording: Recording, nuisances: Own, mask: bytes) -> Array:
     """Return the orthonormal basis of the nuisances on the masked rows, without their means; cached for all models."""
-    columns = own_columns(recording, own)[np.frombuffer(mask, dtype=bool)]
+    columns = own_columns(recording, nuisances)[np.frombuffer(mask, dtype=bool)]
     if not columns.size:
         return np.zeros((columns.shape[0], 0))
-    left, size, _ = np.linalg.svd(columns - columns.mean(axis=0), full_matrices=False)
-    return np.asarray(left[:, size > _RANK * np.sqrt(columns.shape[0])])
+    left_vectors, size, _ = np.linalg.svd(columns - columns.mean(axis=0), full_matrices=False)
+    return np.asarray(left_vectors[:, size > _RANK * np.sqrt(columns.shape[0])])
 
 
-def constant_and_own(error: Array, rows: NDArray[np.bool_], recording: Recording, own: Own) -> Array:
+def constant_and_own(error: Array, rows: NDArray[np.bool_], recording: Recording, nuisances: Own) -> Array:
     """(N,) zero and nuisances of a recording, fitted to some rows of an error (N,); zero where there are no rows."""
     zero = float(recording.offset == "own")
     if not rows.any():
         return np.zeros(error.size)
-    if own == NOTHING:
+    if nuisances == NOTHING:
         return np.full(error.size, zero * error[rows].mean())
-    columns = np.column_stack([np.full(recording.t.size, zero), own_columns(recording, own)])
+    columns = np.column_stack([np.full(recording.t.size, zero), own_columns(recording, nuisances)])
     return np.asarray(columns @ np.linalg.lstsq(columns[rows], error[rows], rcond=_RANK)[0])
 
 
-def own_parts(error: Array, rows: slice, recording: Recording, own: Own) -> Array:
+def own_parts(error: Array, rows: slice, recording: Recording, nuisances: Own) -> Array:
     """Return (M,) the nuisances in some rows of an error (N,), fitted to these very rows beside a constant."""
-    columns = np.column_stack([np.ones(recording.t.size), own_columns(recording, own)])[rows]
-    found = np.linalg.lstsq(columns, error[rows], rcond=_RANK)[0]
-    return np.asarray(columns[:, 1:] @ found[1:])
+    columns = np.column_stack([np.ones(recording.t.size), own_columns(recording, nuisances)])[rows]
+    coefficients = np.linalg.lstsq(columns, error[rows], rcond=_RANK)[0]
+    return np.asarray(columns[:, 1:] @ coefficients[1:])
 
 
 Rows = NDArray[np.bool_]
@@ -141,7 +142,7 @@ Rows = NDArray[np.bool_]
 _ROUNDS = 30
 
 
-def beyond_limit(recording: Recording, y: Array, mask: NDArray[Any], own: Own = NOTHING) -> Rows | None:
+def beyond_limit(recording: Recording, y: Array, mask: NDArray[Any], nuisances: Own = NOTHING) -> Rows | None:
     """Return (N,) which masked samples sit at a limit while the model lies beyond it; None where none sits at a limit.
 
     Args:
@@ -156,8 +157,8 @@ def beyond_limit(recording: Recording, y: Array, mask: NDArray[Any], own: Own = 
         return None
     error, hidden = recording.y - y, at_limit
     for _ in range(_ROUNDS):
-        left = error - constant_and_own(error, mask & ~hidden, recording, own)
-        now = at_limit & (side * left <= 0.0)
+        residual = error - constant_and_own(error, mask & ~hidden, recording, nuisances)
+        now = at_limit & (side * residual <= 0.0)
         if np.array_equal(now, hidden):
             break
         hidden = now
@@ -306,8 +307,8 @@ class Variables:
         out = np.zeros((derivatives.shape[0], self.start(setup).size))
         out[:, :count] = derivatives[:, :count] * slopes
         if recording.name in self.instants:
-            own = self.instants[recording.name].size
-            out[:, self._instants_of(recording)] = derivatives[:, count : count + own]
+            instant_count = self.instants[recording.name].size
+            out[:, self._instants_of(recording)] = derivatives[:, count : count + instant_count]
         if recording.name in self.unknown:
             out[:, self._states_of(recording.name)] = (
                 derivatives[:, derivatives.shape[1] - self.scales.size :] * self.scales
@@ -399,8 +400,8 @@ class Problem:
         """Return (N,) weighted residual."""
         if self._differentiated[0] == z.tobytes():
             return np.concatenate([both[:, -1] for both in self._differentiated[1]])
-        found = self.trajectories(z)
-        return np.concatenate([weighted_residual(t, m) for t, m in zip(found, self.masks, strict=True)])
+        trajectories = self.trajectories(z)
+        return np.concatenate([weighted_residual(t, m) for t, m in zip(trajectories, self.masks, strict=True)])
 
     def jacobian(self, z: Array) -> Array:
         """Return (N, K) derivatives of the residual by ``z``."""
@@ -449,7 +450,7 @@ class Problem:
     def _with_derivatives(self, z: Array) -> list[Array]:
         """Return (N_r, K+1) derivatives of the residual of every recording, and the residual."""
         if self._differentiated[0] != z.tobytes():
-            found, setup = self.trajectories(z), self.variables.setup(self.template, z)
+            trajectories, setup = self.trajectories(z), self.variables.setup(self.template, z)
             plan = self.plan.derived(setup)
 
             def one(sparse: Recording, recording: Recording, trajectory: Trajectory, mask: Array) -> Array:
@@ -467,7 +468,7 @@ class Problem:
                 return inside
 
             count = self._work * max(_FEW, _DERIVATIVE * z.size)
-            both = plan.each(one, self.plan.recordings, found, self.masks, simulations=count)
+            both = plan.each(one, self.plan.recordings, trajectories, self.masks, simulations=count)
             self._differentiated = z.tobytes(), both
         return self._differentiated[1]
 
@@ -475,6 +476,6 @@ class Problem:
 def weighted_residual(trajectory: Trajectory, mask: Array) -> Array:
     """Return ``(y − ŷ)/σ`` on the masked samples without what zero and nuisances explain."""
     recording = trajectory.recording
-    error, own = recording.y - trajectory.y, trajectory.setup.own
-    hidden = beyond_limit(recording, trajectory.y, mask, own)
-    return without_nuisances(error, mask, recording, own, hidden) / recording.noise
+    error, nuisances = recording.y - trajectory.y, trajectory.setup.own
+    hidden = beyond_limit(recording, trajectory.y, mask, nuisances)
+    return without_nuisances(error, mask, recording, nuisances, hidden) / recording.noise

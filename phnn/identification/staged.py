@@ -219,11 +219,11 @@ def is_quasi_static(plan: Plan) -> bool:
     """Return whether all recordings are so slow that the longest lag of a likely actuator, that of critical damping at
     the lowest resonance, leaves less than the noise of them: then no mass and no damping shows."""
     lag = 1.0 / (np.pi * RESONANCES_HZ[0])
-    found = [(r, r.excitation) for r in plan.recordings]
+    excitations = [(r, r.excitation) for r in plan.recordings]
     # Steps excite whatever the sampling can show.
-    highest = [0.5 / r.dt if e.kind == "steps" else e.high_Hz for r, e in found]
-    speeds = [np.pi * f * float(np.ptp(r.y)) for (r, _), f in zip(found, highest, strict=True)]
-    return all(speed * lag < r.noise for (r, _), speed in zip(found, speeds, strict=True))
+    highest = [0.5 / r.dt if e.kind == "steps" else e.high_Hz for r, e in excitations]
+    speeds = [np.pi * f * float(np.ptp(r.y)) for (r, _), f in zip(excitations, highest, strict=True)]
+    return all(speed * lag < r.noise for (r, _), speed in zip(excitations, speeds, strict=True))
 
 
 def _held_quasi_static(known: Mapping[str, Anchor]) -> dict[str, str]:
@@ -274,13 +274,13 @@ def fit_identified(
     names = [n for n in free if n not in reasons]
     if names != free:
         problem = Problem(setup, plan, replace(problem.variables, names=tuple(names)))
-    found = fit_problem(problem, reasons, max_evaluations, tolerance)
-    weak = [n for n in unidentified(found.jacobian, names) if n not in keep]
+    fitted = fit_problem(problem, reasons, max_evaluations, tolerance)
+    weak = [n for n in unidentified(fitted.jacobian, names) if n not in keep]
     if not weak:
-        return found
-    reasons |= {n: _reason(found.setup, n) for n in weak}
-    left = [n for n in names if n not in weak]
-    return fit(found.setup, plan, left, reasons, max_evaluations, tolerance, found)
+        return fitted
+    reasons |= {n: _reason(fitted.setup, n) for n in weak}
+    identified = [n for n in names if n not in weak]
+    return fit(fitted.setup, plan, identified, reasons, max_evaluations, tolerance, fitted)
 
 
 def _reason(setup: Setup, name: str) -> str:

@@ -136,15 +136,15 @@ def random_starts(
     rng = np.random.default_rng(seed)
     drive = drive_amplitude(plan.recordings)
     omega = 2.0 * np.pi * middle_frequency(plan.recordings)
-    found = []
+    points = []
     for number in range(count):
         spread = 0.0 if number == 0 else 1.0
         shares = 0.15 * np.exp(0.5 * spread * rng.standard_normal(hysterons))
         fast = np.where(np.arange(hysterons) % 2 == 0, 30.0, 1.0)
         rates = omega * fast * np.exp(1.2 * spread * rng.standard_normal(hysterons))
         widths = drive * 0.2 / (1.0 + 0.7 * np.arange(hysterons)) * np.exp(spread * rng.standard_normal(hysterons))
-        found.append(with_hysterons(linear, anchored, shares.tolist(), rates.tolist(), widths.tolist()))
-    return found
+        points.append(with_hysterons(linear, anchored, shares.tolist(), rates.tolist(), widths.tolist()))
+    return points
 
 
 def with_form(linear: Setup, plan: Plan, form: str) -> list[Setup]:
@@ -168,26 +168,26 @@ def scaled_points(setup: Setup, plan: Plan, anchored: Mapping[str, float]) -> li
     input gives one condition on these units, the output another. The times of the network are tried from a few samples
     to half a recording, each with the gain that fits best. Fixed parameters keep their values.
     """
-    own = _time_scale(setup.network)
-    span = max(float(r.t[-1] - r.t[0]) for r in plan.recordings) / own
-    step = min(r.dt for r in plan.recordings) / own
+    time_scale = _time_scale(setup.network)
+    span = max(float(r.t[-1] - r.t[0]) for r in plan.recordings) / time_scale
+    step = min(r.dt for r in plan.recordings) / time_scale
     first = plan.recordings[0].units
     drive = drive_amplitude(plan.recordings)
     sizes = {first.output: 0.5 * max(float(np.ptp(r.y)) for r in plan.recordings)}
     sizes |= {first.input: drive} if drive else {}
-    found = []
+    points = []
     held = {n: p.value for n, p in setup.network.parameters.items() if p.fixed} | dict(anchored)
     for time in np.geomspace(_SHORTEST * step, _LONGEST * span, max(int(np.log(span / step) / _STRIDE), 4)):
         point = _in_units(setup, sizes, float(time), held)
         try:
-            gain, left = _with_best_gain(point, plan)
+            gain, cost = _with_best_gain(point, plan)
             moved = _in_units(setup, sizes | {first.output: sizes[first.output] * gain}, float(time), held)
-            found.append((left, moved))
+            points.append((cost, moved))
         except PhnnError:
             continue
     # Where nothing drives, a simulation from rest shows nothing: every time is as good a start as any.
-    found = sorted(found, key=lambda pair: pair[0])[: _POINTS if drive else None]
-    return [point for _, point in found]
+    points = sorted(points, key=lambda pair: pair[0])[: _POINTS if drive else None]
+    return [point for _, point in points]
 
 
 def _time_scale(network: Network) -> float:
@@ -241,5 +241,5 @@ def drive_amplitude(recordings: Sequence[Recording]) -> float:
 
 def middle_frequency(recordings: Sequence[Recording]) -> float:
     """Return the geometric mean of the excited frequencies [Hz]."""
-    found = [f for r in recordings if (f := dominant_frequency(r)) > 0.0]
-    return float(np.exp(np.mean(np.log(found)))) if found else 10.0
+    frequencies = [f for r in recordings if (f := dominant_frequency(r)) > 0.0]
+    return float(np.exp(np.mean(np.log(frequencies)))) if frequencies else 10.0

@@ -106,16 +106,16 @@ class _Kept(FunctionCache):
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return machine code for a signature; None where there is none, and the caller compiles it."""
-        found = self._load(sig, target_context)
-        if found is None:
+        machine_code = self._load(sig, target_context)
+        if machine_code is None:
             # A new one each time: a lock that a forked process inherits is refused.
             self._lock = FileLock(Path(self.cache_path, f"{self._impl.filename_base}.lock"))
             with suppress(OSError, NotImplementedError):
                 self._lock.acquire(timeout=_WAIT)
-            found = self._load(sig, target_context)
-            if found is not None:
+            machine_code = self._load(sig, target_context)
+            if machine_code is not None:
                 self._lock.release(force=True)
-        return found
+        return machine_code
 
     def _load(self, sig: Any, target_context: Any) -> Any:
         try:
@@ -218,10 +218,10 @@ def _translate_callers_only() -> None:
 
     def get_executable(self: Any, library: Any, fndesc: Any, env: Any) -> Any:
         wrappers = {fndesc.llvm_cpython_wrapper_name, fndesc.llvm_cfunc_wrapper_name}
-        own = str(fndesc.modname).startswith("phnn.")
+        of_package = str(fndesc.modname).startswith("phnn.")
         # What is loaded from files is finalised already, and shows none of its functions.
         called = library._finalized or wrappers & {function.name for function in library._final_module.functions}
-        if called or not own:
+        if called or not of_package:
             return translated(self, library, fndesc, env)
         library._optimize_final_module = _nothing
         library._finalize_final_module = partial(_finish, library)

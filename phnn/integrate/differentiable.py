@@ -250,19 +250,19 @@ class _Implicit(torch.autograd.Function):
         carry, length = torch.zeros_like(wanted[0]), max(1, BLOCK // max(1, prod(wanted.shape[1:-1])))
         for first in reversed(range(0, len(states) - 1, length)):
             part = slice(first, first + length)
-            own = [v[part] if i < 2 else v for i, v in enumerate(inputs)]
-            own = [v.detach().requires_grad_(need) for v, need in zip(own, needs, strict=True)]
+            block = [v[part] if i < 2 else v for i, v in enumerate(inputs)]
+            block = [v.detach().requires_grad_(need) for v, need in zip(block, needs, strict=True)]
             with torch.enable_grad():
                 # By name, because the caller may have replaced the module's parameters for the duration of the call.
-                named = dict(zip(ctx.names, own[2:], strict=True))
-                residual, by_next, by_start = _with(named, ctx.steps, states[:-1][part], states[1:][part], *own[:2])
+                named = dict(zip(ctx.names, block[2:], strict=True))
+                residual, by_next, by_start = _with(named, ctx.steps, states[:-1][part], states[1:][part], *block[:2])
             weights, carry = _multipliers(by_next, by_start, wanted[1:][part], carry)
             asked = [i for i, need in enumerate(needs) if need]
             # A network may hold parameters and ports that do not occur in any of its equations.
             if not (asked and residual.requires_grad):
                 continue
-            found = torch.autograd.grad(residual, [own[i] for i in asked], weights, allow_unused=True)
-            for i, gradient in zip(asked, found, strict=True):
+            by_input = torch.autograd.grad(residual, [block[i] for i in asked], weights, allow_unused=True)
+            for i, gradient in zip(asked, by_input, strict=True):
                 if gradient is not None:
                     total: Any = gradients[i]
                     (total[part] if i < 2 else total).add_(gradient)
@@ -542,13 +542,13 @@ def sensitivities(
     weights = {name: p.detach() for name, p in steps.trained.items()}
     by = torch.eye(n).to(states).expand(members, n, n)
     by = torch.cat([by.new_zeros(members, n, sum(p.numel() for p in weights.values())), by], dim=-1)
-    found = [by.new_empty(len(k), by.shape[-1]) for k in nodes]
+    gradients = [by.new_empty(len(k), by.shape[-1]) for k in nodes]
     each = [dict(zip(k.tolist(), range(len(k)), strict=True)) for k in nodes]
 
     def keep(node: int) -> None:
         for b, place in enumerate(each):
             if node in place:
-                found[b][place[node]] = by[b, row]
+                gradients[b][place[node]] = by[b, row]
 
     keep(0)
     length = max(1, _AT_ONCE // members)
@@ -556,13 +556,13 @@ def sensitivities(
         part = slice(first, first + length)
         x, ends = states[:-1][part], states[1:][part]
         _, by_next, by_start = linearised(steps.system, x, ends, u[part], h[part], steps.scheme)
-        own = _by_weights(steps, weights, x, ends, u[part], h[part]) if weights else by_start[..., :0]
+        by_weights = _by_weights(steps, weights, x, ends, u[part], h[part]) if weights else by_start[..., :0]
         inverse = -torch.linalg.inv(by_next)
-        carry, own = inverse @ by_start, inverse @ own
+        carry, by_weights = inverse @ by_start, inverse @ by_weights
         for k in range(len(x)):
-            by = torch.cat([torch.baddbmm(own[k], carry[k], by[..., :-n]), carry[k] @ by[..., -n:]], dim=-1)
+            by = torch.cat([torch.baddbmm(by_weights[k], carry[k], by[..., :-n]), carry[k] @ by[..., -n:]], dim=-1)
             keep(first + k + 1)
-    return found
+    return gradients
 
 
 def _with(given: Mapping[str, Tensor], module: nn.Module, *arguments: Any) -> Any:
@@ -587,8 +587,8 @@ def _by_weights(steps: Steps, weights: Mapping[str, Tensor], x: Tensor, ends: Te
         return _with(given, steps, *step, False)[0]
 
     flat = [v.expand(*x.shape[:-1], v.shape[-1]).flatten(0, 1) for v in (x, ends, u, h)]
-    found = torch.func.vmap(torch.func.jacrev(residual), (None, 0, 0, 0, 0))(dict(weights), *flat)
-    return torch.cat([v.reshape(*v.shape[:2], -1) for v in found.values()], dim=-1).unflatten(0, x.shape[:-1])
+    jacobians = torch.func.vmap(torch.func.jacrev(residual), (None, 0, 0, 0, 0))(dict(weights), *flat)
+    return torch.cat([v.reshape(*v.shape[:2], -1) for v in jacobians.values()], dim=-1).unflatten(0, x.shape[:-1])
 
 
 @torch.no_grad()

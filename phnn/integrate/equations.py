@@ -70,12 +70,12 @@ def means(
     if not rules:
         return Means(system.mean_efforts(x, x_next), middle, {}, {})
     none = torch.zeros_like(middle[..., 0])
-    own = [
+    unshared = [
         none if k in rules else none + system.mean_effort(k, x[..., k], x_next[..., k])
         for k in range(len(system.network.storages))
     ]
     # Storages that share an energy are never reducible.
-    efforts = list(system.with_shared(torch.stack(own, dim=-1), x, x_next).unbind(-1))
+    efforts = list(system.with_shared(torch.stack(unshared, dim=-1), x, x_next).unbind(-1))
     inflow = combined(torch.stack(efforts, dim=-1), system.structure(middle).mT)
     inflow = inflow + combined(system.actions(u), system.incidences(middle)[1].mT)
     currents, ends = {k: inflow[..., k] for k in rules}, {}
@@ -185,8 +185,8 @@ def _closed_form(
 
     by_start, by_end = (torch.diag_embed(slopes) for slopes in _slopes(efforts, x, z))
     for places, law in system.shared:
-        for total, own in zip((by_start, by_end), law.effort_slopes(x[..., places], z[..., places]), strict=True):
-            total[..., torch.tensor(places).unsqueeze(-1), places] += own
+        for total, of_law in zip((by_start, by_end), law.effort_slopes(x[..., places], z[..., places]), strict=True):
+            total[..., torch.tensor(places).unsqueeze(-1), places] += of_law
     ends = {}
     for k, rule in rules.items():
         # The efforts of other storages drive it; its end and its mean effort follow from its states and its current.
@@ -233,8 +233,8 @@ def _leaf_slopes(
         current = step.currents[k]
         at = [v.detach().expand_as(current).clone().requires_grad_(True) for v in (x, current, end)]
         both = advanced(system, k, rule, at[0], at[1], at[2], step.middle, h)
-        found = [torch.autograd.grad(v.sum(), at, retain_graph=True, materialize_grads=True) for v in both]
-    return [[slope.unsqueeze(-1) for slope in by] for by in found]
+        slopes = [torch.autograd.grad(v.sum(), at, retain_graph=True, materialize_grads=True) for v in both]
+    return [[slope.unsqueeze(-1) for slope in by] for by in slopes]
 
 
 # ------------------------------------------------------------------------------------------------- reducible storages

@@ -229,29 +229,29 @@ def _fill_jacobian(t: Any, y: Any, perturbed: Step, jacobian: Any, held: Any) ->
 
 
 @plain
-def _converged(wj: Any, own: Any, relaxed: bool) -> bool:
+def _converged(wj: Any, work: Any, relaxed: bool) -> bool:
     stay_outside()
     tolerance, rounding = (RELAXED, 1e-13) if relaxed else (TOLERANCE, 4e-16)
     good = True
-    for j in range(own.shape[1]):
-        level = tolerance * wj[SIZE, j] + rounding * own[_ROUNDING, j] + NOTHING
+    for j in range(work.shape[1]):
+        level = tolerance * wj[SIZE, j] + rounding * work[_ROUNDING, j] + NOTHING
         # The comparison also fails for NaN, and where the terms overflow.
         good = good and abs(wj[FORCE, j]) <= level < np.inf
     return good
 
 
 @plain
-def _merit(wj: Any, own: Any) -> Any:
+def _merit(wj: Any, work: Any) -> Any:
     """Return ``Σ (F_j/c_j)²`` with ``c_j² = d(z_j − p_j)/dy_j / h``."""
     stay_outside()
     total = 0.0
-    for j in range(own.shape[1]):
-        total += (wj[FORCE, j] / own[_SCALE, j]) ** 2
+    for j in range(work.shape[1]):
+        total += (wj[FORCE, j] / work[_SCALE, j]) ** 2
     return total
 
 
 @plain
-def _advance(t: Any, step: Step, own: Any, held: Any) -> bool:
+def _advance(t: Any, step: Step, work: Any, held: Any) -> bool:
     """Take the first halving of a Newton step that reduces the merit.
 
     In the variables ``c_j v̄_j`` the equations of monotone laws are strongly monotone. If no halving helps, the iterate
@@ -260,35 +260,35 @@ def _advance(t: Any, step: Step, own: Any, held: Any) -> bool:
     stay_outside()
     y, wj = step.y, step.wj
     m = y.shape[0]
-    before = _merit(wj, own)
+    before = _merit(wj, work)
     length = 0.0
     for j in range(m):
-        length += (own[_SCALE, j] * own[_STEP, j]) ** 2
-        own[_BEGIN, j] = y[j]
+        length += (work[_SCALE, j] * work[_STEP, j]) ** 2
+        work[_BEGIN, j] = y[j]
     separated = False
     part = 1.0
     for _ in range(_HALVINGS):
         for j in range(m):
-            y[j] = own[_BEGIN, j] + part * own[_STEP, j]
+            y[j] = work[_BEGIN, j] + part * work[_STEP, j]
         _forces(t, step, held)
-        if _merit(wj, own) <= (1.0 - _SUFFICIENT * part) * before:
+        if _merit(wj, work) <= (1.0 - _SUFFICIENT * part) * before:
             return True
         gain = 0.0
         for j in range(m):
-            gain -= wj[FORCE, j] * own[_STEP, j]
+            gain -= wj[FORCE, j] * work[_STEP, j]
         if not separated and gain >= _SEPARATION * part * length:
             separated = True
             for j in range(m):
-                own[_POINT, j] = y[j]
-                own[_NORMAL, j] = wj[FORCE, j]
+                work[_POINT, j] = y[j]
+                work[_NORMAL, j] = wj[FORCE, j]
         part *= 0.5
     along, norm = 0.0, 0.0
     for j in range(m):
-        along += own[_NORMAL, j] * (own[_BEGIN, j] - own[_POINT, j])
-        norm += (own[_NORMAL, j] / own[_SCALE, j]) ** 2
+        along += work[_NORMAL, j] * (work[_BEGIN, j] - work[_POINT, j])
+        norm += (work[_NORMAL, j] / work[_SCALE, j]) ** 2
     for j in range(m):
-        shift = along / norm * own[_NORMAL, j] / own[_SCALE, j] ** 2 if separated else 0.0
-        y[j] = own[_BEGIN, j] - shift
+        shift = along / norm * work[_NORMAL, j] / work[_SCALE, j] ** 2 if separated else 0.0
+        y[j] = work[_BEGIN, j] - shift
     _forces(t, step, held)
     return separated
 
@@ -302,12 +302,12 @@ def _magnitude(t: Any, j: Any, x: Any, y: Any) -> Any:
 @inline
 def _ask(t: Any, step: Step, room: Room) -> None:
     """Fill the residual that a Newton step is to remove, and its rounding level."""
-    own, m = room.own, step.y.shape[0]
+    work, m = room.own, step.y.shape[0]
     for j in range(m):
         room.right[j, 0] = -step.wj[FORCE, j]
-        own[_ROUNDING, j] = 0.0
+        work[_ROUNDING, j] = 0.0
         for i in range(m):
-            own[_ROUNDING, j] += abs(room.jacobian[j, i]) * _magnitude(t, i, step.x, step.y)
+            work[_ROUNDING, j] += abs(room.jacobian[j, i]) * _magnitude(t, i, step.x, step.y)
 
 
 @plain
@@ -317,52 +317,52 @@ def _once(t: Any, step: Step, room: Room) -> bool:
     If it does not suffice, the unknowns are restored.
     """
     stay_outside()
-    jacobian, right, own, held = room
+    jacobian, right, work, held = room
     y, m = step.y, step.y.shape[0]
     _forces(t, step, held)
     for j in range(m):
         for i in range(m):
-            jacobian[j, i] = own[_LATEST + j, i]
+            jacobian[j, i] = work[_LATEST + j, i]
     _ask(t, step, room)
     eliminate(jacobian, right)
     for j in range(m):
-        own[_BEGIN, j] = y[j]
+        work[_BEGIN, j] = y[j]
         y[j] += right[j, 0]
     _forces(t, step, held)
-    found = _converged(step.wj, own, False)
-    for j in range(0 if found else m):
-        y[j] = own[_BEGIN, j]
-    return found
+    solved = _converged(step.wj, work, False)
+    for j in range(0 if solved else m):
+        y[j] = work[_BEGIN, j]
+    return solved
 
 
 @plain
 def _newton(t: Any, step: Step, perturbed: Step, room: Room, damped: bool) -> bool:
     """Newton's method from ``y``, damped by `_advance` or with whole steps."""
     stay_outside()
-    jacobian, right, own, held = room
+    jacobian, right, work, held = room
     y, m = step.y, step.y.shape[0]
     for j in range(m):
-        own[_SCALE, j] = np.sqrt(inertia(t, j, step.c) / step.h)
+        work[_SCALE, j] = np.sqrt(inertia(t, j, step.c) / step.h)
     _forces(t, step, held)
     for iteration in range(_ITERATIONS if damped else _WHOLE):
         _fill_jacobian(t, y, perturbed, jacobian, held)
         for j in range(m):
             for i in range(m):
-                own[_LATEST + j, i] = jacobian[j, i]
+                work[_LATEST + j, i] = jacobian[j, i]
         _ask(t, step, room)
-        if _converged(step.wj, own, iteration >= _STRICT):
+        if _converged(step.wj, work, iteration >= _STRICT):
             return True
         eliminate(jacobian, right)
         for j in range(m):
-            own[_STEP, j] = right[j, 0]
+            work[_STEP, j] = right[j, 0]
         if damped:
-            if not _advance(t, step, own, held):
+            if not _advance(t, step, work, held):
                 break
         else:
             for j in range(m):
                 y[j] += right[j, 0]
             _forces(t, step, held)
-    return _converged(step.wj, own, True)
+    return _converged(step.wj, work, True)
 
 
 @plain
@@ -381,27 +381,27 @@ def _followed(t: Any, step: Step, perturbed: Step, room: Room) -> bool:
     solution, full Newton steps pass kinks at which a line search may stop.
     """
     stay_outside()
-    y, own = step.y, room.own
+    y, work = step.y, room.own
     _rest_guess(t, step.theta, step.x, y)
     _impose(t, step, perturbed, room.held)
     done, part = 0.0, _FIRST_PART
     while done < 1.0:
         part = min(part, 1.0 - done)
         for j in range(y.shape[0]):
-            own[_KEPT, j] = y[j]
+            work[_KEPT, j] = y[j]
         shorter, moved = _sized(step, (done + part) * step.h), _sized(perturbed, (done + part) * step.h)
         _prepare(t, shorter, moved)
-        found = False
+        solved = False
         for damped in (False, True):
-            if not found:
+            if not solved:
                 for j in range(y.shape[0]):
-                    y[j] = own[_KEPT, j]
-                found = _newton(t, shorter, moved, room, damped)
-        if found:
+                    y[j] = work[_KEPT, j]
+                solved = _newton(t, shorter, moved, room, damped)
+        if solved:
             done, part = done + part, 2.0 * part
         else:
             for j in range(y.shape[0]):
-                y[j] = own[_KEPT, j]
+                y[j] = work[_KEPT, j]
             part *= 0.5
             if part < _LEAST_PART:
                 _prepare(t, step, perturbed)

@@ -171,7 +171,7 @@ def _term(piece: Any, h: Any, c: Any, term: Any) -> Any:
 def _prepare_pieces(t: Any, p: Any, d: Any, leaf: Any, h: Any) -> None:
     """Fill the coefficients of a reducible storage's pieces and, of its pairs, what stays the same while they do."""
     stay_outside()
-    none, own = p.active.shape[0], leaf_storage(t, leaf)
+    none, storage = p.active.shape[0], leaf_storage(t, leaf)
     whole, ratio = d.whole[leaf], d.g[0, p.only[leaf]].real if p.only[leaf] >= 0 else 1.0
     for piece in range(PIECES):
         for term in range(3):
@@ -186,7 +186,7 @@ def _prepare_pieces(t: Any, p: Any, d: Any, leaf: Any, h: Any) -> None:
                     end, mean = _term(piece, h, d.c[k, leaf], term)
                     by[term], by[4 + term] = end.imag / TINY, mean.imag / TINY
                 threshold = d.c[k, leaf, HIGH if piece == ABOVE else LOW].imag / TINY
-            start, shift = 1.0 if i == own else 0.0, 0.0 if p.shifts[pair] else d.shift[pair]
+            start, shift = 1.0 if i == storage else 0.0, 0.0 if p.shifts[pair] else d.shift[pair]
             for out in range(2):
                 of = whole[piece, 3 * out : 3 * out + 3]
                 by[4 * out + 1] = by[4 * out + 1] * ratio + of[1] * d.by_ratio[pair]
@@ -213,9 +213,9 @@ def _thresholds(t: Any, p: Any, d: Any, leaf: Any, i: Any, h: Any) -> Any:
     stay_outside()
     r = t[t[0, LEAVES] + leaf, FIRST_RESISTOR]
     q = read(t, t[r, READ], perturbed_step(t, p, d, i, h))
-    found = resistor_thresholds(t, r, q, d.theta)
+    thresholds = resistor_thresholds(t, r, q, d.theta)
     perturb(p, d, i, 0.0)
-    return found
+    return thresholds
 
 
 @inline
@@ -429,11 +429,11 @@ def _linear_terms(t: Any, p: Any, d: Any) -> None:
     m, known = d.y.shape[0], d.x.shape[0] + d.y.shape[0]
     for j in range(m):
         force, moved = d.by_force[j], d.by_change[j]
-        one, of, own = d.junction[j, m], d.change[j], d.flows[j]
+        one, of, flow = d.junction[j, m], d.change[j], d.flows[j]
         for i in range(force.shape[0]):
             force[i] = one[i]
         for i in range(known, force.shape[0]):
-            moved[i] = of[i] * own
+            moved[i] = of[i] * flow
         for b in range(m):
             by, v = d.junction[j, b], d.flows[b]
             for i in range(known, force.shape[0]):

@@ -160,13 +160,13 @@ class PowerPreserving:
         if -t[0] == times[-1]:
             wanted.clear()
         wanted.append(by_x.reshape(x0.shape))
-        found = torch.zeros_like(self.y0[1 + size :])
+        flat_gradients = torch.zeros_like(self.y0[1 + size :])
         if len(wanted) == len(x) - 1:
             asked, by_x = (x0, *known["adjoint_params"]), torch.stack([torch.zeros_like(x0), *wanted[::-1]])
             gradients = torch.autograd.grad(x, asked, by_x, True, allow_unused=True, materialize_grads=True)
-            found = torch.cat([g.reshape(-1) for g in gradients])
-        by_parameters = by_parameters + found[size:]
-        return torch.stack([self.y0, torch.cat([by_t, state, found[:size], by_parameters])])
+            flat_gradients = torch.cat([g.reshape(-1) for g in gradients])
+        by_parameters = by_parameters + flat_gradients[size:]
+        return torch.stack([self.y0, torch.cat([by_t, state, flat_gradients[:size], by_parameters])])
 
     def integrate_until_event(self, t0: Tensor, event_fn: Any) -> Tensor:
         """Always raise: the solver supports no events."""

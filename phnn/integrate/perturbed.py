@@ -145,7 +145,7 @@ def pattern_of(sparsity: Sparsity, active: tuple[int, ...]) -> Pattern:
         np.array([any(by_current[first[k] : first[k + 1]]) for k in range(len(first) - 1)], dtype=np.bool_),
         np.array(by_threshold, dtype=np.bool_),
         np.array(sparsity.affine, dtype=np.bool_),
-        np.array([bool(found) for found in sparsity.thresholds], dtype=np.bool_),
+        np.array([bool(members) for members in sparsity.thresholds], dtype=np.bool_),
         np.array(sparsity.plain, dtype=np.int64),
         np.array(list(sparsity.others), dtype=np.int64),
         *_listed(sparsity.others.values(), inputs),
@@ -158,9 +158,9 @@ def pattern_of(sparsity: Sparsity, active: tuple[int, ...]) -> Pattern:
 
 def _listed(sets: Iterable[set[int]], inputs: list[int]) -> tuple[Integers, Integers]:
     """Return the start of every set's list, and all lists one after the other: numbers of the inputs in each set."""
-    lists = [[i for i, name in enumerate(inputs) if name in found] for found in sets]
+    lists = [[i for i, name in enumerate(inputs) if name in members] for members in sets]
     first = np.cumsum([0, *map(len, lists)])
-    return first.astype(np.int64), np.array([i for found in lists for i in found], dtype=np.int64)
+    return first.astype(np.int64), np.array([i for numbers in lists for i in numbers], dtype=np.int64)
 
 
 # Affine pieces of a reducible storage.
@@ -298,17 +298,17 @@ def terms_in_full(t: Any, p: Any, d: Any, h: Any) -> None:
 def leaf_in_full(t: Any, p: Any, d: Any, leaf: Any, h: Any) -> None:
     """Fill the derivatives of a reducible storage."""
     closed = is_closed(t, leaf)
-    found = (0.0, 0.0, 0.0, 0.0)
+    solution = (0.0, 0.0, 0.0, 0.0)
     if not closed:
         # Solved once, for all derivatives of the step.
-        found = leaf_search(t, leaf, perturbed_step(t, p, d, -1, h))
+        solution = leaf_search(t, leaf, perturbed_step(t, p, d, -1, h))
     for pair in range(p.first[leaf], p.first[leaf + 1]):
         i = p.input[pair]
         step = perturbed_step(t, p, d, i, h)
         if closed:
             end, mean = leaf_closed(t, leaf, step)
         else:
-            end, mean = leaf_moved(t, leaf, step, found)
+            end, mean = leaf_moved(t, leaf, step, solution)
         if not p.affine[leaf]:
             d.shift[pair] = leaf_current(t, leaf, step.g, step.a, step.wj).imag / TINY
         perturb(p, d, i, 0.0)

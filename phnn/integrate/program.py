@@ -107,16 +107,16 @@ def source_rows(
     network: Network, memory: ModulatorState, leaves: Sequence[str], junctions: Sequence[str]
 ) -> list[list[int]]:
     """Return the rows of one modulator state's sources; junction resistors are counted within their kind."""
-    found: dict[str, tuple[int, int]] = {}
+    by_name: dict[str, tuple[int, int]] = {}
     for k, leaf in enumerate(leaves):
         # All resistors of the storage drive the modulator state, or none does: see `phnn.integrate.scheme`.
-        found |= {r.name: (SOURCE_LEAF, k) for r in network.resistors if tuple(r.on) == (leaf,)}
-    found |= {p.name: (SOURCE_PORT, k) for k, p in enumerate(network.ports)}
-    found |= {name: (SOURCE_FLOW, j) for j, name in enumerate(junctions)}
-    found |= {name: (SOURCE_EFFORT, network.state_names.index(name)) for name in leaves}
+        by_name |= {r.name: (SOURCE_LEAF, k) for r in network.resistors if tuple(r.on) == (leaf,)}
+    by_name |= {p.name: (SOURCE_PORT, k) for k, p in enumerate(network.ports)}
+    by_name |= {name: (SOURCE_FLOW, j) for j, name in enumerate(junctions)}
+    by_name |= {name: (SOURCE_EFFORT, network.state_names.index(name)) for name in leaves}
     on_junctions = (r.name for r in network.resistors if set(r.on) <= set(junctions))
-    found |= {name: (SOURCE_RESISTOR, k) for k, name in enumerate(on_junctions)}
-    sources = dict.fromkeys(found[name] for name in network.drives_of(memory))
+    by_name |= {name: (SOURCE_RESISTOR, k) for k, name in enumerate(on_junctions)}
+    sources = dict.fromkeys(by_name[name] for name in network.drives_of(memory))
     return [[value if column == c else NONE for c in range(5)] for column, value in sources]
 
 
@@ -332,8 +332,8 @@ class _Builder:
         for column, kind in enumerate(_OWNED):
             leaves[:, FIRST_RESISTOR + 2 * column : FIRST_RESISTOR + 2 * column + 2] += first[kind]
         for kind in (LEAF_RESISTORS, JUNCTION_RESISTORS, FACTORS):
-            found = rows_of(table, kind)
-            found[:, READ] = np.where(found[:, READ] >= 0, found[:, READ] + first[READS], NONE)
+            readers = rows_of(table, kind)
+            readers[:, READ] = np.where(readers[:, READ] >= 0, readers[:, READ] + first[READS], NONE)
         rows_of(table, JUNCTION_RESISTORS)[:, FIRST_BRANCH : LAST_BRANCH + 1] += first[BRANCHES]
         rows_of(table, MODULATOR_STATES)[:, FIRST_SOURCE : LAST_SOURCE + 1] += first[SOURCES]
         branches = rows_of(table, SOURCES)[:, SOURCE_RESISTOR]
@@ -425,10 +425,10 @@ class Sparsity:
 
     def _ratio(self, place: int) -> set[int]:
         """Return the inputs of a ratio."""
-        found = {self.known + int(place)}
+        inputs = {self.known + int(place)}
         for row in self._factors[self._factors[:, RATIO_PLACE] == place]:
-            found |= self._law(row, FACTOR_LAWS) | self._read(row[READ])
-        return found
+            inputs |= self._law(row, FACTOR_LAWS) | self._read(row[READ])
+        return inputs
 
     def _flow(self, j: int) -> set[int]:
         storage, linear = self._junctions[j, [OWN_STORAGE, IS_LINEAR]]
@@ -437,13 +437,13 @@ class Sparsity:
 
     def _current(self, leaf: int) -> set[int]:
         """Return the inputs of a reducible storage's current."""
-        found: set[int] = set()
+        inputs: set[int] = set()
         links, inlets = self._connections(leaf)
         for row in links:
-            found |= self._ratio(row[RATIO]) | self._flow(row[TO_JUNCTION])
+            inputs |= self._ratio(row[RATIO]) | self._flow(row[TO_JUNCTION])
         for row in inlets:
-            found |= self._inlet(row)
-        return found
+            inputs |= self._inlet(row)
+        return inputs
 
     def _connections(self, leaf: int) -> tuple[Integers, Integers]:
         """Return the rows of a reducible storage's links and of its inlets."""
@@ -470,10 +470,10 @@ class Sparsity:
     def _leaf(self, leaf: int) -> set[int]:
         """Return the inputs of the end state, the mean effort and the forces of a reducible storage."""
         row = self._leaves[leaf]
-        found = {int(row[OWN_STORAGE])} | self._storage(row[OWN_STORAGE]) | self._current(leaf)
+        inputs = {int(row[OWN_STORAGE])} | self._storage(row[OWN_STORAGE]) | self._current(leaf)
         for resistor in self.table[row[FIRST_RESISTOR] : row[LAST_RESISTOR]]:
-            found |= self._resistor(resistor) | self._ratio(resistor[RATIO])
-        return found
+            inputs |= self._resistor(resistor) | self._ratio(resistor[RATIO])
+        return inputs
 
     def _thresholds(self, leaf: int) -> set[int]:
         """Return the inputs of the modulated thresholds of a reducible storage's first resistor."""
@@ -519,10 +519,10 @@ class Sparsity:
             return self._inlet(row)
         if kind == GYRATORS:
             return self._ratio(row[RATIO]) | self._flow(row[OF_JUNCTION])
-        found = self._resistor(row)
+        inputs = self._resistor(row)
         for branch in self._branches(row):
-            found |= self._ratio(branch[RATIO]) | self._flow(branch[0])
-        return found
+            inputs |= self._ratio(branch[RATIO]) | self._flow(branch[0])
+        return inputs
 
     def _modulator(self, k: int) -> set[int]:
         """Return the inputs of a modulator state's law without its drive."""

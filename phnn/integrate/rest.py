@@ -84,8 +84,8 @@ def _steady() -> ModuleType:
 def served(program: Program) -> bool:
     """Return whether displacements of the junctions determine the rest state: there are some, and no input acts beside
     them."""
-    beside = len(rows_of(program.table, LEAF_INLETS)) + len(rows_of(program.table, GYRATORS))
-    return bool(program.junctions) and not beside
+    inputs = len(rows_of(program.table, LEAF_INLETS)) + len(rows_of(program.table, GYRATORS))
+    return bool(program.junctions) and not inputs
 
 
 class _Balance:

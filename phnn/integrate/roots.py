@@ -36,9 +36,9 @@ NOTHING = 1e-200
 
 
 @inline
-def extrapolated(found: Any, n: Any, k: Any) -> Any:
+def extrapolated(history: Any, n: Any, k: Any) -> Any:
     """Guess entry ``(n, k)``, ``n ≥ 1``, from the two rows before it."""
-    return found[n - 1, k] if n == 1 else 2.0 * found[n - 1, k] - found[n - 2, k]
+    return history[n - 1, k] if n == 1 else 2.0 * history[n - 1, k] - history[n - 2, k]
 
 
 def make_root(value_at: Callable[..., Any], slope_at: Callable[..., Any]) -> Callable[..., Any]:
@@ -115,7 +115,7 @@ _radau_defects, _gradient_defect = plain(radau_defects), plain(gradient_defect)
 
 
 def make_radau(flow: Callable[..., Any], plain_flow: Callable[..., Any]) -> Any:
-    """``search(x, i, h, context) -> (X_1, X_2, a, b)`` and ``moved(x, i, h, s, found, context) -> (x⁺, ē)``, compiled.
+    """``search(x, i, h, context) -> (X_1, X_2, a, b)``, ``moved(x, i, h, s, solution, context) -> (x⁺, ē)``, compiled.
 
     The search runs in real numbers; its result is NaN if it fails. If no slope is negative, Newton's method from the
     previous state converges in a few steps. Otherwise two nested scalar searches follow, each in a bracket: the first
@@ -188,9 +188,9 @@ def make_radau(flow: Callable[..., Any], plain_flow: Callable[..., Any]) -> Any:
         return one, two, 1.5 + h * lost(one, context)[1], 2.5 + h * lost(two, context)[1]
 
     @plain
-    def moved(x: Any, current: Any, h: Any, s: Any, found: Any, context: Any) -> Any:
+    def moved(x: Any, current: Any, h: Any, s: Any, solution: Any, context: Any) -> Any:
         stay_outside()
-        one, two, a, b = found
+        one, two, a, b = solution
         before, after = one + 0.0 * current, two + 0.0 * current
         lost1, lost2 = flow(before, before, context), flow(after, after, context)
         g1, g2 = _radau_defects(before - x, after - x, current, h, lost1, lost2)
@@ -203,7 +203,7 @@ def make_radau(flow: Callable[..., Any], plain_flow: Callable[..., Any]) -> Any:
 
 
 def make_gradient(flow: Callable[..., Any], plain_flow: Callable[..., Any]) -> Any:
-    """``search(x, i, h, context) -> (x⁺, slope)`` and ``moved(x, i, h, found, context) -> x⁺``, as of `make_radau`."""
+    """``search(x, i, h, context) -> (x⁺, slope)``, ``moved(x, i, h, solution, context) -> x⁺``, as of `make_radau`."""
 
     @plain
     def between(end: Any, context: Any) -> Any:
@@ -232,9 +232,9 @@ def make_gradient(flow: Callable[..., Any], plain_flow: Callable[..., Any]) -> A
         return end, slope_at(end, given)
 
     @plain
-    def moved(x: Any, current: Any, h: Any, found: Any, context: Any) -> Any:
+    def moved(x: Any, current: Any, h: Any, solution: Any, context: Any) -> Any:
         stay_outside()
-        end, slope = found[0] + 0.0 * current, found[1]
+        end, slope = solution[0] + 0.0 * current, solution[1]
         return end - _gradient_defect(end - x, current, h, flow(x + 0.0 * current, end, context)) / slope
 
     return search, moved

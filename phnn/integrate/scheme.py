@@ -143,8 +143,8 @@ def _follows_the_path(network: Network, storage: str, resistor: Resistor) -> boo
     law = RESISTOR_LAWS.get(resistor.law) if isinstance(resistor.law, str) else None
     if law is None or law.path is None or resistor.on[storage] != 1.0:
         return False
-    own = {s.name: s for s in network.storages}
-    momentum, spring, given = own.get(resistor.modulated_by or ""), own[storage], resistor.parameters
+    storages = {s.name: s for s in network.storages}
+    momentum, spring, given = storages.get(resistor.modulated_by or ""), storages[storage], resistor.parameters
     curved = (spring.law, spring.parameters[1:]) == (law.spring, (given[0], given[2]))
     ways = [(c.to, c.of, c.ratio) for c in network.couplings if storage in (c.to, c.of)]
     return (
@@ -193,8 +193,8 @@ def can_compile(network: Network) -> bool:
 
 def obstacle(network: Network) -> str:
     """Return the reason why the compiled kernels cannot solve a network, with the remedy; empty if they can."""
-    found = map(_law_obstacle, network.with_laws())
-    return fault_of_laws(network) or next(filter(None, found), "") or partly_driven(network, network.storage_names)
+    obstacles = map(_law_obstacle, network.with_laws())
+    return fault_of_laws(network) or next(filter(None, obstacles), "") or partly_driven(network, network.storage_names)
 
 
 def _law_obstacle(one: WithLaw) -> str:

@@ -110,8 +110,8 @@ def steady_derivative(network: Network, u: Array, names: Sequence[str]) -> Array
 def steady_slope(network: Network, u: Array, port: int) -> Array:
     """Return (n,) derivative of the steady state by the input at one port, as `steady_derivative`."""
     inputs = [torch.tensor(value, dtype=torch.float64, requires_grad=k == port) for k, value in enumerate(u)]
-    found = _implicit(PortHamiltonianSystem(network), steady_state(network, u), torch.stack(inputs), [inputs[port]])
-    return np.asarray(found[:, 0])
+    slopes = _implicit(PortHamiltonianSystem(network), steady_state(network, u), torch.stack(inputs), [inputs[port]])
+    return np.asarray(slopes[:, 0])
 
 
 def _implicit(system: PortHamiltonianSystem, steady: Array, u: Tensor, by: Sequence[Tensor]) -> Array:
@@ -132,15 +132,15 @@ def _implicit(system: PortHamiltonianSystem, steady: Array, u: Tensor, by: Seque
     right = -np.vstack([_rows(slope, by), _rows(residual, by)])
     rows, columns = _equilibrated(matrix)
     scaled, right = rows[:, None] * matrix * columns, rows[:, None] * right
-    found, _ = _least(scaled, right)
+    solution, _ = _least(scaled, right)
     # Residual at the level of rounding.
-    found = found + _least(scaled, right - scaled @ found)[0]
-    defect = np.abs(scaled @ found - right).max(axis=1)
+    solution = solution + _least(scaled, right - scaled @ solution)[0]
+    defect = np.abs(scaled @ solution - right).max(axis=1)
     if (defect > _BALANCED * np.abs(right).max(initial=0.0)).any():
         # A small change makes a state grow without bound.
         moving = defect[steady.size : 2 * steady.size] > 0.0
         raise SolverFailed(_why(system.network, _newton(point, steady)[2], moving))
-    return np.asarray((columns[:, None] * found)[: steady.size])
+    return np.asarray((columns[:, None] * solution)[: steady.size])
 
 
 def _conditions(system: PortHamiltonianSystem, point: _Point, x: Tensor, u: Tensor) -> tuple[Tensor, Tensor]:
@@ -161,8 +161,8 @@ def _rows(values: Tensor, by: Sequence[Tensor]) -> Array:
     out = np.zeros((values.shape[0], sum(b.numel() for b in by)))
     for i in range(values.shape[0]):
         if values.requires_grad:
-            found = torch.autograd.grad(values[i], list(by), retain_graph=True, materialize_grads=True)
-            out[i] = torch.cat([f.reshape(-1) for f in found]).numpy()
+            gradients = torch.autograd.grad(values[i], list(by), retain_graph=True, materialize_grads=True)
+            out[i] = torch.cat([f.reshape(-1) for f in gradients]).numpy()
     return out
 
 
@@ -180,13 +180,13 @@ def _at(system: PortHamiltonianSystem, u: Array, x: Array) -> _Point:
         silent = torch.autograd.functional.jacobian(lambda e: system.branch_flows(e, state).sum(), epsilon) == 0.0
         slope = torch.autograd.functional.jacobian(lambda s: system.vector_field(s, inputs), state)
         touched = torch.cat([structure, branches, ports], dim=-1).numpy()
-        left, size, _ = np.linalg.svd(touched)
+        left_vectors, size, _ = np.linalg.svd(touched)
         rank = int((size > _RANK * size.max(initial=0.0)).sum())
         slow = len(system.network.memories)
         return _Point(
             system.vector_field(state, inputs).numpy(), np.pad(terms.numpy(), (0, slow)), slope.numpy(),
             silent.numpy(), epsilon[silent].numpy(), (branches.mT @ stiffness)[silent].numpy(),
-            np.pad(left[:, rank:].T, ((0, 0), (0, slow))),
+            np.pad(left_vectors[:, rank:].T, ((0, 0), (0, slow))),
         )  # fmt: skip
 
 
@@ -220,10 +220,10 @@ def _least(matrix: Array, right: Array) -> tuple[Array, Array]:
     """Return the least-squares solution of least norm, and the null space."""
     if not (np.isfinite(matrix).all() and np.isfinite(right).all()):
         raise SolverFailed("no rest state was found: the network's rates, or their derivatives, are not finite there")
-    left, size, across = np.linalg.svd(matrix)
+    left_vectors, size, across = np.linalg.svd(matrix)
     rank = int((size > _RANK * size.max(initial=0.0)).sum())
     inverse = across[:rank].T / size[:rank]
-    return inverse @ (left[:, :rank].T @ right), across[rank:].T
+    return inverse @ (left_vectors[:, :rank].T @ right), across[rank:].T
 
 
 def _why(network: Network, free: Array, moving: NDArray[np.bool_]) -> str:

@@ -457,15 +457,15 @@ def leaf_search(t: Any, leaf: Any, step: Step) -> Any:
 
 
 @plain
-def leaf_moved(t: Any, leaf: Any, step: Step, found: Any) -> Any:
+def leaf_moved(t: Any, leaf: Any, step: Step, solution: Any) -> Any:
     """Return the end state and mean effort of a reducible storage from the result of `leaf_search`."""
     stay_outside()
     k = leaf_storage(t, leaf)
     context, start = (t, leaf, step), step.x[k]
     current = leaf_current(t, leaf, step.g, step.a, step.wj)
     if t[t[0, LEAVES] + leaf, RULE] == RADAU:
-        return _radau_moved(start, current, step.h, step.c[leaf, STIFFNESS], found, context)
-    end = _gradient_moved(start, current, step.h, (found[0], found[1]), context)
+        return _radau_moved(start, current, step.h, step.c[leaf, STIFFNESS], solution, context)
+    end = _gradient_moved(start, current, step.h, (solution[0], solution[1]), context)
     return end, mean_effort(t, k, start, end, step.theta)
 
 
@@ -491,13 +491,13 @@ def leaf_closed(t: Any, leaf: Any, step: Step) -> Any:
         return x[k] + gain, mean_effort(t, k, x[k], x[k] + gain, theta)
     if rule == PATH:
         return resistor_path(t, t[row, FIRST_RESISTOR], x[k], current, h, c[leaf, STIFFNESS], theta)
-    own, r = c[leaf], t[row, FIRST_RESISTOR]
-    slope = own[RHO], own[LOW], own[HIGH], own[ONE], own[TWO]
+    constants, r = c[leaf], t[row, FIRST_RESISTOR]
+    slope = constants[RHO], constants[LOW], constants[HIGH], constants[ONE], constants[TWO]
     if t[r, READ] >= 0:
         rho, low, high = resistor_thresholds(t, r, read(t, t[r, READ], step), theta)
-        one, two = relaxation(h * (rho + own[LEAK]) * own[STIFFNESS])
+        one, two = relaxation(h * (rho + constants[LEAK]) * constants[STIFFNESS])
         slope = rho, low, high, one, two
-    return exact_flow(x[k], current, h, own, slope)
+    return exact_flow(x[k], current, h, constants, slope)
 
 
 @inline
@@ -505,8 +505,8 @@ def leaf_step(t: Any, leaf: Any, step: Step) -> Any:
     """Return the end state and mean effort of a reducible storage."""
     if is_closed(t, leaf):
         return leaf_closed(t, leaf, step)
-    found = leaf_search(t, leaf, step)
-    return leaf_moved(t, leaf, step, found)
+    solution = leaf_search(t, leaf, step)
+    return leaf_moved(t, leaf, step, solution)
 
 
 @inline

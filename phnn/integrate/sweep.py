@@ -72,16 +72,16 @@ def _set(out: Any, a: Any, x: Any, b: Any, y: Any) -> None:
 
 
 @inline
-def _combine(out: Any, own: Any, sign: Any, by: Any, known: Any, rows: Any, pair: Any, n: Any, asked: Asked) -> None:
+def _combine(out: Any, factor: Any, sign: Any, by: Any, known: Any, rows: Any, pair: Any, n: Any, asked: Asked) -> None:
     """Set a row to the chain rule of a block of step ``n``, with a sign, and a multiple of a row.
 
     Args:
         by: (I,) derivatives by states, unknowns and parameters; known: (N+m, C) rows of states and unknowns.
-        rows: number of the rows that count; pair: two of them, which are taken in one pass; own: multiple of the first.
+        rows: number of the rows that count; pair: two of them, taken in one pass; factor: multiple of the first.
     """
     one, two = pair
     inputs = known.shape[0]
-    _set(out, own + sign * by[one], known[one], sign * by[two] if two != one else 0.0, known[two])
+    _set(out, factor + sign * by[one], known[one], sign * by[two] if two != one else 0.0, known[two])
     for i in range(rows):
         if i not in (one, two):
             _add(out, sign * by[i], known[i])
@@ -358,12 +358,12 @@ def closed_cycle(
             if np.abs(change / reach).max() <= _PROGRESS * size:
                 break
         x = target
-    left = np.abs(change / reach)
-    best = min(best, (float(left.max()), x), key=lambda b: b[0])
+    shares = np.abs(change / reach)
+    best = min(best, (float(shares.max()), x), key=lambda b: b[0])
     if best[0] <= _TOLERABLE:
         return best[1]
     raise SolverFailed(
-        f"no steady cycle: {names[int(left.argmax())]} still changes by {left.max():.2g} of its range in a "
+        f"no steady cycle: {names[int(shares.argmax())]} still changes by {shares.max():.2g} of its range in a "
         f"period; set `start: unknown`, or correct the cause of the drift"
     )
 

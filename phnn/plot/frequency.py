@@ -316,12 +316,12 @@ class Tested:
     """The residual of one recording.
 
     Attributes:
-        recording: what was recorded; own, by_input: correlations with itself and with the input.
+        recording: what was recorded; autocorrelation: of the residual; by_input: its correlation with the input.
         f, density: (K,) frequencies [Hz] and amplitude density of the residual; noise: (K,) that of the noise.
     """
 
     recording: Recording
-    own: Correlated
+    autocorrelation: Correlated
     by_input: Correlated
     f: Array
     density: Array
@@ -377,7 +377,7 @@ def whiteness(tests: Sequence[Tested]) -> Plot:
     def draw() -> Figure:
         figure = new_figure(11.4, 2.9 * len(tests) + 0.3)
         for row, one in zip(figure.subplots(len(tests), 3, squeeze=False), tests, strict=True):
-            _draw_correlated(row[0], one.own, "autocorrelation of the residual")
+            _draw_correlated(row[0], one.autocorrelation, "autocorrelation of the residual")
             _draw_correlated(row[1], one.by_input, "correlation with the input")
             _draw_spectrum(row[2], one)
             row[0].set_title(literal(one.recording.name, 40))
@@ -454,7 +454,7 @@ def _correlations(one: Tested) -> list[pd.DataFrame]:
                 "outside_1": pair.outside.astype(int),
             }
         )
-        for name, pair in (("residual", one.own), ("input", one.by_input))
+        for name, pair in (("residual", one.autocorrelation), ("input", one.by_input))
     ]
 
 

@@ -379,11 +379,11 @@ def test_deviations_of_white_noise_are_those_of_the_number_of_pairs() -> None:
 
 def test_the_true_model_leaves_noise_and_a_wrong_one_does_not() -> None:
     for one in residual_tests(MODEL, campaign()):
-        assert one.own.outside.sum() <= 5
+        assert one.autocorrelation.outside.sum() <= 5
         assert one.by_input.outside.mean() <= 0.1
         assert np.median(one.density / one.noise) == pytest.approx(1.0, abs=0.2)
     for one in residual_tests(WRONG, campaign()):
-        assert one.own.outside.mean() > 0.5
+        assert one.autocorrelation.outside.mean() > 0.5
     broad = residual_tests(WRONG, campaign())[3]
     assert broad.by_input.outside.mean() > 0.3
     assert broad.density.max() > 10.0 * broad.noise.max()

@@ -299,7 +299,7 @@ def test_tables_of_any_ending_and_the_sheet_that_is_asked_for_are_read(tmp_path:
         assert any("of its sheets Log is read, not Plan" in note for note in read(tmp_path).notes)
     else:
         frame.to_csv(tmp_path / "a.mpt", sep="\t", index=False)
-        assert [f.file for f in look(tmp_path).found] == ["a.mpt"]
+        assert [f.file for f in look(tmp_path).files] == ["a.mpt"]
     (r,) = read(tmp_path).recordings
     np.testing.assert_allclose(r.u, DRIVE[:60])
 
