@@ -2,7 +2,4 @@
 
 from setuptools import find_packages, setup
 
-setup(
-    packages=[*find_packages(include=["phnn", "phnn.*"]), "phnn.configs"],
-    package_dir={"phnn.configs": "configs"},
-)
+setup(packages=[*find_packages(include=["phnn", "phnn.*"]), "phnn.configs"], package_dir={"phnn.configs": "configs"})

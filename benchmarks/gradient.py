@@ -18,15 +18,7 @@ import numpy as np
 import pandas as pd
 
 from benchmarks import peers, peers_torch
-from benchmarks.case import (
-    CAMPAIGN,
-    PART,
-    TRUTH,
-    Array,
-    adjoint_gradient,
-    march_alone,
-    swept_gradient,
-)
+from benchmarks.case import CAMPAIGN, PART, TRUTH, Array, adjoint_gradient, march_alone, swept_gradient
 from benchmarks.forward import PERIOD, SUBSTEPS, TARGETS, WHOLE, fastest_peer, in_order
 from benchmarks.ladder import Choice, Prepare, Solver, choose, relative_errors
 from benchmarks.reference import reference

@@ -71,11 +71,7 @@ class Line:
     quick: bool = False
 
 
-RULES = (
-    Line("exact", Scheme.DISCRETE_GRADIENT),
-    Line("radau", Scheme.RADAU),
-    Line("midpoint", Scheme.MIDPOINT),
-)
+RULES = (Line("exact", Scheme.DISCRETE_GRADIENT), Line("radau", Scheme.RADAU), Line("midpoint", Scheme.MIDPOINT))
 QUICK = Line("exact, single-junction kernel", Scheme.DISCRETE_GRADIENT, quick=True)
 LINES = (*RULES, QUICK)
 

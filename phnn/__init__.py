@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from phnn.model import Model
     from phnn.network.elements import Network
     from phnn.network.system import PortHamiltonianSystem
-    from phnn.predictor import load, predict
+    from phnn.prediction import load, predict
     from phnn.recordings import describe, read
     from phnn.setup import Setup
     from phnn.verbs import Diagnosis, diagnose
@@ -43,12 +43,12 @@ _DEFINED_IN = {
     "describe": "phnn.recordings",
     "identify": "phnn.identification.identified",
     "diagnose": "phnn.verbs",
-    "predict": "phnn.predictor",
+    "predict": "phnn.prediction",
     "simulate": "phnn.integrate.differentiable",
     "train": "phnn.learn.run",
     "compare": "phnn.comparison.models",
     "export": "phnn.exporting.write",
-    "load": "phnn.predictor",
+    "load": "phnn.prediction",
     "control": None,
     "models": None,
     "effects": None,

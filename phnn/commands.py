@@ -349,8 +349,7 @@ def predict(
 
     Where the input jumps between two samples, a further column says how uncertain that makes the output.
     """
-    from phnn.prediction import document
-    from phnn.predictor import load, predictions
+    from phnn.prediction import document, load, predictions
 
     loaded = load(model, outside)
     campaign = read(folder, manifest, need_output=False, allow_outside=outside)
@@ -395,7 +394,7 @@ def export(model: Path, out: Path, options: Mapping[str, Any], outside: bool = F
         options: the settings of `phnn.exporting.write.program_of`.
     """
     from phnn.exporting.write import program_of, write
-    from phnn.predictor import load
+    from phnn.prediction import load
 
     taken = ("to", "dt", "substeps", "hold", "name", "ports", "sensor", "initial_input")
     program = program_of(load(model, outside), **{name: options[name] for name in taken})
@@ -410,12 +409,7 @@ _INPUTS = {"V": "voltage_V", "N": "force_N"}
 
 
 def invert(
-    model: Path,
-    reference: Path,
-    out: Path,
-    options: Mapping[str, Any],
-    outside: bool = False,
-    overwrite: bool = False,
+    model: Path, reference: Path, out: Path, options: Mapping[str, Any], outside: bool = False, overwrite: bool = False
 ) -> None:
     """Find the command with which a stored model follows the reference of a file; writes its table, json and figure.
 
@@ -427,7 +421,7 @@ def invert(
     """
     from phnn.inverse import InverseOptions
     from phnn.model import Model
-    from phnn.predictor import load
+    from phnn.prediction import load
     from phnn.recordings.checks import like_an_actuator
     from phnn.recordings.recording import ACTUATOR, Units
     from phnn.recordings.table import Where

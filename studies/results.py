@@ -16,10 +16,7 @@ _FIGURES = "figures"
 
 
 def write_results(
-    place: Place,
-    texts: Mapping[str, str],
-    documents: Mapping[str, Any] | None = None,
-    drawings: Sequence[Drawing] = (),
+    place: Place, texts: Mapping[str, str], documents: Mapping[str, Any] | None = None, drawings: Sequence[Drawing] = ()
 ) -> None:
     """Write results into a claimed folder.
 

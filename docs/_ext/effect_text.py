@@ -18,11 +18,7 @@ from phnn.parameters import quantity
 from phnn.setup import Setup
 
 _CASES = Path(__file__).resolve().parents[1] / "proof-cases.csv"
-_GRADES = {
-    "exact": "named",
-    "class": "in a class of equally good effects",
-    "wrong": "missed",
-}
+_GRADES = {"exact": "named", "class": "in a class of equally good effects", "wrong": "missed"}
 
 # The example of each page; it is run when the page is made, and its output stands below it.
 _EXAMPLE = """\

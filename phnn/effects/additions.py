@@ -37,12 +37,7 @@ class Parts:
 
     def __call__(self, setup: Setup, parameters: Placed) -> Setup:
         network = setup.network.extend(
-            self.storages,
-            self.resistors,
-            self.couplings,
-            tuple(parameters.values()),
-            self.modulations,
-            self.memories,
+            self.storages, self.resistors, self.couplings, tuple(parameters.values()), self.modulations, self.memories
         )
         return with_network(setup, network)
 

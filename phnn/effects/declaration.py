@@ -186,13 +186,7 @@ def positive(name: str, unit: str, description: str, span: float = _FAR, strengt
 
 
 def signed(
-    name: str,
-    unit: str,
-    description: str,
-    reach: float,
-    typical: float,
-    strength: bool = False,
-    own_size: bool = False,
+    name: str, unit: str, description: str, reach: float, typical: float, strength: bool = False, own_size: bool = False
 ) -> Declared:
     """Return a parameter on a linear scale, of either sign.
 

@@ -449,11 +449,7 @@ LEARNED_SENSOR_OVER_TIME = Effect(
     declares=(*_CHANGES_BY_TIME, *_TIME_SIZES),
     adds=Chain("sensor", _TIME_BLOCKS),
     # One point for each strength.
-    grid=each(
-        _CHANGES_BY_TIME,
-        _SENSOR_SMALL,
-        {"T_Z": "duration", "s_Z": (0.5 / math.pi, "1/fastest", "1/duration")},
-    ),
+    grid=each(_CHANGES_BY_TIME, _SENSOR_SMALL, {"T_Z": "duration", "s_Z": (0.5 / math.pi, "1/fastest", "1/duration")}),
     neighbours=("sensor_drift", "self_heating"),
     rescale=Within(_CHANGES_BY_TIME),
 )

@@ -155,10 +155,7 @@ _FALLING = _OVER_VELOCITY.or_as(
     statement="Dry friction of {F_c} acts on the moving part; at low speed it is larger by {r_f} times that, and falls "
     "over {v_d}.",
     references=("Bo & Pavelescu 1982, Wear 82 (exponential model of the Stribeck curve)",),
-    declares=(
-        *_OVER_VELOCITY.declares,
-        *_STRIBECK,
-    ),
+    declares=(*_OVER_VELOCITY.declares, *_STRIBECK),
     adds=Parts(resistors=(Resistor(_NAME, "stribeck", {"p": 1.0}, ("F_c", "v_s", "r_f", "v_d")),)),
     grid=falling_friction_grid,
 )

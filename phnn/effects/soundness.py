@@ -204,9 +204,7 @@ def structure(effect: Effect, home: Home) -> None:
     _require(effect, inside != outside, "it adds nothing, or acts inside and outside the network: make two effects")
     passive = inside and not any(sources(setup.network))
     _require(
-        effect,
-        effect.passive == passive,
-        f"its addition is {'' if passive else 'not '}passive, and says otherwise",
+        effect, effect.passive == passive, f"its addition is {'' if passive else 'not '}passive, and says otherwise"
     )
 
 

@@ -28,20 +28,11 @@ from xml.sax.saxutils import quoteattr
 from phnn.errors import InputRefused, OutputFailed
 from phnn.exporting.build import HOLDS, Builder, Hold
 from phnn.exporting.c import Printer, c_header, c_source
-from phnn.exporting.program import (
-    CONSTANTS_ABOUT,
-    Constant,
-    Field,
-    Function,
-    Program,
-    header,
-    indented,
-    one_line,
-)
+from phnn.exporting.program import CONSTANTS_ABOUT, Constant, Field, Function, Program, header, indented, one_line
 from phnn.intake import LIMITS
 from phnn.model import Model
 from phnn.network.elements import Network
-from phnn.predictor import load
+from phnn.prediction import load
 from phnn.results import claim
 from phnn.setup import Setup
 

@@ -100,10 +100,7 @@ _QUICK = 15
 
 def radau_defects(d1: Any, d2: Any, current: Any, h: Any, lost1: Any, lost2: Any) -> Any:
     """Return ``A⁻¹ d − h f`` for the stage displacements ``d_i = X_i − x`` and the flows ``φ_i`` lost there."""
-    return (
-        1.5 * d1 + 0.5 * d2 - h * (current - lost1),
-        2.5 * d2 - 4.5 * d1 - h * (current - lost2),
-    )
+    return (1.5 * d1 + 0.5 * d2 - h * (current - lost1), 2.5 * d2 - 4.5 * d1 - h * (current - lost2))
 
 
 def gradient_defect(d: Any, current: Any, h: Any, lost: Any) -> Any:

@@ -344,10 +344,7 @@ def bouc_wen_path(
     share = _of_length(way, length)
     short = (real(strain) < 0.0) & (real(way) >= real(length))
     mean = share * middle + (1.0 - share) * forth
-    return (
-        where(short, behind + way * rate, end) / scale,
-        where(short, middle, mean) * force * side,
-    )
+    return (where(short, behind + way * rate, end) / scale, where(short, middle, mean) * force * side)
 
 
 def lugre(effort: Any, q: Any, force: Any, rise: Any, decay: Any, mass: Any) -> Any:

@@ -49,12 +49,7 @@ _GENTLE = 0.5
 # Electrical stiffness of a hysteron over the mechanical one, and the width of a closed dead zone over the drive.
 _SHARE, _CLOSED = 0.15, 1e-6
 # Largest counts of what a model is made of.
-_MOST = {
-    "hysterons": LIMITS.hysterons,
-    "states": LIMITS.elements,
-    "width": LIMITS.units,
-    "spring_width": LIMITS.units,
-}
+_MOST = {"hysterons": LIMITS.hysterons, "states": LIMITS.elements, "width": LIMITS.units, "spring_width": LIMITS.units}
 # Relaxation rates of such hysterons over the middle frequency.
 _RATES = (30.0, 1.0)
 

@@ -263,7 +263,7 @@ class LearnedEnergy(nn.Module):
 
         ∇̄H(a, b) = (E/s) Wᵀ w ∘ [ΔS/Δz − σ(b)],       ∇̄H·(b − a) = H(b) − H(a) exactly,
 
-    which needs neither the quadrature of the mean-value gradient nor the division by |b − a|² of Gonzalez's.
+    which needs neither the quadrature of the mean-value gradient nor the division by ‖b − a‖² of Gonzalez's.
 
     Args:
         states: number ``k`` of states.

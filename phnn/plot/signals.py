@@ -22,7 +22,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from phnn import predictor
+from phnn import prediction
 from phnn.diagnose.diagnosis import Diagnosis
 from phnn.errors import InputRefused
 from phnn.integrate.equations import power_balance
@@ -129,7 +129,7 @@ def model_of(given: Any, outside: bool = False) -> Model | ModalFit:
     """
     if isinstance(given, Diagnosis):
         return given.model
-    return predictor.load(given, outside) if isinstance(given, str | Path) else given
+    return prediction.load(given, outside) if isinstance(given, str | Path) else given
 
 
 def network_model(given: Any) -> Model:
@@ -148,7 +148,7 @@ def network_model(given: Any) -> Model:
 
 def predictions(given: Any, campaign: Campaign | str | Path, recordings: Sequence[str] | None) -> tuple[Predicted, ...]:
     """Return the predictions of the recordings that are drawn; see `chosen`."""
-    return tuple(predictor.predictions(model_of(given), chosen(campaign, recordings)))
+    return tuple(prediction.predictions(model_of(given), chosen(campaign, recordings)))
 
 
 def chosen(campaign: Campaign | str | Path, recordings: Sequence[str] | None) -> Campaign:
@@ -225,12 +225,7 @@ def _shown(one: Predicted) -> slice:
 def _draw(above: Axes, below: Axes, one: Predicted) -> None:
     r, part = one.recording, _shown(one)
     t, unit = r.t[part], r.units.output
-    outputs_into(
-        above,
-        t,
-        [(r.y[part], MEASURED, "measured", 4.0), (one.y[part], AFTER, _legend(one), 1.2)],
-        unit,
-    )
+    outputs_into(above, t, [(r.y[part], MEASURED, "measured", 4.0), (one.y[part], AFTER, _legend(one), 1.2)], unit)
     noise = r.noise if r.noise_found else None
     errors_into(below, t, [((r.y - one.y)[part], AFTER, "residual", 0.8)], noise, unit)
     # The samples before the scored ones.
@@ -334,10 +329,7 @@ def _draw_loops(axes: Axes, title: str, some: Sequence[Predicted]) -> None:
     up, y_label = scaled("output", r.units.output, *(one.recording.y for one in some))
     for number, one in enumerate(some):
         rows, u = one.recording.last_periods(1.0), one.recording.u
-        for y, colour, name, width in (
-            (one.recording.y, MEASURED, "measured", 4.0),
-            (one.y, AFTER, "simulated", 1.2),
-        ):
+        for y, colour, name, width in ((one.recording.y, MEASURED, "measured", 4.0), (one.y, AFTER, "simulated", 1.2)):
             draw_trace(
                 axes, u[rows] / across, y[rows], up, color=colour, linewidth=width,
                 label=name if number == 0 else None, zorder=2.0 if name == "measured" else 3.0,

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from phnn.errors import InputRefused
+from phnn.parameters import quantity
 from phnn.recordings import checks
 from phnn.recordings.channels import BRIDGED, Channel, evenly, interpolated, own_rows, select, stamped
 from phnn.recordings.excitation import Excitation, excitation_of
@@ -168,12 +169,9 @@ def _draft(entry: Entry, table: Table, channels: Channels, roles: tuple[str, str
     name = entry.name or printable(Path(entry.files[0]).stem)
     t, values, sampled, where, notes = _sampled(entry, table, channels)
     if t.size > _LONG:
-        stride = 1 if sampled else _stride(t, values, roles)
-        why = f"of which one in {stride} is used: what lies between follows from these"
-        if stride == 1:
-            why = f"all of which are needed: a fit takes {t.size // _ENOUGH} times as long as of {_ENOUGH}; see `slice`"
-        notes.append(f"{t.size} samples, {why}")
-        t, values = t[::stride], {q: x[::stride] for q, x in values.items()}
+        t, values, note = (t, values, "") if sampled else _shortened(entry, t, values, roles)
+        times = t.size // _ENOUGH
+        notes.append(note or f"all samples are needed: a fit takes {times} times as long as of {_ENOUGH}; see `slice`")
     if y_name is not None:
         notes += _as_sampled(t, values, sampled, u_name, y_name, channels, entry.input == "zero_order")
     u = values[u_name]
@@ -225,10 +223,50 @@ def _draft(entry: Entry, table: Table, channels: Channels, roles: tuple[str, str
 
 # Different steps of a clock that is coarse beside the rows, and by what share of an interval it is off then.
 _TICKS, _COARSE = 3, 0.05
-# Samples from which on a recording is thinned, and to which; what thinning may change of an input, in shares of its
-# range, and of an output, over what it changes if every second sample stays, for that is noise.
+# Samples from which on a recording is thinned and cut, and to which; what thinning may change of an input, in shares of
+# its range, and of an output, over what it changes if every second sample stays, for that is noise.
 _LONG, _ENOUGH = 200_000, 50_000
 _INPUT_CHANGES, _OUTPUT_CHANGES = 1e-3, 1.3
+# What first samples must have of the whole input: this share of its range, and at least half its share of the power in
+# every octave of frequency with at least a hundredth of it.
+_OF_RANGE, _OF_POWER, _LEAST_POWER = 0.8, 2.0, 0.01
+
+
+def _shortened(
+    entry: Entry, t: np.ndarray, values: _Values, roles: tuple[str, str | None]
+) -> tuple[np.ndarray, _Values, str]:
+    """Return the samples that tell the others, from the first one on, and what was done; empty where all are needed."""
+    stride, notes = _stride(t, values, roles), []
+    kept, channels = t[::stride], {q: x[::stride] for q, x in values.items()}
+    if stride > 1:
+        notes.append(f"of {t.size} samples one in {stride} is used: what lies between follows from these")
+    if kept.size > _LONG:
+        size = _first(drive_of(channels[roles[0]], {port: channels[port] for port in entry.ports}))
+        if size < kept.size:
+            kept, channels = kept[:size], {q: x[:size] for q, x in channels.items()}
+            ends = f"the first {quantity(kept[-1] - kept[0], 's')} of {quantity(t[-1] - t[0], 's')} are used"
+            notes.append(f"{ends}: the input has no other amplitudes and frequencies later; `slice` takes other rows")
+    return kept, channels, "; ".join(notes)
+
+
+def _first(u: np.ndarray) -> int:
+    """Return how many first samples of an input have all its amplitudes and frequencies: ``_ENOUGH`` times 2ⁿ."""
+    whole, size = _power_of_octaves(u), _ENOUGH
+    needed = np.where(whole >= _LEAST_POWER, whole / _OF_POWER, 0.0)
+    while size < u.size:
+        octaves = _power_of_octaves(u[:size])
+        lasting = np.pad(octaves, (0, whole.size - octaves.size))
+        if np.ptp(u[:size]) >= _OF_RANGE * np.ptp(u) and np.all(lasting >= needed):
+            return size
+        size *= 2
+    return u.size
+
+
+def _power_of_octaves(u: np.ndarray) -> np.ndarray:
+    """Return the share of a signal's power in each octave of frequency, from half the sampling rate down."""
+    power = np.abs(np.fft.rfft(u - u.mean()))[1:] ** 2
+    frequency = np.arange(1, power.size + 1) / u.size
+    return np.bincount(np.floor(-np.log2(frequency)).astype(int), power) / max(power.sum(), 1e-300)
 
 
 def _stride(t: np.ndarray, values: Mapping[str, np.ndarray], roles: tuple[str, str | None]) -> int:

@@ -370,11 +370,7 @@ def draw(name: str, rng: Rng, base: Base, plan: Plan) -> Concealed:
     if name == "sensor_drift":
         rate, names = either_sign(rng), [f"rate_{e.name}" for e in plan]
         return Concealed(
-            name,
-            1e-7,
-            1e-3,
-            added=lambda z, e: z * rate * e.t,
-            stated=lambda z: dict.fromkeys(names, z * rate),
+            name, 1e-7, 1e-3, added=lambda z, e: z * rate * e.t, stated=lambda z: dict.fromkeys(names, z * rate)
         )
     return drawn(name, rng, base, plan)
 
@@ -502,9 +498,6 @@ FORMS: dict[str, tuple[str, Draw]] = {
     "random_walk_drift": ("sensor_drift", _random_walk_drift),
     "exponential_drift": ("sensor_drift", _exponential_drift),
     # α exp(κ q/q₀)
-    "exponential_coupling": (
-        "displacement_coupling",
-        _one("displacement_coupling", 5e-3, 0.4, "kappa_e", signed=True),
-    ),
+    "exponential_coupling": ("displacement_coupling", _one("displacement_coupling", 5e-3, 0.4, "kappa_e", signed=True)),
     "three_creep_times": ("creep", _three_creep_times),
 }

@@ -504,14 +504,27 @@ def test_what_stands_beside_a_dataset_is_taken_over(tmp_path: Path) -> None:
     refused(tmp_path, "the name says V", "mV")
 
 
-def test_a_long_recording_is_thinned_by_what_its_signals_need(tmp_path: Path) -> None:
-    t = np.arange(250_000) * 1e-4
-    y = 3e-5 * np.sin(11.0 * t - 0.2) + 2e-8 * np.random.default_rng(2).standard_normal(t.size)
-    np.savez(tmp_path / "a.npz", time_s=t, voltage_V=30.0 * np.sin(11.0 * t), displacement_m=y)
+LONG = np.arange(250_000) * 1e-4  # s
+SQUARE = np.sign(np.sin(2900.0 * LONG))
+
+
+@pytest.mark.parametrize(
+    "voltage, samples, note",
+    [
+        (30.0 * np.sin(11.0 * LONG), 50_000, "of 250000 samples one in 5 is used"),
+        (SQUARE, 50_000, "the first 5 s of 25 s are used"),
+        (SQUARE * (0.1 + 0.9 * (LONG > 6.0)), 100_000, "the first 10 s of 25 s are used"),
+        (np.sign(np.sin(100.0 * LONG**2)), 250_000, "see `slice`"),
+    ],
+    ids=["slow", "steady", "grows", "sweep"],
+)
+def test_a_long_recording_is_thinned_and_cut_by_what_its_signals_need(
+    tmp_path: Path, voltage: np.ndarray, samples: int, note: str
+) -> None:
+    y = 3e-5 * np.sin(11.0 * LONG - 0.2) + 2e-8 * np.random.default_rng(2).standard_normal(LONG.size)
+    np.savez(tmp_path / "a.npz", time_s=LONG, voltage_V=voltage, displacement_m=y)
     campaign = read(tmp_path)
-    assert campaign.recordings[0].t.size == 50_000 and any("one in 5 is used" in n for n in campaign.notes)
-    np.savez(tmp_path / "a.npz", time_s=t, voltage_V=np.sign(np.sin(2900.0 * t)), displacement_m=y)
-    assert any("see `slice`" in n for n in read(tmp_path).notes)
+    assert campaign.recordings[0].t.size == samples and any(note in n for n in campaign.notes)
 
 
 def test_two_time_columns_in_a_text_are_refused_with_both(tmp_path: Path) -> None:

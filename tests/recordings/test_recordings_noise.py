@@ -11,14 +11,7 @@ from scipy.signal import chirp, cont2discrete, firwin, lfilter, lsim
 
 from phnn.recordings import read
 from phnn.recordings.excitation import excitation_of
-from phnn.signals.noise import (
-    NoiseFloor,
-    from_high_band,
-    from_one_spectrum,
-    from_periods,
-    from_rest,
-    noise_floor,
-)
+from phnn.signals.noise import NoiseFloor, from_high_band, from_one_spectrum, from_periods, from_rest, noise_floor
 
 
 def floor_of(t: np.ndarray, u: np.ndarray, y: np.ndarray) -> NoiseFloor:
