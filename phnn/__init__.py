@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from phnn.model import Model
     from phnn.network.elements import Network
     from phnn.network.system import PortHamiltonianSystem
-    from phnn.prediction import load, predict
+    from phnn.predictor import load, predict
     from phnn.recordings import describe, read
     from phnn.setup import Setup
     from phnn.verbs import Diagnosis, diagnose
@@ -43,12 +43,12 @@ _DEFINED_IN = {
     "describe": "phnn.recordings",
     "identify": "phnn.identification.identified",
     "diagnose": "phnn.verbs",
-    "predict": "phnn.prediction",
+    "predict": "phnn.predictor",
     "simulate": "phnn.integrate.differentiable",
     "train": "phnn.learn.run",
     "compare": "phnn.comparison.models",
     "export": "phnn.exporting.write",
-    "load": "phnn.prediction",
+    "load": "phnn.predictor",
     "control": None,
     "models": None,
     "effects": None,

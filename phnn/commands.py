@@ -349,7 +349,8 @@ def predict(
 
     Where the input jumps between two samples, a further column says how uncertain that makes the output.
     """
-    from phnn.prediction import document, load, predictions
+    from phnn.prediction import document
+    from phnn.predictor import load, predictions
 
     loaded = load(model, outside)
     campaign = read(folder, manifest, need_output=False, allow_outside=outside)
@@ -394,7 +395,7 @@ def export(model: Path, out: Path, options: Mapping[str, Any], outside: bool = F
         options: the settings of `phnn.exporting.write.program_of`.
     """
     from phnn.exporting.write import program_of, write
-    from phnn.prediction import load
+    from phnn.predictor import load
 
     taken = ("to", "dt", "substeps", "hold", "name", "ports", "sensor", "initial_input")
     program = program_of(load(model, outside), **{name: options[name] for name in taken})
@@ -421,7 +422,7 @@ def invert(
     """
     from phnn.inverse import InverseOptions
     from phnn.model import Model
-    from phnn.prediction import load
+    from phnn.predictor import load
     from phnn.recordings.checks import like_an_actuator
     from phnn.recordings.recording import ACTUATOR, Units
     from phnn.recordings.table import Where

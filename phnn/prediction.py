@@ -1,4 +1,4 @@
-"""Load a stored model of any kind, simulate recordings with it, and score it where their outputs were recorded.
+"""Simulate recordings with a stored model, and score it where their outputs were recorded.
 
 The scores are those of every other command, with ``y`` the recorded and ``ŷ`` the simulated output:
 
@@ -10,92 +10,22 @@ are not scored. ``σ`` is the noise floor of the recording itself.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from phnn.derivatives import output_derivatives
-from phnn.errors import InputRefused
 from phnn.identification.evaluate import evaluate, likely_start, score_part, with_instants
 from phnn.identification.plan import Plan
-from phnn.model import Model
-from phnn.models.store import setup_from, stored
 from phnn.network.elements import Network
-from phnn.recordings import Campaign, campaign_of
 from phnn.recordings.excitation import unknown_instants
 from phnn.recordings.recording import Recording
 from phnn.setup import Setup
-from phnn.trajectory import check_names, measured_network, simulate
-
-if TYPE_CHECKING:
-    from phnn.modal.model import ModalFit
-
-
-def load(folder: str | Path, outside: bool = False) -> Model | ModalFit:
-    """Load a model that a command or `Model.save` wrote.
-
-        y = phnn.load("out/model").simulate(t, voltage)
-        network = phnn.load("out/modes/model").to_network()  # of a model that phnn modes wrote
-
-    Args:
-        folder: ``model/`` or ``base/`` of a result, or the file of a model.
-        outside: the file in the folder may be a link that leads out of it.
-
-    Returns:
-        A `Model`; of ``phnn modes`` the fit, a `phnn.modal.model.ModalFit`.
-
-    Raises:
-        InputRefused: there is no model, or a damaged one.
-    """
-    from phnn.modal.model import SCHEMA, model_from
-
-    content, shown = stored(Path(folder), outside)
-    if content.get("schema") != SCHEMA:
-        return Model(*setup_from(content, shown))
-    try:
-        return model_from(content)
-    except InputRefused as error:
-        raise InputRefused(f"{shown}: {error}") from error
-
-
-def predict(model: Model | ModalFit | str | Path, campaign: Campaign | str | Path) -> tuple[Predicted, ...]:
-    """Simulate the recordings of a campaign, in their order.
-
-        for predicted in phnn.predict("out/model", phnn.read("other/")):
-            print(predicted.recording.name, predicted.table)
-
-    Where an output was recorded, the first samples of a recording give the zero and the initial state; they are not
-    scored.
-
-    Args:
-        model: what `phnn.load` returned, or its folder; models of ``phnn modes`` included.
-        campaign: recordings, or their folder. ``phnn.read(folder, need_output=False)`` reads one without outputs.
-
-    Raises:
-        InputRefused: there is no model, or a damaged one, or the recordings do not fit its ports and outputs.
-        SolverFailed: a step has no solution.
-    """
-    known = campaign_of(campaign, need_output=False)
-    return tuple(predictions(load(model) if isinstance(model, str | Path) else model, known))
-
-
-def predictions(model: Model | ModalFit, campaign: Campaign) -> Iterator[Predicted]:
-    """Return the predictions of a campaign's recordings one by one; it is refused before the first is simulated.
-
-    Raises:
-        InputRefused: the recordings do not fit the ports and outputs of the model.
-    """
-    if not isinstance(model, Model):
-        from phnn.modal.model import predicted_modes
-
-        return iter(predicted_modes(model, campaign))
-    check_names(model.setup.network, campaign.recordings)
-    return (predicted(model.setup, r, model.substeps, r.name in campaign.held_out) for r in campaign.recordings)
+from phnn.trajectory import measured_network, simulate
 
 
 class ErrorIndices(NamedTuple):

@@ -10,17 +10,14 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
-from phnn.chain import AMPLIFIERS, SENSORS, SOURCES
 from phnn.errors import StructureViolated
 from phnn.network.elements import Network
 from phnn.parameters import Parameter, as_table, with_values
 
-__all__ = ["AMPLIFIERS", "DRIFT_TERMS", "NOTHING", "SENSORS", "SOURCES", "Block", "Own", "Setup", "Source"]
-
 
 @dataclass(frozen=True)
 class Block:
-    """One element of the measuring chain: a kind registered in `AMPLIFIERS` or `SENSORS` and its parameters."""
+    """One element of the measuring chain, of a kind that `phnn.chain` lists, and its parameters."""
 
     kind: str
     parameters: tuple[str, ...] = ()
@@ -28,7 +25,7 @@ class Block:
 
 @dataclass(frozen=True)
 class Source:
-    """What acts on a port of the network beside the recorded input: a kind registered in `SOURCES`, a function of time.
+    """What acts on a port of the network beside the recorded input: of a kind that `phnn.chain` lists.
 
     Attributes:
         kind: which function; parameters: names of its parameters, in its order.

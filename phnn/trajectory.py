@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.chain import AMPLIFIERS, LINEAR, MEMORYLESS, REMEMBERING, SENSORS, SOURCES
+from phnn.chain import AMPLIFIERS, SENSORS, SOURCES
 from phnn.chain.amplifiers import rate
 from phnn.errors import InputRefused, SolverFailed, StructureViolated
 from phnn.integrate import kernel
@@ -113,7 +113,7 @@ def amplifier_changes(
     changes: dict[str, tuple[Array, float]] = {}
     for block in setup.amplifier:
         values = _values(setup, block)
-        if block.kind in MEMORYLESS and changes:
+        if changes and not AMPLIFIERS[block.kind].remembers:
             slope, earlier = _change(_through(block, fine + 1j * TINY, h, before + 1j * TINY, values))
             changes = {n: (slope * c, earlier * b) for n, (c, b) in changes.items()}
         else:
@@ -127,7 +127,7 @@ def amplifier_changes(
 
 
 def _through(block: Block, fine: Any, h: Array, before: Any, values: Sequence[Any]) -> tuple[Any, Any]:
-    law = AMPLIFIERS[block.kind]
+    law = AMPLIFIERS[block.kind].law
     return law(fine, h, before, *values), law(np.full((1, 3), before), np.ones(1), before, *values)[0, 0]
 
 
@@ -149,7 +149,7 @@ def source_input(setup: Setup, source: Source, h: Array, lead: float, perturbed:
     """
     starts = np.concatenate([[0.0], np.cumsum(h)[:-1]]) - lead
     times = starts[:, None] + h[:, None] * np.array([0.0, 0.5, 1.0])
-    means = mean_input(SOURCES[source.kind](times, *_values(setup, source, perturbed)))
+    means = mean_input(SOURCES[source.kind].law(times, *_values(setup, source, perturbed)))
     return np.where(times[:, 1] > 0.0, means, 0.0)
 
 
@@ -166,7 +166,7 @@ def sensed(
         nodes: of the samples; h: (n,) steps.
     """
     times = np.concatenate([[0.0], np.cumsum(h)])
-    if not any(b.kind in REMEMBERING for b in setup.sensor):
+    if not any(SENSORS[b.kind].remembers for b in setup.sensor):
         return nodes, times[nodes], slice(None)
     at, after = _beside_jumps(setup, recording, driving)
     every, places = np.sort(np.concatenate([np.arange(times.size), nodes[at]])), nodes.copy()
@@ -178,7 +178,7 @@ def sensed(
 def _beside_jumps(setup: Setup, recording: Recording, driving: Driving) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """Return (M,) the samples next to a jump of an imposed flow, and whether each lies behind it; none where a further
     block of the sensor has a state, which asks for times that differ."""
-    plain = setup.network.senses and not any(b.kind in REMEMBERING for b in setup.sensor[1:])
+    plain = setup.network.senses and not any(SENSORS[b.kind].remembers for b in setup.sensor[1:])
     u = driving.command.u
     if not plain or is_displacement(setup, recording):
         return np.zeros(0, np.int64), np.zeros(0, bool)
@@ -196,7 +196,7 @@ def _beside_jumps(setup: Setup, recording: Recording, driving: Driving) -> tuple
 def measured(setup: Setup, q: Array, times: Array) -> Array:
     """Return (N,) what the sensor makes of the network's output at the samples."""
     for block in setup.sensor:
-        q = SENSORS[block.kind](q, times, *_values(setup, block))
+        q = SENSORS[block.kind].law(q, times, *_values(setup, block))
     return q
 
 
@@ -209,11 +209,12 @@ def measured_changes(setup: Setup, q: Array, times: Array, changes: Array, names
     """
     y, times = q[:, None], times[:, None]
     for block in setup.sensor:
-        law, values = SENSORS[block.kind], _values(setup, block)
+        kind, values = SENSORS[block.kind], _values(setup, block)
+        law = kind.law
         direct = {n: np.imag(law(y, times, *_values(setup, block, n))) / TINY for n in block.parameters if n in names}
-        if block.kind in LINEAR:
+        if kind.linear:
             changes = law(changes, times, *values)
-        elif block.kind not in REMEMBERING:
+        elif not kind.remembers:
             changes = changes * (np.imag(law(y + 1j * TINY, times, *values)) / TINY)
         else:
             changes = np.imag(law(y + 1j * TINY * changes, times, *values)) / TINY
@@ -511,7 +512,9 @@ def with_earlier_cycles(
         The longer output and times, and how many entries were prepended.
     """
     first = (
-        int(np.searchsorted(sensor_nodes, cycle)) if cycle and any(b.kind in REMEMBERING for b in setup.sensor) else 0
+        int(np.searchsorted(sensor_nodes, cycle))
+        if cycle and any(SENSORS[b.kind].remembers for b in setup.sensor)
+        else 0
     )
     if not first:
         return q, times, 0

@@ -8,15 +8,16 @@ Static maps have another slope beyond a level, or below one: compositions of the
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from phnn.chain.blocks import AMPLIFIERS, registers
 from phnn.integrate.cache import entry
 from phnn.laws.namespace import absolute, exp, log1p, maximum, minimum, real, shared, where
 from phnn.laws.resistor import bouc_wen_path
+from phnn.parameters import ANY, NONNEGATIVE, POSITIVE
 
 Array = NDArray[Any]
 
@@ -45,6 +46,7 @@ def rate(y: Array, t: Array) -> Array:
     return derivative
 
 
+@registers(AMPLIFIERS, name="rate", remembers=True)
 def imposed_rate(fine: Array, h: Array, before: Any) -> Array:
     """Return ``u̇`` within the steps: a motion that is imposed by its displacement, as the velocity that it is.
 
@@ -77,6 +79,7 @@ _INSIDE = 1e-9
 _JUMP = 1e-9
 
 
+@registers(AMPLIFIERS, NONNEGATIVE, remembers=True)
 def delay(fine: Array, h: Array, before: Any, tau: Any) -> Array:
     """Return ``V(t) = u(t − τ)``, ``u`` the parabola through the three points of every step.
 
@@ -129,11 +132,13 @@ def parabola(first: Any, middle: Any, last: Any, s: Any) -> Any:
 _SERIES = 1e-4
 
 
+@registers(AMPLIFIERS, POSITIVE, remembers=True)
 def lowpass(fine: Array, h: Array, before: float, tau: Any) -> Array:
     """Return ``τ V̇ = u − V``."""
     return np.asarray(_first_order(fine + 0.0 * tau, *first_order_weights(h, tau), before + 0.0 * tau))
 
 
+@registers(AMPLIFIERS, ANY, POSITIVE, remembers=True)
 def fading(fine: Array, h: Array, before: float, share: Any, tau: Any) -> Array:
     """Return ``V = u − a z``, ``τ ż = u − z``: what lasts longer than ``τ`` fades by a share."""
     return np.asarray(fine - share * lowpass(fine, h, before, tau))
@@ -147,6 +152,7 @@ def first_order_weights(h: Array, tau: Any) -> tuple[Any, Any, Any]:
     return a, mean - a, 1.0 - mean
 
 
+@registers(AMPLIFIERS, POSITIVE, POSITIVE, remembers=True)
 def second_order_lowpass(fine: Array, h: Array, before: float, tau: Any, zeta: Any) -> Array:
     """Return ``τ² V̈ + 2ζ τ V̇ + V = u``.
 
@@ -227,6 +233,7 @@ def _second_order(fine: Any, s: Any, decay: Any, zeta: Any, state: Any) -> Any:
     return out
 
 
+@registers(AMPLIFIERS, POSITIVE, ANY, ANY, ANY, remembers=True)
 def bouc_wen(fine: Array, h: Array, before: float, a: Any, beta: Any, gamma: Any, weight: Any) -> Array:
     """Return ``V − w h`` with ``ḣ = A V̇ − β|V̇|h − γ|h|V̇`` (eq. (19)), exact for an input monotone between points."""
     # All of them complex where one is, so that the loop is compiled for two types only.
@@ -284,6 +291,7 @@ def _approach(s: Any, a: Any, rate: Any, length: Any) -> Any:
     return s + (a - rate * s) * length * factor
 
 
+@registers(AMPLIFIERS, ANY, POSITIVE, POSITIVE, NONNEGATIVE, ANY, remembers=True)
 def slipping(
     fine: Array, h: Array, before: float, weight: Any, travel: Any, exponent: Any, back: Any, lean: Any
 ) -> Array:
@@ -321,11 +329,13 @@ def _slipped(fine: Any, last: Any, travel: Any, exponent: Any, back: Any, lean: 
 _LEAST = 1e-100
 
 
+@registers(AMPLIFIERS, POSITIVE)
 def saturation(fine: Array, h: Array, before: float, limit: Any) -> Array:
     """Return ``V = clip(u, ±V_max)``."""
     return np.asarray(where(absolute(real(fine)) > real(limit), np.sign(real(fine)) * limit, fine + 0.0 * limit))
 
 
+@registers(AMPLIFIERS, POSITIVE, POSITIVE)
 def soft_saturation(fine: Array, h: Array, before: float, limit: Any, sharpness: Any) -> Array:
     """Return ``V = u/(1 + |u/V_max|ⁿ)^{1/n}`` (Rapp 1991), the larger of ``1`` and ``|u/V_max|`` out of the root."""
     size = absolute(fine + 0.0 * limit) / limit
@@ -334,6 +344,7 @@ def soft_saturation(fine: Array, h: Array, before: float, limit: Any, sharpness:
     return np.asarray(fine / large * exp(-log1p(exp(sharpness * np.log(ratio))) / sharpness))
 
 
+@registers(AMPLIFIERS, POSITIVE, remembers=True)
 def slew_limit(fine: Array, h: Array, before: Any, limit: Any) -> Array:
     """Return ``|V̇| ≤ S``: ``V`` follows ``u`` where it can and approaches it at the rate ``S`` where it cannot.
 
@@ -361,6 +372,7 @@ def _limited(fine: Any, reach: Any, state: Any) -> Any:
     return out
 
 
+@registers(AMPLIFIERS, NONNEGATIVE, remembers=True)
 def play(fine: Array, h: Array, before: Any, width: Any) -> Array:
     """Return the play operator of half-width ``δ``: ``w`` rests while ``|u − w| < δ``; centred at first."""
     zero = 0.0 * (width + before + fine[0, 0])
@@ -377,33 +389,26 @@ def _carried(fine: Any, width: Any, state: Any) -> Any:
     return out
 
 
+@registers(AMPLIFIERS, ANY)
 def offset(fine: Array, h: Array, before: Any, voltage: Any) -> Array:
     """Return ``V = u + V₀``."""
     return np.asarray(fine + voltage)
 
 
+@registers(AMPLIFIERS, POSITIVE)
 def gain(fine: Array, h: Array, before: Any, factor: Any) -> Array:
     """Return ``V = γ u``: a drive of unknown gain."""
     return np.asarray(factor * fine)
 
 
+@registers(AMPLIFIERS, ANY, ANY)
 def knee(fine: Array, h: Array, before: Any, share: Any, level: Any) -> Array:
     """Apply `phnn.chain.amplifiers.kneed`: less gain beyond a level on one side."""
     return kneed(fine, share, level)
 
 
+@registers(AMPLIFIERS, ANY, NONNEGATIVE)
 def dead_band(fine: Array, h: Array, before: Any, share: Any, level: Any) -> Array:
     """Return ``u − a clip(u, ±U)``: the slope is ``1 − a`` below the level, a dead band for ``a = 1``, monotone."""
     inside = 0.0 * fine + level
     return np.asarray(fine - share * maximum(minimum(fine + 0.0 * inside, inside), -inside))
-
-
-AMPLIFIERS: dict[str, Callable[..., Array]] = {
-    block.__name__: block
-    for block in (
-        lowpass, second_order_lowpass, fading, saturation, soft_saturation, bouc_wen, slipping, delay, slew_limit, play,
-        gain, offset, knee, dead_band,
-    )
-} | {"rate": imposed_rate}  # fmt: skip
-MEMORYLESS = ("saturation", "soft_saturation", "gain", "offset", "knee", "dead_band")
-"""Blocks whose output at an instant follows from their input at that instant alone."""

@@ -6,7 +6,6 @@ its output. It acts on every column alike: with ``q + i·1e-140 q'`` in the colu
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from math import factorial
 from typing import Any
 
@@ -15,8 +14,10 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from phnn.chain.amplifiers import kneed, rate
+from phnn.chain.blocks import SENSORS, SOURCES, registers
 from phnn.integrate.cache import entry
 from phnn.laws.namespace import absolute, cos, maximum, minimum, real, sin
+from phnn.parameters import ANY, NONNEGATIVE, POSITIVE
 
 Array = NDArray[Any]
 
@@ -64,6 +65,7 @@ _SERIES, _TERMS = 0.5, 16
 _POWERS = np.array([(-1.0) ** j * 2.0 / factorial(j + 3) for j in reversed(range(_TERMS))])
 
 
+@registers(SENSORS, POSITIVE, remembers=True, linear=True)
 def lag(y: Array, t: Array, tau: Any) -> Array:
     """Solve ``τ ẏ' + y' = y``, exact for parabolas through samples and midpoints; from equilibrium at the first one."""
     times, columns = t.ravel(), y.reshape(y.shape[0], -1)
@@ -98,6 +100,7 @@ def _lagged(y: Any, middle: Any, t: Any, tau: Any, powers: Any) -> Any:
     return out
 
 
+@registers(SENSORS, NONNEGATIVE, remembers=True)
 def play(y: Array, t: Array, width: Any) -> Array:
     """Apply the play of half-width ``δ``: ``w`` rests while ``|y − w| < δ`` and is carried along at the edges.
 
@@ -128,6 +131,7 @@ def _played(y: Any, middle: Any, width: Any) -> Any:
     return out
 
 
+@registers(SENSORS, ANY, POSITIVE, remembers=True, linear=True)
 def clock(y: Array, t: Array, change: Any, scale: Any) -> Array:
     """Return ``y((1 − c s) t)``, ``y`` the cubic spline through the samples: the clock runs fast for ``c s > 0``.
 
@@ -154,6 +158,7 @@ def clock(y: Array, t: Array, change: Any, scale: Any) -> Array:
 _EARLY = 300.0
 
 
+@registers(SENSORS, ANY, ANY, ANY, POSITIVE, linear=True)
 def drifting_gain(y: Array, t: Array, slope: Any, bend: Any, early: Any, duration: Any) -> Array:
     """Return ``y (1 + a₁ s + a₂ s² + a₃ ln(1 + 300 s)/ln 301)``, ``s = min(t/T, 1)``: warming bends, ageing is early.
 
@@ -163,31 +168,37 @@ def drifting_gain(y: Array, t: Array, slope: Any, bend: Any, early: Any, duratio
     return np.asarray(y * (1.0 + s * (slope + s * bend) + early * np.log1p(_EARLY * s) / np.log1p(_EARLY)))
 
 
+@registers(SENSORS, ANY)
 def drift(y: Array, t: Array, rate: Any) -> Array:
     """Return ``y + r t``: a sensor that drifts at a constant rate."""
     return np.asarray(y + rate * t)
 
 
+@registers(SENSORS, ANY, ANY)
 def polynomial(y: Array, t: Array, square: Any, cube: Any) -> Array:
     """Return ``y + a₂ y² + a₃ y³``: a static characteristic that is not straight."""
     return np.asarray(y * (1.0 + y * (square + y * cube)))
 
 
+@registers(SENSORS, ANY)
 def zero(y: Array, t: Array, offset: Any) -> Array:
     """Return ``y + y₀``: a sensor whose zero is the same in all recordings."""
     return np.asarray(y + offset)
 
 
+@registers(SENSORS)
 def rectification(y: Array, t: Array) -> Array:
     """Return ``|y|``: a sensor that knows no sign."""
     return np.asarray(absolute(y))
 
 
+@registers(SENSORS, ANY, ANY)
 def knee(y: Array, t: Array, share: Any, level: Any) -> Array:
     """Apply `phnn.chain.amplifiers.kneed`: less gain beyond a level on one side."""
     return kneed(y, share, level)
 
 
+@registers(SENSORS, ANY, ANY, POSITIVE)
 def cubic(y: Array, t: Array, square: Any, cube: Any, level: Any) -> Array:
     """Return ``y + U (a₂ s² + a₃ s³)``, ``s = y/U``, continued by its tangents for ``|s| > 1``.
 
@@ -199,28 +210,19 @@ def cubic(y: Array, t: Array, square: Any, cube: Any, level: Any) -> Array:
     return np.asarray(y + level * (inner * inner * (square + cube * inner) + slope * (s - inner)))
 
 
+@registers(SENSORS, ANY, ANY, POSITIVE)
 def wave(y: Array, t: Array, sine: Any, cosine: Any, length: Any) -> Array:
     """Return ``y + λ/2π (s sin κy + c (1 − cos κy))``, ``κ = 2π/λ``, a periodic error; monotone for ``s² + c² ≤ 1``."""
     turn = 2.0 * np.pi / length
     return np.asarray(y + (1.0 / turn) * (sine * sin(turn * y) + cosine * (1.0 - cos(turn * y))))
 
 
-SENSORS: dict[str, Callable[..., Array]] = {
-    block.__name__: block
-    for block in (
-        drift, lag, rate, polynomial, rectification, zero, play, knee, cubic, wave, clock, drifting_gain,
-    )
-}  # fmt: skip
-REMEMBERING = ("lag", "play", "clock", "rate")
-"""Blocks whose output depends on what was between the samples."""
-LINEAR = ("lag", "rate", "clock", "drifting_gain")
-"""Blocks whose output is linear in their input, so that changes of it pass like the signal itself."""
+# The rate of a displacement, as the amplifier's blocks take it.
+registers(SENSORS, remembers=True, linear=True)(rate)
 
 
+@registers(SOURCES, ANY, ANY, NONNEGATIVE)
 def tone(t: Array, cosine: Any, sine: Any, frequency: Any) -> Array:
     """Return ``A_c cos 2πft + A_s sin 2πft``."""
     phase = 2.0 * np.pi * frequency * t
     return np.asarray(cosine * np.cos(phase) + sine * np.sin(phase))
-
-
-SOURCES: dict[str, Callable[..., Array]] = {"tone": tone}

@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from phnn.chain import AMPLIFIERS, MEMORYLESS, REMEMBERING, SENSORS, SOURCES
+from phnn.chain import AMPLIFIERS, SENSORS, SOURCES
 from phnn.chain.amplifiers import (
     bouc_wen_step,
     first_order_step,
@@ -63,7 +63,7 @@ class Chain:
         }  # fmt: skip
         for k, block in enumerate(setup.amplifier):
             what = f"amplifier {block.kind}"
-            if block.kind in MEMORYLESS:
+            if not AMPLIFIERS[block.kind].remembers:
                 for lines, points in ((self.begin, ("u",)), (self.step, _POINTS)):
                     lines += [f"{u} = {self._static(AMPLIFIERS, block, what, u, '0.0', '0.0')}" for u in points]
             elif block.kind in dynamic:
@@ -72,7 +72,7 @@ class Chain:
                 raise refused(what, "it has no step of its own", "export a model without it")
         for block in setup.sensor:
             what = f"sensor {block.kind}"
-            if block.kind in REMEMBERING:
+            if SENSORS[block.kind].remembers:
                 cause = "it needs the output after the instant that it is asked for"
                 raise refused(what, cause, "leave the sensor out (--no-sensor), the output is then what it senses")
             time = "s.count * H"
@@ -87,7 +87,7 @@ class Chain:
         return f"({values[0]} + 4.0 * {values[1]} + {values[2]}) / 6.0"
 
     def _static(self, kinds: dict, block: Block | Source, what: str, *leading: str) -> str:
-        return self.e.call(kinds[block.kind], what, *leading, *(self.e.parameter(n) for n in block.parameters))
+        return self.e.call(kinds[block.kind].law, what, *leading, *(self.e.parameter(n) for n in block.parameters))
 
     def _weights(self, key: str, names: tuple[str, ...], values: tuple[np.ndarray, ...]) -> list[str]:
         about = f"weight of {key.rpartition('_')[0]} over half a step"

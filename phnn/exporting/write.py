@@ -32,7 +32,7 @@ from phnn.exporting.program import CONSTANTS_ABOUT, Constant, Field, Function, P
 from phnn.intake import LIMITS
 from phnn.model import Model
 from phnn.network.elements import Network
-from phnn.prediction import load
+from phnn.predictor import load
 from phnn.results import claim
 from phnn.setup import Setup
 

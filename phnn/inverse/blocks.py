@@ -51,7 +51,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 from scipy.signal import lfilter, lfiltic
 
-from phnn.chain import AMPLIFIERS, MEMORYLESS, REMEMBERING, SENSORS, SOURCES
+from phnn.chain import AMPLIFIERS, SENSORS, SOURCES
 from phnn.chain.amplifiers import slip_step
 from phnn.errors import InputRefused, SolverFailed
 from phnn.integrate import kernel
@@ -196,7 +196,7 @@ def command(setup: Setup, voltage: Signal, h: float) -> Signal:
     """
     for block in reversed(setup.amplifier):
         values = [setup.parameters[name].value for name in block.parameters]
-        if block.kind in MEMORYLESS:
+        if not AMPLIFIERS[block.kind].remembers:
             voltage = _static(partial(_amplified, block.kind, values), voltage, "amplifier", block.kind)
         elif block.kind in _AMPLIFIER_INVERSES:
             voltage = _AMPLIFIER_INVERSES[block.kind](voltage, h, *values)
@@ -209,7 +209,7 @@ def command(setup: Setup, voltage: Signal, h: float) -> Signal:
 
 def _amplified(kind: str, values: list[float], u: Array) -> Array:
     """Return (N,) the voltage that an amplifier block without a memory makes of commands (N,)."""
-    return np.asarray(AMPLIFIERS[kind](u[:, None], np.ones(1), 0.0, *values))[:, 0]
+    return np.asarray(AMPLIFIERS[kind].law(u[:, None], np.ones(1), 0.0, *values))[:, 0]
 
 
 def _static(characteristic: Callable[[Array], Array], wanted: Signal, stage: str, kind: str) -> Signal:
@@ -309,7 +309,7 @@ def displacement(setup: Setup, output: Signal, dt: float, strict: bool = True) -
                     "give a reference that is not negative"
                 )
             output = output.then(_SENSOR_INVERSES[block.kind](y, t, *values))
-        elif block.kind not in REMEMBERING:
+        elif not SENSORS[block.kind].remembers:
             output = _static(partial(_sensed, block.kind, t, values), output, "sensor", block.kind)
         else:
             raise InputRefused(f"the sensor block {block.kind} has no inverse: give a model without it")
@@ -317,7 +317,7 @@ def displacement(setup: Setup, output: Signal, dt: float, strict: bool = True) -
 
 
 def _sensed(kind: str, t: Array, values: list[float], q: Array) -> Array:
-    return np.asarray(SENSORS[kind](q, t, *values))
+    return np.asarray(SENSORS[kind].law(q, t, *values))
 
 
 def _lag(y: Array, t: Array, tau: float) -> Array:
@@ -448,7 +448,7 @@ class FlatNetwork:
         system, u = PortHamiltonianSystem(self.setup.network), np.zeros((x.shape[0], len(self.setup.network.ports)))
         for source in self.setup.sources:
             given = [self.setup.parameters[name].value for name in source.parameters]
-            u[:, place_of(self.setup, source)] += SOURCES[source.kind](path.times, *given)
+            u[:, place_of(self.setup, source)] += SOURCES[source.kind].law(path.times, *given)
         port = self.setup.network.ports[0]
         values = [self.setup.network.parameters[n].value for n in port.parameters]
         with torch.no_grad():

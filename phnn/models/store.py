@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 import torch
 from torch import nn
 
-from phnn.chain import DOMAINS
+from phnn.chain import AMPLIFIERS, SENSORS, SOURCES, BlockKind
 from phnn.errors import InputRefused, PhnnError
 from phnn.intake import LIMITS, load_json, named_file
 from phnn.integrate.program import compile_network
@@ -47,7 +47,7 @@ from phnn.nn import (
 from phnn.parameters import Parameter
 from phnn.recordings.manifest import shown as brief
 from phnn.results import Place, claim, printable
-from phnn.setup import AMPLIFIERS, SENSORS, SOURCES, Block, Own, Setup, Source
+from phnn.setup import Block, Own, Setup, Source
 
 T = TypeVar("T")
 # The elements of a network, by the field that holds them.
@@ -159,7 +159,7 @@ def _check_chain(setup: Setup) -> None:
     ports = [p.name for p in setup.network.ports]
     if not ports:
         raise ValueError("the network has no port for the recorded input")
-    stages: tuple[tuple[str, Mapping[str, Any], Sequence[Block | Source]], ...] = (
+    stages: tuple[tuple[str, Mapping[str, BlockKind], Sequence[Block | Source]], ...] = (
         ("amplifier", AMPLIFIERS, setup.amplifier),
         ("sensor", SENSORS, setup.sensor),
         ("source", SOURCES, setup.sources),
@@ -168,7 +168,7 @@ def _check_chain(setup: Setup) -> None:
         for block in blocks:
             if block.kind not in kinds:
                 raise ValueError(f"unknown {stage} {brief(block.kind)}; there are {', '.join(kinds)}")
-            domains = DOMAINS[block.kind]
+            domains = kinds[block.kind].domains
             if len(block.parameters) != len(domains):
                 raise ValueError(f"{stage} {block.kind} takes {len(domains)} parameters, not {len(block.parameters)}")
             for name, domain in zip(block.parameters, domains, strict=True):

@@ -22,7 +22,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from phnn import prediction
+from phnn import predictor
 from phnn.diagnose.diagnosis import Diagnosis
 from phnn.errors import InputRefused
 from phnn.integrate.equations import power_balance
@@ -129,7 +129,7 @@ def model_of(given: Any, outside: bool = False) -> Model | ModalFit:
     """
     if isinstance(given, Diagnosis):
         return given.model
-    return prediction.load(given, outside) if isinstance(given, str | Path) else given
+    return predictor.load(given, outside) if isinstance(given, str | Path) else given
 
 
 def network_model(given: Any) -> Model:
@@ -148,7 +148,7 @@ def network_model(given: Any) -> Model:
 
 def predictions(given: Any, campaign: Campaign | str | Path, recordings: Sequence[str] | None) -> tuple[Predicted, ...]:
     """Return the predictions of the recordings that are drawn; see `chosen`."""
-    return tuple(prediction.predictions(model_of(given), chosen(campaign, recordings)))
+    return tuple(predictor.predictions(model_of(given), chosen(campaign, recordings)))
 
 
 def chosen(campaign: Campaign | str | Path, recordings: Sequence[str] | None) -> Campaign:

@@ -166,11 +166,7 @@ def _laws() -> Iterator[tuple[str, Setup]]:
 
 
 def with_block(stage: str, kind: str) -> Setup:
-    """Return the actuator with one block of the chain.
-
-    Raises:
-        KeyError: no values are stated for the block in `BLOCKS`.
-    """
+    """Return the actuator with one block of the chain."""
     names, parameters = _values(stage, BLOCKS[stage][kind])
     if stage == "source":
         return actuator(1).with_source(Source(kind, "force", names), tuple(parameters))
@@ -180,6 +176,7 @@ def with_block(stage: str, kind: str) -> Setup:
 def _blocks() -> Iterator[tuple[str, Setup]]:
     for stage, kinds in (("amplifier", AMPLIFIERS), ("sensor", SENSORS), ("source", SOURCES)):
         for kind in kinds:
+            assert kind in BLOCKS[stage], f"state values of the {stage} block {kind} in BLOCKS"
             yield f"{stage} {kind}", with_block(stage, kind)
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn import prediction
+from phnn import predictor
 from phnn.diagnose.linearised import LinearisedFit, direction, prepare
 from phnn.diagnose.refit import clamped
 from phnn.effects import Effect, catalogue
@@ -39,7 +39,7 @@ def base_of(folder: Path, seed: int) -> Identified:
 def predictions(fitted: Fit, folder: Path) -> dict[str, Array]:
     """Return (N,) outputs [m] of a fitted model in the examination of a case, by recording."""
     model, exam = Model(fitted.setup, fitted.plan.finest), read(folder / "exam", need_output=False)
-    return {p.recording.name: p.y for p in prediction.predictions(model, exam)}
+    return {p.recording.name: p.y for p in predictor.predictions(model, exam)}
 
 
 def fitted_with(current: Fit, effect: Effect, point: Mapping[str, float], most: int = _REFIT) -> Fit:

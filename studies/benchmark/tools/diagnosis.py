@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from phnn import prediction
+from phnn import predictor
 from phnn.criteria import Criteria
 from phnn.diagnose.diagnosis import available, diagnose
 from phnn.diagnose.linearised import prepare
@@ -42,7 +42,7 @@ def answer(
     """Diagnose a case, with other criteria or learned elements than those of phnn if some are given."""
     diagnosis = diagnose(read(folder), Options(seed=seed, workers=1, criteria=criteria or {}), learned=learned)
     model, exam = diagnosis.model, read(folder / "exam", need_output=False)
-    predicted = {p.recording.name: p.y for p in prediction.predictions(model, exam)}
+    predicted = {p.recording.name: p.y for p in predictor.predictions(model, exam)}
     return as_answer(logged(diagnosis, 0.0), predicted)
 
 
