@@ -73,7 +73,7 @@ class Criteria:
         "a noise floor that was stated 5 % too low",
     )  # fmt: skip
     proven: float = criterion(
-        0.95, "probability", "A name is given above it.", "the convention",
+        0.95, "probability", "A name, and that the catalogue is complete, is claimed above it.", "the convention",
     )  # fmt: skip
     explained: float = criterion(
         1.2, "noise power", "What a model may leave for its names to stand for the whole mismatch.",

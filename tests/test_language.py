@@ -103,13 +103,12 @@ MOST_VAGUE, MOST_WITHOUT_VERB = 3, 52
 
 def test_names_and_docstrings_say_what_they_hold() -> None:
     kept = (ast.Name, ast.arg, ast.FunctionDef)
-    trees = (ast.parse(path.read_text("utf-8")) for path in MODULES)
-    nodes = [node for tree in trees for node in ast.walk(tree) if isinstance(node, kept)]
-    names = [n.id for n in nodes if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)]
-    names += [n.arg for n in nodes if isinstance(n, ast.arg)]
-    answers = [n for n in nodes if isinstance(n, ast.FunctionDef) and n.returns and ast.unparse(n.returns) != "None"]
-    without_verb = [n.name for n in answers if NO_VERB.match(ast.get_docstring(n) or "Return")]
-    vague = [name for name in names if name in VAGUE]
-    assert len(vague) <= MOST_VAGUE and len(without_verb) <= MOST_WITHOUT_VERB, (
-        f"{len(vague)} names of {', '.join(sorted(VAGUE))}; {len(without_verb)} docstrings without a verb"
-    )
+    vague, without_verb = [], []
+    for path in MODULES:
+        for n in (node for node in ast.walk(ast.parse(path.read_text("utf-8"))) if isinstance(node, kept)):
+            name = n.id if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store) else getattr(n, "arg", "")
+            vague += [f"{path}:{n.lineno} {name}"] if name in VAGUE else []
+            answers = isinstance(n, ast.FunctionDef) and n.returns and ast.unparse(n.returns) != "None"
+            if answers and NO_VERB.match(ast.get_docstring(n) or "Return"):
+                without_verb.append(f"{path}:{n.lineno} {n.name}")
+    assert len(vague) <= MOST_VAGUE and len(without_verb) <= MOST_WITHOUT_VERB, "\n".join([*vague, *without_verb])

@@ -37,7 +37,17 @@ from phnn.effects.declaration import (
     signed,
     time_constant,
 )
-from phnn.effects.effect import Effect, Scales, catalogue, effect, in_all_forms, register, registered, unregister
+from phnn.effects.effect import (
+    Effect,
+    Points,
+    Scales,
+    catalogue,
+    effect,
+    in_all_forms,
+    register,
+    registered,
+    unregister,
+)
 from phnn.effects.kinds import Kind
 
 __all__ = [
@@ -49,6 +59,7 @@ __all__ = [
     "Parts",
     "Placed",
     "Plausible",
+    "Points",
     "Scales",
     "always",
     "at_amplifier",

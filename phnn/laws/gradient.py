@@ -22,11 +22,8 @@ _ANY = 1e-100
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
 
 
-def effort(
-    energy: Callable[[Tensor], Tensor],  # elementwise
-    x: Tensor,  # (...) energy variable
-) -> Tensor:
-    """Return ``H'(x)`` by automatic differentiation, itself differentiable where gradients are enabled."""
+def effort(energy: Callable[[Tensor], Tensor], x: Tensor) -> Tensor:
+    """Return ``H'(x)`` of an elementwise energy, itself differentiable where gradients are enabled."""
     wanted = torch.is_grad_enabled()
     # A graph that x carries must be kept, not detached; inside a no-grad solve there is none to keep.
     z = x if wanted and x.requires_grad else x.detach().requires_grad_(True)
@@ -35,12 +32,8 @@ def effort(
     return slope
 
 
-def mean_effort(
-    energy: Callable[[Tensor], Tensor],  # elementwise
-    a: Tensor,  # (...) energy variable at the start of a step
-    b: Tensor,  # (...) and at its end
-) -> Tensor:
-    """Return ``(H(b) − H(a))/(b − a)``, tending to ``H'(a)`` without cancellation."""
+def mean_effort(energy: Callable[[Tensor], Tensor], a: Tensor, b: Tensor) -> Tensor:
+    """Return ``(H(b) − H(a))/(b − a)`` from the start to the end of a step, without cancellation as ``b → a``."""
     difference = b - a
     size = torch.maximum(a.abs(), b.abs()).detach()
     close = difference.detach().abs() <= _SLOPE_LOST * size

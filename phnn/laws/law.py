@@ -197,6 +197,11 @@ def remember_package() -> None:
     _package = tuple(law for table in TABLES.values() for law in table.values())
 
 
+def package_is_complete() -> bool:
+    """Return whether the laws of the package are registered, so that a further one is a user's."""
+    return bool(_package)
+
+
 def is_of_package(law: Any) -> bool:
     """Return whether a law is one of the package's, and not one that a user registered."""
     return any(law is known for known in _package)

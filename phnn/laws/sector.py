@@ -9,12 +9,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from functools import partial
 from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phnn.errors import StructureViolated
-from phnn.laws.law import Law, MemoryLaw, ResistorLaw, StorageLaw
+from phnn.laws.law import Law, MemoryLaw, ResistorLaw, StorageLaw, package_is_complete
 from phnn.parameters import Domain
 
 Array = NDArray[np.float64]
@@ -35,6 +36,8 @@ _EVERY = 5
 _AGREE = 1e-6
 # Half of the distance of neighbouring points, and by how much the efforts between and at them may differ.
 _NEAR, _JUMP = 1e-7, 1e-3
+# What is asked of an argument where a law has no slope.
+_SMOOTH = "argument, and so is its slope: write sqrt(x*x + s*s) in place of absolute(x) below a root"
 _AROUND = np.array([1.0 - 1e-3, 1.0, 1.0 + 1e-3])
 
 
@@ -61,12 +64,27 @@ def _check_at(law: Law, values: tuple[float, ...], at: str) -> None:
         for q in READ if _reads(law) else READ[:1]:
             check_sector(partial(_reading, law, q, values), at, _edges(law, q, values), q)
             _check_thresholds(law, q, values, at)
+        _check_slope(lambda effort: law.flow(effort, 0.0 * effort, *values), at, "φ")
     elif isinstance(law, StorageLaw):
         _check_mean_effort(law, values, at)
+        _check_slope(lambda x: law.mean_effort(0.5 * x, x, *values), at, "ē")
         if law.bounded:
             check_energy(lambda x: law.energy(x, *values), at)
     elif isinstance(law, MemoryLaw) and not float(law.decay(*values)) >= 0.0:
         raise StructureViolated(f"{at} decays at {float(law.decay(*values)):g} 1/s: it must not grow by itself")
+
+
+def _check_slope(function: Callable[[Any], Any], at: str, value: str) -> None:
+    """Try whether torch differentiates a law of a user to finite slopes: ``sqrt(absolute(ε))`` has none at zero."""
+    if not package_is_complete():
+        return
+    import torch
+
+    x = torch.from_numpy(POINTS[np.abs(POINTS) <= _ORDINARY]).requires_grad_()
+    y = function(x)
+    if isinstance(y, torch.Tensor) and y.requires_grad:
+        (slope,) = torch.autograd.grad(y.sum(), x)
+        _check_finite(x.detach().numpy(), slope.numpy(), at, _SMOOTH, f"the slope of {value}")
 
 
 def _check_mean_effort(law: StorageLaw, values: tuple[float, ...], at: str) -> None:
@@ -117,15 +135,12 @@ def _check_thresholds(law: ResistorLaw, q: float, values: tuple[float, ...], at:
 
 
 def check_sector(
-    flow: Callable[[Array], Array],  # elementwise
-    what: str,
-    around: tuple[float, ...] = (),
-    read: float | None = None,
+    flow: Callable[[Array], Array], what: str, around: tuple[float, ...] = (), read: float | None = None
 ) -> None:
     """Try the sector condition ``ε φ(ε) ≥ 0`` of a resistor.
 
     Args:
-        flow: ``φ``.
+        flow: ``φ``, elementwise.
         what: the law, for the message.
         around: efforts at which it changes, such as thresholds.
         read: the state that a modulated law reads, for the message.
@@ -142,11 +157,8 @@ def check_sector(
     _tried_sector(flow, np.linspace(points[max(k - 1, 0)], points[min(k + 1, points.size - 1)], _FINER), what, read)
 
 
-def check_energy(
-    energy: Callable[[Array], Array],  # elementwise
-    what: str,
-) -> None:
-    """Try whether an energy is finite and least at rest, ``H(x) ≥ H(0)``.
+def check_energy(energy: Callable[[Array], Array], what: str) -> None:
+    """Try whether an energy, elementwise, is finite and least at rest, ``H(x) ≥ H(0)``.
 
     Raises:
         StructureViolated: it is not; with the counterexample.

@@ -108,24 +108,16 @@ def energy_of(law: nn.Module) -> Callable[[Tensor], Tensor]:
     return lambda x: torch.relu(energy(x) - energy(torch.zeros_like(x)))
 
 
-def mean_effort_of(
-    law: nn.Module,
-    a: Tensor,  # (...) energy variable at the start of a step
-    b: Tensor,  # (...) and at its end
-) -> Tensor:
-    """Return (...) ``(H(b) − H(a))/(b − a)`` of a module, ``H'(a)`` where they are equal."""
+def mean_effort_of(law: nn.Module, a: Tensor, b: Tensor) -> Tensor:
+    """Return (...) ``(H(b) − H(a))/(b − a)`` from the start to the end of a step, ``H'(a)`` where they are equal."""
     if is_passive_by_form(law):
         return law.mean_effort(a, b)  # type: ignore[operator]
     energy = energy_of(law)
     return gradient.effort(energy, a) if a is b else gradient.mean_effort(energy, a, b)
 
 
-def mean_efforts_of(
-    law: nn.Module,
-    a: Tensor,  # (..., k) energy variables at the start of a step
-    b: Tensor,  # (..., k) and at its end
-) -> Tensor:
-    """Return (..., k) discrete gradient of a shared energy, ``∇H(a)`` where they are equal.
+def mean_efforts_of(law: nn.Module, a: Tensor, b: Tensor) -> Tensor:
+    """Return (..., k) discrete gradient of a shared energy over a step, ``∇H(a)`` for ``a = b``.
 
     That of a module of unknown form goes from ``a`` to ``b`` one variable after the other (Itoh & Abe 1988).
     """
@@ -287,11 +279,7 @@ def _of_arrays(function: Callable[[Tensor], Tensor]) -> Callable[[Array], Array]
     return call
 
 
-def middle_of(
-    system: Any,
-    a: Tensor,  # (..., n) state at the start of a step
-    b: Tensor,  # (..., n) and at its end
-) -> Tensor:
+def middle_of(system: Any, a: Tensor, b: Tensor) -> Tensor:
     """Return (..., n) what laws read during a step: energy variables in its middle, modulator states at its start."""
     middle = 0.5 * (a + b)
     if not system.network.memories:
@@ -322,12 +310,8 @@ def drives_of(
     return torch.stack([sum((drives[n] for n in network.drives_of(m)), none) for m in network.memories], dim=-1)
 
 
-def rates_of(
-    system: Any,
-    z: Tensor,  # (..., M) modulator states
-    driven: Tensor,  # (..., M) their drives
-) -> Tensor:
-    """Return (..., M) ``ż``."""
+def rates_of(system: Any, z: Tensor, driven: Tensor) -> Tensor:
+    """Return (..., M) ``ż`` of modulator states under their drives."""
     laws = [(MEMORY_LAWS[m.law], [*map(system.value, m.parameters)]) for m in system.network.memories]
     rates = [law.rate(z[..., k], driven[..., k], *values) for k, (law, values) in enumerate(laws)]
     return torch.stack(rates, dim=-1)

@@ -67,11 +67,8 @@ class Incidence(nn.Module):
         return matrix
 
 
-def combined(
-    row: Tensor,  # (..., n)
-    matrix: Tensor,  # (n, k) or (..., n, k)
-) -> Tensor:
-    """Return (..., k) product of a row with a matrix, batched or not."""
+def combined(row: Tensor, matrix: Tensor) -> Tensor:
+    """Return (..., k) product of a row (..., n) with a matrix, (n, k) or batched."""
     return row @ matrix if matrix.ndim == 2 else (row.unsqueeze(-2) @ matrix).squeeze(-2)
 
 

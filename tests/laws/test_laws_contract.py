@@ -30,7 +30,7 @@ from phnn.laws import (
     register,
 )
 from phnn.laws.leaf import rc_flow, relaxation
-from phnn.laws.namespace import TINY
+from phnn.laws.namespace import TINY, absolute, sqrt
 from phnn.laws.resistor import piecewise_linear
 
 Law = StorageLaw | ResistorLaw | PortLaw | MemoryLaw
@@ -242,6 +242,9 @@ def test_a_name_is_registered_once() -> None:
     for law in (STORAGE_LAWS["spring"], RESISTOR_LAWS["linear"], PORT_LAWS["linear"]):
         with pytest.raises(StructureViolated, match="choose another name"):
             register(law)
+    without_slope = ResistorLaw("turbulent", lambda effort, q, c: c * sqrt(absolute(effort)) * effort, (1.0,))
+    with pytest.raises(StructureViolated, match=r"the slope of φ\(0\) = nan"):
+        register(without_slope)
 
 
 def loss(x: float, end: float, current: float, mean: float, h: float, capacitance: float) -> float:

@@ -21,10 +21,7 @@ if TYPE_CHECKING:
     from phnn.report.words import Picture
 
 
-def envelope(
-    y: np.ndarray,  # (N,)
-    bins: int = 1500,
-) -> np.ndarray:
+def envelope(y: np.ndarray, bins: int = 1500) -> np.ndarray:
     """Return the indices of the smallest and the largest sample of each of ``bins`` stretches, in order of time.
 
     A line through them covers the same pixels as the whole trace: no spike is lost, nothing aliases.
@@ -60,13 +57,8 @@ def cycles(u: np.ndarray) -> float:
     return 0.5 * float(np.count_nonzero(np.diff(sides)))
 
 
-def telling_stretch(
-    u: np.ndarray,  # (N,) input
-    error: np.ndarray,  # (N,) residual of the base model
-    scored: np.ndarray,  # (N,) bool
-    shown: float = 4.0,
-) -> slice:
-    """Return about ``shown`` cycles of the largest error; the whole trace if it has at most twice as many."""
+def telling_stretch(u: np.ndarray, error: np.ndarray, scored: np.ndarray, shown: float = 4.0) -> slice:
+    """Return about ``shown`` cycles of the largest error of scored samples; a trace of at most twice as many whole."""
     count = len(u)
     number = cycles(u)
     if number <= 2.0 * shown or count < 100:
