@@ -52,10 +52,10 @@ def check_law(law: Law) -> None:
         try:
             with np.errstate(all="ignore"):
                 _check_at(law, values, at)
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, RuntimeError) as error:
             raise StructureViolated(
                 f"{at}: {error}; its functions are called with their arguments and one number for each of the "
-                f"{len(values)} parameters of its example; write where(...) of phnn.laws.namespace in place of if"
+                f"{len(values)} parameters of its example: use functions of phnn.laws.namespace, where(...) and not if"
             ) from error
 
 

@@ -111,12 +111,8 @@ def has_kernel(law: Any) -> bool:
     return isinstance(law, str) or bool(form_of(law))
 
 
-def evaluated(
-    law: WideLaw,
-    weights: Any,  # (head + U·per_unit,) flat
-    *arguments: Any,  # (...) tensors or arrays
-) -> Any:
-    """Return (...) ``φ(ε)`` of a resistor, ``ē(a, b)`` of a storage."""
+def evaluated(law: WideLaw, weights: Any, *arguments: Any) -> Any:
+    """Return (...) ``φ(ε)`` of a resistor, ``ē(a, b)`` of a storage, of flat weights (head + U·per_unit,)."""
     units = weights[law.head :].reshape(-1, law.per_unit)
     total = law.unit(*(x[..., None] for x in arguments), *(units[:, j] for j in range(law.per_unit))).sum(-1)
     return law.combine(*arguments, total, *(weights[i] for i in range(law.head)))

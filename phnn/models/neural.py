@@ -190,13 +190,9 @@ def _fit(law: nn.Module, x: Tensor, target: Tensor) -> None:
     optimiser.step(misfit)
 
 
-def inverse(
-    law: Callable[[Tensor], Tensor],
-    flows: Array,  # (K,) [A]
-    reach: float,
-) -> Array:
+def inverse(law: Callable[[Tensor], Tensor], flows: Array, reach: float) -> Array:
     """Return the (K,) smallest effort [V] within ``reach``, on the side of the flow's sign, at which the law carries
-    each flow.
+    each flow [A].
 
     Raises:
         PhnnError: a flow that the law does not reach.

@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from phnn.errors import InputRefused
-from phnn.laws import FACTOR_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS, gradient
+from phnn.laws import FACTOR_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.diverged import LARGEST_WEIGHT, check_weights
 from phnn.laws.wide import form_of, is_passive_by_form
 from phnn.network.bounded import BoundedParameters
@@ -28,6 +28,7 @@ from phnn.network.checks import (
     mean_efforts_of,
     present_of,
     rates_of,
+    slope_of,
 )
 from phnn.network.elements import MultiPort, Network, Ratio, WithLaw, check_laws
 
@@ -311,7 +312,7 @@ class PortHamiltonianSystem(nn.Module):
         if isinstance(self.network.resistors[r].law, str) or not bool(silent.any()):
             return ratio
         # A module need not resolve its value at so small an effort; its slope it knows.
-        slope = gradient.effort(lambda e: self.branch_flow(r, e, x), torch.zeros_like(epsilon)).clamp_min(0.0)
+        slope = slope_of(lambda e: self.branch_flow(r, e, x), torch.zeros_like(epsilon)).clamp_min(0.0)
         return torch.where(silent, slope, ratio)
 
     @evaluation

@@ -242,9 +242,8 @@ def test_a_name_is_registered_once() -> None:
     for law in (STORAGE_LAWS["spring"], RESISTOR_LAWS["linear"], PORT_LAWS["linear"]):
         with pytest.raises(StructureViolated, match="choose another name"):
             register(law)
-    without_slope = ResistorLaw("turbulent", lambda effort, q, c: c * sqrt(absolute(effort)) * effort, (1.0,))
     with pytest.raises(StructureViolated, match=r"the slope of φ\(0\) = nan"):
-        register(without_slope)
+        register(ResistorLaw("without_slope", lambda effort, q, c: c * sqrt(absolute(effort)) * effort, (1.0,)))
 
 
 def loss(x: float, end: float, current: float, mean: float, h: float, capacitance: float) -> float:

@@ -14,6 +14,7 @@ from scipy.integrate import solve_ivp
 from phnn.errors import StructureViolated
 from phnn.laws import MEMORY_LAWS, RESISTOR_LAWS, MemoryLaw, ResistorLaw, StorageLaw, register
 from phnn.laws.identity import UnknownContent, content
+from phnn.laws.namespace import sqrt
 from phnn.laws.other import advanced
 from phnn.laws.sector import check_law
 
@@ -198,7 +199,7 @@ def test_a_mean_effort_that_is_no_number_or_wrong_where_nothing_moves_is_refused
 
 def test_mean_efforts_that_round_near_rest_are_accepted() -> None:
     def mean_effort(a: np.ndarray, b: np.ndarray, k: float, s: float) -> np.ndarray:
-        return k * (a + b) / (np.sqrt(1.0 + (a / s) ** 2) + np.sqrt(1.0 + (b / s) ** 2))
+        return k * (a + b) / (sqrt(1.0 + (a / s) ** 2) + sqrt(1.0 + (b / s) ** 2))
 
     check_law(StorageLaw("odd", mean_effort, (1.0, 1.0)))
 

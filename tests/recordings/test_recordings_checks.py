@@ -516,7 +516,6 @@ SQUARE = np.sign(np.sin(2900.0 * LONG))
         (SQUARE * (0.1 + 0.9 * (LONG > 6.0)), 100_000, "the first 10 s of 25 s are used"),
         (np.sign(np.sin(100.0 * LONG**2)), 250_000, "see `slice`"),
     ],
-    ids=["slow", "steady", "grows", "sweep"],
 )
 def test_a_long_recording_is_thinned_and_cut_by_what_its_signals_need(
     tmp_path: Path, voltage: np.ndarray, samples: int, note: str

@@ -18,7 +18,6 @@ from phnn.model import Model
 from phnn.models.actuator import hrc
 from phnn.recordings.recording import Recording
 from phnn.setup import Setup
-from studies.recordings import comparison_plan, uses
 from studies.rival_models.contest import run
 from studies.rival_models.names import register_rivals
 from studies.rival_models.rival import State, Stepper
@@ -138,13 +137,3 @@ def test_a_compiled_model_steps_as_it_is_simulated() -> None:
 
 def used(name: str, use: str, u: Array, dt: float) -> Recording:
     return recording(dt * np.arange(u.size), u, use=use, name=name, y=u)
-
-
-def test_the_plan_of_the_comparison_is_grouped() -> None:
-    stated, plan = comparison_plan()
-    found = uses([used(e.name, stated[e.name], e.voltage(e.t), e.dt) for e in plan])
-    beyond = {n for n, use in found.items() if use == "outside"}
-    assert beyond == {
-        "sine_300Hz_75V", "sine_010Hz_37.5V", "sine_075Hz_37.5V", "sine_150Hz_37.5V", "sine_025Hz_90V",
-    }  # fmt: skip
-    assert {n for n, use in found.items() if use == "confirmation"} == {f"sine_{f:03}Hz_75V" for f in (10, 25, 75)}
