@@ -230,8 +230,8 @@ def _concluded(search: Search, error: NumericalError, options: Options, account:
     screened_final = screened if model is base else _screened(search, model)
     remaining = [c for c in screened_final if material(c, model.fit, criteria)]
     nameable = model.left_most <= (criteria.far / criteria.proven) ** 2 and not any(map(is_learned, model.elements))
-    if nameable and model.left_most > criteria.explained:
-        # Where nothing promises a gain any more, names may be given.
+    if nameable:
+        # Names are given only where nothing promises a gain any more.
         carry_beside(search, model, [c.effect for c in remaining])
     promises = [c for c in remaining if not denied(c.effect, model, search.visited, criteria)]
     promising = sum(material(c, base.fit, criteria) for c in screened), len(promises)

@@ -361,13 +361,8 @@ def rates_of(system: Any, z: Tensor, driven: Tensor) -> Tensor:
     return torch.stack(rates, dim=-1)
 
 
-def ends_of(
-    system: Any,
-    z: Tensor,  # (..., M) modulator states at the start of a step
-    driven: Tensor,  # (..., M) their mean drives
-    h: float | Tensor,  # [s], one for all or shaped to multiply states
-) -> Tensor:
-    """Return (..., M) modulator states at the end of a step, by the exact flow under constant drives."""
+def ends_of(system: Any, z: Tensor, driven: Tensor, h: float | Tensor) -> Tensor:
+    """Return (..., M) modulator states at the end of steps ``h`` [s] from ``z``, exactly under constant drives."""
     return advanced(z, h, rates_of(system, z, driven), decays_of(system))
 
 

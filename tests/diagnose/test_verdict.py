@@ -128,8 +128,8 @@ def test_criteria_are_few_and_each_names_its_case() -> None:
 
 
 PROVEN = Facts(
-    elements=1, learned=0, none=0.0, certain=0.99, alternatives=1, complete=1.0, base_left=9.0, explained=0.99,
-    falls=True, new=True, promising=5, remaining=0, early=False, criteria=CRITERIA,
+    elements=1, learned=0, none=0.0, certain=0.99, alternatives=1, exchangeable=True, complete=1.0, base_left=9.0,
+    explained=0.99, falls=True, new=True, promising=5, remaining=0, early=False, criteria=CRITERIA,
 )  # fmt: skip
 
 
@@ -167,13 +167,14 @@ def test_rules_are_few_and_none_is_without_its_case() -> None:
     assert len({r.name for r in RULES}) == len(RULES)
 
 
-def test_what_a_model_leaves_lowers_all_probabilities_unless_nothing_explains_it() -> None:
-    models = [visited(effect("creep"), left=(4.8, 4.8), held_out=(4.8,)), visited(left=(90.0, 90.0), held_out=(90.0,))]
-    found = [conclude(weigh(models, CRITERIA), models[0], True, (3, remaining), CRITERIA) for remaining in (0, 1)]
-    assert [f.word for f in found] == [NAMED, UNKNOWN]
-    assert found[0].probability["creep"] > 0.95
-    # √(1.2/4.8)
-    assert found[1].probability["creep"] == pytest.approx(0.5, rel=0.01)
+@pytest.mark.parametrize(("left", "bound"), [(1.0, 0.5), (4.8, 0.5), (30.0, 0.2)])
+def test_what_a_model_leaves_lowers_all_probabilities_unless_nothing_explains_it(left: float, bound: float) -> None:
+    model = visited(effect("creep"), left=(left, left), held_out=(left,))
+    models = [model, visited(left=(900.0, 900.0), held_out=(900.0,))]
+    found = [conclude(weigh(models, CRITERIA), model, True, (3, remaining), CRITERIA) for remaining in (0, 1)]
+    assert [f.word for f in found] == [NAMED if left < 9.0 else UNKNOWN, UNKNOWN]
+    # A half, or √(1.2/left).
+    assert found[1].probability["creep"] == pytest.approx(bound, rel=0.01)
     assert found[1].claims[0].status == "likely"
 
 
@@ -204,6 +205,11 @@ def test_effects_that_explain_as_much_are_a_class() -> None:
     assert found.word == EQUIVALENT
     assert [e.name for e in found.claims[0].alike] == ["sensor_lag"]
     assert found.claims[0].status == EQUIVALENT
+
+
+def test_sets_that_share_nothing_are_no_class() -> None:
+    found = concluded(visited(effect("delay"), effect("slew_limit")), BASE, visited(effect("amplifier_lowpass")))
+    assert found.word == UNKNOWN and not found.claimed
 
 
 def test_of_two_elements_the_proven_one_is_named_inside_a_class() -> None:

@@ -243,12 +243,6 @@ def test_both_columns_of_table_3_imply_one_amplitude(line: str) -> None:
     assert found[0] == pytest.approx(found[1], rel=open_ + 1e-4)
 
 
-def test_published_bouc_wen_leaves_the_published_actuator_with_frequency() -> None:
-    found = [fit_percent(*both(sine(frequency, PEAK))) for frequency in HERTZ.values()]
-    assert found == sorted(found, reverse=True)
-    assert (found[0], found[-1]) == pytest.approx((98.0, 84.0), abs=0.5)
-
-
 def test_a_recording_is_matched_to_its_line() -> None:
     t = np.arange(4000) / 4000.0
     lines = {
