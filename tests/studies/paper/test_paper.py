@@ -230,10 +230,6 @@ def implied_amplitude(fit_percent: float, rmse: float) -> float:
     return float(np.sqrt(2.0) * rmse / (1.0 - fit_percent / 100.0))
 
 
-def fit_percent(y: np.ndarray, model: np.ndarray) -> float:
-    return float(100.0 * (1.0 - np.linalg.norm(y - model) / np.linalg.norm(y - y.mean())))
-
-
 @pytest.mark.parametrize("line", HERTZ)
 def test_both_columns_of_table_3_imply_one_amplitude(line: str) -> None:
     # The two models were scored on the same recordings, so that this checks the table itself.
