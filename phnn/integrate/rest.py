@@ -13,13 +13,14 @@ finds it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from phnn.errors import SolverFailed
 from phnn.integrate.program import GYRATORS, LEAF_INLETS, Program, rows_of
 from phnn.integrate.scheme import LOSSLESS, merged_couplings
 from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, STORAGE_LAWS
@@ -30,6 +31,9 @@ from phnn.network.elements import Network, Ratio, Storage
 Array = NDArray[np.float64]
 
 _ITERATIONS = 60
+# Stiffness over the largest one, and force over the largest one, that count as none.
+_RANK = 1e-11
+REMEDY = "declare start: unknown, or input_before: 0.0"
 
 
 def equilibrium(program: Program, network: Network, u: Array) -> Array:
@@ -40,7 +44,15 @@ def equilibrium(program: Program, network: Network, u: Array) -> Array:
     """
     balance = _Balance(program, network, u)
     xi = balance.displacements()
+    if xi is None and (loose := balance.loose()):
+        raise SolverFailed(moving_for_ever(loose))
     return _steady().steady_state(network, u) if xi is None else np.real(balance.states(xi))
+
+
+def moving_for_ever(names: Sequence[str]) -> str:
+    """Say which states nothing holds under a constant input."""
+    them = "it" if len(names) == 1 else "them"
+    return f"a constant input moves {', '.join(names)} for ever, nothing holds {them}: {REMEDY}"
 
 
 def equilibrium_derivative(program: Program, network: Network, u: Array, places: NDArray[np.int64]) -> Array:
@@ -179,6 +191,21 @@ class _Balance:
                 return None
             xi = xi - np.linalg.solve(slopes, force)
         return xi
+
+    def loose(self) -> list[str]:
+        """Return the states that the inputs move along directions in which no spring acts, where a network has springs
+        and inertias alone; empty where it has other storages, that may hold a force too."""
+        size, storages = len(self.program.junctions), len(self.network.storages)
+        if not served(self.program) or storages != len(self.lossless) + size:
+            return []
+        rest = np.zeros(size)
+        force, (_, stiffness, across) = np.real(self.forces(rest)), np.linalg.svd(self.slopes(rest))
+        free = across[stiffness <= _RANK * stiffness.max(initial=0.0)]
+        along = (free @ force) @ free
+        if np.abs(along).max(initial=0.0) <= _RANK * np.abs(force).max():
+            return []
+        moved = np.real(self.states(along) - self.states(rest))[:storages]
+        return [name for name, x in zip(self.network.state_names, moved, strict=False) if x != 0.0]
 
     def moved(self, xi: Array, slopes: Array) -> Array:
         """Return (N,) derivative of the states along the perturbation of the values or inputs."""

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from phnn.errors import SolverFailed
+from phnn.integrate.rest import REMEDY, moving_for_ever
 from phnn.network.elements import Network
 from phnn.network.system import PortHamiltonianSystem
 
@@ -228,9 +229,7 @@ def _least(matrix: Array, right: Array) -> tuple[Array, Array]:
 
 def _why(network: Network, free: Array, moving: NDArray[np.bool_]) -> str:
     names = np.array(network.state_names)
-    remedy = "declare start: unknown, or input_before: 0.0"
     loose = names[np.abs(free).max(axis=1, initial=0.0) > _BALANCED]
     if loose.size:
-        them = "it" if loose.size == 1 else "them"
-        return f"a constant input moves {', '.join(loose)} for ever, nothing holds {them}: {remedy}"
-    return f"no rest state under a constant input was found, {', '.join(names[moving])} would not stand still: {remedy}"
+        return moving_for_ever(loose)
+    return f"no rest state under a constant input was found, {', '.join(names[moving])} would not stand still: {REMEDY}"

@@ -12,24 +12,8 @@ from phnn.errors import InputRefused
 from phnn.laws import FACTOR_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.diverged import LARGEST_WEIGHT, check_weights
 from phnn.laws.wide import form_of, is_passive_by_form
+from phnn.network import checks
 from phnn.network.bounded import BoundedParameters
-from phnn.network.checks import (
-    PowerBalance,
-    Present,
-    check,
-    check_factor,
-    check_input,
-    check_name,
-    check_state,
-    drives_of,
-    energy_of,
-    evaluation,
-    mean_effort_of,
-    mean_efforts_of,
-    present_of,
-    rates_of,
-    slope_of,
-)
 from phnn.network.elements import MultiPort, Network, Ratio, WithLaw, check_laws
 
 Entry = tuple[int, int, Ratio]
@@ -117,13 +101,13 @@ class PortHamiltonianSystem(nn.Module):
         self.constants = nn.Module()
         self.laws = nn.ModuleDict()
         for name, parameter in network.parameters.items():
-            check_name(name, self.constants if parameter.fixed else nn.ParameterDict())
+            checks.check_name(name, self.constants if parameter.fixed else nn.ParameterDict())
             if parameter.fixed:
                 constant = torch.tensor(parameter.value, dtype=torch.float64)
                 # They belong to the network and not to a state of training, which could carry others in.
                 self.constants.register_buffer(name, constant, persistent=False)
         self.free = BoundedParameters({n: p for n, p in network.parameters.items() if not p.fixed})
-        self._present: Present = None
+        self._present: checks.Present = None
         check_laws(network)
         for one in network.with_laws():
             if not isinstance(one.element.law, str):
@@ -143,15 +127,15 @@ class PortHamiltonianSystem(nn.Module):
         key, element = f"{one.kind}_{one.name}".replace(" ", "_"), one.element
         name = f"the law of {one.name}"
         if one.kind == "multi_port":
-            check(element.law, ports=len(element.on), reads=len(element.reads), name=name)
+            checks.check(element.law, ports=len(element.on), reads=len(element.reads), name=name)
         elif one.kind == "shared_energy":
-            check(element.law, storage=True, ports=len(element.of), name=name)
+            checks.check(element.law, storage=True, ports=len(element.of), name=name)
         elif one.kind == "modulation":
-            check_factor(element.law, name)
+            checks.check_factor(element.law, name)
         else:
             reads = int(getattr(element, "modulated_by", None) is not None)
-            check(element.law, storage=one.kind == "storage", reads=reads, name=name)
-        check_name(key, self.laws)
+            checks.check(element.law, storage=one.kind == "storage", reads=reads, name=name)
+        checks.check_name(key, self.laws)
         self.laws[key] = element.law
 
     @property
@@ -162,7 +146,7 @@ class PortHamiltonianSystem(nn.Module):
     def value(self, name: str) -> Tensor:
         """Return () present value of a parameter [SI]."""
         # Kept for the time of one evaluation only: from a tensor kept longer the adjoint method would get no gradient.
-        present = present_of(self)
+        present = checks.present_of(self)
         if present is not None and name in present:
             return present[name]
         return self.free.value(name) if name in self.free else getattr(self.constants, name)
@@ -209,29 +193,31 @@ class PortHamiltonianSystem(nn.Module):
         """Return the same, with the laws that the system goes on using."""
         return self.network.with_values({name: value.item() for name, value in self.present_values().items()})
 
-    @evaluation
+    @checks.evaluation
     def energies(self, x: Tensor) -> Tensor:  # x: (..., n)
         """Return (..., n) energy of every storage [J]."""
-        check_state(x, self.state_names)
+        checks.check_state(x, self.state_names)
         values = []
         for k, s in enumerate(self.network.storages):
-            known = STORAGE_LAWS[s.law].energy if isinstance(s.law, str) else energy_of(s.law)
+            known = STORAGE_LAWS[s.law].energy if isinstance(s.law, str) else checks.energy_of(s.law)
             values.append(known(x[..., k], *map(self.value, s.parameters)))
         return torch.stack(values, dim=-1)
 
     def energy(self, x: Tensor) -> Tensor:  # x: (..., n)
         """Return (...) stored energy ``H(x)`` [J]."""
         alone = self.energies(x).sum(-1)
-        return alone + sum(energy_of(law)(x[..., places]) for places, law in self.shared) if self.shared else alone
+        return (
+            alone + sum(checks.energy_of(law)(x[..., places]) for places, law in self.shared) if self.shared else alone
+        )
 
-    @evaluation
+    @checks.evaluation
     def mean_efforts(
         self,
         a: Tensor,  # (..., n) state at the start of a step
         b: Tensor,  # (..., n) and at its end
     ) -> Tensor:
         """Return (..., n) discrete gradient ``ē_k = (H_k(b_k) − H_k(a_k))/(b_k − a_k)``; ``∇H(a)`` where ``b = a``."""
-        check_state(a, self.state_names)
+        checks.check_state(a, self.state_names)
         first = len(self.network.storages)
         ends = zip(a.unbind(-1)[:first], (a if a is b else b).unbind(-1)[:first], strict=True)
         efforts = [self.mean_effort(k, start, end) for k, (start, end) in enumerate(ends)]
@@ -242,10 +228,10 @@ class PortHamiltonianSystem(nn.Module):
         for places, law in self.shared:
             at = torch.tensor(places, device=efforts.device)
             start = a[..., places]
-            efforts = efforts.index_add(-1, at, mean_efforts_of(law, start, start if a is b else b[..., places]))
+            efforts = efforts.index_add(-1, at, checks.mean_efforts_of(law, start, start if a is b else b[..., places]))
         return efforts
 
-    @evaluation
+    @checks.evaluation
     def mean_effort(
         self,
         k: int,
@@ -256,13 +242,13 @@ class PortHamiltonianSystem(nn.Module):
         s = self.network.storages[k]
         if isinstance(s.law, str):
             return STORAGE_LAWS[s.law].mean_effort(a, b, *map(self.value, s.parameters))
-        return mean_effort_of(s.law, a, b)
+        return checks.mean_effort_of(s.law, a, b)
 
     def efforts(self, x: Tensor) -> Tensor:  # x: (..., n)
         """Return (..., n) efforts ``e = ∇H(x)``."""
         return self.mean_efforts(x, x)
 
-    @evaluation
+    @checks.evaluation
     def structure(self, x: Tensor) -> Tensor:  # x: (..., n)
         """Return (..., n, n) interconnection ``J = A − Aᵀ``: skew to the last bit."""
         skew = self._skew(x)
@@ -283,7 +269,7 @@ class PortHamiltonianSystem(nn.Module):
                 skew = skew + (half - half.mT)
         return skew
 
-    @evaluation
+    @checks.evaluation
     def dissipation(self, x: Tensor) -> Tensor:  # x: (..., n)
         """Return (..., n, n) ``D(x) = Σ_r b_r (φ_r(ε_r)/ε_r) b_rᵀ ⪰ 0``, with the slope of ``φ_r`` where ``ε_r = 0``.
 
@@ -312,10 +298,10 @@ class PortHamiltonianSystem(nn.Module):
         if isinstance(self.network.resistors[r].law, str) or not bool(silent.any()):
             return ratio
         # A module need not resolve its value at so small an effort; its slope it knows.
-        slope = slope_of(lambda e: self.branch_flow(r, e, x), torch.zeros_like(epsilon)).clamp_min(0.0)
+        slope = checks.slope_of(lambda e: self.branch_flow(r, e, x), torch.zeros_like(epsilon)).clamp_min(0.0)
         return torch.where(silent, slope, ratio)
 
-    @evaluation
+    @checks.evaluation
     def incidences(
         self,
         x: Tensor,  # (..., n) state that modulated ratios read
@@ -327,7 +313,7 @@ class PortHamiltonianSystem(nn.Module):
         ratios = self.ratios(x)
         return self._branches(ratios), self._inputs(ratios)
 
-    @evaluation
+    @checks.evaluation
     def branch_efforts(
         self,
         efforts: Tensor,  # (..., n)
@@ -336,7 +322,7 @@ class PortHamiltonianSystem(nn.Module):
         """Return (..., R) effort ``ε_r = b_rᵀ e`` on every resistor."""
         return combined(efforts, self._branches(self.ratios(x)))
 
-    @evaluation
+    @checks.evaluation
     def branch_flows(
         self,
         epsilon: Tensor,  # (..., R) effort on every resistor
@@ -347,7 +333,7 @@ class PortHamiltonianSystem(nn.Module):
             return epsilon
         return torch.stack([self.branch_flow(r, e, x) for r, e in enumerate(epsilon.unbind(-1))], dim=-1)
 
-    @evaluation
+    @checks.evaluation
     def branch_flow(
         self,
         r: int,
@@ -363,7 +349,7 @@ class PortHamiltonianSystem(nn.Module):
         # Training may carry a module of unknown form out of its sector.
         return flow if is_passive_by_form(resistor.law) else torch.where(epsilon * flow < 0.0, 0.0 * flow, flow)
 
-    @evaluation
+    @checks.evaluation
     def actions(
         self,
         u: Tensor,  # (..., P)
@@ -377,14 +363,14 @@ class PortHamiltonianSystem(nn.Module):
 
     def _of_ports(self, part: str, u: Tensor) -> Tensor:
         """Return (..., P) ``action`` or ``slope`` of every port's law at its input."""
-        check_input(u, self.network.ports)
+        checks.check_input(u, self.network.ports)
         values = [
             getattr(PORT_LAWS[p.law], part)(v, *map(self.value, p.parameters))
             for v, p in zip(u.unbind(-1), self.network.ports, strict=True)
         ]
         return torch.stack(values, dim=-1) if values else u
 
-    @evaluation
+    @checks.evaluation
     def rate(
         self,
         efforts: Tensor,  # (..., n) efforts, of a state or averaged over a step
@@ -409,7 +395,7 @@ class PortHamiltonianSystem(nn.Module):
                 ports.append((b, epsilon, port.flows(epsilon, x)))
         return ports
 
-    @evaluation
+    @checks.evaluation
     def vector_field(
         self,
         x: Tensor,  # (..., n)
@@ -421,9 +407,9 @@ class PortHamiltonianSystem(nn.Module):
         if not self.network.memories:
             return rate
         slow = x[..., len(self.network.storages) :]
-        return torch.cat([rate, rates_of(self, slow, drives_of(self, efforts, x, u))], dim=-1)
+        return torch.cat([rate, checks.rates_of(self, slow, checks.drives_of(self, efforts, x, u))], dim=-1)
 
-    @evaluation
+    @checks.evaluation
     def port_outputs(
         self,
         x: Tensor,  # (..., n)
@@ -435,28 +421,28 @@ class PortHamiltonianSystem(nn.Module):
         """
         return self._of_ports("slope", u) * combined(self.efforts(x), self.incidences(x)[1])
 
-    @evaluation
+    @checks.evaluation
     def power(
         self,
         efforts: Tensor,  # (..., n) efforts, of a state or averaged over a step
         x: Tensor,  # (..., n) state that modulated laws read
         u: Tensor,  # (..., P)
         stored: Tensor,  # (...) rate of change of the stored energy [W]
-    ) -> PowerBalance:
+    ) -> checks.PowerBalance:
         """Return the balance of a given rate of storage at given efforts."""
         epsilon = self.branch_efforts(efforts, x)
         dissipated = epsilon * self.branch_flows(epsilon, x)
         more = [(e * flows).sum(-1, keepdim=True) for _, e, flows in self._through_multi_ports(efforts, x)]
         dissipated = torch.cat([dissipated, *more], dim=-1) if more else dissipated
         supplied = self.actions(u) * combined(efforts, self.incidences(x)[1])
-        return PowerBalance(stored, dissipated, supplied, stored - supplied.sum(-1) + dissipated.sum(-1))
+        return checks.PowerBalance(stored, dissipated, supplied, stored - supplied.sum(-1) + dissipated.sum(-1))
 
-    @evaluation
+    @checks.evaluation
     def power_balance(
         self,
         x: Tensor,  # (..., n)
         u: Tensor,  # (..., P)
-    ) -> PowerBalance:
+    ) -> checks.PowerBalance:
         """Return the power balance at a state."""
         efforts = self.efforts(x)
         return self.power(efforts, x, u, (efforts * self.rate(efforts, x, u)).sum(-1))

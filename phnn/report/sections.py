@@ -31,6 +31,7 @@ from phnn.recordings import Campaign
 from phnn.recordings.reader import facts
 from phnn.recordings.recording import ACTUATOR, Recording, digest
 from phnn.recordings.units import scales_with_forces
+from phnn.report import statements as say
 from phnn.report.figures import Trace, amplitude_density, draw_curve, draw_error, draw_recording, draw_trace
 from phnn.report.figures.style import AFTER, BEFORE, FAINT, INK, RC, Drawing, finish, new_figure, png, svg
 from phnn.report.formatting import (
@@ -48,24 +49,6 @@ from phnn.report.formatting import (
     words,
 )
 from phnn.report.page import Bar, Bars, Block, Code, Formula, Link, Section, Table, page
-from phnn.report.statements import (
-    WAVEFORM,
-    acts_like,
-    capital,
-    causes,
-    consequence,
-    failure,
-    forces_known,
-    headline,
-    likenesses,
-    location_name,
-    next_recording,
-    notes,
-    plausibility,
-    quality,
-    remainder_in_words,
-    shown_unit,
-)
 from phnn.report.words import Picture, learned_picture, picture
 from phnn.rescue import documents, needed, warnings
 from phnn.results import Place, file_name, printable, sha256_of
@@ -138,18 +121,18 @@ def error_figure(diagnosis: Diagnosis) -> Figure:
 
 def notebook(diagnosis: Diagnosis) -> str:
     """Return the first screen for a notebook."""
-    heading = headline(diagnosis)
+    heading = say.headline(diagnosis)
     drawn = b64encode(svg(error_figure(diagnosis))).decode("ascii")
     picture = f'<img alt="{escape(heading)}: error before and after" src="data:image/svg+xml;base64,{drawn}">'
-    likely = table(("cause", "probability"), ((name, likelihood(p)) for name, p in causes(diagnosis)))
-    return titled(heading, f"<p>{escape(consequence(diagnosis))}</p>", picture, likely)
+    likely = table(("cause", "probability"), ((name, likelihood(p)) for name, p in say.causes(diagnosis)))
+    return titled(heading, f"<p>{escape(say.consequence(diagnosis))}</p>", picture, likely)
 
 
 def _first(diagnosis: Diagnosis, traces: Sequence[Trace]) -> list[Block]:
     nothing: list[Any] = []
-    answer = needed("sentence of the verdict", lambda: [consequence(diagnosis)], nothing)
+    answer = needed("sentence of the verdict", lambda: [say.consequence(diagnosis)], nothing)
     open_name = diagnosis.verdict == UNKNOWN
-    like = needed("what it acts like", lambda: [acts_like(diagnosis)], nothing) if open_name else []
+    like = needed("what it acts like", lambda: [say.acts_like(diagnosis)], nothing) if open_name else []
     shown: list[Drawing] = []
     for trace in traces[:1]:
         use = "held-out recording" if trace.held_out else "recording"
@@ -158,14 +141,14 @@ def _first(diagnosis: Diagnosis, traces: Sequence[Trace]) -> list[Block]:
         both = "of base model and final model" if trace.changed else "of the base model"
         alt = f"Error {both} over time, on {trace.name}, with the band of the noise"
         shown = drawing(f"error-{trace.name}", title, alt, partial(draw_error, trace))
-    bars = needed("probabilities", lambda: [Bar(name, p, likelihood(p)) for name, p in causes(diagnosis)], nothing)
-    alike = needed("effects that explain most", lambda: likenesses(diagnosis), nothing) if open_name else []
+    bars = needed("probabilities", lambda: [Bar(name, p, likelihood(p)) for name, p in say.causes(diagnosis)], nothing)
+    alike = needed("effects that explain most", lambda: say.likenesses(diagnosis), nothing) if open_name else []
     rows = [Bar(words(family(e)), share, f"{100.0 * share:.0f} %") for e, share in alike]
     others = [Bars("Share of the excess over the noise that one effect alone explains", rows)] if rows else []
-    proposed = needed("next recording", lambda: next_recording(diagnosis), "")
-    link: list[Block] = [proposed] if diagnosis.proposal is None else [Link(proposed, WAVEFORM)]
+    proposed = needed("next recording", lambda: say.next_recording(diagnosis), "")
+    link: list[Block] = [proposed] if diagnosis.proposal is None else [Link(proposed, say.WAVEFORM)]
     following = link if proposed else []
-    limits = notes(diagnosis)
+    limits = say.notes(diagnosis)
     more = [f"{len(limits) - _NOTES} more parts failed: see “What was tried”."] if len(limits) > _NOTES else []
     return [*answer, *limits[:_NOTES], *more, *like, *shown, Bars("Probabilities", bars), *others, *following]
 
@@ -175,11 +158,11 @@ def _missing(diagnosis: Diagnosis, document: dict[str, Any]) -> list[Block]:
     entries = document["missing"] or []
     for claim, entry in zip(diagnosis.claims, entries, strict=False):
         name = words(claim.name) if claim.claimed or claim.learned else f"acts like {words(claim.name)}"
-        blocks.append(f"{capital(name)}: {entry['statement']}")
+        blocks.append(f"{say.capital(name)}: {entry['statement']}")
         if entry["equation"]:
             blocks.append(Formula(entry["equation"]))
         rows = [
-            [n, with_error(p["value"], p["std"]), shown_unit(p["unit"]), interval(p["interval_95"])]
+            [n, with_error(p["value"], p["std"]), say.shown_unit(p["unit"]), interval(p["interval_95"])]
             for n, p in ({} if claim.learned else entry["parameters"]).items()
         ]
         if rows:
@@ -201,11 +184,11 @@ def _missing(diagnosis: Diagnosis, document: dict[str, Any]) -> list[Block]:
 
 
 def _plausible(diagnosis: Diagnosis, claim: Claim) -> list[str]:
-    known, anchored = diagnosis.final.setup.parameters, forces_known(diagnosis)
+    known, anchored = diagnosis.final.setup.parameters, say.forces_known(diagnosis)
     if diagnosis.campaign.recordings[0].units != ACTUATOR:
         return []
     free = [n for n in claim.effect.parameters if not known[n].fixed]
-    sentences = (plausibility(known[n], claim.effect.plausible[n], dict(known), anchored) for n in free)
+    sentences = (say.plausibility(known[n], claim.effect.plausible[n], dict(known), anchored) for n in free)
     return [t for t in sentences if t]
 
 
@@ -228,10 +211,8 @@ def _where(diagnosis: Diagnosis, document: dict[str, Any]) -> list[Block]:
         return []
     # The winner stands first, then the longest bars.
     ranked = sorted(location["scores"].items(), key=lambda item: (item[0] != location["name"], -item[1]))
-    rows = [
-        Bar(location_name(diagnosis, name), score, f"{score:.2f}".replace("-", "−"), location["reasons"].get(name, ""))
-        for name, score in ranked
-    ]
+    shown = [(say.location_name(diagnosis, name), score, location["reasons"].get(name, "")) for name, score in ranked]
+    rows = [Bar(name, score, f"{score:.2f}".replace("-", "−"), reason) for name, score, reason in shown]
     strongest = sorted(location["recordings"].items(), key=lambda item: -(item[1]["residual_over_noise"] or 0.0))[:3]
     seen = [f"{name} ({ratio(v['residual_over_noise'])} × noise)" for name, v in strongest]
     place = f"The mismatch is strongest in {listing(seen)}"
@@ -262,7 +243,7 @@ def _recordings(diagnosis: Diagnosis, document: dict[str, Any], traces: Sequence
     names = sorted(fit["before"], key=lambda n: n not in fit["held_out"])
     rows = [[n, "held out" if n in fit["held_out"] else "", *cells(n)] for n in names]
     scores_table = Table(["recording", "", "fit (%)", f"RMSE ({unit.name})", "error (× noise)"], rows, 2)
-    blocks: list[Block] = [remainder_in_words(diagnosis), scores_table]
+    blocks: list[Block] = [say.remainder_in_words(diagnosis), scores_table]
     for trace in traces[:_DRAWN]:
         alt = f"Measured and modelled output of {trace.name} over time, and the errors below"
         title = f"{trace.name}, held out" if trace.held_out else trace.name
@@ -274,7 +255,7 @@ def parameter_rows(diagnosis: Diagnosis) -> Iterator[list[str]]:
     """Yield the rows of the table of parameters."""
     final = diagnosis.final
     before, after, std = diagnosis.base.setup.parameters, final.setup.parameters, final.std()
-    anchored, hidden = forces_known(diagnosis), auxiliary(final.setup.network)
+    anchored, hidden = say.forces_known(diagnosis), auxiliary(final.setup.network)
     for name, p in ((n, p) for n, p in after.items() if n not in hidden):
         note = final.note(name) or ("constant" if p.fixed else "")
         if not note and not anchored and scales_with_forces(p.unit):
@@ -282,7 +263,7 @@ def parameter_rows(diagnosis: Diagnosis) -> Iterator[list[str]]:
         note = note or (f"base model: {unknown}" if (unknown := diagnosis.base.note(name)) else "")
         old = before[name].value if name in before else None
         value, ends = with_error(p.value, finite(std.get(name))), interval(final.interval(name))
-        label = name if p.unit == "1" else f"{name} ({shown_unit(p.unit)})"
+        label = name if p.unit == "1" else f"{name} ({say.shown_unit(p.unit)})"
         yield [label, "; ".join(filter(None, (p.description, note))), number(old), value, ends]
 
 
@@ -299,13 +280,12 @@ def _tried(diagnosis: Diagnosis) -> list[Block]:
         for m, share in models
     ]  # fmt: skip
     samples = diagnosis.base.residual.size
-    scored = [
-        [words(c.effect.name), location_name(diagnosis, c.effect.location), number(c.score), number(c.fall / samples)]
-        for c in sorted(diagnosis.screened[0], key=lambda c: -c.score)[:_ROWS]
-    ]
+    best = sorted(diagnosis.screened[0], key=lambda c: -c.score)[:_ROWS]
+    at = partial(say.location_name, diagnosis)
+    scored = [[words(c.effect.name), at(c.effect.location), number(c.score), number(c.fall / samples)] for c in best]
     _, p, name = diagnosis.significance()
     failed = documents((*diagnosis.ended.failed, *diagnosis.ended.warnings, *warnings()))
-    blocks: list[Block] = [failure(f) for f in failed]
+    blocks: list[Block] = [say.failure(f) for f in failed]
     if name:
         blocks.append(f"The largest score in the residual of the base model is that of {words(name)} ({p_value(p)}).")
     blocks.append(
@@ -359,7 +339,7 @@ def _use(
         files = "\n".join(f"{digest}  {name}" for name, digest in made_of.files.items())
         blocks.append(f"Recordings: {made_of.folder}. SHA-256 of the files, and of all samples as understood:")
         blocks.append(Code(f"{files}\n{made_of.understood}  as understood".lstrip()))
-    q = quality(diagnosis)
+    q = say.quality(diagnosis)
     scored = f"Errors are root mean squares over {q.on}; " if q.held_out else ""
     blocks.append(f"{scored}{versions}; seed {diagnosis.options.seed}; {document['seconds']} s.")
     return blocks
