@@ -58,6 +58,8 @@ _HIGHEST = 5e3
 # Stroke per volt, from a tube scanner of a tenth of a nanometre to a bender, with a decade beyond both; a command in
 # front of an amplifier may be smaller by its gain.
 _LEAST, _MOST, _AMPLIFIED = 1e-11, 1e-4, 1e-2
+# What a single crystal or a tube has at most; stacks and benders have more.
+_CRYSTAL = 5e-9  # m/V
 
 
 def odd_units(campaign: Campaign) -> dict[str, list[Finding]]:
@@ -87,14 +89,19 @@ def odd_units(campaign: Campaign) -> dict[str, list[Finding]]:
                 cause = "a column has probably another unit than is stated (nm, µm, mm; V, kV)"
                 text = f"{fact}: {cause}; correct it in recordings.yaml, columns"
                 findings[r.name].append(Finding("units", WARNING, text, {"gain_over_others": ratio}))
-            if actuator and (r.units.input, r.units.output) == ("V", "m") and not _LEAST <= gain <= most:
-                fact = f"output over input is {gain:.2g} m/V, piezo actuators have {_LEAST:g} to {most:g} m/V"
-                text = f"{fact}: compare the units and names of its columns with what was recorded"
-                findings[r.name].append(Finding("units", WARNING, text, {"gain": gain}))
+            strokes = actuator and (r.units.input, r.units.output) == ("V", "m")
             if actuator and r.units.input == "V" and (size := float(np.max(np.abs(r.u)))) > _HIGHEST:
                 fact = f"a voltage of {quantity(size, 'V')}, piezo actuators take up to {quantity(_HIGHEST, 'V')}"
                 text = f"{fact}: the column is probably in mV; correct it in recordings.yaml, columns"
                 findings[r.name].append(Finding("units", WARNING, text, {"voltage": size}))
+            elif strokes and not _LEAST <= gain <= most:
+                fact = f"output over input is {gain:.2g} m/V, piezo actuators have {_LEAST:g} to {most:g} m/V"
+                text = f"{fact}: compare the units and names of its columns with what was recorded"
+                findings[r.name].append(Finding("units", WARNING, text, {"gain": gain}))
+            elif strokes and usual < _CRYSTAL:
+                fact = f"output over input is {1e9 * gain:.2g} nm/V, as of a single crystal"
+                text = f"{fact}: of a stack or a bender the column has a larger unit than is stated"
+                findings[r.name].append(Finding("units", NOTE, text, {"gain": gain}))
             if r in against:
                 text = f"the output moves the other way than in most others: {turned(r.source)}"
                 findings[r.name].append(Finding("units", WARNING, text, {"correlation": against[r]}))

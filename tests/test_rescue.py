@@ -31,7 +31,7 @@ from phnn.identification import problem
 from phnn.identification.base import NumericalError, numerical_error
 from phnn.identification.options import Options
 from phnn.parallel import executor
-from phnn.report import result, sections
+from phnn.report import result, sections, statements
 from phnn.report.result import write
 from phnn.rescue import accounted, allow, attempt, extra, move, needed, results, spend, stop_if_late, used_up
 
@@ -43,7 +43,7 @@ PLACES: list[tuple[ModuleType, str]] = [
     (search, "converged"), (search, "rebuilt"), (search, "numerical_error"), (search, "evaluate"),
     (screen, "direction"), (path, "prepare"), (path, "locate"), (path, "evaluate"), (path, "gain"), (path, "distil"),
     (path, "check"), (path, "propose"), (proposal, "menu"), (sections, "picture"),
-    (result, "missing_entries"), (result, "first_screen"), (sections, "consequence"), (sections, "draw_recording"),
+    (result, "missing_entries"), (statements, "first_screen"), (statements, "consequence"), (sections, "draw_recording"),
     (sections, "draw_error"), (sections, "parameter_rows"),
 ]  # fmt: skip
 ERRORS: list[Callable[[str], Exception]] = [SolverFailed, FloatingPointError, ValueError, np.linalg.LinAlgError]

@@ -33,19 +33,9 @@ from phnn.identification.identified import save_fit
 from phnn.parameters import quantity
 from phnn.recordings.recording import Recording
 from phnn.recordings.units import scales_with_forces
+from phnn.report import statements as say
 from phnn.report.formatting import listing, words
 from phnn.report.sections import Provenance, provenance
-from phnn.report.statements import (
-    WAVEFORM,
-    acts_like,
-    failure,
-    first_screen,
-    forces_known,
-    headline,
-    immaterial,
-    likenesses,
-    remains,
-)
 from phnn.report.words import fitted_in_words, is_effort, vocabulary_of
 from phnn.rescue import Failure, accounted, documents, needed, warnings
 from phnn.results import PROGRESS, Place, claim, finite
@@ -57,7 +47,7 @@ Array = NDArray[np.float64]
 
 SCHEMA = "phnn.diagnosis/1"
 # What a diagnosis writes into its folder.
-RESULTS = ("base", "model", "diagnosis.json", "figures", "report.html", WAVEFORM, PROGRESS)
+RESULTS = ("base", "model", "diagnosis.json", "figures", "report.html", say.WAVEFORM, PROGRESS)
 # Least probability that is told; that of nothing missing always is.
 _TOLD = 0.001
 _PACKAGES = ("phnn", "torch", "numpy", "scipy", "numba")
@@ -86,7 +76,7 @@ def write_into(diagnosis: Diagnosis, place: Place, made_of: Provenance | None = 
         content = document(diagnosis)
         (place / "diagnosis.json").write_json(content)
         inputs = diagnosis.base.plan.recordings[0].units.input
-        following = partial(write_waveform, diagnosis.proposal, diagnosis.base.setup, inputs, place / WAVEFORM)
+        following = partial(write_waveform, diagnosis.proposal, diagnosis.base.setup, inputs, place / say.WAVEFORM)
         needed("waveform of the next recording", following, None)
         made_of = made_of or needed("provenance", lambda: provenance(diagnosis.campaign), None)
         text = needed("page of the report", lambda: _report(diagnosis, content, made_of, place), b"")
@@ -117,7 +107,7 @@ def _report(diagnosis: Diagnosis, content: dict[str, Any], made_of: Provenance |
 
 def _plain_page(content: dict[str, Any]) -> bytes:
     """Return the answer as text, where the page of the report cannot be made."""
-    paragraphs = "".join(f"<p>{escape(failure(f))}</p>" for f in documents(warnings()))
+    paragraphs = "".join(f"<p>{escape(say.failure(f))}</p>" for f in documents(warnings()))
     whole = escape(json.dumps(content, indent=1, ensure_ascii=False))
     head = f"<!doctype html><html lang=en><meta charset=utf-8><title>Diagnosis: {content['verdict']}</title>"
     return f"{head}<h1>Verdict: {content['verdict']}</h1>{paragraphs}<pre>{whole}</pre></html>\n".encode()
@@ -143,7 +133,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
     campaign = diagnosis.campaign
     measured = {r.name: r.noise_found for r in campaign.recordings}
     parts: dict[str, Callable[[], Any]] = {
-        "summary": lambda: first_screen(diagnosis),
+        "summary": lambda: say.first_screen(diagnosis),
         "test": lambda: _test(diagnosis),
         "probability": lambda: {n: round(p, 4) for n, p in diagnosis.probability.items() if p >= _TOLD or n == NONE},
         "missing": lambda: missing_entries(diagnosis),
@@ -151,7 +141,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "location": lambda: location_document(diagnosis),
         "noise": lambda: {
             n: s.document() | {"found": measured[n]}
-            for n, s in statements(campaign.recordings, diagnosis.after.outputs, not remains(diagnosis)).items()
+            for n, s in statements(campaign.recordings, diagnosis.after.outputs, not say.remains(diagnosis)).items()
         },
         "noise_floor": lambda: {r.name: r.noise for r in campaign.recordings},
         "numerical_error_sigma": lambda: diagnosis.error.sigma,
@@ -182,13 +172,13 @@ def _test(diagnosis: Diagnosis) -> dict[str, Any]:
     first = next((c for c in screened if any(c.effect == claim.effect for claim in diagnosis.claims[:1])), None)
     if first is not None:
         statistic, p_value, name = first.score, chance(first.score, screened), first.effect.canonical
-    small = immaterial(diagnosis)
+    small = say.immaterial(diagnosis)
     test = {"statistic": statistic, "p_value": p_value, "candidate": name or None}
     return test if small is None else test | {"immaterial": asdict(small)}
 
 
 def _remainder(diagnosis: Diagnosis) -> dict[str, Any]:
-    remaining, small, where = remains(diagnosis), immaterial(diagnosis, after=True), diagnosis.remaining
+    remaining, small, where = say.remains(diagnosis), say.immaterial(diagnosis, after=True), diagnosis.remaining
     remainder = {
         "verdict": UNKNOWN if remaining else NONE,
         "residual_over_noise": math.sqrt(diagnosis.final.chi2),
@@ -264,7 +254,7 @@ def _entry(diagnosis: Diagnosis, claim: Claim) -> dict[str, Any]:
     if formula is not None:
         status = "described" if claim.status == LEARNED else claim.status
         entry |= {"status": status, "description": _description(formula, effect)}
-    free = not forces_known(diagnosis) and any(scales_with_forces(parameters[n].unit) for n in claim.parameters)
+    free = not say.forces_known(diagnosis) and any(scales_with_forces(parameters[n].unit) for n in claim.parameters)
     statement = effect.statement.format(**shown) if formula is None else formula.words
     for copy in claim.copies:
         statement += f" It acts once more, with {listing(f'{n} = {shown[n]}' for n in copy.parameters)}."
@@ -326,9 +316,9 @@ def _description(formula: Distilled, effect: Effect) -> dict[str, Any]:
 
 def _nameless(diagnosis: Diagnosis) -> dict[str, Any]:
     """Return the entry of a mismatch that no element describes."""
-    where, alike = diagnosis.location, likenesses(diagnosis)
+    where, alike = diagnosis.location, say.likenesses(diagnosis)
     fitted = "" if where is None else fitted_in_words(diagnosis.linearised[0], where)
-    free = where is not None and is_effort(where) and not forces_known(diagnosis)
+    free = where is not None and is_effort(where) and not say.forces_known(diagnosis)
     factor = _UP_TO_FACTOR if free and vocabulary_of(diagnosis.base.setup.network).mechanical else ""
     return {
         "effect": "unknown",
@@ -341,7 +331,7 @@ def _nameless(diagnosis: Diagnosis) -> dict[str, Any]:
         "place": None,
         "equivalent_to": [],
         "p_value": diagnosis.significance()[1],
-        "statement": f"{headline(diagnosis)}. {acts_like(diagnosis)} {fitted}".strip() + factor,
+        "statement": f"{say.headline(diagnosis)}. {say.acts_like(diagnosis)} {fitted}".strip() + factor,
         "equation": "",
         "passive": False,
         "parameters": {},

@@ -333,6 +333,8 @@ def test_a_stroke_that_no_actuator_has_is_noticed() -> None:
     # A small command in front of an amplifier, another system, and a measured voltage at rest.
     assert "units" not in found(wrong)
     assert "units" not in found(replace(wrong, units=Units("N", "m")))
+    small = found(replace(one, y=1e-3 * one.y, noise=1e-3 * one.noise))["units"]
+    assert small.severity == "note" and "as of a single crystal" in small.text
     rng = np.random.default_rng(2)
     resting = replace(
         one, name="rest", u=2e-4 * rng.standard_normal(one.u.size), y=NOISE * rng.standard_normal(one.u.size)
