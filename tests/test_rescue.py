@@ -43,8 +43,8 @@ PLACES: list[tuple[ModuleType, str]] = [
     (search, "converged"), (search, "rebuilt"), (search, "numerical_error"), (search, "evaluate"),
     (screen, "direction"), (path, "prepare"), (path, "locate"), (path, "evaluate"), (path, "gain"), (path, "distil"),
     (path, "check"), (path, "propose"), (proposal, "menu"), (sections, "picture"),
-    (result, "missing_entries"), (statements, "first_screen"), (statements, "consequence"), (sections, "draw_recording"),
-    (sections, "draw_error"), (sections, "parameter_rows"),
+    (result, "missing_entries"), (statements, "first_screen"), (statements, "consequence"),
+    (sections, "draw_recording"), (sections, "draw_error"), (sections, "parameter_rows"),
 ]  # fmt: skip
 ERRORS: list[Callable[[str], Exception]] = [SolverFailed, FloatingPointError, ValueError, np.linalg.LinAlgError]
 TOLD = "raised on purpose"
