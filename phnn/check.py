@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -131,13 +131,6 @@ def buried(recording: Recording) -> list[Finding]:
     cause = "noise hides what the input moves, or the output does not follow this input and counts as noise"
     text = f"{fact}: {cause}. Compare columns and wiring, drive it more, or record a rest"
     return [Finding("noise", WARNING, text, {"noise_over_output": share})]
-
-
-def doubts(campaign: Campaign) -> tuple[str, ...]:
-    """Return what makes an identification doubtful, a sentence each: odd units, and outputs that are noise."""
-    odd = odd_units(campaign)
-    doubtful = {r.name: [*odd[r.name], *(buried(r) if np.isfinite(r.y).all() else ())] for r in campaign.recordings}
-    return tuple(f"{name}: {f.text}." for name, findings in doubtful.items() for f in findings)
 
 
 def _has_gain(r: Recording, usual: float) -> bool:
@@ -618,7 +611,7 @@ class Checked:
 
     def text(self) -> str:
         """Return what `phnn check` prints."""
-        first, rest = describe(self.campaign).split("\n\n", 1)
+        first, understood, rest = describe(self.campaign).split("\n\n", 2)
         lines = [first, ""]
         findings = [(name, f) for name, some in self.findings.items() for f in some]
         if findings := sorted(findings, key=lambda n: (n[1].severity != WARNING, n[1].kind not in _WRONG)):
@@ -627,13 +620,14 @@ class Checked:
             keys = ((n, f.text) if a else _NUMBER.sub("#", f.text) for a, (n, f) in zip(alone, findings, strict=True))
             lines_by_key = zip(keys, ((name, f"{f.severity:8}{name}: {f.text}") for name, f in findings), strict=True)
             lines += ["Noticed:", *_grouped("similar", lines_by_key), ""]
-        lines += [rest, ""]
-        statements = ((name, "; ".join((s.colour, *s.notes))) for name, s in self.noise.items())
-        lines += ["Noise:", *_grouped("the same", ((text, (name, f"{name}: {text}")) for name, text in statements)), ""]
+        lines += [understood, ""]
         for head, able in (("These recordings can show:", True), ("They cannot show, for which to record:", False)):
             some = [a for a in self.abilities if a.able is able]
             if some:
                 lines += [head, *(f"  {a.shows}" + ("" if able else f"\n      {a.record}") for a in some), ""]
+        lines += [rest, ""]
+        statements = ((name, "; ".join((s.colour, *s.notes))) for name, s in self.noise.items())
+        lines += ["Noise:", *_grouped("the same", ((text, (name, f"{name}: {text}")) for name, text in statements)), ""]
         return "\n".join(lines).rstrip()
 
     def document(self) -> dict[str, Any]:
@@ -666,14 +660,29 @@ def _grouped(how: str, lines: Iterable[tuple[Hashable, tuple[str, str]]]) -> Ite
         yield f"  {line} ({how} in {named})" if others else f"  {line}"
 
 
+def found_by(checks: Sequence[Callable[[Recording], list[Finding]]], campaign: Campaign) -> dict[str, list[Finding]]:
+    """Return what odd units and some checks of single recordings find, by recording."""
+    # Any other system may give an output that leads its input, such as the force of an imposed motion.
+    checks = [one for one in checks if one is not lead or is_actuator(campaign.setup)]
+    findings = odd_units(campaign)
+    for r in (r for r in campaign.recordings if np.isfinite(r.y).all()):
+        findings[r.name] += [f for one in checks for f in one(r)]
+    return findings
+
+
+def doubts(campaign: Campaign) -> tuple[str, ...]:
+    """Return what says that recordings are not what they are taken for, a sentence each; similar ones share one."""
+    findings = found_by((buried, lead), campaign).items()
+    doubtful = [(name, f) for name, some in findings for f in some if f.severity == WARNING]
+    lines = ((_NUMBER.sub("#", f.text), (name, f"{name}: {f.text}.")) for name, f in doubtful)
+    return tuple(line.strip() for line in _grouped("similar", lines))
+
+
 def check(campaign: Campaign) -> Checked:
     """Return all checks on all recordings that have an output."""
     recorded = [r for r in campaign.recordings if np.isfinite(r.y).all()]
-    among, units = contaminated(recorded), odd_units(campaign)
-    # Any other system may give an output that leads its input, such as the force of an imposed motion.
-    checks = [one for one in _CHECKS if one is not lead or is_actuator(campaign.setup)]
-    findings: dict[str, list[Finding]] = {r.name: [] for r in campaign.recordings}
+    findings, among = found_by(_CHECKS, campaign), contaminated(recorded)
     for r in recorded:
-        findings[r.name] = [*units[r.name], *(f for one in checks for f in one(r)), *among[r.name]]
+        findings[r.name] += among[r.name]
     noise = {r.name: noise_statement(r.noise, r.noise_source, r.units.output, _between_periods(r)) for r in recorded}
     return Checked(campaign, findings, abilities(campaign), noise)

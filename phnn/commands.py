@@ -573,7 +573,8 @@ def plot(
     Raises:
         InputRefused: what a kind needs is not given, or cannot be used.
     """
-    from phnn.plot.signals import MOST, model_of
+    from phnn.plot.signals import MOST
+    from phnn.predictor import model_of
     from phnn.report.figures.style import svg
     from phnn.report.page import literal_text
 

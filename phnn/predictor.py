@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from phnn.errors import InputRefused
 from phnn.model import Model
@@ -44,17 +44,17 @@ def load(folder: str | Path, outside: bool = False) -> Model | ModalFit:
         raise InputRefused(f"{shown}: {error}") from error
 
 
-def predict(model: Model | ModalFit | str | Path, campaign: Campaign | str | Path) -> tuple[Predicted, ...]:
+def predict(model: Any, campaign: Campaign | str | Path) -> tuple[Predicted, ...]:
     """Simulate the recordings of a campaign, in their order.
 
-        for found in phnn.predict("out/model", phnn.read("other/")):
-            print(found.recording.name, found.table)
+        for predicted in phnn.predict("out/model", phnn.read("other/")):
+            print(predicted.recording.name, predicted.table)
 
     Where an output was recorded, the first samples of a recording give the zero and the initial state; they are not
     scored.
 
     Args:
-        model: what `phnn.load` returned, or its folder; models of ``phnn modes`` included.
+        model: what `phnn.load`, `phnn.identify` or `phnn.diagnose` returned, or a model's folder; of modes too.
         campaign: recordings, or their folder. ``phnn.read(folder, need_output=False)`` reads one without outputs.
 
     Raises:
@@ -62,7 +62,22 @@ def predict(model: Model | ModalFit | str | Path, campaign: Campaign | str | Pat
         SolverFailed: a step has no solution.
     """
     known = campaign_of(campaign, need_output=False)
-    return tuple(predictions(load(model) if isinstance(model, str | Path) else model, known))
+    return tuple(predictions(model_of(model), known))
+
+
+def model_of(given: Any, outside: bool = False) -> Model | ModalFit:
+    """Return the model that is given: itself, that of a fit, the final one of a diagnosis, or that in a folder.
+
+    Args:
+        outside: the file in the folder may be a link that leads out of it.
+
+    Raises:
+        InputRefused: there is no model, or a damaged one.
+    """
+    if isinstance(given, str | Path):
+        return load(given, outside)
+    model = getattr(given, "model", given)
+    return model if isinstance(model, Model) else given
 
 
 def predictions(model: Model | ModalFit, campaign: Campaign) -> Iterator[Predicted]:

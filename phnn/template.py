@@ -66,12 +66,12 @@ _BY_UNITS: Mapping[tuple[str, str], tuple[str, str]] = {
 }
 # Steps of a time may differ by so much of their median and still be a time; `phnn check` then says more.
 _UNEVEN = 0.5
-# The sample rate that is written where no column is a time; one recording in so many is proposed to be held out.
-_RATE, _HELD_OUT = 1000.0, 4
+# The sample rate that is written where no column is a time.
+_RATE = 1000.0
 # Keys that a user may want, in the order in which they are shown.
 _WANTED: tuple[tuple[str, str, str], ...] = (
     ("setup", "{network: FILE.yaml}", "another system: a network of your own in a file beside the recordings"),
-    ("known", "{m: {value: 1.06, std: 0.01, unit: g}}", "known parameters; without a unit in SI"),
+    ("known", "{m: {value: 1.11, std: 0.01, unit: g}}", "known parameters; without a unit in SI"),
     ("voltage", "terminals", "the voltage was measured at the actuator, behind the amplifier"),
     ("sensor", "{rectified: true}", "what is known of the sensor"),
     ("offset", "shared", "the zero of the output is the same in all recordings"),
@@ -371,12 +371,9 @@ class Look(NamedTuple):
             lines += [f"  - file: {_quoted(f.file)}"]
             if f.name:
                 lines += [f"    name: {_quoted(f.name)}"]
-            if len(usable) >= _HELD_OUT:
-                use = "identification" if (i + 1) % _HELD_OUT else "confirmation   # proposed: held out"
-                lines += [f"    use: {use}"]
             if not shared:
                 lines += ["    columns:", *(f"      {line}" for line in columns[i])]
-        if usable and len(usable) < _HELD_OUT:
+        if usable:
             lines += ["    # add `use: confirmation` to what is to be held out; left out, phnn chooses"]
         refused = [f for f in self.files if f.reason]
         lines += ["", "# These files cannot be used as they are:"] if refused else []

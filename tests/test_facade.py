@@ -107,7 +107,7 @@ def test_identified_model_goes_into_the_diagnosis_and_predicts(tmp_path: Path) -
     table = fit.to_dataframe()
     assert tuple(table.loc["k", ["value", "std_error", "unit"]]) == (value, error, "N/m")
     assert table.loc["k", "low_95"] < value < table.loc["k", "high_95"]
-    assert all(name in fit._repr_html_() for name in table.index)
+    assert all(name in fit._repr_html_() and name in str(fit) for name in table.index)
     assert 0.0 < error < value
     diagnosis = phnn.diagnose(fit)
     assert diagnosis.verdict == "none"
@@ -117,7 +117,7 @@ def test_identified_model_goes_into_the_diagnosis_and_predicts(tmp_path: Path) -
     stored = phnn.load(tmp_path / "out" / "model")
     assert stored.parameters == diagnosis.model.parameters
     for one, other in zip(
-        phnn.predict(stored, campaign), phnn.predict(tmp_path / "out" / "model", campaign), strict=True
+        phnn.predict(diagnosis, campaign), phnn.predict(tmp_path / "out" / "model", campaign), strict=True
     ):
         np.testing.assert_array_equal(one.y, other.y)
         assert one.document("")["residual_over_noise"] < 1.2

@@ -9,17 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from phnn.chain import AMPLIFIERS, SENSORS, SOURCES
-from phnn.chain.amplifiers import (
-    bouc_wen_step,
-    first_order_step,
-    first_order_weights,
-    parabola,
-    second_order_step,
-    second_order_weights,
-    slew_step,
-    slip_step,
-)
+from phnn.chain import AMPLIFIERS, SENSORS, SOURCES, amplifiers
 from phnn.errors import SolverFailed
 from phnn.exporting import solvers
 from phnn.exporting.laws import Elements, refused
@@ -97,15 +87,15 @@ class Chain:
         # Of a fading input a share of the low-pass is taken away.
         rest = f"- {self.e.parameter(block.parameters[0])} * " if block.kind == "fading" else ""
         state = self.e.program.state(key, "output of the amplifier's low-pass")
-        values = first_order_weights(np.array([self.h]), *self.e.values(block.parameters[-1:]))
+        values = amplifiers.first_order_weights(np.array([self.h]), *self.e.values(block.parameters[-1:]))
         weights = self._weights(key, ("keep", "old", "new"), values)
-        step = partial(self.e.call, first_order_step, key, state)
+        step = partial(self.e.call, amplifiers.first_order_step, key, state)
         self._follow(state, lambda a, b: [f"{state} = {step(a, b, *weights)}"], rest)
 
     def _slew(self, block: Block, key: str) -> None:
         state = self.e.program.state(key, "output of the slew-rate limit")
         reach = f"0.5 * H * {self.e.parameter(block.parameters[0])}"
-        self._follow(state, lambda a, b: [f"{state} = {self.e.call(slew_step, key, state, b, reach)}"])
+        self._follow(state, lambda a, b: [f"{state} = {self.e.call(amplifiers.slew_step, key, state, b, reach)}"])
 
     def _follow(self, state: str, stepped: Callable[[str, str], list[str]], rest: str = "") -> None:
         """A block whose state is its output, in equilibrium equal to its input.
@@ -128,13 +118,13 @@ class Chain:
         state = self.e.program.state(key, "output of the amplifier's low-pass")
         rate = self.e.program.state(f"{key}_rate", "and its derivative by the time in units of tau")
         tau, zeta = self.e.values(block.parameters)
-        values = second_order_weights(np.array([self.h]), tau, zeta)
+        values = amplifiers.second_order_weights(np.array([self.h]), tau, zeta)
         s, *weights = self._weights(key, ("s", "even", "odd"), values)
         damping = self.e.parameter(block.parameters[1])
 
         def stepped(a: str, b: str) -> list[str]:
             slope = f"({b} - {a}) / {s}"
-            moved = self.e.call(second_order_step, key, f"{state} - {a}", rate, slope, *weights, damping)
+            moved = self.e.call(amplifiers.second_order_step, key, f"{state} - {a}", rate, slope, *weights, damping)
             return [f"v_off, {rate} = {moved}", f"{state} = {b} + v_off"]
 
         self._follow(state, stepped)
@@ -144,7 +134,7 @@ class Chain:
         last = self.e.program.state(f"{key}_last", "last input of the Bouc-Wen hysteresis")
         state = self.e.program.state(key, "state of the Bouc-Wen hysteresis")
         values = [self.e.parameter(n) for n in block.parameters]
-        advance = bouc_wen_step if block.kind == "bouc_wen" else slip_step
+        advance = amplifiers.bouc_wen_step if block.kind == "bouc_wen" else amplifiers.slip_step
         weight, shape = (values[-1], values[:-1]) if block.kind == "bouc_wen" else (values[0], values[1:])
         self.begin += [f"{last} = u", f"{state} = 0.0"]
         for u in _POINTS:
@@ -178,7 +168,7 @@ class Chain:
             row = f"{key}_{k}"
             self.step += [f"{row} = {at} - {back}", f"if {row} < 0:", f"    {row} = {row} + {rows}"]
             entries = (f"{ring}[{row}][{i}]" for i in range(3))
-            self.step.append(f"{u}, unused = {self.e.call(parabola, key, *entries, share)}")
+            self.step.append(f"{u}, unused = {self.e.call(amplifiers.parabola, key, *entries, share)}")
         self.step += [f"{at} = {at} + 1", f"if {at} >= {rows}:", f"    {at} = 0"]
 
 

@@ -14,19 +14,7 @@ from typing import Any
 
 from phnn.exporting import solvers
 from phnn.exporting.laws import Elements
-from phnn.integrate.scheme import (
-    EXACT,
-    LOSSLESS,
-    NEAR_REST,
-    PATH,
-    RADAU,
-    Scheme,
-    is_leak,
-    junctions_of,
-    merged_couplings,
-    resistors_of,
-    rule_of,
-)
+from phnn.integrate import scheme
 from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.leaf import rc_flow, relaxation
 from phnn.network.elements import ModulatorState, Network, Ratio, Storage, is_linear
@@ -70,7 +58,7 @@ class Rest:
 
     def __init__(self, balance: Balance) -> None:
         self.b, self.e, self.network = balance, balance.e, balance.network
-        self.lossless = [n for n in balance.reducible if balance.rules[n] == LOSSLESS]
+        self.lossless = [n for n in balance.reducible if balance.rules[n] == scheme.LOSSLESS]
 
     def floors(self) -> list[float]:
         """Return the stiffness that acts on every junction near zero."""
@@ -143,7 +131,7 @@ def searched(balance: Balance, name: str) -> str:
     def translated(solver: Callable[..., Any], **named: str) -> str:
         return e.sources.name_of(solver, f"storage {name}", {"lost": lost, "H": "H", **named}, f"_{key}")
 
-    if balance.rules[name] == RADAU:
+    if balance.rules[name] == scheme.RADAU:
         value = translated(solvers.first_stage_value)
         first = translated(solvers.first_root, value=value)
         value = translated(solvers.second_stage_value, first_stage=first)
@@ -161,10 +149,10 @@ def searched(balance: Balance, name: str) -> str:
 def _lost(balance: Balance, name: str) -> str:
     """Add the function of the flow into a storage's resistors, at its state or mean effort; return its name."""
     key, e = balance.e.states.of(name), balance.e
-    at_state = balance.rules[name] == RADAU
+    at_state = balance.rules[name] == scheme.RADAU
     effort = f"{balance.stiffness(name)} * state" if at_state else "state"
     lines, total = [f"effort = {effort}"], []
-    for r in (balance.network.resistors[k] for k in resistors_of(balance.network, name)):
+    for r in (balance.network.resistors[k] for k in scheme.resistors_of(balance.network, name)):
         read = "0.0"
         if r.modulated_by is not None:
             read = e.program.state(f"read_{e.names.of(r.name)}", f"what {r.name} reads")
@@ -197,12 +185,14 @@ class Balance:
         given = imposed(network)
         contact = () if given is None else (given.contact, given.impulse)
         self.moved = () if given is None else (given.motion.momentum,)
-        self.junctions = tuple(n for n in junctions_of(network) if n not in (*contact, *self.moved))
+        self.junctions = tuple(n for n in scheme.junctions_of(network) if n not in (*contact, *self.moved))
         self.known = (*self.junctions, *self.moved)
         self.storages = tuple(n for n in network.storage_names if n not in contact)
         self.reducible = tuple(n for n in self.storages if n not in self.known)
-        self.rules = {n: rule_of(network, n, Scheme.DISCRETE_GRADIENT) for n in self.reducible}
-        self.couplings = {c: times for c, times in merged_couplings(network).items() if not {*c[:2]} & {*contact}}
+        self.rules = {n: scheme.rule_of(network, n, scheme.Scheme.DISCRETE_GRADIENT) for n in self.reducible}
+        self.couplings = {
+            c: times for c, times in scheme.merged_couplings(network).items() if not {*c[:2]} & {*contact}
+        }
         self.modulated = {m.ratio for m in network.modulations}
         self.lines: list[str] = []
 
@@ -256,7 +246,10 @@ class Balance:
         """Return ``s`` of a linear storage, or of another one at rest."""
         storage = self.storage(name)
         law = STORAGE_LAWS[storage.law]
-        return float(law.mean_effort(NEAR_REST, NEAR_REST, *self.e.values(storage.parameters))) / NEAR_REST
+        return (
+            float(law.mean_effort(scheme.NEAR_REST, scheme.NEAR_REST, *self.e.values(storage.parameters)))
+            / scheme.NEAR_REST
+        )
 
     def write(self) -> list[str]:
         """Return the lines of the function."""
@@ -362,12 +355,12 @@ class Balance:
     def _advanced(self, name: str) -> str:
         """Return the end state and mean effort of a reducible storage, as an expression with two values."""
         x, current, rule, storage = self.x(name), self.current(name), self.rules[name], self.storage(name)
-        if rule == LOSSLESS:
+        if rule == scheme.LOSSLESS:
             return f"{x} + H * {current}, {self.e.law(storage, 'mean_effort', x, f'{x} + H * {current}')}"
-        if rule == EXACT:
+        if rule == scheme.EXACT:
             return self._exact(name)
-        if rule == PATH:
-            (r,) = resistors_of(self.network, name)
+        if rule == scheme.PATH:
+            (r,) = scheme.resistors_of(self.network, name)
             return self.e.law(self.network.resistors[r], "path", x, current, "H", self.stiffness(name))
         return searched(self, name)
 
@@ -379,8 +372,8 @@ class Balance:
     def _exact(self, name: str) -> str:
         """Return the exact flow of a storage with one piecewise linear resistor and any number of linear ones."""
         key, s = self.e.states.of(name), self.stiffness_of(name)
-        first, *others = (self.network.resistors[k] for k in resistors_of(self.network, name))
-        assert all(map(is_leak, others))
+        first, *others = (self.network.resistors[k] for k in scheme.resistors_of(self.network, name))
+        assert all(map(scheme.is_leak, others))
         leak = float(sum(RESISTOR_LAWS[r.law].flow(1.0, 0.0, *self.e.values(r.parameters)) for r in others))
         leak_one, leak_two = (
             self.e.derived(f"leak_{i}_{key}", float(v), f"relaxation of {name} by its leaks alone in a step")

@@ -19,18 +19,10 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from phnn.errors import InputRefused, PhnnError, SolverFailed
+from phnn.identification import prepare
 from phnn.identification.fit import Fit, fit
 from phnn.identification.options import Options
 from phnn.identification.plan import Plan
-from phnn.identification.prepare import (
-    Prepared,
-    hysteresis_needed,
-    is_ready,
-    is_shared,
-    own_zeros,
-    prepare,
-    with_shared_zero,
-)
 from phnn.identification.problem import Problem, Variables, beyond_limit, starts_unknown, without_nuisances
 from phnn.identification.staged import (
     FURTHER_STARTS,
@@ -404,12 +396,12 @@ def identify_base(
         share: of the residual's norm beyond the noise, which the numerical error may have where that is more than
             ``options.error_bound_sigma``: the steps of a model that is far from the recordings need not be finer.
     """
-    prepared = prepare(campaign, options.workers)
-    if is_shared(campaign.recordings):
+    prepared = prepare.prepare(campaign, options.workers)
+    if prepare.is_shared(campaign.recordings):
         # Starting values are sought with a zero for each recording.
-        plan = replace(prepared.plan, recordings=own_zeros(prepared.plan.recordings))
+        plan = replace(prepared.plan, recordings=prepare.own_zeros(prepared.plan.recordings))
         begun = _begun(replace(prepared, plan=plan), campaign, options, progress)
-        first = with_shared_zero(begun, prepared.plan)
+        first = prepare.with_shared_zero(begun, prepared.plan)
     else:
         first = _begun(prepared, campaign, options, progress)
     fit_and_error = with_bounded_error(first, _bound(first, options, share))
@@ -423,18 +415,18 @@ def _bound(fitted: Fit, options: Options, share: float) -> float:
     return max(options.error_bound_sigma, share * fitted.beyond_noise**0.5)
 
 
-def _begun(prepared: Prepared, campaign: Campaign, options: Options, progress: Progress) -> Fit:
+def _begun(prepared: prepare.Prepared, campaign: Campaign, options: Options, progress: Progress) -> Fit:
     """Return a first fit of the base model, from no starting values or those of a network's file."""
     plan, model, hysterons = prepared.plan, prepared.model, prepared.hysterons
     if prepared.described is not None:
         progress(f"identify the network of {prepared.described.name}")
-        scaled = is_ready(campaign)
+        scaled = prepare.is_ready(campaign)
         return identify_network(prepared.described, plan, campaign.known, options.starts, options.seed, scaled)
     if model == "bouc_wen":
         return identify_bouc_wen(plan, campaign, options, progress)
     begun: Fit | None = None
     if hysterons is None:
-        hysterons, begun = hysteresis_needed(plan, campaign.known, options.starts, options.seed, progress)
+        hysterons, begun = prepare.hysteresis_needed(plan, campaign.known, options.starts, options.seed, progress)
     progress(f"identify {model} with {hysterons}" + (" hysterons" if isinstance(hysterons, int) else ""))
     # Unknown initial states make many local optima: there all starts are tried again.
     setup = None if begun is None or any(map(starts_unknown, plan.recordings)) else begun.setup

@@ -42,6 +42,9 @@ class Identified:
     def __repr__(self) -> str:
         return f"<Identified from {self.campaign.folder}: {self.model!r}>"
 
+    def __str__(self) -> str:
+        return f"{self.fit.setup.name} from {self.campaign.folder}\n{self.to_dataframe().to_string()}"
+
     def _repr_html_(self) -> str:
         shown = self.to_dataframe().reset_index()
         rows = [[None if v != v else v for v in row] for row in shown.itertuples(index=False)]

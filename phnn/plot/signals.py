@@ -22,7 +22,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 
-from phnn import predictor
 from phnn.diagnose.diagnosis import Diagnosis
 from phnn.errors import InputRefused
 from phnn.integrate.equations import power_balance
@@ -30,6 +29,7 @@ from phnn.model import Model
 from phnn.network.system import PortHamiltonianSystem
 from phnn.parameters import prefixed, quantity
 from phnn.prediction import Predicted
+from phnn.predictor import model_of, predict
 from phnn.recordings import Campaign, campaign_of
 from phnn.recordings.excitation import excitation_of
 from phnn.recordings.recording import Recording
@@ -118,22 +118,8 @@ def column(name: str, unit: str) -> str:
     return f"{name}_{unit.replace(' ', '')}"
 
 
-def model_of(given: Any, outside: bool = False) -> Model | ModalFit:
-    """Return the model that is given: itself, the final one of a diagnosis, or that in a folder.
-
-    Args:
-        outside: the file in the folder may be a link that leads out of it.
-
-    Raises:
-        InputRefused: there is no model, or a damaged one.
-    """
-    if isinstance(given, Diagnosis):
-        return given.model
-    return predictor.load(given, outside) if isinstance(given, str | Path) else given
-
-
 def network_model(given: Any) -> Model:
-    """Return the same, which must be the model of a network.
+    """Return the model that is given, see `phnn.predictor.model_of`, which must be that of a network.
 
     Raises:
         InputRefused: it is a model of modes.
@@ -148,7 +134,7 @@ def network_model(given: Any) -> Model:
 
 def predictions(given: Any, campaign: Campaign | str | Path, recordings: Sequence[str] | None) -> tuple[Predicted, ...]:
     """Return the predictions of the recordings that are drawn; see `chosen`."""
-    return tuple(predictor.predictions(model_of(given), chosen(campaign, recordings)))
+    return predict(given, chosen(campaign, recordings))
 
 
 def chosen(campaign: Campaign | str | Path, recordings: Sequence[str] | None) -> Campaign:

@@ -41,6 +41,8 @@ _AROUND = 6
 _DROPS = 0.05
 # Quantities that no model needs.
 _SPARE = ("current", "charge", "temperature")
+# Quantities that a column may be by its unit alone.
+_TOLD_BY_UNIT = ("time", "voltage", "displacement", "force")
 # Rows in a row over which a masked input is interpolated.
 _MASKED = 10
 
@@ -73,10 +75,11 @@ def select(
     if not table.by_name and not table.stamps and every["time"][1].place is None:
         _one_clock(table)
     claimed = {table.find(c.place): c for _, c in every.values() if c.place is not None}
+    by_unit = not columns and not named
     channels, unusable = {}, []
     for name, (quantity, column) in every.items():
         try:
-            if (channel := _channel(table, quantity, column, name, claimed)) is not None:
+            if (channel := _channel(table, quantity, column, name, claimed, by_unit)) is not None:
                 channels[name] = channel
         except InputRefused as error:
             if quantity not in _SPARE or column != Column():
@@ -100,10 +103,14 @@ def _one_clock(table: Table) -> None:
         raise InputRefused(f"{table.where}: {cause}, columns: {{time: {{column: ...}}}}")
 
 
-def _channel(table: Table, quantity: str, column: Column, name: str, claimed: Mapping[int, Column]) -> Channel | None:
+def _channel(
+    table: Table, quantity: str, column: Column, name: str, claimed: Mapping[int, Column], by_unit: bool
+) -> Channel | None:
     """Return the channel of a quantity; None where the table has none. ``claimed`` are the columns that the manifest
-    names, whatever it takes them for."""
+    names, whatever it takes them for; ``by_unit``: it names none, so that the only column with a unit may be meant."""
     index = table.find(column.place) if column.place is not None else _by_name(table, quantity, claimed)
+    if index is None and by_unit and quantity in _TOLD_BY_UNIT:
+        index = _by_unit(table, quantity)
     if index is None:
         return None
     label = table.label(index)
@@ -228,6 +235,12 @@ def _by_name(table: Table, quantity: str, claimed: Mapping[int, Column]) -> int 
         remedy = f"keep one, or say which in recordings.yaml, columns: {{{quantity}: {{column: NAME}}}}"
         raise InputRefused(f"{table.where}: {names} all claim to be the {quantity}: {remedy}")
     return known[0] if known else None
+
+
+def _by_unit(table: Table, quantity: str) -> int | None:
+    """Return the index of the only column whose unit is one of ``quantity``, where its name is that of no other."""
+    units = [i for i, n in enumerate(table.names) if n and suits(quantity, split_unit(n)[1] or table.units.get(n))]
+    return units[0] if len(units) == 1 and not parse_name(table.names[units[0]])[0] else None
 
 
 def _unit(table: Table, index: int, quantity: str, column: Column) -> tuple[str, tuple[str, ...]]:

@@ -267,8 +267,8 @@ def _columns(drafts: list[Draft]) -> tuple[str, ...]:
 def describe(campaign: Campaign | str | Path) -> str:
     """Describe a campaign, or a folder of recordings, in words: ``print(phnn.describe("recordings/"))``.
 
-    Per recording: rate, length, ranges, start, excitation, noise floor and its source, use; what all share comes first,
-    the notes last."""
+    What was understood, then per recording: rate, length, ranges, start, excitation, noise floor and its source, use;
+    what all share comes first."""
     campaign = campaign_of(campaign)
     count = len(campaign.recordings)
     volts = all(r.units.input == "V" for r in campaign.recordings)
@@ -276,6 +276,7 @@ def describe(campaign: Campaign | str | Path) -> str:
     setup = ", ".join(f"{key} {value}" for key, value in campaign.setup.items())
     place = "the command" if campaign.voltage == "command" else place
     lines = [f"{campaign.folder}: {count} recording{'s' if count != 1 else ''}; {setup}; the {drive} is {place}", ""]
+    lines += ["Understood:", *(f"  {note}" for note in campaign.notes), ""]
     every = [facts(r) for r in campaign.recordings]
     common = [fact for fact in every[0] if len(every) > 1 and all(fact in known for known in every)]
     sections = [("all recordings", common)] if common else []
@@ -286,9 +287,7 @@ def describe(campaign: Campaign | str | Path) -> str:
     if campaign.known:
         anchors = (f"{name} = {a.value:g} ± {a.std:g} {a.unit}".rstrip() for name, a in campaign.known.items())
         lines += [f"known, in SI units: {', '.join(anchors)}", ""]
-    lines.append("Understood:")
-    lines += [f"  {note}" for note in campaign.notes]
-    return "\n".join(lines)
+    return "\n".join(lines).rstrip()
 
 
 def facts(r: Recording) -> list[tuple[str, str]]:

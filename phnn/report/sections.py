@@ -21,7 +21,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from phnn.check import Checked, doubts
+from phnn.check import Checked
 from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.number import family
 from phnn.diagnose.verdict import NAMED, UNKNOWN, Claim
@@ -306,7 +306,7 @@ def _understood(diagnosis: Diagnosis, document: dict[str, Any]) -> list[Block]:
         for n, v in noise.items()
     ]
     floors = [Table(["noise of", "from", "colour", "remark", f"rms ({size.name})"], rows, 4)] if rows else []
-    return [*doubts(diagnosis.campaign), *diagnosis.campaign.notes, *floors]
+    return [*diagnosis.campaign.notes, *floors]
 
 
 def usage(traces: Sequence[Trace], input_unit: str, output_unit: str) -> str:

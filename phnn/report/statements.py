@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from phnn.check import check
+from phnn.check import check, doubts
 from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.number import family, is_learned
 from phnn.diagnose.search import material
@@ -124,7 +124,8 @@ def consequence(diagnosis: Diagnosis) -> str:
         start = "The base model" if diagnosis.verdict == NONE else "The model is still the base model: it"
         return f"{start} predicts {q.on} to {q.say(q.after)}."
     if diagnosis.verdict == UNKNOWN:
-        return f"Use the model all the same: it predicts {q.on} to {q.say(q.after)} instead of {q.show(q.before)}."
+        start = "The model" if doubts(diagnosis.campaign) else "Use the model all the same: it"
+        return f"{start} predicts {q.on} to {q.say(q.after)} instead of {q.show(q.before)}."
     with_it = "it" if len(diagnosis.claims) == 1 and not diagnosis.claims[0].alike else "the final model"
     verb = "falls" if q.after < q.before else "goes"
     return f"With {with_it}, the error on {q.on} {verb} from {q.show(q.before)} to {q.say(q.after)}."
@@ -143,8 +144,9 @@ def summary(diagnosis: Diagnosis) -> str:
 
 
 def notes(diagnosis: Diagnosis) -> list[str]:
-    """Return what restricts the answer: a search that ended early, parts that failed, and what is left."""
-    sentences = [early] if (early := early_ending(diagnosis)) else []
+    """Return what restricts the answer: doubtful recordings, a search that ended early, parts that failed, the rest."""
+    sentences = [f"Before you believe the rest, correct the recordings. {d}" for d in doubts(diagnosis.campaign)]
+    sentences += [early] if (early := early_ending(diagnosis)) else []
     sentences += [failure(f) for f in documents((*diagnosis.ended.warnings, *warnings()))]
     if diagnosis.verdict not in (NONE, UNKNOWN) and remains(diagnosis):
         sentences.append("A significant remainder is left without a name.")

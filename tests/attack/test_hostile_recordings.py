@@ -176,7 +176,7 @@ TEXTS: dict[str, list[str | bytes]] = {
     "no rows of numbers": [HEADER + "\n" * 500_000, "import os\nos.system('touch ran')\n"],
     "characters: write one row per sample": ["1," * 10**6], "columns, at most 1024": [f"{'1,' * 49_999}1\n" * 5],
     "no voltage column": ["1\n" * 500_000, csv(header=",".join(["x" * 30_000] * 3))],
-    "no displacement column": [csv(header="time_s,voltage_V,\u202edisplacement_m")],
+    "no displacement column": [csv(header="time_s,voltage_V,\u202edisplacement")],
     "voltage_0_V, voltage_1_V": [",".join(f"voltage_{i}_V" for i in range(500)) + ("\n" + ",".join("1" * 500)) * 60],
     "cells": [
         "\n".join(",".join("1" * i) for i in range(1, 300)), csv().replace(",", ',"', 1),

@@ -45,7 +45,7 @@ def test_a_folder_that_needs_no_manifest_gets_one(folder: Path, tmp_path: Path) 
     for i in range(5):
         write_sine(folder, f"sine_{i}", 1.0 + i, 40.0 + 5.0 * i)
     text, campaign = written(folder, tmp_path)
-    assert campaign.held_out == {"sine_3"}
+    assert "left out, phnn chooses" in text and not campaign.held_out
     assert campaign.setup["model"] == "piezo_actuator"
     assert text.count("columns:") == 1
     assert "guessed: the" not in text

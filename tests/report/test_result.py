@@ -227,6 +227,14 @@ def nameless(found: Diagnosis, tied: tuple[str, ...]) -> Diagnosis:
     return replace(told(found, word="unknown", claims=()), chosen=base, location=where, gains=(), proposal=None)
 
 
+def test_doubtful_recordings_come_first() -> None:
+    found = made("unknown")
+    high = tuple(replace(r, u=1e3 * r.u) for r in found.campaign.recordings)
+    text = summary(replace(found, campaign=replace(found.campaign, recordings=high)))
+    assert "Before you believe the rest, correct the recordings." in text and "probably in mV" in text
+    assert "Use the model all the same" not in text and "Use the model all the same" in summary(found)
+
+
 def test_where_no_element_helps_one_entry_tells_the_place_and_the_nearest_effect() -> None:
     bare = nameless(made("found"), ())
     (entry,) = document(bare)["missing"]

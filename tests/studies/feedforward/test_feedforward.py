@@ -16,7 +16,7 @@ from phnn.identification.options import Options
 from phnn.model import Model
 from phnn.models.actuator import hrc
 from phnn.setup import Setup
-from studies.feedforward import RESULTS, Models, drawn_plants, row, run_feedforward, table
+from studies.feedforward import RESULTS, Models, row, run_feedforward, table
 
 # What is claimed: the error of the full inverse over what noise and parameter errors allow, and how many times smaller
 # it is than without compensation.
@@ -31,17 +31,6 @@ def small() -> Models:
     values = {n: fit.setup.values()[n] for n in ("m", "k", "b", "alpha")}
     linear: Any = SimpleNamespace(model=Model(Setup(hrc(0, values))))
     return Models(full, linear, values["alpha"] / values["k"])
-
-
-def test_drawn_plants_scatter_as_the_estimates_do() -> None:
-    models = small()
-    names, covariance = models.full.fit.joint_covariance()
-    plants = drawn_plants(models.full, 400, np.random.default_rng(1))
-    for name in ("k", "alpha", "d_1"):
-        i = names.index(name)
-        values = np.array([p.parameters[name].value for p in plants])
-        assert np.std(values) == pytest.approx(covariance[i, i] ** 0.5, rel=0.15)
-        assert np.mean(values) == pytest.approx(models.full.fit.setup.parameters[name].value, rel=1e-3)
 
 
 def test_the_inverse_follows_as_well_as_noise_and_parameters_allow() -> None:

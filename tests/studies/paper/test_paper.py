@@ -30,7 +30,7 @@ from phnn.network import PortHamiltonianSystem
 from phnn.network.roles import linearised_at_rest
 from phnn.setup import Setup
 from phnn.trajectory import simulate
-from studies.generator.plans import PEAK, Excitation, chirp, sine, step
+from studies.generator.plans import PEAK, Excitation, chirp, sine
 from studies.generator.world import TABLE
 from studies.generator.world import simulate as independent
 from studies.paper import TABLE_3, line_of, loop, ramps
@@ -201,13 +201,6 @@ def test_figure_12_loops_resemble_each_other_at_low_frequency_only() -> None:
     assert ratio[10] == pytest.approx(1.0, abs=0.06)
     assert ratio[100] > 1.9
     assert ratio[150] > 1.9
-
-
-def test_step_leaves_no_real_difference() -> None:
-    # "For the step response the fit percentage and RMSE are very close and no real benefit is seen."
-    phs, rival = both(step())
-    assert rms(rival - phs) < 0.025 * rms(phs - phs.mean())
-    assert TABLE_3["Step"].phs_fit - TABLE_3["Step"].bouc_wen_fit < 0.6
 
 
 def test_figures_13_and_14_the_error_under_a_chirp_grows_with_its_frequency() -> None:
