@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -111,10 +112,9 @@ class Model:
         Raises:
             InputRefused: fewer than two samples, arrays of different lengths, values that are not finite, steps that
                 differ, a port that the network does not have, or an unknown hold.
-            SolverFailed: a step has no solution.
+            SolverFailed: a step has no solution. A warning tells where the input leaves the range of the recordings.
         """
-        trajectory = self.trajectory(t, u, input_before=input_before, further=further, substeps=substeps, hold=hold)
-        return np.asarray(trajectory.y)
+        return self.trajectory(t, u, input_before=input_before, further=further, substeps=substeps, hold=hold).y
 
     def trajectory(
         self,
@@ -136,6 +136,8 @@ class Model:
         if hold not in INPUTS:
             raise InputRefused(f"hold = {hold!r}: choose one of {', '.join(INPUTS)}")
         before = float(voltage[0]) if input_before is None else float(input_before)
+        for beyond in self._beyond(voltage):
+            warnings.warn(beyond, stacklevel=2)
         recording = unrecorded("simulate", time - time[0], voltage, hold, before, others)
         return simulate(self.setup, recording, substeps or self.substeps)
 
@@ -184,15 +186,13 @@ class Model:
         return replace(answer, messages=(*answer.messages, *self._beyond(answer.voltage)))
 
     def _beyond(self, voltage: NDArray[np.float64]) -> tuple[str, ...]:
-        """Say where a command leaves the range of the recordings."""
-        if self.inputs is None:
-            return ()
-        (low, high), unit = self.inputs, self.setup.network.ports[0].unit
-        margin = _MARGIN * (high - low)
+        """Say where an input leaves the range of the recordings."""
+        low, high = self.inputs or (-np.inf, np.inf)
+        margin, unit = _MARGIN * (high - low), self.setup.network.ports[0].unit
         if voltage.min() >= low - margin and voltage.max() <= high + margin:
             return ()
         return (
-            f"The command reaches {voltage.min():.4g} to {voltage.max():.4g} {unit}, but the model was identified "
+            f"The input reaches {voltage.min():.4g} to {voltage.max():.4g} {unit}, but the model was identified "
             f"between {low:.4g} and {high:.4g} {unit}: beyond that it extrapolates.",
         )
 
