@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from phnn import control, effects, models, nn, plot
+    from phnn.check import check
     from phnn.comparison.models import compare
     from phnn.errors import InputRefused, PhnnError, SolverFailed
     from phnn.exporting.write import export
@@ -40,6 +41,7 @@ if TYPE_CHECKING:
 # Where each public name is defined; None for the module of that name.
 _DEFINED_IN = {
     "read": "phnn.recordings",
+    "check": "phnn.check",
     "describe": "phnn.recordings",
     "identify": "phnn.identification.identified",
     "diagnose": "phnn.verbs",
@@ -77,6 +79,7 @@ __all__ = [
     "Setup",
     "SolverFailed",
     "Trained",
+    "check",
     "compare",
     "control",
     "describe",

@@ -609,7 +609,7 @@ class Checked:
     abilities: list[Ability]  # of all recordings together
     noise: dict[str, NoiseStatement]  # of each recording that has an output
 
-    def text(self) -> str:
+    def __str__(self) -> str:
         """Return what `phnn check` prints."""
         first, understood, rest = describe(self.campaign).split("\n\n", 2)
         lines = [first, ""]
@@ -679,7 +679,7 @@ def doubts(campaign: Campaign) -> tuple[str, ...]:
 
 
 def check(campaign: Campaign) -> Checked:
-    """Return all checks on all recordings that have an output."""
+    """Return all checks on all recordings that have an output: ``print(phnn.check(phnn.read("recordings/")))``."""
     recorded = [r for r in campaign.recordings if np.isfinite(r.y).all()]
     findings, among = found_by(_CHECKS, campaign), contaminated(recorded)
     for r in recorded:

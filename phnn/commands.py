@@ -87,7 +87,7 @@ def check(
     if described or not any(r.further or r.measures for r in campaign.recordings):
         prepare(campaign)
     checked = check_recordings(campaign)
-    print(printable(checked.text(), lines=True))
+    print(printable(str(checked), lines=True))
     if out is not None:
         from phnn.report.sections import write_check
 

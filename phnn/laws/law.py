@@ -182,7 +182,7 @@ def register(law: Law) -> None:
     table = next(table for kind, table in TABLES.items() if isinstance(law, kind))
     if law.name in table:
         raise StructureViolated(f"a law called {law.name!r} exists already: choose another name")
-    check_law(law)
+    check_law(law, slopes=bool(_package))
     if _closed:
         raise StructureViolated(
             f"the law {law.name!r} comes too late: the solver is loaded and its compiled code knows the laws of that "
@@ -195,11 +195,6 @@ def remember_package() -> None:
     """Take the laws that are registered now for those of the package."""
     global _package
     _package = tuple(law for table in TABLES.values() for law in table.values())
-
-
-def package_is_complete() -> bool:
-    """Return whether the laws of the package are registered, so that a further one is a user's."""
-    return bool(_package)
 
 
 def is_of_package(law: Any) -> bool:

@@ -41,8 +41,7 @@ _AROUND = 6
 _DROPS = 0.05
 # Quantities that no model needs.
 _SPARE = ("current", "charge", "temperature")
-# Quantities that a column may be by its unit alone.
-_TOLD_BY_UNIT = ("time", "voltage", "displacement", "force")
+_TOLD_BY_UNIT = ("time", "voltage", "displacement", "force")  # that a column may be by its unit alone
 # Rows in a row over which a masked input is interpolated.
 _MASKED = 10
 

@@ -368,7 +368,7 @@ def test_what_hysteresis_leaves_is_told_from_what_goes_on() -> None:
 def test_what_recordings_share_is_printed_once() -> None:
     some = [replace(sine(f), name=f"at_{f:g}") for f in (5.0, 8.0, 12.0)]
     coarse = [replace(r, y=1e-8 * np.round(r.y / 1e-8)) for r in some]
-    text = check(campaign(*coarse)).text()
+    text = str(check(campaign(*coarse)))
     assert text.count("10000 Hz") == 3
     assert text.count("rest, input 0 V before") == 1
     assert text.count("output in steps of") == 1

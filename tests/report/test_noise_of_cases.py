@@ -97,7 +97,7 @@ def test_jitter_with_its_size(made: Made) -> None:
 def test_the_text_of_a_check_and_its_document_tell_it(made: Made) -> None:
     campaign, _ = made("heavy:3")
     checked = check(campaign)
-    assert "Noise:" in checked.text()
+    assert "Noise:" in str(checked)
     for entry in checked.document()["recordings"].values():
         assert set(entry["noise"]) == {"rms", "source", "colour", "notes"}
-        assert all(n in checked.text() for n in entry["noise"]["notes"])
+        assert all(n in str(checked) for n in entry["noise"]["notes"])
