@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import math
 from collections.abc import Iterable
 from typing import ClassVar
 
@@ -214,17 +215,16 @@ def c_header(program: Program) -> str:
     guard = f"{program.name.upper()}_H"
     about = map(one_line, header(program).splitlines())
     lines = [f"/* {line}" if i == 0 else f" * {line}" for i, line in enumerate(about)]
-    lines += [" */", f"#ifndef {guard}", f"#define {guard}", ""]
-    lines += ["#ifdef __cplusplus", 'extern "C" {', "#endif", ""]
+    lines += [" */", f"#ifndef {guard}", f"#define {guard}", "", "#ifdef __cplusplus", 'extern "C" {', "#endif", ""]
     lines += [f"#define {program.name.upper()}_DT {program.dt!r} /* sample time [s] */", ""]
     lines += [f"typedef struct {program.name}_state {{", *map(_field, program.used_fields())]
-    lines += [f"}} {program.name}_state;", ""]
+    size = sum(math.prod(f.shape) for f in program.used_fields())
+    lines += [f"}} {program.name}_state; /* fits into an array of {size} doubles */", ""]
     for name in API:
         f = program.functions[name]
         lines += [f"/* {one_line(f.about)} */", f"{_signature(program, f, True)};", ""]
     lines += ["/* One sample time to the given input; y is the output there. Returns 0 where a step was not solved. */"]
-    lines += [f"{_step(program)};", ""]
-    lines += ["#ifdef __cplusplus", "}", "#endif", "", "#endif"]
+    lines += [f"{_step(program)};", "", "#ifdef __cplusplus", "}", "#endif", "", "#endif"]
     return "\n".join(lines) + "\n"
 
 

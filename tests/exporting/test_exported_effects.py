@@ -135,9 +135,9 @@ def test_the_command_writes_and_names_its_files(model: Path, capsys: pytest.Capt
     out = model.parent / "out"
     assert run(model, out, "--dt", "5e-5", "--name", "My stage!", to="c") == 0
     assert capsys.readouterr().out.split() == [str(out / "My_stage.h"), str(out / "My_stage.c")]
-    assert "#define MY_STAGE_DT 5e-05" in (out / "My_stage.h").read_text("utf-8")
-    assert "2.5e-05; /* step of the integration [s] */" in (out / "My_stage.c").read_text("utf-8")
-    assert not (out / "INCOMPLETE.txt").exists()
+    head, source = ((out / f"My_stage.{end}").read_text("utf-8") for end in "hc")
+    assert "#define MY_STAGE_DT 5e-05" in head and "fits into an array of" in head
+    assert "2.5e-05; /* step of the integration [s] */" in source and not (out / "INCOMPLETE.txt").exists()
 
 
 def test_a_model_a_setup_a_network_and_both_folders_give_the_same(model: Path, tmp_path: Path) -> None:

@@ -508,7 +508,7 @@ def test_the_only_column_with_a_unit_is_meant(tmp_path: Path) -> None:
     rows = [f"{1e3 * i * STEP:.4f};{u:.4f};{y:.4f}" for i, u, y in zip(N, FORCE, NOISY, strict=True)]
     (tmp_path / "a.csv").write_text("\n".join(["Zeit [ms];Spannung [V];Weg [µm]", *rows]), encoding="utf-8")
     np.testing.assert_allclose(read(tmp_path).recordings[0].y, 1e-6 * NOISY, atol=1e-10)
-    (tmp_path / "a.csv").write_text("\n".join(["t [ms];Soll [V];Ist [V]", *rows]), encoding="utf-8")
+    (tmp_path / "a.csv").write_text("\n".join(["t [ms];Soll [V];Ist [V]", *rows]))
     refused(tmp_path, "no voltage column")
 
 
