@@ -152,8 +152,8 @@ def input_moves(u: np.ndarray, before: float | None, label: str, where: Where) -
 def turned(source: str) -> str:
     """Return how to reverse the sign of one recording among others that have the right one."""
     return (
-        f"a wire or a sign is reversed; list all files in recordings.yaml, recordings, this one as {{file: {source}, "
-        "columns: {displacement: {scale: -1}}}, with the name of its output"
+        "a wire or a sign is reversed; list every file under `recordings` of recordings.yaml (`phnn template` does), "
+        f"this one as {{file: {source}, columns: {{OUTPUT: {{scale: -1}}}}}}, where OUTPUT is displacement, for example"
     )
 
 
