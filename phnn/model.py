@@ -137,7 +137,7 @@ class Model:
             raise InputRefused(f"hold = {hold!r}: choose one of {', '.join(INPUTS)}")
         before = float(voltage[0]) if input_before is None else float(input_before)
         for beyond in self._beyond(voltage):
-            warnings.warn(beyond, stacklevel=2)
+            warnings.warn(beyond, stacklevel=3)
         recording = unrecorded("simulate", time - time[0], voltage, hold, before, others)
         return simulate(self.setup, recording, substeps or self.substeps)
 
