@@ -246,10 +246,8 @@ class Balance:
         """Return ``s`` of a linear storage, or of another one at rest."""
         storage = self.storage(name)
         law = STORAGE_LAWS[storage.law]
-        return (
-            float(law.mean_effort(scheme.NEAR_REST, scheme.NEAR_REST, *self.e.values(storage.parameters)))
-            / scheme.NEAR_REST
-        )
+        x = scheme.NEAR_REST
+        return float(law.mean_effort(x, x, *self.e.values(storage.parameters))) / x
 
     def write(self) -> list[str]:
         """Return the lines of the function."""

@@ -81,13 +81,8 @@ def _check_slope(law: StorageLaw | ResistorLaw, values: tuple[float, ...], at: s
     y = law.flow(x, 0.0 * x, *values) if isinstance(law, ResistorLaw) else law.mean_effort(0.5 * x, x, *values)
     if isinstance(y, torch.Tensor) and y.requires_grad:
         (slope,) = torch.autograd.grad(y.sum(), x)
-        _check_finite(
-            x.detach().numpy(),
-            slope.numpy(),
-            at,
-            _SMOOTH,
-            "the slope of " + ("φ" if isinstance(law, ResistorLaw) else "ē"),
-        )
+        value = "the slope of φ" if isinstance(law, ResistorLaw) else "the slope of ē"
+        _check_finite(x.detach().numpy(), slope.numpy(), at, _SMOOTH, value)
 
 
 def _check_mean_effort(law: StorageLaw, values: tuple[float, ...], at: str) -> None:

@@ -1,7 +1,8 @@
 """Checks of the torch module of a network: names, learned laws, and the tensors that it is evaluated at.
 
-Here are also the terms of a power balance, the one reading of all parameters for all that one call evaluates, and the
-modulator states: their drives, their rates, and their values after a step.
+Here are also the efforts of energies that are torch functions, the terms of a power balance, the one reading of all
+parameters for all that one call evaluates, and the modulator states: their drives, their rates, and their values after
+a step.
 """
 
 from __future__ import annotations
@@ -108,7 +109,7 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)
 def slope_of(energy: Callable[[Tensor], Tensor], x: Tensor) -> Tensor:
     """Return ``H'(x)`` of an elementwise energy, itself differentiable where gradients are enabled."""
     wanted = torch.is_grad_enabled()
-    # A graph that x carries must be kept, not detached; inside a no-grad solve there is none to keep.
+    # A graph that x carries must be kept, not detached; inside a no-grad solve nothing has to be kept.
     z = x if wanted and x.requires_grad else x.detach().requires_grad_(True)
     with torch.enable_grad():
         (slope,) = torch.autograd.grad(energy(z).sum(), z, create_graph=wanted)
