@@ -126,8 +126,8 @@ def _start_derivative(trajectory: Trajectory, moved: Perturbed, places: NDArray[
         end = without_impulse(trajectory.program, end, moved.active.size)
         return cycle_derivative(end, moved.active.size, trajectory.states[: cycle + 1])
     if trajectory.rest is not None:
-        network = trajectory.setup.network
-        start[:, : places.size] = equilibrium_derivative(trajectory.program, network, trajectory.rest, places)
+        names = [trajectory.program.names[place] for place in places]
+        start[:, : places.size] = equilibrium_derivative(trajectory.setup.network, trajectory.rest, names)
     return start
 
 
@@ -191,7 +191,7 @@ def _by_amplifier(trajectory: Trajectory, names: Sequence[str]) -> list[_Acting]
     changes = driven_changes(setup, command, trajectory.h, before, trajectory.run_in, names)
     slope = np.zeros(trajectory.states.shape[1])
     if trajectory.rest is not None and any(b != 0.0 for _, b in changes.values()):
-        slope = equilibrium_slope(trajectory.program, setup.network, trajectory.rest, 0)
+        slope = equilibrium_slope(setup.network, trajectory.rest, 0)
     return [_Acting(n, 0, _action(trajectory, 0, mean_input(c)), slope * b) for n, (c, b) in changes.items()]
 
 

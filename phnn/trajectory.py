@@ -403,7 +403,7 @@ def _begun(
         place: the displacement at which an imposed motion begins, where it was recorded.
     """
     try:
-        x = equilibrium(program, network, held)
+        x = equilibrium(network, held)
     except SolverFailed:
         if not h.size:
             raise

@@ -12,7 +12,6 @@ from phnn.derivatives import input_force, output_derivatives
 from phnn.effects import effect
 from phnn.errors import InputRefused, SolverFailed, StructureViolated
 from phnn.integrate import kernel
-from phnn.integrate.program import compile_network
 from phnn.integrate.rest import equilibrium
 from phnn.models.actuator import bouc_wen, from_paper, hrc
 from phnn.models.network_file import load_network
@@ -53,16 +52,15 @@ def test_hysterons_hold_where_there_is_no_spring() -> None:
         base.parameters,
         "Q_1",
     )
-    program = compile_network(free)
     edge = 0.5 * base.parameters["d_2"].value
     # Within their dead zones they share the voltage evenly, then the wider one takes the rest.
     for voltage, shares in ((8.0, (4.0, 4.0)), (10.0, (10.0 - edge, edge))):
-        x = dict(zip(program.states, equilibrium(program, free, np.array([voltage, 0.0])), strict=True))
+        x = dict(zip(free.state_names, equilibrium(free, np.array([voltage, 0.0])), strict=True))
         for i, share in enumerate(shares, 1):
             assert x[f"Q_{i}"] / base.parameters[f"C_{i}"].value == pytest.approx(share, rel=1e-9)
-    assert (equilibrium(program, free, np.zeros(2)) == 0.0).all()
+    assert (equilibrium(free, np.zeros(2)) == 0.0).all()
     # Beyond them nothing holds the mass: it moves steadily, and there is no displacement to say how far.
-    slow = dict(zip(program.states, equilibrium(program, free, np.array([60.0, 0.0])), strict=True))
+    slow = dict(zip(free.state_names, equilibrium(free, np.array([60.0, 0.0])), strict=True))
     assert slow["p"] > 0.0
 
 

@@ -15,8 +15,8 @@ from phnn.exporting import solvers
 from phnn.exporting.laws import Elements, refused
 from phnn.exporting.program import Names, Program, one_line, prefix
 from phnn.exporting.step import Balance, Rest, drives
-from phnn.integrate.program import compile_network
-from phnn.integrate.rest import equilibrium, served
+from phnn.integrate.program import GYRATORS, LEAF_INLETS, compile_network, rows_of
+from phnn.integrate.rest import equilibrium
 from phnn.integrate.scheme import obstacle
 from phnn.laws.other import advanced
 from phnn.network.bondgraph.description import MASSLESS, effort_unit
@@ -216,8 +216,10 @@ class Builder:
 
     def program(self, initial_input: float) -> Program:
         """Return the finished program."""
-        # Whether displacements of the junctions say all about rest.
-        self.p.from_rest = served(compile_network(self.network)) and all(f > 0.0 for f in self.rest.floors())
+        # Whether displacements of the junctions say all about rest: there are some, and no input acts beside them.
+        program = compile_network(self.network)
+        inlets = sum(len(rows_of(program.table, kind)) for kind in (LEAF_INLETS, GYRATORS))
+        self.p.from_rest = bool(program.junctions) and not inlets and all(f > 0.0 for f in self.rest.floors())
         self._solver_fields()
         self.p.add("balance", (), self.b.write(), "Equations of a step at the unknowns y: what is left, and its terms")
         solve = self._solver("balance", "FLOORS", self._floors(), "")
@@ -319,7 +321,7 @@ class Builder:
         program, u = compile_network(self.network), np.zeros(len(self.network.ports))
         u[0] = initial_input
         try:
-            values = equilibrium(program, self.network, u).tolist()
+            values = equilibrium(self.network, u).tolist()
         except SolverFailed:
             values = [0.0] * len(program.states)
         known = (*self.b.storages, *(m.name for m in self.network.memories))

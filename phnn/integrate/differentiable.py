@@ -32,8 +32,8 @@ from phnn.errors import InputRefused, SolverFailed, StructureViolated
 from phnn.integrate import kernel
 from phnn.integrate.equations import linearised, means, reducible_rules, step_residual
 from phnn.integrate.program import compile_network
+from phnn.integrate.rest import equilibrium
 from phnn.integrate.scheme import Scheme, can_compile, partly_driven
-from phnn.integrate.steady import steady_state
 from phnn.integrate.sweep import closed_cycle
 from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.wide import has_kernel, is_passive_by_form
@@ -651,7 +651,7 @@ def integrated(
 def _at_rest(network: Network, held: Array, cycle: int) -> Array:
     """Return (n,) steady state under an input; without one a cycle is looked for from zero."""
     try:
-        return steady_state(network, held)
+        return equilibrium(network, held)
     except SolverFailed:
         if not cycle:
             raise

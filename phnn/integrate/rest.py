@@ -1,213 +1,361 @@
-"""The rest state of a network under constant inputs, with its derivatives by the parameters.
+"""The steady state that a network reaches from the zero state under constant inputs, with its derivatives.
 
-At rest no flow remains, and every dissipative reducible storage is uncharged (``Q* = 0`` among the equilibria of eq.
-(12)). Lossless storages hold ``x_l = Σ_j a_lj ξ_j`` for displacements ``ξ`` of the junctions, such that the forces on
-every junction balance:
+    [J − D] ∇H(x) + g ψ(u) = 0,     C x = 0
 
-    Σ_l a_lj E_l(x_l) = Σ_p g_jp ψ_p(u_p)
+``C`` are the invariants, ``C [J, b_1, …, b_R, g] = 0``: a charge that no flow changes stays zero. Flows need not
+vanish: a tank with a steady inflow reaches the level at which its outlet carries the same flow.
 
-No power is dissipated, so that a modulator state rests where ``f(z, s)`` vanishes for the efforts and actions that
-drive it. If these equations do not determine the state, or inputs act beside the junctions, `phnn.integrate.steady`
-finds it.
+A resistor is silent if its flow is zero around its effort, as in a dead zone. With silent resistors, the steady states
+form a set. The solution is the one to which the smallest leaks in parallel with the silent resistors would lead, with
+the least ``Σ ε_r²``: uncharged hysterons, in the paper's actuator. Modulator states rest at the equilibrium of their
+laws under the steady drives.
+
+Every derivative is a complex step: the equations are evaluated for many copies of a network side by side, each of which
+has another state, parameter or input perturbed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from types import ModuleType
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from phnn.errors import SolverFailed
-from phnn.integrate.program import GYRATORS, LEAF_INLETS, Program, rows_of
-from phnn.integrate.scheme import LOSSLESS, merged_couplings
-from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, STORAGE_LAWS
+from phnn.integrate.scheme import merged_couplings
+from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.namespace import TINY
-from phnn.laws.wide import WIDE_STORAGES, evaluated, form_of
-from phnn.network.elements import Network, Ratio, Storage
+from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES, evaluated, form_of, is_passive_by_form
+from phnn.network.elements import Network, Ratio, Resistor, Storage
 
 Array = NDArray[np.float64]
+Values = Mapping[str, Any]
 
 _ITERATIONS = 60
-# Stiffness over the largest one, and force over the largest one, that count as none.
+# Tolerances: of the steps, relative to the state; of the rates, relative to the terms that cancel in them.
+_CONVERGED, _BALANCED = 1e-12, 1e-9
+# A singular value below this share of the largest counts as zero; rows and columns are equilibrated before.
 _RANK = 1e-11
-REMEDY = "declare start: unknown, or input_before: 0.0"
+_SWEEPS, _EVEN = 20, 0.1
+# Step of the central differences of a gradient, relative to the variable: truncation and rounding are alike there.
+_DIFFERENCE = 1e-5
+_REMEDY = "declare start: unknown, or input_before: 0.0"
 
 
-def equilibrium(program: Program, network: Network, u: Array) -> Array:
-    """Return (N,) rest state under constant inputs (P,).
-
-    Raises:
-        SolverFailed: a state grows without bound, so that there is no rest state; names the state.
-    """
-    balance = _Balance(program, network, u)
-    xi = balance.displacements()
-    if xi is None and (loose := balance.loose()):
-        raise SolverFailed(moving_for_ever(loose))
-    return _steady().steady_state(network, u) if xi is None else np.real(balance.states(xi))
-
-
-def moving_for_ever(names: Sequence[str]) -> str:
-    """Say which states nothing holds under a constant input."""
-    them = "it" if len(names) == 1 else "them"
-    return f"a constant input moves {', '.join(names)} for ever, nothing holds {them}: {REMEDY}"
-
-
-def equilibrium_derivative(program: Program, network: Network, u: Array, places: NDArray[np.int64]) -> Array:
-    """Return (N, K) derivatives of the rest state by the parameters at some entries of theta, by the implicit function
-    theorem."""
-    out = np.zeros((len(program.states), places.size))
-    balance, names = _Balance(program, network, u), [program.names[place] for place in places]
-    if not balance.pulled and not network.memories:
-        return out
-    xi = balance.displacements()
-    if xi is None:
-        return _steady().steady_derivative(network, u, names)
-    # If no force acts for any parameter values, no spring is needed.
-    slopes = balance.slopes(xi) if balance.pulled else np.eye(xi.size)
-    for k, name in enumerate(names):
-        out[:, k] = _Balance(program, network, u, {name: balance.values[name] + 1j * TINY}).moved(xi, slopes)
-    return out
-
-
-def equilibrium_slope(program: Program, network: Network, u: Array, port: int) -> Array:
-    """Return (N,) derivative of the rest state by the input at one port.
+def equilibrium(network: Network, u: Array) -> Array:
+    """Return (N,) steady state under constant inputs (P,), by Newton's method from the zero state.
 
     Raises:
-        SolverFailed: there is no rest state close by; names the states that grow without bound.
+        SolverFailed: there is no steady state, or it is not found: names the storages and the remedy.
     """
-    balance = _Balance(program, network, u)
-    xi = balance.displacements() if served(program) else None
-    slopes = np.zeros((0, 0)) if xi is None else balance.slopes(xi)
-    if xi is None or np.linalg.matrix_rank(slopes) < xi.size:
-        return _steady().steady_slope(network, u, port)
-    return _Balance(program, network, u + 1j * TINY * (np.arange(u.size) == port)).moved(xi, slopes)
+    x = np.zeros(len(network.state_names))
+    if _nothing_acts(network, u):
+        return x
+    for _ in range(_ITERATIONS):
+        point = _at(network, u, x)
+        step, (rows, columns), free = _newton(point, x)
+        x = x + step
+        if not np.isfinite(x).all() or np.abs(step / columns).max() <= _CONVERGED * np.abs(x / columns).max():
+            break
+    # A rate with a single term is rounding as a whole: its scale is the largest of all rates.
+    moving = ~(np.abs(rows[: x.size] * point.rate) <= _BALANCED * (rows[: x.size] * point.terms).max())
+    if moving.any():
+        raise SolverFailed(_why(network, free, moving))
+    return x
 
 
-def _steady() -> ModuleType:
-    """`phnn.integrate.steady`, imported on first use: it needs torch, whose import takes longer than most solves."""
-    from phnn.integrate import steady
+def equilibrium_derivative(network: Network, u: Array, names: Sequence[str]) -> Array:
+    """Return (N, K) derivatives of the steady state by the values of parameters.
 
-    return steady
+    The state minimises ``½ |ε_S|²`` of the silent resistors under ``G = (ẋ, C x) = 0``. With the multipliers ``λ`` the
+    implicit function theorem gives, for ``L = ½ |ε_S|² + λᵀ G``,
+
+        [ L_xx  G_xᵀ ] [ δx ]     [ L_xθ ]
+        [ G_x   0    ] [ δλ ] = − [ G_θ  ] δθ,
+
+    of which the solution of least norm is taken, as in `equilibrium`.
+
+    Raises:
+        SolverFailed: there is no steady state close by; names the states that grow without bound.
+    """
+    if not names or _nothing_acts(network, u):
+        return np.zeros((len(network.state_names), len(names)))
+    start = np.array([network.parameters[name].value for name in names])
+    return _implicit(network, start, lambda y: (u[:, None], dict(zip(names, y, strict=True))), u)
 
 
-def served(program: Program) -> bool:
-    """Return whether displacements of the junctions determine the rest state: there are some, and no input acts beside
-    them."""
-    inputs = len(rows_of(program.table, LEAF_INLETS)) + len(rows_of(program.table, GYRATORS))
-    return bool(program.junctions) and not inputs
+def equilibrium_slope(network: Network, u: Array, port: int) -> Array:
+    """Return (N,) derivative of the steady state by the input at one port, as `equilibrium_derivative`."""
+    at_port = (np.arange(u.size) == port)[:, None]
+    return _implicit(network, u[[port]], lambda y: (np.where(at_port, y, u[:, None]), {}), u)[:, 0]
 
 
-class _Balance:
-    """The forces on the junctions of a network at rest, in real or in complex numbers.
+def _nothing_acts(network: Network, u: Array) -> bool:
+    """Return whether the zero state is steady for all values of the parameters: no input, no weight and no memory."""
+    weights = (isinstance(s.law, str) and not STORAGE_LAWS[s.law].bounded for s in network.storages)
+    return not (u.any() or network.memories or any(weights))
+
+
+# ---------------------------------------------------------------------------------- the equations, for many copies
+
+
+class _Rates(NamedTuple):
+    """The equations of B copies of a network.
+
+    Attributes:
+        rate: (N, B) ``ẋ``; terms: (N, B) sum of the absolute values of the terms that cancel in it; of modulator states
+            the decay alone.
+        epsilon: (R, B) efforts on the resistors.
+        touched: (n, C, B) the columns of ``J``, of the resistors, the ports and the multi-ports.
+    """
+
+    rate: NDArray[Any]
+    terms: Array
+    epsilon: NDArray[Any]
+    touched: NDArray[Any]
+
+
+def _rates(network: Network, x: NDArray[Any], u: NDArray[Any], values: Values) -> _Rates:
+    """Return the equations at complex states (N, B), inputs (P, B) or (P, 1), and values of parameters (B,) or ()."""
+    place, n, copies = {name: k for k, name in enumerate(network.state_names)}, len(network.storages), x.shape[1]
+    factors: dict[str, Any] = {}
+    for m in network.modulations:
+        factor = FACTOR_LAWS[m.law].factor if isinstance(m.law, str) else _by_torch(m.law)
+        factors[m.ratio] = factors.get(m.ratio, 1.0) * factor(x[place[m.by]], *_of(m, values))
+
+    def value(ratio: Ratio) -> Any:
+        return values[ratio] * factors.get(ratio, 1.0) if isinstance(ratio, str) else ratio
+
+    vectors = [*(r.on for r in network.resistors), *(p.on for p in network.ports)]
+    vectors += [column for multi in network.multi_ports for column in multi.columns]
+    touched = np.zeros((n, n + len(vectors), copies), dtype=complex)
+    for (to, of, ratio), times in merged_couplings(network).items():
+        touched[place[to], place[of]] += times * value(ratio)
+        touched[place[of], place[to]] -= times * value(ratio)
+    for column, on in enumerate(vectors, n):
+        for name, ratio in on.items():
+            touched[place[name], column] += value(ratio)
+    through = np.zeros((n + len(vectors), copies), dtype=complex)
+    efforts, flows = through[:n], through[n:]
+    for k, storage in enumerate(network.storages):
+        efforts[k] = _effort(storage, x[k], values)
+    for shared in network.shared_energies:
+        at = [place[name] for name in shared.of]
+        efforts[at] += _shared_effort(shared.law)(x[at].T).T
+    epsilon, resistors, ports = (touched[:, n:] * efforts[:, None]).sum(axis=0), len(network.resistors), len(u)
+    for r, resistor in enumerate(network.resistors):
+        q = x[place[resistor.modulated_by]] if resistor.modulated_by else None
+        flows[r] = -_flow(resistor, epsilon[r], q, values)
+    for p, port in enumerate(network.ports):
+        flows[resistors + p] = PORT_LAWS[port.law].action(u[p], *_of(port, values))
+    first = resistors + ports
+    for multi in network.multi_ports:
+        rows = slice(first, first := first + len(multi.columns))
+        given = [epsilon[rows].T, *([x[[place[name] for name in multi.reads]].T] if multi.reads else [])]
+        flows[rows] = -_sector(multi.law, _by_torch(multi.law)(*given), given[0]).T
+    drives = {r.name: -e * flow for r, e, flow in zip(network.resistors, epsilon, flows, strict=False)}
+    drives |= {s.name: effort for s, effort in zip(network.storages, efforts, strict=True)}
+    drives |= {p.name: action for p, action in zip(network.ports, flows[resistors:], strict=False)}
+    rate, terms = np.zeros((2, *x.shape), dtype=complex)
+    rate[:n], terms[:n] = (touched * through).sum(axis=1), (np.abs(touched) * np.abs(through)).sum(axis=1)
+    for memory in network.memories:
+        law, k, given = MEMORY_LAWS[memory.law], place[memory.name], _of(memory, values)
+        rate[k] = law.rate(x[k], sum(drives[name] for name in network.drives_of(memory)), *given)
+        terms[k] = np.abs(law.decay(*given) * x[k])
+    return _Rates(rate, np.real(terms), epsilon[:resistors], touched)
+
+
+def _of(element: Any, values: Values) -> list[Any]:
+    """Return the values of an element's parameters."""
+    return [values[name] for name in element.parameters]
+
+
+def _effort(storage: Storage, x: NDArray[Any], values: Values) -> NDArray[Any]:
+    """Return (B,) ``H'(x)``."""
+    law = storage.law
+    if isinstance(law, str):
+        return np.asarray(STORAGE_LAWS[law].mean_effort(x, x, *_of(storage, values)))
+    if form_of(law):
+        return np.asarray(evaluated(WIDE_STORAGES[form_of(law)], law.weights().detach().numpy(), x, x))
+    from phnn.network.checks import mean_effort_of
+
+    return _by_torch(lambda state: mean_effort_of(law, state, state))(x)
+
+
+def _shared_effort(law: Any) -> Callable[..., NDArray[Any]]:
+    """Return the function from (B, k) states to the (B, k) efforts of a shared energy."""
+    from phnn.network.checks import mean_efforts_of
+
+    return _by_torch(lambda states: mean_efforts_of(law, states, states))
+
+
+def _flow(resistor: Resistor, effort: NDArray[Any], q: NDArray[Any] | None, values: Values) -> NDArray[Any]:
+    """Return (B,) ``φ(ε, q)``."""
+    law, reads = resistor.law, 0.0 * effort if q is None else q
+    if isinstance(law, str):
+        return np.asarray(RESISTOR_LAWS[law].flow(effort, reads, *_of(resistor, values)))
+    if form_of(law):
+        return np.asarray(evaluated(WIDE_RESISTORS[form_of(law)], law.weights().detach().numpy(), effort))
+    return _sector(law, _by_torch(law)(effort, *([] if q is None else [q])), effort)
+
+
+def _sector(law: Any, flow: NDArray[Any], effort: NDArray[Any]) -> NDArray[Any]:
+    """Return the flow of a torch module, zero where one of unknown form would deliver power."""
+    power = np.real(effort) * np.real(flow)
+    active = power < 0.0 if flow.ndim == 1 else power.sum(axis=-1, keepdims=True) < 0.0
+    return flow if is_passive_by_form(law) else np.where(active, 0.0 * flow, flow)
+
+
+def _by_torch(function: Callable[..., Any]) -> Callable[..., NDArray[Any]]:
+    """Return the function of complex arrays that a function of tensors is, perturbations carried to first order."""
+    import torch  # a network whose laws all have names does without; its import takes longer than most solves
+
+    def call(*given: NDArray[Any]) -> NDArray[Any]:
+        points = tuple(torch.from_numpy(np.real(v).copy()) for v in given)
+        along = tuple(torch.from_numpy(np.imag(v) / TINY) for v in given)
+        at, change = torch.autograd.functional.jvp(function, points, along)
+        return at.numpy() + 1j * TINY * change.numpy()
+
+    return call
+
+
+# ---------------------------------------------------------------------------------- Newton's method and what it finds
+
+
+class _Point(NamedTuple):
+    """A network at a state.
+
+    Attributes:
+        rate, terms: (N,) as of `_Rates`; slope: (N, N) derivative of the rate.
+        is_silent: (R,) which resistors are silent; silent: (S,) their efforts; by_state: (S, N) derivative.
+        invariants: (c, N) ``C``.
+    """
+
+    rate: Array
+    terms: Array
+    slope: Array
+    is_silent: NDArray[np.bool_]
+    silent: Array
+    by_state: Array
+    invariants: Array
+
+
+def _at(network: Network, u: Array, x: Array) -> _Point:
+    """Return a network at a state (N,) under constant inputs (P,)."""
+    values: Values = {name: p.value for name, p in network.parameters.items()}
+    # The last copy is not perturbed.
+    got = _rates(network, x[:, None] + 1j * TINY * np.eye(x.size, x.size + 1), u[:, None], values)
+    states, is_silent = dict(zip(network.state_names, x, strict=True)), np.zeros(len(network.resistors), dtype=bool)
+    for r, resistor in enumerate(network.resistors):
+        q = np.array([states[resistor.modulated_by]]) if resistor.modulated_by else None
+        perturbed = np.real(got.epsilon[r, -1:]) + 1j * TINY
+        is_silent[r] = np.imag(_flow(resistor, perturbed, q, values))[0] == 0.0
+    left_vectors, size, _ = np.linalg.svd(np.real(got.touched[..., -1]))
+    rank = int((size > _RANK * size.max(initial=0.0)).sum())
+    return _Point(
+        np.real(got.rate[:, -1]), got.terms[:, -1], np.imag(got.rate[:, :-1]) / TINY, is_silent,
+        np.real(got.epsilon[is_silent, -1]), np.imag(got.epsilon[is_silent, :-1]) / TINY,
+        np.pad(left_vectors[:, rank:].T, ((0, 0), (0, len(network.memories)))),
+    )  # fmt: skip
+
+
+def _newton(point: _Point, x: Array) -> tuple[Array, tuple[Array, Array], Array]:
+    """Return (N,) step, the factors of rows and columns, and (N, f) directions that the equations leave free."""
+    matrix = np.vstack([point.slope, point.invariants])
+    right = np.concatenate([-point.rate, -point.invariants @ x])
+    rows, columns = _equilibrated(matrix)
+    step, free = _least(rows[:, None] * matrix * columns, rows * right)
+    if free.size and point.silent.size:
+        # The silent resistors determine the free directions.
+        along = point.by_state @ (columns[:, None] * free)
+        size = np.abs(along).max() or 1.0
+        chosen, rest = _least(along / size, -(point.silent + point.by_state @ (columns * step)) / size)
+        step, free = step + free @ chosen, free @ rest
+    return columns * step, (rows, columns), free
+
+
+def _implicit(
+    network: Network, start: Array, placed: Callable[[NDArray[Any]], tuple[NDArray[Any], Values]], u: Array
+) -> Array:
+    """Return (N, K) derivatives of the steady state by variables that are ``start`` (K,).
 
     Args:
-        u: (P,) constant inputs.
-        changed: values of some parameters that replace those of the network.
+        placed: gives inputs and values of parameters of complex variables (K, B).
     """
+    x = equilibrium(network, u)
+    point, first = _at(network, u, x), len(network.storages)
+    n, y = x.size, np.concatenate([x, start])
+    values = {name: p.value for name, p in network.parameters.items()}
+    # The invariants depend on the ratios: δC = −C δA A⁺ for C A = 0.
+    touched = _rates(network, x[:, None], u[:, None], values).touched
+    by_ratio = np.linalg.pinv(np.real(touched[..., 0]), rcond=_RANK) @ x[:first]
 
-    def __init__(
-        self, program: Program, network: Network, u: Any, changed: Mapping[str, complex] | None = None
-    ) -> None:
-        self.program, self.network, self.u = program, network, u
-        self.values: dict[str, Any] = {n: p.value for n, p in network.parameters.items()} | dict(changed or {})
-        self.lossless = {s.name: s for s in network.storages if program.rules.get(s.name) == LOSSLESS}
-        self.actions = {p.name: PORT_LAWS[p.law].action(v, *self.of(p)) for p, v in zip(network.ports, u, strict=True)}
-        # Inputs, or storages with an effort at zero state such as weights, exert forces on an empty network.
-        weights = (isinstance(s.law, str) and not STORAGE_LAWS[s.law].bounded for s in network.storages)
-        self.pulled = bool(np.any(u)) or any(weights)
-        junctions = program.junctions
-        self.links: list[tuple[str, int, Ratio, int]] = []
-        for (to, of, ratio), times in merged_couplings(network).items():
-            for leaf, other, sign in ((to, of, times), (of, to, -times)):
-                if leaf in self.lossless:
-                    self.links.append((leaf, junctions.index(other), ratio, sign))
+    def conditions(y: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Return (n + c, B) ``G`` and (S, B) efforts of the silent resistors at states and variables (N + K, B)."""
+        inputs, changed = placed(y[n:])
+        got = _rates(network, y[:n], inputs, {**values, **changed})
+        held = point.invariants @ y[:n] - point.invariants[:, :first] @ np.tensordot(got.touched, by_ratio, (1, 0))
+        return np.vstack([got.rate, held]), got.epsilon[point.is_silent]
 
-    def of(self, element: Any) -> list[Any]:
-        """Return the values of an element's parameters."""
-        return [self.values[n] for n in element.parameters]
+    def curvature(multipliers: NDArray[Any]) -> NDArray[Any]:
+        """Return (n, n + K) second derivatives of ``ε_S·ε(y) + λ·G(y)``: central differences of complex steps."""
+        steps = _DIFFERENCE * np.where(y == 0.0, 1.0, np.abs(y))
+        ends = (y[:, None] + np.hstack([np.diag(steps), -np.diag(steps)]))[:, :, None]
+        moved = ends + 1j * TINY * np.eye(y.size)[:, None, :n]
+        both = [np.imag(v).reshape(-1, 2, y.size, n) / TINY for v in conditions(moved.reshape(y.size, -1))]
+        by, silent = ((v[:, 0] - v[:, 1]) / (2.0 * steps[:, None]) for v in both)
+        return (np.tensordot(multipliers, by, 1) + np.tensordot(point.silent, silent, 1)).T
 
-    def ratio(self, ratio: Ratio) -> Any:
-        """Return the value of a ratio that no state modulates."""
-        return self.values[ratio] if isinstance(ratio, str) else ratio
+    by, silent = (np.asarray(np.imag(v) / TINY) for v in conditions(y[:, None] + 1j * TINY * np.eye(y.size)))
+    constraint, count = by[:, :n], by.shape[0]
+    multipliers = np.linalg.lstsq(constraint.T, -silent[:, :n].T @ point.silent, rcond=_RANK)[0]
+    second: NDArray[Any] = silent[:, :n].T @ silent
+    if point.silent.any():
+        second = second + curvature(multipliers)
+    matrix = np.block([[second[:, :n], constraint.T], [constraint, np.zeros((count, count))]])
+    right = -np.vstack([second[:, n:], by[:, n:]])
+    rows, columns = _equilibrated(matrix)
+    scaled, right = rows[:, None] * matrix * columns, rows[:, None] * right
+    solution, _ = _least(scaled, right)
+    # Residual at the level of rounding.
+    solution = solution + _least(scaled, right - scaled @ solution)[0]
+    defect = np.abs(scaled @ solution - right).max(axis=1)
+    if (defect > _BALANCED * np.abs(right).max(initial=0.0)).any():
+        # A small change makes a state grow without bound.
+        raise SolverFailed(_why(network, _newton(point, x)[2], defect[n : 2 * n] > 0.0))
+    return np.asarray((columns[:, None] * solution)[:n])
 
-    def effort(self, storage: Storage, x: Any) -> Any:
-        """Return the effort of a storage at a state."""
-        if isinstance(storage.law, str):
-            return STORAGE_LAWS[storage.law].mean_effort(x, x, *self.of(storage))
-        weights = storage.law.weights().detach().numpy()
-        return evaluated(WIDE_STORAGES[form_of(storage.law)], weights, np.asarray(x), np.asarray(x))
 
-    def states(self, xi: Any) -> Any:
-        """Return (N,) states at displacements (m,) of the junctions."""
-        x = dict.fromkeys(self.network.state_names, 0.0 * xi.sum())
-        for leaf, j, ratio, sign in self.links:
-            x[leaf] = x[leaf] + sign * self.ratio(ratio) * xi[j]
-        drives = {n: self.effort(s, x[n]) for n, s in self.lossless.items()} | self.actions
-        for memory in self.network.memories:
-            law, values = MEMORY_LAWS[memory.law], self.of(memory)
-            drive = sum(drives.get(name, 0.0) for name in dict.fromkeys(self.network.drives_of(memory)))
-            x[memory.name] = law.rate(0.0, drive, *values) / law.decay(*values)
-        return np.array(list(x.values()))
+def _equilibrated(matrix: Array) -> tuple[Array, Array]:
+    """Return the factors of rows and columns that bring all their largest entries near to one; Ruiz 2001."""
+    rows, columns = np.ones(matrix.shape[0]), np.ones(matrix.shape[1])
+    for _ in range(_SWEEPS):
+        scaled = np.abs(rows[:, None] * matrix * columns)
+        by_row, by_column = scaled.max(axis=1), scaled.max(axis=0)
+        by_row[by_row == 0.0] = by_column[by_column == 0.0] = 1.0
+        if max(abs(by_row - 1.0).max(), abs(by_column - 1.0).max()) <= _EVEN:
+            break
+        rows, columns = rows / np.sqrt(by_row), columns / np.sqrt(by_column)
+    return rows, columns
 
-    def forces(self, xi: Any) -> Any:
-        """Return (m,) force on every junction."""
-        x = dict(zip(self.network.state_names, self.states(xi), strict=True))
-        factor: dict[Ratio, Any] = {}
-        for m in self.network.modulations:
-            # A junction is zero at rest.
-            factor[m.ratio] = factor.get(m.ratio, 1.0) * FACTOR_LAWS[m.law].factor(x[m.by], *self.of(m))
-        force = [0.0 * xi.sum()] * xi.size
-        for leaf, j, ratio, sign in self.links:
-            effort = self.effort(self.lossless[leaf], x[leaf])
-            force[j] = force[j] + sign * self.ratio(ratio) * factor.get(ratio, 1.0) * effort
-        for port in self.network.ports:
-            for name, ratio in port.on.items():
-                if name in self.program.junctions:
-                    j = self.program.junctions.index(name)
-                    force[j] = force[j] - self.ratio(ratio) * factor.get(ratio, 1.0) * self.actions[port.name]
-        return np.array(force)
 
-    def slopes(self, xi: Array) -> Array:
-        """Return (m, m) derivative of the forces by the displacements."""
-        return np.column_stack([np.imag(self.forces(xi + 1j * TINY * e)) / TINY for e in np.eye(xi.size)])
+def _least(matrix: Array, right: Array) -> tuple[Array, Array]:
+    """Return the least-squares solution of least norm, and the null space."""
+    if not (np.isfinite(matrix).all() and np.isfinite(right).all()):
+        raise SolverFailed("no rest state was found: the network's rates, or their derivatives, are not finite there")
+    left_vectors, size, across = np.linalg.svd(matrix)
+    rank = int((size > _RANK * size.max(initial=0.0)).sum())
+    inverse = across[:rank].T / size[:rank]
+    return inverse @ (left_vectors[:, :rank].T @ right), across[rank:].T
 
-    def displacements(self) -> Array | None:
-        """Return (m,) ``ξ`` by Newton's method; None where they do not determine the rest state."""
-        xi = np.zeros(len(self.program.junctions))
-        if not self.pulled:
-            return xi
-        if not served(self.program):
-            return None
-        start = np.abs(self.forces(xi)).max()
-        for _ in range(_ITERATIONS):
-            force = np.real(self.forces(xi))
-            if not np.isfinite(force).all() or np.abs(force).max() <= 1e-14 * start:
-                break
-            slopes = self.slopes(xi)
-            if np.linalg.matrix_rank(slopes) < xi.size:
-                return None
-            xi = xi - np.linalg.solve(slopes, force)
-        return xi
 
-    def loose(self) -> list[str]:
-        """Return the states that the inputs move along directions in which no spring acts, where a network has springs
-        and inertias alone; empty where it has other storages, that may hold a force too."""
-        size, storages = len(self.program.junctions), len(self.network.storages)
-        if not served(self.program) or storages != len(self.lossless) + size:
-            return []
-        rest = np.zeros(size)
-        force, (_, stiffness, across) = np.real(self.forces(rest)), np.linalg.svd(self.slopes(rest))
-        free = across[stiffness <= _RANK * stiffness.max(initial=0.0)]
-        along = (free @ force) @ free
-        if np.abs(along).max(initial=0.0) <= _RANK * np.abs(force).max():
-            return []
-        moved = np.real(self.states(along) - self.states(rest))[:storages]
-        return [name for name, x in zip(self.network.state_names, moved, strict=False) if x != 0.0]
-
-    def moved(self, xi: Array, slopes: Array) -> Array:
-        """Return (N,) derivative of the states along the perturbation of the values or inputs."""
-        shift = -np.linalg.solve(slopes, np.imag(self.forces(xi)) / TINY)
-        return np.asarray(np.imag(self.states(xi + 1j * TINY * shift)) / TINY)
+def _why(network: Network, free: Array, moving: NDArray[np.bool_]) -> str:
+    """Say which states nothing holds under a constant input, or which move on."""
+    names = np.array(network.state_names)
+    loose = names[np.abs(free).max(axis=1, initial=0.0) > _BALANCED]
+    if not loose.size:
+        which = ", ".join(names[moving])
+        return f"no rest state under a constant input was found, {which} would not stand still: {_REMEDY}"
+    them = "it" if loose.size == 1 else "them"
+    return f"a constant input moves {', '.join(loose)} for ever, nothing holds {them}: {_REMEDY}"

@@ -418,13 +418,13 @@ class FlatNetwork:
 
         Zero voltage and an empty network with that displacement where the voltage does not tell it.
         """
-        network, program = self.setup.network, compile_network(self.setup.network)
+        network = self.setup.network
         u, x = np.zeros(len(network.ports)), np.zeros(len(network.state_names))
         x[self.output] = q
         try:
             for _ in range(_ITERATIONS):
-                state = equilibrium(program, network, u)
-                miss, slope = state[self.output] - q, equilibrium_slope(program, network, u, 0)[self.output]
+                state = equilibrium(network, u)
+                miss, slope = state[self.output] - q, equilibrium_slope(network, u, 0)[self.output]
                 if not np.isfinite(miss) or slope == 0.0:
                     return 0.0, x
                 if abs(miss) <= _ZERO * abs(q):

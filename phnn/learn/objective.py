@@ -20,7 +20,6 @@ from torch import Tensor, nn
 
 from phnn.errors import SolverFailed
 from phnn.identification.evaluate import Evaluation, scored, with_zero
-from phnn.integrate.program import compile_network
 from phnn.integrate.rest import equilibrium
 from phnn.integrate.scheme import can_compile
 from phnn.learn.solvers import NetworkPlant, Plant, Solver, Window, grouped, near, starts_at_zero, windows_of
@@ -151,7 +150,7 @@ def begin(plant: Plant, recording: Recording) -> Tensor:
     network = plant.network
     u = np.zeros(len(network.ports))
     u[0] = recording.input_before
-    return torch.from_numpy(equilibrium(compile_network(network), network, u))
+    return torch.from_numpy(equilibrium(network, u))
 
 
 def estimated_start(plant: Plant, solver: Solver, recording: Recording, substeps: int) -> Tensor:
