@@ -86,6 +86,8 @@ _PROMISING, _MUCH = 0.3, 0.01
 _OF_MATERIAL, _OF_LEFT = 0.3, 0.05
 # By how much less has to be left beyond the noise before the numerical error is asked again; the least that counts.
 _FALLEN, _LEAST = 10.0, 0.02
+# Models whose derivatives stay in memory; those of a hundred models of a long campaign are gigabytes.
+_AT_HAND = 16
 # Mean square below which a model is carried to its end before it is grown.
 _QUIET = 2.0
 
@@ -168,6 +170,8 @@ class Search:
         ended = (model.converged, model.fit.plan.size) > (known.converged, known.fit.plan.size)
         if ended or model.fit.cost < known.fit.cost - _SAME:
             self.visited[model.key] = model
+        for earlier in list(self.visited.values())[:-_AT_HAND]:
+            earlier.fit.derivatives.forget()
         return self.visited[model.key]
 
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,30 @@ _NULL = 1e-6
 EXPLAINS = 0.1
 
 
+class Derivatives:
+    """The (N, K) derivatives of a residual, which take megabytes of a long campaign and may be let go of.
+
+    Args:
+        values: the numbers; again: computes them again where they were let go of, without it they are kept.
+    """
+
+    def __init__(self, values: Array, again: Callable[[], Array] | None = None) -> None:
+        self._values: Array | None = values
+        self._again = again
+
+    @property
+    def values(self) -> Array:
+        """Return the (N, K) derivatives."""
+        if self._values is None and self._again is not None:
+            self._values = self._again()
+        assert self._values is not None
+        return self._values
+
+    def forget(self) -> None:
+        """Let go of the numbers until somebody asks for them."""
+        self._values = self._values if self._again is None else None
+
+
 @dataclass(frozen=True)
 class Fit:
     """A fitted setup.
@@ -48,7 +72,7 @@ class Fit:
         plan: recordings, with the estimated instants of their jumps, and sub-steps of the fit.
         variables, z: what was moved and where it ended.
         held: parameters that were not estimated, with the reason.
-        residual: (N,) weighted residual of the fitted samples; jacobian: (N, K) its derivatives by ``z``.
+        residual: (N,) weighted residual of the fitted samples; derivatives: of it by ``z``.
         evaluations: simulations of the whole plan.
         anchors: standard deviations [SI] of the held anchors, by name.
         use: which samples were fitted.
@@ -60,10 +84,15 @@ class Fit:
     z: Array
     held: Mapping[str, str]
     residual: Array
-    jacobian: Array
+    derivatives: Derivatives
     evaluations: int
     anchors: Mapping[str, float] = field(default_factory=dict)
     use: str = "identification"
+
+    @property
+    def jacobian(self) -> Array:
+        """Return (N, K) derivatives of the residual by ``z``."""
+        return self.derivatives.values
 
     @cached_property
     def slices(self) -> list[slice]:
@@ -317,6 +346,7 @@ def fit_problem(
         )
         z, evaluations = optimum.x, int(optimum.nfev)
     residual = problem.residual(z)
+    again = partial(_jacobian, problem.template, problem.plan, variables, problem.use, z)
     return Fit(
         setup=variables.setup(setup, z),
         plan=replace(problem.plan, recordings=tuple(variables.timed(r, z) for r in problem.plan.recordings)),
@@ -324,11 +354,16 @@ def fit_problem(
         z=z,
         held=dict(held or {}),
         residual=residual,
-        jacobian=problem.jacobian(z) if z.size else np.zeros((residual.size, 0)),
+        derivatives=Derivatives(problem.jacobian(z), again) if z.size else Derivatives(np.zeros((residual.size, 0))),
         evaluations=evaluations,
         anchors=held_anchors(problem),
         use=problem.use,
     )
+
+
+def _jacobian(template: Setup, plan: Plan, variables: Variables, use: str, z: Array) -> Array:
+    """Return (N, K) derivatives of the residual of a problem."""
+    return Problem(template, plan, variables, use).jacobian(z)
 
 
 def _ends(intermediate_result: OptimizeResult) -> None:

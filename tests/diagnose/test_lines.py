@@ -136,12 +136,6 @@ def test_noise_that_is_stronger_at_low_frequencies_is_neither_drift_nor_mains(ow
     assert max(judged) < 3.0
 
 
-def with_residual(linearised: LinearisedFit, residual: np.ndarray) -> LinearisedFit:
-    """The linearised with another residual, of which the base explains nothing."""
-    nothing = np.zeros((residual.size, 0))
-    return replace(linearised, fit=replace(linearised.fit, residual=residual, jacobian=nothing))
-
-
 def noise_spectra_of(linearised: LinearisedFit) -> list[NoiseSpectrum]:
     """Spectra of the noise in the residual, by recording."""
     residuals = [linearised.residual[rows] for rows in linearised.slices]
@@ -161,7 +155,9 @@ def test_a_recording_alone_does_not_take_its_misfit_for_noise() -> None:
     recordings = tuple(replace(r, period=None) for r in linearised.plan.recordings)
     linearised = replace(linearised, fit=replace(linearised.fit, plan=replace(linearised.plan, recordings=recordings)))
     n = linearised.fit.residual.size
-    loud = with_residual(linearised, 30.0 * np.sin(0.01 * np.arange(n)) + np.random.default_rng(0).standard_normal(n))
+    loud = campaigns.with_residual(
+        linearised, 30.0 * np.sin(0.01 * np.arange(n)) + np.random.default_rng(0).standard_normal(n)
+    )
     assert all(s.density.max() <= 4.0 for s in noise_spectra_of(loud))
 
 
@@ -186,7 +182,7 @@ def test_scores_are_normal_under_heavy_tails_and_noise_that_grows_with_the_speed
     # Directions that live where the noise is largest; each draw has directions of its own.
     for noise in (rng.standard_t(3, n) / np.sqrt(3.0), 1.5 * speed * rng.standard_normal(n)):
         columns = speed[:, None] ** 2 * rng.standard_normal((n, 400))
-        scores = scores_of(with_residual(linearised, noise), columns)
+        scores = scores_of(campaigns.with_residual(linearised, noise), columns)
         assert np.std(scores) < 1.15
         assert np.abs(scores).max() < 4.5
 
@@ -196,7 +192,7 @@ def test_a_true_effect_does_not_hide_in_its_own_spread() -> None:
     linearised = periodic(campaigns.linearised())
     n = linearised.fit.residual.size
     for direction in (rng.standard_normal((n, 1)), np.sin(0.2 * np.arange(n))[:, None]):
-        shown = with_residual(linearised, 0.3 * direction[:, 0] + rng.standard_normal(n))
+        shown = campaigns.with_residual(linearised, 0.3 * direction[:, 0] + rng.standard_normal(n))
         assert scores_of(shown, direction)[0] > 0.7 * 0.3 * np.linalg.norm(direction)
 
 

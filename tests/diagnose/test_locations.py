@@ -160,7 +160,7 @@ def test_lines_of_a_frequency_that_recordings_share_lie_in_the_environment() -> 
     power = {}
     for size in (0.0, 2.0):
         residual = noise + size * np.sin(2.0 * np.pi * 445.0 * times + phases)
-        shown = replace(linearised, fit=replace(linearised.fit, residual=residual, jacobian=np.zeros((times.size, 0))))
+        shown = campaigns.with_residual(linearised, residual)
         power[size] = line_share(shown) / times.size
     assert power[0.0] < 0.01
     # A sine of amplitude two holds twice the power of the noise.
@@ -176,7 +176,7 @@ def test_a_mode_that_rings_like_a_line_lies_in_the_mechanics(ratio: float, share
     change = direction(linearised, catalogue()["second_mode"], values)
     noise = np.random.default_rng(2).standard_normal(change.size)
     residual = 3.0 * change / np.sqrt(np.mean(change**2)) + noise
-    shown = replace(linearised, fit=replace(linearised.fit, residual=residual, jacobian=np.zeros((change.size, 0))))
+    shown = campaigns.with_residual(linearised, residual)
     peaks = shown.spectra.peaks
     assert any(abs(2.0 * np.pi * f / omega - 1.0) < 0.03 for f in peaks)
     without, found = (locate(replace(shown, scales=replace(shown.scales, peaks=p))) for p in ((), peaks))
@@ -195,9 +195,7 @@ def test_a_drift_of_its_own_in_every_recording_lies_in_the_sensor() -> None:
     walk *= 3.0 / walk.std()
     power = {}
     for size in (0.0, 1.0):
-        shown = replace(
-            linearised, fit=replace(linearised.fit, residual=noise + size * walk, jacobian=np.zeros((noise.size, 0)))
-        )
+        shown = campaigns.with_residual(linearised, noise + size * walk)
         power[size] = drift_share(shown) / noise.size
         found = locate(shown)
         assert ((found.name, found.detail) == ("sensor", "drift")) == bool(size)
