@@ -26,6 +26,7 @@ from phnn.identification.problem import Problem, variables_of
 from phnn.identification.staged import fit_identified, stated_only
 from phnn.rescue import attempt
 from phnn.setup import Setup
+from phnn.signals.least_squares import triangle
 
 Array = NDArray[np.float64]
 
@@ -164,7 +165,8 @@ def _adjusted(base: Fit, begun: Setup, plan: Plan) -> tuple[float, Setup, Fit]:
         return Problem(base.variables.setup(begun, z), plan, variables).residual(variables.start(begun))
 
     best, z = residual(base.z), base.z
-    step, *_ = np.linalg.lstsq(base.jacobian, -best, rcond=1e-10)
+    square = triangle(np.column_stack([base.jacobian, -best]))
+    step, *_ = np.linalg.lstsq(square[:, :-1], square[:, -1], rcond=1e-10)
     for share in _SHARES if z.size else ():
         there = z + share * np.clip(step, -_LONGEST, _LONGEST)
         try:
@@ -199,7 +201,7 @@ def started(
     lower, upper = np.maximum(least - start, -reach), np.minimum(most - start, reach)
     used = touched & (lower < upper)
     # The same problem in a small square.
-    square = np.asarray(np.linalg.qr(np.column_stack([jacobian[:, used], residual]), mode="r"))
+    square = triangle(np.column_stack([jacobian[:, used], residual]))
     step = np.zeros(start.size)
     step[used] = lsq_linear(square[:, :-1], -square[:, -1], (lower[used], upper[used]), method="bvls").x
     cost = float(residual @ residual)

@@ -38,6 +38,7 @@ from phnn.network.roles import drive_ratio, motions
 from phnn.recordings.recording import Anchor, Campaign, Recording
 from phnn.rescue import late, used_up
 from phnn.setup import Setup
+from phnn.signals.least_squares import triangle
 from phnn.trajectory import simulate
 
 Array = NDArray[np.float64]
@@ -83,7 +84,7 @@ def _beyond_rough(fitted: Fit) -> list[Array]:
     least; none where each of them leaves more."""
     if not fitted.z.size:
         return []
-    _, size, directions = np.linalg.svd(np.linalg.qr(fitted.jacobian, mode="r"))
+    _, size, directions = np.linalg.svd(triangle(fitted.jacobian))
     size = np.maximum(size, np.finfo(float).eps * size[0])
     ahead = np.outer(_DEVIATIONS, 1.0 / size[-_WEAKEST:])[..., None] * directions[-_WEAKEST:]
     lower, upper = fitted.variables.bounds(fitted.setup)
@@ -99,13 +100,14 @@ def predicted_step(fitted: Fit) -> tuple[Array, float]:
     # Derivatives of which the rounding of a variable alone is more than the noise predict nothing.
     if not fitted.z.size or np.finfo(float).eps * np.linalg.norm(fitted.jacobian, axis=0).max() > 1.0:
         return np.zeros(fitted.z.size), 0.0
-    q, triangle = np.linalg.qr(fitted.jacobian)
+    square = triangle(np.column_stack([fitted.jacobian, fitted.residual]))
+    slopes, along = square[:-1, :-1], square[:-1, -1]
     lower, upper = fitted.variables.bounds(fitted.setup)
     # Rounding may have left an estimate a little beyond its bound.
     low = np.minimum(np.maximum(lower - fitted.z, -_FARTHEST), -_NONE)
     high = np.maximum(np.minimum(upper - fitted.z, _FARTHEST), _NONE)
-    step = lsq_linear(triangle, -q.T @ fitted.residual, (low, high)).x
-    return step, fitted.cost - float(np.sum((fitted.residual + fitted.jacobian @ step) ** 2))
+    step = lsq_linear(slopes, -along, (low, high)).x
+    return step, float(along @ along - np.sum((along + slopes @ step) ** 2))
 
 
 def _from(fitted: Fit, step: Array) -> Fit | None:

@@ -19,6 +19,7 @@ from phnn.identification.problem import Problem, Variables, variables_of, withou
 from phnn.recordings.excitation import unknown_instants
 from phnn.rescue import used_up
 from phnn.setup import Setup
+from phnn.signals.least_squares import triangle
 
 Array = NDArray[np.float64]
 
@@ -412,7 +413,7 @@ def unidentified(jacobian: Array, names: Sequence[str]) -> list[str]:
             return [names[worst], *unidentified(fewer, [n for n in names if n != names[worst]])]
     remaining = list(range(len(names)))
     dropped: list[str] = []
-    square = np.asarray(np.linalg.qr(jacobian, mode="r"))
+    square = triangle(jacobian)
     while remaining:
         _, singular, rows = np.linalg.svd(square[:, remaining], full_matrices=False)
         spread = np.sqrt(np.sum((rows / np.maximum(singular, 1e-100)[:, None]) ** 2, axis=0))

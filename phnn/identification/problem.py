@@ -28,6 +28,7 @@ from phnn.integrate.program import compile_network
 from phnn.recordings.excitation import unknown_instants
 from phnn.recordings.recording import Recording, dominant_frequency
 from phnn.setup import NOTHING, Own, Setup
+from phnn.signals.least_squares import triangle
 from phnn.trajectory import Trajectory, is_displacement, simulate
 
 Array = NDArray[np.float64]
@@ -430,10 +431,10 @@ class Problem:
 
         Factored recording by recording and then together, so that no tall matrix is ever assembled.
         """
-        squares = self.plan.each(lambda _, both: np.linalg.qr(both, mode="r"), self._with_derivatives(z))
+        squares = self.plan.each(lambda _, both: triangle(both), self._with_derivatives(z))
         # A jump outside the samples that are fitted has no derivative; an optimiser crawls on a singular matrix.
         stacked = np.concatenate([*squares, self.variables.prior(z), np.diag(np.append(self._weak, 0.0))])
-        square = np.asarray(np.linalg.qr(stacked, mode="r"))
+        square = triangle(stacked)
         if not np.isfinite(square).all():
             raise SolverFailed("the derivatives of the output are not finite; narrow the bounds of the parameters")
         # A reflection takes the residual's column to the last axis; from its far side, or else digits would cancel.

@@ -138,6 +138,7 @@ def _first(diagnosis: Diagnosis, traces: Sequence[Trace]) -> list[Block]:
         use = "held-out recording" if trace.held_out else "recording"
         whole = trace.stretch == slice(0, trace.t.size)
         title = f"Error on the {use} {trace.name}" + ("." if whole else ", where the base model is worst.")
+        title += " A model that misses nothing leaves 1 × noise." if finite(trace.over_noise) else ""
         both = "of base model and final model" if trace.changed else "of the base model"
         alt = f"Error {both} over time, on {trace.name}, with the band of the noise"
         shown = drawing(f"error-{trace.name}", title, alt, partial(draw_error, trace))

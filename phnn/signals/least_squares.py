@@ -15,6 +15,8 @@ Array = NDArray[np.float64]
 
 # Rows of a matrix that is kept as a whole, and of a block of a longer one.
 _WHOLE, _ROWS = 2**16, 2**13
+# Rows of a block that is factored: enough to be reduced much, and few enough for the cache.
+_LEAST_ROWS, _ROWS_PER_COLUMN = 256, 20
 
 
 def residual(y: Array, columns: Callable[[slice], Array]) -> Array:
@@ -31,6 +33,15 @@ def residual(y: Array, columns: Callable[[slice], Array]) -> Array:
     for rows in _blocks(y.size):
         remainder[rows] = y[rows] - columns(rows) @ weights
     return remainder
+
+
+def triangle(matrix: Array) -> Array:
+    """Return (K, K) ``R`` of ``A = Q R`` for ``A`` (N, K), ``N ≥ K``, by way of blocks that fit into the cache."""
+    size = max(_LEAST_ROWS, _ROWS_PER_COLUMN * matrix.shape[1])
+    count = matrix.shape[0] // size
+    blocks = matrix[: count * size].reshape(count, size, matrix.shape[1])
+    reduced = np.asarray(np.linalg.qr(blocks, mode="r")).reshape(count * matrix.shape[1], matrix.shape[1])
+    return np.asarray(np.linalg.qr(np.concatenate([reduced, matrix[count * size :]]), mode="r"))
 
 
 def _weights(y: Array, columns: Callable[[slice], Array]) -> Array:
