@@ -20,7 +20,7 @@ from phnn.diagnose.linearised import LinearisedFit, prepare
 from phnn.diagnose.locations import GROUPS, Location, responses
 from phnn.effects import catalogue
 from phnn.identification.base import numerical_error
-from phnn.identification.fit import Derivatives, Fit
+from phnn.identification.fit import Fit, Slopes
 from phnn.identification.options import Options
 from phnn.identification.plan import Plan
 from phnn.identification.prepare import identification_plan
@@ -88,8 +88,8 @@ def linearised(effect: str = "none", seed: int = SEED) -> LinearisedFit:
 
 def with_residual(linearised: LinearisedFit, residual: np.ndarray) -> LinearisedFit:
     """The linearised with another residual, of which the base explains nothing."""
-    nothing = Derivatives(np.zeros((residual.size, 0)))
-    return replace(linearised, fit=replace(linearised.fit, residual=residual, derivatives=nothing))
+    nothing = Slopes(np.zeros((residual.size, 0)))
+    return replace(linearised, fit=replace(linearised.fit, residual=residual, slopes=nothing))
 
 
 @cache

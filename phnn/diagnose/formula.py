@@ -29,7 +29,7 @@ from phnn.diagnose.linearised import LinearisedFit, simulated, tie, with_few_ste
 from phnn.effects import Effect
 from phnn.effects.formulas import formulas_for
 from phnn.identification.covariance import scatter
-from phnn.identification.fit import Derivatives, Fit
+from phnn.identification.fit import Fit, Slopes
 from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
 from phnn.parameters import quantity
 from phnn.recordings.recording import Recording
@@ -283,9 +283,8 @@ def _of_terms(linearised: LinearisedFit, element: Effect) -> Distilled | None:
     linearised = replace(linearised, trajectories=simulated(fit, plan.derived(fit.setup)))
     # The same fit without the element: a formula has to explain what the element does, and the residual beside it.
     learned = _response(linearised, force_of(fit.setup, element.strengths))[:, 0]
-    target = replace(
-        linearised, fit=replace(fit, residual=fit.residual + learned, derivatives=Derivatives(fit.jacobian[:, kept]))
-    )
+    bare = replace(fit, residual=fit.residual + learned, slopes=Slopes(fit.jacobian[:, kept]))
+    target = replace(linearised, fit=bare)
     refined = [_refined(target, f) for f in _on_grid(target, TERMS[element.kind.name])]
     tried = [f for f in (_rounded(target, f) for f in refined) if np.all(f.sizes != 0.0)]
     if not tried:

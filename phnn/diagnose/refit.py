@@ -8,7 +8,7 @@ Sub-steps are those of the plan that is given: coarse ones at first, at the end 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -235,15 +235,6 @@ def clamped(effect: Effect, setup: Setup, values: Mapping[str, float]) -> Setup:
     return effect.add_to(setup, inside)
 
 
-@dataclass(frozen=True)
-class _Strong:
-    """What an effect of some strength leaves: its square, and how far its change is from the wanted size."""
-
-    cost: float
-    off: float
-    values: dict[str, float]
-
-
 def large_starts(model: LinearisedFit, effect: Effect) -> list[dict[str, float]]:
     """Return values of an effect's parameters at strengths that change the output about as much as the residual.
 
@@ -252,20 +243,24 @@ def large_starts(model: LinearisedFit, effect: Effect) -> list[dict[str, float]]
     """
     signs = (1.0,) if effect.one_sided else (1.0, -1.0)
     tried = [_strong(model, effect, p, sign) for p in effect.grid(model.scales) for sign in signs]
-    ranked = sorted((s for s in tried if s is not None), key=lambda s: s.cost)
-    return [s.values for s in ranked[:_LARGE]]
+    ranked = sorted((t for t in tried if t is not None), key=lambda t: t[0])
+    return [values for _, values in ranked[:_LARGE]]
 
 
-def _strong(model: LinearisedFit, effect: Effect, point: Mapping[str, float], sign: float) -> _Strong | None:
-    """Return the strength of one shape that suits the residual; None where it changes nothing that is not explained.
+def _strong(
+    model: LinearisedFit, effect: Effect, point: Mapping[str, float], sign: float
+) -> tuple[float, dict[str, float]] | None:
+    """Return what is left with the strength of one shape that suits the residual, its square, and the values.
+
+    None where the effect changes nothing that is not explained.
 
     Two neighbouring strengths are searched, whose changes are smaller and larger than wanted. A change that is far too
     small tells how many strengths to leave out, as it grows in proportion; a wrong guess is halved.
     """
     size = float(np.sum(model.residual**2))
     stronger = _stronger(effect, point, sign)
-    best: _Strong | None = None
-    below, above, at, before = -1, len(stronger), 0, 0.0
+    best: tuple[float, dict[str, float]] | None = None
+    below, above, at, before, nearest = -1, len(stronger), 0, 0.0, np.inf
     while below < at < above:
         try:
             change: Array | None = model.project(direction(model, effect, stronger[at]))
@@ -274,8 +269,8 @@ def _strong(model: LinearisedFit, effect: Effect, point: Mapping[str, float], si
         share = np.inf if change is None else float(np.sum(change**2)) / size
         if change is not None and 0.0 < share <= _MOST:
             off = abs(np.log(share / _WANTED))
-            if best is None or off < best.off:
-                best = _Strong(float(np.sum((model.residual - change) ** 2)), off, stronger[at])
+            if off < nearest:
+                nearest, best = off, (float(np.sum((model.residual - change) ** 2)), stronger[at])
         # What changes less than a weaker effect does cannot be simulated, or is saturated.
         if before <= share < _WANTED:
             # Shares are squares: half a decade of strength is a decade of them.

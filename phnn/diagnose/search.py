@@ -108,6 +108,7 @@ class Search:
         progress: told what is tried; seed: of random starts.
         begun: where the base model begins held-out recordings whose start is unknown.
         refined_at: what the best model left beyond the noise when its numerical error was bounded last.
+        used: the models whose derivatives are in memory, the last used one last.
     """
 
     campaign: Campaign
@@ -126,6 +127,7 @@ class Search:
     compared: set[tuple[Key, bool]] = field(default_factory=set)
     begun: dict[str, Begun] = field(default_factory=dict)
     refined_at: float = np.inf
+    used: list[Visited] = field(default_factory=list)
 
     @property
     def weighed(self) -> Weighed:
@@ -170,9 +172,15 @@ class Search:
         ended = (model.converged, model.fit.plan.size) > (known.converged, known.fit.plan.size)
         if ended or model.fit.cost < known.fit.cost - _SAME:
             self.visited[model.key] = model
-        for earlier in list(self.visited.values())[:-_AT_HAND]:
-            earlier.fit.derivatives.forget()
+        self.use(self.visited[model.key])
         return self.visited[model.key]
+
+    def use(self, model: Visited) -> None:
+        """Keep the derivatives of a model in memory, and let go of those of the models that were used longest ago."""
+        self.used = [*(m for m in self.used if m is not model), model]
+        for earlier in self.used[:-_AT_HAND]:
+            earlier.fit.slopes.forget()
+        self.used = self.used[-_AT_HAND:]
 
 
 def begin(
@@ -429,8 +437,7 @@ def _onwards(search: Search, trials: Sequence[Visited], before: int = 0) -> list
 def _fits(search: Search, work: Callable[[Any], Fit | None], items: Sequence[Any], names: Sequence[str]) -> list[Any]:
     """Return ``work(item)`` of every item, on the very recordings of the search wherever it was done."""
     fits: list[Fit | None] = results(search.executor, work, items, names)
-    same = search.plan.recordings
-    return [f if f is None else replace(f, plan=replace(f.plan, recordings=same)) for f in fits]
+    return [f if f is None else f.on(search.plan.recordings) for f in fits]
 
 
 def _further_forms(search: Search, trial: Visited) -> list[Visited]:
@@ -642,6 +649,7 @@ def _screened(search: Search, model: Visited, effects: Sequence[Effect]) -> list
 
 def linearised_of(search: Search, model: Visited) -> LinearisedFit:
     """Return a model with its residual and sensitivities, as a screen needs it."""
+    search.use(model)
     return with_few_steps(LinearisedFit(model.fit, (), search.scales), search.plan)
 
 

@@ -183,7 +183,7 @@ class Balance:
     def __init__(self, elements: Elements, network: Network, h: float) -> None:
         self.e, self.network, self.h = elements, network, h
         given = imposed(network)
-        contact = () if given is None else (given.contact, given.impulse)
+        contact = () if given is None else (given.contact, network.output)
         self.moved = () if given is None else (given.motion.momentum,)
         self.junctions = tuple(n for n in scheme.junctions_of(network) if n not in (*contact, *self.moved))
         self.known = (*self.junctions, *self.moved)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,8 @@ from phnn.identification.covariance import Scatter, bread, held_anchors, residua
 from phnn.identification.plan import Plan
 from phnn.identification.problem import Problem, Variables, variables_of, without_nuisances
 from phnn.recordings.excitation import unknown_instants
-from phnn.rescue import used_up
+from phnn.recordings.recording import Recording
+from phnn.rescue import accounted, used_up
 from phnn.setup import Setup
 from phnn.signals.least_squares import triangle
 
@@ -40,11 +41,11 @@ _NULL = 1e-6
 EXPLAINS = 0.1
 
 
-class Derivatives:
+class Slopes:
     """The (N, K) derivatives of a residual, which take megabytes of a long campaign and may be let go of.
 
     Args:
-        values: the numbers; again: computes them again where they were let go of, without it they are kept.
+        values: the numbers; again: computes the same numbers again; without it they are kept.
     """
 
     def __init__(self, values: Array, again: Callable[[], Array] | None = None) -> None:
@@ -53,15 +54,20 @@ class Derivatives:
 
     @property
     def values(self) -> Array:
-        """Return the (N, K) derivatives."""
-        if self._values is None and self._again is not None:
-            self._values = self._again()
-        assert self._values is not None
-        return self._values
+        """Return the (N, K) derivatives; where they were let go of, all recordings are simulated for them."""
+        values = self._values
+        if values is None and self._again is not None:
+            # What is known already costs nothing of what a search may spend, wherever it is asked for.
+            with accounted():
+                self._values = values = self._again()
+        return np.zeros((0, 0)) if values is None else values
 
     def forget(self) -> None:
         """Let go of the numbers until somebody asks for them."""
         self._values = self._values if self._again is None else None
+
+    def __reduce__(self) -> tuple[type[Slopes], tuple[Array]]:
+        return Slopes, (self.values,)  # another process has recordings of its own
 
 
 @dataclass(frozen=True)
@@ -73,7 +79,7 @@ class Fit:
         plan: recordings, with the estimated instants of their jumps, and sub-steps of the fit.
         variables, z: what was moved and where it ended.
         held: parameters that were not estimated, with the reason.
-        residual: (N,) weighted residual of the fitted samples; derivatives: of it by ``z``.
+        residual: (N,) weighted residual of the fitted samples; slopes: its derivatives by ``z``.
         evaluations: simulations of the whole plan.
         anchors: standard deviations [SI] of the held anchors, by name.
         use: which samples were fitted.
@@ -85,7 +91,7 @@ class Fit:
     z: Array
     held: Mapping[str, str]
     residual: Array
-    derivatives: Derivatives
+    slopes: Slopes
     evaluations: int
     anchors: Mapping[str, float] = field(default_factory=dict)
     use: str = "identification"
@@ -93,7 +99,13 @@ class Fit:
     @property
     def jacobian(self) -> Array:
         """Return (N, K) derivatives of the residual by ``z``."""
-        return self.derivatives.values
+        return self.slopes.values
+
+    def on(self, recordings: Sequence[Recording]) -> Fit:
+        """Return the same fit on equal recordings, as one that comes from another process has copies of them."""
+        plan = replace(self.plan, recordings=tuple(recordings))
+        problem = (self.setup, plan, self.variables, self.use)
+        return replace(self, plan=plan, slopes=_slopes(self.jacobian, problem, self.z))
 
     @cached_property
     def slices(self) -> list[slice]:
@@ -347,7 +359,7 @@ def fit_problem(
         )
         z, evaluations = optimum.x, int(optimum.nfev)
     residual = problem.residual(z)
-    again = partial(_jacobian, problem.template, problem.plan, variables, problem.use, z)
+    jacobian = problem.jacobian(z) if z.size else np.zeros((residual.size, 0))
     return Fit(
         setup=variables.setup(setup, z),
         plan=replace(problem.plan, recordings=tuple(variables.timed(r, z) for r in problem.plan.recordings)),
@@ -355,16 +367,16 @@ def fit_problem(
         z=z,
         held=dict(held or {}),
         residual=residual,
-        derivatives=Derivatives(problem.jacobian(z), again) if z.size else Derivatives(np.zeros((residual.size, 0))),
+        slopes=_slopes(jacobian, (setup, problem.plan, variables, problem.use), z),
         evaluations=evaluations,
         anchors=held_anchors(problem),
         use=problem.use,
     )
 
 
-def _jacobian(template: Setup, plan: Plan, variables: Variables, use: str, z: Array) -> Array:
-    """Return (N, K) derivatives of the residual of a problem."""
-    return Problem(template, plan, variables, use).jacobian(z)
+def _slopes(jacobian: Array, problem: tuple[Setup, Plan, Variables, str], z: Array) -> Slopes:
+    """Return the derivatives of a problem's residual at ``z``, which it can compute again."""
+    return Slopes(jacobian, (lambda: Problem(*problem).jacobian(z)) if z.size else None)
 
 
 def _ends(intermediate_result: OptimizeResult) -> None:

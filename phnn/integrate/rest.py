@@ -10,8 +10,8 @@ form a set. The solution is the one to which the smallest leaks in parallel with
 the least ``Σ ε_r²``: uncharged hysterons, in the paper's actuator. Modulator states rest at the equilibrium of their
 laws under the steady drives.
 
-Every derivative is a complex step: the equations are evaluated for many copies of a network side by side, each of which
-has another state, parameter or input perturbed.
+First derivatives are complex steps: the equations are evaluated for many copies of a network side by side, each of
+which has another state, parameter or input perturbed.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from phnn.integrate.scheme import merged_couplings
 from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.namespace import TINY
 from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES, evaluated, form_of, is_passive_by_form
-from phnn.network.elements import Network, Ratio, Resistor, Storage
+from phnn.network.elements import MultiPort, Network, Ratio, Resistor, Storage
 
 Array = NDArray[np.float64]
 Values = Mapping[str, Any]
@@ -38,7 +38,7 @@ _CONVERGED, _BALANCED = 1e-12, 1e-9
 # A singular value below this share of the largest counts as zero; rows and columns are equilibrated before.
 _RANK = 1e-11
 _SWEEPS, _EVEN = 20, 0.1
-# Step of the central differences of a gradient, relative to the variable: truncation and rounding are alike there.
+# Step of central differences, relative to the variable: truncation and rounding are alike there.
 _DIFFERENCE = 1e-5
 _REMEDY = "declare start: unknown, or input_before: 0.0"
 
@@ -56,10 +56,16 @@ def equilibrium(network: Network, u: Array) -> Array:
         point = _at(network, u, x)
         step, (rows, columns), free = _newton(point, x)
         x = x + step
-        if not np.isfinite(x).all() or np.abs(step / columns).max() <= _CONVERGED * np.abs(x / columns).max():
+        size = _CONVERGED * np.abs(x / columns).max()
+        x[np.abs(x / columns) <= size] = 0.0  # rounding is no motion, which would make a law of the path conduct
+        if not np.isfinite(x).all() or np.abs(step / columns).max() <= size:
             break
-    # A rate with a single term is rounding as a whole: its scale is the largest of all rates.
-    moving = ~(np.abs(rows[: x.size] * point.rate) <= _BALANCED * (rows[: x.size] * point.terms).max())
+    else:
+        point = _at(network, u, x)
+    terms, stored = rows[: x.size] * point.terms, len(network.storages)
+    # A rate with a single term is rounding as a whole: its scale is the largest of all rates of storages.
+    terms[:stored] = terms[:stored].max(initial=0.0)
+    moving = ~(np.abs(rows[: x.size] * point.rate) <= _BALANCED * terms)
     if moving.any():
         raise SolverFailed(_why(network, free, moving))
     return x
@@ -76,10 +82,13 @@ def equilibrium_derivative(network: Network, u: Array, names: Sequence[str]) -> 
 
     of which the solution of least norm is taken, as in `equilibrium`.
 
+    Args:
+        names: of parameters of the network, fixed ones too.
+
     Raises:
         SolverFailed: there is no steady state close by; names the states that grow without bound.
     """
-    if not names or _nothing_acts(network, u):
+    if not len(names) or _nothing_acts(network, u):
         return np.zeros((len(network.state_names), len(names)))
     start = np.array([network.parameters[name].value for name in names])
     return _implicit(network, start, lambda y: (u[:, None], dict(zip(names, y, strict=True))), u)
@@ -97,27 +106,19 @@ def _nothing_acts(network: Network, u: Array) -> bool:
     return not (u.any() or network.memories or any(weights))
 
 
-# ---------------------------------------------------------------------------------- the equations, for many copies
+def _rates(
+    network: Network, x: NDArray[Any], u: NDArray[Any], values: Values, silent: NDArray[np.bool_] | None = None
+) -> tuple[NDArray[Any], Array, NDArray[Any], NDArray[Any]]:
+    """Return the equations of B copies of a network at complex states (N, B) and inputs (P, B) or (P, 1).
 
+    Args:
+        values: of the parameters, (B,) or (); silent: (R,) resistors without a flow, whatever their efforts.
 
-class _Rates(NamedTuple):
-    """The equations of B copies of a network.
-
-    Attributes:
-        rate: (N, B) ``ẋ``; terms: (N, B) sum of the absolute values of the terms that cancel in it; of modulator states
-            the decay alone.
-        epsilon: (R, B) efforts on the resistors.
-        touched: (n, C, B) the columns of ``J``, of the resistors, the ports and the multi-ports.
+    Returns:
+        (N, B) rates ``ẋ``; (N, B) sums of the absolute values of the terms that cancel in them; (R, B) efforts on the
+        resistors; (n, C, B) columns along which storages change: of ``J``, of the resistors, the ports, and of what
+        the multi-ports can do.
     """
-
-    rate: NDArray[Any]
-    terms: Array
-    epsilon: NDArray[Any]
-    touched: NDArray[Any]
-
-
-def _rates(network: Network, x: NDArray[Any], u: NDArray[Any], values: Values) -> _Rates:
-    """Return the equations at complex states (N, B), inputs (P, B) or (P, 1), and values of parameters (B,) or ()."""
     place, n, copies = {name: k for k, name in enumerate(network.state_names)}, len(network.storages), x.shape[1]
     factors: dict[str, Any] = {}
     for m in network.modulations:
@@ -142,18 +143,20 @@ def _rates(network: Network, x: NDArray[Any], u: NDArray[Any], values: Values) -
         efforts[k] = _effort(storage, x[k], values)
     for shared in network.shared_energies:
         at = [place[name] for name in shared.of]
-        efforts[at] += _shared_effort(shared.law)(x[at].T).T
+        efforts[at] += _module("mean_efforts_of", shared.law)(x[at].T).T
     epsilon, resistors, ports = (touched[:, n:] * efforts[:, None]).sum(axis=0), len(network.resistors), len(u)
     for r, resistor in enumerate(network.resistors):
         q = x[place[resistor.modulated_by]] if resistor.modulated_by else None
-        flows[r] = -_flow(resistor, epsilon[r], q, values)
+        if silent is None or not silent[r]:
+            flows[r] = -_flow(resistor, epsilon[r], q, values)
     for p, port in enumerate(network.ports):
         flows[resistors + p] = PORT_LAWS[port.law].action(u[p], *_of(port, values))
-    first = resistors + ports
+    first, along = resistors + ports, [touched[:, : n + resistors + ports]]
     for multi in network.multi_ports:
         rows = slice(first, first := first + len(multi.columns))
-        given = [epsilon[rows].T, *([x[[place[name] for name in multi.reads]].T] if multi.reads else [])]
-        flows[rows] = -_sector(multi.law, _by_torch(multi.law)(*given), given[0]).T
+        reads = x[[place[name] for name in multi.reads]].T
+        flows[rows] = -_through(multi, epsilon[rows].T, reads).T
+        along.append(np.einsum("nkb,sk->nsb", touched[:, n:][:, rows], _reach(multi, np.real(reads[-1]))))
     drives = {r.name: -e * flow for r, e, flow in zip(network.resistors, epsilon, flows, strict=False)}
     drives |= {s.name: effort for s, effort in zip(network.storages, efforts, strict=True)}
     drives |= {p.name: action for p, action in zip(network.ports, flows[resistors:], strict=False)}
@@ -162,8 +165,9 @@ def _rates(network: Network, x: NDArray[Any], u: NDArray[Any], values: Values) -
     for memory in network.memories:
         law, k, given = MEMORY_LAWS[memory.law], place[memory.name], _of(memory, values)
         rate[k] = law.rate(x[k], sum(drives[name] for name in network.drives_of(memory)), *given)
-        terms[k] = np.abs(law.decay(*given) * x[k])
-    return _Rates(rate, np.real(terms), epsilon[:resistors], touched)
+        decay = law.decay(*given) * x[k]
+        terms[k] = np.abs(decay) + np.abs(rate[k] + decay)
+    return rate, np.real(terms), epsilon[:resistors], np.concatenate(along, axis=1)
 
 
 def _of(element: Any, values: Values) -> list[Any]:
@@ -178,16 +182,14 @@ def _effort(storage: Storage, x: NDArray[Any], values: Values) -> NDArray[Any]:
         return np.asarray(STORAGE_LAWS[law].mean_effort(x, x, *_of(storage, values)))
     if form_of(law):
         return np.asarray(evaluated(WIDE_STORAGES[form_of(law)], law.weights().detach().numpy(), x, x))
-    from phnn.network.checks import mean_effort_of
-
-    return _by_torch(lambda state: mean_effort_of(law, state, state))(x)
+    return _module("mean_effort_of", law)(x)
 
 
-def _shared_effort(law: Any) -> Callable[..., NDArray[Any]]:
-    """Return the function from (B, k) states to the (B, k) efforts of a shared energy."""
-    from phnn.network.checks import mean_efforts_of
+def _module(effort: str, law: Any) -> Callable[..., NDArray[Any]]:
+    """Return the effort of a torch module, by the name of its function in `phnn.network.checks`, at complex states."""
+    from phnn.network import checks  # it needs torch
 
-    return _by_torch(lambda states: mean_efforts_of(law, states, states))
+    return _by_torch(lambda x: getattr(checks, effort)(law, x, x))
 
 
 def _flow(resistor: Resistor, effort: NDArray[Any], q: NDArray[Any] | None, values: Values) -> NDArray[Any]:
@@ -198,6 +200,19 @@ def _flow(resistor: Resistor, effort: NDArray[Any], q: NDArray[Any] | None, valu
     if form_of(law):
         return np.asarray(evaluated(WIDE_RESISTORS[form_of(law)], law.weights().detach().numpy(), effort))
     return _sector(law, _by_torch(law)(effort, *([] if q is None else [q])), effort)
+
+
+def _through(multi: MultiPort, efforts: NDArray[Any], reads: NDArray[Any]) -> NDArray[Any]:
+    """Return (B, k) ``φ(ε, q)`` of a multi-port at efforts (B, k) and the states (B, s) that it reads."""
+    return _sector(multi.law, _by_torch(multi.law)(efforts, *([reads] if multi.reads else [])), efforts)
+
+
+def _reach(multi: MultiPort, reads: Array) -> Array:
+    """Return (S, k) flows of a multi-port at efforts of any direction and size, each of norm one, or zero."""
+    random, ports = np.random.default_rng(0), len(multi.columns)
+    efforts = np.vstack([size * random.standard_normal((2 * ports, ports)) for size in (1e-3, 1.0, 1e3)])
+    flows = np.real(_through(multi, efforts + 0j, np.tile(reads, (efforts.shape[0], 1)) + 0j))
+    return np.asarray(flows / (np.linalg.norm(flows, axis=1, keepdims=True) + np.finfo(float).tiny))
 
 
 def _sector(law: Any, flow: NDArray[Any], effort: NDArray[Any]) -> NDArray[Any]:
@@ -220,14 +235,11 @@ def _by_torch(function: Callable[..., Any]) -> Callable[..., NDArray[Any]]:
     return call
 
 
-# ---------------------------------------------------------------------------------- Newton's method and what it finds
-
-
 class _Point(NamedTuple):
     """A network at a state.
 
     Attributes:
-        rate, terms: (N,) as of `_Rates`; slope: (N, N) derivative of the rate.
+        rate, terms: (N,) as of `_rates`; slope: (N, N) derivative of the rate.
         is_silent: (R,) which resistors are silent; silent: (S,) their efforts; by_state: (S, N) derivative.
         invariants: (c, N) ``C``.
     """
@@ -245,17 +257,18 @@ def _at(network: Network, u: Array, x: Array) -> _Point:
     """Return a network at a state (N,) under constant inputs (P,)."""
     values: Values = {name: p.value for name, p in network.parameters.items()}
     # The last copy is not perturbed.
-    got = _rates(network, x[:, None] + 1j * TINY * np.eye(x.size, x.size + 1), u[:, None], values)
+    copies = x[:, None] + 1j * TINY * np.eye(x.size, x.size + 1)
+    rate, terms, epsilon, touched = _rates(network, copies, u[:, None], values)
     states, is_silent = dict(zip(network.state_names, x, strict=True)), np.zeros(len(network.resistors), dtype=bool)
     for r, resistor in enumerate(network.resistors):
         q = np.array([states[resistor.modulated_by]]) if resistor.modulated_by else None
-        perturbed = np.real(got.epsilon[r, -1:]) + 1j * TINY
+        perturbed = np.real(epsilon[r, -1:]) + 1j * TINY
         is_silent[r] = np.imag(_flow(resistor, perturbed, q, values))[0] == 0.0
-    left_vectors, size, _ = np.linalg.svd(np.real(got.touched[..., -1]))
+    left_vectors, size, _ = np.linalg.svd(np.real(touched[..., -1]))
     rank = int((size > _RANK * size.max(initial=0.0)).sum())
     return _Point(
-        np.real(got.rate[:, -1]), got.terms[:, -1], np.imag(got.rate[:, :-1]) / TINY, is_silent,
-        np.real(got.epsilon[is_silent, -1]), np.imag(got.epsilon[is_silent, :-1]) / TINY,
+        np.real(rate[:, -1]), terms[:, -1], np.imag(rate[:, :-1]) / TINY, is_silent,
+        np.real(epsilon[is_silent, -1]), np.imag(epsilon[is_silent, :-1]) / TINY,
         np.pad(left_vectors[:, rank:].T, ((0, 0), (0, len(network.memories)))),
     )  # fmt: skip
 
@@ -280,27 +293,29 @@ def _implicit(
 ) -> Array:
     """Return (N, K) derivatives of the steady state by variables that are ``start`` (K,).
 
-    Args:
-        placed: gives inputs and values of parameters of complex variables (K, B).
+    ``placed`` gives inputs and values of parameters where they are complex (K, B).
     """
     x = equilibrium(network, u)
     point, first = _at(network, u, x), len(network.storages)
     n, y = x.size, np.concatenate([x, start])
     values = {name: p.value for name, p in network.parameters.items()}
     # The invariants depend on the ratios: δC = −C δA A⁺ for C A = 0.
-    touched = _rates(network, x[:, None], u[:, None], values).touched
-    by_ratio = np.linalg.pinv(np.real(touched[..., 0]), rcond=_RANK) @ x[:first]
+    *_, columns = _rates(network, x[:, None], u[:, None], values)
+    # A state that is zero has the size of one that moves the equations as much.
+    _, natural = _equilibrated(np.vstack([point.slope, point.invariants]))
+    sizes = np.concatenate([natural * (np.abs(x / natural).max() or 1.0), np.ones(start.size)])
+    by_ratio = np.linalg.pinv(np.real(columns[..., 0]), rcond=_RANK) @ x[:first]
 
     def conditions(y: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
         """Return (n + c, B) ``G`` and (S, B) efforts of the silent resistors at states and variables (N + K, B)."""
         inputs, changed = placed(y[n:])
-        got = _rates(network, y[:n], inputs, {**values, **changed})
-        held = point.invariants @ y[:n] - point.invariants[:, :first] @ np.tensordot(got.touched, by_ratio, (1, 0))
-        return np.vstack([got.rate, held]), got.epsilon[point.is_silent]
+        rate, _, epsilon, touched = _rates(network, y[:n], inputs, {**values, **changed}, point.is_silent)
+        held = point.invariants @ y[:n] - point.invariants[:, :first] @ np.tensordot(touched, by_ratio, (1, 0))
+        return np.vstack([rate, held]), epsilon[point.is_silent]
 
     def curvature(multipliers: NDArray[Any]) -> NDArray[Any]:
         """Return (n, n + K) second derivatives of ``ε_S·ε(y) + λ·G(y)``: central differences of complex steps."""
-        steps = _DIFFERENCE * np.where(y == 0.0, 1.0, np.abs(y))
+        steps = _DIFFERENCE * np.where(y == 0.0, sizes, np.abs(y))
         ends = (y[:, None] + np.hstack([np.diag(steps), -np.diag(steps)]))[:, :, None]
         moved = ends + 1j * TINY * np.eye(y.size)[:, None, :n]
         both = [np.imag(v).reshape(-1, 2, y.size, n) / TINY for v in conditions(moved.reshape(y.size, -1))]

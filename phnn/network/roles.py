@@ -38,12 +38,10 @@ class Imposed:
     """A motion that a port imposes, by the names of its storages.
 
     Attributes:
-        contact: its effort is the force; impulse: the integral of that force, the output.
-        motion: what the port moves.
+        contact: its effort is the force, of which the output is the integral; motion: what the port moves.
     """
 
     contact: str
-    impulse: str
     motion: Motion
 
 
@@ -56,13 +54,13 @@ def imposed(network: Network) -> Imposed | None:
     (momentum,) = (n for n in moved if n != network.output)
     follows = _flows(network)
     travels = [s.name for s in network.storages if follows.get(s.name) == momentum and s.name not in _held(network)]
-    return Imposed(contact, network.output, Motion(travels[0], momentum))
+    return Imposed(contact, Motion(travels[0], momentum))
 
 
 def auxiliary(network: Network) -> set[str]:
     """Return the constants of the storages through which a motion is imposed, which nobody has stated."""
     given = imposed(network)
-    names = () if given is None else (given.contact, given.impulse, given.motion.momentum, given.motion.displacement)
+    names = () if given is None else (given.contact, network.output, given.motion.momentum, given.motion.displacement)
     constants = {n for s in network.storages if s.name in names for n in s.parameters}
     return {n for n in constants if network.parameters[n].fixed}
 
@@ -80,7 +78,7 @@ def motions(network: Network) -> tuple[Motion, ...]:
     electrical = {s.name for s in network.storages if s.unit in _ELECTRICAL}
     held, measured, given = _held(network), measured_displacement(network), imposed(network)
     if given is not None:
-        held |= {given.contact, given.impulse}
+        held |= {given.contact, network.output}
     displacements: dict[str, str] = {}
     for storage in network.storages:
         momentum = follows.get(storage.name)

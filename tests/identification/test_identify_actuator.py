@@ -19,7 +19,7 @@ from phnn.errors import InputRefused, PhnnError
 from phnn.identification import prepare
 from phnn.identification.base import MAX_SUBSTEPS, identify_base, identify_bouc_wen, numerical_error, substeps_for
 from phnn.identification.evaluate import evaluate
-from phnn.identification.fit import Derivatives, Fit
+from phnn.identification.fit import Fit, Slopes
 from phnn.identification.options import Options
 from phnn.identification.plan import Plan
 from phnn.identification.prepare import Gain, identification_plan
@@ -179,7 +179,7 @@ def test_numerical_error_falls_with_the_square_of_the_step(name: str) -> None:
     def error(steps: int) -> float:
         plan = Plan((chosen,), {name: steps}, 1)
         jacobian = np.zeros((int(chosen.mask("identification").sum()), 0))
-        return numerical_error(replace(fitted, plan=plan, derivatives=Derivatives(jacobian))).sigma
+        return numerical_error(replace(fitted, plan=plan, slopes=Slopes(jacobian))).sigma
 
     assert 3.0 < error(2) / error(4) < 5.0
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import pickle
 from dataclasses import replace
 from pathlib import Path
 
@@ -246,3 +247,13 @@ def test_recordings_cut_at_random_predict_as_well_as_the_whole(tmp_path: Path, s
         return score_on_all(fitted, campaign).over_noise("confirmation")
 
     assert held_out(cut) == pytest.approx(held_out(whole), rel=0.1)
+
+
+def test_derivatives_that_were_let_go_of_come_back_in_any_process() -> None:
+    fitted = campaigns.base()
+    before, copied = fitted.jacobian, pickle.loads(pickle.dumps(fitted))
+    fitted.slopes.forget()
+    assert fitted.jacobian is not before and np.array_equal(fitted.jacobian, before)
+    again = copied.on(fitted.plan.recordings)
+    again.slopes.forget()
+    assert np.array_equal(again.jacobian, before)

@@ -132,29 +132,20 @@ def sweep(trajectory: Trajectory, names: list[str], initial: list[int], output: 
 def test_forward_sweep_agrees_with_finite_differences(seed: int, memories: bool) -> None:
     trajectory = random_march(seed, stiff=False, steps=25, memories=memories)
     network = trajectory.setup.network
-    names = list(network.parameters)
-    start = list(range(trajectory.states.shape[1]))
-    for output in start:
-        got = sweep(trajectory, names, start, output)
-        size = np.abs(trajectory.states[:, output]).max() + 1e-9
-        for k, name in enumerate(names):
-            value = network.parameters[name].value
-            step = 1e-6 * (abs(value) + 1e-3)
-            ends = [
-                march(
-                    network.with_values({name: value + s}), trajectory.u, trajectory.h, trajectory.states[0]
-                ).states[:, output]
-                for s in (step, -step)
-            ]  # fmt: skip
-            agree(got[:, k], ends, trajectory.states[:, output], step, size, name)
-        for k in start:
-            step = 1e-6
-            move = step * (np.array(start) == k)
-            ends = [
-                march(network, trajectory.u, trajectory.h, trajectory.states[0] + s * move).states[:, output]
-                for s in (1.0, -1.0)
-            ]
-            agree(got[:, len(names) + k], ends, trajectory.states[:, output], step, size, f"state {k}")
+    names, start = list(network.parameters), list(range(trajectory.states.shape[1]))
+
+    def moved(what: str | int, step: float) -> np.ndarray:
+        changed = network.with_values({n: p.value + step for n, p in network.parameters.items() if n == what})
+        first = trajectory.states[0] + step * np.array([k == what for k in start])
+        return march(changed, trajectory.u, trajectory.h, first).states
+
+    got = [sweep(trajectory, names, start, output) for output in start]
+    for k, what in enumerate([*names, *start]):
+        step = 1e-6 * (abs(network.parameters[what].value) + 1e-3) if isinstance(what, str) else 1e-6
+        ends = [moved(what, s) for s in (step, -step)]
+        for output in start:
+            middle = trajectory.states[:, output]
+            agree(got[output][:, k], [e[:, output] for e in ends], middle, step, np.abs(middle).max() + 1e-9, str(what))
 
 
 def agree(got: np.ndarray, ends: Sequence[np.ndarray], middle: np.ndarray, step: float, size: float, what: str) -> None:

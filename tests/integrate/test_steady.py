@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
+import effect_homes
 import numpy as np
 import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from junctions import differences, march, recording
+from subjects import laws, learned, learned_together
 
 from phnn.configuration import config_folder
 from phnn.derivatives import input_force, output_derivatives
-from phnn.effects import effect
+from phnn.effects import Effect, effect
+from phnn.effects.effect import in_all_forms
 from phnn.errors import SolverFailed
 from phnn.integrate.rest import equilibrium, equilibrium_derivative, equilibrium_slope
 from phnn.models.actuator import from_paper, hrc
 from phnn.models.network_file import load_network
-from phnn.network import Network, PortHamiltonianSystem, Resistor
-from phnn.parameters import Parameter
+from phnn.network import ModulatorState, MultiPort, Network, Port, PortHamiltonianSystem, Resistor, Storage
+from phnn.parameters import Parameter, as_table, positive
 from phnn.recordings.recording import Recording, Start
 from phnn.setup import Setup
 from phnn.trajectory import simulate
@@ -42,7 +46,7 @@ def inputs(network: Network, first: float) -> np.ndarray:
 
 @pytest.mark.parametrize("first", VOLTAGES)
 @pytest.mark.parametrize("name", sorted(NETWORKS))
-def test_nothing_moves_in_a_equilibrium(name: str, first: float) -> None:
+def test_nothing_moves_in_a_steady_state(name: str, first: float) -> None:
     network = named(name)
     u = inputs(network, first)
     x = equilibrium(network, u)
@@ -70,7 +74,7 @@ def test_networks_with_the_same_map_rest_at_the_same_place(first: float) -> None
         assert x[f"Q_C{i}"] + x[f"Q_{i}"] == pytest.approx(alpha * x["q"], rel=1e-12)
 
 
-def test_currents_may_flow_in_a_equilibrium() -> None:
+def test_currents_may_flow_in_a_steady_state() -> None:
     network, v = named("hrcl"), 40.0
     p = {n: q.value for n, q in network.parameters.items()}
     x = dict(zip(network.state_names, equilibrium(network, inputs(network, v)), strict=True))
@@ -82,7 +86,7 @@ def test_currents_may_flow_in_a_equilibrium() -> None:
     assert abs(below["phi"]) < 1e-15
 
 
-def test_tanks_fill_to_their_equilibrium() -> None:
+def test_tanks_fill_to_their_steady_state() -> None:
     network, pumped = named("tanks"), 2e-6
     p = {n: q.value for n, q in network.parameters.items()}
     second = pumped / p["g_out"]
@@ -91,27 +95,72 @@ def test_tanks_fill_to_their_equilibrium() -> None:
     np.testing.assert_allclose(x, exact, rtol=1e-12)
     filled = march(network, np.full((4000, 1), pumped), np.full(4000, 1.0), np.zeros(2)).states[-1]
     np.testing.assert_allclose(filled, x, rtol=1e-9)
-    slope = equilibrium_derivative(network, np.array([pumped]), ["g_out", "g", "A_2"])
-    outlet, pipe = -pumped / p["g_out"] ** 2, -pumped / p["g"] ** 2
-    expected = [[p["A_1"] * outlet, p["A_1"] * pipe, 0.0], [p["A_2"] * outlet, 0.0, second]]
-    np.testing.assert_allclose(slope, expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max(axis=0).min())
-    np.testing.assert_allclose(equilibrium_slope(network, np.array([pumped]), 0), exact / pumped, rtol=1e-12)
 
 
-def test_derivatives_of_currents_that_flow_are_exact() -> None:
-    network, v = named("hrcl"), 40.0
-    p = {n: q.value for n, q in network.parameters.items()}
-    names, excess = ["C_1", "L", "rho_1", "d_1"], v - 0.5 * p["d_1"]
-    place = {name: network.state_names.index(name) for name in ("Q_1", "phi")}
-    # Q_1 = C_1 v and phi = L rho_1 (v − d_1/2), as above.
-    assert equilibrium_derivative(network, inputs(network, v), []).shape == (len(network.state_names), 0)
-    found = equilibrium_derivative(network, inputs(network, v), names)
-    expected = [p["rho_1"] * excess, p["L"] * excess, -0.5 * p["L"] * p["rho_1"]]
-    np.testing.assert_allclose(found[place["phi"], 1:], expected, rtol=1e-10)
-    assert found[place["Q_1"], 0] == pytest.approx(v, rel=1e-10)
-    slope = equilibrium_slope(network, inputs(network, v), 0)
-    assert slope[place["phi"]] == pytest.approx(p["L"] * p["rho_1"], rel=1e-10)
-    assert slope[place["Q_1"]] == pytest.approx(p["C_1"], rel=1e-10)
+def subjects() -> Iterator[tuple[str, Callable[[], tuple[Network, float]]]]:
+    """Every network that is shipped, law and effect, learned laws of every kind among them, each with an input."""
+    for name in sorted(NETWORKS):
+        yield name, lambda name=name: (named(name), 40.0)
+    for name, make in (*laws(), *learned(), *learned_together()):
+        yield name, lambda make=make: (make().system.network, 0.3)
+    for e in in_all_forms(effect_homes.EFFECTS):
+        yield f"{e.name} {e.canonical}", lambda e=e: with_effect(e)
+
+
+def with_effect(e: Effect) -> tuple[Network, float]:
+    where = effect_homes.home(e)
+    return e.add_to(where.setup, e.grid(where.scales)[0]).network, 0.4 * float(np.abs(where.drive.u).max())
+
+
+@pytest.mark.parametrize("make", [pytest.param(make, id=name) for name, make in subjects()])
+def test_derivatives_are_those_of_differences(make: Callable[[], tuple[Network, float]]) -> None:
+    network, first = make()
+    try:
+        x = equilibrium(network, inputs(network, first))
+    except SolverFailed as error:
+        assert "for ever" in str(error) or "would not stand still" in str(error)
+        return
+    names = [n for n, p in network.parameters.items() if p.value]
+    typical = np.abs(x) + 1e-9 * np.abs(x).max()
+
+    def rest(share: float, name: str) -> np.ndarray:
+        changed = {name: network.parameters[name].value * (1.0 + share)} if name else {}
+        return equilibrium(network.with_values(changed), inputs(network, first * (1.0 + share * (not name))))
+
+    found = equilibrium_derivative(network, inputs(network, first), names)
+    found = np.column_stack(
+        [
+            found * [network.parameters[n].value for n in names],
+            equilibrium_slope(network, inputs(network, first), 0) * first,
+        ]
+    )
+    for change, name in zip(found.T, [*names, ""], strict=True):
+        wanted = (rest(1e-5, name) - rest(-1e-5, name)) / 2e-5
+        assert (np.abs(change - wanted) <= 1e-5 * typical + 1e-6 * np.abs(wanted)).all(), name
+
+
+class Pipe(torch.nn.Module):
+    def forward(self, effort: torch.Tensor) -> torch.Tensor:
+        return 0.5 * (effort[..., :1] - effort[..., 1:]) * torch.tensor([1.0, -1.0], dtype=effort.dtype)
+
+
+def test_what_a_law_on_several_efforts_conserves_stays() -> None:
+    tanks = tuple(Storage(f"V_{k}", "capacitor", (f"A_{k}",)) for k in (1, 2))
+    pipe, pump = MultiPort("pipe", Pipe(), ("V_1", "V_2")), Port("pump", {"V_1": -1.0, "V_2": 1.0})
+    table = as_table(positive(f"A_{k}", value, "m5/J") for k, value in ((1, 1.0), (2, 3.0)))
+    network = Network(tanks, (), (), (pump,), table, "V_1", multi_ports=(pipe,))
+    np.testing.assert_allclose(equilibrium(network, np.ones(1)), [-1.5, 1.5], rtol=1e-12)
+
+
+def test_a_warm_body_does_not_hide_that_a_mass_moves() -> None:
+    bare = named("mass_damper")
+    parts = {"C_T": 0.01, "R_T": 10.0, "T_a": 296.0, "T_ref": 293.0}
+    network = replace(
+        bare, memories=(ModulatorState("warmth", "thermal", tuple(parts)),),
+        parameters={**bare.parameters, **{n: Parameter(n, v) for n, v in parts.items()}},
+    )  # fmt: skip
+    with pytest.raises(SolverFailed, match="moves q for ever"):
+        equilibrium(network, np.array([1e-6]))
 
 
 def test_the_beam_bends_as_its_stiffness_says() -> None:

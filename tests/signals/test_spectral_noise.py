@@ -258,3 +258,11 @@ def test_what_cannot_be_seen_is_not_told() -> None:
         found = noise_statement(SIGMA, "stated", "m", sample)
         assert found.notes == ("assumed, for the noise cannot be seen apart from the motion",)
     assert found.document() == {"rms": SIGMA, "source": "stated", "colour": "white", "notes": list(found.notes)}
+
+
+@pytest.mark.parametrize(("rows", "columns"), [(3, 3), (257, 2), (5000, 40)])
+def test_a_tall_matrix_is_factored_by_blocks(rows: int, columns: int) -> None:
+    matrix = np.random.default_rng(rows).standard_normal((rows, columns))
+    np.testing.assert_allclose(
+        np.abs(least_squares.triangle(matrix)), np.abs(np.linalg.qr(matrix, mode="r")), atol=1e-11
+    )
