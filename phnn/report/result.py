@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict
 from functools import partial
 from html import escape
 from importlib.metadata import version
@@ -174,7 +173,7 @@ def _test(diagnosis: Diagnosis) -> dict[str, Any]:
         statistic, p_value, name = first.score, chance(first.score, screened), first.effect.canonical
     small = say.immaterial(diagnosis)
     test = {"statistic": statistic, "p_value": p_value, "candidate": name or None}
-    return test if small is None else test | {"immaterial": asdict(small)}
+    return test if small is None else test | {"immaterial": small}
 
 
 def _remainder(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -185,7 +184,7 @@ def _remainder(diagnosis: Diagnosis) -> dict[str, Any]:
         "p_value": diagnosis.significance(after=True)[1],
         "location": where.name if remaining and where is not None else None,
     }
-    return remainder if small is None else remainder | {"immaterial": asdict(small)}
+    return remainder if small is None else remainder | {"immaterial": small}
 
 
 def location_document(diagnosis: Diagnosis) -> dict[str, Any] | None:

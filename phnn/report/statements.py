@@ -301,15 +301,6 @@ def next_recording(diagnosis: Diagnosis) -> str:
     return " ".join(["No further recording within the range of these would decide.", *separations, *also])
 
 
-@dataclass(frozen=True)
-class Immaterial:
-    """What is significant and too small to matter: its root mean square [SI], also over that of the noise."""
-
-    candidate: str
-    rms: float
-    share_of_noise: float
-
-
 def remains(diagnosis: Diagnosis) -> bool:
     """Return whether some candidate explains a part that matters of what the final model leaves."""
     if diagnosis.verdict == NONE:
@@ -317,8 +308,10 @@ def remains(diagnosis: Diagnosis) -> bool:
     return any(material(c, diagnosis.final, diagnosis.criteria) for c in diagnosis.screened[1])
 
 
-def immaterial(diagnosis: Diagnosis, after: bool = False) -> Immaterial | None:
+def immaterial(diagnosis: Diagnosis, after: bool = False) -> dict[str, Any] | None:
     """Return what is significant in the residual of a model that lacks nothing that matters; None where nothing is.
+
+    Its root mean square is in SI, and a share of that of the noise.
 
     Args:
         after: of the final model, else of a base model that stands.
@@ -331,7 +324,8 @@ def immaterial(diagnosis: Diagnosis, after: bool = False) -> Immaterial | None:
     fit = diagnosis.final if after else diagnosis.base
     share = math.sqrt(max(best.fall / fit.residual.size, 0.0))
     noise = [r.noise for r in fit.plan.recordings]
-    return Immaterial(best.effect.name, share * math.sqrt(sum(n**2 for n in noise) / len(noise)), share)
+    rms = share * math.sqrt(sum(n**2 for n in noise) / len(noise))
+    return {"candidate": best.effect.name, "rms": rms, "share_of_noise": share}
 
 
 def remainder_in_words(diagnosis: Diagnosis) -> str:
@@ -343,10 +337,10 @@ def remainder_in_words(diagnosis: Diagnosis) -> str:
     small = immaterial(diagnosis, after=True)
     if small is None:
         return "No candidate finds anything in what the final model leaves."
-    size = quantity(small.rms, diagnosis.campaign.recordings[0].units.output)
+    size = quantity(small["rms"], diagnosis.campaign.recordings[0].units.output)
     return (
-        f"{capital(words(small.candidate))} is significant in what the final model leaves, but too small to matter: "
-        f"{size}, {plain(small.share_of_noise, 2)} × noise."
+        f"{capital(words(small['candidate']))} is significant in what the final model leaves, but too small to matter: "
+        f"{size}, {plain(small['share_of_noise'], 2)} × noise."
     )
 
 
