@@ -241,7 +241,7 @@ class _Point(NamedTuple):
     Attributes:
         rate, terms: (N,) as of `_rates`; slope: (N, N) derivative of the rate.
         is_silent: (R,) which resistors are silent; silent: (S,) their efforts; by_state: (S, N) derivative.
-        invariants: (c, N) ``C``.
+        touched: (n, C) as of `_rates`; invariants: (c, N) ``C``.
     """
 
     rate: Array
@@ -250,6 +250,7 @@ class _Point(NamedTuple):
     is_silent: NDArray[np.bool_]
     silent: Array
     by_state: Array
+    touched: Array
     invariants: Array
 
 
@@ -258,17 +259,18 @@ def _at(network: Network, u: Array, x: Array) -> _Point:
     values: Values = {name: p.value for name, p in network.parameters.items()}
     # The last copy is not perturbed.
     copies = x[:, None] + 1j * TINY * np.eye(x.size, x.size + 1)
-    rate, terms, epsilon, touched = _rates(network, copies, u[:, None], values)
+    rate, terms, epsilon, along = _rates(network, copies, u[:, None], values)
     states, is_silent = dict(zip(network.state_names, x, strict=True)), np.zeros(len(network.resistors), dtype=bool)
     for r, resistor in enumerate(network.resistors):
         q = np.array([states[resistor.modulated_by]]) if resistor.modulated_by else None
         perturbed = np.real(epsilon[r, -1:]) + 1j * TINY
         is_silent[r] = np.imag(_flow(resistor, perturbed, q, values))[0] == 0.0
-    left_vectors, size, _ = np.linalg.svd(np.real(touched[..., -1]))
+    touched = np.real(along[..., -1])
+    left_vectors, size, _ = np.linalg.svd(touched)
     rank = int((size > _RANK * size.max(initial=0.0)).sum())
     return _Point(
         np.real(rate[:, -1]), terms[:, -1], np.imag(rate[:, :-1]) / TINY, is_silent,
-        np.real(epsilon[is_silent, -1]), np.imag(epsilon[is_silent, :-1]) / TINY,
+        np.real(epsilon[is_silent, -1]), np.imag(epsilon[is_silent, :-1]) / TINY, touched,
         np.pad(left_vectors[:, rank:].T, ((0, 0), (0, len(network.memories)))),
     )  # fmt: skip
 
@@ -300,11 +302,7 @@ def _implicit(
     n, y = x.size, np.concatenate([x, start])
     values = {name: p.value for name, p in network.parameters.items()}
     # The invariants depend on the ratios: δC = −C δA A⁺ for C A = 0.
-    *_, columns = _rates(network, x[:, None], u[:, None], values)
-    # A state that is zero has the size of one that moves the equations as much.
-    _, natural = _equilibrated(np.vstack([point.slope, point.invariants]))
-    sizes = np.concatenate([natural * (np.abs(x / natural).max() or 1.0), np.ones(start.size)])
-    by_ratio = np.linalg.pinv(np.real(columns[..., 0]), rcond=_RANK) @ x[:first]
+    by_ratio = np.linalg.pinv(point.touched, rcond=_RANK) @ x[:first]
 
     def conditions(y: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any]]:
         """Return (n + c, B) ``G`` and (S, B) efforts of the silent resistors at states and variables (N + K, B)."""
@@ -315,6 +313,9 @@ def _implicit(
 
     def curvature(multipliers: NDArray[Any]) -> NDArray[Any]:
         """Return (n, n + K) second derivatives of ``ε_S·ε(y) + λ·G(y)``: central differences of complex steps."""
+        # A state that is zero has the size of one that moves the equations as much.
+        _, natural = _equilibrated(np.vstack([point.slope, point.invariants]))
+        sizes = np.concatenate([natural * (np.abs(x / natural).max() or 1.0), np.ones(start.size)])
         steps = _DIFFERENCE * np.where(y == 0.0, sizes, np.abs(y))
         ends = (y[:, None] + np.hstack([np.diag(steps), -np.diag(steps)]))[:, :, None]
         moved = ends + 1j * TINY * np.eye(y.size)[:, None, :n]

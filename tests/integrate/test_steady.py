@@ -82,6 +82,12 @@ def test_currents_may_flow_in_a_steady_state() -> None:
     assert x["Q_1"] == pytest.approx(p["C_1"] * v, rel=1e-12)
     assert x["phi"] == pytest.approx(p["L"] * p["rho_1"] * (v - 0.5 * p["d_1"]), rel=1e-12)
     assert abs(x["q"]) < 1e-15 * v
+    place = [network.state_names.index(name) for name in ("Q_1", "phi")]
+    by, excess = equilibrium_derivative(network, inputs(network, v), ["C_1", "L", "rho_1", "d_1"]), v - 0.5 * p["d_1"]
+    expected = [v, p["rho_1"] * excess, p["L"] * excess, -0.5 * p["L"] * p["rho_1"]]
+    np.testing.assert_allclose([by[place[0], 0], *by[place[1], 1:]], expected, rtol=1e-10)
+    slope = equilibrium_slope(network, inputs(network, v), 0)[place]
+    np.testing.assert_allclose(slope, [p["C_1"], p["L"] * p["rho_1"]], rtol=1e-10)
     below = dict(zip(network.state_names, equilibrium(network, inputs(network, 3.0)), strict=True))
     assert abs(below["phi"]) < 1e-15
 
@@ -95,6 +101,11 @@ def test_tanks_fill_to_their_steady_state() -> None:
     np.testing.assert_allclose(x, exact, rtol=1e-12)
     filled = march(network, np.full((4000, 1), pumped), np.full(4000, 1.0), np.zeros(2)).states[-1]
     np.testing.assert_allclose(filled, x, rtol=1e-9)
+    slope = equilibrium_derivative(network, np.array([pumped]), ["g_out", "g", "A_2"])
+    outlet, pipe = -pumped / p["g_out"] ** 2, -pumped / p["g"] ** 2
+    expected = [[p["A_1"] * outlet, p["A_1"] * pipe, 0.0], [p["A_2"] * outlet, 0.0, second]]
+    np.testing.assert_allclose(slope, expected, rtol=1e-12, atol=1e-12 * np.abs(expected).max(axis=0).min())
+    np.testing.assert_allclose(equilibrium_slope(network, np.array([pumped]), 0), exact / pumped, rtol=1e-12)
 
 
 def subjects() -> Iterator[tuple[str, Callable[[], tuple[Network, float]]]]:
@@ -126,13 +137,9 @@ def test_derivatives_are_those_of_differences(make: Callable[[], tuple[Network, 
         changed = {name: network.parameters[name].value * (1.0 + share)} if name else {}
         return equilibrium(network.with_values(changed), inputs(network, first * (1.0 + share * (not name))))
 
-    found = equilibrium_derivative(network, inputs(network, first), names)
-    found = np.column_stack(
-        [
-            found * [network.parameters[n].value for n in names],
-            equilibrium_slope(network, inputs(network, first), 0) * first,
-        ]
-    )
+    u, values = inputs(network, first), [network.parameters[n].value for n in names]
+    by_parameter, by_input = equilibrium_derivative(network, u, names) * values, equilibrium_slope(network, u, 0)
+    found = np.column_stack([by_parameter, by_input * first])
     for change, name in zip(found.T, [*names, ""], strict=True):
         wanted = (rest(1e-5, name) - rest(-1e-5, name)) / 2e-5
         assert (np.abs(change - wanted) <= 1e-5 * typical + 1e-6 * np.abs(wanted)).all(), name
@@ -285,15 +292,10 @@ def test_a_period_need_not_be_a_whole_number_of_samples(size: float) -> None:
     assert short.cycle == 0
 
 
-@pytest.mark.parametrize(
-    ("name", "values"),
-    [
-        ("sensor_lag", {"tau_y": 0.01}),
-        ("amplifier_lowpass", {"tau_a": 0.01}),
-        ("slew_limit", {"S": 3e4}),
-        ("output_backlash", {"delta_b": 4e-6}),
-    ],
-)
+@pytest.mark.parametrize(("name", "values"), [
+    ("sensor_lag", {"tau_y": 0.01}), ("amplifier_lowpass", {"tau_a": 0.01}),
+    ("slew_limit", {"S": 3e4}), ("output_backlash", {"delta_b": 4e-6}),
+])  # fmt: skip
 def test_slow_blocks_of_the_chain_have_settled(name: str, values: dict[str, float]) -> None:
     setup = effect(name).add_to(BASE, values)
     y = simulate(setup, wave()).y
