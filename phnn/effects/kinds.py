@@ -51,6 +51,7 @@ LEAKAGE = Kind("electrical", "leakage", "on the past of the voltages that the hy
 SHAPE = Kind("hysteron", "shape", "on the history of the {output}, as a hysteron does", axis="displacement")
 THRESHOLD_BY_DISPLACEMENT = Kind("hysteron", "threshold that follows the displacement")
 THRESHOLD_BY_RATE = Kind("hysteron", "threshold that follows the rate")
+THRESHOLD_OVER_TIME = Kind("hysteron", "threshold over time", axis=ELAPSED)
 CAPACITANCE_BY_CHARGE = Kind(
     "hysteron", "capacitance that follows the charge", "on the voltages that the hysterons hold"
 )
@@ -60,6 +61,7 @@ RATIO_BY_DISPLACEMENT = Kind("coupling", "ratio that follows the displacement")
 RATIO_BY_PAST_VOLTAGE = Kind(
     "coupling", "ratio that follows past voltage", "on how high the {source} was before", axis=ELAPSED
 )
+RATIO_OVER_TIME = Kind("coupling", "ratio over time", axis=ELAPSED)
 RATIO_BY_WARMTH = Kind(
     "thermal", "ratio that follows the warmth", "on how much energy was dissipated before", axis=ELAPSED
 )

@@ -16,11 +16,20 @@ from typing import Any
 import numpy as np
 
 from phnn.effects import kinds
-from phnn.effects.additions import Chain, Parts, Placed, bent_port
-from phnn.effects.declaration import Declared, bounded, constant, has_motion, has_transducer, positive, signed
+from phnn.effects.additions import Chain, Parts, Placed, bent_port, with_following_dead_zones
+from phnn.effects.declaration import (
+    Declared,
+    bounded,
+    constant,
+    has_motion,
+    has_plain_dead_zones,
+    has_transducer,
+    positive,
+    signed,
+)
 from phnn.effects.effect import Effect, Points, Scales, gathered
 from phnn.laws.resistor import SMOOTHED
-from phnn.network.elements import Coupling, Modulation, Resistor, Storage
+from phnn.network.elements import Coupling, Modulation, ModulatorState, Resistor, Storage
 from phnn.parameters import Parameter
 from phnn.setup import Block, Setup
 
@@ -452,6 +461,68 @@ LEARNED_SENSOR_OVER_TIME = Effect(
     grid=each(_CHANGES_BY_TIME, _SENSOR_SMALL, {"T_Z": "duration", "s_Z": (0.5 / math.pi, "1/fastest", "1/duration")}),
     neighbours=("sensor_drift", "self_heating"),
     rescale=Within(_CHANGES_BY_TIME),
+)
+
+
+# Times of ageing as shares of the longest recording: three decades look like the logarithm of time.
+_AGES = {"1": 0.01, "2": 0.1, "3": 1.0}
+# The product of the three factors stays above a third.
+_AGED = either({f"a_A{i}": 0.3 for i in _AGES}, "1", "loss of coupling with time", _RATIO_TYPICAL)
+_AGEING_TIMES = constants((f"tau_A{i}" for i in _AGES), "s", "time in which the coupling changes")
+
+
+LEARNED_RATIO_OVER_TIME = Effect(
+    name="learned_ratio_over_time",
+    kind=kinds.RATIO_OVER_TIME,
+    equation=r"F = \alpha V \prod_i (1 - a_{Ai} z_i), \quad z_i = 1 - e^{-t/\tau_{Ai}}",
+    statement="The transducer ratio falls with the time of the recording, whatever the actuator does: by the shares "
+    "{a_A1} within {tau_A1}, {a_A2} within {tau_A2} and {a_A3} within {tau_A3} (it rises where they are negative).",
+    fingerprint="A gain that grows or falls with the time since the start, the same at every amplitude and frequency.",
+    separation="The same sine twice in one long recording, at its start and at its end; once more after a rest as long "
+    "as the recording, which tells whether the change comes back.",
+    references=("Jaffe, Cook & Jaffe 1971, Piezoelectric Ceramics, ch. 5 (ageing)",),
+    declares=(*_AGED, *_AGEING_TIMES),
+    adds=Parts(
+        modulations=tuple(Modulation("alpha", f"age_{i}", "declining", (f"a_A{i}",)) for i in _AGES),
+        memories=tuple(ModulatorState(f"age_{i}", "ageing", (f"tau_A{i}",), ("voltage",)) for i in _AGES),
+    ),
+    grid=each(_AGED, _RATIO_SMALL, {f"tau_A{i}": (share, "duration") for i, share in _AGES.items()}),
+    applies=has_transducer,
+    neighbours=("depolarisation", "self_heating"),
+    rescale=Within(_AGED),
+)
+
+
+_THRESHOLD_BY_AGE = bounded("kappa_A", "1", "change of the dead zones", -0.95, 3.0, 0.05, strength=True)
+
+
+def age_dead_zones(setup: Setup, parameters: Placed) -> Setup:
+    """Return every dead zone becomes ``d_i (1 + κ z)``, ``z = 1 − e^{−t/τ}``."""
+    followed = {n: p for n, p in parameters.items() if n != "tau_A"}
+    memory = ModulatorState("age", "ageing", ("tau_A",), ("voltage",))
+    aged = Parts(memories=(memory,))(setup, {"tau_A": parameters["tau_A"]})
+    return with_following_dead_zones(aged, followed, "following_dead_zone", memory.name)
+
+
+LEARNED_THRESHOLD_OVER_TIME = Effect(
+    name="learned_threshold_over_time",
+    kind=kinds.THRESHOLD_OVER_TIME,
+    equation=r"d_i(t) = d_i \max(0, 1 + \kappa_A z), \quad z = 1 - e^{-t/\tau_A}",
+    statement="The hysteresis changes with the time of the recording, whatever the actuator does: the dead zones by the "
+    "share {kappa_A} within {tau_A}.",
+    fingerprint="Loops that grow wider or narrower with the time since the start, while their slope stays.",
+    separation="The same slow triangle twice in one long recording, at its start and at its end.",
+    references=("Damjanovic 1998, Reports on Progress in Physics 61",),
+    declares=(
+        _THRESHOLD_BY_AGE,
+        constant("z_A", "1", "unit of the change"),
+        constant("tau_A", "s", "time in which the dead zones change"),
+    ),
+    adds=age_dead_zones,
+    grid=Points(*({"kappa_A": 1e-3, "z_A": 1.0, "tau_A": (share, "duration")} for share in (0.1, 3.0))),
+    applies=has_plain_dead_zones,
+    neighbours=("hysteresis_asymmetry", "rate_dependent_threshold"),
+    rescale=Within((_THRESHOLD_BY_AGE,)),
 )
 
 

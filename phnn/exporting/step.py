@@ -15,7 +15,7 @@ from typing import Any
 from phnn.exporting import solvers
 from phnn.exporting.laws import Elements
 from phnn.integrate import scheme
-from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
+from phnn.laws import MEMORY_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.laws.leaf import rc_flow, relaxation
 from phnn.network.elements import ModulatorState, Network, Ratio, Storage, is_linear
 from phnn.network.roles import imposed
@@ -117,8 +117,8 @@ class Rest:
             held = [(self.b.storage(n), self.b.x(n)) for n in names if n in self.lossless]
             terms = [self.e.law(storage, "mean_effort", x, x) for storage, x in held]
             drive = " + ".join([*terms, *(self.b.action(n) for n in names if n in ports)]) or "0.0"
-            rate, decay = self.e.law(memory, "rate", "0.0", drive), self.e.law(memory, "decay")
-            lines.append(f"{self.b.x(memory.name)} = {rate} / {decay}")
+            rest = f"{self.e.law(memory, 'rate', '0.0', drive)} / {self.e.law(memory, 'decay')}"
+            lines.append(f"{self.b.x(memory.name)} = {'0.0' if MEMORY_LAWS[memory.law].anew else rest}")
         return lines
 
 

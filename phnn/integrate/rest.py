@@ -164,8 +164,9 @@ def _rates(
     rate[:n], terms[:n] = (touched * through).sum(axis=1), (np.abs(touched) * np.abs(through)).sum(axis=1)
     for memory in network.memories:
         law, k, given = MEMORY_LAWS[memory.law], place[memory.name], _of(memory, values)
-        rate[k] = law.rate(x[k], sum(drives[name] for name in network.drives_of(memory)), *given)
         decay = law.decay(*given) * x[k]
+        drive = sum(drives[name] for name in network.drives_of(memory))
+        rate[k] = -decay if law.anew else law.rate(x[k], drive, *given)
         terms[k] = np.abs(decay) + np.abs(rate[k] + decay)
     return rate, np.real(terms), epsilon[:resistors], np.concatenate(along, axis=1)
 

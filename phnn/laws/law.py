@@ -135,6 +135,7 @@ class MemoryLaw(_Law):
         decay: ``d(*θ) ≥ 0`` [1/s].
         example: parameter values for the contract tests.
         heats: whether its drive is dissipated power [W] that is kept as heat.
+        anew: whether it is zero where a recording begins, whatever came before.
         domains: of the parameters; all positive where left out.
     """
 
@@ -143,6 +144,7 @@ class MemoryLaw(_Law):
     decay: Callable[..., Any]
     example: tuple[float, ...]
     heats: bool = False
+    anew: bool = False
     domains: tuple[Domain, ...] = ()
 
 

@@ -71,9 +71,15 @@ def exceeding_decay(tau: Any, threshold: Any) -> Any:
     return reciprocal(tau)
 
 
+def ageing_rate(z: Any, drive: Any, tau: Any) -> Any:
+    """Return ``τ ż = 1 − z``: how far what takes the time ``τ`` has come since the start of a recording."""
+    return (1.0 + 0.0 * drive - z) * reciprocal(tau)
+
+
 register(MemoryLaw("thermal", thermal_rate, thermal_decay, (0.6, 1.7, 295.0, 293.0), heats=True))
 register(MemoryLaw("relaxing", relaxing_rate, relaxing_decay, (0.8,)))
 register(MemoryLaw("exceeding", exceeding_rate, exceeding_decay, (0.8, 0.5)))
+register(MemoryLaw("ageing", ageing_rate, relaxing_decay, (0.8,), anew=True))
 
 
 def linear_action(u: Any) -> Any:

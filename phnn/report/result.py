@@ -287,7 +287,7 @@ def _entry(diagnosis: Diagnosis, claim: Claim) -> dict[str, Any]:
         "statement": statement + (_UP_TO_FACTOR if free else "") + ("" if claim.claimed else _NOT_PROVEN),
         "equation": effect.equation if formula is None else formula.equation,
         "passive": effect.passive,
-        "parameters": _estimates(diagnosis.final, effect.strengths if claim.learned else claim.parameters),
+        "parameters": _estimates(diagnosis.final, effect.all_strengths if claim.learned else claim.parameters),
     }
 
 
