@@ -508,8 +508,8 @@ LEARNED_THRESHOLD_OVER_TIME = Effect(
     name="learned_threshold_over_time",
     kind=kinds.THRESHOLD_OVER_TIME,
     equation=r"d_i(t) = d_i \max(0, 1 + \kappa_A z), \quad z = 1 - e^{-t/\tau_A}",
-    statement="The hysteresis changes with the time of the recording, whatever the actuator does: the dead zones by the "
-    "share {kappa_A} within {tau_A}.",
+    statement="The hysteresis changes with the time of the recording, whatever the actuator does: the dead zones by "
+    "the share {kappa_A} within {tau_A}.",
     fingerprint="Loops that grow wider or narrower with the time since the start, while their slope stays.",
     separation="The same slow triangle twice in one long recording, at its start and at its end.",
     references=("Damjanovic 1998, Reports on Progress in Physics 61",),
