@@ -88,5 +88,6 @@ GAIN_DRIFT = Kind("sensor", "gain that drifts", "on the {output}, the more or th
 CLOCK = Kind("sensor", "clock")
 DRIFT = Kind("sensor", "drift")
 SENSOR_OVER_TIME = Kind("sensor", "over time")
+OVER_TIME = (THRESHOLD_OVER_TIME, RATIO_OVER_TIME, SENSOR_OVER_TIME)
 
 LINES = Kind("environment", "lines", "on time alone, in lines")

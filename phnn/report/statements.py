@@ -17,6 +17,7 @@ from phnn.diagnose.number import family, is_learned
 from phnn.diagnose.search import material
 from phnn.diagnose.verdict import EQUIVALENT, NAMED, NONE, UNKNOWN, Claim
 from phnn.effects import Effect, Plausible
+from phnn.effects.kinds import OVER_TIME
 from phnn.identification.evaluate import Evaluation
 from phnn.parameters import Parameter, quantity
 from phnn.recordings.units import scales_with_forces
@@ -36,6 +37,7 @@ _UNNAMED = {
     "thermal": "A thermal effect is missing", "sensor": "The sensor does more than was modelled",
     "amplifier": "The amplifier does more than was modelled", "environment": "A disturbance acts from outside",
 }  # fmt: skip
+_CHANGING = {"hysteron": "Hysteresis", "coupling": "The coupling", "sensor": "The sensor"}
 # Why no name is proven, by the rule that gave the verdict.
 _WHY = {
     "the_search_ended_early": "because the search ended early",
@@ -186,6 +188,9 @@ def _nameless(diagnosis: Diagnosis) -> str:
         return "Something is missing"
     if places[0] == "mechanical" and location_name(diagnosis, places[0]) == _INSIDE:
         return f"Something is missing {_INSIDE}"
+    timely = [c.effect.location for c in diagnosis.claims if c.effect.kind in OVER_TIME]
+    if places[0] in timely:
+        return f"{_CHANGING[places[0]]} changes with time"
     return _UNNAMED[places[0]]
 
 

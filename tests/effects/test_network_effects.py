@@ -318,6 +318,25 @@ def test_it_stands_beside_every_effect_of_the_catalogue(element: Effect) -> None
             is_sound(both[1])
 
 
+@pytest.mark.parametrize("offset", [0.0, 40.0])
+def test_what_ages_begins_anew_in_every_recording(offset: float) -> None:
+    element = learned_elements()["learned_ratio_over_time"]
+    losses = {"a_A1": 0.1, "a_A2": 0.0, "a_A3": -0.2}
+    setup = element.add_to(BASE, point(element) | losses)
+    given = sine(offset=offset)
+    trajectory = simulate(setup, given, 4)
+    for i in "123":
+        age = trajectory.states[:, setup.network.state_names.index(f"age_{i}")]
+        turns = 0.25 * given.dt / setup.parameters[f"tau_A{i}"].value * np.arange(age.size)
+        np.testing.assert_allclose(age, 1.0 - np.exp(-turns), atol=1e-12)
+    # What has aged at once is a weaker coupling; what takes for ever is none.
+    for tau, share in ((1e-9, 0.9 * 1.2), (1e9, 1.0)):
+        soon = setup.with_values({f"tau_A{i}": tau for i in "123"})
+        weaker = BASE.with_values({"alpha": share * BASE.parameters["alpha"].value})
+        apart = simulate(soon, given, 4).y[1:] - simulate(weaker, given, 4).y[1:]
+        assert np.abs(apart).max() < 1e-3 * np.ptp(trajectory.y)
+
+
 def test_all_learned_elements_stand_beside_each_other() -> None:
     setup = BASE
     for element in LEARNED:

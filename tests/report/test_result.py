@@ -19,11 +19,13 @@ from phnn.diagnose.diagnosis import Diagnosis
 from phnn.diagnose.verdict import conclude
 from phnn.effects import Plausible, catalogue
 from phnn.effects.kinds import LOCATIONS
+from phnn.effects.learned import learned_elements
 from phnn.identification.evaluate import evaluate
 from phnn.identification.plan import Plan
 from phnn.models.store import load
 from phnn.parameters import Parameter
 from phnn.recordings.recording import Anchor, Units
+from phnn.report import statements
 from phnn.report.result import document, reasons, write
 from phnn.report.statements import acts_like, forces_known, headline, next_recording, plausibility, summary
 
@@ -144,7 +146,9 @@ def told(found: Diagnosis, **changes: Any) -> Diagnosis:
 
 
 @pytest.mark.parametrize("status", ["likely", "provisional"])
-def test_an_element_that_is_not_proven_is_in_the_model_and_has_no_name(status: str) -> None:
+def test_an_element_that_is_not_proven_is_in_the_model_and_has_no_name(
+    status: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     found = made("found")
     claim = replace(found.claims[0], status=status, probability=0.72)
     unproven = told(found, word="unknown", claims=(claim,))
@@ -154,6 +158,9 @@ def test_an_element_that_is_not_proven_is_in_the_model_and_has_no_name(status: s
     assert "nothing proves" in entry["statement"] and "c_2" in entry["parameters"]
     assert "acts like quadratic drag (mechanical, 72 %)" in summary(unproven)
     assert headline(unproven) == "A mechanical effect is missing; no name is proven"
+    monkeypatch.setattr(statements, "likenesses", lambda found: [])
+    drifting = replace(claim, effect=learned_elements()["learned_ratio_over_time"])
+    assert headline(told(unproven, claims=(drifting,))) == "The coupling changes with time; no name is proven"
 
 
 def test_without_new_held_out_recordings_a_name_is_not_confirmed() -> None:
