@@ -23,6 +23,7 @@ from phnn.recordings.checks import turned
 from phnn.recordings.excitation import Excitation, spectrum, waves
 from phnn.recordings.reader import describe
 from phnn.recordings.recording import ACTUATOR, Campaign, Recording, dominant_frequency, is_actuator
+from phnn.signals.first_order import without_trend
 from phnn.signals.least_squares import residual
 from phnn.signals.noise import LONG_REST, OWN_FLOOR, longest_hold
 from phnn.signals.noise_statement import NoiseStatement, Sample, noise_statement
@@ -165,8 +166,6 @@ def mains(recording: Recording) -> list[Finding]:
     # Long enough, and sampled fast enough, to show a tone.
     shown = [f for f in lines if f * duration >= _PERIODS and f <= 0.45 / recording.dt]
     asked = [f for f in shown if not _driven(recording.excitation, f, duration)]
-    if not asked:
-        return []
     output, drive = spectrum(recording.y) ** 2, spectrum(recording.drive) ** 2
     tones = {f: a for f in asked if (a := _amplitude(output, drive, f * duration, recording.t.size)) > 0.0}
     if not tones:
@@ -402,8 +401,7 @@ def restless(recording: Recording) -> list[Finding]:
     rest = recording.y[(first + last) // 2 : last]
     if rest.size < _AT_REST or not recording.noise_found:
         return []
-    k = np.linspace(-1.0, 1.0, rest.size)
-    rest = rest - np.polynomial.Polynomial.fit(k, rest, 3)(k)
+    rest = without_trend(rest, 3)
     parts = [float(np.std(part)) for part in np.array_split(rest, 4)]
     size, turns = float(np.std(rest)), np.count_nonzero(np.diff(np.signbit(rest)))
     # What dies away is a response to the input.

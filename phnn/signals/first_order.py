@@ -77,10 +77,10 @@ def _best(
     return min((minimize(negative, z, method="Nelder-Mead") for z in points), key=lambda r: float(r.fun))
 
 
-def without_line(y: Array) -> Array:
-    """Return (N,) samples without the straight line that fits them best."""
-    line = np.polynomial.Polynomial.fit(np.arange(y.size), y, 1)
-    return np.asarray(y - line(np.arange(y.size)))
+def without_trend(y: Array, degree: int = 1) -> Array:
+    """Return (N,) samples without the polynomial of a degree that fits them best."""
+    trend = np.polynomial.Polynomial.fit(np.arange(y.size), y, degree)
+    return np.asarray(y - trend(np.arange(y.size)))
 
 
 def periodogram(x: Array) -> Array:
@@ -96,7 +96,7 @@ def fit_first_order(y: np.ndarray) -> tuple[float, float, float] | None:
 
     What the signal's kinks leave there falls with the fourth power of the frequency and is fitted beside the noise.
     """
-    power = periodogram(without_line(y))
+    power = periodogram(without_trend(y))
     omega = 2.0 * np.pi * np.fft.rfftfreq(y.size)
     for edge in EDGES:
         band = (omega > 2.0 * np.pi * edge) & (omega < np.pi)
@@ -131,11 +131,8 @@ def fits(power: np.ndarray, shape: np.ndarray) -> bool:
 
 
 def correlation(e: Array, x: Array, lags: int) -> Array:
-    """Return the (2L+1,) correlation of ``e`` with ``x`` at lags −L … L; zero without motion.
-
-    Args:
-        e, x: (N,) samples; lags: L < N. At positive lags ``x`` is earlier.
-    """
+    """Return the (2L+1,) correlation of ``e`` with ``x``, both (N,), at lags −L … L, L < N; zero without motion. At
+    positive lags ``x`` is earlier."""
     e, x = e - e.mean(), x - x.mean()
     size = float(np.sqrt((e @ e) * (x @ x)))
     sums = correlate(e, x)[e.size - 1 - lags : e.size + lags]
@@ -143,11 +140,8 @@ def correlation(e: Array, x: Array, lags: int) -> Array:
 
 
 def own_deviation(rho: Array, size: int, lags: int) -> Array:
-    """Return the (L+1,) standard deviation of an estimated autocorrelation at lags 0 … L.
-
-    Args:
-        rho: (K,) autocorrelation of the noise, first entry 1; size: N.
-    """
+    """Return the (L+1,) standard deviation of an autocorrelation at lags 0 … L that ``size`` samples give, under noise
+    of autocorrelation ``rho`` (K,), first entry 1."""
     both = _both_sides(rho)
     at, overlaps = np.zeros(lags + 1), np.zeros(2 * lags + 1)
     at[: rho.size] = rho[: lags + 1]
@@ -158,11 +152,8 @@ def own_deviation(rho: Array, size: int, lags: int) -> Array:
 
 
 def cross_deviation(rho: Array, x: Array, lags: int) -> Array:
-    """Return the (2L+1,) standard deviation of the correlation of noise with an input at lags −L … L.
-
-    Args:
-        rho: (K,) autocorrelation of the noise, first entry 1; x: (N,) input.
-    """
+    """Return the (2L+1,) standard deviation of the correlation of noise with an input ``x`` (N,) at lags −L … L, under
+    noise of autocorrelation ``rho`` (K,), first entry 1."""
     known = min(rho.size - 1, x.size - 1)
     variance = float(_both_sides(rho[: known + 1]) @ correlation(x, x, known))
     # Rounding, or a correlation that was cut off, may leave hardly anything beside a slow input.

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-
-if TYPE_CHECKING:
-    from scipy.interpolate import BSpline
+from scipy.interpolate import BSpline, make_interp_spline
 
 Array = NDArray[np.float64]
 
@@ -92,6 +89,4 @@ def deviation(weights: NDArray[np.complex128] | Array, correlation: Array) -> fl
 
 def spline(x: np.ndarray) -> BSpline:
     """Return the not-a-knot cubic spline through (N,) samples at 0, 1, …; a line through fewer than four."""
-    from scipy.interpolate import make_interp_spline
-
     return make_interp_spline(np.arange(x.size), x, k=3 if x.size > 3 else 1)

@@ -11,7 +11,8 @@ from math import comb, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import coherence, welch
+from scipy.signal import coherence, savgol_filter, welch
+from scipy.signal.windows import parzen
 from scipy.stats import chi2
 
 from phnn.signals.first_order import (
@@ -22,8 +23,9 @@ from phnn.signals.first_order import (
     fit_first_order,
     fits,
     periodogram,
-    without_line,
+    without_trend,
 )
+from phnn.signals.least_squares import deviation
 from phnn.signals.sampling import longest_run, quantisation_step
 
 # Differences of order p pass white noise with the factor ``√C(2p, p)`` and a tone of angular frequency ω with
@@ -35,11 +37,8 @@ _UNEVEN = 2.0
 
 
 def by_differences(y: np.ndarray) -> tuple[float, int]:
-    """Return the deviation of white noise by differences of the lowest order that agrees with the best, and it.
-
-    Args:
-        y: ``(N,)`` output.
-    """
+    """Return the deviation of white noise in ``(N,)`` samples by differences of the lowest order that agrees with the
+    best, and that order."""
     sigmas = [spread(np.diff(y, p)) / sqrt(comb(2 * p, p)) for p in _ORDERS]
     order = next(i for i, s in enumerate(sigmas) if s <= 1.05 * min(sigmas))
     return sigmas[order], order + 1
@@ -51,28 +50,23 @@ def spread(values: np.ndarray) -> float:
     sigma = float(np.median(core)) / 0.67449
     for _ in range(10):
         kept = core[core <= 3.0 * sigma]
-        if kept.size == 0:
-            break
         sigma = sqrt(float(kept @ kept) / kept.size) / 0.98652
     return sigma
 
 
-def holds_throughout(y: np.ndarray, deviation: float, correlation: np.ndarray) -> bool:
+def holds_throughout(y: np.ndarray, sigma: float, correlation: np.ndarray) -> bool:
     """Return whether a noise is there in most samples, and not in a few, as the ringing after a step is.
 
     Differences of order p with coefficients ``c`` would have the variance ``σ² Σ_ij c_i c_j ρ(|i − j|)``; the
     differences in most samples must reach half its root. Finer than the quantisation they show nothing.
 
     Args:
-        y: ``(N,)`` output; deviation: σ of the noise, unit of the output; correlation: ``(K,)`` ρ at lags 0 to K − 1.
+        y: ``(N,)`` output; sigma: of the noise, unit of the output; correlation: ``(K,)`` ρ at lags 0 to K − 1.
     """
     level, order = by_differences(y)
     coefficients = np.array([(-1.0) ** i * comb(order, i) for i in range(order + 1)])
-    overlaps = np.correlate(coefficients, coefficients, "full")[order:]
-    lags = min(overlaps.size, correlation.size)
-    variance = correlation[0] * overlaps[0] + 2.0 * float(correlation[1:lags] @ overlaps[1:lags])
     visible = max(level, quantisation_step(y)) * sqrt(comb(2 * order, order))
-    return deviation * sqrt(max(variance, 0.0)) <= _UNEVEN * visible
+    return sigma * deviation(coefficients, correlation) <= _UNEVEN * visible
 
 
 # Longest stretch that a spectrum is averaged over, and how many of them there are at least, overlaps not counted.
@@ -86,20 +80,14 @@ _NEAREST = 0.2
 
 
 def silent_deviation(u: np.ndarray, y: np.ndarray) -> float | None:
-    """Return the standard deviation of white noise that has the power of an output where its input does not cause it.
+    """Return the standard deviation of white noise that has the power of an output ``(N,)`` where its input ``(N,)``
+    does not cause it; ``None`` where the input leaves hardly a frequency out, or too few samples tell.
 
         γ² = |S_uy|² / (S_uu S_yy) < ½
 
     Of those frequencies the lowest fifth counts. They lie next to what is excited, for it is low frequencies that are;
     towards the highest ones what protects a sensor from aliases takes its noise away too. What a nonlinear system
     sends there is counted as noise.
-
-    Args:
-        u: ``(N,)`` input.
-        y: ``(N,)`` output.
-
-    Returns:
-        In the unit of the output; ``None`` where the input leaves hardly a frequency out, or too few samples tell.
     """
     length = min(_LONGEST, y.size // _STRETCHES)
     if length < _SHORTEST:
@@ -189,9 +177,8 @@ def noise_floor(
         source = "no noise floor was found"
         if floor.interval is not None:
             low, high = floor.interval
-            source = (
-                f"a noise of {floor.value:.2g} ({low:.2g} to {high:.2g}) from {floor.source} is too small to fit to"
-            )
+            seen = f"a noise of {floor.value:.2g} ({low:.2g} to {high:.2g})"
+            source = f"{seen} from {floor.source} is too small to fit to"
         source += "; fits are weighted by a millionth of the output's range"
         floor = NoiseFloor(least, source, WHITE, found=False, interval=floor.interval)
     return floor
@@ -253,8 +240,6 @@ def _slow_changes(earlier: np.ndarray, later: np.ndarray, fractional: bool) -> n
     Offset, trend and amplitude; with a period of a fractional number of samples also the small shift in time, to
     second order.
     """
-    from scipy.signal import savgol_filter
-
     n = earlier.size
     mean = 0.5 * (earlier + later)
     mean = (mean - mean.mean()) / max(float(np.ptp(mean)), 1e-300)
@@ -289,9 +274,7 @@ def from_rest(u: np.ndarray, y: np.ndarray) -> NoiseFloor | None:
     n = last - first
     if n < _FEWEST_AT_REST:
         return None
-    k = np.linspace(-1.0, 1.0, n)
-    trend = np.polynomial.Polynomial.fit(k, y[first:last], 3)
-    rest = y[first:last] - trend(k)
+    rest = without_trend(y[first:last], 3)
     sigma = sqrt(float(rest @ rest) / (n - 4))
     above, _ = by_differences(y[first:last])
     smooth = float(rest[1:] @ rest[:-1]) > 0.9 * float(rest @ rest)
@@ -315,12 +298,12 @@ def from_high_band(u: np.ndarray, y: np.ndarray, dt: float) -> NoiseFloor:
     """
     coloured = fit_first_order(y)
     if coloured is not None:
-        deviation, coefficient, edge = coloured
+        value, coefficient, edge = coloured
         correlation = correlation_of(coefficient)
-        if holds_throughout(y, deviation, correlation):
+        if holds_throughout(y, value, correlation):
             above = f"the spectrum above {edge / dt:.4g} Hz"
             source = f"{above}, carried on below as first-order noise of coefficient {coefficient:.2g}"
-            return NoiseFloor(deviation, source, correlation, coefficient)
+            return NoiseFloor(value, source, correlation, coefficient)
     sigma, order = by_differences(y)
     source = f"the spectrum above {0.25 / dt:.4g} Hz, {AS_WHITE}"
     gain = float(np.ptp(y)) / max(float(np.ptp(u)), 1e-300)
@@ -338,7 +321,7 @@ def from_one_spectrum(u: np.ndarray, y: np.ndarray, dt: float) -> NoiseFloor:
     What lies in its interval stays, and so does a floor from frequencies about which the input is silent.
     """
     simple = from_high_band(u, y, dt)
-    known = estimated(u, y)
+    known = estimated(u, y, dt)
     if known is None or SILENT in simple.source:
         return simple
     correlation = correlation_of(known.coefficient) if known.coefficient else WHITE
@@ -351,13 +334,11 @@ def from_one_spectrum(u: np.ndarray, y: np.ndarray, dt: float) -> NoiseFloor:
     smaller = None
     if simple.value < known.value and UPPER not in simple.source:
         smaller = replace(simple, interval=(min(simple.value, known.low), interval[1]))
-    return NoiseFloor(known.value, known.words(dt), correlation, None, interval=interval, smaller=smaller)
+    return NoiseFloor(known.value, known.source, correlation, None, interval=interval, smaller=smaller)
 
 
 def _correlation(pieces: list[np.ndarray]) -> np.ndarray:
     """Return ``(K,)`` mean autocorrelation of the pieces, tapered, cut where it is no longer significant."""
-    from scipy.signal.windows import parzen
-
     total = sum(p.size for p in pieces)
     lags = min(p.size for p in pieces) // 4
     sums = np.zeros(lags)
@@ -409,35 +390,26 @@ class Estimate:
 
     Attributes:
         value, low, high: the deviation and its bounds; coefficient: of first-order noise, 0 where it is white.
-        edge: lowest frequency that was used, cycles a sample; one_step: it comes from one-step-ahead residuals.
+        source: where it comes from, in words.
     """
 
     value: float
     low: float
     high: float
     coefficient: float
-    edge: float
-    one_step: bool
-
-    def words(self, dt: float) -> str:
-        """Return where it comes from; ``dt`` is the sampling interval [s]."""
-        predicted = f"one-step-ahead residuals of an autoregression of order {ORDER}"
-        return f"{predicted if self.one_step else 'the spectrum'} above {self.edge / dt:.4g} Hz"
+    source: str
 
 
-def estimated(u: Array, y: Array) -> Estimate | None:
-    """Return the smaller of the estimates that can be trusted; None where none can.
+def estimated(u: Array, y: Array, dt: float) -> Estimate | None:
+    """Return the smaller of the estimates from input and output (N,) that can be trusted; None where none can.
 
     An estimate is trusted where the spectrum that it whitens has no lines and one level (`first_order.fits`).
-
-    Args:
-        u: (N,) input; y: (N,) output.
     """
     first = max((y.size - _MOST) // 2, 0)
     u, y = u[first : first + _MOST], y[first : first + _MOST]
     # From the spectrum above what is excited, and from what a predictor leaves.
-    spectrum = _above_an_edge(periodogram(without_line(y))[None, :], False)
-    estimates = [e for e in (spectrum, _of_one_step(u, y)) if e is not None]
+    spectrum = _above_an_edge(periodogram(without_trend(y))[None, :], "the spectrum", dt)
+    estimates = [e for e in (spectrum, _of_one_step(u, y, dt)) if e is not None]
     best = min(estimates, key=lambda e: e.value, default=None)
     if best is None:
         return None
@@ -445,7 +417,7 @@ def estimated(u: Array, y: Array) -> Estimate | None:
     return replace(best, low=min(e.low for e in agreeing), high=max(e.high for e in agreeing))
 
 
-def _of_one_step(u: Array, y: Array) -> Estimate | None:
+def _of_one_step(u: Array, y: Array, dt: float) -> Estimate | None:
     """Estimate from what an ARX predictor leaves of blocks that it was not fitted to."""
     size = (y.size - ORDER) // BLOCKS
     if size < _PER_COEFFICIENT * 2 * ORDER:
@@ -468,7 +440,7 @@ def _of_one_step(u: Array, y: Array) -> Estimate | None:
         filtered = np.concatenate([[1.0], -c[:ORDER]])
         gain = np.abs(np.exp(-1j * np.outer(omega, np.arange(ORDER + 1))) @ filtered) ** 2
         powers.append(periodogram(error - error.mean()) / np.maximum(gain, 1e-12 * gain.max()))
-    return _above_an_edge(np.array(powers), True)
+    return _above_an_edge(np.array(powers), f"one-step-ahead residuals of an autoregression of order {ORDER}", dt)
 
 
 def _lagged(u: Array, y: Array) -> tuple[Array, Array]:
@@ -480,12 +452,9 @@ def _lagged(u: Array, y: Array) -> tuple[Array, Array]:
     return np.column_stack([*past, *driven, np.ones(n)]), y[ORDER:]
 
 
-def _above_an_edge(power: Array, one_step: bool) -> Estimate | None:
-    """Return the estimate above the lowest edge at which it can be trusted.
-
-    Args:
-        power: (B, F) periodograms of B blocks from frequency zero to half the sampling rate.
-    """
+def _above_an_edge(power: Array, source: str, dt: float) -> Estimate | None:
+    """Return the estimate above the lowest edge at which it can be trusted, from the periodograms (B, F) of B blocks,
+    which reach from frequency zero to half the sampling rate."""
     omega = np.linspace(0.0, np.pi, power.shape[1])
     for edge in EDGES:
         band = (omega > 2.0 * np.pi * edge) & (omega < np.pi)
@@ -494,7 +463,7 @@ def _above_an_edge(power: Array, one_step: bool) -> Estimate | None:
         if p.size < _FEWEST:
             return None
         if (likely := _likely(p, w)) is not None:
-            return Estimate(*likely, edge, one_step)
+            return Estimate(*likely, f"{source} above {edge / dt:.4g} Hz")
     return None
 
 

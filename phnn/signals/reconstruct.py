@@ -226,11 +226,8 @@ _SHARP = 1e-15
 
 
 def substep_counts(u: Array, before: float, substeps: int) -> NDArray[np.int64]:
-    """Return (N−1,) sub-steps of every sample interval: more of them after each jump, where motion is fastest.
-
-    Args:
-        before: input before the first sample.
-    """
+    """Return (N−1,) sub-steps of every sample interval: more of them after each jump, where motion is fastest; an input
+    may jump from what it was ``before`` the first sample."""
     counts = np.full(u.size - 1, substeps, dtype=np.int64)
     jumps = (find_jumps(u) - 1).tolist()
     if starts_with_jump(u, before):
@@ -303,11 +300,8 @@ class Reconstruction:
         return fine
 
     def slopes(self, instants: Array, group: NDArray[np.int64]) -> Array:
-        """Return (n, G) derivatives of the mean input by instants that several jumps may share.
-
-        Args:
-            group: (J,) which instant each jump has, 0 … G − 1.
-        """
+        """Return (n, G) derivatives of the mean input by instants that several jumps may share: ``group`` (J,) says
+        which one each jump has, 0 … G − 1."""
         out = np.zeros((self._known.shape[0], int(group.max(initial=-1)) + 1))
         for jump, instant, g in zip(self._jumps, instants, group, strict=True):
             out[jump.rows, g] += jump.slope(instant)

@@ -15,11 +15,7 @@ _UNIFORM = 1e-3
 
 
 def series(name: str, values: Any) -> NDArray[np.float64]:
-    """Return (N,) values as float64.
-
-    Raises:
-        InputRefused: they are no numbers, or do not stand in one row.
-    """
+    """Return (N,) values as float64. Raises InputRefused where they are no numbers, or do not stand in one row."""
     try:
         row = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -30,11 +26,8 @@ def series(name: str, values: Any) -> NDArray[np.float64]:
 
 
 def check_samples(t: NDArray[np.float64], signals: Mapping[str, NDArray[np.float64]]) -> None:
-    """Refuse a time axis (N,) and signals (N,) that are no equally spaced samples.
-
-    Raises:
-        InputRefused: names the array, and what is wrong with it.
-    """
+    """Refuse a time axis (N,) and signals (N,) that are no equally spaced samples. Raises InputRefused, which names the
+    array and what is wrong with it."""
     if t.size < 2:
         raise InputRefused(f"t has {t.size} samples: give at least 2")
     for name, values in {"t": t, **signals}.items():
