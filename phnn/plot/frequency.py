@@ -43,8 +43,8 @@ if TYPE_CHECKING:
 
 Complex = NDArray[np.complex128]
 
-# Samples of a period, and steps between two of them at most.
-_SAMPLES, _FINEST = 256, 16
+# Samples of a period, and numbers of steps between two of them after the first one.
+_SAMPLES, _STEPS = 256, (2, 4, 8, 16)
 # Relative change of the extrapolated response at which steps are fine enough. Steps are of second order.
 _CONVERGED, _ORDER = 1e-7, 2
 # Amplitude of the linearised response over that of the other one: far below every threshold, far above rounding.
@@ -193,17 +193,13 @@ def response(
     recorded = () if campaign is None else campaign_of(campaign).recordings
     measured = tuple(p for r in recorded if (p := point(r)) is not None)
     f, size = _asked(frequencies, amplitude, measured)
-    responses = [_converged(setup, size, offset, x) for x in f]
-    linear = [_converged(setup, _SMALL * size, offset, x)[0] for x in f]
+    gain, harmonics, error = map(np.array, zip(*(_converged(setup, size, offset, x) for x in f), strict=True))
+    linear = np.array([_converged(setup, _SMALL * size, offset, x)[0] for x in f])
     words = vocabulary_of(setup.network)
-    senses = bool(setup.network.senses)
     # Behind an imposed motion the sensor sees the force.
-    out = (words.effort, words.effort_unit or "1") if senses else (words.output, words.output_unit)
-    return Bode(
-        f, size, np.array([g for g, _, _ in responses]), np.array([e for _, _, e in responses]),
-        np.array([h for _, h, _ in responses]), np.array(linear), (words.source_unit, out[1]), (words.source, out[0]),
-        measured,
-    )  # fmt: skip
+    out = (words.effort, words.effort_unit or "1") if setup.network.senses else (words.output, words.output_unit)
+    units, names = (words.source_unit, out[1]), (words.source, out[0])
+    return Bode(f, size, gain, error, harmonics, linear, units, names, measured)
 
 
 def _asked(frequencies: ArrayLike | None, amplitude: float | None, measured: Sequence[Point]) -> tuple[Array, float]:
@@ -224,11 +220,8 @@ def _asked(frequencies: ArrayLike | None, amplitude: float | None, measured: Seq
 
 def _converged(setup: Setup, amplitude: float, offset: float, frequency: float) -> tuple[complex, Array, float]:
     """Return ``Y_1/U_1``, harmonics (4,) over the fundamental, and the change by the last halving of the steps."""
-    steps = 1
-    coarse = _amplitudes(setup, amplitude, offset, frequency, steps)
-    best, change = coarse, np.inf
-    while steps < _FINEST:
-        steps *= 2
+    best = coarse = _amplitudes(setup, amplitude, offset, frequency, 1)
+    for steps in _STEPS:
         fine = _amplitudes(setup, amplitude, offset, frequency, steps)
         # Richardson: the error of a step of second order falls to a quarter.
         better = fine + (fine - coarse) / (2**_ORDER - 1)

@@ -1,10 +1,7 @@
 """Plots of signals: measured and simulated outputs over time, hysteresis loops, and the energy balance.
 
 `compare` draws outputs with the residual below, and `loops` output over input by frequency. `energy` draws what is
-stored, supplied and dissipated, and what the balance misses.
-
-First stand the shared parts of all plots: models and recordings as given, panels, axes in suitable units, tables, and
-measured points of a frequency response, from recordings of single sines.
+stored, supplied and dissipated, and what the balance misses. What all plots share stands first.
 """
 
 from __future__ import annotations
@@ -107,7 +104,7 @@ class Plot:
 
 
 def scaled(name: str, unit: str, *values: Any) -> tuple[float, str]:
-    """Return the size of the unit in which values up to ``largest`` read well, and their axis label; none for ``1``."""
+    """Return the size of the unit in which values read well, and their axis label; none for ``1``."""
     sizes = [np.abs(np.asarray(v)[np.isfinite(v)]).max(initial=0.0) for v in values]
     size, shown = prefixed(float(max(sizes, default=0.0)), unit)
     return size, name if shown == "1" else f"{name} ({shown})"
@@ -119,11 +116,7 @@ def column(name: str, unit: str) -> str:
 
 
 def network_model(given: Any) -> Model:
-    """Return the model that is given, see `phnn.predictor.model_of`, which must be that of a network.
-
-    Raises:
-        InputRefused: it is a model of modes.
-    """
+    """Return the model that is given, see `phnn.predictor.model_of`. Raises InputRefused for a model of modes."""
     model = model_of(given)
     if not isinstance(model, Model):
         raise InputRefused(
@@ -138,11 +131,8 @@ def predictions(given: Any, campaign: Campaign | str | Path, recordings: Sequenc
 
 
 def chosen(campaign: Campaign | str | Path, recordings: Sequence[str] | None) -> Campaign:
-    """Return a campaign of the recordings that are named, or of the first dozen whose output was recorded.
-
-    Raises:
-        InputRefused: there is no recording of a name, or none that can be drawn.
-    """
+    """Return a campaign of the recordings that are named, or of the first dozen whose output was recorded. Raises
+    InputRefused where there is no recording of a name, or none that can be drawn."""
     campaign = campaign_of(campaign)
     known = {r.name: r for r in campaign.recordings if bool(np.isfinite(r.y).any())}
     strange = [name for name in recordings or () if name not in known]
@@ -152,9 +142,6 @@ def chosen(campaign: Campaign | str | Path, recordings: Sequence[str] | None) ->
         raise InputRefused(f"{campaign.folder}: no output was recorded: there is nothing to compare a model with")
     kept = [known[name] for name in recordings] if recordings else list(known.values())[:MOST]
     return replace(campaign, recordings=tuple(kept))
-
-
-# ---- The plots
 
 
 def compare(
@@ -210,8 +197,10 @@ def _shown(one: Predicted) -> slice:
 
 def _draw(above: Axes, below: Axes, one: Predicted) -> None:
     r, part = one.recording, _shown(one)
-    t, unit = r.t[part], r.units.output
-    outputs_into(above, t, [(r.y[part], MEASURED, "measured", 4.0), (one.y[part], AFTER, _legend(one), 1.2)], unit)
+    t, unit, scores = r.t[part], r.units.output, one.document("")
+    size = DASH if (rmse := finite(scores["rmse"])) is None else quantity(rmse, unit)
+    simulated = f"simulated: fit {percent(scores['fit_percent'], 2)} %, RMSE {size}"
+    outputs_into(above, t, [(r.y[part], MEASURED, "measured", 4.0), (one.y[part], AFTER, simulated, 1.2)], unit)
     noise = r.noise if r.noise_found else None
     errors_into(below, t, [((r.y - one.y)[part], AFTER, "residual", 0.8)], noise, unit)
     # The samples before the scored ones.
@@ -220,13 +209,6 @@ def _draw(above: Axes, below: Axes, one: Predicted) -> None:
     use = ", held out" if one.held_out or r.mask("confirmation").any() else ""
     shown = "" if part == slice(0, one.y.size) else ", where the residual is largest"
     above.set_title(literal(r.name, 30) + use + shown)
-
-
-def _legend(one: Predicted) -> str:
-    scores = one.document("")
-    rmse = finite(scores["rmse"])
-    size = DASH if rmse is None else quantity(rmse, one.recording.units.output)
-    return f"simulated: fit {percent(scores['fit_percent'], 2)} %, RMSE {size}"
 
 
 def _table(one: Predicted) -> pd.DataFrame:

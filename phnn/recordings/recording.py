@@ -187,10 +187,8 @@ class Recording:
         if self.start.state != "periodic" or self.period is None or self.clock is not None:
             return 0
         size = self.period / self.dt
-        for count in range(1, int(self.t.size / size + 1e-6) + 1):
-            if abs(count * size - round(count * size)) <= _WHOLE:
-                return round(count * size)
-        return 0
+        cycles = (count * size for count in range(1, int(self.t.size / size + 1e-6) + 1))
+        return next((round(cycle) for cycle in cycles if abs(cycle - round(cycle)) <= _WHOLE), 0)
 
     def last_periods(self, count: float) -> slice:
         """Return the samples of the last periods, with that at which the first of them begins; all samples where
