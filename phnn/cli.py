@@ -1,8 +1,6 @@
 """The console command ``phnn``: parses its arguments, loads the rest of the package only when a command runs.
 
 Exit status: 0 done, 1 the work failed, 2 the input was refused, 130 interrupted, 143 terminated.
-
-The arguments of every command stand first; nothing heavy is imported before a command runs.
 """
 
 from __future__ import annotations
@@ -96,14 +94,8 @@ _seed.__name__ = "whole number, 0 or more"
 
 
 def parse(argv: Sequence[str] | None) -> tuple[argparse.Namespace, list[str]]:
-    """Parse a command line.
-
-    Args:
-        argv: arguments after the program's name; those of the process if None.
-
-    Returns:
-        The arguments, ``command`` among them, and the settings ``key=value``, which may stand anywhere.
-    """
+    """Return the arguments of a command line, ``command`` among them, and its settings ``key=value``, which may stand
+    anywhere; None stands for the command line of the process."""
     parser, commands = _parser()
     # Settings may stand before, between and after the options, which argparse's own lists do not allow.
     arguments, settings = parser.parse_known_args(argv)
@@ -280,14 +272,7 @@ def _prepare() -> None:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command.
-
-    Args:
-        argv: arguments after the program's name; those of the process if left out.
-
-    Returns:
-        The exit status.
-    """
+    """Run one command, that of the process if no arguments are given; returns the exit status."""
     arguments = None
     try:
         _prepare()

@@ -75,9 +75,8 @@ def check(
 ) -> None:
     """Print what was understood of a folder of recordings, what was noticed, and what they can show.
 
-    Raises:
-        InputRefused: what `identify` would refuse, with the same message. Several inputs or outputs without a network
-            are for `modes` and pass.
+    Refuses what `identify` would refuse, with the same message; several inputs or outputs without a network are for
+    `modes` and pass.
     """
     from phnn.check import check as check_recordings
     from phnn.identification.prepare import is_ready, prepare
@@ -167,15 +166,10 @@ def _identified(campaign: Campaign, options: Options, place: Place) -> tuple[dic
         fitted, error = identify_base(campaign, options, progress)
         scores = score_on_all(fitted, campaign)
     save_fit(fitted, place / "base")
-    std, hidden = fitted.std(), auxiliary(fitted.setup.network)
-    parameters = {
-        n: {"value": p.value, "unit": p.unit, "std": finite(std.get(n)), "interval_95": fitted.interval(n)}
-        | {"held": fitted.note(n) or None}
-        for n, p in fitted.setup.parameters.items()
-        if n not in hidden
-    }
+    hidden = auxiliary(fitted.setup.network)
+    rows = fitted.estimates(n for n in fitted.setup.parameters if n not in hidden)
     content = {
-        "parameters": parameters,
+        "parameters": {n: finite(row) | {"held": fitted.note(n) or None} for n, row in rows.items()},
         "nothing": fitted.nothing_statement(),
         "open": fitted.open_statement(),
         "ratios": {n: {"value": v, "std": finite(s)} for n, (v, s) in fitted.ratios().items()},
@@ -247,11 +241,8 @@ _CLASS = 3
 
 
 def demo(seed: int | None, out: Path, config: Config, overwrite: bool = False) -> None:
-    """Conceal an effect, seal it, diagnose the recordings, open the seal.
-
-    Raises:
-        PhnnError: the sealed effect was neither named nor in a stated class of at most three.
-    """
+    """Conceal an effect, seal it, diagnose the recordings, open the seal. Raises PhnnError where the sealed effect was
+    neither named nor in a stated class of at most three."""
     from phnn.demo import EFFECTS, make, open_seal, seal
     from phnn.integrate.cache import compile_ahead
     from phnn.report.sections import command_line, provenance
@@ -389,11 +380,8 @@ def _score_table(content: Mapping[str, Any]) -> Table:
 
 
 def export(model: Path, out: Path, options: Mapping[str, Any], outside: bool = False, overwrite: bool = False) -> None:
-    """Write a stored model as files of a target, and print their names.
-
-    Args:
-        options: the settings of `phnn.exporting.write.program_of`.
-    """
+    """Write a stored model as files of a target, and print their names; options are those of
+    `phnn.exporting.write.program_of`."""
     from phnn.exporting.write import program_of, write
     from phnn.predictor import load
 
@@ -414,11 +402,7 @@ def invert(
 ) -> None:
     """Find the command with which a stored model follows the reference of a file; writes its table, json and figure.
 
-    Args:
-        options: the fields of `phnn.inverse.InverseOptions`; None stands for the default.
-
-    Raises:
-        InputRefused: the model has no such inverse, or the reference cannot be used.
+    Options are the fields of `phnn.inverse.InverseOptions`; None stands for the default.
     """
     from phnn.inverse import InverseOptions
     from phnn.model import Model
@@ -468,17 +452,8 @@ def invert(
 
 
 def _reference(path: Path, outside: bool) -> tuple[np.ndarray, np.ndarray, str, tuple[str, ...]]:
-    """Read a table with a time and a displacement, of any format that recordings may have.
-
-    Args:
-        path: of the file; outside: it may be a link, or refer to other files.
-
-    Returns:
-        (N,) equally spaced time [s], (N,) what is to be followed [SI] with its unit, and what was done to the samples.
-
-    Raises:
-        InputRefused: with one message naming file, column, row, cause and remedy.
-    """
+    """Return (N,) equally spaced time [s], (N,) what is to be followed [SI] with its unit, and what was done to the
+    samples, from a table of any format that recordings may have."""
     from phnn.intake import named_file
     from phnn.recordings import checks
     from phnn.recordings.channels import evenly, select, stamped
@@ -563,15 +538,8 @@ def plot(
 ) -> None:
     """Draw one kind of plot; writes ``KIND.svg`` and its data, ``KIND.csv``, and of some kinds a further table.
 
-    Args:
-        kind: compare, residuals, loops, bode or energy.
-        model: of a model or a diagnosis; folder: of recordings, not needed for a response with ``frequencies`` and
-            ``amplitude``.
-        options: ``manifest`` of the folder; ``recording``: names of the recordings to draw; ``frequencies``: lowest and
-            highest [Hz]; ``amplitude``: of the input, SI.
-
-    Raises:
-        InputRefused: what a kind needs is not given, or cannot be used.
+    Options are ``manifest``, ``recording``, ``frequencies`` and ``amplitude`` of the command line; a response with the
+    last two needs no folder.
     """
     from phnn.plot.signals import MOST
     from phnn.predictor import model_of

@@ -40,22 +40,15 @@ def positive(default: float) -> Any:
 
 
 def check(settings: Any) -> None:
-    """Hold the values of a dataclass of settings against their bounds.
-
-    Raises:
-        InputRefused: names a setting of the wrong kind or out of range.
-    """
+    """Refuse a dataclass of settings with a value of the wrong kind or out of range; InputRefused names it."""
     for f in fields(settings):
         if _LEAST in f.metadata:
             number(f.name, getattr(settings, f.name), f.metadata[_LEAST])
 
 
 def number(name: str, value: Any, least: float) -> float:
-    """Return the value of a setting, as a float where ``least`` is one.
-
-    Raises:
-        InputRefused: wrong kind or out of range.
-    """
+    """Return the value of a setting, as a float where ``least`` is one. Raises InputRefused where it has the wrong kind
+    or is out of range."""
     if isinstance(least, float):
         if isinstance(value, bool) or not isinstance(value, Real) or not 0.0 < float(value) < math.inf:
             raise InputRefused(f"setting {name}={value} must be a positive number")
@@ -124,11 +117,8 @@ def _refused(overrides: Sequence[str], error: Exception, remedy: str) -> InputRe
 
 
 def checked(command: str, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the settings that were composed elsewhere, held against the defaults of a command.
-
-    Raises:
-        InputRefused: a value of the wrong kind or out of range.
-    """
+    """Return the settings that were composed elsewhere, held against the defaults of a command. Raises InputRefused for
+    a value of the wrong kind or out of range."""
     from omegaconf import OmegaConf
 
     defaults = dict(OmegaConf.load(config_folder() / f"{command}.yaml"))
@@ -165,11 +155,7 @@ def compose_groups(command: str, overrides: Sequence[str] = ()) -> dict[str, Any
 
 
 def _checked(key: str, value: Any, default: Any) -> Any:
-    """Return the value, as a float where the default is one.
-
-    Raises:
-        InputRefused: wrong kind or out of range.
-    """
+    """Return the value, as a float where the default is one; refused as in `checked`."""
     if key == "criteria":
         from phnn.criteria import Criteria
 

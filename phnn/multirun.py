@@ -36,13 +36,9 @@ _PLACES = ("folder", "manifest", "base")
 
 
 class Sweep(Callback):
-    """What is done before the first run and after the last one, where the sweep was started.
+    """What is done before the first run, where the sweep was started."""
 
-    Attributes:
-        running: the folder of the sweep at work.
-    """
-
-    running: ClassVar[Path | None] = None
+    running: ClassVar[Path | None] = None  # the folder of the sweep at work
 
     def on_multirun_start(self, config: DictConfig, **_: Any) -> None:
         """Refuse what the runs could not share."""
@@ -58,11 +54,8 @@ class Sweep(Callback):
 
 @contextmanager
 def concluded(tell: Callable[[Path], bool]) -> Iterator[None]:
-    """End a sweep that was started inside with its table, whatever became of it; status 1 where a run failed.
-
-    Args:
-        tell: prints the table of the runs in a folder; tells whether one has failed.
-    """
+    """End a sweep that was started inside with its table, whatever became of it; status 1 where a run failed. ``tell``
+    prints the table of the runs in a folder, and returns whether one has failed."""
     try:
         yield
     except KeyboardInterrupt:
@@ -116,11 +109,7 @@ def _train(settings: Mapping[str, Any], home: Path) -> None:
 
 
 def _check(config: DictConfig) -> None:
-    """Refuse sweeps without recordings, or over what is no part of a run's name.
-
-    Raises:
-        InputRefused: names the setting and the remedy.
-    """
+    """Refuse sweeps without recordings, or over what is no part of a run's name."""
     unnamed = config.hydra.job.config.override_dirname.exclude_keys
     for override in OverridesParser.create().parse_overrides(list(config.hydra.overrides.task)):
         if override.is_sweep_override() and (key := override.key_or_group) in unnamed:

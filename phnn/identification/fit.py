@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -287,6 +288,14 @@ class Fit:
         reach = float(student.ppf(0.5 + 0.5 * share, freedom)) * total**0.5
         z = p.to_coordinate(p.value)
         return p.from_coordinate(z - reach), p.from_coordinate(z + reach)
+
+    def estimates(self, names: Iterable[str]) -> dict[str, dict[str, Any]]:
+        """Return value, standard error and 95 % interval of parameters, SI; None where they were not estimated."""
+        parameters, std = self.setup.parameters, self.std()
+        return {
+            n: {"value": p.value, "unit": p.unit, "std": std.get(n), "interval_95": self.interval(n)}
+            for n, p in ((n, parameters[n]) for n in names)
+        }
 
     def joint_covariance(self) -> tuple[tuple[str, ...], Array]:
         """Return the names and covariance (P, P), SI, of the estimated parameters and the held anchors together.

@@ -139,11 +139,8 @@ def _shown(path: Path) -> str:
 
 
 def read_table(source: Source, named: Collection[str] = ()) -> Table:
-    """Return the columns of a file, of a workbook those of the sheet with the named ones.
-
-    Raises:
-        InputRefused: nothing reads files of this ending, and it is no table of text; as what reads it.
-    """
+    """Return the columns of a file, of a workbook those of the sheet with the named ones. Raises InputRefused where
+    nothing reads files of this ending, and it is no table of text, and as what reads it."""
     if source.suffix == ".xlsx":
         return read_sheet(source, named)
     if source.suffix not in READERS and not looks_like_numbers(source):

@@ -137,10 +137,7 @@ class Dialect:
         """Return the cells of a line, quotes removed."""
         if self.separator == " ":
             return line.split()
-        try:
-            row = next(csv.reader([line], delimiter=self.separator, skipinitialspace=True), [])
-        except csv.Error:
-            return []
+        row = next(csv.reader([line], delimiter=self.separator, skipinitialspace=True), [])
         return [cell.strip() for cell in row]
 
     def is_number(self, cell: str) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from html import escape
 from importlib.metadata import version
@@ -27,7 +27,6 @@ from phnn.effects import Effect
 from phnn.effects.mechanical import growth_per_decade
 from phnn.effects.places import place_of, values_by_role
 from phnn.identification.covariance import difference
-from phnn.identification.fit import Fit
 from phnn.identification.identified import save_fit
 from phnn.parameters import quantity
 from phnn.recordings.recording import Recording
@@ -287,16 +286,7 @@ def _entry(diagnosis: Diagnosis, claim: Claim) -> dict[str, Any]:
         "statement": statement + (_UP_TO_FACTOR if free else "") + ("" if claim.claimed else _NOT_PROVEN),
         "equation": effect.equation if formula is None else formula.equation,
         "passive": effect.passive,
-        "parameters": _estimates(diagnosis.final, effect.all_strengths if claim.learned else claim.parameters),
-    }
-
-
-def _estimates(final: Fit, names: Iterable[str]) -> dict[str, dict[str, Any]]:
-    """Return value, standard error and 95 % interval of parameters, SI; null where they were not estimated."""
-    parameters, std = final.setup.parameters, final.std()
-    return {
-        n: {"value": p.value, "unit": p.unit, "std": std.get(n), "interval_95": final.interval(n)}
-        for n, p in ((n, parameters[n]) for n in names)
+        "parameters": diagnosis.final.estimates(effect.all_strengths if claim.learned else claim.parameters),
     }
 
 
