@@ -376,7 +376,9 @@ def drift(recording: Recording) -> list[Finding]:
     seconds = recording.t.size * recording.dt
     size = quantity(change, recording.units.output)
     text = f"the output's mean moves by {size} within {seconds:.3g} s at equal input"
-    later, causes = float(np.ptp(means[means.size // 2 :])), "creep, heating or a drifting sensor"
+    held = recording.units == ACTUATOR
+    causes = "creep, heating or a drifting sensor" if held else "creep, heating, a drifting sensor, or nothing holds it"
+    later, doubtful = float(np.ptp(means[means.size // 2 :])), WARNING if held else NOTE
     zero = "zero voltage" if recording.units.input == "V" else "the input zero"
     values = {"change": change, "standard_error": error}
     if abs(change) < _MUCH * recording.noise:
@@ -389,9 +391,9 @@ def drift(recording: Recording) -> list[Finding]:
     elif means.size < _TELLING and recording.excitation.period is not None and recording.start.state != "periodic":
         text += f": what the start left, or {causes}; more periods would tell"
         # From rest a model follows what the start leaves.
-        severity = NOTE if recording.start.state == "rest" else WARNING
+        severity = NOTE if recording.start.state == "rest" else doubtful
     else:
-        text, severity = f"{text}: {causes}; a long rest at {zero} would tell", WARNING
+        text, severity = f"{text}: {causes}; a long rest at {zero} would tell", doubtful
     return [Finding("drift", severity, text, values)]
 
 

@@ -135,7 +135,7 @@ def identify(
     table = Table("parameter", "value", "standard error", "95 % interval", "note", title=f"base model of {folder}")
     for name, row in content["parameters"].items():
         error_text = f"{row['std']:.2g}" if row["std"] is not None else "–"
-        value = f"{row['value']:.5g} {row['unit']}"
+        value = f"{row['value']:.5g} {row['unit'] if row['unit'] != '1' else ''}".rstrip()
         table.add_row(name, value, error_text, interval(row["interval_95"]), str(row["held"] or ""))
     Console().print(table)
     if content["nothing"]:

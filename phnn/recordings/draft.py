@@ -306,7 +306,7 @@ def _as_sampled(
         notes.append(f"{u_name} ({channels[u_name].label}) repeats values: taken at its own {theirs.sum()} stamps")
     sampled[y_name], values[y_name] = mine, interpolated(t[mine], y[mine], t)
     every = np.median(np.diff(np.flatnonzero(mine)))
-    changes = f"changes only in every {every:.3g}th row: taken at these {mine.sum()} rows"
+    changes = f"changes only once in {every:.3g} rows: taken at these {mine.sum()} rows"
     return [*notes, f"{y_name} ({channels[y_name].label}) {changes}"]
 
 

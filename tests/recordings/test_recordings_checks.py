@@ -395,7 +395,7 @@ def test_a_held_output_counts_where_it_was_sampled(tmp_path: Path, every: int) -
     campaign = read(tmp_path)
     (r,) = campaign.recordings
     assert r.seen is not None and np.array_equal(np.flatnonzero(r.seen), N[::every])
-    assert any(f"every {every}th row" in note for note in campaign.notes)
+    assert any(f"once in {every} rows" in note for note in campaign.notes)
     assert 0.5 * 2e-5 < r.noise < 2.0 * 2e-5
 
 
