@@ -349,20 +349,23 @@ def simulate(
     driving = driving_of(recording, substeps, method)
     lead, nodes = driving.lead, np.concatenate([[0], np.cumsum(driving.counts)])
     h = np.repeat(recording.dt * driving.lengths / driving.counts, driving.counts)
-    cycle = int(nodes[recording.cycle])
-    fine, u, held = _port_inputs(setup, network, recording, driving, h, cycle)
-    rest = None if cycle or initial is not None else held
-    x0 = initial
+    run_in = int(nodes[recording.cycle])
+    fine, u, held = _port_inputs(setup, network, recording, driving, h, run_in)
+    cycle = run_in if initial is None else 0
+    x0 = _at_rest(network, held, cycle) if initial is None else initial
     before = lead * recording.dt
     if program is None:
         from phnn.integrate.differentiable import integrated
 
-        states, efforts = integrated(network, x0, u, h, cycle, held, scheme, -before)
+        states, efforts = integrated(network, x0, u, h, cycle, scheme, -before)
     else:
-        if x0 is None:
-            known = program.travel >= 0 and is_displacement(setup, recording)
-            place = driving.fine(recording)[0, 0] if known else None
-            x0 = _begun(program, network, u[:cycle], h[:cycle], held, place, recording.name)
+        if initial is None and program.travel >= 0 and is_displacement(setup, recording):
+            x0[program.travel] = driving.fine(recording)[0, 0]
+        if cycle:
+            try:
+                x0 = steady_cycle(program, theta, x0, u[:cycle], h[:cycle])
+            except SolverFailed as error:
+                raise SolverFailed(f"{recording.name}: {error}") from error
         states, efforts = np.empty((h.size + 1, x0.size)), np.empty((h.size, x0.size))
         done = kernel.march(program, theta, x0, u, h, states, efforts)
         if done < h.size:
@@ -372,11 +375,11 @@ def simulate(
             )
     sensor_nodes, times, samples_of = sensed(setup, recording, driving, nodes, h)
     q = states[sensor_nodes, network.state_names.index(network.output)]
-    q, times, copied = with_earlier_cycles(setup, q, times - before, cycle, sensor_nodes)
+    q, times, copied = with_earlier_cycles(setup, q, times - before, run_in, sensor_nodes)
     y = measured(setup, q, times)[copied:][samples_of]
     return Trajectory(
-        setup, recording, scheme, program, theta, driving, h, nodes, lead, cycle, cycle if initial is None else 0, rest,
-        recording.t, y[lead:], fine, u, states, efforts,
+        setup, recording, scheme, program, theta, driving, h, nodes, lead, run_in, cycle,
+        None if run_in or initial is not None else held, recording.t, y[lead:], fine, u, states, efforts,
     )  # fmt: skip
 
 
@@ -394,28 +397,14 @@ def _port_inputs(
     return fine, u, held
 
 
-def _begun(
-    program: Program, network: Network, u: Array, h: Array, held: Array, place: float | None, name: str
-) -> Array:  # fmt: skip
-    """Return (N,) the state in which a simulation begins: at rest under inputs, or in the steady cycle of a period.
-
-    Args:
-        place: the displacement at which an imposed motion begins, where it was recorded.
-    """
+def _at_rest(network: Network, held: Array, cycle: int) -> Array:
+    """Return (N,) steady state under inputs (P,); without one a cycle is looked for from zero."""
     try:
-        x = equilibrium(network, held)
+        return equilibrium(network, held)
     except SolverFailed:
-        if not h.size:
+        if not cycle:
             raise
-        x = np.zeros(len(program.states))
-    if place is not None:
-        x[program.travel] = place
-    if not h.size:
-        return x
-    try:
-        return steady_cycle(program, program.theta(network), x, u, h)
-    except SolverFailed as error:
-        raise SolverFailed(f"{name}: {error}") from error
+        return np.zeros(len(network.state_names))
 
 
 def measured_network(network: Network, recording: Recording) -> Network:
