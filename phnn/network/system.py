@@ -205,10 +205,7 @@ class PortHamiltonianSystem(nn.Module):
 
     def energy(self, x: Tensor) -> Tensor:  # x: (..., n)
         """Return (...) stored energy ``H(x)`` [J]."""
-        alone = self.energies(x).sum(-1)
-        return (
-            alone + sum(checks.energy_of(law)(x[..., places]) for places, law in self.shared) if self.shared else alone
-        )
+        return self.energies(x).sum(-1) + sum(checks.energy_of(law)(x[..., places]) for places, law in self.shared)
 
     @checks.evaluation
     def mean_efforts(
