@@ -31,7 +31,6 @@ from phnn.integrate.perturbed import (
 )
 from phnn.integrate.scheme import LOSSLESS
 from phnn.integrate.step import (
-    FLOW,
     FORCE,
     HIGH,
     LEAK,
@@ -43,7 +42,6 @@ from phnn.integrate.step import (
     STIFFNESS,
     TWO,
     Step,
-    branch_effort,
     count,
     fill_constants,
     fill_gains,
@@ -60,8 +58,8 @@ from phnn.integrate.step import (
     memory_rate,
     modulate,
     read,
-    resistor_flow,
     resistor_thresholds,
+    source,
     sources,
 )
 from phnn.laws.leaf import relaxation, relaxed, slides_on
@@ -282,30 +280,16 @@ def _leaf_power(t: Any, p: Any, d: Any, leaf: Any, n: Any, run: Any) -> None:
 
 
 @inline
-def _junction_power(t: Any, p: Any, d: Any, s: Any, h: Any) -> None:
-    """Add the derivatives of the power that the junction resistor of the source in row ``s`` dissipates."""
-    r, source = t[s, at.SOURCE_RESISTOR], s - t[0, at.SOURCES]
-    for place in range(p.source_first[source], p.source_first[source + 1]):
-        i = p.source_input[place]
-        step = perturbed_step(t, p, d, i, h)
-        effort, q = branch_effort(t, r, step.g, step.wj), read(t, t[r, at.READ], step)
-        d.by_drive[i] += (effort * resistor_flow(t, r, effort, q, d.theta)).imag / TINY
-        perturb(p, d, i, 0.0)
-
-
-@inline
-def _signal(t: Any, p: Any, d: Any, s: Any, h: Any) -> None:
-    """Add the derivatives of the effort of a reducible storage, the flow of a junction or the action of a port."""
+def _by_source(t: Any, p: Any, d: Any, s: Any, h: Any) -> None:
+    """Add the derivatives of the source in row ``s``, unless it is the power of a reducible storage."""
     for leaf in range(count(t, at.LEAVES) if t[s, at.SOURCE_EFFORT] >= 0 else 0):
         if leaf_storage(t, leaf) == t[s, at.SOURCE_EFFORT]:
             for pair in range(p.first[leaf], p.first[leaf + 1]):
                 d.by_drive[p.input[pair]] += d.by_mean[pair]
-    source = s - t[0, at.SOURCES]
-    for place in range(p.source_first[source], p.source_first[source + 1]):
+    number = s - t[0, at.SOURCES]
+    for place in range(p.source_first[number], p.source_first[number + 1]):
         i = p.source_input[place]
-        step = perturbed_step(t, p, d, i, h)
-        value = d.wj[FLOW, t[s, at.SOURCE_FLOW]] if t[s, at.SOURCE_FLOW] >= 0 else step.a[t[s, at.SOURCE_PORT]]
-        d.by_drive[i] += value.imag / TINY
+        d.by_drive[i] += source(t, s, perturbed_step(t, p, d, i, h)).imag / TINY
         perturb(p, d, i, 0.0)
 
 
@@ -325,10 +309,8 @@ def _modulator_by(t: Any, p: Any, d: Any, k: Any, n: Any, run: Any) -> None:
     for s in sources(t, row):
         if t[s, at.SOURCE_LEAF] >= 0:
             _leaf_power(t, p, d, t[s, at.SOURCE_LEAF], n, run)
-        elif t[s, at.SOURCE_RESISTOR] >= 0:
-            _junction_power(t, p, d, s, h)
         else:
-            _signal(t, p, d, s, h)
+            _by_source(t, p, d, s, h)
     drive = complex(run.efforts[n, state], TINY)
     by = _end(t, row, d.x[state], drive, h, d.theta).imag / TINY
     drive = complex(run.efforts[n, state], 0.0)

@@ -240,7 +240,7 @@ class _Builder:
         self.network, self.scheme = network, scheme
         self.names = tuple(network.parameters)
         # Laws with fewer parameters than the kernel passes refer to the first constant for the rest.
-        self.constants = tuple(sorted({0.0, 1.0} | {float(v) for v in self._all_ratios() if not isinstance(v, str)}))
+        self.constants = tuple(sorted({0.0, 1.0} | {float(v) for v in network.ratios() if not isinstance(v, str)}))
         self.modules: list[tuple[str, str]] = []
         self.rows: dict[int, list[list[int]]] = {kind: [] for kind in range(KINDS)}
         self.ratios: dict[int, list[tuple[int, int]]] = {}
@@ -252,11 +252,6 @@ class _Builder:
         self.couplings = merged_couplings(network)
         reads = [r.modulated_by for r in network.resistors if r.modulated_by] + [m.by for m in network.modulations]
         self.reads = tuple(dict.fromkeys(reads))
-
-    def _all_ratios(self) -> list[Ratio]:
-        n = self.network
-        ratios: list[Ratio] = [c.ratio for c in n.couplings]
-        return ratios + [v for on in (*(r.on for r in n.resistors), *(p.on for p in n.ports)) for v in on.values()]
 
     def _place(self, ratio: Ratio) -> int:
         if isinstance(ratio, str):
@@ -290,10 +285,9 @@ class _Builder:
                     if one == name:
                         self._with_ratio(LINKS, [junctions.index(other)], ratio, sign)
             self._inlets(LEAF_INLETS, name, [])
-            storage = self._storage(name)
             ranges = [n for k, first in zip(_OWNED, before, strict=True) for n in (first, len(rows[k]))]
-            rule = rule_of(network, name, self.scheme)
-            rows[LEAVES].append([self.states.index(name), rule, int(is_linear(storage)), *ranges])
+            linear, rule = int(is_linear(self._storage(name))), rule_of(network, name, self.scheme)
+            rows[LEAVES].append([self.states.index(name), rule, linear, *ranges])
         for j, name in enumerate(junctions):
             self._inlets(JUNCTION_INLETS, name, [j])
         for r in network.resistors:

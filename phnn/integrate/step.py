@@ -459,15 +459,6 @@ def leaf_closed(t: Any, leaf: Any, step: Step) -> Any:
 
 
 @inline
-def leaf_step(t: Any, leaf: Any, step: Step) -> Any:
-    """Return the end state and mean effort of a reducible storage."""
-    if is_closed(t, leaf):
-        return leaf_closed(t, leaf, step)
-    solution = leaf_search(t, leaf, step)
-    return leaf_moved(t, leaf, step, solution)
-
-
-@inline
 def inlined_balance(t: Any, step: Step) -> None:
     """Evaluate ``F`` at the unknowns of a step, with the modulated ratios, the end states and mean efforts."""
     x, wj, wx = step.x, step.wj, step.wx
@@ -476,7 +467,10 @@ def inlined_balance(t: Any, step: Step) -> None:
         modulate(t, step)
     junction_terms(t, step)
     for leaf in range(count(t, at.LEAVES)):
-        end, mean = leaf_step(t, leaf, step)
+        if is_closed(t, leaf):
+            end, mean = leaf_closed(t, leaf, step)
+        else:
+            end, mean = leaf_moved(t, leaf, step, leaf_search(t, leaf, step))
         k = leaf_storage(t, leaf)
         wx[NEXT, k] = end
         wx[EFFORT, k] = mean
@@ -496,7 +490,7 @@ def balance(t: Any, step: Step) -> None:
 
 
 @inline
-def _source(t: Any, s: Any, step: Step) -> Any:
+def source(t: Any, s: Any, step: Step) -> Any:
     """Return the contribution of the source in row ``s`` to ``s̄``."""
     theta, g, x, wj, wx = step.theta, step.g, step.x, step.wj, step.wx
     leaf, r = t[s, at.SOURCE_LEAF], t[s, at.SOURCE_RESISTOR]
@@ -524,7 +518,7 @@ def advance(t: Any, step: Step) -> None:
         row, z = t[0, at.MODULATOR_STATES] + k, step.x[first + k]
         total = 0.0 * step.g[0]
         for s in sources(t, row):
-            total += _source(t, s, step)
+            total += source(t, s, step)
         wx[EFFORT, first + k] = total
         rate, decay = memory_rate(t, row, z, total, step.theta), memory_decay(t, row, step.theta)
         wx[NEXT, first + k] = advanced(z, step.h, rate, decay)
