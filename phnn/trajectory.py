@@ -94,38 +94,6 @@ def _moved(setup: Setup, recording: Recording) -> Setup:
     return replace(setup, amplifier=(*plays, _RATE, *(b for b in setup.amplifier if b not in plays)))
 
 
-def amplified(setup: Setup, fine: Any, h: Array, before: Any) -> tuple[Any, Any]:
-    """Return the voltage at the port (n, 3) behind all amplifier blocks, and what it was before the first step.
-
-    Args:
-        fine: (n, 3) command at the start, middle and end of the steps ``h`` (n,).
-        before: the constant command before them, under which all blocks are in equilibrium.
-    """
-    for block in setup.amplifier:
-        fine, before = _through(block, fine, h, before, _values(setup, block))
-    return fine, before
-
-
-def amplifier_changes(
-    setup: Setup, fine: Array, h: Array, before: float, names: Sequence[str]
-) -> dict[str, tuple[Array, float]]:
-    """Return changes (n, 3) of the port's voltage, and of that before, by the named parameters of the blocks."""
-    changes: dict[str, tuple[Array, float]] = {}
-    for block in setup.amplifier:
-        values = _values(setup, block)
-        if changes and not AMPLIFIERS[block.kind].remembers:
-            slope, earlier = _change(_through(block, fine + 1j * TINY, h, before + 1j * TINY, values))
-            changes = {n: (slope * c, earlier * b) for n, (c, b) in changes.items()}
-        else:
-            moved = {n: (fine + 1j * TINY * c, before + 1j * TINY * b) for n, (c, b) in changes.items()}
-            changes = {n: _change(_through(block, f, h, b, values)) for n, (f, b) in moved.items()}
-        for n in (n for n in block.parameters if n in names):
-            direct, known = _change(_through(block, fine, h, before, _values(setup, block, n))), changes.get(n)
-            changes[n] = direct if known is None else (direct[0] + known[0], direct[1] + known[1])
-        fine, before = _through(block, fine, h, before, values)
-    return changes
-
-
 def _through(block: Block, fine: Any, h: Array, before: Any, values: Sequence[Any]) -> tuple[Any, Any]:
     law = AMPLIFIERS[block.kind].law
     return law(fine, h, before, *values), law(np.full((1, 3), before), np.ones(1), before, *values)[0, 0]
@@ -389,7 +357,7 @@ def _port_inputs(
     """Return the first port's input (n, 3), the means of all ports (n, P), and their inputs before (P,)."""
     fine, before = driven(setup, driving.fine(recording), h, recording.input_before, cycle)
     u, held = np.zeros((fine.shape[0], len(network.ports))), np.zeros(len(network.ports))
-    places = [0, *further_ports(network, recording)]
+    places = [0, *map([p.name for p in network.ports].index, recording.further)]
     u[:, places] = np.column_stack([mean_input(fine), made_periodic(driving.further, cycle)])
     held[places] = [before, *(x[0] for x in recording.further.values())]
     for source in setup.sources:
@@ -410,12 +378,6 @@ def _at_rest(network: Network, held: Array, cycle: int) -> Array:
 def measured_network(network: Network, recording: Recording) -> Network:
     """Return the network with what a recording measures as its output."""
     return replace(network, output=recording.measures, senses="") if recording.measures else network
-
-
-def further_ports(network: Network, recording: Recording) -> list[int]:
-    """Return the places of the ports that a recording drives beside the first."""
-    names = [p.name for p in network.ports]
-    return [names.index(name) for name in recording.further]
 
 
 def check_names(network: Network, recordings: Sequence[Recording]) -> None:
@@ -467,18 +429,36 @@ def _check_dimension(network: Network, recording: Recording) -> None:
 
 
 def driven(setup: Setup, fine: Any, h: Array, before: Any, cycle: int) -> tuple[Any, Any]:
-    """Return the voltage at the port (n, 3), periodic if there is a cycle, and the one before; see `amplified`."""
-    longer, steps, first = _with_run_in(setup, fine, h, cycle)
-    voltage, before = amplified(setup, longer, steps, before)
-    return made_periodic(voltage[first:], cycle), before
+    """Return the voltage (n, 3) behind all amplifier blocks, periodic if there is a cycle, and the one before.
+
+    Args:
+        fine: (n, 3) command at the start, middle and end of the steps ``h`` (n,).
+        before: the constant command before them, under which all blocks are in equilibrium.
+    """
+    fine, h, first = _with_run_in(setup, fine, h, cycle)
+    for block in setup.amplifier:
+        fine, before = _through(block, fine, h, before, _values(setup, block))
+    return made_periodic(fine[first:], cycle), before
 
 
 def driven_changes(
     setup: Setup, fine: Array, h: Array, before: float, cycle: int, names: Sequence[str]
 ) -> dict[str, tuple[Array, float]]:
-    """Return the same for changes by parameters of the amplifier; see `amplifier_changes`."""
-    longer, steps, first = _with_run_in(setup, fine, h, cycle)
-    changes = amplifier_changes(setup, longer, steps, before, names)
+    """Return changes of the same by the named parameters of the blocks."""
+    fine, h, first = _with_run_in(setup, fine, h, cycle)
+    changes: dict[str, tuple[Array, float]] = {}
+    for block in setup.amplifier:
+        values = _values(setup, block)
+        if changes and not AMPLIFIERS[block.kind].remembers:
+            slope, earlier = _change(_through(block, fine + 1j * TINY, h, before + 1j * TINY, values))
+            changes = {n: (slope * c, earlier * b) for n, (c, b) in changes.items()}
+        else:
+            moved = {n: (fine + 1j * TINY * c, before + 1j * TINY * b) for n, (c, b) in changes.items()}
+            changes = {n: _change(_through(block, f, h, b, values)) for n, (f, b) in moved.items()}
+        for n in (n for n in block.parameters if n in names):
+            direct, known = _change(_through(block, fine, h, before, _values(setup, block, n))), changes.get(n)
+            changes[n] = direct if known is None else (direct[0] + known[0], direct[1] + known[1])
+        fine, before = _through(block, fine, h, before, values)
     return {n: (made_periodic(c[first:], cycle), b) for n, (c, b) in changes.items()}
 
 
