@@ -109,23 +109,6 @@ def has_one_link(table: Integers) -> NDArray[np.bool_]:
     return (leaves[:, LAST_LINK] - leaves[:, FIRST_LINK] == 1) & (leaves[:, LAST_INLET] == leaves[:, FIRST_INLET])
 
 
-def source_rows(
-    network: Network, memory: ModulatorState, leaves: Sequence[str], junctions: Sequence[str]
-) -> list[list[int]]:
-    """Return the rows of one modulator state's sources; junction resistors are counted within their kind."""
-    by_name: dict[str, tuple[int, int]] = {}
-    for k, leaf in enumerate(leaves):
-        # All resistors of the storage drive the modulator state, or none does: see `phnn.integrate.scheme`.
-        by_name |= {r.name: (SOURCE_LEAF, k) for r in network.resistors if tuple(r.on) == (leaf,)}
-    by_name |= {p.name: (SOURCE_PORT, k) for k, p in enumerate(network.ports)}
-    by_name |= {name: (SOURCE_FLOW, j) for j, name in enumerate(junctions)}
-    by_name |= {name: (SOURCE_EFFORT, network.state_names.index(name)) for name in leaves}
-    on_junctions = (r.name for r in network.resistors if set(r.on) <= set(junctions))
-    by_name |= {name: (SOURCE_RESISTOR, k) for k, name in enumerate(on_junctions)}
-    sources = dict.fromkeys(by_name[name] for name in network.drives_of(memory))
-    return [[value if column == c else NONE for c in range(5)] for column, value in sources]
-
-
 # Kinds of rows that belong to a reducible storage, in the order of its columns.
 _OWNED = (LEAF_RESISTORS, LINKS, LEAF_INLETS)
 _MOST_KNOWN = 512
@@ -305,7 +288,7 @@ class _Builder:
         for m in sorted(network.modulations, key=lambda m: m.by in network.storage_names):
             rows[FACTORS].append([*self._law(m), self.reads.index(m.by), self._place(m.ratio)])
         for memory in network.memories:
-            sources = source_rows(network, memory, leaves, junctions)
+            sources = self._sources(memory)
             rows[MODULATOR_STATES].append([*self._law(memory), len(rows[SOURCES]), len(rows[SOURCES]) + len(sources)])
             rows[SOURCES] += sources
         table, given = self._absolute(), imposed(network)
@@ -319,6 +302,20 @@ class _Builder:
         places = (self.leaves, self.junctions)
         row = [names.index(name) if name in names else NONE for names in places]
         return [*row, self.states.index(name) if max(row) < 0 else NONE]
+
+    def _sources(self, memory: ModulatorState) -> list[list[int]]:
+        """Return the rows of one modulator state's sources; junction resistors are counted within their kind."""
+        network, by_name = self.network, dict[str, tuple[int, int]]()
+        for k, leaf in enumerate(self.leaves):
+            # All resistors of the storage drive the modulator state, or none does: see `phnn.integrate.scheme`.
+            by_name |= {r.name: (SOURCE_LEAF, k) for r in network.resistors if tuple(r.on) == (leaf,)}
+        by_name |= {p.name: (SOURCE_PORT, k) for k, p in enumerate(network.ports)}
+        by_name |= {name: (SOURCE_FLOW, j) for j, name in enumerate(self.junctions)}
+        by_name |= {name: (SOURCE_EFFORT, self.states.index(name)) for name in self.leaves}
+        on_junctions = (r.name for r in network.resistors if set(r.on) <= set(self.junctions))
+        by_name |= {name: (SOURCE_RESISTOR, k) for k, name in enumerate(on_junctions)}
+        sources = dict.fromkeys(by_name[name] for name in network.drives_of(memory))
+        return [[value if column == c else NONE for c in range(5)] for column, value in sources]
 
     def _with_ratio(self, kind: int, row: list[int], ratio: Ratio, sign: int = 1) -> None:
         self.rows[kind].append(row)
