@@ -94,38 +94,6 @@ def _moved(setup: Setup, recording: Recording) -> Setup:
     return replace(setup, amplifier=(*plays, _RATE, *(b for b in setup.amplifier if b not in plays)))
 
 
-def amplified(setup: Setup, fine: Any, h: Array, before: Any) -> tuple[Any, Any]:
-    """Return the voltage at the port (n, 3) behind all amplifier blocks, and what it was before the first step.
-
-    Args:
-        fine: (n, 3) command at the start, middle and end of the steps ``h`` (n,).
-        before: the constant command before them, under which all blocks are in equilibrium.
-    """
-    for block in setup.amplifier:
-        fine, before = _through(block, fine, h, before, _values(setup, block))
-    return fine, before
-
-
-def amplifier_changes(
-    setup: Setup, fine: Array, h: Array, before: float, names: Sequence[str]
-) -> dict[str, tuple[Array, float]]:
-    """Return changes (n, 3) of the port's voltage, and of that before, by the named parameters of the blocks."""
-    changes: dict[str, tuple[Array, float]] = {}
-    for block in setup.amplifier:
-        values = _values(setup, block)
-        if changes and not AMPLIFIERS[block.kind].remembers:
-            slope, earlier = _change(_through(block, fine + 1j * TINY, h, before + 1j * TINY, values))
-            changes = {n: (slope * c, earlier * b) for n, (c, b) in changes.items()}
-        else:
-            moved = {n: (fine + 1j * TINY * c, before + 1j * TINY * b) for n, (c, b) in changes.items()}
-            changes = {n: _change(_through(block, f, h, b, values)) for n, (f, b) in moved.items()}
-        for n in (n for n in block.parameters if n in names):
-            direct, known = _change(_through(block, fine, h, before, _values(setup, block, n))), changes.get(n)
-            changes[n] = direct if known is None else (direct[0] + known[0], direct[1] + known[1])
-        fine, before = _through(block, fine, h, before, values)
-    return changes
-
-
 def _through(block: Block, fine: Any, h: Array, before: Any, values: Sequence[Any]) -> tuple[Any, Any]:
     law = AMPLIFIERS[block.kind].law
     return law(fine, h, before, *values), law(np.full((1, 3), before), np.ones(1), before, *values)[0, 0]
@@ -349,20 +317,23 @@ def simulate(
     driving = driving_of(recording, substeps, method)
     lead, nodes = driving.lead, np.concatenate([[0], np.cumsum(driving.counts)])
     h = np.repeat(recording.dt * driving.lengths / driving.counts, driving.counts)
-    cycle = int(nodes[recording.cycle])
-    fine, u, held = _port_inputs(setup, network, recording, driving, h, cycle)
-    rest = None if cycle or initial is not None else held
-    x0 = initial
+    run_in = int(nodes[recording.cycle])
+    fine, u, held = _port_inputs(setup, network, recording, driving, h, run_in)
+    cycle = run_in if initial is None else 0
+    x0 = _at_rest(network, held, cycle) if initial is None else initial
     before = lead * recording.dt
     if program is None:
         from phnn.integrate.differentiable import integrated
 
-        states, efforts = integrated(network, x0, u, h, cycle, held, scheme, -before)
+        states, efforts = integrated(network, x0, u, h, cycle, scheme, -before)
     else:
-        if x0 is None:
-            known = program.travel >= 0 and is_displacement(setup, recording)
-            place = driving.fine(recording)[0, 0] if known else None
-            x0 = _begun(program, network, u[:cycle], h[:cycle], held, place, recording.name)
+        if initial is None and program.travel >= 0 and is_displacement(setup, recording):
+            x0[program.travel] = driving.fine(recording)[0, 0]
+        if cycle:
+            try:
+                x0 = steady_cycle(program, theta, x0, u[:cycle], h[:cycle])
+            except SolverFailed as error:
+                raise SolverFailed(f"{recording.name}: {error}") from error
         states, efforts = np.empty((h.size + 1, x0.size)), np.empty((h.size, x0.size))
         done = kernel.march(program, theta, x0, u, h, states, efforts)
         if done < h.size:
@@ -372,11 +343,11 @@ def simulate(
             )
     sensor_nodes, times, samples_of = sensed(setup, recording, driving, nodes, h)
     q = states[sensor_nodes, network.state_names.index(network.output)]
-    q, times, copied = with_earlier_cycles(setup, q, times - before, cycle, sensor_nodes)
+    q, times, copied = with_earlier_cycles(setup, q, times - before, run_in, sensor_nodes)
     y = measured(setup, q, times)[copied:][samples_of]
     return Trajectory(
-        setup, recording, scheme, program, theta, driving, h, nodes, lead, cycle, cycle if initial is None else 0, rest,
-        recording.t, y[lead:], fine, u, states, efforts,
+        setup, recording, scheme, program, theta, driving, h, nodes, lead, run_in, cycle,
+        None if run_in or initial is not None else held, recording.t, y[lead:], fine, u, states, efforts,
     )  # fmt: skip
 
 
@@ -386,7 +357,7 @@ def _port_inputs(
     """Return the first port's input (n, 3), the means of all ports (n, P), and their inputs before (P,)."""
     fine, before = driven(setup, driving.fine(recording), h, recording.input_before, cycle)
     u, held = np.zeros((fine.shape[0], len(network.ports))), np.zeros(len(network.ports))
-    places = [0, *further_ports(network, recording)]
+    places = [0, *map([p.name for p in network.ports].index, recording.further)]
     u[:, places] = np.column_stack([mean_input(fine), made_periodic(driving.further, cycle)])
     held[places] = [before, *(x[0] for x in recording.further.values())]
     for source in setup.sources:
@@ -394,39 +365,19 @@ def _port_inputs(
     return fine, u, held
 
 
-def _begun(
-    program: Program, network: Network, u: Array, h: Array, held: Array, place: float | None, name: str
-) -> Array:  # fmt: skip
-    """Return (N,) the state in which a simulation begins: at rest under inputs, or in the steady cycle of a period.
-
-    Args:
-        place: the displacement at which an imposed motion begins, where it was recorded.
-    """
+def _at_rest(network: Network, held: Array, cycle: int) -> Array:
+    """Return (N,) steady state under inputs (P,); without one a cycle is looked for from zero."""
     try:
-        x = equilibrium(network, held)
+        return equilibrium(network, held)
     except SolverFailed:
-        if not h.size:
+        if not cycle:
             raise
-        x = np.zeros(len(program.states))
-    if place is not None:
-        x[program.travel] = place
-    if not h.size:
-        return x
-    try:
-        return steady_cycle(program, program.theta(network), x, u, h)
-    except SolverFailed as error:
-        raise SolverFailed(f"{name}: {error}") from error
+        return np.zeros(len(network.state_names))
 
 
 def measured_network(network: Network, recording: Recording) -> Network:
     """Return the network with what a recording measures as its output."""
     return replace(network, output=recording.measures, senses="") if recording.measures else network
-
-
-def further_ports(network: Network, recording: Recording) -> list[int]:
-    """Return the places of the ports that a recording drives beside the first."""
-    names = [p.name for p in network.ports]
-    return [names.index(name) for name in recording.further]
 
 
 def check_names(network: Network, recordings: Sequence[Recording]) -> None:
@@ -478,18 +429,36 @@ def _check_dimension(network: Network, recording: Recording) -> None:
 
 
 def driven(setup: Setup, fine: Any, h: Array, before: Any, cycle: int) -> tuple[Any, Any]:
-    """Return the voltage at the port (n, 3), periodic if there is a cycle, and the one before; see `amplified`."""
-    longer, steps, first = _with_run_in(setup, fine, h, cycle)
-    voltage, before = amplified(setup, longer, steps, before)
-    return made_periodic(voltage[first:], cycle), before
+    """Return the voltage (n, 3) behind all amplifier blocks, periodic if there is a cycle, and the one before.
+
+    Args:
+        fine: (n, 3) command at the start, middle and end of the steps ``h`` (n,).
+        before: the constant command before them, under which all blocks are in equilibrium.
+    """
+    fine, h, first = _with_run_in(setup, fine, h, cycle)
+    for block in setup.amplifier:
+        fine, before = _through(block, fine, h, before, _values(setup, block))
+    return made_periodic(fine[first:], cycle), before
 
 
 def driven_changes(
     setup: Setup, fine: Array, h: Array, before: float, cycle: int, names: Sequence[str]
 ) -> dict[str, tuple[Array, float]]:
-    """Return the same for changes by parameters of the amplifier; see `amplifier_changes`."""
-    longer, steps, first = _with_run_in(setup, fine, h, cycle)
-    changes = amplifier_changes(setup, longer, steps, before, names)
+    """Return changes of the same by the named parameters of the blocks."""
+    fine, h, first = _with_run_in(setup, fine, h, cycle)
+    changes: dict[str, tuple[Array, float]] = {}
+    for block in setup.amplifier:
+        values = _values(setup, block)
+        if changes and not AMPLIFIERS[block.kind].remembers:
+            slope, earlier = _change(_through(block, fine + 1j * TINY, h, before + 1j * TINY, values))
+            changes = {n: (slope * c, earlier * b) for n, (c, b) in changes.items()}
+        else:
+            moved = {n: (fine + 1j * TINY * c, before + 1j * TINY * b) for n, (c, b) in changes.items()}
+            changes = {n: _change(_through(block, f, h, b, values)) for n, (f, b) in moved.items()}
+        for n in (n for n in block.parameters if n in names):
+            direct, known = _change(_through(block, fine, h, before, _values(setup, block, n))), changes.get(n)
+            changes[n] = direct if known is None else (direct[0] + known[0], direct[1] + known[1])
+        fine, before = _through(block, fine, h, before, values)
     return {n: (made_periodic(c[first:], cycle), b) for n, (c, b) in changes.items()}
 
 

@@ -32,7 +32,6 @@ from phnn.errors import InputRefused, SolverFailed, StructureViolated
 from phnn.integrate import kernel
 from phnn.integrate.equations import linearised, means, reducible_rules, step_residual
 from phnn.integrate.program import compile_network
-from phnn.integrate.rest import equilibrium
 from phnn.integrate.scheme import Scheme, can_compile, partly_driven
 from phnn.integrate.sweep import closed_cycle
 from phnn.laws import RESISTOR_LAWS, STORAGE_LAWS
@@ -345,10 +344,6 @@ class _Run(NamedTuple):
     h: Tensor
     scheme: Scheme
 
-    def first(self, steps: int) -> _Run:
-        """Return the first steps of the stretch."""
-        return self._replace(u=self.u[:steps], h=self.h[:steps])
-
     def starts(self, z: Tensor) -> Tensor:
         """Return (N, ..., n) states at the starts of steps that end at ``z``."""
         return torch.cat([self.x.unsqueeze(0), z[:-1]])
@@ -419,7 +414,7 @@ def _newton(run: _Run, z: Tensor, damped: bool = False) -> _Root:
         bad = ~(residual.abs() <= _ACCEPTED * precision * scale)
         wrong = ~(residual.abs() <= _ROUNDING * precision * scale).flatten(1).all(1)
         solved = int(wrong.float().argmax())
-        if solved and not _is_sure(run.first(solved), z[:solved]):
+        if solved and not _is_sure(run._replace(u=run.u[:solved], h=run.h[:solved]), z[:solved]):
             solved = 0
         return _Root(z, f"Newton's iteration stopped at a residual of {worst:.1e} ({_names(system, bad)})", solved)
     if not _is_sure(run, z):
@@ -613,17 +608,16 @@ def first_order(
 
 
 def integrated(
-    network: Network, x0: Array | None, u: Array, h: Array, cycle: int, held: Array, scheme: Scheme, start: float
+    network: Network, x0: Array, u: Array, h: Array, cycle: int, scheme: Scheme, start: float
 ) -> tuple[Array, Array]:
     """Return the states (N+1, n) and mean efforts (N, n) of a network under mean inputs (N, P), as arrays.
 
     Args:
-        x0: (n,) initial state; None: the steady one under the inputs ``held`` (P,) or, where the first ``cycle`` steps
-            are a period, that of the steady cycle.
+        x0: (n,) initial state; where the first ``cycle`` steps are a period, a guess of that of the steady cycle.
         start: time of the first state, for messages.
 
     Raises:
-        SolverFailed: a step has no solution, with its time; or there is no steady state or cycle.
+        SolverFailed: a step has no solution, with its time; or there is no steady cycle.
     """
     system, inputs, steps = PortHamiltonianSystem(network), torch.from_numpy(u), torch.from_numpy(h).unsqueeze(-1)
 
@@ -638,24 +632,12 @@ def integrated(
             total = carry @ total
         return total.numpy()
 
-    if x0 is None:
-        x0 = _at_rest(network, held, cycle)
-        x0 = closed_cycle(period, monodromy, x0, network.state_names) if cycle else x0
+    x0 = closed_cycle(period, monodromy, x0, network.state_names) if cycle else x0
     x = torch.from_numpy(np.asarray(x0, dtype=float))
     states = march(system, x, inputs, steps, scheme, start)
     with torch.no_grad():
         efforts = means(system, scheme, states[:-1], states[1:], inputs, steps).efforts
     return states.numpy(), efforts.numpy()
-
-
-def _at_rest(network: Network, held: Array, cycle: int) -> Array:
-    """Return (n,) steady state under an input; without one a cycle is looked for from zero."""
-    try:
-        return equilibrium(network, held)
-    except SolverFailed:
-        if not cycle:
-            raise
-        return np.zeros(len(network.state_names))
 
 
 def by_start(

@@ -16,19 +16,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from phnn.integrate import program as at
 from phnn.integrate import quick
 from phnn.integrate.cache import inline, loop_entry, plain, stay_outside
-from phnn.integrate.program import (
-    FROM_PORT,
-    INTO_JUNCTION,
-    JUNCTION_INLETS,
-    JUNCTIONS,
-    LEAVES,
-    MODULATOR_STATES,
-    Program,
-    actions,
-    rows_of,
-)
+from phnn.integrate.program import Program, actions, rows_of
 from phnn.integrate.roots import NOTHING, RELAXED, TOLERANCE, extrapolated, make_root
 from phnn.integrate.step import (
     CAPACITY,
@@ -92,7 +83,7 @@ def _sized(step: Step, h: Any) -> Step:
 @inline
 def inertia(t: Any, j: Any, c: Any) -> Any:
     """Return ``d(z_j − p_j)/dy_j``: twice the mass of a linear junction, else one."""
-    return 2.0 * c[count(t, LEAVES) + j, CAPACITY] if is_linear(t, j) else 1.0
+    return 2.0 * c[count(t, at.LEAVES) + j, CAPACITY] if is_linear(t, j) else 1.0
 
 
 @plain
@@ -187,9 +178,9 @@ def _impose(t: Any, step: Step, perturbed: Step, held: Any) -> bool:
         return True
     g, x, y = step.g, step.x, step.y
     given = 0.0
-    for r in rows(t, JUNCTION_INLETS):
-        if t[r, INTO_JUNCTION] == held[0]:
-            given -= g[r] * step.a[t[r, FROM_PORT]]
+    for r in rows(t, at.JUNCTION_INLETS):
+        if t[r, at.INTO_JUNCTION] == held[0]:
+            given -= g[r] * step.a[t[r, at.FROM_PORT]]
     velocity, moved = given / g[held[2]], held[1]
     y[held[0]], y[moved] = 0.0, velocity
     if not is_linear(t, moved):
@@ -481,7 +472,7 @@ def _steps(t: Any, actions: Any, h: Any, states: Any, efforts: Any, both: Any, r
             balance(t, step)
         else:
             solved = solve_many(t, step, perturbed, room)
-        if count(t, MODULATOR_STATES) > 0:
+        if count(t, at.MODULATOR_STATES) > 0:
             advance(t, step)
         for k in range(x.shape[0]):
             states[n + 1, k] = step.wx[NEXT, k]
@@ -495,7 +486,7 @@ def _steps(t: Any, actions: Any, h: Any, states: Any, efforts: Any, both: Any, r
 def march_any(program: Program, theta: Array, actions: Array, h: Array, states: Array, efforts: Array) -> int:
     """Integrate any program from ``states[0]`` under the actions (n, P) of its ports; return the steps solved."""
     t = program.table
-    n, m, leaves = states.shape[1], len(rows_of(t, JUNCTIONS)), len(rows_of(t, LEAVES))
+    n, m, leaves = states.shape[1], len(rows_of(t, at.JUNCTIONS)), len(rows_of(t, at.LEAVES))
     shapes = ((leaves + m, CONSTANTS), len(t), actions.shape[1], n, m, (4, m), (2, n))
 
     def empty(kind: type) -> Step:

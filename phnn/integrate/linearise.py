@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from phnn.integrate import program as at
 from phnn.integrate.cache import inline, plain, stay_outside
 from phnn.integrate.perturbed import (
     PIECES,
@@ -28,30 +29,8 @@ from phnn.integrate.perturbed import (
     places_of,
     terms_in_full,
 )
-from phnn.integrate.program import (
-    FACTORS,
-    FIRST_RESISTOR,
-    FROM_PORT,
-    INTO_JUNCTION,
-    IS_LINEAR,
-    JUNCTION_INLETS,
-    LEAVES,
-    MODULATOR_STATES,
-    OWN_STORAGE,
-    READ,
-    RULE,
-    SOURCE_EFFORT,
-    SOURCE_FLOW,
-    SOURCE_LEAF,
-    SOURCE_PORT,
-    SOURCE_RESISTOR,
-    SOURCES,
-    STORAGES,
-    TO_JUNCTION,
-)
 from phnn.integrate.scheme import LOSSLESS
 from phnn.integrate.step import (
-    FLOW,
     FORCE,
     HIGH,
     LEAK,
@@ -63,7 +42,6 @@ from phnn.integrate.step import (
     STIFFNESS,
     TWO,
     Step,
-    branch_effort,
     count,
     fill_constants,
     fill_gains,
@@ -80,8 +58,8 @@ from phnn.integrate.step import (
     memory_rate,
     modulate,
     read,
-    resistor_flow,
     resistor_thresholds,
+    source,
     sources,
 )
 from phnn.laws.leaf import relaxation, relaxed, slides_on
@@ -97,12 +75,12 @@ def _current(t: Any, p: Any, d: Any, leaf: Any) -> Any:
     """Return the current into a reducible storage, and the flow through its only link or, with others, the current."""
     only, total = p.only[leaf], 0.0
     if only >= 0:
-        flow = d.flows[t[only, TO_JUNCTION]]
+        flow = d.flows[t[only, at.TO_JUNCTION]]
         return d.g[0, only].real * flow, flow
     for r in links(t, leaf):
-        total += d.g[0, r].real * d.flows[t[r, TO_JUNCTION]]
+        total += d.g[0, r].real * d.flows[t[r, at.TO_JUNCTION]]
     for r in inlets(t, leaf):
-        total += d.g[0, r].real * d.a[0, t[r, FROM_PORT]].real
+        total += d.g[0, r].real * d.a[0, t[r, at.FROM_PORT]].real
     return total, total
 
 
@@ -114,11 +92,11 @@ def _fill_shifts(t: Any, p: Any, d: Any, leaf: Any) -> None:
             i, total = p.input[pair], 0.0
             _, slot, act = places_of(p, d, i)
             for r in links(t, leaf):
-                total += d.g[slot, r].imag / TINY * d.flows[t[r, TO_JUNCTION]]
-                if i == d.x.shape[0] + t[r, TO_JUNCTION]:
+                total += d.g[slot, r].imag / TINY * d.flows[t[r, at.TO_JUNCTION]]
+                if i == d.x.shape[0] + t[r, at.TO_JUNCTION]:
                     total += d.g[slot, r].real
             for r in inlets(t, leaf):
-                total += (d.g[slot, r] * d.a[act, t[r, FROM_PORT]]).imag / TINY
+                total += (d.g[slot, r] * d.a[act, t[r, at.FROM_PORT]]).imag / TINY
             d.shift[pair] = total
 
 
@@ -127,7 +105,7 @@ def _exert(t: Any, p: Any, d: Any, leaf: Any, mean: Any) -> None:
     """Add the force of a reducible storage on its junctions; ``mean`` is its mean effort."""
     first, last = p.first[leaf], p.first[leaf + 1]
     for r in links(t, leaf):
-        force, ratio = d.by_force[t[r, TO_JUNCTION]], d.g[0, r].real
+        force, ratio = d.by_force[t[r, at.TO_JUNCTION]], d.g[0, r].real
         for pair in range(first, last):
             force[p.input[pair]] += ratio * d.by_mean[pair] + d.by_ratio[pair] * mean
         for pair in range(first, last if p.shifted[leaf] else first):
@@ -211,8 +189,8 @@ def _prepare_slope(t: Any, p: Any, d: Any, leaf: Any, h: Any) -> None:
 def _thresholds(t: Any, p: Any, d: Any, leaf: Any, i: Any, h: Any) -> Any:
     """Return ``(ρ, lo, hi)`` of the first resistor of a storage with input ``i`` perturbed, none for ``i < 0``."""
     stay_outside()
-    r = t[t[0, LEAVES] + leaf, FIRST_RESISTOR]
-    q = read(t, t[r, READ], perturbed_step(t, p, d, i, h))
+    r = t[t[0, at.LEAVES] + leaf, at.FIRST_RESISTOR]
+    q = read(t, t[r, at.READ], perturbed_step(t, p, d, i, h))
     thresholds = resistor_thresholds(t, r, q, d.theta)
     perturb(p, d, i, 0.0)
     return thresholds
@@ -251,7 +229,7 @@ def _leaf_by_pieces(t: Any, p: Any, d: Any, leaf: Any, x: Any, h: Any) -> Any:
                 _prepare_slope(t, p, d, leaf, h)
             if rho.real != c[RHO].real:
                 return False
-    if t[t[0, LEAVES] + leaf, RULE] != LOSSLESS:
+    if t[t[0, at.LEAVES] + leaf, at.RULE] != LOSSLESS:
         piece = _piece_of(of, c, low, high, x, current)
     if piece == CROSSING:
         return False
@@ -290,7 +268,7 @@ def _leaf_power(t: Any, p: Any, d: Any, leaf: Any, n: Any, run: Any) -> None:
         start = complex(run.states[n, k], TINY if i == k else 0.0)
         end = complex(run.states[n + 1, k], TINY * d.by_leaf[pair])
         mean = complex(run.efforts[n, k], TINY * d.by_mean[pair])
-        if t[t[0, LEAVES] + leaf, IS_LINEAR] > 0:
+        if t[t[0, at.LEAVES] + leaf, at.IS_LINEAR] > 0:
             between = 0.5 * d.c[which, leaf, STIFFNESS] * (start + end)
         else:
             perturb(p, d, i, TINY)
@@ -302,30 +280,16 @@ def _leaf_power(t: Any, p: Any, d: Any, leaf: Any, n: Any, run: Any) -> None:
 
 
 @inline
-def _junction_power(t: Any, p: Any, d: Any, s: Any, h: Any) -> None:
-    """Add the derivatives of the power that the junction resistor of the source in row ``s`` dissipates."""
-    r, source = t[s, SOURCE_RESISTOR], s - t[0, SOURCES]
-    for place in range(p.source_first[source], p.source_first[source + 1]):
-        i = p.source_input[place]
-        step = perturbed_step(t, p, d, i, h)
-        effort, q = branch_effort(t, r, step.g, step.wj), read(t, t[r, READ], step)
-        d.by_drive[i] += (effort * resistor_flow(t, r, effort, q, d.theta)).imag / TINY
-        perturb(p, d, i, 0.0)
-
-
-@inline
-def _signal(t: Any, p: Any, d: Any, s: Any, h: Any) -> None:
-    """Add the derivatives of the effort of a reducible storage, the flow of a junction or the action of a port."""
-    for leaf in range(count(t, LEAVES) if t[s, SOURCE_EFFORT] >= 0 else 0):
-        if leaf_storage(t, leaf) == t[s, SOURCE_EFFORT]:
+def _by_source(t: Any, p: Any, d: Any, s: Any, h: Any) -> None:
+    """Add the derivatives of the source in row ``s``, unless it is the power of a reducible storage."""
+    for leaf in range(count(t, at.LEAVES) if t[s, at.SOURCE_EFFORT] >= 0 else 0):
+        if leaf_storage(t, leaf) == t[s, at.SOURCE_EFFORT]:
             for pair in range(p.first[leaf], p.first[leaf + 1]):
                 d.by_drive[p.input[pair]] += d.by_mean[pair]
-    source = s - t[0, SOURCES]
-    for place in range(p.source_first[source], p.source_first[source + 1]):
+    number = s - t[0, at.SOURCES]
+    for place in range(p.source_first[number], p.source_first[number + 1]):
         i = p.source_input[place]
-        step = perturbed_step(t, p, d, i, h)
-        value = d.wj[FLOW, t[s, SOURCE_FLOW]] if t[s, SOURCE_FLOW] >= 0 else step.a[t[s, SOURCE_PORT]]
-        d.by_drive[i] += value.imag / TINY
+        d.by_drive[i] += source(t, s, perturbed_step(t, p, d, i, h)).imag / TINY
         perturb(p, d, i, 0.0)
 
 
@@ -339,16 +303,14 @@ def _end(t: Any, row: Any, z: Any, drive: Any, h: Any, theta: Any) -> Any:
 @inline
 def _modulator_by(t: Any, p: Any, d: Any, k: Any, n: Any, run: Any) -> None:
     """Fill the derivatives of modulator state ``k`` from those of the reducible storages."""
-    row, state, out, h = t[0, MODULATOR_STATES] + k, count(t, STORAGES) + k, d.by_modulator[k], run.h[n]
+    row, state, out, h = t[0, at.MODULATOR_STATES] + k, count(t, at.STORAGES) + k, d.by_modulator[k], run.h[n]
     for i in range(out.shape[0]):
         d.by_drive[i] = 0.0
     for s in sources(t, row):
-        if t[s, SOURCE_LEAF] >= 0:
-            _leaf_power(t, p, d, t[s, SOURCE_LEAF], n, run)
-        elif t[s, SOURCE_RESISTOR] >= 0:
-            _junction_power(t, p, d, s, h)
+        if t[s, at.SOURCE_LEAF] >= 0:
+            _leaf_power(t, p, d, t[s, at.SOURCE_LEAF], n, run)
         else:
-            _signal(t, p, d, s, h)
+            _by_source(t, p, d, s, h)
     drive = complex(run.efforts[n, state], TINY)
     by = _end(t, row, d.x[state], drive, h, d.theta).imag / TINY
     drive = complex(run.efforts[n, state], 0.0)
@@ -377,7 +339,7 @@ def _prepare_junctions(t: Any, p: Any, d: Any, k: Any, h: Any) -> None:
         change = junction_change(t, b, d.c[k], d.x, d.y)
         d.wj[FORCE, b] = change / h
         for place in range(p.plain.shape[0]):
-            if p.plain[place] < t[0, JUNCTION_INLETS]:
+            if p.plain[place] < t[0, at.JUNCTION_INLETS]:
                 junction_term(t, p.plain[place], Step(d.theta, d.c[k], g, d.a[0], d.x, d.y, h, d.wj, d.wx))
         # By a parameter the terms are multiples of the flow; by the flow itself they are constants.
         i, row = (n + m + k, b) if perturbed else (n + b, m)
@@ -408,7 +370,7 @@ def _prepare(t: Any, p: Any, d: Any, h: Any) -> None:
         fill_constants(t, d.theta, h, d.c[k])
         _prepare_junctions(t, p, d, k, h)
         perturb(p, d, i, 0.0)
-    for leaf in range(count(t, LEAVES)):
+    for leaf in range(count(t, at.LEAVES)):
         if p.reads[leaf]:
             # No slope is known yet.
             d.c[none, leaf, RHO] = np.nan
@@ -417,7 +379,7 @@ def _prepare(t: Any, p: Any, d: Any, h: Any) -> None:
             if p.only[leaf] >= 0:
                 d.by_ratio[pair] = d.g[p.slot[p.input[pair]], p.only[leaf]].imag / TINY
             for r in links(t, leaf):
-                if p.input[pair] == d.x.shape[0] + t[r, TO_JUNCTION]:
+                if p.input[pair] == d.x.shape[0] + t[r, at.TO_JUNCTION]:
                     d.shift[pair] += d.g[0, r].real
         if p.affine[leaf]:
             _prepare_pieces(t, p, d, leaf, h)
@@ -440,13 +402,13 @@ def _linear_terms(t: Any, p: Any, d: Any) -> None:
                 force[i] += by[i] * v
     for place in range(p.plain.shape[0]):
         r = p.plain[place]
-        if r >= t[0, JUNCTION_INLETS]:
-            force = d.by_force[t[r, INTO_JUNCTION]]
+        if r >= t[0, at.JUNCTION_INLETS]:
+            force = d.by_force[t[r, at.INTO_JUNCTION]]
             for s in range(1, p.slots.shape[0]):
-                force[p.slots[s]] -= d.g[s, r].imag / TINY * d.a[0, t[r, FROM_PORT]].real
+                force[p.slots[s]] -= d.g[s, r].imag / TINY * d.a[0, t[r, at.FROM_PORT]].real
             for k in range(p.active.shape[0] if d.a.shape[0] > 1 else 0):
                 if p.in_ports[k] >= 0:
-                    force[known + k] -= d.g[0, r].real * (d.a[1 + p.in_ports[k], t[r, FROM_PORT]].imag / TINY)
+                    force[known + k] -= d.g[0, r].real * (d.a[1 + p.in_ports[k], t[r, at.FROM_PORT]].imag / TINY)
 
 
 @inline
@@ -457,17 +419,17 @@ def derivatives_at(t: Any, p: Any, d: Any, n: Any, run: Any, fresh: Any) -> None
         _prepare(t, p, d, h)
     load(t, d, n, run)
     _linear_terms(t, p, d)
-    for s in range(p.slots.shape[0] if count(t, FACTORS) > 0 else 0):
+    for s in range(p.slots.shape[0] if count(t, at.FACTORS) > 0 else 0):
         modulate(t, perturbed_step(t, p, d, p.slots[s], h))
         perturb(p, d, p.slots[s], 0.0)
     terms_in_full(t, p, d, h)
-    for leaf in range(count(t, LEAVES)):
-        row, done = t[0, LEAVES] + leaf, False
-        k = t[row, OWN_STORAGE]
+    for leaf in range(count(t, at.LEAVES)):
+        row, done = t[0, at.LEAVES] + leaf, False
+        k = t[row, at.OWN_STORAGE]
         if p.affine[leaf]:
             if p.shifted[leaf]:
                 _fill_shifts(t, p, d, leaf)
-            if t[row, RULE] == LOSSLESS and t[row, IS_LINEAR] <= 0:
+            if t[row, at.RULE] == LOSSLESS and t[row, at.IS_LINEAR] <= 0:
                 _curved_leaf(t, p, d, leaf, run.states[n, k], h)
                 done = True
             else:
@@ -476,5 +438,5 @@ def derivatives_at(t: Any, p: Any, d: Any, n: Any, run: Any, fresh: Any) -> None
             _exert(t, p, d, leaf, run.efforts[n, k])
         else:
             leaf_in_full(t, p, d, leaf, h)
-    for k in range(count(t, MODULATOR_STATES)):
+    for k in range(count(t, at.MODULATOR_STATES)):
         _modulator_by(t, p, d, k, n, run)

@@ -15,24 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from phnn.integrate import program as at
 from phnn.integrate.cache import inline
-from phnn.integrate.program import (
-    FIRST_INLET,
-    FIRST_LINK,
-    JUNCTIONS,
-    LAST_INLET,
-    LAST_LINK,
-    LEAVES,
-    MODULATOR_STATES,
-    PLACE_1,
-    PLACE_5,
-    PORTS,
-    RATIO,
-    TO_JUNCTION,
-    Integers,
-    Sparsity,
-    rows_of,
-)
+from phnn.integrate.program import Integers, Sparsity, has_one_link, rows_of
 from phnn.integrate.step import (
     CONSTANTS,
     FORCE,
@@ -116,22 +101,18 @@ def pattern_of(sparsity: Sparsity, active: tuple[int, ...]) -> Pattern:
     """Return the pattern of a program for the parameters at some entries of theta."""
     table, known = sparsity.table, sparsity.known
     inputs = [*range(known), *(known + place for place in active)]
-    in_ports = np.isin(active, rows_of(table, PORTS)[:, PLACE_1 : PLACE_5 + 1])
+    in_ports = np.isin(active, rows_of(table, at.PORTS)[:, at.PLACE_1 : at.PLACE_5 + 1])
     first, given = _listed(sparsity.leaves, inputs)
     leaf = np.repeat(np.arange(len(sparsity.leaves)), np.diff(first))
     names = np.array(inputs, dtype=np.int64)[given]
-    storages, calm = (
-        rows_of(table, LEAVES),
-        np.array(sparsity.affine, dtype=bool) & ~np.array(sparsity.varies, dtype=bool),
-    )
-    calm &= storages[:, LAST_LINK] - storages[:, FIRST_LINK] == 1
-    only = np.where(calm & (storages[:, LAST_INLET] == storages[:, FIRST_INLET]), storages[:, FIRST_LINK], -1)
+    affine, varies = (np.array(each, dtype=np.bool_) for each in (sparsity.affine, sparsity.varies))
+    only = np.where(affine & ~varies & has_one_link(table), rows_of(table, at.LEAVES)[:, at.FIRST_LINK], -1)
     by_current = [
         only[k] < 0 and (name >= known or sparsity.varies[k]) and name in sparsity.currents[k]
         for k, name in zip(leaf, names, strict=True)
     ]
     by_threshold = [name in sparsity.thresholds[k] for k, name in zip(leaf, names, strict=True)]
-    ratios = {known + int(place) for place in table[1:, RATIO] if place >= 0}
+    ratios = {known + int(place) for place in table[1:, at.RATIO] if place >= 0}
     slots = [i for i, name in enumerate(inputs) if name in ratios or name in sparsity.gains]
     slot = np.zeros(len(inputs), dtype=np.int64)
     slot[slots] = 1 + np.arange(len(slots))
@@ -144,7 +125,7 @@ def pattern_of(sparsity: Sparsity, active: tuple[int, ...]) -> Pattern:
         np.array(by_current, dtype=np.bool_),
         np.array([any(by_current[first[k] : first[k + 1]]) for k in range(len(first) - 1)], dtype=np.bool_),
         np.array(by_threshold, dtype=np.bool_),
-        np.array(sparsity.affine, dtype=np.bool_),
+        affine,
         np.array([bool(members) for members in sparsity.thresholds], dtype=np.bool_),
         np.array(sparsity.plain, dtype=np.int64),
         np.array(list(sparsity.others), dtype=np.int64),
@@ -214,8 +195,8 @@ class Derivatives(NamedTuple):
 
 def new_derivatives(t: Integers, p: Pattern, theta: Array, run: Run) -> Derivatives:
     """Allocate the work arrays for a network and a pattern."""
-    m, leaves, pairs, inputs = len(rows_of(t, JUNCTIONS)), len(rows_of(t, LEAVES)), p.input.size, p.slot.size
-    n, slow = run.states.shape[1], len(rows_of(t, MODULATOR_STATES))
+    m, leaves, pairs, inputs = len(rows_of(t, at.JUNCTIONS)), len(rows_of(t, at.LEAVES)), p.input.size, p.slot.size
+    n, slow = run.states.shape[1], len(rows_of(t, at.MODULATOR_STATES))
     steps = (
         n, m, (4, m), (2, n), (1 + run.by_port.shape[0], run.actions.shape[1]),
         (p.active.size + 1, leaves + m, CONSTANTS), (p.slots.size, t.shape[0]),
@@ -315,4 +296,4 @@ def leaf_in_full(t: Any, p: Any, d: Any, leaf: Any, h: Any) -> None:
         d.by_leaf[pair] = end.imag / TINY
         d.by_mean[pair] = mean.imag / TINY
         for r in links(t, leaf):
-            d.by_force[t[r, TO_JUNCTION], i] += (step.g[r] * mean).imag / TINY
+            d.by_force[t[r, at.TO_JUNCTION], i] += (step.g[r] * mean).imag / TINY

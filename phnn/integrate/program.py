@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 from phnn.errors import StructureViolated
 from phnn.integrate.scheme import (
     EXACT,
-    LAWS,
     LINEAR_RESISTOR_CODES,
     LOSSLESS,
     SCALARS,
+    WIDE,
     Scheme,
     junctions_of,
     merged_couplings,
@@ -103,21 +103,10 @@ def rows_of(table: Integers, kind: int) -> Integers:
     return table[table[0, kind] : table[0, kind + 1]]
 
 
-def source_rows(
-    network: Network, memory: ModulatorState, leaves: Sequence[str], junctions: Sequence[str]
-) -> list[list[int]]:
-    """Return the rows of one modulator state's sources; junction resistors are counted within their kind."""
-    by_name: dict[str, tuple[int, int]] = {}
-    for k, leaf in enumerate(leaves):
-        # All resistors of the storage drive the modulator state, or none does: see `phnn.integrate.scheme`.
-        by_name |= {r.name: (SOURCE_LEAF, k) for r in network.resistors if tuple(r.on) == (leaf,)}
-    by_name |= {p.name: (SOURCE_PORT, k) for k, p in enumerate(network.ports)}
-    by_name |= {name: (SOURCE_FLOW, j) for j, name in enumerate(junctions)}
-    by_name |= {name: (SOURCE_EFFORT, network.state_names.index(name)) for name in leaves}
-    on_junctions = (r.name for r in network.resistors if set(r.on) <= set(junctions))
-    by_name |= {name: (SOURCE_RESISTOR, k) for k, name in enumerate(on_junctions)}
-    sources = dict.fromkeys(by_name[name] for name in network.drives_of(memory))
-    return [[value if column == c else NONE for c in range(5)] for column, value in sources]
+def has_one_link(table: Integers) -> NDArray[np.bool_]:
+    """Return (L,) which reducible storages are coupled to one junction alone, and to no port."""
+    leaves = rows_of(table, LEAVES)
+    return (leaves[:, LAST_LINK] - leaves[:, FIRST_LINK] == 1) & (leaves[:, LAST_INLET] == leaves[:, FIRST_INLET])
 
 
 # Kinds of rows that belong to a reducible storage, in the order of its columns.
@@ -136,7 +125,7 @@ class Program:
         modules: (kind, element) of the neural laws in the order of their weights.
         states: names of the storages, then of the modulator states; junctions, leaves: names of the junctions and of
             the reducible storages.
-        table: for the kernel, see `phnn.integrate.table`.
+        table: for the kernel, see above.
         output: index of the measured storage.
         scheme: how the steps are discretised.
         moving, travel, contact: indices of the momentum and the displacement of an imposed motion, and of the contact
@@ -234,9 +223,11 @@ class _Builder:
         self.network, self.scheme = network, scheme
         self.names = tuple(network.parameters)
         # Laws with fewer parameters than the kernel passes refer to the first constant for the rest.
-        self.constants = tuple(sorted({0.0, 1.0} | {float(v) for v in self._all_ratios() if not isinstance(v, str)}))
+        self.constants = tuple(sorted({0.0, 1.0} | {float(v) for v in network.ratios() if not isinstance(v, str)}))
         self.modules: list[tuple[str, str]] = []
+        self.rows: dict[int, list[list[int]]] = {kind: [] for kind in range(KINDS)}
         self.ratios: dict[int, list[tuple[int, int]]] = {}
+        self.laws = {id(one.element): one for one in network.with_laws()}
         self.size = len(self.names) + len(self.constants)
         self.states = network.state_names
         self.junctions = junctions_of(network)
@@ -245,72 +236,66 @@ class _Builder:
         reads = [r.modulated_by for r in network.resistors if r.modulated_by] + [m.by for m in network.modulations]
         self.reads = tuple(dict.fromkeys(reads))
 
-    def _all_ratios(self) -> list[Ratio]:
-        n = self.network
-        ratios: list[Ratio] = [c.ratio for c in n.couplings]
-        return ratios + [v for on in (*(r.on for r in n.resistors), *(p.on for p in n.ports)) for v in on.values()]
-
     def _place(self, ratio: Ratio) -> int:
         if isinstance(ratio, str):
             return self.names.index(ratio)
         return len(self.names) + self.constants.index(float(ratio))
 
-    def _law(self, kind: str, name: str, law: Any, parameters: tuple[str, ...]) -> list[int]:
-        """Return the code and places, or the block of weights, of a law."""
-        scalar, wide = LAWS[kind]
+    def _law(self, element: Any) -> list[int]:
+        """Return the code and places, or the block of weights, of an element's law."""
+        one, law = self.laws[id(element)], element.law
         if isinstance(law, str):
-            places = [self.names.index(n) for n in parameters]
-            return [list(scalar).index(law), *places, *[self._place(0.0)] * (SCALARS - len(places))]
+            places = [self.names.index(n) for n in element.parameters]
+            return [list(one.laws).index(law), *places, *[self._place(0.0)] * (SCALARS - len(places))]
         first = self.size
         self.size += int(law.weights().numel())
-        self.modules.append((kind, name))
-        return [len(scalar) + list(wide).index(form_of(law)), first, int(law.units), first, first, first]
+        self.modules.append((one.kind, one.name))
+        return [len(one.laws) + list(WIDE[one.kind]).index(form_of(law)), first, int(law.units), first, first, first]
 
     def program(self) -> Program:
-        network, leaves, junctions = self.network, self.leaves, self.junctions
-        rows: dict[int, list[list[int]]] = {kind: [] for kind in range(KINDS)}
-        rows[STORAGES] = [self._law("storage", s.name, s.law, s.parameters) for s in network.storages]
+        network, leaves, junctions, rows = self.network, self.leaves, self.junctions, self.rows
+        rows[STORAGES] = [self._law(s) for s in network.storages]
         rows[JUNCTIONS] = [[self.states.index(j), NONE, int(is_linear(self._storage(j)))] for j in junctions]
-        rows[PORTS] = [self._law("port", p.name, p.law, p.parameters) for p in network.ports]
+        rows[PORTS] = [self._law(p) for p in network.ports]
         rows[READS] = [self._read(name) for name in self.reads]
         for name in leaves:
             resistors = [network.resistors[k] for k in resistors_of(network, name)]
             before = [len(rows[k]) for k in _OWNED]
             for r in resistors:
-                self._with_ratio(rows, LEAF_RESISTORS, self._resistor(r), r.on[name])
-            self._links(rows, name)
-            self._inlets(rows, LEAF_INLETS, name, [])
-            storage = self._storage(name)
+                self._with_ratio(LEAF_RESISTORS, self._resistor(r), r.on[name])
+            for (to, of, ratio), times in self.couplings.items():
+                for one, other, sign in ((to, of, times), (of, to, -times)):
+                    if one == name:
+                        self._with_ratio(LINKS, [junctions.index(other)], ratio, sign)
+            self._inlets(LEAF_INLETS, name, [])
             ranges = [n for k, first in zip(_OWNED, before, strict=True) for n in (first, len(rows[k]))]
-            rule = rule_of(network, name, self.scheme)
-            rows[LEAVES].append([self.states.index(name), rule, int(is_linear(storage)), *ranges])
+            linear, rule = int(is_linear(self._storage(name))), rule_of(network, name, self.scheme)
+            rows[LEAVES].append([self.states.index(name), rule, linear, *ranges])
         for j, name in enumerate(junctions):
-            self._inlets(rows, JUNCTION_INLETS, name, [j])
+            self._inlets(JUNCTION_INLETS, name, [j])
         for r in network.resistors:
             if set(r.on) <= set(junctions):
                 branch = len(rows[BRANCHES])
                 for name, ratio in r.on.items():
-                    self._with_ratio(rows, BRANCHES, [junctions.index(name)], ratio)
+                    self._with_ratio(BRANCHES, [junctions.index(name)], ratio)
                 rows[JUNCTION_RESISTORS].append([*self._resistor(r), branch, len(rows[BRANCHES])])
-        self._gyrators(rows)
+        for (to, of, ratio), times in self.couplings.items():
+            if {to, of} <= set(junctions):
+                ends = [junctions.index(to), junctions.index(of)]
+                self._with_ratio(GYRATORS, ends, ratio, times)
+                self._with_ratio(GYRATORS, ends[::-1], ratio, -times)
         # A reducible storage that a ratio reads may have ratios that follow a modulator state: these come first.
         for m in sorted(network.modulations, key=lambda m: m.by in network.storage_names):
-            law = self._law("modulation", m.ratio, m.law, m.parameters)
-            rows[FACTORS].append([*law, self.reads.index(m.by), self._place(m.ratio)])
+            rows[FACTORS].append([*self._law(m), self.reads.index(m.by), self._place(m.ratio)])
         for memory in network.memories:
-            law = self._law("memory", memory.name, memory.law, memory.parameters)
-            sources = source_rows(network, memory, leaves, junctions)
-            rows[MODULATOR_STATES].append([*law, len(rows[SOURCES]), len(rows[SOURCES]) + len(sources)])
+            sources = self._sources(memory)
+            rows[MODULATOR_STATES].append([*self._law(memory), len(rows[SOURCES]), len(rows[SOURCES]) + len(sources)])
             rows[SOURCES] += sources
-        table, given = self._absolute(rows), imposed(network)
-        places = (
-            ()
-            if given is None
-            else map(self.states.index, (given.motion.momentum, given.motion.displacement, given.contact))
-        )
+        table, given = self._absolute(), imposed(network)
+        held = (given.motion.momentum, given.motion.displacement, given.contact) if given else ()
         return Program(
             self.names, self.constants, tuple(self.modules), self.states, junctions, leaves, table,
-            self.states.index(network.output), Sparsity(table), self.scheme, *places,
+            self.states.index(network.output), Sparsity(table), self.scheme, *map(self.states.index, held),
         )  # fmt: skip
 
     def _read(self, name: str) -> list[int]:
@@ -318,15 +303,27 @@ class _Builder:
         row = [names.index(name) if name in names else NONE for names in places]
         return [*row, self.states.index(name) if max(row) < 0 else NONE]
 
-    def _with_ratio(
-        self, rows: dict[int, list[list[int]]], kind: int, row: list[int], ratio: Ratio, sign: int = 1
-    ) -> None:
-        rows[kind].append(row)
+    def _sources(self, memory: ModulatorState) -> list[list[int]]:
+        """Return the rows of one modulator state's sources; junction resistors are counted within their kind."""
+        network, by_name = self.network, dict[str, tuple[int, int]]()
+        for k, leaf in enumerate(self.leaves):
+            # All resistors of the storage drive the modulator state, or none does: see `phnn.integrate.scheme`.
+            by_name |= {r.name: (SOURCE_LEAF, k) for r in network.resistors if tuple(r.on) == (leaf,)}
+        by_name |= {p.name: (SOURCE_PORT, k) for k, p in enumerate(network.ports)}
+        by_name |= {name: (SOURCE_FLOW, j) for j, name in enumerate(self.junctions)}
+        by_name |= {name: (SOURCE_EFFORT, self.states.index(name)) for name in self.leaves}
+        on_junctions = (r.name for r in network.resistors if set(r.on) <= set(self.junctions))
+        by_name |= {name: (SOURCE_RESISTOR, k) for k, name in enumerate(on_junctions)}
+        sources = dict.fromkeys(by_name[name] for name in network.drives_of(memory))
+        return [[value if column == c else NONE for c in range(5)] for column, value in sources]
+
+    def _with_ratio(self, kind: int, row: list[int], ratio: Ratio, sign: int = 1) -> None:
+        self.rows[kind].append(row)
         self.ratios.setdefault(kind, []).append((self._place(ratio), sign))
 
-    def _absolute(self, rows: dict[int, list[list[int]]]) -> Integers:
+    def _absolute(self) -> Integers:
         """Build the table; convert references that count within a kind to row numbers."""
-        table = stack(rows, self.ratios)
+        table = stack(self.rows, self.ratios)
         first = table[0]
         leaves = rows_of(table, LEAVES)
         for column, kind in enumerate(_OWNED):
@@ -348,25 +345,12 @@ class _Builder:
 
     def _resistor(self, r: Resistor) -> list[int]:
         read = NONE if r.modulated_by is None else self.reads.index(r.modulated_by)
-        return [*self._law("resistor", r.name, r.law, r.parameters), read]
+        return [*self._law(r), read]
 
-    def _links(self, rows: dict[int, list[list[int]]], leaf: str) -> None:
-        for (to, of, ratio), times in self.couplings.items():
-            for name, other, sign in ((to, of, times), (of, to, -times)):
-                if name == leaf:
-                    self._with_ratio(rows, LINKS, [self.junctions.index(other)], ratio, sign)
-
-    def _gyrators(self, rows: dict[int, list[list[int]]]) -> None:
-        for (to, of, ratio), times in self.couplings.items():
-            if {to, of} <= set(self.junctions):
-                ends = [self.junctions.index(to), self.junctions.index(of)]
-                self._with_ratio(rows, GYRATORS, ends, ratio, times)
-                self._with_ratio(rows, GYRATORS, ends[::-1], ratio, -times)
-
-    def _inlets(self, rows: dict[int, list[list[int]]], kind: int, name: str, rest: list[int]) -> None:
+    def _inlets(self, kind: int, name: str, rest: list[int]) -> None:
         for k, port in enumerate(self.network.ports):
             if name in port.on:
-                self._with_ratio(rows, kind, [k, *rest], port.on[name])
+                self._with_ratio(kind, [k, *rest], port.on[name])
 
 
 class Sparsity:
@@ -404,17 +388,15 @@ class Sparsity:
         self.plain = [row for row in terms if self._is_plain(row)]
         self.others = {row: self._term(row) for row in terms if row not in self.plain}
         self.gains = set[int]().union(*map(self._ratio, self._modulated))
-        self.modulators = [self._modulator(k) for k in range(self._unknown - len(self._storages))]
+        slow = enumerate(rows_of(table, MODULATOR_STATES), len(self._storages))
+        self.modulators = [{place} | self._law(row, MEMORY_LAWS) for place, row in slow]
         self.sources = [self._source(row) for row in rows_of(table, SOURCES)]
 
     def _law(self, row: Integers, laws: Mapping[str, Any]) -> set[int]:
         """Return the indices of a law's parameters; weights of neural laws are left to the torch module."""
         known = list(laws.values())
-        return (
-            {self.known + int(p) for p in row[PLACE_1 : PLACE_1 + len(known[row[LAW]].example)]}
-            if row[LAW] < len(known)
-            else set()
-        )
+        count = len(known[row[LAW]].example) if row[LAW] < len(known) else 0
+        return {self.known + int(p) for p in row[PLACE_1 : PLACE_1 + count]}
 
     def _port(self, k: int) -> set[int]:
         """Return the indices of a port's law and of its padding, which may carry a given derivative of the action."""
@@ -485,7 +467,7 @@ class Sparsity:
         """Return whether known ratios make the current linear in the unknowns, and the flow is exact or lossless."""
         row, (links, _) = self._leaves[leaf], self._connections(leaf)
         # A nonlinear law with a modulated ratio is differentiated in full.
-        plain = row[RULE] == EXACT or (row[RULE] == LOSSLESS and (row[IS_LINEAR] > 0 or not self._varies(leaf)))
+        plain = row[RULE] == EXACT or (row[RULE] == LOSSLESS and (row[IS_LINEAR] > 0 or not self.varies[leaf]))
         return bool(plain and all(self._junctions[r[TO_JUNCTION], IS_LINEAR] for r in links))
 
     def _varies(self, leaf: int) -> bool:
@@ -523,10 +505,6 @@ class Sparsity:
         for branch in self._branches(row):
             inputs |= self._ratio(branch[RATIO]) | self._flow(branch[0])
         return inputs
-
-    def _modulator(self, k: int) -> set[int]:
-        """Return the inputs of a modulator state's law without its drive."""
-        return {len(self._storages) + k} | self._law(rows_of(self.table, MODULATOR_STATES)[k], MEMORY_LAWS)
 
     def _source(self, row: Integers) -> set[int]:
         """Inputs of a source of a modulator state; those of a reducible storage are listed with the storage."""

@@ -17,34 +17,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from phnn.integrate import program as at
 from phnn.integrate.cache import inline, loop_entry, plain, stay_outside
-from phnn.integrate.program import (
-    FACTORS,
-    FIRST_INLET,
-    FIRST_LINK,
-    FIRST_RESISTOR,
-    FROM_PORT,
-    GYRATORS,
-    IS_LINEAR,
-    JUNCTION_INLETS,
-    JUNCTION_RESISTORS,
-    JUNCTIONS,
-    LAST_INLET,
-    LAST_LINK,
-    LAW,
-    LEAVES,
-    LINKS,
-    MODULATOR_STATES,
-    OWN_STORAGE,
-    READ,
-    READ_LEAF,
-    READ_MODULATOR,
-    RULE,
-    SCALED,
-    STORAGES,
-    Program,
-    rows_of,
-)
+from phnn.integrate.program import Program, has_one_link, rows_of
 from phnn.integrate.roots import extrapolated, make_root
 from phnn.integrate.scheme import EXACT, LINEAR_RESISTOR_CODES, LOSSLESS
 from phnn.integrate.step import (
@@ -110,9 +85,9 @@ def _read(t: Any, r: Any, y: Any, of: Fixed, x: Any) -> Any:
     """`phnn.integrate.step.read`."""
     if r < 0:
         return 0.0 * y
-    leaf = t[r, READ_LEAF]
-    if t[r, READ_MODULATOR] >= 0:
-        return x[t[r, READ_MODULATOR]] + 0.0 * y
+    leaf = t[r, at.READ_LEAF]
+    if t[r, at.READ_MODULATOR] >= 0:
+        return x[t[r, at.READ_MODULATOR]] + 0.0 * y
     if leaf >= 0:
         return x[of.kinds[leaf, STORAGE_OF]] + 0.5 * of.h * of.g[of.kinds[leaf, LINK_OF]] * y
     return of.p + (y * of.capacity - of.p)
@@ -140,7 +115,7 @@ def _total(y: Any, t: Any, theta: Any, of: Fixed, x: Any, ends: Any, means: Any)
     size = (abs(change.real) + abs(p)) * rate + abs(of.damping * y.real) + abs(of.drive)
     for other in range(of.others.shape[0]):
         r, ratio = of.others[other], of.ratios[other]
-        q = _read(t, t[r, READ], y, of, x)
+        q = _read(t, t[r, at.READ], y, of, x)
         lost = ratio * resistor_flow(t, r, ratio * y, q, theta)
         force += lost
         size += abs(lost.real)
@@ -156,7 +131,7 @@ def _total(y: Any, t: Any, theta: Any, of: Fixed, x: Any, ends: Any, means: Any)
             mean = mean_effort(t, k, start, end, theta)
         elif rule == FOLLOWING:
             r = kinds[leaf, RESISTOR_OF]
-            rho, low, high = resistor_thresholds(t, r, _read(t, t[r, READ], y, of, x), theta)
+            rho, low, high = resistor_thresholds(t, r, _read(t, t[r, at.READ], y, of, x), theta)
             one, two = _relaxation(c, rho, h)
             end, mean = exact_flow(x[k], gain * y, h, c, (rho, low, high, one, two))
         else:
@@ -191,14 +166,13 @@ Array = NDArray[np.float64]
 def serves(program: Program) -> bool:
     """Return whether the steps of a program have the form above."""
     t = program.table
-    junctions, leaves = rows_of(t, JUNCTIONS), rows_of(t, LEAVES)
-    if len(junctions) != 1 or not junctions[0, IS_LINEAR] or len(rows_of(t, GYRATORS)):
+    junctions, leaves = rows_of(t, at.JUNCTIONS), rows_of(t, at.LEAVES)
+    if len(junctions) != 1 or not junctions[0, at.IS_LINEAR] or len(rows_of(t, at.GYRATORS)):
         return False
-    single = (leaves[:, LAST_LINK] - leaves[:, FIRST_LINK] == 1) & (leaves[:, LAST_INLET] == leaves[:, FIRST_INLET])
-    closed = np.isin(leaves[:, RULE], (LOSSLESS, EXACT))
-    scalable = [row for kind in (LINKS, JUNCTION_INLETS) for row in range(t[0, kind], t[0, kind + 1])]
-    slow = t[rows_of(t, FACTORS)[:, READ], READ_MODULATOR] >= 0
-    return bool((single & closed).all() and slow.all()) and set(rows_of(t, SCALED)[:, 0]) <= set(scalable)
+    closed = np.isin(leaves[:, at.RULE], (LOSSLESS, EXACT))
+    scalable = [row for kind in (at.LINKS, at.JUNCTION_INLETS) for row in range(t[0, kind], t[0, kind + 1])]
+    slow = t[rows_of(t, at.FACTORS)[:, at.READ], at.READ_MODULATOR] >= 0
+    return bool((has_one_link(t) & closed).all() and slow.all()) and set(rows_of(t, at.SCALED)[:, 0]) <= set(scalable)
 
 
 @plain
@@ -206,19 +180,19 @@ def _resolve(t: Any, step: Step, of: Fixed) -> Any:
     """Fill what is constant in steps of one size; returns the junction's ``1/s`` and damping."""
     stay_outside()
     theta, c, g, kinds = step.theta, step.c, step.g, of.kinds
-    leaves = count(t, LEAVES)
+    leaves = count(t, at.LEAVES)
     fill_constants(t, theta, step.h, c)
     for leaf in range(leaves):
-        row = t[0, LEAVES] + leaf
-        kinds[leaf, RULE_OF], kinds[leaf, STORAGE_OF] = t[row, RULE], t[row, OWN_STORAGE]
-        kinds[leaf, RESISTOR_OF], kinds[leaf, LINK_OF] = t[row, FIRST_RESISTOR], t[row, FIRST_LINK]
-        if t[row, RULE] == LOSSLESS and t[row, IS_LINEAR] <= 0:
+        row = t[0, at.LEAVES] + leaf
+        kinds[leaf, RULE_OF], kinds[leaf, STORAGE_OF] = t[row, at.RULE], t[row, at.OWN_STORAGE]
+        kinds[leaf, RESISTOR_OF], kinds[leaf, LINK_OF] = t[row, at.FIRST_RESISTOR], t[row, at.FIRST_LINK]
+        if t[row, at.RULE] == LOSSLESS and t[row, at.IS_LINEAR] <= 0:
             kinds[leaf, RULE_OF] = CURVED
-        if t[row, RULE] == EXACT and t[t[row, FIRST_RESISTOR], READ] >= 0:
+        if t[row, at.RULE] == EXACT and t[t[row, at.FIRST_RESISTOR], at.READ] >= 0:
             kinds[leaf, RULE_OF] = FOLLOWING
             c[leaf, RHO] = np.nan
     damping, other = 0.0, 0
-    for r in rows(t, JUNCTION_RESISTORS):
+    for r in rows(t, at.JUNCTION_RESISTORS):
         b = 0.0
         for branch in branches(t, r):
             b += g[branch]
@@ -234,7 +208,7 @@ def _resolve(t: Any, step: Step, of: Fixed) -> Any:
 def _advance_modulators(t: Any, step: Step, next_x: Any, means: Any) -> None:
     """Advance the modulator states of a solved step; the arrays of the step are filled."""
     stay_outside()
-    storages, wx = count(t, STORAGES), step.wx
+    storages, wx = count(t, at.STORAGES), step.wx
     step.y[0] = means[junction_storage(t, 0)]
     step.wj[FLOW, 0] = step.y[0]
     for k in range(storages):
@@ -257,11 +231,11 @@ def _steps(t: Any, actions: Any, h: Any, states: Any, efforts: Any, work: Step, 
         if n == 0 or h[n] != h[n - 1]:
             capacity, damping = _resolve(t, step, fixed)
             slope = 0.0
-        if count(t, FACTORS) > 0:
+        if count(t, at.FACTORS) > 0:
             modulate(t, step)
         drive = 0.0
-        for r in rows(t, JUNCTION_INLETS):
-            drive += g[r] * actions[n, t[r, FROM_PORT]]
+        for r in rows(t, at.JUNCTION_INLETS):
+            drive += g[r] * actions[n, t[r, at.FROM_PORT]]
         p = states[n, k]
         y = extrapolated(efforts, n, k) if n > 0 else p / capacity
         of = Fixed(kinds, c, g, others, ratios, capacity, damping, drive, h[n], p)
@@ -269,7 +243,7 @@ def _steps(t: Any, actions: Any, h: Any, states: Any, efforts: Any, work: Step, 
         y, slope = root(y, 2.0 * capacity / h[n], slope, around)
         efforts[n, k] = y
         states[n + 1, k] = p + 2.0 * (y * capacity - p)
-        if count(t, MODULATOR_STATES) > 0:
+        if count(t, at.MODULATOR_STATES) > 0:
             _advance_modulators(t, step, states[n + 1], efforts[n])
         if not np.isfinite(y):
             return n
@@ -279,10 +253,10 @@ def _steps(t: Any, actions: Any, h: Any, states: Any, efforts: Any, work: Step, 
 def march(program: Program, theta: Array, actions: Array, h: Array, states: Array, efforts: Array) -> int:
     """`phnn.integrate.kernel.march_any` of the programs that this kernel serves."""
     t, n = program.table, states.shape[1]
-    leaves, none = len(rows_of(t, LEAVES)), np.zeros(0)
+    leaves, none = len(rows_of(t, at.LEAVES)), np.zeros(0)
     c, g, y, wj, wx = (np.zeros(shape) for shape in ((leaves + 1, CONSTANTS), len(t), 1, (4, 1), (2, n)))
-    linear = np.isin(rows_of(t, JUNCTION_RESISTORS)[:, LAW], LINEAR_RESISTOR_CODES)
-    others = t[0, JUNCTION_RESISTORS] + np.flatnonzero(~linear)
+    linear = np.isin(rows_of(t, at.JUNCTION_RESISTORS)[:, at.LAW], LINEAR_RESISTOR_CODES)
+    others = t[0, at.JUNCTION_RESISTORS] + np.flatnonzero(~linear)
     fixed = Fixed(np.zeros((leaves, 4), np.int64), c, g, others, np.zeros(others.size), 0.0, 0.0, 0.0, 0.0, 0.0)
     perturbed = (theta.astype(np.complex128), np.zeros(n, np.complex128), np.zeros(n, np.complex128))
     step = Step(theta, c, g, none, none, y, 0.0, wj, wx)

@@ -37,7 +37,7 @@ from enum import Enum
 from typing import Any
 
 from phnn.errors import InputRefused
-from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
+from phnn.laws import RESISTOR_LAWS
 from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES, form_of, has_kernel
 from phnn.network.elements import Network, Ratio, Resistor, WithLaw, fault_of_laws, is_linear
 from phnn.network.roles import imposed
@@ -174,16 +174,8 @@ def merged_couplings(network: Network) -> dict[tuple[str, str, Ratio], int]:
     return {key: count for key, count in times.items() if count and key[0] != key[1]}
 
 
-# For each kind of element: the laws with a few parameters, and the torch modules that pass their weights to the kernel.
-LAWS: dict[str, tuple[Mapping[str, Any], Mapping[str, Any]]] = {
-    "storage": (STORAGE_LAWS, WIDE_STORAGES),
-    "resistor": (RESISTOR_LAWS, WIDE_RESISTORS),
-    "port": (PORT_LAWS, {}),
-    "modulation": (FACTOR_LAWS, {}),
-    "memory": (MEMORY_LAWS, {}),
-    "multi_port": ({}, {}),
-    "shared_energy": ({}, {}),
-}
+# By kind of element: the torch modules that pass their weights to the kernel.
+WIDE: dict[str, Mapping[str, Any]] = {"storage": WIDE_STORAGES, "resistor": WIDE_RESISTORS}
 
 
 def can_compile(network: Network) -> bool:
@@ -200,7 +192,7 @@ def obstacle(network: Network) -> str:
 def _law_obstacle(one: WithLaw) -> str:
     law = one.element.law
     if not isinstance(law, str):
-        known = form_of(law) in LAWS[one.kind][1]
+        known = form_of(law) in WIDE.get(one.kind, ())
         why = "this torch module has no kernel: take simulate, predict or phnn.train, and no imposed motion"
         return "" if known else f"{one.called}: {why}"
     count = len(one.element.parameters)

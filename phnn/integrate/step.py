@@ -26,50 +26,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple
 
+from phnn.integrate import program as at
 from phnn.integrate.cache import inline, plain, stay_outside
-from phnn.integrate.program import (
-    FACTORS,
-    FIRST_BRANCH,
-    FIRST_INLET,
-    FIRST_LINK,
-    FIRST_RESISTOR,
-    FIRST_SOURCE,
-    FROM_PORT,
-    GYRATORS,
-    INTO_JUNCTION,
-    IS_LINEAR,
-    JUNCTION_INLETS,
-    JUNCTION_RESISTORS,
-    JUNCTIONS,
-    LAST_BRANCH,
-    LAST_INLET,
-    LAST_LINK,
-    LAST_RESISTOR,
-    LAST_SOURCE,
-    LAW,
-    LEAVES,
-    MODULATOR_STATES,
-    OF_JUNCTION,
-    OWN_STORAGE,
-    PLACE_1,
-    PLACE_2,
-    RATIO,
-    RATIO_PLACE,
-    READ,
-    READ_JUNCTION,
-    READ_LEAF,
-    READ_MODULATOR,
-    RULE,
-    SCALED,
-    SIGN,
-    SOURCE_EFFORT,
-    SOURCE_FLOW,
-    SOURCE_LEAF,
-    SOURCE_PORT,
-    SOURCE_RESISTOR,
-    STORAGES,
-    TO_JUNCTION,
-)
 from phnn.integrate.roots import make_gradient, make_radau
 from phnn.integrate.scheme import EXACT, LOSSLESS, NEAR_REST, PATH, RADAU
 from phnn.laws import FACTOR_LAWS, MEMORY_LAWS, RESISTOR_LAWS, STORAGE_LAWS
@@ -101,52 +59,52 @@ def rows(t: Any, kind: Any) -> Any:
 @inline
 def junction_storage(t: Any, j: Any) -> Any:
     """Return the number of the storage of junction ``j``."""
-    return t[t[0, JUNCTIONS] + j, OWN_STORAGE]
+    return t[t[0, at.JUNCTIONS] + j, at.OWN_STORAGE]
 
 
 @inline
 def is_linear(t: Any, j: Any) -> Any:
     """Return whether the unknown of junction ``j`` is its mean effort; otherwise it is its end state."""
-    return t[t[0, JUNCTIONS] + j, IS_LINEAR] > 0
+    return t[t[0, at.JUNCTIONS] + j, at.IS_LINEAR] > 0
 
 
 @inline
 def leaf_storage(t: Any, leaf: Any) -> Any:
     """Return the number of a reducible storage among all storages."""
-    return t[t[0, LEAVES] + leaf, OWN_STORAGE]
+    return t[t[0, at.LEAVES] + leaf, at.OWN_STORAGE]
 
 
 @inline
 def resistors(t: Any, leaf: Any) -> Any:
     """Return the rows of the resistors of a reducible storage."""
-    row = t[0, LEAVES] + leaf
-    return range(t[row, FIRST_RESISTOR], t[row, LAST_RESISTOR])
+    row = t[0, at.LEAVES] + leaf
+    return range(t[row, at.FIRST_RESISTOR], t[row, at.LAST_RESISTOR])
 
 
 @inline
 def links(t: Any, leaf: Any) -> Any:
     """Return the rows that couple a reducible storage to junctions."""
-    row = t[0, LEAVES] + leaf
-    return range(t[row, FIRST_LINK], t[row, LAST_LINK])
+    row = t[0, at.LEAVES] + leaf
+    return range(t[row, at.FIRST_LINK], t[row, at.LAST_LINK])
 
 
 @inline
 def inlets(t: Any, leaf: Any) -> Any:
     """Return the rows that couple a reducible storage to ports."""
-    row = t[0, LEAVES] + leaf
-    return range(t[row, FIRST_INLET], t[row, LAST_INLET])
+    row = t[0, at.LEAVES] + leaf
+    return range(t[row, at.FIRST_INLET], t[row, at.LAST_INLET])
 
 
 @inline
 def branches(t: Any, r: Any) -> Any:
     """Return the rows that couple the junction resistor in row ``r`` to junctions."""
-    return range(t[r, FIRST_BRANCH], t[r, LAST_BRANCH])
+    return range(t[r, at.FIRST_BRANCH], t[r, at.LAST_BRANCH])
 
 
 @inline
 def sources(t: Any, row: Any) -> Any:
     """Return the rows of the sources of the modulator state in a row."""
-    return range(t[row, FIRST_SOURCE], t[row, LAST_SOURCE])
+    return range(t[row, at.FIRST_SOURCE], t[row, at.LAST_SOURCE])
 
 
 def _of_law(name: str, leading: int, laws: Mapping[str, Any], wide: Iterable[Callable[..., Any]] = ()) -> Any:
@@ -163,13 +121,13 @@ def _of_law(name: str, leading: int, laws: Mapping[str, Any], wide: Iterable[Cal
     for code, law in enumerate(laws.values()):
         if getattr(law, name) is not None:
             scope[f"f{code}"] = inline(getattr(law, name))
-            parameters = [f"theta[t[r, {PLACE_1 + k}]]" for k in range(len(law.example))]
+            parameters = [f"theta[t[r, {at.PLACE_1 + k}]]" for k in range(len(law.example))]
             calls[code] = f"f{code}({', '.join([*given, *parameters])})"
     for code, function in enumerate(wide, len(laws)):
         scope[f"f{code}"] = function
-        calls[code] = f"f{code}({', '.join([*given, 'theta', f't[r, {PLACE_1}]', f't[r, {PLACE_2}]'])})"
+        calls[code] = f"f{code}({', '.join([*given, 'theta', f't[r, {at.PLACE_1}]', f't[r, {at.PLACE_2}]'])})"
     lines = [f"def {name}({', '.join(['t', 'r', *given, 'theta'])}):", "    stay_outside()"]
-    lines += [f"    if t[r, {LAW}] == {code}:\n        return {call}" for code, call in calls.items()]
+    lines += [f"    if t[r, {at.LAW}] == {code}:\n        return {call}" for code, call in calls.items()]
     # The last branch needs no test, so that the function returns on every path.
     lines[-1] = f"    return {list(calls.values())[-1]}"
     # The text is built from numbers only.
@@ -201,7 +159,7 @@ memory_decay = _of_law("decay", 0, MEMORY_LAWS)
 @inline
 def mean_effort(t: Any, k: Any, a: Any, b: Any, theta: Any) -> Any:
     """Return ``ē`` of storage ``k`` between two states."""
-    return storage_effort(t, t[0, STORAGES] + k, a, b, theta)
+    return storage_effort(t, t[0, at.STORAGES] + k, a, b, theta)
 
 
 @inline
@@ -228,24 +186,24 @@ CAPACITY = 0
 def fill_constants(t: Any, theta: Any, h: Any, c: Any) -> None:
     """Fill ``c`` for steps of size ``h``."""
     stay_outside()
-    leaves = count(t, LEAVES)
+    leaves = count(t, at.LEAVES)
     for leaf in range(leaves):
-        row = t[0, LEAVES] + leaf
-        if t[row, IS_LINEAR] > 0 or t[row, RULE] == PATH:
-            c[leaf, STIFFNESS] = stiffness(t, t[row, OWN_STORAGE], theta)
-        r, none = t[row, FIRST_RESISTOR], 0.0 * theta[0]
+        row = t[0, at.LEAVES] + leaf
+        if t[row, at.IS_LINEAR] > 0 or t[row, at.RULE] == PATH:
+            c[leaf, STIFFNESS] = stiffness(t, t[row, at.OWN_STORAGE], theta)
+        r, none = t[row, at.FIRST_RESISTOR], 0.0 * theta[0]
         leak = none
-        if t[row, RULE] == EXACT:
+        if t[row, at.RULE] == EXACT:
             # Under this rule, all resistors of the storage but the first are linear.
-            for other in range(r + 1, t[row, LAST_RESISTOR]):
+            for other in range(r + 1, t[row, at.LAST_RESISTOR]):
                 leak += resistor_flow(t, other, 1.0 + none, none, theta)
         c[leaf, LEAK] = leak
         c[leaf, LEAK_ONE], c[leaf, LEAK_TWO] = relaxation(h * leak * c[leaf, STIFFNESS])
-        if t[row, RULE] == EXACT and t[r, READ] < 0:
+        if t[row, at.RULE] == EXACT and t[r, at.READ] < 0:
             rho, low, high = resistor_thresholds(t, r, none, theta)
             c[leaf, RHO], c[leaf, LOW], c[leaf, HIGH] = rho, low, high
             c[leaf, ONE], c[leaf, TWO] = relaxation(h * (rho + leak) * c[leaf, STIFFNESS])
-    for j in range(count(t, JUNCTIONS)):
+    for j in range(count(t, at.JUNCTIONS)):
         if is_linear(t, j):
             c[leaves + j, CAPACITY] = 1.0 / stiffness(t, junction_storage(t, j), theta)
 
@@ -255,8 +213,8 @@ def fill_gains(t: Any, theta: Any, g: Any) -> None:
     """Fill ``g`` with the unmodulated ratios."""
     stay_outside()
     for r in range(t.shape[0]):
-        if t[r, RATIO] >= 0:
-            g[r] = t[r, SIGN] * theta[t[r, RATIO]]
+        if t[r, at.RATIO] >= 0:
+            g[r] = t[r, at.SIGN] * theta[t[r, at.RATIO]]
 
 
 # Rows of the two work arrays: per junction (4, m) and per storage (2, N).
@@ -290,7 +248,7 @@ class Step(NamedTuple):
 def junction_change(t: Any, j: Any, c: Any, x: Any, y: Any) -> Any:
     """Return ``z_j − p_j``; of a linear storage ``2 (v̄/s − p)``, which takes no difference of end states."""
     p = x[junction_storage(t, j)]
-    return 2.0 * (y[j] * c[count(t, LEAVES) + j, CAPACITY] - p) if is_linear(t, j) else y[j] - p
+    return 2.0 * (y[j] * c[count(t, at.LEAVES) + j, CAPACITY] - p) if is_linear(t, j) else y[j] - p
 
 
 @inline
@@ -298,9 +256,9 @@ def leaf_current(t: Any, leaf: Any, g: Any, a: Any, wj: Any) -> Any:
     """Return ``i_l``."""
     total = 0.0 * g[0]
     for r in links(t, leaf):
-        total += g[r] * wj[FLOW, t[r, TO_JUNCTION]]
+        total += g[r] * wj[FLOW, t[r, at.TO_JUNCTION]]
     for r in inlets(t, leaf):
-        total += g[r] * a[t[r, FROM_PORT]]
+        total += g[r] * a[t[r, at.FROM_PORT]]
     return total
 
 
@@ -313,9 +271,9 @@ def read(t: Any, r: Any, step: Step) -> Any:
     """
     if r < 0:
         return 0.0 * step.g[0]
-    leaf, j = t[r, READ_LEAF], t[r, READ_JUNCTION]
-    if t[r, READ_MODULATOR] >= 0:
-        return step.x[t[r, READ_MODULATOR]]
+    leaf, j = t[r, at.READ_LEAF], t[r, at.READ_JUNCTION]
+    if t[r, at.READ_MODULATOR] >= 0:
+        return step.x[t[r, at.READ_MODULATOR]]
     if leaf >= 0:
         start = step.x[leaf_storage(t, leaf)]
         return start + 0.5 * step.h * leaf_current(t, leaf, step.g, step.a, step.wj)
@@ -327,14 +285,14 @@ def branch_effort(t: Any, r: Any, g: Any, wj: Any) -> Any:
     """Return ``b_rᵀ v̄`` of the junction resistor in row ``r``."""
     effort = 0.0 * g[0]
     for b in branches(t, r):
-        effort += g[b] * wj[FLOW, t[b, TO_JUNCTION]]
+        effort += g[b] * wj[FLOW, t[b, at.TO_JUNCTION]]
     return effort
 
 
 @inline
 def junction_flows(t: Any, theta: Any, x: Any, y: Any, wj: Any) -> None:
     """Fill ``v̄``."""
-    for j in range(count(t, JUNCTIONS)):
+    for j in range(count(t, at.JUNCTIONS)):
         k = junction_storage(t, j)
         wj[FLOW, j] = y[j] if is_linear(t, j) else mean_effort(t, k, x[k], y[j], theta)
 
@@ -350,27 +308,27 @@ def add(term: Any, j: Any, wj: Any) -> None:
 def _resistor_term(t: Any, r: Any, step: Step) -> None:
     g, wj = step.g, step.wj
     effort = branch_effort(t, r, g, wj)
-    flow = resistor_flow(t, r, effort, read(t, t[r, READ], step), step.theta)
+    flow = resistor_flow(t, r, effort, read(t, t[r, at.READ], step), step.theta)
     for b in branches(t, r):
-        add(g[b] * flow, t[b, TO_JUNCTION], wj)
+        add(g[b] * flow, t[b, at.TO_JUNCTION], wj)
 
 
 @inline
 def _gyrator_term(t: Any, r: Any, g: Any, wj: Any) -> None:
-    add(-g[r] * wj[FLOW, t[r, OF_JUNCTION]], t[r, TO_JUNCTION], wj)
+    add(-g[r] * wj[FLOW, t[r, at.OF_JUNCTION]], t[r, at.TO_JUNCTION], wj)
 
 
 @inline
 def _inlet_term(t: Any, r: Any, g: Any, a: Any, wj: Any) -> None:
-    add(-g[r] * a[t[r, FROM_PORT]], t[r, INTO_JUNCTION], wj)
+    add(-g[r] * a[t[r, at.FROM_PORT]], t[r, at.INTO_JUNCTION], wj)
 
 
 @inline
 def junction_term(t: Any, r: Any, step: Step) -> None:
     """Add the force of the junction resistor, gyrator or junction inlet in row ``r``."""
-    if r < t[0, JUNCTION_RESISTORS + 1]:
+    if r < t[0, at.JUNCTION_RESISTORS + 1]:
         _resistor_term(t, r, step)
-    elif r < t[0, GYRATORS + 1]:
+    elif r < t[0, at.GYRATORS + 1]:
         _gyrator_term(t, r, step.g, step.wj)
     else:
         _inlet_term(t, r, step.g, step.a, step.wj)
@@ -381,16 +339,16 @@ def junction_terms(t: Any, step: Step) -> None:
     """``F`` without the reducible storages, the size of its terms, and ``z − p``."""
     x, g, wj = step.x, step.g, step.wj
     rate = 1.0 / step.h
-    for j in range(count(t, JUNCTIONS)):
+    for j in range(count(t, at.JUNCTIONS)):
         change = junction_change(t, j, step.c, x, step.y)
         wj[CHANGE, j] = change
         wj[FORCE, j] = change * rate
         wj[SIZE, j] = (abs(change.real) + abs(x[junction_storage(t, j)].real)) * rate
-    for r in rows(t, JUNCTION_RESISTORS):
+    for r in rows(t, at.JUNCTION_RESISTORS):
         _resistor_term(t, r, step)
-    for r in rows(t, GYRATORS):
+    for r in rows(t, at.GYRATORS):
         _gyrator_term(t, r, g, wj)
-    for r in rows(t, JUNCTION_INLETS):
+    for r in rows(t, at.JUNCTION_INLETS):
         _inlet_term(t, r, g, step.a, wj)
 
 
@@ -399,14 +357,14 @@ def modulate(t: Any, step: Step) -> None:
     """Set the modulated ratios to their values in this step."""
     stay_outside()
     theta, g = step.theta, step.g
-    for s in rows(t, SCALED):
+    for s in rows(t, at.SCALED):
         r = t[s, 0]
-        g[r] = t[r, SIGN] * theta[t[r, RATIO]]
-    for f in rows(t, FACTORS):
-        by = factor(t, f, read(t, t[f, READ], step), theta)
-        for s in rows(t, SCALED):
+        g[r] = t[r, at.SIGN] * theta[t[r, at.RATIO]]
+    for f in rows(t, at.FACTORS):
+        by = factor(t, f, read(t, t[f, at.READ], step), theta)
+        for s in rows(t, at.SCALED):
             r = t[s, 0]
-            if t[r, RATIO] == t[f, RATIO_PLACE]:
+            if t[r, at.RATIO] == t[f, at.RATIO_PLACE]:
                 g[r] *= by
 
 
@@ -420,7 +378,7 @@ def _make_flow(part: Any) -> Any:
         effort = mean_effort(t, leaf_storage(t, leaf), start, end, step.theta)
         total = 0.0 * effort
         for r in resistors(t, leaf):
-            q, ratio = read(t, t[r, READ], step), part(step.g[r])
+            q, ratio = read(t, t[r, at.READ], step), part(step.g[r])
             total += ratio * resistor_flow(t, r, ratio * effort, part(q) + 0.0 * q, step.theta)
         return total
 
@@ -440,7 +398,7 @@ _gradient_search, _gradient_moved = make_gradient(_flow, _plain_flow)
 @inline
 def is_closed(t: Any, leaf: Any) -> Any:
     """Return whether the equations of a reducible storage have a closed solution."""
-    rule = t[t[0, LEAVES] + leaf, RULE]
+    rule = t[t[0, at.LEAVES] + leaf, at.RULE]
     return (rule == LOSSLESS) | (rule == EXACT) | (rule == PATH)
 
 
@@ -450,7 +408,7 @@ def leaf_search(t: Any, leaf: Any, step: Step) -> Any:
     stay_outside()
     start, current = real(step.x[leaf_storage(t, leaf)]), real(leaf_current(t, leaf, step.g, step.a, step.wj))
     context = (t, leaf, step)
-    if t[t[0, LEAVES] + leaf, RULE] == RADAU:
+    if t[t[0, at.LEAVES] + leaf, at.RULE] == RADAU:
         return _radau_search(start, current, step.h, context)
     end, slope = _gradient_search(start, current, step.h, context)
     return end, slope, 0.0, 0.0
@@ -463,7 +421,7 @@ def leaf_moved(t: Any, leaf: Any, step: Step, solution: Any) -> Any:
     k = leaf_storage(t, leaf)
     context, start = (t, leaf, step), step.x[k]
     current = leaf_current(t, leaf, step.g, step.a, step.wj)
-    if t[t[0, LEAVES] + leaf, RULE] == RADAU:
+    if t[t[0, at.LEAVES] + leaf, at.RULE] == RADAU:
         return _radau_moved(start, current, step.h, step.c[leaf, STIFFNESS], solution, context)
     end = _gradient_moved(start, current, step.h, (solution[0], solution[1]), context)
     return end, mean_effort(t, k, start, end, step.theta)
@@ -481,32 +439,23 @@ def exact_flow(x: Any, current: Any, h: Any, c: Any, slope: Any) -> Any:
 def leaf_closed(t: Any, leaf: Any, step: Step) -> Any:
     """Return the end state and mean effort of a reducible storage with a closed solution."""
     theta, c, x, h = step.theta, step.c, step.x, step.h
-    row = t[0, LEAVES] + leaf
-    k, rule = t[row, OWN_STORAGE], t[row, RULE]
+    row = t[0, at.LEAVES] + leaf
+    k, rule = t[row, at.OWN_STORAGE], t[row, at.RULE]
     current = leaf_current(t, leaf, step.g, step.a, step.wj)
     if rule == LOSSLESS:
         gain = h * current
-        if t[row, IS_LINEAR] > 0:
+        if t[row, at.IS_LINEAR] > 0:
             return x[k] + gain, c[leaf, STIFFNESS] * (x[k] + 0.5 * gain)
         return x[k] + gain, mean_effort(t, k, x[k], x[k] + gain, theta)
     if rule == PATH:
-        return resistor_path(t, t[row, FIRST_RESISTOR], x[k], current, h, c[leaf, STIFFNESS], theta)
-    constants, r = c[leaf], t[row, FIRST_RESISTOR]
+        return resistor_path(t, t[row, at.FIRST_RESISTOR], x[k], current, h, c[leaf, STIFFNESS], theta)
+    constants, r = c[leaf], t[row, at.FIRST_RESISTOR]
     slope = constants[RHO], constants[LOW], constants[HIGH], constants[ONE], constants[TWO]
-    if t[r, READ] >= 0:
-        rho, low, high = resistor_thresholds(t, r, read(t, t[r, READ], step), theta)
+    if t[r, at.READ] >= 0:
+        rho, low, high = resistor_thresholds(t, r, read(t, t[r, at.READ], step), theta)
         one, two = relaxation(h * (rho + constants[LEAK]) * constants[STIFFNESS])
         slope = rho, low, high, one, two
     return exact_flow(x[k], current, h, constants, slope)
-
-
-@inline
-def leaf_step(t: Any, leaf: Any, step: Step) -> Any:
-    """Return the end state and mean effort of a reducible storage."""
-    if is_closed(t, leaf):
-        return leaf_closed(t, leaf, step)
-    solution = leaf_search(t, leaf, step)
-    return leaf_moved(t, leaf, step, solution)
 
 
 @inline
@@ -514,17 +463,20 @@ def inlined_balance(t: Any, step: Step) -> None:
     """Evaluate ``F`` at the unknowns of a step, with the modulated ratios, the end states and mean efforts."""
     x, wj, wx = step.x, step.wj, step.wx
     junction_flows(t, step.theta, x, step.y, wj)
-    if count(t, FACTORS) > 0:
+    if count(t, at.FACTORS) > 0:
         modulate(t, step)
     junction_terms(t, step)
-    for leaf in range(count(t, LEAVES)):
-        end, mean = leaf_step(t, leaf, step)
+    for leaf in range(count(t, at.LEAVES)):
+        if is_closed(t, leaf):
+            end, mean = leaf_closed(t, leaf, step)
+        else:
+            end, mean = leaf_moved(t, leaf, step, leaf_search(t, leaf, step))
         k = leaf_storage(t, leaf)
         wx[NEXT, k] = end
         wx[EFFORT, k] = mean
         for r in links(t, leaf):
-            add(step.g[r] * mean, t[r, TO_JUNCTION], wj)
-    for j in range(count(t, JUNCTIONS)):
+            add(step.g[r] * mean, t[r, at.TO_JUNCTION], wj)
+    for j in range(count(t, at.JUNCTIONS)):
         k = junction_storage(t, j)
         wx[NEXT, k] = x[k] + wj[CHANGE, j]
         wx[EFFORT, k] = wj[FLOW, j]
@@ -538,10 +490,10 @@ def balance(t: Any, step: Step) -> None:
 
 
 @inline
-def _source(t: Any, s: Any, step: Step) -> Any:
+def source(t: Any, s: Any, step: Step) -> Any:
     """Return the contribution of the source in row ``s`` to ``s̄``."""
     theta, g, x, wj, wx = step.theta, step.g, step.x, step.wj, step.wx
-    leaf, r = t[s, SOURCE_LEAF], t[s, SOURCE_RESISTOR]
+    leaf, r = t[s, at.SOURCE_LEAF], t[s, at.SOURCE_RESISTOR]
     if leaf >= 0:
         k = leaf_storage(t, leaf)
         end = wx[NEXT, k]
@@ -549,24 +501,24 @@ def _source(t: Any, s: Any, step: Step) -> Any:
         return leaf_current(t, leaf, g, step.a, wj) * wx[EFFORT, k] - stored
     if r >= 0:
         effort = branch_effort(t, r, g, wj)
-        return effort * resistor_flow(t, r, effort, read(t, t[r, READ], step), theta)
-    if t[s, SOURCE_EFFORT] >= 0:
-        return wx[EFFORT, t[s, SOURCE_EFFORT]]
-    if t[s, SOURCE_FLOW] >= 0:
-        return wj[FLOW, t[s, SOURCE_FLOW]]
-    return step.a[t[s, SOURCE_PORT]]
+        return effort * resistor_flow(t, r, effort, read(t, t[r, at.READ], step), theta)
+    if t[s, at.SOURCE_EFFORT] >= 0:
+        return wx[EFFORT, t[s, at.SOURCE_EFFORT]]
+    if t[s, at.SOURCE_FLOW] >= 0:
+        return wj[FLOW, t[s, at.SOURCE_FLOW]]
+    return step.a[t[s, at.SOURCE_PORT]]
 
 
 @plain
 def advance(t: Any, step: Step) -> None:
     """Fill the end states and the mean drives ``s̄`` of all modulator states, which follow the storages."""
     stay_outside()
-    first, wx = count(t, STORAGES), step.wx
-    for k in range(count(t, MODULATOR_STATES)):
-        row, z = t[0, MODULATOR_STATES] + k, step.x[first + k]
+    first, wx = count(t, at.STORAGES), step.wx
+    for k in range(count(t, at.MODULATOR_STATES)):
+        row, z = t[0, at.MODULATOR_STATES] + k, step.x[first + k]
         total = 0.0 * step.g[0]
         for s in sources(t, row):
-            total += _source(t, s, step)
+            total += source(t, s, step)
         wx[EFFORT, first + k] = total
         rate, decay = memory_rate(t, row, z, total, step.theta), memory_decay(t, row, step.theta)
         wx[NEXT, first + k] = advanced(z, step.h, rate, decay)

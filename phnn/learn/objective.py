@@ -22,7 +22,7 @@ from phnn.errors import SolverFailed
 from phnn.identification.evaluate import Evaluation, scored, with_zero
 from phnn.integrate.rest import equilibrium
 from phnn.integrate.scheme import can_compile
-from phnn.learn.solvers import NetworkPlant, Plant, Solver, Window, grouped, near, starts_at_zero, windows_of
+from phnn.learn.solvers import NetworkPlant, Plant, Solver, grouped, near, starts_at_zero, windows_of
 from phnn.nn.learned_system import LearnedSystem
 from phnn.recordings.recording import Part, Recording
 
@@ -64,8 +64,21 @@ class Objective(nn.Module):
         self.unknown = [k for k, w in enumerate(self.windows) if not w.known]
         self.masks = [torch.from_numpy(r.mask("identification")) for r in recordings]
         self.measured = [torch.from_numpy(np.ascontiguousarray(r.y)) for r in recordings]
-        self.origin = first_guess(plant, solver, self.recordings, self.windows, substeps)
+        self.origin = self._first_guess(substeps)
         self.offsets = nn.Parameter(torch.zeros(len(self.unknown), plant.scale.numel(), dtype=torch.float64))
+
+    @torch.no_grad()
+    def _first_guess(self, substeps: int) -> Tensor:
+        """Return (W, n) initial states: where recordings begin, and on the untrained model's way where windows do."""
+        starts = torch.stack([begin(self.plant, r) for r in self.recordings])
+        if not any(w.continues for w in self.windows):
+            return starts
+        try:
+            paths = self.solver(self.plant, windows_of(self.recordings, 0, substeps), starts)
+        except SolverFailed:
+            # Windows are for models that cannot run over a whole recording yet.
+            paths = [starts[k].expand(r.t.size, -1) for k, r in enumerate(self.recordings)]
+        return torch.stack([paths[w.recording][w.first] for w in self.windows])
 
     def trained(self) -> list[nn.Parameter]:
         """Return what an optimiser moves: coordinates and weights of the plant, then initial states."""
@@ -123,23 +136,6 @@ class Objective(nn.Module):
             if w.continues
         ]
         return loss + self.continuity * torch.stack(jumps).square().mean() if jumps else loss
-
-
-@torch.no_grad()
-def first_guess(
-    plant: Plant, solver: Solver, recordings: Sequence[Recording], windows: Sequence[Window], substeps: int
-) -> Tensor:
-    """Return (W, n) initial states: where recordings begin, and on the way of the untrained model where windows do."""
-    starts = torch.stack([begin(plant, r) for r in recordings])
-    if not any(w.continues for w in windows):
-        return starts
-    whole = windows_of(recordings, 0, substeps)
-    try:
-        paths = solver(plant, whole, starts)
-    except SolverFailed:
-        # Windows are for models that cannot run over a whole recording yet.
-        paths = [starts[k].expand(r.t.size, -1) for k, r in enumerate(recordings)]
-    return torch.stack([paths[w.recording][w.first] for w in windows])
 
 
 def begin(plant: Plant, recording: Recording) -> Tensor:

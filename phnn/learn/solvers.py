@@ -107,11 +107,11 @@ class Window:
     """A stretch of a recording.
 
     Attributes:
-        recording: its index; name: its name; first, last: its first and last sample.
+        recording: its index; name: its name; first: its first sample.
         start: time of the first sample [s].
         fine: (n, 3) input at the start, middle and end of every step [V].
         h: (n,) steps [s].
-        nodes: (last − first + 1,) step index of every sample, the first 0.
+        nodes: (S,) step index of every sample, the first 0.
         known: begins at the zero state.
         continues: whether the window before it belongs to the same recording.
     """
@@ -119,7 +119,6 @@ class Window:
     recording: int
     name: str
     first: int
-    last: int
     start: float
     fine: Tensor
     h: Tensor
@@ -178,7 +177,7 @@ def windows_of(recordings: Sequence[Recording], length: int, substeps: int) -> l
         for first, last in pairwise(edges.tolist()):
             steps = slice(nodes[first], nodes[last])
             window = Window(
-                index, r.name, first, last, float(r.t[first]), torch.from_numpy(fine[steps].copy()),
+                index, r.name, first, float(r.t[first]), torch.from_numpy(fine[steps].copy()),
                 torch.from_numpy(h[steps].copy()), torch.from_numpy(nodes[first : last + 1] - nodes[first]),
                 first == 0 and starts_at_zero(r), first > 0,
             )  # fmt: skip

@@ -182,12 +182,32 @@ _BAD = 1e3
 
 
 def method_of(name: str, objective: Objective, settings: Settings, factor: float) -> Method:
-    """Return a method by its name; ``factor`` lowers the rate of learning after failures."""
+    """Return a method by its name; ``factor`` lowers the rate of learning after failures.
+
+    ``adam`` is Adam along a cosine from the full rate to a hundredth of it (Kingma & Ba 2015; Loshchilov & Hutter
+    2017), or an optimiser of the user's choice, with a scheduler if there is one; ``lbfgs`` some iterations of L-BFGS
+    with a strong Wolfe line search (Liu & Nocedal 1989).
+    """
+    trained, rate = objective.trained(), settings.rate * factor
     if name == "gauss_newton":
         return GaussNewton(objective)
     if name == "lbfgs":
-        return QuasiNewton(objective, settings.lbfgs_iterations)
-    return Stepwise(objective, settings, factor)
+        most = settings.lbfgs_iterations
+        return Stepwise(
+            objective, torch.optim.LBFGS(trained, max_iter=most, history_size=_HISTORY, line_search_fn="strong_wolfe")
+        )
+    if settings.optimiser is None:
+
+        def rate_at(epoch: int) -> float:
+            share = 0.5 * (1.0 + math.cos(math.pi * epoch / settings.adam))
+            return rate * (_LEAST_RATE + (1.0 - _LEAST_RATE) * share)
+
+        return Stepwise(objective, torch.optim.Adam(trained, lr=rate), rate_at=rate_at)
+    optimiser = _made(settings.optimiser, "params", trained)
+    for group in optimiser.param_groups:
+        group["lr"] = factor * group["lr"]
+    scheduler = None if settings.scheduler is None else _made(settings.scheduler, "optimizer", optimiser)
+    return Stepwise(objective, optimiser, scheduler)
 
 
 def with_gradients(objective: Objective) -> Tensor:
@@ -210,63 +230,18 @@ def with_gradients(objective: Objective) -> Tensor:
 
 
 class Stepwise:
-    """A torch optimiser, a step an epoch: Adam along a cosine from the full rate to a hundredth of it (Kingma & Ba
-    2015; Loshchilov & Hutter 2017), or one of the user's choice, with a scheduler if there is one."""
+    """A torch optimiser, a step an epoch; ``rate_at`` gives its rate of learning by the epoch."""
 
-    def __init__(self, objective: Objective, settings: Settings, factor: float) -> None:
-        self.objective, self.settings, self.rate = objective, settings, settings.rate * factor
-        optimiser, trained = settings.optimiser, objective.trained()
-        self.optimiser: torch.optim.Optimizer = (
-            torch.optim.Adam(trained, lr=self.rate) if optimiser is None else _made(optimiser, "params", trained)
-        )
-        for group in self.optimiser.param_groups if optimiser is not None else ():
-            group["lr"] = factor * group["lr"]
-        given = None if optimiser is None else settings.scheduler
-        self.scheduler: Any = None if given is None else _made(given, "optimizer", self.optimiser)
+    def __init__(
+        self, objective: Objective, optimiser: Any, scheduler: Any = None, rate_at: Callable[[int], float] | None = None
+    ) -> None:
+        self.objective, self.optimiser, self.scheduler, self.rate_at = objective, optimiser, scheduler, rate_at
 
     def __call__(self, epoch: int) -> float:
-        """Return one step."""
-        if self.settings.optimiser is None:
-            share = 0.5 * (1.0 + math.cos(math.pi * epoch / self.settings.adam))
+        """Take one step; return the loss before it."""
+        if self.rate_at is not None:
             for group in self.optimiser.param_groups:
-                group["lr"] = self.rate * (_LEAST_RATE + (1.0 - _LEAST_RATE) * share)
-        loss = with_gradients(self.objective)
-        self.optimiser.step()
-        if self.scheduler is not None:
-            self.scheduler.step()
-        return float(loss)
-
-    def state_dict(self) -> dict[str, Any]:
-        """Return the state of optimiser and scheduler."""
-        later = None if self.scheduler is None else self.scheduler.state_dict()
-        return {"optimiser": self.optimiser.state_dict(), "scheduler": later}
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Go on from a state."""
-        self.optimiser.load_state_dict(dict(state["optimiser"]))
-        if self.scheduler is not None:
-            self.scheduler.load_state_dict(dict(state["scheduler"]))
-
-
-def _made(given: Any, name: str, argument: Any) -> Any:
-    """Return what a function makes of its argument, or a mapping with ``_target_`` of an argument of this name."""
-    try:
-        return given(argument) if callable(given) else instantiate({**given, "_partial_": True})(**{name: argument})
-    except (TypeError, ValueError, KeyError) as error:
-        raise InputRefused(f"the {'optimiser' if name == 'params' else 'scheduler'} cannot be made: {error}") from error
-
-
-class QuasiNewton:
-    """Several iterations of L-BFGS with a strong Wolfe line search (Liu & Nocedal 1989)."""
-
-    def __init__(self, objective: Objective, iterations: int) -> None:
-        self.objective = objective
-        self.optimiser = torch.optim.LBFGS(
-            objective.trained(), max_iter=iterations, history_size=_HISTORY, line_search_fn="strong_wolfe"
-        )
-
-    def __call__(self, epoch: int) -> float:
-        """Return the iterations up to the limit."""
+                group["lr"] = self.rate_at(epoch)
         first: list[float] = []
 
         def closure() -> Tensor:
@@ -281,21 +256,34 @@ class QuasiNewton:
             first.append(float(loss))
             return loss
 
-        step: Callable[[Callable[[], Tensor]], Any] = self.optimiser.step
-        step(closure)
+        self.optimiser.step(closure)
+        if self.scheduler is not None:
+            self.scheduler.step()
         return first[0]
 
     def state_dict(self) -> dict[str, Any]:
-        """Return the history of gradients and steps."""
-        return self.optimiser.state_dict()
+        """Return the state of optimiser and scheduler."""
+        later = None if self.scheduler is None else self.scheduler.state_dict()
+        return {"optimiser": self.optimiser.state_dict(), "scheduler": later}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Go on from a state."""
-        self.optimiser.load_state_dict(dict(state))
+        # Earlier versions kept of L-BFGS the state of the optimiser alone.
+        self.optimiser.load_state_dict(dict(state.get("optimiser", state)))
+        if self.scheduler is not None:
+            self.scheduler.load_state_dict(dict(state["scheduler"]))
+
+
+def _made(given: Any, name: str, argument: Any) -> Any:
+    """Return what a function makes of its argument, or a mapping with ``_target_`` of an argument of this name."""
+    try:
+        return given(argument) if callable(given) else instantiate({**given, "_partial_": True})(**{name: argument})
+    except (TypeError, ValueError, KeyError) as error:
+        raise InputRefused(f"the {'optimiser' if name == 'params' else 'scheduler'} cannot be made: {error}") from error
 
 
 # One epoch a call, which returns the loss before it; what the next one depends on beside the parameters is its state.
-Method = GaussNewton | QuasiNewton | Stepwise
+Method = GaussNewton | Stepwise
 
 
 # ---- The loop

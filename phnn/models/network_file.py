@@ -37,14 +37,11 @@ from phnn.results import printable
 _TOP = ("about", "junctions", "elements", "bonds", "modulations", "memories", "parameters", "output", "merge")
 _PARAMETER = ("value", "unit", "positive", "lower", "upper", "typical", "fixed", "description")
 _NUMBERS = ("lower", "upper", "typical")
-# By type: the class, the law where none is given, and the laws that there are.
-_ELEMENTS: dict[str, tuple[type[Any], str, Mapping[str, Any]]] = {
-    "C": (C, "capacitor", STORAGE_LAWS),
-    "I": (I, "capacitor", STORAGE_LAWS),
-    "R": (R, "linear", RESISTOR_LAWS),
-    "Se": (Se, "linear", PORT_LAWS),
-    "Sf": (Sf, "linear", PORT_LAWS),
-}
+# By type: the class, and the laws that there are.
+_ELEMENTS: dict[str, tuple[type[Any], Mapping[str, Any]]] = {
+    "C": (C, STORAGE_LAWS), "I": (I, STORAGE_LAWS), "R": (R, RESISTOR_LAWS), "Se": (Se, PORT_LAWS),
+    "Sf": (Sf, PORT_LAWS),
+}  # fmt: skip
 # How the fields of an element are read; its law comes with its parameters.
 _FIELDS: dict[str, Callable[[Any, str], Any]] = {
     "junction": label, "unit": label, "reads": label, "sign": lambda value, where: value,
@@ -136,12 +133,12 @@ def _graph(content: Any, name: str) -> BondGraph:
 
 def _element(name: str, entry: Any, where: str) -> Element:
     content = mapping(entry, where)
-    make, default, laws = _ELEMENTS[choice(content.get("type"), tuple(_ELEMENTS), f"{where}: type")]
+    make, laws = _ELEMENTS[choice(content.get("type"), tuple(_ELEMENTS), f"{where}: type")]
     keys = ["type", *(f.name for f in fields(make) if f.name != "name")]
     if "junction" not in content:
         raise InputRefused(f"{where}: no `junction`: name the junction that it hangs on")
     mapping(content, where, keys)
-    law, parameters = _law(content, default, laws, where)
+    law, parameters = _law(content, laws, where)
     # The classes have the units of an actuator where none is given.
     given: dict[str, Any] = ({"unit": "1"} if "unit" in keys else {}) | dict(content)
     further = {key: read(given[key], f"{where}: {key}") for key, read in _FIELDS.items() if key in given}
@@ -149,9 +146,9 @@ def _element(name: str, entry: Any, where: str) -> Element:
     return element
 
 
-def _law(content: Mapping[str, Any], default: str, laws: Mapping[str, Any], where: str) -> tuple[str, tuple[str, ...]]:
-    """Return a law's name and the names of its parameters."""
-    law = choice(content.get("law", default), tuple(laws), f"{where}: law")
+def _law(content: Mapping[str, Any], laws: Mapping[str, Any], where: str) -> tuple[str, tuple[str, ...]]:
+    """Return a law's name, the first there is where none is given, and the names of its parameters."""
+    law = choice(content.get("law", next(iter(laws))), tuple(laws), f"{where}: law")
     given = content.get("parameters", [])
     names = given if isinstance(given, list) else [given]
     parameters = tuple(label(n, f"{where}: parameters") for n in names)
@@ -172,14 +169,12 @@ def _modulation(ratio: str, entry: Any, where: str) -> Modulation:
     content = mapping(entry, where, ("by", "law", "parameters"))
     if "by" not in content:
         raise InputRefused(f"{where}: no `by`: name the storage or memory that the ratio follows")
-    return Modulation(
-        ratio, label(content["by"], f"{where}: by"), *_law(content, next(iter(FACTOR_LAWS)), FACTOR_LAWS, where)
-    )
+    return Modulation(ratio, label(content["by"], f"{where}: by"), *_law(content, FACTOR_LAWS, where))
 
 
 def _memory(name: str, entry: Any, where: str) -> ModulatorState:
     content = mapping(entry, where, ("law", "parameters", "of", "unit"))
-    law, parameters = _law(content, next(iter(MEMORY_LAWS)), MEMORY_LAWS, where)
+    law, parameters = _law(content, MEMORY_LAWS, where)
     of = content.get("of", [])
     drives = tuple(label(n, f"{where}: of") for n in (of if isinstance(of, list) else [of]))
     return ModulatorState(name, law, parameters, drives, label(content.get("unit", "1"), f"{where}: unit"))

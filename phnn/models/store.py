@@ -23,18 +23,7 @@ from phnn.intake import LIMITS, load_json, named_file
 from phnn.integrate.program import compile_network
 from phnn.laws.diverged import LARGEST_WEIGHT, check_weights
 from phnn.laws.wide import form_of, has_kernel, is_passive_by_form
-from phnn.network.elements import (
-    Coupling,
-    Modulation,
-    ModulatorState,
-    MultiPort,
-    Network,
-    Port,
-    Resistor,
-    SharedEnergy,
-    Storage,
-    check_laws,
-)
+from phnn.network.elements import Coupling, Network, check_laws
 from phnn.nn import (
     ConvexEnergyMLP,
     LearnedCoupling,
@@ -50,12 +39,13 @@ from phnn.results import Place, claim, printable
 from phnn.setup import Block, Own, Setup, Source
 
 T = TypeVar("T")
-# The elements of a network, by the field that holds them.
-_NEEDED = {
-    "storages": Storage, "resistors": Resistor, "couplings": Coupling, "ports": Port, "modulations": Modulation,
-    "memories": ModulatorState,
-}  # fmt: skip
-_OPTIONAL = {"multi_ports": MultiPort, "shared_energies": SharedEnergy}
+# The elements of a network, by the field that holds them, and those of which a file has no field where there are none.
+_ELEMENTS: dict[str, Any] = {
+    name: typing.get_args(hint)[0]
+    for name, hint in typing.get_type_hints(Network).items()
+    if typing.get_origin(hint) is tuple
+}
+_OPTIONAL = ("multi_ports", "shared_energies")
 SCHEMA = "phnn.model/1"
 _REMEDY = "give model/ or base/ of a result"
 FILE = "model.json"
@@ -80,8 +70,9 @@ def save(setup: Setup, folder: Path | Place, substeps: int = 1, inputs: tuple[fl
         "name": setup.name,
         "substeps": substeps,
         **({"identified_inputs": list(inputs)} if inputs else {}),
-        **{key: [_element(e) for e in getattr(network, key)] for key in _NEEDED},
-        **{key: [_element(e) for e in elements] for key in _OPTIONAL if (elements := getattr(network, key))},
+        **{
+            key: [_element(e) for e in of] for key in _ELEMENTS if (of := getattr(network, key)) or key not in _OPTIONAL
+        },
         "output": network.output,
         **({"senses": network.senses} if network.senses else {}),
         **{key: [asdict(b) for b in getattr(setup, key)] for key in ("amplifier", "sensor", "sources")},
@@ -182,8 +173,8 @@ def _check_chain(setup: Setup) -> None:
 
 def _setup(content: Mapping[str, Any]) -> Setup:
     # Files of earlier versions have no modulations, modulator states, sources and nuisances.
-    former: dict[str, Any] = {"modulations": [], "memories": [], **{key: [] for key in _OPTIONAL}, **content}
-    elements: dict[str, Any] = {key: _all(former[key], key, kind) for key, kind in (_NEEDED | _OPTIONAL).items()}
+    former: dict[str, Any] = {**{key: [] for key in ("modulations", "memories", *_OPTIONAL)}, **content}
+    elements: dict[str, Any] = {key: _all(former[key], key, kind) for key, kind in _ELEMENTS.items()}
     network = Network(
         **elements,
         parameters=_parameters(content, "parameters"),

@@ -23,7 +23,6 @@ from phnn.laws.diverged import check_weights
 from phnn.laws.other import advanced
 from phnn.laws.sector import READ, check_energy, check_sector
 from phnn.laws.wide import form_of, is_passive_by_form
-from phnn.network.elements import Port
 
 
 class PowerBalance(NamedTuple):
@@ -86,15 +85,6 @@ def check_state(x: Tensor, names: Sequence[str]) -> None:
     if x.shape[-1:] != (len(names),):
         raise InputRefused(
             f"a state has shape {tuple(x.shape)}: its last dimension must be {len(names)} ({', '.join(names)})"
-        )
-
-
-def check_input(u: Tensor, ports: Sequence[Port]) -> None:
-    """Refuse inputs (..., P) whose last dimension is not the number of ports."""
-    if u.shape[-1:] != (len(ports),):
-        raise InputRefused(
-            f"an input has shape {tuple(u.shape)}: its last dimension must be {len(ports)}, the number of ports "
-            f"({', '.join(p.name for p in ports) or 'none'})"
         )
 
 

@@ -318,11 +318,14 @@ class Network:
         alone = [*(r.on for r in self.resistors), *(p.on for p in self.ports)]
         return [*alone, *(column for m in self.multi_ports for column in m.columns)]
 
+    def ratios(self) -> list[Ratio]:
+        """Return the ratios of all couplings, and of all combinations of efforts."""
+        return [*(c.ratio for c in self.couplings), *(ratio for on in self._vectors() for ratio in on.values())]
+
     def parameter_references(self) -> list[str]:
         """Return the names of the parameters that elements refer to."""
         names = [n for one in self.with_laws() for n in one.element.parameters] + [m.ratio for m in self.modulations]
-        ratios = [*(c.ratio for c in self.couplings), *(ratio for on in self._vectors() for ratio in on.values())]
-        return names + [ratio for ratio in ratios if isinstance(ratio, str)]
+        return names + [ratio for ratio in self.ratios() if isinstance(ratio, str)]
 
     @property
     def state_names(self) -> tuple[str, ...]:
@@ -606,11 +609,7 @@ def _between(
 
 def renamed(network: Network, prefix: str) -> Network:
     """Prefix the names of the storages, resistors, ports, modulator states and parameters of a network."""
-
-    def labelled(name: str) -> str:
-        return prefix + name
-
-    return relabelled(network, labelled, labelled)
+    return relabelled(network, prefix.__add__, prefix.__add__)
 
 
 def _driven_states(network: Network) -> tuple[ModulatorState, ...]:

@@ -205,10 +205,7 @@ class PortHamiltonianSystem(nn.Module):
 
     def energy(self, x: Tensor) -> Tensor:  # x: (..., n)
         """Return (...) stored energy ``H(x)`` [J]."""
-        alone = self.energies(x).sum(-1)
-        return (
-            alone + sum(checks.energy_of(law)(x[..., places]) for places, law in self.shared) if self.shared else alone
-        )
+        return self.energies(x).sum(-1) + sum(checks.energy_of(law)(x[..., places]) for places, law in self.shared)
 
     @checks.evaluation
     def mean_efforts(
@@ -363,10 +360,15 @@ class PortHamiltonianSystem(nn.Module):
 
     def _of_ports(self, part: str, u: Tensor) -> Tensor:
         """Return (..., P) ``action`` or ``slope`` of every port's law at its input."""
-        checks.check_input(u, self.network.ports)
+        ports = self.network.ports
+        if u.shape[-1:] != (len(ports),):
+            raise InputRefused(
+                f"an input has shape {tuple(u.shape)}: its last dimension must be {len(ports)}, the number of ports "
+                f"({', '.join(p.name for p in ports) or 'none'})"
+            )
         values = [
             getattr(PORT_LAWS[p.law], part)(v, *map(self.value, p.parameters))
-            for v, p in zip(u.unbind(-1), self.network.ports, strict=True)
+            for v, p in zip(u.unbind(-1), ports, strict=True)
         ]
         return torch.stack(values, dim=-1) if values else u
 

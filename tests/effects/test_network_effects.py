@@ -39,7 +39,7 @@ from phnn.models.actuator import hrc
 from phnn.models.network_file import load_network
 from phnn.recordings.recording import Recording, Start
 from phnn.setup import Setup
-from phnn.trajectory import amplified, measured, simulate
+from phnn.trajectory import driven, measured, simulate
 
 
 def test_exact_symmetries_are_known() -> None:
@@ -357,7 +357,7 @@ def test_characteristics_of_amplifier_and_sensor_never_fall(sizes: list[float]) 
     rising = np.linspace(-3.0, 3.0, 2001)
     amplifier = strong(learned_elements()["learned_amplifier"], sizes)
     fine = np.repeat(rising[:, None] * SCALES.voltage, 3, axis=1)
-    volts, _ = amplified(amplifier, fine, np.full(rising.size, 1e-4), 0.0)
+    volts, _ = driven(amplifier, fine, np.full(rising.size, 1e-4), 0.0, 0)
     assert (np.diff(volts[:, 0]) >= -1e-9).all()
     sensor = strong(learned_elements()["learned_sensor"], sizes)
     seen = measured(sensor, rising * SCALES.displacement, np.arange(rising.size) * 1e-4)

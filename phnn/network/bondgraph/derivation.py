@@ -17,7 +17,7 @@ keeps the one of the storage that remains, with the total as its value, and `Mer
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -55,43 +55,14 @@ class Branch:
     inverted: bool
 
 
-def resistors_of(graph: BondGraph) -> list[R]:
-    """Return the resistors in the order of the graph."""
-    return [e for e in graph.elements if isinstance(e, R)]
-
-
-def sources_of(graph: BondGraph) -> list[Se | Sf]:
-    """Return the sources in the order of the graph."""
-    return [e for e in graph.elements if isinstance(e, Se | Sf)]
-
-
 def is_invertible(resistor: R) -> bool:
     """Return whether the law can be read in the other direction."""
     return bool(resistor.law == "linear")
 
 
-def causal(graph: BondGraph, field: Field, equations: Sequence[Form], stores: Iterable[str]) -> Solution:
-    """Solve the equations for rates, source answers and arguments of laws, as far as they can be solved."""
-    either = [r.name for r in resistors_of(graph) if is_invertible(r)]
-    strict = [r.name for r in resistors_of(graph) if not is_invertible(r)]
-    inner = dict.fromkeys(v for form in equations for v in form if v.role == "inner")
-    order = [
-        *inner,
-        *map(rate, names := list(stores)),
-        *(answer(s.name) for s in sources_of(graph)),
-        *map(argument, strict),
-        *map(argument, either),
-        *map(result, either),
-        *map(result, strict),
-        *map(coenergy, names),
-        *(source(s.name) for s in sources_of(graph)),
-    ]
-    return solve(field, equations, order)
-
-
-def check_sources(graph: BondGraph, solution: Solution) -> None:
+def check_sources(sources: Sequence[Se | Sf], solution: Solution) -> None:
     """Refuse sources that contradict each other or feed one another past every storage."""
-    for element in sources_of(graph):
+    for element in sources:
         name = element.name
         others = _names(solution.get(source(name), {}), "input")
         if others:
@@ -110,7 +81,7 @@ def check_sources(graph: BondGraph, solution: Solution) -> None:
             )
 
 
-def branch(graph: BondGraph, solution: Solution, resistor: R) -> Branch:
+def branch(resistors: Sequence[R], solution: Solution, resistor: R) -> Branch:
     """Return how a resistor acts; of a power-conserving structure every rate follows once all resistors and sources do.
 
     Raises:
@@ -121,7 +92,7 @@ def branch(graph: BondGraph, solution: Solution, resistor: R) -> Branch:
     takes, gives = argument(name) in solution, result(name) in solution
     if takes == gives:
         # Resistors of which the structure fixes both variables or neither fix each other.
-        names = [r.name for r in resistors_of(graph)]
+        names = [r.name for r in resistors]
         _refuse_loop([n for n in names if (argument(n) in solution) == (result(n) in solution)])
     form = solution[result(name) if gives else argument(name)]
     if not form:
@@ -228,7 +199,7 @@ def check_dependent(store: C | I, form: Form, stores: Mapping[str, C | I]) -> C 
         StructureViolated: a source fixes it, several storages do, or a law is not linear.
     """
     what = "effort" if isinstance(store, C) else "flow"
-    fixing = [v.of for v in form if v.role == "input"]
+    fixing = _names(form, "input")
     if fixing:
         raise StructureViolated(
             f"the source {', '.join(fixing)} fixes the {what} of the storage {store.name}: put a small storage of the "
@@ -267,90 +238,8 @@ def absorbed(field: Field, equations: list[Form], gone: str, kept: str, ratio: A
 _INVERSE, _ONE = "maxwell", "one"
 
 
-def assemble(
-    graph: BondGraph,
-    field: Field,
-    stores: Sequence[C | I],
-    parameters: Mapping[str, Parameter],
-    rates: Mapping[str, Form],
-    branches: Mapping[str, Branch],
-) -> Network:
-    """Return the network of ``ẋ_k = Σ_l J_kl e_l − Σ_r b_rk φ_r + Σ_p g_kp ψ_p(u_p)`` with ``ε_r = Σ_k b_rk e_k``.
-
-    The entries of ``J`` are read above the diagonal, those of ``b`` from what the laws take: the junctions conserve
-    power, so that the rest repeats them.
-
-    Raises:
-        StructureViolated: an entry that is neither a number nor plus or minus one parameter.
-    """
-    names = [s.name for s in stores]
-    couplings = []
-    for i, k in enumerate(names):
-        for m in names[i + 1 :]:
-            if coefficient := rates[k].get(coenergy(m)):
-                sign, ratio = _signed(field.expression(coefficient), f"between the storages {k} and {m}")
-                # A number carries its sign; a name's sign is who is named first.
-                couplings.append(Coupling(k, m, ratio) if sign > 0 else Coupling(m, k, ratio))
-    one = constant(_unused(_ONE, parameters), 1.0, "1", f"makes the law {_INVERSE} the inverse of linear")
-    parameters = {**parameters, one.name: one}
-    resistors = tuple(_resistor(r, branches[r.name], field, names, parameters, one.name) for r in resistors_of(graph))
-    ports = tuple(_port(s, graph, branches, rates, field, names) for s in sources_of(graph))
-    storages = tuple(Storage(s.name, s.law, s.parameters, s.unit) for s in stores)
-    network = Network(
-        storages, resistors, tuple(couplings), ports, parameters, graph.output, graph.modulations, graph.memories
-    )
-    used = network.parameter_references()
-    return replace(network, parameters={n: p for n, p in network.parameters.items() if n in used})
-
-
 def _unused(name: str, taken: Mapping[str, Parameter]) -> str:
     return _unused(name + "_", taken) if name in taken else name
-
-
-def _resistor(
-    resistor: R, acts: Branch, field: Field, names: Sequence[str], parameters: Mapping[str, Parameter], one: str
-) -> Resistor:
-    where = f"at the resistor {resistor.name}"
-    law, given = (_INVERSE, (*resistor.parameters, one)) if acts.inverted else (resistor.law, resistor.parameters)
-    takes = {n: field.expression(c) for n in names if (c := acts.takes.get(coenergy(n)))}
-    turned = {n: -c for n, c in takes.items()}
-    # φ(−ε) = −φ(ε): an odd law may as well look from the other side.
-    if _minuses(turned) < _minuses(takes) and _is_odd(resistor.law, [parameters[n].value for n in resistor.parameters]):
-        takes = turned
-    return Resistor(resistor.name, law, {n: _positive(c, where) for n, c in takes.items()}, given, resistor.reads)
-
-
-def _port(
-    element: Se | Sf,
-    graph: BondGraph,
-    branches: Mapping[str, Branch],
-    rates: Mapping[str, Form],
-    field: Field,
-    names: Sequence[str],
-) -> Port:
-    """Return the port of a source, which acts on rates directly or through one linear resistor.
-
-    A resistor takes ``ε = bᵀe + c u`` and gives ``φ = G ε`` back: ``ẋ −= b G bᵀe`` is its damping, and
-    ``−b c`` the ratio of a port that acts with ``G u``, or ``u/R``.
-    """
-    where, name = f"at the source {element.name}", source(element.name)
-    on = {n: _positive(field.expression(c), where) for n in names if (c := rates[n].get(name))}
-    behind = [r for r in resistors_of(graph) if name in branches[r.name].takes]
-    if not behind:
-        return Port(element.name, on, element.law, element.parameters, element.unit)
-    if len(behind) > 1 or on or element.law != "linear":
-        paths = [*(r.name for r in behind), *on]
-        raise StructureViolated(
-            f"the source {element.name} acts in several ways ({', '.join(paths)}) or by the law {element.law}, and a "
-            "port has one law: give each way a source of its own, and let `ports` in recordings.yaml read the column"
-        )
-    (resistor,) = behind
-    takes = branches[resistor.name].takes
-    acts = {n: -takes[name] * c for n in names if (c := takes.get(coenergy(n)))}
-    ratios = {n: _positive(field.expression(c), where) for n, c in acts.items()}
-    law = "resistance" if branches[resistor.name].inverted else "conductance"
-    law = _INVERSE if resistor.law == _INVERSE else law
-    return Port(element.name, ratios, law, resistor.parameters, element.unit)
 
 
 def _minuses(coefficients: Mapping[str, Expr]) -> tuple[int, bool]:
@@ -432,31 +321,31 @@ def derive(graph: BondGraph) -> Derivation:
 
 
 class _Derivation:
-    """The storages and parameters as they are merged."""
+    """The storages and parameters of a graph as they are merged, and the network of what remains."""
 
     def __init__(self, graph: BondGraph) -> None:
-        self.graph = graph
-        self.field = Field(graph.ratios)
+        self.graph, self.field = graph, Field(graph.ratios)
+        self.resistors = [e for e in graph.elements if isinstance(e, R)]
+        self.sources = [e for e in graph.elements if isinstance(e, Se | Sf)]
         self.stores: dict[str, C | I] = {s.name: s for s in graph.elements if isinstance(s, C | I)}
         self.parameters: dict[str, Parameter] = dict(graph.parameters)
         self.merges: list[Merge] = []
 
     def result(self) -> Derivation:
         solution = self._integral()
-        check_sources(self.graph, solution)
-        branches = {r.name: branch(self.graph, solution, r) for r in resistors_of(self.graph)}
+        check_sources(self.sources, solution)
+        branches = {r.name: branch(self.resistors, solution, r) for r in self.resistors}
         rates = {name: solution[rate(name)] for name in self.stores}
         if self.graph.merge:
             branches, rates = self._side_by_side(branches, rates)
-        network = assemble(self.graph, self.field, tuple(self.stores.values()), self.parameters, rates, branches)
         inverted = tuple(name for name, b in branches.items() if b.inverted)
-        return Derivation(network, tuple(self.merges), inverted)
+        return Derivation(self._network(branches, rates), tuple(self.merges), inverted)
 
     def _integral(self) -> Solution:
         """Return the solved structure after storages with derivative causality have gone into others."""
         equations: list[Form] = junction_equations(self.graph, self.field)
         while True:
-            solution = causal(self.graph, self.field, equations, self.stores)
+            solution = self._solved(equations)
             # A storage whose co-energy is fixed from outside has no integral causality.
             name = next((n for n in self.stores if coenergy(n) in solution), "")
             if not name:
@@ -469,6 +358,24 @@ class _Derivation:
             ((gone, ratio),) = pair[kept].items()
             self._merge(kept, gone, ratio, compliant=True)
             equations = absorbed(self.field, equations, gone, kept, ratio)
+
+    def _solved(self, equations: Sequence[Form]) -> Solution:
+        """Solve the equations for rates, source answers and arguments of laws, as far as they can be solved."""
+        either = [r.name for r in self.resistors if is_invertible(r)]
+        strict = [r.name for r in self.resistors if not is_invertible(r)]
+        inner = dict.fromkeys(v for form in equations for v in form if v.role == "inner")
+        order = [
+            *inner,
+            *map(rate, self.stores),
+            *(answer(s.name) for s in self.sources),
+            *map(argument, strict),
+            *map(argument, either),
+            *map(result, either),
+            *map(result, strict),
+            *map(coenergy, self.stores),
+            *(source(s.name) for s in self.sources),
+        ]
+        return solve(self.field, equations, order)
 
     def _kept(self, ratios: Mapping[str, Mapping[str, Any]]) -> str:
         """Choose which storage stays: the output, else the first by which the others' ratios are no quotients.
@@ -509,7 +416,7 @@ class _Derivation:
                     f"the ratio {m.ratio} follows {m.by}, but merging {gone} into {kept} takes it for constant: "
                     f"leave {gone} out and give {kept} what both are at a fixed ratio"
                 )
-        reads = {r.name: r.reads for r in resistors_of(self.graph)} | {m.ratio: m.by for m in self.graph.modulations}
+        reads = {r.name: r.reads for r in self.resistors} | {m.ratio: m.by for m in self.graph.modulations}
         for name, read in reads.items():
             if read == gone:
                 raise StructureViolated(
@@ -525,6 +432,72 @@ class _Derivation:
             store, self.stores.pop(gone), expression, self.parameters, name, compliant
         )
         self.merges.append(merge)
+
+    def _network(self, branches: Mapping[str, Branch], rates: Mapping[str, Form]) -> Network:
+        """Return the network of ``ẋ_k = Σ_l J_kl e_l − Σ_r b_rk φ_r + Σ_p g_kp ψ_p(u_p)`` with ``ε_r = Σ_k b_rk e_k``.
+
+        The entries of ``J`` are read above the diagonal, those of ``b`` from what the laws take: the junctions conserve
+        power, so that the rest repeats them.
+
+        Raises:
+            StructureViolated: an entry that is neither a number nor plus or minus one parameter.
+        """
+        names = list(self.stores)
+        couplings = []
+        for i, k in enumerate(names):
+            for m in names[i + 1 :]:
+                if coefficient := rates[k].get(coenergy(m)):
+                    sign, ratio = _signed(self.field.expression(coefficient), f"between the storages {k} and {m}")
+                    # A number carries its sign; a name's sign is who is named first.
+                    couplings.append(Coupling(k, m, ratio) if sign > 0 else Coupling(m, k, ratio))
+        one = constant(_unused(_ONE, self.parameters), 1.0, "1", f"makes the law {_INVERSE} the inverse of linear")
+        resistors = tuple(self._resistor(r, branches[r.name], one.name) for r in self.resistors)
+        ports = tuple(self._port(s, branches, rates) for s in self.sources)
+        storages = tuple(Storage(s.name, s.law, s.parameters, s.unit) for s in self.stores.values())
+        of = self.graph
+        network = Network(
+            storages, resistors, tuple(couplings), ports, {**self.parameters, one.name: one}, of.output,
+            of.modulations, of.memories,
+        )  # fmt: skip
+        used = network.parameter_references()
+        return replace(network, parameters={n: p for n, p in network.parameters.items() if n in used})
+
+    def _resistor(self, resistor: R, acts: Branch, one: str) -> Resistor:
+        where = f"at the resistor {resistor.name}"
+        law, given = (_INVERSE, (*resistor.parameters, one)) if acts.inverted else (resistor.law, resistor.parameters)
+        takes = {n: self.field.expression(c) for n in self.stores if (c := acts.takes.get(coenergy(n)))}
+        turned = {n: -c for n, c in takes.items()}
+        # φ(−ε) = −φ(ε): an odd law may as well look from the other side.
+        values = [self.parameters[n].value for n in resistor.parameters]
+        if _minuses(turned) < _minuses(takes) and _is_odd(resistor.law, values):
+            takes = turned
+        return Resistor(resistor.name, law, {n: _positive(c, where) for n, c in takes.items()}, given, resistor.reads)
+
+    def _port(self, element: Se | Sf, branches: Mapping[str, Branch], rates: Mapping[str, Form]) -> Port:
+        """Return the port of a source, which acts on rates directly or through one linear resistor.
+
+        A resistor takes ``ε = bᵀe + c u`` and gives ``φ = G ε`` back: ``ẋ −= b G bᵀe`` is its damping, and
+        ``−b c`` the ratio of a port that acts with ``G u``, or ``u/R``.
+        """
+        where, name = f"at the source {element.name}", source(element.name)
+        on = {n: _positive(self.field.expression(c), where) for n in self.stores if (c := rates[n].get(name))}
+        behind = [r for r in self.resistors if name in branches[r.name].takes]
+        if not behind:
+            return Port(element.name, on, element.law, element.parameters, element.unit)
+        if len(behind) > 1 or on or element.law != "linear":
+            paths = [*(r.name for r in behind), *on]
+            raise StructureViolated(
+                f"the source {element.name} acts in several ways ({', '.join(paths)}) or by the law {element.law}, and "
+                "a port has one law: give each way a source of its own, and let `ports` in recordings.yaml read the "
+                "column"
+            )
+        (resistor,) = behind
+        takes = branches[resistor.name].takes
+        acts = {n: -takes[name] * c for n in self.stores if (c := takes.get(coenergy(n)))}
+        ratios = {n: _positive(self.field.expression(c), where) for n, c in acts.items()}
+        law = "resistance" if branches[resistor.name].inverted else "conductance"
+        law = _INVERSE if resistor.law == _INVERSE else law
+        return Port(element.name, ratios, law, resistor.parameters, element.unit)
 
 
 def _proportional(rates: dict[str, Form]) -> list[Sequence[str]]:
