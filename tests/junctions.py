@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import numpy as np
+import torch
 from networks import remembering
+from torch import Tensor
 
 from phnn.configuration import config_folder
 from phnn.integrate import kernel
+from phnn.integrate.equations import check, power_balance
 from phnn.integrate.program import compile_network
 from phnn.integrate.scheme import Scheme
 from phnn.laws import PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
 from phnn.models.network_file import load_network
-from phnn.network import Coupling, Network, Port, Ratio, Resistor, Storage
+from phnn.network import Coupling, Network, Port, PortHamiltonianSystem, Ratio, Resistor, Storage
+from phnn.network.checks import PowerBalance
 from phnn.parameters import Parameter, as_table
 from phnn.recordings.excitation import driving_of
 from phnn.recordings.recording import Part, Recording, Start
@@ -68,6 +72,15 @@ def trajectory_of(
         t, q, fine, u, states,
         efforts,
     )  # fmt: skip
+
+
+def balanced(trajectory: Trajectory, system: PortHamiltonianSystem) -> tuple[PowerBalance, Tensor]:
+    """The power balance of steps that solve the equations of a network, and (n,) the energies that meet in each."""
+    assert np.isfinite(trajectory.states).all()
+    check(trajectory, 1e-10, system)
+    balance, held = power_balance(trajectory, system), system.energy(torch.from_numpy(trajectory.states)).detach()
+    size = balance.supplied.abs().sum(-1) + balance.dissipated.abs().sum(-1) + held[1:] + held[:-1] + 1e-200
+    return balance, size
 
 
 class _Draw:

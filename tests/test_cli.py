@@ -86,17 +86,12 @@ def test_every_settings_file_composes(command: str) -> None:
         ("+starts=3", "accepts seed, starts"),
         ("hydra.run.dir=x", "hydra.run.dir"),
         ("starts=many", "whole number"),
-        ("starts=0", "1 or more"),
-        ("starts=1.5", "whole number"),
         ("starts=true", "whole number"),
-        ("error_bound_sigma=-1", "positive"),
         ("error_bound_sigma=nan", "positive"),
         ("starts", "key=value"),
         ("starts=[1", "key=value"),
         ("starts=1,2", "starts=1,2"),
         *((setting, "setting starts") for setting in ("starts=1001", "starts=1e9", "starts=" + "9" * 400)),
-        ("workers=0", "setting workers"),
-        ("seed=-1", "setting seed"),
     ],
 )
 def test_bad_settings_are_refused(capsys: pytest.CaptureFixture[str], override: str, needle: str) -> None:

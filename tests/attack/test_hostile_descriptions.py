@@ -99,7 +99,7 @@ MANIFESTS: dict[str, list[str | bytes]] = {
 }  # fmt: skip
 K, M, B, OUT = "8.0, unit: N/m, positive: true", "m: {value: 2.0,", "b: {value: 0.5,", "output: q"
 # What of a network is replaced, and by what; what a manifest says beside it. Other words that a network is refused with
-# are those of tests/network/test_bondgraph.py, test_bondgraph_file.py and tests/models/test_thermal_model.py.
+# are those of tests/network/test_bondgraph.py.
 NETWORKS: dict[str, list[tuple[str, ...]]] = {
     "": [("", ""), (NETWORK, chain(2)), (NETWORK, chain(60))],
     "at most 256": [(NETWORK, chain(257)), (NETWORK, chain(257, bonds=False)), (NETWORK, chain(2000))],

@@ -23,7 +23,7 @@ from phnn.chain.amplifiers import (
     soft_saturation,
 )
 from phnn.chain.blocks import SENSORS
-from phnn.chain.sensors import clock, drifting_gain, lag, midpoints, play, polynomial, rate, rectification
+from phnn.chain.sensors import clock, drifting_gain, lag, midpoints, play, rate
 from phnn.laws.namespace import TINY
 from phnn.models.actuator import TABLE_2
 from phnn.signals.reconstruct import mean_input
@@ -40,18 +40,6 @@ def command(t: Any) -> Any:
 
 def slope(t: float) -> float:
     return float(np.imag(command(complex(t, TINY))) / TINY)
-
-
-@pytest.mark.parametrize("tau", [1e-6, 2e-3, 0.05, 30.0])
-def test_lowpass_solves_its_equation(tau: float) -> None:
-    got = lowpass(command(FINE_T), H, 3.0, tau)
-    exact = solve_ivp(
-        lambda t, v: (command(t) - v) / tau, (0.0, 0.4), [3.0], "Radau", FINE_T[:, 1], rtol=1e-9, atol=1e-9
-    ).y[0]  # fmt: skip
-    # The input is taken as straight between the points of the sub-steps.
-    assert np.abs(got[:, 1] - exact).max() < 1e-2
-    np.testing.assert_allclose(got[1:, 0], got[:-1, 2], rtol=1e-14)
-    assert got[0, 0] == pytest.approx(3.0)
 
 
 @pytest.mark.parametrize("tau", [1e-6, 2e-3, 0.05, 30.0])
@@ -76,10 +64,11 @@ def test_derivatives_of_a_second_order_lowpass_around_critical_damping(zeta: flo
     np.testing.assert_allclose(got, wanted, atol=1e-6 * np.abs(wanted).max())
 
 
-def test_lowpass_is_exact_for_a_ramp_and_after_a_jump() -> None:
-    tau, t = 0.02, FINE_T
-    ramp = lowpass(5.0 * t, H, 0.0, tau)
-    np.testing.assert_allclose(ramp, 5.0 * (t - tau * (1.0 - np.exp(-t / tau))), atol=1e-12)
+@pytest.mark.parametrize("tau", [1e-6, 2e-3, 0.05, 30.0])
+def test_lowpass_is_exact_for_a_ramp_and_after_a_jump(tau: float) -> None:
+    t = FINE_T
+    ramp = lowpass(3.0 + 5.0 * t, H, 3.0, tau)
+    np.testing.assert_allclose(ramp, 3.0 + 5.0 * (t - tau * (1.0 - np.exp(-t / tau))), atol=1e-12)
     jump = lowpass(np.ones_like(t), H, 0.0, tau)
     np.testing.assert_allclose(jump, 1.0 - np.exp(-t / tau), atol=1e-12)
 
@@ -116,29 +105,19 @@ def test_a_soft_limit_is_reached_as_rapp_says_and_a_very_sharp_one_clips() -> No
     fine = command(FINE_T)
     got = soft_saturation(fine, H, 3.0, 12.5, 3.0)
     np.testing.assert_allclose(got, fine / (1.0 + np.abs(fine / 12.5) ** 3) ** (1.0 / 3.0), rtol=1e-13)
-    sharp = soft_saturation(fine, H, 3.0, 12.5, 1e5)
-    np.testing.assert_allclose(sharp, saturation(fine, H, 3.0, 12.5), rtol=1e-5)
+    clipped = saturation(fine, H, 3.0, 12.5)
+    np.testing.assert_array_equal(clipped, np.clip(fine, -12.5, 12.5))
+    np.testing.assert_allclose(soft_saturation(fine, H, 3.0, 12.5, 1e5), clipped, rtol=1e-5)
     np.testing.assert_array_equal(soft_saturation(np.zeros((2, 3)), H[:2], 0.0, 12.5, 3.0), 0.0)
 
 
-def test_saturation_clips_both_ways() -> None:
-    got = saturation(command(FINE_T), H, 3.0, 12.5)
-    np.testing.assert_array_equal(got, np.clip(command(FINE_T), -12.5, 12.5))
-    assert got.max() == 12.5
-    assert got.min() == -12.5
-
-
-@pytest.mark.parametrize("tau", [0.0, 3e-4, 1e-3, 0.0123, 0.1])
+@pytest.mark.parametrize("tau", [0.0, 3e-4, 1e-3, 0.0123, 0.1, 1.0])
 def test_a_delayed_signal_is_what_it_was(tau: float) -> None:
     got = delay(command(FINE_T), H, 3.0, tau)
     wanted = np.where(tau > FINE_T, 3.0, command(FINE_T - tau))
     # Between its points the signal is a parabola a step.
     np.testing.assert_allclose(got, wanted, atol=2e-3)
     assert np.abs(command(FINE_T) - got).max() >= 10.0 * tau
-
-
-def test_a_delay_longer_than_the_record_leaves_what_was_before() -> None:
-    assert (delay(command(FINE_T), H, -2.0, 1.0) == -2.0).all()
 
 
 def test_a_delayed_jump_stays_sharp() -> None:
@@ -164,11 +143,6 @@ def test_a_delay_loses_no_area_whatever_jumps(levels: list[float], before: float
     kept = np.concatenate([[0.0], np.cumsum(H * steps[:, 0])])
     wanted = before * tau + np.interp(0.4 - tau, NODES, kept)
     assert mean_input(delay(steps, H, before, tau)) @ H == pytest.approx(wanted, abs=1e-9)
-
-
-def test_area_of_a_delayed_jump_falls_with_the_delay() -> None:
-    got = delay(np.ones((400, 3)), H, 0.0, complex(0.0123, TINY))
-    assert mean_input(np.imag(got) / TINY) @ H == pytest.approx(-1.0)
 
 
 def test_a_delay_knows_steps_of_any_size() -> None:
@@ -230,12 +204,6 @@ def test_the_rate_of_a_parabola_is_exact_at_uneven_times() -> None:
     np.testing.assert_allclose(rate(1.0 + 2.0 * t - 3.0 * t**2, t), 2.0 - 6.0 * t, atol=1e-12)
 
 
-def test_a_polynomial_and_a_rectifier_act_sample_by_sample() -> None:
-    q = np.array([-2.0, 0.0, 3.0])
-    np.testing.assert_allclose(polynomial(q, T[:3], 0.1, -0.2), [-2.0 + 0.4 + 1.6, 0.0, 3.0 + 0.9 - 5.4])
-    np.testing.assert_array_equal(rectification(q, T[:3]), [2.0, 0.0, 3.0])
-
-
 def test_midpoints_of_a_cubic_are_exact_and_of_a_sine_fourth_order() -> None:
     t = np.linspace(0.0, 1.0, 9)
     middle = 0.5 * (t[1:] + t[:-1])
@@ -266,13 +234,6 @@ def test_the_lag_of_a_parabola_is_exact(tau: float) -> None:
     gone = 1.0 - np.exp(-T / tau)
     wanted = 1.0 + slope * (T - tau * gone) + square * (T**2 - 2.0 * tau * T + 2.0 * tau**2 * gone)
     np.testing.assert_allclose(lag(q, T, tau), wanted, rtol=1e-11)
-
-
-@settings(max_examples=50, deadline=None)
-@given(signals, st.floats(1e-5, 1.0))
-def test_a_lag_is_linear_and_keeps_a_constant(q: np.ndarray, tau: float) -> None:
-    t = T[: q.size]
-    np.testing.assert_allclose(lag(2.0 * q - 3.0, t, tau), 2.0 * lag(q, t, tau) - 3.0, atol=1e-9)
 
 
 def test_play_cuts_what_turns_round_between_samples() -> None:

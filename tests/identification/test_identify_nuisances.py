@@ -234,17 +234,9 @@ def test_an_effect_can_be_placed_in_a_system_of_any_size_and_speed(effect_: Effe
     base = home(effect_).setup
     for length in (1e-6, 1e6):
         for drive in (1e-6, 1e7):
-            scales = replace(
-                SCALES,
-                slowest=SCALES.slowest / time,
-                fastest=SCALES.fastest / time,
-                duration=SCALES.duration * time,
-                displacement=SCALES.displacement * length,
-                velocity=SCALES.velocity * length / time,
-                stiffness=SCALES.stiffness * drive / length,
-                noise=SCALES.noise * length,
-                voltage=SCALES.voltage * drive,
-            )
+            sizes = {"slowest": 1.0 / time, "fastest": 1.0 / time, "duration": time, "voltage": drive}
+            sizes |= {"displacement": length, "velocity": length / time, "stiffness": drive / length, "noise": length}
+            scales = replace(SCALES, **{n: getattr(SCALES, n) * size for n, size in sizes.items()})
             for values in effect_.grid(scales):
                 effect_.add_to(base, values)
                 effect_.add_to(base, effect_.scaled(values, 1e3))

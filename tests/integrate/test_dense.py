@@ -7,11 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-import torchdiffeq
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from junctions import random_junction, recording
-from networks import Falling, ledger, networks, oscillator, random_states, remembering, solve_dense
+from networks import Falling, ledger, oscillator, remembering, solve_dense
 from torch import Tensor, nn
 
 from phnn.derivatives import output_derivatives
@@ -24,7 +21,7 @@ from phnn.integrate.scheme import Scheme
 from phnn.laws import RESISTOR_LAWS
 from phnn.model import Model
 from phnn.models.actuator import from_paper, hrc
-from phnn.network import Coupling, Network, Port, PortHamiltonianSystem, Resistor, Storage
+from phnn.network import Network, Port, PortHamiltonianSystem, Resistor, Storage
 from phnn.nn import LearnedSystem
 from phnn.parameters import as_table, constant, positive
 from phnn.recordings.recording import Start, unrecorded
@@ -32,39 +29,10 @@ from phnn.setup import Block, Setup
 from phnn.trajectory import Trajectory, simulate
 
 
-def closes(
-    system: PortHamiltonianSystem, x: Tensor, u: Tensor, h: float, scheme: Scheme = Scheme.DISCRETE_GRADIENT
-) -> bool:
-    """Whether every step keeps the balance to 1e-10 of the energies that meet in it."""
-    with torch.no_grad():
-        balance = ledger(system, x, u, h, scheme)
-        size = h * (balance.supplied.abs().sum(-1) + balance.dissipated.sum(-1)) + system.energy(x).abs().max()
-    # What a hysteron-type storage dissipates is a difference, which rounding may leave below zero.
-    lossy = h * balance.dissipated >= -1e-14 * size.unsqueeze(-1)
-    return bool(lossy.all() and (h * balance.defect.abs() <= 1e-10 * size).all())
-
-
-@settings(max_examples=40, deadline=None)
-@given(networks(monotone=True), st.integers(0, 10**6), st.sampled_from([1e-3, 0.1, 3.0]))
-def test_power_balance_is_exact_for_any_network_and_step(network: Network, seed: int, h: float) -> None:
-    system = PortHamiltonianSystem(network)
-    x0, u = (torch.from_numpy(v) for v in random_states(network, seed, 3))
-    with torch.no_grad():
-        x = solve_dense(system, x0[0], u, h)
-    assert x.shape == (4, x0.shape[-1])
-    assert closes(system, x, u, h)
-
-
 def test_a_step_without_connected_solution_names_time_and_remedy() -> None:
-    network = Network(
-        (Storage("p", "capacitor", ("m",)),),
-        (Resistor("friction", Falling(), {"p": 1.0}),),
-        (),
-        (Port("force", {"p": 1.0}),),
-        as_table([positive("m", 2.0, "kg")]),
-        "p",
-    )
-    system = PortHamiltonianSystem(network)
+    mass, force = (Storage("p", "capacitor", ("m",)),), (Port("force", {"p": 1.0}),)
+    friction, table = (Resistor("friction", Falling(), {"p": 1.0}),), as_table([positive("m", 2.0, "kg")])
+    system = PortHamiltonianSystem(Network(mass, friction, (), force, table, "p"))
     x0 = torch.zeros(1, dtype=torch.float64)
     # The law holds at most 2.14 N.
     u = torch.linspace(1.8, 4.0, 32, dtype=torch.float64)
@@ -74,7 +42,9 @@ def test_a_step_without_connected_solution_names_time_and_remedy() -> None:
     u = u.repeat_interleave(10)
     with torch.no_grad():
         x = solve_dense(system, x0, u, 0.05, Scheme.MIDPOINT)
-    assert closes(system, x, u, 0.05, Scheme.MIDPOINT)
+        balance = ledger(system, x, u, 0.05, Scheme.MIDPOINT)
+    assert (balance.dissipated >= 0.0).all()
+    assert balance.defect.abs().max() <= 1e-10 * balance.supplied.abs().max()
     assert (x[1:] >= x[:-1]).all()
     assert x[-1] / 2.0 > 0.3
 
@@ -182,12 +152,7 @@ def test_the_gradient_by_a_tied_weight_counts_both_of_its_places() -> None:
 @pytest.mark.parametrize("mass", [1e-3, 1e3])
 def test_a_steady_cycle_closes_in_any_units(mass: float) -> None:
     stiffness = 1e6 * mass
-    network = Network(
-        (Storage("q", "spring", ("k",), "m"), Storage("p", "capacitor", ("m",), "kg m/s")),
-        (Resistor("damper", "linear", {"p": 1.0}, ("b",)),), (Coupling("q", "p"),), (Port("force", {"p": 1.0}),),
-        as_table([positive("m", mass, "kg"), positive("k", stiffness, "N/m"), positive("b", 10.0 * mass, "N s/m")]),
-        "q",
-    )  # fmt: skip
+    network = replace(oscillator().with_values({"m": mass, "k": stiffness, "b": 10.0 * mass}), output="q")
     own = network.replace("damper", DeadZone("linear", 10.0 * mass))
     t = 1e-4 * np.arange(200)
     drive = 1e-3 * stiffness * np.sin(2.0 * np.pi * t / 5e-3)
@@ -264,11 +229,6 @@ def test_balance_of_a_cycle_matches_what_the_elements_take() -> None:
     assert power_balance(wrong).defect.abs().max() > 1e4 * balance.defect.abs().max()
 
 
-def called(system: PortHamiltonianSystem, function: nn.Module) -> tuple[list[str], tuple[Tensor, ...]]:
-    names = [f"system.{name}" for name, _ in system.named_parameters()]
-    return names, tuple(p.detach().clone().requires_grad_(True) for p in system.parameters())
-
-
 class Solve(nn.Module):
     """A march whose parameters can be replaced."""
 
@@ -295,7 +255,8 @@ def test_gradcheck_by_parameters_inputs_steps_and_start(
     u = torch.from_numpy(random.normal(size=(3, len(network.ports)))).requires_grad_(True)
     h = torch.from_numpy(random.uniform(0.05, 0.2, 3)).requires_grad_(True)
     x0 = torch.from_numpy(random.normal(size=len(network.state_names))).requires_grad_(True)
-    names, values = called(system, Solve(system))
+    names = [f"system.{name}" for name, _ in system.named_parameters()]
+    values = tuple(p.detach().clone().requires_grad_(True) for p in system.parameters())
 
     def solve(u: Tensor, h: Tensor, x0: Tensor, *parameters: Tensor) -> Tensor:
         replaced = dict(zip(names, parameters, strict=True))
@@ -310,48 +271,8 @@ def test_gradcheck_by_parameters_inputs_steps_and_start(
     assert torch.equal(torch.autograd.grad(first.sum(), x0)[0], torch.ones_like(x0))
 
 
-def soft_actuator() -> PortHamiltonianSystem:
-    """Table 1 with the first hysteron slowed down, so that an explicit method can follow it."""
-    return PortHamiltonianSystem(hrc(2, {"rho_1": 6e-4}))
-
-
-def without_kinks() -> PortHamiltonianSystem:
-    """Hysterons that relax without a dead zone: dopri5's own gradient is 1e-3 wrong where a step straddles a kink."""
-    base = hrc(2)
-    slow = [Resistor(f"hysteron_{i}", "linear", {f"Q_{i}": 1.0}, (f"rho_{i}",)) for i in (1, 2)]
-    network = replace(base, resistors=(*slow, base.resistors[-1])).with_values({"rho_1": 6e-4})
-    return PortHamiltonianSystem(
-        replace(network, parameters={n: p for n, p in network.parameters.items() if n not in ("d_1", "d_2")})
-    )
-
-
-def test_gradient_tends_to_that_of_torchdiffeq() -> None:
-    duration, system = 2e-3, without_kinks()
-
-    def voltage(t: Tensor) -> Tensor:
-        return torch.stack([75.0 * torch.sin(2 * np.pi * 250.0 * t), 0.0 * t], dim=-1)
-
-    def gradient(end: Tensor) -> Tensor:
-        # Coordinates count relative changes of the parameters; the states are of the order 1e-6.
-        return torch.stack(torch.autograd.grad(1e6 * end.sum(), list(system.parameters())))
-
-    x0 = torch.zeros(4, dtype=torch.float64)
-    times = torch.tensor([0.0, duration], dtype=torch.float64)
-    wanted = gradient(
-        torchdiffeq.odeint(system.with_input(voltage), x0, times, rtol=1e-10, atol=1e-16, method="dopri5")[-1]
-    )
-    errors = []
-    for n in (4000, 8000):
-        fine = voltage(torch.linspace(0.0, duration, 2 * n + 1, dtype=torch.float64))
-        u = (fine[:-2:2] + 4.0 * fine[1::2] + fine[2::2]) / 6.0
-        got = gradient(simulated(system, x0, u, duration / n)[-1])
-        errors.append(float(((got - wanted).abs() / wanted.abs()).max()))
-    assert errors[1] < 1e-6
-    assert errors[1] == pytest.approx(errors[0] / 4.0, rel=0.1)
-
-
 def test_unusable_arguments_are_refused() -> None:
-    system = soft_actuator()
+    system = PortHamiltonianSystem(from_paper())
     x0, u = torch.zeros(4, dtype=torch.float64), torch.zeros(3, 2, dtype=torch.float64)
     with pytest.raises(InputRefused, match=r"state has shape \(3,\)"):
         simulated(system, x0[:3], u, 1e-5)

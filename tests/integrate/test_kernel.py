@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from junctions import march, random_march, recording
+from junctions import balanced, march, random_march, recording
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
@@ -21,7 +19,7 @@ from phnn.effects.additions import bent_spring
 from phnn.errors import InputRefused, StructureViolated
 from phnn.integrate import kernel
 from phnn.integrate import sweep as sweeps
-from phnn.integrate.equations import check, power_balance
+from phnn.integrate.equations import check
 from phnn.integrate.program import Program, compile_network
 from phnn.integrate.quick import serves
 from phnn.integrate.scheme import Scheme
@@ -30,7 +28,7 @@ from phnn.models.network_file import load_network
 from phnn.network import Network, PortHamiltonianSystem, Resistor
 from phnn.parameters import Parameter, as_table
 from phnn.setup import Setup
-from phnn.trajectory import Trajectory, simulate
+from phnn.trajectory import simulate
 
 DRAG = Resistor("drag", "quadratic_drag", {"p": 1.0}, ("b",))
 
@@ -38,12 +36,7 @@ DRAG = Resistor("drag", "quadratic_drag", {"p": 1.0}, ("b",))
 def solved_and_balanced(seed: int, memories: bool) -> None:
     """A random stiff network is solved to rounding, and keeps its power balance to it."""
     trajectory = random_march(seed, memories=memories)
-    assert np.isfinite(trajectory.states).all()
-    system = PortHamiltonianSystem(trajectory.setup.network)
-    assert check(trajectory, 1e-10, system) < 1e-10
-    balance = power_balance(trajectory, system)
-    held = system.energy(torch.from_numpy(trajectory.states)).detach()
-    size = balance.supplied.abs().sum(-1) + balance.dissipated.abs().sum(-1) + held[1:] + held[:-1] + 1e-200
+    balance, size = balanced(trajectory, PortHamiltonianSystem(trajectory.setup.network))
     assert (balance.defect.abs() <= 1e-10 * size).all()
     assert (balance.dissipated >= -1e-14 * size[:, None]).all()
 
@@ -104,58 +97,6 @@ def test_stiff_leaf_does_not_ring_at_long_steps() -> None:
     assert sliding.min() > 0.99 * 0.5 * TABLE_1["d_1"] * TABLE_1["C_1"]
     # A hundred relaxation times in a step: the charge sits on its threshold instead of hopping about it.
     assert np.abs(np.diff(sliding)).max() < 1e-3 * np.abs(sliding).max()
-
-
-def integrated(trajectory: Trajectory) -> sweeps.Integrated:
-    """A simulation as the sweeps take it."""
-    t = trajectory
-    return sweeps.Integrated(t.program, t.theta, t.states, t.efforts, t.u, t.h)
-
-
-def sweep(trajectory: Trajectory, names: list[str], initial: list[int], output: int) -> np.ndarray:
-    """(n+1, K+S) derivatives of one state by parameters and initial states."""
-    program, n = replace(trajectory.program, output=output), trajectory.h.size
-    if output >= len(trajectory.setup.network.storages):
-        # Nothing flows into a memory, and no force is perturbed here.
-        vars(program)["flow"] = trajectory.program.flow
-    active = np.array([program.names.index(name) for name in names], dtype=np.int64)
-    return sweeps.sensitivities(
-        integrated(trajectory)._replace(program=program), sweeps.by_parameters(active, n),
-        np.zeros((trajectory.states.shape[1], len(names))), np.array(initial, dtype=np.int64), np.arange(n + 1),
-    )  # fmt: skip
-
-
-# In 63 and 94 a law on the junction reads a leaf whose ratio is a parameter.
-@pytest.mark.parametrize(
-    ("seed", "memories"), [*((s, False) for s in (3, 8, 14, 33, 52, 63, 71, 94)), *((s, True) for s in range(8))]
-)
-def test_forward_sweep_agrees_with_finite_differences(seed: int, memories: bool) -> None:
-    trajectory = random_march(seed, stiff=False, steps=25, memories=memories)
-    network = trajectory.setup.network
-    names, start = list(network.parameters), list(range(trajectory.states.shape[1]))
-
-    def moved(what: str | int, step: float) -> np.ndarray:
-        changed = network.with_values({n: p.value + step for n, p in network.parameters.items() if n == what})
-        first = trajectory.states[0] + step * np.array([k == what for k in start])
-        return march(changed, trajectory.u, trajectory.h, first).states
-
-    got = [sweep(trajectory, names, start, output) for output in start]
-    for k, what in enumerate([*names, *start]):
-        step = 1e-6 * (abs(network.parameters[what].value) + 1e-3) if isinstance(what, str) else 1e-6
-        ends = [moved(what, s) for s in (step, -step)]
-        for output in start:
-            middle = trajectory.states[:, output]
-            agree(got[output][:, k], [e[:, output] for e in ends], middle, step, np.abs(middle).max() + 1e-9, str(what))
-
-
-def agree(got: np.ndarray, ends: Sequence[np.ndarray], middle: np.ndarray, step: float, size: float, what: str) -> None:
-    """The march has kinks, which a finite difference may straddle: a few samples may differ.
-
-    What begins on a kink has the derivative of one of its sides.
-    """
-    sides = (ends[0] - middle) / step, (middle - ends[1]) / step
-    wrong = [np.abs(got - d) > 1e-4 * np.abs(d).max() + 1e-7 * size for d in (*sides, 0.5 * (sides[0] + sides[1]))]
-    assert min(w.mean() for w in wrong) < 0.1, what
 
 
 def altered(**changes: object) -> Network:
@@ -255,21 +196,6 @@ OTHER = {
 }
 
 
-@pytest.mark.parametrize("name", QUICK)
-def test_the_quick_march_is_the_general_one(name: str) -> None:
-    one = marched(QUICK[name])
-    assert serves(one.program)
-    states, efforts = np.empty_like(one.states), np.empty_like(one.efforts)
-    run = (one.program, one.theta, one.states[0], one.u, one.h, states, efforts)
-    assert kernel.march(*run, general=True) == one.h.size
-    close(one.states, states, 1e-10)
-    close(one.efforts, efforts, 1e-10)
-
-
-def test_the_quick_march_leaves_other_networks_alone() -> None:
-    assert not any(serves(compile_network(network)) for network in OTHER.values())
-
-
 def in_full(program: Program) -> Program:
     """The program with nothing known to be affine: its steps are differentiated block by block."""
     sparsity, count = program.sparsity, len(program.states) + len(program.junctions)
@@ -284,6 +210,7 @@ def in_full(program: Program) -> Program:
 def test_derivatives_by_pieces_are_those_in_full(name: str) -> None:
     run = marched({**QUICK, **OTHER}[name])
     program = run.program
+    assert serves(program) == (name in QUICK)
     if name == "two":
         # Every piece occurs: rest, either side, and steps that meet a threshold.
         beyond = np.abs(run.states[:, 0] / TABLE_1["C_1"]) > TABLE_1["d_1"] / 2

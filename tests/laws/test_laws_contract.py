@@ -14,11 +14,7 @@ from scipy.integrate import solve_ivp
 from torch import Tensor
 
 from phnn.errors import StructureViolated
-from phnn.integrate.cache import compiled
-from phnn.integrate.step import factor as _factor
-from phnn.integrate.step import memory_rate, resistor_flow, resistor_thresholds, storage_effort
 from phnn.laws import (
-    FACTOR_LAWS,
     MEMORY_LAWS,
     PORT_LAWS,
     RESISTOR_LAWS,
@@ -101,62 +97,6 @@ class TestEveryFunction:
             rows = [torch.autograd.grad((p + anchor).sum(), tensors[k], retain_graph=True)[0] for p in parts]
             expected = torch.stack(rows).numpy()
             np.testing.assert_allclose(slope, expected, rtol=1e-12, atol=1e-14)
-
-
-# The kernel's look-ups, callable from Python; the first argument is a table of one row.
-@compiled
-def mean_effort(t, a, b, p):  # type: ignore[no-untyped-def]
-    return storage_effort(t, 0, a, b, p)
-
-
-@compiled
-def thresholds(t, a, p):  # type: ignore[no-untyped-def]
-    return resistor_thresholds(t, 0, a, p)
-
-
-@compiled
-def flow(t, a, b, p):  # type: ignore[no-untyped-def]
-    return resistor_flow(t, 0, a, b, p)
-
-
-@compiled
-def factor(t, a, p):  # type: ignore[no-untyped-def]
-    return _factor(t, 0, a, p)
-
-
-@compiled
-def rate(t, a, b, p):  # type: ignore[no-untyped-def]
-    return memory_rate(t, 0, a, b, p)
-
-
-TABLES = [
-    (mean_effort, STORAGE_LAWS, 2),
-    (thresholds, RESISTOR_LAWS, 1),
-    (flow, RESISTOR_LAWS, 2),
-    (factor, FACTOR_LAWS, 1),
-    (rate, MEMORY_LAWS, 2),
-]
-
-
-@pytest.mark.parametrize(("call", "laws", "leading"), TABLES, ids=[call.__name__ for call, _, _ in TABLES])
-def test_compiled_values_and_slopes_are_those_of_the_law(call: Any, laws: dict[str, Any], leading: int) -> None:
-    for code, law in enumerate(laws.values()):
-        function, table = getattr(law, call.__name__), np.array([[code, 0, 1, 2, 3, 4]])
-        if function is None:
-            continue
-        parameters = np.zeros(5)
-        parameters[: len(law.example)] = law.example
-        rows = [np.array([*row, *parameters], dtype=complex) for row in zip(*arguments(leading), strict=True)]
-        wanted = stacked(function(*arguments(leading), *law.example), POINTS).T
-        real = [np.atleast_1d(call(table, *row[:leading].real, parameters)) for row in rows]
-        np.testing.assert_allclose(real, wanted, rtol=1e-14, err_msg=law.name)
-        for k in range(leading + len(law.example)):
-            moved = [row + TINY * 1j * (np.arange(row.size) == k) for row in rows]
-            got = np.array([np.atleast_1d(call(table, *row[:leading], row[leading:])) for row in moved])
-            columns = np.array(moved).T[: leading + len(law.example)]
-            expected = stacked(function(*columns), POINTS + 0j).T
-            np.testing.assert_allclose(got.real, wanted, rtol=1e-14, err_msg=law.name)
-            np.testing.assert_allclose(got.imag / TINY, expected.imag / TINY, rtol=1e-12, atol=1e-14, err_msg=law.name)
 
 
 @named(STORAGE_LAWS)

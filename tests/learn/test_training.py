@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import pickle
 from collections.abc import Callable
 from dataclasses import replace
@@ -242,8 +241,3 @@ def test_settings_out_of_range_are_refused(wrong: dict[str, object], words: str)
         Settings.from_config({"folder": "a", "out": "b", **wrong})
     with pytest.raises(InputRefused, match="setting out is missing"):
         Settings.from_config({"folder": "a"})
-
-
-def test_settings_are_plain_enough_for_json() -> None:
-    settings = Settings.from_config({"folder": "a", "out": "b", "validation": ["x"]})
-    assert Settings.from_config(json.loads(json.dumps(settings.plain()))) == settings

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from phnn.effects import catalogue
 from phnn.effects.learned import learned_elements
 from phnn.errors import InputRefused, PhnnError, SolverFailed
-from phnn.models.actuator import TABLE_1, bouc_wen, hrc
+from phnn.models.actuator import TABLE_1, hrc
 from phnn.models.neural import LearnedLaws, neural_hrc, thresholds
 from phnn.models.store import FILE, load, save
 from phnn.network.elements import Resistor
@@ -49,13 +49,6 @@ def test_round_trip(tmp_path: Path, name: str) -> None:
     assert {p.name for p in (tmp_path / "model").iterdir()} == {".phnn", FILE}
 
 
-def test_bouc_wen_and_any_number_of_hysterons(tmp_path: Path) -> None:
-    for i, setup in enumerate((bouc_wen(), Setup(hrc(0)), Setup(hrc(5)))):
-        save(setup, tmp_path / str(i))
-        again, _ = load(tmp_path / str(i) / FILE)
-        assert again.parameters == setup.parameters
-
-
 def written(folder: Path) -> dict[str, object]:
     save(Setup(hrc(1)), folder)
     return json.loads((folder / FILE).read_text())
@@ -68,15 +61,9 @@ def test_drift_terms_are_read_under_the_name_of_earlier_versions_too(tmp_path: P
     assert load(tmp_path)[0].own.drift_terms == 8
 
 
-def test_absent_and_unreadable_files_are_refused(tmp_path: Path) -> None:
+def test_absent_files_and_other_ones_are_refused(tmp_path: Path) -> None:
     with pytest.raises(InputRefused, match=r"absent.*cannot be read.*model/ or base/"):
         load(tmp_path / "absent")
-    (tmp_path / FILE).write_text("{nearly json")
-    with pytest.raises(InputRefused, match=r"model\.json: is not json"):
-        load(tmp_path)
-    (tmp_path / FILE).write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(InputRefused, match="is not json"):
-        load(tmp_path)
     for content in ("[]", "3", '{"schema": "phnn.model/99"}'):
         (tmp_path / FILE).write_text(content)
         with pytest.raises(InputRefused, match=r"model\.json: .*model/ or base/ of a result of this version"):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,6 @@ from phnn.derivatives import output_derivatives
 from phnn.errors import InputRefused, StructureViolated
 from phnn.integrate.equations import check, power_balance
 from phnn.models.network_file import ready
-from phnn.models.store import load, save
 from phnn.network.bondgraph import Bond, BondGraph, C, I, R, Sf
 from phnn.network.elements import Network
 from phnn.network.roles import imposed, measured_displacement, motions
@@ -178,15 +176,6 @@ def test_roles_of_what_is_imposed() -> None:
     assert measured_displacement(bare) == "motion_travel"
     found = simulate(Setup(bare), recording(motion()), 4)
     assert relative(found.y - B * velocity(DT * np.arange(600)), found.y) < 1e-3
-
-
-def test_a_model_keeps_what_it_senses(tmp_path: Path) -> None:
-    setup = Setup(rig(), name="rig")
-    save(setup, tmp_path, 2)
-    again, _ = load(tmp_path)
-    assert again.network.senses == "motion"
-    given = recording(motion(100))
-    assert np.array_equal(simulate(again, given).y, simulate(setup, given).y)
 
 
 def test_what_cannot_be_is_refused() -> None:

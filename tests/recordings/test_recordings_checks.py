@@ -20,7 +20,7 @@ from recordings_example import output, play, refused, sine, write, write_sine
 from phnn.errors import InputRefused
 from phnn.identification.prepare import prepare
 from phnn.models.network_file import ready
-from phnn.recordings import describe, read, units
+from phnn.recordings import read, units
 from phnn.recordings.recording import unrecorded
 from phnn.recordings.units import QUANTITIES, find_unit, parse_name, stated_by_name
 from phnn.setup import Setup
@@ -259,17 +259,6 @@ def test_tdms_without_its_package_names_the_extra(tmp_path: Path, monkeypatch: p
     refused(tmp_path, "a.tdms", "npTDMS", "pip install 'phnn[tdms]'")
 
 
-def test_datasets_of_a_group_by_name(tmp_path: Path) -> None:
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        for name, column in zip(("T", "V1", "V2"), good(), strict=True):
-            file[f"scope/{name}"] = column
-    (tmp_path / "recordings.yaml").write_text(
-        "columns: {time: {unit: s}, voltage: {unit: V}, displacement: {unit: m}}\n"
-        "recordings: [{file: a.h5, variables: {time: scope.T, voltage: scope.V1, displacement: scope.V2}}]"
-    )
-    np.testing.assert_array_equal(read(tmp_path).recordings[0].y, good()[2])
-
-
 # A semicolon stands for the separator, an exclamation mark for the decimal sign.
 HEADERS = {
     "names with units": "time_s;voltage_V;displacement_um",
@@ -303,15 +292,6 @@ def test_text_as_instruments_write_it(tmp_path: Path, header: str, separator: st
 def test_array_of_another_shape(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", np.zeros((100, 3, 2)))
     refused(tmp_path, "a.npy", "(100, 3, 2)", "(samples, columns)")
-
-
-def test_prediction_needs_no_output(tmp_path: Path) -> None:
-    rows = np.column_stack(good()[:2])
-    np.savetxt(tmp_path / "a.csv", rows, delimiter=",", header="time_s,voltage_V", comments="", fmt="%.17g")
-    campaign = read(tmp_path, need_output=False)
-    assert np.isnan(campaign.recordings[0].y).all()
-    np.testing.assert_array_equal(campaign.recordings[0].u, good()[1])
-    assert "noise floor" not in describe(campaign)
 
 
 STEP = 0.01

@@ -360,15 +360,8 @@ def test_segments_a_slice_and_a_spare_channel_do_as_messages_say(tmp_path: Path)
     stamps = [f"{t:.3f}" for t in 0.01 * k + 0.05 * (k >= 120) + 2.0 * (k >= 200) + 3.0 * (k >= 220)]
     y[395], warm = np.nan, np.full(400, np.nan)
     for said, words in (("", "slice"), ("slice: [0, 390]", "segments: true"), ("slice: [0, 390], segments: true", "")):
-        logged(
-            tmp_path,
-            stamps,
-            f"recordings: [{{file: a.csv, {said}}}]",
-            "",
-            force_N=DRIVE,
-            displacement_mm=y,
-            temperature_K=warm,
-        )
+        columns = {"force_N": DRIVE, "displacement_mm": y, "temperature_K": warm}
+        logged(tmp_path, stamps, f"recordings: [{{file: a.csv, {said}}}]", **columns)
         if words:
             refused(tmp_path, words)
     campaign = read(tmp_path)
@@ -383,9 +376,8 @@ def test_a_swing_about_the_seam_of_an_angle_is_unwrapped_not_taken_for_glitches(
     manifest = "columns: {output: {column: angle, unit: mm%s}, input: {column: force_N, unit: N}}"
     with pytest.raises(InputRefused, match="say unwrap: "):
         read(logged(tmp_path, stamps, manifest % "", force_N=DRIVE, angle=moved % turn))
-    (r,) = read(
-        logged(tmp_path, stamps, manifest % f", unwrap: {turn!r}", force_N=DRIVE, angle=moved % turn)
-    ).recordings
+    unwrapped = logged(tmp_path, stamps, manifest % f", unwrap: {turn!r}", force_N=DRIVE, angle=moved % turn)
+    (r,) = read(unwrapped).recordings
     np.testing.assert_allclose(1e3 * (r.y - r.y[0]), moved - moved[0], atol=1e-8)
 
 

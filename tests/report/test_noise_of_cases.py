@@ -45,24 +45,23 @@ def notes(found: NoiseStatement) -> str:
     return "; ".join(found.notes)
 
 
-def test_white_noise(made: Made) -> None:
-    campaign, found = made(None)
+@pytest.mark.parametrize(("family", "colour", "told", "not_told"), [
+    (None, "white", "", ("speed", "outliers")), ("pink:0.5", "spectrum", "1/f", ()),
+    ("quantised:3", "white", "quantised: steps of", ("outliers",)),
+])  # fmt: skip
+def test_noise_is_told_as_what_it_is(
+    made: Made, family: str | None, colour: str, told: str, not_told: tuple[str, ...]
+) -> None:
+    campaign, found = made(family)
     for statement in (*(found[n] for n in SEEN), *check(campaign).noise.values()):
-        assert statement.colour == "white"
-        assert "speed" not in notes(statement) and "outliers" not in notes(statement)
+        if family is None or "assumed" not in notes(statement):
+            assert statement.colour == colour and told in notes(statement)
+            assert not any(word in notes(statement) for word in not_told)
 
 
 def test_noise_through_the_plant(made: Made) -> None:
     _, found = made("process:0.5")
-    fast = found["sine_100Hz_75V"]
-    assert fast.colour == "spectrum"
-
-
-def test_noise_at_low_frequencies(made: Made) -> None:
-    campaign, found = made("pink:0.5")
-    for statement in (*(found[n] for n in SEEN), *check(campaign).noise.values()):
-        if "assumed" not in notes(statement):
-            assert statement.colour == "spectrum" and "1/f" in notes(statement)
+    assert found["sine_100Hz_75V"].colour == "spectrum"
 
 
 def test_heavy_tails(made: Made) -> None:
@@ -70,14 +69,6 @@ def test_heavy_tails(made: Made) -> None:
     assert all("outliers" in notes(found[n]) and found[n].colour == "white" for n in SEEN)
     before = [s for s in check(campaign).noise.values() if "assumed" not in notes(s)]
     assert before and all("outliers" in notes(s) for s in before)
-
-
-def test_coarse_steps(made: Made) -> None:
-    campaign, found = made("quantised:3")
-    for statement in (*(found[n] for n in SEEN), *check(campaign).noise.values()):
-        if "assumed" not in notes(statement):
-            assert statement.colour == "white"
-            assert notes(statement).startswith("quantised: steps of") and "outliers" not in notes(statement)
 
 
 def test_jitter_with_its_size(made: Made) -> None:

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from junctions import recording
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
@@ -16,7 +15,6 @@ from phnn.configuration import compose
 from phnn.errors import InputRefused, OutputFailed
 from phnn.model import Model
 from phnn.models.actuator import hrc
-from phnn.recordings.recording import Recording
 from phnn.setup import Setup
 from studies.rival_models.contest import run
 from studies.rival_models.names import register_rivals
@@ -133,7 +131,3 @@ def test_a_compiled_model_steps_as_it_is_simulated() -> None:
         assert stepper.run(state, u)[1] == pytest.approx(wanted, rel=1e-9, abs=1e-9 * np.abs(wanted).max())
     with pytest.raises(ArithmeticError, match="sample 1 of 2"):
         stepper.run(state, np.array([0.0, np.nan]))
-
-
-def used(name: str, use: str, u: Array, dt: float) -> Recording:
-    return recording(dt * np.arange(u.size), u, use=use, name=name, y=u)
