@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,8 @@ from phnn.identification.fit import TOLERANCE, Fit, carried, fit_problem
 from phnn.identification.plan import Plan
 from phnn.identification.problem import Problem, Variables, beyond_limit, constant_and_own, own_parts, variables_of
 from phnn.recordings.excitation import instants_known, unknown_instants
-from phnn.recordings.recording import Part, Recording
+from phnn.recordings.recording import Part, Recording, Start
+from phnn.rescue import attempt
 from phnn.setup import NOTHING, Setup
 from phnn.trajectory import simulate
 
@@ -20,10 +22,12 @@ Array = NDArray[np.float64]
 
 # Samples beyond those that are fitted: an input between samples depends on the ones after it.
 _BEYOND = 200
-# An initial state is sought from so many states drawn from its prior, for thresholds bend the way to it: a few
-# evaluations from each, and enough from the best ones, until one leaves hardly more than the noise.
-_DRAWN, _FEW, _BEST, _ENOUGH, _SEED = 5, 12, 3, 60, 0
+# An initial state is sought from several states, for thresholds bend the way to it: a few evaluations from each, and
+# enough from the best ones, until one leaves hardly more than the noise.
+_FEW, _BEST, _ENOUGH = 12, 3, 60
 _NOISE = 1.2
+# What the input may have done before: turning points from its first value, as multiples of its range.
+_HISTORIES = ((1.0, 0.0), (-1.0, 1.0, 0.0), (0.0, 1.0, 0.0), (-1.0, 0.0), (1.0, -1.0, 0.0), (0.0, -1.0, 0.0))
 # Tolerance of a state that is sought near another one.
 _ROUGH = 1e-4
 
@@ -45,8 +49,7 @@ def estimated_start(
     variables, name = variables_of(setup, plan, ()), recording.name
     if not variables.unknown:
         return None
-    known, rng = variables.expected[name], np.random.default_rng(_SEED)
-    drawn = [known.mean + known.spread * rng.standard_normal(known.mean.size) for _ in range(_DRAWN)]
+    known = variables.expected[name]
 
     def begun_at(state: Array, evaluations: int, tolerance: float = TOLERANCE) -> Fit:
         problem = Problem(setup, plan, replace(variables, origin={name: state}), use)
@@ -55,13 +58,30 @@ def estimated_start(
     if near is not None:
         states = (known.mean, carried(near[1], near[0], setup, known.mean))
         return min((begun_at(state, _ENOUGH, _ROUGH) for state in states), key=lambda f: f.cost).initial(name)
-    begun = sorted((begun_at(state, _FEW) for state in (known.mean, *drawn)), key=lambda f: f.cost)
+    states = (known.mean, *_histories(setup, plan, substeps))
+    begun = sorted((begun_at(state, _FEW) for state in states), key=lambda f: f.cost)
     ended: list[Fit] = []
     for first in begun[:_BEST]:
         ended.append(begun_at(first.initial_states[name], _ENOUGH))
         if ended[-1].chi2 <= _NOISE**2:
             break
     return min(ended, key=lambda f: f.cost).initial(name)
+
+
+def _histories(setup: Setup, plan: Plan, substeps: int) -> list[Array]:
+    """Return states (N,) to which an input leads that has come from rest by one turning point or two.
+
+    What a material remembers of its past are the turning points of its input: a mean of many pasts is none of them.
+    """
+    (recording,) = plan.recordings
+    states, size = [], float(np.ptp(recording.u))
+    for history in _HISTORIES:
+        turns = recording.u[0] + size * np.array(history)
+        u = np.interp(np.linspace(0.0, turns.size - 1.0, recording.u.size), np.arange(turns.size), turns)
+        past = replace(recording, u=u, start=Start("rest", float(turns[0])), instants=None)
+        if (before := attempt("history of a recording", partial(simulate, setup, past, substeps), None)) is not None:
+            states.append(before.states[-1])
+    return states
 
 
 def likely_start(setup: Setup, recording: Recording, substeps: int) -> Array | None:
