@@ -71,7 +71,7 @@ def estimated_start(
 def _histories(setup: Setup, plan: Plan, substeps: int) -> list[Array]:
     """Return states (N,) to which an input leads that has come from rest by one turning point or two.
 
-    What a material remembers of its past are the turning points of its input: a mean of many pasts is none of them.
+    What a material remembers of its past are the turning points of its input: their mean is no past.
     """
     (recording,) = plan.recordings
     states, size = [], float(np.ptp(recording.u))
