@@ -166,6 +166,8 @@ def mains(recording: Recording) -> list[Finding]:
     # Long enough, and sampled fast enough, to show a tone.
     shown = [f for f in lines if f * duration >= _PERIODS and f <= 0.45 / recording.dt]
     asked = [f for f in shown if not _driven(recording.excitation, f, duration)]
+    if not asked:
+        return []
     output, drive = spectrum(recording.y) ** 2, spectrum(recording.drive) ** 2
     tones = {f: a for f in asked if (a := _amplitude(output, drive, f * duration, recording.t.size)) > 0.0}
     if not tones:

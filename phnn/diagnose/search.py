@@ -619,9 +619,9 @@ def _in_place_of(search: Search, best: Visited, element: Effect, rest: tuple[Eff
         return []
     begun = [m for e in able if (m := search.visited.get(key_of((*rest, e)))) is not None]
     ended = {m.elements[-1] for m in begun if m.converged}
-    wanted = [Wanted(rest, _starts_without(element, best))]
+    wanted = Wanted(rest, _starts_without(element, best))
     trials = [m for m in begun if not m.converged]
-    for bare in _rebuilt(search, wanted, f"what may be taken for {element.name}", evaluations=1):
+    for bare in _rebuilt(search, [wanted], f"what may be taken for {element.name}", evaluations=1):
         screened = _screened(search, bare, [e for e in able if e not in ended])
         first = {family(c.effect): c for c in reversed(screened)}
         # Of neighbours the likeliest form, and all forms of the effect itself.

@@ -497,7 +497,7 @@ _THRESHOLD_BY_AGE = bounded("kappa_A", "1", "change of the dead zones", -0.95, 3
 
 
 def age_dead_zones(setup: Setup, parameters: Placed) -> Setup:
-    """Return every dead zone becomes ``d_i (1 + κ z)``, ``z = 1 − e^{−t/τ}``."""
+    """Return the setup whose dead zones are ``d_i max(0, 1 + κ z)``, ``z = 1 − e^{−t/τ}``."""
     followed = {n: p for n, p in parameters.items() if n != "tau_A"}
     memory = ModulatorState("age", "ageing", ("tau_A",), ("voltage",))
     aged = Parts(memories=(memory,))(setup, {"tau_A": parameters["tau_A"]})

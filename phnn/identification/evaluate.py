@@ -58,8 +58,8 @@ def estimated_start(
     if near is not None:
         states = (known.mean, carried(near[1], near[0], setup, known.mean))
         return min((begun_at(state, _ENOUGH, _ROUGH) for state in states), key=lambda f: f.cost).initial(name)
-    pasts = _histories(setup, plan, substeps)
-    begun = sorted((begun_at(state, _FEW) for state in (known.mean, *pasts)), key=lambda f: f.cost)
+    pasts = (known.mean, *_histories(setup, plan, substeps))
+    begun = sorted((begun_at(state, _FEW) for state in pasts), key=lambda f: f.cost)
     ended: list[Fit] = []
     for first in begun[:_BEST]:
         ended.append(begun_at(first.initial_states[name], _ENOUGH))

@@ -189,9 +189,7 @@ def _nameless(diagnosis: Diagnosis) -> str:
     if places[0] == "mechanical" and location_name(diagnosis, places[0]) == _INSIDE:
         return f"Something is missing {_INSIDE}"
     timely = [c.effect.location for c in diagnosis.claims if c.effect.kind in OVER_TIME]
-    if places[0] in timely:
-        return f"{_CHANGING[places[0]]} changes with time"
-    return _UNNAMED[places[0]]
+    return f"{_CHANGING[places[0]]} changes with time" if places[0] in timely else _UNNAMED[places[0]]
 
 
 def location_name(diagnosis: Diagnosis, name: str) -> str:
