@@ -215,9 +215,9 @@ def _in_units(setup: Setup, sizes: Mapping[str, float], time: float, held: Mappi
     table = {}
     for name, p in setup.network.parameters.items():
         factor = float(np.exp(sum(power * logs.get(base, 0.0) for base, power in powers(p.unit).items())))
-        table[name] = replace(
-            p, value=p.value * factor, lower=p.lower * factor, upper=p.upper * factor, typical=p.typical * factor
-        )
+        # Bounds are stated in SI units, whatever suits the recordings, and with them what a noticeable change is.
+        value, stated = min(max(p.value * factor, p.lower), p.upper), np.isfinite([p.lower, p.upper]).all()
+        table[name] = replace(p, value=value, typical=p.typical * (1.0 if stated else factor))
     return replace(setup, network=replace(setup.network, parameters=table)).with_values(known)
 
 

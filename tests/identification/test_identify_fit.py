@@ -21,6 +21,7 @@ from phnn.identification.options import Options
 from phnn.identification.plan import Plan
 from phnn.identification.problem import Problem, expected_start, variables_of, without_nuisances
 from phnn.identification.staged import fit_identified
+from phnn.identification.starting_points import scaled_points
 from phnn.models.actuator import hrc
 from phnn.recordings import read
 from phnn.recordings.recording import Part, Recording, Start
@@ -41,8 +42,16 @@ def test_a_fit_at_its_optimum_is_left_alone() -> None:
     best = campaigns.base()
     again = fit_identified(best.setup, best.plan, {"m": "held at the stated value"})
     assert again.held == {"m": "held at the stated value"}
-    assert resumed(again) is again
-    assert released(again) is again
+    assert resumed(again) is again and released(again) is again
+
+
+def test_stated_bounds_hold_in_units_that_suit_the_recordings() -> None:
+    fitted = campaigns.base()
+    k = fitted.setup.parameters["k"]
+    stated = replace(k, value=0.02 * k.value, lower=0.01 * k.value, upper=3.0 * k.value)
+    network = replace(fitted.setup.network, parameters=fitted.setup.network.parameters | {"k": stated})
+    points = scaled_points(replace(fitted.setup, network=network), fitted.plan, {})
+    assert {(p.parameters["k"].lower, p.parameters["k"].upper) for p in points} == {(stated.lower, stated.upper)}
 
 
 def test_a_parameter_on_a_plateau_comes_back() -> None:
@@ -76,17 +85,13 @@ def test_rough_derivatives_are_nearly_the_exact_ones_and_cost_less() -> None:
 def test_displacement_zero_is_projected_out_exactly() -> None:
     fitted = campaigns.base()
     shifted = tuple(replace(r, y=r.y + 1e-4 * (i + 1)) for i, r in enumerate(fitted.plan.recordings))
-    plan = replace(fitted.plan, recordings=shifted)
     here = Problem(fitted.setup, fitted.plan, fitted.variables)
-    moved = Problem(fitted.setup, plan, fitted.variables)
+    moved = Problem(fitted.setup, replace(fitted.plan, recordings=shifted), fitted.variables)
     # A zero of a tenth of a millimetre, a thousand times the noise, leaves rounding.
     np.testing.assert_allclose(moved.residual(fitted.z), here.residual(fitted.z), atol=1e-8)
-    first = 0
-    for mask in here.masks:
-        rows = slice(first, first + int(mask.sum()))
+    for rows in fitted.slices:
         assert np.abs(fitted.jacobian[rows].mean(axis=0)).max() < 1e-9 * np.abs(fitted.jacobian[rows]).max()
         assert abs(fitted.residual[rows].mean()) < 1e-8
-        first += int(mask.sum())
 
 
 def test_unidentified() -> None:
@@ -108,8 +113,7 @@ def test_initial_state_is_estimated_where_the_start_is_unknown() -> None:
     fitted = campaigns.base()
     whole = fitted.plan.recordings[0]
     later = sliced(whole, 700)
-    plan = Plan((later,), fitted.plan.substeps, workers=1)
-    found = fit(fitted.setup, plan, ())
+    found = fit(fitted.setup, Plan((later,), fitted.plan.substeps, workers=1), ())
     initial = found.initial(later.name)
     assert initial is not None
     assert found.variables.unknown == (later.name,)
@@ -163,14 +167,12 @@ def true_state(whole: Recording, first: int) -> np.ndarray:
 def test_the_expected_state_is_near_the_true_one_where_the_input_went_on_as_before(
     whole: Recording, first: int
 ) -> None:
-    later = sliced(whole, first)
-    run = simulate(SETUP, later, 4)
+    run = simulate(SETUP, sliced(whole, first), 4)
     ranges = np.ptp(run.states, axis=0)
     found, true = expected_start(run, ranges), true_state(whole, first)
     assert (np.abs(found.mean - true) < 2.0 * found.spread).all()
     # Nearer than the state of rest, in the states that remember.
-    rest = simulate(SETUP, later, 4).states[0]
-    assert np.linalg.norm((found.mean - true) / ranges) < np.linalg.norm((rest - true) / ranges)
+    assert np.linalg.norm((found.mean - true) / ranges) < np.linalg.norm((run.states[0] - true) / ranges)
     assert (found.spread > 0.0).all()
 
 
@@ -187,17 +189,14 @@ def test_derivatives_of_the_prior_are_those_of_finite_differences(whole: Recordi
     z = variables.start(SETUP) + 0.1 * rng.standard_normal(variables.start(SETUP).size)
     rows = variables.prior(z)
     assert rows.shape == (4, z.size + 1)
-    for i in range(z.size):
-        step = np.zeros(z.size)
-        step[i] = 1e-6
+    for i, step in enumerate(1e-6 * np.eye(z.size)):
         slope = (variables.prior(z + step)[:, -1] - variables.prior(z - step)[:, -1]) / 2e-6
         np.testing.assert_allclose(rows[:, i], slope, atol=1e-8)
 
 
 @pytest.mark.parametrize("first", [200, 1000])
 def test_a_slice_is_predicted_as_well_as_the_whole(whole: Recording, first: int) -> None:
-    later = sliced(whole, first, head=1000)
-    found = evaluate(SETUP, Plan((later,), {"whole": 4}, 1), {})
+    found = evaluate(SETUP, Plan((sliced(whole, first, head=1000),), {"whole": 4}, 1), {})
     assert found.over_noise("confirmation") == pytest.approx(1.0, abs=0.1)
 
 
