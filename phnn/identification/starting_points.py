@@ -29,8 +29,8 @@ RESONANCES_HZ = (200.0, 800.0, 3000.0)
 # Shortest and longest time of a network, in samples and as a share of a recording; the logarithm of the ratio of
 # neighbouring ones; how many starting points are fitted.
 _SHORTEST, _LONGEST, _STRIDE, _POINTS = 1.0, 0.5, 0.4, 3
-# Share of the fastest rate of a network below which a rate is zero.
-_STILL = 1e-9
+# Share of the fastest rate of a network below which a rate is zero; lower bound over upper one where both say nothing.
+_STILL, _WIDE = 1e-9, 1e-11
 # Bins of the input over which an output is averaged; share of its way that leads down where it falls throughout.
 _GAIN_BINS, _DOWNHILL = 12, 0.8
 # Forms of hysteresis that may take the place of hysterons in a base model, and their strength over that of their grids.
@@ -150,12 +150,11 @@ def random_starts(
 def with_form(linear: Setup, plan: Plan, form: str) -> list[Setup]:
     """Return the starting points of another hysteresis in the place of hysterons, named after it, one for each point of
     its effect's grid."""
-    stiffness = linear.values()["k"]
     moved = 0.5 * max(float(np.ptp(r.y)) for r in plan.recordings)
     fastest = max((dominant_frequency(r) for r in plan.recordings), default=1.0)
     scales = Scales(
-        drive_amplitude(plan.recordings), moved, moved * fastest, stiffness, linear.values()["alpha"], fastest, fastest,
-        max(float(r.t[-1] - r.t[0]) for r in plan.recordings), 0.0,
+        drive_amplitude(plan.recordings), moved, moved * fastest, linear.values()["k"], linear.values()["alpha"],
+        fastest, fastest, max(float(r.t[-1] - r.t[0]) for r in plan.recordings), 0.0,
     )  # fmt: skip
     points = [FORMS[form].scaled(p, OF_GRID) for p in FORMS[form].grid(scales)]
     return [replace(FORMS[form].add_to(linear, p), name=form) for p in points]
@@ -186,8 +185,7 @@ def scaled_points(setup: Setup, plan: Plan, anchored: Mapping[str, float]) -> li
         except PhnnError:
             continue
     # Where nothing drives, a simulation from rest shows nothing: every time is as good a start as any.
-    points = sorted(points, key=lambda pair: pair[0])[: _POINTS if drive else None]
-    return [point for _, point in points]
+    return [point for _, point in sorted(points, key=lambda pair: pair[0])[: _POINTS if drive else None]]
 
 
 def _time_scale(network: Network) -> float:
@@ -215,9 +213,11 @@ def _in_units(setup: Setup, sizes: Mapping[str, float], time: float, held: Mappi
     table = {}
     for name, p in setup.network.parameters.items():
         factor = float(np.exp(sum(power * logs.get(base, 0.0) for base, power in powers(p.unit).items())))
-        # Bounds are stated in SI units, whatever suits the recordings, and with them what a noticeable change is.
-        value, stated = min(max(p.value * factor, p.lower), p.upper), np.isfinite([p.lower, p.upper]).all()
-        table[name] = replace(p, value=value, typical=p.typical * (1.0 if stated else factor))
+        # Bounds that say nothing move with the value; stated ones hold, and with them what a noticeable change is.
+        stated = p.lower > _WIDE * p.upper if p.positive else np.isfinite([p.lower, p.upper]).any()
+        stretch = 1.0 if stated else factor
+        low, high, size = p.lower * stretch, p.upper * stretch, p.typical * stretch
+        table[name] = replace(p, value=min(max(p.value * factor, low), high), lower=low, upper=high, typical=size)
     return replace(setup, network=replace(setup.network, parameters=table)).with_values(known)
 
 
