@@ -225,11 +225,6 @@ def _grow_all(search: Search) -> None:
         part = f"what to add to {model.words}"
         if late(part):
             break
-        nearly = len(model.elements) == 2 or (model.elements and model.left < _QUIET)
-        if nearly and model in (search.best, search.written) and not search.is_compared(model):
-            # One of its elements may stand for another, most often the first of two.
-            _against_others(search, model)
-            continue
         search.grown.add(model.key)
         search.progress(f"look for {part}")
         move(part, partial(_grow, search, model), None)
