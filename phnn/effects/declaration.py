@@ -90,7 +90,7 @@ def in_own_units(unit: str, setup: Setup) -> str:
             return plain.replace(text, replacement).replace("/s/s", "/s²")
     moved = units.get("q", "m")
     effort = effort_unit(f"{moved}/s")
-    if moved == "m" or effort == "1":
+    if moved == "m" or (effort == "1" and re.search(r"N|kg", unit)):
         return unit
     inertia_of = {"kg": "kg m2" if moved == "rad" else f"{effort} s²/{moved}", "kg m/s": f"{effort} s"}
     if unit in inertia_of:

@@ -15,10 +15,11 @@ from scipy.signal import lsim
 
 import phnn
 from phnn.check import doubts
+from phnn.configuration import config_folder
 from phnn.effects.effect import effect
 from phnn.effects.places import attached
 from phnn.errors import InputRefused
-from phnn.models.network_file import ready
+from phnn.models.network_file import load_network, ready
 from phnn.recordings import describe
 from phnn.recordings.manifest import READY
 from phnn.recordings.recording import Start, Units
@@ -28,8 +29,6 @@ from phnn.setup import Setup
 from phnn.trajectory import simulate
 
 Array = NDArray[np.float64]
-
-
 TABLE = yaml.safe_load(Path(__file__).with_name("laboratories.yaml").read_text())
 LABS = {name: Lab(**{"known": {}, "further": {}, "input": "zero_order"} | said) for name, said in TABLE.items()}
 SAMPLES = 1000
@@ -57,9 +56,8 @@ def drives(name: str, lab: Lab, seed: int) -> Array:
 
 def folder_of(name: str, folder: Path) -> Path:
     """Two recordings of a simulated plant and their manifest."""
-    lab, network = LABS[name], ready(name, LABS[name].values)
+    lab, network, t = LABS[name], ready(name, LABS[name].values), LABS[name].dt * np.arange(SAMPLES)
     folder.mkdir(exist_ok=True)
-    t = lab.dt * np.arange(SAMPLES)
     for seed, file in ((1, "a"), (2, "b")):
         u = drives(name, lab, seed)
         further = {p: 5.0 * np.cos(2 * np.pi * t / t[-1]) - 5.0 for p in lab.further}
@@ -205,6 +203,7 @@ def test_starting_values_on_another_time_scale_end_where_the_truth_does(tmp_path
 
 def test_effects_speak_the_units_of_the_network() -> None:
     shaft, heated = Setup(ready("motor")), Setup(ready("heated_body"))
+    circuit = Setup(load_network(config_folder() / "recordings" / "silverbox" / "oscillator.yaml"))
 
     def units_of(name: str, setup: Setup) -> dict[str, str]:
         (one, *_) = attached(effect(name), setup)
@@ -212,14 +211,15 @@ def test_effects_speak_the_units_of_the_network() -> None:
         added = {s.name: s.unit for s in built.network.storages if s.name not in setup.network.storage_names}
         return {n: built.parameters[n].unit for n in one.parameters} | added
 
-    assert units_of("output_backlash", shaft) == {"delta_b": "rad"}
-    assert units_of("coulomb_friction", shaft) == {"F_c": "N m", "v_s": "rad/s"}
+    assert units_of("cubic_stiffness", circuit)["q_0"] == "V"
+    turned = units_of("output_backlash", shaft) | units_of("coulomb_friction", shaft)
+    assert turned == {"delta_b": "rad", "F_c": "N m", "v_s": "rad/s"}
     assert units_of("contact_stop", shaft) == {"k_c": "N m/rad", "g_c": "rad", "x_c": "rad"}
     assert units_of("quadratic_drag", shaft)["c_2"] == "N m s²/rad²"
     mode = units_of("second_mode", shaft)
     assert mode["m_2"] == "kg m2" and mode["x_2"] == "rad" and mode["p_2"] == "N m s"
-    assert units_of("sensor_drift", heated)["drift_rate"] == "K/s"
-    assert units_of("slew_limit", heated) == {"S": "W/s"}
+    of_heat = units_of("sensor_drift", heated) | units_of("slew_limit", heated)
+    assert (of_heat["drift_rate"], of_heat["S"]) == ("K/s", "W/s")
     assert units_of("contact_stop", Setup(ready("mass_damper")))["k_c"] == "N/m"
 
 
