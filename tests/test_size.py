@@ -8,7 +8,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 # Lines and files of Python. Lower a ceiling with every change that deletes; raise none.
-CEILINGS = {"phnn": (48_177, 173), "studies": (10_640, 44), "tests": (29_879, 140)}
+CEILINGS = {"phnn": (48_175, 170), "studies": (10_639, 44), "tests": (29_868, 140)}
 # A ceiling this far above the size no longer holds it.
 SLACK = 400  # lines
 

@@ -23,12 +23,12 @@ from phnn.identification.base import NUMERICAL, NumericalError, Progress, identi
 from phnn.identification.evaluate import Evaluation, evaluate
 from phnn.identification.fit import Fit
 from phnn.identification.identified import Identified, model_of
-from phnn.identification.options import Options
-from phnn.identification.plan import Plan
+from phnn.identification.plan import Options, Plan
 from phnn.identification.prepare import Gain, gain, single
 from phnn.integrate.equations import check
 from phnn.model import Model
 from phnn.parallel import SERIAL, Executor, executor
+from phnn.parameters import quantity
 from phnn.recordings.recording import Campaign
 from phnn.rescue import Account, Ended, accounted, allow, attempt, deadline, extra, move, needed
 from phnn.setup import Setup
@@ -224,8 +224,8 @@ def _base(
 
 def _concluded(search: Search, error: NumericalError, options: Options, account: Account) -> Diagnosis:
     """Return the diagnosis of a search that has ended."""
-    campaign, criteria = search.campaign, search.criteria
-    model, base = finished(search), search.visited[frozenset()]
+    criteria, model, base = search.criteria, finished(search), search.visited[frozenset()]
+    campaign = replace(search.campaign, notes=(*search.campaign.notes, *_noise_of(search)))
     screened = _screened(search, base)
     screened_final = screened if model is base else _screened(search, model)
     remaining = [c for c in screened_final if material(c, model.fit, criteria)]
@@ -280,6 +280,16 @@ def _concluded(search: Search, error: NumericalError, options: Options, account:
         campaign, base.fit, error, weighed, model, outcome, (screened, screened_final), location, location_left,
         (first, final), before, after, gains, formulas, proposal, residual, options, 0.0, criteria,
     )  # fmt: skip
+
+
+def _noise_of(search: Search) -> Iterable[str]:
+    """Return a sentence for each recording of which more was taken for noise than it states."""
+    for r in search.plan.recordings:
+        if (ratio := search.noise.get(r.name, 1.0) ** 0.5) > 1.0:
+            noise = (
+                f"a noise of {quantity(ratio * r.noise, r.units.output)}, {ratio:.3g} times that of {r.noise_source}"
+            )
+            yield f"{r.name}: {noise}: what the best model leaves is first-order noise alone."
 
 
 def _screened(search: Search, model: Visited) -> tuple[Candidate, ...]:

@@ -105,6 +105,11 @@ def mean_square(misfits: Iterable[Misfit]) -> float:
     return sum(m.chi2 for m in each) / samples if samples else float("nan")
 
 
+def over(misfits: Mapping[str, Misfit], noise: Mapping[str, float]) -> dict[str, Misfit]:
+    """Return misfits in units of another power of the noise, by recording, 1 where one has none."""
+    return {n: Misfit(m.chi2 / noise.get(n, 1.0), m.samples) for n, m in misfits.items()}
+
+
 def best_of_each(ranked: Sequence[Visited]) -> list[Visited]:
     """Return the first model of each set of effects, whatever their forms and places, in the order that is given."""
     first = {m.families: m for m in reversed(ranked)}

@@ -31,6 +31,7 @@ from phnn.diagnose.linearised import LinearisedFit, direction
 from phnn.diagnose.lines import own_score, strongest_line, wavelengths
 from phnn.diagnose.refit import clamped
 from phnn.effects import Effect
+from phnn.identification.covariance import noise_spectra
 from phnn.identification.fit import variables_from
 from phnn.identification.problem import Problem, without_nuisances
 from phnn.recordings.recording import Recording
@@ -126,8 +127,6 @@ class Screen:
             points = effect.grid(model.scales)
             if effect.searched is not None:
                 frequency, stated, judged = strongest_line(spectra)
-                if judged < self.criteria.score:
-                    continue
                 placed = [p | {effect.searched: frequency} for p in points]
                 columns = model.project(np.column_stack([direction(model, effect, v) for v in placed]))
                 weights = np.linalg.lstsq(columns, model.residual, rcond=_FREE)[0]
@@ -183,11 +182,8 @@ class Screen:
         return candidates
 
     def _directions(self, effect: Effect, length: float = 0.0) -> _Directions | None:
-        """Return the directions of a candidate, computed where they are not known.
-
-        Args:
-            length: period of a wave along the position.
-        """
+        """Return the directions of a candidate, of a wave with a period ``length`` along the position; computed where
+        they are not known."""
         if (key := (id(effect), length)) not in self._known:
             # A further copy changes the output as it would alone.
             alone = replace(effect, after=())
@@ -229,9 +225,20 @@ class Screen:
         strengths = lsq_linear(square[:, :-1], square[:, -1], (bounds[0], bounds[1]), method="bvls").x
         along, squares = _by_blocks(columns @ strengths, model.residual, blocks)
         candidate = _candidate(directions.effect, directions.points[0], along, squares, 1.0, owner)
-        # Several strengths take more of pure noise than one.
-        tail = chi2.logsf(max(candidate.fall, 0.0), columns.shape[1])
+        # Several strengths take more of pure noise than one, the more so where its colour is not known.
+        tail = chi2.logsf(max(candidate.fall, 0.0) / _excess_along(model, columns @ strengths), columns.shape[1])
         return replace(candidate, score=min(candidate.score, max(0.0, float(-ndtri_exp(min(tail, -1e-12))))))
+
+
+def _excess_along(model: LinearisedFit, column: Array) -> float:
+    """Return the power of the noise along a column (N,) as the residual has it, over that which was stated, where no
+    recording shows the colour of its noise; 1 otherwise."""
+    recordings, slices = model.plan.recordings, model.slices
+    if not all(r.colour_unseen for r in recordings):
+        return 1.0
+    spectra = noise_spectra([model.residual[rows] for rows in slices], recordings)
+    power = sum(float(s.covariance(column[rows, None])[0, 0]) for s, rows in zip(spectra, slices, strict=True))
+    return max(1.0, power / max(float(column @ column), 1e-300))
 
 
 def _is_of_recordings(effect: Effect, model: LinearisedFit) -> bool:

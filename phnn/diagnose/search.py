@@ -36,6 +36,7 @@ from phnn.diagnose.number import (
     forecast,
     is_learned,
     key_of,
+    over,
     weigh,
 )
 from phnn.diagnose.refit import Wanted, converged, further, large_starts, rebuilt, short
@@ -52,6 +53,7 @@ from phnn.network.roles import hysterons
 from phnn.parallel import SERIAL, Executor
 from phnn.recordings.recording import Campaign
 from phnn.rescue import attempt, late, move, needed, results, spent, untried
+from phnn.signals.first_order import is_first_order
 
 # Share of the residual from which on a candidate is large, and over the usual score what it needs then.
 _LARGE_SHARE, _LARGE_SCORE = 0.05, 0.6
@@ -109,6 +111,7 @@ class Search:
         begun: where the base model begins held-out recordings whose start is unknown.
         refined_at: what the best model left beyond the noise when its numerical error was bounded last.
         used: the models whose derivatives are in memory, the last used one last.
+        noise: power of the noise, by recording, over that which it states, where a model has shown more.
     """
 
     campaign: Campaign
@@ -128,6 +131,7 @@ class Search:
     begun: dict[str, Begun] = field(default_factory=dict)
     refined_at: float = np.inf
     used: list[Visited] = field(default_factory=list)
+    noise: dict[str, float] = field(default_factory=dict)
 
     @property
     def weighed(self) -> Weighed:
@@ -163,6 +167,7 @@ class Search:
         misfits = {name: Misfit(float(r @ r), r.size) for name, r in each}
         terms = sum(own_size(r, fitted.setup.own) - own_size(r, base) for r in recordings)
         predicted = held_out(fitted, self.campaign, self.plan.finest, self.begun)
+        misfits, predicted = over(misfits, self.noise), over(predicted, self.noise)
         return Visited(tuple(elements), fitted, misfits, predicted, terms, done)
 
     def visit(self, model: Visited) -> Visited:
@@ -278,6 +283,7 @@ def _grow(search: Search, model: Visited) -> None:
     screened = search.screen(linearised_of(search, model))
     worth = [c for c in screened if material(c, model.fit, criteria)]
     if not worth:
+        _take_for_noise(search, model)
         return
     least = (criteria.near_best_far if search.far(model) else criteria.near_best) * worth[0].fall
     named = [c for c in worth if not is_learned(c.effect) and c.fall > least][: criteria.refits]
@@ -307,6 +313,25 @@ def _grow(search: Search, model: Visited) -> None:
             search.visit(_with_new_hysterons(search, raced[0]))
     elif search.weighed.behind(raced[0]) < search.weighed.behind(model):
         _drop_each(search, raced[0], raced[0].elements[:-1])
+
+
+def _take_for_noise(search: Search, model: Visited) -> None:
+    """Take for noise what a model leaves to which nothing can be added, where recordings do not show the colour of
+    theirs and it is first-order noise alone: it may be more than their highest frequencies show."""
+    recordings = model.fit.plan.recordings
+    if not model.elements or search.far(model) or not all(r.colour_unseen for r in recordings):
+        return
+    _carry(search, model)
+    fitted = search.visited[model.key].fit
+    pairs = [(r.name, fitted.residual[rows]) for r, rows in zip(recordings, fitted.slices, strict=True)]
+    if all(is_first_order(e) for _, e in pairs):
+        known = search.noise
+        powers = {n: max(float(np.mean(e**2)) / search.criteria.slack, 1.0) for n, e in pairs}
+        search.noise = {n: min(known.get(n, power), power) for n, power in powers.items()}
+        changed = {n: power / known.get(n, 1.0) for n, power in search.noise.items()}
+        for key, m in search.visited.items():
+            search.visited[key] = replace(m, fitted=over(m.fitted, changed), held_out=over(m.held_out, changed))
+        search.base = search.visited[search.base.key]
 
 
 def material(candidate: Candidate, fitted: Fit, criteria: Criteria) -> bool:

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import OptimizeResult, minimize
+from scipy.optimize import OptimizeResult, minimize, minimize_scalar
 from scipy.signal import correlate
 from scipy.signal.windows import blackmanharris
 
@@ -38,6 +38,8 @@ _CLEARLY = 6.0
 # Largest coefficient; logarithms of the strength of the tail to begin with.
 _LARGEST = 0.95
 _TAILS = (-12.0, -4.0)
+# First ordinate, octaves below the highest frequency, stretches of time, and the largest coefficient of noise alone.
+_SLOWEST, _OCTAVES, _TIMES, _COLOURED = 8, 7, 8, 0.85
 # Correlation at which it is cut; least spectrum that a correlation may give.
 _FORGOTTEN, _HARDLY = 0.01, 0.1
 
@@ -121,13 +123,31 @@ def _coefficient(z: float) -> float:
     return float(_LARGEST * np.tanh(z) ** 2)
 
 
-def fits(power: np.ndarray, shape: np.ndarray) -> bool:
-    """Return whether the whitened spectrum has no lines and the same level everywhere."""
+def fits(power: np.ndarray, shape: np.ndarray, edges: int | NDArray[np.int64] = _PARTS) -> bool:
+    """Return whether the whitened spectrum has no lines and the same level everywhere: in so many equal parts, or
+    between some edges."""
     white = power / shape
     white = white / white.mean()
-    levels = np.array([part.mean() for part in np.array_split(white, _PARTS)])
-    spread = np.sqrt(SMEARED * _PARTS / white.size)
-    return bool(white.max() < np.log(white.size) + 6.0 and np.abs(levels - 1.0).max() < 4.0 * spread)
+    levels = [np.sqrt(p.size / SMEARED) * (p.mean() - 1.0) for p in np.array_split(white, edges) if p.size]
+    return bool(white.max() < np.log(white.size) + 6.0 and np.abs(levels).max() < 4.0)
+
+
+def is_first_order(e: Array) -> bool:
+    """Return whether samples (N,) are first-order noise alone: without lines, and with the level of its spectrum in
+    every octave of frequency and at all times."""
+    power, omega = (x[_SLOWEST:-1] for x in (periodogram(e - e.mean()), 2.0 * np.pi * np.fft.rfftfreq(e.size)))
+    if omega.size < _FEWEST:
+        return False
+
+    def negative(a: float) -> float:
+        shape = density(a, np.cos(omega))
+        return float(np.log(np.mean(power / shape)) + np.mean(np.log(shape)))
+
+    a = float(minimize_scalar(negative, bounds=(0.0, _COLOURED), method="bounded").x)
+    octaves = np.searchsorted(omega, np.pi / 2.0 ** np.arange(_OCTAVES, 0, -1))
+    levels = np.array([np.mean(part**2) / np.mean(e**2) for part in np.array_split(e, _TIMES)])
+    spread = np.sqrt(2.0 * _TIMES / e.size * (1.0 + a * a) / (1.0 - a * a))
+    return fits(power, density(a, np.cos(omega)), octaves) and bool(np.abs(levels - 1.0).max() < 4.0 * spread)
 
 
 def correlation(e: Array, x: Array, lags: int) -> Array:

@@ -23,7 +23,7 @@ from phnn.diagnose.locations import GROUPS, locate
 from phnn.diagnose.refit import converged, short
 from phnn.effects.learned import learned_elements
 from phnn.errors import InputRefused
-from phnn.identification.options import Options
+from phnn.identification.plan import Options
 from phnn.models.network_file import load_network
 from phnn.report.statements import location_name
 from phnn.report.words import fitted_in_words, picture, vocabulary_of

@@ -19,8 +19,7 @@ from phnn.diagnose.number import Visited
 from phnn.diagnose.search import _heat, begin, explore
 from phnn.effects import catalogue
 from phnn.identification.fit import Fit
-from phnn.identification.options import Options
-from phnn.identification.plan import Plan
+from phnn.identification.plan import Options, Plan
 from phnn.identification.staged import fit_identified
 from phnn.models.actuator import hrc
 from phnn.parallel import executor

@@ -16,8 +16,7 @@ from phnn.diagnose.linearised import LinearisedFit, prepare
 from phnn.diagnose.proposal import Experiment, Question, Stretch, left, menu, propose, refitted_rival, resonance
 from phnn.diagnose.refit import short
 from phnn.effects import effect
-from phnn.identification.options import Options
-from phnn.identification.plan import Plan
+from phnn.identification.plan import Options, Plan
 from phnn.identification.staged import fit_identified
 from phnn.models.actuator import hrc
 from phnn.recordings import Campaign, read

@@ -12,6 +12,7 @@ from typing import Any
 import campaigns
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from phnn.criteria import Criteria
 from phnn.diagnose.diagnosis import Diagnosis
@@ -21,17 +22,27 @@ from phnn.diagnose.number import Misfit, Visited
 from phnn.diagnose.refit import Wanted, converged, rebuilt
 from phnn.diagnose.refit import short as short_fit
 from phnn.diagnose.screen import Screen
-from phnn.diagnose.search import Search, _drop_each, _exchange, _with_new_hysterons, begin, explore, finished
+from phnn.diagnose.search import (
+    Search,
+    _drop_each,
+    _exchange,
+    _take_for_noise,
+    _with_new_hysterons,
+    begin,
+    explore,
+    finished,
+    material,
+)
 from phnn.diagnose.verdict import NAMED, NONE, PROVISIONAL, UNKNOWN, Claim, conclude
 from phnn.effects import effect
 from phnn.effects.learned import learned_elements
 from phnn.effects.places import attached
 from phnn.identification.base import numerical_error
 from phnn.identification.fit import Fit, fit
-from phnn.identification.options import Options
-from phnn.identification.plan import Plan
+from phnn.identification.plan import Options, Plan
 from phnn.identification.staged import fit_identified
 from phnn.recordings import Campaign
+from phnn.signals.noise import AS_WHITE
 
 VALUES = {
     "amplifier_lowpass": {"tau_a": 1.5e-5},
@@ -73,6 +84,35 @@ def together(base: Fit, *names: str, others: Sequence[str] = ()) -> tuple[Search
     whole = converged(begun, base.plan, base.held, own)
     assert whole is not None
     return search, search.visit(search.model(elements, whole, done=True))
+
+
+@pytest.mark.parametrize(("line", "left"), [(0.0, 1.1), (1.0, None)])
+def test_what_is_left_is_noise_where_nothing_shows_its_colour(line: float, left: float | None) -> None:
+    base = campaigns.base()
+    true, made = effect("quadratic_drag").add_to(base.setup, VALUES["quadratic_drag"]), []
+    for k, r in enumerate(base.plan.recordings):
+        clean = campaigns.recorded(true, r.name, r.t, r.u, 1e-3 * r.noise)
+        noise = lfilter([1.6], [1.0, -0.6], np.random.default_rng(k).standard_normal(r.t.size))
+        y = clean.y + r.noise * (noise + line * np.sin(np.arange(r.t.size)))
+        made.append(replace(clean, y=y, noise=r.noise, noise_source=f"its highest frequencies, {AS_WHITE}"))
+    search, whole = together(
+        fit_identified(base.setup, Plan(tuple(made), campaigns.STEPS, 1), {"m": "held"}), "quadratic_drag"
+    )
+    before = search.base.left
+    assert whole.left > 3.0
+    _take_for_noise(search, whole)
+    after = search.visited[whole.key].left
+    assert after == pytest.approx(left or whole.left, rel=1e-6)
+    assert search.base.left == pytest.approx(before * after / whole.left, rel=0.1)
+
+
+def test_a_line_of_few_periods_is_tried_where_it_holds_most_of_what_is_left() -> None:
+    linearised = prepare(lacking(recordings=("sine_010Hz_75V",)))
+    cycles = np.arange(linearised.residual.size) / linearised.residual.size
+    wave = 10.0 * np.sin(16.6 * np.pi * cycles) * (1.0 + 0.2 * np.sin(4.2 * np.pi * cycles))
+    shown = campaigns.with_residual(linearised, linearised.residual + wave)
+    (line,) = Screen(linearised, [effect("base_motion")], Criteria())(shown)
+    assert line.score < Criteria().score and material(line, shown.fit, Criteria())
 
 
 def test_an_effect_that_the_others_do_not_need_is_dropped() -> None:

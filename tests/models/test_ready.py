@@ -16,9 +16,11 @@ from scipy.signal import lsim
 import phnn
 from phnn.check import doubts
 from phnn.configuration import config_folder
+from phnn.derivatives import output_derivatives
+from phnn.diagnose.locations import locate
 from phnn.effects.effect import effect
 from phnn.effects.places import attached
-from phnn.errors import InputRefused
+from phnn.errors import InputRefused, StructureViolated
 from phnn.models.network_file import load_network, ready
 from phnn.recordings import describe
 from phnn.recordings.manifest import READY
@@ -103,6 +105,18 @@ def test_a_ready_model_goes_all_the_way(name: str, tmp_path: Path) -> None:
         assert np.sqrt(np.mean(predicted.error**2)) < 1.5 * lab.noise
     (program, *_) = phnn.export(tmp_path / "model", "python", tmp_path / "python", dt=lab.dt, substeps=8)
     assert_like_the_model(program, found.model, name)
+
+
+@pytest.mark.slow
+def test_nothing_is_missing_of_a_heated_body(tmp_path: Path) -> None:
+    """The output is no position, so that no force acts on it."""
+    found = phnn.diagnose(folder_of("heated_body", tmp_path))
+    assert (found.verdict, found.ended.warnings) == ("none", ())
+    assert np.isfinite(list(locate(found.linearised[0]).scores.values())).all()
+    trajectory = found.linearised[0].trajectories[0]
+    assert trajectory.velocity == pytest.approx(np.diff(trajectory.states[:, 0]) / trajectory.h)
+    with pytest.raises(StructureViolated, match="no force acts"):
+        output_derivatives(trajectory, (), (), np.ones((trajectory.h.size, 1)))
 
 
 def assert_like_the_model(program: Path, model: phnn.Model, name: str) -> None:
