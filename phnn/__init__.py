@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from phnn.errors import InputRefused, PhnnError, SolverFailed
     from phnn.exporting.write import export
     from phnn.identification.identified import identify
-    from phnn.identification.options import Options
+    from phnn.identification.plan import Options
     from phnn.integrate.differentiable import simulate
     from phnn.learn.run import Trained, train
     from phnn.model import Model
@@ -60,7 +60,7 @@ _DEFINED_IN = {
     "InputRefused": "phnn.errors",
     "Model": "phnn.model",
     "Network": "phnn.network.elements",
-    "Options": "phnn.identification.options",
+    "Options": "phnn.identification.plan",
     "PhnnError": "phnn.errors",
     "PortHamiltonianSystem": "phnn.integrate.method",
     "Setup": "phnn.setup",

@@ -17,7 +17,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from phnn.errors import InputRefused, PhnnError
-from phnn.identification.options import Options
+from phnn.identification.plan import Options
 from phnn.parameters import quantity
 from phnn.recordings import Campaign, read
 from phnn.results import PROGRESS, Place, claim, finite, printable, unique_names, watched

@@ -12,7 +12,7 @@ from phnn.diagnose.diagnosis import diagnose as run_diagnosis
 from phnn.effects import Effect
 from phnn.identification.base import Progress, quiet
 from phnn.identification.identified import Identified
-from phnn.identification.options import Options
+from phnn.identification.plan import Options
 from phnn.recordings import Campaign, campaign_of
 from phnn.report.result import write
 from phnn.report.statements import summary

@@ -15,7 +15,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # studies/ is not installed
 
 from phnn.errors import PhnnError
-from phnn.identification.options import Options
+from phnn.identification.plan import Options
 from studies.decides.compare import GROUPS, tasks
 from studies.decides.page import markdown, study, write
 from studies.sealed.grade import cases_in

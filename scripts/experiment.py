@@ -15,7 +15,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # studies/ is not 
 
 from phnn.commands import refusals, status
 from phnn.configuration import checked
-from phnn.identification.options import Options
+from phnn.identification.plan import Options
 from studies import paper
 from studies.recordings import Conditions
 

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from phnn.derivatives import output_derivatives
 from phnn.identification.base import Progress, quiet
 from phnn.identification.identified import Identified, identify
-from phnn.identification.options import Options
+from phnn.identification.plan import Options
 from phnn.inverse import Inverse
 from phnn.models.actuator import hrc
 from phnn.recordings import read

@@ -20,7 +20,7 @@ from phnn.identification.base import Progress, identify_base, identify_bouc_wen,
 from phnn.identification.evaluate import Evaluation, PartScore
 from phnn.identification.fit import Fit, fit
 from phnn.identification.identified import save_fit
-from phnn.identification.options import Options
+from phnn.identification.plan import Options
 from phnn.models.actuator import bouc_wen, from_paper
 from phnn.recordings import read
 from phnn.recordings.excitation import excitation_of

@@ -21,8 +21,7 @@ from phnn.diagnose.locations import GROUPS, Location, responses
 from phnn.effects import catalogue
 from phnn.identification.base import numerical_error
 from phnn.identification.fit import Fit, Slopes
-from phnn.identification.options import Options
-from phnn.identification.plan import Plan
+from phnn.identification.plan import Options, Plan
 from phnn.identification.prepare import identification_plan
 from phnn.identification.staged import fit_identified
 from phnn.models.actuator import hrc

@@ -22,7 +22,7 @@ from phnn import commands
 from phnn.comparison import models as comparison
 from phnn.configuration import compose, compose_groups, config_folder
 from phnn.errors import InputRefused
-from phnn.identification.options import Options
+from phnn.identification.plan import Options
 from phnn.learn import Settings
 from phnn.learn.objective import Objective
 from phnn.learn.solvers import solver_for

@@ -29,7 +29,7 @@ from phnn.errors import OutputFailed, SolverFailed
 from phnn.identification import evaluate as evaluation
 from phnn.identification import problem
 from phnn.identification.base import NumericalError, numerical_error
-from phnn.identification.options import Options
+from phnn.identification.plan import Options
 from phnn.parallel import executor
 from phnn.report import result, sections, statements
 from phnn.report.result import write

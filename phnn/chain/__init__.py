@@ -3,7 +3,7 @@
 Blocks take complex parameters and signals, so that complex steps through them are their derivatives.
 """
 
-from phnn.chain import amplifiers, sensors  # noqa: F401  each block registers itself
-from phnn.chain.blocks import AMPLIFIERS, SENSORS, SOURCES, BlockKind
+from phnn.chain import sensors  # noqa: F401  each block registers itself
+from phnn.chain.amplifiers import AMPLIFIERS, SENSORS, SOURCES, BlockKind
 
 __all__ = ["AMPLIFIERS", "SENSORS", "SOURCES", "BlockKind"]

@@ -1,4 +1,5 @@
-"""Amplifier blocks: from the command within the sub-steps to the voltage there.
+"""The kinds of blocks of the measuring chain and of sources, and amplifiers: from the command within the sub-steps to
+the voltage there. A function here or in `phnn.chain.sensors` becomes a kind by its decorator.
 
 A block takes ``fine`` (n, 3), its input at the start, middle and end of every step, the steps ``h`` (n,) [s], its input
 before the first of them [V] and its parameters, and gives its output at the same points. The end of one row and the
@@ -8,18 +9,52 @@ Static maps have another slope beyond a level, or below one: compositions of the
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from phnn.chain.blocks import AMPLIFIERS, registers
 from phnn.integrate.cache import entry
 from phnn.laws.namespace import absolute, exp, log1p, maximum, minimum, real, shared, where
 from phnn.laws.resistor import bouc_wen_path
-from phnn.parameters import ANY, NONNEGATIVE, POSITIVE
+from phnn.parameters import ANY, NONNEGATIVE, POSITIVE, Domain
 
 Array = NDArray[Any]
+Law = Callable[..., Any]
+
+
+@dataclass(frozen=True)
+class BlockKind:
+    """A kind of block or of source.
+
+    Attributes:
+        law: from its input, or from the time, to its output; takes its parameters last.
+        domains: admissible values of the parameters, in their order.
+        remembers: its output at an instant does not follow from its input at that instant alone.
+        linear: its output is linear in its input, so that changes of it pass like the signal itself.
+    """
+
+    law: Law
+    domains: tuple[Domain, ...]
+    remembers: bool = False
+    linear: bool = False
+
+
+AMPLIFIERS: dict[str, BlockKind] = {}
+SENSORS: dict[str, BlockKind] = {}
+SOURCES: dict[str, BlockKind] = {}
+
+
+def registers(kinds: dict[str, BlockKind], *domains: Domain, name: str = "", **known: bool) -> Callable[[Law], Law]:
+    """Return a decorator that makes a function a kind, by its own name if no other is given; see `BlockKind`."""
+
+    def register(law: Law) -> Law:
+        kinds[name or law.__name__] = BlockKind(law, domains, **known)
+        return law
+
+    return register
 
 
 def rate(y: Array, t: Array) -> Array:

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from phnn.chain.amplifiers import kneed, rate
-from phnn.chain.blocks import SENSORS, SOURCES, registers
+from phnn.chain.amplifiers import SENSORS, SOURCES, kneed, rate, registers
 from phnn.integrate.cache import entry
 from phnn.laws.namespace import absolute, cos, maximum, minimum, real, sin
 from phnn.parameters import ANY, NONNEGATIVE, POSITIVE

@@ -36,8 +36,7 @@ from phnn.errors import InputRefused
 from phnn.identification.base import Progress, identify_base, identify_bouc_wen, quiet
 from phnn.identification.evaluate import Evaluation, PartScore, scored, with_zero
 from phnn.identification.identified import save_fit
-from phnn.identification.options import Options
-from phnn.identification.plan import Plan
+from phnn.identification.plan import Options, Plan
 from phnn.identification.prepare import identification_plan, own_zeros, single
 from phnn.identification.staged import identify_actuator
 from phnn.identification.starting_points import MECHANICAL

@@ -458,11 +458,7 @@ def _equation(formula: Formula) -> str:
 
 
 def _in_words(formula: Formula, displacement: float) -> str:
-    """Return a sentence that says what the formula says.
-
-    Args:
-        displacement: the reference of displacements [m].
-    """
+    """Return a sentence that says what the formula says; ``displacement`` is the reference of displacements [m]."""
     # A value; where it is not a round one, with its interval.
     numbers = [
         f"{value:g}" if fixed else f"{value:.2f} ({low:.2f} to {high:.2f})"

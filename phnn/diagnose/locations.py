@@ -448,11 +448,8 @@ def _at_least(excess: float, size: int) -> float:
 
 
 def _weights(linearised: LinearisedFit, columns: Array, norms: Array) -> tuple[Array, Array]:
-    """Return the coefficients (F,) of functions fitted to the whole residual, and their covariance.
-
-    Args:
-        columns: (N, F) their responses over ``norms``.
-    """
+    """Return the coefficients (F,) of functions fitted to the whole residual, and their covariance; ``columns`` (N, F)
+    are their responses over ``norms``."""
     x = linearised.project(columns)
     gram = x.T @ x
     inverse = np.linalg.inv(gram + 1e-4 * np.eye(norms.size))

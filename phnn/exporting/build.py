@@ -98,11 +98,8 @@ class Chain:
         self._follow(state, lambda a, b: [f"{state} = {self.e.call(amplifiers.slew_step, key, state, b, reach)}"])
 
     def _follow(self, state: str, stepped: Callable[[str, str], list[str]], rest: str = "") -> None:
-        """A block whose state is its output, in equilibrium equal to its input.
-
-        Args:
-            rest: what stands between the input and the state where the output is the input less a part of the state.
-        """
+        """Add a block whose state is its output, in equilibrium equal to its input; ``rest`` stands between input and
+        state where the output is the input less a part of the state."""
         self.begin.append(f"{state} = u")
         self.begin += [f"u = u {rest}{state}"] if rest else []
         self.step += [

@@ -21,8 +21,7 @@ from scipy.optimize import lsq_linear
 from phnn.errors import InputRefused, PhnnError, SolverFailed
 from phnn.identification import prepare
 from phnn.identification.fit import Fit, fit
-from phnn.identification.options import Options
-from phnn.identification.plan import Plan
+from phnn.identification.plan import Options, Plan
 from phnn.identification.problem import Problem, Variables, beyond_limit, starts_unknown, without_nuisances
 from phnn.identification.staged import (
     FURTHER_STARTS,

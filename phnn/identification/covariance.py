@@ -203,11 +203,8 @@ def _slope(at: Array, density: Array, sizes: NDArray[np.int64]) -> float:
 
 
 def _running_median(residual: Array, most: float) -> NoiseSpectrum:
-    """Return the running median of a periodogram: what repeats stands in single lines, which a median passes over.
-
-    Args:
-        most: largest ratio [rms] of noise to stated noise.
-    """
+    """Return the running median of a periodogram, at most a ratio ``most`` [rms] over the stated noise: what repeats
+    stands in single lines, which a median passes over."""
     cycles, power = periodogram(residual, detrend="constant")
     level = median_filter(0.5 * power[1:], min(_NEIGHBOURS, power.size - 1), mode="nearest") / _MEDIAN
     density = np.clip(np.concatenate([level[:1], level]), _LEAST, most**2)
@@ -331,12 +328,8 @@ def _uneven(residual: Array, basis: Array, root: Array) -> _Share:
 
 
 def _lines(residual: Array, basis: Array, root: Array, density: Array, bounded: Array) -> _Share:
-    """Return what lines add that exceed the noise (part 3).
-
-    Args:
-        density: (F,) of the noise at the frequencies of the recording, over that of white noise of unit variance;
-        bounded: (F,) the same, at most what noise can be.
-    """
+    """Return what lines add that exceed the noise (part 3), of a density (F,) at the frequencies of the recording over
+    that of white noise of unit variance; ``bounded`` (F,) is the same, at most what noise can be."""
     n = residual.size
     power = np.abs(np.fft.rfft(residual)) ** 2 / n
     waves = np.fft.rfft(basis, axis=0) / np.sqrt(n)

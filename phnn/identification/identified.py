@@ -11,7 +11,7 @@ from phnn.errors import InputRefused
 from phnn.html import table, titled
 from phnn.identification.base import NumericalError, Progress, identify_base, quiet
 from phnn.identification.fit import Fit
-from phnn.identification.options import Options
+from phnn.identification.plan import Options
 from phnn.model import Model
 from phnn.models.actuator import hrc
 from phnn.models.store import save

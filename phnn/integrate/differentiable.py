@@ -216,12 +216,8 @@ class Steps(nn.Module):
 
 
 def _multipliers(by_next: Tensor, by_start: Tensor, wanted: Tensor, carry: Tensor) -> tuple[Tensor, Tensor]:
-    """Return ``−μ`` (N, ..., n) of some steps, and (..., n) ``∂L/∂x`` at their start, without that state's own.
-
-    Args:
-        wanted: (N, ..., n) ``∂L/∂x`` at the ends of the steps.
-        carry: (..., n) contribution of later steps to the last of them.
-    """
+    """Return ``−μ`` (N, ..., n) of some steps, and (..., n) ``∂L/∂x`` at their start, without that state's own, from
+    those ``wanted`` (N, ..., n) at their ends and what later steps ``carry`` (..., n) to the last of them."""
     inverse = torch.linalg.inv(by_next).mT
     back = by_start.mT @ inverse
     # λ_k = w_k − (Bᵀ A⁻ᵀ)_{k+1} λ_{k+1}, from the end.

@@ -198,11 +198,8 @@ def _thresholds(t: Any, p: Any, d: Any, leaf: Any, i: Any, h: Any) -> Any:
 
 @inline
 def _piece_of(of: Any, c: Any, low: Any, high: Any, x: Any, current: Any) -> Any:
-    """Return the affine piece on which a reducible storage spends a step, by the rules of `phnn.laws.leaf.rc_flow`.
-
-    Args:
-        of: (3, 6) coefficients of its pieces; c: its constants.
-    """
+    """Return the affine piece on which a reducible storage spends a step, by the rules of `phnn.laws.leaf.rc_flow`:
+    one of (3, 6) coefficients ``of`` its pieces; ``c`` are its constants."""
     stiffness = c[STIFFNESS].real
     effort = stiffness * x
     # Without a dead zone, no state rests in it.

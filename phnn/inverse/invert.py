@@ -461,12 +461,8 @@ def invert(setup: Setup, substeps: int, t: Array, reference: Array, options: Inv
 
 
 def _iterated(plant: Plant, wanted: Array, tolerance: float, begun: tuple[Attempt, Array]) -> tuple[Attempt, int]:
-    """Return the attempt with the least error, and the number of simulations.
-
-    Args:
-        wanted: (N,) the reference.
-        begun: the first attempt, and its port voltage at the nodes.
-    """
+    """Return the attempt with the least error against the reference ``wanted`` (N,), and the number of simulations;
+    ``begun`` is the first attempt, and its port voltage at the nodes."""
     attempt, port = begun
     corrected, count = wanted, 1
     best, least, latest = attempt, _size(attempt.output - wanted), count

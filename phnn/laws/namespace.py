@@ -71,11 +71,8 @@ def reciprocal(x: Any) -> Any:
 
 
 def _elementary(name: str, slope: Callable[[Any], Any] | None = None) -> Callable[[Any], Any]:
-    """Return a function of numpy, or of torch for tensors.
-
-    Args:
-        slope: given where numpy's value of a perturbed number differs from that of the number alone.
-    """
+    """Return a function of numpy, or of torch for tensors, with its slope where numpy's value of a perturbed number
+    differs from that of the number alone."""
 
     def function(x: Any) -> Any:
         torch = _torch_of(x)

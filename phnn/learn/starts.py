@@ -14,7 +14,7 @@ from torch import Tensor, nn
 
 from phnn.errors import InputRefused, SolverFailed
 from phnn.identification.base import identify_base
-from phnn.identification.options import Options
+from phnn.identification.plan import Options
 from phnn.identification.prepare import identification_plan
 from phnn.identification.staged import held_by_statement
 from phnn.identification.starting_points import MECHANICAL, drive_amplitude, mechanical_points, middle_frequency

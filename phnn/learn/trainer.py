@@ -27,10 +27,10 @@ from phnn.errors import InputRefused, SolverFailed
 from phnn.intake import LIMITS, named_file
 from phnn.integrate.differentiable import Steps, first_order, march, sensitivities
 from phnn.integrate.scheme import can_compile
-from phnn.laws.diverged import is_finite
 from phnn.learn.objective import Objective
 from phnn.learn.settings import Settings, check_same, instantiate
 from phnn.learn.solvers import NetworkPlant, Window, discrete_gradient, grouped, near, remember, together
+from phnn.network.bounded import is_finite
 from phnn.report.formatting import short
 from phnn.results import Place
 

@@ -332,11 +332,8 @@ def _oscillations(poles: Complex, dt: float, s: Complex) -> Complex:
 
 
 def _residues(poles: Complex, delay: float, s: Complex, u: Complex, y: Complex) -> tuple[float, Array]:
-    """Return the cost and the real residues (M, O, P) of poles behind a delay, beside a direct term.
-
-    Args:
-        u: (F, R, P) and y: (F, R, O) spectra of R experiments: lines on which inputs are hard to tell apart count less.
-    """
+    """Return the cost and the real residues (M, O, P) of poles behind a delay, beside a direct term, from spectra u
+    (F, R, P) and y (F, R, O) of R experiments: lines on which inputs are hard to tell apart count less."""
     h = np.abs(poles) ** 2 / ((s[:, None] - poles) * (s[:, None] - poles.conj()))
     basis = np.concatenate([h, np.ones((s.size, 1))], axis=1) * np.exp(-s * delay)[:, None]
     columns = (basis[:, None, :, None] * u[:, :, None, :]).reshape(s.size * u.shape[1], -1)

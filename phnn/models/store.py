@@ -21,8 +21,8 @@ from phnn.chain import AMPLIFIERS, SENSORS, SOURCES, BlockKind
 from phnn.errors import InputRefused, PhnnError
 from phnn.intake import LIMITS, load_json, named_file
 from phnn.integrate.program import compile_network
-from phnn.laws.diverged import LARGEST_WEIGHT, check_weights
 from phnn.laws.wide import form_of, has_kernel, is_passive_by_form
+from phnn.network.bounded import LARGEST_WEIGHT, check_weights
 from phnn.network.elements import Coupling, Network, check_laws
 from phnn.nn import (
     ConvexEnergyMLP,

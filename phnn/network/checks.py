@@ -19,10 +19,10 @@ from torch import Tensor, nn
 
 from phnn.errors import InputRefused, StructureViolated
 from phnn.laws import MEMORY_LAWS
-from phnn.laws.diverged import check_weights
 from phnn.laws.other import advanced
 from phnn.laws.sector import READ, check_energy, check_sector
 from phnn.laws.wide import form_of, is_passive_by_form
+from phnn.network.bounded import check_weights
 
 
 class PowerBalance(NamedTuple):

@@ -10,10 +10,9 @@ from torch import Tensor, nn
 
 from phnn.errors import InputRefused
 from phnn.laws import FACTOR_LAWS, PORT_LAWS, RESISTOR_LAWS, STORAGE_LAWS
-from phnn.laws.diverged import LARGEST_WEIGHT, check_weights
 from phnn.laws.wide import form_of, is_passive_by_form
 from phnn.network import checks
-from phnn.network.bounded import BoundedParameters
+from phnn.network.bounded import LARGEST_WEIGHT, BoundedParameters, check_weights
 from phnn.network.elements import MultiPort, Network, Ratio, WithLaw, check_laws
 
 Entry = tuple[int, int, Ratio]

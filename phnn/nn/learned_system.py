@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from phnn.errors import InputRefused
-from phnn.laws.diverged import LARGEST_WEIGHT, check_weights
+from phnn.network.bounded import LARGEST_WEIGHT, check_weights
 from phnn.network.elements import MultiPort, Network, Port, SharedEnergy, Storage
 from phnn.network.system import PortHamiltonianSystem
 from phnn.nn.multi_ports import LearnedCoupling, LearnedDissipation, LearnedEnergy, Perceptron

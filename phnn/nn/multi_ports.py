@@ -23,8 +23,8 @@ import torch
 from torch import Tensor, nn
 
 from phnn.errors import InputRefused
-from phnn.laws.diverged import LARGEST_WEIGHT, check_weights
 from phnn.laws.wide import convex_unit, hinge, register_compiled
+from phnn.network.bounded import LARGEST_WEIGHT, check_weights
 from phnn.nn.one_ports import scales
 
 # By how much the entries of a learned matrix vary at the start, of which those on the diagonal are near one.

@@ -18,8 +18,8 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from phnn.errors import InputRefused
-from phnn.laws.diverged import LARGEST_WEIGHT, check_weights
 from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES, evaluated, register_compiled
+from phnn.network.bounded import LARGEST_WEIGHT, check_weights
 
 
 def _positive(raw: Tensor) -> Tensor:

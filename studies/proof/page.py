@@ -15,7 +15,7 @@ from scipy.optimize import minimize
 from scipy.stats import norm
 
 from phnn.criteria import Criteria
-from phnn.identification.options import Options
+from phnn.identification.plan import Options
 from phnn.report.formatting import DASH, markdown_table, number
 from phnn.results import Origin, Place, claim
 from studies.proof.cases import FAST, NULLS, Settings, tasks

@@ -24,7 +24,7 @@ from phnn.configuration import check, checked, config_folder, number, positive, 
 from phnn.diagnose.diagnosis import diagnose, score_on_all
 from phnn.errors import InputRefused, SolverFailed
 from phnn.identification.base import Progress, identify_base, quiet
-from phnn.identification.options import Options
+from phnn.identification.plan import Options
 from phnn.identification.prepare import own_zeros
 from phnn.recordings import Campaign, read
 from phnn.report.formatting import DASH, markdown_table, ratio

@@ -27,7 +27,7 @@ from phnn.diagnose.screen import Screen, chance
 from phnn.diagnose.verdict import EQUIVALENT, NAMED, NONE
 from phnn.errors import PhnnError
 from phnn.identification.base import with_bounded_error
-from phnn.identification.options import Options
+from phnn.identification.plan import Options
 from phnn.identification.prepare import identification_plan
 from phnn.identification.staged import fit_identified, held_by_statement
 from phnn.models.actuator import from_paper

@@ -13,6 +13,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.integrate import solve_ivp
 
 from phnn.chain.amplifiers import (
+    SENSORS,
     bouc_wen,
     delay,
     lowpass,
@@ -22,7 +23,6 @@ from phnn.chain.amplifiers import (
     slipping,
     soft_saturation,
 )
-from phnn.chain.blocks import SENSORS
 from phnn.chain.sensors import clock, drifting_gain, lag, midpoints, play, rate
 from phnn.laws.namespace import TINY
 from phnn.models.actuator import TABLE_2

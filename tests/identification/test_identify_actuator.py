@@ -20,8 +20,7 @@ from phnn.identification import prepare
 from phnn.identification.base import MAX_SUBSTEPS, identify_base, identify_bouc_wen, numerical_error, substeps_for
 from phnn.identification.evaluate import evaluate
 from phnn.identification.fit import Fit, Slopes
-from phnn.identification.options import Options
-from phnn.identification.plan import Plan
+from phnn.identification.plan import Options, Plan
 from phnn.identification.prepare import Gain, identification_plan
 from phnn.identification.staged import identify_actuator
 from phnn.identification.starting_points import falls_throughout

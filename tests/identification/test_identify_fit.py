@@ -17,8 +17,7 @@ from phnn.diagnose.diagnosis import score_on_all
 from phnn.identification.base import identify_base, released, resumed
 from phnn.identification.evaluate import evaluate
 from phnn.identification.fit import fit, unidentified
-from phnn.identification.options import Options
-from phnn.identification.plan import Plan
+from phnn.identification.plan import Options, Plan
 from phnn.identification.problem import Problem, expected_start, variables_of, without_nuisances
 from phnn.identification.staged import fit_identified
 from phnn.identification.starting_points import scaled_points

@@ -19,8 +19,7 @@ from phnn.errors import InputRefused
 from phnn.identification.base import identify_base
 from phnn.identification.evaluate import evaluate
 from phnn.identification.fit import Fit, fit
-from phnn.identification.options import Options
-from phnn.identification.plan import Plan
+from phnn.identification.plan import Options, Plan
 from phnn.identification.problem import (
     Problem,
     beyond_limit,

@@ -19,9 +19,9 @@ from torch import Tensor, nn
 from phnn.errors import InputRefused
 from phnn.integrate.cache import compiled as kept
 from phnn.laws import wide
-from phnn.laws.diverged import LARGEST_WEIGHT
 from phnn.laws.namespace import TINY, sqrt
 from phnn.laws.wide import WIDE_RESISTORS, WIDE_STORAGES, WideLaw
+from phnn.network.bounded import LARGEST_WEIGHT
 from phnn.network.checks import quotient_of
 from phnn.nn import ConvexEnergyMLP, MonotoneMLP, SectorMLP
 

@@ -17,8 +17,7 @@ from phnn.diagnose.refit import clamped
 from phnn.effects import Effect, catalogue
 from phnn.identification.fit import Fit, fit, fit_problem, variables_from
 from phnn.identification.identified import Identified, identify
-from phnn.identification.options import Options
-from phnn.identification.plan import Plan
+from phnn.identification.plan import Options, Plan
 from phnn.identification.problem import Problem
 from phnn.model import Model
 from phnn.recordings import Part, read

@@ -18,7 +18,7 @@ from phnn.diagnose.linearised import prepare
 from phnn.diagnose.screen import Screen
 from phnn.effects import Effect
 from phnn.errors import PhnnError
-from phnn.identification.options import Options
+from phnn.identification.plan import Options
 from phnn.recordings import read
 from studies.benchmark.bench import Answer
 from studies.benchmark.tools.common import base_of, fitted_with, predictions

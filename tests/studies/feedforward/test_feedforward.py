@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 
 from phnn.identification.identified import Identified
-from phnn.identification.options import Options
+from phnn.identification.plan import Options
 from phnn.model import Model
 from phnn.models.actuator import hrc
 from phnn.setup import Setup

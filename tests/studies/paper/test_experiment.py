@@ -17,7 +17,7 @@ import pytest
 from phnn.diagnose.diagnosis import score_on_all
 from phnn.identification.fit import Fit, fit
 from phnn.identification.identified import identify
-from phnn.identification.options import Options
+from phnn.identification.plan import Options
 from phnn.identification.prepare import identification_plan
 from phnn.identification.staged import fit_identified
 from phnn.models.actuator import TABLE_2, bouc_wen, hrc

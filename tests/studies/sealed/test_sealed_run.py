@@ -11,7 +11,7 @@ import pytest
 
 from phnn.configuration import compose
 from phnn.errors import InputRefused, PhnnError
-from phnn.identification.options import Options
+from phnn.identification.plan import Options
 from phnn.results import Place
 from studies.proof.cases import STRATA, Settings, family, tasks
 from studies.proof.page import claimed, prove, write_proof
